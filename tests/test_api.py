@@ -1,23 +1,79 @@
 """What a user of the package may rely on: its names, in any order of imports, each documented with an example."""
 
 import ast
+import importlib.metadata
 import inspect
 import re
 import subprocess
 import sys
 import typing
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
 import skyproof as sp
+from skyproof.app.receive import ReceiveResult
+from skyproof.app.receive.reception import Reception
+from skyproof.errors import InputError, NotEnoughData
+from skyproof.records import NavigationData, Samples
 
-NAMES = ("inspect", "protect", "receive", "simulate")
+NAMES = ("inspect", "protect", "receive", "simulate", "to_dataframe", "to_xarray")
 
 
 def test_the_promise_is_exactly_these_names() -> None:
     assert tuple(sp.__all__) == NAMES
     with pytest.raises(AttributeError, match="module 'skyproof' has no attribute 'triangulate'"):
         _ = sp.triangulate  # type: ignore[attr-defined]
+
+
+def test_dir_shows_the_names_before_any_is_used() -> None:
+    program = "import skyproof as sp; print(*dir(sp))"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    shown = run.stdout.split()
+    assert {*NAMES, "__version__", "__all__", "__doc__"} <= set(shown)
+    assert [name for name in shown if not name.startswith("_")] == list(NAMES)
+
+
+def test_the_version_is_that_of_the_metadata() -> None:
+    assert sp.__version__ == importlib.metadata.version("skyproof")
+
+
+@pytest.mark.parametrize("use", [sp.protect, sp.receive])
+@pytest.mark.parametrize("inputs", [("a.bin", "b.bin"), (["a.bin", Path("b.bin")],), (Path("a.bin"), ("b.bin",))])
+def test_inputs_are_given_one_by_one_or_as_a_list(use, inputs, tmp_path, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    module = sys.modules[use.__module__]
+    opened: list[Path] = []
+
+    def open_inputs(paths, *_, **__):  # type: ignore[no-untyped-def]
+        opened.extend(paths)
+        raise InputError("opened")
+
+    monkeypatch.setattr(module, "open_inputs", open_inputs)
+    with pytest.raises(InputError, match=r"^opened$"):
+        use(*inputs)
+    assert opened == [Path("a.bin"), Path("b.bin")]
+
+
+def test_an_input_that_is_no_path_is_named() -> None:
+    with pytest.raises(InputError, match=r"an input is 7, of type int; give the path of a file"):
+        sp.protect("a.bin", 7)
+
+
+def test_observations_that_are_not_there_say_why() -> None:
+    reception = Reception(
+        source=cast("Samples", SimpleNamespace(name="bow", path="bow.bin")),
+        observations=None,
+        decoded=NavigationData(ephemerides=()),
+        n_signals=4,
+        examined_s=2.0,
+        left_out="no time of week read",
+    )
+    result = ReceiveResult(receptions=(reception,), signals=((),))
+    with pytest.raises(NotEnoughData, match=r"^bow\.bin: no observations: no time of week read$"):
+        _ = result.observations
+    assert len(repr(result)) < 200
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -21,6 +21,7 @@ from skyproof.arrays import Booleans, ComplexFloats, Floats, Instants, Reals
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 from skyproof.gnss.signals import time_scale_of
+from skyproof.short_repr import ShortRepr
 
 __all__ = [
     "CELL_STATUS",
@@ -229,8 +230,8 @@ class MeasurementSource(Protocol):
     def file(self) -> OpenFile | None: ...
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Samples:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Samples(ShortRepr):
     """An open recording: yields any stretch of samples on demand, never the whole file.
 
     `read(start, count)` gives float32 of shape (2, count): I and Q (Q zero for real samples), at `rate_hz`. The radio
@@ -273,8 +274,8 @@ class Samples:
         return np.stack([one.read(start, count) for one in (self, *self.others)])
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class AntennaArray:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class AntennaArray(ShortRepr):
     """Where the antennas of one receiver are, and what their lines do.
 
     elements_m : (n_antennas, 3) phase centres in the body frame (forward, right, down).
@@ -306,8 +307,8 @@ _EMPTY: Final = {"status": CellStatus.NOT_TRACKED, "half_cycle_open": False}
 _OF_CHANNELS: Final = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Observations:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Observations(ShortRepr):
     """One receiver's measurements at common receiver times: epochs along axis 0, channels along axis 1.
 
     gpst : (n_epochs,) what the receiver's clock shows at each epoch; true GPS time is this minus the clock bias.
@@ -493,8 +494,8 @@ class Asked:
     ccaf: CcafAsked | None = None
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Taps:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Taps(ShortRepr):
     """Correlator outputs of one receiver at common receiver times, carrier and data bits wiped off.
 
     elapsed_s : (n_epochs,) as in `Observations`, the middle of what each value is the mean of.
@@ -527,8 +528,8 @@ class Taps:
         return replace(self, elapsed_s=self.elapsed_s[rows], value=self.value[rows])
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Ccaf:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Ccaf(ShortRepr):
     """One receiver's complex correlation over a grid of delays and Dopplers (cross ambiguity function), with its noise.
 
     gpst, elapsed_s : (n_epochs,) middle of each coherent interval of `coherent_s`, as in `Observations`.
@@ -573,8 +574,8 @@ class Ccaf:
         )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ImuSeries:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ImuSeries(ShortRepr):
     """Readings of one inertial measurement unit in body axes: means over the intervals that end at `gpst`.
 
     gpst : (n,) end of each interval, rising; where labels are more than one and a half intervals apart, readings are
@@ -592,8 +593,8 @@ class ImuSeries:
         freeze(self, {"gpst": ("n",), "specific_force_m_s2": ("n", "3"), "angular_rate_rad_s": ("n", "3")})
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Attitude:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Attitude(ShortRepr):
     """How a body is turned over time: angles from the local level and true north, see `skyproof.gnss.frames`.
 
     gpst : (n,) rising. A single row holds at all times.
@@ -608,8 +609,8 @@ class Attitude:
         freeze(self, {"gpst": ("n",), "angles_rad": ("n", "3")})
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class NavState:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class NavState(ShortRepr):
     """Position, velocity and attitude of one body over time, relative to the Earth, in ECEF axes.
 
     gpst : (n,) rising. position_ecef_m, velocity_ecef_m_s : (n, 3).
@@ -636,8 +637,8 @@ class NavState:
         freeze(self, shapes | ({} if self.covariance is None else {"covariance": ("n", "9", "9")}))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ArrayPhases:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ArrayPhases(ShortRepr):
     """Carrier phases of every signal on every antenna of one receiver's array: epochs, channels, antennas.
 
     elapsed_s : (n_epochs,) as in `Observations`.
@@ -704,8 +705,8 @@ class SpinArm:
     rate_sigma_rad_s: float = 0.0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Fix:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Fix(ShortRepr):
     """Position, velocity and clock of one receiver from one set of signals, epoch by epoch.
 
     gpst : (n_epochs,) true time of reception (the clock bias is taken off), to the nanosecond.
@@ -752,8 +753,8 @@ class Fix:
         )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
-class ConsistentSet:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
+class ConsistentSet(ShortRepr):
     """Signals of one receiver, at most one per transmission, that together fit one position in one window, and a clock
     for each kind of signal (`SignalId.kind`).
 
@@ -784,8 +785,8 @@ class ConsistentSet:
         return float("nan")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
-class OverlappingSkies:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
+class OverlappingSkies(ShortRepr):
     """Skies in signals of one receiver that overlap within a chip, taken apart at one instant; one is true at most.
 
     sets : what each shows; their `signals` are the channels that it was found in. doubt : bound of the probability that
@@ -798,8 +799,8 @@ class OverlappingSkies:
     reflected: tuple[float, ...]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
-class Baseline:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
+class Baseline(ShortRepr):
     """Where these receivers' antennas stand relative to the first one, by what their signals show over a stretch.
 
     enu_m : (R - 1, 3) east, north, up, metres; covariance_m2 : (3 (R - 1), 3 (R - 1)), thermal noise and multipath.
@@ -823,8 +824,8 @@ class Baseline:
         return tuple((d, float(np.sqrt(u @ c @ u))) for d, u, c in zip(away, units, blocks, strict=True))
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Direction:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Direction(ShortRepr):
     """Where a signal comes from, as seen from the antenna, radians.
 
     azimuth_rad : from north by east, or in the body frame from forward to the right. elevation_rad : above the horizon,
@@ -859,8 +860,8 @@ undecided : the test could not tell, or could not run; `because` says why and wh
 """
 
 
-@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
-class Evidence:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
+class Evidence(ShortRepr):
     """One test's outcome on one window: the statistic, its threshold and what it says, with the error rate asked for.
 
     p_value : probability of a statistic at least as extreme under the hypothesis that `says` rejects
@@ -921,8 +922,8 @@ class Holding:
         return value is not None and value != ()
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Records(Holding):
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Records(ShortRepr, Holding):
     """All that is known of one window, for detectors to look at. A detector declares which of these it needs.
 
     sets : of each receiver, what was found in `observations`. taps, array_phases : of the receivers that have them.

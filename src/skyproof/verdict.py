@@ -318,6 +318,11 @@ class Verdict(_Model):
         parts = (("Not decided:", "" if why in self.summary else why), ("Would decide it:", cure))
         return tuple((heading, words) for heading, words in parts if words)
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.verdict!r}: {self.summary})"
+
+    __str__ = __repr__
+
     def _repr_html_(self) -> str:
         """The answer, the positions and the labels, for a notebook."""
         sentences = [self.summary]

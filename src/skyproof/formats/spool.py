@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.formats.pieces import ArrayPieces, Workspace
 from skyproof.records import OBSERVABLES, ObservationLog, Observations, SignalId
+from skyproof.short_repr import summarize
 
 __all__ = ["NothingGathered", "ObservationSpool", "gathered", "named"]
 
@@ -97,6 +98,10 @@ class ObservationSpool:
         self._pieces: list[_Piece] = []
         self._known = _nothing_of(receiver)  # what is known of the channels of all pieces
         self._times: dict[str, NDArray[Any]] = {}
+
+    def __repr__(self) -> str:
+        names = ("receiver", "signals", *_OF_EPOCHS)
+        return summarize(type(self).__name__, {name: getattr(self, name) for name in names})
 
     def append(self, piece: Observations) -> None:
         """Write a piece that follows those before it.

@@ -8,6 +8,7 @@ import numpy as np
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import seconds_between
+from skyproof.short_repr import ShortRepr
 
 MAX_AGE_S: Final = {"G": 7500.0, "J": 7500.0, "E": 7500.0, "C": 7500.0, "R": 1800.0}
 """Seconds from the time of ephemeris within which it serves, by system.
@@ -152,8 +153,8 @@ class UtcParameters:
     leap_seconds: int
 
 
-@dataclass(frozen=True, kw_only=True)
-class NavigationData:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class NavigationData(ShortRepr):
     """Everything a navigation file or the signals themselves give of orbits, clocks and the ionosphere."""
 
     ephemerides: tuple[BroadcastEphemeris, ...]

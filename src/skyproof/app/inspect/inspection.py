@@ -16,6 +16,7 @@ from skyproof.receiver.clock_agreement import Disagreement
 from skyproof.recording.conditioning import MeasuredFrontEnd
 from skyproof.recording.survey import OscillatorError, Survey
 from skyproof.records import Samples
+from skyproof.short_repr import ShortRepr
 from skyproof.verdict import notebook_html
 
 __all__ = ["Inspection", "Satellite", "document_json", "plain"]
@@ -34,8 +35,8 @@ class Satellite:
     peaks: int
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Inspection:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Inspection(ShortRepr):
     """What `inspect` finds in one recording.
 
     conjugate : whether the samples, as they were read, are the complex conjugate of what they should be; None if that

@@ -26,6 +26,7 @@ from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
 from skyproof.records import ConsistentSet, Direction, Evidence, Fix, NavigationData, Need, ObservationLog
 from skyproof.report.positions import radius_95_m
+from skyproof.short_repr import ShortRepr
 from skyproof.verdict import (
     CURE,
     VERDICT_FORMAT,
@@ -56,8 +57,8 @@ class InputNote:
     remarks: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ReceiverOutcome:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ReceiverOutcome(ShortRepr):
     """One receiver's positions by kind (`positions.KINDS`, or the name of a source or of one of two open skies).
 
     tracks : those that have a fix.
@@ -78,8 +79,8 @@ class ReceiverOutcome:
         return None if self.positions is None else self.positions.whole("trusted")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Outcome:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Outcome(ShortRepr):
     """Everything that a run found out.
 
     sets : in the order of their windows. compared : skies beside what was expected, of receivers that had two.

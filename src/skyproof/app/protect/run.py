@@ -1,6 +1,6 @@
 """The main job: recordings and observations in, spoofed signals named, the true position out."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import combinations
@@ -24,7 +24,7 @@ from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.foresights import antenna_units, foresights_of, unit_of
 from skyproof.app.protect.outputs import evidence_line, write_outputs
 from skyproof.app.protect.positions import positions_of
-from skyproof.app.receive.inputs import antennas_of, open_inputs
+from skyproof.app.receive.inputs import antennas_of, list_paths, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
 from skyproof.app.receive.short import is_short, observe_short, require_some
@@ -53,6 +53,7 @@ from skyproof.records import (
     Samples,
     SpinArm,
 )
+from skyproof.short_repr import ShortRepr
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
@@ -61,8 +62,8 @@ COMMON_SHARE = 0.9
 """Of a recording: if another receiver's covers less, that is reported."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ProtectResult:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ProtectResult(ShortRepr):
     """What `protect` gives: the verdict, the folder with all outputs, and whether Ctrl-C ended it early.
 
     outcome : everything behind the verdict, for a notebook: observations, evidence, fixes, labels. Measurements of a
@@ -221,21 +222,20 @@ def _span_of(receptions: Sequence[Reception]) -> Records:
 
 
 def verdict_of(
-    inputs: str | Path | Sequence[str | Path] = (),
-    *,
+    *inputs: str | Path | Iterable[str | Path],
     nav: str | Path | None = None,
     out: str | Path | None = None,
     **options: Any,
 ) -> Verdict:
     """Tell true signals from false ones in what one or several receivers recorded or measured.
 
-        verdict = sp.protect(["rx1.bin", "rx2.bin"], nav="brdc0010.22n", out="result")
+        verdict = sp.protect("rx1.bin", "rx2.bin", nav="brdc0010.22n", out="result")
         print(verdict.verdict, verdict.summary)
 
     Parameters
     ----------
-    inputs : one input, or several, one per receiver: raw samples with their sidecar NAME.toml, SigMF, or a RINEX
-        observation file (2.1x, 3.0x, 4.0x, compact and gzip too). None if the platform file names them.
+    inputs : one per receiver, each by itself or together in a list: raw samples with their sidecar NAME.toml, SigMF, or
+        a RINEX observation file (2.1x, 3.0x, 4.0x, compact and gzip too). None if the platform file names them.
     nav : RINEX navigation file of that day; without one the orbits come from the signals of recordings (30 s of them).
     out : folder for the verdict, the report, fixes and all other files, made if absent; None writes nothing.
     options : any field of `skyproof.app.common.settings.Settings`, such as `antenna_separation_m` or `duration_s`;
@@ -254,8 +254,7 @@ def verdict_of(
     SettingsError : an option or setting makes no sense.
     OutputError : the folder cannot be written.
     """
-    paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
-    return protect(paths, nav=nav, out=out, **options).verdict
+    return protect(list_paths(inputs), nav=nav, out=out, **options).verdict
 
 
 def _write(

@@ -1,6 +1,6 @@
 """Inputs as sources, one per receiver: recordings of samples and observation files, in any mixture."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.antennas import in_step
 from skyproof.app.receive.observed import ObservedFile, open_observations, same_measurements
-from skyproof.errors import InputError, SettingsError
+from skyproof.errors import InputError, SettingsError, shown
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import glonass_channels
@@ -19,10 +19,24 @@ from skyproof.formats.rinex_obs_read import holds_observations
 from skyproof.formats.spool import named
 from skyproof.records import NavigationData, Samples
 
-__all__ = ["antennas_of", "only_recordings", "open_inputs", "stretch"]
+__all__ = ["antennas_of", "list_paths", "only_recordings", "open_inputs", "stretch"]
 
 SAME_SAMPLES: Final = 1 << 16  # compared, to tell whether two recordings are one
 LONGEST_NAME: Final = 200  # of a receiver, in bytes; of a file it is 255
+
+
+def list_paths(inputs: Iterable[str | Path | Iterable[str | Path]]) -> list[Path]:
+    """Return the paths of inputs that are given each by itself, together in a list, or both.
+
+    Raises InputError for what is no path.
+    """
+    paths: list[Path] = []
+    for given in inputs:
+        for path in [given] if isinstance(given, str | Path) or not isinstance(given, Iterable) else given:
+            if not isinstance(path, str | Path):
+                raise InputError(f"an input is {shown(path)}, of type {type(path).__name__}; give the path of a file")
+            paths.append(Path(path))
+    return paths
 
 
 def open_inputs(

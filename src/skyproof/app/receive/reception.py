@@ -27,6 +27,7 @@ from skyproof.records import (
     Stretched,
     Taps,
 )
+from skyproof.short_repr import ShortRepr
 
 __all__ = ["Reception", "nothing_found", "observe", "overlap_s", "require_signals"]
 
@@ -38,8 +39,8 @@ AT_ONCE_S = 0.9  # of an array's: shorter than what is followed (`short`)
 TIME_OF_WEEK_S = 12.0  # by then a signal has sent its time of week: it does so every 6 s, once its bits can be read
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Reception:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Reception(ShortRepr):
     """What one receiver received: its recording after tracking, or its own measurements.
 
     observations : None if there are none; `left_out` then says why.

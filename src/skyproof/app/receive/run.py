@@ -1,7 +1,7 @@
 """Track every signal in recordings and write what was measured, without judging it."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -13,16 +13,18 @@ from skyproof.app.common.folder import check_folder
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import resolve_settings
-from skyproof.app.receive.inputs import only_recordings, open_inputs
+from skyproof.app.receive.inputs import list_paths, only_recordings, open_inputs
 from skyproof.app.receive.reception import Reception, observe, require_signals
 from skyproof.app.receive.time_tag import first_copies
 from skyproof.app.receive.tracker import track
+from skyproof.errors import NotEnoughData
 from skyproof.formats.atomic_write import writing_together
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.gnss.time import iso
 from skyproof.navigation.fix import fix
 from skyproof.records import FixStatus, NavigationData, ObservationLog, Observations
+from skyproof.short_repr import ShortRepr
 from skyproof.verdict import notebook_html
 
 __all__ = ["ReceiveResult", "document_json", "receive", "signals_of"]
@@ -31,8 +33,8 @@ DIGITS: Final = 6  # of a second in instants
 HEADER_FIXES: Final = 25  # about so many make the approximate position of a header
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ReceiveResult:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ReceiveResult(ShortRepr):
     """What each receiver received, the folder with its files, and whether Ctrl-C ended it early.
 
     Measurements of a recording longer than some 13 minutes are on a disk as long as this is held, or if a folder was
@@ -49,9 +51,19 @@ class ReceiveResult:
     interrupted: bool = False
 
     @property
-    def observations(self) -> Any:
-        """Those of the first receiver; None if no time of week could be decoded."""
-        return self.receptions[0].observations
+    def observations(self) -> ObservationLog:
+        """Those of the first receiver.
+
+        Raises
+        ------
+        NotEnoughData : it has none, as where no time of week could be decoded; `receptions` says why of each.
+        """
+        reception = self.receptions[0]
+        if reception.observations is None:
+            raise NotEnoughData(
+                f"{reception.source.path or reception.source.name}: no observations: {reception.left_out}"
+            )
+        return reception.observations
 
     def _repr_html_(self) -> str:
         """The signals of each receiver, for a notebook."""
@@ -78,8 +90,7 @@ class ReceiveResult:
 
 
 def receive(
-    inputs: str | Path | Sequence[str | Path],
-    *,
+    *inputs: str | Path | Iterable[str | Path],
     nav: str | Path | None = None,
     out: str | Path | None = None,
     progress: Progress | None = None,
@@ -92,7 +103,8 @@ def receive(
 
     Parameters
     ----------
-    inputs : one recording, or several, one per receiver: raw samples with their sidecar NAME.toml, or SigMF.
+    inputs : recordings, one per receiver, each by itself or together in a list: raw samples with their sidecar
+        NAME.toml, or SigMF.
     nav : RINEX navigation file of that day; without one the orbits come from the signals.
     out : folder for NAME.obs, NAME-2.obs (second signals of satellites) and so on, and NAME-nav.rnx; None writes
         nothing.
@@ -115,8 +127,7 @@ def receive(
     settings = resolve_settings(None, **options)
     if out is not None:
         check_folder(out)
-    paths = [inputs] if isinstance(inputs, str | Path) else list(inputs)
-    recordings = only_recordings(open_inputs([Path(p) for p in paths], settings))
+    recordings = only_recordings(open_inputs(list_paths(inputs), settings))
     navigation = None if nav is None else read_nav(Path(nav))
     with Workspace(None if out is None else Path(out)) as workspace:
         trackers, interrupted = track(recordings, settings, progress, navigation, watchful=False, workspace=workspace)

@@ -21,6 +21,7 @@ from skyproof.formats.documents import read_json
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.time import utc_from_gpst
 from skyproof.records import Observations, SignalId
+from skyproof.short_repr import ShortRepr
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.files import (
     Container,
@@ -54,8 +55,8 @@ _OBS_OCTETS: Final = 72  # of a satellite's line in RINEX, with its share of the
 _SPARE: Final = 1.02  # of the room on a disk: what a file system takes for itself
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class SimulateResult:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class SimulateResult(ShortRepr):
     """What was made. `files` are the names of all in `folder`; `recordings` and `observations` are among them."""
 
     scenario: Scenario
