@@ -6,12 +6,13 @@ bounded by the block. Damage costs the frame that is damaged and is counted, nev
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from typing import Any, Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Instants, Integers, Octets, Reals
+from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.records import Observations, freeze
 
 __all__ = [
@@ -27,22 +28,23 @@ __all__ = [
 
 MessageKind = Literal["LNAV", "CNAV", "CNAV2", "INAV", "FNAV", "D1", "D2", "BCNAV1", "BCNAV2", "BCNAV3", "GLONASS"]
 FRAME_BITS: Final[dict[MessageKind, int]] = {
-    "LNAV": 300,
+    "LNAV": 240,
     "CNAV": 300,
     "CNAV2": 900,
     "INAV": 240,
     "FNAV": 244,
     "D1": 300,
     "D2": 300,
-    "BCNAV1": 878,
+    "BCNAV1": 600,
     "BCNAV2": 288,
     "BCNAV3": 486,
     "GLONASS": 85,
 }
 """Bits of a frame as the decoders of `skyproof.gnss` take it: a subframe, a message, a page pair, a string.
 
-LNAV, D1, D2 with their parity bits, upright; INAV the even and the odd page of 120 bits; FNAV a page without its
-12 bits of synchronisation; GLONASS a string without its time mark.
+LNAV the source bits of ten words, without parity; D1, D2 with their parity bits; INAV the even and the odd page of
+120 bits each; FNAV a page without its 12 bits of synchronisation; BCNAV1
+subframe 2; GLONASS a string without its time mark.
 """
 
 
@@ -69,6 +71,35 @@ class ReceiverFixes:
             ("gpst", "horizontal_sigma_m", "vertical_sigma_m", "clock_bias_s", "clock_drift", "satellites"), ("fix",)
         )
         freeze(self, row | dict.fromkeys(("position_ecef_m", "velocity_ecef_m_s"), ("fix", "3")))
+
+    @classmethod
+    def from_geodetic(
+        cls,
+        gpst: Instants,
+        lat_rad: Reals,
+        lon_rad: Reals,
+        height_m: Reals,
+        *,
+        velocity_enu_m_s: Reals | None = None,
+        **given: NDArray[Any],
+    ) -> "ReceiverFixes":
+        """Make fixes of latitude, longitude and height above the ellipsoid; what is not given is not known.
+
+        velocity_enu_m_s : (n, 3) to the east, the north and upwards. given : any other field.
+        """
+        unknown = np.full(gpst.size, np.nan)
+        fields: dict[str, Any] = {
+            "velocity_ecef_m_s": np.full((gpst.size, 3), np.nan),
+            "horizontal_sigma_m": unknown,
+            "vertical_sigma_m": unknown,
+            "clock_bias_s": unknown,
+            "clock_drift": unknown,
+            "satellites": np.full(gpst.size, -1, np.int64),
+        }
+        if velocity_enu_m_s is not None:
+            rotation = np.swapaxes(rot_enu_ecef(lat_rad, lon_rad), -1, -2)
+            fields["velocity_ecef_m_s"] = (rotation @ velocity_enu_m_s[:, :, None])[:, :, 0]
+        return cls(gpst=gpst, position_ecef_m=ecef_from_geodetic(lat_rad, lon_rad, height_m), **(fields | given))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

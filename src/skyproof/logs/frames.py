@@ -7,15 +7,16 @@ block header" (CRC-CCITT). RTCM 3: RTCM 10403.3, section 4 (CRC-24Q). NMEA: NMEA
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyproof.arrays import Integers, Octets
 from skyproof.compiled import compiled
 from skyproof.records import freeze
 
-__all__ = ["Frames", "Protocol", "split_frames"]
+__all__ = ["Frames", "Protocol", "read_blocks", "read_field", "split_frames"]
 
 _BLOCK_BYTES: Final = 1 << 22
 _LONGEST_UBX: Final = 1 << 13
@@ -77,6 +78,25 @@ def split_frames(blocks: Iterable[bytes]) -> Iterator[Frames]:
             gathered, n_gathered = [], 0
     frames, _ = _split(np.concatenate([rest, np.frombuffer(b"".join(gathered), np.uint8)]), at, last=True)
     yield frames
+
+
+def read_field(octets: Octets, first: Integers, offset: int, kind: str) -> NDArray[Any]:
+    """Return one number, of a NumPy kind such as "<u2", of each payload that begins at the octets `first`."""
+    return read_blocks(octets, first + offset, np.dtype(kind))
+
+
+def read_blocks(octets: Octets, begin: Integers, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return the records (n,) of a packed type that begin at these octets."""
+    gathered = np.empty((begin.size, dtype.itemsize), np.uint8)
+    _gather(octets, begin, gathered)
+    return gathered.reshape(-1).view(dtype)
+
+
+@compiled
+def _gather(octets: Octets, begin: Integers, gathered: Octets) -> None:
+    for k in range(begin.size):
+        for i in range(gathered.shape[1]):
+            gathered[k, i] = octets[begin[k] + i]
 
 
 def _split(octets: Octets, at: int, *, last: bool) -> tuple[Frames, int]:

@@ -50,20 +50,19 @@ def observations_from_rows(rows: SignalRows, receiver: str) -> Observations | No
     kept = np.flatnonzero(np.isfinite(code_m) | np.isfinite(carrier_cyc) | np.isfinite(rows.doppler_hz))
     if not kept.size:
         return None
-    used = np.unique(rows.signal[kept])
-    names = sorted(range(used.size), key=lambda k: rows.signals[used[k]])
-    signals = tuple(rows.signals[used[k]] for k in names)
-    place = np.empty(used.size, np.intp)
-    place[names] = np.arange(used.size)
-    column = place[np.searchsorted(used, rows.signal[kept])]
-    instant_ns, epoch = np.unique(rows.instant_ns[kept], return_inverse=True)
-    _, first = np.unique(epoch * used.size + column, return_index=True)
-    kept, column, epoch = kept[first], column[first], epoch[first]
-    shape = instant_ns.size, used.size
+    used = np.flatnonzero(np.bincount(rows.signal[kept], minlength=len(rows.signals)))
+    signals = tuple(sorted(rows.signals[k] for k in used))
+    columns = {signal: k for k, signal in enumerate(signals)}
+    place = np.array([columns.get(signal, -1) for signal in rows.signals])
+    column = place[rows.signal[kept]]
+    instant_ns, epoch = _epochs_of(rows.instant_ns[kept])
+    # Of two rows of a cell the one written last stays. Copies: NumPy turns views that run backwards round again.
+    backwards = epoch[::-1].copy(), column[::-1].copy()
+    shape = instant_ns.size, len(signals)
 
     def grid(values: Any, empty: Any = np.nan) -> Any:
         cells = np.full(shape, empty, np.asarray(values).dtype)
-        cells[epoch, column] = values
+        cells[backwards] = values[::-1].copy()
         return cells
 
     cn0_dbhz = rows.cn0_dbhz[kept]
@@ -75,7 +74,7 @@ def observations_from_rows(rows: SignalRows, receiver: str) -> Observations | No
         "doppler_sigma_hz": (rows.doppler_hz[kept], rows.doppler_sigma_hz[kept], doppler_sigma_hz(assumed_dbhz)),
     }
     elapsed_s = (instant_ns - instant_ns[0]) * 1e-9
-    found = np.full(used.size, instant_ns.size)
+    found = np.full(len(signals), instant_ns.size)
     np.minimum.at(found, column, epoch)
     return Observations(
         receiver=receiver,
@@ -98,3 +97,12 @@ def observations_from_rows(rows: SignalRows, receiver: str) -> Observations | No
         missed_elapsed_s=np.where(found > 0, elapsed_s[np.maximum(found - 1, 0)], np.nan),
         carrier_hz=np.array([carrier_hz_of(s.band, rows.frequency_numbers.get(s.sat)) for s in signals]),
     )
+
+
+def _epochs_of(instant_ns: Integers) -> tuple[Integers, Integers]:
+    """Return the distinct instants in order, and the number of that of each row."""
+    steps = np.diff(instant_ns)
+    if (steps >= 0).all():  # as receivers write them: no sorting
+        return instant_ns[np.append(True, steps > 0)], np.append(0, np.cumsum(steps > 0))
+    distinct, epoch = np.unique(instant_ns, return_inverse=True)
+    return distinct, epoch
