@@ -52,6 +52,8 @@ __all__ = [
     "Observations",
     "OpenFile",
     "Records",
+    "Remark",
+    "RemarkKind",
     "SampleGap",
     "Samples",
     "SignalId",
@@ -195,6 +197,44 @@ class SampleGap:
     missing_samples: int
 
 
+class RemarkKind(IntEnum):
+    """What a remark on an input does to the answer, the gravest last."""
+
+    NOTE = 0  # nothing: the answer means the same without it
+    BEARS = 1  # part of the input was not used, or is doubtful: the answer does not cover it
+    CUT = 2  # the input ends early or changed while it was read: the answer holds up to there only
+
+
+class Remark(str):
+    """A remark on an input that bears on the answer. A plain `str` among remarks is a note.
+
+    It is text, so that remarks are joined, compared and written as text. A text made from it is plain: `reworded`
+    keeps the kind.
+    """
+
+    __slots__ = ("kind",)
+    kind: RemarkKind
+
+    def __new__(cls, text: str, kind: RemarkKind) -> "Remark":
+        remark = super().__new__(cls, text)
+        remark.kind = kind
+        return remark
+
+    def __getnewargs__(self) -> tuple[str, RemarkKind]:  # type: ignore[override]
+        return str(self), self.kind
+
+    @staticmethod
+    def kind_of(remark: str) -> RemarkKind:
+        """Return the kind of a remark, `NOTE` of a plain text."""
+        return remark.kind if isinstance(remark, Remark) else RemarkKind.NOTE
+
+    @staticmethod
+    def reworded(remark: str, text: str) -> str:
+        """Return another text of the same kind."""
+        kind = Remark.kind_of(remark)
+        return Remark(text, kind) if kind else text
+
+
 class OpenFile(Protocol):
     """A file that is read and stays open, so that what is said of it holds for the bytes that were read."""
 
@@ -205,7 +245,7 @@ class OpenFile(Protocol):
         """Of the whole file, hexadecimal; None where the bytes as they were read are not known any more."""
 
     def changes(self) -> tuple[str, ...]:
-        """What became of it since it was opened, in words."""
+        """Say what became of it since it was opened; a file that ends otherwise, or was written to, is `CUT`."""
 
 
 class MeasurementSource(Protocol):

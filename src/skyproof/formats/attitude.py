@@ -82,7 +82,7 @@ def _remarks(angles_deg: Reals, left_out: int) -> tuple[str, ...]:
     headings = angles_deg[:, 0]
     circle = np.abs(headings).max() < _CIRCLE_RAD[1] and np.ptp(headings) > _CIRCLE_RAD[0]
     return (
-        *([f"{left_out} rows without all three angles are left out"] if left_out else []),
+        *([Remark(f"{left_out} rows without all three angles are left out", RemarkKind.BEARS)] if left_out else []),
         *(
             [
                 f"the headings fill {headings.min():.2f} to {headings.max():.2f} degrees, as a full circle does in "

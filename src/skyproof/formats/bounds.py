@@ -7,9 +7,11 @@ reported. Years are bounded where instants are made, in `skyproof.gnss.time`; th
 
 import itertools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
+
+from skyproof.records import Remark, RemarkKind
 
 __all__ = [
     "CAPTURES",
@@ -28,6 +30,8 @@ __all__ = [
     "XML_TAGS",
     "Remarks",
     "first_few",
+    "limited",
+    "listed",
     "require_toml_depth",
 ]
 
@@ -82,20 +86,44 @@ def require_toml_depth(text: str) -> None:
 
 @dataclass
 class Remarks:
-    """The first few texts of one kind, and how many came after them."""
+    """The first few remarks of one kind, and how many came after them.
 
+    kind : of all of them: what damage costs an input bears on the answer.
+    """
+
+    kind: RemarkKind = RemarkKind.BEARS
     named: list[str] = field(default_factory=list)
     others: int = 0
 
     def add(self, text: str) -> None:
+        """Add a remark."""
         if len(self.named) < REMARKS:
-            self.named.append(text)
+            self.named.append(Remark(text, self.kind))
         else:
             self.others += 1
 
     def words(self, others: str) -> list[str]:
-        """The texts, and "3 ..." of the others."""
-        return [*self.named, *([f"{self.others} {others}"] if self.others else [])]
+        """Return the remarks, and "3 ..." of the others."""
+        return [*self.named, *([Remark(f"{self.others} {others}", self.kind)] if self.others else [])]
+
+
+def limited(remarks: Iterable[str], others: str) -> tuple[str, ...]:
+    """Return each remark once, the gravest kinds first; beyond `REMARKS` of one kind "3 ..." of the others."""
+    by_kind: dict[RemarkKind, list[str]] = {kind: [] for kind in sorted(RemarkKind, reverse=True)}
+    for remark in dict.fromkeys(remarks):
+        by_kind[Remark.kind_of(remark)].append(remark)
+    kept: list[str] = []
+    for of_kind in by_kind.values():
+        kept += of_kind[:REMARKS]
+        if len(of_kind) > REMARKS:
+            kept.append(Remark.reworded(of_kind[REMARKS], f"{len(of_kind) - REMARKS} {others}"))
+    return tuple(kept)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return names with commas; the first few, "and 3 more", where there are more than `REMARKS`."""
+    more = f" and {len(names) - REMARKS} more" if len(names) > REMARKS else ""
+    return ", ".join(names[:REMARKS]) + more
 
 
 def first_few(faults: Sequence[_Fault], words: Callable[[_Fault], str]) -> list[str]:

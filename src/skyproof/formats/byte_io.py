@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.errors import InputError
+from skyproof.records import Remark, RemarkKind
 
 __all__ = [
     "FileBytes",
@@ -162,20 +163,32 @@ class FileBytes:
         return self._sum.hexdigest()
 
     def changes(self) -> tuple[str, ...]:
-        """What became of the file since it was opened, in words."""
+        """Say what became of the file since it was opened; a file that ends otherwise, or was written to, is `CUT`."""
         now, was = os.fstat(self._descriptor), self._opened
         if now.st_size > was.st_size:
             more = now.st_size - was.st_size
             return (
-                f"the file has grown by {more} bytes since it was opened: they are neither used nor in the checksum",
+                Remark(
+                    f"the file has grown by {more} bytes since it was opened: they are neither used nor in the "
+                    "checksum; let the recorder or the copy finish first",
+                    RemarkKind.CUT,
+                ),
             )
         if now.st_size < was.st_size:
             return (
-                f"the file had {was.st_size} bytes when it was opened and was cut to {now.st_size} since: the "
-                f"checksum is of the first {self._summed}",
+                Remark(
+                    f"the file had {was.st_size} bytes when it was opened and was cut to {now.st_size} since: the "
+                    f"checksum is of the first {self._summed}",
+                    RemarkKind.CUT,
+                ),
             )
         if now.st_mtime_ns != was.st_mtime_ns:
-            return ("the file was written to while it was processed: let the recorder finish first",)
+            return (
+                Remark(
+                    "the file was written to while it was processed: let the recorder or the copy finish first",
+                    RemarkKind.CUT,
+                ),
+            )
         if now.st_nlink == 0:
             return (
                 "the file was deleted or replaced while it was processed: it was read to its end, checksum included",

@@ -25,7 +25,7 @@ from scipy import ndimage
 from skyproof.arrays import Indices, Instants, Integers, Reals
 from skyproof.errors import InputError
 from skyproof.formats.timed_rows import TimedRows, read_timed_rows
-from skyproof.records import ImuSeries
+from skyproof.records import ImuSeries, Remark, RemarkKind
 
 __all__ = ["COLUMNS", "ImuFile", "read_imu"]
 
@@ -159,8 +159,11 @@ def _missing(steps: Integers, interval_s: float) -> tuple[str, ...]:
     if not gaps.size:
         return ()
     return (
-        f"{int((gaps - 1).sum())} of {int(steps.sum()) + 1} readings are missing, in {gaps.size} gaps; the longest is "
-        f"{gaps.max() * interval_s:.3g} s",
+        Remark(
+            f"{int((gaps - 1).sum())} of {int(steps.sum()) + 1} readings are missing, in {gaps.size} gaps; the longest "
+            f"is {gaps.max() * interval_s:.3g} s",
+            RemarkKind.BEARS,
+        ),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from skyproof.arrays import Floats, Reals
 from skyproof.errors import InputError
 from skyproof.formats.layout import PackedSamples
-from skyproof.records import Samples
+from skyproof.records import Remark, RemarkKind, Samples
 
 __all__ = ["channels_of", "check_levels", "looked_at", "without_dead"]
 
@@ -45,7 +45,7 @@ def without_dead(channels: Sequence[Samples]) -> tuple[Samples, ...]:
     dead = [one.dead for one in channels if one.dead]
     if len(dead) == len(channels):
         raise InputError(dead[0])
-    words = tuple(f"left out: {why}" for why in dead)
+    words = tuple(Remark(f"left out: {why}", RemarkKind.BEARS) for why in dead)
     return tuple(replace(one, remarks=(*one.remarks, *words)) for one in channels if not one.dead)
 
 
@@ -91,8 +91,11 @@ def check_levels(
     if any(still):
         first_s = _stretches(samples.n_samples)[still.index(True)][0] / samples.rate_hz
         remarks.append(
-            f"the samples do not change in {sum(still)} of {len(still)} stretches looked at, first at "
-            f"{first_s:.3f} s: the recorder left gaps, or the front end was off"
+            Remark(
+                f"the samples do not change in {sum(still)} of {len(still)} stretches looked at, first at "
+                f"{first_s:.3f} s: the recorder left gaps, or the front end was off",
+                RemarkKind.BEARS,
+            )
         )
     return (*remarks, *_saturation(planes), *_offsets(planes, stated_by))
 
@@ -146,4 +149,4 @@ def _finite_remarks(samples: Samples, packed: PackedSamples, stated_by: str) -> 
     what = f"{bad:.2%} of the samples looked at are not finite numbers"
     if bad == 1.0:
         raise InputError(f"{samples.path}: {what}; check {stated_by}")
-    return (f"{what} and read as zero: check {stated_by}, and the recorder",)
+    return (Remark(f"{what} and read as zero: check {stated_by}, and the recorder", RemarkKind.BEARS),)

@@ -33,7 +33,7 @@ from skyproof.formats.layout import FITTING_BITS, BitOrder, ByteOrder, Chunk, En
 from skyproof.formats.levels import channels_of, check_levels, without_dead
 from skyproof.formats.signatures import head_of, other_than_samples
 from skyproof.gnss.time import GPS_EPOCH, iso, parse_iso
-from skyproof.records import Samples
+from skyproof.records import Remark, RemarkKind, Samples
 
 __all__ = [
     "SampleLayout",
@@ -238,8 +238,11 @@ def open_raw_channels(
     remarks = []
     if tail := body - -(-n_samples * packing.frame_bits // 8):
         remarks.append(
-            f"the last {tail} bytes are less than one sample and left out: the file is cut, or bits, kind "
-            f"or header_bytes of {sidecar.name} are wrong"
+            Remark(
+                f"the last {tail} bytes are less than one sample and left out: the file is cut, or bits, kind "
+                f"or header_bytes of {sidecar.name} are wrong",
+                RemarkKind.CUT,
+            )
         )
     stored = FileBytes(path, layout.header_bytes, body - tail)
     packed = [PackedSamples(stored, packing, [Chunk(0, n_samples)], channel) for channel in range(layout.channels)]

@@ -46,7 +46,7 @@ from skyproof.formats.raw import SampleLayout
 from skyproof.formats.sigmf_keys import DATATYPE, LARGEST, Capture, Global, Meta, checked, expected, parsed, shown, some
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.time import FIRST_YEAR, GPS_EPOCH, LAST_YEAR, gpst_from_utc, iso, utc_from_gpst
-from skyproof.records import SampleGap, Samples
+from skyproof.records import Remark, RemarkKind, SampleGap, Samples
 
 __all__ = ["open_sigmf", "sha512_remarks", "sigmf_meta"]
 
@@ -164,14 +164,20 @@ def _segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list
         segments.append(_Segment(capture, Chunk(at_byte, n_samples), index, places[number]))
         if room < planned or room < 0:
             remarks.append(
-                f"the data end after sample {start + n_samples + general.offset}, within {places[number]}: the file is "
-                "cut, or core:datatype, core:num_channels or core:header_bytes are wrong"
+                Remark(
+                    f"the data end after sample {start + n_samples + general.offset}, within {places[number]}: the "
+                    "file is cut, or core:datatype, core:num_channels or core:header_bytes are wrong",
+                    RemarkKind.CUT,
+                )
             )
             break
         if last and (tail := end - at_byte - -(-n_samples * frame_bits // 8)):
             remarks.append(
-                f"the last {tail} bytes are less than one sample and left out: the file is cut, or core:datatype, "
-                "core:num_channels, core:header_bytes or core:trailing_bytes are wrong"
+                Remark(
+                    f"the last {tail} bytes are less than one sample and left out: the file is cut, or core:datatype, "
+                    "core:num_channels, core:header_bytes or core:trailing_bytes are wrong",
+                    RemarkKind.CUT,
+                )
             )
     if not any(segment.chunk.n_samples for segment in segments):
         raise InputError(
@@ -192,8 +198,11 @@ def _gaps(segments: Sequence[_Segment], rate_hz: float, remarks: list[str]) -> t
             missed.append(f"{missing} before sample {at_sample} ({at_sample / rate_hz:.3f} s)")
         elif missing < 0:
             remarks.append(
-                f"core:global_index goes back by {-missing} samples at {after.place}: the count began anew, or samples "
-                "stand twice; what is missing there is not known"
+                Remark(
+                    f"core:global_index goes back by {-missing} samples at {after.place}: the count began anew, or "
+                    "samples stand twice; what is missing there is not known",
+                    RemarkKind.BEARS,
+                )
             )
         at_sample += after.chunk.n_samples
     remarks += [f"samples are missing by core:global_index: {text}" for text in some(missed, ", ")]
@@ -209,8 +218,11 @@ def _dates(segments: Sequence[_Segment], rate_hz: float, where: str, remarks: li
         ahead_s = (later - earlier) / np.timedelta64(1, "s") - (after.index - before.index) / rate_hz
         if abs(ahead_s) > _CLOCK_S:
             remarks.append(
-                f"core:datetime of {after.place} is {ahead_s:+.3f} s off what the samples since {before.place} say: "
-                "samples may be missing there that core:global_index does not show"
+                Remark(
+                    f"core:datetime of {after.place} is {ahead_s:+.3f} s off what the samples since {before.place} "
+                    "say: samples may be missing there that core:global_index does not show",
+                    RemarkKind.BEARS,
+                )
             )
     first, date = dated[0]
     back_s = (first.index - segments[0].index) / rate_hz
@@ -309,9 +321,8 @@ def _digest_remarks(source: _Source, progress: Callable[[int, int], None] | None
     stated = source.meta.general.sha512
     if stated is None or digest(source.data, "sha512", source.start, source.size, progress) == stated.lower():
         return []
-    return [
-        "the samples are not those that core:sha512 was made of: they were damaged, or changed after it was written"
-    ]
+    other = "the samples are not those that core:sha512 was made of: they were damaged, or changed after it was written"
+    return [Remark(other, RemarkKind.BEARS)]
 
 
 def _recordings(source: _Source) -> list[Samples]:
@@ -438,7 +449,7 @@ def _archived(path: Path) -> list[_Source]:
                         file = tar.extractfile(member)
                         metas[member.name] = file.read() if file is not None else b""
             except tarfile.TarError:
-                remarks = ("the archive is cut or damaged: what follows the damage is lost",)
+                remarks = (Remark("the archive is cut or damaged: what follows the damage is lost", RemarkKind.CUT),)
     except (tarfile.TarError, ValueError, OverflowError, EOFError) as error:
         raise InputError(f"{path}: not a SigMF archive, or a damaged one ({error}); fetch it again") from error
     if not metas:
@@ -458,6 +469,9 @@ def _archived_one(
     present = min(member.size, size - member.offset_data)
     if present <= 0:
         raise InputError(f"{where}: no byte of its samples, {dataset}, is there; the archive is cut; fetch it again")
+    if present < member.size:
+        cut = f"the archive has {present} of the {member.size} bytes of {dataset}: it is cut; fetch it again"
+        remarks = (*remarks, Remark(cut, RemarkKind.CUT))
     return _Source(meta, where, inside.stem, path, member.offset_data, present, remarks)
 
 

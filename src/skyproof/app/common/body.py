@@ -84,9 +84,10 @@ def _coverage(series: ImuSeries | Attitude | None, run: Records) -> tuple[str, .
     own = f"it is of {iso(series.gpst[0], 1)} to {iso(series.gpst[-1], 1)}, the signals of "
     own += f"{iso(run.start_gpst, 1)} to {iso(run.end_gpst, 1)}"
     if series.gpst[0] > run.end_gpst or series.gpst[-1] < run.start_gpst:
-        return (f"not used: {own}; check start_gpst",)
+        return (Remark(f"not used: {own}; check start_gpst", RemarkKind.BEARS),)
     if max(series.gpst[0] - run.start_gpst, run.end_gpst - series.gpst[-1]) > _MISSING:
-        return (f"not there all the time: {own}; what needs it cannot run for the rest",)
+        partly = f"not there all the time: {own}; what needs it cannot run for the rest"
+        return (Remark(partly, RemarkKind.BEARS),)
     return ()
 
 

@@ -109,12 +109,13 @@ def settings_of(
         if stated is None:
             use = use + places
         elif places.keys:
-            remarks.append(f"{stated} is a setting of this run, and comes before {', '.join(sorted(places.keys))}")
+            first = f"{stated} is a setting of this run, and comes before {', '.join(sorted(places.keys))}"
+            remarks.append(Remark(first, RemarkKind.BEARS))
             use = use + _Use(keys=places.keys)
     use = use + _Use(keys=_of_body(platform) | _expected(platform))
     unused = [key for key in _given(platform) if key not in use.keys]
     if unused:
-        remarks.append(f"{', '.join(unused)}: read, used by no method of this run")
+        remarks.append(Remark(f"{', '.join(unused)}: read, used by no method of this run", RemarkKind.BEARS))
     return resolve_settings(settings, **use.settings), tuple(remarks)
 
 

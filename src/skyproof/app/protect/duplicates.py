@@ -59,7 +59,7 @@ def _left_out(reception: Reception, other: Reception, found: SharedNoise) -> Rec
         observations=None,
         left_out=why,
         same_as=other.source.name,
-        remarks=(*reception.remarks, f"left out: {why}"),
+        remarks=(*reception.remarks, Remark(f"left out: {why}", RemarkKind.BEARS)),
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from skyproof.errors import InputError
-from skyproof.records import Samples
+from skyproof.records import Remark, RemarkKind, Samples
 
 __all__ = ["in_step"]
 
@@ -51,9 +51,12 @@ def in_step(antennas: Sequence[Samples], name: str) -> Samples:
         names = [str(number) for number in range(1, len(names) + 1)]
     of_all = [remark for remark in first.remarks if all(remark in other.remarks for other in others)]
     own = [
-        f"antenna {called}: {remark}"
+        Remark.reworded(remark, f"antenna {called}: {remark}")
         for called, one in zip(names, antennas, strict=True)
-        for remark in (*one.remarks, *([f"nothing comes from it: {one.dead}"] if one.dead else ()))
+        for remark in (
+            *one.remarks,
+            *([Remark(f"nothing comes from it: {one.dead}", RemarkKind.BEARS)] if one.dead else ()),
+        )
         if remark not in of_all
     ]
     first, *others = (replace(one, antenna=called) for called, one in zip(names, antennas, strict=True))

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Floats
-from skyproof.records import Samples
+from skyproof.records import Remark, RemarkKind, Samples
 
 __all__ = ["LONGEST_S", "bridged"]
 
@@ -44,16 +44,19 @@ def bridged(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[s
                 planes[:, begin - start : until - start] = samples.read(begin - shift, until - begin)
         return planes
 
-    remarks = []
+    remarks: list[str] = []
     if kept:
         places = "a gap" if len(kept) == 1 else f"{len(kept)} gaps"
-        remarks.append(f"{places} of {n_zeros / samples.rate_hz:.6g} s bridged with zeros")
+        remarks.append(Remark(f"{places} of {n_zeros / samples.rate_hz:.6g} s bridged with zeros", RemarkKind.BEARS))
     if rest:
         gap = rest[0]
         start_s = begun_s + gap.at_sample / samples.rate_hz
         remarks.append(
-            f"used up to the gap of {gap.missing_samples / samples.rate_hz:.6g} s only, for {LONGEST_S:g} s of gaps "
-            f"are bridged at most; for what comes after it give start_s = {start_s:.9g}"
+            Remark(
+                f"used up to the gap of {gap.missing_samples / samples.rate_hz:.6g} s only, for {LONGEST_S:g} s of "
+                f"gaps are bridged at most; for what comes after it give start_s = {start_s:.9g}",
+                RemarkKind.CUT,
+            )
         )
     others = tuple(bridged(other)[0] for other in samples.others)
     return replace(samples, n_samples=n_samples, read=read, gaps=(), others=others), tuple(remarks)

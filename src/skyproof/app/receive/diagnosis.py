@@ -9,7 +9,7 @@ from skyproof.app.inspect import Inspection, oscillator_remarks
 from skyproof.errors import NotEnoughData
 from skyproof.receiver.channels import Gap
 from skyproof.recording.survey import oscillator_error
-from skyproof.records import Samples
+from skyproof.records import Remark, RemarkKind, Samples
 
 __all__ = ["Diagnosis", "diagnosis", "gap_remarks", "oscillator_remarks_of"]
 
@@ -67,10 +67,10 @@ def gap_remarks(gaps: Sequence[Gap], period_s: float) -> tuple[str, ...]:
                 events[-1] = gap
         else:
             events.append(gap)
-    remarks = [_gap_remark(gap, period_s) for gap in events[:_MOST_GAPS]]
+    words = [_gap_remark(gap, period_s) for gap in events[:_MOST_GAPS]]
     if len(events) > _MOST_GAPS:
-        remarks.append(f"and so at {len(events) - _MOST_GAPS} more places")
-    return tuple(remarks)
+        words.append(f"and so at {len(events) - _MOST_GAPS} more places")
+    return tuple(Remark(text, RemarkKind.BEARS) for text in words)
 
 
 def _gap_remark(gap: Gap, period_s: float) -> str:

@@ -23,6 +23,8 @@ from skyproof.records import (
     MeasurementSource,
     NavigationData,
     ObservationLog,
+    Remark,
+    RemarkKind,
     Samples,
     Stretched,
     Taps,
@@ -118,10 +120,11 @@ def observe(
             phases = assembled.array_phases(array, observations.gpst)
         remarks += _late_remarks(antennas, best, samples.rate_hz)
         if best:
-            remarks.append(
+            instead = (
                 f"its measurements are those on antenna {best + 1} of {len(antennas)}, for the first has fewer: check "
                 "that antenna and its line"
             )
+            remarks.append(Remark(instead, RemarkKind.BEARS))
     found = _diagnosed(tracker) if observations is None or _is_doubtful(tracker) else None
     if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: gaps say nothing
         remarks += gap_remarks(tracker.gaps, tracker.receiver.signal.period_s)
@@ -132,9 +135,9 @@ def observe(
     if observations is None:
         left_out = _no_time(tracker, len(received)) if received else _nothing_received(tracker, found)
         left_out += "" if found is None else f"; {found.cure}"
-        remarks.append(f"left out: {left_out}")
+        remarks.append(Remark(f"left out: {left_out}", RemarkKind.BEARS))
     elif found is not None:
-        remarks.append(f"few signals as it was read, or none for long: {found.cure}")
+        remarks.append(Remark(f"few signals as it was read, or none for long: {found.cure}", RemarkKind.BEARS))
     return Reception(
         source=samples,
         observations=observations,
@@ -163,7 +166,7 @@ def _best(counts: Sequence[int]) -> int:
 def _late_remarks(antennas: Sequence[ObservationLog], best: int, rate_hz: float) -> list[str]:
     """Which antennas begin later or earlier than the one whose measurements are used: their signals are others, and
     their ranges differ by the same for all satellites."""
-    said = []
+    said: list[str] = []
     for number, one in enumerate(antennas):
         apart_m = _apart_m(antennas[best], one)
         if number == best or len(apart_m) < ENOUGH_SATS:
@@ -172,11 +175,12 @@ def _late_remarks(antennas: Sequence[ObservationLog], best: int, rate_hz: float)
         late_s = -middle_m / SPEED_OF_LIGHT_M_S
         if abs(middle_m) > _LATE_M and np.median(np.abs(apart_m - middle_m)) < _LATE_M:
             whose = f"antenna {number + 1}" if late_s < 0.0 else "the others"
-            said.append(
+            late = (
                 f"antenna {number + 1} begins {abs(late_s) * 1e3:.4g} ms {'after' if late_s > 0.0 else 'before'} "
                 f"antenna {best + 1}, by the ranges of {len(apart_m)} satellites, and its phases are not used: record "
                 f"all antennas together, or leave out the first {round(abs(late_s) * rate_hz)} samples of {whose}"
             )
+            said.append(Remark(late, RemarkKind.BEARS))
     return said
 
 

@@ -76,7 +76,7 @@ def observe_short(
     """
     clean, words = cleaned(samples)
     whole, filled = bridged(clean, begun_s=settings.start_s)
-    remarks = [*words, *filled]
+    remarks: list[str] = [*words, *filled]
     blocks = stretches(whole)
     found: list[Found] = []
     lost: list[int] = []
@@ -85,8 +85,11 @@ def observe_short(
             found = signals_in(whole, blocks, settings.doppler_max_hz, stage)
         found, lost = of_all(credible(found, remarks))
         remarks += [
-            f"antenna {number + 1} does not receive what the others do, and its phases are not used: check it, its "
-            "line, and that all antennas were recorded together"
+            Remark(
+                f"antenna {number + 1} does not receive what the others do, and its phases are not used: check it, its "
+                "line, and that all antennas were recorded together",
+                RemarkKind.BEARS,
+            )
             for number in lost
         ]
         late = {k: periods for k, periods in late_antennas(found).items() if k not in lost}
@@ -105,11 +108,12 @@ def observe_short(
     if not found:
         why = nothing_found(samples, examined_s)
         why += f"; {diagnosis(samples, settings.doppler_max_hz, lambda: inspect_recording(samples)).cure}"
-        return replace(reception, left_out=why, remarks=(*remarks, f"left out: {why}"))
+        return replace(reception, left_out=why, remarks=(*remarks, Remark(f"left out: {why}", RemarkKind.BEARS)))
     measured, phases = _records(found, blocks, whole, array, lost)
     measured, words = _with_ranges(measured, found, whole, navigation, settings)
     if examined_s < 0.9 * whole.duration_s:
-        words += (f"{len(blocks)} stretches of it were looked at, {examined_s:.3g} s of {whole.duration_s:.3g} s",)
+        some = f"{len(blocks)} stretches of it were looked at, {examined_s:.3g} s of {whole.duration_s:.3g} s"
+        words += (Remark(some, RemarkKind.BEARS),)
     words += (f"too short to follow signals: {examined_s:.3g} s were summed up at once",)
     phases = None if phases is None else replace(phases, gpst=measured.gpst)
     return replace(
@@ -151,10 +155,11 @@ def _changes(found: Sequence[Found], o: Observations) -> tuple[Evidence, ...]:
 def _late_remark(antenna: int, periods: int, rate_hz: float) -> str:
     count = round(abs(periods) * PERIOD_S * rate_hz)
     whose = "the other antennas" if periods > 0 else f"antenna {antenna + 1}"
-    return (
+    return Remark(
         f"antenna {antenna + 1} begins {abs(periods) * PERIOD_S * 1e3:g} ms {'after' if periods > 0 else 'before'} the "
         f"others, by its data bits, and its phases are not used: record all antennas together, or leave out the first "
-        f"{count} samples of {whose}"
+        f"{count} samples of {whose}",
+        RemarkKind.BEARS,
     )
 
 

@@ -249,9 +249,8 @@ def credible(found: Sequence[Found], remarks: list[str]) -> list[Found]:
     for one in found:
         below_db = strongest_dbhz - one.cn0_dbhz
         if below_db > CROSS_DB:
-            remarks.append(
-                f"{one.signal}: {below_db:.1f} dB below the strongest, as its cross-correlation would be; left out"
-            )
+            weak = f"{one.signal}: {below_db:.1f} dB below the strongest, as its cross-correlation would be; left out"
+            remarks.append(Remark(weak, RemarkKind.BEARS))
         else:
             kept.append(one)
     return kept

@@ -153,7 +153,8 @@ def solved(
         return coarse, list(phases)
     if len(used) < len(phases):
         left_out = ", ".join(p.sat for p in phases if p not in used)
-        remarks.append(f"{left_out}: the weakest, left out until the others fitted one position")
+        weakest_words = f"{left_out}: the weakest, left out until the others fitted one position"
+        remarks.append(Remark(weakest_words, RemarkKind.BEARS))
     return coarse, used
 
 
@@ -162,10 +163,11 @@ def _strongest(peaks: list[Peak], remarks: list[str]) -> list[Peak]:
     kept: dict[str, Peak] = {}
     for peak in sorted(peaks, key=lambda p: -p.cn0_dbhz):
         if peak.sat in kept:
-            remarks.append(
+            second = (
                 f"{peak.sat}: a second signal, {kept[peak.sat].cn0_dbhz - peak.cn0_dbhz:.1f} dB weaker; "
                 "the stronger is used"
             )
+            remarks.append(Remark(second, RemarkKind.BEARS))
         kept.setdefault(peak.sat, peak)
     return [kept[sat] for sat in sorted(kept)]
 
@@ -176,12 +178,14 @@ def _credible(phases: list[CodePhase], remarks: list[str]) -> list[CodePhase]:
     kept = []
     for phase in phases:
         if not phase.found:
-            remarks.append(f"{phase.sat}: found by the search, but its delay could not be measured; left out")
+            unmeasured = f"{phase.sat}: found by the search, but its delay could not be measured; left out"
+            remarks.append(Remark(unmeasured, RemarkKind.BEARS))
         elif phase.cn0_dbhz < strongest_dbhz - CROSS_DB:
-            remarks.append(
+            weak = (
                 f"{phase.sat}: {strongest_dbhz - phase.cn0_dbhz:.1f} dB below the strongest, as its "
                 "cross-correlation would be; left out"
             )
+            remarks.append(Remark(weak, RemarkKind.BEARS))
         else:
             kept.append(phase)
     return kept

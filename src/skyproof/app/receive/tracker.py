@@ -24,7 +24,7 @@ from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.grids import Grids
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
 from skyproof.recording.conditioning import conditioned, measure_front_end
-from skyproof.records import Asked, NavigationData, Samples
+from skyproof.records import Asked, NavigationData, Remark, RemarkKind, Samples
 
 __all__ = ["ENOUGH_SATS", "Tracker", "carrier_at_hz", "cleaned", "guiding_of", "receiver_settings", "track"]
 
@@ -67,7 +67,8 @@ class Tracker:
             planes = self.samples.read_all(self.position, count)
         except InputError as error:
             self.broken = str(error)
-            self.remarks = (*self.remarks, f"only its first {self.examined_s:.1f} s were processed: {error}")
+            only = f"only its first {self.examined_s:.1f} s were processed: {error}"
+            self.remarks = (*self.remarks, Remark(only, RemarkKind.CUT))
             return False
         for part in self._parts(planes):
             self._step(part)
