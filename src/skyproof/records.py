@@ -8,7 +8,7 @@ deg.
 Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views; the caller's arrays stay writable.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 from pathlib import Path
@@ -227,6 +227,11 @@ class Remark(str):
     def kind_of(remark: str) -> RemarkKind:
         """Return the kind of a remark, `NOTE` of a plain text."""
         return remark.kind if isinstance(remark, Remark) else RemarkKind.NOTE
+
+    @staticmethod
+    def without_cut(remarks: Iterable[str]) -> tuple[str, ...]:
+        """Return the remarks as they are on a stretch that lies before the cut: the cut is a note."""
+        return tuple(str(one) if Remark.kind_of(one) is RemarkKind.CUT else one for one in remarks)
 
     @staticmethod
     def reworded(remark: str, text: str) -> str:

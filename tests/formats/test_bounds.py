@@ -32,6 +32,7 @@ from skyproof.formats.rinex_obs_read import parse_obs, read_obs
 from skyproof.formats.sigmf_keys import parsed as parsed_meta
 from skyproof.formats.track import parse_csv, parse_kml, parse_nmea
 from skyproof.gnss.time import parse_iso
+from skyproof.records import Remark
 from skyproof.simulator.scenario import parse_scenario, read_scenario
 
 TOML_READERS = (read_platform, read_scenario, read_sidecar)
@@ -317,9 +318,9 @@ def test_a_control_character_before_a_number_of_types_is_no_fault() -> None:
 def test_an_absurd_count_in_a_compact_file_costs_what_continues_from_it(count: str) -> None:
     head = next(k for k, text in enumerate(COMPACT) if text.startswith("> 2024"))
     damaged = [*COMPACT[:head], COMPACT[head].replace("  3      G05", f"{count}      G05"), *COMPACT[head + 1 :]]
-    file = parse_obs("\n".join(damaged).encode())
+    file = parse_obs("\n".join([*damaged, ""]).encode())
     assert str(file.observations.gpst[0])[:19] == "2024-10-27T15:47:39"
-    assert any(f"line {head + 1} of the compact RINEX: " in remark for remark in file.remarks)
+    assert any(f"line {head + 1}" in remark for remark in file.remarks if Remark.kind_of(remark))
 
 
 @pytest.mark.parametrize("line_number", range(11, 19))
@@ -328,13 +329,13 @@ def test_what_follows_a_missing_line_of_a_compact_file_is_left_out_and_reported(
     lines = [*COMPACT[:10], head, "", "1&20000000000   ", "1&21000000000   "]
     for second in range(8, 10):
         lines += [f"{'':20}{second}", "", "1000   ", "2000   "]
-    whole = parse_obs("\n".join(lines).encode())
-    assert not any("compact" in remark for remark in whole.remarks)
+    whole = parse_obs("\n".join([*lines, ""]).encode())
+    assert not any(map(Remark.kind_of, whole.remarks))
     seen_m = whole.observations.pseudorange_m
     np.testing.assert_array_equal(seen_m, [[2e7, 2.1e7], [2e7 + 1, 2.1e7 + 2], [2e7 + 2, 2.1e7 + 4]])
     del lines[line_number]
-    _, remarks = crinex.expanded("\n".join(lines).encode())
-    assert any("of the compact RINEX: " in remark for remark in remarks)
+    _, remarks = crinex.expanded("\n".join([*lines, ""]).encode())
+    assert any(map(Remark.kind_of, remarks))
 
 
 def test_a_compact_file_that_expands_to_more_than_is_read_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -108,8 +108,7 @@ def test_no_piece_is_larger_than_was_asked_for():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (gzip.compress(file_3())[:-30], "damaged gzip file .it ends early.; fetch"),
-        (gzip.compress(file_3())[:200] + b"xxxxx" * 20, "damaged gzip file .*; fetch or compress it again"),
+        (gzip.compress(file_3())[:-8] + b"xxxxxxxx", "damaged gzip file .*; fetch or compress it again"),
         (b"\n".join(VERSION_3[i].encode() for i in (0, 1)), "the file ends before END OF HEADER; fetch it again"),
         (b"", "expected RINEX VERSION / TYPE"),
     ],

@@ -13,7 +13,7 @@ import numpy as np
 from skyproof.arrays import Indices, Instants, Integers, Reals
 from skyproof.errors import InputError
 from skyproof.formats.timed_rows import TimedRows, read_timed_rows
-from skyproof.records import Attitude
+from skyproof.records import Attitude, Remark, RemarkKind
 
 __all__ = ["COLUMNS", "AttitudeFile", "read_attitude"]
 
@@ -63,7 +63,7 @@ def read_attitude(path: str | os.PathLike[str]) -> AttitudeFile:
         time_ns=rows.time_ns[whole],
         dated=rows.dated,
         angles_rad=np.radians(angles_deg),
-        remarks=_remarks(angles_deg, len(rows.values) - whole.size),
+        remarks=(*rows.remarks, *_remarks(angles_deg, len(rows.values) - whole.size)),
     )
 
 

@@ -16,6 +16,7 @@ from typing import Final
 from skyproof.errors import InputError
 from skyproof.formats.bounds import OBSERVATION_BYTES, Remarks
 from skyproof.formats.byte_io import require_size
+from skyproof.records import Remark, RemarkKind
 
 __all__ = ["Expander", "expanded", "is_compact"]
 
@@ -57,12 +58,13 @@ class Expander:
         self._waiting = b""  # the beginning of a line
         self._lines: list[str] = []
         self._done = 0  # lines of the file before the first of these
+        self._cut: tuple[str, ...] = ()
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was damaged so far."""
+        """What was damaged so far, and how the file ends once `rest` was taken."""
         words = "further places where the compact RINEX is damaged"
-        return () if self._decoder is None else tuple(self._decoder.remarks.words(words))
+        return () if self._decoder is None else (*self._cut, *self._decoder.remarks.words(words))
 
     def take(self, content: bytes) -> bytes:
         """The plain lines that these bytes complete. Raises InputError as `expanded` does."""
@@ -71,14 +73,20 @@ class Expander:
         return self._expanded(ahead=_MOST_LINES)
 
     def rest(self) -> bytes:
-        """The plain lines of what is left at the end. Raises InputError as `expanded` does."""
-        self._lines += [self._waiting.decode("latin-1").rstrip("\r")] if self._waiting else []
-        self._waiting = b""
+        """The plain lines of what is left at the end. Raises InputError as `expanded` does.
+
+        A last line without an end is left out: where it is cut, its last number is another one.
+        """
+        unended, self._waiting = bool(self._waiting), b""
         plain = self._expanded(ahead=0)
         if self._decoder is None:
             raise InputError(
                 f"{self._source}, line {len(self._lines)}: the file ends before END OF HEADER; fetch it again"
             )
+        if unended:
+            self._cut = (_cut(f"within line {self._done + len(self._lines) + 1}"),)
+        elif self._decoder.unfinished is not None:
+            self._cut = (_cut(f"within the epoch that begins in line {self._decoder.unfinished}"),)
         return plain
 
     def _expanded(self, *, ahead: int) -> bytes:
@@ -109,6 +117,10 @@ class Expander:
         del self._lines[: end + 1]
         self._done = end + 1
         return plain
+
+
+def _cut(where: str) -> Remark:
+    return Remark(f"the compact RINEX is cut: it ends {where}", RemarkKind.CUT)
 
 
 def _patched(old: str, change: str) -> str:
@@ -151,6 +163,10 @@ class _Lost(Exception):
     """The lines do not follow each other as they must."""
 
 
+class _Unfinished(_Lost):
+    """The lines end before the epoch does."""
+
+
 class _Decoder(ABC):
     """What both versions share: satellites with their arcs. Subclasses know how an epoch line looks."""
 
@@ -165,6 +181,7 @@ class _Decoder(ABC):
         self.satellites: dict[str, _Satellite] = {}
         self.types: dict[str, int] = {}
         self.remarks = Remarks()
+        self.unfinished: int | None = None  # the line in which the last epoch begins, if the lines end within it
         self.learn(header)
 
     @abstractmethod
@@ -180,14 +197,27 @@ class _Decoder(ABC):
         file lie before these."""
         if not self.head and not lines[position].startswith(self.begins):
             return position + 1, []  # after damage: until an epoch that is written in full
+        number = before + position + 1
         try:
-            return self.whole_epoch(lines, position)
+            end, plain = self.whole_epoch(lines, position)
+            self._tell_unfinished()
+            return end, plain
+        except _Unfinished:
+            self._tell_unfinished()
+            self.unfinished = number
         except _Lost as lost:
-            self.remarks.add(
-                f"line {before + position + 1} of the compact RINEX: {lost}; left out until the next complete epoch"
-            )
-            self.head, self.satellites, self.clock = "", {}, {}
-            return position + 1, []
+            self._tell_lost(number, str(lost))
+        self.head, self.satellites, self.clock = "", {}, {}
+        return position + 1, []
+
+    def _tell_unfinished(self) -> None:
+        """What seemed to be the end of the file was damage."""
+        if self.unfinished is not None:
+            self._tell_lost(self.unfinished, "an epoch of more lines than follow")
+            self.unfinished = None
+
+    def _tell_lost(self, number: int, why: str) -> None:
+        self.remarks.add(f"line {number} of the compact RINEX: {why}; left out until the next complete epoch")
 
     def whole_epoch(self, lines: Sequence[str], position: int) -> tuple[int, list[str]]:
         line = lines[position]
@@ -201,8 +231,10 @@ class _Decoder(ABC):
         except (ValueError, IndexError):
             raise _Lost("no head of an epoch") from None
         end = position + (1 if 2 <= flag <= 5 else 2) + count
-        if count < 0 or end > len(lines):
+        if count < 0:
             raise _Lost(f"an epoch of {count} lines")
+        if end > len(lines):
+            raise _Unfinished
         if 2 <= flag <= 5:
             stated = list(lines[position + 1 : end])
             self.learn(stated)

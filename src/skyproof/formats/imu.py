@@ -100,7 +100,7 @@ def read_imu(path: str | os.PathLike[str], *, rot_body_unit: ArrayLike | None = 
         interval_s=interval_s,
         specific_force_m_s2=force @ rotation.T,
         angular_rate_rad_s=rate @ rotation.T,
-        remarks=(*repeats, *_missing(steps, interval_s)),
+        remarks=(*rows.remarks, *repeats, *_missing(steps, interval_s)),
     )
 
 

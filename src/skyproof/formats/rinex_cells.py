@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Integers, Reals
-from skyproof.formats.bounds import REMARKS
+from skyproof.formats.bounds import Remarks
 from skyproof.gnss.time import require_year
+from skyproof.records import Remark, RemarkKind
 
 __all__ = [
     "Cells",
@@ -115,6 +116,7 @@ class _Walk:
     layout: list[int] = field(default_factory=list)
     events: list[tuple[int, int]] = field(default_factory=list)  # flag, and the epoch that comes next
     damaged: list[int] = field(default_factory=list)
+    cut: int | None = None  # the line at which the file ends within an epoch
     days: dict[str, int] = field(default_factory=dict)
 
     def begin(self, instant_ns: int, flag: int) -> None:
@@ -154,12 +156,17 @@ class _Walk:
             stated.append(f"{len(nexts)} events inside the data: {_EVENTS[flag]}{when}")
         return stated
 
-    def rows(self, sat: Integers, epoch: Integers, line: Integers, first_number: int) -> SatelliteRows:
-        remarks = self._event_remarks()
-        damaged = self.damaged[:REMARKS]
-        remarks += [f"line {first_number + k}: what belongs to no whole epoch is left out" for k in damaged]
-        if len(self.damaged) > REMARKS:
-            remarks.append(f"{len(self.damaged) - REMARKS} further places with damaged epochs left out")
+    def rows(self, sat: Integers, epoch: Integers, line: Integers, lines: Lines) -> SatelliteRows:
+        damaged = Remarks()
+        for k in sorted(set(self.damaged)):
+            damaged.add(f"line {lines.first_number + k}: what belongs to no whole epoch is left out")
+        cut: list[str] = []
+        if self.cut is not None:
+            number = lines.first_number + self.cut
+            cut.append(
+                Remark(f"the file is cut: it ends within the epoch that begins in line {number}", RemarkKind.CUT)
+            )
+        remarks = (*cut, *self._event_remarks(), *damaged.words("further places with damaged epochs left out"))
         layout = np.array(self.layout, np.int64)
         return SatelliteRows(
             np.array(self.instant_ns, np.int64),
@@ -169,7 +176,7 @@ class _Walk:
             line,
             layout[epoch],
             tuple(self.layouts),
-            tuple(remarks),
+            remarks,
         )
 
 
@@ -206,16 +213,24 @@ def _count(text: str) -> int:
     return int(text.strip() or 0)
 
 
-def rows_3(lines: Lines, layout: Layout) -> SatelliteRows:
-    """Versions 3 and 4: an epoch begins with ">", and every satellite has a line that begins with its name."""
+def rows_3(lines: Lines, layout: Layout, *, to_end: bool = True) -> SatelliteRows:
+    """Versions 3 and 4: an epoch begins with ">", and every satellite has a line that begins with its name.
+
+    to_end : whether the file ends with these lines.
+    """
     walk = _Walk([layout])
     heads = np.flatnonzero(lines.column(0) == ord(">"))
+    filled = np.append(0, np.cumsum(lines.end > lines.start))
     nexts = np.append(heads, len(lines))[1:]
     owner = np.full(len(lines), -1, np.int64)
     for k, following in zip(heads.tolist(), nexts.tolist(), strict=True):
         text = lines[k]
+        at_end = to_end and following == len(lines)
+        follow = int(filled[following] - filled[k + 1])
         try:
             flag, count = int(text[31:32]), _count(text[32:35])
+            if at_end and follow < count:
+                walk.cut = k
             if 2 <= flag <= 5:
                 walk.event(flag, [lines[j] for j in range(k + 1, min(k + 1 + count, following))])
                 continue
@@ -223,9 +238,12 @@ def rows_3(lines: Lines, layout: Layout) -> SatelliteRows:
                 raise ValueError(text)
             walk.begin(walk.instant(text[2:12], text[13:29]), flag)
         except (ValueError, KeyError):
-            walk.damaged.append(k)
+            if at_end and not follow:
+                walk.cut = k
+            else:
+                walk.damaged.append(k)
             continue
-        if following - k - 1 != count:
+        if follow != count and walk.cut != k:
             walk.damaged.append(following)
         owner[k + 1 : following] = len(walk.flag) - 1
     line = np.flatnonzero(owner >= 0)
@@ -233,7 +251,7 @@ def rows_3(lines: Lines, layout: Layout) -> SatelliteRows:
     known = sat > 0
     if walk.flag and not known.all():
         walk.damaged.extend(k for k in line[~known].tolist() if lines.end[k] > lines.start[k])
-    return walk.rows(sat[known], owner[line[known]], line[known], lines.first_number)
+    return walk.rows(sat[known], owner[line[known]], line[known], lines)
 
 
 def _sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.uint8]) -> Integers:
@@ -245,8 +263,11 @@ def _sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.ui
     return np.where(digits & is_letter & (number > 0), letter.astype(np.int64) * 100 + number, 0)
 
 
-def rows_2(lines: Lines, layout: Layout, system: str) -> SatelliteRows:
-    """Version 2: a head of one line or more names the satellites, whose records are lines of five fields, unnamed."""
+def rows_2(lines: Lines, layout: Layout, system: str, *, to_end: bool = True) -> SatelliteRows:
+    """Version 2: a head of one line or more names the satellites, whose records are lines of five fields, unnamed.
+
+    to_end : whether the file ends with these lines.
+    """
     walk = _Walk([layout])
     heads = np.flatnonzero(_looks_like_a_head(lines))
     sat, epoch, first = list[int](), list[int](), list[int]()
@@ -265,12 +286,16 @@ def rows_2(lines: Lines, layout: Layout, system: str) -> SatelliteRows:
             flag, count = int(text[28:29] or 0), _count(text[29:32])
             if 2 <= flag <= 5:
                 walk.event(flag, [lines[j] for j in range(k + 1, min(k + 1 + count, total))])
+                walk.cut = k if to_end and k + 1 + count > total else walk.cut
                 k += 1 + count
                 continue
             date, clock = f"{text[1:3]} {text[4:6]} {text[7:9]}", f"{text[10:12]} {text[13:15]} {text[15:26]}"
             instant_ns = walk.instant(date, clock)
         except ValueError:
-            walk.damaged.append(k)
+            if to_end and k + 1 == total:
+                walk.cut = k
+            else:
+                walk.damaged.append(k)
             k += 1
             continue
         n_heads = max(-(-count // 12), 1)
@@ -289,10 +314,12 @@ def rows_2(lines: Lines, layout: Layout, system: str) -> SatelliteRows:
         sat += [codes[j] for j in kept]
         epoch += [len(walk.flag) - 1] * len(kept)
         first += [data + j * each for j in kept]
-        if whole < count or len(kept) < whole:
+        if to_end and end > total:
+            walk.cut = k
+        elif whole < count or len(kept) < whole:
             walk.damaged.append(k)
         k = end
-    return walk.rows(np.array(sat, np.int64), np.array(epoch, np.int64), np.array(first, np.int64), lines.first_number)
+    return walk.rows(np.array(sat, np.int64), np.array(epoch, np.int64), np.array(first, np.int64), lines)
 
 
 def _code(name: str, system: str) -> int:

@@ -19,7 +19,7 @@ from skyproof.formats.bounds import OBSERVATION_BYTES
 from skyproof.formats.crinex import Expander, is_compact
 from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
 from skyproof.formats.rinex_obs_read import Header, ObservationFile, file_of, header_of
-from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId
+from skyproof.records import OBSERVABLES, CellStatus, Observations, Remark, RemarkKind, SignalId
 
 __all__ = ["PIECE_BYTES", "following", "obs_pieces"]
 
@@ -40,18 +40,21 @@ def obs_pieces(
 ) -> Iterator[ObservationFile]:
     """The observations in the blocks of a RINEX file's bytes, cut anywhere, piece by piece.
 
-    A piece is what about `piece_bytes` of plain text hold; pieces without a signal that is kept are left out. Each has
-    the signals that are in it and counts its elapsed time from its own first epoch.
+    A piece is what about `piece_bytes` of plain text hold; pieces without a signal that is kept and without a remark
+    are left out. Each has the signals that are in it and counts its elapsed time from its own first epoch. The last one
+    has the remarks on the header and on what packs the file.
 
     Raises
     ------
-    InputError : as `rinex_obs_read.read_obs` does, when it is come upon.
+    InputError : as `rinex_obs_read.read_obs` does, when it is come upon; and a gzip file that is damaged. One that ends
+        early is used up to there, which the remarks say.
     """
     text, header, line = b"", None, 0
     ended = False
-    plain = _plain(blocks, source)
+    plain = _Plain(source)
+    plain_blocks = plain.of(blocks)
     while not ended:
-        block = next(plain, None)
+        block = next(plain_blocks, None)
         ended = block is None
         text += block or b""
         if header is None:
@@ -65,29 +68,60 @@ def obs_pieces(
         if len(text) >= piece_bytes or ended:
             lines = lines_of(np.frombuffer(text, np.uint8), line)
             whole = len(lines) if ended else _whole(lines, header)
-            found = file_of(_first(lines, whole), header, keep=keep, glonass_channels=glonass_channels)
-            if found.observations.signals:
+            found = file_of(_first(lines, whole), header, keep=keep, glonass_channels=glonass_channels, to_end=ended)
+            if ended:
+                found = replace(found, remarks=(*plain.remarks, *header.remark_words(), *found.remarks))
+            if found.observations.signals or found.remarks:
                 yield found
             text = text[int(lines.start[whole]) :] if whole < len(lines) else b""
             line += whole
 
 
-def _plain(blocks: Iterable[bytes], source: str) -> Iterator[bytes]:
-    """Plain RINEX, whatever the blocks are packed by."""
-    blocks = _from_the_start(iter(blocks), len(_GZIP))
-    first = next(blocks, b"")
-    packed = first.startswith(_GZIP)
-    blocks = itertools.chain((first,), blocks)
-    text = _from_the_start(_unpacked(blocks, source) if packed else blocks, _TELLING_BYTES)
-    first = next(text, b"")
-    if not is_compact(first):
-        yield first
-        yield from text
-        return
-    expander = Expander(source=source)
-    for block in itertools.chain((first,), text):
-        yield expander.take(block)
-    yield expander.rest()
+class _Plain:
+    """Plain RINEX, whatever the blocks are packed by.
+
+    remarks : on what packs them, once all have passed.
+    """
+
+    def __init__(self, source: str) -> None:
+        self.remarks: tuple[str, ...] = ()
+        self._source = source
+
+    def of(self, blocks: Iterable[bytes]) -> Iterator[bytes]:
+        """Unpack the blocks. Raises InputError as `obs_pieces` does."""
+        blocks = _from_the_start(iter(blocks), len(_GZIP))
+        first = next(blocks, b"")
+        packed = first.startswith(_GZIP)
+        blocks = itertools.chain((first,), blocks)
+        text = _from_the_start(self._unpacked(blocks) if packed else blocks, _TELLING_BYTES)
+        first = next(text, b"")
+        if not is_compact(first):
+            yield first
+            yield from text
+            return
+        expander = Expander(source=self._source)
+        for block in itertools.chain((first,), text):
+            yield expander.take(block)
+        yield expander.rest()
+        self.remarks += expander.remarks
+
+    def _unpacked(self, blocks: Iterator[bytes]) -> Iterator[bytes]:
+        state = zlib.decompressobj(wbits=31)
+        for block in blocks:
+            rest = block
+            while rest:
+                if state.eof:  # members follow each other; what else follows is padding
+                    if rest[:1] != _GZIP[:1]:
+                        break
+                    state = zlib.decompressobj(wbits=31)
+                try:
+                    yield state.decompress(rest, PIECE_BYTES)
+                except zlib.error as error:
+                    raise InputError(f"{self._source}: {_DAMAGED} ({error}); fetch or compress it again") from None
+                rest = state.unused_data if state.eof else state.unconsumed_tail
+        if not state.eof:
+            yield state.flush()
+            self.remarks += (Remark("the gzip file is cut: it ends early; fetch it again", RemarkKind.CUT),)
 
 
 def _from_the_start(blocks: Iterator[bytes], least: int) -> Iterator[bytes]:
@@ -99,24 +133,6 @@ def _from_the_start(blocks: Iterator[bytes], least: int) -> Iterator[bytes]:
             break
     yield first
     yield from blocks
-
-
-def _unpacked(blocks: Iterator[bytes], source: str) -> Iterator[bytes]:
-    state = zlib.decompressobj(wbits=31)
-    for block in blocks:
-        rest = block
-        while rest:
-            if state.eof:  # members follow each other; what else follows is padding
-                if rest[:1] != _GZIP[:1]:
-                    break
-                state = zlib.decompressobj(wbits=31)
-            try:
-                yield state.decompress(rest, PIECE_BYTES)
-            except zlib.error as error:
-                raise InputError(f"{source}: {_DAMAGED} ({error}); fetch or compress it again") from None
-            rest = state.unused_data if state.eof else state.unconsumed_tail
-    if not state.eof:
-        raise InputError(f"{source}: {_DAMAGED} (it ends early); fetch or compress it again")
 
 
 def _whole(lines: Lines, header: Header) -> int:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Instants, Integers, Reals
 from skyproof.errors import InputError
-from skyproof.formats.bounds import CHARACTERS_OF_LINE, EMPTY_CELLS, OBSERVATION_BYTES, Remarks
+from skyproof.formats.bounds import CHARACTERS_OF_LINE, EMPTY_CELLS, OBSERVATION_BYTES, Remarks, listed
 from skyproof.formats.byte_io import beginning, unpacked
 from skyproof.formats.crinex import expanded, is_compact
 from skyproof.formats.rinex_cells import Layout, Lines, SatelliteRows, cells, layout_change, lines_of, rows_2, rows_3
@@ -24,8 +24,8 @@ from skyproof.formats.signatures import head_of
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
 from skyproof.gnss.thermal_noise import carrier_sigma_cyc, code_sigma_m, doppler_sigma_hz
-from skyproof.gnss.time import gpst_from_utc
-from skyproof.records import CellStatus, Observations, SignalId
+from skyproof.gnss.time import gpst_from_utc, iso, require_year
+from skyproof.records import CellStatus, Observations, Remark, RemarkKind, SignalId
 
 __all__ = [
     "Header",
@@ -60,6 +60,7 @@ _KINDS: Final = ("C", "L", "D", "S")
 _EMPTY_LINES: Final = 1 << 20  # beyond one in 16 bytes
 _FILLED: Final = 16  # epochs and signals are so many times the cells that are filled, at most
 _GLONASS_CHANNELS: Final = range(-7, 14)
+_LATE_NS: Final = 500_000_000  # receivers that round the instants of a header differ by less
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -142,7 +143,7 @@ def parse_obs(
     header, body_at = header_of(content, source)
     lines = lines_of(np.frombuffer(content, np.uint8)[body_at:], header.n_lines + 1)
     found = file_of(lines, header, keep=keep, glonass_channels=glonass_channels)
-    remarks = [*compact_remarks, *header.remarks.words("further header lines left out"), *found.remarks]
+    remarks = [*compact_remarks, *header.remark_words(), *found.remarks]
     if not found.observations.signals:
         first = f"; {found.remarks[0]}" if found.remarks else ""
         raise InputError(f"{source}: no observation after line {header.n_lines}{first}; {_TO_DO}")
@@ -155,18 +156,26 @@ def file_of(
     *,
     keep: Callable[[SignalId], bool] | None = None,
     glonass_channels: Mapping[str, int] | None = None,
+    to_end: bool = True,
 ) -> ObservationFile:
     """The observations in lines of the body, which may have none; and changes of the observation types into `header`,
     so that it is that of the lines that follow.
+
+    to_end : whether the file ends with these lines.
     """
-    rows = rows_3(lines, header.layout) if header.version >= 3.0 else rows_2(lines, header.layout, header.system)
+    rows = (
+        rows_3(lines, header.layout, to_end=to_end)
+        if header.version >= 3.0
+        else rows_2(lines, header.layout, header.system, to_end=to_end)
+    )
     header.layout = rows.layouts[-1]
     table = _Table.of(lines, rows, header, keep)
     numbers = dict(glonass_channels or {}) | header.glonass_channels
-    remarks = [*rows.remarks, *table.remarks]
+    remarks = [*(_end_remarks(lines, rows, header) if to_end else ()), *rows.remarks, *table.remarks]
     unnumbered = sorted({s.sat for s in table.signals if s.band in ("G1", "G2") and s.sat not in numbers})
     if unnumbered:
-        remarks.append(f"no frequency number of {', '.join(unnumbered)}: their carriers are not known")
+        unknown = f"no frequency number of {listed(unnumbered)}: their carriers are not known"
+        remarks.append(Remark(unknown, RemarkKind.BEARS))
     return ObservationFile(
         observations=_observations(table, header, numbers, remarks),
         version=header.version,
@@ -181,6 +190,25 @@ def file_of(
         glonass_channels=header.glonass_channels,
         remarks=tuple(remarks),
     )
+
+
+def _end_remarks(lines: Lines, rows: SatelliteRows, header: "Header") -> Iterable[str]:
+    """Say what shows that more was to come after the last of the lines."""
+    said = any(Remark.kind_of(remark) is RemarkKind.CUT for remark in rows.remarks)
+    if not said and lines.text.size and lines.text[-1] != ord("\n"):
+        number = lines.first_number + len(lines) - 1
+        yield Remark(
+            f"the file is cut, within line {number}, which has no end; add the end of the line if the line is whole",
+            RemarkKind.CUT,
+        )
+    last_ns = int(rows.instant_ns.max()) if rows.instant_ns.size else None
+    if last_ns is not None and header.last_ns is not None and header.last_ns - last_ns > _LATE_NS:
+        stated, found = (iso(np.datetime64(ns, "ns"), 0) for ns in (header.last_ns, last_ns))
+        yield Remark(
+            f"the header states observations until {stated}, but the last are of {found}: the file is cut, or its "
+            "header is that of a longer one",
+            RemarkKind.BEARS,
+        )
 
 
 # --- the header
@@ -201,6 +229,7 @@ class Header:
     position_ecef_m: Reals | None = None
     antenna_delta_hen_m: Reals | None = None
     interval_s: float | None = None
+    last_ns: int | None = None  # TIME OF LAST OBS, since 1970 as written
     time_system: str = ""
     leap_seconds: int | None = None
     glonass_channels: dict[str, int] = field(default_factory=dict)
@@ -225,6 +254,8 @@ class Header:
             self.interval_s = interval_s if interval_s > 0.0 else None
         elif label == "TIME OF FIRST OBS":
             self.time_system = text[48:51].strip()
+        elif label == "TIME OF LAST OBS":
+            self.last_ns = _instant_ns(text)
         elif label == "LEAP SECONDS":
             self.leap_seconds = int(text[:6])
         elif label == "GLONASS SLOT / FRQ #":
@@ -233,6 +264,18 @@ class Header:
             if not all(number in _GLONASS_CHANNELS for number in numbers.values()):
                 raise ValueError(text)
             self.glonass_channels |= numbers
+
+    def remark_words(self) -> list[str]:
+        """Return the remarks on header lines."""
+        return self.remarks.words("further header lines left out")
+
+
+def _instant_ns(text: str) -> int:
+    """Return nanoseconds since 1970 of an instant in a header: 5I6, F13.7 (RINEX 3.05, table A2)."""
+    year, month, day, hour, minute = (int(text[6 * k : 6 * k + 6]) for k in range(5))
+    require_year(year)
+    minutes = np.datetime64(f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}", "ns")
+    return int(minutes.astype(np.int64)) + round(_finite(text[30:43]) * 1e9)
 
 
 def _vector(text: str) -> Reals:
@@ -354,12 +397,11 @@ class _Table:
             lost[epochs, column[signal]] = slips
             half_open[epochs, column[signal]] = halves
         lost |= _stated_slips(rows, place, instant_ns, signals) | _changes(half_open, np.isfinite(numbers["L"]))
-        faults = [
-            f"line {lines.first_number + k}: a field that is not a number is left out" for k in sorted(set(bad))[:10]
-        ]
-        if len(set(bad)) > 10:
-            faults.append(f"{len(set(bad)) - 10} further lines with fields that are not numbers")
-        return cls(signals, instant_ns, numbers, strength, lost, half_open, (*remarks, *faults))
+        faults = Remarks()
+        for k in sorted(set(bad)):
+            faults.add(f"line {lines.first_number + k}: a field that is not a number is left out")
+        words = faults.words("further lines with fields that are not numbers")
+        return cls(signals, instant_ns, numbers, strength, lost, half_open, (*remarks, *words))
 
 
 def _epochs_in_order(rows: SatelliteRows) -> tuple[Integers, Integers, list[str]]:
@@ -370,9 +412,10 @@ def _epochs_in_order(rows: SatelliteRows) -> tuple[Integers, Integers, list[str]
     new = np.append(True, np.diff(instant_ns) > 0)[: order.size]
     place = np.full(rows.flag.size, -1, np.int64)
     place[order[new]] = np.arange(int(new.sum()))
-    remarks = []
+    remarks: list[str] = []
     if not new.all():
-        remarks.append(f"{int((~new).sum())} epochs appear twice; the first of each is taken")
+        twice = f"{int((~new).sum())} epochs appear twice; the first of each is taken"
+        remarks.append(Remark(twice, RemarkKind.BEARS))
     if (np.diff(epochs[np.argsort(order, kind="stable")]) < 0).any() or (np.diff(rows.instant_ns[epochs]) < 0).any():
         remarks.append("epochs are not in order of time; they were sorted")
     return place, instant_ns[new], remarks

@@ -23,6 +23,7 @@ from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import SECONDS, SERIES_BYTES, SERIES_ROWS
 from skyproof.formats.byte_io import content_of
 from skyproof.gnss.time import FIRST_YEAR, LAST_YEAR, parse_iso
+from skyproof.records import Remark, RemarkKind
 
 __all__ = ["TimedRows", "read_timed_rows"]
 
@@ -38,6 +39,7 @@ class TimedRows:
     time_ns : (n,) rising, whole nanoseconds: of `datetime64[ns]` if `dated`, else since `time_s` = 0.
     values : (n, k) one column for each name that was asked for; NaN where a number is missing.
     where : of a row's number, the place of that row in the file: "imu.csv: line 7".
+    remarks : on what was left out.
     """
 
     source: str
@@ -45,6 +47,7 @@ class TimedRows:
     dated: bool
     values: Reals
     where: Callable[[int], str]
+    remarks: tuple[str, ...] = ()
 
 
 def read_timed_rows(path: str | os.PathLike[str], columns: Sequence[str], what: str) -> TimedRows:
@@ -56,18 +59,22 @@ def read_timed_rows(path: str | os.PathLike[str], columns: Sequence[str], what: 
     ------
     InputError : the file cannot be read, is longer than `SERIES_BYTES`, ends otherwise, lacks a column, holds text
         where a number or an instant is expected, has no row, or its times do not rise. Names file, line and column.
+        A file of text that ends within a row is read up to there, which `remarks` says.
     """
     source, ending = os.fspath(path), Path(path).suffix.lower()
     if ending not in (".csv", ".parquet"):
         raise InputError(f'{source}: {what} cannot be read from a file that ends in "{ending}"; give .csv or .parquet')
     content = content_of(Path(path), SERIES_BYTES, what, "give a table of rows over time")
+    remarks: tuple[str, ...] = ()
+    if ending == ".csv":
+        content, remarks = _whole_rows(content, columns)
     read = _read_csv if ending == ".csv" else _read_parquet
     time, times, values, where = read(content, columns, source)
     if times.size == 0:
         raise InputError(f"{source}: no rows, expected one for each time; give a file with readings")
     _require_rising(times, time, where)
     values[~np.isfinite(values)] = np.nan
-    return TimedRows(source=source, time_ns=times, dated=time == "gpst", values=values, where=where)
+    return TimedRows(source=source, time_ns=times, dated=time == "gpst", values=values, where=where, remarks=remarks)
 
 
 _Read = tuple[str, Integers, Reals, Callable[[int], str]]
@@ -115,6 +122,32 @@ def _read_csv(content: bytes, columns: Sequence[str], source: str) -> _Read:
         return time, times, values, where
     _require_rows(table.num_rows, source)
     return time, _nanoseconds(table.column(time), time, where), _numbers(table, columns, source), where
+
+
+def _whole_rows(content: bytes, columns: Sequence[str]) -> tuple[bytes, tuple[str, ...]]:
+    """Return the content without a last row that is cut, and a remark on that.
+
+    A last row may lack its line end (RFC 4180, 2). It is cut if fields are missing, or the last one cannot be read.
+    """
+    kept, newline, last = content.rpartition(b"\n")
+    if not newline or not last.strip():
+        return content, ()
+    names, fields = _names(content.partition(b"\n")[0], ""), _names(last, "")
+    by_name = dict(zip(names, fields, strict=False))
+    numbers = [text for name, text in by_name.items() if name in columns or name == "time_s"]
+    if len(fields) >= len(names) and fields[-1] and all(map(_is_number, numbers)):
+        return content, ()
+    line = content.count(b"\n") + 1
+    cut = f"the file is cut: it ends within line {line}, which is left out"
+    return kept + newline, (Remark(cut, RemarkKind.CUT),)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text or "nan")
+    except ValueError:
+        return False
+    return True
 
 
 def _names(head: bytes, source: str) -> list[str]:

@@ -17,7 +17,7 @@ from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import glonass_channels
 from skyproof.formats.rinex_obs_read import holds_observations
 from skyproof.formats.spool import named
-from skyproof.records import NavigationData, Samples
+from skyproof.records import NavigationData, Remark, Samples
 
 __all__ = ["antennas_of", "list_paths", "only_recordings", "open_inputs", "stretch"]
 
@@ -195,11 +195,13 @@ def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Sampl
     count = samples.n_samples - first
     if duration_s is not None:
         count = min(count, round(duration_s * samples.rate_hz))
+    remarks = samples.remarks if first + count == samples.n_samples else Remark.without_cut(samples.remarks)
     missing_s = sum(gap.missing_samples for gap in samples.gaps if gap.at_sample <= first) / samples.rate_hz
     later = np.timedelta64(round((start_s + missing_s) * 1e9), "ns")
     return replace(
         samples,
         n_samples=count,
+        remarks=remarks,
         read=lambda start, n: samples.read(first + start, min(n, count - start)),
         start_gpst=None if samples.start_gpst is None else samples.start_gpst + later,
         gaps=tuple(

@@ -9,7 +9,7 @@ import numpy as np
 from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Booleans
 from skyproof.errors import InputError
-from skyproof.formats.bounds import REMARKS
+from skyproof.formats.bounds import limited
 from skyproof.formats.byte_io import FileBytes, size_of
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, following, obs_pieces
@@ -19,7 +19,7 @@ from skyproof.gnss.time import iso, seconds_between
 from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
 from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
 from skyproof.navigation.window import interval_s
-from skyproof.records import NavigationData, ObservationLog, Observations, SignalId
+from skyproof.records import NavigationData, ObservationLog, Observations, Remark, SignalId
 
 __all__ = ["ObservedFile", "observed", "open_observations", "same_measurements"]
 
@@ -96,13 +96,15 @@ def open_observations(
             + ("" if duration_s is None else f" and duration_s {duration_s:g}")
             + ", in which no epoch lies; give less or more"
         ) from None
+    whole = duration_s is not None and noted.duration_s >= start_s + duration_s
+    remarks = Remark.without_cut(noted.remarks) if whole else noted.remarks
     return ObservedFile(
         name=observations.receiver,
         path=str(path),
         format=f"RINEX {noted.version:g} observations",
         observations=observations,
         file=file,
-        remarks=(*noted.remarks, NO_SAMPLES),
+        remarks=(*remarks, NO_SAMPLES),
     )
 
 
@@ -112,14 +114,16 @@ class _Noted:
     def __init__(self) -> None:
         self.version, self.epochs = 0.0, 0
         self._first = self._last = np.datetime64("NaT", "ns")
-        self._remarks: dict[str, None] = {}
+        self._remarks: dict[str, str] = {}
 
     def all(self, pieces: Iterable[ObservationFile]) -> Iterator[Observations]:
         """The observations of the pieces."""
         for piece in pieces:
             self.version = self.version or piece.version
-            self._remarks |= dict.fromkeys(piece.remarks)
+            self._remarks |= {remark: remark for remark in piece.remarks}
             o = piece.observations
+            if not o.gpst.size:
+                continue
             self._first, self._last = (o.gpst[0] if not self.epochs else self._first), o.gpst[-1]
             self.epochs += o.gpst.size
             yield o
@@ -131,9 +135,7 @@ class _Noted:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Each once, and not without end."""
-        remarks = list(self._remarks)
-        more = (f"{len(remarks) - REMARKS} further remarks",) if len(remarks) > REMARKS else ()
-        return (*remarks[:REMARKS], *more)
+        return limited(self._remarks.values(), "further remarks")
 
 
 def _is_judged(signal: SignalId) -> bool:

@@ -47,6 +47,8 @@ from skyproof.records import (
     MeasurementSource,
     NavigationData,
     Observations,
+    Remark,
+    RemarkKind,
     Samples,
     SignalRef,
 )

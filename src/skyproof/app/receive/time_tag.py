@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from skyproof.app.receive.tracker import Tracker
 from skyproof.arrays import Booleans, Indices, Instants, Reals
 from skyproof.errors import InputError
+from skyproof.formats.bounds import listed
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.time import GPS_EPOCH, iso, resolve_week, week_and_tow
@@ -172,7 +173,7 @@ def timed_by_others(
     if not gained:
         return None
     remarks.append(
-        f"{', '.join(gained)}: received too shortly for a time of week of their own; it was taken from the range that "
+        f"{listed(gained)}: received too shortly for a time of week of their own; it was taken from the range that "
         "the position of the others predicts"
     )
     return arcs
