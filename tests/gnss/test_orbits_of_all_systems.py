@@ -4,10 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.gnss import orbit_twin
+from tests.gnss.orbit_twin import clock_polynomial_s
 
 from skyproof.formats.rinex_nav import read_nav
-from skyproof.gnss.ephemeris import Ephemeris, GlonassEphemeris, NavigationData
-from skyproof.gnss.orbits import clock_polynomial_s, group_delay_s, satellite_state, satellite_state_s
+from skyproof.gnss import orbit_kernels
+from skyproof.gnss.ephemeris import Ephemeris, GlonassEphemeris, NavigationData, group_delay_s
+from skyproof.gnss.orbits import satellite_state, satellite_state_s
 from skyproof.gnss.time import gpst
 
 # RTKLIB (pyrtklib 0.2.7), readrnx with eph2pos and geph2pos, on real/rinex-mosaic-1m/base.nav: satellite, message,
@@ -60,6 +63,22 @@ def test_velocity_and_drift_are_the_rates_of_position_and_clock(eph):
     state = satellite_state_s(eph, eph.week, tow_s)
     np.testing.assert_allclose(after.position_ecef_m - before.position_ecef_m, state.velocity_ecef_m_s, atol=2e-6)
     np.testing.assert_allclose(after.clock_s - before.clock_s, state.clock_drift, atol=1e-19)
+
+
+@pytest.mark.parametrize("kernel", [orbit_kernels.fill_states, orbit_kernels.fill_states.py_func],
+                         ids=["compiled", "python"])  # fmt: skip
+@pytest.mark.parametrize("eph", [EPHEMERIS, replace(EPHEMERIS, sat="C20"), replace(EPHEMERIS, sat="E05"), GLONASS],
+                         ids=["geostationary", "BeiDou", "Galileo", "GLONASS"])  # fmt: skip
+def test_the_kernel_of_orbits_equals_its_numpy_twin(eph, kernel):
+    tow_s = eph.toe + np.array([-899.0, 0.0, 59.9, 60.0, 3.1, np.nan, 600.5, 1790.0, -61.0, 2e5])
+    week = np.full(tow_s.size, eph.week)
+    states = np.empty((tow_s.size, orbit_kernels.N_STATE))
+    kernel(eph.orbit_row, week, tow_s, states)
+    twin = orbit_twin.satellite_state_s(eph, week, tow_s)
+    np.testing.assert_allclose(states[:, :3], twin.position_ecef_m, rtol=0, atol=5e-8)
+    np.testing.assert_allclose(states[:, 3:6], twin.velocity_ecef_m_s, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(states[:, 6], twin.clock_s, rtol=1e-14)
+    np.testing.assert_allclose(states[:, 7], twin.clock_drift, rtol=1e-12)
 
 
 def test_an_instant_of_glonass_does_not_depend_on_which_others_are_asked_for():

@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.gnss.orbit_twin import clock_polynomial_s
 
 from skyproof.formats.rinex_nav import glonass_channels, read_nav
 from skyproof.formats.rinex_obs_read import parse_obs, read_obs
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.orbits import clock_polynomial_s, group_delay_s, satellite_state_s
+from skyproof.gnss.ephemeris import group_delay_s
+from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.code_signals import code_positioning_signals

@@ -2,11 +2,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.gnss import orbit_twin
 from tests.navigation import sky
 
+from skyproof.formats.rinex_nav import read_nav
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
+from skyproof.gnss.ephemeris import MAX_AGE_S, group_delay_s
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import atmosphere, corrected_ranges
 from skyproof.records import NavigationData, SignalId
 
@@ -42,6 +46,42 @@ def test_each_epoch_takes_the_ephemeris_that_navigation_calls_best():
         expected = corrected_ranges(one_signal(), gpst[row : row + 1], pseudorange[:1], alone)
         np.testing.assert_array_equal(ranges.range_m[row], expected.range_m[0])
     assert np.ptp(ranges.range_m) > 250.0  # the change of ephemeris, here of 1 us, has taken place
+
+
+@pytest.mark.shared_data
+def test_ranges_of_all_systems_equal_those_of_the_numpy_twin(shared_data):
+    nav = read_nav(shared_data / "real" / "rinex-mosaic-1m" / "base.nav")
+    gpst = np.datetime64("2024-06-24T07:40:00", "ns") + np.arange(0, 5400, 300) * np.timedelta64(1, "s")
+    signals = tuple(SignalId(*name) for name in (("G05", "L1", "C"), ("E04", "E5a", "Q"), ("C01", "B3", "I"),
+                                                 ("C30", "B1C", "P"), ("J03", "L5", "Q"), ("R11", "G2", "C"),
+                                                 ("R12", "G1", "C"), ("G99", "L1", "C")))  # fmt: skip
+    pseudorange = 2.2e7 + 1e5 * np.arange(gpst.size * len(signals)).reshape(gpst.size, len(signals))
+    pseudorange[3, :4] = np.nan
+    ours = corrected_ranges(signals, gpst, pseudorange, nav, with_unknown_delay=True)
+    week, tow_s = week_and_tow(gpst)
+    cells = 0
+    for row, column in np.ndindex(pseudorange.shape):
+        signal, range_m = signals[column], pseudorange[row, column]
+        healthy = [e for e in nav.ephemerides if e.sat == signal.sat and e.healthy]
+        known = [e for e in healthy if np.isfinite(group_delay_s(e, signal.band, signal.code))] or healthy
+        age_s = [abs((gpst[row] - e.reference_gpst) / np.timedelta64(1, "s")) for e in known]
+        if not np.isfinite(range_m) or min(age_s, default=np.inf) > MAX_AGE_S[signal.sat[0]]:
+            assert np.isnan(ours.range_m[row, column])
+            assert np.isnan(ours.satellite_ecef_m[row, column]).all()
+            continue
+        eph = known[int(np.argmin(age_s))]
+        sent_s = tow_s[row] - range_m / sky.C
+        sent_s -= orbit_twin.clock_polynomial_s(eph, week[row], sent_s)
+        state = orbit_twin.satellite_state_s(eph, week[row], sent_s)
+        delay_s = group_delay_s(eph, signal.band, signal.code)
+        assert ours.delay_unknown[row, column] == np.isnan(delay_s)
+        expected_m = range_m + sky.C * (state.clock_s - np.nan_to_num(delay_s))
+        np.testing.assert_allclose(ours.range_m[row, column], expected_m, rtol=0, atol=2e-8)
+        np.testing.assert_allclose(ours.satellite_ecef_m[row, column], state.position_ecef_m, rtol=0, atol=5e-7)
+        np.testing.assert_allclose(ours.satellite_velocity_ecef_m_s[row, column], state.velocity_ecef_m_s, atol=1e-9)
+        np.testing.assert_allclose(ours.satellite_drift[row, column], state.clock_drift, rtol=1e-12)
+        cells += 1
+    assert cells > 100  # of each system some
 
 
 def test_copies_of_one_satellite_share_its_ephemeris_and_columns_keep_their_places():

@@ -1,11 +1,24 @@
 """Broadcast orbits and clocks: Kepler's form with the names of IS-GPS-200 for four systems, a state for GLONASS."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
-from skyproof.gnss.constants import BDT_BEHIND_GPST_S
+from skyproof.arrays import Indices, Integers, Reals
+from skyproof.gnss import orbit_kernels as k
+from skyproof.gnss.constants import (
+    BDT_BEHIND_GPST_S,
+    BEIDOU_EARTH_ROTATION_RAD_S,
+    BEIDOU_MU_M3_S2,
+    EARTH_ROTATION_RAD_S,
+    GALILEO_MU_M3_S2,
+    GALILEO_RELATIVITY_F_S_SQRT_M,
+    MU_M3_S2,
+    RELATIVITY_F_S_SQRT_M,
+)
 from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import seconds_between
 from skyproof.short_repr import ShortRepr
@@ -17,6 +30,16 @@ GPS and QZSS: half of the usual four hours of fit, and 5 min for the change (IS-
 renew at least hourly and are fit for more; two hours bridge a missed one. GLONASS: the 15 min of the force model
 (GLONASS ICD L1, L2 5.1, A.3.1.2), and as much again for a late change.
 """
+_GPS: Final = (MU_M3_S2, EARTH_ROTATION_RAD_S, RELATIVITY_F_S_SQRT_M)
+_KEPLER: Final = {
+    "G": _GPS,
+    "J": _GPS,  # IS-QZSS-PNT-005, 5.5 refers to GPS
+    "E": (GALILEO_MU_M3_S2, EARTH_ROTATION_RAD_S, GALILEO_RELATIVITY_F_S_SQRT_M),
+    "C": (BEIDOU_MU_M3_S2, BEIDOU_EARTH_ROTATION_RAD_S, GALILEO_RELATIVITY_F_S_SQRT_M),
+}
+"""Gravity, earth's rotation and F of each system."""
+_GEOSTATIONARY: Final = frozenset((*(f"C{n:02d}" for n in range(1, 6)), *(f"C{n:02d}" for n in range(59, 64))))
+_GALILEO_GAMMA: Final = {"E5a": (154.0 / 115.0) ** 2, "E5b": (154.0 / 118.0) ** 2}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +107,36 @@ class Ephemeris:
         """
         return (self.health & ~1 if self.sat.startswith("J") else self.health) == 0
 
+    @cached_property
+    def orbit_row(self) -> Reals:
+        """(N_ORBIT,) clock and orbit as `orbit_kernels` take them."""
+        row = np.empty(k.N_ORBIT)
+        row[k.KIND] = k.GEOSTATIONARY if self.sat in _GEOSTATIONARY else k.KEPLER
+        row[k.WEEK : k.AF2 + 1] = (
+            self.week,
+            self.toe,
+            ahead_of_system_s(self.sat),
+            self.toc_week,
+            self.toc,
+            self.af0,
+            self.af1,
+            self.af2,
+        )
+        row[k.MU : k.SQRT_A] = _KEPLER[self.sat[0]]
+        row[k.SQRT_A : k.CRS] = (
+            self.sqrt_a,
+            self.e,
+            self.i0,
+            self.omega0,
+            self.omega,
+            self.m0,
+            self.delta_n,
+            self.idot,
+            self.omega_dot,
+        )
+        row[k.CRS : k.CIC + 1] = self.crs, self.crc, self.cus, self.cuc, self.cis, self.cic
+        return row
+
 
 @dataclass(frozen=True, kw_only=True)
 class GlonassEphemeris:
@@ -119,6 +172,17 @@ class GlonassEphemeris:
         """Whether its message calls it good."""
         return self.health == 0
 
+    @cached_property
+    def orbit_row(self) -> Reals:
+        """(N_ORBIT,) clock and state as `orbit_kernels` take them."""
+        row = np.zeros(k.N_ORBIT)
+        row[k.KIND] = k.GLONASS
+        row[k.WEEK : k.AF2 + 1] = self.week, self.toe, 0.0, self.week, self.toe, -self.tau_n, self.gamma_n, 0.0
+        row[k.POSITION : k.VELOCITY] = self.position_m
+        row[k.VELOCITY : k.ACCELERATION] = self.velocity_m_s
+        row[k.ACCELERATION : k.ACCELERATION + 3] = self.acceleration_m_s2
+        return row
+
 
 BroadcastEphemeris = Ephemeris | GlonassEphemeris
 
@@ -132,6 +196,24 @@ def age_s(ephemeris: BroadcastEphemeris, gpst: np.datetime64) -> float:
     """Seconds between the time of ephemeris and the instant, either way."""
     since_week_s = float(seconds_between(gpst, instant(ephemeris.week, 0.0)))
     return abs(since_week_s - ephemeris.toe - ahead_of_system_s(ephemeris.sat))
+
+
+def group_delay_s(ephemeris: BroadcastEphemeris, band: str, code: str) -> float:
+    """What the user of this signal alone takes off the satellite's clock, in seconds; NaN where the message gives none.
+
+    GPS and QZSS: TGD on L1, gamma times that on L2 (IS-GPS-200N, 20.3.3.3.3.2). Galileo: the clock is that of the pair
+    E1, E5b in I/NAV and E1, E5a in F/NAV, and the delay between the same two counts (OS SIS ICD 2.1, 5.1.5). BeiDou:
+    the clock is that of B3I, TGD1 counts on B1I and TGD2 on B2I (BDS-SIS-ICD-B1I-3.0, 5.2.4.10); D1 says nothing of
+    B1C, which takes TGD1 for its nearest relative on almost the same carrier. GLONASS: the clock is that of G1.
+    """
+    if isinstance(ephemeris, GlonassEphemeris):
+        return {"G1": 0.0, "G2": ephemeris.delta_tau_n}.get(band, np.nan)
+    if ephemeris.sat[0] == "E":
+        pair, delay_s = ("E5a", ephemeris.tgd) if ephemeris.message == "FNAV" else ("E5b", ephemeris.tgd2)
+        return {"E1": delay_s, pair: delay_s * _GALILEO_GAMMA[pair]}.get(band, np.nan)
+    if ephemeris.sat[0] == "C":
+        return {"B1": ephemeris.tgd, "B1C": ephemeris.tgd, "B2": ephemeris.tgd2, "B3": 0.0}.get(band, np.nan)
+    return {"L1": ephemeris.tgd, "L2": ephemeris.tgd * (77.0 / 60.0) ** 2}.get(band, np.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,12 +245,51 @@ class NavigationData(ShortRepr):
     source: str = ""
     remarks: tuple[str, ...] = ()  # what was skipped or corrected on the way in
 
+    @cached_property
+    def orbit_rows(self) -> Reals:
+        """(n, N_ORBIT) all ephemerides as `orbit_kernels` take them."""
+        return np.array([e.orbit_row for e in self.ephemerides]).reshape(-1, k.N_ORBIT)
+
+    @cached_property
+    def reference_ns(self) -> Integers:
+        """(n,) the times of all ephemerides, in nanoseconds since 1970."""
+        return np.array([e.reference_gpst for e in self.ephemerides], "M8[ns]").astype(np.int64)
+
+    @cached_property
+    def healthy_rows(self) -> Mapping[str, Indices]:
+        """By satellite: which of the ephemerides are its healthy ones."""
+        rows: dict[str, list[int]] = {}
+        for row, ephemeris in enumerate(self.ephemerides):
+            if ephemeris.healthy:
+                rows.setdefault(ephemeris.sat, []).append(row)
+        return {sat: np.array(own, np.intp) for sat, own in rows.items()}
+
+    @cached_property
+    def _serving(self) -> dict[tuple[str, str, str], tuple[Indices, Reals]]:
+        return {}
+
+    def serving(self, sat: str, band: str, code: str) -> tuple[Indices, Reals]:
+        """Which of the ephemerides may serve a signal, all healthy ones of its satellite, and its group delay by each.
+
+        Returns
+        -------
+        (k,) rows of `ephemerides` and (k,) seconds, NaN where the message does not give the delay.
+        """
+        if (found := self._serving.get((sat, band, code))) is None:
+            rows = self.healthy_rows.get(sat, np.zeros(0, np.intp))
+            delays_s = np.array([group_delay_s(self.ephemerides[row], band, code) for row in rows], float)
+            found = self._serving[sat, band, code] = rows, delays_s
+        return found
+
     def best(self, sat: str, gpst: np.datetime64, *, max_age_s: float | None = None) -> BroadcastEphemeris | None:
         """The healthy ephemeris of `sat` nearest in time to `gpst`; None if none is within `max_age_s`.
 
         Without `max_age_s` it is that of the system, `MAX_AGE_S`.
         """
         limit_s = MAX_AGE_S.get(sat[:1], 0.0) if max_age_s is None else max_age_s
-        near = [(age_s(e, gpst), e) for e in self.ephemerides if e.sat == sat and e.healthy]
-        nearest_s, ephemeris = min(near, key=lambda pair: pair[0], default=(np.inf, None))
-        return ephemeris if nearest_s <= limit_s else None
+        rows = self.healthy_rows.get(sat)
+        if rows is None:
+            return None
+        ages_ns = np.abs(self.reference_ns[rows] - gpst.astype("M8[ns]").astype(np.int64))
+        nearest = int(np.argmin(ages_ns))
+        return self.ephemerides[rows[nearest]] if ages_ns[nearest] <= limit_s * 1e9 else None

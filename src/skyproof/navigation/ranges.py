@@ -7,11 +7,11 @@ import numpy as np
 from skyproof.arrays import Booleans, Indices, Instants, Integers, Reals
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.ephemeris import MAX_AGE_S, BroadcastEphemeris
+from skyproof.gnss.ephemeris import MAX_AGE_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.orbits import clock_polynomial_s, group_delay_s, satellite_state_s
+from skyproof.gnss.orbit_kernels import fill_ranges
 from skyproof.gnss.signals import time_scale_of
-from skyproof.gnss.time import seconds_between, week_and_tow
+from skyproof.gnss.time import week_and_tow
 from skyproof.records import Klobuchar, NavigationData, SignalId
 
 __all__ = [
@@ -89,24 +89,27 @@ def corrected_ranges(
     gpst : (n_epochs,) labels. pseudorange_m : (n_epochs, n_channels), one column a signal.
     with_unknown_delay : signals whose group delay no ephemeris gives keep it in their range; else they are NaN.
     """
-    pseudorange_m = np.asarray(pseudorange_m, np.float64)
+    pseudorange_m = np.ascontiguousarray(pseudorange_m, np.float64)
     week, tow_s = week_and_tow(gpst)
-    shown_tow_s = tow_s[:, None] - pseudorange_m / SPEED_OF_LIGHT_M_S  # by the satellite's clock
     shape = pseudorange_m.shape
     transmission_tow_s, drift, range_m = (np.full(shape, np.nan) for _ in range(3))
     position, velocity = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
     delay_unknown = np.zeros(shape, np.bool_)
-    for ephemeris, rows, columns in _in_use(navigation, signals, gpst, with_unknown_delay):
-        delay_s = np.array([group_delay_s(ephemeris, signals[c].band, signals[c].code) for c in columns])
-        cells = np.ix_(rows, columns)
-        sent_week, sent_tow_s = week[rows][:, None], shown_tow_s[cells]
-        sent_tow_s = sent_tow_s - clock_polynomial_s(ephemeris, sent_week, sent_tow_s)
-        state = satellite_state_s(ephemeris, sent_week, sent_tow_s)
-        transmission_tow_s[cells] = sent_tow_s
-        position[cells], velocity[cells] = state.position_ecef_m, state.velocity_ecef_m_s
-        drift[cells] = state.clock_drift
-        range_m[cells] = pseudorange_m[cells] + SPEED_OF_LIGHT_M_S * (state.clock_s - np.nan_to_num(delay_s))
-        delay_unknown[cells] = np.isnan(delay_s)
+    fill_ranges(
+        pseudorange_m,
+        week,
+        tow_s,
+        np.asarray(gpst, "M8[ns]").astype(np.int64),
+        *_in_use(navigation, signals, with_unknown_delay),
+        navigation.orbit_rows,
+        navigation.reference_ns,
+        transmission_tow_s,
+        position,
+        velocity,
+        drift,
+        range_m,
+        delay_unknown,
+    )
     return Ranges(
         week=week,
         transmission_tow_s=transmission_tow_s,
@@ -184,27 +187,18 @@ def atmosphere(
 
 
 def _in_use(
-    navigation: NavigationData, signals: tuple[SignalId, ...], gpst: Instants, with_unknown_delay: bool
-) -> list[tuple[BroadcastEphemeris, Indices, Indices]]:
-    """Every (ephemeris, rows of `gpst` that it serves, columns): the nearest in time of ephemeris that knows them."""
-    healthy: dict[str, list[BroadcastEphemeris]] = {signal.sat: [] for signal in signals}
-    for ephemeris in navigation.ephemerides:
-        if ephemeris.sat in healthy and ephemeris.healthy:
-            healthy[ephemeris.sat].append(ephemeris)
-    served: dict[tuple[str, tuple[int, ...]], list[int]] = {}
-    for column, signal in enumerate(signals):
-        own = healthy[signal.sat]
-        known = tuple(k for k, e in enumerate(own) if np.isfinite(group_delay_s(e, signal.band, signal.code)))
-        which = known if known or not with_unknown_delay else tuple(range(len(own)))
-        if which:
-            served.setdefault((signal.sat, which), []).append(column)
-    uses = []
-    for (sat, which), columns in served.items():
-        candidates = [healthy[sat][k] for k in which]
-        toe = np.array([e.reference_gpst for e in candidates])
-        age_s = np.abs(seconds_between(gpst[:, None], toe))
-        nearest = np.argmin(age_s, axis=1)
-        fresh = np.take_along_axis(age_s, nearest[:, None], axis=1)[:, 0] <= MAX_AGE_S.get(sat[0], 0.0)
-        of = np.array(columns, dtype=np.intp)
-        uses += [(candidates[k], np.flatnonzero(fresh & (nearest == k)), of) for k in np.unique(nearest[fresh])]
-    return uses
+    navigation: NavigationData, signals: tuple[SignalId, ...], with_unknown_delay: bool
+) -> tuple[Integers, Indices, Reals, Integers]:
+    """What serves each signal, as `fill_ranges` takes it: where its ephemerides begin, those of all signals one after
+    the other, its group delays by them, and the age to which they serve."""
+    serving = []
+    for signal in signals:
+        rows, delay_s = navigation.serving(signal.sat, signal.band, signal.code)
+        known = np.isfinite(delay_s)
+        serving.append((rows, delay_s) if with_unknown_delay and not known.any() else (rows[known], delay_s[known]))
+    first = np.cumsum([0, *(rows.size for rows, _ in serving)])
+    most_ns = np.array([round(MAX_AGE_S.get(signal.sat[0], 0.0) * 1e9) for signal in signals], np.int64)
+    rows, delay_s = (
+        np.concatenate([np.zeros(0, kind), *(own[k] for own in serving)]) for k, kind in enumerate((np.intp, float))
+    )
+    return first, rows, delay_s, most_ns

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
-from skyproof.gnss.orbits import group_delay_s
+from skyproof.gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris, group_delay_s
 from skyproof.gnss.signals import carrier_hz_of
 from skyproof.simulator.ranges import FIRST_SIGNAL
 

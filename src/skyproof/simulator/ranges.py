@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.ephemeris import BroadcastEphemeris
-from skyproof.gnss.orbits import group_delay_s, satellite_state_s
+from skyproof.gnss.ephemeris import BroadcastEphemeris, group_delay_s
+from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.time import week_and_tow
 
 __all__ = ["FIRST_SIGNAL", "Orbits", "Sight", "orbits_between"]

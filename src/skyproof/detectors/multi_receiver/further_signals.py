@@ -33,7 +33,7 @@ from skyproof.detectors.second_signals.detector import LEAST, MOST, elevation_ra
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.search import innovation
+from skyproof.navigation.search import WindowRanges, innovation
 from skyproof.navigation.sets import window_measurements
 from skyproof.records import ConsistentSet, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.clusters import line_clusters
@@ -88,6 +88,17 @@ class _Beside:
     direct: SignalId | None
 
 
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """One receiver's signals over a window, those of them that have an orbit (rows), and how strong all are."""
+
+    observations: Observations
+    signals: tuple[SignalId, ...]
+    ranges: WindowRanges
+    usable: Indices
+    level_dbhz: Mapping[SignalId, float]
+
+
 def further_signals(
     records: Records,
     skies: Sequence[Pairing],
@@ -109,9 +120,10 @@ def further_signals(
         known = named.union(*(one.subject for one in found))
         found += _second_skies(observed[receiver], chosen, sets.get(receiver, ()), known, each)
     known = named.union(*(one.subject for one in found))
+    measured = {name: _measured(records, observed[name], each) for name in {name for name, _ in true}}
     own = {}
     for (receiver, kind), chosen in true.items():
-        beside = _beside(records, observed[receiver], chosen, kind, each)
+        beside = _beside(records, measured[receiver], chosen, kind, each)
         places = {(receiver, signal.sat) for signal in chosen.signals if signal.kind == kind}
         own[receiver, kind] = [b for b in beside if b.ref not in known], places
     together = [_merged([own[name, kind] for name in sky.receivers]) for sky, kind in apart]
@@ -148,31 +160,38 @@ def _second_skies(
     return found
 
 
-def _beside(
-    records: Records, o: Observations, chosen: ConsistentSet, kind: tuple[str, str, str], rates: Rates
-) -> list[_Beside]:
-    """Credible signals of a kind that are not in the true set and clearly apart from what it predicts."""
+def _measured(records: Records, o: Observations, rates: Rates) -> _Measured | None:
+    """The signals of one receiver over the window; None without orbits."""
     if records.navigation is None:
-        return []
+        return None
     mean, measurements, usable = window_measurements(
         o, records.navigation, multipath_sigma_m=rates.multipath_sigma_m, ionosphere_share=0.25
     )
+    level_dbhz = {signal: _median(o.cn0_dbhz[:, column]) for column, signal in enumerate(o.signals)}
+    return _Measured(o, mean.signals, measurements, np.flatnonzero(usable), level_dbhz)
+
+
+def _beside(
+    records: Records, measured: _Measured | None, chosen: ConsistentSet, kind: tuple[str, str, str], rates: Rates
+) -> list[_Beside]:
+    """Credible signals of a kind that are not in the true set and clearly apart from what it predicts."""
+    if measured is None or records.navigation is None:
+        return []
+    o, level_dbhz, signals = measured.observations, measured.level_dbhz, measured.signals
     own = {signal.transmission: signal for signal in chosen.signals if signal.kind == kind}
     rows: Indices = np.array(
-        [k for k in np.flatnonzero(usable) if mean.signals[k].kind == kind and mean.signals[k] not in chosen.signals],
-        np.intp,
+        [k for k in measured.usable if signals[k].kind == kind and signals[k] not in chosen.signals], np.intp
     )
     if not rows.size:
         return []
     state_m = np.append(chosen.position_ecef_m, SPEED_OF_LIGHT_M_S * chosen.clock_of_s(kind))
     late_m, variance_m2 = innovation(
-        measurements, rows, np.tile(state_m, (rows.size, 1)), np.tile(chosen.covariance_m2, (rows.size, 1, 1))
+        measured.ranges, rows, np.tile(state_m, (rows.size, 1)), np.tile(chosen.covariance_m2, (rows.size, 1, 1))
     )
-    level_dbhz = {signal: _median(o.cn0_dbhz[:, column]) for column, signal in enumerate(o.signals)}
     best_dbhz = max((level_dbhz[s] for s in own.values() if np.isfinite(level_dbhz[s])), default=np.nan)
     found = []
     for row, late, variance in zip(rows, late_m, variance_m2, strict=True):
-        signal = mean.signals[row]
+        signal = signals[row]
         direct = own.get(signal.transmission)
         beside_dbhz = best_dbhz - _BLOCKED_DB if direct is None else level_dbhz[direct]
         over_db = level_dbhz[signal] - beside_dbhz
