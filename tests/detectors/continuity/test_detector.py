@@ -10,6 +10,7 @@ from scipy import stats
 from skyproof.app.common.windows import cut
 from skyproof.detectors.continuity.detector import CN0_MAX_DBHZ, Continuity, ContinuitySettings, common_level_p_value
 from skyproof.detectors.continuity.steps import Limits, Step, jumps, p_values, series_of
+from skyproof.detectors.continuity.untested import explain_few_epochs, explain_no_set, explain_no_step
 from skyproof.detectors.continuity.words import step_words
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
@@ -428,6 +429,55 @@ def test_what_is_lacking_is_reported():
     assert evidence.says == "undecided"
     assert evidence.would_need
     assert state is None
+
+
+def bare(o, *names):
+    """Without some of what is measured."""
+    return replace(o, **{name: np.full_like(getattr(o, name), np.nan) for name in names})
+
+
+def few(o, satellites, rows=slice(None)):
+    """Pseudoranges of so many satellites at most, at some epochs."""
+    ranges_m = o.pseudorange_m.copy()
+    ranges_m[rows, satellites:] = np.nan
+    return replace(o, pseudorange_m=ranges_m)
+
+
+@pytest.mark.parametrize(
+    ("lacks", "reason"),
+    [
+        (lambda o: few(o, 4), explain_few_epochs(few(observed(), 4), 0, stepped=False)),
+        (lambda o: few(o, 4, slice(2, None)), explain_few_epochs(observed(), 2, stepped=False)),
+        (
+            lambda o: bare(o, "carrier_cyc", "doppler_hz"),
+            explain_no_step(bare(observed(), "carrier_cyc", "doppler_hz")),
+        ),
+        (lambda o: replace(o, carrier_hz=np.full(len(o.signals), np.nan)), None),
+    ],
+    ids=["satellites", "epochs", "ranges alone", "frequencies"],
+)
+def test_each_reason_not_to_run_has_its_own_words(lacks, reason):
+    o = lacks(observed())
+    reason = reason or explain_no_step(o)
+    (evidence, *_), _ = Continuity().examine(windows(o)[0])
+    assert (evidence.because, evidence.would_need) == (reason.because, reason.would_need)
+    assert evidence.p_value is None
+
+
+def test_reasons_not_to_run_are_told_apart():
+    o = observed()
+    apart = replace(o, pseudorange_m=np.where(np.arange(len(o.signals)) % 2, o.pseudorange_m, np.nan))
+    reasons = [
+        explain_no_set("rx1"),
+        explain_few_epochs(few(o, 4), 0, stepped=False),
+        explain_few_epochs(o, 2, stepped=True),
+        explain_no_step(replace(o, carrier_hz=np.full(len(o.signals), np.nan))),
+        explain_no_step(bare(o, "carrier_cyc", "doppler_hz")),
+        explain_no_step(apart),
+    ]
+    codes = ["no_set", "few_satellites", "few_epochs", "no_frequency", "ranges_alone", "one_side"]
+    assert [reason.code for reason in reasons] == codes
+    assert len({reason.because for reason in reasons}) == len(codes)
 
 
 def test_settings_that_make_no_sense_are_refused():

@@ -39,6 +39,13 @@ from skyproof.detectors.continuity.one_sky import (
 )
 from skyproof.detectors.continuity.standing import moved_of
 from skyproof.detectors.continuity.steps import Limits, Series, Step, largest_step, series_of
+from skyproof.detectors.continuity.untested import (
+    LEAST_EPOCHS,
+    Untested,
+    explain_few_epochs,
+    explain_no_set,
+    explain_no_step,
+)
 from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely
 from skyproof.detectors.continuity.words import clock, drawn_off_words, moved_words, seconds, step_words
 from skyproof.errors import SettingsError, require_probability
@@ -137,6 +144,7 @@ class _Look:
     steps: tuple[tuple[frozenset[Kind], Step], ...] = ()  # the largest of each group of kinds
     moved: SkyMotion | None = None  # by carriers, of a receiver that is stated to stand
     drawn_off: SkyMotion | None = None  # by codes, and not by carriers
+    untested: Untested | None = None  # why no moment could be tested
 
     @property
     def p_value(self) -> float:
@@ -192,10 +200,10 @@ class _Window:
         self.alpha = self.settings.false_alarm_probability / _SHARES
 
     def examined(self) -> tuple[list[Evidence], _Past | None]:
-        looks = [self._looked(members, place) for members, place in self._candidates()]
-        looks = [look for look in looks if look.stretch.gpst.size > 1]
+        candidates = [self._looked(members, place) for members, place in self._candidates()]
+        looks = [look for look in candidates if look.stretch.gpst.size > 1]
         if not looks:
-            return [self._too_few()], self.past
+            return [self._untested(candidates[0] if candidates else None)], self.past
         look = max(looks, key=lambda look: look.p_value)
         return [
             *self._goes_on(look),
@@ -226,8 +234,8 @@ class _Window:
             sources=sources,
             new=stretch.gpst.size - now.gpst.size,
         )
-        if stretch.gpst.size < 3 or now.gpst.size == 0:
-            return look
+        if stretch.gpst.size < LEAST_EPOCHS or now.gpst.size == 0:
+            return replace(look, untested=explain_few_epochs(self.o, stretch.gpst.size, stepped=False))
         groups = self._groups(stretch, place_ecef_m)
         drawn_off = self._drawn_off(groups)
         if drawn_off is not None and self.past is not None:
@@ -236,9 +244,16 @@ class _Window:
                 drawn_off = drawn_off._replace(whole_sky_p_value=1.0)
         kept = stretch.elapsed_s >= (-np.inf if self.past is None else self.past.stepped_s)
         unbroken = groups if kept.all() else self._groups(rows_of(stretch, kept), place_ecef_m)
+        steps, n_kept = self._steps(look, unbroken), int(kept.sum())
+        untested = None
+        if not steps and n_kept < LEAST_EPOCHS:
+            untested = explain_few_epochs(self.o, n_kept, stepped=True)
+        elif not steps:
+            untested = explain_no_step(rows_of(stretch, kept))
         return replace(
             look,
-            steps=self._steps(look, unbroken),
+            steps=steps,
+            untested=untested,
             moved=self._moved(groups, place_ecef_m),
             drawn_off=drawn_off,
         )
@@ -292,7 +307,7 @@ class _Window:
         others = tuple(ref for ref in subject if ref.signal.kind not in broke)
         steps = [step for kinds, step in look.steps if not kinds <= broke.keys()]
         if not steps:
-            return found or [self._too_few()]
+            return found or [self._untested(look)]
         return [*found, *([self._unbroken(others, look, steps)] if others else [])]
 
     def _broke(self, look: _Look) -> dict[Kind, _Break]:
@@ -391,13 +406,15 @@ class _Window:
         first = self.past is None or not self.past.attacked
         return replace(still, says="attack", p_value=motion.whole_sky_p_value, noted=first, would_need=remedy)
 
-    def _too_few(self) -> Evidence:
+    def _untested(self, look: _Look | None) -> Evidence:
+        """Say why the signals of a candidate could not be tested, or why none is there."""
+        why = explain_no_set(self.o.receiver) if look is None else look.untested or explain_no_step(look.stretch)
         return undecided(
             self.detector,
             self.records,
             tuple(SignalRef(self.o.receiver, s) for s in self.o.signals),
-            because=f"too few satellites in {self.o.receiver} before and after any moment to tell whether they go on",
-            would_need="5 or more satellites with pseudoranges over a longer time",
+            because=why.because,
+            would_need=why.would_need,
         )
 
     def _subject(self, look: _Look) -> tuple[SignalRef, ...]:
