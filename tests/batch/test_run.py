@@ -104,7 +104,8 @@ import sys
 from pathlib import Path
 from skyproof.batch import Processes, Store, run
 from tests.batch.fake_work import Fake, fake_work, item
-with Store(Path(sys.argv[1])) as store, Processes(2) as processes:
+from skyproof.interruption import ENDING, listening
+with Store(Path(sys.argv[1])) as store, Processes(2) as processes, listening(*ENDING):
     print("begun", flush=True)
     errors, left = run([item(Fake(n, sleep_s=0.05)) for n in range(int(sys.argv[2]))], fake_work, store, processes,
                        say=lambda text: print(text, flush=True))
@@ -131,10 +132,14 @@ def wait_for_items(folder: Path, count: int) -> None:
         time.sleep(0.001)
 
 
-def test_ctrl_c_lets_items_end_and_what_is_left_is_done_next_time(tmp_path: Path) -> None:
+@pytest.mark.parametrize("whole_group", [False, True])
+def test_sigterm_lets_items_end_and_what_is_left_is_done_next_time(tmp_path: Path, whole_group: bool) -> None:
     started = driver(tmp_path, 1000)
     wait_for_items(tmp_path, 1)
-    started.send_signal(signal.SIGINT)
+    if whole_group:  # as a service manager asks every process of a service
+        for worker in Path(f"/proc/{started.pid}/task/{started.pid}/children").read_text().split():
+            os.kill(int(worker), signal.SIGTERM)
+    started.send_signal(signal.SIGTERM)
     out, _ = started.communicate(timeout=60)
     assert out.splitlines() == [
         "interrupted: items under way come to their end; interrupt again to stop them too",

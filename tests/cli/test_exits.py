@@ -81,15 +81,17 @@ def test_what_of_a_platform_file_no_method_uses_is_said_in_one_line(
         assert capsys.readouterr().err.splitlines()[-1] == f"skyproof: ship.toml: {remark}"
 
 
-def test_an_interruption_before_anything_is_decided_exits_with_130(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_before_anything_is_decided_exits_as_a_shell_does(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], number: signal.Signals, code: int
 ) -> None:
-    monkeypatch.setattr("skyproof.app.protect.protect", lambda *_, **__: signal.raise_signal(signal.SIGINT))
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    monkeypatch.setattr("skyproof.app.protect.protect", lambda *_, **__: signal.raise_signal(number))
+    before = signal.signal(number, signal.default_int_handler)  # a shell's background jobs ignore it
     try:
-        assert cli.main(PROTECT) == 130
+        assert cli.main(PROTECT) == code
+        assert signal.getsignal(number) is signal.default_int_handler
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(number, before)
     out, err = capsys.readouterr()
     assert (out, err) == ("", "skyproof: interrupted before there was a result\n")
 

@@ -1,20 +1,17 @@
 """The door: items in, results in a folder, whoever does them."""
 
-import signal
-import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from skyproof.batch.item import Ended, Item, Task, Work
 from skyproof.batch.store import Store
+from skyproof.interruption import Stopped, came, deferred
 
 __all__ = ["Runner", "run"]
 
 POLL_S = 0.5
-"""Between looks at whether Ctrl-C was pressed."""
+"""Between looks at whether the run is to end early."""
 
 
 class Runner(Protocol):
@@ -43,7 +40,8 @@ def run(
     """Do every item that the store does not have, and return the errors by key, and whether Ctrl-C left items out.
 
     An item whose worker dies is done once more, since that may not have been its fault; whoever loses two is listed.
-    After a first Ctrl-C no item is begun and those under way come to their end; a second one stops them.
+    After a first Ctrl-C, SIGTERM or SIGHUP no item is begun and those under way come to their end; a second one stops
+    them.
 
     Parameters
     ----------
@@ -53,7 +51,7 @@ def run(
     Raises
     ------
     ValueError : two items have one key, or the work is a function of the program itself, which others cannot import.
-    KeyboardInterrupt : Ctrl-C came twice.
+    Stopped : a signal came twice.
     """
     if len({item.key for item in items}) < len(items):
         raise ValueError("two items have one key")
@@ -67,39 +65,24 @@ def run(
     lost: set[str] = set()
     under_way = 0
     report(len(items) - len(waiting))
-    with _interruptions(say) as interrupted:
-        while under_way or (waiting and not interrupted()):
-            while waiting and runner.free > 0 and not interrupted():
-                runner.begin(Task(item=waiting.popleft(), work=work, store=store.folder.absolute()))
-                under_way += 1
-            for ended in runner.ended(POLL_S):
-                under_way -= 1
-                if ended.lost and ended.key not in lost:
-                    lost.add(ended.key)
-                    waiting.appendleft(by_key[ended.key])
-                elif ended.error is not None:
-                    errors[ended.key] = f"{ended.error}, twice" if ended.lost else ended.error
-            report(len(items) - len(waiting) - under_way)
-    return errors, bool(waiting)
-
-
-@contextmanager
-def _interruptions(say: Callable[[str], None]) -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed; a second one raises KeyboardInterrupt. Only the main thread hears of it."""
-    pressed = False
-
-    def press(number: int, frame: FrameType | None) -> None:
-        nonlocal pressed
-        if pressed:
-            raise KeyboardInterrupt("interrupted a second time: what is done is kept; the same command goes on from it")
-        pressed = True
-        say("interrupted: items under way come to their end; interrupt again to stop them too")
-
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: pressed
-        return
-    before = signal.signal(signal.SIGINT, press)
+    announced = False
     try:
-        yield lambda: pressed
-    finally:
-        signal.signal(signal.SIGINT, before)
+        with deferred():
+            while under_way or (waiting and not came()):
+                while waiting and runner.free > 0 and not came():
+                    runner.begin(Task(item=waiting.popleft(), work=work, store=store.folder.absolute()))
+                    under_way += 1
+                if came() and not announced:
+                    say("interrupted: items under way come to their end; interrupt again to stop them too")
+                    announced = True
+                for ended in runner.ended(POLL_S):
+                    under_way -= 1
+                    if ended.lost and ended.key not in lost:
+                        lost.add(ended.key)
+                        waiting.appendleft(by_key[ended.key])
+                    elif ended.error is not None:
+                        errors[ended.key] = f"{ended.error}, twice" if ended.lost else ended.error
+                report(len(items) - len(waiting) - under_way)
+    except Stopped:
+        raise Stopped("what is done is kept; the same command goes on from it") from None
+    return errors, bool(waiting)

@@ -1,7 +1,8 @@
 """Arguments in, words out: one module a command.
 
 Results go to standard output, everything else to standard error. Exit codes: 0 it ran to its end; with --exit-code
-0 authentic, 1 spoofed, 3 undecided; 2 an error, reported in one line; 130 interrupted, with what was decided so far.
+0 authentic, 1 spoofed, 3 undecided; 2 an error, reported in one line; 130, 143, 129 ended by Ctrl-C, SIGTERM, SIGHUP,
+with what was decided so far.
 
 A command's module is loaded when the command is called, and what computes (`skyproof.app`) when it is to work: help
 and errors come at once.
@@ -17,9 +18,10 @@ from itertools import pairwise
 
 from cyclopts import App, CycloptsError, Parameter
 
-from skyproof.cli.screen import INTERRUPTED, complain
+from skyproof.cli.screen import complain
 from skyproof.cli.usage import usage_words
 from skyproof.errors import SettingsError, SkyproofError
+from skyproof.interruption import ENDING, Stopped, came, interrupted_code, listening
 
 __all__ = ["app", "main"]
 
@@ -131,16 +133,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     # fifty times as long as the work takes; what is worth sharing out is shared out by satellite.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _open_streams()
+    with listening(*ENDING):
+        return _run(tokens)
+
+
+def _run(tokens: Sequence[str]) -> int:
     try:
         _require_no_empty(tokens)
         result = app(tokens, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()
         return result if isinstance(result, int) else 0
     except SystemExit:  # so Rich ends where who reads standard output is gone; 1 would say "spoofed"
-        return BROKEN_PIPE
+        return interrupted_code() if came() else BROKEN_PIPE
     except KeyboardInterrupt as interruption:
         complain(str(interruption) or "interrupted before there was a result")
-        return INTERRUPTED
+        return interrupted_code()
+    except Stopped as stop:
+        complain(f"interrupted a second time: {str(stop) or 'ended at once, nothing further was written'}")
+        return interrupted_code()
     except Exception as error:
         if (code := _unwritten(error)) is not None:
             return code
@@ -196,6 +206,8 @@ def _unwritten(error: Exception) -> int | None:
     """The exit code if standard output could not be written; files that cannot raise an error of ours."""
     if not isinstance(error, OSError) or error.filename is not None or error.errno not in _UNWRITTEN:
         return None
+    if came():  # the terminal is gone with the connection, or who reads has ended with us
+        return interrupted_code()
     if isinstance(error, BrokenPipeError):
         return BROKEN_PIPE  # who reads has read enough
     complain(f"standard output cannot be written ({error.strerror}); files that were to be written are whole")

@@ -9,8 +9,8 @@ from cyclopts import Parameter
 from skyproof import app
 from skyproof.cli.options import Debug, Json
 from skyproof.cli.progress import progress
-from skyproof.cli.screen import INTERRUPTED
 from skyproof.cli.summary import print_result
+from skyproof.interruption import interrupted_code
 
 __all__ = ["demo"]
 
@@ -29,4 +29,4 @@ def demo(
     print_result(result, as_json=json)
     if open_report and result.folder is not None:
         webbrowser.open((result.folder / "report.html").resolve().as_uri())
-    return INTERRUPTED if result.interrupted else 0
+    return interrupted_code() if result.interrupted else 0

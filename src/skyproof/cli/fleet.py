@@ -11,7 +11,8 @@ from rich.console import Console
 from skyproof import app
 from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
-from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_path, print_table, table, words
+from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
+from skyproof.interruption import interrupted_code
 
 if TYPE_CHECKING:
     from skyproof.app.fleet import FleetResult
@@ -58,7 +59,7 @@ def fleet(
         complain(f"and {len(failed) - MOST_FAILED} more that failed; {result.folder / 'fleet.html'} lists all")
     if result.interrupted:
         complain("interrupted: not all items were done; the same command goes on from here")
-        return INTERRUPTED
+        return interrupted_code()
     return 0
 
 

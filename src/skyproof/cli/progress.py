@@ -2,8 +2,9 @@
 
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import timedelta
+from typing import IO, Any, cast
 
 from rich import progress as rich_progress
 from rich.console import Console
@@ -21,7 +22,26 @@ BAR_WIDTH, BESIDE_WIDTH = 24, 24
 
 def progress() -> Progress:
     """Bars only where standard error is a terminal, whatever colours are asked for: a log shall hold no bars."""
-    return _Bars(Console(stderr=True)) if sys.stderr.isatty() else _Lines()
+    return _Bars(Console(file=cast(IO[str], _Bearing(sys.stderr)))) if sys.stderr.isatty() else _Lines()
+
+
+class _Bearing:
+    """A stream that bears not being written: a terminal that is closed does not end the work."""
+
+    def __init__(self, stream: IO[str]) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        with suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._stream.flush()
 
 
 class _Lines:

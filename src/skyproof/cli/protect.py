@@ -8,8 +8,8 @@ from cyclopts import Parameter
 from skyproof import app
 from skyproof.cli.options import Debug, Duration, Json, Nav, Place, Reach, Start, Tracking, setting
 from skyproof.cli.progress import progress
-from skyproof.cli.screen import INTERRUPTED
 from skyproof.cli.summary import print_result
+from skyproof.interruption import interrupted_code
 
 __all__ = ["protect"]
 
@@ -69,5 +69,5 @@ def protect(
     )
     print_result(result, as_json=json)
     if result.interrupted:
-        return INTERRUPTED
+        return interrupted_code()
     return EXIT_CODES[result.verdict.verdict] if exit_code else 0

@@ -9,7 +9,8 @@ from rich.console import Console
 from skyproof import app
 from skyproof.cli.options import Debug, Duration, Nav, OneDocument, Place, Reach, Start, Tracking
 from skyproof.cli.progress import progress
-from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_path, words
+from skyproof.cli.screen import complain, print_document, print_path, words
+from skyproof.interruption import interrupted_code
 
 __all__ = ["receive"]
 
@@ -58,4 +59,4 @@ def receive(
                 console.print(words(f"  {remark}", style="dim"))
         if result.folder is not None:
             print_path("files in", result.folder)
-    return INTERRUPTED if result.interrupted else 0
+    return interrupted_code() if result.interrupted else 0

@@ -12,10 +12,7 @@ from rich.text import Text
 
 from skyproof.errors import readable
 
-__all__ = ["INTERRUPTED", "complain", "print_document", "print_path", "print_table", "table", "words"]
-
-INTERRUPTED = 130
-"""Exit code."""
+__all__ = ["complain", "print_document", "print_path", "print_table", "table", "words"]
 
 
 def complain(text: str) -> None:

@@ -9,8 +9,9 @@ from rich.console import Console
 from skyproof import app
 from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
-from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_path, print_table, table, words
+from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.errors import SettingsError
+from skyproof.interruption import interrupted_code
 
 if TYPE_CHECKING:
     from skyproof.app.scenes.simulate import SimulateResult
@@ -86,7 +87,7 @@ def simulate(
         print_document(app.simulate.document_json(result))
     else:
         _print_result(result)
-    return INTERRUPTED if result.interrupted else 0
+    return interrupted_code() if result.interrupted else 0
 
 
 def _draw_all(folder: Path) -> int:

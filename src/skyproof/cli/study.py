@@ -18,9 +18,10 @@ from skyproof.app.common.platform import read_platform
 from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
 from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
-from skyproof.cli.screen import INTERRUPTED, complain, print_document, print_path, print_table, table
+from skyproof.cli.screen import complain, print_document, print_path, print_table, table
 from skyproof.errors import OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
+from skyproof.interruption import interrupted_code
 from skyproof.report.chart import chart_svg
 from skyproof.studies import studies
 from skyproof.studies.base import COLUMNS, Row, Study, StudySettings
@@ -92,7 +93,7 @@ def study(
         write_lines(path, str(chart_svg(rows, chosen.charts)).splitlines(), encoding="utf-8")
         if not json:
             print_path("chart:", path)
-    return INTERRUPTED if interrupted else 0
+    return interrupted_code() if interrupted else 0
 
 
 def _settings(trials: int | None, seed: int, quick: bool) -> StudySettings:

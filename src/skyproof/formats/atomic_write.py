@@ -6,7 +6,6 @@ import fcntl
 import hashlib
 import os
 import shutil
-import signal
 import uuid
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -89,13 +88,12 @@ def writing_together(folder: Path, *, instead_of: Iterable[str] = (), last: str 
                 left.unlink()
         yield part
         names = {path.name for path in part.iterdir()} - {replaced(last)}
-        with _undisturbed():
-            if last and (folder / last).exists():
-                os.replace(folder / last, part / replaced(last))
-            for name in {*instead_of, *names}:
-                (folder / name).unlink(missing_ok=True)
-            for name in sorted(names, key=lambda name: (name == last, name)):
-                os.replace(part / name, folder / name)
+        if last and (folder / last).exists():
+            os.replace(folder / last, part / replaced(last))
+        for name in {*instead_of, *names}:
+            (folder / name).unlink(missing_ok=True)
+        for name in sorted(names, key=lambda name: (name == last, name)):
+            os.replace(part / name, folder / name)
     except OutputError as error:
         raise OutputError(str(error).replace(f"{UNFINISHED}{os.sep}", "")) from error
     except OSError as error:
@@ -127,16 +125,6 @@ def _locked(part: Path) -> int:
     except OSError:  # a file system without locks
         pass
     return lock
-
-
-@contextlib.contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Ctrl-C waits for the end of the block."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _remove_left(part: Path) -> None:

@@ -13,6 +13,7 @@ from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.detectors.base import Detector
 from skyproof.detectors.registry import examined, load_detectors, made_with, review_of
+from skyproof.interruption import watch
 from skyproof.navigation.clock import time_breaks
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
@@ -312,25 +313,25 @@ def examine_all(
     progress: Progress,
     report: Callable[[Sequence[Evidence]], None] | None = None,
 ) -> tuple[Sequence[Evidence], Sequence[ConsistentSet], bool]:
-    """The evidence of all detectors and windows, the sets found in them, and whether Ctrl-C left windows out.
+    """The evidence of all detectors and windows, the sets found in them, and whether a signal left windows out.
 
     report : is called with the evidence of each window as it comes.
     """
     evidence, sets = _Kept(), PackedLog[ConsistentSet]()
     states: States = {}
-    interrupted = False
-    try:
-        with progress.stage("examining the signals, window by window", len(windows)) as stage:
-            for number, records in enumerate(windows, 1):
-                said, states = examine(detectors, records, states)
-                evidence.take(said)
-                if report is not None:
-                    report(said)
-                sets.extend(records.sets)
-                stage.advance(number)
-    except KeyboardInterrupt:
-        interrupted = True
-    return reviewed(detectors, evidence.all), sets, interrupted
+    interrupted, cut_short = watch(), False
+    with progress.stage("examining the signals, window by window", len(windows)) as stage:
+        for number, records in enumerate(windows, 1):
+            said, states = examine(detectors, records, states)
+            evidence.take(said)
+            if report is not None:
+                report(said)
+            sets.extend(records.sets)
+            stage.advance(number)
+            if interrupted() and number < len(windows):
+                cut_short = True
+                break
+    return reviewed(detectors, evidence.all), sets, cut_short
 
 
 class _Kept:

@@ -1,6 +1,7 @@
 """The main job: recordings and observations in, spoofed signals named, the true position out."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import combinations
@@ -39,6 +40,7 @@ from skyproof.fusion.fuse import Decision, fuse
 from skyproof.fusion.place import displacements
 from skyproof.fusion.rivals import FixMaker
 from skyproof.gnss.time import iso, seconds_between
+from skyproof.interruption import Stopped, came, deferred, heard
 from skyproof.navigation.foresight import Foresight, Standing
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known
@@ -64,7 +66,7 @@ COMMON_SHARE = 0.9
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ProtectResult(ShortRepr):
-    """What `protect` gives: the verdict, the folder with all outputs, and whether Ctrl-C ended it early.
+    """What `protect` gives: the verdict, the folder with all outputs, and whether a signal (Ctrl-C) ended it early.
 
     outcome : everything behind the verdict, for a notebook: observations, evidence, fixes, labels. Measurements of a
         long run (4096 epochs and more) are on a disk as long as this is held, or if a folder was given until its
@@ -117,16 +119,17 @@ def protect(
     nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
     body_files = open_body(carrier, str(platform or imu))
     paths, called = inputs_of(carrier, inputs, str(platform))
-    with Workspace(None if out is None else Path(out)) as workspace:
-        sources = open_inputs(paths, settings, navigation, called, workspace)
-        stated = _stated_sums(sources)
-        names = [source.name for source in sources]
-        tables = described(carrier, names, str(platform))
-        settings, unused = settings_of(carrier, settings, names, tables)
-        arrays = arrays_of(tables, {source.name: len(antennas_of(source)) for source in sources}, str(platform))
-        _require_two(settings, names)
-        _require_orbits(sources, navigation)
-        units = antenna_units(unit_of(carrier, body_files, names, tables, _first_sample(sources)))
+    with deferred(), Workspace(None if out is None else Path(out)) as workspace:
+        with heard():  # nothing is decided yet
+            sources = open_inputs(paths, settings, navigation, called, workspace)
+            stated = _stated_sums(sources)
+            names = [source.name for source in sources]
+            tables = described(carrier, names, str(platform))
+            settings, unused = settings_of(carrier, settings, names, tables)
+            arrays = arrays_of(tables, {source.name: len(antennas_of(source)) for source in sources}, str(platform))
+            _require_two(settings, names)
+            _require_orbits(sources, navigation)
+            units = antenna_units(unit_of(carrier, body_files, names, tables, _first_sample(sources)))
         receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace, units)
         give_back()
         _same_time(receptions, navigation)
@@ -146,11 +149,9 @@ def protect(
             workspace,
             foresights=foresights_of(names, settings, carrier, tables, unit),
         )
-        if interrupted and cut_short:
-            raise KeyboardInterrupt("interrupted a second time: nothing was decided, and nothing written")
         interrupted |= cut_short
         # Whoever interrupts does not wait for the sums of large files.
-        sums, stopped = ({}, False) if interrupted else _sums(_files(receptions), progress)
+        sums = {} if came() else _sums(_files(receptions), progress)
         notes = [note for r in receptions for note in _notes(r, interrupted, sums)]
         notes += [InputNote(path=path, format="sidecar", sha256=sum_, remarks=()) for path, sum_ in stated.items()]
         if nav is not None:
@@ -166,12 +167,11 @@ def protect(
                 InputNote(path=readable(str(platform)), format="platform", sha256=platform_sum, remarks=remarks)
             )
         verdict = document(outcome, notes, settings, interrupted=interrupted)
-        interrupted |= stopped
         if out is not None:
-            interrupted = _write(Path(out), verdict, outcome, settings, progress, interrupted)
-    return ProtectResult(
-        verdict=verdict, outcome=outcome, folder=None if out is None else Path(out), interrupted=interrupted
-    )
+            _write(Path(out), verdict, outcome, settings, progress)
+        return ProtectResult(
+            verdict=verdict, outcome=outcome, folder=None if out is None else Path(out), interrupted=came()
+        )
 
 
 def _received(
@@ -183,7 +183,7 @@ def _received(
     workspace: Workspace,
     units: Mapping[str, AntennaUnit],
 ) -> tuple[list[Reception], bool]:
-    """What each source's receiver received, in their order, and whether Ctrl-C ended the tracking early."""
+    """What each source's receiver received, in their order, and whether a signal ended the tracking early."""
     recordings = [one for one in sources if isinstance(one, Samples) and not is_short(one)]
     trackers, interrupted = track(
         recordings, settings, progress, navigation, summed=True, asked=asked(), workspace=workspace, units=units
@@ -194,7 +194,8 @@ def _received(
 
     def received(source: Samples | ObservedFile) -> Reception:
         if not isinstance(source, Samples):
-            return observed(source, workspace)
+            with nullcontext() if trackers else heard():  # what was tracked is not lost for it
+                return observed(source, workspace)
         array = arrays.get(source.name)
         if is_short(source):
             return observe_short(source, navigation, settings, progress, array)
@@ -257,21 +258,12 @@ def verdict_of(
     return protect(list_paths(inputs), nav=nav, out=out, **options).verdict
 
 
-def _write(
-    folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress, interrupted: bool
-) -> bool:
-    """Write all outputs, through a first Ctrl-C: everything is decided by now. Returns whether there was one."""
-    while True:
-        try:
-            write_outputs(folder, verdict, outcome, settings, progress)
-            return interrupted
-        except KeyboardInterrupt:
-            if interrupted:
-                raise KeyboardInterrupt(
-                    f"interrupted a second time: the verdict is {verdict.verdict!r}, but its files were not written; "
-                    f"{folder} is as it was"
-                ) from None
-            interrupted = True
+def _write(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
+    """Write all outputs; a second signal ends that, and its message names the verdict."""
+    try:
+        write_outputs(folder, verdict, outcome, settings, progress)
+    except Stopped:
+        raise Stopped(f"the verdict is {verdict.verdict!r}, but not all files were written to {folder}") from None
 
 
 def judge(
@@ -284,7 +276,7 @@ def judge(
     workspace: Workspace | None = None,
     foresights: Mapping[str, Foresight] | None = None,
 ) -> tuple[Outcome, bool]:
-    """Windows, evidence, decision and fixes from what the receivers received, and whether Ctrl-C left windows out.
+    """Windows, evidence, decision and fixes from what the receivers received, and whether a signal left windows out.
 
     body : that carries all antennas. workspace : where evidence is written as it comes. foresights : by receiver, what
         chooses between skies where nothing else does; from the settings alone if absent.
@@ -479,17 +471,18 @@ def _stated_sums(sources: Sequence[Samples | ObservedFile]) -> dict[str, str]:
     return {readable(str(file)): sha256(file) for file in dict.fromkeys(files) if file is not None}
 
 
-def _sums(files: Mapping[str, OpenFile], progress: Progress) -> tuple[dict[str, str | None], bool]:
-    """SHA-256 of each file, of the bytes that were worked on as they were then; and whether Ctrl-C left some out."""
+def _sums(files: Mapping[str, OpenFile], progress: Progress) -> dict[str, str | None]:
+    """SHA-256 of each file, of the bytes that were worked on as they were then; a signal leaves some out."""
     sums: dict[str, str | None] = {}
-    try:
-        with progress.stage("computing checksums of the inputs", float(len(files))) as stage:
-            for number, (path, file) in enumerate(files.items()):
-                sums[path] = file.sha256(_from(number, stage))
-                stage.advance(number + 1.0)
-    except KeyboardInterrupt:
-        return sums, True
-    return sums, False
+    with (
+        suppress(KeyboardInterrupt),
+        heard(),
+        progress.stage("computing checksums of the inputs", float(len(files))) as stage,
+    ):
+        for number, (path, file) in enumerate(files.items()):
+            sums[path] = file.sha256(_from(number, stage))
+            stage.advance(number + 1.0)
+    return sums
 
 
 def _from(number: int, stage: Stage) -> Callable[[int, int], None]:

@@ -1,7 +1,7 @@
 """Track every signal in recordings and write what was measured, without judging it."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -22,6 +22,7 @@ from skyproof.formats.atomic_write import writing_together
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.gnss.time import iso
+from skyproof.interruption import came, deferred
 from skyproof.navigation.fix import fix
 from skyproof.records import FixStatus, NavigationData, ObservationLog, Observations
 from skyproof.short_repr import ShortRepr
@@ -35,7 +36,7 @@ HEADER_FIXES: Final = 25  # about so many make the approximate position of a hea
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ReceiveResult(ShortRepr):
-    """What each receiver received, the folder with its files, and whether Ctrl-C ended it early.
+    """What each receiver received, the folder with its files, and whether a signal (Ctrl-C) ended it early.
 
     Measurements of a recording longer than some 13 minutes are on a disk as long as this is held, or if a folder was
     given until its files are written.
@@ -129,36 +130,17 @@ def receive(
         check_folder(out)
     recordings = only_recordings(open_inputs(list_paths(inputs), settings))
     navigation = None if nav is None else read_nav(Path(nav))
-    with Workspace(None if out is None else Path(out)) as workspace:
+    with deferred(), Workspace(None if out is None else Path(out)) as workspace:
         trackers, interrupted = track(recordings, settings, progress, navigation, watchful=False, workspace=workspace)
         if not interrupted:
             require_signals(trackers)
         receptions = tuple(observe(tracker, navigation, workspace=workspace) for tracker in trackers)
         signals = tuple(signals_of(r.observations) for r in receptions)
         if out is None:
-            return ReceiveResult(receptions=receptions, signals=signals, interrupted=interrupted)
-        files, again = _write(Path(out), receptions, navigation, interrupted)
-    return ReceiveResult(
-        receptions=receptions, signals=signals, folder=Path(out), files=files, interrupted=interrupted or again
-    )
-
-
-def _write(
-    folder: Path, receptions: Sequence[Reception], navigation: NavigationData | None, interrupted: bool
-) -> tuple[tuple[tuple[str, ...], ...], bool]:
-    """Write all receivers' files, through a first Ctrl-C: all is received by now. Returns their names, and whether
-    there was one."""
-    while True:
-        try:
-            with writing_together(folder) as part:
-                names = tuple(_written(part, reception, navigation) for reception in receptions)
-            return names, interrupted
-        except KeyboardInterrupt:
-            if interrupted:
-                raise KeyboardInterrupt(
-                    f"interrupted a second time, before what was received could be written; {folder} is as it was"
-                ) from None
-            interrupted = True
+            return ReceiveResult(receptions=receptions, signals=signals, interrupted=came())
+        with writing_together(Path(out)) as part:
+            files = tuple(_written(part, reception, navigation) for reception in receptions)
+        return ReceiveResult(receptions=receptions, signals=signals, folder=Path(out), files=files, interrupted=came())
 
 
 def _written(folder: Path, reception: Reception, navigation: NavigationData | None) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from skyproof.errors import InputError
 from skyproof.formats.pieces import Workspace
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import week_and_tow
+from skyproof.interruption import watch
 from skyproof.navigation.horizon import sats_above
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.receiver.channels import Arc, Gap
@@ -172,11 +173,12 @@ def track(
 
     units : inertial units by recording, which carry vector tracking from row to row.
 
-    Returns the trackers and whether Ctrl-C ended it early: what was tracked until then is kept.
+    Returns the trackers and whether a signal ended it early: what was tracked until then is kept.
     """
     if not recordings:
         return [], False
     progress = progress or Silent()
+    interrupted = watch()
     kept = workspace or Workspace()
     trackers = [
         _tracker(samples, settings, navigation, watchful, asked or Asked(), kept, (units or {}).get(samples.name))
@@ -187,17 +189,14 @@ def track(
             samples.file.sum_as_read()
     names = ", ".join(s.name for s in recordings)
     total_s = sum(s.duration_s for s in recordings)
-    try:
-        with progress.stage(f"tracking {names}", total_s) as stage:
-            running = True
-            while running:
-                running = False
-                for tracker in trackers:
-                    running |= tracker.advance()
-                    stage.advance(sum(t.examined_s for t in trackers))
-    except KeyboardInterrupt:
-        return trackers, True
-    return trackers, False
+    with progress.stage(f"tracking {names}", total_s) as stage:
+        running = True
+        while running and not interrupted():
+            running = False
+            for tracker in trackers:
+                running |= tracker.advance()
+                stage.advance(sum(t.examined_s for t in trackers))
+    return trackers, interrupted()
 
 
 def _tracker(
