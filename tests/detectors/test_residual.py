@@ -9,6 +9,7 @@ from skyproof.errors import SettingsError
 from skyproof.navigation.chance import chance_p_value
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import window_mean
+from skyproof.records import OBSERVABLES
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 ERRORS = TrackErrors(sigma_m=1.0, constant_m=1.0)
@@ -100,6 +101,25 @@ def test_the_chance_counts_the_sets_that_second_signals_could_form_and_no_others
     sigma_m = [np.hypot(mean.sigma_m[mean.signals.index(s)], 1.0) for s in false.signals]
     alone = chance_p_value(sigma_m, window_m=300.0, largest_statistic=false.statistic)  # one set of all of them
     assert second_sky_p_value(records.observations[0], (sky, false), unrelated_spread_m=300.0) == pytest.approx(alone)
+
+
+@pytest.mark.parametrize(("of", "least", "most"), [(5, 1e-2, 1.0), (10, 0.0, 1e-7)])
+def test_few_satellites_of_another_kind_fit_elsewhere_by_chance(of, least, most):
+    """As where their orbits or clocks are wrong by some hundred metres, each by its own: no second sky."""
+    records = scene().records(np.random.default_rng(0))
+    (sky,) = records.sets
+    (o,) = records.observations
+    there = tuple(
+        replace(signal, sat=f"E{number:02d}", band="E1", code="C") for number, signal in enumerate(o.signals, 1)
+    )
+    both = replace(
+        o,
+        signals=o.signals + there,
+        **{name: np.tile(getattr(o, name), (1, 2)) for name in (*OBSERVABLES, "status", "half_cycle_open")},
+        **{name: np.tile(getattr(o, name), 2) for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")},
+    )
+    other = replace(sky, signals=there[:of], position_ecef_m=sky.position_ecef_m + 400.0, statistic=1.0, dof=of - 4)
+    assert least <= second_sky_p_value(both, (sky, other), unrelated_spread_m=300.0) <= most
 
 
 def test_the_chance_of_a_second_set_falls_with_its_size_and_is_one_without():

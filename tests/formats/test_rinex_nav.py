@@ -16,7 +16,7 @@ from skyproof.errors import InputError, OutputError
 from skyproof.formats.rinex_nav import glonass_channels, parse_nav, read_nav, write_nav
 from skyproof.gnss.ephemeris import Ephemeris, NavigationData, UtcParameters
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.time import gpst, parse_iso, seconds_between
+from skyproof.gnss.time import gpst, parse_iso, seconds_between, week_and_tow
 
 VERSION_2 = """\
      2              NAVIGATION DATA                         RINEX VERSION / TYPE
@@ -257,8 +257,47 @@ def test_the_week_of_utc_is_resolved_whatever_the_writer_counted():
 def test_years_of_two_digits_run_from_1980_to_2079(year, full):
     lines = changed(VERSION_2[:15], 7, " 1 22  1  1", f" 1 {year}  1 12")
     lines = changed(lines, 12, "0.219000000000D+04", " " * 18)
+    _, tow_s = week_and_tow(parse_iso(f"{full}-01-12"))
+    lines = changed(lines, 10, "0.518400000000D+06", f"0.{round(tow_s):06d}000000D+06")
     eph = parse_nav(lines).ephemerides[0]
     assert gpst(eph.toc_week, eph.toc) == parse_iso(f"{full}-01-12")
+
+
+@pytest.mark.parametrize("hours", [-24, -9, -1, 1, 24])
+def test_a_clock_of_another_time_than_the_orbit_is_left_out(hours):
+    """As where the dates of a file were edited and the times of ephemeris were not."""
+    text = GPS_RECORD[0]
+    when = np.datetime64("2024-06-24T10:00:00") + np.timedelta64(hours, "h")
+    edited = f"G05 {str(when)[:19].replace('-', ' ').replace('T', ' ').replace(':', ' ')}{text[23:]}"
+    second = ["G06" + GPS_RECORD[0][3:], *GPS_RECORD[1:]]
+    navigation = parse_nav([*VERSION_3_HEADER, edited, *GPS_RECORD[1:], *second])
+    assert [eph.sat for eph in navigation.ephemerides] == ["G06"]
+    (remark,) = navigation.remarks
+    assert f"{hours:+.2f} h" in remark
+
+
+@pytest.mark.parametrize(
+    ("line", "old", "new"),
+    [
+        (2, "1.8626E-08", "1.8626E-05"),  # more than the message can hold
+        (2, "2.2352E-08", "9.2352E-07"),  # so dense is no ionosphere
+        (3, "1.2902E+05", "1.2902E+09"),
+    ],
+    ids=["alpha", "dense", "beta"],
+)
+def test_an_impossible_ionosphere_is_left_out(line, old, new):
+    header = changed(VERSION_3_HEADER, line, old, new)
+    navigation = parse_nav([*header, *GPS_RECORD])
+    assert navigation.ionosphere is None
+    assert any("ionosphere" in remark for remark in navigation.remarks)
+
+
+@pytest.mark.parametrize("leaps", [0, 15, 37, 180])
+def test_impossible_leap_seconds_are_left_out(leaps):
+    header = changed(VERSION_3_HEADER, 6, "    18    18", f"{leaps:6d}{leaps:6d}")
+    navigation = parse_nav([*header, *GPS_RECORD])
+    assert navigation.utc.leap_seconds == 18
+    assert any("leap seconds" in remark for remark in navigation.remarks)
 
 
 # Records of KMS3, 8 June 2022.
@@ -520,6 +559,7 @@ def test_a_place_that_cannot_be_written_is_reported(tmp_path):
 REAL = {
     "rf/brdc0010.22n": "G422",
     "real/brdc/brdc3050.12n": "G423",
+    "real/phone-orientation/hour3460.19n": "G306",
     "real/rinex-gsi-3km/07590920.05n": "G162",
     "real/rinex-gsi-3km/30400920.05n": "G164",
     "real/rinex-mosaic-1m/base.nav": "C32 E67 G13 J3 R19",

@@ -9,8 +9,9 @@ import pytest
 from skyproof.errors import InputError, ScenarioError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.ephemeris import Ephemeris
-from skyproof.gnss.lnav import is_plausible, quantised
+from skyproof.gnss.lnav import quantised
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.orbit_faults import orbit_fault
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.scenario import Scenario, parse_scenario
 from skyproof.simulator.sky import scene_of
@@ -70,7 +71,7 @@ def test_they_move_as_gps_satellites_do() -> None:
         assert isinstance(one, Ephemeris)
         assert isinstance(other, Ephemeris)
         assert quantised(one) == one  # a receiver that decodes the message has the same orbit
-        assert is_plausible(one)
+        assert orbit_fault(one) is None
         assert one.m0 != other.m0
     nominal = nominal_constellation(scenario().start_gpst).ephemerides[0]
     assert isinstance(nominal, Ephemeris)

@@ -22,6 +22,7 @@ from skyproof.formats.bounds import NAVIGATION_BYTES, Remarks
 from skyproof.formats.byte_io import unpacked
 from skyproof.gnss.constants import SECONDS_PER_DAY, SECONDS_PER_WEEK
 from skyproof.gnss.ephemeris import (
+    SYSTEM_NAMES,
     BroadcastEphemeris,
     Ephemeris,
     GlonassEphemeris,
@@ -29,7 +30,9 @@ from skyproof.gnss.ephemeris import (
     NavigationData,
     UtcParameters,
 )
-from skyproof.gnss.lnav import URA_M, is_plausible
+from skyproof.gnss.lnav import URA_M
+from skyproof.gnss.orbit_agreement import contradicted
+from skyproof.gnss.orbit_faults import ionosphere_fault, orbit_fault
 from skyproof.gnss.time import (
     gpst,
     gpst_from_utc,
@@ -55,16 +58,11 @@ _READ: Final = {
     "C": ("EPH", "EPH D1", "EPH D2"),
     "R": ("EPH", "EPH FDMA"),
 }
-_NAMES: Final = {"G": "GPS", "J": "QZSS", "E": "Galileo", "C": "BeiDou", "R": "GLONASS"}
 _MOST_SATS: Final = {"G": 32, "J": 10, "E": 36, "C": 63, "R": 28}
-_ORBITS: Final = {
-    "E": (5150.0, 5600.0, 0.2, 0.8, 1.2),
-    "J": (6300.0, 6700.0, 0.2, -0.1, 1.2),
-    "C": (5100.0, 6700.0, 0.1, -0.2, 1.3),
-}
-"""Bounds of sqrt_a, e and i0; two Galileo satellites missed their orbit (e 0.17), i0 of GEOs is small."""
 _BDT_WEEK_0: Final = 1356  # the GPS week in which BDT began
 _D2_SATS: Final = frozenset((*(f"C{n:02d}" for n in range(1, 6)), *(f"C{n:02d}" for n in range(59, 64))))
+_MOST_LEAPS_OFF: Final = 2
+"""Leap seconds that a file may have and the table built in has not: since 1999 there was one in two years at most."""
 _NOMINAL_URA_M: Final = (2.0, 2.8, 4.0, 5.7, 8.0, 11.3, *(2.0 ** (k - 2) for k in range(6, 16)))
 """What files give for accuracy index 0 to 15 (IS-GPS-200N, 20.3.3.3.1.3)."""
 
@@ -97,15 +95,17 @@ def parse_nav(lines: Iterable[str], *, source: str = "navigation data") -> Navig
     found = _Found()
     for record in _records(body, header.version, header.default_system):
         found.take(record, header.version)
+    found.leave_out_contradicted()
     if not found.ephemerides:
         others = f"; {found.others_named()}" if found.others else ""
         broken = f"; {found.damaged.named[0]}" if found.damaged.named else ""
         raise InputError(f"{source}: no ephemeris after line {header.last_line}{others}{broken}; {_TO_DO}")
     week = max(e.week for e in found.ephemerides)
+    utc = header.utc(week, found.ephemerides[0].reference_gpst)
     return NavigationData(
         ephemerides=tuple(found.ephemerides),
-        ionosphere=found.ionosphere or header.ionosphere,
-        utc=header.utc(week, found.ephemerides[0].reference_gpst),
+        ionosphere=found.ionosphere or header.possible_ionosphere(),
+        utc=utc,
         source=source,
         remarks=(*header.remarks.words("further header lines left out"), *found.remarks()),
     )
@@ -151,7 +151,19 @@ class _Header:
             return None
         return Klobuchar(alpha=self.alpha, beta=self.beta)
 
+    def possible_ionosphere(self) -> Klobuchar | None:
+        """Give the ionosphere, or leave out what none can be and say so."""
+        fault = None if self.ionosphere is None else ionosphere_fault(self.ionosphere)
+        if fault is not None:
+            self.remarks.add(f"the ionosphere of the header is left out: {fault}")
+        return self.ionosphere if fault is None else None
+
     def utc(self, week: int, at: np.datetime64) -> UtcParameters | None:
+        if self.leaps is not None and abs(self.leaps - leap_seconds(at)) > _MOST_LEAPS_OFF:
+            self.remarks.add(
+                f"the leap seconds, {self.leaps}, are left out: at {iso(at, 0)} there were {leap_seconds(at)}"
+            )
+            self.leaps = None
         if self.leaps is None and not self.utc_terms:
             return None
         a0, a1, tot, wnt = self.utc_terms or (0.0, 0.0, 0.0, week)
@@ -284,6 +296,13 @@ class _Found:
         except ValueError as error:
             self.damaged.add(f"line {record.line_number}: {record.sat} left out, {error}")
 
+    def leave_out_contradicted(self) -> None:
+        """Leave out what contradicts the other data sets of its satellite."""
+        wrong = contradicted(self.ephemerides)
+        for place, words in wrong.items():
+            self.damaged.add(f"{self.ephemerides[place].sat} left out, {words}")
+        self.ephemerides = [one for place, one in enumerate(self.ephemerides) if place not in wrong]
+
     def others_named(self) -> str:
         counts = ", ".join(f"{kind}: {count}" for kind, count in sorted(self.others.items()))
         return f"{self.others.total()} records of other kinds left out ({counts})"
@@ -351,9 +370,14 @@ def _ephemeris(record: _Record, version: float) -> tuple[Ephemeris, int]:
         transmission_tow=sent_s if sent_s < _UNKNOWN_TIME_S else math.nan,
         message=_message(record, orbit[17]),
     )
-    if not _is_flyable(ephemeris):
-        raise ValueError(f"no {_NAMES[system]} satellite can have its orbit")
+    _require_possible(ephemeris)
     return ephemeris, week_as_written
+
+
+def _require_possible(ephemeris: BroadcastEphemeris) -> None:
+    """Raise ValueError for what no satellite sends: an edited or damaged file has any number in it."""
+    if (fault := orbit_fault(ephemeris)) is not None:
+        raise ValueError(fault)
 
 
 def _message(record: _Record, sources: float) -> str:
@@ -368,20 +392,6 @@ def _message(record: _Record, sources: float) -> str:
     return "LNAV"
 
 
-def _is_flyable(eph: Ephemeris) -> bool:
-    """Whether this is an orbit of the system: a damaged file has any number in it."""
-    if eph.sat[0] == "G":
-        return is_plausible(eph)
-    sqrt_a_from, sqrt_a_to, e_to, i0_from, i0_to = _ORBITS[eph.sat[0]]
-    return (
-        sqrt_a_from < eph.sqrt_a < sqrt_a_to
-        and 0.0 <= eph.e < e_to
-        and i0_from < eph.i0 < i0_to
-        and abs(eph.omega_dot) < 2e-8
-        and 0.0 <= eph.toe < SECONDS_PER_WEEK
-    )
-
-
 def _glonass(record: _Record, version: float) -> GlonassEphemeris:
     """RINEX 2.11, tables A10 and A11; 3.05, table A10; 4.00, table A23. The epoch is UTC."""
     utc, (bias_s, gamma_n, frame_s), state = _values(record, version, rows=3)
@@ -389,14 +399,12 @@ def _glonass(record: _Record, version: float) -> GlonassEphemeris:
         raise ValueError("a number of its orbit or clock is missing")
     x, y, z = state[0:4], state[4:8], state[8:12]
     position, velocity, acceleration = ((1e3 * x[k], 1e3 * y[k], 1e3 * _or(z[k], 0.0)) for k in range(3))
-    if not (2.4e7 < math.hypot(*position) < 2.7e7 and 2e3 < math.hypot(*velocity) < 5e3):
-        raise ValueError("no GLONASS satellite can have its orbit")
     if abs(_or(y[3], 0.0)) > 13:
         raise ValueError(f"its frequency number is {y[3]:g}, expected -7 to 13")
     _, utc_s = week_and_tow(utc)
     week, toe = week_and_tow(gpst_from_utc(utc))
     day_s = utc_s // SECONDS_PER_DAY * SECONDS_PER_DAY if version < 3.0 else 0.0  # version 2 counts from midnight
-    return GlonassEphemeris(
+    ephemeris = GlonassEphemeris(
         sat=record.sat,
         week=week,
         toe=toe,
@@ -411,6 +419,8 @@ def _glonass(record: _Record, version: float) -> GlonassEphemeris:
         message_tow=frame_s + day_s,
         delta_tau_n=state[13] if abs(state[13]) < 1e-6 else math.nan,  # 0.999999999999E+09 is not known
     )
+    _require_possible(ephemeris)
+    return ephemeris
 
 
 def _values(
@@ -442,7 +452,10 @@ def _ionosphere(record: _Record) -> Klobuchar:
     if any(math.isnan(value) for value in values):
         raise ValueError("a number of its ionosphere is missing")
     a0, a1, a2, a3, b0, b1, b2, b3 = values
-    return Klobuchar(alpha=(a0, a1, a2, a3), beta=(b0, b1, b2, b3))
+    ionosphere = Klobuchar(alpha=(a0, a1, a2, a3), beta=(b0, b1, b2, b3))
+    if (fault := ionosphere_fault(ionosphere)) is not None:
+        raise ValueError(fault)
+    return ionosphere
 
 
 def _epoch(line: str, version: float) -> np.datetime64:
@@ -532,7 +545,7 @@ def _header_line(content: str, label: str) -> str:
 
 def _systems(navigation: NavigationData) -> str:
     letters = {e.sat[0] for e in navigation.ephemerides} or {"G"}
-    return "M: MIXED" if len(letters) > 1 else f"{min(letters)}: {_NAMES[min(letters)]}"
+    return "M: MIXED" if len(letters) > 1 else f"{min(letters)}: {SYSTEM_NAMES[min(letters)]}"
 
 
 def _record_lines(ephemerides: Iterable[BroadcastEphemeris]) -> Iterator[str]:

@@ -23,6 +23,8 @@ from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import seconds_between
 from skyproof.short_repr import ShortRepr
 
+SYSTEM_NAMES: Final = {"G": "GPS", "J": "QZSS", "E": "Galileo", "C": "BeiDou", "R": "GLONASS", "S": "SBAS"}
+"""By the letter that a satellite's number begins with in RINEX."""
 MAX_AGE_S: Final = {"G": 7500.0, "J": 7500.0, "E": 7500.0, "C": 7500.0, "R": 1800.0}
 """Seconds from the time of ephemeris within which it serves, by system.
 

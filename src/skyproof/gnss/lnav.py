@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Integers
 from skyproof.gnss.constants import GPS_PI, SECONDS_PER_WEEK
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, UtcParameters
+from skyproof.gnss.orbit_faults import orbit_fault
 from skyproof.gnss.time import nearest_week
 
 __all__ = [
@@ -30,7 +31,6 @@ __all__ = [
     "ephemeris_from_subframes",
     "find_subframes",
     "ionosphere_and_utc",
-    "is_plausible",
     "quantised",
     "word_signs",
     "words_hold",
@@ -393,7 +393,7 @@ def ephemeris_from_subframes(
         fit_interval_h=_fit_interval_h(merged["iodc"]) if merged["fit_interval_flag"] else 4.0,
         **{name: value for name, value in merged.items() if name in _EPHEMERIS_FIELDS},
     )
-    return ephemeris if is_plausible(ephemeris) else None
+    return ephemeris if orbit_fault(ephemeris) is None else None
 
 
 def ionosphere_and_utc(sub4: Subframe, week_near: int) -> tuple[Klobuchar, UtcParameters] | None:
@@ -417,18 +417,6 @@ def ionosphere_and_utc(sub4: Subframe, week_near: int) -> tuple[Klobuchar, UtcPa
 
 def _fit_interval_h(iodc: int) -> float:
     return next((hours for iodcs, hours in _FIT_HOURS if iodc in iodcs), 6.0)
-
-
-def is_plausible(eph: Ephemeris) -> bool:
-    """Whether this is an orbit that GPS can fly: parity passes one damaged word in 64, and files break too."""
-    return (
-        5000.0 < eph.sqrt_a < 5300.0
-        and eph.e < 0.1
-        and 0.7 < eph.i0 < 1.2
-        and -2e-8 < eph.omega_dot < 0.0
-        and 0.0 <= eph.toe < SECONDS_PER_WEEK
-        and 0.0 <= eph.toc < SECONDS_PER_WEEK
-    )
 
 
 # ---------------------------------------------------------------- encoding

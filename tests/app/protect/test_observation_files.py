@@ -16,6 +16,7 @@ from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal_systems import nominal_systems
 from skyproof.navigation.clock import anchored
 from skyproof.records import FixStatus, Observations
 from skyproof.simulator.measurements import NoiseModel, observations_of
@@ -120,6 +121,22 @@ def test_orbits_of_another_day_are_refused_without_advice_for_recordings(measure
     write_nav(tmp_path / "late.rnx", nominal_constellation(np.datetime64("2031-03-03", "ns")))
     with pytest.raises(InputError, match=r"late.rnx: its orbits are for 2031.*navigation file of that day$"):
         protect(written(tmp_path, *measured[:2]), nav=tmp_path / "late.rnx")
+
+
+def test_orbits_of_another_system_are_refused(measured, tmp_path):
+    galileo = nominal_systems(measured[0].gpst[0], "E")
+    write_nav(tmp_path / "other.rnx", galileo)
+    with pytest.raises(InputError, match=r"other.rnx: no orbits for these signals: .*Galileo.*GPS"):
+        protect(written(tmp_path, *measured[:2]), nav=tmp_path / "other.rnx")
+
+
+def test_orbits_left_out_are_named_where_none_is_left(measured, tmp_path):
+    """Dates edited by nine hours, times of ephemeris not."""
+    navigation = measured[2]
+    wrong = tuple(replace(e, toc=(e.toc - 32400.0) % 604800.0) for e in navigation.ephemerides)
+    write_nav(tmp_path / "edited.rnx", replace(navigation, ephemerides=wrong))
+    with pytest.raises(InputError, match=r"edited.rnx: no ephemeris.*its time of clock is -9.00 h"):
+        protect(written(tmp_path, *measured[:2]), nav=tmp_path / "edited.rnx")
 
 
 def test_one_receivers_file_is_refused_twice(measured, tmp_path):

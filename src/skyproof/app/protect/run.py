@@ -23,6 +23,7 @@ from skyproof.app.common.windows import asked, detectors_for, examine_all, follo
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.foresights import antenna_units, foresights_of, unit_of
+from skyproof.app.protect.orbits import lacking_orbits, require_same_day
 from skyproof.app.protect.outputs import evidence_line, write_outputs
 from skyproof.app.protect.positions import positions_of
 from skyproof.app.receive.inputs import antennas_of, list_paths, open_inputs
@@ -48,7 +49,6 @@ from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
     Evidence,
-    MeasurementSource,
     NavigationData,
     OpenFile,
     Records,
@@ -133,6 +133,7 @@ def protect(
         receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace, units)
         give_back()
         _same_time(receptions, navigation)
+        no_orbits = () if navigation is None else lacking_orbits(receptions, navigation)
         receptions = [_with_common_time(r, receptions) for r in receptions]
         receptions = one_receiver_each(receptions, settings)
         settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
@@ -155,7 +156,7 @@ def protect(
         notes = [note for r in receptions for note in _notes(r, interrupted, sums)]
         notes += [InputNote(path=path, format="sidecar", sha256=sum_, remarks=()) for path, sum_ in stated.items()]
         if nav is not None:
-            remarks = _navigation_remarks(navigation)
+            remarks = _navigation_remarks(navigation) + no_orbits
             notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=remarks))
         for path, kind, remarks in body_files.remarks(
             body, _span_of(receptions), None if unit is None else unit.readings
@@ -388,7 +389,7 @@ def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: Navig
     """Raise InputError if nothing gives orbits, or a file's orbits are of another day."""
     for source in sources:
         if navigation is not None and source.start_gpst is not None:
-            _same_day(navigation, source.start_gpst, source)
+            require_same_day(navigation, source.start_gpst, source)
     if navigation is None and all(isinstance(source, ObservedFile) for source in sources):
         raise InputError(
             f"{sources[0].path}: an observation file does not hold orbits; give the navigation file of that day "
@@ -406,26 +407,6 @@ def _pooled(decoded: Sequence[NavigationData]) -> NavigationData:
     )
 
 
-def _same_day(navigation: NavigationData, gpst: np.datetime64, source: MeasurementSource) -> None:
-    """Raise InputError if no orbit of the file holds at the input's time."""
-    if any(navigation.best(e.sat, gpst) is not None for e in navigation.ephemerides):
-        return
-    weeks = [
-        np.datetime64("1980-01-06", "ns") + np.timedelta64(round(e.week * 604800 + e.toe), "s")
-        for e in navigation.ephemerides
-    ]
-    # An observation file holds no messages, and its date is the receiver's own.
-    otherwise = (
-        ", or none to take the orbits from the signals (if the date is wrong, correct start_gpst in the sidecar)"
-        if isinstance(source, Samples)
-        else ""
-    )
-    raise InputError(
-        f"{navigation.source}: its orbits are for {iso(min(weeks), 0)} to {iso(max(weeks), 0)}, but {source.path} was "
-        f"recorded at {iso(gpst, 0)}; give the navigation file of that day{otherwise}"
-    )
-
-
 def _same_time(receptions: Sequence[Reception], navigation: NavigationData | None) -> None:
     """Raise InputError if two receivers were recorded at different times, or the orbits are of another one."""
     received = [(r.source.path, r.observations) for r in receptions if r.observations is not None]
@@ -440,7 +421,7 @@ def _same_time(receptions: Sequence[Reception], navigation: NavigationData | Non
     if navigation is not None:
         for r in receptions:
             if r.observations is not None and r.observations.gpst.size:
-                _same_day(navigation, r.observations.gpst[0], r.source)
+                require_same_day(navigation, r.observations.gpst[0], r.source)
 
 
 def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> Reception:

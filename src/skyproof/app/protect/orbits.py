@@ -1,0 +1,77 @@
+"""Whether the orbits that were given are of the signals that were received: of their day, and of their systems."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from skyproof.app.receive.observed import ObservedFile
+from skyproof.app.receive.reception import Reception
+from skyproof.errors import InputError
+from skyproof.gnss.ephemeris import SYSTEM_NAMES
+from skyproof.gnss.time import iso
+from skyproof.records import MeasurementSource, NavigationData, ObservationLog, Samples
+
+__all__ = ["lacking_orbits", "require_same_day"]
+
+_MOST_REMARKS: Final = 3  # of the file, that stand in an error
+
+
+def require_same_day(navigation: NavigationData, gpst: np.datetime64, source: MeasurementSource) -> None:
+    """Raise InputError if no orbit of the file holds at the input's time."""
+    if any(navigation.best(e.sat, gpst) is not None for e in navigation.ephemerides):
+        return
+    times = [e.reference_gpst for e in navigation.ephemerides]
+    # An observation file holds no messages, and its date is the receiver's own.
+    otherwise = (
+        ", or none to take the orbits from the signals (if the date is wrong, correct start_gpst in the sidecar)"
+        if isinstance(source, Samples)
+        else ""
+    )
+    raise InputError(
+        f"{navigation.source}: its orbits are for {iso(min(times), 0)} to {iso(max(times), 0)}, but {source.path} was "
+        f"recorded at {iso(gpst, 0)}{_left_out(navigation)}; give the navigation file of that day{otherwise}"
+    )
+
+
+def lacking_orbits(receptions: Sequence[Reception], navigation: NavigationData) -> tuple[str, ...]:
+    """Say which systems' signals have no orbit at their time.
+
+    Raises
+    ------
+    InputError : no signal of observation files has one: there is nothing that could be tested.
+    """
+    logs = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size]
+    without: dict[str, set[str]] = {}
+    served = False
+    for log in logs:
+        for sat in {signal.sat for signal in log.signals}:
+            if _has_orbit(navigation, sat, log):
+                served = True
+            else:
+                without.setdefault(sat[0], set()).add(sat)
+    with_one = {e.sat[0] for e in navigation.ephemerides if any(_has_orbit(navigation, e.sat, log) for log in logs)}
+    lacking = {system: sats for system, sats in without.items() if system not in with_one}
+    if logs and not served and all(isinstance(r.source, ObservedFile) for r in receptions):
+        raise InputError(
+            f"{navigation.source}: no orbits for these signals: it has those of {_systems(with_one)}, the signals are "
+            f"of {_systems(without)}{_left_out(navigation)}; give the navigation file of that day with these systems"
+        )
+    return tuple(
+        f"no orbits for the signals of {len(sats)} {SYSTEM_NAMES.get(system, system)} satellites: they are not tested"
+        for system, sats in sorted(lacking.items())
+    )
+
+
+def _has_orbit(navigation: NavigationData, sat: str, log: ObservationLog) -> bool:
+    return any(navigation.best(sat, when) is not None for when in (log.gpst[0], log.gpst[-1]))
+
+
+def _systems(letters: Sequence[str] | set[str] | dict[str, set[str]]) -> str:
+    return ", ".join(SYSTEM_NAMES.get(letter, letter) for letter in sorted(letters)) or "no system at that time"
+
+
+def _left_out(navigation: NavigationData) -> str:
+    """What the file's reader left out, for that may be why."""
+    remarks = navigation.remarks[:_MOST_REMARKS]
+    return f" ({'; '.join(remarks)})" if remarks else ""
