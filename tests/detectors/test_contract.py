@@ -11,6 +11,7 @@ from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettin
 from skyproof.detectors.array.ins_array import InsArray
 from skyproof.detectors.array.spin import Spin, SpinSettings
 from skyproof.detectors.base import Detector
+from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings
 from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
@@ -141,6 +142,15 @@ CASES = (
         1000,
         ("undecided",),
         "a union bound over all epochs, and multipath may change more than it does in these records",
+    ),
+    Case(
+        "codes that go on",
+        lambda: CodeMotion(CodeMotionSettings(false_alarm_probability=0.3)),
+        CLEAN.records,
+        40,
+        400,
+        ("attack", "undecided"),
+        "a platform may accelerate more than it does in these records",
     ),
     Case(
         "one receiver with nothing before",

@@ -1,0 +1,283 @@
+"""Do position and clock by codes alone go on, epoch by epoch, as a platform and an oscillator can?
+
+A receiver that writes neither carrier nor Doppler, or whose signals are torn at the moment of an attack, still has
+codes. `laws` compares the position of each epoch with that of the two before. What reflections do to ranges shows in
+the residuals, which set the scale of what is expected; so only a change in which all ranges agree is found.
+
+A position that jumps farther than any platform moves is an attack where no two satellites left out explain it. Where
+they may, and where only the clock jumps (a receiver sets its clock as it likes), the test has failed and the cause is
+open.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.arrays import Indices, Reals
+from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.code_motion.laws import (
+    CodeMotionLimits,
+    CodeStep,
+    chance_beyond,
+    chance_without_two,
+    clock_beyond,
+    code_steps,
+)
+from skyproof.errors import SettingsError, require_probability
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import iso
+from skyproof.navigation.fix import FixGeometry, fix_and_geometry
+from skyproof.records import (
+    Evidence,
+    Fix,
+    FixStatus,
+    NavigationData,
+    Need,
+    Observations,
+    Records,
+    SignalId,
+    SignalRef,
+)
+from skyproof.statistics.distributions import chi_square_survival
+
+__all__ = ["CodeMotion", "CodeMotionSettings"]
+
+_FAULT_RATE: Final = 1e-4  # at which measurements that do not fit are left out of an epoch's fix
+_MISFIT_RATE: Final = 0.01  # at which residuals of three epochs are larger than their model
+_TAIL: Final = 2  # epochs that are remembered: the law looks back so far
+_TESTS: Final = 2  # position and clock
+_DOF_LEFT: Final = 1  # with two satellites left out
+
+
+@dataclass(frozen=True)
+class CodeMotionSettings:
+    """Settings of `CodeMotion`.
+
+    false_alarm_probability : of each receiver and window, for all epochs and both tests together.
+    multipath_sigma_m : of one pseudorange at the zenith, one sigma.
+    acceleration_max_m_s2 : no platform exceeds it. speed_max_m_s : likewise, if it is known.
+    clock_jump, clock_pace_s : what an oscillator's rate may step by, and change by in a second.
+    elevation_mask_deg : satellites lower than this are not used.
+    """
+
+    false_alarm_probability: float = 1e-3
+    multipath_sigma_m: float = 1.0
+    acceleration_max_m_s2: float = 50.0
+    speed_max_m_s: float | None = None
+    clock_jump: float = 1e-8
+    clock_pace_s: float = 1e-8
+    elevation_mask_deg: float = 5.0
+
+    def __post_init__(self) -> None:
+        require_probability("code_motion", "false_alarm_probability", self.false_alarm_probability)
+        if not self.acceleration_max_m_s2 > 0.0:
+            raise SettingsError(
+                f"code_motion: acceleration_max_m_s2 is {self.acceleration_max_m_s2}, expected more than 0"
+            )
+
+    @property
+    def limits(self) -> CodeMotionLimits:
+        """What platform and oscillator can do."""
+        return CodeMotionLimits(
+            acceleration_m_s2=self.acceleration_max_m_s2,
+            speed_m_s=np.inf if self.speed_max_m_s is None else self.speed_max_m_s,
+            clock_jump=self.clock_jump,
+            clock_pace_s=self.clock_pace_s,
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Series:
+    """The fixes of a receiver's epochs that have one, and the linear problem at each."""
+
+    fix: Fix
+    geometry: FixGeometry
+    elapsed_s: Reals
+    clock_m: Reals
+    misfit: Reals  # sum of squared normalised residuals of each epoch
+    dof: Indices
+
+
+class CodeMotion:
+    """The detector: see the module's text. It remembers two epochs of each receiver."""
+
+    name = "code_motion"
+    needs = (Need.OBSERVATIONS, Need.NAVIGATION)
+
+    def __init__(self, settings: CodeMotionSettings | None = None) -> None:
+        self.settings = settings or CodeMotionSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
+        """Return the evidence of one window; never raises for what the data lack."""
+        lacking = missing(self, records)
+        if lacking or records.navigation is None:
+            return lacking, state
+        tails: dict[str, Observations] = dict(state or {})
+        found = []
+        for o in records.observations:
+            tail = tails.get(o.receiver)
+            if tail is not None and tail.elapsed_s[-1] >= o.elapsed_s[0]:
+                tail = None  # another recording
+            found += self._receiver(records, records.navigation, o, tail)
+            tails[o.receiver] = _tail_of(o, tail)
+        return found, tails
+
+    def _receiver(
+        self, records: Records, navigation: NavigationData, o: Observations, tail: Observations | None
+    ) -> list[Evidence]:
+        subject = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+        signals = primary_signals(o)
+        if signals is None:
+            because = f"a satellite is received twice in {o.receiver}: which codes belong together is open"
+            return [undecided(self, records, subject, because=because)]
+        joined = o if tail is None else Observations.joined((tail, o))
+        begin = joined.gpst.size - o.gpst.size
+        kept = tuple(signal for signal in joined.signals if signal in signals)
+        series = self._series(joined, kept, navigation)
+        subject = tuple(SignalRef(o.receiver, signal) for signal in signals)
+        if series is None or series.elapsed_s.size < 3:
+            return [
+                undecided(
+                    self,
+                    records,
+                    subject,
+                    because=f"fewer than three epochs of {o.receiver} have a position with a satellite to spare",
+                    would_need="five or more satellites with pseudoranges and orbits at three epochs or more",
+                )
+            ]
+        motion = code_steps(series.elapsed_s, series.fix.position_ecef_m, series.clock_m, series.fix.covariance_m2)
+        new = series.elapsed_s[motion.row] > (-np.inf if begin == 0 else joined.elapsed_s[begin - 1])
+        if not new.any():
+            because = f"no epoch of {o.receiver} in this window has a position with a satellite to spare"
+            return [undecided(self, records, subject, because=because)]
+        return self._judged(records, subject, series, motion, new)
+
+    def _series(self, o: Observations, signals: tuple[SignalId, ...], navigation: NavigationData) -> _Series | None:
+        """Return the fixes that have redundancy; None without any."""
+        if not signals:
+            return None
+        fix, geometry = fix_and_geometry(
+            o,
+            navigation,
+            signals=signals,
+            multipath_sigma_m=self.settings.multipath_sigma_m,
+            elevation_mask_deg=self.settings.elevation_mask_deg,
+            false_alarm_probability=_FAULT_RATE,
+        )
+        used = np.isfinite(geometry.sigma_m) & np.isfinite(geometry.misfit_m)
+        normalised = np.where(used, geometry.misfit_m / np.where(used, geometry.sigma_m, 1.0), 0.0)
+        clocks = np.any(used[..., None] & (geometry.design[..., 3:] != 0.0), axis=1).sum(axis=1)
+        dof = used.sum(axis=1) - 3 - clocks
+        good = np.flatnonzero((fix.status == FixStatus.OK) & (dof > 0) & np.isfinite(fix.covariance_m2).all((1, 2)))
+        if not good.size:
+            return None
+        scales = fix.inter_system_s
+        clock_s = {scale: fix.clock_bias_s + offset_s for scale, offset_s in scales.items()}
+        chosen = max(clock_s, key=lambda scale: int(np.isfinite(clock_s[scale][good]).sum()))
+        return _Series(
+            fix=_rows_of(fix, good),
+            geometry=FixGeometry(
+                design=geometry.design[good], misfit_m=geometry.misfit_m[good], sigma_m=geometry.sigma_m[good]
+            ),
+            elapsed_s=o.elapsed_s[good],
+            clock_m=SPEED_OF_LIGHT_M_S * clock_s[chosen][good],
+            misfit=(normalised[good] ** 2).sum(axis=1),
+            dof=dof[good],
+        )
+
+    def _judged(
+        self,
+        records: Records,
+        subject: tuple[SignalRef, ...],
+        series: _Series,
+        motion: CodeStep,
+        new: Any,
+    ) -> list[Evidence]:
+        three = motion.row[:, None] - np.arange(3)
+        dof = series.dof[three].min(axis=1).astype(np.float64)
+        misfit, degrees = series.misfit[three].sum(axis=1), series.dof[three].sum(axis=1)
+        # Residuals as small as the model says leave it as it is; else they give its scale.
+        fits = chi_square_survival(misfit, degrees) >= _MISFIT_RATE
+        factor, dof = np.where(fits, 1.0, misfit / degrees), np.where(fits, np.inf, dof)
+        limits, n_new = self.settings.limits, int(new.sum())
+        places = np.where(new, chance_beyond(motion, limits, factor, dof), 1.0)
+        clocks = np.where(new, clock_beyond(motion, limits, factor, dof), 1.0)
+        alpha = self.settings.false_alarm_probability / _TESTS
+        receiver = subject[0].receiver
+        found = []
+        for p_values, what in ((places, "position"), (clocks, "clock")):
+            k = int(np.argmin(p_values))
+            p_value = min(1.0, n_new * float(p_values[k]))
+            at = series.fix.gpst[motion.row[k]]
+            size_m = np.linalg.norm(motion.position_m[k]) if what == "position" else abs(motion.clock_m[k])
+            evidence = Evidence(
+                detector=self.name,
+                start_gpst=records.start_gpst,
+                end_gpst=records.end_gpst,
+                subject=subject,
+                says="clean",
+                because=f"the {what} of {receiver} by codes goes on from epoch to epoch",
+                p_value=p_value,
+                false_alarm_probability=alpha,
+            )
+            if p_value < alpha:
+                by = f"{size_m:.0f} m" if what == "position" else f"{size_m / SPEED_OF_LIGHT_M_S * 1e6:.3g} us"
+                because = f"the {what} of {receiver} by codes jumps by {by} at {iso(at, 1)[11:]}"
+                evidence = replace(evidence, says="undecided", because=because, overrules=True)
+                if what == "position":
+                    evidence = self._attributed(evidence, series, motion, k, n_new, alpha)
+            found.append(evidence)
+        return found
+
+    def _attributed(
+        self, evidence: Evidence, series: _Series, motion: CodeStep, k: int, n_new: int, alpha: float
+    ) -> Evidence:
+        """Say attack where no two satellites explain a position that jumps."""
+        rows = motion.row[k] - np.arange(3)
+        p_value = n_new * chance_without_two(
+            series.geometry,
+            rows,
+            series.fix.position_ecef_m[rows],
+            series.elapsed_s[rows],
+            self.settings.limits,
+            _DOF_LEFT,
+        )
+        if p_value >= alpha:
+            because = f"{evidence.because}; one or two faulty satellites may explain it"
+            return replace(evidence, because=because, would_need="more satellites, carrier phases or Dopplers")
+        because = f"{evidence.because}, farther than any platform moves, whichever two satellites are left out"
+        return replace(evidence, says="attack", overrules=False, because=because, p_value=p_value)
+
+
+def primary_signals(o: Observations) -> tuple[SignalId, ...] | None:
+    """Return the kind of signal of each time scale that most satellites have; None where one is received twice."""
+    measured = np.isfinite(o.pseudorange_m)
+    counts: Counter[tuple[str, str, str]] = Counter()
+    for column, signal in enumerate(o.signals):
+        counts[signal.kind] += int(measured[:, column].sum())
+    chosen: dict[str, tuple[str, str, str]] = {}
+    for kind, _ in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
+        chosen.setdefault(kind[0], kind)
+    columns = [k for k, signal in enumerate(o.signals) if signal.kind in chosen.values() and measured[:, k].any()]
+    sats = [o.signals[k].sat for k in columns]
+    for sat in {sat for sat in sats if sats.count(sat) > 1}:
+        if (measured[:, [k for k in columns if o.signals[k].sat == sat]].sum(axis=1) > 1).any():
+            return None
+    return tuple(o.signals[k] for k in columns)
+
+
+def _tail_of(o: Observations, tail: Observations | None) -> Observations:
+    """Return the last epochs that are remembered."""
+    if o.gpst.size < _TAIL and tail is not None:
+        o = Observations.joined((tail, o))
+    return o.read(max(o.gpst.size - _TAIL, 0), o.gpst.size)
+
+
+def _rows_of(fix: Fix, rows: Indices) -> Fix:
+    """Return the chosen epochs of a fix."""
+    names = ("gpst", "position_ecef_m", "velocity_ecef_m_s", "clock_bias_s", "clock_drift", "covariance_m2")
+    arrays: dict[str, Any] = {name: getattr(fix, name)[rows] for name in (*names, "residual_m", "status")}
+    scales = {scale: offset_s[rows] for scale, offset_s in fix.inter_system_s.items()}
+    return replace(fix, inter_system_s=scales, protection_m=np.full(2, np.nan), **arrays)

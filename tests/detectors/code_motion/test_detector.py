@@ -1,0 +1,130 @@
+"""Positions by codes alone: jumps are an attack, what one or two satellites or a clock do is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings, primary_signals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.navigation.fix import fix_and_geometry
+from skyproof.records import Observations, Records
+from skyproof.testing import MeasuredScene, TrackErrors
+
+RATE = 1e-6
+SCENE = MeasuredScene(
+    antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=20, errors=TrackErrors(sigma_m=1.0, constant_m=1.0)
+)
+
+
+def records(seed: int = 0, scene: MeasuredScene = SCENE) -> Records:
+    """Return a clean window of codes alone."""
+    drawn = scene.records(np.random.default_rng(seed))
+    (o,) = drawn.observations
+    missing = np.full(o.pseudorange_m.shape, np.nan)
+    codes = replace(o, carrier_cyc=missing, doppler_hz=missing, carrier_sigma_cyc=missing, doppler_sigma_hz=missing)
+    return replace(drawn, observations=(codes,))
+
+
+def pulled(drawn: Records, epoch: int, shift_m: tuple[float, float, float], clock_m: float = 0.0) -> Records:
+    """Return the records with all codes showing another place and clock from an epoch on."""
+    (o,) = drawn.observations
+    _, geometry = fix_and_geometry(o, drawn.navigation)
+    change_m = geometry.design[epoch:, :, :3] @ np.array(shift_m) + clock_m
+    codes_m = o.pseudorange_m.copy()
+    codes_m[epoch:] += change_m
+    return replace(drawn, observations=(replace(o, pseudorange_m=codes_m),))
+
+
+def with_codes(drawn: Records, epochs: slice, columns: list[int], metres: float) -> Records:
+    (o,) = drawn.observations
+    codes_m = o.pseudorange_m.copy()
+    codes_m[epochs, columns] += metres
+    return replace(drawn, observations=(replace(o, pseudorange_m=codes_m),))
+
+
+def examine(*windows: Records, **settings) -> list:
+    """Return position and clock evidence of the last window."""
+    detector, state = CodeMotion(CodeMotionSettings(false_alarm_probability=RATE, **settings)), None
+    for window in windows:
+        found, state = detector.examine(window, state)
+    return found
+
+
+def words(*windows: Records, **settings) -> list[str]:
+    return [e.says for e in examine(*windows, **settings)]
+
+
+def test_a_clean_sky_goes_on() -> None:
+    assert [words(records(seed)) for seed in range(5)] == [["clean", "clean"]] * 5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_jump_of_all_codes_is_an_attack(seed) -> None:
+    position, clock = examine(pulled(records(seed), 8, (600.0, -500.0, 300.0)))
+    assert position.says == "attack"
+    assert position.p_value < RATE
+    assert clock.says == "clean"
+
+
+def test_a_jump_at_the_edge_of_a_window_is_seen_in_the_next() -> None:
+    whole = pulled(records(), 10, (1000.0, 0.0, 0.0))
+    (o,) = whole.observations
+    first, second = (replace(whole, observations=(o.read(*rows),)) for rows in ((0, 10), (10, 20)))
+    assert words(first) == ["clean", "clean"]
+    assert words(first, second) == ["attack", "clean"]
+
+
+def test_a_clock_that_jumps_alone_has_failed_and_no_more() -> None:
+    assert words(pulled(records(), 8, (0.0, 0.0, 0.0), 3000.0)) == ["clean", "undecided"]
+    ms_m = 1e-3 * SPEED_OF_LIGHT_M_S
+    assert words(pulled(records(), 8, (0.0, 0.0, 0.0), ms_m)) == ["clean", "clean"]
+
+
+@pytest.mark.parametrize("columns", [[3], [3, 6]])
+@pytest.mark.parametrize("metres", [200.0, 5e3, 3e5])
+def test_faults_of_two_satellites_are_no_attack(columns, metres) -> None:
+    for seed in range(3):
+        assert "attack" not in words(with_codes(records(seed), slice(8, None), columns, metres))
+
+
+def test_few_satellites_leave_a_jump_open() -> None:
+    few = replace(SCENE, max_satellites=6)
+    (position, _) = examine(pulled(records(1, few), 8, (2000.0, 0.0, 0.0)))
+    assert position.says == "undecided"
+    assert position.failed
+
+
+def test_a_jump_after_a_gap_needs_a_known_speed() -> None:
+    longer = replace(SCENE, epochs=30)
+    whole = pulled(records(0, longer), 18, (1000.0, 0.0, 0.0))
+    (o,) = whole.observations
+    windows = [replace(whole, observations=(o.read(*rows),)) for rows in ((0, 10), (18, 28))]
+    assert words(*windows) == ["clean", "clean"]
+    assert words(*windows, speed_max_m_s=40.0) == ["attack", "clean"]
+
+
+def test_pieces_give_what_the_whole_gives() -> None:
+    whole = pulled(records(2), 13, (300.0, 0.0, 0.0))
+    (o,) = whole.observations
+    joined = min(e.p_value for e in examine(whole))
+    detector, state, least = CodeMotion(CodeMotionSettings(false_alarm_probability=RATE)), None, 1.0
+    for first in range(0, 20, 4):
+        found, state = detector.examine(replace(whole, observations=(o.read(first, first + 4),)), state)
+        least = min([least, *(e.p_value for e in found if e.p_value is not None)])
+    assert least < RATE
+    assert joined < RATE
+
+
+def test_a_satellite_received_twice_leaves_it_open() -> None:
+    (o,) = records().observations
+    twice = Observations.joined([o])
+    assert primary_signals(twice) is not None
+    signals = (replace(o.signals[1], copy="b"), *o.signals[1:])
+    assert primary_signals(replace(o, signals=signals)) is None
+
+
+def test_the_mask_holds() -> None:
+    (position, _) = examine(records(), elevation_mask_deg=20.0)
+    assert position.says == "clean"
+    assert [e.says for e in examine(records(), elevation_mask_deg=60.0)] == ["undecided"]
