@@ -2,6 +2,7 @@
 
 import gzip
 import itertools
+import zlib
 from dataclasses import fields
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyproof.errors import InputError
+from skyproof.formats import rinex_obs_pieces
 from skyproof.formats.rinex_obs_pieces import following, obs_pieces
 from skyproof.formats.rinex_obs_read import parse_obs
 from skyproof.records import Observations
@@ -53,6 +55,8 @@ def file_3(n_epochs=24):
         lines += [satellite_3(k, n) for n in sats]
         if k == 18:  # other types from now on: the phase first
             lines += [">                              4  1", TYPES_3.replace("C1C L1C", "L1C C1C")]
+        if k == 20:  # a file put behind another
+            lines += VERSION_3
     return "\n".join([*lines, ""]).encode()
 
 
@@ -65,6 +69,8 @@ def file_2(n_epochs=24):
         lines += [satellite_3(k, n)[3:] for n in sats]
         if k == 7:
             lines += [f"{'':28}4  1", f"{'a splice':60}COMMENT"]
+        if k == 15:
+            lines += [text.replace("    C1    L1", "    L1    C1") for text in VERSION_2]
     return "\n".join([*lines, ""]).encode()
 
 
@@ -116,6 +122,62 @@ def test_no_piece_is_larger_than_was_asked_for():
 def test_a_damaged_file_is_refused_where_it_is_come_upon(content, words):
     with pytest.raises(InputError, match=words):
         list(obs_pieces([content], source="a.obs"))
+
+
+CRINEX = [
+    f"{'3.0                 COMPACT RINEX FORMAT':60}CRINEX VERS   / TYPE",
+    f"{'RNX2CRX':60}CRINEX PROG / DATE",
+]
+MEBIBYTE = 1 << 20
+
+
+def bomb(head, filling, mebibytes):
+    """A gzip file of so many mebibytes of one filling, made without holding them."""
+    packer = zlib.compressobj(9, zlib.DEFLATED, 31)
+    unit = (filling * (MEBIBYTE // len(filling) + 1))[:MEBIBYTE]
+    parts = [packer.compress("\n".join([*head, ""]).encode()), *(packer.compress(unit) for _ in range(mebibytes))]
+    return b"".join([*parts, packer.flush()])
+
+
+@pytest.mark.parametrize("filling", [b" ", b"\n", b" " * 79 + b"\n", b"\0"], ids=["blank", "ends", "lines", "zero"])
+@pytest.mark.parametrize("head", [VERSION_3, [], VERSION_3[:1], [*CRINEX, *VERSION_3], CRINEX])
+def test_a_gzip_bomb_is_refused_before_it_is_read(monkeypatch, head, filling):
+    monkeypatch.setattr(rinex_obs_pieces, "OBSERVATION_BYTES", 8 * MEBIBYTE)
+    content = bomb(head, filling, 40)
+    blocks_read = 0
+
+    def counted():
+        nonlocal blocks_read
+        for at in range(0, len(content), 4096):
+            blocks_read += 1
+            yield content[at : at + 4096]
+
+    with pytest.raises(InputError):
+        list(obs_pieces(counted(), source="b.gz"))
+    assert blocks_read * 4096 < 0.7 * len(content)
+
+
+def test_what_is_unpacked_has_a_bound(monkeypatch):
+    monkeypatch.setattr(rinex_obs_pieces, "STREAM_BYTES", 2000)
+    with pytest.raises(InputError, match="unpacked, holds more"):
+        list(obs_pieces([gzip.compress(file_3())]))
+
+
+def test_garbage_amid_epochs_costs_no_others(monkeypatch):
+    monkeypatch.setattr(rinex_obs_pieces, "EPOCH_BYTES", 4096)
+    whole = file_3()
+    at = whole.index(b"> 2024 05 14 10 00 12.")
+    found = put_together(obs_pieces([whole[:at], b"\0" * 20_000, b"\n", whole[at:]], piece_bytes=1024))
+    assert found.gpst.size == parse_obs(whole).observations.gpst.size
+
+
+def test_remarks_on_a_compact_file_and_a_header_come_through():
+    content = "\n".join([*CRINEX, VERSION_3[0], TYPES_3.replace("G    4", "G    6"), *VERSION_3[2:]])
+    epochs = ["> 2024 05 14 10 00 01.0000000  0  1      G05", "", "3&20000000000   ", f"{'':24}x"]
+    pieces = list(obs_pieces(["\n".join([content, *epochs, ""]).encode()]))
+    remarks = " ".join(pieces[-1].remarks)
+    assert "states 6 observation types of G and names 4" in remarks
+    assert "the compact RINEX is cut" in remarks
 
 
 REAL = [

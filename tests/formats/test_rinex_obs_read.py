@@ -178,6 +178,136 @@ def test_a_zero_is_no_measurement_and_odd_spellings_are_numbers():
     assert (seen.carrier_cyc[0, 0], seen.doppler_hz[0, 0], seen.cn0_dbhz[0, 0]) == (12345.67, -0.5, 44.0)
 
 
+# --- headers that do not say what stands below them
+
+
+def second_header(changes, header=HEADER_3):
+    """A header with lines changed: label to text."""
+    return [line(changes.get(text[60:], text[:60]), text[60:]) for text in header]
+
+
+SWAPPED = "G05" + cell(1e8) + cell(2.1e7)
+
+
+def test_a_header_inside_the_data_holds_from_there_on():
+    other = [text for text in HEADER_3 if "OBS TYPES" not in text]
+    other.insert(2, line("G    2 L1C C1C", "SYS / # / OBS TYPES"))
+    seen = parsed(
+        [*HEADER_3, *epoch_3(37.0, [sat_3("G05"), sat_3("C06")]), *other, *epoch_3(38.0, [SWAPPED, sat_3("C06")])]
+    )
+    o = seen.observations
+    np.testing.assert_array_equal(o.pseudorange_m[:, column(o, "G05")], [2e7, 2.1e7])
+    np.testing.assert_array_equal(o.carrier_cyc[:, column(o, "G05")], [1e8, 1e8])
+    np.testing.assert_array_equal(np.isfinite(o.pseudorange_m[:, column(o, "C06", "B1", "2I")]), [True, False])
+    assert sum(remark.startswith("line 12: a header inside the data") for remark in seen.remarks) == 1
+
+
+def test_a_header_of_version_2_inside_the_data_holds_too():
+    other = second_header({"# / TYPES OF OBSERV": "     2    P1    C1"}, HEADER_2)
+    cut = [*epoch_2(1.0, ["G 3", "G12"]), *record_2(1.0)]  # where the first file ends early
+    body = [*epoch_2(0.0, ["G 3"]), *record_2(0.0), *cut, *other, *epoch_2(2.0, ["G 3"]), cell(2.3e7) + cell(2.2e7)]
+    o = parsed([*HEADER_2, *body]).observations
+    np.testing.assert_array_equal(o.pseudorange_m[:, column(o, "G03")], [2e7, 2.2e7])
+    assert o.pseudorange_m[1, column(o, "G03", "L1", "W")] == 2.3e7
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"RINEX VERSION / TYPE": "     2.11           OBSERVATION DATA    M"},
+        {"MARKER NAME": "OTHER"},
+        {"TIME OF FIRST OBS": "  2024    10    27    15    47   37.0000000     BDT"},
+        {"SYS / # / OBS TYPES": " "},
+    ],
+)
+def test_what_follows_a_header_of_another_file_is_left_out(changes):
+    other = second_header(changes)
+    body = [
+        *epoch_3(37.0, [sat_3("G05")]),
+        *other,
+        *epoch_3(38.0, [SWAPPED]),
+        *HEADER_3,
+        *epoch_3(39.0, [sat_3("G05")]),
+    ]
+    file = parsed([*HEADER_3, *body])
+    np.testing.assert_array_equal(file.observations.elapsed_s, [0.0, 2.0])
+    np.testing.assert_array_equal(file.observations.pseudorange_m, [[2e7], [2e7]])
+    assert any("what follows is left out" in remark for remark in file.remarks)
+
+
+def test_comments_between_satellites_change_nothing():
+    body = epoch_3(37.0, [sat_3("G05"), sat_3("G06")])
+    body.insert(2, line("a remark", "COMMENT"))
+    file = parsed([*HEADER_3, *body])
+    assert np.isfinite(file.observations.pseudorange_m).sum() == 2
+    assert file.remarks == ()
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_a_count_of_types_that_is_off_costs_nothing_and_is_said(count):
+    header = [text.replace("G    4", f"G    {count}") for text in HEADER_3]
+    file = parsed([*header, *epoch_3(37.0, [sat_3("G05")])])
+    assert file.observations.cn0_dbhz[0, 0] == 44.0
+    assert any(f"states {count} observation types of G and names 4" in remark for remark in file.remarks)
+
+
+@pytest.mark.parametrize("count", [5, 7])
+def test_a_count_of_version_2_that_is_off_costs_nothing(count):
+    header = [text.replace("     6    C1", f"     {count}    C1") for text in HEADER_2]
+    file = parsed([*header, *epoch_2(0.0, ["G 3", "G12"]), *record_2(1.0), *record_2(2.0)])
+    at = [column(file.observations, sat) for sat in ("G03", "G12")]
+    np.testing.assert_array_equal(file.observations.doppler_hz[0, at], [-1234.5, -1234.5])
+    assert any("observation types and names 6" in remark for remark in file.remarks)
+
+
+def test_names_of_version_2_in_version_3_are_read_and_said():
+    header = [text.replace("G    4 C1C L1C D1C S1C", "G    4 C1  L1  D1  S1 ") for text in HEADER_3]
+    file = parsed([*header, *epoch_3(37.0, [sat_3("G05")])])
+    o = file.observations
+    at = column(o, "G05")
+    assert (o.pseudorange_m[0, at], o.carrier_cyc[0, at], o.doppler_hz[0, at]) == (2e7, 1e8, -100.0)
+    assert any("G C1 as C1C" in remark for remark in file.remarks)
+
+
+@pytest.mark.parametrize("name", ["L2", "C9C", "Q1C", "CC"])
+def test_names_without_one_meaning_are_left_out_and_said(name):
+    header = [text.replace("G    4 C1C L1C", f"G    4 C1C {name:3}") for text in HEADER_3]
+    file = parsed([*header, *epoch_3(37.0, [sat_3("G05")])])
+    assert np.isnan(file.observations.carrier_cyc).all()
+    assert any(f"left out: G {name}" in remark for remark in file.remarks)
+
+
+def test_types_that_are_no_signals_are_no_fault():
+    header = [text.replace("G    4 C1C L1C", "G    4 X1  C1C") for text in HEADER_3]
+    assert not parsed([*header, *epoch_3(37.0, ["G05" + cell(3.0) + cell(2e7)])]).remarks[:-1]
+
+
+def test_impossible_cells_are_left_out_and_counted():
+    body = [row for k in range(3) for row in epoch_3(37.0 + k, [sat_3("G05"), "G07" + cell(1.05e8 + k)])]
+    file = parsed([*HEADER_3, *body])
+    assert [s.sat for s in file.observations.signals] == ["G05"]
+    assert file.impossible == {"G C1C": 3}
+    assert any(remark.startswith("3 cells ") for remark in file.remarks)
+
+
+def test_compact_files_put_together_are_read_as_one(tmp_path):
+    compact = "\n".join(
+        [
+            line("3.0                 COMPACT RINEX FORMAT", "CRINEX VERS   / TYPE"),
+            line("RNX2CRX", "CRINEX PROG / DATE"),
+            *HEADER_3,
+            "> 2024 10 27 15 47 37.0000000  0  1      G05",
+            "",
+            "3&20000000000 3&1000000 3&-100000 3&44000",
+            "",
+        ]
+    )
+    other = compact.replace("C1C L1C", "L1C C1C").replace("47 37.", "47 38.").replace("3&200", "3&210")
+    file = parse_obs((compact + other).encode())
+    np.testing.assert_array_equal(file.observations.carrier_cyc[:, 0], [1000.0, 2.1e7])
+    assert file.impossible == {"G C1C": 1}
+
+
 # --- damage
 
 

@@ -18,6 +18,8 @@ __all__ = [
     "CHARACTERS_OF_LINE",
     "DEPTH",
     "EMPTY_CELLS",
+    "EPOCH_BYTES",
+    "LINES_WITHOUT_EPOCH",
     "METADATA_BYTES",
     "NAVIGATION_BYTES",
     "OBSERVATION_BYTES",
@@ -26,6 +28,7 @@ __all__ = [
     "SERIES_BYTES",
     "SERIES_ROWS",
     "SETTINGS_BYTES",
+    "STREAM_BYTES",
     "TRACK_BYTES",
     "XML_TAGS",
     "Remarks",
@@ -43,7 +46,13 @@ TRACK_BYTES: Final = 1 << 26
 NAVIGATION_BYTES: Final = 1 << 26
 """Unpacked. All satellites of all systems give 10 MB in a day."""
 OBSERVATION_BYTES: Final = 1 << 28
-"""Unpacked and expanded. A day at one epoch a second of 20 satellites fits."""
+"""Unpacked and expanded, at once or without an epoch. A day at one epoch a second of 20 satellites fits."""
+EPOCH_BYTES: Final = 1 << 22
+"""Of an observation file's header, and of an epoch, whose 999 satellites of 100 types each take 1.6 MB."""
+STREAM_BYTES: Final = 1 << 32
+"""Unpacked, of an observation file that is read in pieces. A day at five epochs a second of 50 satellites fits."""
+LINES_WITHOUT_EPOCH: Final = 1 << 17
+"""In a row, of a compact observation file."""
 SERIES_BYTES: Final = 1 << 30
 """Of readings over time: ten hours at 200 a second fit, as CSV."""
 SERIES_ROWS: Final = 1 << 24

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from skyproof.errors import InputError
-from skyproof.formats.bounds import OBSERVATION_BYTES, Remarks
+from skyproof.formats.bounds import EPOCH_BYTES, LINES_WITHOUT_EPOCH, OBSERVATION_BYTES, Remarks
 from skyproof.formats.byte_io import require_size
 from skyproof.records import Remark, RemarkKind
 
@@ -28,7 +28,12 @@ _SAT: Final = re.compile(r"[GRECJSI ][ 0-9][0-9]", re.ASCII)
 
 def is_compact(content: bytes) -> bool:
     """Whether a file that begins so is compact RINEX."""
-    return content[:100].split(b"\n", 1)[0][60:80].rstrip() == b"CRINEX VERS   / TYPE"
+    return _begins(content[:100].split(b"\n", 1)[0].decode("latin-1"))
+
+
+def _begins(line: str) -> bool:
+    """Whether a line is the first of a compact file."""
+    return line[60:80].rstrip() == "CRINEX VERS   / TYPE"
 
 
 def expanded(content: bytes, *, source: str = "observations") -> tuple[bytes, tuple[str, ...]]:
@@ -58,17 +63,20 @@ class Expander:
         self._waiting = b""  # the beginning of a line
         self._lines: list[str] = []
         self._done = 0  # lines of the file before the first of these
+        self._idle = 0  # lines since the last epoch
+        self._remarks = Remarks()
         self._cut: tuple[str, ...] = ()
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What was damaged so far, and how the file ends once `rest` was taken."""
         words = "further places where the compact RINEX is damaged"
-        return () if self._decoder is None else (*self._cut, *self._decoder.remarks.words(words))
+        return (*self._cut, *self._remarks.words(words))
 
     def take(self, content: bytes) -> bytes:
         """The plain lines that these bytes complete. Raises InputError as `expanded` does."""
         *whole, self._waiting = (self._waiting + content).split(b"\n")
+        require_size(len(self._waiting), EPOCH_BYTES, f"{self._source}: a line", "fetch the file again")
         self._lines += [line.decode("latin-1").rstrip("\r") for line in whole]
         return self._expanded(ahead=_MOST_LINES)
 
@@ -79,11 +87,13 @@ class Expander:
         """
         unended, self._waiting = bool(self._waiting), b""
         plain = self._expanded(ahead=0)
-        if self._decoder is None:
+        if self._decoder is None and not self._done:
             raise InputError(
                 f"{self._source}, line {len(self._lines)}: the file ends before END OF HEADER; fetch it again"
             )
-        if unended:
+        if self._decoder is None:
+            self._cut = (_cut(f"within the header that begins in line {self._done + 1}"),)
+        elif unended:
             self._cut = (_cut(f"within line {self._done + len(self._lines) + 1}"),)
         elif self._decoder.unfinished is not None:
             self._cut = (_cut(f"within the epoch that begins in line {self._decoder.unfinished}"),)
@@ -96,11 +106,27 @@ class Expander:
             plain = self._begun()
         position = 0
         while self._decoder is not None and position < len(self._lines) - ahead:
+            if _begins(self._lines[position]):  # files that were put together
+                self._forget(position)
+                self._decoder, position = None, 0
+                plain += self._begun()
+                continue
+            before = position
             position, epoch = self._decoder.epoch(self._lines, position, self._done)
+            self._idle = 0 if epoch else self._idle + position - before
             plain += epoch
-        del self._lines[:position]
-        self._done += position
+        self._forget(position)
+        if self._idle + len(self._lines) > LINES_WITHOUT_EPOCH:
+            raise InputError(
+                f"{self._source}, line {self._done}: no epoch in {LINES_WITHOUT_EPOCH} lines of the compact RINEX; "
+                "fetch the file again"
+            )
         return "".join(f"{line}\n" for line in plain).encode("latin-1")
+
+    def _forget(self, count: int) -> None:
+        """Leave the first lines, which are done."""
+        del self._lines[:count]
+        self._done += count
 
     def _begun(self) -> list[str]:
         """The header's lines, once it is there whole."""
@@ -113,9 +139,8 @@ class Expander:
         if end is None:
             return []
         plain = self._lines[2 : end + 1]
-        self._decoder = _Version3(plain) if version == "3.0" else _Version1(plain)
-        del self._lines[: end + 1]
-        self._done = end + 1
+        self._decoder = (_Version3 if version == "3.0" else _Version1)(plain, self._remarks)
+        self._forget(end + 1)
         return plain
 
 
@@ -175,12 +200,12 @@ class _Decoder(ABC):
     flag_at: int
     begins: str
 
-    def __init__(self, header: Sequence[str]) -> None:
+    def __init__(self, header: Sequence[str], remarks: Remarks) -> None:
         self.head = ""
         self.clock: dict[int, _Arc] = {}
         self.satellites: dict[str, _Satellite] = {}
         self.types: dict[str, int] = {}
-        self.remarks = Remarks()
+        self.remarks = remarks
         self.unfinished: int | None = None  # the line in which the last epoch begins, if the lines end within it
         self.learn(header)
 
@@ -245,7 +270,7 @@ class _Decoder(ABC):
         texts = lines[position + 2 : end]
         if len(listed) != 3 * count or not all(map(_SAT.fullmatch, sats)) or len(set(sats)) < count:
             raise _Lost("satellites that are no list of names")
-        follows = lines[end][:1] if end < len(lines) else ""
+        follows = lines[end][:1] if end < len(lines) and not _begins(lines[end]) else ""
         if follows not in ("", " ", self.begins) or any(text.startswith(self.begins) for text in texts):
             raise _Lost("a line too many or too few")
         clock = _value(self.clock, 0, lines[position + 1].strip())

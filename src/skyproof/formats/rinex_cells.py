@@ -4,7 +4,8 @@ Lines are found and numbers parsed for the whole body at once; only the line tha
 itself. RINEX 2.11, tables A2 and 5.1; 3.05, table A3.
 """
 
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Integers, Reals
+from skyproof.errors import shortened
 from skyproof.formats.bounds import Remarks
 from skyproof.gnss.time import require_year
 from skyproof.records import Remark, RemarkKind
@@ -20,6 +22,7 @@ __all__ = [
     "Cells",
     "Layout",
     "Lines",
+    "Restate",
     "SatelliteRows",
     "cells",
     "heads_of",
@@ -31,11 +34,33 @@ __all__ = [
 
 Layout = dict[str, tuple[str, ...]]
 """Observation types by system; of version 2 the same for all, under ""."""
+Restate = Callable[[Sequence[str], Layout], tuple[Layout, list[str]]]
+"""From header lines inside the data and the layout before them to the layout that holds from there on, and remarks.
+
+An empty layout means that what follows cannot be read and is left out.
+"""
 
 _FIELD: Final = 16
 _AT_ONCE: Final = 1 << 23  # characters of text that are parsed at once
 _EVENTS: Final = {2: "antenna starts to move", 3: "new site", 4: "header lines", 5: "external event", 6: "cycle slips"}
 _TIMES: Final = 3  # of events that are named
+_TYPE: Final = re.compile(r"[CLPDSIX][0-9][A-Z]?", re.ASCII)
+_HEADER: Final = ("RINEX VERSION / TYPE", "SYS / # / OBS TYPES", "# / TYPES OF OBSERV", "END OF HEADER")
+"""Labels that a header has; lines with others alone are comments, which change nothing."""
+_LABELS: Final = frozenset(
+    (
+        *_HEADER,
+        *("PGM / RUN BY / DATE", "COMMENT", "MARKER NAME", "MARKER NUMBER", "MARKER TYPE", "OBSERVER / AGENCY"),
+        *("REC # / TYPE / VERS", "ANT # / TYPE", "APPROX POSITION XYZ", "ANTENNA: DELTA H/E/N"),
+        *("ANTENNA: DELTA X/Y/Z", "ANTENNA: PHASECENTER", "ANTENNA: B.SIGHT XYZ", "ANTENNA: ZERODIR AZI"),
+        *("ANTENNA: ZERODIR XYZ", "CENTER OF MASS: XYZ", "SIGNAL STRENGTH UNIT", "INTERVAL", "TIME OF FIRST OBS"),
+        *("TIME OF LAST OBS", "RCV CLOCK OFFS APPL", "SYS / DCBS APPLIED", "SYS / PCVS APPLIED"),
+        *("SYS / SCALE FACTOR", "SYS / PHASE SHIFT", "SYS / PHASE SHIFTS", "GLONASS SLOT / FRQ #"),
+        *("GLONASS COD/PHS/BIS", "LEAP SECONDS", "# OF SATELLITES", "PRN / # OF OBS", "WAVELENGTH FACT L1/2"),
+        *("DOI", "LICENSE OF USE", "STATION INFORMATION"),
+    )
+)
+"""Of header lines (RINEX 2.11, table A1; 3.05, A2; 4.02, A2)."""
 _SCALE: Final = 10.0 ** np.arange(12, -1, -1)
 
 
@@ -110,14 +135,44 @@ def lines_of(text: NDArray[np.uint8], first_number: int = 1) -> Lines:
 class _Walk:
     """What has been found so far on the way through the body."""
 
+    lines: Lines
     layouts: list[Layout]
+    restate: Restate
     instant_ns: list[int] = field(default_factory=list)
     flag: list[int] = field(default_factory=list)
     layout: list[int] = field(default_factory=list)
     events: list[tuple[int, int]] = field(default_factory=list)  # flag, and the epoch that comes next
     damaged: list[int] = field(default_factory=list)
     cut: int | None = None  # the line at which the file ends within an epoch
+    remarks: list[str] = field(default_factory=list)
     days: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        letter = self.lines.column(60)
+        likely = np.flatnonzero(((letter >= 65) & (letter <= 90)) | (letter == ord("#")))
+        found = [k for k in likely.tolist() if self.lines[k][60:80].rstrip() in _LABELS]
+        self._labelled = np.array(found, np.int64)
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether the observation types that hold here are known."""
+        return bool(self.layouts[-1])
+
+    def labelled(self, begin: int, end: int) -> list[int]:
+        """Which of these lines have the label of a header line."""
+        first, last = np.searchsorted(self._labelled, (begin, end))
+        return self._labelled[first:last].tolist() if last > first else []
+
+    def header(self, labelled: Sequence[int]) -> bool:
+        """Take the lines of a header that stands in the data without an event record; False if they change nothing."""
+        texts = [self.lines[k] for k in labelled]
+        if not any(text[60:80].rstrip() in _HEADER for text in texts):
+            return False
+        layout, remarks = self.restate(texts, self.layouts[-1])
+        self.layouts.append(layout)
+        line = self.lines.first_number + labelled[0]
+        self.remarks += [Remark.reworded(remark, f"line {line}: {remark}") for remark in remarks]
+        return True
 
     def begin(self, instant_ns: int, flag: int) -> None:
         self.instant_ns.append(instant_ns)
@@ -126,7 +181,10 @@ class _Walk:
 
     def event(self, flag: int, stated: Sequence[str]) -> None:
         self.events.append((flag, len(self.flag)))
-        changed = layout_change(stated, self.layouts[-1])
+        if not self.is_readable:
+            return
+        changed, remarks = layout_change(stated, self.layouts[-1])
+        self.remarks += remarks
         if changed != self.layouts[-1]:
             self.layouts.append(changed)
 
@@ -156,17 +214,18 @@ class _Walk:
             stated.append(f"{len(nexts)} events inside the data: {_EVENTS[flag]}{when}")
         return stated
 
-    def rows(self, sat: Integers, epoch: Integers, line: Integers, lines: Lines) -> SatelliteRows:
+    def rows(self, sat: Integers, epoch: Integers, line: Integers) -> SatelliteRows:
         damaged = Remarks()
         for k in sorted(set(self.damaged)):
-            damaged.add(f"line {lines.first_number + k}: what belongs to no whole epoch is left out")
+            damaged.add(f"line {self.lines.first_number + k}: what belongs to no whole epoch is left out")
         cut: list[str] = []
         if self.cut is not None:
-            number = lines.first_number + self.cut
+            number = self.lines.first_number + self.cut
             cut.append(
                 Remark(f"the file is cut: it ends within the epoch that begins in line {number}", RemarkKind.CUT)
             )
-        remarks = (*cut, *self._event_remarks(), *damaged.words("further places with damaged epochs left out"))
+        others = damaged.words("further places with damaged epochs left out")
+        remarks = (*cut, *self.remarks, *self._event_remarks(), *others)
         layout = np.array(self.layout, np.int64)
         return SatelliteRows(
             np.array(self.instant_ns, np.int64),
@@ -180,30 +239,40 @@ class _Walk:
         )
 
 
-def layout_change(lines: Sequence[str], layout: Layout) -> Layout:
-    """The layout after these header lines, which state observation types or not."""
-    changed = dict(layout)
-    system, found = "", list[str]()
-    wanted: int | None = 0
+def layout_change(lines: Sequence[str], layout: Layout) -> tuple[Layout, list[str]]:
+    """Return the layout after these header lines, which state observation types or not, and what is wrong in them.
+
+    The names count, for data stand in their order; where another number of them is stated, that is reported.
+    """
+    stated: dict[str, tuple[str, list[str]]] = {}
+    remarks: list[str] = []
+    system: str | None = None
     for line in lines:
         label, text = line[60:80].rstrip(), line[:60]
-        if label == "SYS / # / OBS TYPES":
-            if text[0] != " ":
-                system, wanted, found = text[0], _types_wanted(text[3:6]), []
-            found += text[6:].split()
-        elif label == "# / TYPES OF OBSERV":
-            if text[:6].strip():
-                system, wanted, found = "", _types_wanted(text[:6]), []
-            found += text[6:].split()
-        else:
+        if label not in ("SYS / # / OBS TYPES", "# / TYPES OF OBSERV"):
             continue
-        changed[system] = tuple(found[:wanted])
-    return changed
-
-
-def _types_wanted(text: str) -> int | None:
-    """How many of the names that follow count; all of them if the number is damaged."""
-    return int(text.strip()) if text.strip().isdecimal() else None
+        if label == "# / TYPES OF OBSERV" and text[:6].strip():
+            system = ""
+            stated[system] = (text[:6], [])
+        elif label == "SYS / # / OBS TYPES" and text[0] != " ":
+            system = text[0]
+            stated[system] = (text[3:6], [])
+        elif text[:6].strip():
+            system = None
+            remarks.append(Remark(f"{label}: a line that names no system is left out", RemarkKind.BEARS))
+        if system is not None:
+            stated[system][1].extend(text[6:].split())
+    changed = dict(layout)
+    for name, (count, found) in stated.items():
+        wanted = int(count.strip()) if count.strip().isdecimal() else None
+        if wanted is not None and wanted < len(found) and not all(map(_TYPE.fullmatch, found[wanted:])):
+            found = found[:wanted]
+        if wanted != len(found):
+            of = f" of {name}" if name else ""
+            wrong = f"the header states {shortened(count.strip(), 10) or 'no number of'} observation types{of}"
+            remarks.append(Remark(f"{wrong} and names {len(found)}; those that it names are taken", RemarkKind.BEARS))
+        changed[name] = tuple(found)
+    return changed, remarks
 
 
 def _count(text: str) -> int:
@@ -213,18 +282,20 @@ def _count(text: str) -> int:
     return int(text.strip() or 0)
 
 
-def rows_3(lines: Lines, layout: Layout, *, to_end: bool = True) -> SatelliteRows:
+def rows_3(lines: Lines, layout: Layout, restate: Restate, *, to_end: bool = True) -> SatelliteRows:
     """Versions 3 and 4: an epoch begins with ">", and every satellite has a line that begins with its name.
 
     to_end : whether the file ends with these lines.
     """
-    walk = _Walk([layout])
+    walk = _Walk(lines, [layout], restate)
     heads = np.flatnonzero(lines.column(0) == ord(">"))
     filled = np.append(0, np.cumsum(lines.end > lines.start))
     nexts = np.append(heads, len(lines))[1:]
     owner = np.full(len(lines), -1, np.int64)
+    if labelled := walk.labelled(0, int(heads[0]) if heads.size else len(lines)):
+        walk.header(labelled)
     for k, following in zip(heads.tolist(), nexts.tolist(), strict=True):
-        text = lines[k]
+        text, first, begun = lines[k], k + 1, False
         at_end = to_end and following == len(lines)
         follow = int(filled[following] - filled[k + 1])
         try:
@@ -232,26 +303,31 @@ def rows_3(lines: Lines, layout: Layout, *, to_end: bool = True) -> SatelliteRow
             if at_end and follow < count:
                 walk.cut = k
             if 2 <= flag <= 5:
-                walk.event(flag, [lines[j] for j in range(k + 1, min(k + 1 + count, following))])
-                continue
-            if flag > 6:
+                first = min(k + 1 + count, following)
+                walk.event(flag, [lines[j] for j in range(k + 1, first)])
+            elif flag > 6:
                 raise ValueError(text)
-            walk.begin(walk.instant(text[2:12], text[13:29]), flag)
+            elif walk.is_readable:
+                walk.begin(walk.instant(text[2:12], text[13:29]), flag)
+                begun = True
         except (ValueError, KeyError):
             if at_end and not follow:
                 walk.cut = k
             else:
                 walk.damaged.append(k)
-            continue
-        if follow != count and walk.cut != k:
-            walk.damaged.append(following)
-        owner[k + 1 : following] = len(walk.flag) - 1
+        labelled = walk.labelled(first, following)
+        end = labelled[0] if labelled and walk.header(labelled) else following
+        if begun:
+            owner[k + 1 : end] = len(walk.flag) - 1
+            owner[[j for j in labelled if j < end]] = -1
+            if np.count_nonzero((owner >= 0)[k + 1 : end] & (lines.end > lines.start)[k + 1 : end]) != count:
+                walk.damaged += [] if walk.cut == k else [end]
     line = np.flatnonzero(owner >= 0)
     sat = _sat(lines.column(0)[line], lines.column(1)[line], lines.column(2)[line])
     known = sat > 0
     if walk.flag and not known.all():
         walk.damaged.extend(k for k in line[~known].tolist() if lines.end[k] > lines.start[k])
-    return walk.rows(sat[known], owner[line[known]], line[known], lines)
+    return walk.rows(sat[known], owner[line[known]], line[known])
 
 
 def _sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.uint8]) -> Integers:
@@ -263,12 +339,12 @@ def _sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.ui
     return np.where(digits & is_letter & (number > 0), letter.astype(np.int64) * 100 + number, 0)
 
 
-def rows_2(lines: Lines, layout: Layout, system: str, *, to_end: bool = True) -> SatelliteRows:
+def rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, to_end: bool = True) -> SatelliteRows:
     """Version 2: a head of one line or more names the satellites, whose records are lines of five fields, unnamed.
 
     to_end : whether the file ends with these lines.
     """
-    walk = _Walk([layout])
+    walk = _Walk(lines, [layout], restate)
     heads = np.flatnonzero(_looks_like_a_head(lines))
     sat, epoch, first = list[int](), list[int](), list[int]()
     k, total = 0, len(lines)
@@ -276,7 +352,9 @@ def rows_2(lines: Lines, layout: Layout, system: str, *, to_end: bool = True) ->
         at = int(np.searchsorted(heads, k))
         head = int(heads[at]) if at < heads.size else total
         if head > k:
-            if any(lines[j].strip() for j in range(k, min(head, k + 3))):
+            labelled = walk.labelled(k, head)
+            end = labelled[0] if labelled and walk.header(labelled) else head
+            if walk.is_readable and any(lines[j].strip() for j in range(k, min(end, k + 3))):
                 walk.damaged.append(k)
             k = head
             continue
@@ -296,6 +374,11 @@ def rows_2(lines: Lines, layout: Layout, system: str, *, to_end: bool = True) ->
                 walk.cut = k
             else:
                 walk.damaged.append(k)
+            k += 1
+            continue
+        labelled = walk.labelled(k + 1, following)
+        following = labelled[0] if labelled else following
+        if not walk.is_readable:
             k += 1
             continue
         n_heads = max(-(-count // 12), 1)
@@ -319,7 +402,7 @@ def rows_2(lines: Lines, layout: Layout, system: str, *, to_end: bool = True) ->
         elif whole < count or len(kept) < whole:
             walk.damaged.append(k)
         k = end
-    return walk.rows(np.array(sat, np.int64), np.array(epoch, np.int64), np.array(first, np.int64), lines)
+    return walk.rows(np.array(sat, np.int64), np.array(epoch, np.int64), np.array(first, np.int64))
 
 
 def _code(name: str, system: str) -> int:

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.errors import InputError
-from skyproof.formats.bounds import OBSERVATION_BYTES
+from skyproof.formats.bounds import EPOCH_BYTES, OBSERVATION_BYTES, STREAM_BYTES
+from skyproof.formats.byte_io import require_size
 from skyproof.formats.crinex import Expander, is_compact
 from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
-from skyproof.formats.rinex_obs_read import Header, ObservationFile, file_of, header_of
+from skyproof.formats.rinex_obs_read import Header, ObservationFile, file_of, header_of, require_text
 from skyproof.records import OBSERVABLES, CellStatus, Observations, Remark, RemarkKind, SignalId
 
 __all__ = ["PIECE_BYTES", "following", "obs_pieces"]
@@ -46,10 +47,12 @@ def obs_pieces(
 
     Raises
     ------
-    InputError : as `rinex_obs_read.read_obs` does, when it is come upon; and a gzip file that is damaged. One that ends
-        early is used up to there, which the remarks say.
+    InputError : as `rinex_obs_read.read_obs` does, when it is come upon; a gzip file that is damaged; and for more
+        bytes without an epoch than `OBSERVATION_BYTES`, or unpacked than `STREAM_BYTES`. A gzip file that ends early is
+        used up to there, which the remarks say.
     """
     text, header, line = b"", None, 0
+    idle = 0  # bytes without an epoch
     ended = False
     plain = _Plain(source)
     plain_blocks = plain.of(blocks)
@@ -60,18 +63,23 @@ def obs_pieces(
         if header is None:
             at = text.find(_END_OF_HEADER)
             if (at < 0 or text.find(b"\n", at) < 0) and not ended:
-                if len(text) > OBSERVATION_BYTES:
+                if len(text) > EPOCH_BYTES:
                     raise InputError(f"{source}: no END OF HEADER in {len(text)} bytes; fetch the file again")
                 continue
             header, body_at = header_of(text, source)
             text, line = text[body_at:], header.n_lines + 1
         if len(text) >= piece_bytes or ended:
+            require_text(text, source)
             lines = lines_of(np.frombuffer(text, np.uint8), line)
             whole = len(lines) if ended else _whole(lines, header)
+            if not whole and len(text) > max(EPOCH_BYTES, piece_bytes):  # no text of epochs
+                whole = len(lines)
             found = file_of(_first(lines, whole), header, keep=keep, glonass_channels=glonass_channels, to_end=ended)
+            idle = 0 if found.observations.gpst.size else idle + len(text)
+            require_size(idle, OBSERVATION_BYTES, f"{source}, line {line}: what has no epoch", "fetch the file again")
             if ended:
                 found = replace(found, remarks=(*plain.remarks, *header.remark_words(), *found.remarks))
-            if found.observations.signals or found.remarks:
+            if found.observations.signals or found.remarks or found.impossible:
                 yield found
             text = text[int(lines.start[whole]) :] if whole < len(lines) else b""
             line += whole
@@ -106,7 +114,7 @@ class _Plain:
         self.remarks += expander.remarks
 
     def _unpacked(self, blocks: Iterator[bytes]) -> Iterator[bytes]:
-        state = zlib.decompressobj(wbits=31)
+        state, size = zlib.decompressobj(wbits=31), 0
         for block in blocks:
             rest = block
             while rest:
@@ -115,9 +123,13 @@ class _Plain:
                         break
                     state = zlib.decompressobj(wbits=31)
                 try:
-                    yield state.decompress(rest, PIECE_BYTES)
+                    plain = state.decompress(rest, PIECE_BYTES)
                 except zlib.error as error:
                     raise InputError(f"{self._source}: {_DAMAGED} ({error}); fetch or compress it again") from None
+                size += len(plain)
+                what = f"{self._source}: the observation file, unpacked,"
+                require_size(size, STREAM_BYTES, what, "cut it into shorter ones")
+                yield plain
                 rest = state.unused_data if state.eof else state.unconsumed_tail
         if not state.eof:
             yield state.flush()

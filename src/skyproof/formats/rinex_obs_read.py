@@ -7,6 +7,7 @@ compact file it costs all that continues from it.
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
@@ -15,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Instants, Integers, Reals
-from skyproof.errors import InputError
+from skyproof.errors import InputError, readable
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, EMPTY_CELLS, OBSERVATION_BYTES, Remarks, listed
 from skyproof.formats.byte_io import beginning, unpacked
 from skyproof.formats.crinex import expanded, is_compact
+from skyproof.formats.plausible import LETTERS, Implausible, impossible_remarks, leave_out_impossible
 from skyproof.formats.rinex_cells import Layout, Lines, SatelliteRows, cells, layout_change, lines_of, rows_2, rows_3
 from skyproof.formats.signatures import head_of
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
@@ -35,6 +37,7 @@ __all__ = [
     "holds_observations",
     "parse_obs",
     "read_obs",
+    "require_text",
 ]
 
 _TO_DO: Final = "give a RINEX observation file (2.1x, 3.0x, 4.0x), plain, compact (.crx, .21d) or gzip"
@@ -57,6 +60,10 @@ _BY_SYSTEM_2: Final = {
 }
 _UNKNOWN_CN0_DBHZ: Final = 40.0
 _KINDS: Final = ("C", "L", "D", "S")
+_SYSTEMS: Final = "GRECJSI"
+_NO_SIGNALS: Final = ("I", "X", "T")
+"""Types that are known and not read: the ionosphere's delay, the receiver's channel, and Transit (table A23; 2.11)."""
+_TYPES: Final = ("SYS / # / OBS TYPES", "# / TYPES OF OBSERV")
 _EMPTY_LINES: Final = 1 << 20  # beyond one in 16 bytes
 _FILLED: Final = 16  # epochs and signals are so many times the cells that are filled, at most
 _GLONASS_CHANNELS: Final = range(-7, 14)
@@ -70,6 +77,8 @@ class ObservationFile:
     observations : epochs in GPS time, in order, one channel a signal, every copy "a".
     position_ecef_m : (3,) approximate. antenna_delta_hen_m : (3,) height, east, north of the antenna over the marker.
     time_system : of the file, "GPS" for instance. glonass_channels : frequency numbers by satellite.
+    impossible : cells that were left out since no receiver measures such values, by type ("G C1C"). misread : types
+        that were left out as a whole, and why.
     """
 
     observations: Observations
@@ -83,6 +92,8 @@ class ObservationFile:
     time_system: str = "GPS"
     leap_seconds: int | None = None
     glonass_channels: Mapping[str, int] = field(default_factory=dict)
+    impossible: Mapping[str, int] = field(default_factory=dict)
+    misread: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
 
 
@@ -138,16 +149,22 @@ def parse_obs(
     compact_remarks: tuple[str, ...] = ()
     if is_compact(content):
         content, compact_remarks = expanded(content, source=source)
-    if content.count(b"\n") > _EMPTY_LINES + len(content) // 16:
-        raise InputError(f"{source}: hardly more than empty lines; {_TO_DO}")
+    require_text(content, source)
     header, body_at = header_of(content, source)
     lines = lines_of(np.frombuffer(content, np.uint8)[body_at:], header.n_lines + 1)
     found = file_of(lines, header, keep=keep, glonass_channels=glonass_channels)
-    remarks = [*compact_remarks, *header.remark_words(), *found.remarks]
+    impossible = impossible_remarks(found.impossible, found.misread)
+    remarks = [*compact_remarks, *header.remark_words(), *impossible, *found.remarks]
     if not found.observations.signals:
         first = f"; {found.remarks[0]}" if found.remarks else ""
         raise InputError(f"{source}: no observation after line {header.n_lines}{first}; {_TO_DO}")
     return replace(found, remarks=tuple(remarks))
+
+
+def require_text(content: bytes, source: str) -> None:
+    """Raise InputError for hardly more than empty lines, of which the tables would take all memory."""
+    if content.count(b"\n") > _EMPTY_LINES + len(content) // 16:
+        raise InputError(f"{source}: hardly more than empty lines; {_TO_DO}")
 
 
 def file_of(
@@ -164,14 +181,20 @@ def file_of(
     to_end : whether the file ends with these lines.
     """
     rows = (
-        rows_3(lines, header.layout, to_end=to_end)
+        rows_3(lines, header.layout, header.restated, to_end=to_end)
         if header.version >= 3.0
-        else rows_2(lines, header.layout, header.system, to_end=to_end)
+        else rows_2(lines, header.layout, header.system, header.restated, to_end=to_end)
     )
     header.layout = rows.layouts[-1]
-    table = _Table.of(lines, rows, header, keep)
     numbers = dict(glonass_channels or {}) | header.glonass_channels
-    remarks = [*(_end_remarks(lines, rows, header) if to_end else ()), *rows.remarks, *table.remarks]
+    table, implausible = _plausible(_Table.of(lines, rows, header, keep), header, numbers)
+    remarks = [
+        *(_end_remarks(lines, rows, header) if to_end else ()),
+        *_names_remarks(rows.layouts, header.version),
+        *implausible.remarks,
+        *rows.remarks,
+        *table.remarks,
+    ]
     unnumbered = sorted({s.sat for s in table.signals if s.band in ("G1", "G2") and s.sat not in numbers})
     if unnumbered:
         unknown = f"no frequency number of {listed(unnumbered)}: their carriers are not known"
@@ -188,6 +211,8 @@ def file_of(
         time_system=header.time_system,
         leap_seconds=header.leap_seconds,
         glonass_channels=header.glonass_channels,
+        impossible=implausible.counts,
+        misread=implausible.misread,
         remarks=tuple(remarks),
     )
 
@@ -225,6 +250,7 @@ class Header:
     layout: Layout = field(default_factory=dict)
     marker: str = ""
     receiver: str = ""
+    receiver_number: str = ""
     antenna: str = ""
     position_ecef_m: Reals | None = None
     antenna_delta_hen_m: Reals | None = None
@@ -233,6 +259,7 @@ class Header:
     time_system: str = ""
     leap_seconds: int | None = None
     glonass_channels: dict[str, int] = field(default_factory=dict)
+    misread: dict[str, str] = field(default_factory=dict)
     remarks: Remarks = field(default_factory=Remarks)
 
     def take(self, line: str, label: str) -> None:
@@ -241,7 +268,7 @@ class Header:
         if label == "MARKER NAME":
             self.marker = text.strip()
         elif label == "REC # / TYPE / VERS":
-            self.receiver = text[20:40].strip()
+            self.receiver_number, self.receiver = text[:20].strip(), text[20:40].strip()
         elif label == "ANT # / TYPE":
             self.antenna = text[20:40].strip()
         elif label == "APPROX POSITION XYZ":
@@ -269,6 +296,47 @@ class Header:
         """Return the remarks on header lines."""
         return self.remarks.words("further header lines left out")
 
+    def restated(self, lines: Sequence[str], layout: Layout) -> tuple[Layout, list[str]]:
+        """Return the observation types from a header inside the data on, and remarks.
+
+        There are none, so that what follows is left out, where the lines name none, or are of another version, time
+        system or receiver than this header.
+        """
+        begins = any(line[60:80].rstrip() == "RINEX VERSION / TYPE" for line in lines)
+        ends = any(line[60:80].rstrip() == "END OF HEADER" for line in lines)
+        changed, remarks = layout_change(lines, {} if begins else layout)
+        named = any(changed.values()) and any(line[60:80].rstrip() in _TYPES for line in lines)
+        faults = self._other(lines) + ([] if named or not (begins or ends) else ["that names no observation types"])
+        if faults:
+            return {}, [Remark(f"a header inside the data {faults[0]}: what follows is left out", RemarkKind.BEARS)]
+        for line in lines:
+            if line[60:80].rstrip() == "GLONASS SLOT / FRQ #":
+                with suppress(ValueError):
+                    self.take(line, "GLONASS SLOT / FRQ #")
+        self.misread = {}
+        return changed, ["a header inside the data: the observation types that it names hold from there", *remarks]
+
+    def _other(self, lines: Sequence[str]) -> list[str]:
+        """In what these lines of a header are of another file than this one."""
+        of = Header(version=self.version, system=self.system, source=self.source)
+        for line in lines:
+            label = line[60:80].rstrip()
+            if label == "RINEX VERSION / TYPE":
+                of.version = _version(line[:9])
+            elif label in ("MARKER NAME", "REC # / TYPE / VERS", "TIME OF FIRST OBS"):
+                of.take(line, label)
+        faults = []
+        if _rules(of.version) != _rules(self.version):
+            faults.append(f"of RINEX {of.version:g}, expected {self.version:g} as before")
+        if of.time_system and of.time_system != self.time_system:
+            faults.append(f"of the time system {of.time_system}, expected {self.time_system} as before")
+        names = (of.receiver_number, self.receiver_number)
+        if not all(names):
+            names = (of.marker, self.marker)
+        if all(names) and names[0] != names[1]:
+            faults.append(f"of another receiver ({readable(names[0])}, before {readable(names[1])})")
+        return faults
+
 
 def _instant_ns(text: str) -> int:
     """Return nanoseconds since 1970 of an instant in a header: 5I6, F13.7 (RINEX 3.05, table A2)."""
@@ -276,6 +344,17 @@ def _instant_ns(text: str) -> int:
     require_year(year)
     minutes = np.datetime64(f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}", "ns")
     return int(minutes.astype(np.int64)) + round(_finite(text[30:43]) * 1e9)
+
+
+def _version(text: str) -> float:
+    """Return the version that the first columns of a header state; 0 if they state none."""
+    number = text.strip()
+    return float(number) if number.replace(".", "", 1).isdecimal() else 0.0
+
+
+def _rules(version: float) -> tuple[bool, bool]:
+    """Return what decides how lines are laid out and types are named."""
+    return version < 3.0, 3.015 < version < 3.025
 
 
 def _vector(text: str) -> Reals:
@@ -294,10 +373,9 @@ def header_of(content: bytes, source: str) -> tuple[Header, int]:
     first = content[: max(content.find(b"\n", 0, 200), 0) or 80].decode("latin-1")
     if first[60:80].rstrip() != "RINEX VERSION / TYPE":
         raise InputError(f"{source}, line 1: {first[:40]!r}, expected RINEX VERSION / TYPE in column 61; {_TO_DO}")
-    number = first[:9].strip()
-    version = float(number) if number.replace(".", "", 1).isdecimal() else 0.0
+    version = _version(first[:9])
     if not 2.0 <= version < 5.0:
-        raise InputError(f"{source}, line 1: RINEX version {number!r}, expected 2, 3 or 4; {_TO_DO}")
+        raise InputError(f"{source}, line 1: RINEX version {first[:9].strip()!r}, expected 2, 3 or 4; {_TO_DO}")
     if first[20:21].upper() != "O":
         raise InputError(f"{source}, line 1: the file is of type {first[20:40].strip()!r}, not observations; {_TO_DO}")
     system = first[40:41].strip() or "G"
@@ -320,7 +398,9 @@ def header_of(content: bytes, source: str) -> tuple[Header, int]:
             header.remarks.add(f"line {header.n_lines}: {label} cannot be read and is left out")
     else:
         raise InputError(f"{source}, line {header.n_lines}: the file ends before END OF HEADER; fetch it again")
-    header.layout = layout_change(lines, {})
+    header.layout, faults = layout_change(lines, {})
+    for fault in faults:
+        header.remarks.add(fault)
     if not any(header.layout.values()):
         raise InputError(f"{source}: the header names no observation types; fetch the file again")
     header.time_system = header.time_system or _TIME_SYSTEMS.get(system, "GPS")
@@ -333,12 +413,49 @@ def header_of(content: bytes, source: str) -> tuple[Header, int]:
 def _signals_of(types: Sequence[str], system: str, version: float) -> dict[tuple[str, str], dict[str, int]]:
     """Band and code to the field of its code, phase, Doppler and strength."""
     found: dict[tuple[str, str], dict[str, int]] = {}
-    for column, name in enumerate(types):
-        type_3 = name if version >= 3.0 else _as_version_3(name, types, system)
-        signal = rinex_signal(system, type_3[1:], version) if len(type_3) == 3 and type_3[0] in _KINDS else None
+    for column, name in sorted(enumerate(types), key=lambda typed: len(typed[1]) != 3):  # whole names first
+        type_3 = _whole_name(name, types, system, version)
+        signal = rinex_signal(system, type_3[1:], version) if type_3[:1] in _KINDS else None
         if signal is not None:
             found.setdefault(signal, {}).setdefault(type_3[0], column)
     return found
+
+
+def _whole_name(name: str, types: Sequence[str], system: str, version: float) -> str:
+    """Return the name in version 3 of a type; "" for one that has no meaning, or not one alone.
+
+    Names of version 2 stand in headers of version 3 as well, and the other way round.
+    """
+    if len(name) == 3:
+        return name if name[0] in _KINDS else ""
+    if len(name) != 2 or name[0] not in "CLPDS":
+        return ""
+    if version >= 3.0 and (system == "C" or (name[1] != "1" and not {f"C{name[1]}", f"P{name[1]}"} & set(types))):
+        return ""  # BeiDou's bands were numbered otherwise; and which of two codes a phase is of, is not known
+    type_3 = _as_version_3(name, types, system)
+    return type_3 if len(type_3) == 3 else ""
+
+
+def _names_remarks(layouts: Iterable[Layout], version: float) -> list[str]:
+    """Report names of types that the version does not have: what they are read as, or that they are left out."""
+    read, unknown = list[str](), list[str]()
+    for layout in layouts:
+        for system, types in layout.items():
+            for name in types:
+                wholes = {s: _whole_name(name, types, s, version) for s in (system or _SYSTEMS)}
+                whole = next((n for s, n in wholes.items() if n and rinex_signal(s, n[1:], version)), "")
+                if whole and (len(name) == 3) == (version >= 3.0):
+                    continue
+                if whole:
+                    read.append(f"{system} {name} as {whole}".strip())
+                elif name[:1] not in _NO_SIGNALS:
+                    unknown.append(f"{system} {readable(name[:12])}".strip())
+    open_ = listed([*dict.fromkeys(unknown)])
+    has_not = f"observation types that RINEX {version:g} does not have"
+    return [
+        *([f"{has_not} are read as what they mean: {listed([*dict.fromkeys(read)])}"] if read else []),
+        *([Remark(f"{has_not}, or whose meaning is open, are left out: {open_}", RemarkKind.BEARS)] if unknown else []),
+    ]
 
 
 def _as_version_3(name: str, types: Sequence[str], system: str) -> str:
@@ -504,6 +621,40 @@ def _changes(marks: Booleans, there: Booleans) -> Booleans:
 # --- the record
 
 
+def _plausible(table: _Table, header: Header, channels: Mapping[str, int]) -> tuple[_Table, Implausible]:
+    """Return the table without cells that are impossible, and without signals of which nothing stays.
+
+    Types that are misread as a whole go into `header`, for the lines that follow.
+    """
+    cells, implausible = leave_out_impossible(
+        {name: table.numbers[kind] for name, kind in LETTERS.items()},
+        signals=table.signals,
+        elapsed_s=np.asarray((table.instant_ns - table.instant_ns[:1]) * 1e-9, np.float64),
+        carrier_hz=_carriers_hz(table.signals, channels),
+        misread=header.misread,
+    )
+    header.misread = implausible.misread
+    if not implausible.counts:
+        return table, implausible
+    numbers = {kind: cells[name] for name, kind in LETTERS.items()}
+    stays = np.flatnonzero(np.any([np.isfinite(numbers[kind]).any(axis=0) for kind in "CLD"], axis=0))
+    return (
+        replace(
+            table,
+            signals=tuple(table.signals[k] for k in stays),
+            numbers={kind: values[:, stays] for kind, values in numbers.items()},
+            strength=table.strength[:, stays],
+            lost=table.lost[:, stays],
+            half_open=table.half_open[:, stays],
+        ),
+        implausible,
+    )
+
+
+def _carriers_hz(signals: Sequence[SignalId], channels: Mapping[str, int]) -> Reals:
+    return np.array([carrier_hz_of(s.band, channels.get(s.sat)) for s in signals], np.float64)
+
+
 def _observations(table: _Table, header: Header, channels: Mapping[str, int], remarks: list[str]) -> Observations:
     code_m, phase_cyc, doppler_hz, cn0_dbhz = (table.numbers[kind] for kind in _KINDS)
     there = np.isfinite(code_m) | np.isfinite(phase_cyc) | np.isfinite(doppler_hz)
@@ -535,7 +686,7 @@ def _observations(table: _Table, header: Header, channels: Mapping[str, int], re
         half_cycle_open=table.half_open,
         found_elapsed_s=elapsed_s[first],
         missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], np.nan),
-        carrier_hz=np.array([carrier_hz_of(s.band, channels.get(s.sat)) for s in table.signals]),
+        carrier_hz=_carriers_hz(table.signals, channels),
     )
 
 

@@ -40,7 +40,7 @@ _KEPLER: Final = {
     "C": (BEIDOU_MU_M3_S2, BEIDOU_EARTH_ROTATION_RAD_S, GALILEO_RELATIVITY_F_S_SQRT_M),
 }
 """Gravity, earth's rotation and F of each system."""
-_GEOSTATIONARY: Final = frozenset((*(f"C{n:02d}" for n in range(1, 6)), *(f"C{n:02d}" for n in range(59, 64))))
+GEOSTATIONARY: Final = frozenset((*(f"C{n:02d}" for n in range(1, 6)), *(f"C{n:02d}" for n in range(59, 64))))
 _GALILEO_GAMMA: Final = {"E5a": (154.0 / 115.0) ** 2, "E5b": (154.0 / 118.0) ** 2}
 
 
@@ -113,7 +113,7 @@ class Ephemeris:
     def orbit_row(self) -> Reals:
         """(N_ORBIT,) clock and orbit as `orbit_kernels` take them."""
         row = np.empty(k.N_ORBIT)
-        row[k.KIND] = k.GEOSTATIONARY if self.sat in _GEOSTATIONARY else k.KEPLER
+        row[k.KIND] = k.GEOSTATIONARY if self.sat in GEOSTATIONARY else k.KEPLER
         row[k.WEEK : k.AF2 + 1] = (
             self.week,
             self.toe,

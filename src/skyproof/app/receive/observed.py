@@ -1,5 +1,6 @@
 """Observation files as inputs: what one receiver measured itself, read instead of tracked."""
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from skyproof.errors import InputError
 from skyproof.formats.bounds import limited
 from skyproof.formats.byte_io import FileBytes, size_of
 from skyproof.formats.pieces import Workspace
+from skyproof.formats.plausible import impossible_remarks
 from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, following, obs_pieces
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.formats.spool import NothingGathered, gathered
@@ -115,12 +117,16 @@ class _Noted:
         self.version, self.epochs = 0.0, 0
         self._first = self._last = np.datetime64("NaT", "ns")
         self._remarks: dict[str, str] = {}
+        self._impossible: Counter[str] = Counter()
+        self._misread: dict[str, str] = {}
 
     def all(self, pieces: Iterable[ObservationFile]) -> Iterator[Observations]:
         """The observations of the pieces."""
         for piece in pieces:
             self.version = self.version or piece.version
             self._remarks |= {remark: remark for remark in piece.remarks}
+            self._impossible.update(piece.impossible)
+            self._misread |= piece.misread
             o = piece.observations
             if not o.gpst.size:
                 continue
@@ -135,7 +141,8 @@ class _Noted:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Each once, and not without end."""
-        return limited(self._remarks.values(), "further remarks")
+        impossible = impossible_remarks(self._impossible, self._misread)
+        return limited((*impossible, *self._remarks.values()), "further remarks")
 
 
 def _is_judged(signal: SignalId) -> bool:
