@@ -12,7 +12,7 @@ from tests.logs.frames import ubx_frame
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.time import week_and_tow
 from skyproof.logs.content import LogPiece
-from skyproof.logs.ubx import read_ubx
+from skyproof.logs.stream import read_log
 from skyproof.records import CellStatus, Observations, SignalId
 
 LOGS = ("imu-gnss-walk/gnss_1730.ubx", "streams/pygpsdata-RXMRAWX.log", "streams/ubx_20080526.ubx")
@@ -68,7 +68,7 @@ def epochs_of(observations: Observations) -> dict[tuple[int, int], int]:
 @pytest.mark.parametrize("name", LOGS[:2])
 def test_measurements_are_those_of_pyubx2(shared_data, name) -> None:
     path = shared_data / "real" / name
-    (piece,) = read_ubx([path.read_bytes()], source="rx")
+    (piece,) = read_log([path.read_bytes()], "rx")
     o = piece.observations
     rows, cells = epochs_of(o), 0
     for message in oracle(path):
@@ -99,7 +99,7 @@ def test_measurements_are_those_of_pyubx2(shared_data, name) -> None:
 @pytest.mark.shared_data
 def test_old_measurements_are_those_of_pyubx2(shared_data) -> None:
     path = shared_data / "real" / LOGS[2]
-    (piece,) = read_ubx([path.read_bytes()], source="rx")
+    (piece,) = read_log([path.read_bytes()], "rx")
     o, cells = piece.observations, 0
     rows = epochs_of(o)
     for message in oracle(path):
@@ -117,7 +117,7 @@ def test_old_measurements_are_those_of_pyubx2(shared_data) -> None:
 @pytest.mark.shared_data
 def test_fixes_are_those_of_pyubx2(shared_data) -> None:
     path = shared_data / "real" / LOGS[0]
-    (piece,) = read_ubx([path.read_bytes()], source="rx")
+    (piece,) = read_log([path.read_bytes()], "rx")
     solved = [m for m in oracle(path) if m.identity == "NAV-PVT" and m.gnssFixOk]
     assert piece.fixes.gpst.size == len(solved) == 536
     lat, lon, height = geodetic_from_ecef(piece.fixes.position_ecef_m)
@@ -131,7 +131,7 @@ def test_fixes_are_those_of_pyubx2(shared_data) -> None:
 
 @pytest.mark.shared_data
 def test_carriers_follow_their_dopplers(shared_data) -> None:
-    (piece,) = read_ubx([(shared_data / "real" / LOGS[0]).read_bytes()], source="rx")
+    (piece,) = read_log([(shared_data / "real" / LOGS[0]).read_bytes()], "rx")
     o = piece.observations
     steps = np.diff(o.carrier_cyc, axis=0) / np.diff(o.elapsed_s)[:, None]
     mean_hz = 0.5 * (o.doppler_hz[1:] + o.doppler_hz[:-1])
@@ -144,9 +144,9 @@ def test_carriers_follow_their_dopplers(shared_data) -> None:
 @pytest.mark.parametrize("name", LOGS)
 def test_blocks_of_any_size_give_the_same(shared_data, name, monkeypatch) -> None:
     octets = (shared_data / "real" / name).read_bytes()[: 1 << 18]
-    (whole,) = read_ubx([octets], source="rx")
+    (whole,) = read_log([octets], "rx")
     monkeypatch.setattr("skyproof.logs.frames._BLOCK_BYTES", 30_000)
-    pieces = list(read_ubx([octets[k : k + 999] for k in range(0, len(octets), 999)], source="rx"))
+    pieces = list(read_log([octets[k : k + 999] for k in range(0, len(octets), 999)], "rx"))
     assert len(pieces) >= len(octets) // 31_000
     observed = [piece.observations for piece in pieces if piece.observations is not None]
     joined = Observations.joined(observed)
@@ -168,7 +168,7 @@ def rawx(tow_s: float, week: int, cells: list[tuple], leap_s: int = 18) -> bytes
 
 
 def read(*frames: bytes) -> LogPiece:
-    (piece,) = read_ubx([b"".join(frames)], source="rx")
+    (piece,) = read_log([b"".join(frames)], "rx")
     return piece
 
 

@@ -1,10 +1,9 @@
 """What a receiver's log holds, whatever its protocol: the records that every reader of logs gives.
 
-A reader takes blocks of bytes, cut anywhere, and gives one `LogPiece` after another, in order of time. Memory is
-bounded by the block. Damage costs the frame that is damaged and is counted, never the log.
+A reader of a protocol takes the frames of one stretch of a stream after the other, and gives a `LogPiece` of each.
+Memory is bounded by the stretch. Damage costs the frame that is damaged and is counted, never the log.
 """
 
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final, Literal, Protocol
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Instants, Integers, Octets, Reals
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
+from skyproof.logs.frames import Frames
 from skyproof.records import Observations, freeze
 
 __all__ = [
@@ -182,14 +182,7 @@ class LogPiece:
 
 
 class LogReader(Protocol):
-    """A function that reads one protocol: `read_ubx`, `read_sbf` and the like."""
+    """What reads the frames of one protocol, stretch by stretch, and remembers what later ones need."""
 
-    def __call__(self, blocks: Iterable[bytes], *, source: str) -> Iterator[LogPiece]:
-        """Read blocks of bytes, cut anywhere.
-
-        source : names the log in messages.
-
-        Raises
-        ------
-        InputError : the log cannot be read as this protocol at all.
-        """
+    def read(self, frames: Frames) -> LogPiece:
+        """Read the frames of its protocol; `damaged_frames` and `cut` are of whoever splits the stream."""

@@ -5,7 +5,7 @@ u-blox interface descriptions: M8 (UBX-13003221), F9 HPG 1.32 (UBX-22008968), M1
 """
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -25,11 +25,11 @@ from skyproof.logs.content import (
     ReceiverFixes,
     ReceiverStates,
 )
-from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field, split_frames
+from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.rows import SignalRows, observations_from_rows
 from skyproof.records import SignalId
 
-__all__ = ["MESSAGES", "read_ubx"]
+__all__ = ["MESSAGES", "UbxReader"]
 
 MESSAGES: Final = {
     0x0103: "NAV-STATUS",
@@ -129,19 +129,6 @@ Payloads = Callable[[int, int], tuple[Integers, Integers]]
 """First octet and size of the payloads of a message that have so many octets at least."""
 
 
-def read_ubx(blocks: Iterable[bytes], *, source: str) -> Iterator[LogPiece]:
-    """Read a UBX log, other protocols beside it left out.
-
-    Epochs before the receiver knows the time are left out and counted. Messages without a time of their own take that
-    of the last epoch before them.
-
-    source : names the receiver.
-    """
-    reader = _Reader(source)
-    for frames in split_frames(blocks):
-        yield reader.read(frames)
-
-
 _NEVER: Final = np.iinfo(np.int64).min
 
 
@@ -171,10 +158,15 @@ def _find_slips(
         last[0], last[1], last[2] = epochs[k], lock_ms[k], half_open[k]
 
 
-class _Reader:
-    """What is remembered from stretch to stretch."""
+class UbxReader:
+    """Read UBX frames, stretch by stretch (`LogReader`).
+
+    Epochs before the receiver knows the time are left out and counted. Messages without a time of their own take that
+    of the last epoch before them.
+    """
 
     def __init__(self, source: str) -> None:
+        """Begin a log; `source` names the receiver."""
         self._source = source
         self._signals: dict[int, int] = {}  # number of each signal, by what the log calls it
         self._names: list[SignalId] = []
@@ -207,8 +199,6 @@ class _Reader:
             states=_states(octets, payloads, clock),
             frames=_broadcast(octets, payloads, clock),
             messages=dict(messages),
-            damaged_frames=frames.damaged,
-            cut=frames.cut,
             remarks=(f"{untimed} epochs before the receiver knew the time are left out",) if untimed else (),
         )
         self._last_ns = clock.last_ns

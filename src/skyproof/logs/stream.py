@@ -1,0 +1,60 @@
+"""A receiver's byte stream, whatever protocols are in it, as one log."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from typing import Final
+
+import numpy as np
+
+from skyproof.logs.content import LogPiece, LogReader
+from skyproof.logs.frames import Protocol, split_frames
+from skyproof.logs.ubx import UbxReader
+
+__all__ = ["LEAST_FRAMES", "is_log", "read_log"]
+
+LEAST_FRAMES: Final = 3
+"""Frames with a checksum that holds, by which a stream is known: other bytes hold one of UBX in 2^32."""
+_READERS: Final[dict[Protocol, Callable[[str], LogReader]]] = {
+    Protocol.UBX: UbxReader,
+}
+"""What reads each protocol, in the order of preference where several give the same."""
+
+
+def is_log(head: bytes) -> bool:
+    """Tell whether a file that begins so is a receiver's byte stream."""
+    (frames, *_) = split_frames([head])
+    counts = np.bincount(frames.protocol, minlength=max(Protocol) + 1)
+    return any(counts[protocol] >= LEAST_FRAMES for protocol in _READERS)
+
+
+def read_log(blocks: Iterable[bytes], source: str) -> Iterator[LogPiece]:
+    """Read a stream in blocks of bytes, cut anywhere, stretch by stretch.
+
+    Where several protocols give measurements, or fixes, or levels, those of the protocol that is read first in the
+    order above are taken; broadcast frames and states are taken from all.
+
+    source : names the receiver.
+    """
+    readers = {protocol: make(source) for protocol, make in _READERS.items()}
+    preferred: dict[str, Protocol] = {}
+    for frames in split_frames(blocks):
+        pieces = {protocol: reader.read(frames) for protocol, reader in readers.items()}
+        chosen = {}
+        for name in ("observations", "fixes", "levels"):
+            having = [protocol for protocol, piece in pieces.items() if getattr(piece, name) is not None]
+            if having:
+                protocol = preferred.setdefault(name, having[0])
+                chosen[name] = getattr(pieces[protocol], name)
+        messages: Counter[str] = Counter()
+        for piece in pieces.values():
+            messages.update(piece.messages)
+        states = [piece.states for piece in pieces.values() if piece.states is not None]
+        yield LogPiece(
+            **chosen,
+            states=states[0] if states else None,
+            frames=tuple(frame for piece in pieces.values() for frame in piece.frames),
+            messages=dict(messages),
+            damaged_frames=frames.damaged,
+            cut=frames.cut,
+            remarks=tuple(remark for piece in pieces.values() for remark in piece.remarks),
+        )
