@@ -913,7 +913,8 @@ class Evidence(ShortRepr):
         ("authentic" rejects "from one antenna"; "spoofed" and "attack" reject "clean sky").
     log_likelihood_ratio : of what it says over its opposite, natural logarithm; None where no model is stated.
     noted : it stands beside the verdict, whatever that is.
-    lacking : what the test needs and did not get; it could not run.
+    code : of what could not be tested, the reason's short name, which `because` puts in words. lacking : what the test
+        needs and did not get.
     directions : where the subject's signals come from, if that is one place and the test can tell it: all that fit, the
         likeliest first.
     assumes : under what the word holds that the measurements cannot show, in words; each stands beside the verdict.
@@ -940,6 +941,7 @@ class Evidence(ShortRepr):
     group: int | None = None  # evidence of one group decision shares a number within its window
     overrules: bool = False
     noted: bool = False
+    code: str = ""
     lacking: tuple[Need, ...] = ()
     directions: tuple[Direction, ...] = ()
     assumes: tuple[str, ...] = ()

@@ -220,13 +220,15 @@ class Method(_Model):
     why_not: str | None = Field(description="Why it did not run; null if it ran.")
     would_need: str | None = Field(description="What would let it run, or decide; null if nothing is missing.")
     decision: str | None = Field(
-        description="What it says of the whole: authentic, spoofed, attack, multipath, clean, undecided; null if it "
-        "did not run."
+        description="What it says of the whole: spoofed, attack, failed (a test that a clean sky passes), authentic, "
+        "multipath, clean, undecided, the first of these that any window gives; null if it did not run."
     )
     tests: int = Field(ge=0, description="Number of tests that it made.")
-    statistic: float | None = Field(description="Statistic of its most telling test, in the detector's own unit.")
+    from_gpst: Gpst | None = Field(description="Start of the window of its most telling test, GPS time.")
+    to_gpst: Gpst | None = Field(description="End of that window, GPS time.")
+    statistic: float | None = Field(description="Statistic of that test, in the detector's own unit.")
     threshold: float | None = Field(description="Threshold of that test, in the same unit.")
-    p_value: Probability | None = Field(description="p-value of that test.")
+    p_value: Probability | None = Field(description="p-value of that test: the least of those with that decision.")
     false_alarm_probability: Probability | None = Field(description="False-alarm probability asked of one decision.")
 
     @model_validator(mode="after")

@@ -36,7 +36,8 @@ KEYS = {
     "directions stands shows time_offset_s",
     "sources.directions": "frame azimuth_deg elevation_deg along_sigma_deg up_sigma_deg correlation",
     "sources.shows": "lat_deg lon_deg height_m",
-    "methods": "detector ran why_not would_need decision tests statistic threshold p_value false_alarm_probability",
+    "methods": "detector ran why_not would_need decision tests from_gpst to_gpst statistic threshold p_value "
+    "false_alarm_probability",
     "inputs": "path format sha256 remarks",
 }
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from tests.report.sample import EMPTY, SAMPLE, VERDICT, pictures
 
+from skyproof.report import evidence
 from skyproof.report.figures import Pictures
 from skyproof.report.page import report_html
 from skyproof.report.pictures import (
@@ -244,6 +245,17 @@ def test_a_test_that_did_not_decide_rejects_no_clean_sky() -> None:
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
     assert "It did not decide (p\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}1.0·10⁻⁹)." in text
     assert "in a clean sky, chance alone" not in text
+
+
+def test_a_failed_test_stands_first_with_its_window() -> None:
+    document = copy.deepcopy(SAMPLE)
+    passed = document["methods"][0] | {"detector": "sqm", "decision": "authentic"}
+    failed = document["methods"][0] | {"decision": "failed", "p_value": 6.6e-236}
+    verdict = Verdict.model_validate(document | {"methods": [passed, failed, document["methods"][1]]})
+    first, second = evidence.ran(verdict, ())
+    assert (first.method.decision, second.method.decision) == ("failed", "authentic")
+    assert "6.6·10" in " ".join(first.sentences)
+    assert "2022-01-01 10:00:50 to 10:01:00, GPS time" in " ".join(first.sentences)
 
 
 def test_a_signal_that_changes_its_label_is_one_signal() -> None:

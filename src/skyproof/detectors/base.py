@@ -59,9 +59,15 @@ def signals_of(observations: tuple[Observations, ...]) -> tuple[SignalRef, ...]:
 
 
 def undecided(
-    detector: Detector, records: Records, subject: tuple[SignalRef, ...], *, because: str, would_need: str | None = None
+    detector: Detector,
+    records: Records,
+    subject: tuple[SignalRef, ...],
+    *,
+    because: str,
+    would_need: str | None = None,
+    code: str = "",
 ) -> Evidence:
-    """The test could not tell, or could not run."""
+    """Return evidence of a test that could not tell, or could not run. code : short name of the reason."""
     return Evidence(
         detector=detector.name,
         start_gpst=records.start_gpst,
@@ -70,12 +76,13 @@ def undecided(
         says="undecided",
         because=because,
         would_need=would_need,
+        code=code,
         false_alarm_probability=detector.settings.false_alarm_probability,
     )
 
 
 def missing(detector: Detector, records: Records) -> list[Evidence]:
-    """One undecided Evidence that names the records that `detector` needs and does not get; empty if it gets all."""
+    """Name the records that `detector` needs and does not get, in one undecided Evidence; empty if it gets all."""
     lacking = [need for need in detector.needs if not records.has(need)]
     if not lacking:
         return []
@@ -85,5 +92,6 @@ def missing(detector: Detector, records: Records) -> list[Evidence]:
         signals_of(records.observations),
         because=f"without {' and '.join(need.replace('_', ' ') for need in lacking)}",
         would_need="; ".join(NEEDS[need] for need in lacking),
+        code="_".join(("without", *lacking)),
     )
     return [replace(said, lacking=tuple(lacking))]

@@ -6,12 +6,12 @@ from markupsafe import Markup
 
 from skyproof.report import methods, proof
 from skyproof.report.pictures import Finding
-from skyproof.report.words import chance_words, number_words, p_value_words
+from skyproof.report.words import chance_words, number_words, p_value_words, span_words
 from skyproof.verdict import Method, Verdict
 
 __all__ = ["Tested", "by_chance", "quoted", "ran", "strongest"]
 
-ORDER = ("spoofed", "attack", "authentic", "multipath", "undecided", "clean")  # of methods, by what they say
+ORDER = ("spoofed", "attack", "failed", "authentic", "multipath", "undecided", "clean")  # of methods, by what they say
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,8 @@ def _words_of_test(method: Method) -> list[str]:
         if method.decision == "undecided":  # what was tested, one antenna or a clean sky, the evidence says
             words = f"it did not decide ({p_value_words(method.p_value)})."
         sentences.append(words[0].upper() + words[1:])
+    if method.from_gpst is not None:
+        sentences.append(f"In the window {span_words(method.from_gpst, method.to_gpst)}, GPS time.")
     if method.statistic is not None:
         against = f", its threshold {number_words(method.threshold)}" if method.threshold is not None else ""
         sentences.append(f"Statistic {number_words(method.statistic)}{against}.")

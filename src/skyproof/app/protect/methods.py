@@ -2,70 +2,101 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Final
 
-from skyproof.records import Evidence, Says
+import numpy as np
+
+from skyproof.gnss.time import iso
+from skyproof.records import Evidence
 from skyproof.verdict import Method
 
 __all__ = ["OfDetector", "of_detectors"]
 
-STRENGTH: tuple[Says, ...] = ("undecided", "clean", "multipath", "authentic", "attack", "spoofed")
+STRENGTH: Final = ("undecided", "clean", "multipath", "authentic", "failed", "attack", "spoofed")
+"""What a test says, the stronger the later. A failed test outranks passed ones: it is what a reader must not miss."""
 
 
 @dataclass(kw_only=True)
 class OfDetector:
-    """One detector's evidence, as far as it was read.
+    """Count one detector's evidence, as far as it was read.
 
-    first : piece of all; undecided : first that is. always_needs : whether each piece says what it would need. tests :
-    pieces with a p-value. best : of these the least p-value, of each word and under None of all.
+    first : piece of all. tests : pieces with a p-value. telling : of each word the piece with the least p-value.
+    reasons : of pieces that decide nothing, by their code: how many, and the first.
     """
 
     first: Evidence
-    decision: Says = "undecided"
-    undecided: Evidence | None = None
-    always_needs: bool = True
     tests: int = 0
-    best: dict[Says | None, Evidence] = field(default_factory=dict)
+    telling: dict[str, Evidence] = field(default_factory=dict)
+    reasons: dict[str, tuple[int, Evidence]] = field(default_factory=dict)
 
     def add(self, e: Evidence) -> None:
-        """One more piece."""
-        self.decision = max(self.decision, e.says, key=STRENGTH.index)
-        self.always_needs &= e.would_need is not None
-        if e.says == "undecided" and self.undecided is None:
-            self.undecided = e
-        if e.p_value is None:
+        """Add one more piece."""
+        if e.p_value is None and e.says == "undecided":
+            count, first = self.reasons.get(e.code or e.because, (0, e))
+            self.reasons[e.code or e.because] = count + 1, first
+        remark = e.noted and e.says == "clean"
+        if e.p_value is None and (e.says == "undecided" or remark):
             return
-        self.tests += 1
-        for word in (e.says, None):
-            known = self.best.get(word)
-            if known is None or known.p_value is None or e.p_value < known.p_value:
-                self.best[word] = e
+        self.tests += e.p_value is not None
+        word = "failed" if e.failed else e.says
+        known = self.telling.get(word)
+        if known is None or _p_value(e) < _p_value(known):
+            self.telling[word] = e
 
     @property
-    def telling(self) -> Evidence | None:
+    def decision(self) -> str | None:
+        """The strongest word of all pieces; None where no test was made."""
+        return max(self.telling, key=STRENGTH.index, default=None)
+
+    @property
+    def most_telling(self) -> Evidence | None:
         """The piece that says most: the least p-value behind the decision; None without any."""
-        return self.best.get(self.decision, self.best.get(None))
+        return None if self.decision is None else self.telling[self.decision]
+
+    @property
+    def reason(self) -> Evidence | None:
+        """The piece with the most frequent reason for deciding nothing; None where all pieces are tests."""
+        return max(self.reasons.values(), key=lambda counted: counted[0], default=(0, None))[1]
 
     def method(self) -> Method:
-        """As the verdict has it."""
-        best, undecided = self.telling, self.undecided
-        is_open = undecided is not None and self.decision in ("undecided", "clean", "attack")
+        """Return what `verdict.json` says of the detector."""
+        telling = self.most_telling
+        asked = self.first if telling is None else telling
         return Method(
             detector=self.first.detector,
-            ran=self.tests > 0 or not self.always_needs,
-            why_not=None if self.tests or undecided is None else undecided.because,
-            would_need=undecided.would_need if is_open and undecided is not None else None,
-            decision=self.decision if self.tests else None,
+            ran=telling is not None,
+            why_not=None if telling is not None else (self.reason or self.first).because,
+            would_need=self._would_need(),
+            decision=self.decision,
             tests=self.tests,
-            statistic=None if best is None else best.statistic,
-            threshold=None if best is None else best.threshold,
-            p_value=None if best is None else best.p_value,
-            false_alarm_probability=self.first.false_alarm_probability,
+            from_gpst=None if telling is None else _instant(telling.start_gpst),
+            to_gpst=None if telling is None else _instant(telling.end_gpst),
+            statistic=None if telling is None else telling.statistic,
+            threshold=None if telling is None else telling.threshold,
+            p_value=None if telling is None else telling.p_value,
+            false_alarm_probability=asked.false_alarm_probability,
         )
+
+    def _would_need(self) -> str | None:
+        """What would decide: by the telling piece, else by what is open beside a word that does not settle it."""
+        pieces = [self.most_telling]
+        if self.decision not in ("authentic", "spoofed", "multipath"):
+            pieces += [self.telling.get("undecided"), self.reason]
+        return next((e.would_need for e in pieces if e is not None and e.would_need is not None), None)
 
 
 def of_detectors(evidence: Iterable[Evidence]) -> tuple[OfDetector, ...]:
-    """Of each detector, in the order of their names."""
+    """Count the evidence of each detector, in the order of their names."""
     found: dict[str, OfDetector] = {}
     for e in evidence:
         found.setdefault(e.detector, OfDetector(first=e)).add(e)
     return tuple(found[name] for name in sorted(found))
+
+
+def _p_value(e: Evidence) -> float:
+    """Its p-value; beyond any where none is stated."""
+    return np.inf if e.p_value is None else e.p_value
+
+
+def _instant(gpst: np.datetime64) -> str | None:
+    return None if np.isnat(gpst) else iso(gpst)

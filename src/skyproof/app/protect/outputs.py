@@ -190,6 +190,7 @@ def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
         "p_value": numbers("p_value"),
         "false_alarm_probability": numbers("false_alarm_probability"),
         "log_likelihood_ratio": numbers("log_likelihood_ratio"),
+        "code": words("code"),
         "because": words("because"),
         "would_need": words("would_need"),
     }

@@ -426,7 +426,7 @@ def _sets_by_label(
 
 def _findings(outcome: Outcome) -> Iterator[Finding]:
     for one in of_detectors(outcome.evidence):
-        found = one.telling
+        found = one.most_telling
         if found is not None:
             yield Finding(
                 detector=found.detector,

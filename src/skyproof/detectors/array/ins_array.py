@@ -392,7 +392,13 @@ class InsArray:
         return float(chi_square_survival(statistic, (len(rows) - 1) * part.cycles.shape[1]))
 
     def _say(
-        self, records: Records, subject: tuple[SignalRef, ...], says: Any, because: str, p_value: float, **more: Any
+        self,
+        records: Records,
+        subject: tuple[SignalRef, ...],
+        says: Any,
+        because: str,
+        p_value: float | None,
+        **more: Any,
     ) -> Evidence:
         return Evidence(
             detector=self.name,
@@ -408,7 +414,7 @@ class InsArray:
 
     def _note(self, records: Records, phases: ArrayPhases, because: str) -> Evidence:
         every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
-        return self._say(records, every, "clean", because, 1.0, noted=True)
+        return self._say(records, every, "clean", because, None, noted=True)
 
     def _attitude_covariance(self, state: NavState) -> Reals:
         """(3, 3) in the body frame, in the middle of the window: an inertial system's error hardly changes in it."""

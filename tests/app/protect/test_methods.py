@@ -1,0 +1,93 @@
+"""What stands of each detector in the verdict, from pieces of evidence made by hand."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from skyproof.app.protect.methods import STRENGTH, of_detectors
+from skyproof.records import Evidence
+
+START = np.datetime64("2022-01-01T10:00:00", "ns")
+ASKED = 1e-5
+
+
+def piece(says, p_value=None, window=0, **more):
+    """Evidence of the window of ten seconds with this number."""
+    begin = START + np.timedelta64(10 * window, "s")
+    return Evidence(
+        detector="residual",
+        start_gpst=begin,
+        end_gpst=begin + np.timedelta64(10, "s"),
+        subject=(),
+        says=says,
+        because=more.pop("because", says),
+        p_value=p_value,
+        false_alarm_probability=ASKED,
+        **more,
+    )
+
+
+def method(*pieces):
+    (found,) = of_detectors(pieces)
+    return found.method()
+
+
+FAILED = piece(
+    "undecided", 6.6e-236, 2, because="12 satellites do not fit one position", would_need="a second receiver"
+)
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(range(4))))
+def test_a_failed_test_outranks_passed_ones(order):
+    pieces = [piece("clean", 0.57), piece("authentic", 1e-9, 1), FAILED, piece("clean", 0.073, 3)]
+    found = method(*(pieces[k] for k in order))
+    assert (found.decision, found.p_value, found.tests) == ("failed", 6.6e-236, 4)
+    assert (found.from_gpst, found.to_gpst) == ("2022-01-01T10:00:20.000", "2022-01-01T10:00:30.000")
+    assert found.would_need == "a second receiver"
+
+
+def test_of_failed_tests_the_least_p_stands_with_its_window():
+    worse = piece("undecided", 0.0, 5, statistic=9e4, threshold=21.0)
+    found = method(FAILED, worse, piece("undecided", 3e-7, 6), piece("clean", 0.3, 7))
+    assert (found.p_value, found.statistic, found.threshold) == (0.0, 9e4, 21.0)
+    assert found.from_gpst == "2022-01-01T10:00:50.000"
+
+
+def test_an_attack_outranks_a_failed_test():
+    assert method(FAILED, piece("attack", 1e-7, 3)).decision == "attack"
+    assert method(piece("spoofed", 1e-7, 3), FAILED).decision == "spoofed"
+
+
+@pytest.mark.parametrize("p_value", [ASKED, 0.5])
+def test_what_does_not_decide_has_not_failed(p_value):
+    assert method(piece("undecided", p_value), piece("clean", 0.9)).decision == "clean"
+    assert method(piece("undecided", p_value)).decision == "undecided"
+
+
+def test_a_test_that_never_ran_gives_its_most_frequent_reason():
+    early = piece("undecided", code="few_epochs", because="1 epoch", would_need="more epochs")
+    often = [
+        piece("undecided", window=k, code="few_satellites", because=f"{k} satellites", would_need="five satellites")
+        for k in (1, 2)
+    ]
+    found = method(early, *often)
+    assert (found.ran, found.decision, found.p_value) == (False, None, None)
+    assert (found.why_not, found.would_need) == ("1 satellites", "five satellites")
+    assert (found.from_gpst, found.to_gpst) == (None, None)
+
+
+def test_a_remark_alone_is_no_test():
+    found = method(piece("clean", noted=True), piece("undecided", code="few_satellites", because="two satellites"))
+    assert (found.ran, found.decision, found.tests, found.why_not) == (False, None, 0, "two satellites")
+    assert method(piece("clean", noted=True, because="an antenna is left out")).why_not == "an antenna is left out"
+
+
+def test_what_has_no_p_value_shows_none_of_another_test():
+    found = method(piece("clean", 0.02), piece("multipath", window=1))
+    assert (found.decision, found.p_value, found.from_gpst) == ("multipath", None, "2022-01-01T10:00:10.000")
+
+
+@pytest.mark.parametrize("word", [word for word in STRENGTH if word not in ("undecided", "failed")])
+def test_what_is_said_without_a_p_value_ran(word):
+    assert method(piece(word), piece("undecided", code="few_satellites")).ran
