@@ -97,7 +97,7 @@ class Geometry:
         covariance = np.tile(np.diag(np.repeat([1.0, 1.0, TILT_RAD**2], 3)), (2, 1, 1))
         made = replace(self.phases, phase_cyc=phase - np.floor(phase))
         state = replace(self.state, attitude=turned, covariance=covariance)
-        return replace(self.records, array_phases=(made,), nav_state=state), source
+        return replace(self.records, array_phases=(made,), nav_state={made.receiver: state}), source
 
 
 def clean(draws: int, antennas: int, *, orbits: bool, alpha: float = 0.01) -> Iterator[str]:
@@ -117,7 +117,9 @@ def clean(draws: int, antennas: int, *, orbits: bool, alpha: float = 0.01) -> It
             continue
         said = [e for e in ins.examine(records)[0] if not e.noted]
         count.update(f"ins_array {word}" for word in {e.says for e in said})
-        view = ins.seen(records.array_phases[0], records.nav_state, sky.scene.navigation)
+        view = ins.seen(
+            records.array_phases[0], records.nav_state[records.array_phases[0].receiver], sky.scene.navigation
+        )
         p_values.append(view.agreed.p_value)
     took_s = (time.process_time() - begin) / draws
     yield f"clean, {antennas} antennas, {draws} draws at {alpha:g}, {took_s:.2f} s each: {dict(sorted(count.items()))}"

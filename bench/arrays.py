@@ -106,7 +106,7 @@ def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0) -> Drawn:
         observations=(o,),
         sets=tuple(consistent_sets(o, records.navigation)),
         array_phases=(phases,),
-        nav_state=state,
+        nav_state={phases.receiver: state},
     )
     return Drawn(number, records, false, place, directions, words)
 

@@ -966,7 +966,7 @@ class Holding:
         if need is Need.TWO_RECEIVERS:
             return len({o.receiver for o in self.observations}) >= 2
         value = getattr(self, need)
-        return value is not None and value != ()
+        return value is not None and value != () and value != {}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -975,7 +975,8 @@ class Records(ShortRepr, Holding):
 
     sets : of each receiver, what was found in `observations`. taps, array_phases : of the receivers that have them.
     vector_taps : of receivers whose channels all follow one position. ccaf : correlation grids.
-    nav_state : of the body that carries all antennas. spin_arms : of the receivers whose antenna turns.
+    nav_state : of the body that carries all antennas, by receiver, with the place of its antenna. spin_arms : of the
+        receivers whose antenna turns.
     """
 
     start_gpst: np.datetime64
@@ -987,5 +988,5 @@ class Records(ShortRepr, Holding):
     vector_taps: tuple[Taps, ...] = ()
     ccaf: tuple[Ccaf, ...] = ()
     array_phases: tuple[ArrayPhases, ...] = ()
-    nav_state: NavState | None = None
+    nav_state: Mapping[str, NavState] = field(default_factory=dict)
     spin_arms: tuple[SpinArm, ...] = ()

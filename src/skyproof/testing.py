@@ -271,7 +271,7 @@ def _without(records: Records, need: Need) -> Records:
     """The same without what a detector needs."""
     if need is Need.TWO_RECEIVERS:
         return replace(records, observations=records.observations[:1])
-    empty: Any = None if need in (Need.NAVIGATION, Need.NAV_STATE) else ()
+    empty: Any = {Need.NAVIGATION: None, Need.NAV_STATE: {}}.get(need, ())
     changes: dict[str, Any] = {need: empty}
     return replace(records, **changes)
 

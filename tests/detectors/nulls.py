@@ -340,7 +340,7 @@ def array_records(rng, direction=TRUE):
         end_gpst=START + np.timedelta64(4, "s"),
         navigation=NAVIGATION,
         array_phases=(made,),
-        nav_state=STATE,
+        nav_state={"rx1": STATE},
     )
 
 

@@ -31,8 +31,6 @@ _REASONS = {
     ("spin", "spoofed"): "swings as from the same direction as others",
     ("prediction", "authentic"): "belongs to the sky that was to be expected",
     ("prediction", "spoofed"): "belongs to a sky that was not to be expected, beside one that was",
-    ("dccaf", "authentic"): "belongs to the sky that fits the motion",
-    ("dccaf", "spoofed"): "belongs to the sky that does not fit the motion",
 }
 
 

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from tests.written import write_table
 
-from skyproof.app.common.body import Body, Carried, body_of, body_state, open_body, with_imu
+from skyproof.app.common.body import Body, Carried, body_of, body_states, open_body, with_imu
 from skyproof.app.common.platform import Platform
+from skyproof.app.common.platform_use import described
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
 from skyproof.errors import InputError, SettingsError
@@ -71,8 +72,14 @@ def stated(**more):
     return {"heading_deg": heading, "pitch_deg": pitch, "roll_deg": roll, "sigma_deg": 0.2, **more}
 
 
-def body(carrier, apart_m=300.0):
-    return body_of(carrier, open_body(carrier), START, apart_m)
+def body(carrier, names=("one",)):
+    return body_of(carrier, open_body(carrier), names, described(carrier, names), START, 300.0)
+
+
+def body_state(body, records, carried):
+    """Of the receiver `one`, None where it is not known, and what is carried on."""
+    states, carried = body_states(body, records, carried)
+    return states.get("one"), carried
 
 
 def true_attitude(place=HOME, angles_deg=ANGLES_DEG):
@@ -109,8 +116,22 @@ def test_a_platform_that_moves_has_neither_a_surveyed_place_nor_angles_that_stay
 
 def test_the_place_of_another_receiver_is_as_far_off_as_the_two_may_be_apart():
     carrier = platform(attitude=stated(), receivers=[{"name": "a"}, {"name": "b", "position": SURVEYED}])
-    state, _ = body_state(body(carrier, 300.0), window(0.0, 10.0), Carried())
-    assert np.sqrt(state.covariance[0, 0, 0]) == pytest.approx(300.0, rel=1e-6)
+    states, _ = body_states(body(carrier, ("a", "b")), window(0.0, 10.0), Carried())
+    sigmas_m = {name: np.sqrt(state.covariance[0, 0, 0]) for name, state in states.items()}
+    assert sigmas_m == {"a": pytest.approx(300.0, rel=1e-6), "b": pytest.approx(0.05)}
+
+
+def test_each_receiver_has_the_place_where_it_was_surveyed():
+    north = {**SURVEYED, "lat_deg": SURVEYED["lat_deg"] + 1e-3}
+    carrier = platform(
+        attitude=stated(), receivers=[{"name": "a", "position": SURVEYED}, {"name": "b", "position": north}]
+    )
+    states, _ = body_states(body(carrier, ("a", "b")), window(0.0, 10.0, HOME), Carried())
+    assert set(states) == {"a", "b", "one"}  # where the third one stands the signals say
+    assert np.linalg.norm(states["b"].position_ecef_m[0] - states["a"].position_ecef_m[0]) == pytest.approx(
+        111.2, abs=0.2
+    )
+    assert np.isinf(states["one"].covariance[0, 0, 0])
 
 
 @settings(max_examples=30)
@@ -297,7 +318,7 @@ def test_readings_without_an_initial_attitude_are_read_and_that_is_reported(tmp_
     unit = imu(tmp_path)
     carrier = with_imu(platform(), unit["file"])
     files = open_body(carrier)
-    assert body_of(carrier, files, START, 300.0) is None
+    assert body_of(carrier, files, ("one",), {}, START, 300.0) is None
     ((path, kind, remarks),) = files.remarks(None, window(0.0, 10.0))
     assert (path, kind) == (unit["file"], "inertial readings")
     assert files.sums[path] == sha256(path)
@@ -316,7 +337,7 @@ def test_readings_without_an_initial_attitude_are_read_and_that_is_reported(tmp_
 def test_files_of_another_time_are_said_to_be_unused(tmp_path):
     carrier = platform(imu=imu(tmp_path))
     files = open_body(carrier)
-    carried = body_of(carrier, files, START, 300.0)
+    carried = body_of(carrier, files, ("one",), {}, START, 300.0)
     ((_, _, remarks),) = files.remarks(carried, window(100.0, 110.0))
     assert "not used: it is of 2022-01-01T10:29:58.0 to 2022-01-01T10:30:58.0, the signals of" in remarks[-1]
     assert not next(iter(files.remarks(carried, window(0.0, 60.0))))[2]
@@ -332,5 +353,5 @@ def test_windows_carry_the_state_and_the_run_says_that_there_is_one(tmp_path):
     assert isinstance(carried, Body)
     assert run.run.has(Need.NAV_STATE)
     assert not windows_of([], NavigationData(ephemerides=()), Settings()).run.has(Need.NAV_STATE)
-    assert [records.nav_state for records in run] == [None]  # nothing was received, so nothing says where it is
+    assert [records.nav_state for records in run] == [{}]  # nothing was received, so nothing says where it is
     assert replace(carried, grade=GRADES["consumer"]).grade is not carried.grade

@@ -113,7 +113,7 @@ def test_of_two_antennas_it_stays_open_which_one_jumps():
 @pytest.mark.parametrize(("fault", "how"), FAULTS.items())
 def test_it_is_reported_and_the_signals_stay_authentic(fault, how):
     rng = np.random.default_rng(4)
-    records = replace(array_records(rng), array_phases=(fault(sky(rng), rng),), nav_state=STATE)
+    records = replace(array_records(rng), array_phases=(fault(sky(rng), rng),), nav_state={"rx1": STATE})
     noted, said = InsArray().examine(records)[0]
     assert noted.noted
     assert noted.because == f"antenna 3 of rx1 {how}, and is left out"

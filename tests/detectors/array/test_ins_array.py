@@ -130,7 +130,7 @@ def test_one_source_for_all_is_found():
 def test_where_only_signals_show_the_place_it_is_that_of_a_set_whose_signals_come_from_their_satellites():
     covariance = np.tile(np.radians(0.05) ** 2 * np.eye(9), (STATE.gpst.size, 1, 1))
     covariance[:, range(6), range(6)] = np.inf
-    records = replace(with_two_elsewhere(), nav_state=replace(STATE, covariance=covariance))
+    records = replace(with_two_elsewhere(), nav_state={"rx1": replace(STATE, covariance=covariance)})
     words, (said,) = said_of(records)
     assert "position" in said.because
     far = ecef_from_geodetic(np.radians(-20.0), np.radians(80.0), 0.0)
@@ -142,7 +142,7 @@ def test_where_only_signals_show_the_place_it_is_that_of_a_set_whose_signals_com
 def test_an_attitude_that_is_wrong_is_reported_and_no_true_signal_is_called_spoofed(false):
     records = with_two_elsewhere() if false else array_records(np.random.default_rng(8))
     turned = STATE.attitude @ Rotation.from_euler("z", 20.0, degrees=True).as_matrix()
-    evidence, _ = InsArray().examine(replace(records, nav_state=replace(STATE, attitude=turned)))
+    evidence, _ = InsArray().examine(replace(records, nav_state={"rx1": replace(STATE, attitude=turned)}))
     (noted,) = [e.because for e in evidence if e.noted]
     # Fewer signals leave several attitudes open, one cycle of phase apart.
     how = "not" if false else "(19|20|21) degrees from"
@@ -218,7 +218,7 @@ def test_attitude_and_lines_that_are_not_known_come_from_the_sky_itself():
     (phases,) = records.array_phases
     unknown = at_first(replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2])), calibrated=False)
     words, _ = said_of(
-        replace(records, array_phases=(unknown,), nav_state=None, sets=(sky(0, 1, 4, 5, 6, 7),)),
+        replace(records, array_phases=(unknown,), nav_state={}, sets=(sky(0, 1, 4, 5, 6, 7),)),
     )
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
 

@@ -1,9 +1,10 @@
-"""The body that carries the antennas, window by window: its attitude and, where that is known, its position.
+"""The body that carries the antennas, window by window: its attitude and, where that is known, each antenna's place.
 
 The attitude comes from the inertial unit, whose gyros carry on the attitude stated at the first reading, and where that
-does not reach from the attitude stated for the body. The position comes
+does not reach from the attitude stated for the body. The place of a receiver's antenna comes
 
-- from the platform file, where a receiver is surveyed and does not move: then it is known, with its covariance;
+- from the platform file, where the receiver is surveyed and does not move: then it is known, with its covariance;
+- from another receiver that is surveyed, as far off as the two may be apart;
 - else from what the signals of the window themselves show, which may be false. It is used for one thing: to say where
   north and the vertical are. The state then has an infinite variance of position, so that nobody takes it for one, and
   the attitude's variance holds for each of the positions that signals show in the window: signals that are true have a
@@ -13,7 +14,7 @@ Neither velocity nor position is carried on from the inertial unit here: that be
 (`navigation.inertial_foresight`).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -21,7 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_tables import PlatformImu
+from skyproof.app.common.platform_tables import PlatformImu, PlatformReceiver
 from skyproof.arrays import Instants, Reals
 from skyproof.errors import SettingsError
 from skyproof.formats.attitude import AttitudeFile, read_attitude
@@ -34,7 +35,7 @@ from skyproof.navigation.attitude import direction_off_rad, interpolation_sigma_
 from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin, coast
 from skyproof.records import Attitude, ImuSeries, NavState, Records, Remark, RemarkKind
 
-__all__ = ["Body", "BodyFiles", "Carried", "body_of", "body_state", "open_body", "with_imu"]
+__all__ = ["Body", "BodyFiles", "Carried", "KnownPlace", "body_of", "body_states", "open_body", "with_imu"]
 
 _TILT_MOST_RAD: Final = np.radians(60.0)
 """Between the vertical of the attitude stated and of the accelerometers: more than bodies bank or speed up."""
@@ -154,27 +155,40 @@ def _start(readings: ImuSeries, initial: Attitude, place_ecef_m: Reals) -> NavSt
     )
 
 
+class KnownPlace(NamedTuple):
+    """Where an antenna stands by the platform file: ecef_m (3,), covariance_m2 (3, 3)."""
+
+    ecef_m: Reals
+    covariance_m2: Reals
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Body:
     """What is known of the body in GPS time.
 
     stated : its attitude, with the error of interpolation. readings, initial, grade : of the inertial unit.
-    place_ecef_m, place_covariance_m2 : (3,), (3, 3) of a body that stands where it was surveyed, else None.
+    places : of each receiver's first antenna; empty where none is surveyed, or the body moves.
     """
 
     stated: Attitude | None = None
     readings: ImuSeries | None = None
     initial: Attitude | None = None
     grade: ImuGrade | None = None
-    place_ecef_m: Reals | None = None
-    place_covariance_m2: Reals | None = None
+    places: Mapping[str, KnownPlace] = field(default_factory=dict)
 
 
-def body_of(platform: Platform, files: BodyFiles, zero_gpst: np.datetime64, apart_m: float) -> Body | None:
-    """The body of a run; None if nothing is known of its attitude.
+def body_of(
+    platform: Platform,
+    files: BodyFiles,
+    names: Sequence[str],
+    tables: Mapping[str, PlatformReceiver],
+    zero_gpst: np.datetime64,
+    apart_m: float,
+) -> Body | None:
+    """Return the body of a run; None if nothing is known of its attitude.
 
-    zero_gpst : the recording's start, from which files without GPS time count unless the platform says otherwise.
-    apart_m : the antennas of two receivers stand at most this far apart.
+    tables : see `described`. zero_gpst : the recording's start, from which files without GPS time count unless the
+    platform says otherwise. apart_m : the antennas of two receivers stand at most this far apart.
     """
     stated, unit = platform.attitude, platform.imu
     attitude, readings = None, None
@@ -188,27 +202,27 @@ def body_of(platform: Platform, files: BodyFiles, zero_gpst: np.datetime64, apar
         readings = files.imu.series(zero_gpst if unit.start_gpst is None else unit.start_gpst)
     if attitude is None and readings is None:
         return None
-    place = _surveyed(platform, apart_m)
     return Body(
         stated=attitude,
         readings=readings,
         initial=files.initial,
         grade=None if unit is None else unit.errors,
-        place_ecef_m=None if place is None else place[0],
-        place_covariance_m2=None if place is None else place[1],
+        places={} if platform.motion == "moving" else _places(names, tables, apart_m),
     )
 
 
-def _surveyed(platform: Platform, apart_m: float) -> tuple[Reals, Reals] | None:
-    """Where the first receiver's first antenna stands, and its covariance: as surveyed, or another's with the distance
-    between the two as an error."""
-    if platform.motion == "moving":
-        return None
-    for number, receiver in enumerate(platform.receivers):
-        if receiver.position is not None:
-            sigma_m = np.hypot(receiver.position.sigma_m, apart_m if number else 0.0)
-            return receiver.position.ecef_m, sigma_m**2 * np.eye(3)
-    return None
+def _places(names: Sequence[str], tables: Mapping[str, PlatformReceiver], apart_m: float) -> dict[str, KnownPlace]:
+    """Where each receiver's first antenna stands: as surveyed, or where the first surveyed one does, so far off."""
+    surveyed = {name: place for name in names if name in tables and (place := tables[name].position) is not None}
+    if not surveyed:
+        return {}
+    first = next(iter(surveyed.values()))
+    return {
+        name: KnownPlace(own.ecef_m, own.sigma_m**2 * np.eye(3))
+        if (own := surveyed.get(name)) is not None
+        else KnownPlace(first.ecef_m, (first.sigma_m**2 + apart_m**2) * np.eye(3))
+        for name in names
+    }
 
 
 class Carried(NamedTuple):
@@ -218,33 +232,58 @@ class Carried(NamedTuple):
     begun_ecef_m: Reals | None = None
 
 
-def body_state(body: Body, records: Records, carried: Carried) -> tuple[NavState | None, Carried]:
-    """The body's state over a window, None where it is not known, and what is carried on to the next one."""
-    shown = [one.position_ecef_m for one in records.sets] if body.place_ecef_m is None else [body.place_ecef_m]
-    path, carried = _turned(body, records, carried, shown)
-    if not shown:
-        return None, carried
-    place, level = shown[0], carried.begun_ecef_m
+def body_states(body: Body, records: Records, carried: Carried) -> tuple[dict[str, NavState], Carried]:
+    """Return the body's state over a window, of each receiver of which it is known, and what the next window needs.
+
+    The states share the attitude; the position is that of the receiver's own antenna.
+    """
+    shown = [one.position_ecef_m for one in records.sets]
+    path, carried = _turned(body, records, carried, [place.ecef_m for place in body.places.values()] or shown)
+    received = (*(o.receiver for o in records.observations), *(one.receiver for one in records.sets))
+    states = {}
+    for name in dict.fromkeys((*body.places, *received)):
+        state = _stood_at(body, records, path, carried.begun_ecef_m, body.places.get(name), shown)
+        if state is not None:
+            states[name] = state
+    return states, carried
+
+
+def _stood_at(
+    body: Body,
+    records: Records,
+    path: NavState | None,
+    level: Reals | None,
+    known: KnownPlace | None,
+    shown: list[Reals],
+) -> NavState | None:
+    """At a known place, or at one that signals show; None where neither place nor attitude is known.
+
+    path : of the inertial unit, level where that began.
+    """
+    places = shown if known is None else [known.ecef_m]
+    if not places:
+        return None
+    place = places[0]
     if path is None and body.stated is not None:
         path, level = stated_state(body.stated, records.start_gpst, records.end_gpst, place), place
     if path is None or level is None:
-        return None, carried
-    off_rad = max(direction_off_rad(level, place, other) for other in shown)
-    state = stood(path, place, body.place_covariance_m2, off_rad)
+        return None
+    off_rad = max(direction_off_rad(level, place, other) for other in places)
+    state = stood(path, place, None if known is None else known.covariance_m2, off_rad)
     largest = 0.0 if state.covariance is None else float(np.linalg.eigvalsh(state.covariance[:, 6:, 6:]).max())
-    return (state if largest < TURN_MOST_RAD**2 else None), carried
+    return state if largest < TURN_MOST_RAD**2 else None
 
 
-def _turned(body: Body, records: Records, carried: Carried, shown: list[Reals]) -> tuple[NavState | None, Carried]:
+def _turned(body: Body, records: Records, carried: Carried, places: list[Reals]) -> tuple[NavState | None, Carried]:
     """The inertial unit's states over a window, of which only the attitude is of account."""
     readings, grade = body.readings, body.grade
     if readings is None or body.initial is None or grade is None or readings.gpst[0] >= records.end_gpst:
         return None, carried
     run, begun = carried
     if begun is None:
-        if not shown:
+        if not places:
             return None, carried
-        run, begun = begin(_start(readings, body.initial, shown[0]), grade), shown[0]
+        run, begun = begin(_start(readings, body.initial, places[0]), grade), places[0]
     paths = list[NavState]()
     last_gpst = min(records.end_gpst, readings.gpst[-1])
     while run is not None and run.state.gpst[0] < last_gpst:

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from skyproof.app.common.body import Body, Carried, body_state
+from skyproof.app.common.body import Body, Carried, body_states
 from skyproof.app.common.packed_log import PACKED, PackedLog
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
@@ -165,8 +165,8 @@ class Windows:
         for start, end in pairwise(self.edges):
             records = self._window(start, end)
             if self.run.body is not None:
-                state, carried = body_state(self.run.body, records, carried)
-                records = replace(records, nav_state=state)
+                states, carried = body_states(self.run.body, records, carried)
+                records = replace(records, nav_state=states)
             yield records
 
     def _window(self, start: np.datetime64, end: np.datetime64) -> Records:

@@ -138,7 +138,7 @@ def protect(
         receptions = one_receiver_each(receptions, settings)
         settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
         start_gpst = _span_of(receptions).start_gpst
-        body = body_of(carrier, body_files, start_gpst, settings.max_separation_m)
+        body = body_of(carrier, body_files, names, tables, start_gpst, settings.max_separation_m)
         unit = unit_of(carrier, body_files, names, tables, start_gpst)
         outcome, cut_short = judge(
             receptions,

@@ -452,7 +452,7 @@ def likeliest(views: Sequence[ArrayView]) -> ArrayView:
 def _bodies(records: Records, receiver: str) -> list[NavState]:
     """The states that the body may be in: as known, else at the place of each consistent set, level and to the north
     with nothing known of that where no attitude is."""
-    state = records.nav_state
+    state = records.nav_state.get(receiver)
     if state is not None and (state.covariance is None or bool(np.isfinite(state.covariance[0, 0, 0]))):
         return [state]
     places = [one.position_ecef_m for one in records.sets if one.receiver == receiver]

@@ -35,8 +35,8 @@ class DccafSettings:
     no_reflection_probability : that a satellite seems to have a second signal that is earlier, or not weaker by 3 dB,
         without an attack. Of satellites with two reflections each, 3 to 20 dB weaker, it is one in thirteen at most,
         with three one in six: street canyons.
-    set_probability : that a true set fails its chi-square test, and that the true fix fails its own.
-    wrong_choice_probability : that the false sky is chosen, both being equally likely before; else none is.
+    set_probability : that a true set fails its chi-square test.
+    wrong_choice_probability : that two skies which are handed on for a choice are not those that are there.
     multipath_sigma_m, ionosphere_share : as for `residual`.
     window_chips : delays are searched this far to both sides of the reference.
     """

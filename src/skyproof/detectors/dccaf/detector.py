@@ -8,9 +8,8 @@ the best consistent set leaves over of these is searched for a second sky, of fi
 agree is evidence of its own, for reflections do not. A sky of later and weaker signals is no attack here: a mirror's
 image fits a position too.
 
-The correlation does not show which sky is true. An inertial unit that has navigated alone since before the attack does,
-by `navigation.exclusion`: where its state is among the records, with its covariance, the signals of the satellites that
-show both skies are named, or it is reported that they cannot be.
+The correlation does not show which sky is true: that is chosen where all skies of a receiver are held against what was
+expected of it (`fusion.choice`), from the fixes handed on in `Evidence.overlapping`.
 """
 
 from collections.abc import Sequence
@@ -35,9 +34,7 @@ from skyproof.detectors.dccaf.two_skies import TwoSkies, two_skies
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.chance import chance_p_value, set_combinations
-from skyproof.navigation.exclusion import choose_fix, wrong_choice_rule
 from skyproof.navigation.least_squares import gauss_newton, line_of_sight
-from skyproof.navigation.nav_state import covered, state_at
 from skyproof.navigation.ranges import atmosphere, corrected_ranges
 from skyproof.records import (
     Asked,
@@ -49,7 +46,6 @@ from skyproof.records import (
     Need,
     OverlappingSkies,
     Records,
-    Says,
     SignalRef,
 )
 from skyproof.statistics.distributions import binomial_survival, chi_square_survival, chi_square_threshold
@@ -77,21 +73,10 @@ class _Sky(NamedTuple):
     clock_m: float
 
 
-class _Fixes(NamedTuple):
-    """Place and clock (2, 4) from `_Sky.place_ecef_m`, their covariances (2, 4, 4), and for each satellite the signals
-    (n, 2) that make them; -1 where a satellite is not in the second."""
-
-    state_m: Reals
-    covariance_m2: Reals
-    signal: Any
-
-
 class Dccaf:
     """The detector: of each receiver and window an Evidence of the last burst in which most channels are there.
 
-    An attack is reported of the receiver as a whole. With `nav_state`, a `NavState` with covariance of a unit
-    that has had no fix since before the attack, there is more evidence, on the signals nearest to the references, which
-    are those that the receiver follows. p-values are upper bounds.
+    An attack is reported of the receiver as a whole. p-values are upper bounds.
     """
 
     name = "dccaf"
@@ -106,25 +91,22 @@ class Dccaf:
         lacking = missing(self, records)
         if lacking or records.navigation is None:
             return lacking, state
-        said = [self._receiver(records, records.navigation, ccaf) for ccaf in records.ccaf]
-        return [evidence for each in said for evidence in each], state
+        return [self._receiver(records, records.navigation, ccaf) for ccaf in records.ccaf], state
 
-    def _receiver(self, records: Records, navigation: NavigationData, ccaf: Ccaf) -> list[Evidence]:
+    def _receiver(self, records: Records, navigation: NavigationData, ccaf: Ccaf) -> Evidence:
         every = tuple(SignalRef(ccaf.receiver, signal) for signal in sorted(ccaf.signals))
         epochs = last_burst(ccaf)
         bursts = [(int(run[-1]), delays_of(ccaf, run, self.settings)) for run in bursts_of(ccaf)] if epochs.size else []
         found = next((own for epoch, own in bursts if epoch == epochs[-1]), None)
         first = _first_of_each(ccaf, found)
         if found is None or first.size < OF_A_SKY:
-            return [
-                undecided(
-                    self,
-                    records,
-                    every,
-                    because="fewer than five satellites with a correlation grid and a time of week",
-                    would_need="correlation grids of five or more satellites with their times of week",
-                )
-            ]
+            return undecided(
+                self,
+                records,
+                every,
+                because="fewer than five satellites with a correlation grid and a time of week",
+                would_need="correlation grids of five or more satellites with their times of week",
+            )
         unlike = first[found.unlike_p_value[first] < SIGNAL_LEVEL]
         chance = self.settings.no_reflection_probability + SIGNAL_LEVEL
         p_count = float(binomial_survival(unlike.size, first.size, chance))
@@ -136,16 +118,13 @@ class Dccaf:
         )
         skies = self._overlapping(navigation, ccaf, bursts) if doubles >= OF_A_SKY else ()
         if unlike.size < OF_A_SKY:
-            return [self._of_receiver(records, every, p_count, words, doubles, skies)]
+            return self._of_receiver(records, every, p_count, words, doubles, skies)
         epoch = int(epochs[-1])
         sky = self._sky(navigation, ccaf, epoch, found, first)
-        fixes, p_sky, beside = (None, 1.0, "") if sky is None else self._second_sky(sky, unlike)
+        p_sky, beside = (1.0, "") if sky is None else self._second_sky(sky, unlike)
         both = p_count * p_sky
         p_value = min(1.0, 2.0 * min(p_count, both * (1.0 - np.log(both))))
-        chosen: list[Evidence] = []
-        if p_value < self._alpha and sky is not None and fixes is not None:
-            chosen = self._chosen(records, ccaf, epoch, found, sky, fixes)
-        return [self._of_receiver(records, every, p_value, words + beside, doubles, skies), *chosen]
+        return self._of_receiver(records, every, p_value, words + beside, doubles, skies)
 
     def _overlapping(
         self, navigation: NavigationData, ccaf: Ccaf, bursts: Sequence[tuple[int, Delays]]
@@ -170,18 +149,18 @@ class Dccaf:
                 shown.append(OverlappingSkies(sets=_sets(ccaf, epoch, sky, two), doubt=two.doubt, reflected=reflected))
         return tuple(shown)
 
-    def _second_sky(self, sky: _Sky, unlike: Integers) -> tuple[_Fixes | None, float, str]:
-        """Both skies, the second one of the channels `unlike`; the chance that its ranges agree without one; words."""
+    def _second_sky(self, sky: _Sky, unlike: Integers) -> tuple[float, str]:
+        """The chance that ranges of the channels `unlike` agree without a second sky; that sky in words."""
         probability = self.settings.set_probability
         best = passing_sets(sky.unit, sky.misfit_m, sky.sigma_m, false_alarm_probability=probability)
         if not best.statistic.size:
-            return None, 1.0, "; no choice of one signal per satellite fits one position"
+            return 1.0, "; no choice of one signal per satellite fits one position"
         misfit_m = sky.misfit_m.copy()
         like = np.flatnonzero(~np.isin(sky.rows, unlike))
         misfit_m[like, 1 - best.choice[0][like]] = np.nan
         second = second_subset(sky.unit, misfit_m, sky.sigma_m, best.choice[0], false_alarm_probability=probability)
         if second is None:
-            return None, 1.0, ""
+            return 1.0, ""
         rows, _ = second
         p_value = float(
             chance_p_value(
@@ -191,10 +170,11 @@ class Dccaf:
                 combinations=set_combinations(np.isfinite(misfit_m).sum(axis=1) - 1, len(rows)),
             )
         )
-        fixes = _fixes(sky, best.choice[0], rows)
-        apart = fixes.state_m[1] - fixes.state_m[0]
+        left_over = 1 - best.choice[0][rows]
+        one, _ = set_states(sky.unit, sky.misfit_m, sky.sigma_m, best.choice[0][None, :])
+        other, _ = set_states(sky.unit[rows], sky.misfit_m[rows], sky.sigma_m[rows], left_over[None, :])
+        apart = other[0] - one[0]
         return (
-            fixes,
             p_value,
             f"; signals of {len(rows)} fit a second position, {np.linalg.norm(apart[:3]):.0f} m away, and a time "
             f"{apart[3]:.0f} m off",
@@ -229,68 +209,6 @@ class Dccaf:
             would_need="second signals of more satellites, or farther apart" if sky and not attack else None,
             overlapping=skies,
         )
-
-    def _chosen(
-        self, records: Records, ccaf: Ccaf, epoch: int, found: Delays, sky: _Sky, fixes: _Fixes
-    ) -> list[Evidence]:
-        """Which of two skies is true, by the inertial unit; nothing where there is none.
-
-        The p-value is that of the other sky's fix by its chi-square test: uniform if that were the true one.
-        """
-        inertial = _inertial_place(records, ccaf.gpst[epoch])
-        if inertial is None:
-            return []
-        place_m, place_m2 = inertial[0] - sky.place_ecef_m, inertial[1]
-        choice = choose_fix(
-            place_m,
-            place_m2,
-            fixes.state_m[:, :3],
-            fixes.covariance_m2[:, :3, :3],
-            false_alarm_probability=self.settings.set_probability,
-            wrong_probability=self.settings.wrong_choice_probability,
-        )
-        refs = [SignalRef(ccaf.receiver, ccaf.signals[row]) for row in sky.rows]
-        both = fixes.signal[:, 1] >= 0
-        true = int(choice.chosen)
-        if true < 0:
-            apart_m = fixes.state_m[1, :3] - fixes.state_m[0, :3]
-            chance = float(wrong_choice_rule(apart_m, place_m2 + fixes.covariance_m2[:, :3, :3].mean(axis=0)))
-            neither = bool(np.all(choice.p_value < self.settings.set_probability))
-            return [
-                undecided(
-                    self,
-                    records,
-                    tuple(ref for ref, there in zip(refs, both, strict=True) if there),
-                    because=f"neither of two positions in {ccaf.receiver} fits the inertial unit"
-                    if neither
-                    else f"the inertial unit cannot tell which of two positions in {ccaf.receiver} is true: "
-                    f"the nearer one would be wrong with probability {chance:.2g}",
-                    would_need="an inertial unit that drifts less, or a clean fix less than a minute before",
-                )
-            ]
-        near, far = np.sqrt(choice.distance2[[true, 1 - true]])
-        followed = np.argmin(np.where(np.isnan(found.delay_chips), np.inf, np.abs(found.delay_chips)), axis=1)[sky.rows]
-        kinds: tuple[tuple[Says, str, int], ...] = (("authentic", "show", true), ("spoofed", "do not show", 1 - true))
-        said = []
-        for says, verb, sky_number in kinds:
-            mine = both & (fixes.signal[:, sky_number] == followed)
-            if mine.any():
-                said.append(
-                    Evidence(
-                        detector=self.name,
-                        start_gpst=records.start_gpst,
-                        end_gpst=records.end_gpst,
-                        subject=tuple(ref for ref, named in zip(refs, mine, strict=True) if named),
-                        says=says,
-                        because=f"the inertial unit is {near:.1f} sigma from the position that these signals {verb}, "
-                        f"and {far:.1f} from the other",
-                        statistic=float(choice.distance2[1 - true]),
-                        threshold=float(chi_square_threshold(self.settings.set_probability, 3)),
-                        p_value=float(choice.p_value[1 - true]),
-                        false_alarm_probability=self.settings.set_probability,
-                    )
-                )
-        return said
 
     def _sky(self, navigation: NavigationData, ccaf: Ccaf, epoch: int, found: Delays, first: Integers) -> _Sky | None:
         """Around the fix of the strongest signals of the channels `first`; None with fewer than five satellites."""
@@ -368,26 +286,3 @@ def _sets(ccaf: Ccaf, epoch: int, sky: _Sky, two: TwoSkies) -> tuple[ConsistentS
         )
         for state_m, covariance_m2, statistic in zip(two.state_m, two.covariance_m2, two.statistic, strict=True)
     )
-
-
-def _fixes(sky: _Sky, choice: Any, rows: Any) -> _Fixes:
-    """Of the set `choice` (n,) and of what it leaves over of the satellites `rows`."""
-    signal = np.stack((choice, np.full(len(choice), -1)), axis=1)
-    signal[rows, 1] = 1 - choice[rows]
-    one = set_states(sky.unit, sky.misfit_m, sky.sigma_m, choice[None, :])
-    other = set_states(sky.unit[rows], sky.misfit_m[rows], sky.sigma_m[rows], signal[rows, 1][None, :])
-    return _Fixes(np.concatenate((one[0], other[0])), np.stack((one[1], other[1])), signal)
-
-
-def _inertial_place(records: Records, gpst: np.datetime64) -> tuple[Reals, Reals] | None:
-    """Place (3,) and covariance (3, 3) in ECEF at a time within the navigator's own; None without them.
-
-    A place that is only what the signals show (infinite variance) cannot choose between them.
-    """
-    path, at = records.nav_state, np.array([gpst])
-    if path is None or path.covariance is None or not covered(path, at).all():
-        return None
-    here = state_at(path, at)
-    if here.covariance is None or not np.isfinite(here.covariance[0, :3, :3]).all():
-        return None
-    return here.position_ecef_m[0], here.covariance[0, :3, :3]
