@@ -32,6 +32,7 @@ __all__ = [
     "find_subframes",
     "ionosphere_and_utc",
     "quantised",
+    "subframe_from_source",
     "word_signs",
     "words_hold",
 ]
@@ -44,6 +45,7 @@ URA_M: Final = (2.4, 3.4, 4.85, 6.85, 9.65, 13.65, 24.0, 48.0, 96.0, 192.0, 384.
 """Upper limit of the user range accuracy of index 0 to 14, metres; 15 promises nothing (IS-GPS-200N, 20.3.3.3.1.3)."""
 
 _PREAMBLE: Final = np.array([1, 0, 0, 0, 1, 0, 1, 1], dtype=np.int8)  # 20.3.3.1
+_PREAMBLE_VALUE: Final = 0b10001011
 _ZEROS: Final = np.zeros(2, dtype=np.int8)
 _HOW_COUNTS: Final = SECONDS_PER_WEEK // SUBFRAME_S
 _IONOSPHERE_PAGE, _IONOSPHERE_SV_ID = 18, 56  # of subframe 4; table 20-V
@@ -291,8 +293,20 @@ def decode_subframe(bits: Bits) -> Subframe | None:
     words hold.
     """
     source, inverted = _source(np.asarray(bits, dtype=np.int8), 10)
-    how = None if source is None else _how(source, inverted)
-    if source is None or how is None:
+    return None if source is None else _subframe(source, inverted)
+
+
+def subframe_from_source(source: int) -> Subframe | None:
+    """Read a subframe from its 240 source bits, as receivers log it after they checked the parity.
+
+    None unless the preamble is there and the subframe's number fits its time.
+    """
+    return _subframe(source, False) if source >> 232 == _PREAMBLE_VALUE else None
+
+
+def _subframe(source: int, inverted: bool) -> Subframe | None:
+    how = _how(source, inverted)
+    if how is None:
         return None
     table = _FIELDS[how.id]
     values = {field.name: field.value(source) for field in table}

@@ -1,0 +1,53 @@
+"""Numbers in the bits of a message, each named by its place."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from skyproof.gnss.constants import GPS_PI
+
+__all__ = ["EPHEMERIS_NAMES", "BitField", "Words", "read_fields"]
+
+Words = Mapping[int, Mapping[str, float]]
+"""What words, pages, subframes or strings of one satellite carry, by their number."""
+
+EPHEMERIS_NAMES: Final = (
+    *("toe", "toc", "af0", "af1", "af2", "tgd", "tgd2", "sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n"),
+    *("idot", "omega_dot", "crs", "crc", "cus", "cuc", "cis", "cic"),
+)
+"""Fields of `Ephemeris` that a message gives as they are."""
+
+
+@dataclass(frozen=True)
+class BitField:
+    """A number in a frame: runs of (first bit, length), the first bit of the frame being 0, most significant first.
+
+    scale : of the least significant bit. signed : in two's complement. magnitude : a sign bit before a magnitude, as
+    GLONASS has it. angle : semicircles in the message, radians outside.
+    """
+
+    name: str
+    runs: tuple[tuple[int, int], ...]
+    scale: float = 1.0
+    signed: bool = False
+    magnitude: bool = False
+    angle: bool = False
+
+    def value(self, frame: int, n_bits: int) -> float:
+        """Return the number that a frame of `n_bits`, an integer whose highest bit is the first, has here."""
+        raw = length = 0
+        for first, size in self.runs:
+            raw = raw << size | frame >> (n_bits - first - size) & (1 << size) - 1
+            length += size
+        top = 1 << (length - 1)
+        if self.magnitude:
+            raw = -(raw - top) if raw & top else raw
+        elif self.signed and raw & top:
+            raw -= top << 1
+        whole = self.scale == 1.0 and not self.angle
+        return raw if whole else raw * self.scale * (GPS_PI if self.angle else 1.0)
+
+
+def read_fields(fields: tuple[BitField, ...], frame: int, n_bits: int) -> Mapping[str, float]:
+    """Return the numbers of a frame by their names."""
+    return {field.name: field.value(frame, n_bits) for field in fields}

@@ -1,0 +1,92 @@
+"""Orbits from the broadcast messages that a log holds."""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.gnss.ephemeris import BroadcastEphemeris, Klobuchar, UtcParameters
+from skyproof.gnss.lnav import Subframe, ephemeris_from_subframes, ionosphere_and_utc, subframe_from_source
+from skyproof.gnss.messages.beidou import d1_ephemeris, d1_subframe, d2_ephemeris, d2_page
+from skyproof.gnss.messages.galileo import fnav_ephemeris, fnav_page, inav_ephemeris, inav_word
+from skyproof.gnss.messages.glonass import glonass_ephemeris, glonass_string
+from skyproof.gnss.time import week_and_tow
+from skyproof.logs.content import FRAME_BITS, BroadcastFrames, MessageKind
+from skyproof.records import NavigationData
+
+__all__ = ["OrbitCollector"]
+
+_Parts = dict[int, Mapping[str, float]]
+_READ: Final[dict[MessageKind, Callable[[int], tuple[int, Mapping[str, float]] | None]]] = {
+    "INAV": inav_word,
+    "FNAV": fnav_page,
+    "D1": d1_subframe,
+    "D2": d2_page,
+    "GLONASS": glonass_string,
+}
+_MADE: Final[dict[MessageKind, Callable[[_Parts, str, int], BroadcastEphemeris | None]]] = {
+    "INAV": inav_ephemeris,
+    "FNAV": fnav_ephemeris,
+    "D1": d1_ephemeris,
+    "D2": d2_ephemeris,
+}
+
+
+class OrbitCollector:
+    """Gathers frames as they come, and gives the orbits of all that were whole.
+
+    Of each satellite and message the latest part of each number is kept; whenever they make a data set that was not
+    there before it is added. Times of week count to the nearest week of when the frame came.
+    """
+
+    def __init__(self) -> None:
+        self._parts: dict[tuple[str, str], dict[int, Any]] = {}
+        self._found: dict[tuple[Any, ...], BroadcastEphemeris] = {}
+        self._ionosphere: Klobuchar | None = None
+        self._utc: UtcParameters | None = None
+        self._slots: dict[str, int] = {}
+
+    def take(self, frames: Iterable[BroadcastFrames], frequency_numbers: Mapping[str, int]) -> None:
+        """Take the frames of a stretch; `frequency_numbers` of GLONASS's satellites, by name."""
+        self._slots |= frequency_numbers
+        for record in frames:
+            n_bytes = record.bits.shape[1]
+            unused = 8 * n_bytes - FRAME_BITS[record.kind]
+            for gpst, sat, octets in zip(record.gpst, record.sat.tolist(), record.bits, strict=True):
+                self._frame(record.kind, sat, int.from_bytes(octets.tobytes(), "big") >> unused, gpst)
+
+    def _frame(self, kind: MessageKind, sat: str, frame: int, gpst: np.datetime64) -> None:
+        week, _ = week_and_tow(gpst)
+        parts = self._parts.setdefault((kind, sat), {})
+        made: BroadcastEphemeris | None = None
+        if kind == "LNAV":
+            subframe = subframe_from_source(frame)
+            if subframe is None:
+                return
+            parts[subframe.id] = subframe
+            self._ionosphere_of(subframe, week)
+            if subframe.id <= 3 and all(number in parts for number in (1, 2, 3)):
+                made = ephemeris_from_subframes(parts[1], parts[2], parts[3], sat, week)
+        elif kind in _READ:
+            read = _READ[kind](frame)
+            if read is None:
+                return
+            parts[read[0]] = read[1]
+            if kind == "GLONASS":
+                if read[0] <= 4 and sat in self._slots:
+                    made = glonass_ephemeris(parts, sat, gpst, self._slots[sat])
+            else:
+                made = _MADE[kind](parts, sat, week)
+        if made is not None:
+            self._found.setdefault((kind, sat, made.week, made.toe, getattr(made, "iodc", 0)), made)
+
+    def _ionosphere_of(self, subframe: Subframe, week: int) -> None:
+        found = ionosphere_and_utc(subframe, week) if subframe.id == 4 else None
+        if found is not None:
+            self._ionosphere, self._utc = found
+
+    def navigation(self, source: str) -> NavigationData:
+        """Return all that was gathered; `source` names it."""
+        return NavigationData(
+            ephemerides=tuple(self._found.values()), ionosphere=self._ionosphere, utc=self._utc, source=source
+        )

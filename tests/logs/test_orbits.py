@@ -1,0 +1,167 @@
+"""Orbits from a log's broadcast messages, against the receiver's own fix and each other."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from skyproof.gnss.constants import GPS_PI
+from skyproof.gnss.lnav import encode_subframes, words_hold
+from skyproof.gnss.messages.beidou import _D2_PAGES, _DIVIDED, d2_ephemeris, d2_page
+from skyproof.gnss.messages.bit_fields import BitField
+from skyproof.gnss.messages.glonass import _STRINGS, glonass_ephemeris, glonass_string
+from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.orbits import satellite_state
+from skyproof.logs.content import BroadcastFrames
+from skyproof.logs.orbits import OrbitCollector
+from skyproof.logs.stream import read_log
+from skyproof.navigation.fix import fix
+
+WALK = "real/imu-gnss-walk/gnss_1730.ubx"
+
+
+@pytest.fixture(scope="module")
+def walk(shared_data):
+    """The piece and the orbits of a real log."""
+    (piece,) = read_log([(shared_data / WALK).read_bytes()], "rx")
+    collector = OrbitCollector()
+    collector.take(piece.frames, {})
+    return piece, collector.navigation("the log")
+
+
+@pytest.mark.shared_data
+def test_the_orbits_of_a_real_log_give_the_receivers_own_fix(walk) -> None:
+    piece, navigation = walk
+    kinds = (("G", "L1", "CA"), ("E", "E1", "C"), ("C", "B3", "6I"))
+    signals = tuple(s for s in piece.observations.signals if s.kind in kinds and s.sat[0] != "S")
+    found = fix(piece.observations, navigation, signals=signals, elevation_mask_deg=10.0)
+    apart_m = np.linalg.norm(found.position_ecef_m - piece.fixes.position_ecef_m, axis=1)
+    assert (found.status == 0).all()
+    assert np.median(apart_m) < 12.0  # no ionosphere is in the log
+    assert np.sqrt(np.nanmean(found.residual_m**2)) < 3.0
+
+
+@pytest.mark.shared_data
+def test_messages_of_one_satellite_say_the_same(walk) -> None:
+    piece, navigation = walk
+    at = piece.observations.gpst[100]
+    compared = 0
+    for a, b in combinations(navigation.ephemerides, 2):
+        if a.sat == b.sat and a.message != b.message:
+            places = [satellite_state(e, at).position_ecef_m for e in (a, b)]
+            same = a.toe == b.toe
+            assert np.linalg.norm(places[0] - places[1]) < (1e-3 if same else 3.0), (a.sat, a.message, b.message)
+            compared += 1
+    assert compared >= 5
+    assert {e.message for e in navigation.ephemerides} == {"LNAV", "INAV", "FNAV", "D1"}
+
+
+def packed(bits: np.ndarray) -> np.ndarray:
+    return np.packbits(bits.astype(np.uint8), axis=-1)
+
+
+def test_lnav_frames_give_what_was_encoded() -> None:
+    navigation = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns"))
+    sent = navigation.ephemerides[0]
+    tow_s = 6 * (int(sent.toe) // 6 - 300)
+    tow_s -= tow_s % 30
+    bits = encode_subframes(sent, None, None, tow_s, sent.week, 5).reshape(5, 300)
+    source = words_hold(bits)[0].reshape(5, 240)
+    frames = BroadcastFrames(
+        kind="LNAV",
+        gpst=np.array([sent.reference_gpst] * 5),
+        sat=np.array([sent.sat] * 5),
+        band=np.array(["L1"] * 5),
+        code=np.array(["CA"] * 5),
+        bits=packed(source),
+    )
+    collector = OrbitCollector()
+    collector.take([frames], {})
+    (read,) = collector.navigation("test").ephemerides
+    assert (read.sat, read.week, read.toe, read.iodc) == (sent.sat, sent.week, sent.toe, sent.iodc)
+    assert read.sqrt_a == pytest.approx(sent.sqrt_a, abs=2.0**-19)
+
+
+def put(field: BitField, value: float, n_bits: int) -> int:
+    """Return the bits of a frame that carry a value: the inverse of `BitField.value`, written by itself."""
+    length = sum(size for _, size in field.runs)
+    raw = round(value / GPS_PI / field.scale) if field.angle else round(value / field.scale)
+    if field.magnitude and raw < 0:
+        raw = -raw | 1 << (length - 1)
+    raw %= 1 << length
+    frame = 0
+    for first, size in reversed(field.runs):
+        frame |= (raw & (1 << size) - 1) << (n_bits - first - size)
+        raw >>= size
+    return frame
+
+
+def test_d2_pages_give_the_numbers_that_were_put() -> None:
+    e = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
+    values = {name: getattr(e, name) for name in ("m0", "i0", "omega0", "omega", "cus", "cis", "idot")}
+    values |= {"af0": -2.5e-4, "af1": 3e-11, "cuc": -4e-7, "e": 0.0123, "cic": 6e-8, "omega_dot": -5e-9}
+    values |= {"sqrt_a": 6493.4, "toe": 3600.0, "toc": 3600.0, "week_mod_8192": 834, "tgd": -3.1e-9, "tgd2": 2.2e-9}
+    values |= {
+        "health": 0,
+        "iodc": 3,
+        "iode": 5,
+        "ura_index": 2,
+        "af2": 0.0,
+        "delta_n": 4e-9,
+        "crc": 120.5,
+        "crs": -60.25,
+    }
+    for name, field in _DIVIDED.items():
+        n_low, n_bits = field.runs[1][1], sum(size for _, size in field.runs)
+        raw = put(field, values[name], n_bits)
+        values |= {f"{name}_high": raw >> n_low, f"{name}_low": raw & (1 << n_low) - 1}
+    pages = {}
+    for number, fields in _D2_PAGES.items():
+        frame = 0b11100010010 << 289 | 1 << 282 | number << 254
+        frame |= put(BitField("sow_s", ((18, 8), (30, 12))), 3000.0 + 3.0 * (number - 1), 300)
+        for field in fields:
+            frame |= put(field, values[field.name], 300)
+        read = d2_page(frame)
+        pages[read[0]] = read[1]
+    made = d2_ephemeris(pages, "C03", 2190)
+    assert (made.week, made.toe, made.message) == (834 + 1356, 3600.0, "D2")
+    for name in ("af0", "af1", "cuc", "e", "cic", "i0", "omega_dot", "omega", "m0", "sqrt_a", "crs", "tgd2"):
+        assert getattr(made, name) == pytest.approx(values[name], rel=1e-5, abs=1e-10), name
+    pages[7] = {**pages[7], "sow_s": 0.0}
+    assert d2_ephemeris(pages, "C03", 2190) is None
+
+
+def test_glonass_strings_give_the_state_of_the_hour() -> None:
+    values = {f"{axis}_position_m": p for axis, p in zip("xyz", (1.2e7, -1.9e7, 1.1e7), strict=True)}
+    values |= {f"{axis}_velocity_m_s": v for axis, v in zip("xyz", (-900.0, 1500.0, 2800.0), strict=True)}
+    values |= {f"{axis}_acceleration_m_s2": a for axis, a in zip("xyz", (1e-6, -2e-6, 0.0), strict=True)}
+    values |= {"reference_steps": 91, "gamma_n": -9e-13, "tau_n": 1e-5, "delta_tau_n": -2e-9, "slot": 7}
+    strings = {}
+    for number, fields in _STRINGS.items():
+        frame = number << 80
+        for field in fields:
+            frame |= put(field, values.get(field.name, 0), 85)
+        read = glonass_string(frame)
+        strings[read[0]] = read[1]
+    received = np.datetime64("2022-03-01T19:50:00", "ns")  # 22:49:42 in Moscow, where the time of ephemeris is 22:45
+    made = glonass_ephemeris(strings, "R07", received, -4)
+    assert made.reference_gpst == np.datetime64("2022-03-01T19:45:18", "ns")
+    assert made.position_m == pytest.approx((1.2e7, -1.9e7, 1.1e7), abs=1.0)
+    assert made.velocity_m_s == pytest.approx((-900.0, 1500.0, 2800.0), abs=1e-3)
+    assert (made.tau_n, made.delta_tau_n) == pytest.approx((1e-5, -2e-9), abs=1e-9)
+    assert glonass_ephemeris(strings, "R08", received, -4) is None
+    assert glonass_string(1 << 84) is None
+
+
+def test_unknown_satellites_and_damage_give_no_orbit() -> None:
+    frames = BroadcastFrames(
+        kind="INAV",
+        gpst=np.array(["2022-03-01"] * 3, "M8[ns]"),
+        sat=np.array(["E01"] * 3),
+        band=np.array(["E1"] * 3),
+        code=np.array(["B"] * 3),
+        bits=np.random.default_rng(1).integers(0, 256, (3, 30), dtype=np.uint8),
+    )
+    collector = OrbitCollector()
+    collector.take([frames], {})
+    assert collector.navigation("test").ephemerides == ()
