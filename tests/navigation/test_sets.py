@@ -9,6 +9,7 @@ from tests.navigation import sky
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.navigation import search
 from skyproof.navigation import sets as sets_module
+from skyproof.navigation.fit_kernels import bancroft
 from skyproof.navigation.sets import consistent_sets
 from skyproof.records import NavigationData
 
@@ -277,11 +278,12 @@ def test_the_closed_form_has_the_place_among_its_solutions_and_none_with_negativ
     for four in ([0, 1, 2, 3], [2, 5, 7, 9], [1, 4, 8, 11]):
         seen = sky.scene(nav, [([twelve[k] for k in four], here, 1e-3)], n=1, air=False).observations
         measurements = measurements_of(seen, nav)
-        solutions = search._bancroft(measurements.satellite_ecef_m[None], measurements.range_m[None])[0]
+        solutions = np.empty((2, 4))
+        bancroft(measurements.satellite_ecef_m, measurements.range_m, solutions)
         assert np.nanmin(np.linalg.norm(solutions[:, :3] - here, axis=1)) < 1e3  # the Earth's turn is rough there
         assert not np.any(measurements.range_m - solutions[:, 3:] < 0.0)
-    flat = np.repeat(measurements.satellite_ecef_m[None, :1], 4, axis=1)
-    assert np.isnan(search._bancroft(flat, np.full((1, 4), 2.2e7))).all()
+    bancroft(np.repeat(measurements.satellite_ecef_m[:1], 4, axis=0), np.full(4, 2.2e7), solutions)
+    assert np.isnan(solutions).all()
 
 
 def test_each_four_is_solved_with_the_atmosphere_of_its_own_place(nav, here, twelve):

@@ -39,13 +39,13 @@ _GLONASS_STEP_S: Final = 60.0
 _GLONASS_MOST_STEPS: Final = 1440  # a day; the force model is no good beyond an hour anyway
 
 
-@compiled
+@compiled(error_model="numpy")
 def _since(orbit, week_at, second_at, week, tow_s):  # type: ignore[no-untyped-def]
     """Seconds since a second of a week of the system's time, both of which stand in `orbit`."""
     return (week - orbit[week_at]) * _WEEK_S + (tow_s - orbit[second_at] - orbit[AHEAD])
 
 
-@compiled
+@compiled(error_model="numpy")
 def _kepler(orbit, tk, dt, out):  # type: ignore[no-untyped-def]
     """Symbols of IS-GPS-200N, table 20-IV (elements of coordinate systems, and broadcast satellite velocity).
 
@@ -90,7 +90,7 @@ def _kepler(orbit, tk, dt, out):  # type: ignore[no-untyped-def]
     out[7] = orbit[AF1] + 2.0 * orbit[AF2] * dt + relativity * cos_ek * ek_dot
 
 
-@compiled
+@compiled(error_model="numpy")
 def _turn_with_the_earth(tk, rotation_rad_s, out):  # type: ignore[no-untyped-def]
     """BDS-SIS-ICD-B1I-3.0, 5.2.4.12: a geostationary orbit is given in a tilted frame that stands still from toe on."""
     sine, cosine = np.sin(rotation_rad_s * tk), np.cos(rotation_rad_s * tk)
@@ -102,7 +102,7 @@ def _turn_with_the_earth(tk, rotation_rad_s, out):  # type: ignore[no-untyped-de
     out[4] -= rotation_rad_s * out[0]
 
 
-@compiled
+@compiled(error_model="numpy")
 def _glonass_rates(orbit, state, rates):  # type: ignore[no-untyped-def]
     """Velocity and acceleration in the rotating frame: gravity with J2, Coriolis, sun and moon (ICD 5.1, A.3.1.2)."""
     x, y, z = state[0], state[1], state[2]
@@ -118,7 +118,7 @@ def _glonass_rates(orbit, state, rates):  # type: ignore[no-untyped-def]
     rates[5] = (-gravity - flattened * (3.0 - polar)) * z + orbit[ACCELERATION + 2]
 
 
-@compiled
+@compiled(error_model="numpy")
 def _runge_kutta(orbit, state, step_s, rates, middle, out):  # type: ignore[no-untyped-def]
     """out = state after a step; rates (4, 6) and middle (6,) are for the work."""
     for stage in range(4):
@@ -132,7 +132,7 @@ def _runge_kutta(orbit, state, step_s, rates, middle, out):  # type: ignore[no-u
         out[k] = state[k] + step_s / 6.0 * (rates[0, k] + 2.0 * rates[1, k] + 2.0 * rates[2, k] + rates[3, k])
 
 
-@compiled
+@compiled(error_model="numpy")
 def _integrate(orbit, since_s, node, steps, rates, middle, out):  # type: ignore[no-untyped-def]
     """out = state by Runge-Kutta from t_b in whole minutes, and one shorter step to the instant; returns the steps.
 
@@ -158,7 +158,7 @@ def _integrate(orbit, since_s, node, steps, rates, middle, out):  # type: ignore
     return steps
 
 
-@compiled
+@compiled(error_model="numpy")
 def fill_states(orbit, week, tow_s, out):  # type: ignore[no-untyped-def]
     """out (n, N_STATE) = states at seconds `tow_s` (n,) of `week` (n,) by the row `orbit`."""
     node, rates, middle, steps = np.empty(6), np.empty((4, 6)), np.empty(6), 0
@@ -170,7 +170,7 @@ def fill_states(orbit, week, tow_s, out):  # type: ignore[no-untyped-def]
             _kepler(orbit, tk, _since(orbit, TOC_WEEK, TOC, week[k], tow_s[k]), out[k])
 
 
-@compiled
+@compiled(error_model="numpy")
 def fill_ranges(  # type: ignore[no-untyped-def]
     pseudorange_m,
     week,

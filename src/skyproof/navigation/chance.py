@@ -64,14 +64,19 @@ def set_combinations(copies: ArrayLike, satellites: ArrayLike) -> Reals:
     """
     counts = np.asarray(copies, np.float64)
     sizes = np.asarray(satellites)
-    by_size = np.array([float(_elementary_symmetric(counts, size)) for size in range(counts.size + 1)])
+    by_size = _elementary_symmetric_all(counts, counts.size)
     return np.asarray(np.where(sizes <= counts.size, by_size[np.minimum(sizes, counts.size)], 0.0))
 
 
 def _elementary_symmetric(values: Reals, degree: int) -> Reals:
     """Sum over all choices of `degree` of the values along axis 0 of their product."""
-    sums = np.zeros((degree + 1, *values.shape[1:]))
+    return np.asarray(_elementary_symmetric_all(values, degree)[degree])
+
+
+def _elementary_symmetric_all(values: Reals, most: int) -> Reals:
+    """The same for all degrees from 0 to `most`, along axis 0."""
+    sums = np.zeros((most + 1, *values.shape[1:]))
     sums[0] = 1.0
     for value in values:
         sums[1:] = sums[1:] + value * sums[:-1]
-    return np.asarray(sums[degree])
+    return sums

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.sky import rotate_to_reception
+from skyproof.navigation.fit_kernels import SMALLEST_PIVOT, gauss_newton_kernel, invert_all, see
 
 __all__ = ["Solution", "design_matrix", "gauss_newton", "line_of_sight", "normal_inverse", "spd_inverse"]
 
@@ -29,27 +28,17 @@ class Solution:
     last_step_m: Reals
 
 
-def spd_inverse(matrix: Reals, *, smallest_pivot: float = 1e-13) -> Reals:
+def spd_inverse(matrix: Reals, *, smallest_pivot: float = SMALLEST_PIVOT) -> Reals:
     """Inverse of symmetric positive definite matrices (..., n, n), NaN where one is not, or only just.
 
-    By Cholesky, written out over the few rows: unlike `numpy.linalg.inv` one singular matrix does not fail the batch,
-    and for n = 4 it is several times faster. `smallest_pivot` is relative to the diagonal.
+    By Cholesky: unlike `numpy.linalg.inv` one singular matrix does not fail the batch. `smallest_pivot` is relative to
+    the diagonal.
     """
     n = matrix.shape[-1]
-    lower, inverse = np.zeros_like(matrix), np.zeros_like(matrix)
-    for j in range(n):
-        diagonal = matrix[..., j, j]
-        pivot = diagonal - np.sum(lower[..., j, :j] ** 2, axis=-1)
-        lower[..., j, j] = np.sqrt(np.where(pivot > smallest_pivot * diagonal, pivot, np.nan))
-        for i in range(j + 1, n):
-            inner = np.sum(lower[..., i, :j] * lower[..., j, :j], axis=-1)
-            lower[..., i, j] = (matrix[..., i, j] - inner) / lower[..., j, j]
-    for j in range(n):
-        inverse[..., j, j] = 1.0 / lower[..., j, j]
-        for i in range(j + 1, n):
-            inner = np.sum(lower[..., i, j:i] * inverse[..., j:i, j], axis=-1)
-            inverse[..., i, j] = -inner / lower[..., i, i]
-    return np.asarray(np.swapaxes(inverse, -1, -2) @ inverse)
+    flat = np.ascontiguousarray(matrix, np.float64).reshape(-1, n, n)
+    inverse = np.empty_like(flat)
+    invert_all(flat, smallest_pivot, inverse)
+    return inverse.reshape(matrix.shape)
 
 
 def line_of_sight(satellite_ecef_m: Reals, position_ecef_m: Reals) -> tuple[Reals, Reals, Reals]:
@@ -62,14 +51,17 @@ def line_of_sight(satellite_ecef_m: Reals, position_ecef_m: Reals) -> tuple[Real
 
     The travel time is the unturned distance plus the first-order Sagnac term: the distance is right to a nanometre.
     """
-    position = position_ecef_m[..., None, :]
-    turned_m2 = satellite_ecef_m[..., 0] * position[..., 1] - satellite_ecef_m[..., 1] * position[..., 0]
-    straight_m = np.linalg.norm(satellite_ecef_m - position, axis=-1)
-    travel_s = (straight_m + EARTH_ROTATION_RAD_S / SPEED_OF_LIGHT_M_S * turned_m2) / SPEED_OF_LIGHT_M_S
-    satellite = rotate_to_reception(satellite_ecef_m, travel_s)
-    difference = satellite - position
-    distance_m = np.linalg.norm(difference, axis=-1)
-    return satellite, difference / distance_m[..., None], distance_m
+    shape = np.broadcast_shapes(satellite_ecef_m.shape[:-2], position_ecef_m.shape[:-1])
+    k = satellite_ecef_m.shape[-2]
+    satellite = _flat(satellite_ecef_m, (*shape, k, 3), (-1, k, 3))
+    turned, unit, distance_m = np.empty(satellite.shape), np.empty(satellite.shape), np.empty(satellite.shape[:2])
+    see(satellite, _flat(position_ecef_m, (*shape, 3), (-1, 3)), turned, unit, distance_m)
+    return turned.reshape(*shape, k, 3), unit.reshape(*shape, k, 3), distance_m.reshape(*shape, k)
+
+
+def _flat(values: Reals, shape: tuple[int, ...], flat: tuple[int, ...]) -> Reals:
+    """Broadcast values with all leading axes as one, as kernels take them."""
+    return np.ascontiguousarray(np.broadcast_to(values, shape), np.float64).reshape(flat)
 
 
 def design_matrix(unit_vector: Reals, clocks: Reals | None = None) -> Reals:
@@ -117,21 +109,25 @@ def gauss_newton(
     """
     used = np.isfinite(range_m) & np.isfinite(sigma_m) & np.isfinite(satellite_ecef_m[..., 0])
     weight = np.where(used, 1.0 / np.where(used, sigma_m, 1.0) ** 2, 0.0)
-    satellite_ecef_m = np.where(used[..., None], satellite_ecef_m, 2.6e7)  # anywhere but at the receiver
-    range_m = np.where(used, range_m, 0.0)
-    state = np.array(start_m, dtype=np.float64)
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        for _ in range(max_steps):
-            _, unit, distance = line_of_sight(satellite_ecef_m, state[..., :3])
-            clock = state[..., 3:] if clocks is None else state[..., 3:] @ clocks.T
-            misfit = np.where(used, range_m - distance - clock, 0.0)
-            design = design_matrix(unit, clocks)
-            weighted = np.swapaxes(design * weight[..., None], -1, -2)
-            covariance = normal_inverse(weighted @ design)
-            step = (covariance @ (weighted @ misfit[..., None]))[..., 0]
-            state = state + step
-            step_m = np.linalg.norm(step, axis=-1)
-            if not np.any(step_m > tolerance_m):
-                break
-        residual = np.where(used, misfit - (design @ step[..., None])[..., 0], 0.0)
-    return Solution(state_m=state, covariance_m2=covariance, residual_m=residual, last_step_m=step_m)
+    shape, k = start_m.shape[:-1], range_m.shape[-1]
+    n = start_m.shape[-1]
+    state = np.array(start_m, np.float64).reshape(-1, n)
+    covariance, residual_m, step_m = np.empty((len(state), n, n)), np.empty((len(state), k)), np.empty(len(state))
+    gauss_newton_kernel(
+        _flat(satellite_ecef_m, (*shape, k, 3), (-1, k, 3)),
+        _flat(range_m, (*shape, k), (-1, k)),
+        _flat(weight, (*shape, k), (-1, k)),
+        np.ones((k, 1)) if clocks is None else np.ascontiguousarray(clocks, np.float64),
+        max_steps,
+        tolerance_m,
+        state,
+        covariance,
+        residual_m,
+        step_m,
+    )
+    return Solution(
+        state_m=state.reshape(start_m.shape),
+        covariance_m2=covariance.reshape(*shape, n, n),
+        residual_m=residual_m.reshape(*shape, k),
+        last_step_m=step_m.reshape(shape),
+    )

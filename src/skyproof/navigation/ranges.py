@@ -1,17 +1,17 @@
 """From pseudoranges to ranges: where each satellite was when it sent, its clock, and the delays on the way."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Instants, Integers, Reals
-from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
-from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import MAX_AGE_S
-from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbit_kernels import fill_ranges
 from skyproof.gnss.signals import time_scale_of
 from skyproof.gnss.time import week_and_tow
+from skyproof.navigation.fit_kernels import fill_delays
 from skyproof.records import Klobuchar, NavigationData, SignalId
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "Ranges",
     "atmosphere",
     "corrected_ranges",
+    "ionosphere_model",
     "space_sigma_m",
     "time_scale",
     "time_scales",
@@ -159,31 +160,27 @@ def atmosphere(
     the horizon get the delay of the horizon. The ionosphere's delay goes with the inverse square of `carrier_hz`
     (k,), L1 without it (IS-GPS-200N, 20.3.3.3.3.3). Above 11 km the troposphere thins out with a scale of 6.3 km.
     """
-    lat_rad, lon_rad, height_m = (value[..., None] for value in geodetic_from_ecef(position_ecef_m))
-    # As `sky.azimuth_elevation`, which would find the place once more: the dearest step where candidates are many.
-    enu_m = (satellite_ecef_m - position_ecef_m[..., None, :]) @ np.swapaxes(
-        rot_enu_ecef(lat_rad, lon_rad)[..., 0, :, :], -1, -2
+    shape = np.broadcast_shapes(satellite_ecef_m.shape[:-2], position_ecef_m.shape[:-1], np.shape(tow_s))
+    k = satellite_ecef_m.shape[-2]
+    carrier_hz = np.broadcast_to(L1_HZ if carrier_hz is None else carrier_hz, (*shape, k))
+    delays = np.empty((math.prod(shape), k, 4))
+    fill_delays(
+        np.ascontiguousarray(np.broadcast_to(position_ecef_m, (*shape, 3))).reshape(-1, 3),
+        np.ascontiguousarray(np.broadcast_to(satellite_ecef_m, (*shape, k, 3))).reshape(-1, k, 3),
+        np.ascontiguousarray(np.broadcast_to(np.asarray(tow_s, np.float64), shape)).reshape(-1),
+        np.ascontiguousarray(carrier_hz, np.float64).reshape(-1, k),
+        ionosphere_model(ionosphere, ionosphere_share),
+        delays,
     )
-    az_rad = np.arctan2(enu_m[..., 0], enu_m[..., 1])
-    el_rad = np.arctan2(enu_m[..., 2], np.hypot(enu_m[..., 0], enu_m[..., 1]))
-    above_rad = np.maximum(el_rad, 0.0)
-    place = (lat_rad, lon_rad, az_rad, above_rad, np.asarray(tow_s)[..., None])
+    elevation_rad, delay_m, sigma_m, ionosphere_m = np.moveaxis(delays.reshape(*shape, k, 4), -1, 0)
+    return AtmosphereDelays(elevation_rad=elevation_rad, delay_m=delay_m, sigma_m=sigma_m, ionosphere_m=ionosphere_m)
+
+
+def ionosphere_model(ionosphere: Klobuchar | None, ionosphere_share: float) -> Reals:
+    """(10,) how the ionosphere's delay is taken, for kernels: Klobuchar's numbers, a factor, and sigma as its share."""
     if ionosphere is None:
-        ionosphere_m = _UNKNOWN_IN_NIGHTS * SPEED_OF_LIGHT_M_S * klobuchar_delay_s(_NIGHT, *place)
-        ionosphere_sigma_m = ionosphere_m
-    else:
-        ionosphere_m = SPEED_OF_LIGHT_M_S * klobuchar_delay_s(ionosphere, *place)
-        ionosphere_sigma_m = ionosphere_share * ionosphere_m
-    if carrier_hz is not None:
-        slower = (L1_HZ / carrier_hz) ** 2
-        ionosphere_m, ionosphere_sigma_m = slower * ionosphere_m, slower * ionosphere_sigma_m
-    thin = np.exp(-np.clip(height_m - 11000.0, 0.0, 1e6) / 6340.0)
-    return AtmosphereDelays(
-        elevation_rad=el_rad,
-        delay_m=ionosphere_m + thin * troposphere_delay_m(lat_rad, height_m, above_rad),
-        sigma_m=ionosphere_sigma_m,
-        ionosphere_m=ionosphere_m,
-    )
+        return np.array((*_NIGHT.alpha, *_NIGHT.beta, _UNKNOWN_IN_NIGHTS, 1.0))
+    return np.array((*ionosphere.alpha, *ionosphere.beta, 1.0, ionosphere_share))
 
 
 def _in_use(

@@ -9,17 +9,25 @@ wanted: the caller begins with all (iterative deepening), so that the work grows
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S, WGS84_A_M, WGS84_F
+from skyproof.gnss.constants import WGS84_A_M
 from skyproof.gnss.frames import geodetic_from_ecef
-from skyproof.gnss.sky import rotate_to_reception
 from skyproof.navigation.chance import set_combinations
-from skyproof.navigation.least_squares import design_matrix, gauss_newton, line_of_sight
-from skyproof.navigation.ranges import atmosphere
+from skyproof.navigation.fit_kernels import (
+    FARTHEST_M,
+    LOWEST_M,
+    find_fours,
+    grow,
+    predict_misfits,
+    solve_choices,
+    spread,
+)
+from skyproof.navigation.ranges import ionosphere_model
 from skyproof.records import Klobuchar
 from skyproof.statistics.distributions import chi_square_threshold
 
@@ -28,9 +36,6 @@ __all__ = ["SetCandidates", "SetSearch", "WindowRanges", "below", "innovation", 
 _UNKNOWNS = 4
 _MOST_FOURS = 300_000
 _MOST_CANDIDATES = 10_000
-_LINEAR_SLACK = 2.0  # the prediction is linear; twice the threshold leaves room for what that costs
-_LOWEST_M, _FARTHEST_M = -20e3, 50e6
-_TRAVEL_S = 0.075  # of a signal from orbit to ground, within 0.01 s
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,6 +51,17 @@ class WindowRanges:
     tow_s: float
     ionosphere: Klobuchar | None
     ionosphere_share: float
+
+    @cached_property
+    def of_kernels(self) -> tuple[Reals, Reals, Reals, Reals, float, Reals]:
+        """What the kernels of `fit_kernels` take first."""
+        arrays = (
+            np.ascontiguousarray(values, np.float64)
+            for values in (self.satellite_ecef_m, self.range_m, self.sigma_m, self.carrier_hz)
+        )
+        satellite_ecef_m, range_m, sigma_m, carrier_hz = arrays
+        model = ionosphere_model(self.ionosphere, self.ionosphere_share)
+        return satellite_ecef_m, range_m, sigma_m, carrier_hz, float(self.tow_s), model
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,7 +93,11 @@ class SetSearch:
 
     def __init__(self, measurements: WindowRanges, copies: list[Indices]) -> None:
         self._measurements = measurements
-        self._copies = [copies[k] for k in _spread_first(measurements, copies)]
+        firsts = np.array([own[0] for own in copies], np.intp)
+        self._copies = [copies[k] for k in spread(np.ascontiguousarray(measurements.satellite_ecef_m[firsts]))]
+        self._table = np.full((len(copies), max(map(len, copies))), -1)
+        for k, rows in enumerate(self._copies):
+            self._table[k, : rows.size] = rows
         self._fours: dict[int, SetCandidates] = {}
 
     def of_size(self, size: int, free: Booleans, *, false_alarm_probability: float) -> SetCandidates:
@@ -94,54 +114,54 @@ class SetSearch:
         many satellites are within the noise of each other and can be exchanged.
         """
         n = len(self._copies)
-        if sum(bool(free[rows].any()) for rows in self._copies) < size:
+        usable = (self._table >= 0) & free[self._table]
+        if np.count_nonzero(usable.any(axis=1)) < size:
             return _nothing(size)
         skips = n - size
-        first = [int(free[rows].sum()) for rows in self._copies[: _UNKNOWNS + skips]]
-        limit = float(chi_square_threshold(false_alarm_probability, size - _UNKNOWNS))
-        found = _nothing(n)
-        if set_combinations(first, _UNKNOWNS) <= _MOST_FOURS:
-            for level in range(_UNKNOWNS - 1, n):
-                found = self._extended(found, level, skips, free, limit)
-                if level - (_UNKNOWNS - 1) <= skips:
-                    fours = self._fours_up_to(level)
-                    found = _joined(found, fours.take(np.all((fours.choice < 0) | free[fours.choice], axis=1)))
-        found = found.take((found.choice >= 0).sum(axis=1) == size)
-        found = found.take(plausible(found.state_m[:, :3]))
-        found = found.take(np.argsort(found.statistic, kind="stable"))
-        return SetCandidates(
-            choice=found.choice[found.choice >= 0].reshape(-1, size),
-            state_m=found.state_m,
-            covariance_m2=found.covariance_m2,
-            statistic=found.statistic,
+        first = usable[: _UNKNOWNS + skips].sum(axis=1)
+        if set_combinations(first, _UNKNOWNS) > _MOST_FOURS:
+            return _nothing(size)
+        levels = range(_UNKNOWNS - 1, _UNKNOWNS + skips)
+        fours = [self._fours_up_to(level) for level in levels]
+        kept = [np.all((own.choice < 0) | free[own.choice], axis=1) for own in fours]
+        choice, state_m, covariance_m2, statistic = grow(
+            *self._measurements.of_kernels,
+            np.where(usable, self._table, -1),
+            np.repeat(np.array(levels), [int(rows.sum()) for rows in kept]),
+            *(
+                np.concatenate([getattr(own, name)[rows] for own, rows in zip(fours, kept, strict=True)])
+                for name in ("choice", "state_m", "covariance_m2")
+            ),
+            skips,
+            float(chi_square_threshold(false_alarm_probability, size - _UNKNOWNS)),
+            _MOST_CANDIDATES,
         )
-
-    def _extended(
-        self, candidates: SetCandidates, level: int, skips: int, free: Booleans, limit: float
-    ) -> SetCandidates:
-        """The candidates with each free signal of the satellite at `level`, where it fits, and with none of them."""
-        signals = self._copies[level][free[self._copies[level]]]
-        skipped = candidates.take((candidates.choice[:, : level + 1] < 0).sum(axis=1) <= skips)
-        parents = len(candidates.statistic)
-        children = candidates.take(np.repeat(np.arange(parents), signals.size))
-        children.choice[:, level] = np.tile(signals, parents)  # `take` by index has made a copy
-        return _joined(skipped, _one_more(self._measurements, children, level, limit))
+        whole = np.flatnonzero(((choice >= 0).sum(axis=1) == size) & plausible(state_m[:, :3]))
+        order = whole[np.argsort(statistic[whole], kind="stable")]
+        return SetCandidates(
+            choice=choice[order][choice[order] >= 0].reshape(-1, size),
+            state_m=state_m[order],
+            covariance_m2=covariance_m2[order],
+            statistic=statistic[order],
+        )
 
     def _fours_up_to(self, level: int) -> SetCandidates:
         """All fours whose last satellite is at `level`: both solutions of each, unless nowhere near the Earth."""
         if level not in self._fours:
-            table = np.full((level + 1, max(map(len, self._copies))), -1)
-            for k, rows in enumerate(self._copies[: level + 1]):
-                table[k, : rows.size] = rows
             sats = np.array([(*three, level) for three in combinations(range(level), 3)])
-            picks = np.stack(np.meshgrid(*[np.arange(table.shape[1])] * _UNKNOWNS, indexing="ij"), axis=-1).reshape(
-                -1, 4
+            picks = np.indices((self._table.shape[1],) * _UNKNOWNS).reshape(_UNKNOWNS, -1).T
+            rows = self._table[sats[:, None, :], picks[None, :, :]].reshape(-1, _UNKNOWNS)
+            sats = np.repeat(sats, len(picks), axis=0)[np.all(rows >= 0, axis=1)]
+            rows = rows[np.all(rows >= 0, axis=1)]
+            four, state_m, covariance_m2 = find_fours(*self._measurements.of_kernels, rows)
+            choice = np.full((four.size, len(self._copies)), -1)
+            np.put_along_axis(choice, sats[four], rows[four], axis=1)
+            self._fours[level] = SetCandidates(
+                choice=choice,
+                state_m=state_m,
+                covariance_m2=covariance_m2,
+                statistic=np.zeros(four.size),  # four always fit
             )
-            rows = table[sats[:, None, :], picks[None, :, :]].reshape(-1, _UNKNOWNS)
-            choice = np.full((len(rows), len(self._copies)), -1)
-            np.put_along_axis(choice, np.repeat(sats, len(picks), axis=0), rows, axis=1)
-            real = np.all(rows >= 0, axis=1)
-            self._fours[level] = _solved_fours(self._measurements, choice[real], rows[real])
         return self._fours[level]
 
 
@@ -153,50 +173,49 @@ def solve(
     With `clocks` (k, c), as in `design_matrix`, several clocks: states and covariances are of 3 + c numbers.
     A last step of 100 m is taken linearly: what that neglects in a range is its square over the distance, 0.5 mm.
     """
-    taken = choice >= 0
-    rows = np.where(taken, choice, 0)
-    satellite = measurements.satellite_ecef_m[rows]
-    state = start_m
-    for _ in range(rounds):
-        turned, _, _ = line_of_sight(satellite, state[:, :3])
-        delay_m, delay_sigma_m = _atmosphere(measurements, rows, state, turned)
-        sigma_m = np.hypot(measurements.sigma_m[rows], delay_sigma_m)
-        solution = gauss_newton(
-            satellite,
-            measurements.range_m[rows] - delay_m,
-            np.where(taken, sigma_m, np.nan),
-            state,
-            clocks=clocks,
-            max_steps=6,
-            tolerance_m=100.0,
-        )
-        state = solution.state_m
-    return SetCandidates(
-        choice=choice,
-        state_m=state,
-        covariance_m2=solution.covariance_m2,
-        statistic=np.sum((solution.residual_m / sigma_m) ** 2, axis=-1),
+    state_m = np.array(start_m, np.float64)
+    m, n = state_m.shape
+    covariance_m2, statistic = np.empty((m, n, n)), np.empty(m)
+    solve_choices(
+        *measurements.of_kernels,
+        np.ascontiguousarray(choice, np.int64),
+        np.ones((choice.shape[1], 1)) if clocks is None else np.ascontiguousarray(clocks, np.float64),
+        rounds,
+        state_m,
+        covariance_m2,
+        statistic,
     )
+    return SetCandidates(choice=choice, state_m=state_m, covariance_m2=covariance_m2, statistic=statistic)
 
 
 def innovation(measurements: WindowRanges, rows: Indices, state_m: Reals, covariance_m2: Reals) -> tuple[Reals, Reals]:
     """Each measurement (m,) minus its prediction from a fit without it, and the variance of that, m and m^2."""
-    satellite = measurements.satellite_ecef_m[rows][:, None, :]
-    turned, unit, distance_m = line_of_sight(satellite, state_m[:, :3])
-    delay_m, delay_sigma_m = _atmosphere(measurements, rows[:, None], state_m, turned)
-    predicted_m = (distance_m + delay_m)[:, 0] + state_m[:, 3]
-    design = design_matrix(unit)
-    prediction_m2 = (design @ covariance_m2 @ np.swapaxes(design, -1, -2))[:, 0, 0]
-    variance_m2 = prediction_m2 + measurements.sigma_m[rows] ** 2 + delay_sigma_m[:, 0] ** 2
-    return measurements.range_m[rows] - predicted_m, variance_m2
+    misfit_m, variance_m2, _ = _predicted(measurements, rows, state_m, covariance_m2)
+    return misfit_m, variance_m2
 
 
 def misfits(measurements: WindowRanges, rows: Indices, state_m: Reals) -> tuple[Reals, Reals, Reals]:
     """Measurements (n,) minus what one state (4,) predicts, their sigmas (n,), and unit vectors (n, 3)."""
-    turned, unit, distance_m = line_of_sight(measurements.satellite_ecef_m[rows][None], state_m[None, :3])
-    delay_m, delay_sigma_m = _atmosphere(measurements, rows[None], state_m[None], turned)
-    misfit_m = measurements.range_m[rows] - (distance_m + delay_m)[0] - state_m[3]
-    return misfit_m, np.hypot(measurements.sigma_m[rows], delay_sigma_m[0]), unit[0]
+    states_m = np.broadcast_to(state_m, (rows.size, 4))
+    misfit_m, variance_m2, unit = _predicted(measurements, rows, states_m, np.zeros((rows.size, 4, 4)))
+    return misfit_m, np.sqrt(variance_m2), unit
+
+
+def _predicted(
+    measurements: WindowRanges, rows: Indices, state_m: Reals, covariance_m2: Reals
+) -> tuple[Reals, Reals, Reals]:
+    """Misfits (m,) by states (m, 4), their variances with those of the states, and unit vectors (m, 3)."""
+    misfit_m, variance_m2, unit = np.empty(rows.size), np.empty(rows.size), np.empty((rows.size, 3))
+    predict_misfits(
+        *measurements.of_kernels,
+        np.ascontiguousarray(rows, np.int64),
+        np.ascontiguousarray(state_m, np.float64),
+        np.ascontiguousarray(covariance_m2, np.float64),
+        misfit_m,
+        variance_m2,
+        unit,
+    )
+    return misfit_m, variance_m2, unit
 
 
 def below(measurements: WindowRanges, rows: Indices) -> Reals:
@@ -208,113 +227,7 @@ def below(measurements: WindowRanges, rows: Indices) -> Reals:
 def plausible(position_ecef_m: Reals) -> Booleans:
     """Not deeper than 20 km, nor more than 50 000 km from the Earth's centre: a spoofer may show a strange place."""
     _, _, height_m = geodetic_from_ecef(position_ecef_m)
-    return np.asarray((height_m >= _LOWEST_M) & (np.linalg.norm(position_ecef_m, axis=-1) <= _FARTHEST_M))
-
-
-def _solved_fours(measurements: WindowRanges, choice: Indices, rows: Indices) -> SetCandidates:
-    starts = _bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows])
-    near = _roughly_plausible(starts, 500e3)  # closed form and a poor geometry; NaN is nowhere
-    four, _ = np.nonzero(near)
-    # Twice: the start has no atmosphere, and in a poor geometry is kilometres away from the place whose it should be.
-    solved = solve(measurements, rows[four], starts[near], rounds=2)
-    kept = _plausible_within_sigma(solved)
-    moved_m = np.linalg.norm(np.diff(solved.state_m, axis=0), axis=-1)
-    kept[1:] &= (np.diff(four) != 0) | (moved_m > 10.0)  # else both starts led to one solution
-    return SetCandidates(
-        choice=choice[four[kept]],
-        state_m=solved.state_m[kept],
-        covariance_m2=solved.covariance_m2[kept],
-        statistic=np.zeros(int(kept.sum())),  # four always fit
-    )
-
-
-def _one_more(measurements: WindowRanges, candidates: SetCandidates, level: int, limit: float) -> SetCandidates:
-    """Candidates with a fifth or further signal, just chosen at `level`: predicted, then solved anew."""
-    rows = candidates.choice[:, level]
-    misfit_m, variance_m2 = innovation(measurements, rows, candidates.state_m, candidates.covariance_m2)
-    candidates = candidates.take(candidates.statistic + misfit_m**2 / variance_m2 <= _LINEAR_SLACK * limit)
-    solved = solve(measurements, candidates.choice[:, : level + 1], candidates.state_m)
-    kept = np.flatnonzero((solved.statistic <= limit) & _plausible_within_sigma(solved))
-    if kept.size > _MOST_CANDIDATES:
-        kept = kept[np.argpartition(solved.statistic[kept], _MOST_CANDIDATES)[:_MOST_CANDIDATES]]
-    return SetCandidates(
-        choice=candidates.choice[kept],
-        state_m=solved.state_m[kept],
-        covariance_m2=solved.covariance_m2[kept],
-        statistic=solved.statistic[kept],
-    )
-
-
-def _plausible_within_sigma(solved: SetCandidates) -> Booleans:
-    """Of few signals in poor geometry the place is only roughly known: ten sigma are allowed."""
-    spread_m2 = np.trace(solved.covariance_m2[:, :3, :3], axis1=-2, axis2=-1)
-    return _roughly_plausible(solved.state_m, 10.0 * np.sqrt(spread_m2))
-
-
-def _roughly_plausible(state_m: Reals, slack_m: Reals | float) -> Booleans:
-    """As `plausible`, with the smallest radius of the Earth for its surface."""
-    centre_m = np.linalg.norm(state_m[..., :3], axis=-1)
-    polar_m = WGS84_A_M * (1.0 - WGS84_F)
-    return np.asarray((centre_m >= polar_m + _LOWEST_M - slack_m) & (centre_m <= _FARTHEST_M + slack_m))
-
-
-def _atmosphere(measurements: WindowRanges, rows: Indices, state_m: Reals, turned_ecef_m: Reals) -> tuple[Reals, Reals]:
-    delays = atmosphere(
-        state_m[:, :3],
-        turned_ecef_m,
-        np.full(len(state_m), measurements.tow_s),
-        measurements.ionosphere,
-        ionosphere_share=measurements.ionosphere_share,
-        carrier_hz=measurements.carrier_hz[rows],
-    )
-    return delays.delay_m, delays.sigma_m
-
-
-def _bancroft(satellite_ecef_m: Reals, range_m: Reals) -> Reals:
-    """Both solutions (m, 2, 4) for four ranges (m, 4) to satellites (m, 4, 3), NaN where there is none.
-
-    S. Bancroft, "An algebraic solution of the GPS equations", IEEE Trans. AES 21(1), 1985. The Earth's turn is taken
-    for 75 ms, which leaves metres; the atmosphere is left in.
-    """
-    satellite = rotate_to_reception(satellite_ecef_m, np.full(range_m.shape, _TRAVEL_S))
-    common_m = range_m.mean(axis=1, keepdims=True) - SPEED_OF_LIGHT_M_S * _TRAVEL_S  # keeps the numbers of one size
-    unit = WGS84_A_M
-    a = np.concatenate((satellite, (range_m - common_m)[..., None]), axis=-1) / unit
-    minkowski = np.array([1.0, 1.0, 1.0, -1.0])
-    solvable = np.linalg.det(a) != 0.0  # also what LAPACK would refuse, batch and all
-    a = np.where(solvable[:, None, None], a, np.eye(_UNKNOWNS))
-    half_squares = 0.5 * np.sum(a * a * minkowski, axis=-1)
-    both = np.linalg.solve(a, np.stack((np.ones_like(half_squares), half_squares), axis=-1))
-    u, v = both[..., 0], both[..., 1]
-    uu, uv, vv = (np.sum(p * q * minkowski, axis=-1) for p, q in ((u, u), (u, v), (v, v)))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        # uu x^2 + 2 (uv - 1) x + vv = 0, in the form that keeps its digits when uu is small.
-        half = uv - 1.0
-        # Noise can make a double root complex: then the real part is the start.
-        root = -half - np.copysign(np.sqrt(np.maximum(half**2 - uu * vv, 0.0)), half)
-        x = np.stack((root / uu, vv / root), axis=-1)
-    solutions = (v[:, None, :] + x[..., None] * u[:, None, :]) * minkowski * unit
-    solutions[..., 3] += common_m
-    backwards = np.any(range_m[:, None, :] < solutions[..., 3:], axis=-1)  # squaring lets negative distances in
-    solutions[backwards | ~solvable[:, None]] = np.nan
-    return np.asarray(solutions)
-
-
-def _spread_first(measurements: WindowRanges, copies: list[Indices]) -> list[int]:
-    """Order of satellites in which the first few already have a good geometry, seen from below their middle."""
-    satellite = measurements.satellite_ecef_m[[c[0] for c in copies]]
-    _, unit, _ = line_of_sight(satellite, below(measurements, np.array([c[0] for c in copies])))
-    design = design_matrix(unit)
-    covariance = np.eye(_UNKNOWNS) * 1e3
-    order: list[int] = []
-    for _ in copies:
-        gained = np.einsum("ki,ij,kj->k", design, covariance, design)
-        gained[order] = -1.0
-        best = int(np.argmax(gained))
-        order.append(best)
-        along = covariance @ design[best]
-        covariance = covariance - np.outer(along, along) / (1.0 + design[best] @ along)
-    return order
+    return np.asarray((height_m >= LOWEST_M) & (np.linalg.norm(position_ecef_m, axis=-1) <= FARTHEST_M))
 
 
 def _nothing(n_satellites: int) -> SetCandidates:
@@ -323,13 +236,4 @@ def _nothing(n_satellites: int) -> SetCandidates:
         state_m=np.empty((0, _UNKNOWNS)),
         covariance_m2=np.empty((0, _UNKNOWNS, _UNKNOWNS)),
         statistic=np.empty(0),
-    )
-
-
-def _joined(*parts: SetCandidates) -> SetCandidates:
-    return SetCandidates(
-        choice=np.concatenate([part.choice for part in parts]),
-        state_m=np.concatenate([part.state_m for part in parts]),
-        covariance_m2=np.concatenate([part.covariance_m2 for part in parts]),
-        statistic=np.concatenate([part.statistic for part in parts]),
     )
