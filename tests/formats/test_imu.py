@@ -156,6 +156,37 @@ def test_times_without_an_even_rate_are_refused(tmp_path, steps_s):
         read_imu(written(tmp_path, table(readings(), gpst=gpst)))
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "factor", "unit"),
+    [
+        (100.0, 1e3, "milliseconds"),
+        (4000.0, 1e6, "microseconds"),
+        (200.0, 1e9, "nanoseconds"),
+        (1000.0, 1.0 / 3600.0, "hours"),
+    ],
+)
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_time_in_another_unit_is_refused_and_named(tmp_path, rate_hz, factor, unit, ending):
+    columns = table(readings(rate_hz=rate_hz, duration_s=0.5))
+    columns.pop("gpst")
+    path = written(tmp_path, {"time_s": np.arange(round(0.5 * rate_hz)) / rate_hz * factor, **columns}, ending)
+    with pytest.raises(InputError, match=rf"in {unit} \({rate_hz:g} a second\): "):
+        read_imu(path)
+
+
+@pytest.mark.parametrize("rate_hz", [2.5, 10.0, 4000.0])
+def test_rates_that_units_have_are_read(tmp_path, rate_hz):
+    found = read_imu(written(tmp_path, table(readings(rate_hz=rate_hz, duration_s=max(8.0 / rate_hz, 0.2)))))
+    assert found.interval_s == pytest.approx(1.0 / rate_hz)
+
+
+def test_dated_readings_ten_seconds_apart_are_refused(tmp_path):
+    series = readings()
+    columns = table(series, gpst=series.gpst[0] + np.arange(series.gpst.size) * np.timedelta64(10, "s"))
+    with pytest.raises(InputError, match="gpst: a reading every 10 s is usual"):
+        read_imu(written(tmp_path, columns))
+
+
 def test_too_few_readings_are_refused(tmp_path):
     columns = {name: column[:3] for name, column in table(readings()).items()}
     columns["gyro_x_rad_s"] = np.array([0.0, np.nan, np.nan])

@@ -1,5 +1,7 @@
 """Attitude from nothing: levelled and by compass at rest, by fixes in motion, no more and no less off than stated."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -76,6 +78,16 @@ def test_two_fixes_are_too_few():
     found = align_moving(DRIVING, [drawn_fix(ROUND, at, rng) for at in (1.0, 2.0)], settings_of("tactical"))
     assert found.state is None
     assert "fewer than three" in found.because
+
+
+def test_fixes_between_two_readings_align_nothing():
+    rows = [0, DRIVING.gpst.size - 1]
+    values = {name: getattr(DRIVING, name)[rows] for name in ("gpst", "specific_force_m_s2", "angular_rate_rad_s")}
+    sparse = replace(DRIVING, interval_s=10.0, **values)
+    rng = np.random.default_rng(3)
+    found = align_moving(sparse, [drawn_fix(ROUND, at, rng) for at in (1.0, 2.0, 3.0)], settings_of("tactical"))
+    assert found.state is None
+    assert "readings are missing" in found.because
 
 
 def test_the_heading_sigma_is_that_of_a_turn_about_the_vertical():

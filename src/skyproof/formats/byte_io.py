@@ -27,11 +27,15 @@ __all__ = [
     "require_size",
     "sha256",
     "size_of",
+    "text_of",
     "unpacked",
+    "without_mark",
 ]
 
 _HASH_BLOCK = 1 << 22
 _GZIP = b"\x1f\x8b"
+_UTF_8_MARK = b"\xef\xbb\xbf"
+_OTHER_MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16", b"\0\0\xfe\xff": "UTF-32"}
 _LONGEST_HEADER = 1 << 16
 """What is skipped before the bytes that are worked on, and read for the sum alone at once."""
 
@@ -72,29 +76,47 @@ def content_of(path: Path, most: int, what: str, to_do: str) -> bytes:
     return content
 
 
+def text_of(path: Path, most: int, what: str, to_do: str) -> bytes:
+    """Return a whole file of text, without its byte order mark; otherwise as `content_of` and `without_mark`."""
+    return without_mark(content_of(path, most, what, to_do), str(path))
+
+
+def without_mark(text: bytes, where: str) -> bytes:
+    """Return text without the byte order mark that some editors write before UTF-8.
+
+    where : begins a message.
+
+    Raises
+    ------
+    InputError : the mark is that of UTF-16 or UTF-32, which nothing here is read as.
+    """
+    for mark, encoding in _OTHER_MARKS.items():
+        if text.startswith(mark):
+            raise InputError(f"{where}: text in {encoding}, expected UTF-8 or ASCII; save it in UTF-8")
+    return text.removeprefix(_UTF_8_MARK)
+
+
 def unpacked(path: Path, most: int, what: str, to_do: str) -> bytes:
-    """A whole file, plain or gzip, of at most `most` bytes packed and unpacked; otherwise as `content_of`."""
+    """A whole file of text, plain or gzip, of at most `most` bytes packed and unpacked; otherwise as `text_of`."""
     content = content_of(path, most, what, to_do)
     if content[:2] == b"\x1f\x9d":
         raise InputError(f"{path}: compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
     if content[:2] != _GZIP:
-        return content
+        return without_mark(content, str(path))
     try:
         content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(most + 1)
     except (EOFError, OSError, zlib.error) as error:
         raise InputError(f"{path}: damaged gzip file ({error}); fetch or compress it again") from None
     require_size(len(content), most, f"{path}: {what}, unpacked,", to_do)
-    return content
+    return without_mark(content, str(path))
 
 
 def beginning(head: bytes) -> bytes:
-    """The first bytes of a file, unpacked where they are those of a gzip file."""
-    if head[:2] != _GZIP:
-        return head
-    try:
-        return zlib.decompressobj(wbits=31).decompress(head, len(head))
-    except zlib.error:
-        return head
+    """The first bytes of a file, unpacked where they are those of a gzip file, without a byte order mark of UTF-8."""
+    if head[:2] == _GZIP:
+        with contextlib.suppress(zlib.error):
+            head = zlib.decompressobj(wbits=31).decompress(head, len(head))
+    return head.removeprefix(_UTF_8_MARK)
 
 
 def require_size(size: int, most: int, what: str, to_do: str) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 from skyproof.errors import InputError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.bounds import METADATA_BYTES
-from skyproof.formats.byte_io import content_of, sha256
+from skyproof.formats.byte_io import sha256, text_of
 
 __all__ = ["CHECKSUMS", "read_checksums", "write_checksums"]
 
@@ -37,7 +37,7 @@ def read_checksums(path: Path) -> dict[str, str]:
     what, remedy = "the list of sums", "give the folder that skyproof protect wrote"
     sums: dict[str, str] = {}
     for number, line in enumerate(
-        content_of(path, METADATA_BYTES, what, remedy).decode("utf-8", "replace").splitlines(), 1
+        text_of(path, METADATA_BYTES, what, remedy).decode("utf-8", "replace").splitlines(), 1
     ):
         if (found := _LINE.fullmatch(line)) is None:
             raise InputError(

@@ -7,7 +7,7 @@ from typing import Any
 
 from skyproof.errors import InputError
 from skyproof.formats.bounds import METADATA_BYTES, SETTINGS_BYTES, require_toml_depth
-from skyproof.formats.byte_io import content_of
+from skyproof.formats.byte_io import content_of, text_of, without_mark
 
 __all__ = ["json_of", "read_json", "read_toml"]
 
@@ -22,7 +22,7 @@ def read_toml(path: Path, what: str, no_toml: str, to_do: str) -> dict[str, Any]
     ------
     InputError : the file cannot be read, is too long or too deep, or is no TOML in UTF-8.
     """
-    content = content_of(path, SETTINGS_BYTES, what, to_do)
+    content = text_of(path, SETTINGS_BYTES, what, to_do)
     try:
         text = content.decode("utf-8")
         require_toml_depth(text)
@@ -41,7 +41,7 @@ def read_json(path: Path, what: str, to_do: str) -> Any:
 def json_of(content: bytes, where: str, to_do: str) -> Any:
     """What bytes of JSON in UTF-8 hold. `where` begins a message, `to_do` ends it. Raises InputError."""
     try:
-        return json.loads(content.decode("utf-8-sig"))
+        return json.loads(without_mark(content, where).decode("utf-8"))
     except UnicodeDecodeError as error:
         raise InputError(f"{where}: byte {error.start} is not UTF-8; {to_do}") from error
     except RecursionError as error:

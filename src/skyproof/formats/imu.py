@@ -34,6 +34,17 @@ _NO_READING: Final = 1e5  # m/s2 or rad/s: what no unit measures
 _UNEVEN: Final = 0.2  # of an interval, root mean square: more is no even rate
 _REPEATED: Final = 0.05  # of the rows, if a logger reads faster than the unit renews; fewer are chance
 _EVEN_S: Final = 10.0
+_INTERVAL_S: Final = 1e-4, 0.5
+"""Between readings. Units give 10 to 4000 a second, seldom 10 000. In half a second a body turns and brakes too much
+for one mean; and readings a second apart or more are what a time in milliseconds looks like."""
+_TIME_UNITS: Final = {
+    "milliseconds": 1e-3,
+    "microseconds": 1e-6,
+    "nanoseconds": 1e-9,
+    "minutes": 60.0,
+    "hours": 3600.0,
+    "days": 86_400.0,
+}
 _LEAST_SHARE: Final = 0.5  # of the readings that an even rate makes between the first and the last
 _FORCE_M_S2: Final = 5.0, 20.0  # between which the median of a body that moves on the Earth lies
 _FORCE_UNITS: Final = (("g", 9.80665), ("mg", 9.80665e-3), ("ft/s2", 0.3048))
@@ -78,8 +89,8 @@ def read_imu(path: str | os.PathLike[str], *, rot_body_unit: ArrayLike | None = 
 
     Raises
     ------
-    InputError : as `read_timed_rows`; rows that come at no even rate, fewer than two whole ones, or numbers that no
-        body on the Earth gives in these units.
+    InputError : as `read_timed_rows`; rows that come at no even rate or at one that no unit has, fewer than two whole
+        ones, or numbers that no body on the Earth gives in these units.
     """
     rows = read_timed_rows(path, COLUMNS, "the inertial readings")
     whole = np.flatnonzero((np.abs(rows.values) < _NO_READING).all(axis=1))
@@ -89,6 +100,7 @@ def read_imu(path: str | os.PathLike[str], *, rot_body_unit: ArrayLike | None = 
         )
     whole, late_s, repeats = _renewed(rows, whole)
     force, rate = rows.values[whole, :3], rows.values[whole, 3:]
+    _require_interval(rows, whole)
     interval_s, steps = _rate(rows, whole, late_s)
     _require_force(rows.source, force)
     _require_turning(rows.source, force, rate, steps, interval_s)
@@ -119,6 +131,23 @@ def _renewed(rows: TimedRows, whole: Indices) -> tuple[Indices, float, tuple[str
         f"{1e3 * read_s:.3g} ms but renewed its readings less often; they are left out"
     )
     return whole[new], read_s, (words,)
+
+
+def _require_interval(rows: TimedRows, whole: Indices) -> None:
+    """Raise InputError if readings come as often as from no unit, with the unit of time that would explain it."""
+    usual_s = float(np.median(np.diff(rows.time_ns[whole]))) * 1e-9
+    least_s, most_s = _INTERVAL_S
+    if least_s <= usual_s <= most_s:
+        return
+    column, remedy = "gpst" if rows.dated else "time_s", "give the readings as the unit makes them"
+    likely = {name: size for name, size in _TIME_UNITS.items() if least_s <= usual_s * size <= most_s}
+    if likely and not rows.dated:
+        units = (f"in {name} ({1.0 / (usual_s * size):.4g} a second): {size:g}" for name, size in likely.items())
+        remedy = f"multiply time_s, if it is {', or '.join(units)}"
+    raise InputError(
+        f"{rows.where(int(whole[1]))}, {column}: a reading every {usual_s:.4g} s is usual, expected one every "
+        f"{least_s:g} to {most_s:g} s; {remedy}"
+    )
 
 
 def _rate(rows: TimedRows, whole: Indices, late_s: float = 0.0) -> tuple[float, Integers]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from skyproof.errors import InputError
 from skyproof.formats.bounds import EPOCH_BYTES, OBSERVATION_BYTES, STREAM_BYTES
-from skyproof.formats.byte_io import require_size
+from skyproof.formats.byte_io import require_size, without_mark
 from skyproof.formats.crinex import Expander, is_compact
 from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
 from skyproof.formats.rinex_obs_read import Header, ObservationFile, file_of, header_of, require_text
@@ -102,7 +102,7 @@ class _Plain:
         packed = first.startswith(_GZIP)
         blocks = itertools.chain((first,), blocks)
         text = _from_the_start(self._unpacked(blocks) if packed else blocks, _TELLING_BYTES)
-        first = next(text, b"")
+        first = without_mark(next(text, b""), self._source)
         if not is_compact(first):
             yield first
             yield from text

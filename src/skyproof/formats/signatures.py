@@ -76,6 +76,8 @@ def other_than_samples(head: bytes) -> tuple[str, str] | None:
         return "NMEA sentences of a receiver", _SAMPLES
     if _is_rtcm(head):
         return "an RTCM 3 stream", _SAMPLES
+    if _is_utf_16(head):
+        return "text in UTF-16", "save it in UTF-8"
     return _kind_of_text(head) if _is_text(head) else None
 
 
@@ -87,6 +89,14 @@ def _is_rtcm(head: bytes) -> bool:
             return False
         at += 6 + ((head[at + 1] & 3) << 8 | head[at + 2])
     return True
+
+
+def _is_utf_16(head: bytes) -> bool:
+    """Whether a byte order mark of UTF-16 comes before text of which nearly every other byte is zero."""
+    if head[:2] not in (b"\xff\xfe", b"\xfe\xff"):
+        return False
+    high = head[3::2] if head[0] == 0xFF else head[2::2]
+    return len(high) > 4 and high.count(0) > 0.9 * len(high)
 
 
 def _is_text(head: bytes) -> bool:

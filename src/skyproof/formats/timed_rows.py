@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from skyproof.arrays import Integers, Reals
 from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import SECONDS, SERIES_BYTES, SERIES_ROWS
-from skyproof.formats.byte_io import content_of
+from skyproof.formats.byte_io import content_of, text_of
 from skyproof.gnss.time import FIRST_YEAR, LAST_YEAR, parse_iso
 from skyproof.records import Remark, RemarkKind
 
@@ -64,7 +64,8 @@ def read_timed_rows(path: str | os.PathLike[str], columns: Sequence[str], what: 
     source, ending = os.fspath(path), Path(path).suffix.lower()
     if ending not in (".csv", ".parquet"):
         raise InputError(f'{source}: {what} cannot be read from a file that ends in "{ending}"; give .csv or .parquet')
-    content = content_of(Path(path), SERIES_BYTES, what, "give a table of rows over time")
+    content_or_text = text_of if ending == ".csv" else content_of
+    content = content_or_text(Path(path), SERIES_BYTES, what, "give a table of rows over time")
     remarks: tuple[str, ...] = ()
     if ending == ".csv":
         content, remarks = _whole_rows(content, columns)
@@ -152,7 +153,7 @@ def _is_number(text: str) -> bool:
 
 def _names(head: bytes, source: str) -> list[str]:
     try:
-        return [name.strip() for name in next(csv.reader([head.decode("utf-8-sig", errors="replace")]), [])]
+        return [name.strip() for name in next(csv.reader([head.decode("utf-8", errors="replace")]), [])]
     except csv.Error as error:  # a field of more than 131072 characters
         raise InputError(f"{source}: line 1: {error}; begin with a line that names the columns") from error
 
@@ -164,7 +165,7 @@ def _unlike(names: Sequence[str]) -> list[str]:
 
 def _rows(content: bytes, source: str) -> Any:
     """Each row after the first with its last line; empty lines are empty rows."""
-    rows = csv.reader(io.TextIOWrapper(io.BytesIO(content), "utf-8-sig", errors="replace", newline=""))
+    rows = csv.reader(io.TextIOWrapper(io.BytesIO(content), "utf-8", errors="replace", newline=""))
     try:
         next(rows, None)
         for row in rows:
@@ -281,7 +282,7 @@ def _require_rows(rows: int, source: str) -> None:
 def _require_rising(times: Integers, time: str, where: Callable[[int], str]) -> None:
     unknown = (times == _NAT).nonzero()[0]
     if unknown.size:
-        expected = "an instant" if time == "gpst" else f"seconds, {SECONDS:g} or less either way"
+        expected = "an instant" if time == "gpst" else f"seconds, {SECONDS:g} or less either way, and no smaller unit"
         raise InputError(f"{where(int(unknown[0]))}, {time}: no time, expected {expected}; leave the row out")
     back = (np.diff(times) <= 0).nonzero()[0]
     if back.size:

@@ -28,7 +28,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, SECONDS, TRACK_BYTES, XML_TAGS
-from skyproof.formats.byte_io import content_of
+from skyproof.formats.byte_io import text_of
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.time import gpst_from_utc, parse_iso, require_year
 from skyproof.records import freeze
@@ -90,8 +90,8 @@ def read_track(
     ending = Path(path).suffix.lower()
     if ending not in (".csv", ".nmea", ".txt", ".kml"):
         raise InputError(f'{source}: cannot read a track from a file that ends in "{ending}"; give .csv, .nmea or .kml')
-    content = content_of(Path(path), TRACK_BYTES, "the track", "give a file of points")
-    text = content.decode("utf-8-sig", errors="replace")
+    content = text_of(Path(path), TRACK_BYTES, "the track", "give a file of points")
+    text = content.decode("utf-8", errors="replace")
     if ending == ".kml":
         return parse_kml(text, source=source, name=name, geoid_separation_m=geoid_separation_m)
     if ending == ".csv":

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from skyproof.errors import InputError, fault_words
 from skyproof.formats.atomic_write import writing
 from skyproof.formats.bounds import METADATA_BYTES, first_few
-from skyproof.formats.byte_io import content_of
+from skyproof.formats.byte_io import text_of
 from skyproof.verdict import VERDICT_FORMAT, Verdict
 
 __all__ = ["SCHEMA_PATH", "read_verdict", "verdict_json", "verdict_schema", "write_verdict"]
@@ -46,7 +46,7 @@ def read_verdict(path: str | os.PathLike[str]) -> Verdict:
     InputError : the file cannot be read, is not JSON or is not a verdict; the message lists what is wrong and where.
     """
     name = os.fspath(path)
-    text = content_of(Path(path), METADATA_BYTES, "the verdict", "give the path of a verdict.json")
+    text = text_of(Path(path), METADATA_BYTES, "the verdict", "give the path of a verdict.json")
     try:
         return Verdict.model_validate_json(text, strict=True)
     except ValidationError as error:

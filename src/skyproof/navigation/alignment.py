@@ -162,7 +162,10 @@ def align_moving(
         return _nothing("fewer than three fixes with velocity")
     first_gpst = readings.gpst[np.searchsorted(readings.gpst, fixes[0].gpst, side="right") - 1]
     within = readings_between(readings, first_gpst, fixes[-1].gpst)
-    if np.diff(seconds_between(within.gpst, first_gpst), prepend=0.0).max() > _HOLE * readings.interval_s:
+    if (
+        not within.gpst.size
+        or np.diff(seconds_between(within.gpst, first_gpst), prepend=0.0).max() > _HOLE * readings.interval_s
+    ):
         return _nothing("readings are missing")
     errors, place_ecef_m = _SensorErrors(np.zeros(12), np.zeros((2, 3, 3))), fixes[0].mean[0:3]
     rough = _by_velocities(within, _turned(within, place_ecef_m), fixes)

@@ -20,7 +20,7 @@ from typing import Any, Final
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.errors import InputError, SettingsError, shortened
 from skyproof.formats.bounds import METADATA_BYTES
-from skyproof.formats.byte_io import content_of
+from skyproof.formats.byte_io import text_of
 
 __all__ = ["CatalogueItem", "read_catalogue"]
 
@@ -53,9 +53,9 @@ def read_catalogue(path: Path) -> list[CatalogueItem]:
     InputError : it cannot be read, or a line or column is wrong; names file, line and column. SettingsError : a
         setting makes no sense.
     """
-    content = content_of(path, METADATA_BYTES, "the catalogue", "give a CSV file with a line an item")
+    content = text_of(path, METADATA_BYTES, "the catalogue", "give a CSV file with a line an item")
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is no UTF-8; save the table as CSV in UTF-8") from error
     lines = _rows(text, path)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import tomllib
 from collections.abc import Iterator
 from dataclasses import asdict
 from importlib.metadata import version
@@ -12,7 +11,8 @@ from typing import Any
 from skyproof.app.fleet.catalogue import CatalogueItem
 from skyproof.app.protect import protect
 from skyproof.batch import Item
-from skyproof.errors import SkyproofError
+from skyproof.errors import InputError, SkyproofError
+from skyproof.formats.documents import read_toml
 
 __all__ = ["piece_of", "protect_piece"]
 
@@ -62,8 +62,8 @@ def _stamp(path: Path) -> tuple[int, int] | None:
 def _named_in(platform: Path) -> list[Path]:
     """Whatever a platform file names may be a file; one that cannot be read costs its item when that is begun."""
     try:
-        table = tomllib.loads(platform.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        table = read_toml(platform, "the platform file", "", "")
+    except InputError:
         return []
     return [platform.parent / text for text in _texts(table) if "\0" not in text]
 
