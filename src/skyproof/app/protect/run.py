@@ -390,16 +390,17 @@ def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: Navig
     for source in sources:
         if navigation is not None and source.start_gpst is not None:
             require_same_day(navigation, source.start_gpst, source)
-    if navigation is None and all(isinstance(source, ObservedFile) for source in sources):
+    files = [source for source in sources if isinstance(source, ObservedFile)]
+    if navigation is None and len(files) == len(sources) and not any(file.decoded.ephemerides for file in files):
         raise InputError(
-            f"{sources[0].path}: an observation file does not hold orbits; give the navigation file of that day "
-            "(--nav, RINEX)"
+            f"{sources[0].path}: it holds no orbits; give the navigation file of that day (--nav, RINEX), or have the "
+            "receiver log the broadcast messages (UBX-RXM-SFRBX)"
         )
 
 
 def _pooled(decoded: Sequence[NavigationData]) -> NavigationData:
     """What all receivers' signals sent, each data set once."""
-    sets = {(e.sat, e.week, e.toe): e for data in decoded for e in data.ephemerides}
+    sets = {(e.sat, e.week, e.toe, getattr(e, "message", "")): e for data in decoded for e in data.ephemerides}
     ionosphere = next((d.ionosphere for d in decoded if d.ionosphere is not None), None)
     utc = next((d.utc for d in decoded if d.utc is not None), None)
     return NavigationData(

@@ -10,6 +10,7 @@ import numpy as np
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.antennas import in_step
+from skyproof.app.receive.logged import holds_log, open_log
 from skyproof.app.receive.observed import ObservedFile, open_observations, same_measurements
 from skyproof.errors import InputError, SettingsError, shown
 from skyproof.formats.pieces import Workspace
@@ -128,6 +129,8 @@ def _of_file(
     *,
     dead: bool,
 ) -> tuple[Samples | ObservedFile, ...]:
+    if holds_log(path):
+        return (open_log(path, start_s=settings.start_s, duration_s=settings.duration_s, workspace=workspace),)
     if not holds_observations(path):
         return tuple(stretch(one, settings.start_s, settings.duration_s) for one in open_recording(path, dead=dead))
     channels = None if navigation is None else glonass_channels(navigation)

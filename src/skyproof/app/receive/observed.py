@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +18,13 @@ from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, following, obs_pieces
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.formats.spool import NothingGathered, gathered
 from skyproof.gnss.time import iso, seconds_between
+from skyproof.logs.content import FrontEndLevels, ReceiverFixes, ReceiverStates
 from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
 from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
 from skyproof.navigation.window import interval_s
 from skyproof.records import NavigationData, ObservationLog, Observations, Remark, SignalId
 
-__all__ = ["ObservedFile", "observed", "open_observations", "same_measurements"]
+__all__ = ["ObservedFile", "OwnWords", "observed", "observed_file", "open_observations", "same_measurements"]
 
 NO_SAMPLES = (
     "holds measurements and no samples: no correlation is drawn, second signals of a satellite and the receiver's own "
@@ -35,10 +36,20 @@ SYSTEMS = "GECRJ"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class OwnWords:
+    """What a receiver says of itself in its log; None where the log holds none of it."""
+
+    fixes: ReceiverFixes | None = None
+    levels: FrontEndLevels | None = None
+    states: ReceiverStates | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ObservedFile:
-    """One receiver's observation file, open: a `Source` that gives observations.
+    """One receiver's observation file or log, open: a `Source` that gives observations.
 
     observations : as they stand in the file, of the stretch that was asked for.
+    decoded : orbits from broadcast messages in the file. own : what the receiver says of itself there.
     """
 
     name: str
@@ -47,6 +58,8 @@ class ObservedFile:
     observations: ObservationLog
     file: FileBytes
     remarks: tuple[str, ...] = ()
+    decoded: NavigationData = field(default_factory=lambda: NavigationData(ephemerides=()))
+    own: OwnWords = field(default_factory=OwnWords)
 
     @property
     def start_gpst(self) -> np.datetime64:
@@ -77,11 +90,31 @@ def open_observations(
     ------
     InputError : it cannot be read, is no RINEX observation file, or holds nothing that is judged in that stretch.
     """
-    size = size_of(path)
     file = FileBytes(path)
     file.sum_as_read()
-    blocks = (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size, PIECE_BYTES))
+    blocks = (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size_of(path), PIECE_BYTES))
     pieces = obs_pieces(blocks, source=str(path), keep=_is_judged, glonass_channels=glonass_channels)
+    to_do = (
+        "the observation file holds no measurement of a satellite of GPS, Galileo, BeiDou, GLONASS or QZSS; give the "
+        "file that the receiver wrote"
+    )
+    return observed_file(path, file, pieces, to_do, start_s=start_s, duration_s=duration_s, workspace=workspace)
+
+
+def observed_file(
+    path: Path,
+    file: FileBytes,
+    pieces: Iterable[ObservationFile],
+    without_any: str,
+    *,
+    start_s: float,
+    duration_s: float | None,
+    workspace: Workspace | None,
+) -> ObservedFile:
+    """Gather the pieces of a file that is being read; `without_any` says what to do if nothing was measured.
+
+    Raises InputError if nothing is judged in the stretch.
+    """
     noted = _Noted()
     plain = path.with_suffix("") if path.suffix.lower() == ".gz" else path
     stretch = _stretch(following(noted.all(pieces)), start_s, duration_s)
@@ -89,10 +122,7 @@ def open_observations(
         observations = gathered(stretch, plain.stem, workspace or Workspace(), "as-given")
     except NothingGathered:
         if not noted.epochs:
-            raise InputError(
-                f"{path}: the observation file holds no measurement of a satellite of GPS, Galileo, BeiDou, GLONASS or "
-                "QZSS; give the file that the receiver wrote"
-            ) from None
+            raise InputError(f"{path}: {without_any}") from None
         raise InputError(
             f"{path}: lasts {noted.duration_s:.3f} s, but start_s is {start_s:g}"
             + ("" if duration_s is None else f" and duration_s {duration_s:g}")
@@ -220,7 +250,7 @@ def observed(source: ObservedFile, workspace: Workspace | None = None) -> Recept
     return Reception(
         source=source,
         observations=whole,
-        decoded=NavigationData(ephemerides=(), source=source.path),
+        decoded=source.decoded,
         n_signals=len(whole.signals),
         examined_s=source.duration_s,
         remarks=tuple(remarks),

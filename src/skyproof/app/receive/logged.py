@@ -1,0 +1,169 @@
+"""Receivers' own logs as inputs: measurements, orbits from their messages, and what the receiver says of itself."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from skyproof.app.receive.observed import ObservedFile, OwnWords, observed_file
+from skyproof.formats.bounds import Remarks
+from skyproof.formats.byte_io import FileBytes, reading, size_of
+from skyproof.formats.pieces import Workspace
+from skyproof.formats.plausible import LETTERS, leave_out_impossible
+from skyproof.formats.rinex_obs_pieces import PIECE_BYTES
+from skyproof.formats.rinex_obs_read import ObservationFile
+from skyproof.gnss.signals import frequency_number_of
+from skyproof.logs.content import FrontEndLevels, LogPiece, ReceiverFixes, ReceiverStates
+from skyproof.logs.orbits import OrbitCollector
+from skyproof.logs.stream import is_log, read_log
+from skyproof.records import Observations, Remark, RemarkKind
+
+__all__ = ["holds_log", "open_log"]
+
+_HEAD = 1 << 16  # bytes in which frames are looked for: those of one epoch take 10 kB at most
+_NAMED = 12  # messages of a log that a remark lists, the most frequent first
+R = TypeVar("R", ReceiverFixes, FrontEndLevels, ReceiverStates)
+
+
+def holds_log(path: Path) -> bool:
+    """Tell by its first bytes whether a file is a receiver's byte stream."""
+    with reading(path), open(path, "rb") as file:
+        return is_log(file.read(_HEAD))
+
+
+def open_log(
+    path: Path, *, start_s: float = 0.0, duration_s: float | None = None, workspace: Workspace | None = None
+) -> ObservedFile:
+    """Read a receiver's log: UBX, whatever else stands in the stream.
+
+    start_s, duration_s : of the stretch that is wanted; all of it if none is given.
+    workspace : where the measurements of a long log are kept.
+
+    Raises
+    ------
+    InputError : it cannot be read, or holds no measurements in that stretch.
+    """
+    file = FileBytes(path)
+    file.sum_as_read()
+    gathered = _Gathered(str(path))
+    blocks = (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size_of(path), PIECE_BYTES))
+    pieces = (gathered.take(piece) for piece in read_log(blocks, path.stem))
+    to_do = (
+        "the log holds no measurements of a satellite; have the receiver log them (UBX-RXM-RAWX), or convert a format "
+        "that is not read to RINEX"
+    )
+    source = observed_file(path, file, pieces, to_do, start_s=start_s, duration_s=duration_s, workspace=workspace)
+    return replace(
+        source,
+        format=f"receiver's log ({', '.join(gathered.protocols())})",
+        remarks=(*source.remarks, *gathered.remarks()),
+        decoded=gathered.orbits.navigation(str(path)),
+        own=gathered.own(),
+    )
+
+
+class _Gathered:
+    """What a log holds beside its measurements, as its pieces pass."""
+
+    def __init__(self, source: str) -> None:
+        self.orbits = OrbitCollector()
+        self._source = source
+        self._messages: Counter[str] = Counter()
+        self._damaged = 0
+        self._cut = False
+        self._remarks: dict[str, None] = {}
+        self._misread: dict[str, str] = {}
+        self._fixes: list[ReceiverFixes] = []
+        self._levels: list[FrontEndLevels] = []
+        self._states: list[ReceiverStates] = []
+
+    def take(self, piece: LogPiece) -> ObservationFile:
+        """Take a piece, and return its measurements without cells that are impossible."""
+        self._messages.update(piece.messages)
+        self._damaged += piece.damaged_frames
+        self._cut |= piece.cut
+        self._remarks |= dict.fromkeys(piece.remarks)
+        self._fixes += [] if piece.fixes is None else [piece.fixes]
+        self._levels += [] if piece.levels is None else [piece.levels]
+        self._states += [] if piece.states is None else [piece.states]
+        o = piece.observations
+        slots = {} if o is None else _frequency_numbers(o)
+        self.orbits.take(piece.frames, slots)
+        if o is None:
+            return ObservationFile(observations=_nothing(), version=0.0)
+        kept, implausible = leave_out_impossible(
+            {name: getattr(o, name) for name in LETTERS},
+            signals=o.signals,
+            elapsed_s=o.elapsed_s,
+            carrier_hz=o.carrier_hz,
+            misread=self._misread,
+        )
+        self._misread |= implausible.misread
+        return ObservationFile(
+            observations=replace(o, **dict[str, Any](kept)),
+            version=0.0,
+            impossible=implausible.counts,
+            misread=implausible.misread,
+            remarks=implausible.remarks,
+        )
+
+    def protocols(self) -> list[str]:
+        """Return the protocols that have messages in the log."""
+        return sorted({name.split(" ")[0] for name in self._messages})
+
+    def own(self) -> OwnWords:
+        """Return what the receiver says of itself."""
+        return OwnWords(fixes=_joined(self._fixes), levels=_joined(self._levels), states=_joined(self._states))
+
+    def remarks(self) -> Iterator[str]:
+        """Return what is to be said of the log."""
+        listed = ", ".join(f"{name} {count}" for name, count in self._messages.most_common(_NAMED))
+        others = len(self._messages) - _NAMED
+        yield f"messages in the log: {listed}" + (f" and {others} more kinds" if others > 0 else "")
+        if self._damaged:
+            yield Remark(f"{self._damaged} frames fail their checksum and are left out", RemarkKind.BEARS)
+        if self._cut:
+            yield Remark("the log ends inside a frame: it was cut, or is still growing", RemarkKind.CUT)
+        found = Remarks()
+        for remark in self._remarks:
+            found.add(remark)
+        yield from found.words("further remarks")
+
+
+def _frequency_numbers(o: Observations) -> dict[str, int]:
+    """Return the frequency numbers of the GLONASS satellites that were measured."""
+    numbers = {s.sat: frequency_number_of(s.band, float(hz)) for s, hz in zip(o.signals, o.carrier_hz, strict=True)}
+    return {sat: number for sat, number in numbers.items() if number is not None}
+
+
+def _joined(parts: list[R]) -> R | None:
+    """Return records of rows, in order of time, as one; None without any."""
+    if not parts:
+        return None
+    columns: dict[str, Any] = {
+        field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(parts[0])
+    }
+    return replace(parts[0], **columns)
+
+
+def _nothing() -> Observations:
+    none = np.empty((0, 0))
+    return Observations(
+        receiver="",
+        signals=(),
+        gpst=np.empty(0, "M8[ns]"),
+        elapsed_s=np.empty(0),
+        pseudorange_m=none,
+        carrier_cyc=none,
+        doppler_hz=none,
+        cn0_dbhz=none,
+        pseudorange_sigma_m=none,
+        carrier_sigma_cyc=none,
+        doppler_sigma_hz=none,
+        status=none.astype(np.uint8),
+        found_elapsed_s=np.empty(0),
+        missed_elapsed_s=np.empty(0),
+    )

@@ -1,0 +1,66 @@
+"""Receivers' logs as inputs: measurements, orbits and the receiver's own words out of one file."""
+
+import numpy as np
+import pytest
+from tests.logs.test_ubx import gps, hardware, pvt, rawx
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.receive.inputs import open_inputs
+from skyproof.errors import InputError
+from skyproof.records import Remark, RemarkKind
+
+WALK = "real/imu-gnss-walk/gnss_1730.ubx"
+
+
+def epochs(count: int) -> bytes:
+    return b"".join(rawx(100.0 + k, 2300, [gps(2000 + 1000 * k)]) + hardware(90, 4000, 0, 1) for k in range(count))
+
+
+def opened(path):
+    (source,) = open_inputs([path], Settings())
+    return source
+
+
+@pytest.mark.shared_data
+def test_a_real_log_gives_measurements_orbits_and_fixes(shared_data) -> None:
+    source = opened(shared_data / WALK)
+    assert source.observations.gpst.size == 536
+    assert {e.sat[0] for e in source.decoded.ephemerides} == set("GEC")
+    assert source.own.fixes.gpst.size == 536
+    assert not any(Remark.kind_of(remark) is RemarkKind.CUT for remark in source.remarks)
+
+
+def test_a_log_is_known_by_its_content(tmp_path) -> None:
+    path = tmp_path / "noted.bin"
+    path.write_bytes(b"started\r\n" + epochs(5) + pvt(104_000, (2024, 2, 4)))
+    source = opened(path)
+    assert source.observations.gpst.size == 5
+    assert source.own.levels.gpst.size == 5
+    assert source.own.fixes.gpst.size == 1
+
+
+def test_a_cut_log_says_so_and_damage_is_counted(tmp_path) -> None:
+    path = tmp_path / "a.ubx"
+    octets = bytearray(epochs(6))
+    octets[40] ^= 0xFF
+    path.write_bytes(octets[:-7])
+    kinds = [Remark.kind_of(remark) for remark in opened(path).remarks]
+    assert RemarkKind.CUT in kinds
+    assert RemarkKind.BEARS in kinds
+
+
+def test_impossible_cells_of_a_log_are_left_out(tmp_path) -> None:
+    path = tmp_path / "a.ubx"
+    cycles = (0, 6, 0, 0, 1.1e8, 1.1e8, -500.0, 9000, 44, 7)
+    path.write_bytes(b"".join(rawx(100.0 + k, 2300, [gps(9000), cycles]) for k in range(4)))
+    o = opened(path).observations.read(0, 4)
+    column = [signal.sat for signal in o.signals].index("G06")
+    assert np.isnan(o.pseudorange_m[:, column]).all()
+    assert np.isfinite(o.pseudorange_m[:, 1 - column]).all()
+
+
+def test_a_log_without_measurements_says_what_to_log(tmp_path) -> None:
+    path = tmp_path / "a.ubx"
+    path.write_bytes(pvt(104_000, (2024, 2, 4)) * 9)
+    with pytest.raises(InputError, match="UBX-RXM-RAWX"):
+        opened(path)
