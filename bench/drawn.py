@@ -36,6 +36,7 @@ from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix
 from skyproof.simulator.files import write_samples
+from skyproof.verdict import WORDS, word_shown
 
 TO_95 = 2.45  # of a circle about two equal sigmas
 TO_95_UP = 2.80  # of a sphere
@@ -119,7 +120,7 @@ def examined(name: str, **options: Any) -> dict[str, Any]:
     return row | {
         "verdict": verdict.verdict,
         "summary": verdict.summary,
-        "because": verdict.undecided_because,
+        "because": verdict.reason,
         "each": rows,
         "seconds": round(perf_counter() - begin, 2),
         "followed": any(one["followed_s"] >= FOLLOWED_S for one in rows),
@@ -290,12 +291,12 @@ def table(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
 
 
 def _counts(part: Sequence[dict[str, Any]]) -> str:
-    words = Counter(row["verdict"] for row in part)
+    counts = Counter(row["verdict"] for row in part)
+    words = ", ".join(f"{word_shown(word)} {counts[word]:3d}" for word in reversed(WORDS))
     each = [one for row in part for one in row["each"]]
     fixes, beyond = sum(one["fixes"] for one in each), sum(one.get("beyond", 0) for one in each)
     return (
-        f"{len(part):4d}: spoofed {words['spoofed']:3d}, undecided {words['undecided']:3d}, authentic "
-        f"{words['authentic']:3d} (passed over {sum(passed_over(row) for row in part):2d}); captured "
+        f"{len(part):4d}: {words} (passed over {sum(passed_over(row) for row in part):2d}); captured "
         f"{sum(row['captured'] for row in part):3d}; wrong {len(wrong_attacks(part)):2d}, fits the distance "
         f"{sum(bool(row['fits']) for row in part):2d}; {fixes:6d} trusted fixes, beyond 95 % "
         f"{100.0 * beyond / max(fixes, 1):4.1f} %"
@@ -355,7 +356,7 @@ def reported(name: str) -> Iterator[str]:
         return
     heard, outcome, settings = (protected if by_samples else judged)(made)
     verdict = document(outcome, (), settings)
-    yield f"{verdict.verdict}: {verdict.summary} {verdict.undecided_because}"
+    yield f"{verdict.verdict}: {verdict.summary} {verdict.reason}"
     yield from (json.dumps(of_receiver(made, h, r)) for h, r in pairs_of(heard, outcome))
     yield from wrong_labels(heard, outcome)
     for e in outcome.evidence:

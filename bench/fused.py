@@ -54,14 +54,14 @@ AGAINST: Final = ("spoofed", "attack")
 def tests_of(evidence: Iterable[Evidence]) -> list[list[Test]]:
     """By window, the tests of a clean sky.
 
-    `multi_receiver` rejects "one antenna" in a clean sky, as it should: it counts where it speaks against the sky. Of
-    an attack speak all tests of `second_signals`, and those of others that did: where `residual` or `continuity` fail
-    otherwise it may be an echo, a shade or a gap.
+    "One antenna" is rejected in a clean sky, as it should be: counted are tests of the sky, and what speaks against it.
+    All tests of `second_signals` speak of an attack, and those of others that did: where `residual` or `continuity`
+    fail otherwise it may be an echo, a shade or a gap.
     """
     windows: dict[Any, list[Test]] = {}
     for e in sorted(evidence, key=lambda e: (e.start_gpst, e.end_gpst)):
         against = e.says in AGAINST
-        null = against or (e.says in ("clean", "undecided") and e.detector != "multi_receiver")
+        null = against or (e.says in ("clean", "undecided") and e.null == "sky")
         if e.p_value is not None and not e.lacking and null:
             speaks = against or e.detector == "second_signals"
             windows.setdefault((e.start_gpst, e.end_gpst), []).append((e.detector, float(e.p_value), speaks))
@@ -213,7 +213,7 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
             cut = {k: np.quantile(values[k], COUNTED, method="lower") for k in ("plain", "clean")}
             cells = (f"{k} {share(values['captured'] < at)}" for k, at in cut.items())
             yield f"  {way:9} captured, at {COUNTED:.0%} counted on: " + ", ".join(cells)
-    for words in (("spoofed",), ("spoofed", "undecided")):
+    for words in (("spoofed",), ("spoofed", "suspect")):
         cells = (f"{k} {share([row['verdict'] in words for row in some])}" for k, some in kinds.items())
         yield f"verdict {' or '.join(words)}: " + ", ".join(cells)
     by_union, by_holm = np.sum([_rejected(row["windows"]) for row in captured], axis=0)

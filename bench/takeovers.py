@@ -14,6 +14,7 @@ last word.
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -43,7 +44,7 @@ from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneImu, SceneReceiver, Sky
 from skyproof.simulator.sites import Site, WayPoints
 from skyproof.simulator.sky import scene_of
-from skyproof.verdict import Verdict
+from skyproof.verdict import WORDS, Verdict, word_shown
 
 SEED = 7
 TO_95 = 2.45  # of a circle about two equal sigmas
@@ -229,7 +230,7 @@ def examined(number: int, *, samples: bool = False, tracking: str = "scalar") ->
         "duration_s": drawn.duration_s,
         "verdict": verdict.verdict,
         "summary": verdict.summary,
-        "because": verdict.undecided_because,
+        "because": verdict.reason,
         "cpu_s": round(process_time() - begin, 1),
     }
     return row | _words(drawn, scene, outcome) | _fixes(drawn, scene, outcome)
@@ -365,9 +366,9 @@ def table(rows: Iterable[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _counts(part: Sequence[Mapping[str, Any]]) -> str:
-    n = {word: sum(row["verdict"] == word for row in part) for word in ("spoofed", "undecided", "authentic")}
+    counts = Counter(row["verdict"] for row in part)
     named = [row for row in part if row["word_s"] is not None]
-    words = f"{len(part):3d}: spoofed {n['spoofed']:2d}, undecided {n['undecided']:2d}, authentic {n['authentic']:2d}"
+    words = f"{len(part):3d}: " + ", ".join(f"{word_shown(word)} {counts[word]:2d}" for word in reversed(WORDS))
     if named:
         s, m = (np.median([row[key] for row in named]) for key in ("word_s", "word_m"))
         words += f"; word in {len(named)}, median {s:.0f} s and {m:.0f} m after the pull's start"

@@ -40,7 +40,7 @@ def test_a_verdict_cannot_be_changed() -> None:
     [
         (lambda d: d.update(extra=1), "Extra inputs are not permitted"),
         (lambda d: d.pop("until_gpst"), "Field required"),
-        (lambda d: d.update(verdict="clean"), "'authentic', 'spoofed' or 'undecided'"),
+        (lambda d: d.update(verdict="undecided"), "'authentic', 'no_attack_seen', 'suspect' or 'spoofed'"),
         (lambda d: d["signals"][0].update(label="false"), "'authentic', 'spoofed', 'multipath' or 'unknown'"),
         (lambda d: d["signals"][0].update(cn0_dbhz=float("nan")), "finite number"),
         (lambda d: d["methods"][0].update(statistic=float("inf")), "finite number"),
@@ -52,7 +52,10 @@ def test_a_verdict_cannot_be_changed() -> None:
         (lambda d: d["signals"][0].update(receiver="rx9"), "rx9, which is not in receivers"),
         (lambda d: d["signals"][1].update(source="S2"), "S2, which is not in sources"),
         (lambda d: d["methods"][1].update(why_not=None), "ins_array did not run, but why_not does not say why"),
-        (lambda d: d.update(verdict="undecided"), "says in undecided_because what would decide it"),
+        (lambda d: d.update(verdict="suspect"), "suspect says in reason why it is no stronger"),
+        (lambda d: d.update(verdict="no_attack_seen"), "no_attack_seen says in reason why it is no stronger"),
+        (lambda d: d.update(verdict="no_attack_seen", reason="alone"), "says in not_excluded what it does not exclude"),
+        (lambda d: d.update(may_also_be=["weather"]), "'reflections', 'interference'"),
     ],
 )
 def test_what_makes_no_sense_is_refused(change: Callable[[Document], object], words: str) -> None:
@@ -70,6 +73,28 @@ def test_a_verdict_shows_itself_in_a_notebook() -> None:
         "trusted",
     ):
         assert text in shown, text
+
+
+def test_a_suspicion_shows_its_reason_and_what_else_it_may_be() -> None:
+    changes = {
+        "verdict": "suspect",
+        "reason": "the position jumps",
+        "may_also_be": ["missing_samples", "reflections"],
+        "remedy": "the recording uncut",
+    }
+    verdict = Verdict.model_validate(SAMPLE | changes)
+    assert [heading for heading, _ in verdict.explained] == ["May also be:", "To resolve:"]
+    causes = dict(verdict.explained)["May also be:"]
+    assert causes == "missing samples, or a recording that was cut and joined, or reflections"
+    assert all(words in verdict._repr_html_() for words in ("Suspect", "the recording uncut", causes))
+
+
+def test_no_attack_seen_is_shown_with_blanks_and_its_limits() -> None:
+    changes = {"verdict": "no_attack_seen", "reason": "one receiver", "not_excluded": ["a false sky", "a slow drag"]}
+    shown = Verdict.model_validate(SAMPLE | changes)._repr_html_()
+    assert "No attack seen" in shown
+    assert "Not excluded: a false sky; a slow drag." in shown
+    assert "no_attack_seen" not in shown
 
 
 def test_a_notebook_shows_names_and_runs_nothing() -> None:

@@ -32,6 +32,7 @@ __all__ = [
     "Asked",
     "Attitude",
     "Baseline",
+    "Cause",
     "Ccaf",
     "CcafAsked",
     "CellStatus",
@@ -904,13 +905,22 @@ clean : no sign of an attack; no evidence of authenticity either.
 undecided : the test could not tell, or could not run; `because` says why and what would help.
 """
 
+Cause = Literal[
+    "reflections", "interference", "gain", "shade", "oscillator", "motion", "fault", "statement", "missing_samples"
+]
+"""What else than an attack may make a test fail: `fault` of one satellite or of the receiver, a `statement` of the user
+that is not true, samples that are missing or a recording that was cut and joined."""
+Null = Literal["sky", "one antenna"]
+"""What a test may reject: that the signals are the sky's, or that they come from one transmit antenna."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
 class Evidence(ShortRepr):
     """One test's outcome on one window: the statistic, its threshold and what it says, with the error rate asked for.
 
     p_value : probability of a statistic at least as extreme under the hypothesis that `says` rejects
-        ("authentic" rejects "from one antenna"; "spoofed" and "attack" reject "clean sky").
+        ("authentic" rejects "from one antenna"; "spoofed" and "attack" reject "clean sky"), or, where it says
+        "undecided", that `null` names.
     log_likelihood_ratio : of what it says over its opposite, natural logarithm; None where no model is stated.
     noted : it stands beside the verdict, whatever that is.
     code : of what could not be tested, the reason's short name, which `because` puts in words. lacking : what the test
@@ -924,6 +934,8 @@ class Evidence(ShortRepr):
     overrules : of a test that failed ("undecided", and p_value below false_alarm_probability): its subject stays open
         whatever other tests say of this window, and the verdict with it.
     overlapping : skies in signals that were taken apart, instant by instant.
+    may_also_be : of a test that failed, what else than an attack would explain it, the likeliest first.
+    dated_gpst : of a test that failed, the epoch from which on it does, where the test dates that.
     """
 
     detector: str
@@ -948,12 +960,16 @@ class Evidence(ShortRepr):
     baselines: tuple[Baseline, ...] = ()
     whole_sky: bool = False
     overlapping: tuple[OverlappingSkies, ...] = ()
+    null: Null = "sky"
+    may_also_be: tuple[Cause, ...] = ()
+    dated_gpst: np.datetime64 | None = None
 
     @property
     def failed(self) -> bool:
-        """Whether a test's null was rejected without saying why."""
+        """Whether a test rejected that the signals are the sky's, and it is open why."""
         asked = self.false_alarm_probability
-        return self.says == "undecided" and self.p_value is not None and asked is not None and self.p_value < asked
+        rejected = self.p_value is not None and asked is not None and self.p_value < asked
+        return rejected and self.says == "undecided" and self.null == "sky"
 
 
 class Holding:

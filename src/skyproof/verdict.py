@@ -10,14 +10,15 @@ probabilities outside 0 to 1, and names that point nowhere are refused.
 import warnings
 from collections.abc import Iterable, Sequence
 from html import escape
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 __all__ = [
-    "CURE",
     "VERDICT_FORMAT",
+    "WORDS",
     "Because",
+    "Cause",
     "InputFile",
     "Label",
     "Method",
@@ -30,13 +31,33 @@ __all__ = [
     "VerdictWord",
     "notebook_html",
     "possible_places",
+    "word_shown",
 ]
 
-VERDICT_FORMAT: Literal["skyproof-verdict/1"] = "skyproof-verdict/1"
-CURE: Final = "; would decide it: "
-"""Between what is open and its remedy, in `undecided_because`."""
+VERDICT_FORMAT: Literal["skyproof-verdict/2"] = "skyproof-verdict/2"
 
-VerdictWord = Literal["authentic", "spoofed", "undecided"]
+VerdictWord = Literal["authentic", "no_attack_seen", "suspect", "spoofed"]
+"""authentic : positive evidence that the signals come from the sky, for every receiver, all the time.
+no_attack_seen : every test that could run passed.
+suspect : a test failed, and what else than an attack may be the reason is not excluded.
+spoofed : there is an attack.
+"""
+WORDS: Final[tuple[VerdictWord, ...]] = get_args(VerdictWord)
+Cause = Literal[
+    "reflections", "interference", "gain", "shade", "oscillator", "motion", "fault", "statement", "missing_samples"
+]
+CAUSES: Final[dict[Cause, str]] = {
+    "reflections": "reflections",
+    "interference": "a jammer or other noise",
+    "gain": "a change of gain, or an antenna with much of it",
+    "shade": "shade",
+    "oscillator": "the receiver's oscillators",
+    "motion": "motion of the antennas",
+    "fault": "a fault of a satellite or of the receiver",
+    "statement": "something that was stated and is not true",
+    "missing_samples": "missing samples, or a recording that was cut and joined",
+}
+"""Each cause as people read it."""
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
 
 Gpst = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?$")]
@@ -59,6 +80,11 @@ def notebook_html(title: str, sentences: Iterable[str], *tables: tuple[Sequence[
         if rows:
             parts.append(f"<table><thead>{row(head, 'th')}</thead><tbody>{rows}</tbody></table>")
     return f"<div>{''.join(parts)}</div>"
+
+
+def word_shown(word: str) -> str:
+    """A word of the answer as people read it: no attack seen."""
+    return word.replace("_", " ")
 
 
 def _instant_words(gpst: str) -> str:
@@ -250,27 +276,37 @@ class InputFile(_Model):
 class Verdict(_Model):
     """Whether satellite-navigation signals were spoofed, how sure that is, and the positions that can be trusted."""
 
-    format: Literal["skyproof-verdict/1"] = Field(description="Name and version of this format.")
+    format: Literal["skyproof-verdict/2"] = Field(description="Name and version of this format.")
     verdict: VerdictWord = Field(description="The answer. Never stronger than the evidence.")
     summary: str = Field(description="The answer in one sentence.")
+    reason: str | None = Field(
+        description="Why the word is no stronger: the test that failed (suspect), why the signals are not shown to be "
+        "true (no_attack_seen), which of them stay open and why (spoofed); null if nothing is open."
+    )
+    may_also_be: tuple[Cause, ...] = Field(
+        description="What else than an attack would explain a suspicion, the likeliest first; empty for other words."
+    )
+    not_excluded: tuple[str, ...] = Field(
+        description="Attacks that the tests of this input would not see; of no_attack_seen, else empty."
+    )
+    remedy: str | None = Field(description="What to give or to do for a stronger word; null if nothing is known to.")
     since_gpst: Gpst | None = Field(
-        description="Onset of the attack, GPS time: the middle of the interval in which it began, or when it was first "
-        "seen if that has no beginning; null if none or unknown."
+        description="Onset of the attack, or of what makes the signals suspect, GPS time: the middle of the interval "
+        "in which it began, or when it was first seen if that has no beginning; null if none or unknown."
     )
     since_sigma_s: Sigma | None = Field(
         description="Standard deviation of the onset, seconds; null if it is not known how early it began."
     )
     since_earliest_gpst: Gpst | None = Field(
-        description="It began after this, GPS time; null if it may have been on from the first moment, or hidden."
+        description="It began after this, GPS time; null if it may have been on before it was seen."
     )
     since_latest_gpst: Gpst | None = Field(
-        description="The attack was first seen then, and began then at the latest, GPS time."
+        description="It was first seen then, and began then at the latest, GPS time."
     )
     until_gpst: Gpst | None = Field(description="End of the attack, GPS time; null while it lasts.")
     false_alarm_probability_per_hour: Probability = Field(
         description="Probability asked for of calling clean signals spoofed, per hour."
     )
-    undecided_because: str | None = Field(description="What is not decided, why, and what would decide it.")
     assumed: str | None = Field(
         description="Under what the word and the trusted positions hold; null if nothing is assumed."
     )
@@ -291,8 +327,10 @@ class Verdict(_Model):
                 raise ValueError(f"signal {signal.sat} is of receiver {signal.receiver}, which is not in receivers")
             if signal.source is not None and signal.source not in sources:
                 raise ValueError(f"signal {signal.sat} is of source {signal.source}, which is not in sources")
-        if self.verdict == "undecided" and not self.undecided_because:
-            raise ValueError("an undecided verdict says in undecided_because what would decide it")
+        if self.verdict in ("suspect", "no_attack_seen") and not self.reason:
+            raise ValueError(f"a verdict {self.verdict} says in reason why it is no stronger")
+        if self.verdict == "no_attack_seen" and not self.not_excluded:
+            raise ValueError("a verdict no_attack_seen says in not_excluded what it does not exclude")
         return self
 
     @property
@@ -303,7 +341,7 @@ class Verdict(_Model):
 
     @property
     def onset_words(self) -> str:
-        """When the attack began, as far as that is known; empty without one."""
+        """When the attack or the suspicion began, as far as that is known; empty without one."""
         if self.since_gpst is None:
             return ""
         since = _instant_words(self.since_gpst)
@@ -314,10 +352,14 @@ class Verdict(_Model):
         return f"Seen since {since}; it began then at the latest"
 
     @property
-    def open_words(self) -> tuple[tuple[str, str], ...]:
-        """What is open, but for what the summary says already, and what would decide it: headings and words."""
-        why, _, cure = (self.undecided_because or "").partition(CURE)
-        parts = (("Not decided:", "" if why in self.summary else why), ("Would decide it:", cure))
+    def explained(self) -> tuple[tuple[str, str], ...]:
+        """What belongs to the word beside the summary: headings and words."""
+        parts = (
+            ("Not decided:", self.reason if self.verdict == "spoofed" else None),
+            ("May also be:", ", or ".join(CAUSES[cause] for cause in self.may_also_be)),
+            ("Not excluded:", "; ".join(self.not_excluded)),
+            ("To resolve:", self.remedy),
+        )
         return tuple((heading, words) for heading, words in parts if words)
 
     def __repr__(self) -> str:
@@ -331,7 +373,7 @@ class Verdict(_Model):
         if self.since_gpst is not None:
             until = "" if self.until_gpst is None else f", until {_instant_words(self.until_gpst)}"
             sentences.append(f"{self.onset_words}, GPS time{until}.")
-        sentences += [f"{heading} {words}." for heading, words in self.open_words]
+        sentences += [f"{heading} {words}." for heading, words in self.explained]
         if self.assumed is not None:
             sentences.append(self.assumed)
         kinds = [
@@ -360,7 +402,7 @@ class Verdict(_Model):
             own = sats.setdefault((s.receiver, s.label), [])
             own += [] if s.sat in own else [s.sat]
         return notebook_html(
-            self.verdict.capitalize(),
+            word_shown(self.verdict).capitalize(),
             sentences,
             (("receiver", "position", "latitude, °", "longitude, °", "height, m", "σ east, north, up, m"), positions),
             (("receiver", "label", "satellites"), [(*key, " ".join(own)) for key, own in sats.items()]),

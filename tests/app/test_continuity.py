@@ -68,10 +68,10 @@ def test_the_same_receivers_as_they_were_recorded_are_authentic(pair):
 def test_halves_of_two_receivers_swapped_are_not_authentic(pair, row):
     (one, other), navigation = pair
     verdict = judged((halves(one, other, row), halves(other, one, row)), navigation)
-    assert verdict.verdict == "undecided"
-    assert "the position jumps by 6" in verdict.undecided_because
-    assert "all carriers break at once" in verdict.undecided_because
-    assert "the recording is not continuous" in verdict.undecided_because
+    assert verdict.verdict == "suspect"
+    assert "the position jumps by 6" in verdict.reason
+    assert "all carriers break at once" in verdict.reason
+    assert "the recording is not continuous" in verdict.reason
     late = [s for s in verdict.signals if s.label == "authentic" and s.to_gpst > str(one.gpst[row])]
     assert not late
 
@@ -83,7 +83,7 @@ def test_a_file_joined_to_itself_is_not_authentic(tmp_path):
     for path in recorded.paths:
         path.write_bytes(2 * path.read_bytes())
     result = protect(recorded.paths, nav=recorded.nav)
-    assert result.verdict.verdict == "undecided"
-    assert "the signals' time goes back by 16 s" in result.verdict.undecided_because
+    assert result.verdict.verdict == "suspect"
+    assert "the signals' time goes back by 16 s" in result.verdict.reason
     for r in result.outcome.receivers:
         assert (np.diff(r.reception.observations.gpst) > np.timedelta64(0)).all()

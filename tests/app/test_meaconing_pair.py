@@ -191,7 +191,7 @@ def assert_onset(run: Run) -> None:
 
 def test_the_pair_is_spoofed_since_the_onset(whole):
     assert whole.verdict.verdict == "spoofed"
-    assert whole.verdict.undecided_because is None
+    assert whole.verdict.reason is None
     assert_onset(whole)
     assert whole.verdict.until_gpst is None
 
@@ -432,7 +432,7 @@ def test_the_part_that_begins_under_attack_is_judged_as_well(protected):
 def test_one_receiver_alone_sees_two_skies_and_leaves_open_which_is_true(protected, nav):
     run = protected(f"alone-{nav}", receivers=("rx1",), nav=nav)
     assert run.verdict.verdict == "spoofed"
-    assert run.verdict.undecided_because
+    assert run.verdict.reason
     assert {s.label for s in run.verdict.signals} == {"unknown"}
     seen_s = (np.datetime64(run.verdict.since_latest_gpst, "ns") - EPOCH) / SECOND - ONSET_S
     assert 0.0 <= seen_s < 3.0

@@ -59,7 +59,7 @@ def assert_not_authentic(judged) -> None:
     """Nothing false is said; that it is authentic neither."""
     assert judged.false_labels() == []
     assert judged.verdict.verdict != "authentic"
-    assert judged.verdict.undecided_because
+    assert judged.verdict.reason
 
 
 # --- a clean sky

@@ -14,13 +14,13 @@ from skyproof.errors import InputError, OutputError
 from skyproof.verdict import InputFile
 
 
-@pytest.mark.parametrize("word", ["authentic", "spoofed", "undecided"])
+@pytest.mark.parametrize("word", ["authentic", "no_attack_seen", "suspect", "spoofed"])
 def test_a_run_to_the_end_exits_with_0_whatever_the_verdict(app: App, word: str) -> None:
     app.verdict = said(word)
     assert cli.main(PROTECT) == 0
 
 
-@pytest.mark.parametrize(("word", "code"), [("authentic", 0), ("spoofed", 1), ("undecided", 3)])
+@pytest.mark.parametrize(("word", "code"), [("authentic", 0), ("spoofed", 1), ("suspect", 3), ("no_attack_seen", 4)])
 def test_the_exit_code_is_the_verdict_when_asked_to(app: App, word: str, code: int) -> None:
     app.verdict = said(word)
     assert cli.main([*PROTECT, "--exit-code"]) == code

@@ -44,11 +44,19 @@ def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.Captu
 
 
 def test_what_is_not_decided_is_said(app: App, capsys: pytest.CaptureFixture[str]) -> None:
-    app.verdict = said("undecided")
+    app.verdict = said("spoofed")
+    cli.main(PROTECT)
+    assert "Not decided: one receiver alone\nTo resolve: a second receiver\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("word", "first"), [("suspect", "SUSPECT"), ("no_attack_seen", "NO ATTACK SEEN")])
+def test_the_word_stands_first(app: App, capsys: pytest.CaptureFixture[str], word: str, first: str) -> None:
+    app.verdict = said(word)
     cli.main(PROTECT)
     out = capsys.readouterr().out
-    assert out.startswith("UNDECIDED\n")
-    assert "Not decided: a second receiver would decide" in out
+    assert out.startswith(f"{first}\n")
+    assert "To resolve: a second receiver\n" in out
+    assert ("Not excluded: a false sky from the start\n" in out) == (word == "no_attack_seen")
 
 
 def test_a_long_path_stays_on_one_line(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -140,7 +148,7 @@ def open_skies() -> Verdict:
         sample
         | {
             "receivers": [receiver],
-            "undecided_because": "which is true",
+            "reason": "which is true",
             "sources": [source | {"name": name, "shows": place} for name, place in places.items()],
             "signals": [signal | {"source": name, "copy": copy} for name, copy in zip(places, "ab", strict=True)],
         }

@@ -35,8 +35,9 @@ FLEET = (
 
 
 def said(word: str) -> Verdict:
-    because = {"undecided_because": "a second receiver would decide"}
-    return Verdict.model_validate(VERDICT.model_dump(mode="json") | {"verdict": word} | because)
+    why = {"reason": "one receiver alone", "remedy": "a second receiver"}
+    why |= {"not_excluded": ["a false sky from the start"]} if word == "no_attack_seen" else {}
+    return Verdict.model_validate(VERDICT.model_dump(mode="json") | {"verdict": word} | why)
 
 
 class App:

@@ -23,8 +23,9 @@ FIX = (
     "gpst lat_deg lon_deg height_m sigma_east_m sigma_north_m sigma_up_m horizontal_protection_m vertical_protection_m"
 )
 KEYS = {
-    "": "format verdict summary since_gpst since_sigma_s since_earliest_gpst since_latest_gpst until_gpst "
-    "false_alarm_probability_per_hour undecided_because assumed receivers signals sources methods "
+    "": "format verdict summary reason may_also_be not_excluded remedy "
+    "since_gpst since_sigma_s since_earliest_gpst since_latest_gpst until_gpst "
+    "false_alarm_probability_per_hour assumed receivers signals sources methods "
     "inputs settings versions",
     "receivers": "name input start_gpst duration_s trusted_fix false_fix unprotected_fix",
     "receivers.trusted_fix": FIX,
@@ -63,7 +64,7 @@ def test_what_was_written_reads_back_the_same(tmp_path: Path) -> None:
     text = (tmp_path / "verdict.json").read_text(encoding="utf-8")
     assert text == verdict_json(verdict)
     assert text.endswith("}\n")
-    assert text.startswith('{\n "format": "skyproof-verdict/1",\n "verdict"')
+    assert text.startswith('{\n "format": "skyproof-verdict/2",\n "verdict"')
     assert json.loads(text) == SAMPLE
     assert read_verdict(tmp_path / "verdict.json") == verdict
 
@@ -163,9 +164,9 @@ def test_the_published_schema_takes_the_sample() -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        lambda d: d.pop("undecided_because"),
+        lambda d: d.pop("reason"),
         lambda d: d.update(comment="hello"),
-        lambda d: d.update(format="skyproof-verdict/2"),
+        lambda d: d.update(format="skyproof-verdict/1"),
         lambda d: d["signals"][0].update(label="false"),
         lambda d: d["methods"][0].update(p_value=2.0),
         lambda d: d["receivers"][0]["trusted_fix"].update(gpst="2022-01-01T10:00:00+01:00"),
@@ -199,12 +200,12 @@ def test_every_number_has_its_unit_in_the_schema() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "not a skyproof-verdict/1 document: Invalid JSON"),
-        ("[1]", "not a skyproof-verdict/1 document"),
-        ("{}", "format is missing; verdict is missing; .* and 8 more"),
+        ("", "not a skyproof-verdict/2 document: Invalid JSON"),
+        ("[1]", "not a skyproof-verdict/2 document"),
+        ("{}", "format is missing; verdict is missing; .* and 11 more"),
         (
-            json.dumps(SAMPLE | {"format": "skyproof-verdict/2"}),
-            "format = .skyproof-verdict/2., expected 'skyproof-verdict/1'",
+            json.dumps(SAMPLE | {"format": "skyproof-verdict/1"}),
+            "format = .skyproof-verdict/1., expected 'skyproof-verdict/2'",
         ),
         (
             json.dumps(SAMPLE).replace('"label": "spoofed"', '"label": 1'),

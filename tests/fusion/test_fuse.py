@@ -1,4 +1,4 @@
-"""The verdict: never stronger than the evidence, and with what would decide what is open."""
+"""The verdict: never stronger than the evidence, and with what would show more."""
 
 from dataclasses import replace
 
@@ -44,33 +44,33 @@ def test_evidence_for_all_receivers_at_all_times_makes_it_authentic(invented, pa
     assert (decision.onset, decision.until, decision.sources, decision.skies) == (None, None, (), ())
 
 
-def test_no_evidence_is_undecided(pair):
+def test_no_evidence_is_no_attack_seen(pair):
     decision = fuse([], pair, [])
-    assert decision.verdict == "undecided"
+    assert decision.verdict == "no_attack_seen"
     assert decision.open.receivers == BOTH
 
 
-def test_no_receiver_is_undecided():
+def test_no_receiver_is_never_authentic():
     decision = fuse([], [], [])
-    assert (decision.verdict, decision.open.receivers) == ("undecided", ())
+    assert (decision.verdict, decision.open.receivers) == ("no_attack_seen", ())
 
 
 def test_clean_alone_is_not_authentic(invented, pair):
     decision = fuse([invented.evidence(w, "clean", *SKY, receivers=BOTH) for w in range(4)], pair, [])
-    assert decision.verdict == "undecided"
+    assert decision.verdict == "no_attack_seen"
     assert {s.label for s in decision.labels} == {"unknown"}
 
 
-def test_one_receiver_without_evidence_leaves_it_undecided(invented, pair):
+def test_one_receiver_without_evidence_is_not_authentic(invented, pair):
     decision = fuse([invented.evidence(w, "authentic", *SKY) for w in range(4)], pair, [])
-    assert decision.verdict == "undecided"
+    assert decision.verdict == "no_attack_seen"
     assert decision.open.receivers == ("rx2",)
 
 
 @pytest.mark.parametrize("windows", [(0,), (0, 1), (1, 2, 3), (0, 3)])
-def test_authentic_for_a_part_of_the_time_is_undecided(invented, pair, windows):
+def test_authentic_for_a_part_of_the_time_is_not_authentic(invented, pair, windows):
     decision = fuse([invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in windows], pair, [])
-    assert decision.verdict == "undecided"
+    assert decision.verdict == "no_attack_seen"
     assert "authentic" in {s.label for s in decision.labels}
 
 
@@ -88,7 +88,7 @@ def test_authentic_for_the_common_time_is_authentic(invented):
     assert decision.alone_s == (("rx1", 20.0), ("rx2", 20.0))
 
 
-@pytest.mark.parametrize(("alone_s", "verdict"), [(5, "authentic"), (30, "authentic"), (40, "undecided")])
+@pytest.mark.parametrize(("alone_s", "verdict"), [(5, "authentic"), (30, "authentic"), (40, "no_attack_seen")])
 def test_a_receiver_that_was_recorded_alone_for_long_leaves_the_verdict_open(invented, alone_s, verdict):
     """One antenna cannot vouch for itself: false signals could have come in that time."""
     observed = [invented.observations(duration_s=20 + alone_s), invented.observations(receiver="rx2", duration_s=20)]
@@ -100,19 +100,19 @@ def test_a_receiver_that_was_recorded_alone_for_long_leaves_the_verdict_open(inv
 
 def test_a_few_signals_are_too_few_for_authentic(invented, pair):
     decision = fuse([invented.evidence(w, "authentic", *SKY[:3], receivers=BOTH) for w in range(4)], pair, [])
-    assert decision.verdict == "undecided"
+    assert decision.verdict == "no_attack_seen"
 
 
 def test_a_receiver_that_never_had_signals_for_a_fix_is_not_authentic(invented):
     """Two signals from different directions for some seconds say nothing of a recording in which nobody had a fix."""
     observed = [invented.observations(SKY[:3])]
     evidence = [invented.evidence(w, "authentic", *SKY[:3]) for w in range(4)]
-    assert fuse(evidence, observed, []).verdict == "undecided"
+    assert fuse(evidence, observed, []).verdict == "no_attack_seen"
 
 
 def test_four_signals_are_enough_to_be_misled(invented):
     observed = [invented.observations(SKY[:4])]
-    assert fuse([invented.evidence(0, "authentic", *SKY[:4])], observed, []).verdict == "undecided"
+    assert fuse([invented.evidence(0, "authentic", *SKY[:4])], observed, []).verdict == "no_attack_seen"
     assert fuse([invented.evidence(w, "authentic", *SKY[:4]) for w in range(4)], observed, []).verdict == "authentic"
 
 
@@ -123,7 +123,7 @@ def test_time_in_which_nobody_had_a_fix_is_stated_beside_authentic(invented):
     assert decision.without_fix_s == (("rx1", 15.0),)
 
 
-@pytest.mark.parametrize(("word", "verdict"), [("clean", "undecided"), ("attack", "spoofed")])
+@pytest.mark.parametrize(("word", "verdict"), [("clean", "no_attack_seen"), ("attack", "spoofed")])
 def test_time_without_signals_is_stated_whatever_the_verdict(invented, word, verdict):
     lost = invented.observations(SKY, there=dict.fromkeys(SKY[1:], (8, 39)))
     for observed in (lost, taken(lost, np.r_[0, 8:40])):
@@ -156,31 +156,98 @@ def test_time_without_any_epoch_is_time_without_signals(invented):
     assert fuse(evidence, observed, []).verdict == "authentic"
 
 
-def test_a_failed_test_that_overrules_keeps_the_verdict_open_and_is_the_first_reason(invented, pair):
+def test_a_failed_test_that_overrules_is_the_first_reason(invented, pair):
     evidence = [invented.evidence(window, "authentic", *SKY, receivers=BOTH) for window in range(4)]
     evidence += [invented.evidence(window, "undecided", *SKY, p_value=None, because="often") for window in range(4)]
     assert fuse(evidence, pair, []).verdict == "authentic"
     broken = replace(invented.evidence(1, "undecided", "G05a", because="it jumps"), overrules=True)
     decision = fuse([*evidence, broken], pair, [])
-    assert decision.verdict == "undecided"
-    assert decision.open.about == "which signals of rx1 are true"
-    assert decision.open.why == "it jumps"
+    assert decision.verdict == "suspect"
+    assert decision.open.receivers == decision.suspicion.receivers == ("rx1",)
+    assert decision.suspicion.why == "it jumps"
 
 
 def test_the_reason_of_most_windows_is_given_with_its_remedy_and_no_other(invented, pair):
     said = [
-        invented.evidence(w, "undecided", *SKY, because=f"{w} m too near", would_need="a longer mast") for w in range(3)
+        invented.evidence(w, "undecided", *SKY, p_value=0.5, because=f"{w} m too near", would_need="a longer mast")
+        for w in range(3)
     ]
-    said.append(invented.evidence(3, "undecided", *SKY, because="too few", would_need="more satellites"))
+    said.append(invented.evidence(3, "undecided", *SKY, p_value=0.5, because="too few", would_need="more satellites"))
     question = fuse(said, pair, []).open
     assert (question.why, question.remedy) == ("2 m too near", "a longer mast")
 
 
 def test_a_test_that_could_not_run_is_no_reason_beside_one_that_did(invented, pair):
     could_not = [invented.evidence(w, "undecided", *SKY, because="too few", p_value=None) for w in range(3)]
-    ran = invented.evidence(3, "undecided", *SKY, because="too near", would_need="a longer mast")
+    ran = invented.evidence(3, "undecided", *SKY, p_value=0.5, because="too near", would_need="a longer mast")
     assert fuse([*could_not, ran], pair, []).open.why == "too near"
     assert fuse(could_not, pair, []).open.why is None
+
+
+# --- what is suspected
+
+
+def test_a_test_that_fails_in_one_window_makes_the_run_suspect(invented, pair):
+    said = [invented.evidence(w, "clean", *SKY, receivers=BOTH, p_value=0.4) for w in range(4)]
+    assert fuse(said, pair, []).verdict == "no_attack_seen"
+    failed = invented.evidence(2, "undecided", *SKY, because="it parts", would_need="more", detector="two")
+    failed = replace(failed, may_also_be=("oscillator",))
+    decision = fuse([*said, failed], pair, [])
+    assert decision.verdict == "suspect"
+    found = decision.suspicion
+    assert (found.receivers, found.why, found.remedy) == (("rx1",), "it parts", "more")
+    assert found.may_also_be == ("oscillator",)
+    assert (decision.onset.seen, decision.onset.earliest) == (failed.end_gpst, None)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"p_value": 1e-5}, {"null": "one antenna"}, {"says": "clean"}], ids=["passed", "other null", "clean"]
+)
+def test_only_a_rejected_sky_is_a_suspicion(invented, pair, changes):
+    failed = invented.evidence(2, "undecided", *SKY)
+    assert fuse([failed], pair, []).verdict == "suspect"
+    assert fuse([replace(failed, **changes)], pair, []).verdict == "no_attack_seen"
+
+
+def test_a_suspicion_is_dated_by_the_test_that_dates_it(invented, pair):
+    late = invented.evidence(1, "undecided", *SKY, detector="two")
+    dated = replace(invented.evidence(2, "undecided", *SKY, p_value=1e-20), dated_gpst=invented.at(14.0))
+    decision = fuse([late, dated], pair, [])
+    assert (decision.onset.gpst, decision.onset.sigma_s) == (invented.at(14.0), None)
+
+
+def test_a_suspicion_gives_its_worst_window_and_all_causes(invented, pair):
+    def failed(window, p_value, detector, *causes):
+        e = invented.evidence(window, "undecided", *SKY, p_value=p_value, because=f"{p_value}", detector=detector)
+        return replace(e, may_also_be=causes)
+
+    said = [failed(w, p, "two", "shade", "gain") for w, p in enumerate((1e-7, 1e-30, 1e-9))]
+    said.append(failed(3, 1e-60, "three", "fault", "shade"))
+    found = fuse(said, pair, []).suspicion
+    assert (found.why, found.may_also_be) == ("1e-30", ("shade", "gain", "fault"))
+
+
+def test_a_rival_signal_is_suspect_since_it_was_found(invented):
+    evidence = [invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in range(4)]
+    there = {"there": {"G05b": (20, 39)}, "found": {"G05b": (19.0, 19.5)}}
+    o = invented.observations((*SKY, "G05b"), **there)
+    cn0_dbhz = np.full_like(o.cn0_dbhz, 45.0)
+    cn0_dbhz[:, -1] += 3.0
+    later_m = np.where(np.arange(6) == 5, 900.0, 0.0)
+    rival = replace(o, cn0_dbhz=cn0_dbhz, pseudorange_m=o.pseudorange_m + later_m)
+    decision = fuse(evidence, [rival, invented.observations(receiver="rx2")], [])
+    assert (decision.verdict, decision.suspicion.why) == ("suspect", None)
+    assert decision.suspicion.may_also_be == ("fault",)
+    assert (decision.onset.earliest, decision.onset.seen) == (invented.at(19.0), invented.at(19.52))
+
+
+def test_an_attack_is_dated_by_a_test_that_failed_in_its_window(invented, pair):
+    attack = invented.evidence(1, "attack", *SKY)
+    failed = replace(invented.evidence(1, "undecided", *SKY, detector="two"), dated_gpst=invented.at(10.5))
+    assert fuse([attack], pair, []).onset.seen == attack.end_gpst
+    assert fuse([attack, failed], pair, []).onset.seen == invented.at(10.5)
+    before = replace(failed, dated_gpst=invented.at(3.0))
+    assert fuse([attack, before], pair, []).onset.seen == attack.end_gpst
 
 
 # --- what stays unexplained
@@ -197,7 +264,7 @@ def doubled(invented, *, late_m: float, over_db: float):
 
 @pytest.mark.parametrize(
     ("late_m", "over_db", "kind", "verdict"),
-    [(500.0, -6.0, "echo", "authentic"), (500.0, 3.0, "rival", "undecided"), (-500.0, -6.0, "rival", "undecided")],
+    [(500.0, -6.0, "echo", "authentic"), (500.0, 3.0, "rival", "suspect"), (-500.0, -6.0, "rival", "suspect")],
 )
 def test_a_second_signal_that_no_echo_explains_leaves_the_whole_open(invented, late_m, over_db, kind, verdict):
     evidence = [invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in range(4)]
@@ -213,8 +280,8 @@ def test_a_second_signal_that_no_echo_explains_leaves_the_whole_open(invented, l
     [
         (500.0, -6.0, "echo", "authentic"),
         (-500.0, 6.0, "echo", "authentic"),
-        (500.0, 3.0, "rival", "undecided"),
-        (-500.0, -6.0, "rival", "undecided"),
+        (500.0, 3.0, "rival", "suspect"),
+        (-500.0, -6.0, "rival", "suspect"),
     ],
 )
 @pytest.mark.parametrize("epoch_s", [1.0, 0.001])
@@ -245,7 +312,8 @@ def test_a_satellite_that_fits_nothing_leaves_the_whole_open(invented):
     evidence += [invented.evidence(w, "undecided", *names, receivers=("rx1",), detector="two") for w in range(4)]
     decision = fuse(evidence, observed, [])
     assert sorted(u.kind for u in decision.unexplained) == ["misfit", "untested"]
-    assert decision.verdict == "undecided"
+    assert decision.verdict == "suspect"
+    assert decision.suspicion.may_also_be == ("fault", "reflections")
 
 
 def test_signals_that_are_received_for_a_moment_are_not_counted(invented):

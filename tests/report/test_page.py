@@ -86,7 +86,7 @@ def test_the_page_says_everything_that_the_verdict_says() -> None:
         "duration_s = null",
         "numpy 2.4.6",
         "4.46 µs behind",
-        "skyproof-verdict/1",
+        "skyproof-verdict/2",
         "once in 1\u202f000 hours",
         "3 signals received: 1 authentic, 1 spoofed, 1 unknown.",
         "2 satellites come from one antenna.",
@@ -145,7 +145,9 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
         return evil if isinstance(value, str) else value
 
     document = poison(SAMPLE) | {
-        "undecided_because": evil,
+        "reason": evil,
+        "not_excluded": [evil],
+        "remedy": evil,
         "settings": {evil: evil, "a": {evil: [evil]}},
         "versions": {evil: evil},
     }
@@ -200,8 +202,10 @@ def test_many_signals_over_a_long_time_stay_below_a_megabyte() -> None:
 def test_a_page_without_pictures_or_signals_says_so() -> None:
     receiver = SAMPLE["receivers"][1]
     document = SAMPLE | {
-        "verdict": "undecided",
-        "undecided_because": "no signal was found; a longer recording would decide",
+        "verdict": "no_attack_seen",
+        "reason": "one antenna",
+        "not_excluded": ["a false sky from the start"],
+        "remedy": "a longer recording",
         "since_gpst": None,
         "receivers": [receiver],
         "signals": [],
@@ -213,7 +217,8 @@ def test_a_page_without_pictures_or_signals_says_so() -> None:
         "No position could be computed.",
         "No signals were received.",
         "No method could run",
-        "Not decided: no signal was found; a longer recording would decide",
+        "Not excluded: a false sky from the start.",
+        "To resolve: a longer recording.",
     ):
         assert reported in reader.text
     assert "figure" not in reader.tags
@@ -282,7 +287,7 @@ def test_the_top_answers_since_when_where_and_how_sure() -> None:
 
 def test_an_attack_from_the_start_is_described_as_such() -> None:
     reported = facts_of(since_gpst="2022-01-01T10:00:00.0", since_sigma_s=None)
-    assert reported["Spoofed since"] == "10:00:00 or before the recording begins under attack, 2022-01-01, GPS time"
+    assert reported["Spoofed since"] == "10:00:00 or before there when the recording begins, 2022-01-01, GPS time"
 
 
 def test_without_true_signals_the_true_position_is_not_known() -> None:
@@ -290,12 +295,27 @@ def test_without_true_signals_the_true_position_is_not_known() -> None:
     assert facts_of(receivers=receivers)["True position"].startswith("Not known no signals were shown to be true")
 
 
-def test_an_undecided_page_gives_the_possible_positions() -> None:
+def test_a_suspicion_says_since_when() -> None:
+    suspicion = {"verdict": "suspect", "reason": "it jumps", "since_sigma_s": None}
+    reported = facts_of(**suspicion)
+    assert (
+        reported["Suspect since"] == "10:00:24 or before first seen then, begun then or earlier, 2022-01-01, GPS time"
+    )
+    assert "Spoofed since" not in reported
+
+
+def test_the_word_is_shown_with_blanks() -> None:
+    passed = SAMPLE | {"verdict": "no_attack_seen", "reason": "one antenna", "not_excluded": ["a false sky"]}
+    page = report_html(Verdict.model_validate(passed), EMPTY)
+    assert "</svg>No attack seen</p>" in page
+    assert '<header class="verdict no_attack_seen">' in page
+
+
+def test_an_open_page_gives_the_possible_positions() -> None:
     receivers = [receiver | {"trusted_fix": None, "false_fix": None} for receiver in SAMPLE["receivers"]]
     place = {"lat_deg": 59.0, "lon_deg": 16.0, "height_m": 1.0}
     sources = [SAMPLE["sources"][0] | {"name": name, "shows": place} for name in ("S1", "S2")]
-    reported = facts_of(verdict="undecided", undecided_because="two skies", receivers=receivers, sources=sources)
-    assert "Spoofed since" not in reported
+    reported = facts_of(reason="two skies", receivers=receivers, sources=sources)
     assert reported["True position: one of"].count("59.00000° N, 16.00000° E") == 2
 
 
@@ -307,12 +327,11 @@ def test_skies_that_differ_are_drawn_each() -> None:
     assert "<h3>Sky over rx2</h3>" in page
 
 
-def test_what_would_decide_stands_apart_and_nothing_is_said_twice() -> None:
-    because = "which signals of rx1 are true: no method can tell; would decide it: a second receiver"
-    document = SAMPLE | {"verdict": "undecided", "undecided_because": because}
+def test_what_belongs_to_the_word_stands_apart() -> None:
+    document = SAMPLE | {"reason": "which signals of rx1 are true", "remedy": "a second receiver"}
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
-    assert "Not decided: which signals of rx1 are true: no method can tell. Would decide it: a second receiver." in text
-    document |= {"summary": "Not decided which signals of rx1 are true: no method can tell."}
+    assert "Not decided: which signals of rx1 are true. To resolve: a second receiver." in text
+    document |= {"verdict": "suspect", "may_also_be": ["shade", "gain"]}
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
-    assert "Not decided:" not in text
-    assert "Would decide it: a second receiver" in text
+    assert "Not decided:" not in text  # the summary of a suspicion is its reason
+    assert "May also be: shade, or a change of gain, or an antenna with much of it. To resolve:" in text

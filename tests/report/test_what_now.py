@@ -16,10 +16,8 @@ FALSE = SAMPLE["receivers"][0]["false_fix"]
 
 def verdict_of(word: str = "spoofed", **fixes: object) -> Verdict:
     receiver = SAMPLE["receivers"][0] | {"trusted_fix": None, "false_fix": None, "unprotected_fix": None} | fixes
-    because = "nothing decides" if word == "undecided" else None
-    return Verdict.model_validate(
-        SAMPLE | {"verdict": word, "receivers": [receiver], "signals": [], "undecided_because": because}
-    )
+    why = {"reason": "why", "not_excluded": ["a slow drag"]} if word != "spoofed" else {}
+    return Verdict.model_validate(SAMPLE | {"verdict": word, "receivers": [receiver], "signals": []} | why)
 
 
 def test_a_receiver_that_is_led_away_is_named_with_how_far_and_what_to_use_instead() -> None:
@@ -46,7 +44,10 @@ def test_a_trusted_position_that_has_ended_is_none_for_now() -> None:
     assert what_now(verdict_of(trusted_fix=old, unprotected_fix=FALSE))[0][0].startswith("Use no position")
 
 
-@pytest.mark.parametrize(("word", "what"), [("authentic", "Nothing"), ("undecided", "Do not rely on satellites alone")])
+@pytest.mark.parametrize(
+    ("word", "what"),
+    [("authentic", "Nothing"), ("no_attack_seen", "Go on"), ("suspect", "Do not rely on position or time")],
+)
 def test_other_verdicts_have_a_line_too(word: str, what: str) -> None:
     assert what_now(verdict_of(word))[0][0] == what
 

@@ -206,7 +206,7 @@ def test_equipment_with_an_antenna_that_none_else_has_needs_samples_of_its_own(t
 @pytest.mark.long
 def test_a_cell_goes_through_samples(tmp_path):
     (row,) = matrix.rows(StudySettings(quick=True, folder=tmp_path))
-    assert row["verdict"] == "undecided"  # one antenna that stands: nothing can vouch for its signals
+    assert row["verdict"] == "no_attack_seen"  # one antenna that stands: nothing can vouch for its signals
     assert not row["no_sign"]
     assert row["wrong_fixes"] == row["wrong_labels"] == 0
     assert list(tmp_path.rglob(items.ROWS))
@@ -228,7 +228,7 @@ def test_a_clean_sky_is_drawn_by_seed_and_number_could_be_written_and_has_no_att
 def test_clean_hours_are_summed_by_equipment_and_false_alarms_bound_their_rate(tmp_path, monkeypatch):
     settings = StudySettings(trials=1, folder=tmp_path)
     row = {
-        "verdict": "undecided",
+        "verdict": "no_attack_seen",
         "duration_s": 360.0,
         "trusted_worst_m": None,
         "trusted_share": 0.5,
@@ -256,5 +256,5 @@ def test_clean_hours_are_summed_by_equipment_and_false_alarms_bound_their_rate(t
 def test_reflections_far_larger_than_stated_are_no_attack(equipments, tmp_path):
     """Four reflections of up to 190 m of a receiver that drives in a circle: its position jumps by 50 m and back."""
     (row,) = rows_of(clean.clean_sky(1, 47), equipments, tmp_path)
-    assert row["verdict"] == "undecided"
+    assert row["verdict"] == "suspect"
     assert (row["false_alarms"], row["wrong_labels"], row["wrong_fixes"]) == (0, 0, 0)

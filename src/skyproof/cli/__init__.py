@@ -1,8 +1,8 @@
 """Arguments in, words out: one module a command.
 
 Results go to standard output, everything else to standard error. Exit codes: 0 it ran to its end; with --exit-code
-0 authentic, 1 spoofed, 3 undecided; 2 an error, reported in one line; 130, 143, 129 ended by Ctrl-C, SIGTERM, SIGHUP,
-with what was decided so far.
+0 authentic, 1 spoofed, 3 suspect, 4 no attack seen; 2 an error, reported in one line; 130, 143, 129 ended by Ctrl-C,
+SIGTERM, SIGHUP, with what was decided so far.
 
 A command's module is loaded when the command is called, and what computes (`skyproof.app`) when it is to work: help
 and errors come at once.

@@ -13,6 +13,7 @@ from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.interruption import interrupted_code
+from skyproof.verdict import word_shown
 
 if TYPE_CHECKING:
     from skyproof.app.fleet import FleetResult
@@ -67,6 +68,6 @@ def _print_counts(result: "FleetResult") -> None:
     console = Console()
     counts = table("items", "", numbers=0)
     for how, count in result.counts.most_common():
-        counts.add_row(str(count), words(how))
+        counts.add_row(str(count), words(word_shown(how)))
     print_table(console, counts)
     print_path("page:", result.folder / "fleet.html")

@@ -13,7 +13,7 @@ from skyproof.interruption import interrupted_code
 
 __all__ = ["protect"]
 
-EXIT_CODES = {"authentic": 0, "spoofed": 1, "undecided": 3}
+EXIT_CODES = {"authentic": 0, "spoofed": 1, "suspect": 3, "no_attack_seen": 4}
 
 
 def protect(
@@ -46,7 +46,9 @@ def protect(
     start_s: Start = None,
     duration_s: Duration = None,
     json: Json = False,
-    exit_code: Annotated[bool, Parameter(help="Exit with 0 authentic, 1 spoofed, 3 undecided.")] = False,
+    exit_code: Annotated[
+        bool, Parameter(help="Exit with 0 authentic, 1 spoofed, 3 suspect, 4 no attack seen.")
+    ] = False,
     debug: Debug = False,
 ) -> int:
     """Say whether received signals are spoofed, since when and which, and give the position to be trusted."""

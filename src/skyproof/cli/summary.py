@@ -8,14 +8,20 @@ from rich.table import Table
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.formats.verdict import verdict_json
 from skyproof.report.words import instant_words
-from skyproof.verdict import Position, Verdict, possible_places
+from skyproof.verdict import Position, Verdict, possible_places, word_shown
 
 if TYPE_CHECKING:
     from skyproof.app.protect import ProtectResult
 
 __all__ = ["print_result"]
 
-STYLES = {"authentic": "bold blue", "trusted": "blue", "spoofed": "bold dark_orange", "false": "dark_orange"}
+STYLES = {
+    "authentic": "bold blue",
+    "trusted": "blue",
+    "suspect": "bold yellow",
+    "spoofed": "bold dark_orange",
+    "false": "dark_orange",
+}
 
 
 def print_result(result: "ProtectResult", *, as_json: bool) -> None:
@@ -36,12 +42,12 @@ def print_result(result: "ProtectResult", *, as_json: bool) -> None:
 
 def _print_summary(verdict: Verdict) -> None:
     console = Console()
-    console.print(words(verdict.verdict.upper(), style=STYLES.get(verdict.verdict, "bold")))
+    console.print(words(word_shown(verdict.verdict).upper(), style=STYLES.get(verdict.verdict, "bold")))
     console.print(words(verdict.summary))
     if verdict.since_gpst is not None:
         until = "" if verdict.until_gpst is None else f", until {instant_words(verdict.until_gpst)}"
         console.print(words(f"{verdict.onset_words}, GPS time{until}"))
-    for heading, said in verdict.open_words:
+    for heading, said in verdict.explained:
         console.print(words(f"{heading} {said}"))
     if verdict.assumed:
         console.print(words(verdict.assumed))

@@ -200,6 +200,7 @@ class Residual:
             false_alarm_probability=self.settings.false_alarm_probability,
             p_value=min(1.0, len(plain) * float(test.p_value)),
             would_need=None if fits else "another receiver, or both signals of the satellites that have two",
+            may_also_be=() if fits else ("fault", "reflections"),
         )
 
 

@@ -155,6 +155,7 @@ def not_chosen(
         p_value=fit,
         would_need="skies that part farther, or a better prediction: an inertial unit, a better oscillator, a surveyed "
         "position",
+        may_also_be=("statement",) if fit < REFUSED else (),
     )
 
 

@@ -172,11 +172,12 @@ class _Walk:
             p_value=shown.p_value,
             overrules=True,
             would_need="a second receiver, or an inertial unit that is tried by manoeuvres before",
+            may_also_be=("statement", "fault", "reflections"),
         )
         if why_open is not None:
             return said
         because = f"{words}, which had gone on with the signals before"
-        more = {"says": "attack", "because": because, "overrules": False, "would_need": None}
+        more = {"says": "attack", "because": because, "overrules": False, "would_need": None, "may_also_be": ()}
         return replace(said, **more, noted=not self.named, assumes=self.foresight.assumes)  # type: ignore[arg-type]
 
     def _why_open(self, window: Rivals, shown: _Shown) -> str | None:

@@ -2,9 +2,9 @@
 
 The words are never stronger than the evidence: *spoofed* needs evidence of an attack, *authentic* needs positive
 evidence for every receiver, all the time but for half a minute before and after the time that the receivers have in
-common, no sign of an attack, and no failed test that overrules it; everything else is *undecided*, with what would
-decide it.
-Nothing here knows a particular detector.
+common, no sign of an attack, and no failed test that overrules it. Else a run is *suspect* if any test failed in any
+window, or signals stay that only a fault or a false one would explain (`suspicion`); and *no attack seen* if every test
+that could run passed, with what would show more (`open_question`). Nothing here knows a particular detector.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,6 +17,7 @@ from skyproof.arrays import Booleans
 from skyproof.fusion.labels import FalseSource, LabelledSignal, label_signals, sources_of
 from skyproof.fusion.open_question import OpenQuestion, open_question
 from skyproof.fusion.skies import skies_of, sky_onset
+from skyproof.fusion.suspicion import ODD, Suspicion, suspicion_of
 from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.fusion.unexplained import Unexplained, unexplained
 from skyproof.navigation.window import interval_s
@@ -24,7 +25,7 @@ from skyproof.records import ConsistentSet, Evidence, ObservationLog
 
 __all__ = ["Decision", "fuse"]
 
-VerdictWord = Literal["authentic", "spoofed", "undecided"]
+VerdictWord = Literal["authentic", "no_attack_seen", "suspect", "spoofed"]
 ENOUGH = 4  # signals for a fix
 MOMENT_S = 5.0  # after a loss of all signals it takes so long until a window can speak for the new ones
 ALONE_S = 30.0
@@ -36,7 +37,8 @@ verdict open: an attack on it could begin or end then."""
 class Decision:
     """The partition of all signals and what follows from it.
 
-    open : what is left open, and why; None if nothing is.
+    onset : of the attack, or of what makes the run suspect.
+    open : which signals are not shown to be true, and why; None if all are. suspicion : of a suspect run.
     unexplained : signals that no evidence says anything of.
     assumed : under what the word and the labels hold, in words.
     without_fix_s : receivers that received too few signals for a fix for more than a moment, and for how long; of an
@@ -54,6 +56,7 @@ class Decision:
     onset: Onset | None
     until: np.datetime64 | None
     open: OpenQuestion | None
+    suspicion: Suspicion | None = None
     unexplained: tuple[Unexplained, ...] = ()
     assumed: tuple[str, ...] = ()
     without_fix_s: tuple[tuple[str, float], ...] = ()
@@ -70,6 +73,7 @@ def fuse(
     left = unexplained(labels, evidence, observations, parts=not attacked)
     false = [s for s in labels if s.label == "spoofed"]
     everyone = {o.receiver for o in observations}
+    suspicion: Suspicion | None = None
     if attacked:
         trusted = _vouched_for(labels, observations, evidence)
         named = {ref.receiver for source in sources for ref in source.signals}
@@ -83,11 +87,13 @@ def fuse(
         trusted = {o.receiver for o in observations if _always_authentic(o, labels, observations)}
         trusted -= {ref.receiver for e in evidence if e.overrules and e.failed for ref in e.subject}
         # What neither the sky nor an echo explains leaves the whole open, though the rest is authentic.
-        odd = {u.ref.receiver for u in left if u.kind in ("rival", "misfit")}
+        odd = {u.ref.receiver for u in left if u.kind in ODD}
         settled = bool(observations) and trusted == everyone and not odd
-        verdict = "authentic" if settled else "undecided"
+        suspicion = None if settled else suspicion_of(evidence, left, observations)
+        verdict = "authentic" if settled else "no_attack_seen" if suspicion is None else "suspect"
         trusted -= odd
-        sources, skies, onset, until = (), (), None, None
+        sources, skies, until = (), (), None
+        onset = None if suspicion is None else suspicion.onset
     return Decision(
         verdict=verdict,
         labels=labels,
@@ -100,6 +106,7 @@ def fuse(
         without_fix_s=tuple(_without_fix(labels, observations, authentic=verdict == "authentic")),
         alone_s=tuple(_alone(labels, observations)) if verdict == "authentic" else (),
         open=None if settled else open_question(evidence, observations, trusted),
+        suspicion=suspicion,
     )
 
 
@@ -204,8 +211,16 @@ def _time_line(
 
 
 def _first_seen(evidence: Sequence[Evidence]) -> Onset:
-    """Of an attack that no signal or sky dates: at the end of the first window that shows it."""
-    return Onset(seen=min(e.end_gpst for e in evidence if e.says in ("spoofed", "attack")), earliest=None)
+    """Of an attack that no signal or sky dates: where a test that failed in the first window that shows it does, else
+    at the end of that window.
+    """
+    start, end = min(((e.start_gpst, e.end_gpst) for e in evidence if e.says in ("spoofed", "attack")), key=_last)
+    dated = [e.dated_gpst for e in evidence if e.dated_gpst is not None and start <= e.dated_gpst < end]
+    return Onset(seen=min([*dated, end]), earliest=None)
+
+
+def _last(window: tuple[np.datetime64, np.datetime64]) -> np.datetime64:
+    return window[1]
 
 
 def _capture(s: LabelledSignal, observations: Sequence[ObservationLog]) -> Onset:

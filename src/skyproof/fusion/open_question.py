@@ -1,4 +1,4 @@
-"""What a decision leaves open: whose signals, why (the reason that matters for the whole run), and the remedy."""
+"""Whose signals are not shown to be true, why (the reason that matters for the whole run), and the remedy."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -13,37 +13,32 @@ __all__ = ["OpenQuestion", "open_question"]
 
 @dataclass(frozen=True, kw_only=True)
 class OpenQuestion:
-    """receivers: whose signals are open; why: in words; remedy: what would settle it, if anything is known to."""
+    """receivers: whose signals are open; why: in words, None if nothing was compared; remedy: what would settle it, if
+    anything is known to."""
 
     receivers: tuple[str, ...]
     why: str | None
     remedy: str | None
 
-    @property
-    def about(self) -> str:
-        return f"which signals of {', '.join(self.receivers)} are true"
-
 
 def open_question(
     evidence: Sequence[Evidence], observations: Sequence[ObservationLog], trusted: set[str]
 ) -> OpenQuestion:
-    """The reason that left most of the time open, of tests that ran before those that could not; first of all what
-    overrules other tests.
+    """The reason that left most of the time open, of tests that ran before those that could not. Under an attack it is
+    no wonder that nothing goes on as it was, so what overrules other tests is the last of the reasons.
 
     The windows' sentences differ by their numbers; the same test with the same remedy is the same reason, and the
     window that was compared last speaks for all of them.
     """
     reasons: dict[tuple[str, str | None], _Reason] = defaultdict(_Reason)
-    attacked = False
     for e in evidence:
-        attacked |= e.says in ("attack", "spoofed")
         if e.says == "undecided" or (e.says == "attack" and e.would_need):
             reasons[e.detector, e.would_need].add(e)
     open_receivers = tuple(o.receiver for o in observations if o.receiver not in trusted)
     ran = [reason for reason in reasons.values() if reason.compared]
     if not ran:
         return OpenQuestion(receivers=open_receivers, why=None, remedy=None)
-    chosen = max(ran, key=lambda reason: reason.weight(attacked))
+    chosen = max(ran, key=_Reason.weight)
     *before, last = chosen.latest
     remedy = last.would_need
     far = _distance_m(chosen.distances)
@@ -77,9 +72,8 @@ class _Reason:
             self.compared += 1
             self.latest = [*(one for one in self.latest if one.start_gpst == e.start_gpst), e]
 
-    def weight(self, attacked: bool) -> tuple[bool, int, bool]:
-        """Under an attack it is no wonder that nothing goes on as it was: that is not what leaves the signals open."""
-        return self.overrules != attacked, self.compared, self.has_remedy
+    def weight(self) -> tuple[bool, int, bool]:
+        return not self.overrules, self.compared, self.has_remedy
 
 
 def _kinds(evidence: Sequence[Evidence]) -> set[str]:

@@ -132,6 +132,7 @@ class _Watch:
             p_value=shown.p_value,
             overrules=True,
             would_need=remedy,
+            may_also_be=("statement", "reflections"),
         )
         if why_open is not None:
             return open_
@@ -142,6 +143,7 @@ class _Watch:
             because=because,
             overrules=False,
             would_need=None,
+            may_also_be=(),
             noted=not self.named,
             assumes=self.foresight.assumes,
         )

@@ -6,10 +6,11 @@ from typing import Final, Protocol
 from urllib.parse import quote
 
 from skyproof.report.template import environment
+from skyproof.verdict import word_shown
 
 __all__ = ["FleetLine", "fleet_html"]
 
-ORDER: Final = ("spoofed", "undecided", "authentic", "failed", "not run")
+ORDER: Final = ("spoofed", "suspect", "no_attack_seen", "authentic", "failed", "not run")
 """What needs a look first comes first."""
 
 
@@ -51,7 +52,9 @@ def fleet_html(rows: Sequence[FleetLine]) -> str:
     counts = Counter(_how(row) for row in rows)
     groups = [(how, [row for row in rows if _how(row) == how]) for how in ORDER if counts[how]]
     page = environment().get_template("fleet.html.j2")
-    return page.render(total=len(rows), groups=groups, link=lambda name: f"items/{quote(name)}/report.html")
+    return page.render(
+        total=len(rows), groups=groups, shown=word_shown, link=lambda name: f"items/{quote(name)}/report.html"
+    )
 
 
 def _how(row: FleetLine) -> str:

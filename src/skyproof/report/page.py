@@ -13,7 +13,7 @@ from skyproof.report.figures import Pictures, map_figures, signal_figures
 from skyproof.report.positions import away_words
 from skyproof.report.template import environment
 from skyproof.report.words import p_value_words
-from skyproof.verdict import Position, ReceiverResult, Signal, Verdict
+from skyproof.verdict import Position, ReceiverResult, Signal, Verdict, word_shown
 
 __all__ = ["report_html"]
 
@@ -25,9 +25,10 @@ def report_html(verdict: Verdict, pictures: Pictures) -> str:
     page = environment().get_template("page.html.j2")
     return page.render(
         verdict=verdict,
+        word=word_shown(verdict.verdict),
         scope=summary.scope(verdict),
         facts=summary.facts(verdict),
-        undecided=summary.undecided(verdict),
+        explained=summary.explained(verdict),
         how_sure=summary.how_sure(verdict),
         positions=_positions(verdict),
         maps=map_figures(pictures),

@@ -1,4 +1,4 @@
-"""What stands at the top of the page: what to do, since when, where, how sure; and what is open."""
+"""What stands at the top of the page: what to do, since when, where, how sure; and what belongs to the word."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from skyproof.report.words import (
 )
 from skyproof.verdict import Position, ReceiverResult, Signal, Verdict
 
-__all__ = ["Fact", "counts", "facts", "how_sure", "scope", "undecided"]
+__all__ = ["Fact", "counts", "explained", "facts", "how_sure", "scope"]
 
 MOST_NAMED_ABOVE = 3  # receivers at the top of the page; the table below has all
 SURE = "95\N{NO-BREAK SPACE}%"
@@ -32,10 +32,10 @@ class Fact:
     kind: str = ""
 
 
-def undecided(verdict: Verdict) -> list[tuple[str, str]]:
-    """What is open and what would decide it, but for what the summary says already; and what is assumed."""
+def explained(verdict: Verdict) -> list[tuple[str, str]]:
+    """What belongs to the word beside the summary; and what is assumed."""
     assumed = [("Assumed:", verdict.assumed.removeprefix("Assumed: "))] if verdict.assumed is not None else []
-    return [*verdict.open_words, *assumed]
+    return [*verdict.explained, *assumed]
 
 
 def scope(verdict: Verdict) -> str:
@@ -51,7 +51,7 @@ def scope(verdict: Verdict) -> str:
 
 def facts(verdict: Verdict) -> list[Fact]:
     """Answers, the most urgent first."""
-    found = [_when(verdict)] if verdict.verdict == "spoofed" else []
+    found = [_when(verdict)] if verdict.verdict in ("spoofed", "suspect") else []
     trusted = [(r, r.trusted_fix) for r in verdict.receivers if r.trusted_fix is not None]
     shows = [(source, source.shows) for source in verdict.sources if source.shows is not None]
     false = [(r, r.false_fix) for r in verdict.receivers if r.false_fix is not None]
@@ -113,16 +113,17 @@ def _few(lines: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
 
 def _when(verdict: Verdict) -> Fact:
     since, sigma_s = instant_words(verdict.since_gpst), verdict.since_sigma_s
+    name, kind = f"{verdict.verdict.capitalize()} since", verdict.verdict
     if verdict.since_gpst is None:
-        return Fact("Spoofed since", (("Not known", ""),), "spoofed")
+        return Fact(name, (("Not known", ""),), kind)
     day, clock = since[:10], since[11:]
     until = [f"until {instant_words(verdict.until_gpst)}"] if verdict.until_gpst is not None else []
     if sigma_s is None:
-        how = "the recording begins under attack" if verdict.from_start else "first seen then, begun then or earlier"
+        how = "there when the recording begins" if verdict.from_start else "first seen then, begun then or earlier"
         words = "; ".join([f"{how}, {day}, GPS time", *until])
-        return Fact("Spoofed since", ((f"{clock} or before", words),), "spoofed")
+        return Fact(name, ((f"{clock} or before", words),), kind)
     words = "; ".join([f"± {sigma_s:.2g} s (one sigma), {day}, GPS time", *until])
-    return Fact("Spoofed since", ((clock, words),), "spoofed")
+    return Fact(name, ((clock, words),), kind)
 
 
 def _sure(verdict: Verdict) -> Fact:

@@ -14,8 +14,10 @@ def what_now(verdict: Verdict) -> tuple[tuple[str, str], ...]:
     """Lines of (what to do, why or with what), the most urgent first."""
     if verdict.verdict == "authentic":
         return (("Nothing", "use positions and time as they are, as long as what the verdict assumes holds"),)
-    if verdict.verdict == "undecided":
-        return (("Do not rely on satellites alone", "compare position and time with something that needs none"),)
+    if verdict.verdict == "no_attack_seen":
+        return (("Go on", "and know the limits: what is not excluded stands above"),)
+    if verdict.verdict == "suspect":
+        return (("Do not rely on position or time", f"until this is resolved; {OTHER_MEANS}"),)
     trusted = [r for r in verdict.receivers if r.trusted_fix is not None]
     lasting = [r for r in trusted if not ended(r)]
     lines = [_ignore(trusted, verdict)] if trusted else []

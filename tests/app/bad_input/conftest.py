@@ -45,9 +45,9 @@ def untracked(monkeypatch):
 
 @pytest.fixture(scope="session")
 def wide(tmp_path_factory):
-    """A second of one receiver in 8-bit numbers."""
+    """Most of a second of one receiver in 8-bit numbers: it is summed up at once."""
     front_end = FrontEnd(encoding="int", bits=8)
-    scenario = kit.scenario_of(receivers=1, duration_s=1.0, front_end=front_end)
+    scenario = kit.scenario_of(receivers=1, duration_s=0.9, front_end=front_end)
     return kit.record(scenario, tmp_path_factory.mktemp("wide")).paths[0]
 
 

@@ -54,21 +54,24 @@ def test_a_signal_writes_what_is_decided_so_far(run, pair, monkeypatch, number, 
     assert ended.stderr == ["skyproof: interrupted: this is what was decided so far"]
     assert json.loads(ended.stdout) == json.loads((ended.folder / "verdict.json").read_text())
     assert ended.verdict.summary.startswith("Interrupted after 6.5 of 8.0 s; up to then: The signals of ")
-    assert ended.verdict.verdict == "undecided"  # an attack can begin after what was read
-    assert "it was not read; would decide it: the same command, run to its end" in ended.verdict.undecided_because
+    assert ended.verdict.verdict == "no_attack_seen"  # an attack can begin after what was read
+    assert ended.verdict.reason == "it ended after 6.5 of 8.0 s"
+    assert ended.verdict.not_excluded == ("what comes after 6.5 of 8.0 s",)
+    assert ended.verdict.remedy == "the same command, run to its end"
     assert [r.duration_s for r in ended.verdict.receivers] == [6.5, 6.5]
     assert "6.5 of 8.0 s were processed before the run was interrupted" in ended.remarks(1)
     assert (ended.folder / "report.html").exists()
     assert_whole(ended.folder)
 
 
-def test_a_signal_at_once_decides_nothing_and_says_so(run, pair, monkeypatch):
+def test_a_signal_before_any_test_writes_nothing_and_says_so(run, pair, monkeypatch):
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 2.0)))
     ended = run(*pair.paths, nav=pair.nav, options=["--json", "--antenna-distance-m", f"{kit.DISTANCE_M}"])
     assert ended.code == 143
-    assert json.loads(ended.stdout)["verdict"] == "undecided"
-    assert "no time of week" in ended.verdict.undecided_because
-    assert_whole(ended.folder)
+    assert ended.stdout == ""
+    assert "before any test could run, and nothing was written: " in ended.stderr[0]
+    assert "no time of week" in ended.stderr[0]
+    assert list(ended.folder.iterdir()) == []
 
 
 def test_a_signal_while_windows_are_examined_keeps_those_that_were(run, pair, monkeypatch, tmp_path):
@@ -83,9 +86,9 @@ def test_a_signal_while_windows_are_examined_keeps_those_that_were(run, pair, mo
 
 @pytest.mark.long
 @pytest.mark.parametrize("press", [("computing checksums", 1.0), ("writing", 2)], ids=["sums", "writing"])
-def test_a_signal_after_the_decision_does_not_lose_it(run, wide, monkeypatch, press):
+def test_a_signal_after_the_decision_does_not_lose_it(run, pair, monkeypatch, press):
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(press))
-    ended = run(wide)
+    ended = run(pair.paths[0], nav=pair.nav)
     assert ended.code == 143
     assert not ended.verdict.summary.startswith("Interrupted")
     assert (ended.folder / "report.html").exists()
@@ -96,13 +99,13 @@ def test_a_signal_after_the_decision_does_not_lose_it(run, wide, monkeypatch, pr
     ("second", "words"),
     [
         (("examining", 1), "ended at once, nothing further was written"),
-        (("writing", 2), "the verdict is '[a-z_]+', but not all files were written to .*out"),
+        (("writing", 2), "the verdict is 'no_attack_seen', but not all files were written to .*out"),
     ],
     ids=["deciding", "writing"],
 )
-def test_a_second_signal_ends_it_and_leaves_no_half_file(run, wide, monkeypatch, second, words):
-    monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 0.5), second))
-    ended = run(wide, options=["--json"])
+def test_a_second_signal_ends_it_and_leaves_no_half_file(run, pair, monkeypatch, second, words):
+    monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 6.5), second))
+    ended = run(pair.paths[0], nav=pair.nav, options=["--json"])
     assert ended.code == 143
     assert ended.stdout == ""
     assert len(ended.stderr) == 1

@@ -69,7 +69,7 @@ def test_a_push_of_the_clock_is_recognized_by_an_oscillator_and_by_nothing_else(
     assert found.off_m.max() < 6.0
     alone = judged(scene, STANDS)
     assert choice_of(alone) is None
-    assert "none is chosen" in alone.verdict.undecided_because
+    assert "none is chosen" in alone.verdict.reason
     assert set(alone.source[alone.at_s > 31.0]) == {"inertia"}
     assert alone.off_m.max() < 6.0
 

@@ -30,7 +30,7 @@ def test_a_copy_that_begins_a_second_later_is_one_receiver_and_no_spoofing(tmp_p
     copy.write_bytes(original.read_bytes()[round(2.6e6) * 2 // 8 :])  # one bit for I and for Q
     shutil.copy(original.with_suffix(".toml"), copy.with_suffix(".toml"))
     verdict = protect([original, copy], nav=recorded.nav, antenna_separation_m=50.0).verdict
-    assert verdict.verdict == "undecided"
+    assert verdict.verdict == "no_attack_seen"
     assert "copy holds the same noise as bow: one antenna or one file recorded twice" in verdict.summary
     assert {s.receiver for s in verdict.signals} == {"bow"}
     assert any("same noise as bow" in remark for remark in verdict.inputs[1].remarks)
@@ -102,13 +102,13 @@ def test_copies_are_seen_however_they_were_changed_and_another_antenna_is_none()
     copies = [whole[:, 2600:], whole[:, 2_600_000:], whole[:, 3:], flipped(0.01), flipped(0.2), 0.37 * whole]
     for planes in copies:
         copy = pair.heard(planes)
-        assert pair.spoofed(original, copy) == ["spoofed", "undecided"]
+        assert pair.spoofed(original, copy) == ["spoofed", "no_attack_seen"]
         found = same_noise(original, copy, alpha=1e-6, code_sigma_m=1.0)
         assert found is not None
         assert found.coefficient > 0.5
     other = pair.heard(pair.planes[1])
     assert same_noise(original, other, alpha=0.1, code_sigma_m=1.0) is None
-    assert pair.spoofed(original, other) == ["undecided", "undecided"]  # nothing is given of the antennas
+    assert pair.spoofed(original, other) == ["no_attack_seen", "no_attack_seen"]  # nothing is given of the antennas
 
 
 @pytest.mark.long
@@ -121,7 +121,7 @@ def test_receivers_with_clocks_and_rates_of_their_own_on_one_antenna_are_one():
     fast = clocked(filters.resample_poly(antenna, 20, 13).astype(np.complex64), -0.9e-6, 4e6)
     for wave, rate_hz in ((slow, 2.6e6), (fast, 4e6)):
         second = pair.heard(planes_of(wave + own * pair.noise(wave.size)), rate_hz=rate_hz)
-        assert pair.spoofed(original, second) == ["spoofed", "undecided"]
+        assert pair.spoofed(original, second) == ["spoofed", "no_attack_seen"]
 
 
 @pytest.mark.long

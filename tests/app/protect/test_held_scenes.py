@@ -54,7 +54,7 @@ def test_an_approach_at_a_rate_too_low_to_part_its_signals_is_not_called_authent
     """5 Msps part signals from 0.2 chip on: too few satellites show two for a word, and nothing false is trusted."""
     row = through_samples(held, "las-vegas", tmp_path)
     print(row)
-    assert row["verdict"] in ("undecided", "spoofed")
+    assert row["verdict"] in ("no_attack_seen", "suspect", "spoofed")
     assert row["alarms_before"] == 0
     assert row["trusted"] == 0 or row["trusted_worst_m"] < 30.0
     assert row["ordinary_worst_m"] > 100.0

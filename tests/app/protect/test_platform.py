@@ -54,7 +54,7 @@ def test_signals_that_agree_on_another_place_than_stated_are_not_authentic(folde
     for place in PLACES:
         path.write_text(path.read_text().replace(f"{place.lat_deg},", f"{place.lat_deg + 1.8e-3},"))
     verdict = protect(platform=path, nav=folder / "brdc.rnx").verdict
-    assert verdict.verdict == "undecided"
+    assert verdict.verdict == "suspect"
     assert (
         "m from where it was surveyed: they are false, or what is stated of the place or of errors is wrong"
         in verdict.summary

@@ -58,7 +58,7 @@ PAIRS = {
         ("3034265G.21O", "SEPT265G.21O"),
         "SEPT2650.21P",
         {"antenna_distance_m": 5324.0},
-        "undecided",
+        "no_attack_seen",
         truth=(-3959400.631, 3385704.533, 3667523.111),
         within_m=5.0,
     ),
@@ -107,7 +107,7 @@ def test_nothing_false_is_said_where_nothing_is_given(shared_data, name):
     paths, nav = paths_of(pair, shared_data)
     result = protect(paths, nav=nav, **pair.more)
     assert not [e.because for e in result.outcome.evidence if e.says in ("spoofed", "attack", "multipath")]
-    assert result.verdict.verdict == "undecided"
+    assert result.verdict.verdict == "no_attack_seen"
 
 
 def protect_captured(pair, shared_data, folder):
@@ -127,7 +127,7 @@ def protect_captured(pair, shared_data, folder):
 def test_a_captured_receiver_with_few_satellites_is_open_since_then(shared_data, tmp_path):
     """Seven to nine satellites whose ranges are as of one antenna: echoes in place of blocked signals may be so."""
     result, _, rover, _, middle = protect_captured(PAIRS["3 km"], shared_data, tmp_path)
-    assert result.verdict.verdict == "undecided"
+    assert result.verdict.verdict == "suspect"
     assert "the signals were exchanged" in result.verdict.summary
     since = iso(rover.gpst[middle], 6)
     assert not [s for s in result.verdict.signals if s.label == "authentic" and s.to_gpst > since]

@@ -21,8 +21,8 @@ LABELS: Final = ("authentic", "spoofed", "multipath", "unknown")
 class FleetRow:
     """One item and how it ended. Without how long it took: the same items give the same table, whatever did them.
 
-    state : done, failed or not run. share_... : of its signals by label. trusted_... : position of the first receiver
-        that has one, of its last epoch. What is not there is None.
+    state : done, failed or not run. may_also_be : with ";" between several. share_... : of its signals by label.
+        trusted_... : position of the first receiver that has one, of its last epoch. What is not there is None.
     """
 
     name: str
@@ -34,7 +34,9 @@ class FleetRow:
     error: str | None = None
     verdict: str | None = None
     summary: str | None = None
-    undecided_because: str | None = None
+    reason: str | None = None
+    may_also_be: str | None = None
+    remedy: str | None = None
     since_gpst: str | None = None
     since_sigma_s: float | None = None
     until_gpst: str | None = None
@@ -72,8 +74,9 @@ def row_of(item: CatalogueItem, results: Path, error: str | None) -> FleetRow:
 
 
 def _of_verdict(verdict: Verdict) -> dict[str, Any]:
-    keys = ("verdict", "summary", "undecided_because", "since_gpst", "since_sigma_s", "until_gpst")
+    keys = ("verdict", "summary", "reason", "remedy", "since_gpst", "since_sigma_s", "until_gpst")
     found: dict[str, Any] = {key: getattr(verdict, key) for key in keys}
+    found["may_also_be"] = ";".join(verdict.may_also_be) or None
     labels = [signal.label for signal in verdict.signals]
     found["signals"] = len(labels)
     if labels:

@@ -4,7 +4,7 @@ import importlib.metadata
 import platform as machine
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,11 +24,10 @@ from skyproof.fusion.labels import FalseSource, LabelledSignal
 from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
-from skyproof.records import ConsistentSet, Direction, Evidence, Fix, NavigationData, Need, ObservationLog
+from skyproof.records import Cause, ConsistentSet, Direction, Evidence, Fix, NavigationData, Need, ObservationLog
 from skyproof.report.positions import radius_95_m
 from skyproof.short_repr import ShortRepr
 from skyproof.verdict import (
-    CURE,
     VERDICT_FORMAT,
     Because,
     InputFile,
@@ -42,7 +41,7 @@ from skyproof.verdict import (
 )
 from skyproof.verdict import Source as SourceModel
 
-__all__ = ["InputNote", "Outcome", "ReceiverOutcome", "document", "versions"]
+__all__ = ["InputNote", "Outcome", "ReceiverOutcome", "document", "versions", "why_untested"]
 
 DIGITS = 6  # of a second in instants
 
@@ -107,26 +106,29 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
     onset = decision.onset
     summary = _summary(outcome) + _noted(outcome) + _left_out(outcome)
     summary = summary[:1].upper() + summary[1:]
-    word, because = decision.verdict, _undecided_because(outcome)
+    word, why = decision.verdict, _explanation(outcome)
     if interrupted:
         read = _read_until(outcome)
         summary = f"Interrupted after {read}; up to then: {summary}"
         if word == "authentic":  # an attack can begin after what was read
-            word, because = (
-                "undecided",
-                f"what comes after {read}: it was not read{CURE}the same command, run to its end",
-            )
+            word = "no_attack_seen"
+            why = _Explanation(reason=f"it ended after {read}", remedy="the same command, run to its end")
+        if word == "no_attack_seen":
+            why = replace(why, not_excluded=(f"what comes after {read}", *why.not_excluded))
     return Verdict(
         format=VERDICT_FORMAT,
         verdict=word,
         summary=summary,
+        reason=why.reason,
+        may_also_be=why.may_also_be,
+        not_excluded=why.not_excluded,
+        remedy=why.remedy,
         since_gpst=None if onset is None else iso(onset.gpst, DIGITS),
         since_sigma_s=None if onset is None else onset.sigma_s,
         since_earliest_gpst=None if onset is None or onset.earliest is None else iso(onset.earliest, DIGITS),
         since_latest_gpst=None if onset is None else iso(onset.seen, DIGITS),
         until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
-        undecided_because=because,
         assumed=_assumed(decision),
         receivers=receivers,
         signals=tuple(_signals(outcome)),
@@ -173,10 +175,11 @@ def _summary(outcome: Outcome) -> str:
         n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
         sign = (f". {left}" if left else "; no sign of spoofing.") + _without_fix(outcome) + _alone(outcome)
         return f"The signals of {n} satellites come from the sky{sign}{_repeated(outcome)}{_kept(outcome, ' The')}"
-    if decision.verdict == "undecided":
-        why = (_undecided_because(outcome) or "").split(CURE)[0]  # the document has the remedy
-        rest = f" {left}" if left and left.rstrip(".") not in why else ""
-        return f"Not decided {why}.{rest}{_without_fix(outcome)}{_repeated(outcome)}"
+    if decision.verdict in ("suspect", "no_attack_seen"):
+        said = _explanation(outcome).reason or ""
+        rest = f" {left}" if left and left.rstrip(".") not in said else ""
+        passed = "" if decision.verdict == "suspect" else "every test that this input allows passed; "
+        return f"{passed}{said}.{rest}{_without_fix(outcome)}{_repeated(outcome)}"
     return _attack_words(outcome) + (f" {left}" if left else "") + _without_fix(outcome) + _repeated(outcome)
 
 
@@ -285,6 +288,13 @@ def _repeated(outcome: Outcome) -> str:
     )
 
 
+_UNSEEN: dict[Need, str] = {
+    Need.NAVIGATION: "any false position and time: without orbits none was computed",
+    Need.SETS: "a false position: too few satellites to hold their ranges against each other",
+    Need.CCAF: "a second signal within a chip of the true one, which measurements without samples do not show",
+}
+"""Attacks that pass unseen where records are lacking."""
+
 GIVEN = (Need.NAVIGATION, Need.TWO_RECEIVERS, Need.SETS, Need.ARRAY_PHASES, Need.NAV_STATE, Need.SPIN_ARMS)
 """Records that users can bring, the easiest first; the others are the receiver's own affair."""
 MOST_CURES = 2
@@ -294,21 +304,63 @@ PREDICTS = (
 )
 
 
-def _undecided_because(outcome: Outcome) -> str | None:
-    """Whose signals are open, why, and what would decide it; if no receiver was of any use, why each was not."""
-    reasons = [f"{r.reception.source.name}: {r.reception.left_out}" for r in outcome.receivers]
-    if all(r.reception.left_out is not None for r in outcome.receivers):
-        return "whether the signals are true: " + "; ".join(reasons)
-    question = outcome.decision.open
+@dataclass(frozen=True, kw_only=True)
+class _Explanation:
+    """Why the word is no stronger, and what belongs to that, as the document's keys have it."""
+
+    reason: str | None
+    may_also_be: tuple[Cause, ...] = ()
+    not_excluded: tuple[str, ...] = ()
+    remedy: str | None = None
+
+
+def _explanation(outcome: Outcome) -> _Explanation:
+    decision = outcome.decision
+    left = _unexplained(decision.unexplained).rstrip(".")
+    if decision.suspicion is not None:
+        found = decision.suspicion
+        to_do = found.remedy or _cure(outcome) or "a longer recording"
+        return _Explanation(reason=found.why or left, may_also_be=found.may_also_be, remedy=to_do)
+    question = decision.open
     if question is None:
+        return _Explanation(reason=None)
+    about = f"which signals of {', '.join(question.receivers)} are true"
+    why = question.why or left or "none of the tests that this input allows could decide"
+    remedy = question.remedy if question.why else _cure(outcome) or ("a longer recording" if left else None)
+    if decision.verdict == "spoofed":
+        return _Explanation(reason=f"{about}: {why}", remedy=remedy)
+    return _Explanation(reason=f"it is not shown {about}: {why}", not_excluded=_not_excluded(outcome), remedy=remedy)
+
+
+def _not_excluded(outcome: Outcome) -> tuple[str, ...]:
+    """Attacks that the tests of a run in which all passed would not see, by what was received and what was lacking."""
+    ran = {e.detector for e in outcome.evidence if e.p_value is not None}
+    lacking = {need for e in outcome.evidence if e.detector not in ran for need in e.lacking}
+    found = [words for need, words in _UNSEEN.items() if need in lacking]
+    receivers = [r for r in outcome.receivers if r.reception.left_out is None]
+    by_directions = not {Need.ARRAY_PHASES, Need.SPIN_ARMS} <= lacking
+    if len(receivers) > 1:
+        found.append("a false sky that reaches one of the receivers alone")
+    elif not by_directions:
+        found.append("a consistent false sky from the first moment on, which one antenna cannot tell from a true one")
+    return (*found, "a takeover that draws position and time off by less than the tests can see")
+
+
+def why_untested(outcome: Outcome) -> str | None:
+    """Why no test at all could run, and what to give, in words; None if any did."""
+    if outcome.decision.verdict == "spoofed" or any(e.p_value is not None for e in outcome.evidence):
         return None
-    if question.why is not None:
-        return f"{question.about}: {question.why}" + (f"{CURE}{question.remedy}" if question.remedy else "")
-    if left := _unexplained(outcome.decision.unexplained).rstrip("."):
-        return f"{question.about}: {left}{CURE}{_cure(outcome) or 'a longer recording'}"
-    cure = _cure(outcome)
-    why = f"{question.about}: no method that this input allows can tell"
-    return why + (f"{CURE}{cure}" if cure else "")
+    receptions = [r.reception for r in outcome.receivers]
+    reasons: list[str] = [
+        f"{r.source.path or r.source.name}: {r.left_out}" for r in receptions if r.left_out is not None
+    ]
+    if len(reasons) < len(receptions):
+        names = [r.source.path or r.source.name for r in receptions if r.left_out is None]
+        reasons.append(
+            f"{', '.join(names)}: no test could run on what was received; give {_cure(outcome) or 'a longer recording'}"
+        )
+    remarks = [words for r in receptions for words in (*r.source.remarks, *r.remarks)]
+    return "; ".join([*reasons, *(words for words in remarks if not words.startswith("left out: "))])
 
 
 def _cure(outcome: Outcome) -> str:

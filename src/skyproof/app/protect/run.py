@@ -20,7 +20,7 @@ from skyproof.app.common.platform_use import described, inputs_of, settings_of
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, detectors_for, examine_all, following_epochs, windows_of
-from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document
+from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document, why_untested
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.foresights import antenna_units, foresights_of, unit_of
 from skyproof.app.protect.orbits import lacking_orbits, require_same_day
@@ -31,7 +31,7 @@ from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
 from skyproof.app.receive.short import is_short, observe_short, require_some
 from skyproof.app.receive.tracker import track
-from skyproof.errors import InputError, SettingsError, readable
+from skyproof.errors import InputError, NotEnoughData, SettingsError, readable
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
@@ -107,7 +107,7 @@ def protect(
 
     Raises
     ------
-    SkyproofError : an input, option or folder that cannot be used; says what to do.
+    SkyproofError : an input, option or folder that cannot be used, or one that no test can run on; says what to do.
     """
     progress = progress or Silent()
     carrier = with_imu(Platform() if platform is None else read_platform(Path(platform)), imu)
@@ -151,6 +151,10 @@ def protect(
             foresights=foresights_of(names, settings, carrier, tables, unit),
         )
         interrupted |= cut_short
+        if (untested := why_untested(outcome)) is not None:
+            if interrupted:
+                raise KeyboardInterrupt(f"interrupted before any test could run, and nothing was written: {untested}")
+            raise NotEnoughData(untested)
         # Whoever interrupts does not wait for the sums of large files.
         sums = {} if came() else _sums(_files(receptions), progress)
         notes = [note for r in receptions for note in _notes(r, interrupted, sums)]
@@ -252,7 +256,7 @@ def verdict_of(
     Raises
     ------
     InputError : an input cannot be read, or inputs do not belong together.
-    NotEnoughData : no signal in any recording.
+    NotEnoughData : no signal in any recording, or too little in the inputs for any test.
     SettingsError : an option or setting makes no sense.
     OutputError : the folder cannot be written.
     """

@@ -147,6 +147,8 @@ def _changes(found: Sequence[Found], o: Observations) -> tuple[Evidence, ...]:
             because=f"{len({one.signal.sat for one, _ in changed})} of {len({one.signal.sat for one in found})} "
             f"satellites' signals change within {o.receiver}'s recording, as when an attack begins: {words}",
             would_need="a recording of the time after, or one of ten seconds or more",
+            may_also_be=("shade", "missing_samples"),
+            dated_gpst=o.gpst[min(change.part for _, change in changed)],
             p_value=p_value,
             false_alarm_probability=len(found) * CHANCE,
             overrules=True,

@@ -296,6 +296,7 @@ class InsArray:
                 view.agreed.p_value,
             ),
             would_need=f"attitude, antennas_m and line_bias_cyc of {receiver} in the platform file, checked",
+            may_also_be=("statement", "reflections"),
         )
 
     def _spoofed(
@@ -370,6 +371,7 @@ class InsArray:
             p_value=chance,
             false_alarm_probability=_ALIKE,
             overrules=True,
+            may_also_be=("reflections",),
         )
 
     def _as_from_there(self, view: ArrayView, k: int, rows: list[int]) -> bool:

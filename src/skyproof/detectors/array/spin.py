@@ -192,7 +192,7 @@ class Spin:
             covariances = np.broadcast_to(seen.covariance, (len(refs), 2, 2))
             alike = cluster_evidence(self, records, refs, seen.level, covariances, np.eye(3)[:2], wrapped=False)
             # Directions that differ, but are not those of the satellites, are no sky's.
-            said = said if said and alike[0].says == "authentic" else alike
+            said = alike if not said or alike[0].says == "spoofed" else said
         receiver = observations.receiver
         bent = [SignalRef(receiver, observations.signals[k]) for k in seen.bent]
         if len(bent) > 1:
@@ -268,7 +268,8 @@ class Spin:
             "reflections, two signals within a chip, or an arm that is not as stated"
         )
         would_need = "the arm in the platform file, checked; of two signals within a chip, time until they part"
-        return [undecided(self, records, view.refs, because=because, would_need=would_need)]
+        off_sky = undecided(self, records, view.refs, because=because, would_need=would_need)
+        return [replace(off_sky, p_value=view.agreed.p_value, may_also_be=("reflections", "statement"))]
 
 
 def _doubt(records: Records, receiver: str, bent: int, signals: int, bent_at: np.datetime64 | None) -> str:

@@ -207,6 +207,7 @@ class _Window:
             else f"code and carrier of the satellites in {receiver} stay together",
             statistic=rate_m_s,
             would_need="a receiver with one oscillator" if failed else None,
+            may_also_be=("oscillator",) if failed else (),
             overrules=failed,
         )
 
@@ -238,6 +239,7 @@ class _Window:
             else f"the carriers in {receiver} turn as motion and an oscillator of the class {settings.oscillator} do",
             statistic=turn_m,
             would_need="what the receiver's clock runs on, or whether it is steered" if failed else None,
+            may_also_be=("oscillator", "statement") if failed else (),
             overrules=failed,
         )
 
@@ -271,6 +273,7 @@ class _Window:
             if failed
             else f"levels of signals and noise in {self.o.receiver} stay what they are while they are received",
             would_need="a second receiver, whose levels go on" if failed else None,
+            may_also_be=("shade", "gain", "interference") if failed else (),
         )
 
     def _said(self, p_value: float, because: str, **more: Any) -> Evidence:

@@ -47,9 +47,26 @@ from skyproof.detectors.continuity.untested import (
     explain_no_step,
 )
 from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely
-from skyproof.detectors.continuity.words import clock, drawn_off_words, moved_words, seconds, step_words
+from skyproof.detectors.continuity.words import (
+    clock,
+    drawn_off_words,
+    moved_words,
+    seconds,
+    step_causes,
+    step_words,
+)
 from skyproof.errors import SettingsError, require_probability
-from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
+from skyproof.records import (
+    Cause,
+    ConsistentSet,
+    Evidence,
+    NavigationData,
+    Need,
+    Observations,
+    Records,
+    SignalId,
+    SignalRef,
+)
 from skyproof.statistics.distributions import normal_two_sided
 
 __all__ = ["CN0_MAX_DBHZ", "Continuity", "ContinuitySettings", "common_level_p_value"]
@@ -106,9 +123,12 @@ class ContinuitySettings:
 
 
 class _Break(NamedTuple):
-    """What does not go on since when, in words, and how improbable that is; the statistic of the window it broke in."""
+    """What does not go on, in words, what else that may be, since when, and how improbable it is; the statistic of the
+    window it broke in."""
 
     words: str
+    may_also_be: tuple[Cause, ...]
+    gpst: np.datetime64
     p_value: float
     statistic: float | None
 
@@ -316,7 +336,9 @@ class _Window:
         for kinds, step in look.steps:
             if step.p_value < self.alpha:
                 words = step_words(self.o.receiver, look.stretch, step, self.settings.multipath_sigma_m)
-                broke |= dict.fromkeys(kinds, _Break(words, step.p_value, step.statistic))
+                gpst = look.stretch.gpst[step.row]
+                why = _Break(words, step_causes(step), gpst, step.p_value, step.statistic)
+                broke |= dict.fromkeys(kinds, why)
         return broke
 
     def _unbroken(self, subject: tuple[SignalRef, ...], look: _Look, steps: Sequence[Step]) -> Evidence:
@@ -357,6 +379,8 @@ class _Window:
             false_alarm_probability=self.alpha,
             p_value=why.p_value,
             overrules=True,
+            may_also_be=why.may_also_be,
+            dated_gpst=why.gpst,
             would_need="the recording as the receiver made it, uncut; or to protect what is before and what is "
             "after by themselves",
         )
@@ -402,7 +426,8 @@ class _Window:
             return still
         remedy = "a second receiver"
         if motion.whole_sky_p_value >= self.alpha:
-            return replace(still, says="undecided", because=two, overrules=True, would_need=remedy)
+            open_ = replace(still, says="undecided", because=two, overrules=True, would_need=remedy)
+            return replace(open_, may_also_be=("reflections",))
         first = self.past is None or not self.past.attacked
         return replace(still, says="attack", p_value=motion.whole_sky_p_value, noted=first, would_need=remedy)
 
@@ -477,6 +502,7 @@ class _Window:
             false_alarm_probability=self.alpha,
             p_value=p_value,
             would_need="a second receiver, whose levels go on" if stepped else None,
+            may_also_be=("shade", "gain", "interference") if stepped else (),
         )
 
     def _too_strong(self) -> Evidence | None:
@@ -506,6 +532,7 @@ class _Window:
             false_alarm_probability=self.alpha,
             p_value=0.0,
             would_need="what the antenna's gain is",
+            may_also_be=("gain",),
         )
 
 

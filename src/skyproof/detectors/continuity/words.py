@@ -5,19 +5,16 @@ from collections.abc import Sequence
 from skyproof.detectors.continuity.steps import Step
 from skyproof.detectors.continuity.whole_sky import SkyMotion
 from skyproof.gnss.time import iso
-from skyproof.records import Observations
+from skyproof.records import Cause, Observations
 
-__all__ = ["clock", "drawn_off_words", "moved_words", "seconds", "step_words"]
+__all__ = ["clock", "drawn_off_words", "moved_words", "seconds", "step_causes", "step_words"]
 
 
 _REFLECTED_M = 150.0  # half a chip of C/A: a reflection draws a code loop off by no more
 
 
 def step_words(receiver: str, o: Observations, step: Step, multipath_sigma_m: float) -> str:
-    """What does not go on, when, by how much, and what that may be.
-
-    Reflections draw a position off, or a velocity; not what all signals have in common, and they break no carriers.
-    """
+    """What does not go on, when, by how much, and what that may be."""
     found = {
         "position": f"the position jumps by {_metres(step.position_m)}",
         "clock": f"the signals' time goes {'back' if step.clock_s > 0.0 else 'ahead'} by {seconds(abs(step.clock_s))}",
@@ -28,12 +25,21 @@ def step_words(receiver: str, o: Observations, step: Step, multipath_sigma_m: fl
     words += ["all carriers break at once"] if step.broke else []
     after = f" after {step.outage_s:.1f} s without measurements" if step.outage_s > 0.0 else ""
     may_be = ["the recording is not continuous", "the signals were exchanged"]
-    if set(step.kinds) <= {"position", "velocity"} and not step.broke and step.position_m <= _REFLECTED_M:
+    if "reflections" in step_causes(step):
         may_be.append(
             f"reflections draw ranges off by more than the {multipath_sigma_m:g} m, one sigma, that is stated "
             "(multipath_sigma_m)"
         )
     return f"{receiver}: at {clock(o, step)}{after} {_listed(words)}: {', or '.join(may_be)}"
+
+
+def step_causes(step: Step) -> tuple[Cause, ...]:
+    """What else than an exchange of signals makes such a step.
+
+    Reflections draw a position off, or a velocity; not what all signals have in common, and they break no carriers.
+    """
+    reflected = set(step.kinds) <= {"position", "velocity"} and not step.broke and step.position_m <= _REFLECTED_M
+    return ("missing_samples", "reflections") if reflected else ("missing_samples",)
 
 
 def clock(o: Observations, step: Step) -> str:

@@ -142,6 +142,7 @@ class Sqm:
                 distorted,
                 f"the correlators of {_named(distorted)} in {receiver}, {len(distorted)} of {n} signals, are distorted "
                 "at once, by reflections all around or by second signals",
+                may_also_be=("reflections",),
                 would_need="a second receiver nearby, or an antenna array",
             )
         if certain:

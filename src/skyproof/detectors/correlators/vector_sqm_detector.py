@@ -237,6 +237,8 @@ class VectorSqm:
             would_need=None
             if p_value >= asked
             else "what tells a false signal from a reflection or a fault: another receiver, or several antennas",
+            may_also_be=() if p_value >= asked else ("reflections", "fault"),
+            dated_gpst=None if p_value >= asked else _began_gpst(bank, looks, records, taps.receiver),
         )
         return evidence, bank.state
 
@@ -270,6 +272,16 @@ def _when(bank: BankFound, looks: _Looks) -> str:
         return ""
     seen = f", seen at {looks.elapsed_s[bank.seen - 1]:.1f} s of the recording"
     return seen if bank.began is None or bank.began < 0 else f"{seen}, from {looks.elapsed_s[bank.began]:.1f} s on"
+
+
+def _began_gpst(bank: BankFound, looks: _Looks, records: Records, receiver: str) -> np.datetime64 | None:
+    """The look from which on an offset is there, if that is one of this window."""
+    own = [o for o in records.observations if o.receiver == receiver and o.gpst.size]
+    if not own or bank.seen is None or bank.began is None or bank.began < 0:
+        return None
+    since_s = float(looks.elapsed_s[bank.began] - own[0].elapsed_s[0])
+    began: np.datetime64 = own[0].gpst[0] + np.timedelta64(round(since_s * 1e9), "ns")
+    return began
 
 
 def _suspects(found: list[tuple[SignalId, ...]]) -> str:

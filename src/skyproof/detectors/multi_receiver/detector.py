@@ -122,12 +122,14 @@ class MultiReceiver:
     def _reviewed(self, e: Evidence, learnt: LearntBaseline | None) -> Evidence:
         if learnt is None:
             return e
-        agrees = agreement(learnt, e.baselines) >= self.settings.accept_probability
+        p_value = agreement(learnt, e.baselines)
+        agrees = p_value >= self.settings.accept_probability
         if e.says == "undecided" and agrees:
             return replace(
                 e,
                 says="authentic",
                 would_need=None,
+                may_also_be=(),
                 assumes=(ONE_TRANSMITTER, ONE_FALSE_SKY, *learnt.assumes),
                 because=f"{e.because.partition(';')[0]}; they agree with {learnt.words}",
             )
@@ -135,6 +137,9 @@ class MultiReceiver:
             return replace(
                 e,
                 says="undecided",
+                p_value=p_value,
+                null="sky",
+                may_also_be=("reflections", "motion"),
                 would_need="a longer recording",
                 because=f"{e.because.partition(';')[0]}, but they do not agree with {learnt.words}",
             )

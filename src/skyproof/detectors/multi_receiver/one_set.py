@@ -37,7 +37,18 @@ def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
     would_need += "" if geometry is not None else f", or to know {window.where()}"
     if p_one >= window.settings.accept_probability and p_known < alpha:
         because, would_need = f"{names(pairing)} could come from one antenna, or from the sky: {FEW_ECHOES}", MORE_SATS
-    return [window.say("undecided", pairing.subject, p_value=p_one, because=because, would_need=would_need)]
+    tested = geometry is not None or window.settings.antenna_separation_m > 0.0  # the sky, over antennas that stand so
+    return [
+        window.say(
+            "undecided",
+            pairing.subject,
+            p_value=p_known if tested else p_one,
+            null="sky" if tested else "one antenna",
+            because=because,
+            would_need=would_need,
+            may_also_be=("reflections", "statement"),
+        )
+    ]
 
 
 def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_one: float) -> list[Evidence]:
@@ -71,7 +82,16 @@ def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_
             because = f"the range differences of {names(pairing)} swing by {pairing.noise_m:.0f} m within the window"
         elif p_known < alpha <= p_attack and not learnt:
             because, would_need = f"{because}; {FEW_ECHOES}", MORE_SATS
-        found.append(window.say("undecided", rest, p_value=min(p_one, p_known), because=because, would_need=would_need))
+        found.append(
+            window.say(
+                "undecided",
+                rest,
+                p_value=p_known,
+                because=because,
+                would_need=would_need,
+                may_also_be=("reflections", "statement", "motion"),
+            )
+        )
     return found
 
 
@@ -98,12 +118,13 @@ def _agreeing_pairs(window: Window, pairing: Pairing) -> list[Evidence]:
 
 def _open(window: Window, pairing: Pairing, p_one: float) -> Evidence:
     """Not of one antenna, and nothing says whether the baseline is the true one."""
-    alpha = window.settings.false_alarm_probability
-    if window.p_possible(pairing) < alpha:
+    p_possible = window.p_possible(pairing)
+    if p_possible < window.settings.false_alarm_probability:
         return window.say(
             "undecided",
             pairing.subject,
-            p_value=p_one,
+            p_value=p_possible,
+            may_also_be=("statement", "reflections"),
             because=window.toofar(pairing),
             would_need=f"{window.where()}; or, if they may be that far apart, a larger max_separation_m in the "
             "table [protect] of a platform file",
@@ -112,6 +133,7 @@ def _open(window: Window, pairing: Pairing, p_one: float) -> Evidence:
         "undecided",
         pairing.subject,
         p_value=p_one,
+        null="one antenna",
         baselines=window.believed(pairing),
         because=f"{names(pairing)} do not come from one antenna, but one receiver alone may follow a false sky",
         would_need="the distance between the antennas (antenna_distance_m), or where they stand (antennas_enu_m)",

@@ -37,12 +37,20 @@ def _followed(
     geometry = window.geometry(pairing)
     refs = set(pairing.subject)
     doubts = ("spoofed", "attack") if window.one_choice else ("spoofed",)  # of several skies one is false anyway
-    doubted = any(refs & set(e.subject) for e in said if e.says in doubts or e.failed)
+    doubted = any(refs & set(e.subject) for e in said if e.says in doubts)
+    doubted |= window.one_choice and any(refs & set(p.subject) and _disagrees(window, p) for p in window.pairings)
     if geometry is None or doubted:
         return None
     authentic = {ref for e in said if e.says == "authentic" for ref in e.subject}
     run = prolonged(runs, pairing, still_open=not refs <= authentic, least=window.settings.min_satellites)
     return _Followed(window, pairing, run, geometry)
+
+
+def _disagrees(window: Window, pairing: Pairing) -> bool:
+    """Whether a pairing is not of one antenna, and not as the antennas are known to stand either."""
+    geometry = window.geometry(pairing)
+    apart = window.p_each(pairing) < window.settings.false_alarm_probability
+    return apart and geometry is not None and not window.agrees(pairing, geometry)
 
 
 class _Followed:

@@ -41,7 +41,7 @@ def _without(e: Evidence, doubtful: set[SignalRef]) -> Evidence:
     because = f"{e.because}; {n} of them could as well come from the antenna of the false signals"
     if len({ref.signal.sat for ref in left}) < _LEAST:
         would_need = "a third receiver, or antennas in another direction from each other"
-        return replace(e, says="undecided", because=because, would_need=would_need, group=None)
+        return replace(e, says="undecided", null="one antenna", because=because, would_need=would_need, group=None)
     return replace(e, subject=left, because=f"{because}, and are left out")
 
 

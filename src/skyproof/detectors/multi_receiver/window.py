@@ -12,7 +12,7 @@ from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_u
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import echoes_p_value
-from skyproof.records import Baseline, ConsistentSet, Evidence, Records, Says, SignalRef
+from skyproof.records import Baseline, Cause, ConsistentSet, Evidence, Null, Records, Says, SignalRef
 
 __all__ = ["ONE_FALSE_SKY", "ONE_TRANSMITTER", "Window", "far", "names"]
 
@@ -204,6 +204,8 @@ class Window:
         would_need: str | None = None,
         assumes: tuple[str, ...] = (),
         baselines: tuple[Baseline, ...] = (),
+        null: Null = "sky",
+        may_also_be: tuple[Cause, ...] = (),
     ) -> Evidence:
         if ratio is not None:
             statistic, threshold = float(ratio.statistic), ratio.threshold(self.settings.false_alarm_probability)
@@ -223,6 +225,8 @@ class Window:
             group=group,
             assumes=assumes,
             baselines=baselines,
+            null=null,
+            may_also_be=may_also_be,
         )
 
 

@@ -18,6 +18,7 @@ from skyproof.simulator.sites import Circle, WayPoints
 from skyproof.studies.base import Row, Study, StudySettings
 from skyproof.studies.protection.equipment import EQUIPMENT
 from skyproof.studies.protection.items import SharedSamples, cells_of, done
+from skyproof.verdict import WORDS
 
 __all__ = ["NAME", "STUDY", "clean_sky"]
 
@@ -133,7 +134,7 @@ def rows(settings: StudySettings) -> Iterator[Row]:
 
 def _sum(name: str, found: Sequence[Mapping[str, Any]]) -> Row:
     hours = sum(row["duration_s"] for row in found) / 3600.0
-    said = {word: sum(row["verdict"] == word for row in found) for word in ("authentic", "undecided", "spoofed")}
+    said: dict[str, int] = {word: sum(row["verdict"] == word for row in found) for word in WORDS}
     sums = {column: sum(row[column] for row in found) for column in SUMS}
     at_most = chi2.ppf(PROBABILITY, 2 * (sums["false_alarms"] + 1)) / 2.0 / hours
     return {
