@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import skyproof
-from skyproof.compiled import compiled
+from skyproof import compiled as account
+from skyproof.compiled import compiled, is_kept, kernels_in, on_compiled, writable_folder
 
 SOURCE = """
 from skyproof.compiled import compiled
@@ -33,11 +34,14 @@ def called(tmp_path, monkeypatch):
     path = tmp_path / "package" / "kernels_there.py"
     path.parent.mkdir()
     path.write_text(SOURCE)
+    monkeypatch.setattr(account, "_ACCOUNT", account._Account())
 
     def called() -> int:
-        spec = importlib.util.spec_from_file_location(f"kernels_there_{next(NUMBER)}", path)
+        called.module = f"kernels_there_{next(NUMBER)}"
+        spec = importlib.util.spec_from_file_location(called.module, path)
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
+        called.kernel, called.kept_before = module.total, is_kept(module.total)
         assert module.total(np.arange(4.0)) == 6.0
         return sum(module.total.stats.cache_hits.values())
 
@@ -77,6 +81,49 @@ def test_what_setup_did_not_compile_is_kept_for_the_user(called, tmp_path, read_
 def test_where_nothing_is_kept_and_nothing_can_be_written_kernels_run_all_the_same(called, tmp_path, read_only):
     read_only(tmp_path)
     assert (called(), called()) == (0, 0)
+
+
+def test_a_kernel_is_kept_once_it_was_compiled(called, tmp_path, read_only):
+    called()
+    assert not called.kept_before
+    assert is_kept(called.kernel)
+    called()
+    assert called.kept_before
+    assert kernels_in(called.module) == {f"{called.module}.total": called.kernel}
+    assert writable_folder(called.kernel).parent == tmp_path / "package"
+    read_only(tmp_path / "package")
+    assert writable_folder(called.kernel).is_relative_to(tmp_path / "home")
+    read_only(tmp_path)
+    assert writable_folder(called.kernel) is None
+
+
+def test_what_is_compiled_is_named_and_nothing_else(called):
+    names = []
+    on_compiled(names.append)
+    called()
+    first = called.module
+    called()
+    assert names == [f"{first}.total"]
+
+
+def test_compiling_that_takes_seconds_is_reported(called, caplog, monkeypatch):
+    called()
+    assert not caplog.records
+    monkeypatch.setattr(account._ACCOUNT, "_report_s", 0.0)
+    called()
+    assert not caplog.records  # it was kept
+
+
+@pytest.mark.parametrize("nowhere", [False, True])
+def test_a_report_says_where_nothing_can_be_kept(called, tmp_path, read_only, caplog, monkeypatch, nowhere):
+    monkeypatch.setattr(account._ACCOUNT, "_report_s", 0.0)
+    if nowhere:
+        read_only(tmp_path)
+    called()
+    (record,) = caplog.records
+    assert record.args[0] == 1
+    assert ("NUMBA_CACHE_DIR" in record.getMessage()) == nowhere
+    assert (str(tmp_path / "home") in record.getMessage()) == nowhere
 
 
 def test_machine_code_of_another_source_is_not_used(called, tmp_path):

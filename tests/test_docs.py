@@ -52,6 +52,25 @@ LICENCES_STANDARDS_DOIS = (
 )
 
 
+def test_what_is_cited_is_what_is_installed() -> None:
+    project = tomllib.loads(text_of(ROOT / "pyproject.toml"))["project"]
+    cited = text_of(ROOT / "CITATION.cff").splitlines()
+    for line in (f"title: {project['name']}", f"version: {project['version']}", f"license: {project['license']}"):
+        assert line in cited
+    (author,) = project["authors"]
+    assert f"  - name: {author['name']}" in cited
+    versions = [one.rpartition(" :: ")[2] for one in project["classifiers"] if ":: Python :: 3." in one]
+    assert f">={versions[0]}" == project["requires-python"]
+    assert sys.version_info[:2] in [tuple(map(int, one.split("."))) for one in versions]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", DOCS / "start.md"], ids=lambda page: page.name)
+def test_both_ways_to_install_are_given(page: Path) -> None:
+    commands = "\n".join(blocks(page, "sh"))
+    assert "make setup" in commands
+    assert "pip install .\n" in commands
+
+
 def text_of(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 

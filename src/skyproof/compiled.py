@@ -3,11 +3,14 @@
 It is read where setup left it, beside the source, also where nothing may be written; what was not compiled there is
 kept in the user's own cache folder ($NUMBA_CACHE_DIR, if set, comes before both), and where that cannot be written
 either, it is compiled in each run anew. Numba's own caching refuses all work where it may not write, and does not read
-what it may not write.
+what it may not write. What is compiled while somebody waits goes to the log, once that takes seconds.
 """
 
+import logging
 import os
+import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Final
 
 import numba
@@ -20,7 +23,14 @@ from numba.core.caching import (
     UserWideCacheLocator,
 )
 
-__all__ = ["compiled", "threads"]
+__all__ = ["LOG", "compiled", "is_kept", "kernels_in", "not_kept_words", "on_compiled", "threads", "writable_folder"]
+
+LOG: Final = logging.getLogger("skyproof")
+"""For what a person waits for and nobody asked about: standard error, unless it is turned elsewhere."""
+SILENT_S: Final = 3.0
+"""Of compiling, before it is reported; then every `EVERY_S`."""
+EVERY_S: Final = 10.0
+_KERNELS: dict[str, Any] = {}
 
 
 def threads() -> int:
@@ -41,7 +51,76 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
         return lambda function: compiled(function, **options)
     kernel = numba.njit(nogil=True, **options)(function)
     kernel._cache = _Cache(function)
+    _KERNELS[kernel._cache.name] = kernel
     return kernel
+
+
+def kernels_in(module: str) -> dict[str, Any]:
+    """Return the kernels of a module that is imported, by their full names."""
+    return {name: kernel for name, kernel in _KERNELS.items() if kernel._cache.module == module}
+
+
+def is_kept(kernel: Any) -> bool:
+    """Return whether machine code for this processor and this source lies ready, of one signature at least."""
+    if not isinstance(kernel._cache, _Cache) or getattr(numba.config, "DISABLE_JIT", False):
+        return True
+    return bool(kernel._cache.is_kept(kernel.targetctx.codegen().magic_tuple()))
+
+
+def writable_folder(kernel: Any) -> Path | None:
+    """Return where its machine code would be kept; None if no place can be written."""
+    folder = kernel._cache.writable_folder()
+    return None if folder is None else Path(folder)
+
+
+def on_compiled(listener: Callable[[str], None]) -> None:
+    """Call `listener` with the full name of each kernel that this process compiles from now on."""
+    _ACCOUNT.listeners.append(listener)
+
+
+class _Account:
+    """What this process compiles, for how long, and when it was reported last. Kernels that call others nest."""
+
+    def __init__(self) -> None:
+        self.listeners: list[Callable[[str], None]] = []
+        self._open: list[str] = []
+        self._since_s = self._spent_s = 0.0
+        self._count = 0
+        self._report_s = SILENT_S
+
+    def begin(self, name: str) -> None:
+        now_s = time.monotonic()
+        if not self._open:
+            self._since_s = now_s
+        self._open.append(name)
+
+    def end(self, name: str, lost_to: str) -> None:
+        """lost_to : the places that did not take it; empty if it is kept."""
+        now_s = time.monotonic()
+        if name in self._open:  # what failed to compile has no end
+            del self._open[self._open.index(name) :]
+        self._count += 1
+        for listener in self.listeners:
+            listener(name)
+        spent_s = self._spent_s + now_s - self._since_s
+        if not self._open:
+            self._spent_s = spent_s
+        if spent_s >= self._report_s:
+            self._report_s = spent_s + EVERY_S
+            LOG.warning("compiled %d kernels in %.0f s so far%s", self._count, spent_s, not_kept_words(lost_to))
+
+
+_ACCOUNT: Final = _Account()
+
+
+def not_kept_words(places: str) -> str:
+    """Say why kernels are compiled in each run anew; nothing if they are not."""
+    if not places:
+        return ""
+    return (
+        f", in this process only, for {places} cannot be written; set NUMBA_CACHE_DIR to a folder that can be, and the "
+        "next run need not wait"
+    )
 
 
 class _Unwritten:
@@ -73,6 +152,7 @@ class _Cache(NullCache):
     """Loads machine code from the first place that has it, and saves it to the first that can be written."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
+        self.module, self.name = function.__module__, f"{function.__module__}.{function.__qualname__}"
         self._kept = []
         for place in _PLACES:
             try:
@@ -84,6 +164,32 @@ class _Cache(NullCache):
     def cache_path(self) -> str | None:
         return self._kept[0].cache_path if self._kept else None
 
+    def is_kept(self, machine: Any) -> bool:
+        """Whether there is machine code of any signature for a machine, as Numba names it."""
+        for kept in self._kept:
+            try:
+                index = kept._cache_file._load_index()
+            except OSError:
+                continue
+            if any(key[1] == machine for key in index):
+                return True
+        return False
+
+    def writable_folder(self) -> str | None:
+        """The first place that takes a file."""
+        for kept in self._kept:
+            try:
+                kept._impl.locator.ensure_cache_path()
+            except OSError:
+                continue
+            return str(kept.cache_path)
+        return None
+
+    @property
+    def places(self) -> str:
+        """All of them, in words."""
+        return " and ".join(str(kept.cache_path) for kept in self._kept) or "nothing"
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         for kept in self._kept:
             try:
@@ -92,6 +198,7 @@ class _Cache(NullCache):
                 continue
             if found is not None:
                 return found
+        _ACCOUNT.begin(self.name)
         return None
 
     def save_overload(self, sig: Any, cres: Any) -> None:
@@ -100,7 +207,9 @@ class _Cache(NullCache):
                 kept.save_overload(sig, cres)
             except OSError:
                 continue
+            _ACCOUNT.end(self.name, "")
             return
+        _ACCOUNT.end(self.name, self.places)
 
     def flush(self) -> None:
         for kept in self._kept:

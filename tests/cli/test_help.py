@@ -1,5 +1,6 @@
 """Help: an example of each command that runs, units and defaults, and nothing loaded that computes."""
 
+import hashlib
 import importlib
 import io
 import os
@@ -92,8 +93,9 @@ def test_numpy_is_loaded_after_it_was_given_one_thread() -> None:
     assert run.stdout.splitlines()[-1] == "1"
 
 
-def test_version_prints_what_a_report_of_a_fault_needs(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["--version"]) == 0
+@pytest.mark.parametrize("flag", ["--version", "-V"])
+def test_version_prints_what_a_report_of_a_fault_needs(flag: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main([flag]) == 0
     out = capsys.readouterr().out
     lines = out.splitlines()
     assert re.fullmatch(r"skyproof \d+\.\d+\.\d+\S*", lines[0])
@@ -107,12 +109,20 @@ def test_version_prints_what_a_report_of_a_fault_needs(capsys: pytest.CaptureFix
 def test_version_prints_whether_kernels_are_compiled(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    cli.main(["--version"])
-    assert "compiled kernels: none in " in capsys.readouterr().out
-    (tmp_path / "a.nbi").touch()
-    cli.main(["--version"])
-    assert f"compiled kernels: 1 in {tmp_path}\n" in capsys.readouterr().out
+    package, home, asked = tmp_path / "package" / "receiver", tmp_path / "home", tmp_path / "asked"
+    of_user = home / "numba" / f"receiver_{hashlib.sha1(str(package).encode()).hexdigest()}"
+    for folder in (package, of_user, home / "numba" / "other_package", asked):
+        folder.mkdir(parents=True)
+    (home / "numba" / "other_package" / "other.nbi").touch()
+    monkeypatch.setattr("skyproof.cli.about.PACKAGE", package.parent)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(asked))
+    cli.main(["-V"])
+    assert "compiled kernels: none; " in capsys.readouterr().out
+    for folder, place in ((of_user, home / "numba"), (package, package.parent), (asked, asked)):
+        (folder / "a.nbi").touch()
+        cli.main(["-V"])
+        assert f"1 in {place}" in capsys.readouterr().out.splitlines()[-1]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -1,14 +1,25 @@
-"""Compile and cache every kernel, so that no user waits for it: `python -m skyproof.app.warm`, run by `make setup`."""
+"""Compile and cache every kernel, so that no user waits for it: `python -m skyproof.app.warm`, run by `make setup`.
 
+With the name of a job it does that one, and prints the names of kernels as they are compiled.
+"""
+
+import sys
 import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from skyproof.app.common.kernels import JOBS, make_ready
+from skyproof.app.common.progress import Stage
 from skyproof.app.common.settings import Settings
+from skyproof.app.common.windows import asked
 from skyproof.app.receive.inputs import only_recordings, open_inputs
 from skyproof.app.receive.tracker import track
-from skyproof.app.scenes.simulate import simulate
+from skyproof.compiled import on_compiled
 from skyproof.decomposition.fit import (
     blocks_dictionary,
     decompose,
@@ -16,6 +27,7 @@ from skyproof.decomposition.fit import (
     delay_dictionary,
     simulate_taps,
 )
+from skyproof.detectors.dccaf.bursts import components, shapes
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.gnss.nominal import nominal_constellation
@@ -25,32 +37,41 @@ from skyproof.receiver import kernels as k
 from skyproof.receiver.joining import JointReceiver
 from skyproof.receiver.joint import bound, predict
 from skyproof.simulator import scenes
+from skyproof.simulator.attacks import Interference
 from skyproof.simulator.files import write
 from skyproof.simulator.scenario import FrontEnd
 from skyproof.statistics.directions import hemisphere
 
 
-def warm() -> None:
-    """All that is compiled, once."""
-    with tempfile.TemporaryDirectory() as folder:
-        _receiver(Path(folder))
-        simulate("takeover", out=Path(folder) / "measured", depth="measurements")
-    _joint_channels()
-    _methods()
-
-
-def _receiver(folder: Path) -> None:
-    """Seconds under a meaconer through simulator and receiver, until two signals of a satellite are distinguished, then
-    a moment of each kind of whole bytes behind a filter.
+def _receiver() -> None:
+    """Seconds of one receiver under a meaconer through simulator and receiver, until two signals of a satellite are
+    distinguished, then a moment of each kind of whole bytes behind a filter, one of them beside a line.
     """
     scenario = scenes.meaconed(duration_s=2.2, onset_s=-1.0)
-    recordings = write(scenario, nominal_constellation(scenario.start_gpst), folder / "bits")
-    track(only_recordings(open_inputs(recordings, Settings())), Settings())
-    for bits in (8, 16):
-        front_end = FrontEnd(encoding="int", bits=bits, bandwidth_hz=2e6)
-        short = scenario.model_copy(update={"duration_s": 0.1, "front_end": front_end})
-        recordings = write(short, nominal_constellation(scenario.start_gpst), folder / f"int{bits}")
-        track(only_recordings(open_inputs(recordings, Settings())), Settings())
+    scenario = scenario.model_copy(update={"receivers": scenario.receivers[:1]})
+    navigation = nominal_constellation(scenario.start_gpst)
+    line = Interference(kind="cw", transmit=scenario.attacks[0].transmit, power_db=20.0, offset_hz=1e5)
+    with tempfile.TemporaryDirectory() as folder:
+        recordings = write(scenario, navigation, Path(folder) / "bits")
+        track(only_recordings(open_inputs(recordings, Settings())), Settings(), asked=asked())
+        for bits, lines in ((8, (line,)), (16, ())):
+            front_end = FrontEnd(encoding="int", bits=bits, bandwidth_hz=2e6)
+            changed = {"duration_s": 0.1, "front_end": front_end, "interference": lines, "attacks": ()}
+            recordings = write(scenario.model_copy(update=changed), navigation, Path(folder) / f"int{bits}")
+            track(only_recordings(open_inputs(recordings, Settings())), Settings())
+
+
+def _overlaps() -> None:
+    """What needs more than one signal of a satellite within a chip."""
+    _joint_channels()
+    rng, delays, variance = np.random.default_rng(1), delay_dictionary(5e6), 1e-3
+    taps = simulate_taps(np.zeros((2, 1)), np.ones((2, 1)), variance, delays, rng)
+    decompose(taps, delays, noise_variance=variance)
+    blocks = blocks_dictionary(0.02, 2, within_hz=60.0)
+    decompose(np.repeat(taps[:, None, :], 2, axis=1), delays, blocks, noise_variance=variance)
+    delay_bound(np.array([[0.0, 0.25]]), np.ones((1, 2)), variance, delays)
+    bursts = rng.standard_normal((1, 4, 9)) + 1j * rng.standard_normal((1, 4, 9))
+    components(bursts, shapes(7, tuple(np.linspace(-1.0, 1.0, 9)), 2e6, 1.0), np.ones((1, 4)), 2e6)
 
 
 def _joint_channels() -> None:
@@ -67,13 +88,9 @@ def _joint_channels() -> None:
 
 
 def _methods() -> None:
-    rng = np.random.default_rng(1)
-    delays, variance = delay_dictionary(5e6), 1e-3
+    """What a study or an inertial unit needs."""
+    rng, delays, variance = np.random.default_rng(1), delay_dictionary(5e6), 1e-3
     taps = simulate_taps(np.zeros((2, 1)), np.ones((2, 1)), variance, delays, rng)
-    decompose(taps, delays, noise_variance=variance)
-    blocks = blocks_dictionary(0.02, 2, within_hz=60.0)
-    decompose(np.repeat(taps[:, None, :], 2, axis=1), delays, blocks, noise_variance=variance)
-    delay_bound(np.array([[0.0, 0.25]]), np.ones((1, 2)), variance, delays)
     swarm = SwarmSettings(particles=4, iterations=2, within_hz=0.0)
     swarm_decompose(
         taps[:, None, :], delays.points, settings=swarm, bins_hz=np.zeros(1), coherent_s=0.02, band_hz=5e6, rng=rng
@@ -83,5 +100,38 @@ def _methods() -> None:
     strapdown_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)
 
 
+_DO: Final[Mapping[str, Callable[[], None]]] = {"overlaps": _overlaps, "receiver": _receiver, "methods": _methods}
+
+
+class _Printed:
+    """Progress as lines on standard error, one every ten seconds."""
+
+    def __init__(self) -> None:
+        self._total, self._begun_s, self._said_s = 0.0, time.monotonic(), 0.0
+
+    def advance(self, to: float) -> None:
+        spent_s = time.monotonic() - self._begun_s
+        if spent_s - self._said_s >= 10.0:
+            self._said_s = spent_s
+            self.say(f"{to:.0f} of {self._total:.0f} kernels compiled in {spent_s:.0f} s")
+
+    def say(self, text: str) -> None:
+        print(text, file=sys.stderr)
+
+    @contextmanager
+    def stage(self, name: str, total: float | None) -> Iterator[Stage]:
+        self._total = total or 0.0
+        self.say(f"{name}: {self._total:.0f}")
+        yield self
+
+
+def warm(job: str | None = None) -> None:
+    """Do one job here, and print the kernels that are compiled; or all of them in processes side by side."""
+    if job is None:
+        return make_ready(tuple(JOBS), _Printed())
+    on_compiled(lambda name: print(name, flush=True))
+    _DO[job]()
+
+
 if __name__ == "__main__":
-    warm()
+    warm(*sys.argv[1:2])

@@ -10,6 +10,7 @@ and errors come at once.
 
 import errno
 import io
+import logging
 import os
 import sys
 import traceback
@@ -115,7 +116,7 @@ for _number, (_name, (_usage, _help, _example)) in enumerate(COMMANDS.items()):
     )
 app.command(
     "skyproof.cli.about:about",
-    name="--version",
+    name=("--version", "-V"),
     help="Print the versions of skyproof and of what it runs on: include them in a bug report.",
 )
 app.command(
@@ -124,6 +125,16 @@ app.command(
     help="Let the shell complete commands, options and files with Tab.",
     help_epilogue="Example:\n\nskyproof --install-completion --shell bash",
 )
+
+
+class _Complaints(logging.Handler):
+    """What the package logs, as one line each on standard error."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        complain(record.getMessage())
+
+
+logging.getLogger("skyproof").addHandler(_Complaints())
 
 
 def main(argv: Sequence[str] | None = None) -> int:

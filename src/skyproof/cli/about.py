@@ -1,5 +1,6 @@
 """`skyproof --version`: what a bug report needs to say."""
 
+import hashlib
 import os
 import platform
 import sys
@@ -52,11 +53,20 @@ def _cores() -> str:
 
 
 def _kernels() -> str:
-    """Whether compiled kernels are at hand; Numba keeps an index file for each."""
-    elsewhere = os.environ.get("NUMBA_CACHE_DIR")
-    folder = Path(elsewhere) if elsewhere else PACKAGE
-    count = sum(1 for _ in folder.rglob("*.nbi")) if folder.is_dir() else 0
-    where = f" in {folder}" if elsewhere else ""
-    if count == 0:
-        return f"compiled kernels: none{where}; the first run makes them, and takes longer"
-    return f"compiled kernels: {count}{where}"
+    """Whether compiled kernels are at hand, in any place of `skyproof.compiled`; Numba keeps an index file for each."""
+    asked = os.environ.get("NUMBA_CACHE_DIR")
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "numba"
+    places = {PACKAGE: [PACKAGE], user: _folders_of_user(user)}
+    if asked:
+        places = {Path(asked): [Path(asked)]} | places
+    counts = {place: sum(1 for one in folders for _ in one.rglob("*.nbi")) for place, folders in places.items()}
+    found = [f"{count} in {folder}" for folder, count in counts.items() if count]
+    if not found:
+        return "compiled kernels: none; the first run compiles them, once, in about a minute"
+    return f"compiled kernels: {', '.join(found)}"
+
+
+def _folders_of_user(user: Path) -> list[Path]:
+    """Where Numba keeps those of this package in a user's cache: a folder for each of its own, named by a sum."""
+    folders = [PACKAGE, *(path for path in PACKAGE.rglob("*") if path.is_dir())]
+    return [user / f"{path.name}_{hashlib.sha1(str(path).encode()).hexdigest()}" for path in folders]

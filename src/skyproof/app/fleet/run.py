@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from skyproof.app.common.folder import check_folder
+from skyproof.app.common.kernels import RECEIVING, make_ready
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.fleet.catalogue import read_catalogue
 from skyproof.app.fleet.piece import piece_of, protect_piece
@@ -65,6 +66,7 @@ def fleet(
     items = read_catalogue(path)
     runner = _runner(workers, ray)
     check_folder(folder)
+    make_ready(RECEIVING, progress)  # once, before as many processes as there are cores would each do it
     with Store(folder) as store:
         pieces = [piece_of(item, path.parent) for item in items]
         with progress.stage(f"protecting {len(items)} items", float(len(items))) as stage, runner as doing:

@@ -12,6 +12,7 @@ import numpy as np
 
 from skyproof.app.common.body import Body, body_of, open_body, with_imu
 from skyproof.app.common.folder import check_folder
+from skyproof.app.common.kernels import RECEIVING, make_ready
 from skyproof.app.common.memory import give_back
 from skyproof.app.common.packed_log import PackedLog
 from skyproof.app.common.platform import Platform, read_platform
@@ -190,6 +191,8 @@ def _received(
 ) -> tuple[list[Reception], bool]:
     """What each source's receiver received, in their order, and whether a signal ended the tracking early."""
     recordings = [one for one in sources if isinstance(one, Samples) and not is_short(one)]
+    if recordings:
+        make_ready(RECEIVING, progress)
     trackers, interrupted = track(
         recordings, settings, progress, navigation, summed=True, asked=asked(), workspace=workspace, units=units
     )

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.app.common.folder import check_folder
+from skyproof.app.common.kernels import RECEIVING, make_ready
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import resolve_settings
@@ -130,6 +131,7 @@ def receive(
         check_folder(out)
     recordings = only_recordings(open_inputs(list_paths(inputs), settings))
     navigation = None if nav is None else read_nav(Path(nav))
+    make_ready(RECEIVING, progress)
     with deferred(), Workspace(None if out is None else Path(out)) as workspace:
         trackers, interrupted = track(recordings, settings, progress, navigation, watchful=False, workspace=workspace)
         if not interrupted:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skyproof.app.common.folder import check_folder, stamps, written_since
+from skyproof.app.common.kernels import RECEIVING, make_ready
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.protect import ProtectResult, protect
 from skyproof.formats.atomic_write import write_lines
@@ -33,6 +34,7 @@ def demo(out: str | Path, *, progress: Progress | None = None, seed: int = 1) ->
     folder = Path(out)
     check_folder(folder)
     before = stamps(folder)
+    make_ready(RECEIVING, progress)
     scenario = scenes.demo(seed=seed)
     navigation = nominal_constellation(scenario.start_gpst)
     nav = folder / "broadcast.rnx"

@@ -1,0 +1,147 @@
+"""Machine code made before it is needed, in processes side by side, so that nobody waits for it in silence."""
+
+import os
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import Any, Final
+
+from skyproof.app.common.progress import Progress, Silent
+from skyproof.batch.attempt import ONE_THREAD
+from skyproof.compiled import LOG, is_kept, kernels_in, not_kept_words, threads, writable_folder
+
+__all__ = ["JOBS", "RECEIVING", "kernels_of", "make_ready"]
+
+JOBS: Final[Mapping[str, tuple[str, ...]]] = {
+    "overlaps": (
+        "decomposition.kernels",
+        "detectors.dccaf.bursts",
+        "receiver.joint_kernels",
+        "receiver.joint_search",
+        "receiver.joint_tracker",
+    ),
+    "receiver": (
+        "formats.layout",
+        "receiver.acquisition",
+        "receiver.cancellation",
+        "receiver.correlator",
+        "receiver.crosstalk",
+        "receiver.fourier",
+        "receiver.grids",
+        "receiver.kernels",
+        "receiver.looks",
+        "receiver.measurement",
+        "recording.conditioning",
+        "simulator.files",
+        "simulator.ranges",
+        "simulator.sample_kernels",
+    ),
+    "methods": (
+        "detectors.dccaf.inverse_raim",
+        "detectors.dccaf.swarm",
+        "navigation.strapdown",
+    ),
+}
+"""Which modules' kernels each job of `skyproof.app.warm` makes, the longest job first."""
+RECEIVING: Final = ("overlaps", "receiver")
+"""The jobs without which no recording is received."""
+
+
+def kernels_of(job: str) -> dict[str, Any]:
+    """Return the kernels that a job makes, by their full names."""
+    found: dict[str, Any] = {}
+    for module in JOBS[job]:
+        import_module(f"skyproof.{module}")
+        found |= kernels_in(f"skyproof.{module}")
+    return found
+
+
+def make_ready(jobs: Sequence[str], progress: Progress | None = None) -> None:
+    """Compile what jobs make and no place has yet; at once if nothing is missing.
+
+    Where nothing can be kept it is said, and each kernel is compiled when it is used. So it is where a process of a job
+    fails.
+    """
+    progress = progress or Silent()
+    kernels = {job: kernels_of(job) for job in jobs}
+    missing = {job: [name for name, one in kernels[job].items() if not is_kept(one)] for job in jobs}
+    needed = [job for job in jobs if missing[job]]
+    if not needed:
+        return
+    first = kernels[needed[0]][missing[needed[0]][0]]
+    folder = writable_folder(first)
+    if folder is None:
+        return _say(
+            progress,
+            f"kernels are compiled as they are used, about a minute in all{not_kept_words(first._cache.places)}",
+        )
+    if not sys.executable:
+        return
+    begun_s, names = time.monotonic(), {name for job in needed for name in missing[job]}
+    if isinstance(progress, Silent):
+        LOG.warning("compiling %d kernels, once: about a minute", len(names))
+    with progress.stage("compiling kernels, once", float(len(names))) as stage:
+        done: set[str] = set()
+        for name in _compiled_by(needed):
+            done |= {name} & names
+            stage.advance(float(len(done)))
+    spent_s = time.monotonic() - begun_s
+    further = "" if len(done) == len(names) else "; the others are compiled as they are used"
+    _say(progress, f"{len(done)} of {len(names)} kernels compiled in {spent_s:.0f} s, and kept for all runs{further}")
+
+
+def _say(progress: Progress, text: str) -> None:
+    """To whoever watches, or to the log if nobody does: a minute of silence looks like a crash."""
+    if isinstance(progress, Silent):
+        LOG.warning(text)
+    else:
+        progress.say(text)
+
+
+def _compiled_by(jobs: Sequence[str]) -> Any:
+    """Run jobs in as many processes as there are cores, and give the names of kernels as they are compiled."""
+    waiting, lines = list(jobs), queue.SimpleQueue[str | None]()
+    running: list[subprocess.Popen[str]] = []
+
+    def begin() -> None:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "skyproof.app.warm", waiting.pop(0)],
+            # the same modules are to be found there as here, by the same names
+            env=os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            start_new_session=True,
+        )
+        running.append(process)
+        threading.Thread(target=_pass_on, args=(process, lines), daemon=True).start()
+
+    try:
+        busy = 0
+        while waiting or busy:
+            while waiting and busy < threads():
+                begin()
+                busy += 1
+            name = lines.get()
+            if name is None:
+                busy -= 1
+            else:
+                yield name
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
+
+
+def _pass_on(process: "subprocess.Popen[str]", lines: "queue.SimpleQueue[str | None]") -> None:
+    """Put each line of a process into a queue, and None at its end."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        lines.put(line.strip())
+    process.wait()
+    lines.put(None)

@@ -1,0 +1,131 @@
+"""Machine code is made ahead, once, side by side and with progress; and each kernel belongs to one job."""
+
+import os
+import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+import skyproof
+from skyproof.app import warm
+from skyproof.app.common import kernels
+from skyproof.app.common.kernels import JOBS, RECEIVING, kernels_of, make_ready
+from skyproof.app.common.progress import Silent
+
+
+class Watched:
+    """Progress that is kept."""
+
+    def __init__(self):
+        self.stages, self.done, self.said = [], [], []
+
+    @contextmanager
+    def stage(self, name, total):
+        self.stages.append(total)
+        yield self
+
+    def advance(self, to):
+        self.done.append(to)
+
+    def say(self, text):
+        self.said.append(text)
+
+
+@pytest.fixture
+def processes(monkeypatch):
+    """In place of processes: the jobs that were asked for, and what they compile."""
+    asked, compiles = [], []
+
+    def compiled_by(jobs):
+        asked.extend(jobs)
+        yield from compiles
+
+    monkeypatch.setattr(kernels, "_compiled_by", compiled_by)
+    return asked, compiles
+
+
+def missing(monkeypatch, job, count):
+    """Let so many kernels of a job not be kept, and return their names."""
+    names = sorted(kernels_of(job))[:count]
+    lost = {id(kernels_of(job)[name]) for name in names}
+    monkeypatch.setattr(kernels, "is_kept", lambda kernel: id(kernel) not in lost)
+    return names
+
+
+def test_where_all_is_kept_nothing_is_run_or_reported(monkeypatch, processes):
+    monkeypatch.setattr(kernels, "is_kept", lambda _: True)
+    progress = Watched()
+    make_ready(RECEIVING, progress)
+    assert (processes[0], progress.stages, progress.said) == ([], [], [])
+
+
+def test_only_jobs_with_missing_kernels_run_with_progress(monkeypatch, processes):
+    asked, compiles = processes
+    names = missing(monkeypatch, "receiver", 3)
+    compiles += [names[0], "skyproof.of_no_job", names[1], names[1], names[2]]
+    progress = Watched()
+    make_ready(RECEIVING, progress)
+    assert asked == ["receiver"]
+    assert (progress.stages, progress.done) == ([3.0], [1.0, 1.0, 2.0, 2.0, 3.0])
+    assert progress.said[0].startswith("3 of 3 kernels compiled in ")
+
+
+def test_a_job_that_fails_leaves_the_rest_to_their_first_use(monkeypatch, processes):
+    asked, compiles = processes
+    compiles += missing(monkeypatch, "overlaps", 2)[:1]
+    progress = Watched()
+    make_ready(RECEIVING, progress)
+    assert asked == ["overlaps"]
+    assert progress.said[0].startswith("1 of 2 kernels compiled in ")
+    assert "as they are used" in progress.said[0]
+
+
+def test_where_nothing_can_be_kept_no_process_compiles(monkeypatch, processes):
+    missing(monkeypatch, "receiver", 3)
+    monkeypatch.setattr(kernels, "writable_folder", lambda _: None)
+    progress = Watched()
+    make_ready(RECEIVING, progress)
+    assert (processes[0], progress.stages) == ([], [])
+    assert "NUMBA_CACHE_DIR" in progress.said[0]
+
+
+def test_who_calls_from_python_reads_it_in_the_log(monkeypatch, processes, caplog):
+    processes[1].extend(missing(monkeypatch, "receiver", 3))
+    make_ready(RECEIVING, Silent())
+    first, last = caplog.records
+    assert first.args == (3,)
+    assert last.getMessage().startswith("3 of 3 kernels compiled in ")
+
+
+def test_processes_pass_on_what_they_print_and_end(monkeypatch):
+    monkeypatch.setattr(kernels.subprocess, "Popen", _echo(subprocess.Popen))
+    monkeypatch.setattr(kernels, "threads", lambda: 2)
+    assert sorted(kernels._compiled_by(["a", "b", "c"])) == ["job a", "job b", "job c"]
+
+
+def _echo(popen):
+    program = "import sys; print('job', sys.argv[1]); sys.exit(3 if sys.argv[1] == 'b' else 0)"
+    return lambda command, **options: popen([command[0], "-c", program, command[-1]], **options)
+
+
+def test_every_job_is_one_that_can_be_done():
+    assert set(warm._DO) == set(JOBS)
+    assert len({module for modules in JOBS.values() for module in modules}) == sum(map(len, JOBS.values()))
+    for job in JOBS:
+        assert kernels_of(job)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("job", JOBS)
+def test_a_job_compiles_all_kernels_of_its_modules(job, tmp_path):
+    """From nothing, in a copy of the package: else each run would begin it again."""
+    source = Path(skyproof.__file__).parent
+    shutil.copytree(source, tmp_path / "skyproof", ignore=shutil.ignore_patterns("*.nbi", "*.nbc", "__pycache__"))
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    run = subprocess.run(
+        [sys.executable, "-m", "skyproof.app.warm", job], env=environment, capture_output=True, text=True, check=True
+    )
+    assert set(kernels_of(job)) <= set(run.stdout.split())
