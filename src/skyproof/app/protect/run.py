@@ -131,6 +131,8 @@ def protect(
             _require_two(settings, names)
             _require_orbits(sources, navigation)
             units = antenna_units(unit_of(carrier, body_files, names, tables, _first_sample(sources)))
+            if any(isinstance(source, Samples) for source in sources):
+                make_ready(RECEIVING, progress)
         receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace, units)
         give_back()
         _same_time(receptions, navigation)
@@ -191,8 +193,6 @@ def _received(
 ) -> tuple[list[Reception], bool]:
     """What each source's receiver received, in their order, and whether a signal ended the tracking early."""
     recordings = [one for one in sources if isinstance(one, Samples) and not is_short(one)]
-    if recordings:
-        make_ready(RECEIVING, progress)
     trackers, interrupted = track(
         recordings, settings, progress, navigation, summed=True, asked=asked(), workspace=workspace, units=units
     )
