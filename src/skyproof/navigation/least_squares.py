@@ -5,14 +5,16 @@ Leading axes are problems (epochs, candidates), the axis before the last one is 
 solved come out as NaN, without an exception.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from skyproof.arrays import Reals
 from skyproof.navigation.fit_kernels import SMALLEST_PIVOT, gauss_newton_kernel, invert_all, see
 
-__all__ = ["Solution", "design_matrix", "gauss_newton", "line_of_sight", "normal_inverse", "spd_inverse"]
+__all__ = ["Solution", "design_matrix", "flat", "gauss_newton", "line_of_sight", "normal_inverse", "spd_inverse"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,9 +37,9 @@ def spd_inverse(matrix: Reals, *, smallest_pivot: float = SMALLEST_PIVOT) -> Rea
     the diagonal.
     """
     n = matrix.shape[-1]
-    flat = np.ascontiguousarray(matrix, np.float64).reshape(-1, n, n)
-    inverse = np.empty_like(flat)
-    invert_all(flat, smallest_pivot, inverse)
+    matrices = flat(matrix, matrix.shape[:-2], n, n)
+    inverse = np.empty_like(matrices)
+    invert_all(matrices, smallest_pivot, inverse)
     return inverse.reshape(matrix.shape)
 
 
@@ -53,15 +55,16 @@ def line_of_sight(satellite_ecef_m: Reals, position_ecef_m: Reals) -> tuple[Real
     """
     shape = np.broadcast_shapes(satellite_ecef_m.shape[:-2], position_ecef_m.shape[:-1])
     k = satellite_ecef_m.shape[-2]
-    satellite = _flat(satellite_ecef_m, (*shape, k, 3), (-1, k, 3))
+    satellite = flat(satellite_ecef_m, shape, k, 3)
     turned, unit, distance_m = np.empty(satellite.shape), np.empty(satellite.shape), np.empty(satellite.shape[:2])
-    see(satellite, _flat(position_ecef_m, (*shape, 3), (-1, 3)), turned, unit, distance_m)
+    see(satellite, flat(position_ecef_m, shape, 3), turned, unit, distance_m)
     return turned.reshape(*shape, k, 3), unit.reshape(*shape, k, 3), distance_m.reshape(*shape, k)
 
 
-def _flat(values: Reals, shape: tuple[int, ...], flat: tuple[int, ...]) -> Reals:
-    """Broadcast values with all leading axes as one, as kernels take them."""
-    return np.ascontiguousarray(np.broadcast_to(values, shape), np.float64).reshape(flat)
+def flat(values: ArrayLike, lead: tuple[int, ...], *own: int) -> Reals:
+    """Return values broadcast to `lead` and `own` axes, with all of `lead` as one axis, as kernels take them."""
+    whole = np.broadcast_to(np.asarray(values, np.float64), (*lead, *own))
+    return np.ascontiguousarray(whole).reshape(math.prod(lead), *own)
 
 
 def design_matrix(unit_vector: Reals, clocks: Reals | None = None) -> Reals:
@@ -114,9 +117,9 @@ def gauss_newton(
     state = np.array(start_m, np.float64).reshape(-1, n)
     covariance, residual_m, step_m = np.empty((len(state), n, n)), np.empty((len(state), k)), np.empty(len(state))
     gauss_newton_kernel(
-        _flat(satellite_ecef_m, (*shape, k, 3), (-1, k, 3)),
-        _flat(range_m, (*shape, k), (-1, k)),
-        _flat(weight, (*shape, k), (-1, k)),
+        flat(satellite_ecef_m, shape, k, 3),
+        flat(range_m, shape, k),
+        flat(weight, shape, k),
         np.ones((k, 1)) if clocks is None else np.ascontiguousarray(clocks, np.float64),
         max_steps,
         tolerance_m,

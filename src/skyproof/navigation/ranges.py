@@ -12,6 +12,7 @@ from skyproof.gnss.orbit_kernels import fill_ranges
 from skyproof.gnss.signals import time_scale_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.fit_kernels import fill_delays
+from skyproof.navigation.least_squares import flat
 from skyproof.records import Klobuchar, NavigationData, SignalId
 
 __all__ = [
@@ -162,13 +163,12 @@ def atmosphere(
     """
     shape = np.broadcast_shapes(satellite_ecef_m.shape[:-2], position_ecef_m.shape[:-1], np.shape(tow_s))
     k = satellite_ecef_m.shape[-2]
-    carrier_hz = np.broadcast_to(L1_HZ if carrier_hz is None else carrier_hz, (*shape, k))
     delays = np.empty((math.prod(shape), k, 4))
     fill_delays(
-        np.ascontiguousarray(np.broadcast_to(position_ecef_m, (*shape, 3))).reshape(-1, 3),
-        np.ascontiguousarray(np.broadcast_to(satellite_ecef_m, (*shape, k, 3))).reshape(-1, k, 3),
-        np.ascontiguousarray(np.broadcast_to(np.asarray(tow_s, np.float64), shape)).reshape(-1),
-        np.ascontiguousarray(carrier_hz, np.float64).reshape(-1, k),
+        flat(position_ecef_m, shape, 3),
+        flat(satellite_ecef_m, shape, k, 3),
+        flat(tow_s, shape),
+        flat(L1_HZ if carrier_hz is None else carrier_hz, shape, k),
         ionosphere_model(ionosphere, ionosphere_share),
         delays,
     )
