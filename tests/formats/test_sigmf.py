@@ -257,6 +257,32 @@ def test_captures_of_another_tuning_are_another_recording(tmp_path):
     assert "the captures have 2 tunings: each is a recording of its own" in l1.remarks
 
 
+def test_a_tuning_goes_on_in_captures_that_state_none(tmp_path):
+    stored = noise(900)
+    captures = [
+        {"core:sample_start": 0, "core:frequency": 1575e6, "skyproof:if_hz": 1e5},
+        {"core:sample_start": 300},
+        {"core:sample_start": 600, "core:datetime": "2022-01-01T00:00:00Z"},
+    ]
+    samples = one(write(tmp_path, meta_of(captures=captures), stored.tobytes()))
+    assert (samples.name, samples.centre_hz, samples.if_hz) == ("rec", 1575e6, 1e5)
+    np.testing.assert_array_equal(samples.read(0, 999), planes_of(stored))
+    said = "no core:frequency is given in captures[1], captures[2]: that of the capture before goes on"
+    assert said in samples.remarks
+
+
+def test_what_goes_on_is_that_of_the_capture_before(tmp_path):
+    captures = [
+        {"core:sample_start": 0},
+        {"core:sample_start": 100, "core:frequency": 1227.6e6},
+        {"core:sample_start": 200, "core:frequency": 1176.45e6},
+        {"core:sample_start": 300},
+    ]
+    first, *others = open_sigmf(write(tmp_path, meta_of(captures=captures), noise(400).tobytes()))
+    assert (first.centre_hz, first.n_samples) == (1575.42e6, 100)
+    assert [(o.centre_hz, o.n_samples) for o in others] == [(1227.6e6, 100), (1176.45e6, 200)]
+
+
 def test_an_inverted_spectrum_is_turned_back(tmp_path):
     stored = noise(500)
     plain = one(write(tmp_path, meta_of(), stored.tobytes())).read(0, 500)

@@ -8,7 +8,8 @@ numbers are offset binary: v has the value 2v - (2^bits - 1), so that the middle
 - Captures of one tuning are one recording; another tuning is another recording, NAME-1575.42MHz, ...
 - Where core:global_index runs ahead of the samples, samples are missing: a `SampleGap`.
 - core:datetime is UTC and becomes `start_gpst`, carried back to the first sample.
-- Without core:frequency the samples are taken to be centred on L1, which is reported.
+- A capture without core:frequency, or another key of its tuning, goes on with that of the capture before.
+- Without core:frequency in any capture so far the samples are taken to be centred on L1, which is reported.
 
 What SigMF has no word for stands in keys of the namespace skyproof; the first three in a capture, or in the global
 object for all captures; the others in the global object.
@@ -52,6 +53,7 @@ __all__ = ["open_sigmf", "sha512_remarks", "sigmf_meta"]
 
 _SMALL_DATA: Final = 1 << 26  # bytes; a check of them is done in passing, in a tenth of a second
 _MOST_TUNINGS: Final = 32
+_TUNING_KEYS: Final = ("frequency", "if_hz", "conjugate", "swap_iq")
 _CLOCK_S: Final = 0.1  # to which a recorder's dates of its captures may differ from its count of samples
 _ISO_UTC: Final = re.compile(
     r"(\d{4})-(\d\d)-(\d\d)[T ](\d\d):(\d\d):(\d\d)(?:[.,](\d+))? ?(?:[Zz]|([+-])(\d\d):?(\d\d))?", re.ASCII
@@ -124,6 +126,27 @@ def _tuning(general: Global, segment: _Segment, packing: Packing, where: str) ->
         )
     if_hz = math.remainder(stated("if_hz") or 0.0, general.sample_rate)  # sampling folds it so
     return _Tuning(segment.capture.frequency, if_hz, bool(stated("conjugate")), bool(stated("swap_iq")))
+
+
+def _carried_on(segments: Sequence[_Segment], general: Global, remarks: list[str]) -> list[_Segment]:
+    """Return the segments, each with the tuning of the one before where its capture states none.
+
+    The specification leaves open whether a value goes on (sigmf/SigMF issue 124). A recorder that tunes anew states it;
+    one that begins a capture for another reason, a gap for one, often does not.
+    """
+    carried: list[_Segment] = []
+    silent: list[str] = []
+    for segment in segments:
+        before = carried[-1].capture if carried else segment.capture
+        missing = {key: getattr(before, key) for key in _TUNING_KEYS if getattr(segment.capture, key) is None}
+        update = {key: v for key, v in missing.items() if v is not None and getattr(general, key, None) is None}
+        if "frequency" in update:
+            silent.append(segment.place)
+        carried.append(replace(segment, capture=segment.capture.model_copy(update=update)) if update else segment)
+    if silent:
+        listed = ", ".join(some(silent, ", "))
+        remarks.append(f"no core:frequency is given in {listed}: that of the capture before goes on")
+    return carried
 
 
 def _segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list[str]) -> list[_Segment]:
@@ -329,7 +352,7 @@ def _recordings(source: _Source) -> list[Samples]:
     meta, where, rate_hz = source.meta, source.where, source.meta.general.sample_rate
     remarks = [*source.remarks, *checked(meta, where)]
     packing = _packing(meta.general, where, remarks)
-    segments = _segments(meta, packing, source.size, where, remarks)
+    segments = _carried_on(_segments(meta, packing, source.size, where, remarks), meta.general, remarks)
     if source.size < _SMALL_DATA:
         remarks += _digest_remarks(source)
     remarks += _annotation_remarks(meta)
