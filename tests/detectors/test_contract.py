@@ -11,6 +11,7 @@ from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettin
 from skyproof.detectors.array.ins_array import InsArray
 from skyproof.detectors.array.spin import Spin, SpinSettings
 from skyproof.detectors.base import Detector
+from skyproof.detectors.code_carrier.detector import CodeCarrier, CodeCarrierSettings
 from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings
 from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
@@ -142,6 +143,15 @@ CASES = (
         1000,
         ("undecided",),
         "a union bound over all epochs, and multipath may change more than it does in these records",
+    ),
+    Case(
+        "codes that go with carriers",
+        lambda: CodeCarrier(CodeCarrierSettings(false_alarm_probability=0.3)),
+        MeasuredScene(epochs=12, errors=TrackErrors(1.0, constant_m=1.0)).records,
+        40,
+        400,
+        ("undecided",),
+        "reflections may do more to codes than they do in these records",
     ),
     Case(
         "codes that go on",

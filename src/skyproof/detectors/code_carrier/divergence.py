@@ -1,0 +1,86 @@
+"""Code minus carrier of each signal over an unbroken stretch: how far it moved, and the chance of that.
+
+Code minus carrier is constant but for noise, twice the ionosphere's change, what reflections do to the code, and what a
+receiver's two clocks for codes and carriers make of all signals alike: the median over the signals of each step is
+taken off. Where there is no carrier, the integral of the Doppler stands for it, whose noise adds up.
+
+Model. The mean over the last quarter of a stretch less that over the first is normal with the variance of the two
+means and of the ionosphere, about a mean between -M and M. With a reflection of half the direct signal's amplitude and
+correlators half a chip apart a code errs by an eighth of a chip at most (Kaplan & Hegarty, 9.5), to either side: M is
+a quarter of a chip. A code whose direct signal is blocked may be late by more; that is a cause of its own.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.records import Observations
+from skyproof.statistics.distributions import normal_two_sided
+
+__all__ = ["LEAST_SIGNALS", "Divergence", "divergence_of", "parted"]
+
+LEAST_SIGNALS: Final = 4
+"""That have a step at one epoch, for its median to be that of all."""
+_IONOSPHERE_M_S: Final = 0.06  # at which it parts code from carrier at most, one sigma; storms included
+_LEAST_EPOCHS: Final = 8  # two a quarter
+_REFLECTED_CHIPS: Final = 0.25
+
+
+@dataclass(frozen=True, kw_only=True)
+class Divergence:
+    """change_m : of code minus carrier over time_s, later codes positive. p_value : of "one range"."""
+
+    change_m: float
+    time_s: float
+    p_value: float
+
+
+def parted(o: Observations) -> tuple[Reals, Reals]:
+    """Return code minus carrier (n_epochs, n_signals), less what all do alike, and the variance that it gathers.
+
+    By Doppler for signals without any carrier. NaN where there is none, or fewer than four signals had a step since
+    the epoch before; the start is arbitrary.
+    """
+    wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
+    gap_s = np.diff(o.elapsed_s)[:, None]
+    by_carrier = wavelength_m * np.diff(o.carrier_cyc, axis=0)
+    by_doppler = -0.5 * wavelength_m * (o.doppler_hz[1:] + o.doppler_hz[:-1]) * gap_s
+    carried = np.isfinite(o.carrier_cyc).any(axis=0)
+    steps_m = np.diff(o.pseudorange_m, axis=0) - np.where(carried, by_carrier, by_doppler)
+    variance_m2 = np.where(carried, 0.0, (wavelength_m * o.doppler_sigma_hz[1:] * gap_s) ** 2)
+    known = np.isfinite(steps_m)
+    enough = known.sum(axis=1) >= LEAST_SIGNALS
+    common_m = np.array(
+        [np.median(row[there]) if there.any() else 0.0 for row, there in zip(steps_m, known, strict=True)]
+    )
+    own_m = np.where(known & enough[:, None], steps_m - common_m[:, None], np.nan)
+    none = np.zeros((1, own_m.shape[1]))
+    apart_m = np.vstack([none, np.cumsum(np.nan_to_num(own_m), axis=0)])
+    apart_m[1:][np.isnan(own_m)] = np.nan
+    gathered_m2 = np.vstack([none, np.cumsum(np.where(known, np.nan_to_num(variance_m2), 0.0), axis=0)])
+    return apart_m, gathered_m2
+
+
+def divergence_of(
+    elapsed_s: Reals, apart_m: Reals, code_m2: Reals, gathered_m2: Reals, chip_m: float
+) -> Divergence | None:
+    """Return the divergence over an unbroken stretch of epochs (n,); None where they are too few.
+
+    apart_m, gathered_m2 : of one signal, as `parted` returns them. code_m2 : variance of each code.
+    """
+    known: Booleans = np.isfinite(apart_m) & (code_m2 > 0.0)
+    if known.sum() < _LEAST_EPOCHS:
+        return None
+    t, apart_m, variance_m2 = elapsed_s[known], apart_m[known], code_m2[known]
+    drift_m2 = float(gathered_m2[known][-1] - gathered_m2[known][0])
+    quarter = known.sum() // 4
+    first, last = slice(0, quarter), slice(t.size - quarter, t.size)
+    change_m = float(apart_m[last].mean() - apart_m[first].mean())
+    time_s = float(t[last].mean() - t[first].mean())
+    noise_m2 = (variance_m2[first].mean() + variance_m2[last].mean()) / quarter
+    sigma_m = np.sqrt(noise_m2 + drift_m2 + (_IONOSPHERE_M_S * time_s) ** 2)
+    beyond = max(abs(change_m) - _REFLECTED_CHIPS * chip_m, 0.0) / sigma_m
+    return Divergence(change_m=change_m, time_s=time_s, p_value=float(normal_two_sided(beyond)))

@@ -1,0 +1,108 @@
+"""Codes that leave their carriers: one or some signals do, all alike or within a reflection's reach do not count."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.code_carrier.detector import CodeCarrier, CodeCarrierSettings
+from skyproof.records import CellStatus, Records
+from skyproof.testing import MeasuredScene, TrackErrors
+
+RATE = 1e-6
+ONE = {"rx1": (0.0, 0.0, 0.0)}
+SCENE = MeasuredScene(antennas_enu_m=ONE, epochs=60, errors=TrackErrors(sigma_m=1.0, constant_m=1.0))
+
+
+def changed(seed: int = 0, **changes) -> Records:
+    """Return a clean minute with some cells changed: a function of the old values for each name."""
+    records = SCENE.records(np.random.default_rng(seed))
+    (o,) = records.observations
+    return replace(records, observations=(replace(o, **{name: make(o) for name, make in changes.items()}),))
+
+
+def dragged(columns: list[int], rate_m_s: float, start: int = 20):
+    """Return codes that some signals' codes leave at a rate."""
+
+    def make(o):
+        codes_m = o.pseudorange_m.copy()
+        since_s = np.maximum(o.elapsed_s - o.elapsed_s[start], 0.0)
+        codes_m[:, columns] += rate_m_s * since_s[:, None]
+        return codes_m
+
+    return make
+
+
+def examine(records: Records, window: int = 10) -> list:
+    """Return the evidence of windows of so many epochs."""
+    detector, state, found = CodeCarrier(CodeCarrierSettings(false_alarm_probability=RATE)), None, []
+    (o,) = records.observations
+    for first in range(0, o.gpst.size, window):
+        part = replace(records, observations=(o.read(first, first + window),))
+        evidence, state = detector.examine(part, state)
+        found += evidence
+    return found
+
+
+def failed_at(records: Records, window: int = 10) -> list[int]:
+    return [k for k, e in enumerate(examine(records, window)) if e.failed]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_clean_minute_is_clean(seed) -> None:
+    assert {e.says for e in examine(changed(seed))} == {"clean"}
+
+
+def test_a_fast_drag_of_one_code_is_found_in_its_window() -> None:
+    found = examine(changed(pseudorange_m=dragged([3], 38.0)))
+    assert next(k for k, e in enumerate(found) if e.failed) == 2
+    assert [ref.signal.sat for ref in found[2].subject] == [SCENE._exact[0].signals[3].sat]
+
+
+def test_a_slow_drag_is_found_once_it_is_beyond_reflections() -> None:
+    assert failed_at(changed(pseudorange_m=dragged([3], 4.0)))[0] in (4, 5)
+    assert failed_at(changed(pseudorange_m=dragged([3], 1.0))) == []
+
+
+def test_dopplers_stand_for_carriers_that_are_missing() -> None:
+    without = {"carrier_cyc": lambda o: np.full(o.carrier_cyc.shape, np.nan)}
+    assert failed_at(changed(**without)) == []
+    assert failed_at(changed(pseudorange_m=dragged([3], 38.0), **without))[0] == 2
+
+
+def test_what_two_clocks_make_of_all_signals_does_not_count() -> None:
+    every = list(range(len(SCENE._exact[0].signals)))
+    assert failed_at(changed(pseudorange_m=dragged(every, 188.0, 0))) == []
+
+
+def test_a_slip_is_no_divergence() -> None:
+    def jump(o):
+        cycles = o.carrier_cyc.copy()
+        cycles[25:, 3] += 1e4
+        return cycles
+
+    def marked(o):
+        status = o.status.copy()
+        status[25, 3] = CellStatus.SLIP
+        return status
+
+    assert failed_at(changed(carrier_cyc=jump)) != []
+    assert failed_at(changed(carrier_cyc=jump, status=marked)) == []
+
+
+def test_reflections_come_and_go_within_a_quarter_of_a_chip() -> None:
+    def reflected(o):
+        rng = np.random.default_rng(5)
+        codes_m = o.pseudorange_m.copy()
+        for column in range(codes_m.shape[1]):
+            codes_m[:, column] += 35.0 * np.sin(2 * np.pi * rng.uniform(0.005, 0.2) * o.elapsed_s + rng.uniform(0, 6))
+        return codes_m
+
+    assert failed_at(changed(pseudorange_m=reflected)) == []
+
+
+def test_codes_alone_cannot_be_tested() -> None:
+    none = {name: lambda o: np.full(o.carrier_cyc.shape, np.nan) for name in ("carrier_cyc", "doppler_hz")}
+    evidence = examine(changed(**none))
+    assert {e.says for e in evidence} == {"undecided"}
+    assert all(e.p_value is None for e in evidence)
