@@ -64,6 +64,7 @@ def test_a_jump_of_all_codes_is_an_attack(seed) -> None:
     position, clock = examine(pulled(records(seed), 8, (600.0, -500.0, 300.0)))
     assert position.says == "attack"
     assert position.p_value < RATE
+    assert abs(position.dated_gpst - records(seed).observations[0].gpst[8]) < np.timedelta64(10, "ms")
     assert clock.says == "clean"
 
 

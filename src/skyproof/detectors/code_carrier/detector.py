@@ -124,6 +124,7 @@ class CodeCarrier:
             p_value=min(1.0, tests * look.p_value),
             false_alarm_probability=alpha,
             overrules=bool(failed),
+            may_also_be=("reflections", "fault") if failed else (),
             would_need="another receiver, or correlators, to tell a fault from a false signal" if failed else None,
         )
 

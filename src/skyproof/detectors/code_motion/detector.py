@@ -225,7 +225,10 @@ class CodeMotion:
             if p_value < alpha:
                 by = f"{size_m:.0f} m" if what == "position" else f"{size_m / SPEED_OF_LIGHT_M_S * 1e6:.3g} us"
                 because = f"the {what} of {receiver} by codes jumps by {by} at {iso(at, 1)[11:]}"
-                evidence = replace(evidence, says="undecided", because=because, overrules=True)
+                causes = ("motion",) if what == "position" else ("oscillator",)
+                evidence = replace(
+                    evidence, says="undecided", because=because, overrules=True, dated_gpst=at, may_also_be=causes
+                )
                 if what == "position":
                     evidence = self._attributed(evidence, series, motion, k, n_new, alpha)
             found.append(evidence)
@@ -246,9 +249,10 @@ class CodeMotion:
         )
         if p_value >= alpha:
             because = f"{evidence.because}; one or two faulty satellites may explain it"
-            return replace(evidence, because=because, would_need="more satellites, carrier phases or Dopplers")
+            need = "more satellites, carrier phases or Dopplers"
+            return replace(evidence, because=because, may_also_be=("fault",), would_need=need)
         because = f"{evidence.because}, farther than any platform moves, whichever two satellites are left out"
-        return replace(evidence, says="attack", overrules=False, because=because, p_value=p_value)
+        return replace(evidence, says="attack", overrules=False, because=because, p_value=p_value, may_also_be=())
 
 
 def primary_signals(o: Observations) -> tuple[SignalId, ...] | None:
