@@ -6,10 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from tests.detectors import nulls
+from tests.detectors.bands.test_detector import two_bands
 
 from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
 from skyproof.detectors.array.ins_array import InsArray
 from skyproof.detectors.array.spin import Spin, SpinSettings
+from skyproof.detectors.bands.detector import Bands, BandsSettings
 from skyproof.detectors.base import Detector
 from skyproof.detectors.code_carrier.detector import CodeCarrier, CodeCarrierSettings
 from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings
@@ -143,6 +145,15 @@ CASES = (
         1000,
         ("undecided",),
         "a union bound over all epochs, and multipath may change more than it does in these records",
+    ),
+    Case(
+        "two bands under an ionosphere",
+        lambda: Bands(BandsSettings(false_alarm_probability=0.3)),
+        two_bands,
+        60,
+        1000,
+        ("undecided",),
+        "the ionosphere is as strong as it can be in none of these records",
     ),
     Case(
         "codes that go with carriers",

@@ -105,7 +105,7 @@ class CodeCarrier:
                 "unbroken epochs"
             )
             need = "carrier phases or Dopplers beside the codes"
-            return undecided(self, records, every, because=because, would_need=need)
+            return undecided(self, records, every, because=because, would_need=need, code="no_carrier")
         worst, look = min(tested, key=lambda each: each[1].p_value)
         alpha = self.settings.false_alarm_probability
         failed = [(ref, each) for ref, each in tested if tests * each.p_value < alpha]

@@ -30,6 +30,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import iso
 from skyproof.navigation.fix import FixGeometry, fix_and_geometry
 from skyproof.records import (
+    Cause,
     Evidence,
     Fix,
     FixStatus,
@@ -131,7 +132,7 @@ class CodeMotion:
         signals = primary_signals(o)
         if signals is None:
             because = f"a satellite is received twice in {o.receiver}: which codes belong together is open"
-            return [undecided(self, records, subject, because=because)]
+            return [undecided(self, records, subject, because=because, code="received_twice")]
         joined = o if tail is None else Observations.joined((tail, o))
         begin = joined.gpst.size - o.gpst.size
         kept = tuple(signal for signal in joined.signals if signal in signals)
@@ -145,13 +146,14 @@ class CodeMotion:
                     subject,
                     because=f"fewer than three epochs of {o.receiver} have a position with a satellite to spare",
                     would_need="five or more satellites with pseudoranges and orbits at three epochs or more",
+                    code="too_few_fixes",
                 )
             ]
         motion = code_steps(series.elapsed_s, series.fix.position_ecef_m, series.clock_m, series.fix.covariance_m2)
         new = series.elapsed_s[motion.row] > (-np.inf if begin == 0 else joined.elapsed_s[begin - 1])
         if not new.any():
             because = f"no epoch of {o.receiver} in this window has a position with a satellite to spare"
-            return [undecided(self, records, subject, because=because)]
+            return [undecided(self, records, subject, because=because, code="no_fix_here")]
         return self._judged(records, subject, series, motion, new)
 
     def _series(self, o: Observations, signals: tuple[SignalId, ...], navigation: NavigationData) -> _Series | None:
@@ -225,7 +227,7 @@ class CodeMotion:
             if p_value < alpha:
                 by = f"{size_m:.0f} m" if what == "position" else f"{size_m / SPEED_OF_LIGHT_M_S * 1e6:.3g} us"
                 because = f"the {what} of {receiver} by codes jumps by {by} at {iso(at, 1)[11:]}"
-                causes = ("motion",) if what == "position" else ("oscillator",)
+                causes: tuple[Cause, ...] = ("motion",) if what == "position" else ("oscillator",)
                 evidence = replace(
                     evidence, says="undecided", because=because, overrules=True, dated_gpst=at, may_also_be=causes
                 )

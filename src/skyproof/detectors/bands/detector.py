@@ -1,0 +1,153 @@
+"""Do the codes of a satellite's bands differ by no more than the ionosphere makes of them?
+
+Signals of one satellite that left together come apart by the ionosphere, which delays them by the inverse square of
+their frequency, by the satellite's group delays and by the receiver's bands, which delay all satellites alike. A false
+signal on one band alone, or a receiver that is torn between two, shows codes hundreds of metres apart.
+
+Model. For each pair of kinds of signal that three satellites or more have, the mean difference of each satellite over
+the window, less the median of all, is normal with the variance of the codes and of two group delays, about a mean
+within what slant ionospheres between none and the most can differ by. A reflection changes either code by an eighth
+of a chip at most while the direct signal is there. Two-sided, and the number of differences shares the rate.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.detectors.base import missing, undecided
+from skyproof.errors import require_probability
+from skyproof.gnss.signals import chip_m_of
+from skyproof.records import Evidence, Need, Observations, Records, SignalId, SignalRef
+from skyproof.statistics.distributions import normal_two_sided
+
+__all__ = ["Bands", "BandsSettings"]
+
+_MOST_IONOSPHERE_M: Final = 150.0
+"""Slant delay at L1: 50 m at the zenith in a storm (Kaplan & Hegarty, 10.2.4.1), three times as much low down."""
+_L1_HZ: Final = 1575.42e6
+_GROUP_DELAY_M: Final = 3.0  # of a satellite's band against another, one sigma: 10 ns
+_REFLECTED_CHIPS: Final = 0.125
+_LEAST_SATELLITES: Final = 3
+_NAMED: Final = 6
+
+
+@dataclass(frozen=True)
+class BandsSettings:
+    """Settings of `Bands`.
+
+    false_alarm_probability : of each receiver and window, for all satellites and pairs of bands together.
+    """
+
+    false_alarm_probability: float = 1e-3
+
+    def __post_init__(self) -> None:
+        require_probability("bands", "false_alarm_probability", self.false_alarm_probability)
+
+
+class _Apart(NamedTuple):
+    """Two signals of a satellite, by how much the first is later than is usual for the two kinds, and the chance."""
+
+    first: SignalId
+    second: SignalId
+    metres: float
+    p_value: float
+
+
+class Bands:
+    """The detector: see the module's text. It remembers nothing."""
+
+    name = "bands"
+    needs = (Need.OBSERVATIONS,)
+
+    def __init__(self, settings: BandsSettings | None = None) -> None:
+        self.settings = settings or BandsSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
+        """Return the evidence of one window; never raises for what the data lack."""
+        lacking = missing(self, records)
+        return lacking or [self._receiver(records, o) for o in records.observations], state
+
+    def _receiver(self, records: Records, o: Observations) -> Evidence:
+        pairs = [apart for group in _pairs_of(o) for apart in _compare(o, group)]
+        if not pairs:
+            subject = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+            because = f"fewer than {_LEAST_SATELLITES} satellites of {o.receiver} have codes of two bands"
+            return undecided(
+                self, records, subject, because=because, would_need="a receiver of two bands or more", code="one_band"
+            )
+        alpha = self.settings.false_alarm_probability
+        worst = min(pairs, key=lambda apart: apart.p_value)
+        failed = [apart for apart in pairs if len(pairs) * apart.p_value < alpha]
+        chosen = failed or pairs
+        signals = dict.fromkeys(signal for apart in chosen for signal in (apart.first, apart.second))
+        because = f"the codes of {len(pairs)} pairs of bands in {o.receiver} differ as the ionosphere makes them"
+        if failed:
+            names = ", ".join(f"{a.first.sat} {a.first.band}/{a.second.band}" for a in failed[:_NAMED])
+            more = f" and {len(failed) - _NAMED} more" if len(failed) > _NAMED else ""
+            because = (
+                f"codes of two bands part beyond any ionosphere: {names}{more} in {o.receiver}; {worst.first} is "
+                f"{abs(worst.metres):.0f} m {'late' if worst.metres > 0.0 else 'early'} against {worst.second}"
+            )
+        return Evidence(
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=tuple(SignalRef(o.receiver, signal) for signal in signals),
+            says="undecided" if failed else "clean",
+            because=because,
+            p_value=min(1.0, len(pairs) * worst.p_value),
+            false_alarm_probability=alpha,
+            overrules=bool(failed),
+            may_also_be=("reflections", "fault") if failed else (),
+            would_need="another receiver, to tell a fault from a false signal" if failed else None,
+        )
+
+
+def _pairs_of(o: Observations) -> Iterator[list[tuple[int, int]]]:
+    """Give the columns of two signals of one satellite, for each two kinds of one system."""
+    by_kind: dict[tuple[str, str, str], dict[str, int]] = {}
+    for column, signal in enumerate(o.signals):
+        key = (signal.sat[0], signal.band, signal.code)
+        by_kind.setdefault(key, {}).setdefault(signal.sat, column)
+    for first, second in combinations(sorted(by_kind), 2):
+        if first[0] == second[0] and first[1] != second[1]:
+            both = sorted(by_kind[first].keys() & by_kind[second].keys())
+            if len(both) >= _LEAST_SATELLITES:
+                yield [(by_kind[first][sat], by_kind[second][sat]) for sat in both]
+
+
+def _compare(o: Observations, columns: list[tuple[int, int]]) -> Iterator[_Apart]:
+    """Give what each satellite's two codes are apart, against the median of all."""
+    first, second = (np.array(which) for which in zip(*columns, strict=True))
+    apart_m = o.pseudorange_m[:, first] - o.pseudorange_m[:, second]
+    variance_m2 = o.pseudorange_sigma_m[:, first] ** 2 + o.pseudorange_sigma_m[:, second] ** 2
+    known = np.isfinite(apart_m) & np.isfinite(variance_m2)
+    count = known.sum(axis=0)
+    used = np.flatnonzero(count > 0)
+    if used.size < _LEAST_SATELLITES:
+        return
+    mean_m = np.where(known, apart_m, 0.0)[:, used].sum(axis=0) / count[used]
+    mean_m2 = np.where(known, variance_m2, 0.0)[:, used].sum(axis=0) / count[used] ** 2
+    own_m = mean_m - np.median(mean_m)
+    slack_m = _ionosphere_m(o, first[used], second[used]) + _reflected_m(o, first[used], second[used])
+    beyond = np.maximum(np.abs(own_m) - slack_m, 0.0) / np.sqrt(mean_m2 + 2.0 * _GROUP_DELAY_M**2)
+    for k, p_value in enumerate(normal_two_sided(beyond)):
+        yield _Apart(o.signals[first[used[k]]], o.signals[second[used[k]]], float(own_m[k]), float(p_value))
+
+
+def _ionosphere_m(o: Observations, first: Any, second: Any) -> Reals:
+    """Return what the most ionosphere makes of two bands (n,), metres."""
+    inverse = [(_L1_HZ / o.carrier_hz[columns]) ** 2 for columns in (first, second)]
+    return np.asarray(_MOST_IONOSPHERE_M * np.abs(np.nan_to_num(inverse[0] - inverse[1], nan=1.0)))
+
+
+def _reflected_m(o: Observations, first: Any, second: Any) -> Reals:
+    """Return what reflections make of two codes (n,), metres."""
+    chips_m = [
+        [chip_m_of(s.sat, s.band, s.code) for s in (o.signals[int(k)] for k in columns)] for columns in (first, second)
+    ]
+    return np.asarray(_REFLECTED_CHIPS * np.sum(chips_m, axis=0))

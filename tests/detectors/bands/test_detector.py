@@ -1,0 +1,80 @@
+"""Codes of two bands of one satellite: the ionosphere parts them, false signals on one band part them further."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.bands.detector import Bands, BandsSettings
+from skyproof.records import Observations, Records, SignalId
+from skyproof.testing import MeasuredScene, TrackErrors
+
+RATE = 1e-6
+SCENE = MeasuredScene(
+    antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=10, errors=TrackErrors(sigma_m=1.0, constant_m=1.0)
+)
+L5_HZ = 1176.45e6
+
+
+def two_bands(rng: np.random.Generator, shift_m=None, ionosphere_m: float = 15.0) -> Records:
+    """Return a clean sky on L1 and L5: each satellite with an ionosphere and a group delay, `shift_m` added to L1."""
+    records = SCENE.records(rng)
+    (o,) = records.observations
+    n = len(o.signals)
+    slant_m = rng.uniform(0.3, 1.0, n) * ionosphere_m
+    gamma = (1575.42e6 / L5_HZ) ** 2
+    second_m = o.pseudorange_m + (gamma - 1.0) * slant_m + 40.0 + rng.normal(0.0, 2.0, n)
+    second_m += rng.normal(0.0, 1.0, second_m.shape)
+    first_m = o.pseudorange_m + (0.0 if shift_m is None else np.asarray(shift_m))
+    signals = tuple(SignalId(s.sat, "L5", "Q") for s in o.signals)
+    other = replace(o, signals=signals, pseudorange_m=second_m, carrier_hz=np.full(n, L5_HZ))
+    first = replace(o, pseudorange_m=first_m)
+    return replace(records, observations=(_side_by_side(first, other),))
+
+
+def _side_by_side(a: Observations, b: Observations) -> Observations:
+    """Return one record with the signals of both at the same epochs."""
+    cells = {
+        name: np.hstack([getattr(a, name), getattr(b, name)])
+        for name in (
+            *("pseudorange_m", "carrier_cyc", "doppler_hz", "cn0_dbhz", "pseudorange_sigma_m", "carrier_sigma_cyc"),
+            *("doppler_sigma_hz", "status", "half_cycle_open", "found_elapsed_s", "missed_elapsed_s", "carrier_hz"),
+        )
+    }
+    return replace(a, signals=(*a.signals, *b.signals), **cells)
+
+
+def examine(records: Records):
+    (evidence,) = Bands(BandsSettings(false_alarm_probability=RATE)).examine(records)[0]
+    return evidence
+
+
+@pytest.mark.parametrize("ionosphere_m", [2.0, 15.0, 120.0])
+def test_the_ionosphere_is_no_attack(ionosphere_m) -> None:
+    for seed in range(5):
+        assert examine(two_bands(np.random.default_rng(seed), ionosphere_m=ionosphere_m)).says == "clean"
+
+
+def test_one_code_far_off_is_named() -> None:
+    shift_m = np.zeros(len(SCENE._exact[0].signals))
+    shift_m[2] = -400.0
+    evidence = examine(two_bands(np.random.default_rng(1), shift_m))
+    assert evidence.failed
+    assert {ref.signal.sat for ref in evidence.subject} == {SCENE._exact[0].signals[2].sat}
+
+
+def test_a_false_place_on_one_band_shows() -> None:
+    shift_m = np.linspace(-700.0, 700.0, len(SCENE._exact[0].signals))
+    evidence = examine(two_bands(np.random.default_rng(1), shift_m))
+    assert evidence.failed
+    assert len({ref.signal.sat for ref in evidence.subject}) >= 3
+
+
+def test_a_delay_that_all_share_is_the_receivers() -> None:
+    assert examine(two_bands(np.random.default_rng(1), 5000.0)).says == "clean"
+
+
+def test_one_band_alone_cannot_be_tested() -> None:
+    evidence = examine(SCENE.records(np.random.default_rng(0)))
+    assert evidence.says == "undecided"
+    assert evidence.p_value is None
