@@ -68,7 +68,7 @@ def test_a_verdict_shows_itself_in_a_notebook() -> None:
     for text in (
         "Spoofed",
         SAMPLE["summary"],
-        "Since 2022-01-01 10:00:24 ± 0.5 s, GPS time.",
+        "Since 2022-01-01 10:00:24 GPS time (10:00:06 UTC) ± 0.5 s.",
         "59.4121000",
         "trusted",
     ):

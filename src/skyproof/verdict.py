@@ -12,7 +12,10 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Annotated, Final, Literal, Self, get_args
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
+
+from skyproof.gnss.time import iso, utc_from_gpst
 
 __all__ = [
     "VERDICT_FORMAT",
@@ -29,8 +32,12 @@ __all__ = [
     "Source",
     "Verdict",
     "VerdictWord",
+    "clock_words",
+    "instant_words",
+    "moment_words",
     "notebook_html",
     "possible_places",
+    "utc_words",
     "word_shown",
 ]
 
@@ -58,6 +65,8 @@ CAUSES: Final[dict[Cause, str]] = {
     "missing_samples": "missing samples, or a recording that was cut and joined",
 }
 """Each cause as people read it."""
+MOST_NAMED: Final = 10
+"""Remarks on inputs that stand beside the word; the others are counted."""
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
 
 Gpst = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?$")]
@@ -87,9 +96,38 @@ def word_shown(word: str) -> str:
     return word.replace("_", " ")
 
 
-def _instant_words(gpst: str) -> str:
-    whole, point, fraction = gpst.replace("T", " ").partition(".")
-    return whole + (point + fraction).rstrip("0").rstrip(".")
+def _few(texts: Iterable[str]) -> str:
+    """The first few texts, and how many more there are."""
+    named = list(texts)
+    more = [f"and {len(named) - MOST_NAMED} more, among the remarks on the inputs"] if len(named) > MOST_NAMED else []
+    return "; ".join([*named[:MOST_NAMED], *more])
+
+
+def instant_words(instant: str) -> str:
+    """An instant as a person writes it: date, space, time, to the millisecond, no idle zeros."""
+    whole, _, fraction = instant.replace("T", " ").partition(".")
+    fraction = fraction[:3].rstrip("0")
+    return f"{whole}.{fraction}" if fraction else whole
+
+
+def utc_words(gpst: str) -> str:
+    """UTC of an instant in GPS time, as `instant_words`."""
+    return instant_words(iso(utc_from_gpst(np.datetime64(gpst, "ns")), 9))
+
+
+def moment_words(gpst: str) -> str:
+    """An instant by both clocks: 2024-05-14 10:00:06.5 GPS time (09:59:48.5 UTC)."""
+    return f"{instant_words(gpst)} GPS time ({_on_day(utc_words(gpst), gpst[:10])} UTC)"
+
+
+def clock_words(gpst: str) -> str:
+    """An instant by both clocks without its day: 10:00:06.5 GPS time (09:59:48.5 UTC)."""
+    return f"{instant_words(gpst)[11:]} GPS time ({_on_day(utc_words(gpst), gpst[:10])} UTC)"
+
+
+def _on_day(utc: str, day: str) -> str:
+    """UTC without its date where that is the day of GPS time."""
+    return utc.removeprefix(f"{day} ")
 
 
 class _Model(BaseModel):
@@ -232,6 +270,7 @@ class Source(_Model):
         "places; errors of direction may be the same in all.",
     )
     shows: Place | None = Field(description="The place that a receiver of these signals is led to believe.")
+    shows_gpst: Gpst | None = Field(default=None, description="When it is led to believe that, at last, GPS time.")
     time_offset_s: float | None = Field(
         description="Clock bias of a receiver by these signals minus that by authentic ones (while it is open which "
         "those are: by the sky that arrives first), seconds; positive for signals that come late."
@@ -270,7 +309,18 @@ class InputFile(_Model):
     path: str = Field(description="Path or address as given.")
     format: str = Field(description="What it was read as: raw, RINEX navigation, platform.")
     sha256: str | None = Field(description="SHA-256 of the whole file, hexadecimal; null for a stream.")
-    remarks: tuple[str, ...] = Field(description="What was odd about it; also warnings.")
+    cut: tuple[str, ...] = Field(
+        description="Where it ends early, or how it changed while it was read: the word holds up to there."
+    )
+    left_out: tuple[str, ...] = Field(
+        description="What of it was not used, or is doubtful: the word does not cover it."
+    )
+    remarks: tuple[str, ...] = Field(description="What else was odd about it, without bearing on the word.")
+
+    @property
+    def all_remarks(self) -> tuple[str, ...]:
+        """Whatever was odd about it, the gravest first."""
+        return (*self.cut, *self.left_out, *self.remarks)
 
 
 class Verdict(_Model):
@@ -336,20 +386,21 @@ class Verdict(_Model):
     @property
     def from_start(self) -> bool:
         """Whether the attack was on when the recording of a receiver began."""
-        starts = {_instant_words(r.start_gpst) for r in self.receivers if r.start_gpst is not None}
-        return self.since_gpst is not None and self.since_sigma_s is None and _instant_words(self.since_gpst) in starts
+        starts = {instant_words(r.start_gpst) for r in self.receivers if r.start_gpst is not None}
+        return self.since_gpst is not None and self.since_sigma_s is None and instant_words(self.since_gpst) in starts
 
     @property
     def onset_words(self) -> str:
-        """When the attack or the suspicion began, as far as that is known; empty without one."""
+        """When the attack or the suspicion began and ended, as far as that is known; empty without one."""
         if self.since_gpst is None:
             return ""
-        since = _instant_words(self.since_gpst)
+        since = moment_words(self.since_gpst)
+        until = "" if self.until_gpst is None else f", until {moment_words(self.until_gpst)}"
         if self.since_sigma_s is not None:
-            return f"Since {since} ± {self.since_sigma_s:.2g} s"
+            return f"Since {since} ± {self.since_sigma_s:.2g} s{until}"
         if self.from_start:
-            return f"Since {since}, when the recording begins, or before"
-        return f"Seen since {since}; it began then at the latest"
+            return f"Since {since}, when the recording begins, or before{until}"
+        return f"Seen since {since}; it began then at the latest{until}"
 
     @property
     def explained(self) -> tuple[tuple[str, str], ...]:
@@ -359,6 +410,8 @@ class Verdict(_Model):
             ("May also be:", ", or ".join(CAUSES[cause] for cause in self.may_also_be)),
             ("Not excluded:", "; ".join(self.not_excluded)),
             ("To resolve:", self.remedy),
+            ("Cut:", _few(f"{given.path}: {text}" for given in self.inputs for text in given.cut)),
+            ("Left out:", _few(f"{given.path}: {text}" for given in self.inputs for text in given.left_out)),
         )
         return tuple((heading, words) for heading, words in parts if words)
 
@@ -371,8 +424,7 @@ class Verdict(_Model):
         """The answer, the positions and the labels, for a notebook."""
         sentences = [self.summary]
         if self.since_gpst is not None:
-            until = "" if self.until_gpst is None else f", until {_instant_words(self.until_gpst)}"
-            sentences.append(f"{self.onset_words}, GPS time{until}.")
+            sentences.append(f"{self.onset_words}.")
         sentences += [f"{heading} {words}." for heading, words in self.explained]
         if self.assumed is not None:
             sentences.append(self.assumed)
@@ -385,6 +437,7 @@ class Verdict(_Model):
             (
                 name,
                 kind,
+                f"{instant_words(fix.gpst)}, {utc_words(fix.gpst)}",
                 f"{fix.lat_deg:.7f}",
                 f"{fix.lon_deg:.7f}",
                 f"{fix.height_m:.1f}",
@@ -394,7 +447,17 @@ class Verdict(_Model):
             if fix is not None
         ]
         positions += [
-            (names, source, f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}", f"{place.height_m:.1f}", "")
+            (
+                names,
+                source.name,
+                ""
+                if source.shows_gpst is None
+                else f"{instant_words(source.shows_gpst)}, {utc_words(source.shows_gpst)}",
+                f"{place.lat_deg:.7f}",
+                f"{place.lon_deg:.7f}",
+                f"{place.height_m:.1f}",
+                "",
+            )
             for names, source, place in possible_places(self)
         ]
         sats: dict[tuple[str, str], list[str]] = {}
@@ -404,13 +467,24 @@ class Verdict(_Model):
         return notebook_html(
             word_shown(self.verdict).capitalize(),
             sentences,
-            (("receiver", "position", "latitude, °", "longitude, °", "height, m", "σ east, north, up, m"), positions),
+            (
+                (
+                    "receiver",
+                    "position",
+                    "GPS time, UTC",
+                    "latitude, °",
+                    "longitude, °",
+                    "height, m",
+                    "σ east, north, up, m",
+                ),
+                positions,
+            ),
             (("receiver", "label", "satellites"), [(*key, " ".join(own)) for key, own in sats.items()]),
         )
 
 
-def possible_places(verdict: Verdict) -> list[tuple[str, str, Place]]:
-    """Receivers' names, a sky's name and the place that it shows, for each sky while it is open which is true."""
+def possible_places(verdict: Verdict) -> list[tuple[str, Source, Place]]:
+    """Receivers' names, a sky and the place that it shows, for each sky while it is open which is true."""
     open_still = len(verdict.sources) > 1 and all(r.false_fix is None for r in verdict.receivers)
     names = {s.name: sorted({x.receiver for x in verdict.signals if x.source == s.name}) for s in verdict.sources}
-    return [(" ".join(names[s.name]), s.name, s.shows) for s in verdict.sources if open_still and s.shows is not None]
+    return [(" ".join(names[s.name]), s, s.shows) for s in verdict.sources if open_still and s.shows is not None]

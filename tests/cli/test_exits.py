@@ -74,11 +74,14 @@ def test_what_of_a_platform_file_no_method_uses_is_said_in_one_line(
     app: App, capsys: pytest.CaptureFixture[str]
 ) -> None:
     remark = "attitude: read, used by no method of this run"
-    given = InputFile(path="ship.toml", format="platform", sha256=None, remarks=(remark,))
+    given = InputFile(path="ship.toml", format="platform", sha256=None, cut=(), left_out=(remark,), remarks=("odd",))
     app.verdict = said("authentic").model_copy(update={"inputs": (given,)})
-    for more in ([], ["--json"]):
-        assert cli.main([*PROTECT, *more]) == 0
-        assert capsys.readouterr().err.splitlines()[-1] == f"skyproof: ship.toml: {remark}"
+    assert cli.main(PROTECT) == 0
+    out = capsys.readouterr().out
+    assert f"Left out: ship.toml: {remark}\n" in out
+    assert "odd" not in out
+    assert cli.main([*PROTECT, "--json"]) == 0
+    assert capsys.readouterr().err.splitlines()[-1] == f"skyproof: ship.toml: {remark}"
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])

@@ -15,7 +15,7 @@ STRETCH = shlex.split("--tracking vector --doppler-max-hz 9e3 --place-deg 57.7 1
 
 
 def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> None:
-    cli.main([*PROTECT, *ANTENNAS, *STRETCH])
+    cli.main([*PROTECT, *ANTENNAS, *STRETCH, "--position-format", "degrees-minutes"])
     cli.main(PROTECT)
     cli.main(["receive", "rx1.bin", "--out", "d", "--nav", "b.22n"])
     cli.main(["receive", "rx1.bin", "--out", "d", *STRETCH])
@@ -32,7 +32,8 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
     cli.main(["simulate", "s.toml", "--out", "d"])
     stretch = ("tracking", "doppler_max_hz", "place_deg", "start_s", "duration_s")
     antennas = ("antenna_distance_m", "antenna_distance_sigma_m", "antenna_separation_m")
-    settings = ("false_alarm_probability_per_hour", *antennas, *stretch)
+    settings = ("false_alarm_probability_per_hour", *antennas, *stretch, "position_format")
+    stated = (1e-4, 60.0, 0.5, 2.5, "vector", 9e3, (57.7, 11.9), 27.0, 33.0, "degrees-minutes")
     assert app.calls == [
         (
             "protect",
@@ -42,7 +43,7 @@ def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> N
                 "imu": Path("imu.csv"),
                 "platform": Path("p.toml"),
                 "out": Path("result"),
-                **dict(zip(settings, (1e-4, 60.0, 0.5, 2.5, "vector", 9e3, (57.7, 11.9), 27.0, 33.0), strict=True)),
+                **dict(zip(settings, stated, strict=True)),
             },
         ),
         (

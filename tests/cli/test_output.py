@@ -31,9 +31,9 @@ def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.Captu
     assert lines[0] == "SPOOFED"
     assert len(lines) < 27
     for line in (
-        "Since 2022-01-01 10:00:24 ± 0.5 s, GPS time",
-        "rx1 trusted 59.4121000 16.8837000 31.0 0.8/1.1/2.3 10:00:59",
-        "rx1 false 59.4064892 16.8951443 43.1 0.8/1.1/2.3 10:00:59",
+        "Since 2022-01-01 10:00:24 GPS time (10:00:06 UTC) ± 0.5 s",
+        "rx1 trusted 59.4121000 16.8837000 31.0 0.8/1.1/2.3 10:00:59 10:00:41",
+        "rx1 false 59.4064892 16.8951443 43.1 0.8/1.1/2.3 10:00:59 10:00:41",
         "rx1 1 authentic G05",
         "rx1 1 spoofed G05",
         "rx2 1 unknown G07",
@@ -161,8 +161,8 @@ def test_the_places_of_two_skies_are_shown_while_it_is_open_which_is_true(
     app.verdict = open_skies()
     cli.main(PROTECT)
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert ["rx1", "S1", "59.4100000", "16.8800000", "31.0"] in rows
-    assert ["rx1", "S2", "58.2500000", "15.5000000", "-4.0"] in rows
+    assert ["rx1", "S1", "59.4100000", "16.8800000", "31.0", "10:00:59", "10:00:41"] in rows
+    assert ["rx1", "S2", "58.2500000", "15.5000000", "-4.0", "10:00:59", "10:00:41"] in rows
     shown = app.verdict._repr_html_()
     assert "59.4100000" in shown
     assert "58.2500000" in shown
@@ -175,3 +175,34 @@ def test_demo_opens_the_report_when_asked_to(app: App, monkeypatch: pytest.Monke
     assert opened == []
     cli.main(["demo", "--out", str(tmp_path), "--open"])
     assert opened == [(tmp_path / "report.html").as_uri()]
+
+
+def test_places_are_written_in_degrees_and_minutes_where_that_is_asked(
+    app: App, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = VERDICT.settings | {"position_format": "degrees-minutes"}
+    app.verdict = VERDICT.model_copy(update={"settings": settings})
+    cli.main(PROTECT)
+    out = capsys.readouterr().out
+    assert "59° 24.72600′ N" in out
+    assert "59.4121" not in out
+
+
+def test_what_is_cut_or_left_out_of_inputs_stands_under_the_word(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    (given, *others) = VERDICT.inputs
+    changes = {"cut": ("it ends early",), "left_out": tuple(f"line {k} is left out" for k in range(15))}
+    app.verdict = VERDICT.model_copy(update={"inputs": (given.model_copy(update=changes), *others)})
+    cli.main(PROTECT)
+    out = " ".join(capsys.readouterr().out.split())
+    assert f"Cut: {given.path}: it ends early" in out
+    assert out.count("is left out") == 10
+    assert "and 5 more" in out
+
+
+def test_no_number_of_a_wide_table_is_cut(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    settings = VERDICT.settings | {"position_format": "degrees-minutes"}
+    for verdict in (VERDICT, VERDICT.model_copy(update={"settings": settings})):
+        app.verdict = verdict
+        cli.main(PROTECT)
+        out = capsys.readouterr().out
+        assert "…" not in out

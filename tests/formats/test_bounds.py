@@ -32,7 +32,7 @@ from skyproof.formats.rinex_obs_read import parse_obs, read_obs
 from skyproof.formats.sigmf_keys import parsed as parsed_meta
 from skyproof.formats.track import parse_csv, parse_kml, parse_nmea
 from skyproof.gnss.time import parse_iso
-from skyproof.records import Remark
+from skyproof.remarks import Remark
 from skyproof.simulator.scenario import parse_scenario, read_scenario
 
 TOML_READERS = (read_platform, read_scenario, read_sidecar)

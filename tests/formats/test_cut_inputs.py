@@ -19,7 +19,7 @@ from skyproof.formats.raw import open_raw
 from skyproof.formats.rinex_obs_pieces import obs_pieces
 from skyproof.formats.rinex_obs_read import parse_obs
 from skyproof.formats.sigmf import open_sigmf
-from skyproof.records import Remark, RemarkKind
+from skyproof.remarks import Remark, RemarkKind
 
 SIDECAR = '[samples]\nrate_hz = 1e6\nkind = "complex"\nencoding = "int"\nbits = 8\n'
 HEAD_OF_COMPACT = [

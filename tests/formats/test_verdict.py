@@ -34,12 +34,12 @@ KEYS = {
     "because",
     "signals.because": "detector p_value",
     "sources": "name kind sats azimuth_deg elevation_deg direction_sigma_deg body_azimuth_deg body_elevation_deg "
-    "directions stands shows time_offset_s",
+    "directions stands shows shows_gpst time_offset_s",
     "sources.directions": "frame azimuth_deg elevation_deg along_sigma_deg up_sigma_deg correlation",
     "sources.shows": "lat_deg lon_deg height_m",
     "methods": "detector ran why_not would_need decision tests from_gpst to_gpst statistic threshold p_value "
     "false_alarm_probability",
-    "inputs": "path format sha256 remarks",
+    "inputs": "path format sha256 cut left_out remarks",
 }
 
 

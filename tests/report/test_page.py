@@ -153,7 +153,7 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
     }
     given = pictures(1, 1)
     poisoned = Pictures(
-        zero_gpst=evil,
+        zero_gpst=given.zero_gpst,
         origin=given.origin,
         onset_s=1.0,
         series=tuple(
@@ -279,15 +279,20 @@ def facts_of(**changes: Any) -> dict[str, str]:
 
 def test_the_top_answers_since_when_where_and_how_sure() -> None:
     reported = facts_of()
-    assert reported["Spoofed since"] == "10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time"
-    assert reported["True position"].startswith("59.41210° N, 16.88370° E rx1, within ")
+    assert reported["Spoofed since"] == "10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time; 2022-01-01 10:00:06 UTC"
+    shown = "59.41210° N, 16.88370° E rx1, at 10:00:59.9 GPS time (10:00:41.9 UTC), within "
+    assert reported["True position"].startswith(shown)
     assert "rx1 seems" in reported["The false signals show"]
-    assert reported["How sure"].startswith("Once in 1\u202f000 hours at most, clean signals are called spoofed")
+    assert reported["The false signals show"].endswith("at 10:00:59.9 GPS time (10:00:41.9 UTC)")
+    assert "How sure" not in reported
 
 
 def test_an_attack_from_the_start_is_described_as_such() -> None:
     reported = facts_of(since_gpst="2022-01-01T10:00:00.0", since_sigma_s=None)
-    assert reported["Spoofed since"] == "10:00:00 or before there when the recording begins, 2022-01-01, GPS time"
+    assert (
+        reported["Spoofed since"]
+        == "10:00:00 or before there when the recording begins, 2022-01-01, GPS time; 2022-01-01 09:59:42 UTC"
+    )
 
 
 def test_without_true_signals_the_true_position_is_not_known() -> None:
@@ -298,9 +303,7 @@ def test_without_true_signals_the_true_position_is_not_known() -> None:
 def test_a_suspicion_says_since_when() -> None:
     suspicion = {"verdict": "suspect", "reason": "it jumps", "since_sigma_s": None}
     reported = facts_of(**suspicion)
-    assert (
-        reported["Suspect since"] == "10:00:24 or before first seen then, begun then or earlier, 2022-01-01, GPS time"
-    )
+    assert reported["Suspect since"].startswith("10:00:24 or before first seen then, begun then or earlier, 2022-01-01")
     assert "Spoofed since" not in reported
 
 
@@ -335,3 +338,32 @@ def test_what_belongs_to_the_word_stands_apart() -> None:
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
     assert "Not decided:" not in text  # the summary of a suspicion is its reason
     assert "May also be: shade, or a change of gain, or an antenna with much of it. To resolve:" in text
+
+
+def top_of(page: str) -> str:
+    return page[page.index("<header") : page.index("</header>")]
+
+
+def test_what_is_cut_or_left_out_of_inputs_stands_at_the_top() -> None:
+    inputs = [SAMPLE["inputs"][0] | {"cut": ["it ends early"], "left_out": ["3 epochs are left out"]}]
+    page = report_html(Verdict.model_validate(SAMPLE | {"inputs": inputs}), EMPTY)
+    assert "it ends early" in top_of(page)
+    assert "3 epochs are left out" in top_of(page)
+    assert "I/Q imbalance" not in top_of(page)
+    assert all(page.count(words) >= 2 for words in ("it ends early", "3 epochs are left out"))
+
+
+def test_places_are_written_in_degrees_and_minutes_on_the_whole_page() -> None:
+    settings = SAMPLE["settings"] | {"position_format": "degrees-minutes"}
+    page = report_html(Verdict.model_validate(SAMPLE | {"settings": settings}), EMPTY)
+    assert "59° 24.726′ N" in top_of(page)
+    assert "59° 24.72600′ N" in page
+    assert "59.4121" not in page
+
+
+def test_every_position_stands_with_its_time_by_both_clocks() -> None:
+    page = report_html(Verdict.model_validate(SAMPLE), EMPTY)
+    rows = page[page.index('<table class="positions">') : page.index("</table>")].split("<tr>")[2:]
+    assert rows
+    assert all("10:00:59.9" in row and "10:00:41.9" in row for row in rows)
+    assert "UTC + 18 s" in page

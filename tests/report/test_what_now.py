@@ -36,7 +36,7 @@ def test_an_attack_that_harms_nobody_yet_is_not_said_to_harm() -> None:
 def test_without_a_trusted_position_no_satellite_is_to_be_used() -> None:
     [(what, why)] = what_now(verdict_of(false_fix=FALSE))
     assert what == "Use no position or time from satellites"
-    assert why.startswith("under attack since 10:00:24;")
+    assert why.startswith("under attack since 10:00:24 GPS time (10:00:06 UTC);")
 
 
 def test_a_trusted_position_that_has_ended_is_none_for_now() -> None:

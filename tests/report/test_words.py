@@ -4,15 +4,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skyproof.report.evidence import by_chance
 from skyproof.report.words import (
+    angle_words,
     chance_words,
-    instant_words,
+    evidence_words,
+    leap_words,
     number_words,
     p_value_words,
+    place_words,
     rate_words,
     seconds_words,
     span_words,
 )
+from skyproof.verdict import clock_words, instant_words, moment_words
 
 
 @pytest.mark.parametrize(
@@ -58,7 +63,6 @@ def test_numbers_of_any_size_stay_readable() -> None:
 def test_instants_lose_idle_zeros_and_stretches_a_second_date() -> None:
     assert instant_words("2022-01-01T10:00:24.500000") == "2022-01-01 10:00:24.5"
     assert instant_words("2022-01-01T10:00:20") == "2022-01-01 10:00:20"
-    assert instant_words(None) == "unknown"
     assert span_words("2022-01-01T10:00:00", "2022-01-01T10:01:00") == "2022-01-01 10:00:00 to 10:01:00"
     assert span_words("2022-01-01T23:59:00", "2022-01-02T00:01:00") == "2022-01-01 23:59:00 to 2022-01-02 00:01:00"
     assert span_words(None, "2022-01-01T10:01:00") == "unknown to 2022-01-01 10:01:00"
@@ -72,3 +76,36 @@ def test_times_come_in_the_unit_of_their_size() -> None:
         "0 ns",
         "0.3 ns",
     ]
+
+
+def test_degrees_and_decimal_minutes_are_as_fine_as_degrees() -> None:
+    assert place_words(59.4121, -16.8837, 5, minutes=True) == "59° 24.726′ N, 16° 53.022′ W"
+    assert angle_words(-0.99999999, 179.9999999, 7, minutes=True) == ("1° 00.00000′ S", "179° 59.99999′ E")
+    assert angle_words(59.4121, -16.8837, 4, minutes=False) == ("59.4121° N", "16.8837° W")
+
+
+def test_no_more_is_claimed_of_evidence_than_was_counted() -> None:
+    assert evidence_words(1e-30) == evidence_words(9e-7) == f"less than {chance_words(1e-6)}"
+    assert evidence_words(1e-5) == chance_words(1e-5)
+    assert "1e-30" not in by_chance("spoofed", 1e-30)
+    assert evidence_words(1e-30) in by_chance("spoofed", 1e-30)
+
+
+@pytest.mark.parametrize(
+    ("gpst", "by_both", "clock"),
+    [
+        (
+            "2022-01-01T10:00:24.5",
+            "2022-01-01 10:00:24.5 GPS time (10:00:06.5 UTC)",
+            "10:00:24.5 GPS time (10:00:06.5 UTC)",
+        ),
+        (
+            "2022-01-01T00:00:08",
+            "2022-01-01 00:00:08 GPS time (2021-12-31 23:59:50 UTC)",
+            "00:00:08 GPS time (2021-12-31 23:59:50 UTC)",
+        ),
+    ],
+)
+def test_instants_stand_by_both_clocks(gpst: str, by_both: str, clock: str) -> None:
+    assert (moment_words(gpst), clock_words(gpst)) == (by_both, clock)
+    assert leap_words(gpst) == "UTC + 18 s"

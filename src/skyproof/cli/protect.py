@@ -1,7 +1,7 @@
 """`skyproof protect`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -43,6 +43,7 @@ def protect(
     tracking: Tracking = None,
     doppler_max_hz: Reach = None,
     place_deg: Place = None,
+    position_format: Annotated[Literal["degrees", "degrees-minutes"] | None, setting("position_format")] = None,
     start_s: Start = None,
     duration_s: Duration = None,
     json: Json = False,
@@ -65,6 +66,7 @@ def protect(
         tracking=tracking,
         doppler_max_hz=doppler_max_hz,
         place_deg=place_deg,
+        position_format=position_format,
         start_s=start_s,
         duration_s=duration_s,
         progress=progress(),

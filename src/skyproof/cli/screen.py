@@ -42,16 +42,17 @@ def print_document(text: str) -> None:
 
 def print_table(console: Console, table: Table) -> None:
     """A table as wide as its numbers need: a terminal that is narrower breaks its lines, and cuts nothing."""
-    width = console.width
-    console.width = max(width, Measurement.get(console, console.options.update(max_width=10_000), table).minimum)
+    width, measured = console.width, Measurement.get(console, console.options.update(max_width=10_000), table)
+    whole = all(column.no_wrap for column in table.columns)  # what never breaks is not counted in the minimum
+    console.width = max(width, measured.maximum if whole else measured.minimum)
     console.print(table)
     console.width = width
 
 
 def table(*headings: str, numbers: int = 0) -> Table:
-    """A table without lines; its last `numbers` columns hold numbers."""
+    """A table without lines; its last `numbers` columns hold numbers, and lines of a table with numbers never break."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     for index, heading in enumerate(headings):
         number = index >= len(headings) - numbers
-        table.add_column(heading, justify="right" if number else "left", no_wrap=number)
+        table.add_column(heading, justify="right" if number else "left", no_wrap=numbers > 0)
     return table

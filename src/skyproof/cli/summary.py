@@ -7,8 +7,8 @@ from rich.table import Table
 
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.formats.verdict import verdict_json
-from skyproof.report.words import instant_words
-from skyproof.verdict import Position, Verdict, possible_places, word_shown
+from skyproof.report.words import angle_words, in_minutes, leap_words
+from skyproof.verdict import Position, Verdict, possible_places, utc_words, word_shown
 
 if TYPE_CHECKING:
     from skyproof.app.protect import ProtectResult
@@ -28,11 +28,10 @@ def print_result(result: "ProtectResult", *, as_json: bool) -> None:
     """Print the verdict, as JSON or in words, and where the report is."""
     if result.interrupted:
         complain("interrupted: this is what was decided so far")
-    for given in result.verdict.inputs:
-        if given.format == "platform":  # what its owner wrote and no method uses
-            for remark in given.remarks:
-                complain(f"{given.path}: {remark}")
     if as_json:
+        for given in result.verdict.inputs:
+            for remark in (*given.cut, *given.left_out):
+                complain(f"{given.path}: {remark}")
         print_document(verdict_json(result.verdict))
     else:
         _print_summary(result.verdict)
@@ -45,12 +44,14 @@ def _print_summary(verdict: Verdict) -> None:
     console.print(words(word_shown(verdict.verdict).upper(), style=STYLES.get(verdict.verdict, "bold")))
     console.print(words(verdict.summary))
     if verdict.since_gpst is not None:
-        until = "" if verdict.until_gpst is None else f", until {instant_words(verdict.until_gpst)}"
-        console.print(words(f"{verdict.onset_words}, GPS time{until}"))
+        console.print(words(verdict.onset_words))
     for heading, said in verdict.explained:
         console.print(words(f"{heading} {said}"))
     if verdict.assumed:
         console.print(words(verdict.assumed))
+    starts = [receiver.start_gpst for receiver in verdict.receivers if receiver.start_gpst is not None]
+    if starts:
+        console.print(words(f"Clock times in sentences are GPS time: {leap_words(starts[0])}", style="dim"))
     console.print()
     if (positions := _positions(verdict)).row_count:
         print_table(console, positions)
@@ -63,7 +64,18 @@ def _print_summary(verdict: Verdict) -> None:
 
 
 def _positions(verdict: Verdict) -> Table:
-    rows = table("receiver", "position", "latitude °", "longitude °", "height m", "± E/N/U m", "at", numbers=5)
+    unit = "" if in_minutes(verdict) else " °"
+    rows = table(
+        "receiver",
+        "position",
+        f"latitude{unit}",
+        f"longitude{unit}",
+        "height m",
+        "± E/N/U m",
+        "GPS time",
+        "UTC",
+        numbers=6,
+    )
     for receiver in verdict.receivers:
         kinds: tuple[tuple[str, Position | None], ...] = (
             ("trusted", receiver.trusted_fix),
@@ -76,17 +88,33 @@ def _positions(verdict: Verdict) -> Table:
                 rows.add_row(
                     words(receiver.name),
                     words(kind, style=STYLES.get(kind, "")),
-                    f"{fix.lat_deg:.7f}",
-                    f"{fix.lon_deg:.7f}",
+                    *_angles(verdict, fix.lat_deg, fix.lon_deg),
                     f"{fix.height_m:.1f}",
                     sigmas,
-                    fix.gpst[11:19],
+                    *_clocks(fix.gpst),
                 )
     for names, source, place in possible_places(verdict):
         rows.add_row(
-            words(names), words(source), f"{place.lat_deg:.7f}", f"{place.lon_deg:.7f}", f"{place.height_m:.1f}", "", ""
+            words(names),
+            words(source.name),
+            *_angles(verdict, place.lat_deg, place.lon_deg),
+            f"{place.height_m:.1f}",
+            "",
+            *_clocks(source.shows_gpst),
         )
     return rows
+
+
+def _angles(verdict: Verdict, lat_deg: float, lon_deg: float) -> tuple[str, str]:
+    """Latitude and longitude as the run's setting has them."""
+    if in_minutes(verdict):
+        return angle_words(lat_deg, lon_deg, 7, minutes=True)
+    return f"{lat_deg:.7f}", f"{lon_deg:.7f}"
+
+
+def _clocks(gpst: str | None) -> tuple[str, str]:
+    """Hours, minutes and seconds by GPS time and by UTC."""
+    return ("", "") if gpst is None else (gpst[11:19], utc_words(gpst)[11:19])
 
 
 def _signals(verdict: Verdict) -> Table:

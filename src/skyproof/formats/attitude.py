@@ -13,7 +13,8 @@ import numpy as np
 from skyproof.arrays import Indices, Instants, Integers, Reals
 from skyproof.errors import InputError
 from skyproof.formats.timed_rows import TimedRows, read_timed_rows
-from skyproof.records import Attitude, Remark, RemarkKind
+from skyproof.records import Attitude
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["COLUMNS", "AttitudeFile", "read_attitude"]
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, TypeVar
 
-from skyproof.records import Remark, RemarkKind
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
     "CAPTURES",

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.errors import InputError
-from skyproof.records import Remark, RemarkKind
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
     "FileBytes",

@@ -16,7 +16,7 @@ from typing import Final
 from skyproof.errors import InputError
 from skyproof.formats.bounds import EPOCH_BYTES, LINES_WITHOUT_EPOCH, OBSERVATION_BYTES, Remarks
 from skyproof.formats.byte_io import require_size
-from skyproof.records import Remark, RemarkKind
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["Expander", "expanded", "is_compact"]
 

@@ -25,7 +25,8 @@ from scipy import ndimage
 from skyproof.arrays import Indices, Instants, Integers, Reals
 from skyproof.errors import InputError
 from skyproof.formats.timed_rows import TimedRows, read_timed_rows
-from skyproof.records import ImuSeries, Remark, RemarkKind
+from skyproof.records import ImuSeries
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["COLUMNS", "ImuFile", "read_imu"]
 

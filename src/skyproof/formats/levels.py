@@ -9,7 +9,8 @@ import numpy as np
 from skyproof.arrays import Floats, Reals
 from skyproof.errors import InputError
 from skyproof.formats.layout import PackedSamples
-from skyproof.records import Remark, RemarkKind, Samples
+from skyproof.records import Samples
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["channels_of", "check_levels", "looked_at", "without_dead"]
 

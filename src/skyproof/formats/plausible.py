@@ -21,7 +21,8 @@ from skyproof.formats.bounds import first_few
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S, WGS84_A_M
 from skyproof.gnss.ephemeris import GEOSTATIONARY
 from skyproof.gnss.signals import rinex_attribute
-from skyproof.records import Remark, RemarkKind, SignalId
+from skyproof.records import SignalId
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["LETTERS", "Implausible", "impossible_remarks", "leave_out_impossible"]
 

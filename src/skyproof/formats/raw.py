@@ -33,7 +33,8 @@ from skyproof.formats.layout import FITTING_BITS, BitOrder, ByteOrder, Chunk, En
 from skyproof.formats.levels import channels_of, check_levels, without_dead
 from skyproof.formats.signatures import head_of, other_than_samples
 from skyproof.gnss.time import GPS_EPOCH, iso, parse_iso
-from skyproof.records import Remark, RemarkKind, Samples
+from skyproof.records import Samples
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
     "SampleLayout",

@@ -16,7 +16,7 @@ from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.errors import shortened
 from skyproof.formats.bounds import Remarks
 from skyproof.gnss.time import require_year
-from skyproof.records import Remark, RemarkKind
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
     "Cells",

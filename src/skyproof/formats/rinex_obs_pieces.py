@@ -20,7 +20,8 @@ from skyproof.formats.byte_io import require_size, without_mark
 from skyproof.formats.crinex import Expander, is_compact
 from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
 from skyproof.formats.rinex_obs_read import Header, ObservationFile, file_of, header_of, require_text
-from skyproof.records import OBSERVABLES, CellStatus, Observations, Remark, RemarkKind, SignalId
+from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["PIECE_BYTES", "following", "obs_pieces"]
 

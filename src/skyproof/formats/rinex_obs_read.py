@@ -27,7 +27,8 @@ from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
 from skyproof.gnss.thermal_noise import carrier_sigma_cyc, code_sigma_m, doppler_sigma_hz
 from skyproof.gnss.time import gpst_from_utc, iso, require_year
-from skyproof.records import CellStatus, Observations, Remark, RemarkKind, SignalId
+from skyproof.records import CellStatus, Observations, SignalId
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
     "Header",

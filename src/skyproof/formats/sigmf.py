@@ -47,7 +47,8 @@ from skyproof.formats.raw import SampleLayout
 from skyproof.formats.sigmf_keys import DATATYPE, LARGEST, Capture, Global, Meta, checked, expected, parsed, shown, some
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.time import FIRST_YEAR, GPS_EPOCH, LAST_YEAR, gpst_from_utc, iso, utc_from_gpst
-from skyproof.records import Remark, RemarkKind, SampleGap, Samples
+from skyproof.records import SampleGap, Samples
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["open_sigmf", "sha512_remarks", "sigmf_meta"]
 

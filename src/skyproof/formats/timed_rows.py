@@ -23,7 +23,7 @@ from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import SECONDS, SERIES_BYTES, SERIES_ROWS
 from skyproof.formats.byte_io import content_of, text_of
 from skyproof.gnss.time import FIRST_YEAR, LAST_YEAR, parse_iso
-from skyproof.records import Remark, RemarkKind
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["TimedRows", "read_timed_rows"]
 

@@ -136,7 +136,7 @@ class _Watch:
         )
         if why_open is not None:
             return open_
-        because = f"{words}, as they did before"
+        because = f"{words}; until then they had put it there"
         return replace(
             open_,
             says="attack",

@@ -6,7 +6,7 @@ from markupsafe import Markup
 
 from skyproof.report import methods, proof
 from skyproof.report.pictures import Finding
-from skyproof.report.words import chance_words, number_words, p_value_words, span_words
+from skyproof.report.words import chance_words, evidence_words, number_words, p_value_words, span_words
 from skyproof.verdict import Method, Verdict
 
 __all__ = ["Tested", "by_chance", "quoted", "ran", "strongest"]
@@ -51,7 +51,7 @@ def quoted(detector: str) -> str:
 def by_chance(decision: str | None, p_value: float) -> str:
     """How often chance gives as much, and of what."""
     otherwise = "were the signals false" if decision == "authentic" else "in a clean sky"
-    return f"{otherwise}, chance alone gives as much {chance_words(p_value)} ({p_value_words(p_value)})."
+    return f"{otherwise}, chance alone gives as much {evidence_words(p_value)} ({p_value_words(p_value)})."
 
 
 def _tested(method: Method, findings: tuple[Finding, ...]) -> Tested:

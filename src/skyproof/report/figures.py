@@ -17,8 +17,8 @@ from skyproof.report.pictures import (
 )
 from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins
 from skyproof.report.template import Figure
-from skyproof.report.words import chance_words, distance_words, instant_words, number_words, place_words
-from skyproof.verdict import Label, Place, Verdict
+from skyproof.report.words import chance_words, distance_words, number_words, place_words
+from skyproof.verdict import Label, Place, Verdict, moment_words
 
 __all__ = ["Pictures", "map_figures", "signal_figures"]
 
@@ -54,9 +54,12 @@ class Pictures:
     findings: tuple[Finding, ...] = ()
 
 
-def map_figures(pictures: Pictures) -> list[Figure]:
-    """Where it was, what that came from, and which sky is true."""
-    return [*_maps(pictures), *_origins(pictures), *_compared(pictures)]
+def map_figures(pictures: Pictures, *, minutes: bool = False) -> list[Figure]:
+    """Where it was, what that came from, and which sky is true.
+
+    minutes : write places in degrees and decimal minutes.
+    """
+    return [*_maps(pictures, minutes), *_origins(pictures), *_compared(pictures)]
 
 
 def signal_figures(verdict: Verdict, pictures: Pictures) -> list[Figure]:
@@ -64,7 +67,7 @@ def signal_figures(verdict: Verdict, pictures: Pictures) -> list[Figure]:
     return [*_time_lines(pictures), *_proofs(pictures), *_correlations(pictures), *_skies(verdict, pictures)]
 
 
-def _maps(pictures: Pictures) -> list[Figure]:
+def _maps(pictures: Pictures, minutes: bool) -> list[Figure]:
     """All fixes, then the trusted ones of each receiver close up, where the large map is too coarse for them."""
     overview = draw.local_map(pictures.tracks, pictures.truth, title="Map of all fixes")
     if pictures.origin is None or not overview:
@@ -80,6 +83,7 @@ def _maps(pictures: Pictures) -> list[Figure]:
     legend += ["cross: the true place, by a file beside the recording, which the verdict does not use"] * bool(
         pictures.truth
     )
+    origin = place_words(pictures.origin.lat_deg, pictures.origin.lon_deg, minutes=minutes)
     close = [
         track
         for track in pictures.tracks
@@ -91,7 +95,7 @@ def _maps(pictures: Pictures) -> list[Figure]:
         Figure(
             "Where it was, where it seemed to be" if "false" in kinds else "Map of the fixes",
             overview,
-            f"Metres east and north of {place_words(pictures.origin.lat_deg, pictures.origin.lon_deg)}. "
+            f"Metres east and north of {origin}. "
             + "; ".join([*legend, "lines: the way there"]).capitalize()
             + "."
             + "".join(_off_truth(track, pictures) for track in pictures.tracks if track not in close),
@@ -123,7 +127,7 @@ ORIGINS = {
 
 
 def _origins(pictures: Pictures) -> list[Figure]:
-    zero = f"{instant_words(pictures.zero_gpst)} GPS time"
+    zero = moment_words(pictures.zero_gpst)
     return [
         Figure(
             f"What the trusted position of {one.receiver} came from",
@@ -218,7 +222,7 @@ def _time_lines(pictures: Pictures) -> list[Figure]:
             draw.time_line(
                 [series for series in pictures.series if series.receiver == receiver],
                 title=f"Carrier to noise density and label of every signal of {receiver} over time",
-                zero=f"{instant_words(pictures.zero_gpst)} GPS time",
+                zero=moment_words(pictures.zero_gpst),
                 onset_s=pictures.onset_s,
                 onset_sigma_s=pictures.onset_sigma_s,
                 until_s=pictures.until_s,

@@ -12,7 +12,7 @@ from skyproof.report import pictures as draw
 from skyproof.report.figures import Pictures, map_figures, signal_figures
 from skyproof.report.positions import away_words
 from skyproof.report.template import environment
-from skyproof.report.words import p_value_words
+from skyproof.report.words import in_minutes, leap_words, p_value_words
 from skyproof.verdict import Position, ReceiverResult, Signal, Verdict, word_shown
 
 __all__ = ["report_html"]
@@ -31,7 +31,9 @@ def report_html(verdict: Verdict, pictures: Pictures) -> str:
         explained=summary.explained(verdict),
         how_sure=summary.how_sure(verdict),
         positions=_positions(verdict),
-        maps=map_figures(pictures),
+        maps=map_figures(pictures, minutes=in_minutes(verdict)),
+        minutes=in_minutes(verdict),
+        leap=_leap(verdict),
         labels=[label for label in draw.LABELS if any(s.label == label for s in verdict.signals)],
         signals=signal_figures(verdict, pictures),
         ran=evidence.ran(verdict, pictures.findings),
@@ -68,6 +70,12 @@ def _tables(verdict: Verdict) -> list[tuple[str, str, bool, list[tuple[Signal, s
             opened = not tables or rows_before <= MOST_OPEN
             tables.append((receiver.name, summary.counts(own), opened, [(s, _why(s)) for s in own]))
     return tables
+
+
+def _leap(verdict: Verdict) -> str:
+    """What GPS time is in UTC, when it begins; empty if no time is known."""
+    starts = [receiver.start_gpst for receiver in verdict.receivers if receiver.start_gpst is not None]
+    return leap_words(min(starts)) if starts else ""
 
 
 def _day(verdict: Verdict) -> str:

@@ -1,4 +1,4 @@
-"""What stands at the top of the page: what to do, since when, where, how sure; and what belongs to the word."""
+"""What stands at the top of the page: what to do, since when, where; what belongs to the word; and how sure it is."""
 
 from dataclasses import dataclass
 
@@ -6,21 +6,23 @@ from skyproof.report import pictures as draw
 from skyproof.report.evidence import by_chance, quoted, strongest
 from skyproof.report.positions import away_words, within_m
 from skyproof.report.what_now import ended, what_now
-from skyproof.report.words import (
-    chance_words,
-    distance_words,
+from skyproof.report.words import distance_words, in_minutes, number_words, place_words, rate_words
+from skyproof.verdict import (
+    Place,
+    Position,
+    ReceiverResult,
+    Signal,
+    Verdict,
+    clock_words,
     instant_words,
-    number_words,
-    place_words,
-    rate_words,
+    moment_words,
+    utc_words,
 )
-from skyproof.verdict import Position, ReceiverResult, Signal, Verdict
 
 __all__ = ["Fact", "counts", "explained", "facts", "how_sure", "scope"]
 
 MOST_NAMED_ABOVE = 3  # receivers at the top of the page; the table below has all
 SURE = "95\N{NO-BREAK SPACE}%"
-LEAST_STATED = 1e-30  # a smaller probability says more of the model than of the world
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ def scope(verdict: Verdict) -> str:
     parts = [f"{n} receiver{'s' * (n != 1)}"]
     starts = sorted(r.start_gpst for r in verdict.receivers if r.start_gpst is not None)
     if starts:
-        parts.append(f"from {instant_words(starts[0])} GPS time")
+        parts.append(f"from {moment_words(starts[0])}")
     longest_s = max((r.duration_s for r in verdict.receivers), default=0.0)
     return ", ".join([*parts, f"{number_words(longest_s)} s"]) if longest_s else ", ".join(parts)
 
@@ -53,30 +55,15 @@ def facts(verdict: Verdict) -> list[Fact]:
     """Answers, the most urgent first."""
     found = [_when(verdict)] if verdict.verdict in ("spoofed", "suspect") else []
     trusted = [(r, r.trusted_fix) for r in verdict.receivers if r.trusted_fix is not None]
-    shows = [(source, source.shows) for source in verdict.sources if source.shows is not None]
     false = [(r, r.false_fix) for r in verdict.receivers if r.false_fix is not None]
     skies = [
-        (place_words(place.lat_deg, place.lon_deg, 5), f"{source.name}, {len(source.sats)} satellites")
-        for source, place in shows
+        (_place(verdict, source.shows), _at(f"{source.name}, {len(source.sats)} satellites", source.shows_gpst))
+        for source in verdict.sources
+        if source.shows is not None
     ]
     open_still = len(skies) > 1 and not false
     if trusted:
-        found.append(
-            Fact(
-                "True position",
-                _few(
-                    [
-                        (
-                            place_words(fix.lat_deg, fix.lon_deg, 5),
-                            f"{r.name}{_not_later(r, fix)}, within {distance_words(within_m(fix))} horizontally "
-                            f"({SURE})",
-                        )
-                        for r, fix in trusted
-                    ]
-                ),
-                "authentic",
-            )
-        )
+        found.append(Fact("True position", _few([_trusted(verdict, r, fix) for r, fix in trusted]), "authentic"))
         if open_still:
             found.append(Fact("Consistent skies show", _few(skies)))
     elif open_still:
@@ -86,24 +73,30 @@ def facts(verdict: Verdict) -> list[Fact]:
     else:
         found.append(Fact("True position", (("Not known", _unprotected_words(verdict)),)))
     if false:
-        found.append(
-            Fact(
-                "The false signals show",
-                _few(
-                    [
-                        (place_words(fix.lat_deg, fix.lon_deg, 5), r.name + (f" seems {away}" if away else ""))
-                        for r, fix, away in ((r, fix, away_words(r, fix)) for r, fix in false)
-                    ]
-                ),
-                "spoofed",
-            )
-        )
-    return [Fact("What to do now", what_now(verdict), "now"), *found, _sure(verdict)]
+        lines = [(_place(verdict, fix), _false_words(r, fix)) for r, fix in false]
+        found.append(Fact("The false signals show", _few(lines), "spoofed"))
+    return [Fact("What to do now", what_now(verdict), "now"), *found]
 
 
-def _not_later(receiver: ReceiverResult, fix: Position) -> str:
-    """When a receiver's last trusted fix was, if it has later fixes that are not trusted."""
-    return f" at {instant_words(fix.gpst)[11:]}, not later" if ended(receiver) else ""
+def _place(verdict: Verdict, place: Place | Position) -> str:
+    return place_words(place.lat_deg, place.lon_deg, 5, minutes=in_minutes(verdict))
+
+
+def _at(words: str, gpst: str | None) -> str:
+    """Words with an instant behind them, by both clocks."""
+    return words if gpst is None else f"{words}, at {clock_words(gpst)}"
+
+
+def _trusted(verdict: Verdict, receiver: ReceiverResult, fix: Position) -> tuple[str, str]:
+    """A receiver's last trusted fix; that it is not later where others are."""
+    later = ", not later" if ended(receiver) else ""
+    within = f"within {distance_words(within_m(fix))} horizontally ({SURE})"
+    return _place(verdict, fix), f"{_at(receiver.name, fix.gpst)}{later}, {within}"
+
+
+def _false_words(receiver: ReceiverResult, fix: Position) -> str:
+    away = away_words(receiver, fix)
+    return _at(receiver.name + (f" seems {away}" if away else ""), fix.gpst)
 
 
 def _few(lines: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
@@ -112,32 +105,16 @@ def _few(lines: list[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
 
 
 def _when(verdict: Verdict) -> Fact:
-    since, sigma_s = instant_words(verdict.since_gpst), verdict.since_sigma_s
-    name, kind = f"{verdict.verdict.capitalize()} since", verdict.verdict
+    name, kind, sigma_s = f"{verdict.verdict.capitalize()} since", verdict.verdict, verdict.since_sigma_s
     if verdict.since_gpst is None:
         return Fact(name, (("Not known", ""),), kind)
-    day, clock = since[:10], since[11:]
-    until = [f"until {instant_words(verdict.until_gpst)}"] if verdict.until_gpst is not None else []
+    clock = instant_words(verdict.since_gpst)[11:]
+    both = f"{verdict.since_gpst[:10]}, GPS time; {utc_words(verdict.since_gpst)} UTC"
+    until = [f"until {moment_words(verdict.until_gpst)}"] if verdict.until_gpst is not None else []
     if sigma_s is None:
         how = "there when the recording begins" if verdict.from_start else "first seen then, begun then or earlier"
-        words = "; ".join([f"{how}, {day}, GPS time", *until])
-        return Fact(name, ((f"{clock} or before", words),), kind)
-    words = "; ".join([f"± {sigma_s:.2g} s (one sigma), {day}, GPS time", *until])
-    return Fact(name, ((clock, words),), kind)
-
-
-def _sure(verdict: Verdict) -> Fact:
-    """How often such a verdict is wrong, and how strong its strongest evidence is."""
-    rate = rate_words(verdict.false_alarm_probability_per_hour)
-    lines = [(f"{rate[:1].upper()}{rate[1:]}", "at most, clean signals are called spoofed")]
-    best = strongest(verdict)
-    if best is not None and best.p_value is not None:
-        chance = (
-            chance_words(best.p_value) if best.p_value >= LEAST_STATED else f"less than {chance_words(LEAST_STATED)}"
-        )
-        words = "clean" if verdict.verdict == "spoofed" else "false"
-        lines.append((f"{chance[:1].upper()}{chance[1:]}", f"{words} signals look like these by chance"))
-    return Fact("How sure", tuple(lines))
+        return Fact(name, ((f"{clock} or before", "; ".join([f"{how}, {both}", *until])),), kind)
+    return Fact(name, ((clock, "; ".join([f"± {sigma_s:.2g} s (one sigma), {both}", *until])),), kind)
 
 
 def _unprotected_words(verdict: Verdict) -> str:
@@ -145,7 +122,7 @@ def _unprotected_words(verdict: Verdict) -> str:
     if not shown:
         return "no position could be computed"
     r, fix = shown[0]
-    return f"without protection {r.name} shows {place_words(fix.lat_deg, fix.lon_deg, 5)}"
+    return _at(f"without protection {r.name} shows {_place(verdict, fix)}", fix.gpst)
 
 
 def how_sure(verdict: Verdict) -> list[str]:

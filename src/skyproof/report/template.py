@@ -6,7 +6,8 @@ from functools import cache
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from skyproof.report.words import instant_words, p_value_words, seconds_words, span_words
+from skyproof.report.words import angle_words, p_value_words, place_words, seconds_words, span_words
+from skyproof.verdict import instant_words, moment_words, utc_words
 
 __all__ = ["Figure", "environment"]
 
@@ -38,8 +39,10 @@ def environment() -> Environment:
     environment.filters |= {
         "fixed": _fixed,
         "instant": instant_words,
+        "moment": moment_words,
+        "utc": utc_words,
         "p_value": p_value_words,
         "seconds": seconds_words,
     }
-    environment.globals["span"] = span_words
+    environment.globals |= {"span": span_words, "angles": angle_words, "place": place_words}
     return environment

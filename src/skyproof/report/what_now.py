@@ -1,8 +1,8 @@
 """What whoever relies on these receivers should do now, by what the verdict says."""
 
 from skyproof.report.positions import away_words, led_away_m
-from skyproof.report.words import instant_words, seconds_apart, seconds_words
-from skyproof.verdict import ReceiverResult, Verdict
+from skyproof.report.words import seconds_apart, seconds_words
+from skyproof.verdict import ReceiverResult, Verdict, clock_words
 
 __all__ = ["LATE_S", "ended", "what_now"]
 
@@ -25,7 +25,7 @@ def what_now(verdict: Verdict) -> tuple[tuple[str, str], ...]:
         files = " and ".join(f"{r.name}-trusted.nmea" for r in lasting)
         lines.insert(0, ("Use the trusted position", f"below; its track is in fixes.csv, tracks.kml and {files}"))
     if not lasting:
-        since = f" since {instant_words(verdict.since_gpst)[11:]}" if verdict.since_gpst is not None else ""
+        since = f" since {clock_words(verdict.since_gpst)}" if verdict.since_gpst is not None else ""
         lines.insert(0, ("Use no position or time from satellites", f"under attack{since}; {OTHER_MEANS}"))
     return tuple(lines)
 

@@ -5,11 +5,16 @@ import math
 import numpy as np
 
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
+from skyproof.gnss.time import leap_seconds
+from skyproof.verdict import Verdict, instant_words
 
 __all__ = [
+    "angle_words",
     "chance_words",
     "distance_words",
-    "instant_words",
+    "evidence_words",
+    "in_minutes",
+    "leap_words",
     "number_words",
     "offset_m",
     "offset_words",
@@ -24,6 +29,10 @@ __all__ = [
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _HOLD = "\N{NO-BREAK SPACE}"
+_DIGITS_OF_A_MINUTE = 2  # fewer than of degrees: a minute is about a hundredth of a degree
+_LEAST_CLAIMED = 1e-6
+"""Less is not claimed of evidence: false alarms were counted down to about this, and no model of noise is known to hold
+further out. An attacker is not chance: how probable an attack is no p-value says."""
 _LEAST = 1e-300  # below this a float64 soon holds nothing; said as "practically never"
 
 
@@ -51,6 +60,13 @@ def chance_words(probability: float) -> str:
     return f"once in {_count(1.0 / probability)} cases"
 
 
+def evidence_words(p_value: float) -> str:
+    """How often chance gives evidence of this p-value, and no less than is known to hold."""
+    if p_value < _LEAST_CLAIMED:
+        return f"less than {chance_words(_LEAST_CLAIMED)}"
+    return chance_words(p_value)
+
+
 def number_words(value: float) -> str:
     """A number of any size to four figures, without an exponent as long as that is readable."""
     text = f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.4g}"
@@ -74,13 +90,9 @@ def rate_words(probability_per_hour: float) -> str:
     return f"once in {_count(1.0 / probability_per_hour)} hours" if probability_per_hour <= 0.5 else "every hour"
 
 
-def instant_words(gpst: str | None) -> str:
-    """An instant of the verdict as a person writes it: date, space, time, to the millisecond, no idle zeros."""
-    if gpst is None:
-        return "unknown"
-    whole, _, fraction = gpst.replace("T", " ").partition(".")
-    fraction = fraction[:3].rstrip("0")
-    return f"{whole}.{fraction}" if fraction else whole
+def leap_words(gpst: str) -> str:
+    """What GPS time is in UTC: UTC + 18 s."""
+    return f"UTC + {leap_seconds(np.datetime64(gpst, 'ns'))} s"
 
 
 def seconds_apart(later: str, earlier: str) -> float:
@@ -90,7 +102,7 @@ def seconds_apart(later: str, earlier: str) -> float:
 
 def span_words(first: str | None, last: str | None, day: str = "") -> str:
     """A stretch of time; the date stands once if it is the same, and not at all if it is `day`."""
-    begin, end = instant_words(first), instant_words(last)
+    begin, end = ("unknown" if instant is None else instant_words(instant) for instant in (first, last))
     same_day = first is not None and last is not None and first[:10] == last[:10]
     return f"{begin} to {end[11:] if same_day else end}".removeprefix(f"{day} " if same_day and day else "")
 
@@ -110,10 +122,31 @@ def distance_words(metres: float) -> str:
     return f"{metres / 1e3:.{1 if metres < 1e6 else 0}f} km"
 
 
-def place_words(lat_deg: float, lon_deg: float, digits: int = 6) -> str:
-    """Latitude and longitude: 59.412099° N, 16.883698° E."""
-    north, east = "N" if lat_deg >= 0.0 else "S", "E" if lon_deg >= 0.0 else "W"
-    return f"{abs(lat_deg):.{digits}f}° {north}, {abs(lon_deg):.{digits}f}° {east}"
+def place_words(lat_deg: float, lon_deg: float, digits: int = 6, *, minutes: bool = False) -> str:
+    """Latitude and longitude: 59.412099° N, 16.883698° E.
+
+    digits : of degrees. minutes : degrees and decimal minutes instead, as fine: 59° 24.7259′ N, 16° 53.0219′ E.
+    """
+    return ", ".join(angle_words(lat_deg, lon_deg, digits, minutes=minutes))
+
+
+def angle_words(lat_deg: float, lon_deg: float, digits: int, *, minutes: bool) -> tuple[str, str]:
+    """Latitude and longitude apart, as `place_words`."""
+    return _angle(lat_deg, "NS", digits, minutes), _angle(lon_deg, "EW", digits, minutes)
+
+
+def _angle(angle_deg: float, sides: str, digits: int, minutes: bool) -> str:
+    side = sides[0] if angle_deg >= 0.0 else sides[1]
+    if not minutes:
+        return f"{abs(angle_deg):.{digits}f}° {side}"
+    digits = max(digits - _DIGITS_OF_A_MINUTE, 0)
+    whole, rest = divmod(round(abs(angle_deg) * 60.0 * 10**digits), 60 * 10**digits)
+    return f"{whole}° {rest / 10**digits:0{digits + 3 if digits else 2}.{digits}f}′ {side}"
+
+
+def in_minutes(verdict: Verdict) -> bool:
+    """Whether places are written in degrees and decimal minutes: a setting of the run."""
+    return verdict.settings.get("position_format") == "degrees-minutes"
 
 
 _COMPASS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")

@@ -26,7 +26,7 @@ class Ended:
         return read_verdict(self.folder / "verdict.json")
 
     def remarks(self, number: int) -> str:
-        return "; ".join(self.verdict.inputs[number].remarks)
+        return "; ".join(self.verdict.inputs[number].all_remarks)
 
 
 def assert_refused(ended: Ended, *words: object) -> None:

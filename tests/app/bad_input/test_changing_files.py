@@ -43,6 +43,9 @@ def test_a_recording_that_is_cut_while_it_is_worked_on_counts_as_far_as_it_was_r
     assert ended.code == 0
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
     assert [r.duration_s for r in ended.verdict.receivers] == [8.0, 6.5]
+    assert ended.verdict.verdict == "no_attack_seen"
+    assert [bool(given.cut) for given in ended.verdict.inputs[:2]] == [False, True]
+    assert "Cut: " in ended.stdout
     words = "only its first 6.5 s were processed: .*stern.bin ends after 4500000 bytes, but had 5200000 when it was"
     assert re.search(words, ended.remarks(1))
     n_summed = int(re.search(r"the checksum is of the first (\d+)", ended.remarks(1))[1])
@@ -65,6 +68,17 @@ def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, 
     sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in read]
     assert [one.sha256 for one in ended.verdict.inputs] == sums
     assert "deleted or replaced while it was processed" in ended.remarks(1)
+
+
+def test_a_recording_that_grows_while_it_is_worked_on_is_not_authentic(meddled):
+    def append(path, _):
+        with open(path, "ab") as file:
+            file.write(b"more")
+
+    ended = meddled(append)
+    assert ended.verdict.verdict == "no_attack_seen"
+    assert [bool(given.cut) for given in ended.verdict.inputs[:2]] == [False, True]
+    assert "has grown by 4 bytes" in ended.remarks(1)
 
 
 @pytest.mark.long

@@ -71,7 +71,7 @@ def test_what_is_written_runs_as_it_is(measured: Path, tmp_path: Path) -> None:
     ]
     verdict = protect(platform=made.path, nav=measured / "brdc.rnx").verdict
     assert [receiver.name for receiver in verdict.receivers] == ["one", "two"]
-    assert verdict.inputs[-1].remarks == ()
+    assert verdict.inputs[-1].all_remarks == ()
 
 
 def test_what_the_files_say_stands_beside_their_receiver(measured: Path) -> None:

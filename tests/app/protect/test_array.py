@@ -91,7 +91,7 @@ def test_an_antenna_that_fails_is_left_out_and_reported(array_files, tmp_path, f
     assert len(said.subject) > 7
     assert (f"Antenna 2 of array {how}, and is left out" in result.verdict.summary) == (how is not None)
     late = f"leave out the first {LATE_SAMPLES} samples of the others"
-    assert (late in " ".join(result.verdict.inputs[0].remarks)) == (how == LATE)
+    assert (late in " ".join(result.verdict.inputs[0].all_remarks)) == (how == LATE)
 
 
 @pytest.mark.long
@@ -102,7 +102,7 @@ def test_a_first_antenna_that_is_begun_late_does_not_stand_for_the_receiver(arra
     (tmp_path / "woven.toml").write_text(array_files.woven.with_suffix(".toml").read_text())
     result = protect(platform=described(tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
     assert result.verdict.verdict == "authentic"
-    assert "antenna 1 begins 12.5 ms after antenna 2" in " ".join(result.verdict.inputs[0].remarks)
+    assert "antenna 1 begins 12.5 ms after antenna 2" in " ".join(result.verdict.inputs[0].all_remarks)
 
 
 @pytest.mark.long

@@ -89,7 +89,7 @@ def test_what_is_not_as_stated_is_told_and_makes_no_wrong_word(name, stated, fil
     assert (row["wrong_labels"], row["wrong_fixes"]) == (0, 0)
     assert result.verdict.verdict != ("spoofed" if name == "clean" else "authentic")
     told_of = [*(evidence.because for evidence in result.outcome.evidence if evidence.says == "undecided")]
-    told_of += [remark for note in result.verdict.inputs for remark in note.remarks]
+    told_of += [remark for note in result.verdict.inputs for remark in note.all_remarks]
     said = result.verdict.summary + " ".join(told_of)
     assert told in said
 

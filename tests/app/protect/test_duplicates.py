@@ -33,7 +33,7 @@ def test_a_copy_that_begins_a_second_later_is_one_receiver_and_no_spoofing(tmp_p
     assert verdict.verdict == "no_attack_seen"
     assert "copy holds the same noise as bow: one antenna or one file recorded twice" in verdict.summary
     assert {s.receiver for s in verdict.signals} == {"bow"}
-    assert any("same noise as bow" in remark for remark in verdict.inputs[1].remarks)
+    assert any("same noise as bow" in remark for remark in verdict.inputs[1].all_remarks)
 
 
 # ---------------------------------------------------------------------- each kind of copy, and what is none

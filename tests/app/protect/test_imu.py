@@ -40,7 +40,7 @@ def test_readings_are_an_input_of_the_run_with_their_sum_and_remarks(folder: Pat
     result = protect([folder / "bow.obs"], nav=folder / "brdc.rnx", platform=folder / "platform.toml")
     note = next(note for note in result.verdict.inputs if note.format == "inertial readings")
     assert (note.path, note.sha256) == (str(folder / "imu.csv"), sha256(folder / "imu.csv"))
-    assert list(note.remarks) == []
+    assert list(note.all_remarks) == []
     lacking = {need for evidence in result.outcome.evidence for need in evidence.lacking}
     assert "array_phases" in lacking
     assert "nav_state" not in lacking
@@ -59,6 +59,6 @@ def test_the_option_comes_before_the_platform_file_and_works_without_one(folder:
         protect([folder / "bow.obs"], platform=folder / "platform.toml", imu=folder / "bow.obs")
     result = protect([folder / "bow.obs"], nav=folder / "brdc.rnx", imu=folder / "imu.csv")
     note = next(note for note in result.verdict.inputs if note.format == "inertial readings")
-    assert "the attitude at the first reading is not stated" in note.remarks[-1]
+    assert "the attitude at the first reading is not stated" in note.all_remarks[-1]
     lacking = {need for evidence in result.outcome.evidence for need in evidence.lacking}
     assert "array_phases" in lacking

@@ -48,9 +48,35 @@ def test_a_clean_sky_is_authentic_in_observation_files(measured, tmp_path):
     assert {s.label for s in result.verdict.signals} == {"authentic"}
     assert [i.format for i in result.verdict.inputs] == ["RINEX 3.05 observations"] * 2 + ["RINEX navigation"]
     assert all(i.sha256 is not None for i in result.verdict.inputs)
-    assert any("holds measurements and no samples" in remark for remark in result.verdict.inputs[0].remarks)
+    assert any("holds measurements and no samples" in remark for remark in result.verdict.inputs[0].all_remarks)
     for name in ("verdict.json", "report.html", "fixes.csv", "tracks.kml", "bow-authentic.obs", "stern-trusted.nmea"):
         assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+def shorten(path: Path, how: str) -> Path:
+    """The same file, cut within a line or as a gzip file; behind a stretch that is whole if `how` says so."""
+    content = path.read_bytes()
+    if how == "gzip":
+        packed = gzip.compress(content)
+        path.with_suffix(".obs.gz").write_bytes(packed[: round(0.9 * len(packed))])
+        return path.with_suffix(".obs.gz")
+    path.write_bytes(content[: content.index(b"\n", round(0.9 * len(content))) - 7])
+    return path
+
+
+@pytest.mark.parametrize("how", ["line", "gzip", "behind"])
+def test_what_comes_after_a_cut_keeps_a_clean_sky_from_authentic(measured, tmp_path, how):
+    bow, stern, navigation = measured
+    write_nav(tmp_path / "nav.rnx", navigation)
+    whole, cut = written(tmp_path, bow, stern)
+    paths = [whole, shorten(cut, how)]
+    duration_s = 45.0 if how == "behind" else None
+    verdict = protect(paths, nav=tmp_path / "nav.rnx", duration_s=duration_s, **SETTINGS).verdict
+    assert verdict.verdict == ("authentic" if how == "behind" else "no_attack_seen")
+    assert [bool(given.cut) for given in verdict.inputs] == [False, how != "behind", False]
+    if how != "behind":
+        assert verdict.reason == f"{paths[1]}: {verdict.inputs[1].cut[0]}"
+        assert dict(verdict.explained)["Cut:"].startswith(verdict.reason)
 
 
 @pytest.mark.parametrize(
@@ -74,7 +100,7 @@ def test_any_interval_a_clock_that_is_set_and_what_a_receiver_does_not_report(
     result = protect(written(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", **SETTINGS)
     assert result.verdict.verdict == "authentic", result.verdict.summary
     assert result.verdict.settings["window_s"] == pytest.approx(window_s)
-    remarks = " ".join(result.verdict.inputs[1].remarks)
+    remarks = " ".join(result.verdict.inputs[1].all_remarks)
     assert "the receiver's clock steps by whole milliseconds at" in remarks
     assert "Dopplers of 100% of the cells are missing and taken from the carrier phase" in remarks
     assert "C/N0 is missing in all cells" in remarks

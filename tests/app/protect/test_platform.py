@@ -44,7 +44,7 @@ def test_a_platform_file_is_all_that_a_run_needs(folder: Path, tmp_path: Path) -
     assert result.verdict.settings["speed_max_m_s"] == 0.0
     note = result.verdict.inputs[-1]
     assert (note.path, note.format, note.sha256) == (str(path), "platform", sha256(path))
-    assert list(note.remarks) == []
+    assert list(note.all_remarks) == []
     assert result.verdict.settings["oscillator"] == "tcxo"
 
 

@@ -58,7 +58,7 @@ def test_a_clean_sky_without_orbits_comes_from_several_directions(snapshots, tmp
     assert len(labels) > 6
     assert set(labels.values()) == {"authentic"}
     assert result.verdict.receivers[0].trusted_fix is None
-    assert any("no position" in remark for remark in result.verdict.inputs[0].remarks)
+    assert any("no position" in remark for remark in result.verdict.inputs[0].all_remarks)
 
 
 @pytest.mark.long
@@ -109,7 +109,7 @@ def test_an_antenna_that_fails_is_left_out_and_reported(snapshots, tmp_path, fai
     assert result.verdict.verdict == "authentic"
     assert set(labels_of(result).values()) == {"authentic"}
     assert "Antenna 3 of array gives no phases, and is left out" in result.verdict.summary
-    assert any("antenna 3 does not receive what the others do" in r for r in result.verdict.inputs[0].remarks)
+    assert any("antenna 3 does not receive what the others do" in r for r in result.verdict.inputs[0].all_remarks)
 
 
 def with_planes(snapshots, folder, planes):
@@ -139,7 +139,7 @@ def test_an_antenna_that_begins_whole_milliseconds_late_is_left_out_and_reported
     planes = np.load(snapshots / "attacked" / "whole.npy")
     planes[1] = np.roll(planes[1], -4092 * late_ms)
     result = protect(platform=with_planes(snapshots, tmp_path, planes), nav=snapshots / "clean" / "nav.rnx")
-    remarks = " ".join(result.verdict.inputs[0].remarks)
+    remarks = " ".join(result.verdict.inputs[0].all_remarks)
     how, whose = ("after", "the other antennas") if late_ms > 0 else ("before", "antenna 2")
     assert f"antenna 2 begins {abs(late_ms)} ms {how} the others" in remarks
     assert f"the first {4092 * abs(late_ms)} samples of {whose}" in remarks
@@ -159,7 +159,7 @@ def test_a_dead_file_among_those_of_the_antennas_is_left_out_and_reported(snapsh
     assert {copy for (_, copy), label in labels.items() if label == "spoofed"} == {"a"}
     assert {copy for (_, copy), label in labels.items() if label == "authentic"} == {"b"}
     assert "Antenna 1 of array gives no phases, and is left out" in result.verdict.summary
-    remarks = [remark for note in result.verdict.inputs for remark in note.remarks]
+    remarks = [remark for note in result.verdict.inputs for remark in note.all_remarks]
     assert any("antenna 1: nothing comes from it" in r and "all samples are" in r for r in remarks)
 
 
@@ -196,7 +196,7 @@ def test_an_attitude_of_another_day_is_reported_and_not_used(snapshots, tmp_path
     result = protect(platform=tmp_path / "platform.toml", nav=folder / "nav.rnx")
     assert result.verdict.verdict == "authentic"
     assert set(labels_of(result).values()) == {"authentic"}
-    remarks = [remark for note in result.verdict.inputs for remark in note.remarks]
+    remarks = [remark for note in result.verdict.inputs for remark in note.all_remarks]
     assert any("not used: it is of 2024-05-13" in remark for remark in remarks)
 
 

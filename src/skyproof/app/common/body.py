@@ -33,7 +33,8 @@ from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import iso
 from skyproof.navigation.attitude import direction_off_rad, interpolation_sigma_rad, stated_state, stood
 from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin, coast
-from skyproof.records import Attitude, ImuSeries, NavState, Records, Remark, RemarkKind
+from skyproof.records import Attitude, ImuSeries, NavState, Records
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["Body", "BodyFiles", "Carried", "KnownPlace", "body_of", "body_states", "open_body", "with_imu"]
 

@@ -15,7 +15,7 @@ from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.arrays import Reals
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import rot_enu_ecef, rot_ned_body
-from skyproof.records import Remark, RemarkKind
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["described", "inputs_of", "settings_of"]
 

@@ -131,6 +131,11 @@ class Settings(BaseModel):
         description="Latitude and longitude, roughly: with a navigation file and a dated recording only satellites "
         "above the horizon there are looked for, so that false signals of others are missed.",
     )
+    position_format: Literal["degrees", "degrees-minutes"] = Field(
+        default="degrees",
+        description="How the report and the terminal write latitudes and longitudes: 57.7059123° N, or degrees and "
+        "decimal minutes, 57° 42.35474′ N. Files for programs have degrees.",
+    )
     start_s: Number = Field(default=0.0, ge=0.0, le=1e9, description="Skip this much of every recording.")
     duration_s: Number | None = Field(
         default=None, examples=[60.0], gt=0.0, le=1e9, description="Use no more than this of every recording."

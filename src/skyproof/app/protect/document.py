@@ -25,6 +25,7 @@ from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
 from skyproof.records import Cause, ConsistentSet, Direction, Evidence, Fix, NavigationData, Need, ObservationLog
+from skyproof.remarks import Remark, RemarkKind
 from skyproof.report.positions import radius_95_m
 from skyproof.short_repr import ShortRepr
 from skyproof.verdict import (
@@ -38,6 +39,7 @@ from skyproof.verdict import (
     SourceDirection,
     SourcePlace,
     Verdict,
+    clock_words,
 )
 from skyproof.verdict import Source as SourceModel
 
@@ -48,12 +50,27 @@ DIGITS = 6  # of a second in instants
 
 @dataclass(frozen=True, kw_only=True)
 class InputNote:
-    """One input as it was read."""
+    """One input as it was read. remarks : of any kind (`records.Remark`)."""
 
     path: str
     format: str
     sha256: str | None
     remarks: tuple[str, ...]
+
+    def of_kind(self, kind: RemarkKind) -> tuple[str, ...]:
+        """Select the remarks of a kind, as plain text."""
+        return tuple(str(remark) for remark in self.remarks if Remark.kind_of(remark) is kind)
+
+    def file(self) -> InputFile:
+        """Make the row of the document."""
+        return InputFile(
+            path=self.path,
+            format=self.format,
+            sha256=self.sha256,
+            cut=self.of_kind(RemarkKind.CUT),
+            left_out=self.of_kind(RemarkKind.BEARS),
+            remarks=self.of_kind(RemarkKind.NOTE),
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -107,12 +124,17 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
     summary = _summary(outcome) + _noted(outcome) + _left_out(outcome)
     summary = summary[:1].upper() + summary[1:]
     word, why = decision.verdict, _explanation(outcome)
-    if interrupted:
+    cut = next((f"{note.path}: {text}" for note in notes for text in note.of_kind(RemarkKind.CUT)), None)
+    if interrupted or cut is not None:
         read = _read_until(outcome)
-        summary = f"Interrupted after {read}; up to then: {summary}"
+        summary = f"{'Interrupted' if interrupted else 'The input ended'} after {read}; up to then: {summary}"
         if word == "authentic":  # an attack can begin after what was read
             word = "no_attack_seen"
-            why = _Explanation(reason=f"it ended after {read}", remedy="the same command, run to its end")
+            why = (
+                _Explanation(reason=cut, remedy="the whole input, once its recorder or its copy has finished")
+                if cut is not None
+                else _Explanation(reason=f"it ended after {read}", remedy="the same command, run to its end")
+            )
         if word == "no_attack_seen":
             why = replace(why, not_excluded=(f"what comes after {read}", *why.not_excluded))
     return Verdict(
@@ -134,7 +156,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         signals=tuple(_signals(outcome)),
         sources=tuple(_sources(outcome)),
         methods=tuple(one.method() for one in of_detectors(outcome.evidence)),
-        inputs=tuple(InputFile(path=n.path, format=n.format, sha256=n.sha256, remarks=n.remarks) for n in notes),
+        inputs=tuple(note.file() for note in notes),
         settings=settings.model_dump(mode="json"),
         versions=versions(),
     )
@@ -144,7 +166,7 @@ def _read_until(outcome: Outcome) -> str:
     """How much of the recordings was read, in words."""
     read_s = max((r.reception.examined_s for r in outcome.receivers), default=0.0)
     whole_s = max((r.reception.source.duration_s for r in outcome.receivers), default=0.0)
-    return f"{read_s:.1f} of {whole_s:.1f} s"
+    return f"{read_s:.1f} of {whole_s:.1f} s" if read_s < whole_s else f"{read_s:.1f} s"
 
 
 def versions() -> dict[str, str]:
@@ -394,9 +416,9 @@ def _since(decision: Decision) -> str:
     onset = decision.onset
     if onset is None:
         return ""
-    clock = iso(onset.seen if onset.earliest is None else onset.gpst, 0)[11:]
+    clock = clock_words(iso(onset.seen if onset.earliest is None else onset.gpst, 0))
     if onset.from_start:
-        return f"From the start ({clock}) on, "
+        return f"From the start on, {clock}, "
     return f"From {clock} on, " if onset.earliest is not None else f"Seen since {clock}, begun then or earlier: "
 
 
@@ -537,6 +559,7 @@ def _sources(outcome: Outcome) -> list[SourceModel]:
                 **_seen_from(source, outcome),
                 stands=_stands(outcome.bearings.get(source.name)),
                 shows=place_of(places[0]) if places else None,
+                shows_gpst=iso(shown[0].last.gpst[0], DIGITS) if shown else None,
                 time_offset_s=_time_offset_s(source.name, outcome),
             )
         )

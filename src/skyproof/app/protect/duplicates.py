@@ -19,7 +19,8 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
 from skyproof.recording.same_noise import N_ROWS, SharedNoise, rows_of, shared_noise, usable_hz
-from skyproof.records import ObservationLog, Observations, Remark, RemarkKind, Samples
+from skyproof.records import ObservationLog, Observations, Samples
+from skyproof.remarks import Remark, RemarkKind
 from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = ["one_receiver_each", "same_noise"]

@@ -56,6 +56,7 @@ from skyproof.records import (
     Samples,
     SpinArm,
 )
+from skyproof.remarks import Remark, RemarkKind
 from skyproof.short_repr import ShortRepr
 from skyproof.verdict import Verdict
 
@@ -440,8 +441,11 @@ def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> 
         return reception
     length_s = seconds_between(own.gpst[-1], own.gpst[0])
     used = tuple(
-        f"{overlap_s(own, r.observations):.1f} of its {length_s:.1f} s with measurements are common with "
-        f"{r.source.path or r.source.name}"
+        Remark(
+            f"only {overlap_s(own, r.observations):.1f} of its {length_s:.1f} s with measurements are common with "
+            f"{r.source.path or r.source.name}",
+            RemarkKind.BEARS,
+        )
         for r in others
         if r.observations is not None and overlap_s(own, r.observations) < COMMON_SHARE * length_s
     )

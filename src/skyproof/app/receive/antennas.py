@@ -5,7 +5,8 @@ from dataclasses import replace
 from typing import Any, Final
 
 from skyproof.errors import InputError
-from skyproof.records import Remark, RemarkKind, Samples
+from skyproof.records import Samples
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["in_step"]
 

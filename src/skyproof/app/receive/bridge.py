@@ -6,7 +6,8 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Floats
-from skyproof.records import Remark, RemarkKind, Samples
+from skyproof.records import Samples
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["LONGEST_S", "bridged"]
 

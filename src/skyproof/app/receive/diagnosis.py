@@ -9,7 +9,8 @@ from skyproof.app.inspect import Inspection, oscillator_remarks
 from skyproof.errors import NotEnoughData
 from skyproof.receiver.channels import Gap
 from skyproof.recording.survey import oscillator_error
-from skyproof.records import Remark, RemarkKind, Samples
+from skyproof.records import Samples
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["Diagnosis", "diagnosis", "gap_remarks", "oscillator_remarks_of"]
 

@@ -18,7 +18,8 @@ from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import glonass_channels
 from skyproof.formats.rinex_obs_read import holds_observations
 from skyproof.formats.spool import named
-from skyproof.records import NavigationData, Remark, Samples
+from skyproof.records import NavigationData, Samples
+from skyproof.remarks import Remark
 
 __all__ = ["antennas_of", "list_paths", "only_recordings", "open_inputs", "stretch"]
 

@@ -19,7 +19,8 @@ from skyproof.gnss.signals import frequency_number_of
 from skyproof.logs.content import FrontEndLevels, LogPiece, ReceiverFixes, ReceiverStates
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.stream import is_log, read_log
-from skyproof.records import Observations, Remark, RemarkKind
+from skyproof.records import Observations
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["holds_log", "open_log"]
 

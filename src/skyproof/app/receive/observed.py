@@ -22,7 +22,8 @@ from skyproof.logs.content import FrontEndLevels, ReceiverFixes, ReceiverStates
 from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
 from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
 from skyproof.navigation.window import interval_s
-from skyproof.records import NavigationData, ObservationLog, Observations, Remark, SignalId
+from skyproof.records import NavigationData, ObservationLog, Observations, SignalId
+from skyproof.remarks import Remark
 
 __all__ = ["ObservedFile", "OwnWords", "observed", "observed_file", "open_observations", "same_measurements"]
 

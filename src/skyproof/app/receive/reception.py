@@ -23,12 +23,11 @@ from skyproof.records import (
     MeasurementSource,
     NavigationData,
     ObservationLog,
-    Remark,
-    RemarkKind,
     Samples,
     Stretched,
     Taps,
 )
+from skyproof.remarks import Remark, RemarkKind
 from skyproof.short_repr import ShortRepr
 
 __all__ = ["Reception", "nothing_found", "observe", "overlap_s", "require_signals"]

@@ -47,11 +47,10 @@ from skyproof.records import (
     MeasurementSource,
     NavigationData,
     Observations,
-    Remark,
-    RemarkKind,
     Samples,
     SignalRef,
 )
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["is_short", "observe_short", "require_some"]
 

@@ -16,7 +16,8 @@ from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.array_snapshot import MOST_LATE, SnapshotSignal, snapshot_signal
 from skyproof.receiver.snapshot import CodePhase
 from skyproof.receiver.snapshot_changes import Change, change_within
-from skyproof.records import Remark, RemarkKind, Samples, SignalId
+from skyproof.records import Samples, SignalId
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["PERIOD_S", "Found", "credible", "divided", "late_antennas", "of_all", "signals_in", "stretches"]
 

@@ -13,7 +13,8 @@ from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, coarse_fix
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.snapshot import CodePhase, code_phase
-from skyproof.records import Fix, FixStatus, NavigationData, Remark, RemarkKind, Samples, SignalId
+from skyproof.records import Fix, FixStatus, NavigationData, Samples, SignalId
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["CROSS_DB", "SEARCHED_S", "RoughKnowledge", "Snapshot", "searched", "snapshot", "solved"]
 

@@ -25,7 +25,8 @@ from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.grids import Grids
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
 from skyproof.recording.conditioning import conditioned, measure_front_end
-from skyproof.records import Asked, NavigationData, Remark, RemarkKind, Samples
+from skyproof.records import Asked, NavigationData, Samples
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["ENOUGH_SATS", "Tracker", "carrier_at_hz", "cleaned", "guiding_of", "receiver_settings", "track"]
 

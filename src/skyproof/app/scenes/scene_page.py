@@ -27,13 +27,13 @@ from skyproof.report.scene import (
     Switching,
     scene_html,
 )
-from skyproof.report.words import instant_words
 from skyproof.simulator.attacks import Interference, Meaconer, Spoofer, Takeover
 from skyproof.simulator.platforms import Point, motion_within, trajectory_of
 from skyproof.simulator.received import ReceivedSignal, ReceiverSky, Scene
 from skyproof.simulator.scenario import Antenna, Attack, Scenario, SceneReceiver
 from skyproof.simulator.sites import Site
 from skyproof.simulator.sky import scene_of
+from skyproof.verdict import instant_words
 
 __all__ = ["PAGE", "scene_page", "write_page"]
 
