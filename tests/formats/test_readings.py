@@ -77,6 +77,32 @@ def test_floats_are_recognized_by_being_near_each_other(kind: str, bits: int) ->
     assert kinds_of(octets(normal(0.01), kind)) == {("float", bits)}
 
 
+def twelve(values, order):
+    """Pairs of 12 bits in three bytes, as text of 24 digits."""
+    threes = [[f"{v % 4096:012b}" for v in pair] for pair in values.reshape(-1, 2).tolist()]
+    if order == "msb-first":
+        return b"".join(int(a + b, 2).to_bytes(3, "big") for a, b in threes)
+    return b"".join(int(b + a, 2).to_bytes(3, "little") for a, b in threes)
+
+
+@pytest.mark.parametrize("order", ["msb-first", "lsb-first"])
+@pytest.mark.parametrize("rms", [20.0, 300.0, 700.0])
+@pytest.mark.parametrize("skip", [0, 1, 2])
+@pytest.mark.parametrize("encoding", ["int", "offset-binary"])
+def test_packed_numbers_of_twelve_bits_are_recognized(rms, order, skip, encoding) -> None:
+    values = np.clip(np.rint(normal(rms)[:96_000]), -2048, 2047).astype(int)
+    stored = twelve(values + (2048 if encoding == "offset-binary" else 0), order)
+    found = likely_packings(np.frombuffer(stored, np.uint8)[3 - skip : -skip or None])
+    best = found[0]
+    assert (best.packing.encoding, best.packing.bits, best.packing.bit_order) == (encoding, 12, order)
+    assert best.header_bytes == skip
+
+
+def test_numbers_of_24_bits_are_not_taken_for_twelve() -> None:
+    stored = np.rint(normal(1e5)[:64_000]).astype("<i4").view(np.uint8).reshape(-1, 4)[:, :3].ravel()
+    assert not any(one.packing.bits == 12 for one in likely_packings(stored[: stored.size // 48 * 48]))
+
+
 def test_numbers_of_two_and_four_bits_are_recognized_by_their_codes() -> None:
     shares = {"sign-magnitude": (0.34, 0.16, 0.34, 0.16), "offset-binary": (0.16, 0.34, 0.34, 0.16)}
     shares["int"] = (0.34, 0.16, 0.16, 0.34)

@@ -30,6 +30,7 @@ from skyproof.decomposition.fit import (
 from skyproof.detectors.dccaf.bursts import components, shapes
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
+from skyproof.formats.layout import Chunk, PackedSamples, Packing
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.navigation.strapdown import strapdown_paths
@@ -59,6 +60,13 @@ def _receiver() -> None:
             changed = {"duration_s": 0.1, "front_end": front_end, "interference": lines, "attacks": ()}
             recordings = write(scenario.model_copy(update=changed), navigation, Path(folder) / f"int{bits}")
             track(only_recordings(open_inputs(recordings, Settings())), Settings())
+    _packed()
+
+
+def _packed() -> None:
+    """Numbers of 12 bits, which no front end of the simulator gives."""
+    packing = Packing(kind="complex", encoding="int", bits=12)
+    PackedSamples(np.zeros(3, np.uint8), packing, [Chunk(0, 1)]).read(0, 1)
 
 
 def _overlaps() -> None:

@@ -107,7 +107,8 @@ def _guessed(inspection: "Inspection") -> tuple[str, str]:
 
 def numbers_of(layout: "SampleLayout") -> str:
     """The numbers in words."""
-    order = layout.byte_order if layout.bits > 8 else layout.bit_order if layout.bits < 8 else ""
+    packing = layout.packing
+    order = layout.byte_order if packing.orders_bytes else layout.bit_order if packing.orders_bits else ""
     words = [
         layout.encoding,
         f"{layout.bits} bit",

@@ -2,7 +2,9 @@
 
 Numbers follow each other as I0 Q0 I1 Q1 ... (real: I0 I1 ...); with several channels the samples of one instant follow
 each other, channel by channel. Numbers of fewer than 8 bits fill a byte from its highest bits on (msb-first) or from
-its lowest bits on (lsb-first); within a number the highest bit is the most significant.
+its lowest bits on (lsb-first); within a number the highest bit is the most significant. Two numbers of 12 bits fill
+three bytes in the same two ways; bladeRF (SC16 Q11 packed) and LimeSDR (12 bit link format) write lsb-first: the low
+byte of I, its high bits and the low ones of Q, the high byte of Q.
 
     sign            bit 0 is +1, bit 1 is -1
     sign-magnitude  highest bit is the sign (0 is +), the others the magnitude m, of value 2m + 1: 1, 3, ...
@@ -25,7 +27,17 @@ from skyproof.arrays import Floats, Integers, Octets
 from skyproof.compiled import compiled
 from skyproof.formats.byte_io import FileBytes
 
-__all__ = ["FITTING_BITS", "BitOrder", "ByteOrder", "Chunk", "Encoding", "Kind", "PackedSamples", "Packing"]
+__all__ = [
+    "FITTING_BITS",
+    "BitOrder",
+    "ByteOrder",
+    "Chunk",
+    "Encoding",
+    "Kind",
+    "PackedSamples",
+    "Packing",
+    "twelve_bit_codes",
+]
 
 Kind = Literal["real", "complex"]
 Encoding = Literal["int", "float", "sign", "sign-magnitude", "offset-binary"]
@@ -33,11 +45,11 @@ BitOrder = Literal["msb-first", "lsb-first"]
 ByteOrder = Literal["little", "big"]
 
 FITTING_BITS: Final[dict[Encoding, tuple[int, ...]]] = {
-    "int": (2, 4, 8, 16, 32),
+    "int": (2, 4, 8, 12, 16, 32),
     "float": (32, 64),
     "sign": (1,),
-    "sign-magnitude": (2, 4, 8, 16, 32),
-    "offset-binary": (1, 2, 4, 8, 16, 32),
+    "sign-magnitude": (2, 4, 8, 12, 16, 32),
+    "offset-binary": (1, 2, 4, 8, 12, 16, 32),
 }
 _EXACT_BITS: Final = 16  # twice a code of so many bits is exact in float32
 _PIECE_BYTES: Final = 1 << 20
@@ -73,8 +85,18 @@ class Packing:
         return self.bits * self.numbers * self.n_channels
 
     @property
+    def orders_bits(self) -> bool:
+        """Whether numbers share bytes, so that `bit_order` counts."""
+        return self.bits % 8 > 0
+
+    @property
+    def orders_bytes(self) -> bool:
+        """Whether a number has several whole bytes, so that `byte_order` counts."""
+        return self.bits > 8 and not self.orders_bits
+
+    @property
     def dtype(self) -> np.dtype[Any]:
-        """The stored type of numbers of 8 bits and more."""
+        """The stored type of numbers of whole bytes."""
         letter = {"int": "i", "float": "f"}.get(self.encoding, "u")
         return np.dtype(f"{'<' if self.byte_order == 'little' else '>'}{letter}{self.bits // 8}")
 
@@ -106,6 +128,7 @@ class PackedSamples:
         self._aligned = math.lcm(packing.frame_bits, 8) // packing.frame_bits  # samples that fill whole bytes
         self._piece = max(8 * _PIECE_BYTES // packing.frame_bits // self._aligned, 1) * self._aligned
         self._unpacking = _unpacking_tables(packing, channel) if packing.bits < 8 else None
+        self._values_12 = _values(np.arange(1 << 12), packing.encoding, 12) if packing.bits == 12 else None
 
     @property
     def n_samples(self) -> int:
@@ -147,7 +170,9 @@ class PackedSamples:
         end_bit = (start + planes.shape[1]) * self.packing.frame_bits
         first_byte = chunk.at_byte + begin * self.packing.frame_bits // 8
         octets = self._octets[first_byte : chunk.at_byte - (-end_bit // 8)]
-        if self._unpacking is None:
+        if self._values_12 is not None:
+            _unpack_12(octets, self.packing, self._values_12, self._channel, start - begin, planes)
+        elif self._unpacking is None:
             _convert(octets, self.packing, self._channel, start - begin, planes)
         else:
             _unpack(octets, *self._unpacking, start - begin, planes)
@@ -190,6 +215,51 @@ def _unpack(octets: Octets, tables: Floats, n_channels: int, channel: int, start
         if edge.start < edge.stop:
             index = np.arange(start + edge.start, start + edge.stop) * n_channels + channel
             planes[: len(tables), edge] = tables[:, octets[index // per_byte], index % per_byte]
+
+
+# --- two numbers in three bytes
+
+
+def twelve_bit_codes(octets: Octets, bit_order: BitOrder) -> Integers:
+    """Return the codes 0 to 4095 in bytes of shape (3 n,), as int64 of shape (n, 2)."""
+    first, middle, last = octets.reshape(-1, 3).T.astype(np.int64)
+    if bit_order == "lsb-first":
+        return np.stack([first | (middle & 15) << 8, middle >> 4 | last << 4], axis=1)
+    return np.stack([first << 4 | middle >> 4, (middle & 15) << 8 | last], axis=1)
+
+
+def _unpack_12(octets: Octets, packing: Packing, values: Floats, channel: int, start: int, planes: Floats) -> None:
+    """Numbers whose places in their three bytes are alike by one loop each: all of a plane, or every other one."""
+    step = packing.numbers * packing.n_channels
+    turns = 1 + step % 2
+    for number, plane in enumerate(planes[: packing.numbers][:: -1 if packing.swap_iq else 1]):
+        for turn in range(turns):
+            pair, second = divmod((start + turn) * step + channel * packing.numbers + number, 2)
+            low_nibble = (packing.bit_order == "lsb-first") != bool(second)
+            _fill_12(
+                octets,
+                values,
+                3 * pair + 2 * second,
+                3 * pair + 1,
+                3 * step * turns // 2,
+                low_nibble,
+                plane[turn::turns],
+            )
+
+
+@compiled
+def _fill_12(
+    octets: Octets, values: Floats, whole: int, middle: int, stride: int, low_nibble: bool, plane: Floats
+) -> None:
+    """What the codes mean, by a table of 16 kB: each of a whole byte and half of the middle one, whose low half has the
+    highest bits, or whose high half the lowest ones.
+    """
+    if low_nibble:
+        for k in range(plane.size):
+            plane[k] = values[np.int64(octets[whole + k * stride]) | (np.int64(octets[middle + k * stride]) & 15) << 8]
+    else:
+        for k in range(plane.size):
+            plane[k] = values[np.int64(octets[whole + k * stride]) << 4 | np.int64(octets[middle + k * stride]) >> 4]
 
 
 # --- one or more bytes a number

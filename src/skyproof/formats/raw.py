@@ -72,7 +72,9 @@ class SampleLayout(BaseModel):
     rate_hz: float = Field(ge=1e5, le=1e11, description="samples a second, in hertz: 2.6 million is 2600000.0")
     kind: Kind = Field(description='"real" or "complex"')
     encoding: Encoding = Field(description='"int", "float", "sign", "sign-magnitude" or "offset-binary"')
-    bits: Literal[1, 2, 4, 8, 16, 32, 64] = Field(description="the bits of one number: 1, 2, 4, 8, 16, 32 or 64")
+    bits: Literal[1, 2, 4, 8, 12, 16, 32, 64] = Field(
+        description="the bits of one number: 1, 2, 4, 8, 12, 16, 32 or 64; of 12, two fill three bytes"
+    )
     centre_hz: float = Field(
         1575.42e6, ge=1e8, le=1e11, description="the radio frequency that lies at if_hz, in hertz: 1575420000.0 is L1"
     )

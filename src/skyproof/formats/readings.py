@@ -5,6 +5,7 @@ the right packing a histogram has one hump in the middle; in a wrong one it has 
 
 - numbers of 16 and 32 bits: the highest byte of each has less entropy than the lowest, or, where few values occur, one
   byte of a number predicts the other;
+- numbers of 12 bits, two in three bytes: one byte of three has less entropy, and both numbers spread alike;
 - floats: all are finite, and within a few powers of ten of each other;
 - whole bytes: one hump, around 0 or around 128, or few values;
 - several numbers a byte: the same of their codes; two-bit codes show it by which of them are alike;
@@ -16,13 +17,13 @@ repeats in them, and what a search finds, does.
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Integers, Octets, Reals
-from skyproof.formats.layout import BitOrder, ByteOrder, Encoding, Kind, Packing
+from skyproof.formats.layout import BitOrder, ByteOrder, Encoding, Kind, Packing, twelve_bit_codes
 
 __all__ = ["Likely", "header_length", "likely_packings"]
 
@@ -35,6 +36,7 @@ _SHAPED: Final = 1 << 16  # numbers, to see their histogram's shape
 _HUMPED: Final = 2.0  # kurtosis that is enough
 _FLATTER: Final = 0.25  # how much less speaks against a reading
 _BESIDE: Final = 0.25, 2.0  # mean over sigma, where -1 is read as the greatest number
+_SPREAD_ALIKE: Final = 1.25  # greater over smaller sigma, of I and Q
 _FEW_VALUES: Final = 64
 _HUMP: Final = 3.0
 """Sum of all steps of a histogram over its highest value: 2 of one hump, more with noise on it, many with teeth."""
@@ -95,7 +97,7 @@ def likely_packings(octets: Octets) -> list[Likely]:
     wide = _wide(octets)
     if wide:
         return wide
-    found = _whole_bytes(octets)
+    found = _twelve_bits(octets) or _whole_bytes(octets)
     if not found:
         found = _nibbles(octets) or _pairs(octets)
     return found
@@ -154,6 +156,31 @@ def _wide(octets: Octets) -> list[Likely]:
     return [Likely(packing=one, header_bytes=skip) for one in _both_kinds(encoding, 8 * size, byte_order=order)]
 
 
+def _twelve_bits(octets: Octets) -> list[Likely]:
+    """Numbers of 12 bits, by which bytes of three have least entropy; where both of them spread alike, and least.
+
+    In a wrong order one of the two has the bits that count least above those that count most. So have the two halves of
+    numbers of 24 bits, which are none of these.
+    """
+    entropy = [_entropy(octets[place::3]) for place in range(3)]
+    if max(entropy) - min(entropy) < _ENTROPY_APART:
+        return []
+    encodings: tuple[Encoding, Encoding] = ("int", "offset-binary")
+    orders: tuple[BitOrder, BitOrder] = ("msb-first", "lsb-first")
+    found: list[tuple[float, Likely]] = []
+    for skip, order in product(range(3), orders):
+        codes = twelve_bit_codes(octets[skip : skip + (octets.size - skip) // 3 * 3][: 3 * _SHAPED], order)
+        for encoding in encodings:
+            shapes = [_shape_of((c ^ 2048) - 2048 if encoding == "int" else c - 2048) for c in codes.T]
+            sigmas = [shape.sigma for shape in shapes]
+            if max(sigmas) > _SPREAD_ALIKE * min(sigmas) or any(one.kurtosis < _HUMPED or one.beside for one in shapes):
+                continue
+            packings = _both_kinds(encoding, 12, bit_order=order)
+            found += [(max(sigmas), Likely(packing=one, header_bytes=skip)) for one in packings]
+    narrowest = min((sigma for sigma, _ in found), default=0.0)
+    return [likely for sigma, likely in found if sigma < _SPREAD_ALIKE * narrowest]
+
+
 def _first_bound(octets: Octets, entropy: Reals) -> int | None:
     """Where pairs begin if every other byte depends on the one before it, and not by the one behind, as in numbers of
     few values; None if that is not so.
@@ -210,10 +237,15 @@ def _shape(octets: Octets, size: int, encoding: Encoding, order: ByteOrder, skip
     letter = "u" if encoding == "offset-binary" else "i"
     stored = octets[skip : skip + (octets.size - skip) // size * size][: _SHAPED * size]
     numbers = stored.view(f"{'<' if order == 'little' else '>'}{letter}{size}").astype(np.float64)
+    return _shape_of(numbers - (0.0 if encoding == "int" else 2.0 ** (8 * size - 1)), everywhere=encoding != "int")
+
+
+def _shape_of(numbers: NDArray[Any], *, everywhere: bool = True) -> _Shape:
+    """Return the shape of numbers whose middle is zero. everywhere : whether any mean far off is beside it."""
     mean, sigma = float(numbers.mean()), max(float(numbers.std()), 1e-30)
-    off = abs(mean - (0.0 if encoding == "int" else 2.0 ** (8 * size - 1))) / sigma
-    kurtosis = float(np.mean(((numbers - numbers.mean()) / sigma) ** 4))
-    beside = off > _BESIDE[0] and (off < _BESIDE[1] or encoding == "offset-binary")
+    off = abs(mean) / sigma
+    kurtosis = float(np.mean(((numbers - mean) / sigma) ** 4))
+    beside = off > _BESIDE[0] and (off < _BESIDE[1] or everywhere)
     return _Shape(kurtosis=min(kurtosis, _HUMPED), sigma=sigma, beside=beside)
 
 

@@ -98,7 +98,7 @@ def _packing(general: Global, where: str, remarks: list[str]) -> Packing:
                 f"{where}: global.skyproof:bits = {bits} does not go with global.skyproof:encoding = "
                 f'"{encoding}", expected {fitting}'
             )
-    if bits > 8 and match[3] is None:
+    if bits > 8 and bits % 8 == 0 and match[3] is None:
         remarks.append(f"core:datatype {general.datatype} does not state the byte order; read as little-endian")
     return Packing(
         kind="complex" if match[1] == "c" else "real",
@@ -509,10 +509,10 @@ def sigmf_meta(layout: SampleLayout, *, n_channels: int = 1) -> dict[str, Any]:
     """
     packing = layout.packing
     letter = {"int": "i", "float": "f"}.get(packing.encoding, "u")
-    plain = packing.bits >= 8 and packing.encoding in ("int", "float", "offset-binary")
-    order = f"_{packing.byte_order[0]}e" if packing.bits > 8 else ""
+    plain = not packing.orders_bits and packing.encoding in ("int", "float", "offset-binary")
+    order = f"_{packing.byte_order[0]}e" if packing.orders_bytes else ""
     general: dict[str, Any] = {
-        "core:datatype": f"{packing.kind[0]}{letter}{max(packing.bits, 8)}{order}",
+        "core:datatype": f"{packing.kind[0]}{letter}{8 if packing.orders_bits else packing.bits}{order}",
         "core:sample_rate": layout.rate_hz,
         "core:version": "1.2.6",
         "core:num_channels": n_channels,

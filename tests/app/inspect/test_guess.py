@@ -1,6 +1,7 @@
 """Recordings that nothing describes: read as they were made, written down, or refused with what is needed."""
 
 import json
+import re
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -329,7 +330,13 @@ def test_channels_that_take_turns_are_reported_and_no_sidecar_is_written(
     path.write_bytes(stored(several(2, 5.456e6, 1.405e6, True) if real else several(2, 2.6e6, 0.0, False), form))
     with pytest.raises(NotUnderstood, match=words) as refused:
         inspect(path, write=True)
-    assert "core:num_channels" in str(refused.value)
+    (command,) = re.findall(r"`skyproof inspect \S+ ([^`]*)`", str(refused.value))
+    options = {name.replace("-", "_"): value for name, value in re.findall(r"--(\S+) (\S+)", command)}
+    layout = {key: float(value) if value[0].isdecimal() else value for key, value in options.items()}
+    layout |= {key: int(layout[key]) for key in ("channels", "bits")} | ({"if_hz": 1.405e6} if real else {})
+    separate = inspect(path, layout=layout)
+    assert len(separate) == 2
+    assert all(len(one.satellites) > 3 for one in separate)
     assert refused.value.guess.proposals[0].log10_chance < -6.0  # it would have convinced
     first = refused.value.document()["proposals"][0]
     assert (first["interleaved"], first["convincing"]) == (words, False)

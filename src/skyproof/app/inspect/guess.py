@@ -15,7 +15,7 @@ import numpy as np
 
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.byte_io import FileBytes, size_of
-from skyproof.formats.layout import Chunk, PackedSamples, Packing
+from skyproof.formats.layout import Chunk, Kind, PackedSamples, Packing
 from skyproof.formats.names import NameHints, hints_of
 from skyproof.formats.raw import SampleLayout
 from skyproof.formats.readings import header_length, likely_packings
@@ -126,6 +126,19 @@ _TRIED_BLIND: Final = (4e6, 2.048e6, 16.368e6, 2.6e6)
 """Rates for recordings in which nothing repeats clearly enough, the most usual first."""
 
 
+@dataclass(frozen=True)
+class Woven:
+    """Channels whose samples take turns.
+
+    turn : samples of the reading as one channel until the first channel comes again.
+    """
+
+    channels: int
+    kind: Kind
+    turn: int
+    words: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
     """One way to read the file.
@@ -134,8 +147,8 @@ class Proposal:
     round_rate : whether the rate is one that people choose; another one is as exact as it could be measured.
     satellites : of the search, by name, with C/N0. log10_chance : that noise alone makes so much in all that was tried,
         as its decimal logarithm, 0 where nothing was found. power : of all signals found over the noise.
-    interleaved : of which channels the file seems to be woven, in words: then no reading of one channel is right. Empty
-        if of one. Looked at in the best proposal only. peaks : what the search found, Dopplers off `layout.if_hz`.
+    woven : of which channels the file seems to be woven: then no reading of one channel is right. None if of one.
+        Looked at in the best proposal only. peaks : what the search found, Dopplers off `layout.if_hz`.
     """
 
     layout: SampleLayout
@@ -144,12 +157,17 @@ class Proposal:
     satellites: dict[str, float] = field(default_factory=dict)
     log10_chance: float = 0.0
     power: float = 0.0
-    interleaved: str = ""
+    woven: "Woven | None" = None
     peaks: tuple[Peak, ...] = ()
 
     @property
+    def interleaved(self) -> str:
+        """Of which channels the file seems to be woven, in words; empty if of one."""
+        return "" if self.woven is None else self.woven.words
+
+    @property
     def convincing(self) -> bool:
-        return self.log10_chance < math.log10(CONVINCING) and not self.interleaved
+        return self.log10_chance < math.log10(CONVINCING) and self.woven is None
 
     def document(self) -> dict[str, Any]:
         """For --json."""
@@ -190,11 +208,13 @@ class Guess:
     def summary(self) -> str:
         """What to do where nothing convincing was found."""
         best = self.proposals[0].layout
-        if self.proposals[0].interleaved:
+        if woven := self.proposals[0].woven:
             return (
-                f"it looks like {self.proposals[0].interleaved} whose samples take turns, so that every reading as one "
-                "channel mixes them. A sidecar describes one channel and cannot say that: split the file into one a "
-                f"channel, or describe it with {self.path.stem}.sigmf-meta and core:num_channels"
+                f"it looks like {woven.words} whose samples take turns, so that every reading as one channel mixes "
+                f"them. Say how many there are: `skyproof inspect {self.path} --channels {woven.channels} "
+                f"--rate-hz {best.rate_hz / woven.turn:.10g} --kind {woven.kind} --encoding {best.encoding} "
+                f"--bits {best.bits}{_order_option(best)}`, with --if-hz where L1 does not lie at zero; then write it "
+                "into the sidecar (channels, rate_hz, kind, encoding, bits)"
             )
         numbers = " or ".join(dict.fromkeys(f"{one.layout.kind} {_numbers(one.layout)}" for one in self.proposals[:4]))
         return (
@@ -243,14 +263,21 @@ def guess(path: str | Path) -> Guess:
         proposals += [trials.search(look) for look in _blind(looks, hints, wav)]
     ranked = sorted(proposals, key=lambda one: (-one.power, one.log10_chance))
     if ranked and ranked[0].convincing:
-        ranked[0] = replace(ranked[0], interleaved=_interleaved(octets, ranked[0]))
+        ranked[0] = replace(ranked[0], woven=_woven(octets, ranked[0]))
     return Guess(
         path=path, proposals=tuple(_distinct(ranked))[:_MOST_READINGS], tried=trials.count, start_utc=hints.start_utc
     )
 
 
-def _interleaved(octets: FileBytes, proposal: Proposal) -> str:
-    """Of which channels, in words; empty if of one."""
+def _order_option(layout: SampleLayout) -> str:
+    """The option that states the order of bits or bytes, if it is not the default."""
+    if layout.packing.orders_bits and layout.bit_order != "msb-first":
+        return f" --bit-order {layout.bit_order}"
+    return f" --byte-order {layout.byte_order}" if layout.packing.orders_bytes and layout.byte_order == "big" else ""
+
+
+def _woven(octets: FileBytes, proposal: Proposal) -> Woven | None:
+    """Return of which channels a file is woven; None if of one."""
     layout = proposal.layout
     samples = _samples(octets, layout.header_bytes, layout.packing)
     planes = samples.read(0, min(samples.n_samples, math.ceil(_PERIODS * GPS_L1_CA.period_s * layout.rate_hz)))
@@ -263,15 +290,19 @@ def _interleaved(octets: FileBytes, proposal: Proposal) -> str:
     ]
     turn = turns(planes, layout.rate_hz, signals, real=layout.kind == "real")
     if turn.one_channel:
-        return ""
+        return None
     if layout.kind == "complex":
-        return f"{2 * turn.samples} real channels" if turn.mirrored else f"{turn.samples} complex channels"
+        kind: Kind = "real" if turn.mirrored else "complex"
+        channels = turn.samples * (2 if turn.mirrored else 1)
+        return Woven(channels, kind, turn.samples, f"{channels} {kind} channels")
     if turn.samples == 2 or turn.samples % 2:
-        return f"{turn.samples} real channels"
+        return Woven(turn.samples, "real", turn.samples, f"{turn.samples} real channels")
     # real channels of zero intermediate frequency would hold nothing
     spacing_hz = layout.rate_hz / turn.samples
     at_zero = abs(math.remainder(layout.if_hz, spacing_hz)) < 0.5 * GPS_L1_CA.chip_rate_hz
-    return f"{turn.samples // 2} complex channels" + ("" if at_zero else f" or {turn.samples} real ones")
+    or_real = "" if at_zero else f" or {turn.samples} real ones"
+    pairs = turn.samples // 2
+    return Woven(pairs, "complex", turn.samples, f"{pairs} complex channels{or_real}")
 
 
 def _distinct(proposals: Sequence[Proposal]) -> Iterator[Proposal]:
@@ -335,12 +366,12 @@ def _looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterat
         kinds = ("complex",) if wav.channels == 2 else ("real",)
         packings = [(Packing(kind=kind, encoding=wav.encoding, bits=wav.bits), 0) for kind in kinds]  # type: ignore[arg-type]
     else:
-        middle = header + (octets.size - header) // 2 // 16 * 16
+        middle = header + (octets.size - header) // 2 // 48 * 48  # where numbers of any length begin
         body = octets[middle : middle + _LOOKED_AT] if octets.size > 2 * _LOOKED_AT else octets[header:]
         packings = [(one.packing, one.header_bytes) for one in likely_packings(np.ascontiguousarray(body))]
     for rank, (packing, skip) in enumerate(packings):
         # behind a header that was found by its looks, Q may be what seems to be I
-        n_starts = packing.numbers if header and not wav and packing.bits >= 8 else 1
+        n_starts = packing.numbers if header and not wav and not packing.orders_bits else 1
         for begin in (header + skip + number * packing.bits // 8 for number in range(n_starts)):
             samples = _samples(octets, begin, packing)
             if samples.n_samples >= LEAST_SAMPLES:
@@ -523,9 +554,9 @@ def _layout(look: _Look, rate_hz: float, if_hz: float) -> SampleLayout:
         "encoding": packing.encoding,
         "bits": packing.bits,
     }
-    if packing.bits < 8:
+    if packing.orders_bits:
         keys["bit_order"] = packing.bit_order
-    if packing.bits > 8:
+    if packing.orders_bytes:
         keys["byte_order"] = packing.byte_order
     if look.header_bytes:
         keys["header_bytes"] = look.header_bytes
@@ -542,9 +573,9 @@ def _sources(look: _Look, rate_source: str, if_source: str) -> dict[str, str]:
         "encoding": numbers,
         "bits": numbers,
     }
-    if look.packing.bits < 8:
+    if look.packing.orders_bits:
         sources["bit_order"] = "measured: what a search finds"
-    if look.packing.bits > 8:
+    if look.packing.orders_bytes:
         sources["byte_order"] = numbers
     if look.header_bytes:
         sources["header_bytes"] = "the WAV header" if look.wav else "measured: where the bytes change"
