@@ -69,14 +69,15 @@ T_co = TypeVar("T_co", covariant=True)
 
 
 class CellStatus(IntEnum):
-    """Why a cell of `Observations` is as it is. `OK` and `SLIP` have numbers; `NO_RANGE` all but the range; the others
-    NaN."""
+    """Why a cell of `Observations` is as it is. `OK` and `SLIP` have numbers; `NO_RANGE` and `IMPOSSIBLE` all but the
+    range, where they have any; the others NaN."""
 
     OK = 0
     NOT_TRACKED = 1
     NO_TIME = 2
     SLIP = 3
     NO_RANGE = 4
+    IMPOSSIBLE = 5
 
 
 class FixStatus(IntEnum):
@@ -96,6 +97,7 @@ CELL_STATUS: dict[int, str] = {
     CellStatus.NO_TIME: "no time of week decoded yet",
     CellStatus.SLIP: "cycle slip since the epoch before",
     CellStatus.NO_RANGE: "the code's phase alone is known, and no range",
+    CellStatus.IMPOSSIBLE: "a range that no receiver measures",
 }
 """A `CellStatus` in words."""
 

@@ -26,6 +26,7 @@ from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.registry import load_detectors
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
+from skyproof.detectors.torn.detector import Torn, TornSettings
 from skyproof.records import Records
 from skyproof.testing import ALARMS, FalseSky, MeasuredScene, TrackErrors, check_detector, check_false_alarms
 
@@ -154,6 +155,15 @@ CASES = (
         1000,
         ("undecided",),
         "the ionosphere is as strong as it can be in none of these records",
+    ),
+    Case(
+        "satellites that fail now and then",
+        lambda: Torn(TornSettings(false_alarm_probability=0.3)),
+        CLEAN.records,
+        40,
+        400,
+        ("undecided",),
+        "no satellite fails in these records",
     ),
     Case(
         "codes that go with carriers",

@@ -61,12 +61,13 @@ class Implausible:
     """What was left out.
 
     counts : cells by type, such as "G C2W". misread : types that were left out as a whole, and why. remarks : on types
-    that were kept.
+    that were kept. ranges : (n_epochs, n_signals) where a pseudorange of a type that was kept was left out.
     """
 
     counts: dict[str, int] = field(default_factory=dict)
     misread: dict[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    ranges: Booleans = field(default_factory=lambda: np.zeros((0, 0), np.bool_))
 
 
 def leave_out_impossible(
@@ -98,6 +99,7 @@ def leave_out_impossible(
     for name, fits in possible.items():
         kept[name][~fits] = np.nan
     faults, remarks, counts = dict(misread or {}), list[str](), dict[str, int]()
+    ranges = ~possible["pseudorange_m"]
     for name, columns in types.items():
         called = {observable: f"{name[0]} {letter}{name[1:]}" for observable, letter in LETTERS.items()}
         rates = _Rates.of(kept, columns, elapsed_s, wavelength_m)
@@ -109,10 +111,13 @@ def leave_out_impossible(
         for observable, values in kept.items():
             if called[observable] in faults:
                 values[:, columns] = np.nan
+                if observable == "pseudorange_m":
+                    ranges[:, columns] = False
             gone = np.isfinite(cells[observable][:, columns]) & ~np.isfinite(values[:, columns])
             if gone.any():
                 counts[called[observable]] = int(gone.sum())
-    return kept, Implausible(counts, faults, tuple(remarks))
+    ranges[:, [column for name in others for column in types[name]]] = False
+    return kept, Implausible(counts, faults, tuple(remarks), ranges)
 
 
 def impossible_remarks(counts: Mapping[str, int], misread: Mapping[str, str]) -> list[str]:

@@ -483,6 +483,7 @@ class _Table:
     lost: Booleans
     half_open: Booleans
     remarks: tuple[str, ...]
+    impossible: Booleans | None = None  # ranges that were left out
 
     @classmethod
     def of(cls, lines: Lines, rows: SatelliteRows, header: Header, keep: Callable[[SignalId], bool] | None) -> "_Table":
@@ -647,6 +648,7 @@ def _plausible(table: _Table, header: Header, channels: Mapping[str, int]) -> tu
             strength=table.strength[:, stays],
             lost=table.lost[:, stays],
             half_open=table.half_open[:, stays],
+            impossible=implausible.ranges[:, stays],
         ),
         implausible,
     )
@@ -667,6 +669,9 @@ def _observations(table: _Table, header: Header, channels: Mapping[str, int], re
         remarks.append(f"C/N0 is missing in {where} cells: sigmas there are those of {instead}")
     assumed_dbhz = np.where(np.isfinite(cn0_dbhz), cn0_dbhz, by_strength)
     chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in table.signals])
+    status = np.where(there, np.where(table.lost, CellStatus.SLIP, CellStatus.OK), CellStatus.NOT_TRACKED)
+    if table.impossible is not None:
+        status[table.impossible] = CellStatus.IMPOSSIBLE
     elapsed_s = np.asarray((table.instant_ns - table.instant_ns[:1]) * 1e-9, np.float64)
     first = there.argmax(axis=0) if len(there) else np.zeros(len(table.signals), np.intp)
     return Observations(
@@ -681,9 +686,7 @@ def _observations(table: _Table, header: Header, channels: Mapping[str, int], re
         pseudorange_sigma_m=np.where(np.isfinite(code_m), code_sigma_m(assumed_dbhz, chip_m), np.nan),
         carrier_sigma_cyc=np.where(np.isfinite(phase_cyc), carrier_sigma_cyc(assumed_dbhz), np.nan),
         doppler_sigma_hz=np.where(np.isfinite(doppler_hz), doppler_sigma_hz(assumed_dbhz), np.nan),
-        status=np.where(there, np.where(table.lost, CellStatus.SLIP, CellStatus.OK), CellStatus.NOT_TRACKED).astype(
-            np.uint8
-        ),
+        status=status.astype(np.uint8),
         half_cycle_open=table.half_open,
         found_elapsed_s=elapsed_s[first],
         missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], np.nan),

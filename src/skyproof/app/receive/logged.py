@@ -19,7 +19,7 @@ from skyproof.gnss.signals import frequency_number_of
 from skyproof.logs.content import FrontEndLevels, LogPiece, ReceiverFixes, ReceiverStates
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.stream import is_log, read_log
-from skyproof.records import Observations
+from skyproof.records import CellStatus, Observations
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["holds_log", "open_log"]
@@ -103,8 +103,9 @@ class _Gathered:
             misread=self._misread,
         )
         self._misread |= implausible.misread
+        status = np.where(implausible.ranges, np.uint8(CellStatus.IMPOSSIBLE), o.status)
         return ObservationFile(
-            observations=replace(o, **dict[str, Any](kept)),
+            observations=replace(o, status=status, **dict[str, Any](kept)),
             version=0.0,
             impossible=implausible.counts,
             misread=implausible.misread,

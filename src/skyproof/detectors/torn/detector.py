@@ -1,0 +1,216 @@
+"""Are there codes that no orbit explains, of more satellites than fail at once?
+
+A receiver that true and false signals pull about writes fragments: a code whole milliseconds off, negative ranges,
+ranges of another satellite, for an epoch or two, of other satellites each time. A position filter leaves them out one
+by one. Here they are counted together.
+
+Model. A code that is off from where its satellite stands by more than a reflection can make it, seen from the last good
+fix of the others and with the receiver's clock of then, is a stray; so is one that no receiver measures. A satellite or
+its channel has strays in a window with the probability of a fault, independently of others. The number of satellites
+with strays is binomial; the chance of so many is the p-value. How far the antenna and the clock may have gone since
+the last good fix is taken off.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Reals
+from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.code_motion.detector import primary_signals
+from skyproof.errors import require_probability
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.navigation.fix import fix_and_geometry
+from skyproof.navigation.least_squares import line_of_sight
+from skyproof.navigation.ranges import corrected_ranges
+from skyproof.records import (
+    CellStatus,
+    Evidence,
+    FixStatus,
+    NavigationData,
+    Need,
+    Observations,
+    Records,
+    SignalId,
+    SignalRef,
+)
+from skyproof.statistics.distributions import binomial_survival
+
+__all__ = ["Torn", "TornSettings"]
+
+_STRAY_M: Final = 1000.0
+"""Beyond any reflection: of 19 900 in cities none was later than 500 m (ITU-R P.681-11, 6.3); and the atmosphere."""
+_DRIFT: Final = 1e-6
+"""By which a receiver's clock may part from its rate at the last fix, s/s: temperature of a plain quartz."""
+_FAULT_RATE: Final = 1e-4  # at which measurements that do not fit are left out of an epoch's fix
+_LEAST_DOF: Final = 2  # of a fix by which others are judged
+_NAMED: Final = 6
+
+
+@dataclass(frozen=True)
+class TornSettings:
+    """Settings of `Torn`.
+
+    false_alarm_probability : of each receiver and window.
+    fault_probability : of one satellite or its channel, to give a stray code within a window.
+    speed_max_m_s : no platform is faster; 1000 where it is not known.
+    multipath_sigma_m : of one pseudorange, one sigma. elevation_mask_deg : satellites lower are not used for fixes.
+    """
+
+    false_alarm_probability: float = 1e-3
+    fault_probability: float = 1e-3
+    speed_max_m_s: float | None = None
+    multipath_sigma_m: float = 1.0
+    elevation_mask_deg: float = 5.0
+
+    def __post_init__(self) -> None:
+        require_probability("torn", "false_alarm_probability", self.false_alarm_probability)
+        require_probability("torn", "fault_probability", self.fault_probability)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Anchor:
+    """The last good fix of a receiver: when, where, and c times the clock bias and drift; by time scale."""
+
+    elapsed_s: float
+    position_ecef_m: Reals
+    clock_m: dict[str, float]
+    drift_m_s: float
+
+
+class Torn:
+    """The detector: see the module's text. It remembers the last good fix of each receiver."""
+
+    name = "torn"
+    needs = (Need.OBSERVATIONS, Need.NAVIGATION)
+
+    def __init__(self, settings: TornSettings | None = None) -> None:
+        self.settings = settings or TornSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
+        """Return the evidence of one window; never raises for what the data lack."""
+        lacking = missing(self, records)
+        if lacking or records.navigation is None:
+            return lacking, state
+        anchors: dict[str, _Anchor] = dict(state or {})
+        found = []
+        for o in records.observations:
+            before = anchors.get(o.receiver)
+            if before is not None and before.elapsed_s >= o.elapsed_s[0]:
+                before = None  # another recording
+            evidence, after = self._receiver(records, records.navigation, o, before)
+            found.append(evidence)
+            if after is not None:
+                anchors[o.receiver] = after
+        return found, anchors
+
+    def _receiver(
+        self, records: Records, navigation: NavigationData, o: Observations, before: _Anchor | None
+    ) -> tuple[Evidence, _Anchor | None]:
+        subject = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+        signals = primary_signals(o)
+        if signals is None:
+            because = f"a satellite is received twice in {o.receiver}: which codes belong together is open"
+            return undecided(self, records, subject, because=because, code="received_twice"), before
+        anchors = self._anchors(o, navigation, signals, before)
+        columns = [o.signals.index(signal) for signal in signals]
+        stray = np.asarray(o.status[:, columns] == CellStatus.IMPOSSIBLE)
+        if any(anchor is not None for anchor in anchors):
+            stray |= self._strays(o, navigation, signals, anchors)
+        elif not stray.any():
+            because = f"no epoch of {o.receiver} so far has a position with two satellites to spare"
+            need = "six or more satellites with pseudoranges and orbits"
+            evidence = undecided(self, records, subject, because=because, would_need=need, code="no_good_fix")
+            return evidence, before
+        return self._judged(records, o, signals, stray), anchors[-1] or before
+
+    def _anchors(
+        self, o: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], before: _Anchor | None
+    ) -> list[_Anchor | None]:
+        """Return for each epoch the last good fix up to it, or where there is none the first one after it."""
+        anchors: list[_Anchor | None] = [before] * o.gpst.size
+        if not signals:
+            return anchors
+        fix, geometry = fix_and_geometry(
+            o,
+            navigation,
+            signals=signals,
+            multipath_sigma_m=self.settings.multipath_sigma_m,
+            elevation_mask_deg=self.settings.elevation_mask_deg,
+            false_alarm_probability=_FAULT_RATE,
+        )
+        used = np.isfinite(geometry.sigma_m) & np.isfinite(geometry.misfit_m)
+        clocks = np.any(used[..., None] & (geometry.design[..., 3:] != 0.0), axis=1).sum(axis=1)
+        normalised = np.where(used, geometry.misfit_m / np.where(used, geometry.sigma_m, 1.0), 0.0)
+        dof = used.sum(axis=1) - 3 - clocks
+        small = (normalised**2).sum(axis=1) < 25.0 * np.maximum(dof, 1)
+        good = np.flatnonzero((fix.status == FixStatus.OK) & (dof >= _LEAST_DOF) & small)
+        last = before
+        for row in range(o.gpst.size):
+            if row in good:
+                drift = float(fix.clock_drift[row])
+                last = _Anchor(
+                    elapsed_s=float(o.elapsed_s[row]),
+                    position_ecef_m=fix.position_ecef_m[row],
+                    clock_m={
+                        scale: SPEED_OF_LIGHT_M_S * float(fix.clock_bias_s[row] + offset_s[row])
+                        for scale, offset_s in fix.inter_system_s.items()
+                        if np.isfinite(offset_s[row])
+                    },
+                    drift_m_s=SPEED_OF_LIGHT_M_S * drift if np.isfinite(drift) else 0.0,
+                )
+            anchors[row] = last
+        first = next((anchor for anchor in anchors if anchor is not None), None)
+        return [anchor or first for anchor in anchors]
+
+    def _strays(
+        self,
+        o: Observations,
+        navigation: NavigationData,
+        signals: tuple[SignalId, ...],
+        anchors: list[_Anchor | None],
+    ) -> Booleans:
+        """Return the cells (n_epochs, n_signals) that are off by more than anything explains."""
+        known = [anchor for anchor in anchors if anchor is not None]
+        codes_m = o.pseudorange_m[:, [o.signals.index(signal) for signal in signals]]
+        ranges = corrected_ranges(signals, o.gpst, codes_m, navigation, with_unknown_delay=True)
+        place = np.array([anchor.position_ecef_m for anchor in known])
+        _, _, distance_m = line_of_sight(ranges.satellite_ecef_m, place)
+        apart_s = o.elapsed_s - np.array([anchor.elapsed_s for anchor in known])
+        drift_m = np.array([anchor.drift_m_s for anchor in known]) * apart_s
+        scales = [signal.kind[0] for signal in signals]
+        clock_m = np.array([[anchor.clock_m.get(scale, np.nan) for scale in scales] for anchor in known])
+        off_m = ranges.range_m - distance_m - clock_m - drift_m[:, None]
+        speed_m_s = 1000.0 if self.settings.speed_max_m_s is None else self.settings.speed_max_m_s
+        reach_m = _STRAY_M + (speed_m_s + SPEED_OF_LIGHT_M_S * _DRIFT) * np.abs(apart_s)
+        return np.asarray(np.abs(off_m) > reach_m[:, None])
+
+    def _judged(self, records: Records, o: Observations, signals: tuple[SignalId, ...], stray: Booleans) -> Evidence:
+        columns = [o.signals.index(signal) for signal in signals]
+        measured = o.measured[:, columns] | (o.status[:, columns] == CellStatus.IMPOSSIBLE)
+        n = int(measured.any(axis=0).sum())
+        torn = [signal for k, signal in enumerate(signals) if stray[:, k].any()]
+        p_value = float(binomial_survival(len(torn), max(n, 1), self.settings.fault_probability))
+        alpha = self.settings.false_alarm_probability
+        failed = p_value < alpha
+        because = f"codes of {len(torn)} of {n} satellites in {o.receiver} are where no orbit explains them"
+        if failed:
+            names = ", ".join(signal.sat for signal in torn[:_NAMED])
+            because += f" ({names}{'' if len(torn) <= _NAMED else f' and {len(torn) - _NAMED} more'})"
+        chosen = torn if failed else signals
+        return Evidence(
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=tuple(SignalRef(o.receiver, signal) for signal in chosen),
+            says="undecided" if failed else "clean",
+            because=because,
+            statistic=float(len(torn)),
+            p_value=p_value,
+            false_alarm_probability=alpha,
+            overrules=failed,
+            dated_gpst=o.gpst[int(stray.any(axis=1).argmax())] if failed else None,
+            may_also_be=("interference", "fault") if failed else (),
+            would_need="the recording of the samples, or another receiver" if failed else None,
+        )
