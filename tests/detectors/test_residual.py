@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.residual import Residual, ResidualSettings
+from skyproof.detectors.second_signals.detector import elevation_rad
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError
 from skyproof.navigation.chance import chance_p_value
@@ -40,6 +41,35 @@ def test_a_single_fault_is_named_and_nothing_else():
     assert evidence.says == "undecided"
     assert str(records.observations[0].signals[4]) in evidence.because
     assert "a fault of it, unless the others are false" in evidence.because
+
+
+def lowest(records):
+    """Column of the satellite that stands lowest, and all elevations, degrees."""
+    (o,), (own,) = records.observations, records.sets
+    sats = [elevation_rad(records.navigation, (own,), signal.sat) for signal in o.signals]
+    return int(np.argmin(sats)), np.degrees(sats)
+
+
+@pytest.mark.parametrize("mask_deg", [35.0, 10.0])
+def test_no_satellite_below_the_mask_makes_the_word(mask_deg):
+    records = scene(mask_deg=3.0).records(np.random.default_rng(0))
+    column, elevation_deg = lowest(records)
+    assert elevation_deg.min() < 10.0
+    moved = shifted(records, column, 60.0)
+    (all_,) = Residual(ResidualSettings(elevation_mask_deg=0.0)).examine(moved)[0]
+    (high,) = Residual(ResidualSettings(elevation_mask_deg=mask_deg)).examine(moved)[0]
+    assert (all_.says, high.says) == ("undecided", "clean")
+    assert {ref.signal for ref in high.subject} == {
+        signal
+        for signal, at_deg in zip(records.observations[0].signals, elevation_deg, strict=True)
+        if at_deg >= mask_deg
+    }
+
+
+def test_where_too_few_satellites_stand_above_the_mask_that_is_the_reason():
+    records = scene().records(np.random.default_rng(0))
+    (evidence,) = Residual(ResidualSettings(elevation_mask_deg=75.0)).examine(records)[0]
+    assert (evidence.says, evidence.code) == ("undecided", "few_above_mask")
 
 
 def test_no_single_signal_is_blamed_while_satellites_have_second_ones():

@@ -13,12 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Indices
+from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.navigation.elevation_mask import find_low
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.raim import GlobalTest, exclude_one, global_test
 from skyproof.navigation.search import WindowRanges, below, misfits, solve
@@ -37,6 +38,7 @@ class ResidualSettings:
     min_satellites : of a set that counts as a sky.
     multipath_sigma_m : error of a track that stays over the window, one sigma.
     ionosphere_share : of the ionosphere's delay, one sigma of what the model leaves.
+    elevation_mask_deg : satellites below, as seen from where all of them put the receiver, are in no fit.
     unrelated_spread_m : delays of signals that have nothing to do with each other spread over at least this.
     """
 
@@ -44,6 +46,7 @@ class ResidualSettings:
     min_satellites: int = 5
     multipath_sigma_m: float = 1.0
     ionosphere_share: float = 0.25
+    elevation_mask_deg: float = 5.0
     unrelated_spread_m: float = 300.0
 
     def __post_init__(self) -> None:
@@ -84,22 +87,31 @@ def plain_fixes(window: Observations, navigation: NavigationData, settings: Resi
             first.setdefault(mean.signals[row].sat, int(row))
         layers.setdefault(len(of_scale), []).append(np.array(list(first.values()), np.intp))
         of_scale.append(kind)
-    fitted = [groups for groups in layers.values() if sum(rows.size for rows in groups) - len(groups) >= 4]
+    fitted = [groups for groups in layers.values() if _spare(groups) > 0]
     alpha = settings.false_alarm_probability / max(len(fitted), 1)
-    fixes = [_plain_fix(mean.signals, measurements, groups, alpha) for groups in fitted]
+    fixes = [_plain_fix(mean.signals, measurements, groups, alpha, settings.elevation_mask_deg) for groups in fitted]
     return tuple(fix for fix in fixes if fix is not None)
 
 
+def _spare(groups: Sequence[Indices]) -> int:
+    """How many satellites are beyond those that a position and a clock for each group need."""
+    return sum(rows.size for rows in groups) - len(groups) - 3
+
+
 def _plain_fix(
-    signals: Sequence[SignalId], measurements: WindowRanges, groups: Sequence[Indices], alpha: float
+    signals: Sequence[SignalId], measurements: WindowRanges, groups: Sequence[Indices], alpha: float, mask_deg: float
 ) -> PlainFix | None:
-    """Of rows in groups with a clock each; None where no position comes out."""
-    rows = np.concatenate(groups)
-    clocks = np.repeat(np.eye(len(groups)), [own.size for own in groups], axis=0)
-    start_m = np.concatenate((below(measurements, rows), np.zeros(len(groups))))
-    state_m = solve(measurements, rows[None], start_m[None], rounds=3, clocks=clocks).state_m[0]
+    """Of rows in groups with a clock each; None where no position comes out, or too few stand above the mask."""
+    state_m = _state(measurements, groups)
+    if np.all(np.isfinite(state_m)):
+        low = find_low(state_m[:3], measurements.satellite_ecef_m, mask_deg)
+        groups = [high for rows in groups if (high := rows[~low[rows]]).size]
+        if _spare(groups) <= 0:
+            return None
+        state_m = _state(measurements, groups)
     if not np.all(np.isfinite(state_m)):
         return None
+    rows, clocks = np.concatenate(groups), _clocks(groups)
     misfit_m, sigma_m, unit = misfits(measurements, rows, np.append(state_m[:3], 0.0))
     misfit_m = misfit_m - clocks @ state_m[3:]
     test = global_test(misfit_m, sigma_m, false_alarm_probability=alpha, unknowns=3 + len(groups))
@@ -107,6 +119,18 @@ def _plain_fix(
     cured = not test.consistent and exclusion.excluded >= 0 and bool(exclusion.test.consistent)
     used = tuple(signals[row] for row in rows)
     return PlainFix(used, test, used[int(exclusion.excluded)] if cured else None)
+
+
+def _state(measurements: WindowRanges, groups: Sequence[Indices]) -> Reals:
+    """Solve for the position and a clock for each group of rows, (3 + groups,)."""
+    rows = np.concatenate(groups)
+    start_m = np.concatenate((below(measurements, rows), np.zeros(len(groups))))
+    return np.asarray(solve(measurements, rows[None], start_m[None], rounds=3, clocks=_clocks(groups)).state_m[0])
+
+
+def _clocks(groups: Sequence[Indices]) -> Reals:
+    """Say which clock is whose: (rows, groups), ones and zeros."""
+    return np.repeat(np.eye(len(groups)), [own.size for own in groups], axis=0)
 
 
 class Residual:

@@ -84,6 +84,21 @@ def test_an_error_that_ranges_have_as_well_is_no_alarm():
     assert VectorSqm(strict).examine(replace(records, observations=(measured,)))[0][0].failed
 
 
+def test_channels_below_the_mask_are_not_tested():
+    records = with_vector_taps(np.random.default_rng(5))
+    (o,), (taps,) = records.observations, records.vector_taps
+
+    def tested(mask_deg):
+        settings = VectorSqmSettings(elevation_mask_deg=mask_deg)
+        return np.isfinite(directions(o, records.navigation, taps.signals, settings).lasting_chips)
+
+    every, high = tested(0.0), tested(25.0)
+    assert every.all()
+    assert 4 <= high.sum() < every.sum()
+    (evidence,) = VectorSqm(VectorSqmSettings(elevation_mask_deg=25.0)).examine(records)[0]
+    assert {ref.signal for ref in evidence.subject} == {s for s, kept in zip(taps.signals, high, strict=True) if kept}
+
+
 def test_without_the_right_taps_nothing_is_said():
     records = with_vector_taps(np.random.default_rng(6))
     (taps,) = records.vector_taps

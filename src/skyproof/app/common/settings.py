@@ -77,7 +77,8 @@ class Settings(BaseModel):
         default=None,
         examples=["ocxo"],
         description="What the receivers' clocks run on, freely: a false time is known from a true one by how far such "
-        "a clock wanders. Not for a receiver that steers its clock.",
+        "a clock wanders (`common_change`, the choice between skies). `continuity` and vector tracking allow for any "
+        "clock. Not for a receiver that steers its clock.",
     )
     clean_start_s: Number = Field(
         default=30.0,
@@ -85,7 +86,7 @@ class Settings(BaseModel):
         le=1e5,
         description="For so long from the start of the run the signals are taken as true, unless there is a sign "
         "against it: where a receiver later gets two skies, what is predicted from then on says which is true. 0 takes "
-        "nothing for true.",
+        "nothing for true. Tests of whether a receiver goes on begin with its first window, whatever this is.",
     )
     wrong_choice_probability: Number = Field(
         default=1e-3,
@@ -104,13 +105,21 @@ class Settings(BaseModel):
         default=1.0,
         ge=0.0,
         le=1e4,
-        description="Constant error of one pseudorange that multipath may cause, one sigma.",
+        description="Constant error of one pseudorange that multipath may cause, one sigma. The filter of vector "
+        "tracking takes 1 m.",
     )
     window_s: Number = Field(
         default=10.0, ge=2.0, le=1e5, description="Length of the windows that are decided one by one."
     )
     smoothing_s: Number = Field(default=100.0, gt=0.0, le=1e5, description="Carrier smoothing of the positions given.")
-    elevation_mask_deg: Number = Field(default=5.0, ge=0.0, lt=90.0, description="Satellites below are not used.")
+    elevation_mask_deg: Number = Field(
+        default=5.0,
+        ge=0.0,
+        lt=90.0,
+        description="Satellites below are not used for positions, nor by tests that hold all ranges of a receiver "
+        "against one position (`residual`, `vector_sqm`). Other tests, vector tracking and recordings of a few seconds "
+        "use all.",
+    )
     tracking: Literal["scalar", "vector"] = Field(
         default="scalar",
         description="scalar: every channel follows its own signal; vector: one position and clock of all channels "

@@ -35,7 +35,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.navigation.coarse_time import CoarseFix
+from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings
 from skyproof.navigation.whole_periods import whole_ranges_m
 from skyproof.receiver.observables import phases_with_lines
 from skyproof.receiver.snapshot_changes import CHANCE
@@ -256,7 +256,11 @@ def _with_ranges(
     because = ""
     for some in _one_a_satellite(found):
         words: list[str] = []
-        coarse, used = solved([one.code_at(at_s) for one in some], at_gpst, navigation, _known(settings), words)
+        phases, rules = (
+            [one.code_at(at_s) for one in some],
+            CoarseSettings(multipath_sigma_m=settings.multipath_sigma_m),
+        )
+        coarse, used = solved(phases, at_gpst, navigation, _known(settings), words, rules)
         if coarse.status == 0:
             names = {code.sat for code in used}
             shows = [one in some and one.signal.sat in names for one in found]

@@ -26,8 +26,9 @@ from skyproof.detectors.correlators.vector_parity import (
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.navigation.elevation_mask import find_low
 from skyproof.navigation.least_squares import design_matrix
-from skyproof.navigation.search import below, misfits, solve
+from skyproof.navigation.search import WindowRanges, below, misfits, solve
 from skyproof.navigation.sets import window_measurements
 from skyproof.records import Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef, Taps
 
@@ -54,6 +55,7 @@ class VectorSqmSettings:
     min_satellites : five can be tested, six are needed to name one.
     multipath_sigma_m : error of a code that stays over the window, one sigma.
     ionosphere_share : of the ionosphere's delay, one sigma of what the model leaves.
+    elevation_mask_deg : channels of satellites below are not tested.
     """
 
     false_alarm_probability: float = 1e-3
@@ -61,6 +63,7 @@ class VectorSqmSettings:
     min_satellites: int = 5
     multipath_sigma_m: float = 1.0
     ionosphere_share: float = 0.25
+    elevation_mask_deg: float = 5.0
 
     def __post_init__(self) -> None:
         for name in ("false_alarm_probability", "wrong_name_probability"):
@@ -309,7 +312,8 @@ def _kept(value: Any, there: Directions | None) -> Indices:
 def directions(
     observations: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], settings: VectorSqmSettings
 ) -> Directions | None:
-    """Of the signals from where they themselves put the receiver; None if that is not to be found."""
+    """Of the signals from where they themselves put the receiver, but for satellites below the elevation mask; None if
+    that is not to be found."""
     mean, measurements, usable = window_measurements(
         observations,
         navigation,
@@ -319,10 +323,12 @@ def directions(
     )
     row_of = {signal: row for row, signal in enumerate(mean.signals) if usable[row]}
     rows = np.array([row_of[signal] for signal in signals if signal in row_of], np.intp)
-    if rows.size < 4:
-        return None
-    start_m = np.append(below(measurements, rows), 0.0)
-    state_m = solve(measurements, rows[None], start_m[None], rounds=3).state_m[0]
+    state_m = _state(measurements, rows)
+    if np.all(np.isfinite(state_m)):
+        low = find_low(state_m[:3], measurements.satellite_ecef_m, settings.elevation_mask_deg)
+        row_of = {signal: row for signal, row in row_of.items() if not low[row]}
+        rows = rows[~low[rows]]
+        state_m = _state(measurements, rows)
     if not np.all(np.isfinite(state_m)):
         return None
     _, sigma_m, unit = misfits(measurements, rows, state_m)
@@ -330,3 +336,11 @@ def directions(
     places = [k for k, signal in enumerate(signals) if signal in row_of]
     design[places], lasting_chips[places] = design_matrix(unit), sigma_m / CHIP_M
     return Directions(design, lasting_chips)
+
+
+def _state(measurements: WindowRanges, rows: Indices) -> Reals:
+    """Solve for position and clock (4,); NaN with fewer than four satellites."""
+    if rows.size < 4:
+        return np.full(4, np.nan)
+    start_m = np.append(below(measurements, rows), 0.0)
+    return np.asarray(solve(measurements, rows[None], start_m[None], rounds=3).state_m[0])
