@@ -1,11 +1,11 @@
 """The plug: what a detector is."""
 
 from dataclasses import replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from skyproof.records import Evidence, Need, Observations, Records, SignalRef
 
-__all__ = ["NEEDS", "Detector", "missing", "signals_of", "undecided"]
+__all__ = ["NEEDS", "Detector", "Untested", "missing", "signals_of", "undecided"]
 
 NEEDS: dict[Need, str] = {
     Need.OBSERVATIONS: "measurements of a receiver",
@@ -51,6 +51,14 @@ class Detector(Protocol):
     def settings(self) -> Any: ...
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]: ...
+
+
+class Untested(NamedTuple):
+    """Why a test could not run: a short name, the reason in words, and what would let it run."""
+
+    code: str
+    because: str
+    would_need: str
 
 
 def signals_of(observations: tuple[Observations, ...]) -> tuple[SignalRef, ...]:

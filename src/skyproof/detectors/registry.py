@@ -148,7 +148,8 @@ def examined(detector: Detector, records: Records, state: Any) -> tuple[list[Evi
     except Exception as error:
         because = f"the detector {detector.name} of {type(detector).__module__} failed: {_words(error)}"
         there = signals_of(records.observations)
-        return [undecided(detector, records, there, because=because, would_need=f"{detector.name} repaired")], state
+        remedy = f"{detector.name} repaired"
+        return [undecided(detector, records, there, code="failed", because=because, would_need=remedy)], state
     return said
 
 
@@ -171,7 +172,8 @@ def review_of(detector: Detector, evidence: Sequence[Evidence]) -> Iterable[Evid
     except Exception as error:
         because = f"review of the detector {detector.name} of {type(detector).__module__} failed: {_words(error)}"
         last = Records(start_gpst=evidence[-1].start_gpst, end_gpst=evidence[-1].end_gpst)
-        return [*evidence, undecided(detector, last, (), because=because, would_need=f"{detector.name} repaired")]
+        remedy = f"{detector.name} repaired"
+        return [*evidence, undecided(detector, last, (), code="review_failed", because=because, would_need=remedy)]
     return [new if old.detector == detector.name else old for old, new in zip(evidence, after, strict=True)]
 
 

@@ -8,18 +8,18 @@ agree on another position or time is a sign: echoes and false correlation peaks 
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import Untested, missing, undecided
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.elevation_mask import find_low
+from skyproof.navigation.elevation_mask import RECEIVED_FROM_DEG, find_low
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.raim import GlobalTest, exclude_one, global_test
 from skyproof.navigation.search import WindowRanges, below, misfits, solve
@@ -156,18 +156,19 @@ class Residual:
             s for s in without_late_copies(observations, own) if len(s.signals) >= self.settings.min_satellites
         )
         if observations.gpst.size == 0:
-            return undecided(self, records, every, because="no epoch in the window")
-        if len(sets) >= 2:
-            return self._several_skies(records, observations, sets)
-        plain = plain_fixes(observations, navigation, self.settings)
-        if not plain:
             return undecided(
                 self,
                 records,
                 every,
-                because="fewer than five satellites with a pseudorange and an orbit",
-                would_need="five or more satellites with pseudoranges and orbits",
+                code="no_epochs",
+                because=f"no epoch of {observations.receiver} lies in the window",
+                would_need="measurements over the window",
             )
+        if len(sets) >= 2:
+            return self._several_skies(records, observations, sets)
+        plain = plain_fixes(observations, navigation, self.settings)
+        if not plain:
+            return undecided(self, records, every, **_explain_no_fit(observations, navigation, self.settings)._asdict())
         return self._one_sky(records, observations, plain)
 
     def _several_skies(self, records: Records, observations: Observations, sets: tuple[ConsistentSet, ...]) -> Evidence:
@@ -190,6 +191,7 @@ class Residual:
                 self,
                 records,
                 subject,
+                code="sets_by_chance",
                 because=f"{because}, which unrelated signals do as well by chance",
                 would_need="more satellites with a second signal",
             )
@@ -226,6 +228,39 @@ class Residual:
             would_need=None if fits else "another receiver, or both signals of the satellites that have two",
             may_also_be=() if fits else ("fault", "reflections"),
         )
+
+
+def _explain_no_fit(observations: Observations, navigation: NavigationData, settings: ResidualSettings) -> Untested:
+    """Say which of ranges, orbits, satellites above the mask and satellites of one system there are too few of."""
+    receiver = observations.receiver
+    there = np.isfinite(observations.pseudorange_m).mean(axis=0) >= 0.5
+    ranged = {signal.sat for signal, kept in zip(observations.signals, there, strict=True) if kept}
+    known = {sat for sat in ranged if navigation.best(sat, observations.gpst[observations.gpst.size // 2]) is not None}
+    needed = "a position with a satellite to spare takes five, and one more for each further kind of signal"
+    if len(ranged) < 5:
+        return Untested(
+            code="few_ranges",
+            because=f"{len(ranged)} satellites in {receiver} have pseudoranges for half of the window: {needed}",
+            would_need="five or more satellites with pseudoranges",
+        )
+    if len(known) < 5:
+        return Untested(
+            code="few_orbits",
+            because=f"the orbits of {len(known)} of {len(ranged)} satellites in {receiver} are known: {needed}",
+            would_need="orbits of these satellites at this time: a navigation file of the day",
+        )
+    if plain_fixes(observations, navigation, replace(settings, elevation_mask_deg=RECEIVED_FROM_DEG)):
+        return Untested(
+            code="few_above_mask",
+            because=f"too few of {len(known)} satellites in {receiver} stand above the elevation mask of "
+            f"{settings.elevation_mask_deg:g} degrees: {needed}",
+            would_need="a lower elevation_mask_deg",
+        )
+    return Untested(
+        code="no_position",
+        because=f"the {len(known)} satellites in {receiver} give no position: {needed}",
+        would_need="more satellites of one system",
+    )
 
 
 def _blame(plain: PlainFix, doubled: int) -> str:

@@ -117,8 +117,8 @@ class Settings(BaseModel):
         ge=0.0,
         lt=90.0,
         description="Satellites below are not used for positions, nor by tests that hold all ranges of a receiver "
-        "against one position (`residual`, `vector_sqm`). Other tests, vector tracking and recordings of a few seconds "
-        "use all.",
+        "against positions (`residual`, `vector_sqm`, `code_motion`). Other tests, vector tracking and recordings of a "
+        "few seconds use all.",
     )
     tracking: Literal["scalar", "vector"] = Field(
         default="scalar",

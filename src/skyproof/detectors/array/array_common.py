@@ -100,6 +100,7 @@ def cluster_evidence(
                 detector,
                 records,
                 refs,
+                code="few_signals",
                 because=f"{n} signals make no pair to compare",
                 would_need="two or more signals over the same time",
             )
@@ -143,6 +144,7 @@ def cluster_evidence(
                 detector,
                 records,
                 refs,
+                code="directions_near",
                 would_need="a longer window, more satellites, or a larger array or arm",
                 because=f"some of {n} signals in {refs[0].receiver} are too near to each other to tell their "
                 "directions apart, and too few to have come from one",
@@ -155,6 +157,7 @@ def cluster_evidence(
                 detector,
                 records,
                 refs,
+                code="two_skies",
                 would_need="the attitude of the array, by which directions are held against the orbits",
                 because=f"no two of {n} signals come to {receiver} from one direction, but they are two skies",
             )
@@ -217,6 +220,7 @@ class ArrayCommon:
                     self,
                     records,
                     tuple(SignalRef(phases.receiver, s) for s in phases.signals),
+                    code="few_antennas",
                     because=f"fewer than two antennas of {phases.receiver} give phases",
                     would_need="phases of two antennas or more",
                 )

@@ -30,7 +30,7 @@ from skyproof.detectors.array.array_model import (
 from skyproof.detectors.array.arrivals import Arrival, across, arrivals
 from skyproof.detectors.array.failing import failing, without
 from skyproof.detectors.array.reflected import reflections
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import Untested, missing, undecided
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef
@@ -143,27 +143,11 @@ class InsArray:
             for k, how in lost.items()
         ]
         phases = without(phases, lost)
-        views = (
-            [
-                view
-                for body in _bodies(records, phases.receiver)
-                if (view := self.seen(phases, body, navigation)) is not None
-            ]
-            if len(phases.elements_m) > 1
-            else []
-        )
+        bodies = _bodies(records, phases.receiver) if len(phases.elements_m) > 1 else []
+        views = [view for body in bodies if (view := self.seen(phases, body, navigation)) is not None]
         if not views:
             every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
-            return [
-                *notes,
-                undecided(
-                    self,
-                    records,
-                    every,
-                    because=f"no signal on all antennas of {phases.receiver} while its position and orbits are known",
-                    would_need="phases of two antennas or more, ephemerides, and a position",
-                ),
-            ]
+            return [*notes, undecided(self, records, every, **_explain_unseen(phases, bodies)._asdict())]
         view = likeliest(views)
         notes += [self._note(records, phases, words) for words in _at_odds(view)]
         return [*notes, *self.judged(records, view, navigation)]
@@ -444,6 +428,28 @@ def _overlapped(o: Observations | None, refs: Sequence[SignalRef]) -> set[Signal
             elif np.any(stronger_db < -_COVERED_DB):
                 found.add(one)
     return found
+
+
+def _explain_unseen(phases: ArrayPhases, bodies: Sequence[NavState]) -> Untested:
+    """Say whether antennas, a place, or signals with orbits are what is missing."""
+    receiver = phases.receiver
+    if len(phases.elements_m) < 2:
+        return Untested(
+            code="few_antennas",
+            because=f"fewer than two antennas of {receiver} give phases",
+            would_need="phases of two antennas or more",
+        )
+    if not bodies:
+        return Untested(
+            code="no_place",
+            because=f"nothing says where {receiver} is: it is not surveyed, and no position fits its signals",
+            would_need="a surveyed position, or pseudoranges of at least 5 satellites with their orbits",
+        )
+    return Untested(
+        code="no_signal",
+        because=f"no signal of {receiver} is on all antennas while its orbit and the attitude are known",
+        would_need="orbits and attitude over the time of the phases",
+    )
 
 
 def likeliest(views: Sequence[ArrayView]) -> ArrayView:

@@ -20,7 +20,7 @@ from skyproof.detectors.array.arm_phases import (
 )
 from skyproof.detectors.array.array_common import cluster_evidence, of_one_carrier
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings, level_bodies, likeliest
-from skyproof.detectors.base import missing, signals_of, undecided
+from skyproof.detectors.base import Untested, missing, signals_of, undecided
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import ArrayPhases, Evidence, Need, Observations, Records, SignalRef, SpinArm
@@ -159,7 +159,8 @@ class Spin:
         if not turning:
             because = "no receiver of the window is on an arm"
             refs = signals_of(records.observations)
-            return [undecided(self, records, refs, because=because, would_need="observations of it")], state
+            said = undecided(self, records, refs, code="no_arm", because=because, would_need="observations of it")
+            return [said], state
         bent_at: dict[str, np.datetime64] = dict(state or {})
         return [said for o in turning for said in self._receiver(records, o, arms[o.receiver], bent_at)], bent_at
 
@@ -182,8 +183,7 @@ class Spin:
                     self,
                     records,
                     signals_of((observations,)),
-                    because="fewer than two signals with an unbroken phase",
-                    would_need="carrier phases of two or more signals, ten times a second or so",
+                    **_explain_no_levels(observations, asked.min_share)._asdict(),
                 )
             ]
         said = self._against_orbits(records, observations, arm, seen)
@@ -209,6 +209,7 @@ class Spin:
             self,
             records,
             authentic.subject,
+            code="phases_bent",
             because=f"{doubt or 'its phases are not of one direction'}: slips, strong reflections, or two signals "
             "within a chip",
             would_need="a place without strong reflections; of two signals within a chip, time until they part",
@@ -270,6 +271,23 @@ class Spin:
         would_need = "the arm in the platform file, checked; of two signals within a chip, time until they part"
         off_sky = undecided(self, records, view.refs, because=because, would_need=would_need)
         return [replace(off_sky, p_value=view.agreed.p_value, may_also_be=("reflections", "statement"))]
+
+
+def _explain_no_levels(observations: Observations, min_share: float) -> Untested:
+    """Say whether signals, or epochs of them, are what is missing."""
+    share = np.isfinite(observations.carrier_cyc).mean(axis=0) if observations.gpst.size else np.zeros(0)
+    n, receiver = int((share >= min_share).sum()), observations.receiver
+    if n < 2:
+        return Untested(
+            code="few_signals",
+            because=f"{n} signals of {receiver} have an unbroken phase, and two are needed",
+            would_need="carrier phases of two or more signals through the window",
+        )
+    return Untested(
+        code="few_epochs",
+        because=f"{observations.gpst.size} epochs of {receiver} are too few to follow the arm's turn",
+        would_need="carrier phases ten times a second or so",
+    )
 
 
 def _doubt(records: Records, receiver: str, bent: int, signals: int, bent_at: np.datetime64 | None) -> str:

@@ -132,7 +132,8 @@ class CodeMotion:
         signals = primary_signals(o)
         if signals is None:
             because = f"a satellite is received twice in {o.receiver}: which codes belong together is open"
-            return [undecided(self, records, subject, because=because, code="received_twice")]
+            would_need = "one signal of each satellite"
+            return [undecided(self, records, subject, code="received_twice", because=because, would_need=would_need)]
         joined = o if tail is None else Observations.joined((tail, o))
         begin = joined.gpst.size - o.gpst.size
         kept = tuple(signal for signal in joined.signals if signal in signals)
@@ -144,16 +145,13 @@ class CodeMotion:
                     self,
                     records,
                     subject,
+                    code="few_fixes",
                     because=f"fewer than three epochs of {o.receiver} have a position with a satellite to spare",
                     would_need="five or more satellites with pseudoranges and orbits at three epochs or more",
-                    code="too_few_fixes",
                 )
             ]
         motion = code_steps(series.elapsed_s, series.fix.position_ecef_m, series.clock_m, series.fix.covariance_m2)
         new = series.elapsed_s[motion.row] > (-np.inf if begin == 0 else joined.elapsed_s[begin - 1])
-        if not new.any():
-            because = f"no epoch of {o.receiver} in this window has a position with a satellite to spare"
-            return [undecided(self, records, subject, because=because, code="no_fix_here")]
         return self._judged(records, subject, series, motion, new)
 
     def _series(self, o: Observations, signals: tuple[SignalId, ...], navigation: NavigationData) -> _Series | None:

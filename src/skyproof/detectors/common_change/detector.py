@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import Untested, missing, undecided
 from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, turn_p_value, turn_sigma_m
 from skyproof.detectors.common_change.series import rates_of, turn_of
 from skyproof.detectors.continuity.detector import common_level_p_value
@@ -163,7 +163,7 @@ class _Window:
         sources = self.past.sources if self.past is not None else {}
         now, sources = one_signal_a_transmission(self.o, members, before, sources)
         if now.gpst.size < 2:
-            return [self._nothing("fewer than five satellites with pseudoranges")], self.past
+            return [self._untested(self._explain_few_satellites())], self.past
         stretch = now if self.past is None else followed_by(self.past.tail, now)
         past = self.past or _Past(tail=rows_of(now, slice(0)), sources={})
         rates = [rates_of(stretch, span_s, self.settings.multipath_sigma_m) for span_s in SPANS_S]
@@ -174,7 +174,7 @@ class _Window:
         references = past.references if failed else _remembered(rates, past.references, float(stretch.elapsed_s[-1]))
         end_s = float(stretch.elapsed_s[-1])
         first = int(np.searchsorted(stretch.elapsed_s, end_s - max(SPANS_S) - 1e-6))
-        return said or [self._nothing("nothing yet to hold this window against")], _Past(
+        return said or [self._untested(self._explain_nothing_before())], _Past(
             tail=rows_of(stretch, slice(first, None)),
             sources=sources,
             members=members,
@@ -289,14 +289,30 @@ class _Window:
             **more,
         )
 
-    def _nothing(self, because: str) -> Evidence:
-        return undecided(
-            self.detector,
-            self.records,
-            self._subject(),
-            because=f"{self.o.receiver}: {because}",
-            would_need="5 or more satellites with code, carrier and C/N0 over half a minute",
+    def _explain_few_satellites(self) -> Untested:
+        return Untested(
+            code="few_satellites",
+            because=f"fewer than two epochs of {self.o.receiver} have {MIN_SATELLITES} satellites with pseudoranges",
+            would_need=f"{MIN_SATELLITES} or more satellites with pseudoranges",
         )
+
+    def _explain_nothing_before(self) -> Untested:
+        """Say whether this window is the first, or the same signals are not there now and before."""
+        if self.past is None:
+            return Untested(
+                code="first_window",
+                because=f"this is the first window of {self.o.receiver}: later ones are held against it",
+                would_need="half a minute of signal or more",
+            )
+        return Untested(
+            code="nothing_shared",
+            because=f"no {MIN_SATELLITES} satellites in {self.o.receiver} have code and carrier, or C/N0, both now and "
+            "before",
+            would_need=f"{MIN_SATELLITES} or more satellites with code, carrier and C/N0 over half a minute",
+        )
+
+    def _untested(self, why: Untested) -> Evidence:
+        return undecided(self.detector, self.records, self._subject(), **why._asdict())
 
     def _subject(self) -> tuple[SignalRef, ...]:
         there = np.isfinite(self.o.pseudorange_m).any(axis=0)

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import Untested, missing, undecided
 from skyproof.detectors.continuity.drawn_off import SPANS_S, drawn_off_of
 from skyproof.detectors.continuity.one_sky import (
     MIN_SATELLITES,
@@ -41,7 +41,6 @@ from skyproof.detectors.continuity.standing import moved_of
 from skyproof.detectors.continuity.steps import Limits, Series, Step, largest_step, series_of
 from skyproof.detectors.continuity.untested import (
     LEAST_EPOCHS,
-    Untested,
     explain_few_epochs,
     explain_no_set,
     explain_no_step,
@@ -350,6 +349,7 @@ class _Window:
                 self.detector,
                 self.records,
                 subject,
+                code="time_ahead",
                 because=f"{receiver}: at {when} the signals' time is {seconds(step.missing_s)} ahead and all carriers "
                 "break at once: samples are missing there, or time is false",
                 would_need="a recording without gaps",
@@ -445,9 +445,7 @@ class _Window:
             self.detector,
             self.records,
             tuple(SignalRef(self.o.receiver, s) for s in self.o.signals),
-            because=why.because,
-            would_need=why.would_need,
-            code=why.code,
+            **why._asdict(),
         )
 
     def _subject(self, look: _Look) -> tuple[SignalRef, ...]:

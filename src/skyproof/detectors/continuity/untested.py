@@ -1,28 +1,15 @@
 """Why a receiver's signals could not be tested for going on, and what would let them be."""
 
-from typing import NamedTuple
-
 import numpy as np
 
-from skyproof.detectors.base import NEEDS
+from skyproof.detectors.base import NEEDS, Untested
 from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
 from skyproof.records import Need, Observations
 
-__all__ = ["LEAST_EPOCHS", "Untested", "explain_few_epochs", "explain_no_set", "explain_no_step"]
+__all__ = ["LEAST_EPOCHS", "explain_few_epochs", "explain_no_set", "explain_no_step"]
 
 LEAST_EPOCHS = 3
 _LONGER = f"{MIN_SATELLITES} or more satellites with pseudoranges over a longer time"
-
-
-class Untested(NamedTuple):
-    """A reason, and what would let the test run.
-
-    code : no_set, few_satellites, few_epochs, no_frequency, ranges_alone or one_side.
-    """
-
-    code: str
-    because: str
-    would_need: str
 
 
 def explain_no_set(receiver: str) -> Untested:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.arrays import Booleans, ComplexFloats
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import Untested, missing, undecided
 from skyproof.detectors.correlators.second_component import (
     BeatLine,
     allowed_share,
@@ -96,13 +96,7 @@ class Sqm:
         if len(signals) < self.settings.min_signals:
             refs = tuple(SignalRef(taps.receiver, signal) for signal in taps.signals)
             return undecided(
-                self,
-                records,
-                refs,
-                because=f"{len(signals)} signals of {taps.receiver} stood alone of their satellite long enough to have "
-                f"their correlators examined, and fewer than {self.settings.min_signals} say nothing together",
-                would_need="correlators at the prompt and evenly to both sides of it, of at least "
-                f"{self.settings.min_signals} satellites tracked without a break for 2 s, one signal each",
+                self, records, refs, **_explain_few(taps, len(signals), self.settings.min_signals)._asdict()
             )
         return self._counted(records, taps.receiver, signals)
 
@@ -159,6 +153,38 @@ class Sqm:
             f"the correlators of {n} signals of {receiver} are distorted no more than noise and multipath of "
             f"{settings.multipath_sigma_m:g} m explain",
         )
+
+
+def _explain_few(taps: Taps, examined: int, least: int) -> Untested:
+    """Say whether the correlators, their number in the window, or the signals are what is missing."""
+    receiver = taps.receiver
+    if not pairs_of(taps.delays_chips):
+        return Untested(
+            code="no_pair",
+            because=f"{receiver} has no two correlators that stand evenly about the prompt",
+            would_need="correlators at the prompt and evenly to both sides of it",
+        )
+    if taps.elapsed_s.size < LEAST_LOOKS:
+        return Untested(
+            code="few_looks",
+            because=f"{taps.elapsed_s.size} looks at the correlators of {receiver} lie in the window; {LEAST_LOOKS} "
+            "are needed",
+            would_need="two seconds of signal or more",
+        )
+    sent = {signal.transmission for signal in taps.signals}
+    if len(sent) < len(taps.signals) and len(sent) >= least:
+        return Untested(
+            code="several_of_a_satellite",
+            because=f"{examined} of {len(sent)} satellites in {receiver} have one signal alone long enough: several "
+            f"signals of a satellite distort each other, and fewer than {least} say nothing together",
+            would_need=f"at least {least} satellites with one signal each",
+        )
+    return Untested(
+        code="few_signals",
+        because=f"{examined} signals of {receiver} were tracked without a break for {LEAST_LOOKS} looks; fewer than "
+        f"{least} say nothing together",
+        would_need=f"at least {least} satellites tracked without a break for 2 s",
+    )
 
 
 def _examined(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:

@@ -160,6 +160,7 @@ class VectorSqm:
                 self,
                 records,
                 refs,
+                code="no_pair",
                 because=f"{taps.receiver} has no early and late within a chip that stand evenly about the prompt",
                 would_need="correlators at -0.5, 0 and +0.5 chip",
             )
@@ -171,13 +172,33 @@ class VectorSqm:
         kept = _kept(value, there)
         n = kept.size
         rows = np.isfinite(value[:, kept]).all(axis=(1, 2))
-        if there is None or n < self.settings.min_satellites or np.linalg.matrix_rank(there.design[kept]) < 4:
+        if there is None:
             return undecided(
                 self,
                 records,
                 refs,
-                because=f"{n} satellites in {taps.receiver} tracked together through the window",
+                code="no_position",
+                because=f"fewer than four satellites of {taps.receiver} above the elevation mask have ranges and "
+                "orbits: no position is there to hold channels against",
+                would_need="pseudoranges and orbits of four or more satellites",
+            )
+        if n < self.settings.min_satellites:
+            return undecided(
+                self,
+                records,
+                refs,
+                code="few_satellites",
+                because=f"{n} satellites in {taps.receiver} were tracked together through the window",
                 would_need=f"{self.settings.min_satellites} or more satellites tracked together through the window",
+            )
+        if np.linalg.matrix_rank(there.design[kept]) < 4:
+            return undecided(
+                self,
+                records,
+                refs,
+                code="weak_geometry",
+                because=f"the directions of the {n} signals in {taps.receiver} give no position",
+                would_need="satellites in other directions",
             )
         needed = 2 * (n - 4) + LOOKS_MORE
         if rows.sum() < needed:
@@ -185,6 +206,7 @@ class VectorSqm:
                 self,
                 records,
                 refs,
+                code="few_looks",
                 because=f"{int(rows.sum())} looks at the {n} channels of {taps.receiver} together",
                 would_need=f"{needed} looks or more",
             )

@@ -104,8 +104,10 @@ class Dccaf:
                 self,
                 records,
                 every,
-                because="fewer than five satellites with a correlation grid and a time of week",
-                would_need="correlation grids of five or more satellites with their times of week",
+                code="few_grids",
+                because=f"{first.size} satellites in {ccaf.receiver} have whole correlation grids and a time of week; "
+                f"{OF_A_SKY} at one time are needed",
+                would_need=f"correlation grids of {OF_A_SKY} or more satellites with their times of week",
             )
         unlike = first[found.unlike_p_value[first] < SIGNAL_LEVEL]
         chance = self.settings.no_reflection_probability + SIGNAL_LEVEL

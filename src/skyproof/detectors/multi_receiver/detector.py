@@ -36,7 +36,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyproof.detectors.base import missing, signals_of
+from skyproof.detectors.base import Untested, missing, signals_of
 from skyproof.detectors.multi_receiver.further_signals import Rates, further_signals
 from skyproof.detectors.multi_receiver.known_geometry import LearntBaseline, agreement
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
@@ -149,28 +149,40 @@ class MultiReceiver:
 def _of_groups(window: Window) -> list[Evidence]:
     """Of sets as wholes, by this window alone."""
     if len(window.sets) < 2:
-        where = " and ".join(window.sets) or "no receiver"
+        without = " and ".join(o.receiver for o in window.records.observations if o.receiver not in window.sets)
         return [
             window.undecided(
                 signals_of(window.records.observations),
-                because=f"a consistent set of signals in {where} only",
-                would_need="5 or more satellites with pseudoranges in a second receiver",
+                code="one_set",
+                because=f"no five signals of {without} fit one position, so that it cannot be compared",
+                would_need=f"5 or more satellites with pseudoranges and orbits in {without}",
             )
         ]
     if not window.pairings:
-        return [
-            window.undecided(
-                window.signals(),
-                because=f"fewer than {window.settings.min_satellites} satellites in common over "
-                f"{window.settings.min_epochs} common epochs",
-                would_need="more satellites in common, or a longer window",
-            )
-        ]
+        return [window.undecided(window.signals(), **_explain_no_pairing(window)._asdict())]
     if window.one_choice:
         # what is said last is reported
         by_size = sorted(window.pairings, key=lambda pairing: len(pairing.ranges.signals))
         return [e for pairing in by_size for e in one_set_each(window, pairing)]
     return several_sets(window)
+
+
+def _explain_no_pairing(window: Window) -> Untested:
+    """Say whether satellites or epochs in common are what is missing."""
+    least, names = window.settings.min_satellites, " and ".join(window.sets)
+    sats = [{signal.sat for own in sets for signal in own.signals} for sets in window.sets.values()]
+    n = len(set.intersection(*sats))
+    if n < least:
+        return Untested(
+            code="few_in_common",
+            because=f"{n} satellites are in the consistent sets of {names} alike, and {least} are needed",
+            would_need="more satellites in common",
+        )
+    return Untested(
+        code="few_common_epochs",
+        because=f"no {least} signals of one kind are in {names} over {window.settings.min_epochs} common epochs",
+        would_need="measurements at the same times and of the same signals, or a longer window",
+    )
 
 
 def _of_further_signals(window: Window, said: Sequence[Evidence]) -> list[Evidence]:

@@ -149,5 +149,5 @@ def _who(window: Window) -> Evidence:
         "antennas stand (antennas_enu_m)"
     )
     if p_value >= window.settings.false_alarm_probability:
-        return window.undecided(window.signals(), because=because, would_need=would_need)
+        return window.undecided(window.signals(), code="sets_by_chance", because=because, would_need=would_need)
     return window.say("attack", window.signals(), p_value=p_value, because=because, would_need=would_need)

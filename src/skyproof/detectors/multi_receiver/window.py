@@ -187,8 +187,8 @@ class Window:
     def signals(self) -> tuple[SignalRef, ...]:
         return tuple(SignalRef(s.receiver, signal) for sets in self.sets.values() for s in sets for signal in s.signals)
 
-    def undecided(self, subject: tuple[SignalRef, ...], *, because: str, would_need: str) -> Evidence:
-        return undecided(self.detector, self.records, subject, because=because, would_need=would_need)
+    def undecided(self, subject: tuple[SignalRef, ...], *, code: str, because: str, would_need: str) -> Evidence:
+        return undecided(self.detector, self.records, subject, code=code, because=because, would_need=would_need)
 
     def say(
         self,

@@ -258,6 +258,7 @@ class SecondSignals:
                 self,
                 records,
                 signals_of((observations,)),
+                code="no_cn0",
                 would_need="C/N0 of the signals: of an observation file the types that begin with S",
                 because=f"{observations.receiver} gives no C/N0, without which no signal is known to be credible",
             )
@@ -275,6 +276,7 @@ class SecondSignals:
                 self,
                 records,
                 signals_of((observations,)),
+                code="few_satellites",
                 would_need="more satellites in view",
                 because=f"{n} satellites with a signal of {self.settings.min_cn0_dbhz:g} dB-Hz or more are too few",
             )
@@ -290,6 +292,7 @@ class SecondSignals:
                 records,
                 _signals(observations, found.sats),
                 because=f"of {len(found.unknown)} satellites with two signals the delay between them is not known yet",
+                code="delay_unknown",
                 would_need="6 s more of signal to decode the time of week, or a navigation file",
             )
         attack = test.p_value < alpha

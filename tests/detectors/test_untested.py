@@ -1,0 +1,369 @@
+"""Why a detector could not test: every reason that the code gives, made to happen, with the words that a user reads."""
+
+import ast
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.detectors import nulls
+
+from skyproof.detectors.array.array_common import ArrayCommon
+from skyproof.detectors.array.ins_array import InsArray
+from skyproof.detectors.array.spin import Spin
+from skyproof.detectors.base import NEEDS
+from skyproof.detectors.code_motion.detector import CodeMotion
+from skyproof.detectors.common_change.detector import CommonChange
+from skyproof.detectors.correlators.sqm_detector import Sqm
+from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm
+from skyproof.detectors.dccaf.detector import Dccaf
+from skyproof.detectors.multi_receiver.detector import MultiReceiver
+from skyproof.detectors.registry import load_detectors
+from skyproof.detectors.residual import Residual, ResidualSettings
+from skyproof.detectors.second_signals.detector import SecondSignals
+from skyproof.records import NavigationData, Records
+from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
+
+DETECTORS = Path(__file__).parents[2] / "src" / "skyproof" / "detectors"
+ELSEWHERE = {"continuity", "registry.py"}
+"""Whose reasons have tests of their own: tests/detectors/continuity and test_registry.py."""
+SCENE = {"antennas_enu_m": nulls.ONE, "errors": TrackErrors(1.0, constant_m=1.0), "epochs": 10}
+BOTH = {"rx1": (0.0, 0.0, 0.0), "rx2": (40.0, 0.0, 0.0)}
+
+
+def rng():
+    return np.random.default_rng(5)
+
+
+def clean(**changes):
+    return MeasuredScene(**(SCENE | changes)).records(rng())
+
+
+def with_cells(records, number=0, **cells):
+    """With these cells of a receiver's observations, as functions of them."""
+    observations = list(records.observations)
+    o = observations[number]
+    observations[number] = replace(o, **{name: change(o) for name, change in cells.items()})
+    return replace(records, observations=tuple(observations))
+
+
+def nothing(o):
+    return np.full(o.status.shape, np.nan)
+
+
+def renamed(records, names):
+    """With other names of the signals, which are in no set then."""
+    (o,) = records.observations
+    return replace(records, observations=(replace(o, signals=tuple(names(o.signals))),), sets=())
+
+
+def orbits_of(records, count):
+    """With the orbits of so many satellites alone."""
+    sats = [signal.sat for signal in records.observations[0].signals][:count]
+    known = tuple(e for e in records.navigation.ephemerides if e.sat in sats)
+    return replace(records, navigation=replace(records.navigation, ephemerides=known))
+
+
+def later(records, seconds):
+    """The same receiver's records so much later."""
+    by = np.timedelta64(round(seconds * 1e9), "ns")
+    observations = tuple(replace(o, gpst=o.gpst + by, elapsed_s=o.elapsed_s + seconds) for o in records.observations)
+    return replace(
+        records, start_gpst=records.start_gpst + by, end_gpst=records.end_gpst + by, observations=observations
+    )
+
+
+def with_taps(change, kind="taps", records=None):
+    records = nulls.looked(rng()) if records is None else records
+    (taps,) = getattr(records, kind)
+    return replace(records, **{kind: (change(taps),)})
+
+
+def without_channels(taps, kept):
+    value = taps.value.copy()
+    value[:, kept:] = np.nan
+    return replace(taps, value=value)
+
+
+def first_of_two_skies():
+    """A second set of five signals, which unrelated ones make by chance."""
+    records = clean(false=(FalseSky(),))
+    sky, false = records.sets
+    return replace(records, sets=(sky, replace(false, signals=false.signals[:5], statistic=1.0, dof=1)))
+
+
+def one_satellite():
+    """Channels of a vector receiver of which those of one satellite alone go through the window."""
+    records = nulls.with_vector_taps(rng())
+    (o,), (taps,) = records.observations, records.vector_taps
+    rows = [0] * 5 + list(range(1, len(o.signals)))
+    signals = tuple(replace(o.signals[0], copy="abcde"[k]) for k in range(5)) + o.signals[1:]
+    cells = {
+        name: value[:, rows] for name, value in vars(o).items() if isinstance(value, np.ndarray) and value.ndim == 2
+    }
+    channels = {name: getattr(o, name)[rows] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
+    value = taps.value[:, rows].copy()
+    value[:, 5:] = np.nan
+    return replace(
+        records,
+        observations=(replace(o, signals=signals, **cells, **channels),),
+        vector_taps=(replace(taps, signals=signals, value=value),),
+    )
+
+
+def grids_of(satellites):
+    records = nulls.with_ccaf(nulls.CLEAN_CCAF.records(rng()), rng())
+    (grid,) = records.ccaf
+    value = np.array(grid.value)
+    value[:, satellites:] = np.nan
+    return replace(records, ccaf=(replace(grid, value=value),))
+
+
+def with_phases(change, directions=None):
+    directions = nulls.anywhere(rng(), 6) if directions is None else directions
+    return nulls.window(change(nulls.array_phases(rng(), directions, side=1.0)))
+
+
+def one_antenna(phases):
+    phase = phases.phase_cyc.copy()
+    phase[..., 1:] = np.nan
+    return replace(phases, phase_cyc=phase)
+
+
+def turning(n=150, signals=8, bent=0):
+    level = nulls.anywhere(rng(), signals)[:, :2]
+    records = nulls.spin_records(rng(), level, n=n)
+    (o,) = records.observations
+    carrier = o.carrier_cyc.copy()
+    carrier[:, :bent] += 0.2 * np.sin(2.0 * np.pi * 0.37 * o.elapsed_s)[:, None]
+    return replace(records, observations=(replace(o, carrier_cyc=carrier),))
+
+
+def unknown_delays():
+    """Second signals that have no range yet."""
+    n = nulls.ECHOING
+    records = nulls.with_seconds(rng(), np.ones(n, bool))
+    unknown = np.arange(2 * n) >= n
+    return with_cells(records, pseudorange_m=lambda o: np.where(unknown, np.nan, o.pseudorange_m))
+
+
+def pair(**changes):
+    return clean(antennas_enu_m=BOTH, **changes)
+
+
+def sets_of(records, *changes):
+    return replace(records, sets=tuple(change(one) for change, one in zip(changes, records.sets, strict=True)))
+
+
+def kept(first, stop):
+    return lambda one: replace(one, signals=one.signals[first:stop])
+
+
+def two_windows(detector, first, second):
+    """What is said of the second one."""
+    _, state = detector.examine(first)
+    return detector.examine(second, state)[0]
+
+
+def said(detector, records):
+    return detector.examine(records)[0]
+
+
+CASES = {
+    ("residual", "no_epochs"): (
+        lambda: said(Residual(), replace(r := clean(), observations=(r.observations[0].read(0, 0),), sets=())),
+        "no epoch of rx1 lies in the window",
+    ),
+    ("residual", "few_ranges"): (lambda: said(Residual(), clean(max_satellites=4)), "4 satellites in rx1 have pseudo"),
+    ("residual", "few_orbits"): (lambda: said(Residual(), orbits_of(clean(), 3)), "the orbits of 3 of"),
+    ("residual", "few_above_mask"): (
+        lambda: said(Residual(ResidualSettings(elevation_mask_deg=75.0)), clean()),
+        "stand above the elevation mask of 75 degrees",
+    ),
+    ("residual", "no_position"): (
+        lambda: said(
+            Residual(),
+            renamed(clean(max_satellites=5), lambda own: (*own[:3], *(replace(s, code="1C") for s in own[3:]))),
+        ),
+        "the 5 satellites in rx1 give no position",
+    ),
+    ("residual", "sets_by_chance"): (lambda: said(Residual(), first_of_two_skies()), "unrelated signals do as well"),
+    ("dccaf", "few_grids"): (lambda: said(Dccaf(), grids_of(4)), "4 satellites in rx1 have whole correlation grids"),
+    ("sqm", "no_pair"): (
+        lambda: said(Sqm(), with_taps(lambda t: replace(t, delays_chips=t.delays_chips + 0.01))),
+        "no two correlators that stand evenly",
+    ),
+    ("sqm", "few_looks"): (lambda: said(Sqm(), nulls.looked(rng(), n=60)), "60 looks at the correlators of rx1"),
+    ("sqm", "few_signals"): (
+        lambda: said(Sqm(), with_taps(lambda t: without_channels(t, 3))),
+        "3 signals of rx1 were tracked without a break",
+    ),
+    ("sqm", "several_of_a_satellite"): (
+        lambda: said(
+            Sqm(),
+            with_taps(lambda t: replace(t, signals=(*t.signals[:5], *(replace(s, copy="b") for s in t.signals[:5])))),
+        ),
+        "0 of 5 satellites in rx1 have one signal alone",
+    ),
+    ("vector_sqm", "no_pair"): (
+        lambda: said(
+            VectorSqm(),
+            with_taps(
+                lambda t: replace(t, delays_chips=np.array([0.4, 0.0, -0.5])),
+                "vector_taps",
+                nulls.with_vector_taps(rng()),
+            ),
+        ),
+        "no early and late within a chip",
+    ),
+    ("vector_sqm", "no_position"): (
+        lambda: said(VectorSqm(), with_cells(nulls.with_vector_taps(rng()), pseudorange_m=nothing)),
+        "have ranges and orbits: no position",
+    ),
+    ("vector_sqm", "few_satellites"): (
+        lambda: said(
+            VectorSqm(), with_taps(lambda t: without_channels(t, 4), "vector_taps", nulls.with_vector_taps(rng()))
+        ),
+        "4 satellites in rx1 were tracked together",
+    ),
+    ("vector_sqm", "weak_geometry"): (lambda: said(VectorSqm(), one_satellite()), "5 signals in rx1 give no position"),
+    ("vector_sqm", "few_looks"): (
+        lambda: said(VectorSqm(), nulls.with_vector_taps(rng(), n=12)),
+        "12 looks at the 8 channels",
+    ),
+    ("array_common", "few_antennas"): (
+        lambda: said(ArrayCommon(), with_phases(one_antenna)),
+        "fewer than two antennas of rx1 give phases",
+    ),
+    ("array_common", "few_signals"): (
+        lambda: said(ArrayCommon(), with_phases(lambda p: p, nulls.anywhere(rng(), 1))),
+        "1 signals make no pair",
+    ),
+    ("array_common", "directions_near"): (
+        lambda: said(ArrayCommon(), with_phases(lambda p: p, nulls.somewhere(rng(), 2))),
+        "too near to each other to tell their directions apart",
+    ),
+    ("array_common", "two_skies"): (
+        lambda: said(ArrayCommon(), replace(with_phases(lambda p: p), sets=clean(false=(FalseSky(),)).sets)),
+        "but they are two skies",
+    ),
+    ("ins_array", "few_antennas"): (
+        lambda: said(
+            InsArray(), replace(r := nulls.array_records(rng()), array_phases=(one_antenna(r.array_phases[0]),))
+        ),
+        "fewer than two antennas of rx1 give phases",
+    ),
+    ("ins_array", "no_place"): (
+        lambda: said(InsArray(), replace(nulls.array_records(rng()), nav_state={})),
+        "nothing says where rx1 is",
+    ),
+    ("ins_array", "no_signal"): (
+        lambda: said(InsArray(), replace(nulls.array_records(rng()), navigation=NavigationData(ephemerides=()))),
+        "no signal of rx1 is on all antennas while its orbit",
+    ),
+    ("spin", "no_arm"): (
+        lambda: said(Spin(), replace(turning(), spin_arms=(replace(nulls.ARM, receiver="rx2"),))),
+        "no receiver of the window is on an arm",
+    ),
+    ("spin", "few_signals"): (lambda: said(Spin(), turning(signals=1)), "1 signals of rx1 have an unbroken phase"),
+    ("spin", "few_epochs"): (lambda: said(Spin(), turning(n=5)), "5 epochs of rx1 are too few"),
+    ("spin", "phases_bent"): (lambda: said(Spin(), turning(bent=2)), "are not of one direction each"),
+    ("second_signals", "no_cn0"): (
+        lambda: said(SecondSignals(), with_cells(clean(), cn0_dbhz=nothing)),
+        "rx1 gives no C/N0",
+    ),
+    ("second_signals", "few_satellites"): (
+        lambda: said(SecondSignals(), clean(max_satellites=1)),
+        "1 satellites with a signal of",
+    ),
+    ("second_signals", "delay_unknown"): (
+        lambda: said(SecondSignals(), unknown_delays()),
+        "the delay between them is not known yet",
+    ),
+    ("common_change", "few_satellites"): (
+        lambda: said(CommonChange(), clean(max_satellites=4)),
+        "fewer than two epochs of rx1 have 5 satellites",
+    ),
+    ("common_change", "first_window"): (lambda: said(CommonChange(), clean()), "this is the first window of rx1"),
+    ("common_change", "nothing_shared"): (
+        lambda: two_windows(
+            CommonChange(),
+            bare := with_cells(clean(), cn0_dbhz=nothing, carrier_cyc=nothing),
+            later(bare, 10.0),
+        ),
+        "have code and carrier, or C/N0, both now and before",
+    ),
+    ("code_motion", "received_twice"): (
+        lambda: said(CodeMotion(), clean(false=(FalseSky(),))),
+        "a satellite is received twice in rx1",
+    ),
+    ("code_motion", "few_fixes"): (
+        lambda: said(CodeMotion(), clean(max_satellites=4)),
+        "fewer than three epochs of rx1 have a position",
+    ),
+    ("multi_receiver", "one_set"): (
+        lambda: said(MultiReceiver(), replace(r := pair(), sets=r.sets[:1])),
+        "no five signals of rx2 fit one position",
+    ),
+    ("multi_receiver", "few_in_common"): (
+        lambda: said(MultiReceiver(), sets_of(pair(), kept(0, 6), kept(3, 9))),
+        "3 satellites are in the consistent sets of rx1 and rx2 alike, and 5 are needed",
+    ),
+    ("multi_receiver", "few_common_epochs"): (
+        lambda: said(MultiReceiver(), with_cells(pair(), 1, pseudorange_m=nothing)),
+        "no 5 signals of one kind are in rx1 and rx2 over",
+    ),
+    ("multi_receiver", "sets_by_chance"): (
+        lambda: said(MultiReceiver(), by_chance_in_one()),
+        "which is true was not decided",
+    ),
+}
+
+
+def by_chance_in_one():
+    """Receivers of which one has a second set that chance makes."""
+    records = pair(false=(FalseSky(receivers=("rx2",)),))
+    *sky, false = records.sets
+    return replace(records, sets=(*sky, replace(false, signals=false.signals[:5], statistic=1.0, dof=1)))
+
+
+@pytest.mark.parametrize(("name", "code"), CASES, ids=[" ".join(case) for case in CASES])
+def test_a_reason_is_given_where_it_holds(name, code):
+    make, words = CASES[name, code]
+    found = [e for e in make() if e.code]
+    assert [(e.detector, e.says, e.code, e.p_value) for e in found] == [(name, "undecided", code, None)]
+    assert words in found[0].because
+    assert found[0].would_need
+
+
+def reasons_in(path):
+    """The codes that a module states, and its calls of `undecided` without any."""
+    codes, without = set[str](), list[int]()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.Call):
+            continue
+        name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+        stated = {word.arg: word.value for word in node.keywords if name in ("undecided", "Untested")}
+        if isinstance(code := stated.get("code"), ast.Constant):
+            codes.add(code.value)
+        if name == "undecided" and not {"code", None} & stated.keys():  # None: a reason's fields
+            without.append(node.lineno)
+    return codes, without
+
+
+def test_no_reason_in_the_code_is_without_a_case():
+    codes = set()
+    for path in DETECTORS.rglob("*.py"):
+        stated, without = reasons_in(path)
+        assert not without, f"{path}: lines {without} give no code"
+        codes |= stated if not ELSEWHERE & set(path.relative_to(DETECTORS).parts) else set()
+    assert codes == {code for _, code in CASES}
+
+
+@pytest.mark.parametrize("name", sorted(load_detectors()))
+def test_what_is_not_there_is_named_with_what_gives_it(name):
+    detector = load_detectors()[name]()
+    (found,) = detector.examine(Records(start_gpst=nulls.START, end_gpst=nulls.START))[0]
+    assert found.code == "_".join(("without", *detector.needs))
+    assert found.lacking == detector.needs
+    assert found.would_need == "; ".join(NEEDS[need] for need in detector.needs)
