@@ -229,6 +229,7 @@ def test_a_page_without_pictures_or_signals_says_so() -> None:
     ("verdict", "decision", "words"),
     [
         ("spoofed", "attack", "in a clean sky, chance alone gives as much once in 1\u202f000 cases"),
+        ("suspect", "failed", "in a clean sky, chance alone gives as much once in 1\u202f000 cases"),
         ("authentic", "authentic", "were the signals false, chance alone gives as much once in 1\u202f000 cases"),
     ],
 )
@@ -240,7 +241,8 @@ def test_how_sure_names_the_strongest_evidence_for_the_verdict(verdict: str, dec
         other | {"detector": "d2", "decision": decision, "p_value": 1e-3},
         other | {"detector": "d3", "decision": decision, "p_value": 0.4},
     ]
-    reported = " ".join(how_sure(Verdict.model_validate(document | {"verdict": verdict, "methods": methods})))
+    document |= {"verdict": verdict, "methods": methods, "reason": "a test failed" if verdict == "suspect" else None}
+    reported = " ".join(how_sure(Verdict.model_validate(document)))
     assert f"that of d2: {words}" in reported
 
 

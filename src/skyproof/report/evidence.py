@@ -38,7 +38,8 @@ def _weight(method: Method) -> tuple[int, str]:
 
 def strongest(verdict: Verdict) -> Method | None:
     """The method with the least p-value for the verdict."""
-    saying = {"spoofed": ("spoofed", "attack"), "authentic": ("authentic",)}.get(verdict.verdict, ())
+    words = {"spoofed": ("spoofed", "attack"), "authentic": ("authentic",), "suspect": ("failed",)}
+    saying = words.get(verdict.verdict, ())
     for_it = [m for m in verdict.methods if m.ran and m.decision in saying and m.p_value is not None]
     return min(for_it, key=lambda method: method.p_value if method.p_value is not None else 1.0, default=None)
 

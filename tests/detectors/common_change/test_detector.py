@@ -127,7 +127,7 @@ def test_what_it_lacks_is_said_and_pieces_give_what_the_whole_gives():
     check_pieces(CommonChange, records)
     check_missing_named(CommonChange(), records[0])
     (first,), _ = CommonChange().examine(records[0])
-    assert "nothing yet" in first.because
+    assert first.code == "first_window"
 
 
 def test_settings_that_make_no_sense_are_refused():

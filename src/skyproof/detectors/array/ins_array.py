@@ -246,13 +246,13 @@ class InsArray:
             because = f"{len(true)} of {n} signals come to {receiver} from where their satellites stand"
             if left:
                 because += f"; {left} do not, as reflections do"
-            said.append(self._say(records, tuple(true), "authentic", because, p_one, assumes=(FROM_ELSEWHERE,)))
+            said.append(self.say(records, tuple(true), "authentic", because, p_one, assumes=(FROM_ELSEWHERE,)))
             said += [self._alike(records, view, rows, chance) for rows, chance in alike]
         if said:
             return [*said, *self._left(records, view, said)]
         if agreed.p_value >= alpha:
             because = f"{n} signals come to {receiver} from where their satellites stand"
-            return [self._say(records, view.refs, "clean", because, agreed.p_value)]
+            return [self.say(records, view.refs, "clean", because, agreed.p_value)]
         # Differing directions that are not the satellites' may be several waves in each signal: they vouch for nothing.
         return [replace(self._not_as_stated(records, view, f"{n}"), overrules=True)]
 
@@ -271,7 +271,7 @@ class InsArray:
         """Too few of the view's signals agree, with any attitude and lines. which : what they are called."""
         receiver = view.refs[0].receiver
         return replace(
-            self._say(
+            self.say(
                 records,
                 view.refs,
                 "undecided",
@@ -338,7 +338,7 @@ class InsArray:
             because = f"a signal of {satellites[0]} comes to {receiver} from elsewhere than its satellite"
         else:
             because = f"signals of {len(satellites)} satellites come to {receiver} from one direction"
-        return self._say(records, tuple(view.refs[k] for k in rows), "spoofed", because, p_value, directions=directions)
+        return self.say(records, tuple(view.refs[k] for k in rows), "spoofed", because, p_value, directions=directions)
 
     def _alike(self, records: Records, view: ArrayView, rows: list[int], chance: float) -> Evidence:
         """Later and weaker than true ones as reflections are, but from one place: it stays open which they are."""
@@ -377,7 +377,7 @@ class InsArray:
         statistic = equal_statistic(part.raw_cyc, white_covariance(part.sigma_cyc), wrapped=True)[0]
         return float(chi_square_survival(statistic, (len(rows) - 1) * part.cycles.shape[1]))
 
-    def _say(
+    def say(
         self,
         records: Records,
         subject: tuple[SignalRef, ...],
@@ -400,7 +400,7 @@ class InsArray:
 
     def _note(self, records: Records, phases: ArrayPhases, because: str) -> Evidence:
         every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
-        return self._say(records, every, "clean", because, None, noted=True)
+        return self.say(records, every, "clean", because, None, noted=True)
 
     def _attitude_covariance(self, state: NavState) -> Reals:
         """(3, 3) in the body frame, in the middle of the window: an inertial system's error hardly changes in it."""

@@ -269,8 +269,8 @@ class Spin:
             "reflections, two signals within a chip, or an arm that is not as stated"
         )
         would_need = "the arm in the platform file, checked; of two signals within a chip, time until they part"
-        off_sky = undecided(self, records, view.refs, because=because, would_need=would_need)
-        return [replace(off_sky, p_value=view.agreed.p_value, may_also_be=("reflections", "statement"))]
+        more = {"would_need": would_need, "may_also_be": ("reflections", "statement")}
+        return [judge.say(records, view.refs, "undecided", because, view.agreed.p_value, **more)]
 
 
 def _explain_no_levels(observations: Observations, min_share: float) -> Untested:
