@@ -11,7 +11,9 @@ from tests.detectors import nulls
 from skyproof.detectors.array.array_common import ArrayCommon
 from skyproof.detectors.array.ins_array import InsArray
 from skyproof.detectors.array.spin import Spin
+from skyproof.detectors.bands.detector import Bands
 from skyproof.detectors.base import NEEDS
+from skyproof.detectors.code_carrier.detector import CodeCarrier
 from skyproof.detectors.code_motion.detector import CodeMotion
 from skyproof.detectors.common_change.detector import CommonChange
 from skyproof.detectors.correlators.sqm_detector import Sqm
@@ -300,6 +302,11 @@ CASES = {
     ("code_motion", "few_fixes"): (
         lambda: said(CodeMotion(), clean(max_satellites=4)),
         "fewer than three epochs of rx1 have a position",
+    ),
+    ("bands", "one_band"): (lambda: said(Bands(), clean()), "satellites of rx1 have codes of two bands"),
+    ("code_carrier", "no_carrier"): (
+        lambda: said(CodeCarrier(), with_cells(clean(), carrier_cyc=nothing, doppler_hz=nothing)),
+        "signals of rx1 have code and carrier, or Doppler",
     ),
     ("multi_receiver", "one_set"): (
         lambda: said(MultiReceiver(), replace(r := pair(), sets=r.sets[:1])),
