@@ -7,7 +7,7 @@ from tests.logs.test_ubx import gps, hardware, pvt, rawx
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.inputs import open_inputs
 from skyproof.errors import InputError
-from skyproof.records import Remark, RemarkKind
+from skyproof.remarks import Remark, RemarkKind
 
 WALK = "real/imu-gnss-walk/gnss_1730.ubx"
 
