@@ -16,6 +16,7 @@ from skyproof.formats.raw import open_raw
 from skyproof.formats.readings import header_length, likely_packings
 from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import glonass_channels, read_nav
+from skyproof.formats.rinex_obs_pieces import following, obs_pieces
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.formats.sigmf import open_sigmf, sha512_remarks
 from skyproof.formats.signatures import head_of, other_than_samples, wav_header
@@ -63,6 +64,13 @@ def _nav(path: Path) -> None:
 def _obs(path: Path) -> None:
     observations = read_obs(path).observations
     _in_time(observations.gpst.min(), observations.gpst.max())
+
+
+def _pieces(path: Path) -> None:
+    content = path.read_bytes()
+    blocks = (content[k : k + 3001] for k in range(0, len(content), 3001))
+    for piece in following(found.observations for found in obs_pieces(blocks, piece_bytes=4096)):
+        _in_time(piece.gpst.min(), piece.gpst.max())
 
 
 def _track(path: Path) -> None:
@@ -149,8 +157,9 @@ _COMPACT = _seeds("compact-1.21d", "compact-3.crx")
 
 READERS: dict[str, Reader] = {
     "nav": Reader("a.rnx", _nav, (*_NAV, *_packed(_NAV[1])), 16),
-    "obs": Reader("a.obs", _obs, (*_OBS, *_packed(_OBS[1])), 16),
+    "obs": Reader("a.obs", _obs, (*_OBS, *_packed(_OBS[1])), 10),
     "compact": Reader("a.crx", _obs, _COMPACT, 3),
+    "pieces": Reader("a.obs", _pieces, (*_OBS, *_COMPACT, _OBS[1] + _OBS[1], 2 * _COMPACT[1], *_packed(_OBS[0])), 6),
     "csv": Reader("a.csv", _track, _seeds("track.csv", "track-ecef.csv"), 6),
     "imu": Reader("a.csv", _imu, _seeds("imu.csv", "imu-time.csv"), 4),
     "attitude": Reader("a.csv", _attitude, _seeds("attitude.csv"), 2),
