@@ -58,10 +58,12 @@ __all__ = [
     "SignalId",
     "SignalRef",
     "SpinArm",
+    "StatementTest",
     "Stretched",
     "Taps",
     "TapsAsked",
     "UtcParameters",
+    "WrongStatement",
     "freeze",
 ]
 
@@ -872,6 +874,36 @@ Null = Literal["sky", "one antenna"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
+class StatementTest(ShortRepr):
+    """What signals say of a statement of the user: key, of which receivers, and whether they agree with it.
+
+    one_place : carriers put the receivers' antennas into one place, to millimetres and not by chance. shown : what the
+        signals show instead, over the window.
+    """
+
+    key: str
+    receivers: tuple[str, ...]
+    agrees: bool
+    one_place: bool = False
+    shown: Baseline | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class WrongStatement:
+    """How a statement of the user may be untrue: code, what it is about, words, and what would be right."""
+
+    code: str
+    about: str
+    words: str
+    value: str | None = None
+
+    @property
+    def sentence(self) -> str:
+        """Say what may be wrong, and what would be right."""
+        return f"{self.about} may be wrong: {self.words}" + (f" ({self.value} would fit)" if self.value else "")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
 class Evidence(ShortRepr):
     """One test's outcome on one window: the statistic, its threshold and what it says, with the error rate asked for.
 
@@ -893,6 +925,8 @@ class Evidence(ShortRepr):
     overlapping : skies in signals that were taken apart, instant by instant.
     may_also_be : of a test that failed, what else than an attack would explain it, the likeliest first.
     dated_gpst : of a test that failed, the epoch from which on it does, where the test dates that.
+    statement : of the user, that it rests on or contradicts. wrong_statements : that would explain what it found, the
+        likeliest first.
     """
 
     detector: str
@@ -920,6 +954,8 @@ class Evidence(ShortRepr):
     null: Null = "sky"
     may_also_be: tuple[Cause, ...] = ()
     dated_gpst: np.datetime64 | None = None
+    statement: StatementTest | None = None
+    wrong_statements: tuple[WrongStatement, ...] = ()
 
     @property
     def failed(self) -> bool:

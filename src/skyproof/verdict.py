@@ -323,6 +323,15 @@ class InputFile(_Model):
         return (*self.cut, *self.left_out, *self.remarks)
 
 
+class DoubtfulStatement(_Model):
+    """How a statement of the user may be untrue, which would explain what was found."""
+
+    code: str = Field(description="What kind of thing: height_above_sea_level, feet, wrong_statement and so on.")
+    about: str = Field(description="The statement that would be wrong.")
+    words: str = Field(description="How, in words.")
+    value: str | None = Field(description="What would be right; null if that is not known.")
+
+
 class Verdict(_Model):
     """Whether satellite-navigation signals were spoofed, how sure that is, and the positions that can be trusted."""
 
@@ -356,6 +365,10 @@ class Verdict(_Model):
     until_gpst: Gpst | None = Field(description="End of the attack, GPS time; null while it lasts.")
     false_alarm_probability_per_hour: Probability = Field(
         description="Probability asked for of calling clean signals spoofed, per hour."
+    )
+    wrong_statements: tuple[DoubtfulStatement, ...] = Field(
+        default=(),
+        description="Statements of the user that may be untrue, which would explain failed tests; likeliest first.",
     )
     assumed: str | None = Field(
         description="Under what the word and the trusted positions hold; null if nothing is assumed."

@@ -25,7 +25,7 @@ FIX = (
 KEYS = {
     "": "format verdict summary reason may_also_be not_excluded remedy "
     "since_gpst since_sigma_s since_earliest_gpst since_latest_gpst until_gpst "
-    "false_alarm_probability_per_hour assumed receivers signals sources methods "
+    "false_alarm_probability_per_hour wrong_statements assumed receivers signals sources methods "
     "inputs settings versions",
     "receivers": "name input start_gpst duration_s trusted_fix false_fix unprotected_fix",
     "receivers.trusted_fix": FIX,

@@ -6,7 +6,8 @@ what is stated holds: a fix's covariance has what models of the atmosphere and r
 
 A place that is left may be that of false signals, of reflections, or wrongly stated. It is an attack only where
 
-- a window before did show the place where it stands: what was stated then holds;
+- a window before did show the place where it stands, so that what was stated holds, and another one than this window: a
+  place that is wrong by as much as just fits shows so in one window and not in the next;
 - there as now no more than one of the satellites did not fit: with errors many times as large as stated those that
   happen to agree show some place, and others another one in the next window;
 - without any two of the satellites the rest shows it too: reflections are some satellites'.
@@ -24,10 +25,12 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_of
+from skyproof.gnss.frames import geodetic_from_ecef
+from skyproof.gnss.slips import HEIGHT, UNLISTED, position_slips
 from skyproof.navigation.foresight import Foresight, SkyFix, Standing
 from skyproof.navigation.known import KNOWN, Known, without
 from skyproof.navigation.prediction import choose
-from skyproof.records import ConsistentSet, Evidence, SignalRef
+from skyproof.records import ConsistentSet, Evidence, SignalRef, WrongStatement
 
 __all__ = ["DETECTOR", "displacements"]
 
@@ -35,6 +38,8 @@ DETECTOR: Final = "place"
 _ALL_BUT_PLACE: Final = np.arange(3, 8)
 _LEFT_OUT, _LEAST = 2, 5  # satellites
 _MISFITS: Final = 1  # satellites
+_MEANT: Final = 1e-3
+"""p-value from which on the place that a slip gives is the one that is shown."""
 _DATUM_M: Final = 2.0
 """One sigma on each axis of what a survey's datum differs by from that of the orbits: NAD 83 lies 1 to 2 m from WGS 84
 (EPSG:1188 takes them for equal, accuracy 4 m)."""
@@ -78,7 +83,8 @@ class _Watch:
 
     def __init__(self, maker: FixMaker, foresight: Standing, alpha: float) -> None:
         self.maker, self.foresight, self.alpha = maker, foresight, alpha
-        self.seen_there = self.named = False
+        self.seen_there: Known | None = None  # what was shown when that was first so
+        self.named = False
         self.fitted = set[str]()
 
     def through(self, windows: Iterable[Rivals]) -> list[Evidence]:
@@ -93,7 +99,8 @@ class _Watch:
                 continue
             best = max(shown, key=lambda one: one.p_value)
             if best.p_value >= self.alpha:
-                self.seen_there |= self._fits_all(window, best.sky)
+                if self.seen_there is None and self._fits_all(window, best.sky):
+                    self.seen_there = best.fix
                 continue
             found.append(self._said(window, best))
             self.named |= found[-1].says == "attack"
@@ -120,6 +127,9 @@ class _Watch:
             there, remedy = "was surveyed", "the surveyed position checked (WGS-84, height above the ellipsoid)"
         words = f"the signals put {receiver} {distance_m:.1f} m from where it {there}"
         why_open = self._why_open(window, shown)
+        causes = self._causes(shown) if self.foresight.surveyed else ()
+        if causes and causes[0].code != UNLISTED and not self.named:
+            why_open, remedy = f"{causes[0].sentence}, or they are false", "the surveyed position checked"
         open_ = Evidence(
             detector=DETECTOR,
             start_gpst=window.start,
@@ -133,6 +143,7 @@ class _Watch:
             overrules=True,
             would_need=remedy,
             may_also_be=("statement", "reflections"),
+            wrong_statements=causes,
         )
         if why_open is not None:
             return open_
@@ -146,14 +157,36 @@ class _Watch:
             may_also_be=(),
             noted=not self.named,
             assumes=self.foresight.assumes,
+            wrong_statements=(),
         )
+
+    def _causes(self, shown: _Shown) -> tuple[WrongStatement, ...]:
+        """The slips in stating the place that would put it where the signals do, or an amount that none gives."""
+        about = f"position of {self.maker.log.receiver}"
+        lat, lon, height_m = geodetic_from_ecef(shown.fix.mean[:3])
+        height = f"height_m = {float(height_m):.1f}"
+        found = []
+        for slip in position_slips(shown.expected.mean[:3]):
+            mean, covariance = shown.expected.mean.copy(), shown.expected.covariance.copy()
+            mean[:3] = slip.position_ecef_m
+            covariance[:3, :3] += slip.covariance_m2
+            meant = replace(shown.expected, mean=mean, covariance=covariance)
+            if choose(meant, [shown.fix]).fits[0] >= _MEANT:
+                value = height if slip.code == HEIGHT else slip.value
+                found.append(WrongStatement(code=slip.code, about=about, words=slip.words, value=value))
+        if found:
+            return tuple(found)
+        value = f"lat_deg = {np.degrees(lat):.6f}, lon_deg = {np.degrees(lon):.6f}, {height}"
+        return (WrongStatement(code=UNLISTED, about=about, words="by no amount that is usual", value=value),)
 
     def _why_open(self, window: Rivals, shown: _Shown) -> str | None:
         """What else than an attack may be the reason; None where nothing is."""
         if self.named:
             return None
-        if not self.seen_there:
+        if self.seen_there is None:
             return "they are false, or what is stated of the place or of errors is wrong"
+        if choose(without(self.seen_there, _ALL_BUT_PLACE), [shown.fix]).fits[0] >= self.alpha:
+            return "it is where they put it before, a little off; what is stated of the place may be wrong"
         if not self._fits_all(window, shown.sky):
             return "other satellites do not fit it, as where errors are larger than stated"
         if not self._whole_sky(window, shown):

@@ -11,6 +11,7 @@ from skyproof.app.common.windows import windows_of
 from skyproof.fusion.place import displacements
 from skyproof.fusion.rivals import FixMaker
 from skyproof.gnss.frames import rot_enu_ecef
+from skyproof.gnss.slips import HEIGHT, UNLISTED
 from skyproof.navigation.foresight import Standing, surveyed
 from skyproof.simulator.sky import scene_of
 
@@ -50,16 +51,24 @@ def test_what_stands_where_it_is_stated_to_says_nothing():
     assert said(found, at(found)) == []
 
 
-@pytest.mark.parametrize("where", [{"north_m": 200.0}, {"up_m": 40.0}])
-def test_a_place_that_no_window_shows_is_false_or_wrongly_stated(where):
+@pytest.mark.parametrize(
+    ("where", "code"), [({"north_m": 200.0}, UNLISTED), ({"up_m": 60.0}, HEIGHT), ({"up_m": -36.3}, "above_sea_level")]
+)
+def test_a_place_that_no_window_shows_is_false_or_wrongly_stated(where, code):
     found = received()
     every = said(found, at(found, **where))
     assert len(every) == len(found[1])
     assert {(e.says, e.failed, e.overrules) for e in every} == {("undecided", True, True)}
-    assert (
-        "m from where it was surveyed: they are false, or what is stated of the place or of errors is wrong"
-        in every[0].because
-    )
+    assert all(e.wrong_statements[0].code.endswith(code) for e in every)
+    assert all(e.wrong_statements[0].about == "position of bow" for e in every)
+
+
+@pytest.mark.parametrize("north_m", np.linspace(8.0, 20.0, 7))
+def test_a_place_that_is_wrong_by_what_just_fits_is_no_attack(north_m):
+    """It fits in one window and not in the next, and what is shown stays where it is."""
+    for seed in (1, 2, 3):
+        found = received(seed=seed, code_m=1.0, ar1=0.9, constant_m=1.0)
+        assert {e.says for e in said(found, at(found, north_m=north_m))} <= {"undecided"}
 
 
 @pytest.mark.parametrize("stated", [False, True])

@@ -11,6 +11,7 @@ from skyproof.app.common.body import Body, Carried, body_states
 from skyproof.app.common.packed_log import PACKED, PackedLog
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
+from skyproof.arrays import Reals
 from skyproof.detectors.base import Detector
 from skyproof.detectors.registry import examined, load_detectors, made_with, review_of
 from skyproof.interruption import watch
@@ -226,7 +227,12 @@ def windows_of(
 
 
 def detectors_for(
-    settings: Settings, run: Holding, *, further: int = 0, mean_s: float = float("inf")
+    settings: Settings,
+    run: Holding,
+    *,
+    further: int = 0,
+    mean_s: float = float("inf"),
+    positions_ecef_m: Mapping[str, Reals] | None = None,
 ) -> list[Detector]:
     """Every installed detector with the run's settings.
 
@@ -235,13 +241,14 @@ def detectors_for(
     that the run does not have cannot raise an alarm, and get no share.
 
     further : tests beside the detectors, of each receiver, that are left a share. mean_s : length of the windows, where
-        breaks of time make more of them than the settings do.
+        breaks of time make more of them than the settings do. positions_ecef_m : (3,) of each surveyed receiver.
     """
     classes = load_detectors()
     n_receivers = len(run.observations)
     tests = max(sum(_equipped(cls(), run) for cls in classes.values()) + further, 1) * max(n_receivers, 1)
     alpha = settings.false_alarm_probability_per_hour * min(settings.window_s, mean_s) / 3600.0 / tests
-    shared: dict[str, Any] = settings.model_dump() | {"false_alarm_probability": alpha}
+    shared: dict[str, Any] = settings.model_dump()
+    shared |= {"false_alarm_probability": alpha, "positions_ecef_m": positions_ecef_m}
     detectors = []
     for cls in classes.values():
         defaults = cls().settings

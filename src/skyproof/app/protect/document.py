@@ -31,6 +31,7 @@ from skyproof.short_repr import ShortRepr
 from skyproof.verdict import (
     VERDICT_FORMAT,
     Because,
+    DoubtfulStatement,
     InputFile,
     Place,
     Position,
@@ -151,6 +152,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         since_latest_gpst=None if onset is None else iso(onset.seen, DIGITS),
         until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
+        wrong_statements=_wrong_statements(outcome.evidence),
         assumed=_assumed(decision),
         receivers=receivers,
         signals=tuple(_signals(outcome)),
@@ -188,6 +190,16 @@ def _assumed(decision: Decision) -> str | None:
         return said
     alone = "The time of a receiver that is attacked alone at its true place is vouched for by its own past only."
     return f"{said} {alone}"
+
+
+def _wrong_statements(evidence: Sequence[Evidence]) -> tuple[DoubtfulStatement, ...]:
+    """What else would explain failed tests: each kind of thing about each statement once, by how many tests it does."""
+    count = Counter((cause.code, cause.about, cause.words) for e in evidence for cause in e.wrong_statements)
+    value = {(cause.code, cause.about, cause.words): cause.value for e in evidence for cause in e.wrong_statements}
+    return tuple(
+        DoubtfulStatement(code=code, about=about, words=words, value=value[code, about, words])
+        for (code, about, words), _ in count.most_common()
+    )
 
 
 def _summary(outcome: Outcome) -> str:

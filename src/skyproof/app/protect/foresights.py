@@ -17,7 +17,7 @@ from skyproof.navigation.ins import InsSettings
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import Attitude, ImuSeries
 
-__all__ = ["InertialUnit", "antenna_units", "foresights_of", "unit_of"]
+__all__ = ["InertialUnit", "antenna_units", "foresights_of", "surveyed_positions", "unit_of"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,6 +87,15 @@ def foresights_of(
         if one is not None:
             found[name] = one
     return found
+
+
+def surveyed_positions(foresights: Mapping[str, Foresight]) -> dict[str, Reals]:
+    """List the receivers that stand where they were surveyed, (3,) ECEF."""
+    return {
+        name: one.known.mean[:3]
+        for name, one in foresights.items()
+        if isinstance(one, Standing) and one.surveyed and one.known is not None
+    }
 
 
 def _foresight(name: str, settings: Settings, place: Surveyed | None, unit: InertialUnit | None) -> Foresight | None:

@@ -23,7 +23,7 @@ from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, detectors_for, examine_all, following_epochs, windows_of
 from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document, why_untested
 from skyproof.app.protect.duplicates import one_receiver_each
-from skyproof.app.protect.foresights import antenna_units, foresights_of, unit_of
+from skyproof.app.protect.foresights import antenna_units, foresights_of, surveyed_positions, unit_of
 from skyproof.app.protect.orbits import lacking_orbits, require_same_day
 from skyproof.app.protect.outputs import evidence_line, write_outputs
 from skyproof.app.protect.positions import positions_of
@@ -313,7 +313,13 @@ def judge(
         foresights = foresights_of([o.receiver for o in observed], settings)
     moving = any(isinstance(one, Inertial) for one in foresights.values())
     standing = any(isinstance(one, Standing) and one.stands for one in foresights.values())
-    detectors = detectors_for(settings, windows.run, further=moving + standing, mean_s=windows.mean_s)
+    detectors = detectors_for(
+        settings,
+        windows.run,
+        further=moving + standing,
+        mean_s=windows.mean_s,
+        positions_ecef_m=surveyed_positions(foresights),
+    )
     evidence, sets, interrupted = examine_all(windows, detectors, progress, report)
     give_back()
     makers = [

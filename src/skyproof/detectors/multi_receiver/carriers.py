@@ -115,11 +115,15 @@ def _between_satellites(cyc: Reals) -> tuple[Reals, Booleans]:
 
 
 def one_antenna_carriers(one: Fractions) -> CarrierTest:
-    """Test of "all from one antenna": the fractions are the same."""
+    """Test of "all from one antenna": the fractions are the same. By chance any are with the share of whole cycles that
+    an ellipsoid of the test's limit takes up."""
     weight = one.sigma_cyc**-2
     off = _wrapped(one.cycles - one.cycles[:, None])
     off -= (off @ weight / weight.sum())[:, None]
-    return CarrierTest(float(np.min(off**2 @ weight)), one.cycles.size - 1)
+    test = CarrierTest(float(np.min(off**2 @ weight)), one.cycles.size - 1)
+    log_sigmas = float(np.sum(np.log(one.sigma_cyc))) + 0.5 * np.log(weight.sum())
+    log_chance = log_sigmas + _log_ball(test.dof, test.threshold(_FITS))
+    return test._replace(by_chance=float(np.exp(min(log_chance, 0.0))))
 
 
 def sky_carriers(

@@ -46,6 +46,7 @@ from skyproof.detectors.multi_receiver.runs import WindowRun
 from skyproof.detectors.multi_receiver.same_direction import without_doubtful
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.multi_receiver.several_sets import several_sets
+from skyproof.detectors.multi_receiver.statements import Statements
 from skyproof.detectors.multi_receiver.window import ONE_FALSE_SKY, ONE_TRANSMITTER, Window
 from skyproof.records import Baseline, Evidence, Need, Records
 
@@ -95,14 +96,18 @@ class MultiReceiver:
         Windows in which both skies were received in every receiver give the baseline. Others that show the same one are
         authentic as well: a false sky in some of the receivers would have had to show the true place. One that shows
         another than most do is open again: true and false signals overlap when they part.
+
+        What contradicts a statement that is untrue as likely as the signals are false is open (`statements`).
         """
         both: dict[tuple[str, ...], list[Baseline]] = {}
         for e in evidence:
             if self._is_own(e) and e.says == "authentic" and ONE_FALSE_SKY in e.assumes:
                 both.setdefault(e.baselines[0].receivers, []).append(e.baselines[0])
         learnt = {receivers: self._learnt(baselines) for receivers, baselines in both.items()}
+        statements = Statements(self.settings, (e for e in evidence if e.detector == self.name))
         for e in evidence:
-            yield self._reviewed(e, learnt.get(e.baselines[0].receivers)) if self._is_own(e) else e
+            seen = self._reviewed(e, learnt.get(e.baselines[0].receivers)) if self._is_own(e) else e
+            yield statements.weigh(seen) if e.detector == self.name else seen
 
     def _is_own(self, e: Evidence) -> bool:
         return e.detector == self.name and bool(e.baselines)

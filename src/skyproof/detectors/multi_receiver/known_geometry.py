@@ -11,7 +11,7 @@ the noise as it looks, over the whole window and over parts of it, so that a fal
 the window is noticed.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -19,6 +19,8 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.one_antenna import BaselineEstimate
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.slips import HEIGHT, distance_slips, position_slips, vector_slips
 from skyproof.records import Baseline
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
@@ -26,10 +28,12 @@ __all__ = [
     "AntennaDistance",
     "AntennaGeometry",
     "AntennaPlaces",
+    "GeometrySlip",
     "LearntBaseline",
     "LearntDistance",
     "Misfit",
     "Reach",
+    "StatedGeometry",
     "agreement",
     "survival",
 ]
@@ -37,6 +41,8 @@ __all__ = [
 _ROUNDS = 80  # of bisection
 _LEAST_M = 1e-6
 _REACH = 5.0  # sigmas
+_LEAST_SIGMA_M = 0.01  # of a distance
+_ANY_HEIGHT_M = 1e4  # one sigma of a height that is not known
 
 
 class Misfit(NamedTuple):
@@ -87,13 +93,49 @@ class AntennaGeometry(Protocol):
         ...
 
 
+class StatedGeometry(AntennaGeometry, Protocol):
+    """What a user states of it. key : the setting."""
+
+    @property
+    def key(self) -> str: ...
+
+    def slips(self, receivers: Sequence[str]) -> Iterator["GeometrySlip"]:
+        """What may have been meant, if it was stated with a likely slip."""
+        ...
+
+    def farthest_m(self, receivers: Sequence[str]) -> float:
+        """How far apart the antennas stand at most, as stated."""
+        ...
+
+
+class Fit(Protocol):
+    """What baselines can be held against."""
+
+    def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit: ...
+
+
+class GeometrySlip(NamedTuple):
+    """A slip, what it is about, what would be right, and the geometry that then holds."""
+
+    code: str
+    about: str
+    words: str
+    value: str
+    fit: Fit
+
+
 @dataclass(frozen=True)
 class AntennaPlaces:
-    """Where each receiver's antenna stands, east, north, up of any common point, each axis to `sigma_m`."""
+    """Where each receiver's antenna stands, east, north, up of any common point, each axis to `sigma_m`.
+
+    positions_ecef_m : (3,) of each receiver, where the places are those of surveyed positions.
+    """
 
     enu_m: Mapping[str, tuple[float, float, float]]
     sigma_m: float = 0.1
+    positions_ecef_m: Mapping[str, Reals] | None = None
 
+    key = "antennas_enu_m"
     assumes = stated = ("the antennas stand where they are said to",)
     words = "where the antennas are known to stand"
 
@@ -109,6 +151,80 @@ class AntennaPlaces:
     def reach(self, receivers: Sequence[str]) -> Reach:
         return Reach(self.expected_m(receivers), 0.0, _REACH * float(np.sqrt(2.0)) * self.sigma_m)
 
+    def farthest_m(self, receivers: Sequence[str]) -> float:
+        return float(np.linalg.norm(self.expected_m(receivers).reshape(-1, 3), axis=1).max())
+
+    def slips(self, receivers: Sequence[str]) -> Iterator[GeometrySlip]:
+        place_m = np.array([self.enu_m[name] for name in receivers], float)
+        open_m2 = self.sigma_m**2 * np.eye(place_m.size)
+        if self.positions_ecef_m is not None and all(name in self.positions_ecef_m for name in receivers):
+            yield from self._position_slips(receivers, open_m2)
+        for slip in vector_slips():
+            turned = _Guess(place_m @ slip.turn.T, open_m2)
+            yield GeometrySlip(slip.code, self.key, slip.words, "", turned)
+        for k, name in enumerate(receivers):
+            up_m2 = open_m2.copy()
+            up_m2[3 * k + 2, 3 * k + 2] += _ANY_HEIGHT_M**2
+            words = f"the height of {name} is wrong"
+            yield GeometrySlip(HEIGHT, f"{self.key}.{name}", words, "", _Guess(place_m, up_m2))
+        if len(receivers) == 2:
+            sphere = AntennaDistance(self.farthest_m(receivers), float(np.sqrt(2.0)) * self.sigma_m)
+            words = "the antennas are as far apart as stated in another direction: attitude or axes are wrong"
+            yield GeometrySlip("attitude_or_axes", self.key, words, "", sphere)
+
+    def _position_slips(self, receivers: Sequence[str], open_m2: Reals) -> Iterator[GeometrySlip]:
+        """Of each receiver alone, and of all of them alike."""
+        assert self.positions_ecef_m is not None
+        stated_m = np.array([self.positions_ecef_m[name] for name in receivers])
+        every = [{slip.code: slip for slip in position_slips(place_m)} for place_m in stated_m]
+        for k, name in enumerate(receivers):
+            for slip in every[k].values():
+                place_m, covariance_m2 = stated_m.copy(), open_m2.copy()
+                place_m[k] = slip.position_ecef_m
+                rows = slice(3 * k, 3 * k + 3)
+                rot = _level_frame(place_m[0])
+                covariance_m2[rows, rows] += rot @ slip.covariance_m2 @ rot.T
+                fit = _Guess((place_m - place_m[0]) @ rot.T, covariance_m2)
+                yield GeometrySlip(slip.code, f"position of {name}", slip.words, slip.value, fit)
+        for code in set.intersection(*(set(slips) for slips in every)):
+            place_m = np.array([slips[code].position_ecef_m for slips in every])
+            fit = _Guess((place_m - place_m[0]) @ _level_frame(place_m[0]).T, open_m2)
+            slip = every[0][code]
+            if not np.any(slip.covariance_m2):  # an error that all heights share leaves the baseline as it is
+                yield GeometrySlip(code, f"positions of {', '.join(receivers)}", slip.words, slip.value, fit)
+
+
+@dataclass(frozen=True, eq=False)
+class _Guess:
+    """Places (R, 3) of the antennas, east, north, up, and the covariance (3 R, 3 R) of what is left open of them."""
+
+    place_m: Reals
+    covariance_m2: Reals
+
+    def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
+        others = len(receivers) - 1
+        between = np.kron(np.column_stack([-np.ones(others), np.eye(others)]), np.eye(3))
+        expected_m = between @ self.place_m.ravel()
+        return _from_vector(enu_m - expected_m, covariance_m2 + between @ self.covariance_m2 @ between.T)
+
+
+@dataclass(frozen=True)
+class _LevelDistance:
+    """The distance on a map, whatever the antennas differ by in height."""
+
+    distance_m: float
+    sigma_m: float
+
+    def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
+        squared = _from_sphere(enu_m[..., :2], covariance_m2[..., :2, :2], self.distance_m, self.sigma_m)
+        return Misfit(squared, dof=3, exact=1)
+
+
+def _level_frame(place_ecef_m: Reals) -> Reals:
+    """(3, 3) from ECEF to east, north, up of a place."""
+    lat_rad, lon_rad, _ = geodetic_from_ecef(place_ecef_m)
+    return rot_enu_ecef(lat_rad, lon_rad)
+
 
 @dataclass(frozen=True)
 class AntennaDistance:
@@ -116,6 +232,20 @@ class AntennaDistance:
 
     distance_m: float
     sigma_m: float
+
+    key = "antenna_distance_m"
+
+    def farthest_m(self, receivers: Sequence[str]) -> float:
+        return self.distance_m
+
+    def slips(self, receivers: Sequence[str]) -> Iterator[GeometrySlip]:
+        for slip in distance_slips(self.distance_m):
+            sigma_m = max(self.sigma_m * slip.distance_m / self.distance_m, _LEAST_SIGMA_M)
+            value = f"{self.key} = {slip.distance_m:.4g}"
+            fit = AntennaDistance(slip.distance_m, sigma_m)
+            yield GeometrySlip(slip.code, self.key, slip.words, value, fit)
+        level = _LevelDistance(self.distance_m, self.sigma_m)
+        yield GeometrySlip("level_distance", self.key, "it is the level distance, without the height", "", level)
 
     @property
     def assumes(self) -> tuple[str, ...]:
@@ -185,7 +315,7 @@ def survival(geometry: AntennaGeometry, receivers: Sequence[str], estimate: Base
     return f_survival(misfit.squared / misfit.dof, misfit.dof, dof_den)
 
 
-def agreement(geometry: AntennaGeometry, baselines: Sequence[Baseline]) -> float:
+def agreement(geometry: Fit, baselines: Sequence[Baseline]) -> float:
     """p-value of the worst of these baselines of the same receivers, times their number: 1 where all are as known."""
     enu_m = np.array([baseline.enu_m.ravel() for baseline in baselines])
     covariance_m2 = np.array([baseline.covariance_m2 for baseline in baselines])

@@ -27,7 +27,14 @@ def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
     p_known, because = window.p_not_sky(pairing, geometry)
     p_false = min(1.0, p_known + window.p_of_echoes(pairing.receivers, pairing))
     if p_one >= window.settings.accept_probability and p_false < alpha:
-        said = window.say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(window.groups))
+        said = window.say(
+            "spoofed",
+            pairing.subject,
+            p_value=p_false,
+            because=because,
+            group=next(window.groups),
+            statement=window.statement(pairing, geometry, agrees=False),
+        )
         return [said if geometry is None else replace(said, assumes=geometry.stated, would_need=MEASURED_AGAIN)]
     because = (
         f"{names(pairing)} could come from one antenna or from the sky: range differences between the receivers vary "
@@ -55,7 +62,7 @@ def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_
     """Not of one antenna: of the sky if the antennas stand where they are known to."""
     alpha = window.settings.false_alarm_probability
     if window.agrees(pairing, geometry):
-        return [window.authentic(pairing, p_one, geometry.assumes, because=f"; they agree with {geometry.words}")]
+        return [_agreeing(window, pairing, geometry, p_one)]
     p_known = pairing.survival(geometry)
     steady = pairing.noise_m <= window.settings.error_bound_m
     learnt = isinstance(geometry, LearntDistance)  # antennas may have moved apart since
@@ -74,6 +81,7 @@ def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_
                 because=f"{of_rest}; some of them are imitations, or what was given is wrong",
                 would_need=MEASURED_AGAIN,
                 assumes=geometry.stated,
+                statement=window.statement(pairing, geometry, agrees=False),
             )
         )
     elif rest:
@@ -90,6 +98,7 @@ def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_
                 because=because,
                 would_need=would_need,
                 may_also_be=("reflections", "statement", "motion"),
+                statement=window.statement(pairing, geometry, agrees=False) if steady else None,
             )
         )
     return found
@@ -112,8 +121,18 @@ def _agreeing_pairs(window: Window, pairing: Pairing) -> list[Evidence]:
             continue
         p_one = min(1.0, tests * pair.one_antenna_each_p_value)
         if geometry is not None and p_one < settings.false_alarm_probability and window.agrees(pair, geometry):
-            found.append(window.authentic(pair, p_one, geometry.assumes, because=f"; they agree with {geometry.words}"))
+            found.append(_agreeing(window, pair, geometry, p_one))
     return found
+
+
+def _agreeing(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_one: float) -> Evidence:
+    return window.authentic(
+        pairing,
+        p_one,
+        geometry.assumes,
+        because=f"; they agree with {geometry.words}",
+        statement=window.statement(pairing, geometry, agrees=True),
+    )
 
 
 def _open(window: Window, pairing: Pairing, p_one: float) -> Evidence:
@@ -135,6 +154,7 @@ def _open(window: Window, pairing: Pairing, p_one: float) -> Evidence:
         p_value=p_one,
         null="one antenna",
         baselines=window.believed(pairing),
+        statement=window.statement(pairing, None, agrees=True) if window.is_apart(pairing) else None,
         because=f"{names(pairing)} do not come from one antenna, but one receiver alone may follow a false sky",
         would_need="the distance between the antennas (antenna_distance_m), or where they stand (antennas_enu_m)",
     )

@@ -91,7 +91,8 @@ class _Followed:
         if self.run.parts[-1].open and p_values[-1] < alpha:
             self.window.skies.append(self.pairing)
         said = self._of_open("authentic", p_values, alpha, because)
-        return [replace(e, assumes=(ONE_TRANSMITTER, ONCE, *self.geometry.assumes)) for e in said]
+        stated = self.window.statement(self.pairing, self.geometry, agrees=True)
+        return [replace(e, assumes=(ONE_TRANSMITTER, ONCE, *self.geometry.assumes), statement=stated) for e in said]
 
     def _spoofed(self, alpha: float) -> list[Evidence]:
         joined, cells = self.joined
@@ -99,8 +100,10 @@ class _Followed:
         p_values = self.tests * window_p_values(joined, cells, self.geometry, "the sky", alpha / self.tests)
         p_values += self.window.p_of_echoes(self.pairing.receivers, self.pairing)  # of one place, as long as it lasts
         said = self._of_open("spoofed", p_values, alpha, because)
-        learnt = isinstance(self.geometry, LearntDistance)
-        return [replace(e, assumes=self.geometry.assumes) for e in said] if learnt else said
+        if isinstance(self.geometry, LearntDistance):
+            return [replace(e, assumes=self.geometry.assumes) for e in said]
+        stated = self.window.statement(self.pairing, self.geometry, agrees=False)
+        return [replace(e, statement=stated) for e in said]
 
     def _of_open(self, says: Says, p_values: Reals, alpha: float, because: str) -> list[Evidence]:
         """This of each open window whose p-value is small."""

@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from skyproof.detectors.multi_receiver.known_geometry import AntennaDistance, AntennaGeometry, AntennaPlaces
+from skyproof.arrays import Reals
+from skyproof.detectors.multi_receiver.known_geometry import AntennaDistance, AntennaPlaces, StatedGeometry
 from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
 from skyproof.errors import SettingsError, require_probability
 
@@ -36,6 +37,7 @@ class MultiReceiverSettings:
     antennas_enu_m : where each receiver's antenna is, east, north, up of any common point; for the receivers that it
         names it replaces all of the above, and decides what they cannot.
     antennas_sigma_m : standard deviation of these places, on each axis.
+    positions_ecef_m : (3,) of each receiver that was surveyed.
     unrelated_spread_m : delays of second signals that have nothing to do with each other spread over at least this.
     mistaken_probability : share of echoes among further signals that are called false one by one, under an attack.
     """
@@ -54,6 +56,7 @@ class MultiReceiverSettings:
     antenna_distance_sigma_m: float | None = None
     antennas_enu_m: Mapping[str, tuple[float, float, float]] | None = None
     antennas_sigma_m: float = 0.1
+    positions_ecef_m: Mapping[str, Reals] | None = None
     unrelated_spread_m: float = 300.0
     mistaken_probability: float = 0.01
 
@@ -66,10 +69,10 @@ class MultiReceiverSettings:
         if not 0.0 <= self.correlation_max < 1.0:
             raise SettingsError(f"multi_receiver: correlation_max is {self.correlation_max}, expected 0 to below 1")
 
-    def geometry(self, receivers: Sequence[str]) -> AntennaGeometry | None:
+    def geometry(self, receivers: Sequence[str]) -> StatedGeometry | None:
         """What is known of where these receivers' antennas stand; None if nothing is."""
         if self.antennas_enu_m is not None and all(name in self.antennas_enu_m for name in receivers):
-            return AntennaPlaces(self.antennas_enu_m, self.antennas_sigma_m)
+            return AntennaPlaces(self.antennas_enu_m, self.antennas_sigma_m, self.positions_ecef_m)
         if self.antenna_distance_m is not None and len(receivers) == 2:
             sigma_m = self.antenna_distance_sigma_m
             given_m = self.antenna_distance_m

@@ -85,7 +85,14 @@ def _false_group(window: Window, pairing: Pairing, false: list[Pairing], *, deci
     p_false, because = window.p_not_sky(pairing, window.settings.geometry(pairing.receivers))
     p_false = min(1.0, window.tests * p_false)
     if p_false < alpha:
-        return window.say("spoofed", pairing.subject, p_value=p_false, because=because, group=next(window.groups))
+        return window.say(
+            "spoofed",
+            pairing.subject,
+            p_value=p_false,
+            because=because,
+            group=next(window.groups),
+            statement=window.statement(pairing, window.settings.geometry(pairing.receivers), agrees=False),
+        )
     return None
 
 
@@ -98,7 +105,13 @@ def _sky_group(window: Window, sky: Pairing, false: list[Pairing]) -> Evidence |
         # As with one set in each receiver: it is told from the false ones by where the antennas stand.
         if not window.agrees(sky, geometry):
             return None
-        return window.authentic(sky, p_one, geometry.assumes, because=f"; they agree with {geometry.words}")
+        return window.authentic(
+            sky,
+            p_one,
+            geometry.assumes,
+            because=f"; they agree with {geometry.words}",
+            statement=window.statement(sky, geometry, agrees=True),
+        )
     p_ratio = max((float(versus(sky, pairing).p_value) for pairing in false), default=0.0)
     if p_ratio >= alpha or window.p_possible(sky) < alpha:
         return None

@@ -5,19 +5,20 @@ from collections.abc import Collection, Sequence
 
 from skyproof.detectors.base import Detector, undecided
 from skyproof.detectors.multi_receiver.carriers import CarrierTest
-from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, agreement
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance, agreement
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
 from skyproof.detectors.multi_receiver.one_antenna import RatioTest
 from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_up, sky_by_carriers
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import echoes_p_value
-from skyproof.records import Baseline, Cause, ConsistentSet, Evidence, Null, Records, Says, SignalRef
+from skyproof.records import Baseline, Cause, ConsistentSet, Evidence, Null, Records, Says, SignalRef, StatementTest
 
-__all__ = ["ONE_FALSE_SKY", "ONE_TRANSMITTER", "Window", "far", "names"]
+__all__ = ["ONE_FALSE_SKY", "ONE_TRANSMITTER", "SEPARATION", "Window", "far", "names"]
 
 ONE_FALSE_SKY = "one transmitter sends one false sky"
 ONE_TRANSMITTER = "no two transmitters act in concert"
+SEPARATION = "antenna_separation_m"
 
 
 class Window:
@@ -44,6 +45,26 @@ class Window:
         """What is given of where antennas stand; of one set in each receiver also what earlier windows showed."""
         given = self.settings.geometry(pairing.receivers)
         return self.learnt.of(pairing.receivers) if given is None and self.one_choice else given
+
+    def statement(self, pairing: Pairing, geometry: AntennaGeometry | None, *, agrees: bool) -> StatementTest | None:
+        """What a pairing says of what the user stated of the antennas; None where nothing was, or it is not tested."""
+        key = next((key for key in (getattr(geometry, "key", None),) if key), None)
+        if geometry is None and self.settings.antenna_separation_m > 0.0:
+            key = SEPARATION
+        if key is None or isinstance(geometry, LearntDistance):
+            return None
+        return StatementTest(
+            key=key,
+            receivers=pairing.receivers,
+            agrees=agrees,
+            one_place=not agrees and self._in_one_place(pairing),
+            shown=next(iter(pairing.baselines), None),
+        )
+
+    def _in_one_place(self, pairing: Pairing) -> bool:
+        """Whether carriers show no distance at all between the antennas, which two antennas cannot have."""
+        one, accept = pairing.one_antenna_carriers, self.settings.accept_probability
+        return one is not None and one.p_value >= accept and one.by_chance < accept
 
     def enough(self, pairing: Pairing) -> bool:
         """Whether it has as many satellites and epochs in common as are asked for."""
@@ -112,6 +133,11 @@ class Window:
         """Of "antennas no farther apart than they may be"."""
         return pairing.at_most_p_value(self.settings.max_separation_m)
 
+    def is_apart(self, pairing: Pairing) -> bool:
+        """Whether the signals show the antennas as far apart as they are stated to be at least."""
+        limit_m, alpha = self.settings.antenna_separation_m, self.settings.false_alarm_probability
+        return limit_m > 0.0 and pairing.at_most_p_value(limit_m) < alpha
+
     def p_of_echoes(self, receivers: Collection[str], pairing: Pairing) -> float:
         """That echoes in place of blocked signals make such a set at a wrong place, in any of these receivers."""
         settings = self.settings
@@ -153,6 +179,7 @@ class Window:
         *,
         because: str,
         baselines: tuple[Baseline, ...] = (),
+        statement: StatementTest | None = None,
     ) -> Evidence:
         self.skies.append(pairing)
         share = self.settings.false_alarm_probability / self.tests
@@ -171,6 +198,7 @@ class Window:
             threshold=threshold,
             because=f"{names(pairing)} do not come from one antenna: {shown}{because}",
             assumes=(ONE_TRANSMITTER, *assumes),
+            statement=statement,
         )
 
     def toofar(self, pairing: Pairing) -> str:
@@ -206,6 +234,7 @@ class Window:
         baselines: tuple[Baseline, ...] = (),
         null: Null = "sky",
         may_also_be: tuple[Cause, ...] = (),
+        statement: StatementTest | None = None,
     ) -> Evidence:
         if ratio is not None:
             statistic, threshold = float(ratio.statistic), ratio.threshold(self.settings.false_alarm_probability)
@@ -227,6 +256,7 @@ class Window:
             baselines=baselines,
             null=null,
             may_also_be=may_also_be,
+            statement=statement,
         )
 
 

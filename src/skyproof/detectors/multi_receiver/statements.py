@@ -1,0 +1,96 @@
+"""Signals that contradict what the user stated of the antennas: are they false, or is the statement?
+
+Of a statement that no window of the run bears out the signals cannot tell: antennas that stand elsewhere than stated
+show what one captured receiver shows. So a statement that is untrue competes with an attack. It is excluded where
+
+- another window shows the receivers as stated: the statement is true then, unless antennas were turned;
+- carriers put the antennas into one place, to millimetres: two antennas cannot stand there, one transmitter can;
+- the signals put them farther apart than they may be (`max_separation_m`), and than a decimal point explains.
+
+Not even then is it excluded, but by one place, if what is shown is what a likely slip makes of the statement
+(`gnss.slips`), with one slip for all windows.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Final
+
+from skyproof.detectors.multi_receiver.known_geometry import GeometrySlip, agreement
+from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
+from skyproof.detectors.multi_receiver.window import SEPARATION
+from skyproof.gnss.slips import UNLISTED
+from skyproof.records import Baseline, Evidence, StatementTest, WrongStatement
+
+__all__ = ["Statements"]
+
+_DECIMAL: Final = 10.0
+_SIGMAS: Final = 5.0
+_TURNED: Final = "attitude_or_axes"
+
+
+class Statements:
+    """What all windows of a run say of what was stated. evidence : of the detector, read once."""
+
+    def __init__(self, settings: MultiReceiverSettings, evidence: Iterable[Evidence]) -> None:
+        self.settings = settings
+        self.borne_out = set[tuple[str, str]]()
+        self.shown: dict[tuple[str, tuple[str, ...]], list[Baseline]] = {}
+        for e in evidence:
+            test = e.statement
+            if test is not None and test.agrees:
+                self.borne_out.update((test.key, name) for name in test.receivers)
+            elif test is not None and test.shown is not None:
+                self.shown.setdefault((test.key, test.receivers), []).append(test.shown)
+        self._slips: dict[tuple[str, tuple[str, ...]], list[GeometrySlip]] = {}
+
+    def weigh(self, e: Evidence) -> Evidence:
+        """The evidence, undecided where the statement may be what is wrong, with that as its other cause."""
+        test = e.statement
+        if test is None or test.agrees or test.one_place:
+            return e
+        true = all((test.key, ref.receiver) in self.borne_out for ref in e.subject)
+        slips = [slip for slip in self._fitting(test) if not true or slip.code == _TURNED]
+        if not slips and (true or not self._near_enough(test)):
+            return e
+        causes = tuple(WrongStatement(code=s.code, about=s.about, words=s.words, value=s.value or None) for s in slips)
+        causes = causes or (self._unlisted(test),)
+        if e.says == "undecided":
+            return replace(e, because=f"{e.because}; {causes[0].sentence}", wrong_statements=causes)
+        return replace(
+            e,
+            says="undecided",
+            because=f"{causes[0].sentence}, or signals are false: {e.because}",
+            would_need=f"{causes[0].about} checked",
+            overrules=True,
+            group=None,
+            assumes=(),
+            may_also_be=tuple(dict.fromkeys(("statement", *e.may_also_be))),
+            wrong_statements=causes,
+        )
+
+    def _fitting(self, test: StatementTest) -> list[GeometrySlip]:
+        """The slips that explain what all windows show."""
+        key = test.key, test.receivers
+        geometry, shown = self.settings.geometry(test.receivers), self.shown.get(key)
+        if key not in self._slips:
+            accept = self.settings.accept_probability
+            every = () if geometry is None or not shown else geometry.slips(test.receivers)
+            self._slips[key] = [slip for slip in every if agreement(slip.fit, shown or ()) >= accept]
+        return self._slips[key]
+
+    def _near_enough(self, test: StatementTest) -> bool:
+        """Whether the antennas may stand where they are shown, for all that is known but for the statement."""
+        if test.shown is None:
+            return True
+        geometry = self.settings.geometry(test.receivers)
+        stated_m = self.settings.antenna_separation_m if geometry is None else geometry.farthest_m(test.receivers)
+        most_m = max(self.settings.max_separation_m, _DECIMAL * stated_m)
+        return all(d_m - _SIGMAS * sigma_m <= most_m for d_m, sigma_m in test.shown.distances_m)
+
+    def _unlisted(self, test: StatementTest) -> WrongStatement:
+        words, value = "it is untrue from the first moment, by no amount that is usual", None
+        if test.shown is not None:
+            far = ", ".join(f"{d_m:.1f} ± {sigma_m:.1f} m" for d_m, sigma_m in test.shown.distances_m)
+            value = f"antennas {far} apart"
+        about = "antenna_separation_m" if test.key == SEPARATION else test.key
+        return WrongStatement(code=UNLISTED, about=about, words=words, value=value)

@@ -1,0 +1,151 @@
+"""Statements of where antennas stand that the signals contradict: a slip, or an attack?"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.multi_receiver.detector import MultiReceiver
+from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
+from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
+from skyproof.gnss.slips import UNLISTED, position_slips
+from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
+
+TRUE_M = (24.0, 18.0, 6.0)
+DISTANCE_M = float(np.linalg.norm(TRUE_M))
+PAIR = {"rx1": (0.0, 0.0, 0.0), "rx2": TRUE_M}
+ERRORS = TrackErrors(0.5, 0.0, 0.3)
+PLACE_DEG = (57.7012, 11.9321, 52.0)
+MEACONER = FalseSky()
+CAPTURED = {"sky": ("rx1",), "false": (replace(MEACONER, receivers=("rx2",), shows_enu_m=(60.0, -40.0, 3.0)),)}
+
+
+def windows(*changes, antennas=PAIR):
+    rng = np.random.default_rng(0)
+    keys = {"antennas_enu_m": antennas, "errors": ERRORS, "place_deg": PLACE_DEG, "epochs": 10}
+    return [MeasuredScene(**(keys | change)).records(rng) for change in changes]
+
+
+def reviewed(records, **settings):
+    detector = MultiReceiver(MultiReceiverSettings(**settings))
+    state, said = None, []
+    for one in records:
+        found, state = detector.examine(one, state)
+        said += found
+    return list(detector.review(said))
+
+
+def against(evidence):
+    return [e for e in evidence if e.says in ("spoofed", "attack")]
+
+
+def codes(evidence):
+    (causes,) = {tuple(c.code for c in e.wrong_statements) for e in evidence if e.wrong_statements}
+    return causes
+
+
+@pytest.mark.parametrize(
+    ("factor", "code"),
+    [
+        (1.0 / 0.3048, "feet"),
+        (0.3048, "made_feet"),
+        (100.0, "centimetres"),
+        (2.0, "twice"),
+        (0.5, "half"),
+        (10.0, "decimal_point"),
+    ],
+    ids=str,
+)
+def test_a_distance_with_a_likely_slip_is_named_and_no_attack(factor, code):
+    evidence = reviewed(windows({}, {}), antenna_distance_m=factor * DISTANCE_M)
+    assert not against(evidence)
+    assert code in codes(evidence)
+    assert {(e.says, e.failed) for e in evidence} == {("undecided", True)}
+
+
+def test_a_level_distance_for_one_with_height_is_named():
+    steep = {"rx1": (0.0, 0.0, 0.0), "rx2": (9.0, 12.0, 20.0)}
+    evidence = reviewed(windows({}, {}, antennas=steep), antenna_distance_m=15.0)
+    assert not against(evidence)
+    assert "level_distance" in codes(evidence)
+
+
+@pytest.mark.parametrize(
+    ("stated_m", "code"),
+    [
+        ((18.0, 24.0, -6.0), "north_east_down"),
+        ((18.0, 24.0, 6.0), "east_and_north_swapped"),
+        ((-24.0, 18.0, 6.0), "east_sign"),
+        ((-24.0, -18.0, -6.0), "receivers_swapped"),
+        ((24.0, 18.0, 46.0), "height"),
+        ((0.0, 30.0, 6.0), "attitude_or_axes"),
+    ],
+    ids=str,
+)
+def test_places_with_a_likely_slip_are_named_and_no_attack(stated_m, code):
+    evidence = reviewed(windows({}, {}), antennas_enu_m={"rx1": (0.0, 0.0, 0.0), "rx2": stated_m})
+    assert not against(evidence)
+    assert code in codes(evidence)
+
+
+@pytest.mark.parametrize("code", ["height_above_sea_level", "height_in_feet", "degrees_and_minutes"])
+def test_a_position_with_a_likely_slip_is_named_with_what_is_right(code):
+    lat, lon, height_m = PLACE_DEG
+    here_m = ecef_from_geodetic(np.radians(lat), np.radians(lon), height_m)
+    rot = rot_enu_ecef(np.radians(lat), np.radians(lon))
+    stated_m = {"rx1": here_m, "rx2": here_m + rot.T @ TRUE_M}
+    if code == "degrees_and_minutes":
+        stated_m["rx2"] = ecef_from_geodetic(np.radians(57.42), np.radians(11.56), height_m)
+    # What was stated is such that the slip gives the truth.
+    for _ in range(200):
+        (slip,) = (s for s in position_slips(stated_m["rx2"]) if s.code == code)
+        stated_m["rx2"] = stated_m["rx2"] - (slip.position_ecef_m - here_m - rot.T @ TRUE_M)
+    places = {name: tuple(rot @ (place - here_m)) for name, place in stated_m.items()}
+    evidence = reviewed(windows({}, {}), antennas_enu_m=places, positions_ecef_m=stated_m)
+    assert not against(evidence)
+    assert code in codes(evidence)
+    (cause,) = {c for e in evidence for c in e.wrong_statements if c.code == code}
+    assert cause.about == "position of rx2"
+    assert cause.value
+
+
+def test_a_distance_that_is_wrong_by_any_amount_is_no_attack():
+    evidence = reviewed(windows({}, {}), antenna_distance_m=1.37 * DISTANCE_M)
+    assert not against(evidence)
+    assert codes(evidence) == (UNLISTED,)
+
+
+def test_a_statement_that_was_borne_out_makes_the_rest_an_attack():
+    for order in ([{}, CAPTURED], [CAPTURED, {}]):
+        evidence = reviewed(windows(*order), antennas_enu_m=PAIR)
+        assert {e.says for e in evidence} == {"authentic", "attack"}
+
+
+def test_a_captured_receiver_within_a_slip_is_never_authentic():
+    evidence = reviewed(windows(CAPTURED, CAPTURED), antennas_enu_m=PAIR)
+    assert {(e.says, e.failed, e.overrules) for e in evidence} == {("undecided", True, True)}
+
+
+def test_a_receiver_that_is_led_far_away_is_attacked():
+    """Farther than antennas may stand apart, and than a slip makes of the distance."""
+    far = replace(CAPTURED["false"][0], shows_enu_m=(700.0, 500.0, 30.0))
+    evidence = reviewed(windows({**CAPTURED, "false": (far,)}), antenna_distance_m=DISTANCE_M)
+    assert {e.says for e in evidence} == {"attack"}
+
+
+def test_antennas_that_turned_since_they_were_as_stated_are_no_attack():
+    turned = {"antennas_enu_m": {"rx1": (0.0, 0.0, 0.0), "rx2": (-18.0, 24.0, 6.0)}}
+    evidence = reviewed(windows({}, turned), antennas_enu_m=PAIR)
+    assert [e.says for e in evidence] == ["authentic", "undecided"]
+    assert codes(evidence) == ("attitude_or_axes",)
+
+
+@pytest.mark.parametrize("carriers", [False, True])
+def test_one_transmitter_is_named_where_carriers_show_one_place(carriers):
+    both = windows(*2 * [{"sky": (), "false": (MEACONER,)}])
+    if not carriers:
+        without = [[replace(o, carrier_cyc=np.full_like(o.carrier_cyc, np.nan)) for o in r.observations] for r in both]
+        both = [replace(r, observations=tuple(own)) for r, own in zip(both, without, strict=True)]
+    evidence = reviewed(both, antennas_enu_m=PAIR)
+    assert {e.says for e in evidence} == ({"spoofed"} if carriers else {"undecided"})
+    assert all(e.failed for e in evidence) != carriers
