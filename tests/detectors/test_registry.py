@@ -135,7 +135,7 @@ def test_evidence_that_cannot_be_used_fails_the_contract_and_in_a_run_is_undecid
     assert (said.says, said.detector, state) == ("undecided", "odd", "before")
     assert fault in said.because
     assert said.because.startswith("the detector odd of ")
-    assert said.would_need == "odd repaired"
+    assert (said.code, said.would_need) == ("failed", "odd repaired")
 
 
 @pytest.mark.parametrize("given", [None, [], Evidence, ([None], None)])
@@ -162,6 +162,7 @@ def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_
     *before, failed = registry.review_of(Raising(), [said])
     assert before == [said]
     assert failed.says == "undecided"
+    assert failed.code == "review_failed"
     assert failed.because.startswith("review of the detector odd of ")
     assert "failed: KeyError: 'none' (test_registry.py, line" in failed.because
     monkeypatch.setattr(Raising, "__module__", "skyproof.detectors.raising")

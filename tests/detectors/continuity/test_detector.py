@@ -358,6 +358,7 @@ def test_missing_samples_are_reported_and_are_no_failure(motion):
     assert only.p_value is None
     assert not only.overrules
     assert "the signals' time is 400 ms ahead" in only.because
+    assert only.code == "time_ahead"
     assert "samples are missing" in only.because
 
 
