@@ -58,7 +58,7 @@ PAIRS = {
         ("3034265G.21O", "SEPT265G.21O"),
         "SEPT2650.21P",
         {"antenna_distance_m": 5324.0},
-        "no_attack_seen",
+        "suspect",
         truth=(-3959400.631, 3385704.533, 3667523.111),
         within_m=5.0,
     ),
@@ -107,7 +107,9 @@ def test_nothing_false_is_said_where_nothing_is_given(shared_data, name):
     paths, nav = paths_of(pair, shared_data)
     result = protect(paths, nav=nav, **pair.more)
     assert not [e.because for e in result.outcome.evidence if e.says in ("spoofed", "attack", "multipath")]
-    assert result.verdict.verdict == "no_attack_seen"
+    far = "km" in name  # than antennas may be that nothing is said of
+    assert result.verdict.verdict == ("suspect" if far else "no_attack_seen")
+    assert (result.verdict.may_also_be[:1] == ("statement",)) == far
 
 
 def protect_captured(pair, shared_data, folder):

@@ -84,6 +84,8 @@ def test_a_sky_of_one_antenna_may_be_echoes_where_satellites_are_few(satellites)
     if satellites == 6:
         assert "echoes of so few satellites" in said.because
         assert said.would_need == "more satellites in view"
+        assert said.failed
+        assert said.may_also_be[0] == "reflections"
 
 
 def test_sets_that_were_searched_for_serve_as_well_as_the_true_ones():
@@ -125,6 +127,8 @@ def test_antennas_farther_apart_than_was_allowed_are_reported_where_that_is_set(
     (evidence,) = examine(scene().records(rng()), max_separation_m=10.0)
     assert "30 m apart, more than the 10 m that they may be" in evidence.because
     assert "a larger max_separation_m in the table [protect] of a platform file" in evidence.would_need
+    assert evidence.failed
+    assert evidence.may_also_be[0] == "statement"
 
 
 def test_the_reason_of_a_run_names_all_kinds_of_signal_that_have_it():
@@ -142,6 +146,7 @@ def test_a_clean_sky_without_a_known_distance_is_open_and_says_what_it_measured(
     (evidence,) = examine(scene().records(rng(seed)))
     assert evidence.says == "undecided"
     assert evidence.p_value < evidence.false_alarm_probability  # not of one antenna
+    assert (evidence.null, evidence.failed) == ("one antenna", False)
     assert "antenna_distance_m" in evidence.would_need
     ((distance_m, sigma_m),) = evidence.baselines[0].distances_m
     assert abs(distance_m - DISTANCE_M) < 4.0 * sigma_m
@@ -245,7 +250,27 @@ def test_a_sky_that_is_drawn_off_at_the_end_of_a_window_is_not_authentic(axis):
     away_m = np.concatenate([np.zeros(16), np.linspace(0.0, 20.0, 4)])
     drawn = replace(second, pseudorange_m=second.pseudorange_m - away_m[:, None] * towards)
     assert named(examine(records, **placed()), "authentic")
-    assert not named(examine(replace(records, observations=(first, drawn)), **placed()), "authentic")
+    (open_,) = examine(replace(records, observations=(first, drawn)), **placed())
+    assert open_.failed
+    assert "motion" in open_.may_also_be
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9, 0.98])
+def test_errors_within_their_bound_fail_no_more_often_than_stated(correlation):
+    """They swing as far as one sigma of 3 m makes them, which is the bound."""
+    made, numbers = scene(errors=TrackErrors(3.0, correlation, 0.0)), rng(5)
+    noise = TrackNoise(bound_m=3.0)
+    p_values = []
+    for _ in range(150):
+        records = made.records(numbers)
+        p_values.append(pair_up(records, records.sets, noise, min_satellites=5).swing_p_value)
+    assert np.mean(np.array(p_values) < 0.05) < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 150)
+    assert correlation or min(p_values) < 0.3  # of white noise it is no idle bound
+
+
+def test_errors_beyond_their_bound_fail():
+    records = scene(errors=TrackErrors(8.0, 0.5, 0.0)).records(rng())
+    assert pair_up(records, records.sets, TrackNoise(bound_m=3.0), min_satellites=5).swing_p_value < 1e-20
 
 
 def test_a_known_baseline_settles_what_one_set_each_leaves_open():

@@ -94,7 +94,7 @@ def _by_geometry(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_
             window.say(
                 "undecided",
                 rest,
-                p_value=p_known,
+                p_value=window.p_sky(pairing, geometry),
                 because=because,
                 would_need=would_need,
                 may_also_be=("reflections", "statement", "motion"),

@@ -41,7 +41,9 @@ from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Baseline, ConsistentSet, NavigationData, Records, SignalRef
-from skyproof.statistics.lines import fit_line
+from skyproof.statistics.autoregression import correlation_grid
+from skyproof.statistics.distributions import chi_square_survival
+from skyproof.statistics.lines import fit_line, line_columns
 
 __all__ = ["Pairing", "groups_in", "pair_up", "sky_by_carriers", "versus"]
 
@@ -134,6 +136,26 @@ class Pairing:
         """Of a track about a line over the window, rms, metres: what a signal that is drawn off shows as well."""
         rms_of_sigma = float(np.sqrt(np.mean(fit_line(self.contrasts[0]).residual ** 2)))
         return rms_of_sigma * float(np.sqrt(np.mean(self.ranges.sigma_m**2)))
+
+    @cached_property
+    def swing_p_value(self) -> float:
+        """p-value of "errors within their bound": that AR(1) errors as large as that, however slow, swing so.
+
+        Sums of squares with weights lie above a limit no more often than with all weights as large as the largest, and
+        the same mean (Szekely and Bakirov, Probability Theory and Related Fields 126, 2003).
+        """
+        bound_m = self.noise.bound_m
+        n, tracks = self.contrasts[0].shape[-2:]
+        if not np.isfinite(bound_m):
+            return 1.0
+        line, apart = line_columns(n), np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+        rest, worst = np.eye(n) - line @ line.T, 0.0
+        for coefficient in correlation_grid(self.noise.correlation_max):
+            weights = np.linalg.eigvalsh(rest @ coefficient**apart @ rest)
+            sum_of_squares = n * tracks * (self.noise_m / bound_m) ** 2
+            dof = tracks * weights.sum() / weights[-1]
+            worst = max(worst, float(chi_square_survival(sum_of_squares / weights[-1], dof)))
+        return worst
 
     @cached_property
     def unit_enu(self) -> Reals | None:

@@ -78,6 +78,15 @@ class Window:
         baselines = self.believed(pairing)
         return bool(baselines) and agreement(geometry, baselines) >= self.settings.accept_probability
 
+    def p_sky(self, pairing: Pairing, geometry: AntennaGeometry) -> float:
+        """Of "the sky over these antennas", by two tests: the baseline of the window, and those of its parts, or, where
+        the noise goes beyond the bound of any track's error, that it does.
+        """
+        p_parts = agreement(geometry, pairing.baselines) if pairing.baselines else 1.0
+        if pairing.noise_m > self.settings.error_bound_m:
+            p_parts = pairing.swing_p_value
+        return min(1.0, 2.0 * min(pairing.survival(geometry), p_parts))
+
     def believed(self, pairing: Pairing) -> tuple[Baseline, ...]:
         """Its baselines; none where the noise goes beyond the bound of any track's error."""
         return pairing.baselines if pairing.noise_m <= self.settings.error_bound_m else ()
