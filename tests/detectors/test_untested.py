@@ -24,6 +24,7 @@ from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.registry import load_detectors
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals
+from skyproof.detectors.torn.detector import Torn
 from skyproof.records import NavigationData, Records
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -302,6 +303,10 @@ CASES = {
     ("code_motion", "few_fixes"): (
         lambda: said(CodeMotion(), clean(max_satellites=4)),
         "fewer than three epochs of rx1 have a position",
+    ),
+    ("torn", "received_twice"): (
+        lambda: said(Torn(), clean(false=(FalseSky(),))),
+        "a satellite is received twice in rx1",
     ),
     ("bands", "one_band"): (lambda: said(Bands(), clean()), "satellites of rx1 have codes of two bands"),
     ("code_carrier", "no_carrier"): (

@@ -112,7 +112,8 @@ class Torn:
         signals = primary_signals(o)
         if signals is None:
             because = f"a satellite is received twice in {o.receiver}: which codes belong together is open"
-            return undecided(self, records, subject, because=because, code="received_twice"), before
+            need = "one signal of each satellite"
+            return undecided(self, records, subject, because=because, would_need=need, code="received_twice"), before
         anchors = self._anchors(o, navigation, signals, before)
         columns = [o.signals.index(signal) for signal in signals]
         stray = np.asarray(o.status[:, columns] == CellStatus.IMPOSSIBLE)
