@@ -8,6 +8,7 @@ import numpy as np
 
 from skyproof.logs.content import LogPiece, LogReader
 from skyproof.logs.frames import Protocol, split_frames
+from skyproof.logs.sbf import SbfReader
 from skyproof.logs.ubx import UbxReader
 
 __all__ = ["LEAST_FRAMES", "is_log", "read_log"]
@@ -16,6 +17,7 @@ LEAST_FRAMES: Final = 3
 """Frames with a checksum that holds, by which a stream is known: other bytes hold one of UBX in 2^32."""
 _READERS: Final[dict[Protocol, Callable[[str], LogReader]]] = {
     Protocol.UBX: UbxReader,
+    Protocol.SBF: SbfReader,
 }
 """What reads each protocol, in the order of preference where several give the same."""
 

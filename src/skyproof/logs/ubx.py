@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Integers, Octets, Reals
-from skyproof.compiled import compiled
 from skyproof.gnss.signals import rinex_signal
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.logs.content import (
@@ -26,6 +25,7 @@ from skyproof.logs.content import (
     ReceiverStates,
 )
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
+from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
 from skyproof.records import SignalId
 
@@ -130,32 +130,7 @@ Payloads = Callable[[int, int], tuple[Integers, Integers]]
 
 
 _NEVER: Final = np.iinfo(np.int64).min
-
-
-@compiled
-def _find_slips(
-    epochs: Integers,
-    signal: Integers,
-    lock_ms: Integers,
-    carrier: Booleans,
-    half_open: Booleans,
-    carriers: Integers,
-    slipped: Booleans,
-) -> None:
-    """Mark carriers that do not go on: the lock time fell or is shorter than the time since the last carrier, or half
-    a cycle was resolved.
-
-    The lock time counts to 64.5 s. carriers : (n_signals, 3) instant, lock time and open half cycle of the last
-    carrier of each signal; brought forward.
-    """
-    for k in range(epochs.size):
-        if not carrier[k]:
-            continue
-        last = carriers[signal[k]]
-        if last[0] != _NEVER:
-            since_ms = min((epochs[k] - last[0]) // 1_000_000, 64_000)
-            slipped[k] = lock_ms[k] < last[1] or lock_ms[k] < since_ms or half_open[k] != (last[2] == 1)
-        last[0], last[1], last[2] = epochs[k], lock_ms[k], half_open[k]
+_LONGEST_LOCK_MS: Final = 64_000  # lock times count to 64.5 s
 
 
 class UbxReader:
@@ -172,7 +147,7 @@ class UbxReader:
         self._names: list[SignalId] = []
         self._slots: dict[str, int] = {}
         self._last_ns: int | None = None
-        self._carriers = np.empty((0, 3), np.int64)  # instant, lock time and open half cycle of each signal's last
+        self._locks = CarrierLocks()
 
     def read(self, frames: Frames) -> LogPiece:
         """Read the frames of a stretch."""
@@ -250,7 +225,15 @@ class UbxReader:
         code, carrier, half = (cells["tracking"] & bit > 0 for bit in (1, 2, 4))
         carrier_cyc = np.where(carrier, cells["carrier_cyc"], np.nan)
         half_open = carrier & ~half
-        slipped = self._slips(epochs, signal, cells["lock_ms"].astype(np.int64), carrier, half_open)
+        slipped = self._locks.slips(
+            epochs,
+            signal,
+            cells["lock_ms"].astype(np.int64),
+            carrier,
+            half_open,
+            longest_ms=np.full(epochs.size, _LONGEST_LOCK_MS),
+            step_ms=1,
+        )
         doppler_hz = cells["doppler_hz"].astype(np.float64)
         steps = {name: cells[name] & 0x0F for name in ("code_sigma", "carrier_sigma", "doppler_sigma")}
         # Receivers that do not state the deviations write zero for all of them, which as a number is less than noise.
@@ -279,21 +262,6 @@ class UbxReader:
             if signal is not None:
                 self._names.append(signal)
         return self._signals[key]
-
-    def _slips(
-        self,
-        epochs: Integers,
-        signal: Integers,
-        lock_ms: Integers,
-        carrier: Booleans,
-        half_open: Booleans,
-    ) -> Booleans:
-        """Tell where a carrier does not go on from the signal's last one, in this stretch or before it."""
-        n_new = len(self._names) - len(self._carriers)
-        self._carriers = np.vstack([self._carriers, np.tile([_NEVER, 0, 0], (n_new, 1))])
-        slipped = np.zeros(epochs.size, np.bool_)
-        _find_slips(epochs, signal, lock_ms, carrier, half_open, self._carriers, slipped)
-        return slipped
 
     # ------------------------------------------------------------------ fixes
 
