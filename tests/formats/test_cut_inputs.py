@@ -105,7 +105,7 @@ def test_a_header_that_states_later_observations_bears_on_the_answer():
     content = b"\n".join([*file_3(4).split(b"\n")[:2], last.encode(), *file_3(4).split(b"\n")[2:]])
     _, remarks = read_pieces(content)
     assert worst(remarks) is RemarkKind.BEARS
-    assert any("2024-05-14T10:30:00" in remark for remark in remarks)
+    assert any("2024-05-14 10:30:00" in remark for remark in remarks)
 
 
 def test_remarks_on_the_header_and_on_damage_reach_who_reads_pieces():

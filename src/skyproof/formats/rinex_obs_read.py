@@ -221,15 +221,18 @@ def file_of(
 def _end_remarks(lines: Lines, rows: SatelliteRows, header: "Header") -> Iterable[str]:
     """Say what shows that more was to come after the last of the lines."""
     said = any(Remark.kind_of(remark) is RemarkKind.CUT for remark in rows.remarks)
-    if not said and lines.text.size and lines.text[-1] != ord("\n"):
+    if said:
+        return
+    if lines.text.size and lines.text[-1] != ord("\n"):
         number = lines.first_number + len(lines) - 1
         yield Remark(
             f"the file is cut, within line {number}, which has no end; add the end of the line if the line is whole",
             RemarkKind.CUT,
         )
+        return
     last_ns = int(rows.instant_ns.max()) if rows.instant_ns.size else None
     if last_ns is not None and header.last_ns is not None and header.last_ns - last_ns > _LATE_NS:
-        stated, found = (iso(np.datetime64(ns, "ns"), 0) for ns in (header.last_ns, last_ns))
+        stated, found = (iso(np.datetime64(ns, "ns"), 0).replace("T", " ") for ns in (header.last_ns, last_ns))
         yield Remark(
             f"the header states observations until {stated}, but the last are of {found}: the file is cut, or its "
             "header is that of a longer one",

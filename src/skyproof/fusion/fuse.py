@@ -211,13 +211,11 @@ def _time_line(
 
 
 def _first_seen(evidence: Sequence[Evidence]) -> Onset:
-    """Of an attack that no signal or sky dates: as the tests that show it first date it, or one that failed in their
-    window; else at the end of that window.
+    """Of an attack that no signal or sky dates: where a test that failed in the first window that shows it does, else
+    at the end of that window.
     """
     start, end = min(((e.start_gpst, e.end_gpst) for e in evidence if e.says in ("spoofed", "attack")), key=_last)
-    own = [e.dated_gpst for e in evidence if e.end_gpst == end and e.says in ("spoofed", "attack")]
-    others = [e.dated_gpst for e in evidence if e.dated_gpst is not None and start <= e.dated_gpst < end]
-    dated = [gpst for gpst in (*own, *others) if gpst is not None]
+    dated = [e.dated_gpst for e in evidence if e.dated_gpst is not None and start <= e.dated_gpst < end]
     return Onset(seen=min([*dated, end]), earliest=None)
 
 

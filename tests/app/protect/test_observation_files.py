@@ -12,13 +12,15 @@ from tests.app.kit import ENU_M, scenario_of
 from tests.app.protect.captured import captured
 
 from skyproof.app.protect import protect
+from skyproof.detectors.continuity.steps import Limits, series_of
 from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.nominal_systems import nominal_systems
 from skyproof.navigation.clock import anchored
-from skyproof.records import FixStatus, Observations
+from skyproof.navigation.fix import fix
+from skyproof.records import CellStatus, FixStatus, Observations
 from skyproof.simulator.measurements import NoiseModel, observations_of
 
 SETTINGS = {"antennas_enu_m": {name: ENU_M[name] for name in ("bow", "stern")}}
@@ -51,6 +53,24 @@ def test_a_clean_sky_is_authentic_in_observation_files(measured, tmp_path):
     assert any("holds measurements and no samples" in remark for remark in result.verdict.inputs[0].all_remarks)
     for name in ("verdict.json", "report.html", "fixes.csv", "tracks.kml", "bow-authentic.obs", "stern-trusted.nmea"):
         assert (tmp_path / "out" / name).stat().st_size > 0
+
+
+@pytest.mark.parametrize("row", [31, 39])
+def test_a_jump_of_a_receiver_that_stands_is_dated_to_its_epoch(measured, tmp_path, row):
+    """All ranges jump to a place 1 km off, and the carriers slip there."""
+    bow, _, navigation = measured
+    place_ecef_m = np.nanmedian(fix(bow, navigation).position_ecef_m, axis=0)
+    unit = series_of(bow, navigation, place_ecef_m, Limits()).unit
+    away_m = -(unit[row:] @ np.array([0.0, 600.0, 800.0]))
+    jumped = {"pseudorange_m": np.vstack([bow.pseudorange_m[:row], bow.pseudorange_m[row:] + away_m])}
+    slipped = bow.status.copy()
+    slipped[row] = CellStatus.SLIP
+    write_nav(tmp_path / "nav.rnx", navigation)
+    (tmp_path / "platform.toml").write_text('motion = "static"\n')
+    (path,) = written(tmp_path, replace(bow, status=slipped, **jumped))
+    verdict = protect([path], nav=tmp_path / "nav.rnx", platform=tmp_path / "platform.toml").verdict
+    assert verdict.verdict == "spoofed"
+    assert np.datetime64(verdict.since_gpst) == bow.gpst[row]
 
 
 def shorten(path: Path, how: str) -> Path:

@@ -125,19 +125,13 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
     summary = _summary(outcome) + _noted(outcome) + _left_out(outcome)
     summary = summary[:1].upper() + summary[1:]
     word, why = decision.verdict, _explanation(outcome)
-    cut = next((f"{note.path}: {text}" for note in notes for text in note.of_kind(RemarkKind.CUT)), None)
-    if interrupted or cut is not None:
-        read = _read_until(outcome)
-        summary = f"{'Interrupted' if interrupted else 'The input ended'} after {read}; up to then: {summary}"
+    ended = _interrupted(outcome) if interrupted else _cut(outcome, notes)
+    if ended is not None:
+        summary = f"{ended.what} {ended.when}; up to then: {summary}"
         if word == "authentic":  # an attack can begin after what was read
-            word = "no_attack_seen"
-            why = (
-                _Explanation(reason=cut, remedy="the whole input, once its recorder or its copy has finished")
-                if cut is not None
-                else _Explanation(reason=f"it ended after {read}", remedy="the same command, run to its end")
-            )
+            word, why = "no_attack_seen", _Explanation(reason=ended.reason, remedy=ended.remedy)
         if word == "no_attack_seen":
-            why = replace(why, not_excluded=(f"what comes after {read}", *why.not_excluded))
+            why = replace(why, not_excluded=(f"what comes {ended.when}", *why.not_excluded))
     return Verdict(
         format=VERDICT_FORMAT,
         verdict=word,
@@ -164,11 +158,36 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
     )
 
 
-def _read_until(outcome: Outcome) -> str:
-    """How much of the recordings was read, in words."""
+@dataclass(frozen=True, kw_only=True)
+class _Ended:
+    """What ended before it should and when, why the word is no stronger for it, and what to do."""
+
+    what: str
+    when: str
+    reason: str
+    remedy: str
+
+
+def _interrupted(outcome: Outcome) -> _Ended:
+    """Say when the user ended the run."""
     read_s = max((r.reception.examined_s for r in outcome.receivers), default=0.0)
     whole_s = max((r.reception.source.duration_s for r in outcome.receivers), default=0.0)
-    return f"{read_s:.1f} of {whole_s:.1f} s" if read_s < whole_s else f"{read_s:.1f} s"
+    when = f"after {read_s:.1f} of {whole_s:.1f} s"
+    return _Ended(what="Interrupted", when=when, reason=f"it ended {when}", remedy="the same command, run to its end")
+
+
+def _cut(outcome: Outcome, notes: Sequence[InputNote]) -> _Ended | None:
+    """Say which input ended before it should, the first of several receivers'; None if none did."""
+    cut = {note.path: note.of_kind(RemarkKind.CUT) for note in notes if note.of_kind(RemarkKind.CUT)}
+    if not cut:
+        return None
+    path, when = next(iter(cut)), "where it ends"
+    for r in sorted((r.reception for r in outcome.receivers), key=lambda r: r.examined_s, reverse=True):
+        own = [one.path for one in (r.source, *(() if r.samples is None else r.samples.others)) if one.path in cut]
+        if own:
+            path, when = own[0], f"after {r.examined_s:.1f} s of {r.source.name}"
+    remedy = "the whole input, once its recorder or its copy has finished"
+    return _Ended(what="An input ended", when=when, reason=f"{path}: {cut[path][0]}", remedy=remedy)
 
 
 def versions() -> dict[str, str]:

@@ -8,6 +8,7 @@ import numpy as np
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Floats, Reals
 from skyproof.errors import NotEnoughData
+from skyproof.formats.bounds import listed
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, coarse_fix
@@ -153,7 +154,7 @@ def solved(
     if coarse.status != 0:
         return coarse, list(phases)
     if len(used) < len(phases):
-        left_out = ", ".join(p.sat for p in phases if p not in used)
+        left_out = listed([p.sat for p in phases if p not in used])
         weakest_words = f"{left_out}: the weakest, left out until the others fitted one position"
         remarks.append(Remark(weakest_words, RemarkKind.BEARS))
     return coarse, used

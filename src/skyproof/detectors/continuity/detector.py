@@ -429,14 +429,7 @@ class _Window:
             open_ = replace(still, says="undecided", because=two, overrules=True, would_need=remedy)
             return replace(open_, may_also_be=("reflections",))
         first = self.past is None or not self.past.attacked
-        attack = replace(still, says="attack", p_value=motion.whole_sky_p_value, noted=first, would_need=remedy)
-        return replace(attack, dated_gpst=self._dated(look, motion))
-
-    def _dated(self, look: _Look, motion: SkyMotion) -> np.datetime64 | None:
-        """The step that a motion began with: the first within its span; None if there is none."""
-        span = np.timedelta64(round(motion.time_s * 1e9), "ns")
-        steps = [broke.gpst for broke in self._broke(look).values() if broke.gpst >= look.stretch.gpst[-1] - span]
-        return min(steps, default=None)
+        return replace(still, says="attack", p_value=motion.whole_sky_p_value, noted=first, would_need=remedy)
 
     def _untested(self, look: _Look | None) -> Evidence:
         """Say why the signals of a candidate could not be tested, or why none is there."""
