@@ -11,6 +11,8 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
+from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final, Literal, Protocol, TypeVar
 
@@ -371,6 +373,11 @@ class Observations(ShortRepr):
         if len(self.signals) != self.found_elapsed_s.size:
             raise ValueError(f"Observations has {len(self.signals)} signals for {self.found_elapsed_s.size} channels")
 
+    @cached_property
+    def column_of(self) -> Mapping[SignalId, int]:
+        """The column of each signal."""
+        return {signal: column for column, signal in enumerate(self.signals)}
+
     @property
     def measured(self) -> Booleans:
         """(n_epochs, n_channels) where there is a pseudorange, or a signal whose range cannot be known."""
@@ -397,7 +404,8 @@ class Observations(ShortRepr):
 
         What holds for a channel (`found_elapsed_s` and the like) is that of the piece that found its signal first.
         """
-        signals = tuple(sorted({signal for piece in pieces for signal in piece.signals}))
+        every = {signal for piece in pieces for signal in piece.signals}
+        signals = tuple(sorted(every, key=attrgetter("sat", "band", "code", "copy")))
         at = {signal: column for column, signal in enumerate(signals)}
         shape = sum(piece.gpst.size for piece in pieces), len(signals)
         cells: dict[str, Any] = {

@@ -62,9 +62,12 @@ def line_of_sight(satellite_ecef_m: Reals, position_ecef_m: Reals) -> tuple[Real
 
 
 def flat(values: ArrayLike, lead: tuple[int, ...], *own: int) -> Reals:
-    """Return values broadcast to `lead` and `own` axes, with all of `lead` as one axis, as kernels take them."""
+    """Return values broadcast to `lead` and `own` axes, with all of `lead` as one axis, as kernels take them.
+
+    A copy, for a kernel is compiled anew for arrays that cannot be written.
+    """
     whole = np.broadcast_to(np.asarray(values, np.float64), (*lead, *own))
-    return np.ascontiguousarray(whole).reshape(math.prod(lead), *own)
+    return np.array(whole, order="C").reshape(math.prod(lead), *own)
 
 
 def design_matrix(unit_vector: Reals, clocks: Reals | None = None) -> Reals:

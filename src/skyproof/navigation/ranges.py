@@ -91,7 +91,7 @@ def corrected_ranges(
     gpst : (n_epochs,) labels. pseudorange_m : (n_epochs, n_channels), one column a signal.
     with_unknown_delay : signals whose group delay no ephemeris gives keep it in their range; else they are NaN.
     """
-    pseudorange_m = np.ascontiguousarray(pseudorange_m, np.float64)
+    pseudorange_m = np.array(pseudorange_m, np.float64, order="C")  # a kernel is compiled anew for what is read-only
     week, tow_s = week_and_tow(gpst)
     shape = pseudorange_m.shape
     transmission_tow_s, drift, range_m = (np.full(shape, np.nan) for _ in range(3))

@@ -26,7 +26,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import Oscillator
 from skyproof.statistics.distributions import binomial_survival, normal_two_sided
 
-__all__ = ["MOST", "Rate", "alike_p_value", "level_p_value", "rate_of", "turn_p_value", "turn_sigma_m"]
+__all__ = ["MOST", "Rate", "alike_p_value", "level_p_value", "rates_over", "turn_p_value", "turn_sigma_m"]
 
 MOST = 0.75
 """Of the satellites that have to part alike: the others may have slipped, or have a reflection of their own."""
@@ -39,16 +39,17 @@ class Rate(NamedTuple):
     sigma_m_s: float
 
 
-def rate_of(elapsed_s: Reals, values_m: Reals, sigma_m: Reals, multipath_sigma_m: float) -> Rate:
-    """The slope of the line through values (n,) with white noise of `sigma_m` (n,) and multipath beside it.
+def rates_over(elapsed_s: Reals, values_m: Reals, sigma_m: Reals, multipath_sigma_m: float) -> list[Rate]:
+    """The slopes of lines through values (n, m) with white noise of `sigma_m` (n, m) and multipath beside it.
 
-    The slope is a sum w x. Multipath is normal with one sigma and any correlation from epoch to epoch, so its part has
-    a sigma of at most that times the sum of |w|: 3 over the span.
+    A slope is a sum w x. Multipath is normal with one sigma and any correlation from epoch to epoch, so its part has a
+    sigma of at most that times the sum of |w|: 3 over the span.
     """
     centred_s = elapsed_s - elapsed_s.mean()
     weight = centred_s / np.sum(centred_s**2)
-    white, slow = np.sum((weight * sigma_m) ** 2), multipath_sigma_m * np.sum(np.abs(weight))
-    return Rate(float(weight @ (values_m - values_m[0])), float(np.sqrt(white + slow**2)))
+    white, slow = weight**2 @ sigma_m**2, multipath_sigma_m * np.sum(np.abs(weight))
+    slopes, sigmas = weight @ (values_m - values_m[0]), np.sqrt(white + slow**2)
+    return [Rate(*pair) for pair in zip(slopes.tolist(), sigmas.tolist(), strict=True)]
 
 
 def alike_p_value(difference: ArrayLike, sigma: ArrayLike, slack: float = 0.0) -> Reals:

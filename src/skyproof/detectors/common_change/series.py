@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Indices, Reals
-from skyproof.detectors.common_change.laws import Rate, rate_of
+from skyproof.arrays import Booleans, Indices, Reals
+from skyproof.detectors.common_change.laws import Rate, rates_over
 from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
 from skyproof.detectors.continuity.steps import fitted_jump
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -36,25 +36,39 @@ def rates_of(o: Observations, span_s: float, multipath_sigma_m: float) -> Mappin
     wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
     apart_m = o.pseudorange_m - wavelength_m * o.carrier_cyc
     begin = int(np.searchsorted(o.elapsed_s, o.elapsed_s[-1] - span_s - 1e-6))
+    last = _last_runs(o, apart_m, begin)
     found: dict[SignalId, Rate] = {}
-    for column, signal in enumerate(o.signals):
-        rows = _last_run(o, apart_m[:, column], column, begin)
-        if rows.size < 3 or o.elapsed_s[rows[-1]] - o.elapsed_s[rows[0]] < _WHOLE * span_s:
+    # Signals that are there at the same epochs have the same weights, and most are.
+    for rows, columns in _alike(last):
+        if rows.size < 3 or o.elapsed_s[begin + rows[-1]] - o.elapsed_s[begin + rows[0]] < _WHOLE * span_s:
             continue
-        sigma_m = o.pseudorange_sigma_m[rows, column]
-        found[signal] = rate_of(o.elapsed_s[rows], apart_m[rows, column], sigma_m, multipath_sigma_m)
-    return found
+        cells = np.ix_(begin + rows, columns)
+        elapsed_s = o.elapsed_s[begin + rows]
+        rates = rates_over(elapsed_s, apart_m[cells], o.pseudorange_sigma_m[cells], multipath_sigma_m)
+        found |= {o.signals[k]: rate for k, rate in zip(columns, rates, strict=True)}
+    return {signal: found[signal] for signal in o.signals if signal in found}
 
 
-def _last_run(o: Observations, apart_m: Reals, column: int, begin: int) -> Indices:
-    """Rows from `begin` on in which a carrier goes on without a break to its last."""
-    rows = begin + np.flatnonzero(np.isfinite(apart_m[begin:]) & np.isfinite(o.pseudorange_sigma_m[begin:, column]))
-    if rows.size < 2:
-        return rows
-    usual_s = float(np.median(np.diff(o.elapsed_s)))
-    broken = (o.status[rows[1:], column] == CellStatus.SLIP) | (np.abs(np.diff(apart_m[rows])) > _JUMP_M)
-    broken |= np.diff(o.elapsed_s[rows]) > _GAP * usual_s
-    return rows[np.append(0, np.flatnonzero(broken) + 1)[-1] :]
+def _alike(chosen: Booleans) -> list[tuple[Indices, Indices]]:
+    """The rows that are chosen of (n, m) columns, and the columns of which it is these."""
+    patterns, of = np.unique(chosen, axis=1, return_inverse=True)
+    return [(np.flatnonzero(rows), np.flatnonzero(of.ravel() == k)) for k, rows in enumerate(patterns.T)]
+
+
+def _last_runs(o: Observations, apart_m: Reals, begin: int) -> Booleans:
+    """(n - begin, m) the rows in which a carrier goes on without a break to its last."""
+    apart_m, elapsed_s = apart_m[begin:], o.elapsed_s[begin:]
+    known = np.isfinite(apart_m) & np.isfinite(o.pseudorange_sigma_m[begin:])
+    n = elapsed_s.size
+    usual_s = float(np.median(np.diff(o.elapsed_s))) if o.elapsed_s.size > 1 else 0.0
+    before = np.maximum.accumulate(np.where(known, np.arange(n)[:, None], -1), axis=0)
+    before = np.vstack((np.full((1, known.shape[1]), -1), before[:-1]))  # the last row that is known, of each row
+    earlier = np.maximum(before, 0)
+    with np.errstate(invalid="ignore"):
+        jumped = np.abs(apart_m - np.take_along_axis(apart_m, earlier, axis=0)) > _JUMP_M
+    broken = (o.status[begin:] == CellStatus.SLIP) | jumped | (elapsed_s[:, None] - elapsed_s[earlier] > _GAP * usual_s)
+    starts = np.where(known & (before >= 0) & broken, np.arange(n)[:, None], 0).max(axis=0, initial=0)
+    return np.asarray(known & (np.arange(n)[:, None] >= starts))
 
 
 def turn_of(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -39,14 +40,16 @@ def one_signal_a_transmission(
     for k, signal in enumerate(o.signals):
         columns.setdefault(signal.transmission, []).append(k)
     sent = sorted(columns)
-    chosen = np.full((o.gpst.size, len(sent)), -1)
-    for n, transmission in enumerate(sent):
-        own = np.array(columns[transmission])
-        lone = there[:, own].sum(axis=1) == 1
-        chosen[lone, n] = own[there[lone][:, own].argmax(axis=1)]
-        for wanted in (before, members):
+    first = np.array([columns[transmission][0] for transmission in sent], np.intp)
+    chosen = np.where(there[:, first], first, -1)
+    several = [n for n, transmission in enumerate(sent) if len(columns[transmission]) > 1]
+    wanted = [set(before), set(members)] if several else []
+    for n in several:
+        own = np.array(columns[sent[n]])
+        chosen[:, n] = np.where(there[:, own].sum(axis=1) == 1, own[there[:, own].argmax(axis=1)], -1)
+        for signals in wanted:
             for k in own:
-                if o.signals[k] in wanted:
+                if o.signals[k] in signals:
                     chosen[there[:, k], n] = k
     kept = np.flatnonzero(forward & ((chosen >= 0).sum(axis=1) >= MIN_SATELLITES))
     breaks = np.cumsum(_breaks(chosen, o, sent, sources), axis=0)
@@ -56,12 +59,13 @@ def one_signal_a_transmission(
     status = np.where(used < 0, CellStatus.NOT_TRACKED, np.where(slipped, CellStatus.SLIP, CellStatus.OK))
     whole = (chosen[-1] >= 0) & (breaks[-1] == (breaks[kept[-1]] if kept.size else 0))
     last = {sent[n]: o.signals[chosen[-1, n]] for n in np.flatnonzero(whole)}
-    carrier_hz = np.array([o.carrier_hz[columns[transmission][0]] for transmission in sent])
     one = replace(
-        rows_of(o, kept),
-        signals=tuple(SignalId(*transmission) for transmission in sent),
+        o,
+        gpst=o.gpst[kept],
+        elapsed_s=o.elapsed_s[kept],
+        signals=tuple(map(_first_copy, sent)),
         status=status.astype(np.uint8),
-        carrier_hz=carrier_hz,
+        carrier_hz=o.carrier_hz[first],
         found_elapsed_s=np.zeros(len(sent)),
         missed_elapsed_s=np.full(len(sent), np.nan),
         half_cycle_open=_WHATEVER,
@@ -70,11 +74,17 @@ def one_signal_a_transmission(
     return one, last
 
 
+@lru_cache(1024)
+def _first_copy(transmission: Transmission) -> SignalId:
+    """The signal of a transmission; one object, so that the same signals of two windows are equal at a glance."""
+    return SignalId(*transmission)
+
+
 def _breaks(
     chosen: Integers, o: Observations, sent: Sequence[Transmission], sources: Mapping[Transmission, SignalId]
 ) -> Booleans:
     """Where a transmission's carrier does not go on from the epoch before: a slip, a gap, or another signal."""
-    first = [o.signals.index(sources[name]) if sources.get(name) in o.signals else -1 for name in sent]
+    first = [-1 if (source := sources.get(name)) is None else o.column_of.get(source, -1) for name in sent]
     before = np.vstack((np.array(first, np.int64)[None], chosen[:-1]))
     slip = np.take_along_axis(o.status, np.maximum(chosen, 0), axis=1) == CellStatus.SLIP
     return np.asarray((chosen >= 0) & (slip | (chosen != before)))
@@ -114,7 +124,8 @@ def columns_of(o: Observations, columns: Indices) -> Observations:
         half_cycle_open=_WHATEVER,
         **{name: getattr(o, name)[:, columns] for name in OBSERVABLES},
     )
-    return rows_of(chosen, np.isfinite(chosen.pseudorange_m).sum(axis=1) >= MIN_SATELLITES)
+    kept = np.isfinite(chosen.pseudorange_m).sum(axis=1) >= MIN_SATELLITES
+    return chosen if kept.all() else rows_of(chosen, kept)
 
 
 def groups_of(o: Observations) -> list[Indices]:
@@ -125,9 +136,8 @@ def groups_of(o: Observations) -> list[Indices]:
     exchanges the signals of one kind moves these alone, and others beside them would pass for most of the sky.
     """
     kinds: dict[tuple[str, str, str], list[int]] = {}
-    for k, signal in enumerate(o.signals):
-        if np.isfinite(o.carrier_hz[k]) and np.isfinite(o.pseudorange_m[:, k]).any():
-            kinds.setdefault(signal.kind, []).append(k)
+    for k in np.flatnonzero(np.isfinite(o.carrier_hz) & np.isfinite(o.pseudorange_m).any(axis=0)):
+        kinds.setdefault(o.signals[k].kind, []).append(int(k))
     own = sorted(kinds.values(), key=len, reverse=True)
     alone = [columns for columns in own[1:] if len(columns) >= MIN_SATELLITES]
     few = [k for columns in own[1:] if len(columns) < MIN_SATELLITES for k in columns]
