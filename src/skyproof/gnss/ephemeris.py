@@ -247,6 +247,13 @@ class NavigationData(ShortRepr):
     source: str = ""
     remarks: tuple[str, ...] = ()  # what was skipped or corrected on the way in
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.ephemerides, self.source))
+
     @cached_property
     def orbit_rows(self) -> Reals:
         """(n, N_ORBIT) all ephemerides as `orbit_kernels` take them."""

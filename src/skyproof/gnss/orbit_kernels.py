@@ -18,7 +18,7 @@ from skyproof.gnss.constants import (
     SPEED_OF_LIGHT_M_S,
 )
 
-__all__ = ["N_ORBIT", "N_STATE", "fill_ranges", "fill_states"]
+__all__ = ["N_ORBIT", "N_STATE", "fill_ranges", "fill_states", "fill_states_at"]
 
 KIND, WEEK, TOE, AHEAD, TOC_WEEK, TOC, AF0, AF1, AF2 = range(9)
 """Of every row: form of the orbit; `AHEAD` is GPS time minus the system's, in seconds."""
@@ -168,6 +168,19 @@ def fill_states(orbit, week, tow_s, out):  # type: ignore[no-untyped-def]
             steps = _integrate(orbit, tk, node, steps, rates, middle, out[k])
         else:
             _kepler(orbit, tk, _since(orbit, TOC_WEEK, TOC, week[k], tow_s[k]), out[k])
+
+
+@compiled(error_model="numpy")
+def fill_states_at(orbits, week, tow_s, out):  # type: ignore[no-untyped-def]
+    """out (k, N_STATE) = states of the rows `orbits` at one instant."""
+    node, rates, middle = np.empty(6), np.empty((4, 6)), np.empty(6)
+    for k in range(len(orbits)):
+        orbit = orbits[k]
+        tk = _since(orbit, WEEK, TOE, week, tow_s)
+        if orbit[KIND] == GLONASS:
+            _integrate(orbit, tk, node, 0, rates, middle, out[k])
+        else:
+            _kepler(orbit, tk, _since(orbit, TOC_WEEK, TOC, week, tow_s), out[k])
 
 
 @compiled(error_model="numpy")

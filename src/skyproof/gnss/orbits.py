@@ -1,5 +1,6 @@
 """Position, velocity and clock of a satellite from its broadcast ephemeris: Kepler's form, or GLONASS's state."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,11 +8,11 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Instants, Reals
 from skyproof.gnss.ephemeris import BroadcastEphemeris
-from skyproof.gnss.orbit_kernels import N_STATE, fill_states
+from skyproof.gnss.orbit_kernels import N_ORBIT, N_STATE, fill_states, fill_states_at
 from skyproof.gnss.time import gpst as instant
-from skyproof.gnss.time import seconds_between
+from skyproof.gnss.time import seconds_between, week_and_tow
 
-__all__ = ["SatelliteState", "satellite_state", "satellite_state_s"]
+__all__ = ["SatelliteState", "satellite_positions_m", "satellite_state", "satellite_state_s"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,3 +55,11 @@ def satellite_state_s(ephemeris: BroadcastEphemeris, week: ArrayLike, tow_s: Arr
         clock_s=states[..., 6],
         clock_drift=states[..., 7],
     )
+
+
+def satellite_positions_m(ephemerides: Sequence[BroadcastEphemeris], gpst: np.datetime64) -> Reals:
+    """Positions (k, 3) of several satellites at one instant of transmission, ECEF of that instant."""
+    states = np.empty((len(ephemerides), N_STATE))
+    rows = np.array([ephemeris.orbit_row for ephemeris in ephemerides]).reshape(-1, N_ORBIT)
+    fill_states_at(rows, *week_and_tow(gpst), states)
+    return states[:, :3]

@@ -7,6 +7,9 @@ Each kind of signal (time scale, band, code) is searched alone, by satellite, wi
 position are one set, with a clock each (`skies.joined`), and kinds of fewer satellites join where they fit.
 """
 
+from functools import lru_cache
+from operator import attrgetter
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -14,7 +17,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.ranges import UNKNOWN_DELAY_SIGMA_M, corrected_ranges, space_sigma_m
+from skyproof.navigation.ranges import UNKNOWN_DELAY_SIGMA_M, Ranges, corrected_ranges, space_sigma_m
 from skyproof.navigation.search import SetCandidates, SetSearch, WindowRanges, innovation, plausible, solve
 from skyproof.navigation.skies import ConsistentSky, Kind, Part, by_kind, extended, joined, lone_sky, sky_of, with_few
 from skyproof.navigation.window import WindowMean, window_mean
@@ -137,10 +140,7 @@ def window_measurements(
 ) -> tuple[WindowMean, WindowRanges, Booleans]:
     """The window's signals at its middle, and which of them have an ephemeris and a carrier; arguments as of
     `consistent_sets`. Signals whose group delay no message gives are there, with the sigma of that."""
-    mean = window_mean(window, min_share=min_share)
-    ranges = corrected_ranges(
-        mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], navigation, with_unknown_delay=True
-    )
+    mean, ranges = _mean_and_ranges(window, navigation, min_share)
     unknown_delay_m2 = np.where(ranges.delay_unknown[0], UNKNOWN_DELAY_SIGMA_M, 0.0) ** 2
     measurements = WindowRanges(
         satellite_ecef_m=ranges.satellite_ecef_m[0],
@@ -154,9 +154,18 @@ def window_measurements(
     return mean, measurements, np.isfinite(ranges.range_m[0]) & np.isfinite(mean.carrier_hz)
 
 
+@lru_cache(16)  # several tests look at the same windows
+def _mean_and_ranges(window: Observations, navigation: NavigationData, min_share: float) -> tuple[WindowMean, Ranges]:
+    mean = window_mean(window, min_share=min_share)
+    gpst, pseudorange_m = np.array([mean.gpst]), mean.pseudorange_m[None, :]
+    return mean, corrected_ranges(mean.signals, gpst, pseudorange_m, navigation, with_unknown_delay=True)
+
+
 def _by_satellite(signals: tuple[SignalId, ...], free: Booleans) -> dict[str, Indices]:
-    sats = sorted({signals[k].sat for k in np.flatnonzero(free)})
-    return {sat: np.array([k for k in np.flatnonzero(free) if signals[k].sat == sat]) for sat in sats}
+    of: dict[str, list[int]] = {}
+    for k in np.flatnonzero(free):
+        of.setdefault(signals[k].sat, []).append(int(k))
+    return {sat: np.array(of[sat]) for sat in sorted(of)}
 
 
 def _same_sky(one: SetCandidates, other: SetCandidates, false_alarm_probability: float) -> bool:
@@ -220,7 +229,7 @@ def _record(receiver: str, mean: WindowMean, sky: ConsistentSky) -> ConsistentSe
     several = sky.clock_m if len(sky.clock_m) > 1 else {}
     return ConsistentSet(
         receiver=receiver,
-        signals=tuple(sorted(mean.signals[k] for k in sky.rows)),
+        signals=tuple(sorted((mean.signals[k] for k in sky.rows), key=attrgetter("sat", "band", "code", "copy"))),
         gpst=mean.gpst,
         position_ecef_m=sky.state_m[:3],
         clock_bias_s=clock_m / SPEED_OF_LIGHT_M_S,

@@ -77,8 +77,10 @@ class ConsistentSky:
 
 def by_kind(signals: Sequence[SignalId], rows: Indices) -> dict[Kind, Indices]:
     """The rows of each kind, in the order of the kinds."""
-    kinds = sorted({signals[k].kind for k in rows})
-    return {kind: np.array([k for k in rows if signals[k].kind == kind], dtype=np.intp) for kind in kinds}
+    of: dict[Kind, list[int]] = {}
+    for k in rows:
+        of.setdefault(signals[k].kind, []).append(int(k))
+    return {kind: np.array(of[kind], dtype=np.intp) for kind in sorted(of)}
 
 
 def apart_p_value(

@@ -1,6 +1,7 @@
 """One value per channel for a whole window: pseudoranges brought to the middle epoch by their own carrier."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import CellStatus, Observations, SignalId
 
-__all__ = ["WindowMean", "interval_s", "window_mean"]
+__all__ = ["WindowMean", "fill_gaps", "interval_s", "window_mean"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,6 +30,7 @@ def interval_s(elapsed_s: Reals) -> float:
     return float(np.median(step_s)) if step_s.size else 0.0
 
 
+@lru_cache(16)  # several tests look at the same windows
 def window_mean(observations: Observations, *, min_share: float = 0.5) -> WindowMean:
     """Pseudoranges at the window's middle epoch: carrier there plus the mean of (code - carrier) over the window.
 
@@ -72,8 +74,8 @@ def _motion(observations: Observations, kept: Indices, middle: int) -> tuple[Rea
     elapsed_s = observations.elapsed_s
     dt_s = np.diff(elapsed_s)[:, None]
     carrier_m = observations.carrier_cyc[:, kept] * wavelength_m
-    rate_m_s = -wavelength_m * _filled(elapsed_s, observations.doppler_hz[:, kept])
-    rate_sigma_m_s = wavelength_m * _filled(elapsed_s, observations.doppler_sigma_hz[:, kept])
+    rate_m_s = -wavelength_m * fill_gaps(elapsed_s, observations.doppler_hz[:, kept])
+    rate_sigma_m_s = wavelength_m * fill_gaps(elapsed_s, observations.doppler_sigma_hz[:, kept])
     by_carrier = np.diff(carrier_m, axis=0)
     whole = np.isfinite(by_carrier) & (observations.status[1:, kept] != CellStatus.SLIP)
     by_doppler = 0.5 * dt_s * (rate_m_s[1:] + rate_m_s[:-1])
@@ -92,11 +94,11 @@ def _motion(observations: Observations, kept: Indices, middle: int) -> tuple[Rea
     return motion_m, np.sum(np.where(bridges, np.nan_to_num(doppler_m2), 0.0), axis=0)
 
 
-def _filled(elapsed_s: Reals, values: Reals) -> Reals:
+def fill_gaps(elapsed_s: Reals, values: Reals) -> Reals:
     """Columns with their gaps filled by straight lines, the ends held; NaN where a column has nothing."""
-    filled = np.full_like(values, np.nan)
-    for column in range(values.shape[1]):  # a few channels, each one call
-        known = np.isfinite(values[:, column])
-        if known.any():
-            filled[:, column] = np.interp(elapsed_s, elapsed_s[known], values[known, column])
+    there = np.isfinite(values)
+    filled = np.where(there, values, np.nan)
+    for column in np.flatnonzero(there.any(axis=0) & ~there.all(axis=0)):
+        known = there[:, column]
+        filled[:, column] = np.interp(elapsed_s, elapsed_s[known], values[known, column])
     return filled

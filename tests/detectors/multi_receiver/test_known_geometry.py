@@ -105,3 +105,24 @@ def test_three_receivers_share_the_first_ones_error():
     shifted = known.misfit(tuple(PLACES), (enu_m + 1.0).ravel(), 1e-6 * np.eye(6))  # the first one is 1 m off, say
     assert (shifted.dof, shifted.exact) == (6, 6)
     assert float(shifted.squared) == pytest.approx(2.0, rel=1e-3)  # 3 axes, 2 others: 2 / (1 + 2) of each axis
+
+
+def test_the_nearest_place_at_a_distance_is_that_of_a_search_in_numpy():
+    rng = np.random.default_rng(5)
+    root = rng.standard_normal((40, 3, 3))
+    covariance_m2 = root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(3)
+    enu_m = 3.0 * rng.standard_normal((40, 3))
+    geometry = AntennaDistance(2.0, 0.3)
+    directions = rng.standard_normal((4000, 3))
+    around = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    for k in range(40):
+        squared = float(geometry.misfit(("a", "b"), enu_m[k], covariance_m2[k]).squared)
+        places = np.concatenate([length_m * around for length_m in np.linspace(0.5, 4.0, 71)])
+        off_m = enu_m[k] - places
+        all_squared = np.einsum("ni,ij,nj->n", off_m, np.linalg.inv(covariance_m2[k]), off_m)
+        all_squared += ((np.linalg.norm(places, axis=1) - 2.0) / 0.3) ** 2
+        assert squared <= all_squared.min() + 1e-9
+        assert squared >= 0.8 * all_squared.min() - 0.05
+    one = geometry.misfit(("a", "b"), enu_m, covariance_m2[0]).squared  # one covariance for all places
+    each = [geometry.misfit(("a", "b"), place, covariance_m2[0]).squared for place in enu_m]
+    np.testing.assert_allclose(one, each, rtol=1e-12)

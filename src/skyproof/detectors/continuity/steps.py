@@ -31,6 +31,7 @@ from skyproof.navigation.fix import range_rates
 from skyproof.navigation.least_squares import design_matrix, line_of_sight, spd_inverse
 from skyproof.navigation.raim import exclude_several, whitened_fit
 from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.window import fill_gaps
 from skyproof.records import CellStatus, NavigationData, Observations
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
@@ -149,8 +150,8 @@ def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, 
     dt_s = np.diff(o.elapsed_s)[:, None]
 
     there = np.isfinite(level_m)
-    rate, passing = _filled(o.elapsed_s, rates.measured_m_s), _filled(o.elapsed_s, passing_m_s)
-    rate_m2 = _filled(o.elapsed_s, rates.sigma_m_s) ** 2
+    rate, passing = fill_gaps(o.elapsed_s, rates.measured_m_s), fill_gaps(o.elapsed_s, passing_m_s)
+    rate_m2 = fill_gaps(o.elapsed_s, rates.sigma_m_s) ** 2
     whole = there[1:] & there[:-1] & np.isfinite(np.diff(carrier_m, axis=0)) & (o.status[1:] != CellStatus.SLIP)
     by_carrier = np.diff(carrier_m, axis=0) - 0.5 * dt_s * (passing[1:] + passing[:-1])
     by_doppler = 0.5 * dt_s * (rate[1:] + rate[:-1])
@@ -411,13 +412,3 @@ def _since(there: Booleans, elapsed_s: Reals) -> Reals:
     """(n - 1, m) time since the signal was there last, at each row but the first; zero if it never was."""
     latest = np.maximum.accumulate(np.where(there, np.arange(there.shape[0])[:, None], -1), axis=0)[:-1]
     return np.where(latest >= 0, elapsed_s[1:, None] - elapsed_s[np.maximum(latest, 0)], 0.0)
-
-
-def _filled(elapsed_s: Reals, values: Reals) -> Reals:
-    """Columns with their gaps filled by straight lines, the ends held; NaN where a column has nothing."""
-    filled = np.full_like(values, np.nan)
-    for column in range(values.shape[1]):
-        known = np.isfinite(values[:, column])
-        if known.any():
-            filled[:, column] = np.interp(elapsed_s, elapsed_s[known], values[known, column])
-    return filled

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from operator import attrgetter
 
 import numpy as np
 
@@ -115,22 +117,23 @@ class CommonRanges:
         return np.asarray(self.sigma_m / np.sqrt(max(len(self.range_m), 1)))
 
 
-def shared_kinds(sets: Sequence[ConsistentSet]) -> dict[Kind, int]:
+def shared_kinds(sets: tuple[ConsistentSet, ...]) -> dict[Kind, int]:
     """The kinds of signals that all sets have, and how many transmissions of each they have in common."""
     kinds = [tracks[0].kind for tracks in _shared(sets)]
     return {kind: kinds.count(kind) for kind in sorted(set(kinds))}
 
 
-def _shared(sets: Sequence[ConsistentSet]) -> list[tuple[SignalId, ...]]:
+@lru_cache(16)  # the sets of a window are looked at kind by kind
+def _shared(sets: tuple[ConsistentSet, ...]) -> tuple[tuple[SignalId, ...], ...]:
     """What all sets have, by service: each receiver's signals of it, in the order of the first one's names."""
     by_service = []
     for chosen in sets:
         own: dict[tuple[str, str, str], SignalId] = {}
-        for s in sorted(chosen.signals):
+        for s in sorted(chosen.signals, key=attrgetter("sat", "band", "code", "copy")):
             own.setdefault((s.sat, s.band, service_of(s.band, s.code)), s)
         by_service.append(own)
     sent = set.intersection(*(set(own) for own in by_service))
-    return sorted(tuple(own[name] for own in by_service) for name in sent)
+    return tuple(sorted(tuple(own[name] for own in by_service) for name in sent))
 
 
 def common_ranges(
@@ -165,7 +168,7 @@ def common_ranges(
     paces_m_s: list[Reals] = []
     for i, chosen in enumerate(sets):
         observations = receivers[chosen.receiver]
-        columns = np.array([observations.signals.index(tracks[i]) for tracks in shared], dtype=np.intp)
+        columns = np.array([observations.column_of[tracks[i]] for tracks in shared], dtype=np.intp)
         rate_m_s = -SPEED_OF_LIGHT_M_S / observations.carrier_hz[columns] * observations.doppler_hz[:, columns]
         time_s = _true_time_s(observations, records, chosen)
         paces_m_s.append(rate_m_s)
@@ -187,12 +190,11 @@ def common_ranges(
         phase_sigma_cyc[..., i] = np.hypot(observations.carrier_sigma_cyc[cells], turned_sigma_cyc)
         phase_cyc[..., i] = np.where(near[:, None], observations.carrier_cyc[cells] + turned_cyc, np.nan)
         half_open[..., i] = observations.half_cycle_open[cells]
-    carrier_hz = receivers[sets[0].receiver].carrier_hz
-    signals = receivers[sets[0].receiver].signals
+    first = receivers[sets[0].receiver]
     phases = CommonPhases(
         cyc=np.where(np.isfinite(phase_sigma_cyc), phase_cyc, np.nan),
         sigma_cyc=phase_sigma_cyc,
-        wave_m=SPEED_OF_LIGHT_M_S / carrier_hz[[signals.index(tracks[0]) for tracks in shared]],
+        wave_m=SPEED_OF_LIGHT_M_S / first.carrier_hz[[first.column_of[tracks[0]] for tracks in shared]],
         half_open=half_open,
         whole_cycles=np.array([tracks[0].kind[0] != "R" for tracks in shared], np.bool_),
     )
@@ -206,18 +208,19 @@ def _steady(doppler_hz: Reals, time_s: Reals) -> tuple[Reals, Reals]:
     Dopplers are lines over a window to better than 0.1 mm in half a second, in which their rise alone makes up to 16 mm
     of range; what signals have in common, the receiver's clock, cancels between satellites whatever it is.
     """
-    pace_hz_s = np.zeros(doppler_hz.shape[1])
     if len(time_s) < _FEW:
-        return doppler_hz, pace_hz_s
+        return doppler_hz, np.zeros(doppler_hz.shape[1])
     common_hz = np.nanmean(doppler_hz, axis=1, keepdims=True) if np.isfinite(doppler_hz).any(axis=1).all() else 0.0
     own_hz = doppler_hz - common_hz
-    smooth_hz = np.full_like(own_hz, np.nan)
-    at_s = time_s - time_s.mean()
-    for k in range(own_hz.shape[1]):
-        known = np.isfinite(own_hz[:, k])
-        if known.sum() >= _FEW:
-            line = np.polyfit(at_s[known], own_hz[known, k], 1)
-            smooth_hz[known, k], pace_hz_s[k] = np.polyval(line, at_s[known]), line[0]
+    known = np.isfinite(own_hz)
+    known &= known.sum(axis=0) >= _FEW
+    count = np.maximum(known.sum(axis=0), 1)
+    middle_s = np.where(known, time_s[:, None], 0.0).sum(axis=0) / count
+    middle_hz = np.where(known, own_hz, 0.0).sum(axis=0) / count
+    at_s, beside_hz = np.where(known, time_s[:, None] - middle_s, 0.0), np.where(known, own_hz - middle_hz, 0.0)
+    squares_s2 = np.sum(at_s**2, axis=0)
+    pace_hz_s = np.sum(at_s * beside_hz, axis=0) / np.where(squares_s2 > 0.0, squares_s2, 1.0)
+    smooth_hz = np.where(known, middle_hz + pace_hz_s * at_s, np.nan)
     return smooth_hz + common_hz, pace_hz_s
 
 
@@ -249,7 +252,7 @@ def _nearest(times_s: Reals, wanted_s: Reals) -> Indices:
 
 
 def _without_holes(
-    shared: list[tuple[SignalId, ...]],
+    shared: Sequence[tuple[SignalId, ...]],
     ranges: Reals,
     sigma_m: Reals,
     phases: CommonPhases,

@@ -35,6 +35,7 @@ from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.search import WindowRanges, innovation
 from skyproof.navigation.sets import window_measurements
+from skyproof.navigation.skies import by_kind
 from skyproof.records import ConsistentSet, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.clusters import line_clusters
 from skyproof.statistics.many_small import many_small
@@ -90,12 +91,12 @@ class _Beside:
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """One receiver's signals over a window, those of them that have an orbit (rows), and how strong all are."""
+    """One receiver's signals over a window, those of them that have an orbit (rows, by kind), how strong all are."""
 
     observations: Observations
     signals: tuple[SignalId, ...]
     ranges: WindowRanges
-    usable: Indices
+    usable: Mapping[Kind, Indices]
     level_dbhz: Mapping[SignalId, float]
 
 
@@ -139,9 +140,11 @@ def _second_skies(
     """Sets of a receiver beside its true one that chance does not make."""
     found = []
     for rival in sets:
+        if rival is chosen:
+            continue
         subject = tuple(ref for s in rival.signals if (ref := SignalRef(o.receiver, s)) not in named)
         shared = {s.transmission for s in rival.signals} & {s.transmission for s in chosen.signals}
-        if rival is chosen or not subject or not shared:
+        if not subject or not shared:
             continue
         p_value = second_sky_p_value(
             o,
@@ -168,7 +171,7 @@ def _measured(records: Records, o: Observations, rates: Rates) -> _Measured | No
         o, records.navigation, multipath_sigma_m=rates.multipath_sigma_m, ionosphere_share=0.25
     )
     level_dbhz = {signal: _median(o.cn0_dbhz[:, column]) for column, signal in enumerate(o.signals)}
-    return _Measured(o, mean.signals, measurements, np.flatnonzero(usable), level_dbhz)
+    return _Measured(o, mean.signals, measurements, by_kind(mean.signals, np.flatnonzero(usable)), level_dbhz)
 
 
 def _beside(
@@ -179,9 +182,8 @@ def _beside(
         return []
     o, level_dbhz, signals = measured.observations, measured.level_dbhz, measured.signals
     own = {signal.transmission: signal for signal in chosen.signals if signal.kind == kind}
-    rows: Indices = np.array(
-        [k for k in measured.usable if signals[k].kind == kind and signals[k] not in chosen.signals], np.intp
-    )
+    inside = set(own.values())
+    rows: Indices = np.array([k for k in measured.usable.get(kind, ()) if signals[k] not in inside], np.intp)
     if not rows.size:
         return []
     state_m = np.append(chosen.position_ecef_m, SPEED_OF_LIGHT_M_S * chosen.clock_of_s(kind))

@@ -18,6 +18,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.compiled import compiled
 from skyproof.detectors.multi_receiver.one_antenna import BaselineEstimate
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, distance_slips, position_slips, vector_slips
@@ -339,12 +340,25 @@ def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m:
     weight, axes = np.linalg.eigh(np.linalg.inv(covariance_m2))
     along_m = np.einsum("...ij,...i->...j", axes, enu_m)
     along_m = np.where(np.abs(along_m) < _LEAST_M, _LEAST_M, along_m)  # with nothing along the weakest axis b may turn
-    low, high = -weight[..., 0], np.full(enu_m.shape[:-1], 1.0 / sigma_m**2)
-    for _ in range(_ROUNDS):
-        m = 0.5 * (low + high)
-        length_m = np.linalg.norm(weight * along_m / (weight + m[..., None]), axis=-1)
-        longer = length_m * (1.0 - m * sigma_m**2) > distance_m
-        low, high = np.where(longer, m, low), np.where(longer, high, m)
+    weight, along_m = (np.array(np.broadcast_to(values, enu_m.shape), order="C") for values in (weight, along_m))
+    high = np.empty(enu_m.shape[:-1])
+    _bisect(weight.reshape(-1, 3), along_m.reshape(-1, 3), distance_m, sigma_m, high.reshape(-1))
     b = weight * along_m / (weight + high[..., None])
     radius_m = np.linalg.norm(b, axis=-1)
     return np.asarray(np.sum(weight * (along_m - b) ** 2, axis=-1) + ((radius_m - distance_m) / sigma_m) ** 2)
+
+
+@compiled(error_model="numpy")
+def _bisect(weight, along_m, distance_m, sigma_m, high):  # type: ignore[no-untyped-def]
+    """high (n,) = m of `_from_sphere` for eigenvalues (n, 3) and what lies along their axes (n, 3)."""
+    for k in range(high.size):
+        low, high[k] = -weight[k, 0], 1.0 / sigma_m**2
+        for _ in range(_ROUNDS):
+            m = 0.5 * (low + high[k])
+            length2 = 0.0
+            for i in range(3):
+                length2 += (weight[k, i] * along_m[k, i] / (weight[k, i] + m)) ** 2
+            if np.sqrt(length2) * (1.0 - m * sigma_m**2) > distance_m:
+                low = m
+            else:
+                high[k] = m

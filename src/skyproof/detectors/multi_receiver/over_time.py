@@ -38,7 +38,9 @@ def _followed(
     refs = set(pairing.subject)
     doubts = ("spoofed", "attack") if window.one_choice else ("spoofed",)  # of several skies one is false anyway
     doubted = any(refs & set(e.subject) for e in said if e.says in doubts)
-    doubted |= window.one_choice and any(refs & set(p.subject) and _disagrees(window, p) for p in window.pairings)
+    doubted |= window.one_choice and any(
+        pairing.kinds & p.kinds and refs & set(p.subject) and _disagrees(window, p) for p in window.pairings
+    )
     if geometry is None or doubted:
         return None
     authentic = {ref for e in said if e.says == "authentic" for ref in e.subject}

@@ -37,7 +37,7 @@ from skyproof.detectors.multi_receiver.one_antenna import (
     table_contrasts,
 )
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.orbits import satellite_positions_m
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Baseline, ConsistentSet, NavigationData, Records, SignalRef
@@ -75,10 +75,10 @@ class Pairing:
     def receivers(self) -> tuple[str, ...]:
         return tuple(chosen.receiver for chosen in self.sets)
 
-    @property
-    def kinds(self) -> set[Kind]:
+    @cached_property
+    def kinds(self) -> frozenset[Kind]:
         """As the first receiver calls them."""
-        return {signal.kind for signal in self.ranges.signals}
+        return frozenset(signal.kind for signal in self.ranges.signals)
 
     @property
     def takes(self) -> set[tuple[int, Kind]]:
@@ -169,12 +169,12 @@ class Pairing:
             return None
         place, when = self.sets[0].position_ecef_m, self.start_gpst + np.timedelta64(round(1e9 * time_s.mean()), "ns")
         orbits = [self.navigation.best(sat, when) for sat in self.ranges.sats]
-        sent = when - np.timedelta64(round(_TRAVEL_S * 1e9), "ns")
-        sat_ecef_m = [satellite_state(orbit, sent).position_ecef_m for orbit in orbits if orbit is not None]
-        if len(sat_ecef_m) < len(orbits):
+        known = [orbit for orbit in orbits if orbit is not None]
+        if len(known) < len(orbits):
             return None
         lat_rad, lon_rad, _ = geodetic_from_ecef(place)
-        units = unit_vectors(place, rotate_to_reception(np.array(sat_ecef_m), _TRAVEL_S))
+        sat_ecef_m = satellite_positions_m(known, when - np.timedelta64(round(_TRAVEL_S * 1e9), "ns"))
+        units = unit_vectors(place, rotate_to_reception(sat_ecef_m, _TRAVEL_S))
         unit_enu = np.asarray(units @ rot_enu_ecef(lat_rad, lon_rad).T)
         unit_enu[:, 2] += _THINNER / np.maximum(unit_enu[:, 2], _LEAST_SINE)
         return unit_enu
@@ -293,7 +293,7 @@ class Pairing:
         return contrast_levels(values, gain, self.noise, self.ranges.gaps), matrix
 
 
-def groups_in(sets: Sequence[ConsistentSet], min_satellites: int) -> list[Kind | None]:
+def groups_in(sets: tuple[ConsistentSet, ...], min_satellites: int) -> list[Kind | None]:
     """The kinds that all sets have of enough satellites; [None], all kinds as one, where none is.
 
     All kinds as one need as many transmissions beyond one per kind as a single kind does. Empty if they have fewer.
