@@ -1,0 +1,118 @@
+"""Auxiliary inputs that are wrong, beside a clean sky: the input is named, and the sky is not called spoofed."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+from tests.app import kit
+from tests.app.kit import ENU_M, PLACES
+
+from skyproof.app.protect import protect
+from skyproof.errors import InputError
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.formats.rinex_obs import write_obs
+from skyproof.gnss.geoid import geoid_separation_m
+
+BOW, STERN = PLACES[:2]
+APART_M = float(np.linalg.norm(ENU_M["stern"]))
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """Half a minute of two receivers and their orbits, in files."""
+    folder = tmp_path_factory.mktemp("recorded")
+    navigation, observations = kit.measured(31.0)
+    for o in observations:
+        write_obs(
+            folder / f"{o.receiver}.obs", o, signals=o.signals, holds="simulated", marker=o.receiver, version="test"
+        )
+    write_nav(folder / "nav.rnx", navigation)
+    return folder, navigation
+
+
+def place(receiver, **other):
+    keys = {"lat_deg": receiver.lat_deg, "lon_deg": receiver.lon_deg, "height_m": receiver.height_m, "sigma_m": 0.05}
+    return {**keys, **{key: float(value) for key, value in other.items()}}
+
+
+def judged(folder: Path, tmp_path: Path, positions) -> object:
+    receivers = [
+        {"name": one.name, "inputs": [str(folder / f"{one.name}.obs")], "position": position}
+        for one, position in zip((BOW, STERN), positions, strict=True)
+    ]
+    platform = tmp_path / "platform.toml"
+    platform.write_text(tomli_w.dumps({"receivers": receivers}), encoding="utf-8")
+    return protect(nav=folder / "nav.rnx", platform=platform).verdict
+
+
+def test_positions_as_they_are_make_a_clean_sky_authentic(recorded, tmp_path):
+    verdict = judged(recorded[0], tmp_path, [place(BOW), place(STERN)])
+    assert verdict.verdict == "authentic"
+    assert verdict.wrong_statements == ()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "code"),
+    [
+        ({"height_m": STERN.height_m - geoid_separation_m(STERN.lat_deg, STERN.lon_deg)}, "height_above_sea_level"),
+        ({"height_m": STERN.height_m / 0.3048}, "height_in_feet"),
+        ({"height_m": STERN.height_m - 18.0}, "height"),
+        ({"lat_deg": STERN.lat_deg - 0.0007}, "wrong_statement"),
+    ],
+    ids=["sea level", "feet", "ground", "any"],
+)
+def test_one_position_that_is_wrong_is_named(recorded, tmp_path, wrong, code):
+    verdict = judged(recorded[0], tmp_path, [place(BOW), place(STERN, **wrong)])
+    assert verdict.verdict == "suspect"
+    assert {s.label for s in verdict.signals} <= {"unknown"}
+    named = [one for one in verdict.wrong_statements if one.about in ("position of stern", "antennas_enu_m")]
+    assert code in {one.code for one in named}
+
+
+@pytest.mark.parametrize(
+    ("factor", "code"), [(1.0 / 0.3048, "feet"), (2.0, "twice"), (100.0, "centimetres"), (1.4, "wrong_statement")]
+)
+def test_a_wrong_distance_is_named(recorded, factor, code):
+    folder, _ = recorded
+    paths = [folder / f"{one.name}.obs" for one in (BOW, STERN)]
+    verdict = protect(paths, nav=folder / "nav.rnx", antenna_distance_m=factor * APART_M).verdict
+    assert verdict.verdict == "suspect"
+    assert code in {one.code for one in verdict.wrong_statements}
+
+
+@pytest.mark.parametrize("hours", [-1, 1, 9])
+def test_edited_dates_of_some_orbits_leave_those_out(recorded, tmp_path, hours):
+    """The times of clock of every second satellite are moved, the times of ephemeris are not."""
+    folder, navigation = recorded
+    moved = [
+        replace(one, toc=one.toc + 3600.0 * hours) if number % 2 else one
+        for number, one in enumerate(navigation.ephemerides)
+    ]
+    write_nav(tmp_path / "edited.rnx", replace(navigation, ephemerides=tuple(moved)))
+    paths = [folder / f"{one.name}.obs" for one in (BOW, STERN)]
+    verdict = protect(paths, nav=tmp_path / "edited.rnx", antenna_distance_m=APART_M).verdict
+    assert verdict.verdict in ("authentic", "no_attack_seen")
+    (nav,) = (one for one in verdict.inputs if one.path.endswith("edited.rnx"))
+    assert any("its time of clock" in words for words in nav.all_remarks)
+
+
+@pytest.mark.shared_data
+def test_a_height_above_sea_level_of_one_real_receiver_is_named(shared_data):
+    case = next((shared_data / "cases").glob("14_*"), None)
+    if case is None:
+        pytest.skip("no such case")
+    verdict = protect(platform=case / "p.toml", nav=case / "base.nav").verdict
+    assert verdict.verdict == "suspect"
+    assert verdict.wrong_statements[0].code == "height_above_sea_level"
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", ["hour0", "day_before"])
+def test_edited_dates_of_a_real_file_end_the_run_with_the_reason(shared_data, name):
+    case = next((shared_data / "cases").glob("01_*"), None)
+    if case is None:
+        pytest.skip("no such case")
+    with pytest.raises(InputError, match="its time of clock is"):
+        protect([case / "b.obs"], nav=case / f"{name}.nav")
