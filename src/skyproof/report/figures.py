@@ -18,7 +18,7 @@ from skyproof.report.pictures import (
 from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins
 from skyproof.report.template import Figure
 from skyproof.report.words import chance_words, distance_words, number_words, place_words
-from skyproof.verdict import Label, Place, Verdict, moment_words
+from skyproof.verdict import Label, Place, Verdict, clock_words
 
 __all__ = ["Pictures", "map_figures", "signal_figures"]
 
@@ -127,7 +127,7 @@ ORIGINS = {
 
 
 def _origins(pictures: Pictures) -> list[Figure]:
-    zero = moment_words(pictures.zero_gpst)
+    zero = clock_words(pictures.zero_gpst)
     return [
         Figure(
             f"What the trusted position of {one.receiver} came from",
@@ -222,7 +222,7 @@ def _time_lines(pictures: Pictures) -> list[Figure]:
             draw.time_line(
                 [series for series in pictures.series if series.receiver == receiver],
                 title=f"Carrier to noise density and label of every signal of {receiver} over time",
-                zero=moment_words(pictures.zero_gpst),
+                zero=clock_words(pictures.zero_gpst),
                 onset_s=pictures.onset_s,
                 onset_sigma_s=pictures.onset_sigma_s,
                 until_s=pictures.until_s,

@@ -31,6 +31,7 @@ R = TypeVar("R", ReceiverFixes, FrontEndLevels, ReceiverStates)
 
 def holds_log(path: Path) -> bool:
     """Tell by its first bytes whether a file is a receiver's byte stream."""
+    size_of(path)  # a folder is refused as samples are
     with reading(path), open(path, "rb") as file:
         return is_log(file.read(_HEAD))
 
