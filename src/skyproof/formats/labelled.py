@@ -5,9 +5,10 @@ from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyproof.errors import SettingsError
-from skyproof.formats.tables import Column, fixes_columns
+from skyproof.formats.tables import fixes_columns
 from skyproof.records import OBSERVABLES, CellStatus, Fix, ObservationLog, Observations
 
 __all__ = ["to_dataframe", "to_xarray"]
@@ -98,12 +99,12 @@ def _all(log: ObservationLog) -> Observations:
     return log.read(0, log.gpst.size)
 
 
-def _fix_rows(fix: Fix) -> dict[str, Column]:
+def _fix_rows(fix: Fix) -> dict[str, NDArray[Any]]:
     columns = fixes_columns([("", fix)])
     return {"receiver": columns["receiver"]} | {name: c for name, c in columns.items() if name not in _OF_RUN}
 
 
-def _cells(log: ObservationLog) -> dict[str, Column]:
+def _cells(log: ObservationLog) -> dict[str, NDArray[Any]]:
     o = _all(log)
     rows, channels = np.nonzero(o.status != CellStatus.NOT_TRACKED)
     names = np.array([(s.sat, s.band, s.code, s.copy) for s in o.signals], np.str_).reshape(-1, 4)

@@ -7,6 +7,7 @@ version 3.05" (IGS and RTCM SC-104, 2020-12-01).
 import itertools
 import os
 import textwrap
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -15,7 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyproof.arrays import Booleans, Instants, Reals
-from skyproof.formats.atomic_write import write_lines
+from skyproof.formats.atomic_write import writing
+from skyproof.formats.rinex_fields import lay_out, most_bytes
 from skyproof.gnss.signals import frequency_number_of, rinex_attribute
 from skyproof.gnss.time import leap_seconds, rinex_date, utc_from_gpst
 from skyproof.records import ObservationLog, Observations, SignalId
@@ -30,7 +32,7 @@ _KINDS: Final = "CLDS"  # in the names of the same
 _SYSTEMS: Final = {"G": "GPS", "R": "GLONASS", "E": "Galileo", "C": "BDS", "J": "QZSS", "S": "SBAS", "I": "NavIC/IRNSS"}
 _TYPES_A_LINE: Final = 13
 _SLOTS_A_LINE: Final = 8
-_EMPTY: Final = " " * 64  # four fields
+_BLOCK_EPOCHS: Final = 64  # laid out at once
 
 
 def write_obs(
@@ -53,7 +55,7 @@ def write_obs(
     ValueError : as `obs_lines` does; nothing is written then.
     OutputError : the file cannot be written.
     """
-    lines = obs_lines(
+    header, blocks = _header_and_blocks(
         observations,
         signals=signals,
         holds=holds,
@@ -64,7 +66,9 @@ def write_obs(
         comments=comments,
         created_utc=created_utc,
     )
-    write_lines(path, lines)
+    with writing(path) as file:
+        file.writelines((line + "\n").encode("ascii", "replace") for line in header)
+        file.writelines(blocks)
 
 
 def obs_lines(
@@ -102,6 +106,33 @@ def obs_lines(
     ValueError : a signal is not in the observations or has no name in RINEX, two channels have one transmission at
         one epoch, or nothing was measured on any of them.
     """
+    header, blocks = _header_and_blocks(
+        observations,
+        signals=signals,
+        holds=holds,
+        marker=marker,
+        version=version,
+        mask=mask,
+        position_ecef_m=position_ecef_m,
+        comments=comments,
+        created_utc=created_utc,
+    )
+    return itertools.chain(header, (line for block in blocks for line in block.decode("ascii").splitlines()))
+
+
+def _header_and_blocks(
+    observations: ObservationLog,
+    *,
+    signals: Sequence[SignalId],
+    holds: str,
+    marker: str,
+    version: str,
+    mask: Booleans | None,
+    position_ecef_m: ArrayLike | None,
+    comments: Sequence[str],
+    created_utc: np.datetime64 | None,
+) -> tuple[Iterator[str], Iterator[bytes]]:
+    """The lines of the header, and the records in blocks of bytes; arguments and errors as of `obs_lines`."""
     channels = _channels(observations, signals)
     sent = [(observations.signals[k].sat, _name_of(observations.signals[k])) for k in channels]
 
@@ -112,7 +143,7 @@ def obs_lines(
 
     kept: list[Instants] = []
     for stretch in stretches():
-        for sat, name in sorted({one for one in sent if sent.count(one) > 1}):
+        for sat, name in sorted(one for one, count in Counter(sent).items() if count > 1):
             if (stretch.there[:, [one == (sat, name) for one in sent]].sum(axis=1) > 1).any():
                 raise ValueError(
                     f"two of the signals of {sat} ({name}) are there at one epoch; write them to separate files"
@@ -136,7 +167,7 @@ def obs_lines(
         types=types,
         slots=_slots(observations, channels),
     )
-    return itertools.chain(header, _body(stretches(), sent, types))
+    return header, _blocks(stretches(), sent, types)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,10 +198,11 @@ def _stretch(part: Observations, channels: list[int], mask: Booleans | None) -> 
 
 def _channels(observations: ObservationLog, signals: Sequence[SignalId]) -> list[int]:
     """Where the signals stand, by satellite, band and code."""
+    columns = {signal: column for column, signal in enumerate(observations.signals)}
     for signal in signals:
-        if signal not in observations.signals:
+        if signal not in columns:
             raise ValueError(f"{signal} is not among the signals of {observations.receiver}")
-    return [observations.signals.index(signal) for signal in sorted(set(signals))]
+    return [columns[signal] for signal in sorted(set(signals))]
 
 
 def _name_of(signal: SignalId) -> str:
@@ -212,8 +244,11 @@ class _Lock:
     def lost(self, slip: Booleans, phase: Booleans) -> Booleans:
         """Of the stretch that follows, (n_epochs, n)."""
         begins = phase & ~np.vstack([self._before, phase[:-1]])
-        for one in set(self._sent) - self._seen:
-            own = np.flatnonzero([s == one for s in self._sent])
+        columns: dict[tuple[str, str], list[int]] = {}
+        for column, one in enumerate(self._sent):
+            columns.setdefault(one, []).append(column)
+        for one in columns.keys() - self._seen:
+            own = np.array(columns[one])
             epochs = np.flatnonzero(phase[:, own].any(axis=1))
             if epochs.size:
                 begins[epochs[0], own] = False
@@ -288,41 +323,30 @@ def _line(text: str, label: str) -> str:
 # --- the records (table A3)
 
 
-def _body(
+def _blocks(
     stretches: Iterable[_Stretch], sent: Sequence[tuple[str, str]], types: Mapping[str, Sequence[str]]
-) -> Iterator[str]:
+) -> Iterator[bytes]:
     lock = _Lock(sent)
+    sats = sorted({sat for sat, _ in sent})
+    sat_of = np.array([sats.index(sat) for sat, _ in sent], np.int64)
+    names = np.frombuffer("".join(sats).encode("ascii"), np.uint8).reshape(-1, 3).copy()
+    slot = np.array([types[sat[0]].index(name) for sat, name in sent], np.int64)
+    slots = np.array([len(types[sat[0]]) for sat in sats], np.int64)
     for stretch in stretches:
         phase = np.isfinite(stretch.values[..., 1])
         indicator = 1 * lock.lost(stretch.slipped, phase) + 2 * (phase & stretch.half_open)
-        for epoch in np.flatnonzero(stretch.there.any(axis=1)):
-            yield from _record(stretch, int(epoch), indicator[epoch].tolist(), sent, types)
+        for first in range(0, len(stretch.ticks), _BLOCK_EPOCHS):
+            rows = slice(first, first + _BLOCK_EPOCHS)
+            heads = np.array([list(_head(tick)) for tick in stretch.ticks[rows]], np.uint8)
+            out = np.empty(len(heads) * most_bytes(heads.shape[1], slots), np.uint8)
+            whole = (np.ascontiguousarray(cells[rows]) for cells in (stretch.values, stretch.there, indicator))
+            yield out[: lay_out(*whole, heads, sat_of, names, slot, slots, out)].tobytes()
 
 
-def _record(
-    stretch: _Stretch,
-    epoch: int,
-    indicator: Sequence[int],
-    sent: Sequence[tuple[str, str]],
-    types: Mapping[str, Sequence[str]],
-) -> Iterator[str]:
-    year, month, day, hour, minute, second_ticks = _calendar(stretch.ticks[epoch])
-    lines: dict[str, dict[str, str]] = {}
-    for channel in np.flatnonzero(stretch.there[epoch]).tolist():
-        sat, name = sent[channel]
-        lines.setdefault(sat, {})[name] = _fields(stretch.values[epoch, channel].tolist(), indicator[channel])
-    yield f"> {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d}{_seconds(second_ticks):>11}  0{len(lines):3d}"
-    for sat, fields in lines.items():
-        yield (sat + "".join(fields.get(name, _EMPTY) for name in types[sat[0]])).rstrip()
-
-
-def _fields(values: list[float], indicator: int) -> str:
-    """Code, phase, Doppler and strength of one signal: each F14.3, loss of lock (phase alone), strength (code and
-    phase)."""
-    cn0_dbhz = values[3]
-    strength = str(int(min(max(cn0_dbhz // 6.0, 1.0), 9.0))) if np.isfinite(cn0_dbhz) else " "
-    marks = (f" {strength}", f"{indicator or ' '}{strength}", "  ", "  ")
-    return "".join(f"{v:14.3f}{m}" if np.isfinite(v) else " " * 16 for v, m in zip(values, marks, strict=True))
+def _head(instant: np.datetime64) -> bytes:
+    """An epoch's line up to the number of satellites."""
+    year, month, day, hour, minute, ticks = _calendar(instant)
+    return f"> {year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d}{_seconds(ticks):>11}  0".encode("ascii")
 
 
 def _calendar(instant: np.datetime64) -> tuple[int, int, int, int, int, int]:

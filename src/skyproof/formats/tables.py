@@ -5,6 +5,7 @@ import csv
 import io
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,9 +20,21 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix, FixStatus
 
-__all__ = ["FIXES_COLUMNS", "Column", "fixes_columns", "growing_tables"]
+__all__ = ["FIXES_COLUMNS", "Column", "Words", "fixes_columns", "growing_tables"]
 
-Column = NDArray[Any]
+
+@dataclass(frozen=True, eq=False)
+class Words:
+    """A column of texts, few of which differ: `words` by `codes` (n,)."""
+
+    codes: NDArray[Any]
+    words: Sequence[str]
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.asarray(np.array(self.words, dtype)[self.codes])
+
+
+Column = NDArray[Any] | Words
 
 FIXES_COLUMNS: Final = (
     "receiver",
@@ -69,7 +82,7 @@ def growing_tables(
         takers = [_taker(stack, path, metadata or {}) for path in paths]
 
         def take(columns: Mapping[str, Column]) -> None:
-            shapes = {name: np.shape(column) for name, column in columns.items()}
+            shapes = {name: np.shape(c.codes if isinstance(c, Words) else c) for name, c in columns.items()}
             if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
                 raise ValueError(f"columns must be of one dimension and one length, not {shapes}")
             for taker in takers:
@@ -89,7 +102,7 @@ def _taker(
 
     def take_parquet(columns: Mapping[str, Column]) -> None:
         nonlocal writer
-        table = pa.table({name: _arrow(np.asarray(column)) for name, column in columns.items()})
+        table = pa.table({name: _arrow(column) for name, column in columns.items()})
         if writer is None:
             writer = stack.enter_context(pq.ParquetWriter(file, table.schema.with_metadata(dict(metadata))))
         writer.write_table(table)
@@ -105,7 +118,7 @@ def _taker(
     return take_parquet if ending == ".parquet" else take_csv
 
 
-def fixes_columns(fixes: Iterable[tuple[str, Fix]], source: str = "satellites") -> dict[str, Column]:
+def fixes_columns(fixes: Iterable[tuple[str, Fix]], source: str = "satellites") -> dict[str, NDArray[Any]]:
     """The table of fixes, `FIXES_COLUMNS`, of any number of (kind, Fix): one row per receiver, kind and epoch.
 
     `kind` is "trusted", "false", "unprotected" or the name of a sky that may be the true one. `gpst` is the time that
@@ -127,7 +140,7 @@ def fixes_columns(fixes: Iterable[tuple[str, Fix]], source: str = "satellites") 
     return {name: np.concatenate([empty[name], *(part[name] for part in parts)]) for name in FIXES_COLUMNS}
 
 
-def _fix_columns(kind: str, fix: Fix, source: str) -> dict[str, Column]:
+def _fix_columns(kind: str, fix: Fix, source: str) -> dict[str, NDArray[Any]]:
     good = np.asarray(fix.status == FixStatus.OK)
     lat_rad, lon_rad, height_m = geodetic_from_ecef(fix.position_ecef_m[good])
     rot_enu = rot_enu_ecef(lat_rad, lon_rad)
@@ -154,6 +167,9 @@ def _fix_columns(kind: str, fix: Fix, source: str) -> dict[str, Column]:
 
 
 def _arrow(column: Column) -> Any:
+    if isinstance(column, Words):
+        return pa.array(list(column.words), pa.string()).take(pa.array(column.codes))
+    column = np.asarray(column)
     if column.dtype.kind == "M":
         column = column.astype("datetime64[ns]")
     values = pa.array(column, from_pandas=True)  # NaN to null
@@ -175,7 +191,7 @@ def _csv_text(rows: Iterable[Iterable[str]]) -> str:
     return text.getvalue().removesuffix("\n")
 
 
-def _texts(values: Column) -> list[str]:
+def _texts(values: NDArray[Any]) -> list[str]:
     if values.dtype.kind == "M":
         texts: list[str] = np.datetime_as_string(values.astype("datetime64[ns]")).tolist()
         return ["" if text == "NaT" else text for text in texts]

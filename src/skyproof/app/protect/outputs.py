@@ -5,7 +5,7 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, get_args
 
 import numpy as np
 import tomli_w
@@ -24,7 +24,7 @@ from skyproof.formats.checksums import write_checksums
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.formats.tables import fixes_columns, growing_tables
+from skyproof.formats.tables import Words, fixes_columns, growing_tables
 from skyproof.formats.verdict import read_verdict, write_verdict
 from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.fusion.trusted import carries
@@ -50,6 +50,7 @@ __all__ = ["evidence_line", "write_outputs"]
 VERDICT = "verdict.json"
 _TABLE_CELLS = 1 << 15  # made into rows at once, of some 400 bytes each
 _TABLE_EVIDENCE = 1 << 10  # of some kilobytes each
+_LABELS: Final = get_args(Label)
 
 
 def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
@@ -149,23 +150,24 @@ def _signal_columns(o: Observations, labels: Any) -> dict[str, Any]:
     """
     n_epochs, n_signals = o.pseudorange_m.shape
     names = {name: [getattr(s, name) for s in o.signals] for name in ("sat", "band", "code", "copy")}
-    words = np.array([CELL_STATUS[code] for code in sorted(CELL_STATUS)])
+    words = [CELL_STATUS[code] for code in sorted(CELL_STATUS)]
+    column = np.tile(np.arange(n_signals), n_epochs)
     return (
-        {"receiver": np.repeat(o.receiver, n_epochs * n_signals)}
+        {"receiver": Words(np.zeros(n_epochs * n_signals, np.int8), [o.receiver])}
         | {"receiver_clock": np.repeat(o.gpst, n_signals)}
-        | {name: np.tile(each, n_epochs) for name, each in names.items()}
+        | {name: Words(column, each) for name, each in names.items()}
         | {name: getattr(o, name).ravel() for name in (*OBSERVABLES, "half_cycle_open")}
-        | {"status": words[o.status.ravel()], "label": labels.ravel()}
+        | {"status": Words(o.status.ravel(), words), "label": Words(labels.ravel(), _LABELS)}
     )
 
 
 def _label_cells(o: Observations, first: int, labels: Sequence[LabelledSignal]) -> Any:
-    """Labels (n_epochs, n_signals) of a stretch that begins at epoch `first` of the run."""
-    cells = np.full(o.pseudorange_m.shape, "unknown", dtype="U9")
+    """Labels (n_epochs, n_signals), their places in `_LABELS`, of a stretch that begins at epoch `first` of the run."""
+    cells = np.full(o.pseudorange_m.shape, _LABELS.index("unknown"), np.int8)
     for s in labels:
         if s.ref.receiver == o.receiver:
             rows = slice(max(s.first_epoch - first, 0), max(s.last_epoch + 1 - first, 0))
-            cells[rows, o.signals.index(s.ref.signal)] = s.label
+            cells[rows, o.column_of[s.ref.signal]] = _LABELS.index(s.label)
     return cells
 
 
