@@ -8,6 +8,7 @@ python docs/build/matrix.py cells.json levels.json clean.json docs/protection.md
 
 import json
 import sys
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -21,6 +22,7 @@ from skyproof.simulator.scenes import ready
 from skyproof.studies.base import StudySettings
 from skyproof.studies.protection import matrix
 from skyproof.studies.protection.equipment import EQUIPMENT
+from skyproof.verdict import WORDS, word_shown
 
 Row = Mapping[str, Any]
 PICTURE: Final = "protection.svg"
@@ -35,10 +37,17 @@ equipment.
 skyproof {version}, {date}: {cells}. `skyproof study protection-matrix --json` makes them again: some minutes of
 a processor each scene; with `--out DIR` it goes on where it was stopped.
 
-A cell holds the verdict (**S** spoofed, **U** undecided, **A** authentic), seconds from the first false wave, or the
-first sample if it was there before, to the end of the first window in which a test says so (– : none does), the largest
-error of a trusted fix in metres, and the share of epochs that have one. *Unprotected* is the largest error of an
-ordinary receiver's fixes in the same samples. An empty cell cannot be.
+A cell holds the verdict ({letters}), the seconds from
+the first false wave, or the first sample if it was there before, to the end of the first window in which a test says so
+(– : none does), the largest error of a trusted fix in metres, and the share of epochs that have one. *Unprotected* is
+the largest error of an ordinary receiver's fixes in the same samples. An empty cell cannot be.
+{before}"""
+LETTERS: Final = {word: word[0].upper() for word in reversed(WORDS)} | {"suspect": "?"}
+BEFORE: Final = {"undecided": "U"}
+"""Of rows that were made before that word was parted into *suspect* and *no attack seen*."""
+PARTED: Final = """
+These rows were made before *undecided* (**U**) was parted into *suspect* (a test failed) and *no attack seen* (all that
+could run passed): which of the two a cell is they do not hold.
 """
 
 LEVELS: Final = """*`skyproof study protection-stanford --plot` draws it. A level allows for one satellite that is wrong
@@ -67,7 +76,8 @@ def _cell(row: Row | None) -> str:
     if "error" in row:
         return "error"
     delay = "–" if row["delay_s"] is None else f"{row['delay_s']:.0f} s"
-    return f"**{row['verdict'][0].upper()}** {delay}; {_metres(row['trusted_worst_m'])}, {row['trusted_share']:.0%}"
+    letter = (LETTERS | BEFORE)[row["verdict"]]
+    return f"**{letter}** {delay}; {_metres(row['trusted_worst_m'])}, {row['trusted_share']:.0%}"
 
 
 def _metres(value: float | None) -> str:
@@ -80,7 +90,9 @@ def sums(rows: Sequence[Row]) -> Iterator[str]:
     told = sum(row["verdict"] == "spoofed" for row in attacked)
     missed = sum(row["verdict"] == "authentic" or row["no_sign"] for row in attacked)
     false = sum(row["verdict"] == "spoofed" for row in good) - told
-    yield f"- With an attack: {told} of {len(attacked)} cells *spoofed*, {missed} *authentic*, the others *undecided*."
+    others = Counter(row["verdict"] for row in attacked if row["verdict"] not in ("spoofed", "authentic"))
+    words = ", ".join(f"{others[word]} *{word_shown(word)}*" for word in (*WORDS, *BEFORE) if others[word])
+    yield f"- With an attack: {told} of {len(attacked)} cells *spoofed*, {missed} *authentic*, {words or 'no others'}."
     yield f"- Without one: {false} of {len(good) - len(attacked)} cells *spoofed*."
     yield f"- Trusted fixes off by more than three of their 95 % bounds: {_sum(good, 'wrong_fixes')}."
     yield f"- Signals called authentic or spoofed for a second or more that are not: {_sum(good, 'wrong_labels')}."
@@ -115,8 +127,8 @@ def levels(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def hours(rows: Sequence[Row]) -> Iterator[str]:
-    names = ("equipment", "runs", "hours", "authentic", "undecided", "spoofed", "false alarms", "at most an hour")
-    names += ("wrong labels", "wrong fixes")
+    words = [word_shown(word) for word in (*WORDS, *BEFORE) if any(word in row for row in rows)]
+    names = ("equipment", "runs", "hours", *words, "false alarms", "at most an hour", "wrong labels", "wrong fixes")
     yield "## Hours without an attack"
     yield ""
     yield "| " + " | ".join(names) + " |"
@@ -134,6 +146,8 @@ def page(rows: Sequence[Row], bins: Sequence[Row], clean: Sequence[Row]) -> str:
     head = HEAD.format(
         version=version("skyproof"),
         date=datetime.now(UTC).date(),
+        letters=", ".join(f"**{letter}** {word_shown(word)}" for word, letter in LETTERS.items()),
+        before=PARTED if any(row.get("verdict") in BEFORE for row in rows) else "",
         cells=f"{there} of {possible} cells" if there < possible else f"all {possible} cells",
     )
     return "\n".join([head, *sums(rows), "", *table(rows), "", *levels(bins), "", *hours(clean), ""])

@@ -179,7 +179,8 @@ def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
         return np.array([getattr(e, name) or "" for e in evidence], dtype=str)
 
     def instants(name: str) -> Any:
-        return np.array([getattr(e, name) for e in evidence], dtype="datetime64[ns]")
+        found = (getattr(e, name) for e in evidence)
+        return np.array([np.datetime64("NaT") if t is None else t for t in found], dtype="datetime64[ns]")
 
     return {
         "detector": words("detector"),
@@ -194,6 +195,8 @@ def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
         "log_likelihood_ratio": numbers("log_likelihood_ratio"),
         "code": words("code"),
         "because": words("because"),
+        "may_also_be": np.array([", ".join(e.may_also_be) for e in evidence], dtype=str),
+        "dated_gpst": instants("dated_gpst"),
         "would_need": words("would_need"),
     }
 
@@ -201,8 +204,8 @@ def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
 def evidence_line(e: Evidence) -> str:
     """A piece of evidence as JSON, with the columns of evidence.parquet; null for what is absent."""
     columns = {name: values[0].item() for name, values in _evidence_columns([e]).items()}
-    instants = {name: getattr(e, name) for name in ("start_gpst", "end_gpst")}
-    columns |= {name: None if np.isnat(gpst) else iso(gpst, 3) for name, gpst in instants.items()}
+    instants = {"start_gpst": e.start_gpst, "end_gpst": e.end_gpst, "dated_gpst": e.dated_gpst}
+    columns |= {name: None if t is None or np.isnat(t) else iso(t, 3) for name, t in instants.items()}
     absent = {name: None if isinstance(value, float) and np.isnan(value) else value for name, value in columns.items()}
     return json.dumps(absent, ensure_ascii=False, allow_nan=False)
 
