@@ -31,8 +31,13 @@ from skyproof.detectors.dccaf.bursts import components, shapes
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.formats.layout import Chunk, PackedSamples, Packing
+from skyproof.gnss.ephemeris import GlonassEphemeris
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.gnss.time import week_and_tow
+from skyproof.navigation.fix import fix
+from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.receiver import kernels as k
 from skyproof.receiver.joining import JointReceiver
@@ -40,6 +45,7 @@ from skyproof.receiver.joint import bound, predict
 from skyproof.simulator import scenes
 from skyproof.simulator.attacks import Interference
 from skyproof.simulator.files import write
+from skyproof.simulator.measurements import observations_of
 from skyproof.simulator.scenario import FrontEnd
 from skyproof.statistics.directions import hemisphere
 
@@ -95,6 +101,28 @@ def _joint_channels() -> None:
     bound(predict(joint, model.bit_s).mean, model.row_times_s, model.look_s, model.dictionary)
 
 
+def _positions() -> None:
+    """Two skies in one receiver's measurements, told apart, and an orbit of GLONASS, which is integrated."""
+    scenario = scenes.meaconed(duration_s=3.0, onset_s=-1.0)
+    navigation = nominal_constellation(scenario.start_gpst)
+    (observations, *_), _ = observations_of(scenario, navigation, rng=np.random.default_rng(1))
+    sets = consistent_sets(observations, navigation)
+    fix(observations, navigation, signals=sets[0].signals)
+    week, tow_s = week_and_tow(scenario.start_gpst)
+    glonass = GlonassEphemeris(
+        sat="R01",
+        week=int(week),
+        toe=float(tow_s),
+        tau_n=0.0,
+        gamma_n=0.0,
+        frequency_number=1,
+        position_m=(2.55e7, 0.0, 0.0),
+        velocity_m_s=(0.0, 3.9e3, 0.0),
+        acceleration_m_s2=(0.0, 0.0, 0.0),
+    )
+    satellite_state(glonass, scenario.start_gpst)
+
+
 def _methods() -> None:
     """What a study or an inertial unit needs."""
     rng, delays, variance = np.random.default_rng(1), delay_dictionary(5e6), 1e-3
@@ -108,7 +136,12 @@ def _methods() -> None:
     strapdown_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)
 
 
-_DO: Final[Mapping[str, Callable[[], None]]] = {"overlaps": _overlaps, "receiver": _receiver, "methods": _methods}
+_DO: Final[Mapping[str, Callable[[], None]]] = {
+    "overlaps": _overlaps,
+    "receiver": _receiver,
+    "positions": _positions,
+    "methods": _methods,
+}
 
 
 class _Printed:

@@ -14,7 +14,7 @@ from skyproof.app.common.progress import Progress, Silent
 from skyproof.batch.attempt import ONE_THREAD
 from skyproof.compiled import LOG, is_kept, kernels_in, not_kept_words, threads, writable_folder
 
-__all__ = ["JOBS", "RECEIVING", "kernels_of", "make_ready"]
+__all__ = ["JOBS", "JUDGING", "RECEIVING", "kernels_of", "make_ready"]
 
 JOBS: Final[Mapping[str, tuple[str, ...]]] = {
     "overlaps": (
@@ -40,6 +40,10 @@ JOBS: Final[Mapping[str, tuple[str, ...]]] = {
         "simulator.ranges",
         "simulator.sample_kernels",
     ),
+    "positions": (
+        "gnss.orbit_kernels",
+        "navigation.fit_kernels",
+    ),
     "methods": (
         "detectors.dccaf.inverse_raim",
         "detectors.dccaf.swarm",
@@ -47,8 +51,10 @@ JOBS: Final[Mapping[str, tuple[str, ...]]] = {
     ),
 }
 """Which modules' kernels each job of `skyproof.app.warm` makes, the longest job first."""
-RECEIVING: Final = ("overlaps", "receiver")
+RECEIVING: Final = ("overlaps", "receiver", "positions")
 """The jobs without which no recording is received."""
+JUDGING: Final = ("positions",)
+"""The job without which no measurement is judged."""
 
 
 def kernels_of(job: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from skyproof.app.common.body import Body, body_of, open_body, with_imu
 from skyproof.app.common.folder import check_folder
-from skyproof.app.common.kernels import RECEIVING, make_ready
+from skyproof.app.common.kernels import JUDGING, RECEIVING, make_ready
 from skyproof.app.common.memory import give_back
 from skyproof.app.common.packed_log import PackedLog
 from skyproof.app.common.platform import Platform, read_platform
@@ -132,8 +132,8 @@ def protect(
             _require_two(settings, names)
             _require_orbits(sources, navigation)
             units = antenna_units(unit_of(carrier, body_files, names, tables, _first_sample(sources)))
-            if any(isinstance(source, Samples) for source in sources):
-                make_ready(RECEIVING, progress)
+            recorded = any(isinstance(source, Samples) for source in sources)
+            make_ready(RECEIVING if recorded else JUDGING, progress)
         receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace, units)
         give_back()
         _same_time(receptions, navigation)
