@@ -13,6 +13,7 @@ import pytest
 from skyproof.report.chart import Axes
 from skyproof.studies import studies
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
+from skyproof.studies.reached import measured_by
 from skyproof.studies.validation import check, table
 
 FOUND = studies()
@@ -121,13 +122,31 @@ def test_a_tolerance_may_depend_on_how_many_were_counted() -> None:
 
 def test_a_figure_that_cannot_be_made_again_stands_there_with_its_reason() -> None:
     text = page(claim(what="Figure 7", paper="6 of 8", same=None, tolerance=None, reference="needs a | recording"))
-    assert "| Figure 7 | 6 of 8 | – | – | needs a \\| recording | – |" in text
+    assert "| Figure 7 | 6 of 8 | – | – | – | needs a \\| recording | – |" in text
 
 
 def test_a_figure_that_is_not_found_never_agrees() -> None:
     text = page(claim(same=lambda rows: rows[1]["mean"]))
     assert "| not found |" in text
     assert "**not** within" in text
+
+
+def test_a_figure_that_protect_does_not_reach_says_so() -> None:
+    assert "| – | not reached | " in page(claim())
+    assert "| – | 0.25 | " in page(claim(protect=lambda rows: 0.25))
+    assert "| – | not run | " in page(claim(protect=lambda rows: math.nan))
+    (one,) = check(toy(claims=(claim(tolerance=None, protect=lambda rows: 9.0),)), [{"n": 1, "mean": 0.0}])
+    assert one.agrees is None
+
+
+def test_the_page_names_code_that_no_command_reaches() -> None:
+    assert "Measured: formulas of the study itself" in page(claim())
+    found = measured_by(FOUND["multi-receiver.distance"].run)
+    assert "detectors.multi_receiver.group_choice.choose" in found.not_reached
+    assert not found.reached
+    assert "detectors.dccaf.inverse_raim.inverse_raim" in measured_by(FOUND["inverse-raim.sets"].run).not_reached
+    assert "decomposition.fit.count_test" in measured_by(FOUND["dccaf.count"].run).not_reached
+    assert "decomposition.fit.decompose" in measured_by(FOUND["dccaf.separation"].run).reached
 
 
 def test_a_study_without_claims_is_on_the_page() -> None:

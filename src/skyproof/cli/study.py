@@ -187,6 +187,7 @@ def _document(chosen: Study, settings: StudySettings, rows: Sequence[Row], *, in
                 "paper": _plain(one.claim.paper),
                 "same": _plain(one.same),
                 "better": _plain(one.better),
+                "protect": _plain(one.protect),
                 "reference": _plain(one.claim.reference),
                 "tolerance": _plain(one.tolerance),
                 "agrees": one.agrees,

@@ -19,8 +19,8 @@ __all__ = ["Claim", "Row", "Study", "StudySettings", "rows_where", "value_of"]
 Row = Mapping[str, Any]
 """One line of a study's result: names with units to numbers, words or None."""
 
-PAPER, SAME, BETTER, REFERENCE = "paper", "ours, same method", "ours, better", "reference"
-COLUMNS: Final = (PAPER, SAME, BETTER, REFERENCE)
+PAPER, SAME, BETTER, PROTECT, REFERENCE = "paper", "ours, same method", "ours, better", "through protect", "reference"
+COLUMNS: Final = (PAPER, SAME, BETTER, PROTECT, REFERENCE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +58,7 @@ class Claim:
 
     paper, reference : a number, or words where it is none (why it cannot be reproduced, for example).
     same, better : from the rows to a number; None where there is none. `reference` may be from the rows too: a bound.
+    protect : from the rows to the number that the command `protect` gives a user; None where it reaches no such figure.
     tolerance : of `same`, or of `better` where there is no `same`, against `reference` (else `paper`), absolute; from
         the rows to it where it depends on how many were counted; None where they are not to agree.
     """
@@ -67,6 +68,7 @@ class Claim:
     reference: float | str | Callable[[Sequence[Row]], float] | None = None
     same: Callable[[Sequence[Row]], float] | None = None
     better: Callable[[Sequence[Row]], float] | None = None
+    protect: Callable[[Sequence[Row]], float] | None = None
     tolerance: float | Callable[[Sequence[Row]], float] | None = None
     digits: int = 4
 

@@ -9,6 +9,7 @@ day at which just seven satellites stand above 10 degrees. Ranges are geometric;
 tested.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -39,7 +40,9 @@ from skyproof.statistics.roc import chi_square_power
 __all__ = [
     "ALPHA_OURS",
     "ALPHA_PAPER",
+    "BASE_GEODETIC",
     "CARRIER_PER_CODE",
+    "DELAY_M",
     "MEACONER_ENU_M",
     "NOISES",
     "PLACES",
@@ -58,6 +61,7 @@ __all__ = [
     "most_decided",
     "paper_decision",
     "ranges_of",
+    "skies",
     "split",
 ]
 
@@ -68,14 +72,14 @@ CARRIER_PER_CODE = 0.002  # 2 mm of carrier for each metre of code
 CARRIER_BOUND_M = 0.005  # slow error of a carrier track that is allowed for, one sigma
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / L1_HZ
 
-_BASE_GEODETIC = np.radians(59.0), np.radians(17.0), 100.0
+BASE_GEODETIC = np.radians(59.0), np.radians(17.0), 100.0
 _LINE = np.array([1.0, -1.0, 0.0]) / np.sqrt(2.0)  # from rx1 to the south-east, away from the meaconer
 _ACROSS = np.array([-1.0, -1.0, 0.0]) / np.sqrt(2.0)  # to the south-west
 _ALONG_M = {"rx1": 0.0, "rx2": 100.0, "rx5": 1.0, "rx6": 5.0, "rx7": 10.0, "rx8": 20.0, "rx9": 35.0, "rx10": 50.0}
 PLACES = {name: along_m * _LINE for name, along_m in _ALONG_M.items()}
 PLACES |= {"rx3": -50.0 * _ACROSS, "rx4": 50.0 * _ACROSS}
 MEACONER_ENU_M = -500.0 * _LINE
-_DELAY_M = 400.0
+DELAY_M = 400.0
 _FIRST, _STEP_MIN = np.datetime64("2012-07-01T20:00:16", "ns"), 10
 # The nominal constellation has three slots split in two (GPS SPS Performance Standard, 2020, table 3.2-2): one of each
 # two moves to the slot of table 3.2-1 (B1, D2, F2), the other is left out, and so are the spares.
@@ -153,27 +157,29 @@ class Bound(NamedTuple):
 
 
 @lru_cache(maxsize=1)
-def geometries() -> tuple[SatelliteTracks, ...]:
-    """Sixteen skies of seven satellites, as far apart in time as they come; always the same."""
-    base_ecef_m, rot = ecef_from_geodetic(*_BASE_GEODETIC), rot_enu_ecef(*_BASE_GEODETIC[:2])
+def skies() -> tuple[tuple[np.datetime64, tuple[Ephemeris, ...]], ...]:
+    """Sixteen times at which seven satellites are above 10 degrees, as far apart as they come, and their orbits."""
     times = [_FIRST + np.timedelta64(minute, "m") for minute in range(0, 1440, _STEP_MIN)]
-
-    def sats_enu_m(orbits: list[Ephemeris], when: np.datetime64, seconds: Reals) -> Reals:
-        week, tow_s = week_and_tow(when)
-        ecef_m = np.stack([satellite_state_s(o, week, tow_s + seconds).position_ecef_m for o in orbits], axis=1)
-        return np.asarray((ecef_m - base_ecef_m) @ rot.T)
-
     seen = []
     for when in times:
         orbits = _slots(when)
-        up = _units(sats_enu_m(orbits, when, np.array([0.5 * _LONGEST_S]))[0])[:, 2]
-        above = [orbit for orbit, sine in zip(orbits, up, strict=True) if sine > np.sin(np.radians(10.0))]
+        up = _units(_sats_enu_m(orbits, when, np.array([0.5 * _LONGEST_S]))[0])[:, 2]
+        above = tuple(orbit for orbit, sine in zip(orbits, up, strict=True) if sine > np.sin(np.radians(10.0)))
         seen += [(when, above)] if len(above) == SATS else []
-    made = []
-    for k in np.linspace(0, len(seen) - 1, GEOMETRIES).round().astype(int):
-        sat_enu_m = sats_enu_m(seen[k][1], seen[k][0], np.arange(_LONGEST_S + 1.0))
-        made.append(SatelliteTracks(sat_enu_m))
-    return tuple(made)
+    return tuple(seen[k] for k in np.linspace(0, len(seen) - 1, GEOMETRIES).round().astype(int))
+
+
+@lru_cache(maxsize=1)
+def geometries() -> tuple[SatelliteTracks, ...]:
+    """Where the satellites of the sixteen skies are; always the same."""
+    return tuple(SatelliteTracks(_sats_enu_m(orbits, when, np.arange(_LONGEST_S + 1.0))) for when, orbits in skies())
+
+
+def _sats_enu_m(orbits: Sequence[Ephemeris], when: np.datetime64, seconds: Reals) -> Reals:
+    week, tow_s = week_and_tow(when)
+    ecef_m = np.stack([satellite_state_s(o, week, tow_s + seconds).position_ecef_m for o in orbits], axis=1)
+    base_ecef_m, rot = ecef_from_geodetic(*BASE_GEODETIC), rot_enu_ecef(*BASE_GEODETIC[:2])
+    return np.asarray((ecef_m - base_ecef_m) @ rot.T)
 
 
 def _slots(when: np.datetime64) -> list[Ephemeris]:
@@ -197,7 +203,7 @@ def ranges_of(geometry: SatelliteTracks, receivers: tuple[str, ...], window_s: i
     base_m = np.linalg.norm(sat_enu_m, axis=-1)
     true_m = np.linalg.norm(sat_enu_m - places_m, axis=-1) - base_m
     shown_m = np.linalg.norm(sat_enu_m - MEACONER_ENU_M, axis=-1) - base_m
-    way_m = np.linalg.norm(places_m - MEACONER_ENU_M, axis=-1) + _DELAY_M
+    way_m = np.linalg.norm(places_m - MEACONER_ENU_M, axis=-1) + DELAY_M
     return np.stack([true_m, shown_m + way_m], axis=-1)
 
 

@@ -10,10 +10,13 @@ from datetime import date
 from importlib.metadata import version
 
 from skyproof.studies.base import COLUMNS, Claim, Row, Study, StudySettings
+from skyproof.studies.reached import measured_by
 
 __all__ = ["Checked", "check", "table"]
 
 NONE = "–"
+NOT_REACHED = "not reached"
+NOT_RUN = "not run"
 
 
 class Checked:
@@ -25,6 +28,7 @@ class Checked:
         self.reference = reference
         self.same = None if claim.same is None else float(claim.same(rows))
         self.better = None if claim.better is None else float(claim.better(rows))
+        self.protect = None if claim.protect is None else float(claim.protect(rows))
         aim = claim.paper if reference is None or isinstance(reference, str) else reference
         ours = self.better if self.same is None else self.same
         self.tolerance = float(claim.tolerance(rows)) if callable(claim.tolerance) else claim.tolerance
@@ -35,12 +39,23 @@ class Checked:
     def cells(self) -> tuple[str, ...]:
         """What stands in the columns of `studies.base.COLUMNS`, then the verdict."""
         claim = self.claim
-        values = (claim.paper, self.same, self.better, self.reference)
+        before = (claim.paper, self.same, self.better)
         if self.agrees is None:
             verdict = NONE
         else:
             verdict = f"{'within' if self.agrees else '**not** within'} {_written(self.tolerance, claim.digits)}"
-        return (*(_written(value, claim.digits) for value in values), verdict)
+        return (
+            *(_written(value, claim.digits) for value in before),
+            self._through(),
+            _written(self.reference, claim.digits),
+            verdict,
+        )
+
+    def _through(self) -> str:
+        """What a user gets. Rows of long windows are left out of quick counts."""
+        if self.protect is None:
+            return NONE if self.same is None and self.better is None else NOT_REACHED
+        return _written(self.protect, self.claim.digits) if math.isfinite(self.protect) else NOT_RUN
 
 
 def check(study: Study, rows: Sequence[Row]) -> list[Checked]:
@@ -76,7 +91,12 @@ def _lines(
     yield (
         "Every figure of the papers that a study makes again, and those that none can make, with the reason. *Ours, "
         "same method*: the paper's own, corrected where it has errors; *ours, better*: what is recommended instead; "
-        "*reference*: an independent check."
+        "*through protect*: what the command answers on the same ranges and errors; *reference*: an independent check."
+    )
+    yield ""
+    yield (
+        "The columns *ours* measure functions, which a command may not reach: each figure names those that none does. "
+        "What `protect` answers in the papers' own scenes, sample by sample, stands in [protection](protection.md)."
     )
     yield ""
     yield (
@@ -91,6 +111,7 @@ def _lines(
             paper = study.paper
             yield from ("", f"## {_cell(paper)}")
         yield from ("", f"### `{name}`: {_cell(study.title)}", "", f"{_cell(study.figure)}.".replace("..", "."))
+        yield from ("", _measured(study))
         if not study.claims:
             yield from ("", "No single figure to compare; the rows are the result.")
             continue
@@ -98,6 +119,17 @@ def _lines(
         yield from ("", _row("what", *COLUMNS, "agrees"), _row(*["---"] * (len(COLUMNS) + 2)))
         for one in checked:
             yield _row(one.claim.what, *one.cells())
+
+
+def _measured(study: Study) -> str:
+    """Which code a study's figures are of."""
+    found = measured_by(study.run)
+    parts = (
+        ("Measured and reached by commands", found.reached),
+        ("Measured, and no command reaches", found.not_reached),
+    )
+    words = [f"{head}: {', '.join(f'`{name}`' for name in names)}." for head, names in parts if names]
+    return " ".join(words) or "Measured: formulas of the study itself, and the scene."
 
 
 def _row(*cells: str) -> str:
