@@ -13,7 +13,7 @@ import pytest
 from skyproof.report.chart import Axes
 from skyproof.studies import studies
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
-from skyproof.studies.reached import measured_by
+from skyproof.studies.reached import measured_by, unreached
 from skyproof.studies.validation import check, table
 
 FOUND = studies()
@@ -144,6 +144,7 @@ def test_the_page_names_code_that_no_command_reaches() -> None:
     found = measured_by(FOUND["multi-receiver.distance"].run)
     assert "detectors.multi_receiver.group_choice.choose" in found.not_reached
     assert not found.reached
+    assert {"inverse_raim", "timing_only"} <= set(unreached()["detectors.dccaf.inverse_raim"])
     assert "detectors.dccaf.inverse_raim.inverse_raim" in measured_by(FOUND["inverse-raim.sets"].run).not_reached
     assert "decomposition.fit.count_test" in measured_by(FOUND["dccaf.count"].run).not_reached
     assert "decomposition.fit.decompose" in measured_by(FOUND["dccaf.separation"].run).reached

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import skyproof
 
-__all__ = ["Measured", "measured_by"]
+__all__ = ["Measured", "measured_by", "unreached"]
 
 _PACKAGE: Final = "skyproof"
 _METHODS: Final = ("decomposition", "detectors", "fusion", "navigation", "receiver", "recording")
@@ -45,17 +45,27 @@ def measured_by(run: Callable[..., Any]) -> Measured:
     graph, module = _graph(), run.__module__
     begin = [one for one in graph if one.module == module and run.__name__ in ("<lambda>", one.name)]
     inside = _closure(begin, lambda one: one.module.startswith(f"{_PACKAGE}.studies"))
-    found = {
-        target
-        for one in inside
-        for target in graph.get(one, ())
-        if target.module.split(".")[1] in _METHODS and target.name[0].islower()
-    }
+    found = {target for one in inside for target in graph.get(one, ()) if _is_method(target)}
     reached = _reached()
     return Measured(
         tuple(sorted(str(one) for one in found if one in reached)),
         tuple(sorted(str(one) for one in found if one not in reached)),
     )
+
+
+def unreached() -> dict[str, tuple[str, ...]]:
+    """Return public functions of the methods' rooms that no command but `study` reaches, by module."""
+    names = sorted(one for one in _graph().keys() - _reached() if _is_method(one) and not one.name.startswith("_"))
+    modules = dict.fromkeys(one.module for one in names)
+    return {
+        module.removeprefix(f"{_PACKAGE}."): tuple(one.name for one in names if one.module == module)
+        for module in modules
+    }
+
+
+def _is_method(one: _Name) -> bool:
+    parts = one.module.split(".")
+    return len(parts) > 1 and parts[1] in _METHODS and one.name[0].islower()
 
 
 @cache

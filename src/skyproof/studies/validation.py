@@ -10,7 +10,7 @@ from datetime import date
 from importlib.metadata import version
 
 from skyproof.studies.base import COLUMNS, Claim, Row, Study, StudySettings
-from skyproof.studies.reached import measured_by
+from skyproof.studies.reached import measured_by, unreached
 
 __all__ = ["Checked", "check", "table"]
 
@@ -119,6 +119,10 @@ def _lines(
         yield from ("", _row("what", *COLUMNS, "agrees"), _row(*["---"] * (len(COLUMNS) + 2)))
         for one in checked:
             yield _row(one.claim.what, *one.cells())
+    yield from ("", "## Functions that no command reaches", "")
+    yield "Public functions of the methods that only studies, tests or users' own code call, by module."
+    yield ""
+    yield from (f"- `{module}`: {', '.join(f'`{name}`' for name in names)}" for module, names in unreached().items())
 
 
 def _measured(study: Study) -> str:
