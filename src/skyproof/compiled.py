@@ -107,7 +107,7 @@ class _Account:
             self._spent_s = spent_s
         if spent_s >= self._report_s:
             self._report_s = spent_s + EVERY_S
-            LOG.warning("compiled %d kernels in %.0f s so far%s", self._count, spent_s, not_kept_words(lost_to))
+            LOG.warning("kernels compiled: %d, in %.0f s so far%s", self._count, spent_s, not_kept_words(lost_to))
 
 
 _ACCOUNT: Final = _Account()
