@@ -10,9 +10,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-import skyproof
-
-__all__ = ["Measured", "measured_by", "unreached"]
+__all__ = ["MeasuredCode", "measured_by", "unreached"]
 
 _PACKAGE: Final = "skyproof"
 _METHODS: Final = ("decomposition", "detectors", "fusion", "navigation", "receiver", "recording")
@@ -31,14 +29,14 @@ class _Name(NamedTuple):
         return f"{self.module.removeprefix(f'{_PACKAGE}.')}.{self.name}"
 
 
-class Measured(NamedTuple):
+class MeasuredCode(NamedTuple):
     """Functions and classes of the methods' rooms that a study calls, `room.module.name`, in order."""
 
     reached: tuple[str, ...]
     not_reached: tuple[str, ...]
 
 
-def measured_by(run: Callable[..., Any]) -> Measured:
+def measured_by(run: Callable[..., Any]) -> MeasuredCode:
     """Return what a study's `run` calls of the methods, by whether a command other than `study` reaches it too."""
     while isinstance(run, partial):
         run = run.func
@@ -47,7 +45,7 @@ def measured_by(run: Callable[..., Any]) -> Measured:
     inside = _closure(begin, lambda one: one.module.startswith(f"{_PACKAGE}.studies"))
     found = {target for one in inside for target in graph.get(one, ()) if _is_method(target)}
     reached = _reached()
-    return Measured(
+    return MeasuredCode(
         tuple(sorted(str(one) for one in found if one in reached)),
         tuple(sorted(str(one) for one in found if one not in reached)),
     )
@@ -92,7 +90,7 @@ def _closure(begin: Iterable[_Name], within: Callable[[_Name], bool]) -> set[_Na
 @cache
 def _graph() -> Mapping[_Name, frozenset[_Name]]:
     """Every name at the top of a module, and the names that it mentions."""
-    root = Path(skyproof.__file__).parent
+    root = Path(__file__).resolve().parents[1]
     trees = {_module_of(path, root): ast.parse(path.read_text(encoding="utf-8")) for path in sorted(root.rglob("*.py"))}
     known = {module: {_Name(module, name) for name, _ in _tops(tree)} for module, tree in trees.items()}
     imported = {module: dict(_imports(tree, trees)) for module, tree in trees.items()}

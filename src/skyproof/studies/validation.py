@@ -91,8 +91,8 @@ def _lines(
     yield (
         "Every figure of the papers that a study makes again, and those that none can make, with the reason. *Ours, "
         "same method*: the paper's own, corrected where it has errors; *ours, better*: what is recommended instead; "
-        "*through protect*: what the command answers on the same ranges and errors, in four of the skies; *reference*: an "
-        "independent check."
+        "*through protect*: what the command answers on the same ranges and errors, in four of the skies; *reference*: "
+        "an independent check."
     )
     yield ""
     yield (
