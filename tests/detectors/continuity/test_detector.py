@@ -9,7 +9,7 @@ from scipy import stats
 
 from skyproof.app.common.windows import cut
 from skyproof.detectors.continuity.detector import CN0_MAX_DBHZ, Continuity, ContinuitySettings, common_level_p_value
-from skyproof.detectors.continuity.steps import Limits, Step, jumps, p_values, series_of
+from skyproof.detectors.continuity.steps import Limits, Step, jumps, p_values, series_of, sides_of
 from skyproof.detectors.continuity.untested import explain_few_epochs, explain_no_set, explain_no_step
 from skyproof.detectors.continuity.words import step_words
 from skyproof.errors import SettingsError
@@ -229,9 +229,10 @@ def draws_of_jumps(n, limits):
     for _ in range(n):
         records = scene.records(rng)
         series = series_of(records.observations[0], records.navigation, records.sets[0].position_ecef_m, limits)
-        jump, rate, usable = jumps(series, row, limits)
+        sides = sides_of(series, row, limits)
+        jump, rate, usable = jumps(sides)
         assert usable.all()
-        chances.append(p_values(series, row, jump, rate, np.zeros(1), limits)[0])
+        chances.append(p_values(sides, jump, rate, np.zeros(1), limits)[0])
     return np.array(chances)
 
 

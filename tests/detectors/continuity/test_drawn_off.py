@@ -90,7 +90,7 @@ def test_two_steps_are_no_motion_even_where_no_step_is_looked_for():
     east = series.unit @ np.array([0.05, 0.999, 0.0])
     for stepped, moved_m in ((True, 30.0 * (since_s > 2.0) + 30.0 * (since_s > 8.0)), (False, 6.0 * since_s)):
         drawn = replace(series, offset_m=series.offset_m - moved_m[:, None] * east)
-        motion = drawn_off_of(o, drawn, multipath_sigma_m=1.0, alpha=1e-4)
+        motion = drawn_off_of([(o, drawn)], multipath_sigma_m=1.0, alpha=1e-4)[0]
         assert motion is not None
         assert motion.p_value < 1e-6
         assert motion.whole_sky_p_value == 1.0 if stepped else motion.whole_sky_p_value < 1e-6
@@ -106,7 +106,7 @@ def test_the_p_value_is_uniform_where_multipath_changes_as_stated():
     for _ in range(400):
         before_m, after_m = rng.normal(0.0, 1.0, (2, series.unit.shape[1]))
         one = replace(exact, offset_m=np.where(half, before_m, after_m))
-        motion = drawn_off_of(o, one, multipath_sigma_m=1.0, alpha=0.0)
+        motion = drawn_off_of([(o, one)], multipath_sigma_m=1.0, alpha=0.0)[0]
         assert motion is not None
         found.append(motion.p_value)
     chances = np.array(found)

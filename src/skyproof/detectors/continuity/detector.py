@@ -21,6 +21,7 @@ stronger than the satellites send and the best antennas receive it (`CN0_MAX_DBH
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,14 +32,13 @@ from skyproof.detectors.continuity.drawn_off import SPANS_S, drawn_off_of
 from skyproof.detectors.continuity.one_sky import (
     MIN_SATELLITES,
     Transmission,
-    columns_of,
     followed_by,
     groups_of,
     one_signal_a_transmission,
     rows_of,
 )
 from skyproof.detectors.continuity.standing import moved_of
-from skyproof.detectors.continuity.steps import Limits, Series, Step, largest_step, series_of
+from skyproof.detectors.continuity.steps import Limits, Series, Step, largest_steps, series_of_groups
 from skyproof.detectors.continuity.untested import (
     LEAST_EPOCHS,
     explain_few_epochs,
@@ -67,6 +67,7 @@ from skyproof.records import (
     SignalRef,
 )
 from skyproof.statistics.distributions import normal_two_sided
+from skyproof.statistics.medians import medians
 
 __all__ = ["CN0_MAX_DBHZ", "Continuity", "ContinuitySettings", "common_level_p_value"]
 
@@ -279,8 +280,7 @@ class _Window:
 
     def _groups(self, stretch: Observations, place_ecef_m: Reals) -> list[tuple[Observations, Series]]:
         """The kinds of signals that may step alone, each with its series."""
-        own = [columns_of(stretch, columns) for columns in groups_of(stretch)]
-        return [(o, series_of(o, self.navigation, place_ecef_m, self.limits)) for o in own if o.gpst.size > 2]
+        return series_of_groups(stretch, groups_of(stretch), self.navigation, place_ecef_m, self.limits)
 
     def _steps(
         self, look: _Look, groups: Sequence[tuple[Observations, Series]]
@@ -289,9 +289,9 @@ class _Window:
         stretch = look.stretch
         since_s = stretch.elapsed_s[min(look.new, stretch.gpst.size - 1)] - self.limits.span_s
         found: list[tuple[frozenset[Kind], Step]] = []
-        for own, series in groups:
-            rows = np.flatnonzero(own.elapsed_s > since_s)
-            step = largest_step(series, rows, self.limits, alpha=self.alpha / len(groups))
+        rows = [(series, np.flatnonzero(own.elapsed_s > since_s)) for own, series in groups]
+        steps = largest_steps(rows, self.limits, alpha=self.alpha / max(len(groups), 1))
+        for (own, _), step in zip(groups, steps, strict=True):
             if step is not None:
                 row = int(np.searchsorted(stretch.elapsed_s, own.elapsed_s[step.row]))
                 step = replace(step, row=row, p_value=min(1.0, len(groups) * step.p_value))
@@ -311,9 +311,7 @@ class _Window:
     def _drawn_off(self, groups: Sequence[tuple[Observations, Series]]) -> SkyMotion | None:
         """The least likely motion that the codes of any group of kinds show, and not the carriers."""
         alpha, multipath_m = self.alpha / max(len(groups), 1), self.settings.multipath_sigma_m
-        return least_likely(
-            drawn_off_of(own, series, multipath_sigma_m=multipath_m, alpha=alpha) for own, series in groups
-        )
+        return least_likely(drawn_off_of(groups, multipath_sigma_m=multipath_m, alpha=alpha))
 
     def _goes_on(self, look: _Look) -> list[Evidence]:
         """Of the kinds of signals that broke, by what broke them, and of the others."""
@@ -444,7 +442,9 @@ class _Window:
     def _subject(self, look: _Look) -> tuple[SignalRef, ...]:
         measured = np.isfinite(self.o.pseudorange_m).any(axis=0)
         there = {self.o.signals[k] for k in np.flatnonzero(measured)}
-        chosen = sorted((set(look.members) | set(look.sources.values())) & there)
+        chosen = sorted(
+            (set(look.members) | set(look.sources.values())) & there, key=attrgetter("sat", "band", "code", "copy")
+        )
         return tuple(SignalRef(self.o.receiver, signal) for signal in chosen)
 
     def _remembered(self, look: _Look) -> _Past:
@@ -476,10 +476,11 @@ class _Window:
         level_db, known = look.stretch.cn0_dbhz, np.isfinite(look.stretch.cn0_dbhz)
         both: Booleans = np.asarray(known[: look.new].any(axis=0) & known[look.new :].any(axis=0))
         groups = [columns[both[columns]] for columns in groups_of(look.stretch)]
+        before_db, after_db = (medians(part) for part in np.split(level_db, [look.new]))
         found: list[tuple[float, float]] = []
         for own in groups:
             if own.size >= MIN_SATELLITES:
-                before, after = (np.nanmedian(part[:, own], axis=0) for part in np.split(level_db, [look.new]))
+                before, after = before_db[own], after_db[own]
                 p = common_level_p_value(after - before, self.settings.fading_db)
                 found.append((min(1.0, len(groups) * p), float(np.mean(after - before))))
         if not found:
@@ -513,7 +514,7 @@ class _Window:
         if not enough.any():
             return None
         level = np.full(known.shape[1], -np.inf)
-        level[enough] = np.nanmedian(self.o.cn0_dbhz[:, enough], axis=0)
+        level[enough] = medians(self.o.cn0_dbhz[:, enough])
         others_db = [0.0 if s.kind == ("G", "L1", "CA") else _OTHERS_DB for s in self.o.signals]
         loud = np.flatnonzero(level > CN0_MAX_DBHZ + 1.0 + np.array(others_db))
         if loud.size == 0:

@@ -16,13 +16,14 @@ see the moment, it is in one of the span's thirds or between two: a motion that 
 some satellites.
 """
 
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Indices, Reals
 from skyproof.detectors.continuity.steps import Series, fitted_jump
-from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely, motion_of
+from skyproof.detectors.continuity.whole_sky import SkyChange, SkyMotion, least_likely, motions_of
 from skyproof.records import Observations
 
 __all__ = ["SPANS_S", "drawn_off_of"]
@@ -34,53 +35,82 @@ _IONOSPHERE_M_S: Final = 0.06  # by which it parts code from carrier of one sate
 _SURE: Final = 3.1  # sigmas of a third of the motion along the whole: a chance of 0.001
 
 
-def drawn_off_of(o: Observations, series: Series, *, multipath_sigma_m: float, alpha: float) -> SkyMotion | None:
-    """The least likely one of those over `SPANS_S` up to the last epoch.
+def drawn_off_of(
+    groups: Sequence[tuple[Observations, Series]], *, multipath_sigma_m: float, alpha: float
+) -> list[SkyMotion | None]:
+    """Of each group of signals the least likely motion of those over `SPANS_S` up to the last epoch.
 
-    o : one signal a transmission, and `series` of it (`steps.series_of`). alpha : as of `whole_sky.motion_of`. P-values
-    are those of all spans together: bounds. None where fewer than five satellites reach over a span.
+    groups : observations of one signal a transmission, and their series (`steps.series_of`). alpha : as of
+    `whole_sky.motions_of`. P-values are those of all spans together: bounds. None where fewer than five satellites
+    reach over a span.
     """
-    sats, found = np.array([signal.sat for signal in o.signals]), list[SkyMotion | None]()
-    for span_s in SPANS_S:
-        quarters = _quarters(series, span_s)
-        if quarters is None:
-            continue
-        mean_m, mean_m2, time_s = quarters
-        slow_m2 = multipath_sigma_m**2 + 0.5 * (_IONOSPHERE_M_S * time_s) ** 2
-        variance_m2 = mean_m2 + slow_m2
-        both_m2 = variance_m2[0] + variance_m2[-1]
-        change_m, unit = mean_m[-1] - mean_m[0], series.unit[-1]
-        motion = motion_of(sats, unit, change_m, both_m2, time_s, alpha=alpha / len(SPANS_S))
-        if motion is not None and motion.whole_sky_p_value < 1.0 and not _goes_on(unit, mean_m, variance_m2):
+    spans = [
+        (number, o, series, quarters)
+        for number, (o, series) in enumerate(groups)
+        for span_s in SPANS_S
+        if (quarters := _quarters(series, span_s, multipath_sigma_m)) is not None
+    ]
+    changes = [
+        SkyChange(
+            np.array([signal.sat for signal in o.signals]),
+            series.unit[-1],
+            quarters.mean_m[-1] - quarters.mean_m[0],
+            quarters.variance_m2[0] + quarters.variance_m2[-1],
+            quarters.time_s,
+        )
+        for _, o, series, quarters in spans
+    ]
+    found: list[list[SkyMotion | None]] = [[] for _ in groups]
+    for (number, _, series, quarters), motion in zip(
+        spans, motions_of(changes, alpha=alpha / len(SPANS_S)), strict=True
+    ):
+        if (
+            motion is not None
+            and motion.whole_sky_p_value < 1.0
+            and not _goes_on(series.unit[-1], quarters.mean_m, quarters.variance_m2)
+        ):
             motion = motion._replace(whole_sky_p_value=1.0)
-        found.append(motion)
-    return least_likely(found)
+        found[number].append(motion)
+    return [least_likely(own) for own in found]
 
 
-def _quarters(series: Series, span_s: float) -> tuple[Reals, Reals, float] | None:
-    """(4, m) means over the quarters of a span, their variance by noise and bridges, and the time from the first to the
-    last; None where the span is not there, or a break of all lies in it."""
+class _Quarters(NamedTuple):
+    """mean_m, variance_m2 (4, m) over the quarters of a span, and the time from the first to the last."""
+
+    mean_m: Reals
+    variance_m2: Reals
+    time_s: float
+
+
+def _quarters(series: Series, span_s: float, multipath_sigma_m: float) -> _Quarters | None:
+    """Means over the quarters of a span, their variance by noise, bridges, multipath and ionosphere; None where the
+    span is not there, or a break of all lies in it."""
     t = series.elapsed_s
     first = int(np.searchsorted(t, t[-1] - span_s - 1e-6))
     if t[-1] - t[first] < (1.0 - _LATE) * span_s or series.divides[first + 1 :].any():
         return None
     edges = np.searchsorted(t, np.linspace(t[first], t[-1], _QUARTERS + 1)[1:-1])
-    parts = [slice(a, b) for a, b in zip((first, *edges), (*edges, t.size), strict=True)]
-    if any(part.stop <= part.start for part in parts):
+    starts = np.array([first, *edges])
+    if np.any(np.diff([*starts, t.size]) <= 0):
         return None
-    means, variances = zip(*(_mean(series, part) for part in parts), strict=True)
+    mean_m, mean_m2 = _means(series, starts)
     bridged_m2 = 0.5 * (series.bridge_m2[-1] - series.bridge_m2[first])
-    return np.array(means), np.array(variances) + bridged_m2, float(t[parts[-1]].mean() - t[parts[0]].mean())
+    time_s = float(t[starts[-1] :].mean() - t[first : starts[1]].mean())
+    slow_m2 = multipath_sigma_m**2 + 0.5 * (_IONOSPHERE_M_S * time_s) ** 2
+    return _Quarters(mean_m, mean_m2 + bridged_m2 + slow_m2, time_s)
 
 
-def _mean(series: Series, rows: slice) -> tuple[Reals, Reals]:
-    """(m,) of offsets by their noise, and its variance; NaN where there are none."""
-    offset_m, variance_m2 = series.offset_m[rows], series.variance_m2[rows]
+def _means(series: Series, starts: Indices) -> tuple[Reals, Reals]:
+    """(q, m) means of offsets by their noise from each of `starts` to the next one, and their variance; NaN where there
+    are none."""
+    first = int(starts[0])
+    offset_m, variance_m2 = series.offset_m[first:], series.variance_m2[first:]
     known = np.isfinite(offset_m) & (variance_m2 > 0.0)
     weight = np.where(known, 1.0 / np.where(known, variance_m2, 1.0), 0.0)
-    total = weight.sum(axis=0)
+    total = np.add.reduceat(weight, starts - first, axis=0)
     there = np.where(total > 0.0, total, np.nan)
-    return np.sum(weight * np.where(known, offset_m, 0.0), axis=0) / there, 1.0 / there
+    sums = np.add.reduceat(weight * np.where(known, offset_m, 0.0), starts - first, axis=0)
+    return sums / there, 1.0 / there
 
 
 def _goes_on(unit: Reals, mean_m: Reals, variance_m2: Reals) -> bool:

@@ -18,13 +18,14 @@ the platform may have accelerated, and the oscillator drifted, unseen: the jump 
 explains, which errs to the safe side.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Integers, Reals
-from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
+from skyproof.detectors.continuity.one_sky import MIN_SATELLITES, columns_of
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.fix import range_rates
@@ -34,19 +35,23 @@ from skyproof.navigation.ranges import corrected_ranges
 from skyproof.navigation.window import fill_gaps
 from skyproof.records import CellStatus, NavigationData, Observations
 from skyproof.statistics.distributions import chi_square_survival, f_survival
+from skyproof.statistics.medians import medians
 
 __all__ = [
     "KINDS",
     "Jump",
     "Limits",
     "Series",
+    "Sides",
     "Step",
     "chance",
     "fitted_jump",
     "jumps",
-    "largest_step",
+    "largest_steps",
     "p_values",
     "series_of",
+    "series_of_groups",
+    "sides_of",
 ]
 
 KINDS = ("position", "clock", "velocity", "rate")
@@ -132,6 +137,29 @@ class Jump(NamedTuple):
     misfit: Reals
     dof: Integers
 
+    def take(self, rows: Booleans | Indices) -> "Jump":
+        return Jump(self.jump[rows], self.covariance[rows], self.misfit[rows], self.dof[rows])
+
+
+class _Columns(NamedTuple):
+    """What holds for each signal by itself: `Series` with the steps of the receiver's clock, (n, m), and its breaks.
+
+    there : where it was measured. broke : where its carrier does not go on.
+    """
+
+    offset_m: Reals
+    variance_m2: Reals
+    move_m: Reals
+    bridge_m2: Reals
+    rate_m_s: Reals
+    rate_m2_s2: Reals
+    unit: Reals
+    there: Booleans
+    broke: Booleans
+
+    def take(self, columns: Indices) -> "_Columns":
+        return _Columns(*(np.asarray(getattr(self, name))[:, columns] for name in self._fields))
+
 
 def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, limits: Limits) -> Series:
     """The series of observations with one signal per satellite. `place_ecef_m` (3,) need be right to a few kilometres.
@@ -139,6 +167,28 @@ def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, 
     Gaps of a signal beside others are bridged by its Dopplers on both sides, with the variance that the largest
     acceleration gives.
     """
+    return _series(o.elapsed_s, _columns_of(o, navigation, place_ecef_m, limits))
+
+
+def series_of_groups(
+    o: Observations, groups: Sequence[Indices], navigation: NavigationData, place_ecef_m: Reals, limits: Limits
+) -> list[tuple[Observations, Series]]:
+    """Of each group of columns its observations (`one_sky.columns_of`) and their series; none of two epochs or fewer.
+
+    What holds for each signal by itself is found once for all.
+    """
+    whole = _columns_of(o, navigation, place_ecef_m, limits)
+    found = []
+    for columns in groups:
+        own = columns_of(o, columns)
+        if own.gpst.size == o.gpst.size:
+            found.append((own, _series(o.elapsed_s, whole.take(columns))))
+        elif own.gpst.size > 2:
+            found.append((own, series_of(own, navigation, place_ecef_m, limits)))
+    return found
+
+
+def _columns_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, limits: Limits) -> _Columns:
     wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
     ranges = corrected_ranges(o.signals, o.gpst, o.pseudorange_m, navigation)
     turned, unit, distance_m = line_of_sight(ranges.satellite_ecef_m, place_ecef_m)
@@ -159,62 +209,151 @@ def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, 
     alone_s = np.where(unseen_s > dt_s, unseen_s, 0.0)
     bridge_m2 = 0.25 * dt_s**2 * (rate_m2[1:] + rate_m2[:-1]) + (0.25 * limits.acceleration_m_s2 * alone_s**2) ** 2
     move_m = _summed(np.where(whole, by_carrier, by_doppler))
-    broke = _broke_at_once(np.vstack((np.zeros((1, there.shape[1]), np.bool_), ~whole & there[1:])), there)
-    gap = np.concatenate(([False], dt_s[:, 0] > _GAP * np.median(dt_s)))
-    return Series(
-        elapsed_s=o.elapsed_s,
-        offset_m=_unsteered(level_m - move_m),
+    return _Columns(
+        offset_m=level_m - move_m,
         variance_m2=o.pseudorange_sigma_m**2,
         move_m=move_m,
         bridge_m2=_summed(np.where(whole, 0.0, np.nan_to_num(bridge_m2))),
         rate_m_s=rates.measured_m_s,
         rate_m2_s2=rates.sigma_m_s**2,
-        divides=broke | gap,
-        broke=broke,
         unit=unit,
+        there=there,
+        broke=np.vstack((np.zeros((1, there.shape[1]), np.bool_), ~whole & there[1:])),
     )
 
 
-def largest_step(series: Series, rows: Indices, limits: Limits, *, alpha: float) -> Step | None:
-    """The step that is least likely by chance, of all before `rows`; None where no epoch has five satellites on both
-    sides.
+def _series(elapsed_s: Reals, columns: _Columns) -> Series:
+    """The series of signals that are looked at together."""
+    broke = _broke_at_once(columns.broke, columns.there)
+    dt_s = np.diff(elapsed_s)
+    gap = np.concatenate(([False], dt_s > _GAP * np.median(dt_s)))
+    return Series(
+        elapsed_s=elapsed_s,
+        offset_m=_unsteered(columns.offset_m),
+        variance_m2=columns.variance_m2,
+        move_m=columns.move_m,
+        bridge_m2=columns.bridge_m2,
+        rate_m_s=columns.rate_m_s,
+        rate_m2_s2=columns.rate_m2_s2,
+        divides=broke | gap,
+        broke=broke,
+        unit=columns.unit,
+    )
+
+
+def largest_steps(groups: Sequence[tuple[Series, Indices]], limits: Limits, *, alpha: float) -> list[Step | None]:
+    """Of each series the step that is least likely by chance, of all before its `rows`; None where no epoch has five
+    satellites on both sides.
 
     A step ahead of time where all carriers break is what missing samples make; it counts neither as a step of the
     clock nor, with the motion of that time, of the position, and is reported in `missing_s` if no other step fails.
     """
-    rows = rows[(rows > 0) & (rows < series.elapsed_s.size)]
-    if rows.size == 0:
-        return None
-    jump, rate, usable = jumps(series, rows, limits)
-    if not usable.any():
-        return None
-    rows, jump, rate = rows[usable], _taken(jump, usable), _taken(rate, usable)
-    missing_s = _missing(series, rows, jump, limits, alpha / rows.size)
-    chances = p_values(series, rows, jump, rate, missing_s, limits)
-    together = np.minimum(1.0, chances.size * chances)
-    best = _to_name(together.min(axis=1), jump, missing_s, alpha)
-    k, gap_s = int(rows[best]), float(series.elapsed_s[rows[best]] - series.elapsed_s[rows[best] - 1])
-    return Step(
-        row=k,
-        p_value=float(together[best].min()),
-        kinds=tuple(kind for kind, p in zip(KINDS, together[best], strict=True) if p < alpha),
-        position_m=float(np.linalg.norm(jump.jump[best, :3])),
-        clock_s=float(jump.jump[best, 3]) / SPEED_OF_LIGHT_M_S,
-        speed_m_s=float(np.linalg.norm(rate.jump[best, :3])),
-        rate=float(rate.jump[best, 3]) / SPEED_OF_LIGHT_M_S,
-        broke=bool(series.broke[k]),
-        outage_s=gap_s if gap_s > _GAP * _usual(series) else 0.0,
-        missing_s=float(missing_s[best]),
-        statistic=float(_quadratic(jump.jump[[best]], jump.covariance[[best]])[0]),
+    inner = [rows[(rows > 0) & (rows < series.elapsed_s.size)] for series, rows in groups]
+    parts = [sides_of(series, rows, limits) for (series, _), rows in zip(groups, inner, strict=True) if rows.size]
+    if not parts:
+        return [None] * len(groups)
+    sides, group = _side_by_side(parts), np.repeat(np.arange(len(groups)), [rows.size for rows in inner])
+    jump, rate, usable = jumps(sides)
+    sides, group, rows = sides.take(usable), group[usable], np.concatenate(inner)[usable]
+    jump, rate = jump.take(usable), rate.take(usable)
+    count = np.bincount(group, minlength=len(groups))[group]
+    missing_s = _missing(sides, jump, limits, alpha / count)
+    chances = p_values(sides, jump, rate, missing_s, limits)
+    together = np.minimum(1.0, (chances.shape[1] * count)[:, None] * chances)
+    steps: list[Step | None] = []
+    for number, (series, _) in enumerate(groups):
+        own = np.flatnonzero(group == number)
+        if own.size == 0:
+            steps.append(None)
+            continue
+        best = int(own[_to_name(together[own].min(axis=1), jump.take(own), missing_s[own], alpha)])
+        gap_s = float(sides.gap_s[best])
+        steps.append(
+            Step(
+                row=int(rows[best]),
+                p_value=float(together[best].min()),
+                kinds=tuple(kind for kind, p in zip(KINDS, together[best], strict=True) if p < alpha),
+                position_m=float(np.linalg.norm(jump.jump[best, :3])),
+                clock_s=float(jump.jump[best, 3]) / SPEED_OF_LIGHT_M_S,
+                speed_m_s=float(np.linalg.norm(rate.jump[best, :3])),
+                rate=float(rate.jump[best, 3]) / SPEED_OF_LIGHT_M_S,
+                broke=bool(sides.broke[best]),
+                outage_s=gap_s if gap_s > _GAP * _usual(series) else 0.0,
+                missing_s=float(missing_s[best]),
+                statistic=float(_quadratic(jump.jump[[best]], jump.covariance[[best]])[0]),
+            )
+        )
+    return steps
+
+
+class Sides(NamedTuple):
+    """What lies on the two sides of K epochs of a series: (K, m), but for unit (K, m, 3) and what is of the epoch (K,).
+
+    level, rate : the contrasts of offsets and of rates, and their variances. before, after : the rates at the epochs
+    next to it, and their variances. gap_s : between those. divides, broke : as of `Series`.
+    """
+
+    level_m: Reals
+    level_m2: Reals
+    rate_m_s: Reals
+    rate_m2_s2: Reals
+    before_m_s: Reals
+    before_m2_s2: Reals
+    after_m_s: Reals
+    after_m2_s2: Reals
+    unit: Reals
+    gap_s: Reals
+    divides: Booleans
+    broke: Booleans
+
+    def take(self, rows: Booleans | Indices) -> "Sides":
+        return Sides(*(np.asarray(getattr(self, name))[rows] for name in self._fields))
+
+
+def sides_of(series: Series, rows: Indices, limits: Limits) -> Sides:
+    """What lies on the two sides of each of `rows` (K,), the first epochs after them."""
+    level_m, level_m2 = _contrast(series, series.offset_m, series.variance_m2, rows, limits.span_s)
+    bridged_m2 = _between(series, rows, limits.span_s)
+    rate, rate_m2 = _contrast(series, series.rate_m_s, series.rate_m2_s2, rows, 0.0)  # one epoch: speeds change
+    return Sides(
+        level_m=level_m,
+        level_m2=level_m2 + bridged_m2 + 2.0 * limits.multipath_sigma_m**2,
+        rate_m_s=rate,
+        rate_m2_s2=rate_m2,
+        before_m_s=series.rate_m_s[rows - 1],
+        before_m2_s2=series.rate_m2_s2[rows - 1],
+        after_m_s=series.rate_m_s[rows],
+        after_m2_s2=series.rate_m2_s2[rows],
+        unit=_unit_at(series, rows),
+        gap_s=series.elapsed_s[rows] - series.elapsed_s[rows - 1],
+        divides=series.divides[rows],
+        broke=series.broke[rows],
     )
 
 
-def p_values(series: Series, rows: Indices, jump: Jump, rate: Jump, missing_s: Reals, limits: Limits) -> Reals:
+def _side_by_side(parts: Sequence[Sides]) -> Sides:
+    """Those of several series as one; where a series has fewer signals the others are NaN, which no fit uses."""
+    most = max(part.level_m.shape[1] for part in parts)
+
+    def stacked(name: str) -> Any:
+        arrays = [getattr(part, name) for part in parts]
+        if arrays[0].ndim == 1:
+            return np.concatenate(arrays)
+        shape = sum(len(array) for array in arrays), most, *arrays[0].shape[2:]
+        whole, first = np.full(shape, np.nan), 0
+        for array in arrays:
+            whole[first : first + len(array), : array.shape[1]] = array
+            first += len(array)
+        return whole
+
+    return Sides(*map(stacked, Sides._fields))
+
+
+def p_values(sides: Sides, jump: Jump, rate: Jump, missing_s: Reals, limits: Limits) -> Reals:
     """(K, 4) of "goes on", by `KINDS`."""
-    gap_s = series.elapsed_s[rows] - series.elapsed_s[rows - 1]
-    unseen_s = np.where(series.divides[rows], gap_s, 0.0) + missing_s
-    apart_s = gap_s + missing_s
-    moved_m = jump.jump[:, :3] - _velocity(series, rows) * missing_s[:, None]
+    unseen_s = np.where(sides.divides, sides.gap_s, 0.0) + missing_s
+    apart_s = sides.gap_s + missing_s
+    moved_m = jump.jump[:, :3] - _velocity(sides) * missing_s[:, None] if missing_s.any() else jump.jump[:, :3]
     slack_m = np.minimum(0.25 * limits.acceleration_m_s2 * unseen_s, 2.0 * limits.speed_m_s) * unseen_s
     clock_m = _clock_slack_m(unseen_s, limits)
     stepped_m = np.where(missing_s > 0.0, 0.0, jump.jump[:, 3])
@@ -230,14 +369,14 @@ def p_values(series: Series, rows: Indices, jump: Jump, rate: Jump, missing_s: R
     )
 
 
-def _missing(series: Series, rows: Indices, jump: Jump, limits: Limits, alpha: float) -> Reals:
+def _missing(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> Reals:
     """(K,) time that the signals are ahead by where all carriers break, if noise and oscillator do not show it; else
-    zero."""
+    zero. alpha : (K,)."""
     ahead_m = -jump.jump[:, 3]
-    beyond_m = ahead_m - _clock_slack_m(series.elapsed_s[rows] - series.elapsed_s[rows - 1], limits)
+    beyond_m = ahead_m - _clock_slack_m(sides.gap_s, limits)
     with np.errstate(invalid="ignore"):
         real = (beyond_m > 0.0) & (chi_square_survival(beyond_m**2 / jump.covariance[:, 3, 3], 1) < alpha)
-    return np.where(series.broke[rows] & real, ahead_m / SPEED_OF_LIGHT_M_S, 0.0)
+    return np.where(sides.broke & real, ahead_m / SPEED_OF_LIGHT_M_S, 0.0)
 
 
 def _clock_slack_m(unseen_s: Reals, limits: Limits) -> Reals:
@@ -263,15 +402,11 @@ def chance(jump: Reals, covariance: Reals, slack: Reals, fitted: Jump) -> Reals:
     return np.where(np.isfinite(p) & (fitted.dof > 0), p, 1.0)
 
 
-def jumps(series: Series, rows: Indices, limits: Limits) -> tuple[Jump, Jump, Booleans]:
+def jumps(sides: Sides) -> tuple[Jump, Jump, Booleans]:
     """Jumps of position and clock, and of velocity and rate, before each row; and where there are enough satellites."""
-    level, level_m2 = _contrast(series, series.offset_m, series.variance_m2, rows, limits.span_s)
-    bridged = _between(series, rows, limits.span_s)
-    total = level_m2 + bridged + 2.0 * limits.multipath_sigma_m**2
-    rate, rate_m2 = _contrast(series, series.rate_m_s, series.rate_m2_s2, rows, 0.0)  # one epoch: speeds change
-    unit = _unit_at(series, rows)
-    usable = np.isfinite(level).sum(axis=1) >= MIN_SATELLITES
-    return fitted_jump(unit, level, total), fitted_jump(unit, rate, rate_m2), usable
+    usable = np.isfinite(sides.level_m).sum(axis=1) >= MIN_SATELLITES
+    level = fitted_jump(sides.unit, sides.level_m, sides.level_m2)
+    return level, fitted_jump(sides.unit, sides.rate_m_s, sides.rate_m2_s2), usable
 
 
 def fitted_jump(unit: Reals, difference: Reals, variance: Reals) -> Jump:
@@ -344,17 +479,17 @@ def _unit_at(series: Series, rows: Indices) -> Reals:
     return np.asarray(series.unit[nearest, np.arange(known.shape[1])[None]])
 
 
-def _velocity(series: Series, rows: Indices) -> Reals:
+def _velocity(sides: Sides) -> Reals:
     """(K, 3) mean of the velocities just before and after, zero where Dopplers do not give it."""
-    unit, found = _unit_at(series, rows), []
-    for near in (rows - 1, rows):
-        sigma = np.sqrt(series.rate_m2_s2[near])
-        known = np.isfinite(series.rate_m_s[near]) & np.isfinite(sigma)
+    found = []
+    for rate_m_s, rate_m2_s2 in ((sides.before_m_s, sides.before_m2_s2), (sides.after_m_s, sides.after_m2_s2)):
+        sigma = np.sqrt(rate_m2_s2)
+        known = np.isfinite(rate_m_s) & np.isfinite(sigma)
         weight = np.where(known, 1.0 / np.where(known, sigma, 1.0) ** 2, 0.0)
-        design = np.nan_to_num(design_matrix(unit))
+        design = np.nan_to_num(design_matrix(sides.unit))
         weighted = np.swapaxes(design, -1, -2) * weight[:, None, :]
         with np.errstate(invalid="ignore", divide="ignore"):
-            solved = spd_inverse(weighted @ design) @ (weighted @ np.nan_to_num(series.rate_m_s[near])[..., None])
+            solved = spd_inverse(weighted @ design) @ (weighted @ np.nan_to_num(rate_m_s)[..., None])
         found.append(np.nan_to_num(solved[:, :3, 0]))
     return np.asarray(0.5 * (found[0] + found[1]))
 
@@ -384,7 +519,7 @@ def _to_name(least: Reals, jump: Jump, missing_s: Reals, alpha: float) -> int:
 def _unsteered(offset_m: Reals) -> Reals:
     """Offsets without the steps of a millisecond by which receivers keep their clocks near GPS time."""
     step_m = np.diff(offset_m, axis=0)
-    common_m = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in step_m])
+    common_m = np.nan_to_num(medians(step_m, axis=1))
     whole = np.rint(common_m / _STEERED_M)
     steered = (np.abs(whole) == 1.0) & (np.abs(common_m - whole * _STEERED_M) < _STEERED_WITHIN_M)
     return np.asarray(offset_m - _STEERED_M * _summed(np.where(steered, whole, 0.0)[:, None]))
@@ -397,10 +532,6 @@ def _usual(series: Series) -> float:
 def _quadratic(jump: Reals, covariance: Reals) -> Reals:
     """(K,) squared length of jumps (K, d) in the metric of their covariance."""
     return np.asarray(np.einsum("...i,...ij,...j->...", jump, spd_inverse(covariance), jump))
-
-
-def _taken(jump: Jump, rows: Booleans) -> Jump:
-    return Jump(jump.jump[rows], jump.covariance[rows], jump.misfit[rows], jump.dof[rows])
 
 
 def _summed(steps: Reals) -> Reals:

@@ -14,7 +14,7 @@ Between houses all ranges err by many times what is stated, and without the sate
 motion.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import combinations
 from typing import Final, NamedTuple
 
@@ -26,7 +26,7 @@ from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
 from skyproof.detectors.continuity.steps import Jump, chance, fitted_jump
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["SkyMotion", "least_likely", "motion_of"]
+__all__ = ["SkyChange", "SkyMotion", "least_likely", "motion_of", "motions_of"]
 
 _LEFT_OUT: Final = 2
 _MISFIT: Final = 0.01  # chance of residuals at which errors no longer count as stated
@@ -57,26 +57,55 @@ def least_likely(motions: Iterable[SkyMotion | None]) -> SkyMotion | None:
     )
 
 
+class SkyChange(NamedTuple):
+    """Changes (m,) within a time with their variance (m,) and directions (m, 3).
+
+    sats : (m,) whose they are; of one satellite there may be several.
+    """
+
+    sats: NDArray[np.str_]
+    unit: Reals
+    change: Reals
+    variance: Reals
+    time_s: float
+
+
 def motion_of(
     sats: NDArray[np.str_], unit: Reals, change: Reals, variance: Reals, time_s: float, *, alpha: float
 ) -> SkyMotion | None:
-    """Of changes (m,) within a time with their variance (m,) and directions (m, 3); None with fewer than five changes.
+    """Of one `SkyChange`, as `motions_of`."""
+    return motions_of([SkyChange(sats, unit, change, variance, time_s)], alpha=alpha)[0]
 
-    sats : (m,) whose they are; of one satellite there may be several. alpha : where the p-value is above it, none is
-    left out to see what the others show.
+
+def motions_of(changes: Sequence[SkyChange], *, alpha: float) -> list[SkyMotion | None]:
+    """The motion that each of several changes shows; None with fewer than five of them.
+
+    alpha : where the p-value is above it, none is left out to see what the others show.
     """
-    fitted = fitted_jump(unit[None], change[None], variance[None])
+    if not changes:
+        return []
+    shape = len(changes), max(one.change.size for one in changes)
+    unit, change, variance = np.full((*shape, 3), np.nan), np.full(shape, np.nan), np.full(shape, np.nan)
+    for row, one in enumerate(changes):
+        own = slice(one.change.size)
+        unit[row, own], change[row, own], variance[row, own] = one.unit, one.change, one.variance
+    fitted = fitted_jump(unit, change, variance)
+    p_values = _p_values(fitted)
+    return [_motion(one, fitted.take(np.array([row])), float(p_values[row]), alpha) for row, one in enumerate(changes)]
+
+
+def _motion(one: SkyChange, fitted: Jump, p_value: float, alpha: float) -> SkyMotion | None:
     if not fitted.dof[0]:
         return None
-    p_value = float(_p_values(fitted)[0])
-    known = np.isfinite(change) & np.isfinite(variance)
-    used = sorted(set(sats[known]))
+    known = np.isfinite(one.change) & np.isfinite(one.variance)
+    used = sorted(set(one.sats[known]))
     whole = 1.0
     if p_value < alpha and len(used) >= MIN_SATELLITES + _LEFT_OUT and _as_stated(fitted, int(known.sum())):
-        left = np.array([np.where(np.isin(sats, some), np.nan, change) for some in combinations(used, _LEFT_OUT)])
-        units = np.broadcast_to(unit, (len(left), *unit.shape))
-        whole = float(np.max(_p_values(fitted_jump(units, left, np.broadcast_to(variance, left.shape)))))
-    return SkyMotion(float(np.linalg.norm(fitted.jump[0, :3])), time_s, len(used), p_value, whole)
+        pairs = combinations(used, _LEFT_OUT)
+        left = np.array([np.where(np.isin(one.sats, some), np.nan, one.change) for some in pairs])
+        units = np.broadcast_to(one.unit, (len(left), *one.unit.shape))
+        whole = float(np.max(_p_values(fitted_jump(units, left, np.broadcast_to(one.variance, left.shape)))))
+    return SkyMotion(float(np.linalg.norm(fitted.jump[0, :3])), one.time_s, len(used), p_value, whole)
 
 
 def _as_stated(fitted: Jump, changes: int) -> bool:
