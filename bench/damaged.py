@@ -182,7 +182,13 @@ def truth_options(sky: Sky) -> dict[str, Any]:
     """The distance as it is, so that the sky alone is authentic where it can be."""
     apart_m = float(np.linalg.norm(sky.enu_m))
     sigma_m = max(0.03, float(np.hypot(sky.sigma_m, sky.sigma_m)))
-    return {"antenna_distance_m": round(apart_m, 3), "antenna_distance_sigma_m": sigma_m}
+    options = {"antenna_distance_m": round(apart_m, 3), "antenna_distance_sigma_m": sigma_m}
+    return options | far_of(sky)
+
+
+def far_of(sky: Sky) -> dict[str, Any]:
+    """What a run of receivers so far apart has to be told in any case."""
+    return {"max_separation_m": 1e4} if np.linalg.norm(sky.enu_m) > 250.0 else {}
 
 
 def nav_records(lines: Sequence[str]) -> tuple[list[str], list[list[str]]]:
@@ -402,7 +408,7 @@ def damage_positions(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None
             one["lon_deg"] += np.degrees(offset_m * np.sin(az) / 6.37e6)
     if what == "exchanged":
         places.reverse()
-    inputs.options = {}
+    inputs.options = far_of(sky)
     inputs.platform["receivers"] = [{"position": place} for place in places]
     if rng.random() < 0.5:
         inputs.platform["motion"] = "static"
@@ -442,7 +448,7 @@ def damage_distances(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None
         least_m = true_m * float(10.0 ** rng.uniform(0.0, 1.5))
         inputs.options = {"antenna_separation_m": least_m, "max_separation_m": max(300.0, 2.0 * least_m)}
         return
-    inputs.options = {"antenna_distance_m": min(round(stated_m, 3), 1e5)}
+    inputs.options = {"antenna_distance_m": min(round(stated_m, 3), 1e5)} | far_of(sky)
     if rng.random() < 0.5:
         inputs.options["antenna_distance_sigma_m"] = max(0.01 * stated_m, 0.02)
 
@@ -473,13 +479,13 @@ def damage_attitudes(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None
         body_m = body_m[[1, 0, 2]]
     if what == "feet":
         body_m = body_m / 0.3048
-    inputs.damage, inputs.options = what, {}
+    inputs.damage, inputs.options = what, far_of(sky)
     inputs.named = ("attitude|axes|sign|swapped|feet|down|wrong_statement|height",)
     if what == "enu" or np.abs(body_m).max() > 1e3:  # places as east, north, up, in another order of axes
         orders = ([1, 0, 2], [0, 1, 2]), ([1, -1, 1], [-1, 1, 1], [1, 1, -1])
         enu_m = np.array(sky.enu_m)[orders[0][int(rng.integers(2))]] * orders[1][int(rng.integers(3))]
         places = {"0": (0.0, 0.0, 0.0), "1": tuple(map(float, enu_m))}
-        inputs.options = {"antennas_enu_m": places, "antennas_sigma_m": max(sky.sigma_m, 0.02)}
+        inputs.options |= {"antennas_enu_m": places, "antennas_sigma_m": max(sky.sigma_m, 0.02)}
         return
     inputs.platform["attitude"] = {
         "heading_deg": heading % 360.0,
@@ -798,13 +804,14 @@ def said(inputs: Inputs) -> dict[str, Any]:
         try:
             verdict = protect(paths, nav=at / "nav.rnx", platform=platform, **options).verdict
         except SkyproofError as error:
-            return {"word": "error", "codes": [], "remarks": [str(error)], "why": str(error)[:300]}
+            return {"word": "error", "codes": [], "remarks": [str(error)], "reason": "", "why": str(error)[:300]}
         except Exception as error:  # a fault of skyproof, which is counted as such
-            return {"word": "crash", "codes": [], "remarks": [], "why": repr(error)[:300]}
+            return {"word": "crash", "codes": [], "remarks": [], "reason": "", "why": repr(error)[:300]}
         remarks = [str(remark) for one in verdict.inputs for remark in one.all_remarks]
         codes = [cause.code for cause in verdict.wrong_statements]
         why = (verdict.summary + " | " + " ".join(remarks))[:600]
-        return {"word": verdict.verdict, "codes": codes, "remarks": remarks, "why": why}
+        codes += verdict.may_also_be[:1]
+        return {"word": verdict.verdict, "codes": codes, "remarks": remarks, "reason": verdict.reason or "", "why": why}
 
 
 def clean_inputs(sky: Sky) -> Inputs:
@@ -812,9 +819,9 @@ def clean_inputs(sky: Sky) -> Inputs:
 
 
 @cache
-def undamaged(name: str) -> str:
-    """The word of a real sky as it is."""
-    return str(said(clean_inputs(real(name)))["word"])
+def undamaged(name: str) -> dict[str, Any]:
+    """What is said of a real sky as it is."""
+    return said(clean_inputs(real(name)))
 
 
 def row_of(name: str) -> Row:
@@ -825,10 +832,12 @@ def row_of(name: str) -> Row:
     which = str(rng.choice(skies))
     sky = simulated(rng) if which == "sim" else real(which)
     inputs = clean_inputs(sky)
-    word = said(inputs)["word"] if which == "sim" else undamaged(which)
+    before = said(inputs) if which == "sim" else undamaged(which)
     DAMAGES[kind](rng, sky, inputs)
     found = said(inputs)
-    text = [*found["codes"], *found["remarks"]]
+    known = {_without_path(remark) for remark in before["remarks"]}
+    text = [*found["codes"], *(one for one in found["remarks"] if _without_path(one) not in known)]
+    text += [found["reason"]] if kind in ("orbits", "imu") and found["reason"] != before["reason"] else []
     named = any(re.search(pattern, one, re.IGNORECASE) for pattern in inputs.named for one in text)
     return {
         "name": name,
@@ -836,11 +845,15 @@ def row_of(name: str) -> Row:
         "sky": which,
         "damage": inputs.damage,
         "word": found["word"],
-        "undamaged": word,
+        "undamaged": before["word"],
         "named": named,
         "codes": found["codes"][:6],
         "why": found["why"],
     }
+
+
+def _without_path(remark: str) -> str:
+    return re.sub(r"\S*/\S*/", "", remark)
 
 
 def attacked_row(name: str) -> Row:

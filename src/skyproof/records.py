@@ -873,10 +873,19 @@ undecided : the test could not tell, or could not run; `because` says why and wh
 """
 
 Cause = Literal[
-    "reflections", "interference", "gain", "shade", "oscillator", "motion", "fault", "statement", "missing_samples"
+    "reflections",
+    "interference",
+    "gain",
+    "shade",
+    "oscillator",
+    "motion",
+    "fault",
+    "orbits",
+    "statement",
+    "missing_samples",
 ]
-"""What else than an attack may make a test fail: `fault` of one satellite or of the receiver, a `statement` of the user
-that is not true, samples that are missing or a recording that was cut and joined."""
+"""What else than an attack may make a test fail: `fault` of one satellite or of the receiver, wrong `orbits` or clocks,
+a `statement` of the user that is not true, samples that are missing or a recording that was cut and joined."""
 Null = Literal["sky", "one antenna"]
 """What a test may reject: that the signals are the sky's, or that they come from one transmit antenna."""
 

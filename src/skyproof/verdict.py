@@ -51,7 +51,16 @@ spoofed : there is an attack.
 """
 WORDS: Final[tuple[VerdictWord, ...]] = get_args(VerdictWord)
 Cause = Literal[
-    "reflections", "interference", "gain", "shade", "oscillator", "motion", "fault", "statement", "missing_samples"
+    "reflections",
+    "interference",
+    "gain",
+    "shade",
+    "oscillator",
+    "motion",
+    "fault",
+    "orbits",
+    "statement",
+    "missing_samples",
 ]
 CAUSES: Final[dict[Cause, str]] = {
     "reflections": "reflections",
@@ -61,6 +70,7 @@ CAUSES: Final[dict[Cause, str]] = {
     "oscillator": "the receiver's oscillators",
     "motion": "motion of the antennas",
     "fault": "a fault of a satellite or of the receiver",
+    "orbits": "orbits or clocks that are wrong",
     "statement": "something that was stated and is not true",
     "missing_samples": "missing samples, or a recording that was cut and joined",
 }

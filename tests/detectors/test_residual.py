@@ -72,6 +72,20 @@ def test_where_too_few_satellites_stand_above_the_mask_that_is_the_reason():
     assert (evidence.says, evidence.code) == ("undecided", "few_above_mask")
 
 
+@pytest.mark.parametrize("columns", [(4,), (4, 7), (1, 4, 7)])
+def test_satellites_farther_off_than_any_echo_have_wrong_orbits(columns):
+    records = scene().records(np.random.default_rng(0))
+    (sky,) = records.sets
+    wrong = [records.observations[0].signals[column] for column in columns]
+    left = tuple(signal for signal in sky.signals if signal not in wrong)
+    for k, column in enumerate(columns):
+        records = shifted(records, column, (-1.0) ** k * 3e5)
+    (evidence,) = Residual().examine(replace(records, sets=(replace(sky, signals=left),)))[0]
+    assert (evidence.says, evidence.may_also_be[0]) == ("undecided", "orbits")
+    assert all(signal.sat in evidence.because for signal in wrong)
+    assert not any(signal.sat in evidence.because for signal in left)
+
+
 def test_no_single_signal_is_blamed_while_satellites_have_second_ones():
     """A channel that has been led away beside a second sky is no fault of its satellite."""
     records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))

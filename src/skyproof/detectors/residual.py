@@ -9,7 +9,7 @@ agree on another position or time is a sign: echoes and false correlation peaks 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,12 @@ from skyproof.navigation.skies import Kind, by_kind
 from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
 
 __all__ = ["PlainFix", "Residual", "ResidualSettings", "plain_fixes"]
+
+_NO_ECHO_M: Final = 1e4
+"""By which no reflection is late: what comes a detour of ten kilometres is far below what is tracked."""
+_ALIKE_M: Final = 200.0
+"""Within which all signals of a satellite miss a place that its orbit alone is to blame for: the ionosphere, delays."""
+_MOST_NAMED: Final = 8
 
 
 @dataclass(frozen=True)
@@ -212,8 +218,9 @@ class Residual:
         signals = [signal for fix in (plain if fits else [worst]) for signal in fix.signals]
         n = len({signal.sat for signal in signals})
         because = f"{n} satellites in {receiver} {'fit' if fits else 'do not fit'} one position"
+        far = () if fits else _far_off(records, observations, self.settings)
         if not fits:
-            because += _blame(worst, _doubled(observations))
+            because += _orbits(far) if far else _blame(worst, _doubled(observations))
         return Evidence(
             detector=self.name,
             start_gpst=records.start_gpst,
@@ -226,7 +233,7 @@ class Residual:
             false_alarm_probability=self.settings.false_alarm_probability,
             p_value=min(1.0, len(plain) * float(test.p_value)),
             would_need=None if fits else "another receiver, or both signals of the satellites that have two",
-            may_also_be=() if fits else ("fault", "reflections"),
+            may_also_be=() if fits else ("orbits", "fault") if far else ("fault", "orbits", "reflections"),
         )
 
 
@@ -261,6 +268,40 @@ def _explain_no_fit(observations: Observations, navigation: NavigationData, sett
         because=f"the {len(known)} satellites in {receiver} give no position: {needed}",
         would_need="more satellites of one system",
     )
+
+
+def _far_off(records: Records, observations: Observations, settings: ResidualSettings) -> tuple[tuple[str, float], ...]:
+    """The satellites whose signals miss the place that most others show by more than any echo, and by how much, metres.
+
+    That is what a wrong orbit or clock does: of all its signals alike, however many they are.
+    """
+    own = [s for s in records.sets if s.receiver == observations.receiver]
+    if records.navigation is None or len(own) != 1:
+        return ()
+    (chosen,) = own
+    mean, measurements, usable = window_measurements(
+        observations,
+        records.navigation,
+        multipath_sigma_m=settings.multipath_sigma_m,
+        ionosphere_share=settings.ionosphere_share,
+    )
+    fitting = {signal.sat for signal in chosen.signals}
+    by_sat: dict[str, list[float]] = {}
+    for row in np.flatnonzero(usable):
+        signal = mean.signals[row]
+        clock_m = SPEED_OF_LIGHT_M_S * chosen.clock_of_s(signal.kind)
+        if signal.sat in fitting or not np.isfinite(clock_m):
+            continue
+        misfit_m, _, _ = misfits(measurements, np.array([row]), np.append(chosen.position_ecef_m, clock_m))
+        by_sat.setdefault(signal.sat, []).append(float(misfit_m[0]))
+    alike = {sat: float(np.median(m)) for sat, m in by_sat.items() if np.ptp(m) <= _ALIKE_M}
+    return tuple(sorted((sat, m) for sat, m in alike.items() if abs(m) > _NO_ECHO_M))
+
+
+def _orbits(far: Sequence[tuple[str, float]]) -> str:
+    sats = ", ".join(sat for sat, _ in far[:_MOST_NAMED]) + (" and others" if len(far) > _MOST_NAMED else "")
+    least_m = min(abs(m) for _, m in far)
+    return f"; {sats} miss that of the others by {least_m / 1e3:.0f} km or more, as with a wrong orbit or clock"
 
 
 def _blame(plain: PlainFix, doubled: int) -> str:

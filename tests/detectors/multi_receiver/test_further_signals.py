@@ -73,6 +73,43 @@ def test_early_signals_are_named_however_weak():
     assert {ref.signal.sat for e in spoofed for ref in e.subject} == {sats[k] for k in (0, 2, 4, 5)}
 
 
+def moved(made, by_m):
+    """With the only signals of some satellites moved in each receiver: (receiver, column) and metres, (epochs,)."""
+    observations = []
+    for o in made.observations:
+        code_m = o.pseudorange_m.copy()
+        for (receiver, column), metres in by_m.items():
+            if receiver == o.receiver:
+                code_m[:, column] += metres
+        observations.append(replace(o, pseudorange_m=code_m))
+    (one, two), away = made.sets, {column for _, column in by_m}
+    sets = []
+    for chosen, o in zip((one, two), made.observations, strict=True):
+        gone = {o.signals[column] for column in away}
+        sets.append(replace(chosen, signals=tuple(s for s in chosen.signals if s not in gone)))
+    return replace(made, observations=tuple(observations), sets=tuple(sets))
+
+
+@pytest.mark.parametrize(("apart_m", "named"), [(0.0, False), (60.0, True)], ids=["wrong clocks", "another place"])
+def test_signals_equally_off_in_all_receivers_may_have_wrong_orbits(apart_m, named):
+    made, sats = records(([], []))
+    off_m = {0: -700.0, 2: -9e4, 4: -3e3, 6: -800.0}
+    by_m = {("rx1", k): m for k, m in off_m.items()} | {("rx2", k): m + apart_m for k, m in off_m.items()}
+    spoofed, authentic = said(moved(made, by_m))
+    assert authentic
+    assert ({ref.signal.sat for e in spoofed for ref in e.subject} == {sats[k] for k in off_m}) == named
+    assert bool(spoofed) == named
+
+
+def test_damaged_numbers_of_one_file_are_no_signals():
+    made, _ = records(([], []))
+    rng = np.random.default_rng(0)
+    by_m = {("rx1", k): np.where(rng.random(8) < 0.4, -1e4 * rng.integers(1, 9, 8), 0.0) for k in (0, 2, 4, 6)}
+    spoofed, authentic = said(moved(made, by_m))
+    assert authentic
+    assert not spoofed
+
+
 def test_nothing_is_named_where_no_sky_is_known_to_be_true():
     made, _ = records(([0, 2], [4, 7]))
     evidence, _ = MultiReceiver(MultiReceiverSettings(false_alarm_probability=1e-6)).examine(made)

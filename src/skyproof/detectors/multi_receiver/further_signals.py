@@ -49,6 +49,11 @@ _CREDIBLE_DBHZ: Final = 30.0
 _NO_REFLECTOR_M: Final = 1000.0
 """Between antennas, from which on echoes are taken as independent: those of the model, but for one in a hundred from
 afar, are late by less."""
+_SIGMAS: Final = 5.0
+_COURSE: Final = 3
+"""Numbers of a range's course over a window: its rate changes by less than 0.2 m/s in a second."""
+_UNSTEADY_M: Final = 10.0
+"""By which a code that a loop follows does not scatter about a smooth course: numbers that were damaged do."""
 _BLOCKED_DB: Final = 20.0  # a satellite without a true signal: its own may be blocked by anything
 
 _Place = tuple[str, str]
@@ -127,11 +132,32 @@ def further_signals(
         beside = _beside(records, measured[receiver], chosen, kind, each)
         places = {(receiver, signal.sat) for signal in chosen.signals if signal.kind == kind}
         own[receiver, kind] = [b for b in beside if b.ref not in known], places
+    wrong = _wrong_orbits([b for beside, _ in own.values() for b in beside], {sat for _, sat in _all_places(own)})
+    own = {of: ([b for b in beside if b.ref.signal.sat not in wrong], places) for of, (beside, places) in own.items()}
     together = [_merged([own[name, kind] for name in sky.receivers]) for sky, kind in apart]
     tested = [_Tested(beside, places, each) for beside, places in [*own.values(), *together]]
     attacked = bool(known) or any(one.p_value < each.alarm for one in tested)
     alone = {b.ref: (b, one.p_value) for one in tested for b in one.told if attacked}
     return [*found, *_by_antenna(alone, skies, each)]
+
+
+def _all_places(own: Mapping[tuple[str, Kind], tuple[list[_Beside], set[_Place]]]) -> set[_Place]:
+    return set[_Place]().union(*(places for _, places in own.values()))
+
+
+def _wrong_orbits(beside: Sequence[_Beside], true: set[str]) -> set[str]:
+    """The satellites without a true signal whose others are as late in every receiver as a wrong orbit or clock makes
+    them: then that may be what is wrong. true : satellites that have one."""
+    late: dict[tuple[str, Kind], list[_Beside]] = {}
+    for b in beside:
+        if b.ref.signal.sat not in true:
+            late.setdefault((b.ref.signal.sat, b.ref.signal.kind), []).append(b)
+    alike: dict[str, bool] = {}
+    for (sat, _), some in late.items():
+        least, most = min(some, key=lambda b: b.late_m), max(some, key=lambda b: b.late_m)
+        same = most.late_m - least.late_m <= _SIGMAS * float(np.hypot(least.sigma_m, most.sigma_m))
+        alike[sat] = alike.get(sat, True) and same
+    return {sat for sat, same in alike.items() if same}
 
 
 def _second_skies(
@@ -201,6 +227,7 @@ def _beside(
             abs(late) > rates.echoes.least_delay_m
             and over_db >= -rates.echoes.most_weaker_db
             and level_dbhz[signal] >= _CREDIBLE_DBHZ
+            and _is_steady(o, signal)
         ):
             continue
         apart_hz = 0.0 if direct is None else _apart_hz(o, signal, direct)
@@ -208,6 +235,25 @@ def _beside(
         second = Second(float(late), float(over_db), apart_hz, float(best_dbhz - beside_dbhz), elevation)
         found.append(_Beside(SignalRef(o.receiver, signal), float(late), float(np.sqrt(variance)), second, direct))
     return found
+
+
+def _is_steady(o: Observations, signal: SignalId) -> bool:
+    """Whether code and carrier run smoothly through the window, as those of any transmitter do."""
+    column = o.signals.index(signal)
+    sigma_m = float(np.nanmedian(o.pseudorange_sigma_m[:, column])) if o.gpst.size else np.nan
+    limit_m = _UNSTEADY_M + _SIGMAS * (sigma_m if np.isfinite(sigma_m) else 0.0)
+    wave_m = SPEED_OF_LIGHT_M_S / o.carrier_hz[column]
+    courses_m = (o.pseudorange_m[:, column], wave_m * o.carrier_cyc[:, column])
+    return all(_scatter_m(o.elapsed_s, course_m) <= limit_m for course_m in courses_m)
+
+
+def _scatter_m(elapsed_s: Reals, range_m: Reals) -> float:
+    """Standard deviation about a smooth course; 0 where too little is measured to have one."""
+    rows = np.flatnonzero(np.isfinite(range_m))
+    if rows.size <= _COURSE:
+        return 0.0
+    design = np.vander(elapsed_s[rows] - elapsed_s[rows].mean(), _COURSE)
+    return float(np.std(range_m[rows] - design @ np.linalg.lstsq(design, range_m[rows], rcond=None)[0]))
 
 
 def _far_apart(sky: Pairing) -> list[Kind]:

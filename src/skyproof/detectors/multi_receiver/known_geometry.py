@@ -331,7 +331,7 @@ def _from_vector(off_m: Reals, covariance_m2: Reals) -> Misfit:
 
 
 def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m: float) -> Reals:
-    """Smallest over b of (enu - b)^T W (enu - b) + ((|b| - D) / sigma)^2, W = C^-1, shapes (..., 3), (..., 3, 3).
+    """Smallest over b of (enu - b)^T W (enu - b) + ((|b| - D) / sigma)^2, W = C^-1, shapes (..., n), (..., n, n): n is 3, or 2 on a map.
 
     Where the gradient is zero W (enu - b) = m b with m = (1 - D / |b|) / sigma^2, so b = (W + m)^-1 W enu. As m grows
     from minus the least eigenvalue of W to 1 / sigma^2, |b| falls from infinity, and D / (1 - m sigma^2), which it must
@@ -342,7 +342,8 @@ def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m:
     along_m = np.where(np.abs(along_m) < _LEAST_M, _LEAST_M, along_m)  # with nothing along the weakest axis b may turn
     weight, along_m = (np.array(np.broadcast_to(values, enu_m.shape), order="C") for values in (weight, along_m))
     high = np.empty(enu_m.shape[:-1])
-    _bisect(weight.reshape(-1, 3), along_m.reshape(-1, 3), distance_m, sigma_m, high.reshape(-1))
+    axes_of = (-1, enu_m.shape[-1])
+    _bisect(weight.reshape(axes_of), along_m.reshape(axes_of), distance_m, sigma_m, high.reshape(-1))
     b = weight * along_m / (weight + high[..., None])
     radius_m = np.linalg.norm(b, axis=-1)
     return np.asarray(np.sum(weight * (along_m - b) ** 2, axis=-1) + ((radius_m - distance_m) / sigma_m) ** 2)
@@ -350,13 +351,13 @@ def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m:
 
 @compiled(error_model="numpy")
 def _bisect(weight, along_m, distance_m, sigma_m, high):  # type: ignore[no-untyped-def]
-    """high (n,) = m of `_from_sphere` for eigenvalues (n, 3) and what lies along their axes (n, 3)."""
+    """high (n,) = m of `_from_sphere` for eigenvalues (n, 2 or 3) and what lies along their axes."""
     for k in range(high.size):
         low, high[k] = -weight[k, 0], 1.0 / sigma_m**2
         for _ in range(_ROUNDS):
             m = 0.5 * (low + high[k])
             length2 = 0.0
-            for i in range(3):
+            for i in range(weight.shape[1]):
                 length2 += (weight[k, i] * along_m[k, i] / (weight[k, i] + m)) ** 2
             if np.sqrt(length2) * (1.0 - m * sigma_m**2) > distance_m:
                 low = m

@@ -17,7 +17,6 @@ from skyproof.statistics.distributions import chi_square_threshold
 __all__ = ["echoes_p_value", "second_sky_p_value"]
 
 _FITS_PROBABILITY = 1e-4  # of the sets' chi-square test
-_PINNED = 5  # satellites that are a set by themselves
 
 
 def echoes_p_value(
@@ -71,9 +70,8 @@ def second_sky_p_value(
     over the sets that were found.
 
     A set of other kinds altogether (all of GPS show one place, all of Galileo another) needs no second signal. It is of
-    the same sky unless the places are farther apart than errors explain (`skies.apart_p_value`); and it may fit by
-    chance, for wrong orbits or clocks move all signals of a satellite by one amount. Not if the largest set has five of
-    its satellites: those show one place in both.
+    the same sky unless the places are farther apart than errors explain (`skies.apart_p_value`). And few satellites fit
+    one by chance, whose orbits, clocks or numbers are wrong, each by an amount of its own.
     """
     ordered = sorted(sets, key=lambda s: (-len(s.signals), s.statistic))
     if len(ordered) < 2:
@@ -91,8 +89,7 @@ def second_sky_p_value(
             by_chance = echoes_p_value(
                 observations, chosen, unrelated_spread_m=unrelated_spread_m, multipath_sigma_m=multipath_sigma_m
             )
-            same = {signal.sat for signal in first.signals} & {signal.sat for signal in chosen.signals}
-            p_values.append(max(apart, by_chance) if len(same) < _PINNED else apart)
+            p_values.append(max(apart, by_chance))
             continue
         chances = []
         for kind in shared:
