@@ -8,7 +8,6 @@ position are one set, with a clock each (`skies.joined`), and kinds of fewer sat
 """
 
 from functools import lru_cache
-from operator import attrgetter
 
 import numpy as np
 import scipy
@@ -21,7 +20,7 @@ from skyproof.navigation.ranges import UNKNOWN_DELAY_SIGMA_M, Ranges, corrected_
 from skyproof.navigation.search import SetCandidates, SetSearch, WindowRanges, innovation, plausible, solve
 from skyproof.navigation.skies import ConsistentSky, Kind, Part, by_kind, extended, joined, lone_sky, sky_of, with_few
 from skyproof.navigation.window import WindowMean, window_mean
-from skyproof.records import ConsistentSet, NavigationData, Observations, SignalId
+from skyproof.records import BY_NAME, ConsistentSet, NavigationData, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["consistent_sets", "window_measurements"]
@@ -229,7 +228,7 @@ def _record(receiver: str, mean: WindowMean, sky: ConsistentSky) -> ConsistentSe
     several = sky.clock_m if len(sky.clock_m) > 1 else {}
     return ConsistentSet(
         receiver=receiver,
-        signals=tuple(sorted((mean.signals[k] for k in sky.rows), key=attrgetter("sat", "band", "code", "copy"))),
+        signals=tuple(sorted((mean.signals[k] for k in sky.rows), key=BY_NAME)),
         gpst=mean.gpst,
         position_ecef_m=sky.state_m[:3],
         clock_bias_s=clock_m / SPEED_OF_LIGHT_M_S,

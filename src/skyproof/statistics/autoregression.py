@@ -132,6 +132,12 @@ def _shift_range(q: Reals) -> tuple[Reals, Reals]:
     if n > 16:  # the projection no longer matters: the range of A itself
         bound = np.asarray(np.cos(np.pi / (n + 1)))
         return -bound, bound
+    return _shift_range_of(np.ascontiguousarray(q).tobytes(), q.shape)
+
+
+@lru_cache(maxsize=256)  # epochs come evenly: most windows have the same columns
+def _shift_range_of(columns: bytes, shape: tuple[int, ...]) -> tuple[Reals, Reals]:
+    q, n = np.frombuffer(columns).reshape(shape), shape[-2]
     left = np.linalg.qr(q, mode="complete").Q[..., 2:]
     shift = 0.5 * (np.eye(n, k=1) + np.eye(n, k=-1))
     eigenvalues = np.linalg.eigvalsh(np.swapaxes(left, -1, -2) @ shift @ left)

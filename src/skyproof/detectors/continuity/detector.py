@@ -21,7 +21,6 @@ stronger than the satellites send and the best antennas receive it (`CN0_MAX_DBH
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,6 +55,7 @@ from skyproof.detectors.continuity.words import (
 )
 from skyproof.errors import SettingsError, require_probability
 from skyproof.records import (
+    BY_NAME,
     Cause,
     ConsistentSet,
     Evidence,
@@ -442,9 +442,7 @@ class _Window:
     def _subject(self, look: _Look) -> tuple[SignalRef, ...]:
         measured = np.isfinite(self.o.pseudorange_m).any(axis=0)
         there = {self.o.signals[k] for k in np.flatnonzero(measured)}
-        chosen = sorted(
-            (set(look.members) | set(look.sources.values())) & there, key=attrgetter("sat", "band", "code", "copy")
-        )
+        chosen = sorted((set(look.members) | set(look.sources.values())) & there, key=BY_NAME)
         return tuple(SignalRef(self.o.receiver, signal) for signal in chosen)
 
     def _remembered(self, look: _Look) -> _Past:

@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from operator import attrgetter
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import service_of
 from skyproof.gnss.time import seconds_between
-from skyproof.records import ConsistentSet, Observations, Records, SignalId
+from skyproof.records import BY_NAME, ConsistentSet, Observations, Records, SignalId
 
 __all__ = ["CommonPhases", "CommonRanges", "Kind", "common_ranges", "shared_kinds"]
 
@@ -77,10 +76,17 @@ class CommonRanges:
         """(K,) the satellite of each transmission."""
         return tuple(signal.sat for signal in self.signals)
 
-    @property
+    @cached_property
     def kinds(self) -> Indices:
         """(K,) number of each one's kind of signal."""
-        return np.unique(np.array([str(signal.kind) for signal in self.signals]), return_inverse=True)[1]
+        names = [str(signal.kind) for signal in self.signals]
+        number = {name: k for k, name in enumerate(sorted(set(names)))}
+        return np.array([number[name] for name in names], np.intp)
+
+    @cached_property
+    def transmissions(self) -> frozenset[tuple[SignalId, ...]]:
+        """Each one's signals, by receiver."""
+        return frozenset(zip(*self.tracks, strict=True))
 
     def take(self, rows: Indices) -> "CommonRanges":
         """Those transmissions alone, at the same instants."""
@@ -129,11 +135,12 @@ def _shared(sets: tuple[ConsistentSet, ...]) -> tuple[tuple[SignalId, ...], ...]
     by_service = []
     for chosen in sets:
         own: dict[tuple[str, str, str], SignalId] = {}
-        for s in sorted(chosen.signals, key=attrgetter("sat", "band", "code", "copy")):
+        for s in sorted(chosen.signals, key=BY_NAME):
             own.setdefault((s.sat, s.band, service_of(s.band, s.code)), s)
         by_service.append(own)
     sent = set.intersection(*(set(own) for own in by_service))
-    return tuple(sorted(tuple(own[name] for own in by_service) for name in sent))
+    rows = (tuple(own[name] for own in by_service) for name in sent)
+    return tuple(sorted(rows, key=lambda tracks: [BY_NAME(signal) for signal in tracks]))
 
 
 def common_ranges(

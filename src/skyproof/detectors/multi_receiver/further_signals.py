@@ -39,6 +39,7 @@ from skyproof.navigation.skies import by_kind
 from skyproof.records import ConsistentSet, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.clusters import line_clusters
 from skyproof.statistics.many_small import many_small
+from skyproof.statistics.medians import medians
 
 __all__ = ["Named", "Rates", "further_signals"]
 
@@ -127,10 +128,13 @@ def further_signals(
         found += _second_skies(observed[receiver], chosen, sets.get(receiver, ()), known, each)
     known = named.union(*(one.subject for one in found))
     measured = {name: _measured(records, observed[name], each) for name in {name for name, _ in true}}
-    own = {}
+    own, kinds = {}, dict[int, dict[Kind, list[SignalId]]]()
     for (receiver, kind), chosen in true.items():
-        beside = _beside(records, measured[receiver], chosen, kind, each)
-        places = {(receiver, signal.sat) for signal in chosen.signals if signal.kind == kind}
+        if id(chosen) not in kinds:
+            rows = by_kind(chosen.signals, np.arange(len(chosen.signals)))
+            kinds[id(chosen)] = {own_kind: [chosen.signals[k] for k in of] for own_kind, of in rows.items()}
+        beside = _beside(records, measured[receiver], chosen, kind, kinds[id(chosen)], each)
+        places = {(receiver, signal.sat) for signal in kinds[id(chosen)].get(kind, ())}
         own[receiver, kind] = [b for b in beside if b.ref not in known], places
     wrong = _wrong_orbits([b for beside, _ in own.values() for b in beside], {sat for _, sat in _all_places(own)})
     own = {of: ([b for b in beside if b.ref.signal.sat not in wrong], places) for of, (beside, places) in own.items()}
@@ -196,18 +200,24 @@ def _measured(records: Records, o: Observations, rates: Rates) -> _Measured | No
     mean, measurements, usable = window_measurements(
         o, records.navigation, multipath_sigma_m=rates.multipath_sigma_m, ionosphere_share=0.25
     )
-    level_dbhz = {signal: _median(o.cn0_dbhz[:, column]) for column, signal in enumerate(o.signals)}
+    level_dbhz = dict(zip(o.signals, medians(o.cn0_dbhz).tolist(), strict=True))
     return _Measured(o, mean.signals, measurements, by_kind(mean.signals, np.flatnonzero(usable)), level_dbhz)
 
 
 def _beside(
-    records: Records, measured: _Measured | None, chosen: ConsistentSet, kind: tuple[str, str, str], rates: Rates
+    records: Records,
+    measured: _Measured | None,
+    chosen: ConsistentSet,
+    kind: Kind,
+    kinds: Mapping[Kind, Sequence[SignalId]],
+    rates: Rates,
 ) -> list[_Beside]:
-    """Credible signals of a kind that are not in the true set and clearly apart from what it predicts."""
+    """Credible signals of a kind that are not in the true set, whose `kinds` those are, and clearly apart from what it
+    predicts."""
     if measured is None or records.navigation is None:
         return []
     o, level_dbhz, signals = measured.observations, measured.level_dbhz, measured.signals
-    own = {signal.transmission: signal for signal in chosen.signals if signal.kind == kind}
+    own = {signal.transmission: signal for signal in kinds.get(kind, ())}
     inside = set(own.values())
     rows: Indices = np.array([k for k in measured.usable.get(kind, ()) if signals[k] not in inside], np.intp)
     if not rows.size:

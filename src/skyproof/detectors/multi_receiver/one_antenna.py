@@ -31,6 +31,7 @@ the visible tip of a slow error of any size; so a second test, which does not lo
 track as bounded. The smaller of the two p-values, doubled, holds.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -177,8 +178,11 @@ class Means(NamedTuple):
     variance: Reals
 
 
-def stretch_means(values: Reals, gain: Reals, multipath_sigma_m: float, first: int, end: int) -> Means:
-    """Means of contrasts (N, M) over the epochs `first` to `end`, with the variance that the noise seems to have.
+def stretch_means(
+    values: Reals, gain: Reals, multipath_sigma_m: float, stretches: Sequence[tuple[int, int]]
+) -> list[Means]:
+    """Means of contrasts (N, M) over epochs, from the first to before the last of each of `stretches`, with the
+    variance that the noise seems to have.
 
     The noise is taken as AR(1) around a line through the whole window, its variance and coefficient as estimated: the
     mean of n epochs has the variance s^2 / n^2 times the sum over all pairs of phi^|i-j|. It is an estimate where
@@ -186,10 +190,13 @@ def stretch_means(values: Reals, gain: Reals, multipath_sigma_m: float, first: i
     """
     residual = fit_line(values).residual
     variance = np.sum(residual**2) / max((len(values) - 2) * values.shape[1], 1)
-    n = end - first
-    lags = np.arange(1, n)
-    share = (n + 2.0 * np.sum((n - lags) * estimate_ar1(residual) ** lags)) / n**2
-    return Means(values[first:end].mean(axis=0), variance * share + multipath_sigma_m**2 * gain)
+    phi, found = estimate_ar1(residual), []
+    for first, end in stretches:
+        n = end - first
+        lags = np.arange(1, n)
+        share = (n + 2.0 * np.sum((n - lags) * phi**lags)) / n**2
+        found.append(Means(values[first:end].mean(axis=0), variance * share + multipath_sigma_m**2 * gain))
+    return found
 
 
 class MeanTest(NamedTuple):

@@ -247,8 +247,9 @@ class Pairing:
         stretches = [(0, len(values)), *pairwise(edges)][: None if parts > 1 else 1]
         design = baseline_design(matrix, self.unit_enu)
         found = []
-        for first, end in stretches:
-            mean = stretch_means(values, gain, self.noise.multipath_sigma_m, first, end)
+        for (first, end), mean in zip(
+            stretches, stretch_means(values, gain, self.noise.multipath_sigma_m, stretches), strict=True
+        ):
             estimate = baseline_estimate(mean, design)
             found.append(
                 Baseline(

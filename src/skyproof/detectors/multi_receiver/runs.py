@@ -18,6 +18,7 @@ is mixed.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry
 from skyproof.detectors.multi_receiver.one_antenna import baseline_design
 from skyproof.detectors.multi_receiver.pairing import Pairing
 from skyproof.gnss.time import seconds_between
-from skyproof.records import SignalId
+from skyproof.records import BY_NAME, SignalId
 from skyproof.statistics.autoregression import ar1_whiten, correlation_grid
 from skyproof.statistics.distributions import f_survival
 
@@ -60,11 +61,11 @@ class WindowRun:
     receivers: tuple[str, ...]
     parts: tuple[_Part, ...]
 
-    @property
+    @cached_property
     def tracks(self) -> tuple[tuple[SignalId, ...], ...]:
         """(R, K) the transmissions that all windows have, by receiver."""
-        shared = set.intersection(*(set(zip(*part.ranges.tracks, strict=True)) for part in self.parts))
-        return tuple(zip(*sorted(shared), strict=True))
+        shared = frozenset.intersection(*(part.ranges.transmissions for part in self.parts))
+        return tuple(zip(*sorted(shared, key=lambda tracks: [BY_NAME(signal) for signal in tracks]), strict=True))
 
     @property
     def length_s(self) -> float:
@@ -104,17 +105,15 @@ def prolonged(runs: Sequence[WindowRun], pairing: Pairing, *, still_open: bool, 
     stride = -(-len(pairing.ranges.range_m) // _INSTANTS)
     ranges = pairing.ranges.at(np.arange(0, len(pairing.ranges.range_m), stride))
     part = _Part(replace(ranges, step_s=stride * ranges.step_s), pairing.start_gpst, pairing.end_gpst, open=still_open)
-    rows = set(zip(*ranges.tracks, strict=True))
+    rows = ranges.transmissions
     going_on = [
         run
         for run in runs
         if run.receivers == pairing.receivers
         and run.parts[-1].end_gpst == pairing.start_gpst
-        and len(rows & set(zip(*run.parts[-1].ranges.tracks, strict=True))) >= least
+        and len(rows & run.parts[-1].ranges.transmissions) >= least
     ]
-    before = max(
-        going_on, key=lambda run: len(rows & set(zip(*run.parts[-1].ranges.tracks, strict=True))), default=None
-    )
+    before = max(going_on, key=lambda run: len(rows & run.parts[-1].ranges.transmissions), default=None)
     parts = (*before.parts[1 - LONGEST :], part) if before is not None else (part,)
     run = WindowRun(pairing.receivers, parts)
     while len(run.parts) > 1 and (not (tracks := run.tracks) or len(tracks[0]) < least):
