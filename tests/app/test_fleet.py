@@ -134,6 +134,36 @@ def test_the_page_lists_every_item_and_loads_nothing(tmp_path: Path) -> None:
     assert "http" not in page.replace("http-equiv", "")
 
 
+def test_the_page_has_what_needs_a_look_first_and_words_with_blanks(tmp_path: Path) -> None:
+    done = rows(tmp_path)[0]
+    found = [dataclasses.replace(done, name=word, verdict=word) for word in ("authentic", "no_attack_seen", "suspect")]
+    page = fleet_html(found)
+    assert page.index("<h2>1 suspect") < page.index("<h2>1 no attack seen") < page.index("<h2>1 authentic")
+    assert page.count("Since, GPS time") == 1  # of what is suspect
+
+
+def of_one_satellite(path: Path) -> None:
+    """Leave the first satellite of each epoch of an observation file."""
+    lines = path.read_text(encoding="ascii").splitlines()
+    kept, after = [], 99
+    for line in lines:
+        after = 0 if line.startswith(">") else after + 1
+        if after == 0:
+            line = f"{line[:32]}  1{line[35:]}"
+        if not 1 < after < 99:
+            kept.append(line)
+    path.write_text("\n".join(kept) + "\n", encoding="ascii")
+
+
+def test_an_item_that_no_test_can_run_on_has_failed(tmp_path: Path) -> None:
+    made = simulate("clean", out=tmp_path / "in", duration_s=12.0, depth="measurements").observations
+    of_one_satellite(made[0])
+    path = catalogue(tmp_path, "name,inputs,nav", f"few,in/{made[0].name},in/broadcast.rnx")
+    result = fleet(path, out=tmp_path / "out", workers=1)
+    assert result.counts == {"failed": 1}
+    assert "no test could run on what was received; give " in (result.rows[0].error or "")
+
+
 def test_a_cluster_without_ray_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
     monkeypatch.delitem(sys.modules, "skyproof.batch.ray_nodes", raising=False)

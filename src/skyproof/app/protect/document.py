@@ -396,6 +396,8 @@ def _not_excluded(outcome: Outcome) -> tuple[str, ...]:
         found.append("a false sky that reaches one of the receivers alone")
     elif not by_directions:
         found.append("a consistent false sky from the first moment on, which one antenna cannot tell from a true one")
+    idle = {e.detector for e in outcome.evidence} - ran - {e.detector for e in outcome.evidence if e.lacking}
+    found += [f"what {', '.join(sorted(idle))} would show, with enough to test"] if idle else []
     return (*found, "a takeover that draws position and time off by less than the tests can see")
 
 
