@@ -22,6 +22,7 @@ import grids
 import house
 import joint
 import kernel
+import log_reading
 import many_receivers
 import memory
 import metadata
@@ -65,6 +66,7 @@ BENCHES = {
     "reading": reading,
     "metadata": metadata,
     "rinex": rinex,
+    "logs": log_reading,
     "position": position,
     "pairs": pairs,
     "joint": joint,

@@ -1,11 +1,12 @@
 """Measurements as logs give them, a row a signal and epoch, to `Observations`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Integers, Reals
+from skyproof.arrays import Booleans, Indices, Integers, Reals
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of
 from skyproof.gnss.thermal_noise import carrier_sigma_cyc, code_sigma_m, doppler_sigma_hz
 from skyproof.records import CellStatus, Observations, SignalId
@@ -66,12 +67,26 @@ def observations_from_rows(rows: SignalRows, receiver: str) -> Observations | No
         return cells
 
     cn0_dbhz = rows.cn0_dbhz[kept]
-    assumed_dbhz = np.where(np.isfinite(cn0_dbhz), cn0_dbhz, _UNKNOWN_CN0_DBHZ)
     chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in signals])[column]
+
+    def sigma(value: Reals, stated: Reals, thermal: Callable[[Reals, Indices], Reals]) -> Reals:
+        """Return what is stated of the measured cells, and thermal noise where nothing is."""
+        filled = np.where(np.isfinite(value), stated, np.nan)
+        lacking = np.flatnonzero(np.isfinite(value) & ~np.isfinite(stated))
+        if lacking.size:
+            level_dbhz = cn0_dbhz[lacking]
+            filled[lacking] = thermal(np.where(np.isfinite(level_dbhz), level_dbhz, _UNKNOWN_CN0_DBHZ), lacking)
+        return filled
+
+    code_m, carrier_cyc, doppler_hz = code_m[kept], carrier_cyc[kept], rows.doppler_hz[kept]
     sigmas = {
-        "pseudorange_sigma_m": (code_m[kept], rows.pseudorange_sigma_m[kept], code_sigma_m(assumed_dbhz, chip_m)),
-        "carrier_sigma_cyc": (carrier_cyc[kept], rows.carrier_sigma_cyc[kept], carrier_sigma_cyc(assumed_dbhz)),
-        "doppler_sigma_hz": (rows.doppler_hz[kept], rows.doppler_sigma_hz[kept], doppler_sigma_hz(assumed_dbhz)),
+        "pseudorange_sigma_m": sigma(
+            code_m, rows.pseudorange_sigma_m[kept], lambda level, which: code_sigma_m(level, chip_m[which])
+        ),
+        "carrier_sigma_cyc": sigma(
+            carrier_cyc, rows.carrier_sigma_cyc[kept], lambda level, _: carrier_sigma_cyc(level)
+        ),
+        "doppler_sigma_hz": sigma(doppler_hz, rows.doppler_sigma_hz[kept], lambda level, _: doppler_sigma_hz(level)),
     }
     elapsed_s = (instant_ns - instant_ns[0]) * 1e-9
     found = np.full(len(signals), instant_ns.size)
@@ -81,14 +96,11 @@ def observations_from_rows(rows: SignalRows, receiver: str) -> Observations | No
         signals=signals,
         gpst=instant_ns.astype("datetime64[ns]"),
         elapsed_s=elapsed_s,
-        pseudorange_m=grid(code_m[kept]),
-        carrier_cyc=grid(carrier_cyc[kept]),
-        doppler_hz=grid(rows.doppler_hz[kept]),
+        pseudorange_m=grid(code_m),
+        carrier_cyc=grid(carrier_cyc),
+        doppler_hz=grid(doppler_hz),
         cn0_dbhz=grid(cn0_dbhz),
-        **{
-            name: grid(np.where(np.isfinite(value), np.where(np.isfinite(stated), stated, thermal), np.nan))
-            for name, (value, stated, thermal) in sigmas.items()
-        },
+        **{name: grid(values) for name, values in sigmas.items()},
         status=grid(
             np.where(rows.slipped[kept], CellStatus.SLIP, CellStatus.OK).astype(np.uint8), CellStatus.NOT_TRACKED
         ),

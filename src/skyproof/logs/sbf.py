@@ -168,7 +168,7 @@ class SbfReader:
     def __init__(self, source: str) -> None:
         """Begin a log; `source` names the receiver."""
         self._source = source
-        self._numbers: dict[tuple[int, int], int] = {}
+        self._numbers: dict[int, int] = {}  # by satellite and signal number
         self._names: list[SignalId] = []
         self._slots: dict[str, int] = {}
         self._locks = CarrierLocks()
@@ -260,8 +260,9 @@ class SbfReader:
         antenna = np.concatenate([ones["type"] >> 5, twos["type"] >> 5])
         cn0_dbhz = np.concatenate([_cn0_dbhz(ones["cn0"], number), _cn0_dbhz(twos["cn0"], second_number)])
         half_open = np.concatenate([ones["info"] & 4 > 0, twos["info"] & 4 > 0])
+        block = np.concatenate([owner, owner[of_first]])
         kept = np.flatnonzero((signals >= 0) & (antenna == 0))
-        kept = kept[np.argsort(epochs[kept], kind="stable")]
+        kept = kept[np.argsort(block[kept], kind="stable")]
         carriers = np.where(unknown_lock, np.nan, carriers)
         half_open &= np.isfinite(carriers)
         none = np.full(kept.size, np.nan)
@@ -292,20 +293,19 @@ class SbfReader:
     def _signals_of(self, sv: Octets, number: Integers, slot: Integers) -> Integers:
         """Return the index of each signal in `_names`, made when it is seen first; -1 for what is not read."""
         key = sv.astype(np.int64) << 8 | number
-        index = np.full(key.size, -1, np.int64)
-        for value in np.unique(key).tolist():
-            which = key == value
+        counts = np.bincount(key, minlength=1)
+        index = np.full(counts.size, -1, np.int64)
+        for value in np.flatnonzero(counts).tolist():
             name = _signal_of(value >> 8, value & 0xFF)
             if name is None:
                 continue
-            place = (value >> 8, value & 0xFF)
-            if place not in self._numbers:
-                self._numbers[place] = len(self._names)
+            if value not in self._numbers:
+                self._numbers[value] = len(self._names)
                 self._names.append(name)
-            index[which] = self._numbers[place]
-            if name.sat[0] == "R" and 8 <= place[1] <= 11:
-                self._slots[name.sat] = int(slot[which][-1])
-        return index
+            index[value] = self._numbers[value]
+            if name.sat[0] == "R" and 8 <= value & 0xFF <= 11:
+                self._slots[name.sat] = int(slot[key == value][-1])
+        return np.asarray(index[key])
 
     def _carriers_hz(self) -> Reals:
         """Return the carrier of each name, and NaN behind the last for the index -1."""

@@ -209,7 +209,8 @@ class UbxReader:
 
     def _rows(self, cells: NDArray[Any], epochs: Integers) -> SignalRows:
         known = cells["gnss"] < len(_SYSTEMS)
-        cells, epochs = cells[known], epochs[known]
+        if not known.all():
+            cells, epochs = cells[known], epochs[known]
         key = cells["gnss"].astype(np.int64) << 16 | cells["sv"].astype(np.int64) << 8 | cells["signal"]
         counts = np.bincount(key)
         distinct, numbers = np.flatnonzero(counts), np.full(counts.size, -1, np.int64)
@@ -221,7 +222,8 @@ class UbxReader:
             if slot <= 13:
                 self._slots[f"R{sv:02d}"] = slot - 7
         kept = signal >= 0
-        cells, epochs, signal = cells[kept], epochs[kept], signal[kept]
+        if not kept.all():
+            cells, epochs, signal = cells[kept], epochs[kept], signal[kept]
         code, carrier, half = (cells["tracking"] & bit > 0 for bit in (1, 2, 4))
         carrier_cyc = np.where(carrier, cells["carrier_cyc"], np.nan)
         half_open = carrier & ~half

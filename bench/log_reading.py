@@ -1,0 +1,74 @@
+"""Reading receivers' logs: bytes of UBX and SBF a second, orbits included, beside pyubx2 and pysbf2 on the same bytes.
+
+The logs are made here: epochs of so many signals once a second, whole frames with checksums.
+"""
+
+import io
+import struct
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+from pysbf2 import SBFReader
+from pyubx2 import UBXReader
+from timing import line, take_turns
+
+from skyproof.logs.frames import split_frames
+from skyproof.logs.stream import read_log
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from tests.logs.frames import sbf_block, ubx_frame
+
+EPOCHS, SIGNALS = 3600, 40
+PEER_EPOCHS = 60
+BLOCK = 1 << 16
+
+
+def report() -> Iterator[str]:
+    """Rows of the table."""
+    yield f"reading logs of {EPOCHS} epochs of {SIGNALS} signals, one core, processor time"
+    for name, make, peer in (("UBX", _ubx_epoch, UBXReader), ("SBF", _sbf_epoch, SBFReader)):
+        octets = b"".join(make(k) for k in range(EPOCHS))
+        part = b"".join(make(k) for k in range(PEER_EPOCHS))
+        blocks = [octets[at : at + BLOCK] for at in range(0, len(octets), BLOCK)]
+        whole, split = take_turns(lambda b=blocks: _read(b), lambda b=blocks: _split(b), clock=process_time)
+        (parsed,) = take_turns(lambda p=part, peer=peer: _parse(p, peer), runs=3, clock=process_time)
+        size_mb = len(octets) / 1e6
+        beside = f"{(parsed.median / len(part)) / (whole.median / len(octets)):.0f} times as fast as the peer"
+        yield line(f"{name}, frames and checksums, {size_mb:.1f} MB", split, "s", f"{size_mb / split.median:.0f} MB/s")
+        yield line(f"{name}, to observations", whole, "s", f"{size_mb / whole.median:.0f} MB/s, {beside}")
+
+
+def _read(blocks: list[bytes]) -> None:
+    for _ in read_log(blocks, "rx"):
+        pass
+
+
+def _split(blocks: list[bytes]) -> None:
+    for _ in split_frames(blocks):
+        pass
+
+
+def _parse(octets: bytes, reader: Any) -> None:
+    for _ in reader(io.BytesIO(octets)):
+        pass
+
+
+def _ubx_epoch(second: int) -> bytes:
+    payload = struct.pack("<dHbBBBH", 1000.0 + second, 2300, 18, SIGNALS, 1, 1, 0)
+    for sv in range(1, SIGNALS + 1):
+        gnss, number = divmod(sv, 32)
+        payload += struct.pack(
+            "<ddfBBBBHBBBBBB", 2.1e7 + sv, 1.1e8 + sv, 500.0, 2 * gnss, number + 1, 0, 0, 60_000, 44, 3, 2, 4, 7, 0
+        )
+    return ubx_frame(0x02, 0x15, payload)
+
+
+def _sbf_epoch(second: int) -> bytes:
+    payload = struct.pack("<IH", 1000 * (1000 + second), 2300) + bytes([SIGNALS // 2, 20, 12, 0, 0, 0])
+    for sv in range(1, SIGNALS // 2 + 1):
+        payload += struct.pack("<BBBBIiHbBHBB", sv, 0, sv, 4, 4_000_000_000 + sv, -12_345, 77, 3, 140, 600, 0, 1)
+        payload += struct.pack("<BBBBbBHHH", 3, 100, 120, 1, 2, 0, 99, 88, 77)
+    return sbf_block(4027, payload, revision=1)
