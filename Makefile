@@ -20,7 +20,7 @@ $(READY): requirements.lock pyproject.toml
 	@touch $(READY)
 
 demo: $(READY) ## simulate two receivers that are jammed and led away, protect them, write demo/report.html
-	$(BIN)/skyproof demo --out demo
+	$(BIN)/skyproof demo --out demo --overwrite
 
 pages: $(READY) ## draw every ready-made scene, and the errors of clocks and inertial units, in docs/pages
 	$(BIN)/skyproof simulate --pages docs/pages

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import re
 import tarfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -26,7 +27,7 @@ from skyproof.detectors.array.spin import SpinSettings
 from skyproof.detectors.second_signals.detector import SecondSignalsSettings
 from skyproof.errors import InputError, NotEnoughData, OutputError, ScenarioError, SettingsError, fault_words
 from skyproof.formats import byte_io, sigmf
-from skyproof.formats.atomic_write import writing_together
+from skyproof.formats.atomic_write import OutputStep, write_in_turn
 from skyproof.formats.crinex import expanded
 from skyproof.formats.raw import read_sidecar
 from skyproof.formats.sigmf import open_sigmf
@@ -246,14 +247,11 @@ def test_what_cannot_be_removed_of_an_earlier_run_is_reported(tmp_path: Path, mo
     scene = ["clean", "--depth", "measurements", "--duration-s", "2"]
     assert cli.main(["simulate", *scene, "--out", str(tmp_path / "scene")]) == 0
     monkeypatch.setattr(Path, "unlink", refuse)
-    with (
-        pytest.raises(OutputError, match=r"cannot be written \(Permission denied\): the folder may not be written"),
-        writing_together(tmp_path, instead_of=["nav.rnx"]),
-    ):
-        pass
-    monkeypatch.setattr("skyproof.app.scenes.simulate.check_folder", lambda _: None)
+    step = OutputStep(("a",), lambda part: (part / "a").touch())
+    (unwritten,) = write_in_turn(tmp_path, [step], instead_of=["nav.rnx"])
+    assert re.search(r"cannot be written \(Permission denied\): the folder may not be written", str(unwritten.error))
     with pytest.raises(OutputError, match=r"an earlier run wrote cannot be removed.*Permission denied.*--out"):
-        simulate("clean", depth="measurements", duration_s=2.0, out=tmp_path / "scene")
+        simulate("clean", depth="measurements", duration_s=2.0, out=tmp_path / "scene", overwrite=True)
 
 
 def test_a_study_says_that_its_folder_cannot_be_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -270,9 +268,9 @@ def test_a_demo_that_is_interrupted_names_what_is_whole(tmp_path: Path) -> None:
     (tmp_path / "older.bin").touch()
     with pytest.raises(KeyboardInterrupt) as raised:
         demo(tmp_path, progress=Impatient())
-    words = f"interrupted while recordings were simulated; whole in {tmp_path}: broadcast.rnx, truth.json"
+    words = f"interrupted while recordings were simulated; whole in {tmp_path}: truth.json"
     assert str(raised.value) == words
-    assert {path.name for path in tmp_path.iterdir()} == {"broadcast.rnx", "truth.json", "older.bin"}
+    assert {path.name for path in tmp_path.iterdir()} == {"truth.json", "older.bin"}
 
 
 # --- words of faults

@@ -3,6 +3,7 @@
     SkyproofError           the root: the command line catches it once and prints one line
     ├── InputError          a file or stream that cannot be read as what it should be
     ├── OutputError         a place that cannot be written
+    │   └── IncompleteOutput    files that could not be written; what was found is in its `result`
     ├── SettingsError       an option, platform file or setting that makes no sense
     ├── ScenarioError       a scene that cannot be simulated
     └── NotEnoughData       readable, but too little or too poor to work on
@@ -16,6 +17,7 @@ from math import isfinite
 from typing import Any, Final
 
 __all__ = [
+    "IncompleteOutput",
     "InputError",
     "NotEnoughData",
     "OutputError",
@@ -64,6 +66,14 @@ class InputError(SkyproofError):
 
 class OutputError(SkyproofError):
     """A file or folder cannot be written."""
+
+
+class IncompleteOutput(OutputError):
+    """Some files could not be written. result : what the use case would have returned, so that nothing is lost."""
+
+    def __init__(self, message: str, result: Any) -> None:
+        super().__init__(message)
+        self.result = result
 
 
 class SettingsError(SkyproofError):

@@ -12,12 +12,12 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from skyproof.app.fleet import fleet
+from skyproof.app.fleet import FleetResult, fleet
 from skyproof.app.fleet.catalogue import CatalogueItem, read_catalogue
 from skyproof.app.fleet.piece import piece_of
 from skyproof.app.fleet.rows import FleetRow, row_of, write_rows
 from skyproof.app.scenes.simulate import simulate
-from skyproof.errors import InputError, SettingsError, SkyproofError
+from skyproof.errors import InputError, OutputError, SettingsError, SkyproofError
 from skyproof.report.fleet import fleet_html
 
 SAMPLE = Path(__file__).parent.parent / "formats" / "verdict-sample.json"
@@ -47,6 +47,16 @@ def test_a_line_is_what_protect_takes(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+def test_columns_are_parted_by_what_the_first_line_shows(tmp_path: Path, delimiter: str) -> None:
+    rows = (["name", "inputs", "nav"], ["pair", '"a.obs;b.obs"', "n.rnx"], ["mast", "c.obs", ""])
+    path = catalogue(tmp_path, *(delimiter.join(row) for row in rows))
+    assert read_catalogue(path) == [
+        CatalogueItem(name="pair", inputs=("a.obs", "b.obs"), nav="n.rnx", settings={}),
+        CatalogueItem(name="mast", inputs=("c.obs",), settings={}),
+    ]
+
+
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
@@ -61,6 +71,9 @@ def test_a_line_is_what_protect_takes(tmp_path: Path) -> None:
         (["inputs,window_s", "a,ten"], "line 2: window_s = 'ten', expected a number"),
         (["inputs"], "no item; write a line an item"),
         (['inputs', '"a'], "line 2: unexpected end of data; save the table as CSV again"),
+        (["name;inputs", "a;b.obs;c.obs"], 'line 2: 3 fields, but the first line names 2 columns; several inputs are '
+            'parted by ";", and a field that holds a ";" stands in quotes'),
+        (["inputs;window_s", "a;9,5"], "line 2: window_s = '9,5', expected a number; write it with a point"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_catalogue_is_said_with_file_line_and_remedy(
@@ -176,6 +189,42 @@ def test_workers_that_make_no_sense_are_refused(tmp_path: Path, workers: int, ra
     with pytest.raises(SkyproofError, match=words):
         fleet(catalogue(tmp_path, "inputs", "a"), out=tmp_path / "out", workers=workers, ray=ray)
     assert not (tmp_path / "out").exists()
+
+
+def bad_fleet(folder: Path, out: Path, *lines: str, **options: bool) -> FleetResult:
+    """A fleet whose inputs are not there; quick."""
+    return fleet(catalogue(folder, "name,inputs", *lines), out=out, workers=1, **options)
+
+
+@pytest.mark.parametrize("name", ["fleet.html", "items"])
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_is_of_no_fleet_is_not_overwritten(tmp_path: Path, name: str, overwrite: bool) -> None:
+    out = tmp_path / "out"
+    (out / "items").mkdir(parents=True) if name == "items" else (out.mkdir(), (out / name).write_text("mine"))
+    with pytest.raises(OutputError, match=f"{name} would be overwritten"):
+        bad_fleet(tmp_path, out, "a,a.obs", overwrite=overwrite)
+    assert [path.name for path in out.iterdir()] == [name]
+
+
+def test_results_of_other_files_are_replaced_only_if_asked_to(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert bad_fleet(tmp_path, out, "a,a.obs").counts == {"failed": 1}
+    assert bad_fleet(tmp_path, out, "a,a.obs").counts == {"failed": 1}  # goes on
+    for done in ((out / "items" / "a" / "verdict.json"), (out / ".skyproof-batch" / "done" / "a")):
+        done.parent.mkdir(exist_ok=True)
+        done.write_text("of other files")
+    with pytest.raises(OutputError, match=r"done there of other files or settings.*: a; .*--overwrite"):
+        bad_fleet(tmp_path, out, "a,a.obs")
+    assert (out / "items" / "a" / "verdict.json").read_text() == "of other files"
+    assert bad_fleet(tmp_path, out, "a,a.obs", overwrite=True).counts == {"failed": 1}
+    assert not (out / "items" / "a").exists()
+
+
+def test_a_fleet_that_is_refused_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("skyproof.batch.Processes.__enter__", lambda _: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        bad_fleet(tmp_path, tmp_path / "out", "a,a.obs")
+    assert [path.name for path in tmp_path.iterdir()] == ["catalogue.csv"]
 
 
 # Whole fleets

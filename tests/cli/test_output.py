@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
-from tests.cli.use_cases import PROTECT, VERDICT, App, said
+from tests.cli.use_cases import FLEET, PROTECT, VERDICT, App, said
 
 from skyproof import cli
 from skyproof.cli import demo as demo_command
@@ -113,7 +113,8 @@ def test_the_ready_made_scenes_are_listed_with_a_sentence_each(app: App, capsys:
 
 
 def test_fleet_counts_its_items_and_names_the_first_that_failed(app: App, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["fleet", "c.csv", "--out", "d"]) == 0
+    app.rows = FLEET
+    assert cli.main(["fleet", "c.csv", "--out", "d"]) == 2
     out, err = capsys.readouterr()
     assert [line.split() for line in out.splitlines()[1:]] == [
         ["12", "failed"],
@@ -123,11 +124,29 @@ def test_fleet_counts_its_items_and_names_the_first_that_failed(app: App, capsys
     assert err.splitlines() == [
         *(f"skyproof: x{n}: x: no such file" for n in range(10)),
         "skyproof: and 2 more that failed; d/fleet.html lists all",
+        f"skyproof: 12 of 14 items failed ({', '.join(f'x{n}' for n in range(10))}, ...), the others are done; put "
+        "right what is named above and give the same command again: it does those that failed",
     ]
 
 
+def test_a_fleet_of_which_nothing_failed_exits_with_0(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["fleet", "c.csv", "--out", "d"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_the_verdict_is_printed_when_files_are_missing(app: App, capsys: pytest.CaptureFixture[str]) -> None:
+    app.missing = "result lacks report.html"
+    for more in ([], ["--json"], ["--exit-code"]):
+        assert cli.main([*PROTECT, *more]) == 2
+        out, err = capsys.readouterr()
+        assert "spoofed" in out.lower()
+        assert err.splitlines()[-1] == "skyproof: result lacks report.html"
+    assert cli.main(["receive", "rx1.bin", "--out", "d"]) == 2
+    assert "12 signals" in capsys.readouterr().out
+
+
 def test_fleet_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
-    app.interrupted = True
+    app.interrupted, app.rows = True, FLEET
     assert cli.main(["fleet", "c.csv", "--out", "d", "--json"]) == 130
     out, err = capsys.readouterr()
     items = json.loads(out)["items"]

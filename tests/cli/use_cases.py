@@ -15,6 +15,7 @@ from skyproof.app.init import InitResult
 from skyproof.app.receive import ReceiveResult
 from skyproof.app.scenes.simulate import SimulateResult
 from skyproof.app.verify import FileState, Verified
+from skyproof.errors import IncompleteOutput
 from skyproof.formats.verdict import read_verdict
 from skyproof.report.chart import Axes
 from skyproof.simulator.scenes import ready
@@ -48,6 +49,8 @@ class App:
         self.verdict = VERDICT
         self.interrupted = False
         self.error: BaseException | None = None
+        self.missing = ""
+        self.rows = FLEET[:2]
 
     def run(self, name: str, inputs: Any, options: dict[str, Any]) -> Any:
         progress = options.pop("progress")
@@ -69,13 +72,14 @@ class App:
             decoded=SimpleNamespace(ephemerides=()),
         )
         if name == "receive":
-            return ReceiveResult(
+            received = ReceiveResult(
                 signals=((),),
                 receptions=(reception,),
                 folder=options["out"],
                 files=(("rx1-nav.rnx",),),
                 interrupted=self.interrupted,
             )
+            return self.written(received)
         if name == "simulate":
             folder = options["out"]
             recordings, names = tuple(folder / f"rx{k}.bin" for k in range(1, 11)), ("rx1.bin", "truth.json")
@@ -88,7 +92,13 @@ class App:
                 interrupted=self.interrupted,
             )
         folder = options.get("out", inputs)
-        return SimpleNamespace(verdict=self.verdict, folder=folder, interrupted=self.interrupted)
+        return self.written(SimpleNamespace(verdict=self.verdict, folder=folder, interrupted=self.interrupted))
+
+    def written(self, result: Any) -> Any:
+        """The result, unless files are missing."""
+        if self.missing:
+            raise IncompleteOutput(self.missing, result)
+        return result
 
     def init(self, files: list[Path], **options: Any) -> InitResult:
         self.calls.append(("init", files, options))
@@ -102,7 +112,7 @@ class App:
     def fleet(self, catalogue: Path, **options: Any) -> FleetResult:
         del options["progress"]
         self.calls.append(("fleet", catalogue, options))
-        return FleetResult(rows=FLEET, folder=options["out"], interrupted=self.interrupted)
+        return FleetResult(rows=self.rows, folder=options["out"], interrupted=self.interrupted)
 
     def inspect(self, file: Path, **options: Any) -> list[Any]:
         self.calls.append(("inspect", file, options))

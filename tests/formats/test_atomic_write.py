@@ -1,7 +1,9 @@
-"""Files that appear whole, and together, whatever ends the one who writes them."""
+"""Files that appear whole, in their order, and never beside those of another run."""
 
+import errno
 import os
 import signal
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,15 +12,19 @@ from hypothesis import strategies as st
 
 from skyproof.errors import OutputError
 from skyproof.formats import atomic_write
-from skyproof.formats.atomic_write import write_lines, writing, writing_together
+from skyproof.formats.atomic_write import OutputStep, Unwritten, unwritten_words, write_in_turn, write_lines, writing
 
-NAMES = ("a.csv", "report.html", "verdict.json")
+NAMES = ("verdict.json", "report.html", "a.csv", "sums")
 
 
-def write_run(folder: Path, run: str, names: tuple[str, ...] = NAMES) -> None:
-    with writing_together(folder, instead_of=["only-old.obs"], last="verdict.json") as part:
-        for name in names:
-            write_lines(part / name, [run])
+def write_run(folder: Path, run: str, names: tuple[str, ...] = NAMES, fails: str = "") -> tuple[Unwritten, ...]:
+    def write(name: str, part: Path) -> None:
+        if name in fails.split():
+            raise OSError(errno.ENOSPC, "No space left on device") if name != "b.csv" else ZeroDivisionError("of b")
+        write_lines(part / name, [run])
+
+    steps = [OutputStep((name,), partial(write, name), after_all=name == "sums") for name in names]
+    return write_in_turn(folder, steps, ahead=2, instead_of=["only-old.obs", *NAMES])
 
 
 def killed_at(step: int, write: object) -> int:
@@ -59,43 +65,72 @@ def test_whoever_is_killed_at_any_moment_leaves_no_old_file_beside_a_new_one(tmp
         left = texts(folder)
         assert left.pop("mine.txt") == "mine"
         assert set(left.values()) in ({"old"}, {"new"}, set()), f"at step {step}"
-        assert "verdict.json" not in left or set(NAMES) <= set(left), f"at step {step}"
-        if left.get("verdict.json") == "new":
-            assert left == dict.fromkeys(NAMES, "new")
-        write_run(folder, "third", NAMES[1:])
-        assert {"mine.txt", *NAMES[1:]} <= {path.name for path in folder.iterdir()} <= {"mine.txt", *NAMES}
+        assert "verdict.json" not in left or {"verdict.json", "report.html"} <= set(left), f"at step {step}"
+        assert left.get("sums") is None or "verdict.json" not in left or set(NAMES) <= set(left), f"at step {step}"
+        write_run(folder, "third", NAMES[:3])
+        assert {path.name for path in folder.iterdir()} == {"mine.txt", *NAMES[:3]}
         step += 1
     assert step > 12
 
 
-def test_what_is_not_finished_leaves_all_as_it_was(tmp_path):
+def test_whoever_is_interrupted_before_the_first_file_leaves_all_as_it_was(tmp_path):
     write_run(tmp_path, "old")
 
-    def interrupted() -> None:
-        with writing_together(tmp_path) as part:
-            write_lines(part / "a.csv", ["new"])
-            raise KeyboardInterrupt
+    def interrupt(part: Path) -> None:
+        write_lines(part / "a.csv", ["new"])
+        raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        interrupted()
+        write_in_turn(tmp_path, [OutputStep(("a.csv",), interrupt)], instead_of=NAMES)
     assert texts(tmp_path) == dict.fromkeys(NAMES, "old")
-    assert len(list(tmp_path.iterdir())) == 3
+    assert len(list(tmp_path.iterdir())) == len(NAMES)
 
 
-def test_two_runs_do_not_write_into_one_folder_at_once(tmp_path):
-    with writing_together(tmp_path) as part:
-        with pytest.raises(OutputError, match="another run is writing into it; wait until it ends"):
-            write_run(tmp_path, "other")
-        write_lines(part / "a.csv", ["new"])
-    assert texts(tmp_path) == {"a.csv": "new"}
+@pytest.mark.parametrize(
+    ("fails", "missing"),
+    [
+        ("report.html", ["report.html", "sums"]),
+        ("a.csv", ["a.csv", "sums"]),
+        ("b.csv", ["b.csv", "sums"]),
+        ("a.csv b.csv", ["a.csv", "b.csv", "sums"]),
+    ],
+)
+def test_a_file_that_cannot_be_written_costs_itself_and_the_sums(tmp_path, fails, missing):
+    write_run(tmp_path, "old")
+    names = (*NAMES[:3], "b.csv", "c.csv", "sums")
+    unwritten = write_run(tmp_path, "new", names, fails)
+    assert [name for each in unwritten for name in each.names] == missing
+    assert texts(tmp_path) == dict.fromkeys(sorted({*names} - {*missing}), "new")
 
 
-def test_a_folder_that_cannot_be_written_is_named_without_what_is_hidden_in_it(tmp_path):
-    with pytest.raises(OutputError, match=rf"^{tmp_path}/none/a\.csv cannot be written .*: its folder does not exist"):
-        write_run(tmp_path, "new", ("none/a.csv",))
-    (tmp_path / "a").write_text("a file")
-    with pytest.raises(OutputError, match=r"a cannot be written \(Not a directory\)"):
-        write_run(tmp_path / "a", "new")
+def test_without_room_for_the_first_file_what_was_there_stays(tmp_path):
+    write_run(tmp_path, "old")
+    (unwritten, rest) = write_run(tmp_path, "new", fails="verdict.json")
+    assert (unwritten.names, set(rest.names)) == (("verdict.json",), set(NAMES[1:]))
+    assert texts(tmp_path) == dict.fromkeys(NAMES, "old")
+
+
+def test_a_folder_that_takes_nothing_loses_nothing(tmp_path, monkeypatch):
+    write_run(tmp_path, "old")
+    monkeypatch.setattr(atomic_write, "UNFINISHED", "report.html")  # a file stands in the way
+    unwritten = write_run(tmp_path, "new")
+    assert {name for each in unwritten for name in each.names} == set(NAMES)
+    assert set(texts(tmp_path).values()) == {"old"}
+
+
+def test_missing_files_are_named_with_one_cause(tmp_path):
+    full = OutputError("x/a cannot be written (No space left on device): the disk is full; free space")
+    words = unwritten_words(Path("out"), [Unwritten(("a", "b"), full), Unwritten(("c",), full)])
+    assert words.startswith("out lacks a, b, c: cannot be written (No space left on device): the disk is full; free")
+    assert words.count("disk") == 1
+    assert "--overwrite" in words
+
+
+def test_what_is_hidden_is_not_named(tmp_path):
+    (unwritten,) = write_in_turn(
+        tmp_path, [OutputStep(("a.csv",), lambda part: write_lines(part / "none" / "a.csv", ["x"]))]
+    )
+    assert str(unwritten.error).startswith(f"{tmp_path}/none/a.csv cannot be written")
 
 
 def test_what_a_killed_writer_left_goes_with_the_next_and_what_another_writes_stays(tmp_path):

@@ -1,11 +1,13 @@
+import errno
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyproof.formats.pieces import UNFINISHED_RUN, Workspace
+from skyproof.formats.pieces import _CONTENTS, UNFINISHED_RUN, ArrayPieces, Workspace, is_unfinished
 from skyproof.formats.spool import ObservationSpool, gathered
 from skyproof.records import Observations
 from skyproof.testing import MeasuredScene
@@ -92,15 +94,64 @@ def test_the_folder_of_a_run_goes_with_it_and_what_a_killed_one_left_with_the_ne
         assert sorted(path.name for path in (tmp_path / UNFINISHED_RUN).iterdir()) == ["README.txt", WHOLE.receiver]
         assert_equal(log.read(0, 40), WHOLE)
     assert not list(tmp_path.iterdir())
-    left = tmp_path / UNFINISHED_RUN / "rx9"
-    left.mkdir(parents=True)
-    with Workspace(tmp_path):
+    killed = Workspace(tmp_path)
+    killed.save("rx9/observations/000000.npz", {"values": np.arange(3)})
+    with Workspace(tmp_path) as workspace:
+        assert workspace.removed
         assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_of_that_name_that_is_not_of_a_run_stays(tmp_path):
+    (tmp_path / UNFINISHED_RUN).mkdir()
+    (tmp_path / UNFINISHED_RUN / "notes.txt").touch()
+    assert not is_unfinished(tmp_path)
+    assert not Workspace(tmp_path).removed
+    assert (tmp_path / UNFINISHED_RUN / "notes.txt").exists()
+
+
+def test_the_text_names_what_is_there_and_nothing_else(tmp_path):
+    def described() -> set[str]:
+        text = (tmp_path / UNFINISHED_RUN / "README.txt").read_text()
+        return {kind for kind in _CONTENTS if kind in text}
+
+    with Workspace(tmp_path) as workspace:
+        workspace.note("evidence.jsonl", ["{}"])
+        assert described() == {"evidence.jsonl"}
+        ArrayPieces(workspace, "rx1/measured").append({"arc": np.arange(3)})
+        ArrayPieces(workspace, "rx1/measured").append({"arc": np.arange(3)})
+        assert described() == {"evidence.jsonl", "measured"}
+        workspace.drop_notes("evidence.jsonl")
+        assert described() == {"measured"}
+        assert not (tmp_path / UNFINISHED_RUN / "evidence.jsonl").exists()
+
+
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_a_disk_that_is_full_costs_no_piece(tmp_path, monkeypatch, elsewhere):
+    true_savez = np.savez
+
+    def savez(file, **arrays):
+        if not elsewhere or Path(file.name).is_relative_to(tmp_path):
+            file.write(b"half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+        true_savez(file, **arrays)
+
+    with Workspace(tmp_path) as workspace:
+        log = ArrayPieces(workspace, "rx1/measured")
+        values = np.arange(4)
+        log.append({"arc": values})
+        monkeypatch.setattr(np, "savez", savez)
+        log.append({"arc": values})
+        workspace.note("evidence.jsonl", ["{}"])  # does not fail either
+        values += 1
+        for piece in range(2):
+            np.testing.assert_array_equal(log.read(piece)["arc"], np.arange(4))
+            np.testing.assert_array_equal(log.read_one(piece, "arc"), np.arange(4))
+        assert not list(tmp_path.rglob("*.part"))
 
 
 def test_a_temporary_folder_lasts_as_long_as_what_is_in_it():
     log = spooled(WHOLE, [10])
-    folder = log._stored.folder
+    folder = Path(log._stored._workspace._temporary.name)
     assert_equal(log.read(0, 40), WHOLE)
     assert folder.is_dir()
     del log

@@ -7,6 +7,6 @@ whenever, loses what was under way and nothing else.
 from skyproof.batch.item import Ended, Item, Task, Work
 from skyproof.batch.processes import Processes
 from skyproof.batch.run import Runner, run
-from skyproof.batch.store import Store
+from skyproof.batch.store import ITEMS, Store
 
-__all__ = ["Ended", "Item", "Processes", "Runner", "Store", "Task", "Work", "run"]
+__all__ = ["ITEMS", "Ended", "Item", "Processes", "Runner", "Store", "Task", "Work", "run"]

@@ -23,8 +23,9 @@ from skyproof.batch.item import Item
 from skyproof.errors import OutputError
 from skyproof.formats.atomic_write import output_error
 
-__all__ = ["Store"]
+__all__ = ["ITEMS", "Store"]
 
+ITEMS: Final = "items"
 STATE: Final = ".skyproof-batch"
 
 
@@ -35,10 +36,16 @@ class Store:
         self.folder = folder
         self._done, self._doing = folder / STATE / "done", folder / STATE / "doing"
 
+    @property
+    def exists(self) -> bool:
+        """Whether a run has written into the folder."""
+        return self._done.is_dir()
+
     def __enter__(self) -> Self:
         """Raises OutputError if the folder cannot be written or another run writes into it."""
+        self._made = not self.exists
         try:
-            for path in (self.folder / "items", self._done, self._doing):
+            for path in (self.folder / ITEMS, self._done, self._doing):
                 path.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(self._done, os.O_RDONLY)
         except OSError as error:
@@ -55,8 +62,12 @@ class Store:
         self._clear()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._clear()
+        if self._made and kind is not None:
+            for path in (self._doing, self._done, self._done.parent, self.folder / ITEMS):
+                with suppress(OSError):  # it holds something
+                    path.rmdir()
         os.close(self._lock)
 
     def _clear(self) -> None:
@@ -66,7 +77,7 @@ class Store:
 
     def of(self, key: str) -> Path:
         """The folder of an item's results."""
-        return self.folder / "items" / key
+        return self.folder / ITEMS / key
 
     def has(self, item: Item) -> bool:
         """Whether the item is done, of what it is made of now."""
@@ -74,6 +85,10 @@ class Store:
             return (self._done / item.key).read_text(encoding="ascii") == _mark(item) and self.of(item.key).is_dir()
         except OSError:
             return False
+
+    def has_other(self, item: Item) -> bool:
+        """Whether the item is done, of something else than it is made of now."""
+        return (self._done / item.key).exists() and self.of(item.key).is_dir() and not self.has(item)
 
     def forget(self, key: str) -> None:
         """Remove what is there of an item, its mark before its results."""

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 __all__ = ["fleet"]
 
 MOST_FAILED = 10
-"""Of those that are named at the terminal."""
+"""Of those whose error is shown at the terminal."""
+FAILED = 2
+"""Exit code if an item could not be done."""
 
 
 def fleet(
@@ -43,11 +45,18 @@ def fleet(
             "same paths, and the extra ray of the package.",
         ),
     ] = None,
+    overwrite: Annotated[
+        bool,
+        Parameter(
+            help="Do items again that are done of other files or settings, or by another version: their results are "
+            "replaced, which is refused otherwise."
+        ),
+    ] = False,
     json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
     """Protect every recording, pair or station of a catalogue, side by side, with one page over all."""
-    result = app.fleet.fleet(catalogue, out=out, workers=workers, ray=ray, progress=progress())
+    result = app.fleet.fleet(catalogue, out=out, workers=workers, ray=ray, overwrite=overwrite, progress=progress())
     if json:
         document = {"format": "skyproof-fleet/1", "items": [asdict(row) for row in result.rows]}
         print_document(json_text.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
@@ -61,6 +70,13 @@ def fleet(
     if result.interrupted:
         complain("interrupted: not all items were done; the same command goes on from here")
         return interrupted_code()
+    if failed:
+        names = ", ".join([*(row.name for row in failed[:MOST_FAILED]), *("..." for _ in failed[MOST_FAILED:][:1])])
+        complain(
+            f"{len(failed)} of {len(result.rows)} items failed ({names}), the others are done; put right what is named "
+            "above and give the same command again: it does those that failed"
+        )
+        return FAILED
     return 0
 
 

@@ -44,12 +44,13 @@ def inspect(
     write: Annotated[
         int | None,
         Parameter(
-            help="For a file that nothing describes: write the sidecar of this proposal, from 1 on; 0 writes none. "
-            "Default: the best one, if it is certain. A sidecar that is there is never overwritten."
+            help="For a file that nothing describes: write the sidecar of this proposal, from 1 on. Default: none is "
+            "written. A sidecar that is there is never overwritten."
         ),
     ] = None,
     plot: Annotated[bool, Parameter(help="Write pictures (SVG) of levels, spectrum and correlation.")] = False,
     out: Annotated[Path | None, Parameter(help="Folder for the pictures. Default: that of the recording.")] = None,
+    overwrite: Annotated[bool, Parameter(help="Replace pictures that are there, which is refused otherwise.")] = False,
     json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
@@ -70,7 +71,7 @@ def inspect(
         "start_gpst": start_gpst,
     }
     try:
-        inspections = run_inspect(file, sidecar=sidecar, layout=layout, write=True if write is None else write)
+        inspections = run_inspect(file, sidecar=sidecar, layout=layout, write=write or False)
     except app.inspect.NotUnderstood as unknown:
         if json:
             print_document(json_text.dumps(unknown.document(), indent=1) + "\n")
@@ -78,7 +79,7 @@ def inspect(
             show_guess(Console(), unknown.guess)
         if plot or out is not None:
             likeliest = unknown.likeliest()
-            _write_pictures((likeliest,), file, out, quiet=json)
+            _write_pictures((likeliest,), file, out, overwrite=overwrite, quiet=json)
             if not json:
                 print(f"They show proposal 1; its rate of {likeliest.samples.rate_hz / 1e6:.10g} MHz is not certain.")
         return 0
@@ -88,12 +89,14 @@ def inspect(
         for inspection in inspections:
             show_inspection(Console(), inspection)
     if plot or out is not None:
-        _write_pictures(inspections, file, out, quiet=json)
+        _write_pictures(inspections, file, out, overwrite=overwrite, quiet=json)
     return 0
 
 
-def _write_pictures(inspections: "tuple[Inspection, ...]", file: Path, out: Path | None, *, quiet: bool) -> None:
-    for path in app.inspect.write_pictures(inspections, out if out is not None else file.parent):
+def _write_pictures(
+    inspections: "tuple[Inspection, ...]", file: Path, out: Path | None, *, overwrite: bool, quiet: bool
+) -> None:
+    for path in app.inspect.write_pictures(inspections, out if out is not None else file.parent, overwrite=overwrite):
         if not quiet:
             print_path("picture", path)
 

@@ -7,7 +7,19 @@ from cyclopts import Parameter
 
 from skyproof.app.common.settings import Settings
 
-__all__ = ["Debug", "Duration", "Json", "Nav", "OneDocument", "Place", "Reach", "Start", "Tracking", "setting"]
+__all__ = [
+    "Debug",
+    "Duration",
+    "Json",
+    "Nav",
+    "OneDocument",
+    "Overwrite",
+    "Place",
+    "Reach",
+    "Start",
+    "Tracking",
+    "setting",
+]
 
 
 _NOT_GIVEN = {
@@ -37,6 +49,10 @@ Duration = Annotated[float | None, setting("duration_s")]
 Place = Annotated[tuple[float, float] | None, setting("place_deg")]
 Reach = Annotated[float | None, setting("doppler_max_hz")]
 Tracking = Annotated[Literal["scalar", "vector"] | None, setting("tracking")]
+Overwrite = Annotated[
+    bool,
+    Parameter(help="Replace what an earlier run wrote into the folder, which is refused otherwise. Other files stay."),
+]
 Json = Annotated[bool, Parameter(name="--json", help="Print verdict.json on standard output, and nothing else there.")]
 OneDocument = Annotated[bool, Parameter(name="--json", help="Print one JSON document, and nothing else there.")]
 # `main` looks for --debug itself, since it is to work for errors in the options as well; here it is for the help.

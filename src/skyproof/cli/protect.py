@@ -1,13 +1,15 @@
 """`skyproof protect`."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from skyproof import app
-from skyproof.cli.options import Debug, Duration, Json, Nav, Place, Reach, Start, Tracking, setting
+from skyproof.cli.options import Debug, Duration, Json, Nav, Overwrite, Place, Reach, Start, Tracking, setting
 from skyproof.cli.progress import progress
+from skyproof.cli.screen import whatever_is_missing
 from skyproof.cli.summary import print_result
 from skyproof.interruption import interrupted_code
 
@@ -46,6 +48,7 @@ def protect(
     position_format: Annotated[Literal["degrees", "degrees-minutes"] | None, setting("position_format")] = None,
     start_s: Start = None,
     duration_s: Duration = None,
+    overwrite: Overwrite = False,
     json: Json = False,
     exit_code: Annotated[
         bool, Parameter(help="Exit with 0 authentic, 1 spoofed, 3 suspect, 4 no attack seen.")
@@ -53,24 +56,26 @@ def protect(
     debug: Debug = False,
 ) -> int:
     """Say whether received signals are spoofed, since when and which, and give the position to be trusted."""
-    result = app.protect.protect(
-        inputs or [],
-        nav=nav,
-        imu=imu,
-        platform=platform,
-        out=out,
-        false_alarm_probability_per_hour=false_alarm_probability_per_hour,
-        antenna_distance_m=antenna_distance_m,
-        antenna_distance_sigma_m=antenna_distance_sigma_m,
-        antenna_separation_m=antenna_separation_m,
-        tracking=tracking,
-        doppler_max_hz=doppler_max_hz,
-        place_deg=place_deg,
-        position_format=position_format,
-        start_s=start_s,
-        duration_s=duration_s,
-        progress=progress(),
-    )
+    with whatever_is_missing(partial(print_result, as_json=json, incomplete=True)):
+        result = app.protect.protect(
+            inputs or [],
+            nav=nav,
+            imu=imu,
+            platform=platform,
+            out=out,
+            false_alarm_probability_per_hour=false_alarm_probability_per_hour,
+            antenna_distance_m=antenna_distance_m,
+            antenna_distance_sigma_m=antenna_distance_sigma_m,
+            antenna_separation_m=antenna_separation_m,
+            tracking=tracking,
+            doppler_max_hz=doppler_max_hz,
+            place_deg=place_deg,
+            position_format=position_format,
+            start_s=start_s,
+            duration_s=duration_s,
+            overwrite=overwrite,
+            progress=progress(),
+        )
     print_result(result, as_json=json)
     if result.interrupted:
         return interrupted_code()

@@ -1,16 +1,20 @@
 """`skyproof receive`."""
 
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
 from skyproof import app
-from skyproof.cli.options import Debug, Duration, Nav, OneDocument, Place, Reach, Start, Tracking
+from skyproof.cli.options import Debug, Duration, Nav, OneDocument, Overwrite, Place, Reach, Start, Tracking
 from skyproof.cli.progress import progress
-from skyproof.cli.screen import complain, print_document, print_path, words
+from skyproof.cli.screen import complain, print_document, print_path, whatever_is_missing, words
 from skyproof.interruption import interrupted_code
+
+if TYPE_CHECKING:
+    from skyproof.app.receive import ReceiveResult
 
 __all__ = ["receive"]
 
@@ -32,24 +36,32 @@ def receive(
     place_deg: Place = None,
     start_s: Start = None,
     duration_s: Duration = None,
+    overwrite: Overwrite = False,
     json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
     """Track every signal in recordings and write RINEX observations and navigation data, without judging them."""
-    result = app.receive.receive(
-        files,
-        out=out,
-        nav=nav,
-        tracking=tracking,
-        doppler_max_hz=doppler_max_hz,
-        place_deg=place_deg,
-        start_s=start_s,
-        duration_s=duration_s,
-        progress=progress(),
-    )
+    with whatever_is_missing(partial(_show, as_json=json)):
+        result = app.receive.receive(
+            files,
+            out=out,
+            nav=nav,
+            tracking=tracking,
+            doppler_max_hz=doppler_max_hz,
+            place_deg=place_deg,
+            start_s=start_s,
+            duration_s=duration_s,
+            overwrite=overwrite,
+            progress=progress(),
+        )
+    _show(result, as_json=json)
+    return interrupted_code() if result.interrupted else 0
+
+
+def _show(result: "ReceiveResult", *, as_json: bool) -> None:
     if result.interrupted:
         complain("interrupted: this is what was received so far")
-    if json:
+    if as_json:
         print_document(app.receive.document_json(result))
     else:
         console = Console()
@@ -59,4 +71,3 @@ def receive(
                 console.print(words(f"  {remark}", style="dim"))
         if result.folder is not None:
             print_path("files in", result.folder)
-    return interrupted_code() if result.interrupted else 0

@@ -3,22 +3,34 @@
 import contextlib
 import json
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 from rich.text import Text
 
-from skyproof.errors import readable
+from skyproof.errors import IncompleteOutput, readable
 
-__all__ = ["complain", "print_document", "print_path", "print_table", "table", "words"]
+__all__ = ["complain", "print_document", "print_path", "print_table", "table", "whatever_is_missing", "words"]
 
 
 def complain(text: str) -> None:
     """One line on standard error, if that can be written: there is nowhere else to say so."""
     with contextlib.suppress(OSError):
         print(f"skyproof: {' '.join(readable(text).split())}", file=sys.stderr)
+
+
+@contextlib.contextmanager
+def whatever_is_missing(show: Callable[[Any], object]) -> Iterator[None]:
+    """Show the result also where not all its files could be written, and then raise the error that says so."""
+    try:
+        yield
+    except IncompleteOutput as error:
+        show(error.result)
+        raise
 
 
 def words(text: str, style: str = "") -> Text:

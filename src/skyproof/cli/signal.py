@@ -1,9 +1,11 @@
 """What `skyproof inspect` shows on a terminal: one screen, pictures in blocks of text."""
 
 import math
+import shlex
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -11,6 +13,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from skyproof import app
 from skyproof.cli.screen import print_table, table, words
 
 if TYPE_CHECKING:  # they take a second to load, which help and errors need not wait for
@@ -50,7 +53,19 @@ def show_inspection(console: Console, inspection: "Inspection") -> None:
     console.print()
     if inspection.sidecar is not None:
         console.print(words(f"Written: {inspection.sidecar}", style="green"), soft_wrap=True)
+    elif inspection.proposals:
+        _show_sidecar(console, inspection)
     console.print(words(inspection.advice, style="bold"))
+
+
+def _show_sidecar(console: Console, inspection: "Inspection") -> None:
+    """What states how to read the file, and how to have it written."""
+    path = Path(inspection.samples.path or inspection.samples.name)
+    console.print(words(f"`receive` and `protect` need this beside it, as {path.with_suffix('.toml').name}:"))
+    for line in app.inspect.sidecar_lines(inspection):
+        console.print(words(f"  {line}", style="dim"), soft_wrap=True)
+    write = f"Not written; this writes it: skyproof inspect {shlex.quote(str(path))} --write {inspection.taken + 1}"
+    console.print(words(write, style="green"), soft_wrap=True)
 
 
 def show_guess(console: Console, found: "Guess") -> None:

@@ -7,7 +7,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from skyproof import app
-from skyproof.cli.options import Debug, OneDocument
+from skyproof.cli.options import Debug, OneDocument, Overwrite
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.errors import SettingsError
@@ -51,6 +51,7 @@ def simulate(
         bool,
         Parameter(help="Draw the scene as a page, scene.html; without --out only that, NAME.html in this folder."),
     ] = False,
+    overwrite: Overwrite = False,
     pages: Annotated[
         Path | None,
         Parameter(help="Folder for the pages of all ready-made scenes, and of generated errors, instead."),
@@ -79,6 +80,7 @@ def simulate(
         depth=depth,
         container=container,
         plot=plot,
+        overwrite=overwrite,
         progress=progress(),
     )
     if result.interrupted:

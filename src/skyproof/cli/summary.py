@@ -24,8 +24,8 @@ STYLES = {
 }
 
 
-def print_result(result: "ProtectResult", *, as_json: bool) -> None:
-    """Print the verdict, as JSON or in words, and where the report is."""
+def print_result(result: "ProtectResult", *, as_json: bool, incomplete: bool = False) -> None:
+    """Print the verdict, as JSON or in words, and where the report is; not all files are there if `incomplete`."""
     if result.interrupted:
         complain("interrupted: this is what was decided so far")
     if as_json:
@@ -35,8 +35,9 @@ def print_result(result: "ProtectResult", *, as_json: bool) -> None:
         print_document(verdict_json(result.verdict))
     else:
         _print_summary(result.verdict)
-        if result.folder is not None:
-            print_path("report:", result.folder / "report.html")
+        report = None if result.folder is None else result.folder / "report.html"
+        if report is not None and (report.exists() or not incomplete):
+            print_path("report:", report)
 
 
 def _print_summary(verdict: Verdict) -> None:

@@ -7,17 +7,29 @@ import hashlib
 import os
 import shutil
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final
 
 from skyproof.errors import OutputError
 
-__all__ = ["UNFINISHED", "output_error", "replaced", "write_lines", "writing", "writing_together"]
+__all__ = [
+    "UNFINISHED",
+    "OutputStep",
+    "Unwritten",
+    "output_error",
+    "replaced",
+    "unwritten_words",
+    "write_in_turn",
+    "write_lines",
+    "writing",
+]
 
 UNFINISHED: Final = ".skyproof-unfinished"
-"""The folder within another one that holds what `writing_together` has not finished."""
+"""The folder within another one that holds what `write_in_turn` has not finished."""
 
+_CANNOT: Final = " cannot be written "
 _REMEDIES = {
     errno.ENOENT: "its folder does not exist; make it first",
     errno.ENOTDIR: "a part of its path is a file, not a folder; choose another place",
@@ -26,6 +38,7 @@ _REMEDIES = {
     errno.EPERM: "the folder may not be written; choose another one or change its permissions",
     errno.EROFS: "the file system is read-only; choose another place",
     errno.ENOSPC: "the disk is full; free space or choose another place",
+    errno.EFBIG: "files may not be so large here (ulimit -f); raise the limit or choose another place",
     errno.EDQUOT: "the disk quota is used up; free space or choose another place",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
@@ -64,67 +77,132 @@ def writing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             part.unlink(missing_ok=True)
 
 
-@contextlib.contextmanager
-def writing_together(folder: Path, *, instead_of: Iterable[str] = (), last: str = "") -> Iterator[Path]:
-    """A folder for files that appear in `folder` together when the block ends well; otherwise what stood there stays.
+@dataclass(frozen=True)
+class OutputStep:
+    """Files that are written together.
 
-    Whoever kills the process while they appear leaves no old file beside a new one.
+    names : of them. write : writes them into a folder, each whole or not at all. after_all : only if all before were.
+    """
+
+    names: tuple[str, ...]
+    write: Callable[[Path], object]
+    after_all: bool = False
+
+
+@dataclass(frozen=True)
+class Unwritten:
+    """Names of files that are missing, and why."""
+
+    names: tuple[str, ...]
+    error: Exception
+
+
+def write_in_turn(
+    folder: Path,
+    steps: Sequence[OutputStep],
+    *,
+    ahead: int = 1,
+    instead_of: Iterable[str] = (),
+    done: Callable[[int], object] = lambda count: None,
+) -> tuple[Unwritten, ...]:
+    """Write the files of a run into `folder`, step by step, and return what could not be written.
+
+    A step that fails costs its own files. No file of an earlier run stands beside one of this run, whoever kills the
+    process, and whenever. If the first file cannot be written, nothing is, and what an earlier run wrote stays.
 
     Parameters
     ----------
-    instead_of : names of files in `folder` that go first; files of the new names go as well.
-    last : of all of them the one that goes first and comes last: where it is, its fellows are. Until all are there, the
-        one that went is kept as `replaced(last)` in the unfinished folder, for whoever comes after a kill.
-
-    Raises
-    ------
-    OutputError : a file cannot be written, or another process is writing into the folder.
+    ahead : so many steps appear together, in place of what an earlier run wrote; the first file of the first step last.
+    instead_of : names of files in `folder` that an earlier run wrote: they go before the first file appears. Until that
+        is there, the one of its name is kept as `replaced(name)` in the unfinished folder, for whoever comes after a
+        kill.
+    done : called with the number of steps that are behind.
     """
-    part = folder / UNFINISHED
-    lock = _locked(part)
+    if not steps:
+        return ()
+    part, first, behind = folder / UNFINISHED, steps[0].names[0], 0
+    unwritten: list[Unwritten] = []
+    failure: Exception | None = None
     try:
-        for left in part.iterdir():
-            if left.name != replaced(last):
-                left.unlink()
-        yield part
-        names = {path.name for path in part.iterdir()} - {replaced(last)}
-        if last and (folder / last).exists():
-            os.replace(folder / last, part / replaced(last))
-        for name in {*instead_of, *names}:
-            (folder / name).unlink(missing_ok=True)
-        for name in sorted(names, key=lambda name: (name == last, name)):
-            os.replace(part / name, folder / name)
-    except OutputError as error:
-        raise OutputError(str(error).replace(f"{UNFINISHED}{os.sep}", "")) from error
+        _empty(part, first)
+        for number, step in enumerate(steps, 1):
+            if step.after_all and unwritten:
+                unwritten.append(Unwritten(step.names, unwritten[0].error))
+            elif (failed := _attempt(step, part)) is not None:
+                unwritten.append(failed)
+            if number == ahead:
+                if not (part / first).exists():
+                    break
+                _replace(folder, part, first, instead_of)
+            elif number > ahead:
+                for path in list(part.iterdir()):
+                    os.replace(path, folder / path.name)
+            behind = number if number >= ahead else 0
+            done(number)
     except OSError as error:
-        raise output_error(folder, error) from error
+        failure = output_error(folder, error)
     finally:
         shutil.rmtree(part, ignore_errors=True)
-        os.close(lock)
+    failed_names = {name for each in unwritten for name in each.names}
+    rest = tuple(name for step in steps[behind:] for name in step.names if name not in failed_names)
+    if rest:
+        unwritten.append(Unwritten(rest, failure or unwritten[0].error))
+    return tuple(unwritten)
+
+
+def _empty(part: Path, first: str) -> None:
+    """Make the unfinished folder, and remove what a run that was killed left there."""
+    part.mkdir(exist_ok=True)
+    for left in part.iterdir():
+        if left.name != replaced(first):
+            left.unlink()
+
+
+def _attempt(step: OutputStep, part: Path) -> Unwritten | None:
+    """Write the files of a step, and return those that could not be written."""
+    try:
+        step.write(part)
+    except Exception as error:  # of whatever kind: the files of other steps are not lost for it
+        names = tuple(name for name in step.names if not (part / name).exists())
+        if isinstance(error, OutputError):
+            error = OutputError(str(error).replace(f"{UNFINISHED}{os.sep}", ""))
+        return Unwritten(names, error)
+    return None
+
+
+def _replace(folder: Path, part: Path, first: str, instead_of: Iterable[str]) -> None:
+    """Put what is in `part` into `folder`, the file `first` last, in place of what an earlier run wrote."""
+    new = {path.name for path in part.iterdir()} - {replaced(first)}
+    if (folder / first).exists():
+        os.replace(folder / first, part / replaced(first))
+    for name in {*instead_of, *new}:
+        (folder / name).unlink(missing_ok=True)
+    for name in sorted(new, key=lambda name: (name == first, name)):
+        os.replace(part / name, folder / name)
+    (part / replaced(first)).unlink(missing_ok=True)
+
+
+def unwritten_words(folder: Path, unwritten: Sequence[Unwritten]) -> str:
+    """Say which files are missing in a folder, why, and what to do."""
+    names = [name for each in unwritten for name in each.names]
+    causes = "; ".join(dict.fromkeys(_cause(each.error) for each in unwritten))
+    return (
+        f"{folder} lacks {', '.join(names)}: {causes}. What is there is whole; the same command with --overwrite "
+        "writes all again"
+    )
+
+
+def _cause(error: Exception) -> str:
+    """Why a file could not be written, without its name."""
+    if isinstance(error, OutputError):
+        _, cannot, why = str(error).partition(_CANNOT)
+        return f"{cannot.strip()} {why}" if cannot else str(error)
+    return f"unexpected {type(error).__name__}: {error}. This is a fault of skyproof, not of the input"
 
 
 def replaced(name: str) -> str:
     """What a file is called that is about to be replaced."""
     return f"replaced-{name}"
-
-
-def _locked(part: Path) -> int:
-    """Make the folder `part`, and keep others out of it as long as what is returned is open."""
-    try:
-        part.mkdir(exist_ok=True)
-        lock = os.open(part, os.O_RDONLY)
-    except OSError as error:
-        raise output_error(part.parent, error) from error
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(lock)
-        raise OutputError(
-            f"{part.parent}: another run is writing into it; wait until it ends, or name another folder"
-        ) from None
-    except OSError:  # a file system without locks
-        pass
-    return lock
 
 
 def _remove_left(part: Path) -> None:
@@ -137,7 +215,7 @@ def _remove_left(part: Path) -> None:
 def output_error(path: str | os.PathLike[str], error: OSError) -> OutputError:
     """What could not be written, why, and what to do."""
     remedy = _REMEDIES.get(error.errno or 0, "choose another place")
-    return OutputError(f"{os.fspath(path)} cannot be written ({error.strerror or error}): {remedy}")
+    return OutputError(f"{os.fspath(path)}{_CANNOT}({error.strerror or error}): {remedy}")
 
 
 def write_lines(

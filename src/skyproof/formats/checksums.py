@@ -17,14 +17,14 @@ CHECKSUMS: Final = "checksums.sha256"
 _LINE = re.compile(r"([0-9a-f]{64})  ([^/\\]+)")
 
 
-def write_checksums(folder: Path, names: Iterable[str]) -> None:
-    """Write the sums of files of a folder beside them.
+def write_checksums(path: Path, folder: Path, names: Iterable[str]) -> None:
+    """Write the sums of files of a folder.
 
     Raises
     ------
     InputError : one cannot be read. OutputError : the sums cannot be written.
     """
-    write_lines(folder / CHECKSUMS, [f"{sha256(folder / name)}  {name}" for name in sorted(names)], encoding="utf-8")
+    write_lines(path, [f"{sha256(folder / name)}  {name}" for name in sorted(names)], encoding="utf-8")
 
 
 def read_checksums(path: Path) -> dict[str, str]:

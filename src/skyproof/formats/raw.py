@@ -226,7 +226,7 @@ def open_raw_channels(
             raise InputError(f"{path} looks like {known[0]}; {known[1]}")
         raise InputError(
             f"{path}: nothing says how to read it, for there is no sidecar {sidecar}; run `skyproof inspect {path}`, "
-            "which finds out and writes it, or write it with the keys rate_hz, kind, encoding, bits and, where they "
+            "which finds out and can write it, or write it with the keys rate_hz, kind, encoding, bits and, where they "
             f"differ from L1 at zero frequency, centre_hz and if_hz: {_EXAMPLE}"
         )
     layout = read_sidecar(sidecar)

@@ -38,8 +38,7 @@ def gathered(
 
     Raises
     ------
-    NothingGathered : no piece. ValueError : one that does not follow those before in time. OutputError : the disk
-        cannot be written.
+    NothingGathered : no piece. ValueError : one that does not follow those before in time.
     """
     held: list[Observations] = []
     spool: ObservationSpool | None = None
@@ -104,12 +103,7 @@ class ObservationSpool:
         return summarize(type(self).__name__, {name: getattr(self, name) for name in names})
 
     def append(self, piece: Observations) -> None:
-        """Write a piece that follows those before it.
-
-        Raises
-        ------
-        ValueError : it does not follow them in time. OutputError : it cannot be written.
-        """
+        """Write a piece that follows those before it. Raises ValueError if it does not follow them in time."""
         if not piece.gpst.size:
             return
         if self._pieces and piece.gpst[0] <= self._pieces[-1].gpst[-1]:

@@ -1,7 +1,9 @@
 """Recordings that nothing describes: read as they were made, written down, or refused with what is needed."""
 
 import json
+import os
 import re
+import shlex
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -458,7 +460,7 @@ def test_another_proposal_can_be_taken(swapped: Path) -> None:
 def test_the_command_shows_the_guess_writes_it_and_protect_asks_for_it(swapped: Path, capsys) -> None:
     assert cli.main(["protect", str(swapped), "--out", str(swapped.parent / "out")]) == 2
     assert f"run `skyproof inspect {swapped}`" in capsys.readouterr().err
-    assert cli.main(["inspect", str(swapped), "--json", "--write", "0"]) == 0
+    assert cli.main(["inspect", str(swapped), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["proposals"][0]["convincing"]
     assert document["proposals"][0]["layout"]["rate_hz"] == 2.6e6
@@ -468,8 +470,12 @@ def test_the_command_shows_the_guess_writes_it_and_protect_asks_for_it(swapped: 
     screen = capsys.readouterr().out
     assert "measured: code period" in screen
     assert "swapped.toml" in screen
-    assert screen.count("\n") <= 45
-    assert swapped.with_suffix(".toml").exists()
+    assert screen.count("\n") <= 55
+    assert os.listdir(swapped.parent) == ["swapped.bin"]
+    command = next(line for line in screen.splitlines() if "--write" in line).partition("skyproof ")[2]
+    assert cli.main(shlex.split(command)) == 0
+    shown = [line[2:] for line in screen.splitlines() if line.startswith("  ")]
+    assert set(swapped.with_suffix(".toml").read_text().splitlines()) <= {line.rstrip() for line in shown} | {""}
 
 
 @pytest.mark.usefixtures("guessed_once")
@@ -492,7 +498,9 @@ def test_pictures_are_written_even_if_nothing_convinces(tmp_path: Path, capsys) 
     assert cli.main(["inspect", str(path), "--plot", "--out", str(out)]) == 0
     assert "is not certain" in capsys.readouterr().out
     assert {one.name for one in out.iterdir()} == {"noise-levels.svg", "noise-spectrum.svg"}
-    assert cli.main(["inspect", str(path), "--plot", "--out", str(out), "--json"]) == 0
+    assert cli.main(["inspect", str(path), "--plot", "--out", str(out)]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert cli.main(["inspect", str(path), "--plot", "--out", str(out), "--json", "--overwrite"]) == 0
     json.loads(capsys.readouterr().out)
 
 

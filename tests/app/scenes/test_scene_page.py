@@ -187,7 +187,7 @@ def test_the_command_draws_the_page_alone_or_beside_the_data(
     assert main(["simulate", "spin", "--plot", *options]) == 0
     assert (tmp_path / "data" / "scene.html").read_bytes() == (tmp_path / "spin.html").read_bytes()
     assert "scene.html" in json.loads((tmp_path / "data" / "truth.json").read_text(encoding="utf-8"))["files"]
-    assert main(["simulate", "spin", *options]) == 0
+    assert main(["simulate", "spin", *options, "--overwrite"]) == 0
     assert not (tmp_path / "data" / "scene.html").exists()  # of the run before
 
 

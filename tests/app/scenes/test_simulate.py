@@ -111,7 +111,7 @@ def test_the_resolved_scenario_makes_the_same_bytes(tmp_path: Path) -> None:
     simulate(tmp_path / "a" / "scenario.toml", out=tmp_path / "b")
     first = octets_in(tmp_path / "a")
     assert first == octets_in(tmp_path / "b")
-    simulate(tmp_path / "a" / "scenario.toml", out=tmp_path / "a")  # over itself
+    simulate(tmp_path / "a" / "scenario.toml", out=tmp_path / "a", overwrite=True)  # over itself
     assert first == octets_in(tmp_path / "a")
     other = simulate(small(navigation=navigation), out=tmp_path / "c", seed=10, depth="measurements")
     differ = {name for name in other.files if first[name] != (tmp_path / "c" / name).read_bytes()}
@@ -154,7 +154,7 @@ def test_two_runs_never_mix(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("stays")
     simulate(small(), out=tmp_path, depth="measurements")
     one = small(receivers=small().receivers[:1])
-    result = simulate(one, out=tmp_path, depth="measurements")
+    result = simulate(one, out=tmp_path, depth="measurements", overwrite=True)
     assert set(octets_in(tmp_path)) == {*result.files, "mine.txt"}
 
 
@@ -174,7 +174,44 @@ def test_what_is_not_ours_is_not_removed(tmp_path: Path, text: str) -> None:
     for place in (tmp_path, folder):
         (place / "mine.txt").write_text("stays")
     (folder / "truth.json").write_text(text)
-    assert module._older(folder) == []
+    assert folder / "mine.txt" not in module.scene_in(folder)[1]
+
+
+def make(folder: Path, **options: object) -> None:
+    simulate("clean", depth="measurements", duration_s=2.0, out=folder, **options)  # type: ignore[arg-type]
+
+
+def test_a_scene_is_replaced_only_if_asked_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make(tmp_path)
+    before = octets_in(tmp_path)
+    (tmp_path / "mine.txt").write_text("mine")
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "navigation_of", lambda _: pytest.fail("the work began before the check"))
+        with pytest.raises(OutputError, match=r"holds an earlier scene: .*--overwrite"):
+            make(tmp_path, seed=9)
+    assert octets_in(tmp_path) == before | {"mine.txt": b"mine"}
+    make(tmp_path, seed=9, overwrite=True)
+    after = octets_in(tmp_path)
+    assert after.pop("mine.txt") == b"mine"
+    assert after.keys() == before.keys()
+    assert after["truth.json"] != before["truth.json"]
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path, overwrite: bool) -> None:
+    (tmp_path / "broadcast.rnx").write_text("mine")
+    with pytest.raises(OutputError, match=r"broadcast.rnx would be overwritten"):
+        make(tmp_path, overwrite=overwrite)
+    assert octets_in(tmp_path) == {"broadcast.rnx": b"mine"}
+
+
+def test_what_a_killed_run_left_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "write_series", lambda *_, **__: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            make(tmp_path)
+    assert (tmp_path / "truth.json").exists()
+    make(tmp_path, overwrite=True)
 
 
 def test_an_interruption_leaves_whole_files_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """RINEX files of signals: a file has room for one per transmission, so several of one stand in several files."""
 
+import re
 from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
@@ -12,7 +13,18 @@ from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.time import utc_from_gpst
 from skyproof.records import ObservationLog, SignalId
 
-__all__ = ["date_of", "one_a_transmission", "write_channels"]
+__all__ = ["date_of", "is_ours", "one_a_transmission", "write_channels"]
+
+_MADE_BY = re.compile(rb"^skyproof\b.{,52} *PGM / RUN BY / DATE", re.MULTILINE)
+
+
+def is_ours(path: Path) -> bool:
+    """Whether the header of a RINEX file says that skyproof made it; not if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return _MADE_BY.search(file.read(1000)) is not None
+    except OSError:
+        return False
 
 
 def date_of(observations: Iterable[ObservationLog | None]) -> np.datetime64 | None:

@@ -6,7 +6,8 @@
 
 `inputs` holds one path a receiver with ";" between them; `nav`, `imu` and `platform` what the options of
 `skyproof protect` of these names take; a column may have the name of any setting that is one number or word. What is
-empty is not given. Paths are relative to the catalogue.
+empty is not given. Paths are relative to the catalogue. Spreadsheets of some countries part columns by ";" or tabs: the
+first line shows which, and several inputs then stand in quotes.
 """
 
 import csv
@@ -30,6 +31,8 @@ IN_PLATFORM: Final = ("antennas_enu_m", "not_driving", "place_deg")
 """Settings of several numbers or words."""
 SETTINGS: Final = tuple(name for name in Settings.model_fields if name not in IN_PLATFORM)
 COLUMNS: Final = ("name", "inputs", *FILES, *SETTINGS)
+_WORDS: Final = {",": "a comma", ";": 'a ";"', "\t": "a tab"}
+"""What may part columns, in words."""
 _NAME: Final = re.compile(r"\w[\w.+ -]{0,99}(?<! )")
 
 
@@ -58,7 +61,8 @@ def read_catalogue(path: Path) -> list[CatalogueItem]:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is no UTF-8; save the table as CSV in UTF-8") from error
-    lines = _rows(text, path)
+    delimiter = _delimiter_of(text)
+    lines = _rows(text, path, delimiter)
     number, head = next(lines, (1, []))
     names = [name.strip() for name in head]
     _require_columns(names, f"{path}: line {number}")
@@ -69,7 +73,7 @@ def read_catalogue(path: Path) -> list[CatalogueItem]:
         if len(cells) > len(names):
             raise InputError(
                 f"{where}: {len(cells)} fields, but the first line names {len(names)} columns; several inputs are "
-                'parted by ";", and a field that holds a comma stands in quotes'
+                f'parted by ";", and a field that holds {_WORDS[delimiter]} stands in quotes: "a.obs;b.obs"'
             )
         item = _item({name: cell.strip() for name, cell in zip(names, cells, strict=False) if cell.strip()}, where)
         if (taken := item.name.casefold()) in at:  # of folders, which some file systems tell apart by letters alone
@@ -83,9 +87,19 @@ def read_catalogue(path: Path) -> list[CatalogueItem]:
     return list(items.values())
 
 
-def _rows(text: str, path: Path) -> Iterator[tuple[int, list[str]]]:
+def _delimiter_of(text: str) -> str:
+    """What parts the columns: that by which most names in the first line are known."""
+    head = next((line for line in text.splitlines() if line.strip()), "")
+
+    def known(delimiter: str) -> int:
+        return sum(name.strip().strip('"') in COLUMNS for name in head.split(delimiter))
+
+    return max(_WORDS, key=known)
+
+
+def _rows(text: str, path: Path, delimiter: str) -> Iterator[tuple[int, list[str]]]:
     """Number and cells of each line that holds any."""
-    rows = csv.reader(text.splitlines(keepends=True), strict=True)
+    rows = csv.reader(text.splitlines(keepends=True), delimiter=delimiter, strict=True)
     try:
         for cells in rows:
             if any(cell.strip() for cell in cells):

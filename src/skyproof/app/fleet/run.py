@@ -1,20 +1,21 @@
 """Every item of a catalogue protected, by processes of this machine or the nodes of a Ray cluster."""
 
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-from skyproof.app.common.folder import check_folder
+from skyproof.app.common.folder import claim, listed, require_free
 from skyproof.app.common.kernels import RECEIVING, make_ready
 from skyproof.app.common.progress import Progress, Silent
-from skyproof.app.fleet.catalogue import read_catalogue
+from skyproof.app.fleet.catalogue import CatalogueItem, read_catalogue
 from skyproof.app.fleet.piece import piece_of, protect_piece
 from skyproof.app.fleet.rows import FleetRow, row_of, write_rows
-from skyproof.batch import Processes, Runner, Store, run
+from skyproof.batch import ITEMS, Item, Processes, Runner, Store, run
 from skyproof.compiled import threads
-from skyproof.errors import SettingsError
+from skyproof.errors import OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.report.fleet import fleet_html
 
@@ -43,12 +44,12 @@ def fleet(
     out: str | Path,
     workers: int | None = None,
     ray: str | None = None,
+    overwrite: bool = False,
     progress: Progress | None = None,
 ) -> FleetResult:
     """Protect every item of a catalogue; the same bytes whatever did it, in however many processes.
 
-    Items that `out` has are not done again, unless their files, settings or our version changed; those that failed
-    are. An item that cannot be done costs itself.
+    Items that `out` has are not done again; those that failed are. An item that cannot be done costs itself.
 
     Parameters
     ----------
@@ -56,19 +57,50 @@ def fleet(
     out : folder, made if absent: items/NAME holds what `protect` writes for each, fleet.html and fleet.parquet all.
     workers : processes; as many as cores if None.
     ray : address of a Ray cluster, whose nodes do the items in place of processes of this machine.
+    overwrite : whether items are done again whose files or settings, or our version, changed since they were done.
 
     Raises
     ------
     InputError, SettingsError : the catalogue cannot be read, or a line of it makes no sense. OutputError : the folder
-        cannot be written, or another run writes into it.
+        cannot be written, another run writes into it, or it holds what would be overwritten.
     """
     progress, path, folder = progress or Silent(), Path(catalogue), Path(out)
     items = read_catalogue(path)
     runner = _runner(workers, ray)
-    check_folder(folder)
+    pieces = [piece_of(item, path.parent) for item in items]
+    with claim(folder):
+        _require_free(folder)
+        return _fleet(items, pieces, Store(folder), runner, overwrite, progress)
+
+
+def _require_free(folder: Path) -> None:
+    """Raise OutputError if what is there is not of a fleet and would be overwritten."""
+    taken = [name for name in (PAGE, TABLE, ITEMS) if (folder / name).exists()]
+    require_free(folder, taken, taken if Store(folder).exists else (), "", overwrite=True)
+
+
+def _require_same(pieces: Sequence[Item], store: Store) -> None:
+    """Raise OutputError if results would be overwritten by others."""
+    if changed := [item.key for item in pieces if store.has_other(item)]:
+        raise OutputError(
+            f"{store.folder}: done there of other files or settings, or by another version of skyproof: "
+            f"{listed(sorted(changed))}; name another folder with --out, or give --overwrite to do them again"
+        )
+
+
+def _fleet(
+    items: Sequence[CatalogueItem],
+    pieces: Sequence[Item],
+    store: Store,
+    runner: AbstractContextManager[Runner],
+    overwrite: bool,
+    progress: Progress,
+) -> FleetResult:
+    folder = store.folder
     make_ready(RECEIVING, progress)  # once, before as many processes as there are cores would each do it
-    with Store(folder) as store:
-        pieces = [piece_of(item, path.parent) for item in items]
+    with store:
+        if not overwrite:
+            _require_same(pieces, store)
         with progress.stage(f"protecting {len(items)} items", float(len(items))) as stage, runner as doing:
             errors, interrupted = run(pieces, protect_piece, store, doing, report=stage.advance, say=progress.say)
         rows = tuple(row_of(item, store.of(item.name), errors.get(item.name)) for item in items)

@@ -5,7 +5,7 @@ from skyproof.app.inspect.inspection import Inspection, Satellite, document_json
 from skyproof.app.inspect.run import inspect
 from skyproof.app.inspect.signal_pictures import write_pictures
 from skyproof.app.inspect.signals import inspect_recording, inspect_samples
-from skyproof.app.inspect.undescribed import NotUnderstood
+from skyproof.app.inspect.undescribed import NotUnderstood, sidecar_lines
 
 __all__ = [
     "Inspection",
@@ -16,5 +16,6 @@ __all__ = [
     "inspect_recording",
     "inspect_samples",
     "oscillator_remarks",
+    "sidecar_lines",
     "write_pictures",
 ]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from skyproof.app.common.folder import require_free
 from skyproof.errors import OutputError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.recording.conditioning import conditioned
@@ -18,12 +19,16 @@ if TYPE_CHECKING:
 __all__ = ["write_pictures"]
 
 _CORRELATED_S: Final = 0.02
+_PICTURES: Final = ("levels", "spectrum", "correlation")
 
 
-def write_pictures(inspections: "Sequence[Inspection]", folder: str | Path) -> tuple[Path, ...]:
+def write_pictures(
+    inspections: "Sequence[Inspection]", folder: str | Path, *, overwrite: bool = False
+) -> tuple[Path, ...]:
     """Write NAME-levels.svg, NAME-spectrum.svg and, where there are satellites, NAME-correlation.svg of each channel.
 
-    Raises OutputError if the folder cannot be made or a file cannot be written.
+    Raises OutputError if the folder cannot be made, a file cannot be written, or one is there already and may not be
+    replaced (`overwrite`).
     """
     folder = Path(folder)
     try:
@@ -32,16 +37,19 @@ def write_pictures(inspections: "Sequence[Inspection]", folder: str | Path) -> t
         raise OutputError(
             f"{folder}: cannot be made ({error.strerror or error}); give --out a folder that can"
         ) from error
+    names = [f"{each.samples.name}-{what}.svg" for each in inspections for what in _PICTURES]
+    taken = [name for name in names if (folder / name).exists()]
+    require_free(folder, taken, taken, "pictures already", overwrite=overwrite)
     paths = []
     for inspection in inspections:
         front = inspection.front_end
         marks = [Mark(line.frequency_hz, _top(inspection, line.frequency_hz), line.hurts) for line in front.lines]
-        pictures = {
-            "levels": levels_svg(front.levels, front.level_shares),
-            "spectrum": spectrum_svg(front.frequency_hz, front.density, front.floor, marks),
-            "correlation": correlation_svg(_lobes(inspection)),
-        }
-        for what, picture in pictures.items():
+        pictures = (
+            levels_svg(front.levels, front.level_shares),
+            spectrum_svg(front.frequency_hz, front.density, front.floor, marks),
+            correlation_svg(_lobes(inspection)),
+        )
+        for what, picture in zip(_PICTURES, pictures, strict=True):
             if picture:
                 paths.append(folder / f"{inspection.samples.name}-{what}.svg")
                 write_lines(paths[-1], [str(picture)], end="", encoding="utf-8")

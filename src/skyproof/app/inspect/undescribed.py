@@ -18,7 +18,7 @@ from skyproof.recording.conditioning import measure_front_end
 from skyproof.recording.survey import Survey
 from skyproof.records import Samples
 
-__all__ = ["NotUnderstood", "guessed"]
+__all__ = ["NotUnderstood", "guessed", "sidecar_lines"]
 
 
 class NotUnderstood(InputError):
@@ -132,18 +132,23 @@ def _inspection_righted(inspection: Inspection, samples: Samples) -> Inspection:
     return inspection_of(samples, front, inspection.satellites, right, False, inspection.stretch)
 
 
-def _with_sidecar(inspection: Inspection, sidecar: Path) -> Inspection:
-    """Write how to read the recording beside it, and which of it was measured; a remark where that cannot be."""
+def sidecar_lines(inspection: Inspection) -> list[str]:
+    """How to read a recording that nothing describes, and which of it was measured, as the lines of a sidecar."""
     assert inspection.layout is not None
     lines = [
         f"{line}  # {inspection.sources[key]}" if (key := line.split(" = ")[0]) in inspection.sources else line
         for line in sidecar_text(inspection.layout).splitlines()
     ]
     lines[0] += ", determined by `skyproof inspect`"
+    return lines
+
+
+def _with_sidecar(inspection: Inspection, sidecar: Path) -> Inspection:
+    """Write how to read the recording beside it; a remark where that cannot be."""
     try:
         if sidecar.exists():
             return inspection
-        write_lines(sidecar, lines, encoding="utf-8")
+        write_lines(sidecar, sidecar_lines(inspection), encoding="utf-8")
     except OutputError as error:
         return replace(inspection, remarks=(*inspection.remarks, f"the sidecar was not written: {error}"))
     return replace(inspection, sidecar=str(sidecar))

@@ -1,15 +1,17 @@
 """Everything that `protect` writes into its folder."""
 
-import contextlib
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, get_args
 
 import numpy as np
 import tomli_w
 
+from skyproof.app.common.folder import require_free
 from skyproof.app.common.memory import give_back
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
@@ -19,13 +21,15 @@ from skyproof.app.protect.document import Outcome, ReceiverOutcome, versions
 from skyproof.app.protect.pictures import kinds_of, pictures_of
 from skyproof.app.protect.positions import KINDS, Track
 from skyproof.errors import InputError
-from skyproof.formats.atomic_write import UNFINISHED, replaced, write_lines, writing_together
-from skyproof.formats.checksums import write_checksums
+from skyproof.formats.atomic_write import UNFINISHED, OutputStep, Unwritten, replaced, write_in_turn, write_lines
+from skyproof.formats.checksums import CHECKSUMS, write_checksums
+from skyproof.formats.documents import read_json
 from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
+from skyproof.formats.pieces import UNFINISHED_RUN, is_unfinished
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.tables import Words, fixes_columns, growing_tables
-from skyproof.formats.verdict import read_verdict, write_verdict
+from skyproof.formats.verdict import write_verdict
 from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.fusion.trusted import carries
 from skyproof.gnss.frames import geodetic_from_ecef
@@ -41,52 +45,84 @@ from skyproof.records import (
     NavigationData,
     ObservationLog,
     Observations,
+    SignalId,
 )
 from skyproof.report.page import report_html
 from skyproof.verdict import Verdict
 
-__all__ = ["evidence_line", "write_outputs"]
+__all__ = ["evidence_line", "require_outputs_free", "write_outputs"]
 
-VERDICT = "verdict.json"
+VERDICT, REPORT, SETTINGS, NAVIGATION, TRACKS = "verdict.json", "report.html", "settings.toml", "nav.rnx", "tracks.kml"
+TABLES = ("fixes.csv", "fixes.parquet", "evidence.parquet", "signals.parquet")
+_LABEL_NAMES: tuple[tuple[Label, str], ...] = (("authentic", "authentic"), ("spoofed", "other"), ("unknown", "unknown"))
+"""Of labels, and what files of signals are called for them."""
 _TABLE_CELLS = 1 << 15  # made into rows at once, of some 400 bytes each
 _TABLE_EVIDENCE = 1 << 10  # of some kilobytes each
 _LABELS: Final = get_args(Label)
 
 
-def write_outputs(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
-    """Write verdict, tables, RINEX, tracks, report and sums, in place of what an earlier run wrote; all or nothing."""
-    with (
-        progress.stage("writing outputs", 5) as stage,
-        writing_together(folder, instead_of=_older(folder), last=VERDICT) as part,
-    ):
-        write_verdict(part / VERDICT, verdict)
-        write_lines(part / "settings.toml", _settings_lines(settings), encoding="utf-8")
-        stage.advance(1)
-        _write_tables(part, outcome)
-        stage.advance(2)
-        give_back()
-        _write_rinex(part, outcome)
-        stage.advance(3)
-        give_back()
-        _write_tracks(part, outcome)
-        stage.advance(4)
-        give_back()
-        write_lines(part / "report.html", [report_html(verdict, pictures_of(outcome))], encoding="utf-8")
-        write_checksums(part, [path.name for path in part.iterdir()])
-        stage.advance(5)
+def require_outputs_free(folder: Path, receivers: Iterable[str] = (), *, overwrite: bool) -> None:
+    """Raise OutputError if a run would overwrite what is in the folder, as `require_free` says.
+
+    receivers : their names, once they are known.
+    """
+    output = _output("|".join(map(re.escape, receivers)))
+    names = {path.name for path in folder.iterdir() if output.fullmatch(path.name)}
+    if (folder / UNFINISHED_RUN).exists() and not is_unfinished(folder):
+        names.add(UNFINISHED_RUN)
+    words, earlier = _earlier(folder)
+    require_free(folder, names, earlier, f"the results of an earlier run ({words})", overwrite=overwrite)
 
 
-def _older(folder: Path) -> list[str]:
-    """What an earlier run wrote here and this one may not write anew, by its verdict, or by that of one that was killed
+def _earlier(folder: Path) -> tuple[str, list[str]]:
+    """The word of an earlier run here, and the names of its files, by its verdict or by that of one that was killed
     while its files appeared: the results of two runs never mix.
     """
-    names = []
-    unfinished = folder / UNFINISHED
-    for verdict in (folder / VERDICT, unfinished / VERDICT, unfinished / replaced(VERDICT)):
-        with contextlib.suppress(InputError):
-            names += [re.escape(r.name) for r in read_verdict(verdict).receivers]
-    own = re.compile(rf"({'|'.join(names)})-((authentic|other|unknown)(-\d+)?\.obs|trusted\.nmea)|nav\.rnx")
-    return [path.name for path in folder.iterdir() if names and own.fullmatch(path.name)]
+    unfinished, word, receivers = folder / UNFINISHED, "", []
+    for path in (unfinished / replaced(VERDICT), unfinished / VERDICT, folder / VERDICT):
+        with suppress(InputError):
+            document = read_json(path, "the verdict", "name another folder")
+            if isinstance(document, dict) and str(document.get("format")).startswith("skyproof-verdict/"):
+                word = str(document.get("verdict"))
+                receivers += [re.escape(str(one.get("name"))) for one in document.get("receivers", [])]
+    own = _output("|".join(receivers))
+    return word, [path.name for path in folder.iterdir() if word and own.fullmatch(path.name)]
+
+
+def _output(receivers: str) -> re.Pattern[str]:
+    """What a run writes: files of such names. receivers : their names, as a pattern."""
+    whole = "|".join(re.escape(name) for name in (VERDICT, REPORT, SETTINGS, *TABLES, NAVIGATION, TRACKS, CHECKSUMS))
+    return re.compile(rf"{whole}|({receivers})-((authentic|other|unknown)(-\d+)?\.obs|trusted\.nmea)", re.DOTALL)
+
+
+def write_outputs(
+    folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress
+) -> tuple[Unwritten, ...]:
+    """Write verdict, report, tables, RINEX, tracks and sums in place of what an earlier run wrote.
+
+    Verdict and report come first, what is large later, and the sums if nothing is missing. Returns what is.
+    """
+    steps = [
+        OutputStep((VERDICT,), lambda part: write_verdict(part / VERDICT, verdict)),
+        OutputStep((REPORT,), lambda part: _write_report(part, verdict, outcome)),
+        OutputStep((SETTINGS,), lambda part: write_lines(part / SETTINGS, _settings_lines(settings), encoding="utf-8")),
+        *_track_steps(outcome),
+        *_rinex_steps(outcome),
+        *_table_steps(outcome),
+    ]
+    names = [name for step in steps for name in step.names]
+    sums = OutputStep((CHECKSUMS,), lambda part: write_checksums(part / CHECKSUMS, folder, names), after_all=True)
+    with progress.stage("writing outputs", len(steps) + 1) as stage:
+
+        def done(count: int) -> None:
+            give_back()
+            stage.advance(count)
+
+        return write_in_turn(folder, [*steps, sums], ahead=2, instead_of=_earlier(folder)[1], done=done)
+
+
+def _write_report(folder: Path, verdict: Verdict, outcome: Outcome) -> None:
+    write_lines(folder / REPORT, [report_html(verdict, pictures_of(outcome))], encoding="utf-8")
 
 
 def _settings_lines(settings: Settings) -> list[str]:
@@ -102,15 +138,30 @@ def _settings_lines(settings: Settings) -> list[str]:
 # ---------------------------------------------------------------------- tables
 
 
-def _write_tables(folder: Path, outcome: Outcome) -> None:
-    give_back()
-    with growing_tables((folder / "fixes.csv", folder / "fixes.parquet")) as take:
+def _table_steps(outcome: Outcome) -> list[OutputStep]:
+    """The tables, the largest last."""
+    writers = (_write_fixes, _write_evidence, _write_signals)
+    names = (TABLES[:2], TABLES[2:3], TABLES[3:])
+    return [OutputStep(each, partial(write, outcome)) for each, write in zip(names, writers, strict=True)]
+
+
+def _write_fixes(outcome: Outcome, folder: Path) -> None:
+    with growing_tables([folder / name for name in TABLES[:2]]) as take:
         take(fixes_columns([]))
         for r in outcome.receivers:
             for kind in kinds_of(r):
                 for source, fix in _fixes(r, kind):
                     take(fixes_columns([(kind, fix)], source))
-    give_back()
+
+
+def _write_evidence(outcome: Outcome, folder: Path) -> None:
+    with growing_tables((folder / "evidence.parquet",)) as take:
+        take(_evidence_columns([]))
+        for first in range(0, len(outcome.evidence), _TABLE_EVIDENCE):
+            take(_evidence_columns(outcome.evidence[first : first + _TABLE_EVIDENCE]))
+
+
+def _write_signals(outcome: Outcome, folder: Path) -> None:
     logs = [r.reception.observations for r in outcome.receivers if r.reception.observations is not None]
     with growing_tables((folder / "signals.parquet",)) as take:
         for log in logs:
@@ -118,11 +169,6 @@ def _write_tables(folder: Path, outcome: Outcome) -> None:
                 take(_signal_columns(part, _label_cells(part, first, outcome.decision.labels)))
         if not logs:
             take({})
-    give_back()
-    with growing_tables((folder / "evidence.parquet",)) as take:
-        take(_evidence_columns([]))
-        for first in range(0, len(outcome.evidence), _TABLE_EVIDENCE):
-            take(_evidence_columns(outcome.evidence[first : first + _TABLE_EVIDENCE]))
 
 
 def _fixes(r: ReceiverOutcome, kind: str) -> Iterator[tuple[str, Fix]]:
@@ -213,41 +259,61 @@ def evidence_line(e: Evidence) -> str:
 # ---------------------------------------------------------------------- RINEX, KML, NMEA
 
 
-def _write_rinex(folder: Path, outcome: Outcome) -> None:
+def _rinex_steps(outcome: Outcome) -> list[OutputStep]:
+    """The orbits, and of each receiver the signals of each label; of a transmission with several of them each in a file
+    of its own.
+    """
+    steps = []
     if outcome.navigation.ephemerides:
-        created = date_of(r.reception.observations for r in outcome.receivers)
-        write_nav(folder / "nav.rnx", outcome.navigation, created=created)
+        steps.append(OutputStep((NAVIGATION,), partial(_write_orbits, outcome)))
     for r in outcome.receivers:
         o = r.reception.observations
         if o is None:
             continue
-        track = r.tracks.get("trusted")
-        place = None if track is None else track.last.position_ecef_m[0]
-        labels: tuple[tuple[Label, str], ...] = (
-            ("authentic", "authentic"),
-            ("spoofed", "other"),
-            ("unknown", "unknown"),
-        )
-        for label, name in labels:
-            mask = carries(o, outcome.decision.labels, label)
-            groups = one_a_transmission(o, mask)
-            for number, signals in enumerate(groups if label != "authentic" else groups[:1]):
-                suffix = name if number == 0 else f"{name}-{number + 1}"
-                write_channels(folder / f"{o.receiver}-{suffix}.obs", o, label, place, signals, mask)
+        for label, name in _LABEL_NAMES:
+            groups = one_a_transmission(o, carries(o, outcome.decision.labels, label))
+            for number, signals in enumerate(groups if label != "authentic" else groups[:1], 1):
+                file = f"{o.receiver}-{name}.obs" if number == 1 else f"{o.receiver}-{name}-{number}.obs"
+                steps.append(OutputStep((file,), partial(_write_signals_of, outcome, r, label, signals, file)))
+    return steps
 
 
-def _write_tracks(folder: Path, outcome: Outcome) -> None:
+def _write_orbits(outcome: Outcome, folder: Path) -> None:
+    created = date_of(r.reception.observations for r in outcome.receivers)
+    write_nav(folder / NAVIGATION, outcome.navigation, created=created)
+
+
+def _write_signals_of(
+    outcome: Outcome, r: ReceiverOutcome, label: Label, signals: tuple[SignalId, ...], name: str, folder: Path
+) -> None:
+    o = r.reception.observations
+    assert o is not None
+    track = r.tracks.get("trusted")
+    place = None if track is None else track.last.position_ecef_m[0]
+    write_channels(folder / name, o, label, place, signals, carries(o, outcome.decision.labels, label))
+
+
+def _track_steps(outcome: Outcome) -> list[OutputStep]:
+    steps = [OutputStep((TRACKS,), partial(_write_tracks, outcome))]
+    for r in outcome.receivers:
+        if "trusted" in r.tracks:
+            name = f"{r.reception.source.name}-trusted.nmea"
+            steps.append(OutputStep((name,), partial(_write_sentences, outcome, r, name)))
+    return steps
+
+
+def _write_tracks(outcome: Outcome, folder: Path) -> None:
     tracks = {
         f"{r.reception.source.name} {kind if kind in KINDS else f'{kind} possible'}": _points(r.tracks[kind])
         for r in outcome.receivers
         for kind in kinds_of(r)
     }
-    write_kml(folder / "tracks.kml", tracks, _shapes(outcome))
-    for r in outcome.receivers:
-        if "trusted" in r.tracks:
-            path = folder / f"{r.reception.source.name}-trusted.nmea"
-            fixes = (fix for _, fix in _stretches(r, "trusted"))
-            write_nmea(path, (line for fix in fixes for line in _sentences(fix, outcome.navigation)))
+    write_kml(folder / TRACKS, tracks, _shapes(outcome))
+
+
+def _write_sentences(outcome: Outcome, r: ReceiverOutcome, name: str, folder: Path) -> None:
+    fixes = (fix for _, fix in _stretches(r, "trusted"))
+    write_nmea(folder / name, (line for fix in fixes for line in _sentences(fix, outcome.navigation)))
 
 
 def _shapes(outcome: Outcome) -> dict[str, Any]:

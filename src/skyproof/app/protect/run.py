@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.app.common.body import Body, body_of, open_body, with_imu
-from skyproof.app.common.folder import check_folder
+from skyproof.app.common.folder import ClaimedFolder, claim
 from skyproof.app.common.kernels import JUDGING, RECEIVING, make_ready
 from skyproof.app.common.memory import give_back
 from skyproof.app.common.packed_log import PackedLog
@@ -25,14 +25,15 @@ from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, d
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.foresights import antenna_units, foresights_of, surveyed_positions, unit_of
 from skyproof.app.protect.orbits import lacking_orbits, require_same_day
-from skyproof.app.protect.outputs import evidence_line, write_outputs
+from skyproof.app.protect.outputs import evidence_line, require_outputs_free, write_outputs
 from skyproof.app.protect.positions import positions_of
 from skyproof.app.receive.inputs import antennas_of, list_paths, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
 from skyproof.app.receive.short import is_short, observe_short, require_some
 from skyproof.app.receive.tracker import track
-from skyproof.errors import InputError, NotEnoughData, SettingsError, readable
+from skyproof.errors import IncompleteOutput, InputError, NotEnoughData, SettingsError, readable
+from skyproof.formats.atomic_write import Unwritten, unwritten_words
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
@@ -62,6 +63,7 @@ from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
 
+_NOTES = "evidence.jsonl"
 COMMON_SHARE = 0.9
 """Of a recording: if another receiver's covers less, that is reported."""
 
@@ -91,7 +93,8 @@ def protect(
     nav: str | Path | None = None,
     imu: str | Path | None = None,
     platform: str | Path | None = None,
-    out: str | Path | None = None,
+    out: str | Path | ClaimedFolder | None = None,
+    overwrite: bool = False,
     progress: Progress | None = None,
     **options: Any,
 ) -> ProtectResult:
@@ -105,27 +108,59 @@ def protect(
     imu : inertial readings (CSV or Parquet) in place of the file in [imu] of the platform file.
     platform : TOML file of receivers, their inputs and places, and settings: see `app.common.platform`.
     out : folder for the outputs, made if absent; None writes nothing.
+    overwrite : whether what an earlier run wrote there may be replaced; what else is there never is.
     options : any field of `Settings`; None means not given.
 
     Raises
     ------
     SkyproofError : an input, option or folder that cannot be used, or one that no test can run on; says what to do.
+    IncompleteOutput : not all files could be written; its `result` is what would have been returned.
     """
     progress = progress or Silent()
     carrier = with_imu(Platform() if platform is None else read_platform(Path(platform)), imu)
     platform_sum = None if platform is None else sha256(platform)
     settings = resolve_settings(carrier.protect, **options)
-    if out is not None:
-        check_folder(out)
+    with nullcontext() if out is None else claim(out) as claimed:
+        folder = None if claimed is None else claimed.path
+        if folder is not None:
+            require_outputs_free(folder, overwrite=overwrite)
+        given = _Given(inputs, nav, imu, platform, carrier, platform_sum, settings, overwrite)
+        result, unwritten = _protected(given, folder, progress)
+    if folder is not None and unwritten:
+        raise IncompleteOutput(unwritten_words(folder, unwritten), result)
+    return result
+
+
+@dataclass(frozen=True)
+class _Given:
+    """What `protect` was given, and what of it was read."""
+
+    inputs: Sequence[str | Path]
+    nav: str | Path | None
+    imu: str | Path | None
+    platform: str | Path | None
+    carrier: Platform
+    platform_sum: str | None
+    settings: Settings
+    overwrite: bool
+
+
+def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[ProtectResult, tuple[Unwritten, ...]]:
+    """The result, and which of its files could not be written into the folder `out`."""
+    nav, platform, carrier, settings = given.nav, given.platform, given.carrier, given.settings
     navigation = None if nav is None else read_nav(Path(nav))
     nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
-    body_files = open_body(carrier, str(platform or imu))
-    paths, called = inputs_of(carrier, inputs, str(platform))
-    with deferred(), Workspace(None if out is None else Path(out)) as workspace:
+    body_files = open_body(carrier, str(platform or given.imu))
+    paths, called = inputs_of(carrier, given.inputs, str(platform))
+    with deferred(), Workspace(out) as workspace:
+        if workspace.removed:
+            progress.say(f"{out}: what a run that was killed had found so far (unfinished-run) is removed")
         with heard():  # nothing is decided yet
             sources = open_inputs(paths, settings, navigation, called, workspace)
             stated = _stated_sums(sources)
             names = [source.name for source in sources]
+            if out is not None:
+                require_outputs_free(out, names, overwrite=given.overwrite)
             tables = described(carrier, names, str(platform))
             settings, unused = settings_of(carrier, settings, names, tables)
             arrays = arrays_of(tables, {source.name: len(antennas_of(source)) for source in sources}, str(platform))
@@ -173,14 +208,12 @@ def protect(
         if platform is not None:
             remarks = unused
             notes.append(
-                InputNote(path=readable(str(platform)), format="platform", sha256=platform_sum, remarks=remarks)
+                InputNote(path=readable(str(platform)), format="platform", sha256=given.platform_sum, remarks=remarks)
             )
         verdict = document(outcome, notes, settings, interrupted=interrupted)
-        if out is not None:
-            _write(Path(out), verdict, outcome, settings, progress)
-        return ProtectResult(
-            verdict=verdict, outcome=outcome, folder=None if out is None else Path(out), interrupted=came()
-        )
+        workspace.drop_notes(_NOTES)
+        unwritten = () if out is None else _write(out, verdict, outcome, settings, progress)
+        return ProtectResult(verdict=verdict, outcome=outcome, folder=out, interrupted=came()), unwritten
 
 
 def _received(
@@ -235,6 +268,7 @@ def verdict_of(
     *inputs: str | Path | Iterable[str | Path],
     nav: str | Path | None = None,
     out: str | Path | None = None,
+    overwrite: bool = False,
     **options: Any,
 ) -> Verdict:
     """Tell true signals from false ones in what one or several receivers recorded or measured.
@@ -248,6 +282,7 @@ def verdict_of(
         a RINEX observation file (2.1x, 3.0x, 4.0x, compact and gzip too). None if the platform file names them.
     nav : RINEX navigation file of that day; without one the orbits come from the signals of recordings (30 s of them).
     out : folder for the verdict, the report, fixes and all other files, made if absent; None writes nothing.
+    overwrite : whether what an earlier run wrote there may be replaced.
     options : any field of `skyproof.app.common.settings.Settings`, such as `antenna_separation_m` or `duration_s`;
         `platform`, a TOML file of receivers, their inputs and places, and settings; `progress`, called with how far the
         work is.
@@ -262,15 +297,18 @@ def verdict_of(
     InputError : an input cannot be read, or inputs do not belong together.
     NotEnoughData : no signal in any recording, or too little in the inputs for any test.
     SettingsError : an option or setting makes no sense.
-    OutputError : the folder cannot be written.
+    OutputError : the folder cannot be written, or holds what would be overwritten.
+    IncompleteOutput : not all files could be written, and `result.verdict` of the error is the verdict.
     """
-    return protect(list_paths(inputs), nav=nav, out=out, **options).verdict
+    return protect(list_paths(inputs), nav=nav, out=out, overwrite=overwrite, **options).verdict
 
 
-def _write(folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress) -> None:
-    """Write all outputs; a second signal ends that, and its message names the verdict."""
+def _write(
+    folder: Path, verdict: Verdict, outcome: Outcome, settings: Settings, progress: Progress
+) -> tuple[Unwritten, ...]:
+    """Write all outputs, and return what could not be; a second signal ends that, and its message names the verdict."""
     try:
-        write_outputs(folder, verdict, outcome, settings, progress)
+        return write_outputs(folder, verdict, outcome, settings, progress)
     except Stopped:
         raise Stopped(f"the verdict is {verdict.verdict!r}, but not all files were written to {folder}") from None
 
@@ -307,7 +345,7 @@ def judge(
 
     def report(said: Sequence[Evidence]) -> None:
         if workspace is not None:
-            workspace.add_lines("evidence.jsonl", [evidence_line(one) for one in said])
+            workspace.note(_NOTES, [evidence_line(one) for one in said])
 
     if foresights is None:
         foresights = foresights_of([o.receiver for o in observed], settings)

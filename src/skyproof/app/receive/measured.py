@@ -112,10 +112,7 @@ class MeasurementLog:
         return self._n
 
     def append(self, measured: Measurements, arcs: Mapping[int, Arc]) -> None:
-        """The measurements of the next block, and the arcs that they are of.
-
-        Raises OutputError if they cannot be kept.
-        """
+        """The measurements of the next block, and the arcs that they are of."""
         numbers, rows = np.unique(measured.arc, return_index=True)
         for number, row in zip(numbers.tolist(), rows.tolist(), strict=True):
             if number not in self._first:

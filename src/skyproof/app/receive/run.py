@@ -1,31 +1,33 @@
 """Track every signal in recordings and write what was measured, without judging it."""
 
 import json
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from skyproof.app.common.folder import check_folder
+from skyproof.app.common.folder import claim, require_free
 from skyproof.app.common.kernels import RECEIVING, make_ready
 from skyproof.app.common.progress import Progress, Silent
-from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
-from skyproof.app.common.settings import resolve_settings
+from skyproof.app.common.rinex import date_of, is_ours, one_a_transmission, write_channels
+from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.receive.inputs import list_paths, only_recordings, open_inputs
 from skyproof.app.receive.reception import Reception, observe, require_signals
 from skyproof.app.receive.time_tag import first_copies
 from skyproof.app.receive.tracker import track
-from skyproof.errors import NotEnoughData
-from skyproof.formats.atomic_write import writing_together
-from skyproof.formats.pieces import Workspace
+from skyproof.errors import IncompleteOutput, NotEnoughData
+from skyproof.formats.atomic_write import OutputStep, Unwritten, unwritten_words, write_in_turn
+from skyproof.formats.pieces import UNFINISHED_RUN, Workspace, is_unfinished
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.gnss.time import iso
 from skyproof.interruption import came, deferred
 from skyproof.navigation.fix import fix
-from skyproof.records import FixStatus, NavigationData, ObservationLog, Observations
+from skyproof.records import FixStatus, NavigationData, ObservationLog, Observations, SignalId
 from skyproof.short_repr import ShortRepr
 from skyproof.verdict import notebook_html
 
@@ -95,6 +97,7 @@ def receive(
     *inputs: str | Path | Iterable[str | Path],
     nav: str | Path | None = None,
     out: str | Path | None = None,
+    overwrite: bool = False,
     progress: Progress | None = None,
     **options: Any,
 ) -> ReceiveResult:
@@ -110,6 +113,7 @@ def receive(
     nav : RINEX navigation file of that day; without one the orbits come from the signals.
     out : folder for NAME.obs, NAME-2.obs (second signals of satellites) and so on, and NAME-nav.rnx; None writes
         nothing.
+    overwrite : whether files of these names that were made by skyproof may be replaced; those of others never are.
     progress : is called with how far the work is.
     options : `start_s`, `duration_s`, `doppler_max_hz`, `place_deg` and `tracking` of
         `skyproof.app.common.settings.Settings`.
@@ -123,42 +127,85 @@ def receive(
     InputError : an input cannot be read.
     NotEnoughData : no signal in any recording.
     SettingsError : an option makes no sense.
-    OutputError : the folder cannot be written.
+    OutputError : the folder cannot be written, or holds what would be overwritten.
+    IncompleteOutput : not all files could be written, and `result` of the error is what would have been returned.
     """
     progress = progress or Silent()
     settings = resolve_settings(None, **options)
-    if out is not None:
-        check_folder(out)
-    recordings = only_recordings(open_inputs(list_paths(inputs), settings))
+    paths = list_paths(inputs)
+    if out is None:
+        return _received(paths, nav, None, overwrite, settings, progress)[0]
+    with claim(out) as claimed:
+        result, unwritten = _received(paths, nav, claimed.path, overwrite, settings, progress)
+    if unwritten:
+        raise IncompleteOutput(unwritten_words(claimed.path, unwritten), result)
+    return result
+
+
+def _received(
+    paths: Sequence[Path],
+    nav: str | Path | None,
+    out: Path | None,
+    overwrite: bool,
+    settings: Settings,
+    progress: Progress,
+) -> tuple[ReceiveResult, tuple[Unwritten, ...]]:
+    """The result, and which of its files could not be written into the folder `out`."""
+    recordings = only_recordings(open_inputs(paths, settings))
+    earlier = () if out is None else _require_outputs_free(out, [one.name for one in recordings], overwrite=overwrite)
     navigation = None if nav is None else read_nav(Path(nav))
     make_ready(RECEIVING, progress)
-    with deferred(), Workspace(None if out is None else Path(out)) as workspace:
+    with deferred(), Workspace(out) as workspace:
         trackers, interrupted = track(recordings, settings, progress, navigation, watchful=False, workspace=workspace)
         if not interrupted:
             require_signals(trackers)
         receptions = tuple(observe(tracker, navigation, workspace=workspace) for tracker in trackers)
         signals = tuple(signals_of(r.observations) for r in receptions)
         if out is None:
-            return ReceiveResult(receptions=receptions, signals=signals, interrupted=came())
-        with writing_together(Path(out)) as part:
-            files = tuple(_written(part, reception, navigation) for reception in receptions)
-        return ReceiveResult(receptions=receptions, signals=signals, folder=Path(out), files=files, interrupted=came())
+            return ReceiveResult(receptions=receptions, signals=signals, interrupted=came()), ()
+        steps = [_steps(reception, navigation) for reception in receptions]
+        unwritten = write_in_turn(out, [step for each in steps for step in each], instead_of=earlier)
+        missing = {name for each in unwritten for name in each.names}
+        files = tuple(tuple(n for step in each for n in step.names if n not in missing) for each in steps)
+        result = ReceiveResult(receptions=receptions, signals=signals, folder=out, files=files, interrupted=came())
+        return result, unwritten
 
 
-def _written(folder: Path, reception: Reception, navigation: NavigationData | None) -> tuple[str, ...]:
+def _require_outputs_free(folder: Path, names: Sequence[str], *, overwrite: bool) -> list[str]:
+    """The files that earlier runs on recordings of these names wrote. Raises OutputError as `require_free` does."""
+    outputs = re.compile(rf"({'|'.join(map(re.escape, names))})(-nav\.rnx|(-\d+)?\.obs)")
+    there = [path for path in folder.iterdir() if outputs.fullmatch(path.name)]
+    taken, earlier = [path.name for path in there], [path.name for path in there if is_ours(path)]
+    if (folder / UNFINISHED_RUN).exists() and not is_unfinished(folder):
+        taken.append(UNFINISHED_RUN)
+    require_free(folder, taken, earlier, "what was received earlier", overwrite=overwrite)
+    return earlier
+
+
+def _steps(reception: Reception, navigation: NavigationData | None) -> list[OutputStep]:
     """Write one receiver's orbits and signals; of a satellite with several signals each into a file of its own."""
-    names = []
+    steps = []
     orbits = navigation if navigation is not None else reception.decoded
     if orbits.ephemerides:
-        names.append(f"{reception.source.name}-nav.rnx")
-        write_nav(folder / names[-1], orbits, created=date_of([reception.observations]))
+        name = f"{reception.source.name}-nav.rnx"
+        steps.append(OutputStep((name,), partial(_write_orbits, reception, orbits, name)))
     o = reception.observations
-    if o is not None:
-        place = _approximate_position_ecef_m(o, orbits)
-        for number, signals in enumerate(one_a_transmission(o)):
-            names.append(f"{o.receiver}.obs" if number == 0 else f"{o.receiver}-{number + 1}.obs")
-            write_channels(folder / names[-1], o, "unjudged", place, signals)
-    return tuple(names)
+    for number, signals in enumerate(() if o is None else one_a_transmission(o), 1):
+        name = f"{reception.source.name}.obs" if number == 1 else f"{reception.source.name}-{number}.obs"
+        steps.append(OutputStep((name,), partial(_write_signals, reception, orbits, signals, name)))
+    return steps
+
+
+def _write_orbits(reception: Reception, orbits: NavigationData, name: str, folder: Path) -> None:
+    write_nav(folder / name, orbits, created=date_of([reception.observations]))
+
+
+def _write_signals(
+    reception: Reception, orbits: NavigationData, signals: tuple[SignalId, ...], name: str, folder: Path
+) -> None:
+    o = reception.observations
+    assert o is not None
+    write_channels(folder / name, o, "unjudged", _approximate_position_ecef_m(o, orbits), signals)
 
 
 def _approximate_position_ecef_m(o: ObservationLog, orbits: NavigationData) -> Any:

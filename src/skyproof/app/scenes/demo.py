@@ -3,18 +3,23 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from skyproof.app.common.folder import check_folder, stamps, written_since
+from skyproof.app.common.folder import claim, require_free, stamps, written_since
 from skyproof.app.common.kernels import RECEIVING, make_ready
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.protect import ProtectResult, protect
+from skyproof.app.protect.outputs import require_outputs_free
+from skyproof.app.scenes.simulate import scene_in
 from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import utc_from_gpst
 from skyproof.simulator import scenes
 from skyproof.simulator.files import write
+from skyproof.simulator.scenario import Scenario
 
 __all__ = ["demo"]
+
+TRUTH, NAVIGATION, CATALOGUE = "truth.json", "broadcast.rnx", "catalogue.csv"
 
 
 def _catalogue(recordings: Sequence[Path], nav: Path) -> list[str]:
@@ -23,28 +28,45 @@ def _catalogue(recordings: Sequence[Path], nav: Path) -> list[str]:
     return ["name,inputs,nav", *each, f"both,{';'.join(one.name for one in recordings)},{nav.name}"]
 
 
-def demo(out: str | Path, *, progress: Progress | None = None, seed: int = 1) -> ProtectResult:
+def demo(out: str | Path, *, overwrite: bool = False, progress: Progress | None = None, seed: int = 1) -> ProtectResult:
     """Recordings, navigation file and truth go into `out`, and so do the outputs of `protect`.
+
+    overwrite : whether an earlier demonstration there may be replaced.
 
     Raises
     ------
-    OutputError : the folder cannot be written.
+    OutputError : the folder cannot be written, or holds what would be overwritten.
     """
     progress = progress or Silent()
-    folder = Path(out)
-    check_folder(folder)
+    with claim(out) as claimed:
+        scenario = scenes.demo(seed=seed)
+        _require_free(claimed.path, scenario, overwrite=overwrite)
+        recordings, nav = _simulated(scenario, claimed.path, progress)
+        return protect(recordings, nav=nav, out=claimed, overwrite=overwrite, progress=progress)
+
+
+def _require_free(folder: Path, scenario: Scenario, *, overwrite: bool) -> None:
+    """Raise OutputError if the demonstration would overwrite what is in the folder, as `require_free` says."""
+    names = [f"{one.name}{ending}" for one in scenario.receivers for ending in (".bin", ".toml")]
+    taken = [name for name in (*names, TRUTH, NAVIGATION, CATALOGUE) if (folder / name).exists()]
+    earlier = taken if scene_in(folder)[0] == scenario.name else []
+    require_free(folder, taken, earlier, "an earlier demonstration", overwrite=overwrite)
+    require_outputs_free(folder, overwrite=overwrite)
+
+
+def _simulated(scenario: Scenario, folder: Path, progress: Progress) -> tuple[list[Path], Path]:
+    """The recordings and the navigation file."""
     before = stamps(folder)
     make_ready(RECEIVING, progress)
-    scenario = scenes.demo(seed=seed)
     navigation = nominal_constellation(scenario.start_gpst)
-    nav = folder / "broadcast.rnx"
-    write_nav(nav, navigation, created=utc_from_gpst(scenario.start_gpst))
+    nav = folder / NAVIGATION
     try:
         with progress.stage("simulating two receivers, jammed and then meaconed", 1.0) as stage:
             recordings = write(scenario, navigation, folder, progress=lambda done, total: stage.advance(done / total))
+        write_nav(nav, navigation, created=utc_from_gpst(scenario.start_gpst))
+        write_lines(folder / CATALOGUE, _catalogue(recordings, nav))
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"interrupted while recordings were simulated; whole in {folder}: {written_since(folder, before)}"
         ) from None
-    write_lines(folder / "catalogue.csv", _catalogue(recordings, nav))
-    return protect(recordings, nav=nav, out=folder, progress=progress)
+    return recordings, nav

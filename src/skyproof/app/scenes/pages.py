@@ -3,7 +3,7 @@
 from importlib.metadata import version
 from pathlib import Path
 
-from skyproof.app.common.folder import check_folder
+from skyproof.app.common.folder import claim
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.scenes.scene_page import write_page
 from skyproof.app.scenes.simulate import scenario_of
@@ -62,10 +62,9 @@ def write_pages(folder: str | Path, *, progress: Progress | None = None) -> list
     Raises OutputError if the folder cannot be written.
     """
     folder, progress = Path(folder), progress or Silent()
-    check_folder(folder)
     names = list(scenes.ready_made())
     paths = []
-    with progress.stage("drawing scenes", len(names) + 1) as stage:
+    with claim(folder), progress.stage("drawing scenes", len(names) + 1) as stage:
         for number, name in enumerate(names, 1):
             paths.append(plot(name, folder=folder))
             stage.advance(number)

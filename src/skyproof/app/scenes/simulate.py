@@ -11,7 +11,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from skyproof.app.common.folder import check_folder
+from skyproof.app.common.folder import claim, require_free
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.rinex import write_channels
 from skyproof.app.scenes.scene_page import PAGE, write_page
@@ -43,12 +43,22 @@ from skyproof.simulator.standalone import NAVIGATION, Standalone, overridden, st
 from skyproof.simulator.truth_document import FORMAT, truth_of
 from skyproof.verdict import notebook_html
 
-__all__ = ["Depth", "SimulateResult", "document_json", "ready_made", "ready_made_json", "scenario_of", "simulate"]
+__all__ = [
+    "Depth",
+    "SimulateResult",
+    "document_json",
+    "ready_made",
+    "ready_made_json",
+    "scenario_of",
+    "scene_in",
+    "simulate",
+]
 
 Depth = Literal["samples", "measurements", "all"]
 
 _SCENARIO: Final = "scenario.toml"
 _TRUTH: Final = "truth.json"
+_EARLIER: Final = "an earlier scene"
 _INTERVAL_S: Final = 1.0  # of observations
 _STREAM: Final = 1 << 23  # sets the noise of measurements apart from other random numbers of one seed
 _OBS_OCTETS: Final = 72  # of a satellite's line in RINEX, with its share of the epoch's
@@ -98,6 +108,7 @@ def simulate(
     depth: Depth = "all",
     container: Container | None = None,
     plot: bool = False,
+    overwrite: bool = False,
     progress: Progress | None = None,
 ) -> SimulateResult:
     """Write the data of a scene, and the truth about them, into `out`, which is made if need be.
@@ -105,8 +116,7 @@ def simulate(
         made = sp.simulate("takeover", out="scene", duration_s=20.0)
         print(made.recordings)
 
-    What an earlier run wrote there is removed first, so that two runs never mix. Ctrl-C ends it early; what is there
-    then is whole.
+    Ctrl-C ends it early; what is there then is whole.
 
     Parameters
     ----------
@@ -116,6 +126,7 @@ def simulate(
     depth : "samples", "measurements" (RINEX observations), or both; the truth and inertial readings come with each.
     container : of samples, "sigmf" or "raw"; without it SigMF where that can hold them.
     plot : write the page that shows the scene as well.
+    overwrite : whether what an earlier run wrote there may be removed first: two runs never mix.
     progress : is called with how far the work is.
 
     Returns
@@ -126,13 +137,30 @@ def simulate(
     ------
     ScenarioError : the scenario cannot be read, is not known, or makes no sense.
     SettingsError : SigMF cannot hold such samples.
-    OutputError : the folder cannot be written, or there is not room enough for all.
+    OutputError : the folder cannot be written, holds what would be overwritten, or has not room enough for all.
     """
     progress, folder = progress or Silent(), Path(out)
     made = overridden(scenario_of(scenario), seed=seed, duration_s=duration_s)
+    alone = standalone(made)
+    with claim(folder):
+        older = scene_in(folder)[1]
+        require_free(folder, (), [path.name for path in older], _EARLIER, overwrite=overwrite)
+        return _made(made, alone, folder, older, depth, container, plot, progress)
+
+
+def _made(
+    made: Scenario,
+    alone: Standalone,
+    folder: Path,
+    older: Sequence[Path],
+    depth: Depth,
+    container: Container | None,
+    plot: bool,
+    progress: Progress,
+) -> SimulateResult:
+    """Write the data of a scene into a folder, in place of `older` files. Other arguments are those of `simulate`."""
     with_samples, with_measurements = depth != "measurements", depth != "samples"
     kind = container_of(made.front_end, container if with_samples else None)
-    alone = standalone(made)
     navigation = navigation_of(made)
     scene = scene_of(made, navigation)
     measured = _measured(scene, required=depth == "measurements", progress=progress) if with_measurements else []
@@ -149,16 +177,16 @@ def simulate(
     _require_different(files)
     octets = series_octets(scene) + (samples_octets(made) if with_samples else 0)
     octets += _OBS_OCTETS * sum(one.observations.gpst.size * len(one.signals) for one in measured)
-    check_folder(folder)
-    older = _older(folder)
+    taken = [name for name in files if (folder / name).exists()]
+    require_free(folder, taken, [path.name for path in older], _EARLIER, overwrite=True)
     _require_room(folder, octets, older)
     progress.say(f"scene {made.name}: {_size(octets)} in {len(files)} files will be written to {folder}")
     interrupted = False
     try:
         _remove(older)
-        _write_inputs(folder, scene, alone)
         orbits = navigation.source if made.navigation is None else NAVIGATION
         write_truth(folder, truth_of(scene, scenario=alone.table, files=files, navigation=orbits))
+        _write_inputs(folder, scene, alone)
         with progress.stage("writing truth and inertial readings", 1.0) as stage:
             write_series(scene, folder, progress=lambda done, total: stage.advance(done / total))
         for one in measured:
@@ -253,18 +281,18 @@ def _write_inputs(folder: Path, scene: Scene, alone: Standalone) -> None:
 # --- the folder
 
 
-def _older(folder: Path) -> list[Path]:
-    """What an earlier run wrote here, by its truth.json."""
+def scene_in(folder: Path) -> tuple[str, list[Path]]:
+    """The name and files of the scene that an earlier run wrote here, by its truth.json; "" and none without one."""
     try:
         truth = read_json(folder / _TRUTH, "the truth", "name another folder")
     except InputError:
-        return []
+        return "", []
     if not isinstance(truth, Mapping) or truth.get("format") != FORMAT:
-        return []
+        return "", []
     names = truth.get("files")
     names = names if isinstance(names, list) else []
-    plain = [name for name in names if isinstance(name, str) and Path(name).name == name]
-    return [folder / name for name in plain if (folder / name).is_file()]
+    plain = [name for name in (_TRUTH, *names) if isinstance(name, str) and Path(name).name == name]
+    return str(truth.get("scene")), [folder / name for name in dict.fromkeys(plain) if (folder / name).is_file()]
 
 
 def _require_different(files: Sequence[str]) -> None:
