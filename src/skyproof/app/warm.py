@@ -15,6 +15,7 @@ import numpy as np
 
 from skyproof.app.common.kernels import JOBS, make_ready
 from skyproof.app.common.progress import Stage
+from skyproof.app.common.rinex import write_channels
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import asked
 from skyproof.app.receive.inputs import only_recordings, open_inputs
@@ -33,7 +34,7 @@ from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.formats.layout import Chunk, PackedSamples, Packing
 from skyproof.gnss.ephemeris import GlonassEphemeris
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.orbits import satellite_positions_m, satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.fix import fix
@@ -102,7 +103,7 @@ def _joint_channels() -> None:
 
 
 def _positions() -> None:
-    """Two skies in one receiver's measurements, told apart, and an orbit of GLONASS, which is integrated."""
+    """Two skies in one receiver's measurements, told apart and written, and an integrated orbit of GLONASS."""
     scenario = scenes.meaconed(duration_s=3.0, onset_s=-1.0)
     navigation = nominal_constellation(scenario.start_gpst)
     (observations, *_), _ = observations_of(scenario, navigation, rng=np.random.default_rng(1))
@@ -121,6 +122,9 @@ def _positions() -> None:
         acceleration_m_s2=(0.0, 0.0, 0.0),
     )
     satellite_state(glonass, scenario.start_gpst)
+    satellite_positions_m((glonass,), scenario.start_gpst)
+    with tempfile.TemporaryDirectory() as folder:
+        write_channels(Path(folder) / "bow.obs", observations, "warm", None, sets[0].signals)
 
 
 def _methods() -> None:

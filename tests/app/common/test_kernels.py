@@ -47,9 +47,10 @@ def processes(monkeypatch):
     return asked, compiles
 
 
-def missing(monkeypatch, job, count):
-    """Let so many kernels of a job not be kept, and return their names."""
-    names = sorted(kernels_of(job))[:count]
+def missing(monkeypatch, job, share=1.0):
+    """Let this share of a job's kernels not be kept, and return their names."""
+    names = sorted(kernels_of(job))
+    names = names[: round(share * len(names))]
     lost = {id(kernels_of(job)[name]) for name in names}
     monkeypatch.setattr(kernels, "is_kept", lambda kernel: id(kernel) not in lost)
     return names
@@ -64,27 +65,37 @@ def test_where_all_is_kept_nothing_is_run_or_reported(monkeypatch, processes):
 
 def test_only_jobs_with_missing_kernels_run_with_progress(monkeypatch, processes):
     asked, compiles = processes
-    names = missing(monkeypatch, "receiver", 3)
-    compiles += [names[0], "skyproof.of_no_job", names[1], names[1], names[2]]
+    first, second, *others = names = missing(monkeypatch, "receiver")
+    compiles += [first, "skyproof.of_no_job", second, second, *others]
     progress = Watched()
     make_ready(RECEIVING, progress)
     assert asked == ["receiver"]
-    assert (progress.stages, progress.done) == ([3.0], [1.0, 1.0, 2.0, 2.0, 3.0])
-    assert progress.said[0].startswith("3 of 3 kernels compiled in ")
+    assert progress.stages == [len(names)]
+    assert progress.done == [1, 1, 2, 2, *range(3, len(names) + 1)]
+    assert progress.said[0].startswith(f"{len(names)} of {len(names)} kernels compiled in ")
+
+
+def test_for_a_few_missing_kernels_no_job_is_begun(monkeypatch, processes):
+    """Else a kernel that no job makes would be waited for in each run."""
+    missing(monkeypatch, "receiver", share=0.4)
+    progress = Watched()
+    make_ready(RECEIVING, progress)
+    assert (processes[0], progress.stages, progress.said) == ([], [], [])
 
 
 def test_a_job_that_fails_leaves_the_rest_to_their_first_use(monkeypatch, processes):
     asked, compiles = processes
-    compiles += missing(monkeypatch, "overlaps", 2)[:1]
+    names = missing(monkeypatch, "overlaps")
+    compiles += names[:1]
     progress = Watched()
     make_ready(RECEIVING, progress)
     assert asked == ["overlaps"]
-    assert progress.said[0].startswith("1 of 2 kernels compiled in ")
+    assert progress.said[0].startswith(f"1 of {len(names)} kernels compiled in ")
     assert "as they are used" in progress.said[0]
 
 
 def test_where_nothing_can_be_kept_no_process_compiles(monkeypatch, processes):
-    missing(monkeypatch, "receiver", 3)
+    missing(monkeypatch, "receiver")
     monkeypatch.setattr(kernels, "writable_folder", lambda _: None)
     progress = Watched()
     make_ready(RECEIVING, progress)
@@ -93,11 +104,12 @@ def test_where_nothing_can_be_kept_no_process_compiles(monkeypatch, processes):
 
 
 def test_who_calls_from_python_reads_it_in_the_log(monkeypatch, processes, caplog):
-    processes[1].extend(missing(monkeypatch, "receiver", 3))
+    names = missing(monkeypatch, "receiver")
+    processes[1].extend(names)
     make_ready(RECEIVING, Silent())
     first, last = caplog.records
-    assert first.args == (3,)
-    assert last.getMessage().startswith("3 of 3 kernels compiled in ")
+    assert first.args == (len(names),)
+    assert last.getMessage().startswith(f"{len(names)} of {len(names)} kernels compiled in ")
 
 
 def test_processes_pass_on_what_they_print_and_end(monkeypatch):

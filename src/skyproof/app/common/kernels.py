@@ -41,6 +41,7 @@ JOBS: Final[Mapping[str, tuple[str, ...]]] = {
         "simulator.sample_kernels",
     ),
     "positions": (
+        "formats.rinex_fields",
         "gnss.orbit_kernels",
         "navigation.fit_kernels",
     ),
@@ -67,15 +68,16 @@ def kernels_of(job: str) -> dict[str, Any]:
 
 
 def make_ready(jobs: Sequence[str], progress: Progress | None = None) -> None:
-    """Compile what jobs make and no place has yet; at once if nothing is missing.
+    """Do the jobs of which most kernels lie nowhere ready, in processes; at once if there is none.
 
-    Where nothing can be kept it is said, and each kernel is compiled when it is used. So it is where a process of a job
-    fails.
+    A few that are missing are compiled when they are used, as after a change of one module: a job is not begun for a
+    kernel that it may never make. Where nothing can be kept it is said, and each kernel is compiled when it is used. So
+    it is where a process of a job fails.
     """
     progress = progress or Silent()
     kernels = {job: kernels_of(job) for job in jobs}
     missing = {job: [name for name, one in kernels[job].items() if not is_kept(one)] for job in jobs}
-    needed = [job for job in jobs if missing[job]]
+    needed = [job for job in jobs if 2 * len(missing[job]) > len(kernels[job])]
     if not needed:
         return
     first = kernels[needed[0]][missing[needed[0]][0]]
