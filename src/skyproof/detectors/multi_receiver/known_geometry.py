@@ -331,8 +331,9 @@ def _from_vector(off_m: Reals, covariance_m2: Reals) -> Misfit:
 
 
 def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m: float) -> Reals:
-    """Smallest over b of (enu - b)^T W (enu - b) + ((|b| - D) / sigma)^2, W = C^-1, shapes (..., n), (..., n, n): n is 3, or 2 on a map.
+    """Smallest over b of (enu - b)^T W (enu - b) + ((|b| - D) / sigma)^2, W = C^-1.
 
+    Shapes (..., n), (..., n, n): n is 3, or 2 on a map.
     Where the gradient is zero W (enu - b) = m b with m = (1 - D / |b|) / sigma^2, so b = (W + m)^-1 W enu. As m grows
     from minus the least eigenvalue of W to 1 / sigma^2, |b| falls from infinity, and D / (1 - m sigma^2), which it must
     equal, rises to infinity: there is one solution between, the smallest value of all; bisection finds it.
