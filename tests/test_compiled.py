@@ -125,6 +125,12 @@ def test_a_report_says_where_nothing_can_be_kept(called, tmp_path, read_only, ca
     assert record.args[0] == 1
     assert ("NUMBA_CACHE_DIR" in record.getMessage()) == nowhere
     assert (str(tmp_path / "home") in record.getMessage()) == nowhere
+    monkeypatch.setattr(account._ACCOUNT, "_report_s", 0.0)
+    path = tmp_path / "package" / "kernels_there.py"
+    path.write_text(f"# changed\n{path.read_text()}")
+    called()
+    assert len(caplog.records) == 2
+    assert "NUMBA_CACHE_DIR" not in caplog.records[1].getMessage()  # the reason once a process
 
 
 def test_machine_code_of_another_source_is_not_used(called, tmp_path):

@@ -23,7 +23,7 @@ from numba.core.caching import (
     UserWideCacheLocator,
 )
 
-__all__ = ["LOG", "compiled", "is_kept", "kernels_in", "not_kept_words", "on_compiled", "threads", "writable_folder"]
+__all__ = ["LOG", "compiled", "explain_not_kept", "is_kept", "kernels_in", "on_compiled", "threads", "writable_folder"]
 
 LOG: Final = logging.getLogger("skyproof")
 """For what a person waits for and nobody asked about: standard error, unless it is turned elsewhere."""
@@ -86,6 +86,7 @@ class _Account:
         self._open: list[str] = []
         self._since_s = self._spent_s = 0.0
         self._count = 0
+        self._explained = False
         self._report_s = SILENT_S
 
     def begin(self, name: str) -> None:
@@ -107,16 +108,26 @@ class _Account:
             self._spent_s = spent_s
         if spent_s >= self._report_s:
             self._report_s = spent_s + EVERY_S
-            LOG.warning("kernels compiled: %d, in %.0f s so far%s", self._count, spent_s, not_kept_words(lost_to))
+            LOG.warning("kernels compiled: %d, in %.0f s so far%s", self._count, spent_s, self.explain(lost_to))
+
+    def explain(self, places: str) -> str:
+        """Return why kernels are compiled in each run anew, the first time; nothing if they are not."""
+        if not places or self._explained:
+            return ""
+        self._explained = True
+        return _not_kept_words(places)
 
 
 _ACCOUNT: Final = _Account()
 
 
-def not_kept_words(places: str) -> str:
-    """Say why kernels are compiled in each run anew; nothing if they are not."""
-    if not places:
-        return ""
+def explain_not_kept(kernel: Any) -> str:
+    """Return why a kernel is compiled in each run anew, for a sentence that says what that costs; once a process."""
+    return _ACCOUNT.explain(kernel._cache.places)
+
+
+def _not_kept_words(places: str) -> str:
+    """Return why kernels are compiled in each run anew."""
     return (
         f", in this process only, for {places} cannot be written; set NUMBA_CACHE_DIR to a folder that can be, and the "
         "next run need not wait"

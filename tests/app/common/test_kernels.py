@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import skyproof
+from skyproof import compiled as account
 from skyproof.app import warm
 from skyproof.app.common import kernels
 from skyproof.app.common.kernels import JOBS, RECEIVING, kernels_of, make_ready
@@ -96,6 +97,7 @@ def test_a_job_that_fails_leaves_the_rest_to_their_first_use(monkeypatch, proces
 
 def test_where_nothing_can_be_kept_no_process_compiles(monkeypatch, processes):
     missing(monkeypatch, "receiver")
+    monkeypatch.setattr(account, "_ACCOUNT", account._Account())
     monkeypatch.setattr(kernels, "writable_folder", lambda _: None)
     progress = Watched()
     make_ready(RECEIVING, progress)

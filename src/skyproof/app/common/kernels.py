@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.batch.attempt import ONE_THREAD
-from skyproof.compiled import LOG, is_kept, kernels_in, not_kept_words, threads, writable_folder
+from skyproof.compiled import LOG, explain_not_kept, is_kept, kernels_in, threads, writable_folder
 
 __all__ = ["JOBS", "JUDGING", "RECEIVING", "kernels_of", "make_ready"]
 
@@ -85,7 +85,7 @@ def make_ready(jobs: Sequence[str], progress: Progress | None = None) -> None:
     if folder is None:
         return _say(
             progress,
-            f"kernels are compiled as they are used, about a minute in all{not_kept_words(first._cache.places)}",
+            f"kernels are compiled as they are used, about a minute in all{explain_not_kept(first)}",
         )
     if not sys.executable:
         return
