@@ -4,11 +4,13 @@ import copy
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from pydantic import ValidationError
 
+from skyproof import records, verdict
+from skyproof.fusion import fuse
 from skyproof.verdict import Verdict, notebook_html
 
 SAMPLE = json.loads((Path(__file__).parent / "formats" / "verdict-sample.json").read_text(encoding="utf-8"))
@@ -95,6 +97,11 @@ def test_no_attack_seen_is_shown_with_blanks_and_its_limits() -> None:
     assert "No attack seen" in shown
     assert "Not excluded: a false sky; a slow drag." in shown
     assert "no_attack_seen" not in shown
+
+
+def test_words_and_causes_are_those_of_the_records_and_the_decision() -> None:
+    assert get_args(verdict.Cause) == get_args(records.Cause) == tuple(verdict.CAUSES)
+    assert get_args(fuse.VerdictWord) == verdict.WORDS
 
 
 def test_a_notebook_shows_names_and_runs_nothing() -> None:
