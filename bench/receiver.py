@@ -119,7 +119,7 @@ def _clean(folder: Path, rate_hz: float, duration_s: float) -> Path:
 
 def _received(path: Path, out: Path) -> Run:
     """One run of the command."""
-    command = [str(Path(sys.executable).with_name("skyproof")), "receive", str(path), "--out", str(out)]
+    command = [str(Path(sys.executable).with_name("skyproof")), "receive", str(path), "--out", str(out), "--overwrite"]
     begin = perf_counter()
     ended = subprocess.run([sys.executable, "-S", "-c", _USED, *command], capture_output=True, text=True, check=False)
     wall_s = perf_counter() - begin

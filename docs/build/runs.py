@@ -94,7 +94,7 @@ def demo() -> Path:
     folder = CACHE / "run" / "demo"
     with kept("demo", fingerprint()) as stale:
         if stale:
-            printed = run("demo", "--out", "demo", folder=CACHE / "run")
+            printed = run("demo", "--out", "demo", "--overwrite", folder=CACHE / "run")
             (folder / "printed.txt").write_text(printed, encoding="utf-8")
     return folder
 
