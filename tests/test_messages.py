@@ -133,8 +133,8 @@ def test_a_list_is_not_called_too_short_for_a_fault_in_its_member() -> None:
 def test_a_scenario_that_cannot_be_read_says_why(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"none\.toml: the scenario does not exist; check the name"):
         read_scenario(tmp_path / "none.toml")
-    (tmp_path / "a.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(ScenarioError, match=r"a\.toml: byte 0 is not UTF-8; a scenario is TOML: fix that line"):
+    (tmp_path / "a.toml").write_bytes(b"a\xff\xfe")
+    with pytest.raises(ScenarioError, match=r"a\.toml: byte 1 is not UTF-8; a scenario is TOML: fix that line"):
         read_scenario(tmp_path / "a.toml")
 
 
@@ -230,7 +230,7 @@ def test_an_archive_that_is_cut_before_its_samples_is_refused(tmp_path: Path) ->
 def test_compact_rinex_of_another_kind_or_without_an_end_is_refused() -> None:
     head = f"{'2.0':20}{'COMPACT RINEX FORMAT':40}CRINEX VERS   / TYPE"
     with pytest.raises(InputError, match=r"a\.crx, line 1: compact RINEX version '2\.0', expected 1\.0 or 3\.0"):
-        expanded(head.encode(), source="a.crx")
+        expanded(f"{head}\n".encode(), source="a.crx")
     with pytest.raises(InputError, match=r"a\.crx, line 2: the file ends before END OF HEADER; fetch it again"):
         expanded(f"{head.replace('2.0', '3.0')}\nany\n".encode(), source="a.crx")
 

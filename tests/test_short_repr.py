@@ -25,7 +25,16 @@ def test_every_record_that_holds_arrays_is_shown_short():
         one for _, one in inspect.getmembers(records, dataclasses.is_dataclass) if one.__module__ == "skyproof.records"
     ]
     plain = {one.__name__ for one in classes if one.__repr__ is not ShortRepr.__repr__}
-    assert plain == {"Asked", "CcafAsked", "SampleGap", "SignalId", "SignalRef", "SpinArm", "TapsAsked"}
+    assert plain == {
+        "Asked",
+        "CcafAsked",
+        "SampleGap",
+        "SignalId",
+        "SignalRef",
+        "SpinArm",
+        "TapsAsked",
+        "WrongStatement",
+    }
 
 
 def test_observations_show_receiver_span_and_signals():

@@ -34,6 +34,9 @@ class Detector(Protocol):
     window, so that a recording in pieces gives what the whole gives. `skyproof.testing.check_detector` holds the
     contract.
 
+    A class may have a `share` of the probability of a false alarm, 1 being what most detectors take; 0 if it never
+    says "attack" or "spoofed".
+
     One that needs `Need.TAPS` or `Need.CCAF` has an `Asked` as its class's `asks`: the receivers take what any detector
     asks for.
 

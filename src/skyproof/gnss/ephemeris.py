@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Indices, Integers, Reals
-from skyproof.gnss import orbit_kernels as k
+from skyproof.gnss import orbit_rows as k
 from skyproof.gnss.constants import (
     BDT_BEHIND_GPST_S,
     BEIDOU_EARTH_ROTATION_RAD_S,
@@ -111,7 +111,7 @@ class Ephemeris:
 
     @cached_property
     def orbit_row(self) -> Reals:
-        """(N_ORBIT,) clock and orbit as `orbit_kernels` take them."""
+        """(N_ORBIT,) clock and orbit as kernels take them."""
         row = np.empty(k.N_ORBIT)
         row[k.KIND] = k.GEOSTATIONARY if self.sat in GEOSTATIONARY else k.KEPLER
         row[k.WEEK : k.AF2 + 1] = (
@@ -176,7 +176,7 @@ class GlonassEphemeris:
 
     @cached_property
     def orbit_row(self) -> Reals:
-        """(N_ORBIT,) clock and state as `orbit_kernels` take them."""
+        """(N_ORBIT,) clock and state as kernels take them."""
         row = np.zeros(k.N_ORBIT)
         row[k.KIND] = k.GLONASS
         row[k.WEEK : k.AF2 + 1] = self.week, self.toe, 0.0, self.week, self.toe, -self.tau_n, self.gamma_n, 0.0
@@ -256,7 +256,7 @@ class NavigationData(ShortRepr):
 
     @cached_property
     def orbit_rows(self) -> Reals:
-        """(n, N_ORBIT) all ephemerides as `orbit_kernels` take them."""
+        """(n, N_ORBIT) all ephemerides as kernels take them."""
         return np.array([e.orbit_row for e in self.ephemerides]).reshape(-1, k.N_ORBIT)
 
     @cached_property

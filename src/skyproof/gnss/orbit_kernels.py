@@ -17,20 +17,42 @@ from skyproof.gnss.constants import (
     SECONDS_PER_WEEK,
     SPEED_OF_LIGHT_M_S,
 )
+from skyproof.gnss.orbit_rows import (
+    ACCELERATION,
+    AF0,
+    AF1,
+    AF2,
+    AHEAD,
+    CIC,
+    CIS,
+    CRC,
+    CRS,
+    CUC,
+    CUS,
+    DELTA_N,
+    GEOSTATIONARY,
+    GLONASS,
+    I0,
+    IDOT,
+    KIND,
+    M0,
+    MU,
+    N_STATE,
+    OMEGA,
+    OMEGA0,
+    OMEGA_DOT,
+    POSITION,
+    RELATIVITY,
+    ROTATION,
+    SQRT_A,
+    TOC,
+    TOC_WEEK,
+    TOE,
+    WEEK,
+    E,
+)
 
-__all__ = ["N_ORBIT", "N_STATE", "fill_ranges", "fill_states", "fill_states_at"]
-
-KIND, WEEK, TOE, AHEAD, TOC_WEEK, TOC, AF0, AF1, AF2 = range(9)
-"""Of every row: form of the orbit; `AHEAD` is GPS time minus the system's, in seconds."""
-MU, ROTATION, RELATIVITY, SQRT_A, E, I0, OMEGA0, OMEGA, M0, DELTA_N, IDOT, OMEGA_DOT = range(9, 21)
-CRS, CRC, CUS, CUC, CIS, CIC = range(21, 27)
-"""Of Kepler's form, after its constants of nature."""
-POSITION, VELOCITY, ACCELERATION = 9, 12, 15
-"""Of GLONASS's form: where three numbers of each begin."""
-N_ORBIT: Final = 27
-KEPLER, GEOSTATIONARY, GLONASS = 0.0, 1.0, 2.0
-N_STATE: Final = 8
-"""Position and velocity, ECEF; clock, s; its drift, s/s."""
+__all__ = ["fill_ranges", "fill_states", "fill_states_at"]
 
 _WEEK_S: Final = float(SECONDS_PER_WEEK)
 _GEO_TILT_RAD: Final = float(np.radians(-5.0))  # BDS-SIS-ICD-B1I-3.0, 5.2.4.12

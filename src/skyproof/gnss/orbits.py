@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Instants, Reals
 from skyproof.gnss.ephemeris import BroadcastEphemeris
-from skyproof.gnss.orbit_kernels import N_ORBIT, N_STATE, fill_states, fill_states_at
+from skyproof.gnss.orbit_kernels import fill_states, fill_states_at
+from skyproof.gnss.orbit_rows import N_ORBIT, N_STATE
 from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import seconds_between, week_and_tow
 

@@ -25,6 +25,12 @@ START = np.datetime64("2022-01-01", "ns")
 ARM = SpinArm(receiver="rx1", radius_m=0.1, rate_rad_s=1.0)
 
 
+def usual_shares():
+    """What the detectors that any run may use take of the false alarms, in whole shares."""
+    kinds = [kind for kind in load_detectors().values() if RECEIVED.issuperset(kind().needs)]
+    return sum(getattr(kind, "share", 1.0) for kind in kinds)
+
+
 def share(run):
     (detector,) = (d for d in detectors_for(Settings(), run) if d.name == "second_signals")
     return detector.settings.false_alarm_probability
@@ -35,10 +41,17 @@ def test_a_detector_without_its_equipment_gets_no_share_of_the_false_alarms():
     of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
     bare = Records(start_gpst=START, end_gpst=START)
     turning = Records(start_gpst=START, end_gpst=START, spin_arms=(ARM,))
-    usual = [name for name, kind in load_detectors().items() if RECEIVED.issuperset(kind().needs)]
-    assert {"multi_receiver", "second_signals", "residual"} <= set(usual)
-    assert share(bare) == pytest.approx(of_a_window / len(usual))
-    assert share(turning) == pytest.approx(of_a_window / (len(usual) + 1))
+    assert share(bare) == pytest.approx(of_a_window / usual_shares())
+    assert share(turning) == pytest.approx(of_a_window / (usual_shares() + 1.0))
+
+
+def test_what_never_accuses_takes_no_share_but_tests_at_its_rate():
+    detectors = {
+        d.name: d.settings.false_alarm_probability
+        for d in detectors_for(Settings(), Records(start_gpst=START, end_gpst=START))
+    }
+    assert detectors["torn"] == detectors["residual"]
+    assert detectors["code_motion"] == pytest.approx(0.05 * detectors["residual"])
 
 
 def epochs_every(step_s, n, late_s=0.0):
@@ -70,7 +83,7 @@ def test_windows_hold_five_epochs_or_more_whatever_lies_between_them(step_s, win
     assert min(counts) >= 5
     assert sum(counts) == 41
     (detector,) = (d for d in detectors_for(settings, windows.run) if d.name == "second_signals")
-    usual = sum(RECEIVED.issuperset(kind().needs) for kind in load_detectors().values())
+    usual = usual_shares()
     of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
     assert detector.settings.false_alarm_probability == pytest.approx(of_a_window / usual)
 
@@ -117,7 +130,6 @@ def test_correlators_are_those_that_the_installed_detectors_ask_for():
 def test_a_run_with_correlators_shares_the_false_alarms_with_sqm():
     settings = Settings()
     of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
-    usual = [name for name, kind in load_detectors().items() if RECEIVED.issuperset(kind().needs)]
     taps = Taps(
         receiver="rx1",
         signals=(),
@@ -127,7 +139,7 @@ def test_a_run_with_correlators_shares_the_false_alarms_with_sqm():
         value=np.zeros((0, 0, 1, 1), np.complex64),
     )
     run = Records(start_gpst=START, end_gpst=START, taps=(taps,))
-    assert share(run) == pytest.approx(of_a_window / (len(usual) + 1))
+    assert share(run) == pytest.approx(of_a_window / (usual_shares() + 1))
 
 
 def test_the_sets_of_every_window_are_kept_however_long_the_run():

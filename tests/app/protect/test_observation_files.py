@@ -159,7 +159,7 @@ def test_a_stretch_of_a_file_is_protected(measured, tmp_path):
 
 
 def test_observation_files_alone_need_orbits(measured, tmp_path):
-    with pytest.raises(InputError, match=r"bow.obs: an observation file does not hold orbits; give the navigation"):
+    with pytest.raises(InputError, match=r"bow.obs: it holds no orbits; give the navigation"):
         protect(written(tmp_path, *measured[:2]))
 
 

@@ -236,26 +236,36 @@ def detectors_for(
 ) -> list[Detector]:
     """Every installed detector with the run's settings.
 
-    The probability allowed per hour is shared evenly among windows, detectors and receivers (union bound; a detector
-    may test each receiver), so that the whole keeps it whatever the dependence between tests. Detectors for equipment
-    that the run does not have cannot raise an alarm, and get no share.
+    The probability allowed per hour is shared among windows, detectors and receivers (union bound; a detector may test
+    each receiver), so that the whole keeps it whatever the dependence between tests; evenly, but for detectors whose
+    `share` is another one. Detectors for equipment that the run does not have, and those that never speak of an attack
+    (`share = 0`), cannot raise an alarm: they take nothing from the others. The latter test at a whole share's rate,
+    which makes a run *suspect* at most.
 
     further : tests beside the detectors, of each receiver, that are left a share. mean_s : length of the windows, where
         breaks of time make more of them than the settings do. positions_ecef_m : (3,) of each surveyed receiver.
     """
     classes = load_detectors()
     n_receivers = len(run.observations)
-    tests = max(sum(_equipped(cls(), run) for cls in classes.values()) + further, 1) * max(n_receivers, 1)
+    shares = {name: _share_of(cls) for name, cls in classes.items()}
+    equipped = sum(shares[name] for name, cls in classes.items() if _equipped(cls(), run))
+    tests = max(equipped + further, 1.0) * max(n_receivers, 1)
     alpha = settings.false_alarm_probability_per_hour * min(settings.window_s, mean_s) / 3600.0 / tests
     shared: dict[str, Any] = settings.model_dump()
-    shared |= {"false_alarm_probability": alpha, "positions_ecef_m": positions_ecef_m}
+    shared |= {"positions_ecef_m": positions_ecef_m}
     detectors = []
-    for cls in classes.values():
+    for name, cls in classes.items():
         defaults = cls().settings
+        shared["false_alarm_probability"] = alpha * (shares[name] or 1.0)
         known = {f.name for f in fields(defaults)}
         chosen = {name: value for name, value in shared.items() if name in known}
         detectors.append(made_with(cls, replace(defaults, **chosen)))
     return detectors
+
+
+def _share_of(kind: type[Any]) -> float:
+    """Return what a detector takes of the probability of a false alarm, 1 being what most take."""
+    return float(getattr(kind, "share", 1.0))
 
 
 def asked() -> Asked:

@@ -369,7 +369,7 @@ def judge(
         )
         for o in observed
     ]
-    alpha = detectors[0].settings.false_alarm_probability
+    alpha = max(detector.settings.false_alarm_probability for detector in detectors)
     left = departures(evidence, sets, makers, foresights, alpha)
     left += displacements(evidence, sets, makers, foresights, alpha)
     left += [e for r in received for e in r.evidence]

@@ -61,6 +61,7 @@ class Bands:
     """The detector: see the module's text. It remembers nothing."""
 
     name = "bands"
+    share = 0.0  # it never speaks of an attack
     needs = (Need.OBSERVATIONS,)
 
     def __init__(self, settings: BandsSettings | None = None) -> None:

@@ -45,6 +45,7 @@ class CodeCarrier:
     """The detector: see the module's text. It remembers two minutes of each receiver, thinned to 512 epochs."""
 
     name = "code_carrier"
+    share = 0.0  # it never speaks of an attack
     needs = (Need.OBSERVATIONS,)
 
     def __init__(self, settings: CodeCarrierSettings | None = None) -> None:

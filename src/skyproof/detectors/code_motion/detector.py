@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.arrays import Indices, Reals
+from skyproof.arrays import Indices, Instants, Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.code_motion.laws import (
     CodeMotionLimits,
@@ -95,6 +95,7 @@ class _Series:
 
     fix: Fix
     geometry: FixGeometry
+    gpst: Instants  # as the receiver's clock shows them
     elapsed_s: Reals
     clock_m: Reals
     misfit: Reals  # sum of squared normalised residuals of each epoch
@@ -105,6 +106,7 @@ class CodeMotion:
     """The detector: see the module's text. It remembers two epochs of each receiver."""
 
     name = "code_motion"
+    share = 0.05  # a jump that counts is as improbable as can be: a whole share would be lost on it
     needs = (Need.OBSERVATIONS, Need.NAVIGATION)
 
     def __init__(self, settings: CodeMotionSettings | None = None) -> None:
@@ -181,6 +183,7 @@ class CodeMotion:
             geometry=FixGeometry(
                 design=geometry.design[good], misfit_m=geometry.misfit_m[good], sigma_m=geometry.sigma_m[good]
             ),
+            gpst=o.gpst[good],
             elapsed_s=o.elapsed_s[good],
             clock_m=SPEED_OF_LIGHT_M_S * clock_s[chosen][good],
             misfit=(normalised[good] ** 2).sum(axis=1),
@@ -210,7 +213,7 @@ class CodeMotion:
         for p_values, what in ((places, "position"), (clocks, "clock")):
             k = int(np.argmin(p_values))
             p_value = min(1.0, n_new * float(p_values[k]))
-            at = series.fix.gpst[motion.row[k]]
+            at = series.gpst[motion.row[k]]
             size_m = np.linalg.norm(motion.position_m[k]) if what == "position" else abs(motion.clock_m[k])
             evidence = Evidence(
                 detector=self.name,

@@ -83,6 +83,7 @@ class Torn:
     """The detector: see the module's text. It remembers the last good fix of each receiver."""
 
     name = "torn"
+    share = 0.0  # it never speaks of an attack
     needs = (Need.OBSERVATIONS, Need.NAVIGATION)
 
     def __init__(self, settings: TornSettings | None = None) -> None:
