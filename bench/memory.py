@@ -15,7 +15,7 @@ import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from unittest.mock import patch
 
 import numpy as np
@@ -64,7 +64,7 @@ def report(minutes: tuple[int, ...] = MINUTES, hours: tuple[int, ...] = HOURS) -
             ratio = f"{own_mb:.0f} MB without what rendering grows by, {own_mb / first:.2f} of the shortest"
             yield (
                 f"  {kind} of two receivers, {length:2d} {unit}: peak {run['peak_mb']:.0f} MB ({ratio}), "
-                f"{run['seconds']:.0f} s, {run['verdict']}"
+                f"{run['seconds']:.0f} s, {run['processor_s']:.0f} s of processor time, {run['verdict']}"
             )
 
 
@@ -184,7 +184,8 @@ def _hours_later(e: Ephemeris, hours: int) -> Ephemeris:
 
 def _measured(verdict: str, begin: float) -> str:
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return json.dumps({"peak_mb": peak_mb, "seconds": perf_counter() - begin, "verdict": verdict})
+    seconds = {"seconds": perf_counter() - begin, "processor_s": process_time()}
+    return json.dumps({"peak_mb": peak_mb, **seconds, "verdict": verdict})
 
 
 def main(kind: str, *rest: str) -> None:

@@ -1,4 +1,6 @@
-"""Reading RINEX observations: a day at 1 Hz of all systems, and a part of it beside georinex.
+"""RINEX observations: two receivers protected, by room; a day at 1 Hz of all systems read, and a part beside georinex.
+
+A day of two receivers protected is simulated, as its satellites have to rise and set: `memory.py`.
 
 The day is made of the minutes of a real receiver (rinex-mosaic-1m/base.obs under SKYPROOF_DATA), again and again with
 the time going on. Every figure is of a process of its own: seconds of one core from its first import to its end,
@@ -7,6 +9,7 @@ in an environment of its own: SKYPROOF_PEERS names that environment's python.
 """
 
 import itertools
+import json
 import os
 import subprocess
 import sys
@@ -20,7 +23,9 @@ from timing import Spread, line
 
 DAY, PART = 86_400, 300  # epochs; georinex needs minutes for more
 RUNS = 3
+LEAST_S = 0.02  # of a room that has a row
 SOURCE = "real/rinex-mosaic-1m/base.obs"
+PAIR, NAV, APART_M = ("base.obs", "rover.obs"), "base.nav", 0.99  # beside the source
 FACTOR = 20  # asked for: times as fast as georinex
 
 IN_PIECES = """
@@ -61,6 +66,7 @@ def report() -> Iterator[str]:
     if "SKYPROOF_DATA" not in os.environ or not source.is_file():
         yield f"reading RINEX: skipped, SKYPROOF_DATA names no folder with {SOURCE}"
         return
+    yield from _rows_of_the_pair(source.parent)
     with TemporaryDirectory() as folder:
         part, hour, day = (
             repeated(source, Path(folder) / f"{epochs}.rnx", epochs) for epochs in (PART, DAY // 24, DAY)
@@ -68,6 +74,25 @@ def report() -> Iterator[str]:
         yield f"reading RINEX 3.04 of a real receiver, 57 satellites at 1 Hz, whole processes, {RUNS} runs each"
         yield from _rows_of_pieces(hour, day)
         yield from _rows_beside_georinex(part)
+
+
+def _rows_of_the_pair(folder: Path) -> Iterator[str]:
+    """Two receivers protected, whole processes: seconds of processor time, by room, and memory."""
+    yield f"protecting {PART} s of two real receivers, 47 satellites and 158 signals at 1 Hz, {RUNS} runs"
+    command = [sys.executable, "-W", "ignore", str(Path(__file__).with_name("rooms.py"))]
+    command += [*(str(folder / name) for name in PAIR), "--nav", str(folder / NAV), "--distance-m", str(APART_M)]
+    environment = os.environ | {"SKYPROOF_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    runs = [
+        json.loads(subprocess.run(command, env=environment, capture_output=True, check=True).stdout)
+        for _ in range(RUNS + 1)
+    ][1:]  # the first one may compile
+    yield line("whole process", Spread.of([run["seconds"] for run in runs]), "s of processor")
+    yield line("beyond its imports", Spread.of([run["seconds"] - run["imports_s"] for run in runs]), "s of processor")
+    yield line("most memory", Spread.of([run["peak_mb"] for run in runs]), "MB")
+    seconds = {room: Spread.of([run["rooms_s"].get(room, 0.0) for run in runs]) for room in runs[0]["rooms_s"]}
+    for room, spread in sorted(seconds.items(), key=lambda item: -item[1].median):
+        if spread.median >= LEAST_S:
+            yield line(f"  {room}", spread, "s of processor")
 
 
 def repeated(source: Path, path: Path, epochs: int) -> Path:
