@@ -580,7 +580,7 @@ def judged(scene: Scene, navigation: NavigationData, platform_path: Path, seed: 
     ]
     observed = [r.observations for r in receptions if r.observations is not None]
     settings = following_epochs(settings, observed)
-    body = body_of(platform, files, start_gpst, settings.max_separation_m)
+    body = body_of(platform, files, names, tables, start_gpst, settings.max_separation_m)
     foresights = foresights_of(names, settings, platform, tables, unit)
     outcome, _ = judge(receptions, navigation, settings, Silent(), body=body, foresights=foresights)
     return document(outcome, (), settings), outcome
