@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -144,7 +143,7 @@ def test_a_signal_while_receiving_keeps_what_was_received(pair, tmp_path, capsys
 
 
 def started(*arguments: str | Path) -> subprocess.Popen:
-    """The command line in a process of its own, which has begun to track."""
+    """The command line in a process of its own, which has tracked and begun to examine."""
     process = subprocess.Popen(
         [sys.executable, "-c", "import sys; from skyproof.cli import main; sys.exit(main())", *map(str, arguments)],
         stdout=subprocess.PIPE,
@@ -153,7 +152,7 @@ def started(*arguments: str | Path) -> subprocess.Popen:
         env=os.environ | {"NUMBA_NUM_THREADS": "1"},
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # ignored where these tests run in background
     )
-    while "tracking" not in (line := process.stderr.readline()):
+    while "examining" not in (line := process.stderr.readline()):
         assert line
     return process
 
@@ -162,7 +161,6 @@ def started(*arguments: str | Path) -> subprocess.Popen:
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_a_real_signal_ends_the_program_in_order(pair, tmp_path, number, code):
     process = started("protect", *pair.paths, "--nav", pair.nav, "--out", tmp_path, "--json")
-    time.sleep(0.5)  # 16 s of samples take some 2 s
     for _ in range(1 if number == signal.SIGINT else 2):  # a pair that no person sent is one wish
         process.send_signal(number)
     out, err = process.communicate(timeout=300)
@@ -185,7 +183,7 @@ def test_a_closed_terminal_does_not_lose_the_answer(pair, tmp_path):
     )
     os.close(theirs)
     shown = b""
-    while b"tracking" not in shown:
+    while b"examining" not in shown:
         shown += os.read(ours, 1000)
     os.close(ours)
     process.send_signal(signal.SIGHUP)  # the terminal is nobody's here, so that the kernel sends none
