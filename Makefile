@@ -34,8 +34,8 @@ fill: $(READY) ## what is made into the manual's pages and the notebook, where t
 messages: $(READY) ## every error message that the tests raise, as a table, in docs/pages/messages.md
 	$(BIN)/python -m pytest -n 2 -q -m "not long" --messages docs/pages/messages.md
 
-test: $(READY) ## the tests, at most five minutes
-	$(BIN)/python -m pytest -n 2 -m "not long"
+test: $(READY) ## the tests, at most five minutes; one that hangs ends with a traceback
+	$(BIN)/python -m pytest -n 2 -m "not long" -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 
 test-long: $(READY) ## the counts and whole scenes that need more time
 	$(BIN)/python -m pytest -n 2 -m long
