@@ -409,9 +409,10 @@ class Observations(ShortRepr):
 
         What holds for a channel (`found_elapsed_s` and the like) is that of the piece that found its signal first.
         """
-        every = {signal for piece in pieces for signal in piece.signals}
+        same = all(piece.signals == pieces[0].signals for piece in pieces[1:])  # mostly the same objects
+        every = pieces[0].signals if same else {signal for piece in pieces for signal in piece.signals}
         signals = tuple(sorted(every, key=BY_NAME))
-        at = {signal: column for column, signal in enumerate(signals)}
+        at = {} if same and signals == every else {signal: column for column, signal in enumerate(signals)}
         shape = sum(piece.gpst.size for piece in pieces), len(signals)
         cells: dict[str, Any] = {
             name: np.full(shape, _EMPTY.get(name, np.nan), getattr(pieces[0], name).dtype) for name in _CELLS
@@ -419,9 +420,9 @@ class Observations(ShortRepr):
         known: dict[str, Any] = {name: np.full(len(signals), np.nan) for name in _OF_CHANNELS}
         first = 0
         for piece in pieces:
-            columns = np.array([at[signal] for signal in piece.signals], np.intp)
+            columns = np.array([at[signal] for signal in piece.signals], np.intp) if at else np.arange(len(signals))
             for name, whole in cells.items():
-                whole[first : first + piece.gpst.size, columns] = getattr(piece, name)
+                whole[first : first + piece.gpst.size, columns if at else slice(None)] = getattr(piece, name)
             sooner = ~(piece.found_elapsed_s > known["found_elapsed_s"][columns])  # NaN: not known yet
             for name, of_channels in known.items():
                 of_channels[columns[sooner]] = getattr(piece, name)[sooner]

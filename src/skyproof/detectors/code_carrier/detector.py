@@ -15,7 +15,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans
 from skyproof.detectors.base import missing, undecided
-from skyproof.detectors.code_carrier.divergence import LEAST_SIGNALS, Divergence, divergence_of, parted
+from skyproof.detectors.code_carrier.divergence import LEAST_SIGNALS, Divergence, divergences_of, parted
 from skyproof.errors import require_probability
 from skyproof.gnss.signals import chip_m_of
 from skyproof.records import CellStatus, Evidence, Need, Observations, Records, SignalRef
@@ -73,31 +73,23 @@ class CodeCarrier:
         tested: list[tuple[SignalRef, Divergence]] = []
         tests = 0
         whole = _unbroken(joined)
-        apart_m, gathered_m2 = parted(joined)
-        for signal in o.signals:
-            column = joined.signals.index(signal)
-            if not whole[-1, column]:
-                continue
-            begin = int(whole[:, column].argmax())
-            spans = {int(np.searchsorted(joined.elapsed_s, o.elapsed_s[0])), begin}
-            rows = [slice(max(first, begin), None) for first in spans]
-            chip_m = chip_m_of(signal.sat, signal.band, signal.code)
-            looks = [
-                look
-                for own in rows
-                if (
-                    look := divergence_of(
-                        joined.elapsed_s[own],
-                        apart_m[own, column],
-                        joined.pseudorange_sigma_m[own, column] ** 2,
-                        gathered_m2[own, column],
-                        chip_m,
-                    )
-                )
-            ]
-            tests += len(looks)
-            if looks:
-                tested.append((SignalRef(o.receiver, signal), min(looks, key=lambda look: look.p_value)))
+        signals = [signal for signal in o.signals if whole[-1, joined.column_of[signal]]]
+        columns = np.array([joined.column_of[signal] for signal in signals], np.intp)
+        begins = whole[:, columns].argmax(axis=0)
+        window = int(np.searchsorted(joined.elapsed_s, o.elapsed_s[0]))
+        apart_m, gathered_m2 = (values[:, columns] for values in parted(joined))
+        code_m2 = joined.pseudorange_sigma_m[:, columns] ** 2
+        chip_m = np.array([chip_m_of(signal.sat, signal.band, signal.code) for signal in signals])
+        looks = [
+            divergences_of(joined.elapsed_s, apart_m, code_m2, gathered_m2, chip_m, starts)
+            for starts in (np.maximum(window, begins), begins)
+        ]
+        for k, signal in enumerate(signals):
+            spans = looks if begins[k] != window else looks[:1]
+            known = [look for span in spans if (look := span[k]) is not None]
+            tests += len(known)
+            if known:
+                tested.append((SignalRef(o.receiver, signal), min(known, key=lambda look: look.p_value)))
         subject = tuple(ref for ref, _ in tested)
         if not tested:
             every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)

@@ -15,12 +15,14 @@ from typing import Final
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Reals
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import Observations
 from skyproof.statistics.distributions import normal_two_sided
+from skyproof.statistics.medians import medians
+from skyproof.statistics.same_rows import group_by_rows
 
-__all__ = ["LEAST_SIGNALS", "Divergence", "divergence_of", "parted"]
+__all__ = ["LEAST_SIGNALS", "Divergence", "divergences_of", "parted"]
 
 LEAST_SIGNALS: Final = 4
 """That have a step at one epoch, for its median to be that of all."""
@@ -53,9 +55,7 @@ def parted(o: Observations) -> tuple[Reals, Reals]:
     variance_m2 = np.where(carried, 0.0, (wavelength_m * o.doppler_sigma_hz[1:] * gap_s) ** 2)
     known = np.isfinite(steps_m)
     enough = known.sum(axis=1) >= LEAST_SIGNALS
-    common_m = np.array(
-        [np.median(row[there]) if there.any() else 0.0 for row, there in zip(steps_m, known, strict=True)]
-    )
+    common_m = np.nan_to_num(medians(steps_m, axis=1))
     own_m = np.where(known & enough[:, None], steps_m - common_m[:, None], np.nan)
     none = np.zeros((1, own_m.shape[1]))
     apart_m = np.vstack([none, np.cumsum(np.nan_to_num(own_m), axis=0)])
@@ -64,23 +64,27 @@ def parted(o: Observations) -> tuple[Reals, Reals]:
     return apart_m, gathered_m2
 
 
-def divergence_of(
-    elapsed_s: Reals, apart_m: Reals, code_m2: Reals, gathered_m2: Reals, chip_m: float
-) -> Divergence | None:
-    """Return the divergence over an unbroken stretch of epochs (n,); None where they are too few.
+def divergences_of(
+    elapsed_s: Reals, apart_m: Reals, code_m2: Reals, gathered_m2: Reals, chip_m: Reals, starts: Indices
+) -> list[Divergence | None]:
+    """Return the divergence of each signal (k,) over the unbroken epochs from its start on; None where they are few.
 
-    apart_m, gathered_m2 : of one signal, as `parted` returns them. code_m2 : variance of each code.
+    elapsed_s : (n,). apart_m, gathered_m2 : (n, k), as `parted` returns them. code_m2 : (n, k) variance of each code.
+    chip_m, starts : (k,) of each signal.
     """
-    known: Booleans = np.isfinite(apart_m) & (code_m2 > 0.0)
-    if known.sum() < _LEAST_EPOCHS:
-        return None
-    t, apart_m, variance_m2 = elapsed_s[known], apart_m[known], code_m2[known]
-    drift_m2 = float(gathered_m2[known][-1] - gathered_m2[known][0])
-    quarter = known.sum() // 4
-    first, last = slice(0, quarter), slice(t.size - quarter, t.size)
-    change_m = float(apart_m[last].mean() - apart_m[first].mean())
-    time_s = float(t[last].mean() - t[first].mean())
-    noise_m2 = (variance_m2[first].mean() + variance_m2[last].mean()) / quarter
-    sigma_m = np.sqrt(noise_m2 + drift_m2 + (_IONOSPHERE_M_S * time_s) ** 2)
-    beyond = max(abs(change_m) - _REFLECTED_CHIPS * chip_m, 0.0) / sigma_m
-    return Divergence(change_m=change_m, time_s=time_s, p_value=float(normal_two_sided(beyond)))
+    known: Booleans = np.isfinite(apart_m) & (code_m2 > 0.0) & (np.arange(elapsed_s.size)[:, None] >= starts)
+    found: list[Divergence | None] = [None] * starts.size
+    for rows, columns in group_by_rows(known):
+        if rows.size < _LEAST_EPOCHS:
+            continue
+        quarter = rows.size // 4
+        first, last = rows[:quarter], rows[-quarter:]
+        drift_m2 = gathered_m2[rows[-1], columns] - gathered_m2[rows[0], columns]
+        change_m = apart_m[np.ix_(last, columns)].mean(axis=0) - apart_m[np.ix_(first, columns)].mean(axis=0)
+        time_s = float(elapsed_s[last].mean() - elapsed_s[first].mean())
+        noise_m2 = code_m2[np.ix_(first, columns)].mean(axis=0) + code_m2[np.ix_(last, columns)].mean(axis=0)
+        sigma_m = np.sqrt(noise_m2 / quarter + drift_m2 + (_IONOSPHERE_M_S * time_s) ** 2)
+        beyond = np.maximum(np.abs(change_m) - _REFLECTED_CHIPS * chip_m[columns], 0.0) / sigma_m
+        for column, change, p_value in zip(columns, change_m.tolist(), normal_two_sided(beyond).tolist(), strict=True):
+            found[column] = Divergence(change_m=change, time_s=time_s, p_value=p_value)
+    return found

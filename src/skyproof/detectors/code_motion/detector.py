@@ -11,6 +11,7 @@ open.
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -138,7 +139,8 @@ class CodeMotion:
             return [undecided(self, records, subject, code="received_twice", because=because, would_need=would_need)]
         joined = o if tail is None else Observations.joined((tail, o))
         begin = joined.gpst.size - o.gpst.size
-        kept = tuple(signal for signal in joined.signals if signal in signals)
+        among = set(signals)
+        kept = tuple(signal for signal in joined.signals if signal in among)
         series = self._series(joined, kept, navigation)
         subject = tuple(SignalRef(o.receiver, signal) for signal in signals)
         if series is None or series.elapsed_s.size < 3:
@@ -258,18 +260,20 @@ class CodeMotion:
         return replace(evidence, says="attack", overrules=False, because=because, p_value=p_value, may_also_be=())
 
 
+@lru_cache(16)  # several tests look at the same windows
 def primary_signals(o: Observations) -> tuple[SignalId, ...] | None:
     """Return the kind of signal of each time scale that most satellites have; None where one is received twice."""
     measured = np.isfinite(o.pseudorange_m)
     counts: Counter[tuple[str, str, str]] = Counter()
-    for column, signal in enumerate(o.signals):
-        counts[signal.kind] += int(measured[:, column].sum())
+    for signal, count in zip(o.signals, measured.sum(axis=0).tolist(), strict=True):
+        counts[signal.kind] += count
     chosen: dict[str, tuple[str, str, str]] = {}
     for kind, _ in sorted(counts.items(), key=lambda item: (-item[1], item[0])):
         chosen.setdefault(kind[0], kind)
-    columns = [k for k, signal in enumerate(o.signals) if signal.kind in chosen.values() and measured[:, k].any()]
-    sats = [o.signals[k].sat for k in columns]
-    for sat in {sat for sat in sats if sats.count(sat) > 1}:
+    kinds = set(chosen.values())
+    columns = [int(k) for k in np.flatnonzero(measured.any(axis=0)) if o.signals[k].kind in kinds]
+    sats = Counter(o.signals[k].sat for k in columns)
+    for sat in (sat for sat, count in sats.items() if count > 1):
         if (measured[:, [k for k in columns if o.signals[k].sat == sat]].sum(axis=1) > 1).any():
             return None
     return tuple(o.signals[k] for k in columns)

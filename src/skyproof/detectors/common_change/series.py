@@ -14,6 +14,7 @@ from skyproof.gnss.time import seconds_between
 from skyproof.navigation.least_squares import gauss_newton, line_of_sight
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.records import CellStatus, NavigationData, Observations, SignalId
+from skyproof.statistics.same_rows import group_by_rows
 
 __all__ = ["Turn", "rates_of", "turn_of"]
 
@@ -39,7 +40,7 @@ def rates_of(o: Observations, span_s: float, multipath_sigma_m: float) -> Mappin
     last = _last_runs(o, apart_m, begin)
     found: dict[SignalId, Rate] = {}
     # Signals that are there at the same epochs have the same weights, and most are.
-    for rows, columns in _alike(last):
+    for rows, columns in group_by_rows(last):
         if rows.size < 3 or o.elapsed_s[begin + rows[-1]] - o.elapsed_s[begin + rows[0]] < _WHOLE * span_s:
             continue
         cells = np.ix_(begin + rows, columns)
@@ -47,12 +48,6 @@ def rates_of(o: Observations, span_s: float, multipath_sigma_m: float) -> Mappin
         rates = rates_over(elapsed_s, apart_m[cells], o.pseudorange_sigma_m[cells], multipath_sigma_m)
         found |= {o.signals[k]: rate for k, rate in zip(columns, rates, strict=True)}
     return {signal: found[signal] for signal in o.signals if signal in found}
-
-
-def _alike(chosen: Booleans) -> list[tuple[Indices, Indices]]:
-    """The rows that are chosen of (n, m) columns, and the columns of which it is these."""
-    patterns, of = np.unique(chosen, axis=1, return_inverse=True)
-    return [(np.flatnonzero(rows), np.flatnonzero(of.ravel() == k)) for k, rows in enumerate(patterns.T)]
 
 
 def _last_runs(o: Observations, apart_m: Reals, begin: int) -> Booleans:

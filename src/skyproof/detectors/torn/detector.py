@@ -116,7 +116,7 @@ class Torn:
             need = "one signal of each satellite"
             return undecided(self, records, subject, because=because, would_need=need, code="received_twice"), before
         anchors = self._anchors(o, navigation, signals, before)
-        columns = [o.signals.index(signal) for signal in signals]
+        columns = [o.column_of[signal] for signal in signals]
         stray = np.asarray(o.status[:, columns] == CellStatus.IMPOSSIBLE)
         if any(anchor is not None for anchor in anchors):
             stray |= self._strays(o, navigation, signals, anchors)
@@ -175,7 +175,7 @@ class Torn:
     ) -> Booleans:
         """Return the cells (n_epochs, n_signals) that are off by more than anything explains."""
         known = [anchor for anchor in anchors if anchor is not None]
-        codes_m = o.pseudorange_m[:, [o.signals.index(signal) for signal in signals]]
+        codes_m = o.pseudorange_m[:, [o.column_of[signal] for signal in signals]]
         ranges = corrected_ranges(signals, o.gpst, codes_m, navigation, with_unknown_delay=True)
         place = np.array([anchor.position_ecef_m for anchor in known])
         _, _, distance_m = line_of_sight(ranges.satellite_ecef_m, place)
@@ -189,7 +189,7 @@ class Torn:
         return np.asarray(np.abs(off_m) > reach_m[:, None])
 
     def _judged(self, records: Records, o: Observations, signals: tuple[SignalId, ...], stray: Booleans) -> Evidence:
-        columns = [o.signals.index(signal) for signal in signals]
+        columns = [o.column_of[signal] for signal in signals]
         measured = o.measured[:, columns] | (o.status[:, columns] == CellStatus.IMPOSSIBLE)
         n = int(measured.any(axis=0).sum())
         torn = [signal for k, signal in enumerate(signals) if stray[:, k].any()]

@@ -1,0 +1,14 @@
+"""Columns that choose the same rows, so that they are computed together."""
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Indices
+
+__all__ = ["group_by_rows"]
+
+
+def group_by_rows(chosen: Booleans) -> list[tuple[Indices, Indices]]:
+    """Return the rows that are chosen of (n, m) columns, and the columns of which it is these."""
+    patterns, number = np.unique(chosen, axis=1, return_inverse=True)
+    columns = number.ravel()
+    return [(np.flatnonzero(rows), np.flatnonzero(columns == k)) for k, rows in enumerate(patterns.T)]
