@@ -8,6 +8,7 @@ import argparse
 import functools
 import importlib
 import json
+import os
 import resource
 import sys
 import tempfile
@@ -17,6 +18,8 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 from unittest.mock import patch
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does: threads for small matrices only spin
 
 ROOMS = {
     "formats: reading": ("run.open_inputs", "run.read_nav", "run.observed"),

@@ -141,10 +141,10 @@ def test_sigterm_lets_items_end_and_what_is_left_is_done_next_time(tmp_path: Pat
             os.kill(int(worker), signal.SIGTERM)
     started.send_signal(signal.SIGTERM)
     out, _ = started.communicate(timeout=60)
-    assert out.splitlines() == [
-        "interrupted: items under way come to their end; interrupt again to stop them too",
-        "{} True",
-    ]
+    *announced, ended = out.splitlines()
+    assert ended == "{} True"
+    # Nothing is announced where all items under way ended in the moment of the signal.
+    assert announced in ([], ["interrupted: items under way come to their end; interrupt again to stop them too"])
     there = {path.split("/")[0] for path in content(tmp_path)}
     assert 0 < len(there) < 1000
     with Store(tmp_path) as store:
