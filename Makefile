@@ -4,7 +4,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo pages docs fill messages test test-long check bench interop ray lock clean
+.PHONY: help setup demo pages docs fill messages test test-long check bench corpus interop ray lock clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -49,6 +49,9 @@ check: $(READY) ## ruff (rules and layout), mypy, the import contracts, then the
 
 bench: $(READY) ## speed, each figure beside what it is compared with
 	$(BIN)/python bench/run.py
+
+corpus: $(READY) ## what is said of many scenes and files, into .cache/corpus.jsonl, to hold two trees against each other
+	$(BIN)/python bench/corpus.py --out .cache/corpus.jsonl
 
 interop: $(READY) ## the same recordings through independent receivers, signal by signal (where installed)
 	$(BIN)/python interop/run.py

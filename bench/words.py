@@ -41,9 +41,9 @@ def row_of(name: str) -> Row:
     made = make(drawn if kind == "attack" else replace(drawn, field=kind == "reflections"))
     if made is None:
         return {"name": name, "words": {}}
-    heard = heard_of(_jammed(made, int(number)) if kind == "jammed" else made)
+    heard = heard_of(jammed(made, int(number)) if kind == "jammed" else made)
     words, captured, by = {}, {}, {}
-    for equipment, settings in _equipment(made).items():
+    for equipment, settings in equipment_of(made).items():
         used = heard[:1] if equipment.startswith("one") else heard
         outcome, _ = judge([h.reception for h in used], made.navigation, settings, Silent())
         words[equipment] = outcome.decision.verdict
@@ -53,7 +53,7 @@ def row_of(name: str) -> Row:
     return {"name": name, "words": words, "captured": captured, "failed": by}
 
 
-def _equipment(made: Made) -> dict[str, Settings]:
+def equipment_of(made: Made) -> dict[str, Settings]:
     """What is stated, by equipment, where it is true."""
     drawn = made.drawn
     found = {"one receiver": Settings(), "two": Settings()}
@@ -65,7 +65,7 @@ def _equipment(made: Made) -> dict[str, Settings]:
     return found
 
 
-def _jammed(made: Made, number: int) -> Made:
+def jammed(made: Made, number: int) -> Made:
     rng = np.random.default_rng(np.random.SeedSequence(made.drawn.seed, spawn_key=(number,)))
     drawn, lasts_s = made.drawn, float(rng.uniform(5.0, 20.0))
     onset_s = float(rng.uniform(8.0, drawn.duration_s - lasts_s - 5.0))
