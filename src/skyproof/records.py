@@ -19,7 +19,7 @@ from typing import Any, Final, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.arrays import Booleans, ComplexFloats, Floats, Instants, Reals
+from skyproof.arrays import Booleans, ComplexFloats, Floats, Indices, Instants, Reals
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 from skyproof.gnss.signals import time_scale_of
@@ -401,6 +401,11 @@ class Observations(ShortRepr):
     def read(self, first: int, stop: int) -> "Observations":
         """The epochs from `first` to before `stop`, as views."""
         part: dict[str, Any] = {name: getattr(self, name)[first:stop] for name in ("gpst", "elapsed_s", *_CELLS)}
+        return replace(self, **part)
+
+    def rows(self, which: Booleans | Indices) -> "Observations":
+        """Some of the epochs, a mask or numbers, as copies."""
+        part: dict[str, Any] = {name: getattr(self, name)[which] for name in ("gpst", "elapsed_s", *_CELLS)}
         return replace(self, **part)
 
     @staticmethod

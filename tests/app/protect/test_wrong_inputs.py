@@ -98,6 +98,37 @@ def test_edited_dates_of_some_orbits_leave_those_out(recorded, tmp_path, hours):
     assert any("its time of clock" in words for words in nav.all_remarks)
 
 
+@pytest.mark.parametrize("who", [("bow",), ("bow", "stern")], ids=["one", "both"])
+@pytest.mark.parametrize("late_s", [0.1, 0.4, -18.0])
+def test_times_of_epochs_that_do_not_go_with_the_ranges_are_corrected(recorded, tmp_path, late_s, who):
+    """As in UTC, which is 18 s behind GPS time."""
+    _, observations = kit.measured(31.0)
+    paths = []
+    for o in observations:
+        late_ns = np.timedelta64(round(late_s * 1e9) if o.receiver in who else 0, "ns")
+        paths.append(tmp_path / f"{o.receiver}.obs")
+        later = replace(o, gpst=o.gpst + late_ns)
+        write_obs(paths[-1], later, signals=o.signals, holds="simulated", marker=o.receiver, version="test")
+    verdict = protect(paths, nav=recorded[0] / "nav.rnx", antenna_distance_m=APART_M).verdict
+    assert verdict.verdict == "authentic"
+    for one in verdict.inputs[:2]:
+        remarks = [words for words in one.left_out if "ranges fit the orbits" in words]
+        assert len(remarks) == (Path(one.path).stem in who)
+        assert all(("UTC" in words) == (late_s == -18.0) for words in remarks)
+
+
+def test_epochs_whose_times_stray_are_left_out(recorded, tmp_path):
+    _, (bow, _) = kit.measured(31.0)
+    late_ns = np.zeros(bow.gpst.size, "m8[ns]")
+    late_ns[[3, 4, 11, 20, 27]] = np.array([300, -200, 90, -380, 150]) * np.timedelta64(1_000_000, "ns")
+    strays = replace(bow, gpst=bow.gpst + late_ns)
+    write_obs(tmp_path / "bow.obs", strays, signals=bow.signals, holds="simulated", marker="bow", version="test")
+    paths = [tmp_path / "bow.obs", recorded[0] / "stern.obs"]
+    verdict = protect(paths, nav=recorded[0] / "nav.rnx", antenna_distance_m=APART_M).verdict
+    assert verdict.verdict in ("authentic", "no_attack_seen")
+    assert any("5 epochs are left out" in words for words in verdict.inputs[0].left_out)
+
+
 @pytest.mark.shared_data
 def test_a_height_above_sea_level_of_one_real_receiver_is_named(shared_data):
     case = next((shared_data / "cases").glob("14_*"), None)

@@ -15,6 +15,7 @@ from skyproof.detectors.continuity.words import step_words
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.navigation.rates import with_dopplers
 from skyproof.records import OBSERVABLES, ConsistentSet, Records, SignalId
 from skyproof.simulator.measurement_errors import FieldErrors
 from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
@@ -533,3 +534,15 @@ def test_the_places_of_the_tests_are_as_far_apart_as_they_say():
         - PLACE_ECEF_M
     )
     assert np.linalg.norm(east_m) == pytest.approx(61.0, abs=0.3)
+
+
+def test_missing_epochs_of_a_receiver_without_dopplers_are_no_jump():
+    """One of 30 s, whose Dopplers are the slopes of its carriers: an epoch without neighbours has none."""
+    scene = MeasuredScene(epochs=15, step_s=30.0)
+    o = scene.records(np.random.default_rng(1)).observations[0]
+    without = replace(o, doppler_hz=np.full_like(o.doppler_hz, np.nan))
+    o = with_dopplers(without.rows(np.array([8, 10, 12, 13, 14])), 30.0)[0]
+    assert np.isnan(o.doppler_hz[:2]).all()
+    place = scene.records(np.random.default_rng(1)).sets[0].position_ecef_m
+    offset_m = series_of(o, scene.navigation, place, Limits()).offset_m
+    assert np.ptp(offset_m, axis=0).max() < 10.0

@@ -13,7 +13,7 @@ from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.errors import SettingsError
 from skyproof.fusion.open_question import open_question
 from skyproof.navigation.sets import consistent_sets
-from skyproof.records import SignalRef
+from skyproof.records import OBSERVABLES, SignalId, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 ERRORS = TrackErrors(sigma_m=1.0, correlation=0.5, constant_m=1.0)
@@ -421,3 +421,28 @@ def test_no_label_is_wrong_more_often_than_stated(sats, errors):
             bool(named(found[2], "spoofed") | named(found[2], "attack")),
         ]
     assert np.all(wrong <= 13)  # 5 expected at most
+
+
+def of_few_satellites(records, satellites):
+    """The records of their first satellites alone, each with signals of four kinds."""
+    kinds = (("L1", "CA"), ("L2", "L"), ("L5", "Q"), ("L1", "C"))
+
+    def repeated(o):
+        columns = np.tile(np.arange(satellites), len(kinds))
+        cells = {name: getattr(o, name)[:, columns] for name in (*OBSERVABLES, "status", "half_cycle_open")}
+        known = {name: getattr(o, name)[columns] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
+        signals = tuple(SignalId(o.signals[k].sat, *kind) for kind in kinds for k in range(satellites))
+        return replace(o, signals=signals, **cells, **known)
+
+    observations = tuple(repeated(o) for o in records.observations)
+    sets = tuple(replace(one, signals=observations[0].signals) for one in records.sets)
+    return replace(records, observations=observations, sets=sets)
+
+
+@pytest.mark.parametrize(("satellites", "known"), [(3, False), (4, True)])
+def test_many_signals_of_three_satellites_show_no_baseline(satellites, known):
+    records = of_few_satellites(scene().records(rng()), satellites)
+    pairing = pair_up(records, records.sets, TrackNoise(), min_satellites=5)
+    assert (pairing.unit_enu is not None) is known
+    assert np.isfinite(pairing.one_antenna.p_value)
+    assert pairing.at_least_p_value(100.0) == 1.0 or known

@@ -237,7 +237,7 @@ def _received(
     def received(source: Samples | ObservedFile) -> Reception:
         if not isinstance(source, Samples):
             with nullcontext() if trackers else heard():  # what was tracked is not lost for it
-                return observed(source, workspace)
+                return observed(source, workspace, navigation)
         array = arrays.get(source.name)
         if is_short(source):
             return observe_short(source, navigation, settings, progress, array)

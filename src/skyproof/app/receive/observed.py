@@ -1,14 +1,14 @@
 """Observation files as inputs: what one receiver measured itself, read instead of tracked."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from skyproof.app.receive.reception import Reception
-from skyproof.arrays import Booleans
+from skyproof.arrays import Instants
 from skyproof.errors import InputError
 from skyproof.formats.bounds import limited
 from skyproof.formats.byte_io import FileBytes, size_of
@@ -17,13 +17,14 @@ from skyproof.formats.plausible import impossible_remarks
 from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, following, obs_pieces
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.formats.spool import NothingGathered, gathered
-from skyproof.gnss.time import iso, seconds_between
+from skyproof.gnss.time import iso, leap_seconds, seconds_between
 from skyproof.logs.content import FrontEndLevels, ReceiverFixes, ReceiverStates
 from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
 from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
+from skyproof.navigation.time_tags import TagErrors, tag_errors
 from skyproof.navigation.window import interval_s
 from skyproof.records import NavigationData, ObservationLog, Observations, SignalId
-from skyproof.remarks import Remark
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["ObservedFile", "OwnWords", "observed", "observed_file", "open_observations", "same_measurements"]
 
@@ -31,7 +32,8 @@ NO_SAMPLES = (
     "holds measurements and no samples: no correlation is drawn, second signals of a satellite and the receiver's own "
     "noise cannot be looked for"
 )
-MOST_STEPS_TOLD = 3
+MOST_TIMES_TOLD = 3
+_NEAR_UTC_S = 0.5
 STRETCH_EPOCHS = 1024
 SYSTEMS = "GECRJ"
 
@@ -190,7 +192,7 @@ def _stretch(pieces: Iterable[Observations], start_s: float, duration_s: float |
             rows &= piece.elapsed_s < start_s + duration_s
         if not rows.any():
             continue
-        kept = _rows(piece, rows)
+        kept = piece.rows(rows)
         begun_s = float(kept.elapsed_s[0]) if begun_s is None else begun_s
         missed_s = kept.missed_elapsed_s - begun_s
         yield replace(
@@ -199,19 +201,6 @@ def _stretch(pieces: Iterable[Observations], start_s: float, duration_s: float |
             found_elapsed_s=np.maximum(kept.found_elapsed_s - begun_s, 0.0),
             missed_elapsed_s=np.where(missed_s >= 0.0, missed_s, np.nan),
         )
-
-
-def _rows(observations: Observations, rows: Booleans) -> Observations:
-    """The chosen epochs of a record."""
-    n = observations.gpst.size
-    chosen = {
-        f.name: getattr(observations, f.name)[rows]
-        for f in fields(observations)
-        if isinstance(getattr(observations, f.name), np.ndarray)
-        and getattr(observations, f.name).shape[:1] == (n,)
-        and f.name not in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
-    }
-    return replace(observations, **chosen)
 
 
 def same_measurements(a: ObservedFile, b: ObservedFile) -> bool:
@@ -232,18 +221,19 @@ def same_measurements(a: ObservedFile, b: ObservedFile) -> bool:
     return alike > 0.5 * compared
 
 
-def observed(source: ObservedFile, workspace: Workspace | None = None) -> Reception:
-    """What a receiver measured, made ready to be compared: its clock without steps, Dopplers where it gave none."""
-    steps = clock_steps(source.observations)
+def observed(
+    source: ObservedFile, workspace: Workspace | None = None, navigation: NavigationData | None = None
+) -> Reception:
+    """What a receiver measured, made ready to be compared: its clock without steps, labels that go with the ranges by
+    the orbits, Dopplers where it gave none.
+
+    navigation : the orbits; those of the file's own messages if absent.
+    """
+    orbits = source.decoded if navigation is None else navigation
+    clock = _Clock.of(source.observations, clock_steps(source.observations), orbits)
     made = _Made()
-    whole = gathered(made.ready(source.observations, steps), source.name, workspace or Workspace(), "observations")
-    remarks = []
-    if steps is not None and steps.steps:
-        times = ", ".join(iso(step.gpst, 0)[11:] for step in steps.steps[:MOST_STEPS_TOLD])
-        more = f" and {len(steps.steps) - MOST_STEPS_TOLD} more" if len(steps.steps) > MOST_STEPS_TOLD else ""
-        remarks.append(
-            f"the receiver's clock steps by whole milliseconds at {times}{more}; it is taken as if it did not"
-        )
+    whole = gathered(made.ready(source.observations, clock), source.name, workspace or Workspace(), "observations")
+    remarks = [*clock.remarks()]
     if made.derived:
         remarks.append(
             f"Dopplers of {made.derived / made.phases:.0%} of the cells are missing and taken from the carrier phase"
@@ -258,6 +248,65 @@ def observed(source: ObservedFile, workspace: Workspace | None = None) -> Recept
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Clock:
+    """How a log's labels differ from a clock that runs on: its steps, and what does not go with the ranges."""
+
+    gpst: Instants
+    steps: ClockSteps | None
+    tags: TagErrors
+
+    @classmethod
+    def of(cls, log: ObservationLog, steps: ClockSteps | None, navigation: NavigationData) -> "_Clock":
+        """Those of a log."""
+        firsts = range(0, log.gpst.size, STRETCH_EPOCHS)
+        parts = (_unstepped(log, steps, first, first + STRETCH_EPOCHS) for first in firsts)
+        return cls(log.gpst, steps, TagErrors.joined([tag_errors(part, navigation) for part in parts]))
+
+    def set_right(self, log: ObservationLog, first: int, stop: int) -> Observations:
+        """The epochs from `first` to before `stop`, without those whose labels are off otherwise than most."""
+        part = _unstepped(log, self.steps, first, stop).rows(~self.tags.stray[first:stop])
+        if not self.tags.offset_s:
+            return part
+        return replace(part, gpst=part.gpst - np.timedelta64(round(self.tags.offset_s * 1e9), "ns"))
+
+    def remarks(self) -> Iterator[str]:
+        """What was put right."""
+        if self.steps is not None and self.steps.steps:
+            times = [iso(step.gpst, 0)[11:] for step in self.steps.steps]
+            yield (
+                f"the receiver's clock steps by whole milliseconds at {_first_times(times)}; it is taken as if it did "
+                "not"
+            )
+        offset_s, stray = self.tags.offset_s, self.tags.stray
+        if offset_s:
+            as_utc = abs(offset_s + leap_seconds(self.gpst[0])) < _NEAR_UTC_S
+            yield Remark(
+                f"the times of its epochs are {abs(offset_s):.3f} s {'ahead of' if offset_s > 0.0 else 'behind'} the "
+                f"time at which its ranges fit the orbits{', as UTC is behind GPS time' if as_utc else ''}; they are "
+                "corrected by that",
+                RemarkKind.BEARS,
+            )
+        if stray.any():
+            times = [iso(when, 1)[11:] for when in self.gpst[stray]]
+            errors_s = self.tags.error_s[stray]
+            yield Remark(
+                f"{len(times)} epochs are left out, at {_first_times(times)}: their times are not those at which their "
+                f"ranges fit the orbits, {errors_s.min():+.3f} to {errors_s.max():+.3f} s off",
+                RemarkKind.BEARS,
+            )
+
+
+def _first_times(times: Sequence[str]) -> str:
+    more = f" and {len(times) - MOST_TIMES_TOLD} more" if len(times) > MOST_TIMES_TOLD else ""
+    return ", ".join(times[:MOST_TIMES_TOLD]) + more
+
+
+def _unstepped(log: ObservationLog, steps: ClockSteps | None, first: int, stop: int) -> Observations:
+    part = log.read(first, stop)
+    return part if steps is None else unstepped(part, steps, first)
+
+
 @dataclass
 class _Made:
     """How many cells have a carrier phase, and how many a Doppler that was taken from it."""
@@ -265,14 +314,15 @@ class _Made:
     derived: int = 0
     phases: int = 0
 
-    def ready(self, log: ObservationLog, steps: ClockSteps | None) -> Iterator[Observations]:
+    def ready(self, log: ObservationLog, clock: _Clock) -> Iterator[Observations]:
         """A log in stretches, as if its clock had run on, with Dopplers."""
-        usual_s = interval_s(log.elapsed_s if steps is None else steps.elapsed_s)
+        kept = np.cumsum(np.append(0, ~clock.tags.stray))
+        usual_s = interval_s(log.elapsed_s if clock.steps is None else clock.steps.elapsed_s)
         for first in range(0, log.gpst.size, STRETCH_EPOCHS):
-            begin, stop = max(first - RIM_EPOCHS, 0), first + STRETCH_EPOCHS
-            part = log.read(begin, stop + RIM_EPOCHS)
-            whole, derived = with_dopplers(part if steps is None else unstepped(part, steps, begin), usual_s)
-            own = slice(first - begin, stop - begin)
+            begin, stop = max(first - RIM_EPOCHS, 0), min(first + STRETCH_EPOCHS, log.gpst.size)
+            part = clock.set_right(log, begin, stop + RIM_EPOCHS)
+            whole, derived = with_dopplers(part, usual_s)
+            own = slice(int(kept[first] - kept[begin]), int(kept[stop] - kept[begin]))
             self.derived += int(derived[own].sum())
             self.phases += int(np.isfinite(part.carrier_cyc[own]).sum())
             yield whole.read(own.start, own.stop)

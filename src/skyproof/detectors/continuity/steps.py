@@ -196,7 +196,10 @@ def _columns_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals
     ahead_m = SPEED_OF_LIGHT_M_S * (seconds_between(o.gpst, o.gpst[0]) - (o.elapsed_s - o.elapsed_s[0]))
     level_m = ranges.range_m - distance_m - ahead_m[:, None]
     carrier_m = wavelength_m * o.carrier_cyc - ahead_m[:, None]
-    passing_m_s = -wavelength_m * o.doppler_hz - rates.measured_m_s  # what the satellites' motion makes
+    # What the satellites' motion makes, also where no Doppler is: that matters by millionths.
+    near_hz = np.nan_to_num(fill_gaps(o.elapsed_s, o.doppler_hz))
+    near = range_rates(ranges, turned, unit, distance_m, near_hz, o.doppler_sigma_hz, o.carrier_hz)
+    passing_m_s = -wavelength_m * near_hz - near.measured_m_s
     dt_s = np.diff(o.elapsed_s)[:, None]
 
     there = np.isfinite(level_m)

@@ -159,7 +159,8 @@ class Pairing:
 
     @cached_property
     def unit_enu(self) -> Reals | None:
-        """(K, 3) by how much a step of the antenna shortens the ranges; None without all orbits.
+        """(K, 3) by how much a step of the antenna shortens the ranges; None without all orbits, or where the
+        satellites are so few that some step changes nothing, however many signals they have.
 
         Directions at the first set's position in the middle of the epochs (half a second off they are wrong by 0.1
         mrad, 10 mm at 100 m), and upwards also the air that is left below.
@@ -177,7 +178,8 @@ class Pairing:
         units = unit_vectors(place, rotate_to_reception(sat_ecef_m, _TRAVEL_S))
         unit_enu = np.asarray(units @ rot_enu_ecef(lat_rad, lon_rad).T)
         unit_enu[:, 2] += _THINNER / np.maximum(unit_enu[:, 2], _LEAST_SINE)
-        return unit_enu
+        _, _, matrix = table_contrasts(self.ranges.range_m[..., :2], self.ranges.sigma_m[:, :2], self.ranges.kinds)
+        return unit_enu if np.linalg.matrix_rank(baseline_design(matrix, unit_enu)) == unit_enu.shape[1] else None
 
     @cached_property
     def distances_m(self) -> tuple[float, ...] | None:
