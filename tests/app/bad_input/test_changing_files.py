@@ -85,11 +85,11 @@ def test_a_recording_that_grows_while_it_is_worked_on_is_not_authentic(meddled):
 def test_files_of_a_run_that_was_killed_while_they_appeared_do_not_outlive_the_next(run, wide):
     ended = run(wide)
     names = {path.name for path in ended.folder.iterdir()}
-    left = ended.folder / ".skyproof-unfinished"  # it is kept here until the new one is there
+    left = ended.folder / ".skyproof-unfinished"  # what is replaced is kept here until all of the new is there
     left.mkdir()
     (left / "replaced-verdict.json").write_text((ended.folder / "verdict.json").read_text().replace('"bow"', '"mast"'))
-    (ended.folder / "verdict.json").unlink()
     for name in ("mast-authentic.obs", "mast-other-2.obs", "notes.obs"):
         (ended.folder / name).write_text("old")
-    run(wide, options=["--overwrite"])
+    again = run(wide, options=["--overwrite"])
+    assert again.code == ended.code, again.stderr
     assert {path.name for path in ended.folder.iterdir()} == names | {"notes.obs"}
