@@ -1,12 +1,15 @@
 """Shared by all tests: where the recordings are, if they are; and the table of all messages, if it is wanted."""
 
 import os
+import signal
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
 from tests.messages import Message, Recorder, table, unraised
+
+from skyproof.interruption import ENDING
 
 ROOT = Path(__file__).resolve().parent.parent
 RECORDER = pytest.StashKey[Recorder]()
@@ -16,6 +19,11 @@ RECORDER = pytest.StashKey[Recorder]()
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=25)
 settings.register_profile("search", deadline=None, max_examples=1000)
 settings.load_profile("repeatable")
+
+# Under `nohup`, or behind `&` in a script, signals are ignored, and so they would be by every program that a test starts.
+for number in ENDING:
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 
 
 @pytest.fixture(scope="session")
