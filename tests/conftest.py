@@ -20,7 +20,7 @@ settings.register_profile("repeatable", derandomize=True, deadline=None, max_exa
 settings.register_profile("search", deadline=None, max_examples=1000)
 settings.load_profile("repeatable")
 
-# Under `nohup`, or behind `&` in a script, signals are ignored, and so they would be by every program that a test starts.
+# Under `nohup`, or behind `&` in a script, signals are ignored, also by the programs that tests start.
 for number in ENDING:
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
