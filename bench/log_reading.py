@@ -1,4 +1,4 @@
-"""Reading receivers' logs: bytes of UBX and SBF a second, orbits included, beside pyubx2 and pysbf2 on the same bytes.
+"""Reading receivers' logs: bytes a second of UBX and SBF beside pyubx2 and pysbf2, of GnssLogger beside pandas.
 
 The logs are made here: epochs of so many signals once a second, whole frames with checksums.
 """
@@ -6,20 +6,24 @@ The logs are made here: epochs of so many signals once a second, whole frames wi
 import io
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from time import process_time
 from typing import Any
 
+import pandas
 from pysbf2 import SBFReader
 from pyubx2 import UBXReader
 from timing import line, take_turns
 
+from skyproof.logs.content import LogPiece
 from skyproof.logs.frames import split_frames
+from skyproof.logs.gnsslogger import read_gnsslogger
 from skyproof.logs.stream import read_log
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from tests.logs.frames import sbf_block, ubx_frame
+from tests.logs.phone import HEADER, Measured, raw_line
 
 EPOCHS, SIGNALS = 3600, 40
 PEER_EPOCHS = 60
@@ -39,10 +43,28 @@ def report() -> Iterator[str]:
         beside = f"{(parsed.median / len(part)) / (whole.median / len(octets)):.0f} times as fast as the peer"
         yield line(f"{name}, frames and checksums, {size_mb:.1f} MB", split, "s", f"{size_mb / split.median:.0f} MB/s")
         yield line(f"{name}, to observations", whole, "s", f"{size_mb / whole.median:.0f} MB/s, {beside}")
+    yield from _phone()
 
 
-def _read(blocks: list[bytes]) -> None:
-    for _ in read_log(blocks, "rx"):
+def _phone() -> Iterator[str]:
+    """Rows of a phone's text, beside the bare table of it."""
+    text = "".join(raw_line(row) for k in range(EPOCHS // 2) for row in _phone_epoch(float(k))).encode()
+    octets = HEADER.encode() + text
+    blocks = [octets[at : at + BLOCK] for at in range(0, len(octets), BLOCK)]
+    whole, table = take_turns(
+        lambda: _read(blocks, read_gnsslogger),
+        lambda: pandas.read_csv(io.BytesIO(text), header=None),
+        clock=process_time,
+    )
+    size_mb = len(octets) / 1e6
+    beside = f"{table.median / whole.median:.2f} times as fast as pandas.read_csv"
+    yield line(
+        f"GnssLogger, to observations, {size_mb:.1f} MB", whole, "s", f"{size_mb / whole.median:.0f} MB/s, {beside}"
+    )
+
+
+def _read(blocks: list[bytes], read: Callable[..., Iterator[LogPiece]] = read_log) -> None:
+    for _ in read(blocks, "rx"):
         pass
 
 
@@ -72,3 +94,9 @@ def _sbf_epoch(second: int) -> bytes:
         payload += struct.pack("<BBBBIiHbBHBB", sv, 0, sv, 4, 4_000_000_000 + sv, -12_345, 77, 3, 140, 600, 0, 1)
         payload += struct.pack("<BBBBbBHHH", 3, 100, 120, 1, 2, 0, 99, 88, 77)
     return sbf_block(4027, payload, revision=1)
+
+
+def _phone_epoch(second: float) -> list[Measured]:
+    """Return rows with as many digits as phones write."""
+    rows = [Measured(svid=sv, travel_ns=70_000_000 + 100_000 * sv, adr_state=9, cn0_dbhz=30.1) for sv in range(1, 33)]
+    return [row.at(second, rate_m_s=-321.4836120605469 + second, adr_m=321.48361206055 * second) for row in rows]

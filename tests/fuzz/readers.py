@@ -22,6 +22,7 @@ from skyproof.formats.sigmf import open_sigmf, sha512_remarks
 from skyproof.formats.signatures import head_of, other_than_samples, wav_header
 from skyproof.formats.track import read_track
 from skyproof.formats.verdict import read_verdict
+from skyproof.logs.kinds import kind_of_log
 from skyproof.records import Samples
 from skyproof.simulator.scenario import read_scenario
 
@@ -118,6 +119,18 @@ def _any(path: Path) -> None:
     _samples(open_recording(path))
 
 
+def _log(path: Path) -> None:
+    """Read a receiver's log of any kind in blocks of an odd size; what is damaged is left out, never an error."""
+    content = path.read_bytes()
+    kind = kind_of_log(content)
+    if kind is None:
+        return
+    for piece in kind.read((content[k : k + 3001] for k in range(0, len(content), 3001)), "rx"):
+        for record in (piece.observations, piece.fixes, piece.levels, piece.states, *piece.frames):
+            if record is not None and record.gpst.size:
+                _in_time(record.gpst.min(), record.gpst.max())
+
+
 def _platform(path: Path) -> None:
     start_gpst = getattr(read_platform(path).imu, "start_gpst", None)
     if start_gpst is not None:
@@ -156,8 +169,8 @@ _OBS = _seeds("obs-2.21o", "obs-3.rnx")
 _COMPACT = _seeds("compact-1.21d", "compact-3.crx")
 
 READERS: dict[str, Reader] = {
-    "nav": Reader("a.rnx", _nav, (*_NAV, *_packed(_NAV[1])), 16),
-    "obs": Reader("a.obs", _obs, (*_OBS, *_packed(_OBS[1])), 10),
+    "nav": Reader("a.rnx", _nav, (*_NAV, *_packed(_NAV[1])), 12),
+    "obs": Reader("a.obs", _obs, (*_OBS, *_packed(_OBS[1])), 8),
     "compact": Reader("a.crx", _obs, _COMPACT, 3),
     "pieces": Reader("a.obs", _pieces, (*_OBS, *_COMPACT, _OBS[1] + _OBS[1], 2 * _COMPACT[1], *_packed(_OBS[0])), 6),
     "csv": Reader("a.csv", _track, _seeds("track.csv", "track-ecef.csv"), 6),
@@ -172,6 +185,7 @@ READERS: dict[str, Reader] = {
     "archive": Reader("a.sigmf", _sigmf, (_archive(),), 4),
     "bytes": Reader("a.bin", _bytes, (_RANDOM[:8192], _wav(), *_NAV[:1], *_COMPACT[:1]), 2),
     "any": Reader("b.bin", _any, (_RANDOM[:8192], _wav(), *_NAV[:1], *_COMPACT[:1]), 2),
+    "gnsslogger": Reader("a.txt", _log, _seeds("gnsslogger.txt"), 6),
     "platform": Reader("a.toml", _platform, _seeds("platform.toml", "platform-whole.toml"), 8),
     "scenario": Reader("a.toml", _scenario, _seeds("scenario.toml", "sidecar.toml"), 5),
     "verdict": Reader("verdict.json", _verdict, _seeds("verdict.json"), 4),

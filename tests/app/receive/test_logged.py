@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from tests.logs.phone import HEADER, Measured, raw_line
 from tests.logs.test_ubx import gps, hardware, pvt, rawx
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.receive.inputs import open_inputs
+from skyproof.app.protect import protect
+from skyproof.app.receive.inputs import following_antennas, open_inputs
 from skyproof.errors import InputError
 from skyproof.remarks import Remark, RemarkKind
 
@@ -64,3 +66,39 @@ def test_a_log_without_measurements_says_what_to_log(tmp_path) -> None:
     path.write_bytes(pvt(104_000, (2024, 2, 4)) * 9)
     with pytest.raises(InputError, match="UBX-RXM-RAWX"):
         opened(path)
+
+
+def test_a_phones_text_is_a_log_with_the_multipath_of_phones(tmp_path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(HEADER + "".join(raw_line(Measured().at(k)) for k in range(4)))
+    source = opened(path)
+    assert source.observations.gpst.size == 4
+    assert following_antennas(Settings(), [source]).multipath_sigma_m == 15.0
+    assert following_antennas(Settings(multipath_sigma_m=2.0), [source]).multipath_sigma_m == 2.0
+    walk = tmp_path / "a.ubx"
+    walk.write_bytes(epochs(5))
+    assert following_antennas(Settings(), [opened(walk)]).multipath_sigma_m == 1.0
+
+
+def test_a_phones_text_without_measurements_says_so(tmp_path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(HEADER)
+    with pytest.raises(InputError, match="Raw"):
+        open_inputs([path], Settings())
+
+
+PHONES = "real/phone-orientation"
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", ["gnss_log_2019_12_12_11_07_38.txt", "gnss_log_2019_12_12_11_25_30.txt"])
+def test_real_phones_under_the_sky_are_no_attack(shared_data, name) -> None:
+    folder = shared_data / PHONES
+    verdict = protect([folder / name], nav=folder / "hour3460.19n").verdict
+    assert verdict.verdict == "no_attack_seen"
+
+
+@pytest.mark.shared_data
+def test_a_phone_without_orbits_asks_for_a_navigation_file(shared_data) -> None:
+    with pytest.raises(InputError, match="--nav"):
+        protect([shared_data / PHONES / "gnss_log_2019_12_12_11_07_38.txt"])

@@ -27,7 +27,7 @@ from skyproof.app.protect.foresights import antenna_units, foresights_of, survey
 from skyproof.app.protect.orbits import lacking_orbits, require_same_day
 from skyproof.app.protect.outputs import evidence_line, require_outputs_free, write_outputs
 from skyproof.app.protect.positions import positions_of
-from skyproof.app.receive.inputs import antennas_of, list_paths, open_inputs
+from skyproof.app.receive.inputs import antennas_of, following_antennas, list_paths, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
 from skyproof.app.receive.short import is_short, observe_short, require_some
@@ -163,6 +163,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
                 require_outputs_free(out, names, overwrite=given.overwrite)
             tables = described(carrier, names, str(platform))
             settings, unused = settings_of(carrier, settings, names, tables)
+            settings = following_antennas(settings, sources)
             arrays = arrays_of(tables, {source.name: len(antennas_of(source)) for source in sources}, str(platform))
             _require_two(settings, names)
             _require_orbits(sources, navigation)

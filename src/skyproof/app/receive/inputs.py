@@ -21,7 +21,7 @@ from skyproof.formats.spool import named
 from skyproof.records import NavigationData, Samples
 from skyproof.remarks import Remark
 
-__all__ = ["antennas_of", "list_paths", "only_recordings", "open_inputs", "stretch"]
+__all__ = ["antennas_of", "following_antennas", "list_paths", "only_recordings", "open_inputs", "stretch"]
 
 SAME_SAMPLES: Final = 1 << 16  # compared, to tell whether two recordings are one
 LONGEST_NAME: Final = 200  # of a receiver, in bytes; of a file it is 255
@@ -120,6 +120,15 @@ def _require_living(antennas: Sequence[Samples | ObservedFile]) -> None:
     dead = [one.dead for one in antennas if isinstance(one, Samples) and one.dead]
     if dead and len(dead) == len(antennas):
         raise InputError(dead[0])
+
+
+def following_antennas(settings: Settings, sources: Sequence[Samples | ObservedFile]) -> Settings:
+    """Return the settings with the multipath of the poorest antenna, where the user states none."""
+    known_m = [s.multipath_sigma_m for s in sources if isinstance(s, ObservedFile) and s.multipath_sigma_m is not None]
+    worst_m = max(known_m, default=0.0)
+    if "multipath_sigma_m" in settings.model_fields_set or worst_m <= settings.multipath_sigma_m:
+        return settings
+    return settings.model_copy(update={"multipath_sigma_m": worst_m})
 
 
 def _of_file(

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from skyproof.app.receive.observed import ObservedFile, OwnWords, observed_file
+from skyproof.errors import InputError
 from skyproof.formats.bounds import Remarks
 from skyproof.formats.byte_io import FileBytes, reading, size_of
 from skyproof.formats.pieces import Workspace
@@ -17,8 +18,8 @@ from skyproof.formats.rinex_obs_pieces import PIECE_BYTES
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.gnss.signals import frequency_number_of
 from skyproof.logs.content import FrontEndLevels, LogPiece, ReceiverFixes, ReceiverStates
+from skyproof.logs.kinds import LogKind, kind_of_log
 from skyproof.logs.orbits import OrbitCollector
-from skyproof.logs.stream import is_log, read_log
 from skyproof.records import CellStatus, Observations
 from skyproof.remarks import Remark, RemarkKind
 
@@ -30,16 +31,20 @@ R = TypeVar("R", ReceiverFixes, FrontEndLevels, ReceiverStates)
 
 
 def holds_log(path: Path) -> bool:
-    """Tell by its first bytes whether a file is a receiver's byte stream."""
+    """Tell by its first bytes whether a file is a receiver's log."""
+    return _kind_of(path) is not None
+
+
+def _kind_of(path: Path) -> LogKind | None:
     size_of(path)  # a folder is refused as samples are
     with reading(path), open(path, "rb") as file:
-        return is_log(file.read(_HEAD))
+        return kind_of_log(file.read(_HEAD))
 
 
 def open_log(
     path: Path, *, start_s: float = 0.0, duration_s: float | None = None, workspace: Workspace | None = None
 ) -> ObservedFile:
-    """Read a receiver's log: UBX, whatever else stands in the stream.
+    """Read a receiver's log of any kind that `skyproof.logs` knows.
 
     start_s, duration_s : of the stretch that is wanted; all of it if none is given.
     workspace : where the measurements of a long log are kept.
@@ -48,15 +53,15 @@ def open_log(
     ------
     InputError : it cannot be read, or holds no measurements in that stretch.
     """
+    kind = _kind_of(path)
+    if kind is None:
+        raise InputError(f"{path}: no receiver's log of a kind that is read; convert it to RINEX")
     file = FileBytes(path)
     file.sum_as_read()
     gathered = _Gathered(str(path))
     blocks = (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size_of(path), PIECE_BYTES))
-    pieces = (gathered.take(piece) for piece in read_log(blocks, path.stem))
-    to_do = (
-        "the log holds no measurements of a satellite; have the receiver log them (UBX-RXM-RAWX), or convert a format "
-        "that is not read to RINEX"
-    )
+    pieces = (gathered.take(piece) for piece in kind.read(blocks, path.stem))
+    to_do = f"the log holds no measurements of a satellite; {kind.to_do}"
     source = observed_file(path, file, pieces, to_do, start_s=start_s, duration_s=duration_s, workspace=workspace)
     return replace(
         source,
@@ -64,6 +69,7 @@ def open_log(
         remarks=(*source.remarks, *gathered.remarks()),
         decoded=gathered.orbits.navigation(str(path)),
         own=gathered.own(),
+        multipath_sigma_m=kind.multipath_sigma_m,
     )
 
 

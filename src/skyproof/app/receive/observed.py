@@ -53,6 +53,7 @@ class ObservedFile:
 
     observations : as they stand in the file, of the stretch that was asked for.
     decoded : orbits from broadcast messages in the file. own : what the receiver says of itself there.
+    multipath_sigma_m : of a pseudorange with the antenna of such a receiver, where that is known.
     """
 
     name: str
@@ -63,6 +64,7 @@ class ObservedFile:
     remarks: tuple[str, ...] = ()
     decoded: NavigationData = field(default_factory=lambda: NavigationData(ephemerides=()))
     own: OwnWords = field(default_factory=OwnWords)
+    multipath_sigma_m: float | None = None
 
     @property
     def start_gpst(self) -> np.datetime64:

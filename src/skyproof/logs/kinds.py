@@ -1,0 +1,51 @@
+"""The kinds of files that receivers log into, known by their first bytes, each with what reads it."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from skyproof.logs.content import LogPiece
+from skyproof.logs.gnsslogger import is_gnsslogger, read_gnsslogger
+from skyproof.logs.stream import is_log, read_log
+
+__all__ = ["LOG_KINDS", "LogKind", "kind_of_log"]
+
+
+@dataclass(frozen=True)
+class LogKind:
+    """A kind of log.
+
+    is_kind : tells by its first bytes. read : in blocks of bytes. to_do : how measurements get into it.
+    multipath_sigma_m : error of a pseudorange by reflections that its antennas have, one sigma; None where they may be
+        of any kind.
+    """
+
+    is_kind: Callable[[bytes], bool]
+    read: Callable[[Iterable[bytes], str], Iterator[LogPiece]]
+    to_do: str
+    multipath_sigma_m: float | None = None
+
+
+PHONE_MULTIPATH_M: Final = 15.0
+"""A phone's linear antenna receives reflections some 6 dB below the direct signal. By detours of 40 m, which streets
+have, such a one moves a C/A code by 0.5 x 40 m x cos(phase), 14 m one sigma (Kaplan and Hegarty, 3rd edition, 9.5)."""
+
+LOG_KINDS: Final = (
+    LogKind(
+        is_gnsslogger,
+        read_gnsslogger,
+        "have GnssLogger log Raw measurements, in the open for half a minute or more",
+        PHONE_MULTIPATH_M,
+    ),
+    LogKind(
+        is_log,
+        read_log,
+        "have the receiver log them (UBX-RXM-RAWX), or convert a format that is not read to RINEX",
+    ),
+)
+"""In the order in which they are tried."""
+
+
+def kind_of_log(head: bytes) -> LogKind | None:
+    """Return the kind of a file that begins so; None if it is no receiver's log."""
+    return next((kind for kind in LOG_KINDS if kind.is_kind(head)), None)
