@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from tests.logs.frames import resealed
+from tests.logs.test_rtcm3 import glonass_time, old_gps, simple
+from tests.logs.test_ubx import gps, hardware, pvt, radio, rawx
 
 from skyproof.app.common.platform import read_platform
 from skyproof.formats.attitude import read_attitude
@@ -22,7 +25,9 @@ from skyproof.formats.sigmf import open_sigmf, sha512_remarks
 from skyproof.formats.signatures import head_of, other_than_samples, wav_header
 from skyproof.formats.track import read_track
 from skyproof.formats.verdict import read_verdict
+from skyproof.logs.content import Beside
 from skyproof.logs.kinds import kind_of_log
+from skyproof.logs.orbits import OrbitCollector
 from skyproof.records import Samples
 from skyproof.simulator.scenario import read_scenario
 
@@ -120,15 +125,20 @@ def _any(path: Path) -> None:
 
 
 def _log(path: Path) -> None:
-    """Read a receiver's log of any kind in blocks of an odd size; what is damaged is left out, never an error."""
+    """Read a receiver's log of any kind, as it was damaged and with checksums that hold in spite of it."""
     content = path.read_bytes()
     kind = kind_of_log(content)
     if kind is None:
         return
-    for piece in kind.read((content[k : k + 3001] for k in range(0, len(content), 3001)), "rx"):
-        for record in (piece.observations, piece.fixes, piece.levels, piece.states, *piece.frames):
-            if record is not None and record.gpst.size:
-                _in_time(record.gpst.min(), record.gpst.max())
+    for octets in (content, resealed(content)):
+        collector = OrbitCollector()
+        for piece in kind.read((octets[k : k + 3001] for k in range(0, len(octets), 3001)), "rx", Beside(_NEAR)):
+            collector.take(piece.frames, {"R01": 1})
+            collector.add(piece.ephemerides)
+            for record in (piece.observations, piece.fixes, piece.levels, piece.states, *piece.frames):
+                if record is not None and record.gpst.size:
+                    _in_time(record.gpst.min(), record.gpst.max())
+        collector.navigation("fuzz")
 
 
 def _platform(path: Path) -> None:
@@ -164,6 +174,15 @@ def _packed(*contents: bytes) -> Iterator[bytes]:
     return (gzip.compress(content, mtime=0) for content in contents)
 
 
+def _logs() -> tuple[bytes, ...]:
+    """Return short logs of each protocol."""
+    ubx = rawx(100.0, 2300, [gps(9000)] * 3) + hardware(90, 4000, 9, 1) + radio((1, 80, 8191, 0), (3, 120, 0, 255))
+    glonass = simple(glonass_time(2, 50_000_000), number=1087)
+    rtcm = simple(0) + glonass + simple(0, number=1127) + old_gps(0, 5)
+    return (ubx + pvt(104_000, (2024, 2, 4)), rtcm, *(rtcm + ubx,))
+
+
+_NEAR = np.datetime64("2024-02-05T12:00:00", "ns")
 _NAV = _seeds("nav-2.21n", "nav-3.rnx", "nav-4.rnx", "nav-mixed.rnx")
 _OBS = _seeds("obs-2.21o", "obs-3.rnx")
 _COMPACT = _seeds("compact-1.21d", "compact-3.crx")
@@ -173,6 +192,7 @@ READERS: dict[str, Reader] = {
     "obs": Reader("a.obs", _obs, (*_OBS, *_packed(_OBS[1])), 8),
     "compact": Reader("a.crx", _obs, _COMPACT, 3),
     "pieces": Reader("a.obs", _pieces, (*_OBS, *_COMPACT, _OBS[1] + _OBS[1], 2 * _COMPACT[1], *_packed(_OBS[0])), 6),
+    "log": Reader("a.log", _log, _logs(), 8),
     "csv": Reader("a.csv", _track, _seeds("track.csv", "track-ecef.csv"), 6),
     "imu": Reader("a.csv", _imu, _seeds("imu.csv", "imu-time.csv"), 4),
     "attitude": Reader("a.csv", _attitude, _seeds("attitude.csv"), 2),

@@ -30,6 +30,7 @@ __all__ = [
     "encode_subframes",
     "ephemeris_from_subframes",
     "find_subframes",
+    "fit_interval_h",
     "ionosphere_and_utc",
     "quantised",
     "subframe_from_source",
@@ -404,7 +405,7 @@ def ephemeris_from_subframes(
         sat=sat,
         week=week + round((sub1.tow_s - merged["toe"]) / SECONDS_PER_WEEK),
         toc_week=week + round((sub1.tow_s - merged["toc"]) / SECONDS_PER_WEEK),
-        fit_interval_h=_fit_interval_h(merged["iodc"]) if merged["fit_interval_flag"] else 4.0,
+        fit_interval_h=fit_interval_h(merged["iodc"]) if merged["fit_interval_flag"] else 4.0,
         **{name: value for name, value in merged.items() if name in _EPHEMERIS_FIELDS},
     )
     return ephemeris if orbit_fault(ephemeris) is None else None
@@ -429,7 +430,8 @@ def ionosphere_and_utc(sub4: Subframe, week_near: int) -> tuple[Klobuchar, UtcPa
     return klobuchar, utc
 
 
-def _fit_interval_h(iodc: int) -> float:
+def fit_interval_h(iodc: int) -> float:
+    """Return the hours of fit of a data set whose flag says that they are not four (IS-GPS-200N, table 20-XII)."""
     return next((hours for iodcs, hours in _FIT_HOURS if iodc in iodcs), 6.0)
 
 

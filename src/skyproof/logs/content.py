@@ -4,6 +4,7 @@ A reader of a protocol takes the frames of one stretch of a stream after the oth
 Memory is bounded by the stretch. Damage costs the frame that is damaged and is counted, never the log.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, Protocol
 
@@ -11,12 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Instants, Integers, Octets, Reals
+from skyproof.gnss.ephemeris import BroadcastEphemeris
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.logs.frames import Frames
 from skyproof.records import Observations, freeze
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
     "FRAME_BITS",
+    "Beside",
     "BroadcastFrames",
     "FrontEndLevels",
     "LogPiece",
@@ -24,6 +28,7 @@ __all__ = [
     "MessageKind",
     "ReceiverFixes",
     "ReceiverStates",
+    "untimed_remark",
 ]
 
 MessageKind = Literal["LNAV", "CNAV", "CNAV2", "INAV", "FNAV", "D1", "D2", "BCNAV1", "BCNAV2", "BCNAV3", "GLONASS"]
@@ -165,9 +170,11 @@ class BroadcastFrames:
 class LogPiece:
     """What a stretch of a log holds; None or empty where it holds none of a kind.
 
-    observations : elapsed time counts from the first epoch of the piece. messages : how many frames of each name were
-        read ("RXM-RAWX", "MSM7 1077", "GGA"). damaged_frames : how many failed their checksum or their length.
-    cut : the log ends inside a frame; in its last piece only.
+    observations : elapsed time counts from the first epoch of the piece. frames, ephemerides : broadcast messages, and
+        orbits that the protocol relays by itself. messages : how many frames of each name were
+        read ("RXM-RAWX", "RTCM 1077", "NMEA GGA"). damaged_frames : how many failed their checksum or their length.
+    undated_epochs : left out, for the log has not said the week. cut : the log ends inside a frame; in its last piece
+        only.
     """
 
     observations: Observations | None = None
@@ -175,10 +182,24 @@ class LogPiece:
     levels: FrontEndLevels | None = None
     states: ReceiverStates | None = None
     frames: tuple[BroadcastFrames, ...] = ()
+    ephemerides: tuple[BroadcastEphemeris, ...] = ()
     messages: dict[str, int]
     damaged_frames: int = 0
+    undated_epochs: int = 0
     cut: bool = False
     remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What is known of a log from beside it.
+
+    near : an instant within half a week of its beginning, for protocols that do not say the week; None where the log
+    has to say it. channels : frequency numbers of GLONASS, by satellite.
+    """
+
+    near: np.datetime64 | None = None
+    channels: Mapping[str, int] | None = None
 
 
 class LogReader(Protocol):
@@ -186,3 +207,8 @@ class LogReader(Protocol):
 
     def read(self, frames: Frames) -> LogPiece:
         """Read the frames of its protocol; `damaged_frames` and `cut` are of whoever splits the stream."""
+
+
+def untimed_remark(epochs: int) -> Remark:
+    """Return the remark on epochs that the receiver gave no time."""
+    return Remark(f"{epochs} epochs before the receiver knew the time are left out", RemarkKind.BEARS)

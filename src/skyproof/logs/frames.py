@@ -39,7 +39,7 @@ class Frames:
 
     octets : (n_octets,) of the stretch. protocol, begin, length : (n_frames,) kind, first octet and size of each frame,
     header and checksum included. damaged : frames that failed, stretches of other bytes not counted.
-    at : octet of the stream at which the stretch begins. cut : the stream ends inside a frame.
+    at : octet of the stream at which the stretch begins. last : nothing follows. cut : the stream ends inside a frame.
     """
 
     octets: Octets
@@ -48,6 +48,7 @@ class Frames:
     length: Integers
     damaged: int
     at: int
+    last: bool = False
     cut: bool = False
 
     def __post_init__(self) -> None:
@@ -106,7 +107,14 @@ def _split(octets: Octets, at: int, *, last: bool) -> tuple[Frames, int]:
     n_frames, used, damaged, cut = _scan(octets, last, _CRC_CCITT, _CRC_24Q, found)
     protocol, begin, length = found[:, :n_frames].copy()
     frames = Frames(
-        octets=octets, protocol=protocol, begin=begin, length=length, damaged=int(damaged), at=at, cut=bool(cut)
+        octets=octets,
+        protocol=protocol,
+        begin=begin,
+        length=length,
+        damaged=int(damaged),
+        at=at,
+        last=last,
+        cut=bool(cut),
     )
     return frames, int(used)
 

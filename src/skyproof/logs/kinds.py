@@ -4,9 +4,11 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from skyproof.logs.content import LogPiece
+import numpy as np
+
+from skyproof.logs.content import Beside, LogPiece
 from skyproof.logs.gnsslogger import is_gnsslogger, read_gnsslogger
-from skyproof.logs.stream import is_log, read_log
+from skyproof.logs.stream import first_instant, is_log, read_log
 
 __all__ = ["LOG_KINDS", "LogKind", "kind_of_log"]
 
@@ -15,13 +17,15 @@ __all__ = ["LOG_KINDS", "LogKind", "kind_of_log"]
 class LogKind:
     """A kind of log.
 
-    is_kind : tells by its first bytes. read : in blocks of bytes. to_do : how measurements get into it.
+    is_kind : tells by its first bytes. read : in blocks of bytes. first_instant : of one whose epochs may lack the
+        week; the first instant that it says in full, None where there is none. to_do : how measurements get into it.
     multipath_sigma_m : error of a pseudorange by reflections that its antennas have, one sigma; None where they may be
         of any kind.
     """
 
     is_kind: Callable[[bytes], bool]
-    read: Callable[[Iterable[bytes], str], Iterator[LogPiece]]
+    read: Callable[[Iterable[bytes], str, Beside], Iterator[LogPiece]]
+    first_instant: Callable[[Iterable[bytes]], np.datetime64 | None]
     to_do: str
     multipath_sigma_m: float | None = None
 
@@ -33,14 +37,16 @@ have, such a one moves a C/A code by 0.5 x 40 m x cos(phase), 14 m one sigma (Ka
 LOG_KINDS: Final = (
     LogKind(
         is_gnsslogger,
-        read_gnsslogger,
+        lambda blocks, source, _: read_gnsslogger(blocks, source),
+        lambda _: None,
         "have GnssLogger log Raw measurements, in the open for half a minute or more",
         PHONE_MULTIPATH_M,
     ),
     LogKind(
         is_log,
         read_log,
-        "have the receiver log them (UBX-RXM-RAWX), or convert a format that is not read to RINEX",
+        first_instant,
+        "have the receiver log them (UBX-RXM-RAWX, SBF MeasEpoch, RTCM MSM7), or convert what is not read to RINEX",
     ),
 )
 """In the order in which they are tried."""

@@ -55,6 +55,14 @@ class OrbitCollector:
             for gpst, sat, octets in zip(record.gpst, record.sat.tolist(), record.bits, strict=True):
                 self._frame(record.kind, sat, int.from_bytes(octets.tobytes(), "big") >> unused, gpst)
 
+    def add(self, ephemerides: Iterable[BroadcastEphemeris]) -> None:
+        """Take orbits that a protocol relays as they are."""
+        for ephemeris in ephemerides:
+            self._keep(getattr(ephemeris, "message", "GLONASS"), ephemeris)
+
+    def _keep(self, kind: str, made: BroadcastEphemeris) -> None:
+        self._found.setdefault((kind, made.sat, made.week, made.toe, getattr(made, "iodc", 0)), made)
+
     def _frame(self, kind: MessageKind, sat: str, frame: int, gpst: np.datetime64) -> None:
         week, _ = week_and_tow(gpst)
         parts = self._parts.setdefault((kind, sat), {})
@@ -78,7 +86,7 @@ class OrbitCollector:
             else:
                 made = _MADE[kind](parts, sat, week)
         if made is not None:
-            self._found.setdefault((kind, sat, made.week, made.toe, getattr(made, "iodc", 0)), made)
+            self._keep(kind, made)
 
     def _ionosphere_of(self, subframe: Subframe, week: int) -> None:
         found = ionosphere_and_utc(subframe, week) if subframe.id == 4 else None

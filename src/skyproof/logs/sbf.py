@@ -24,11 +24,13 @@ from skyproof.logs.content import (
     MessageKind,
     ReceiverFixes,
     ReceiverStates,
+    untimed_remark,
 )
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
 from skyproof.records import SignalId
+from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["BLOCKS", "SbfReader"]
 
@@ -198,11 +200,12 @@ class SbfReader:
         rows = np.flatnonzero(measured & timed & ~scrambled)
         found = self._measurements(octets, begin[rows], length[rows], instant_ns[rows])
         untimed, hidden = int((measured & ~timed).sum()), int(scrambled.sum())
-        remarks = []
+        remarks: list[str] = []
         if untimed:
-            remarks.append(f"{untimed} epochs before the receiver knew the time are left out")
+            remarks.append(untimed_remark(untimed))
         if hidden:
-            remarks.append(f"{hidden} epochs are scrambled by the receiver, which lacks the permission to give them")
+            words = f"{hidden} epochs are scrambled by the receiver, which lacks the permission to give them"
+            remarks.append(Remark(words, RemarkKind.BEARS))
         return LogPiece(
             observations=None if found is None else observations_from_rows(found, self._source),
             fixes=_fixes(octets, *blocks(4007, 85)),

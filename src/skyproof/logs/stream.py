@@ -6,18 +6,20 @@ from typing import Final
 
 import numpy as np
 
-from skyproof.logs.content import LogPiece, LogReader
+from skyproof.logs.content import Beside, LogPiece, LogReader
 from skyproof.logs.frames import Protocol, split_frames
+from skyproof.logs.rtcm3 import Rtcm3Reader
 from skyproof.logs.sbf import SbfReader
 from skyproof.logs.ubx import UbxReader
 
-__all__ = ["LEAST_FRAMES", "is_log", "read_log"]
+__all__ = ["LEAST_FRAMES", "first_instant", "is_log", "read_log"]
 
 LEAST_FRAMES: Final = 3
 """Frames with a checksum that holds, by which a stream is known: other bytes hold one of UBX in 2^32."""
-_READERS: Final[dict[Protocol, Callable[[str], LogReader]]] = {
-    Protocol.UBX: UbxReader,
-    Protocol.SBF: SbfReader,
+_READERS: Final[dict[Protocol, Callable[[str, Beside], LogReader]]] = {
+    Protocol.UBX: lambda source, _: UbxReader(source),
+    Protocol.SBF: lambda source, _: SbfReader(source),
+    Protocol.RTCM3: Rtcm3Reader,
 }
 """What reads each protocol, in the order of preference where several give the same."""
 
@@ -29,15 +31,25 @@ def is_log(head: bytes) -> bool:
     return any(counts[protocol] >= LEAST_FRAMES for protocol in _READERS)
 
 
-def read_log(blocks: Iterable[bytes], source: str) -> Iterator[LogPiece]:
+def first_instant(blocks: Iterable[bytes]) -> np.datetime64 | None:
+    """Return the first instant that a stream says in full, with its date; None where it says none."""
+    for piece in read_log(blocks, ""):
+        for timed in (piece.observations, piece.fixes, piece.states, piece.levels, *piece.frames):
+            if timed is not None and timed.gpst.size:
+                first: np.datetime64 = timed.gpst[0]
+                return first
+    return None
+
+
+def read_log(blocks: Iterable[bytes], source: str, beside: Beside | None = None) -> Iterator[LogPiece]:
     """Read a stream in blocks of bytes, cut anywhere, stretch by stretch.
 
     Where several protocols give measurements, or fixes, or levels, those of the protocol that is read first in the
     order above are taken; broadcast frames and states are taken from all.
 
-    source : names the receiver.
+    source : names the receiver. beside : what is known of the log.
     """
-    readers = {protocol: make(source) for protocol, make in _READERS.items()}
+    readers = {protocol: make(source, beside or Beside()) for protocol, make in _READERS.items()}
     preferred: dict[str, Protocol] = {}
     for frames in split_frames(blocks):
         pieces = {protocol: reader.read(frames) for protocol, reader in readers.items()}
@@ -55,8 +67,10 @@ def read_log(blocks: Iterable[bytes], source: str) -> Iterator[LogPiece]:
             **chosen,
             states=states[0] if states else None,
             frames=tuple(frame for piece in pieces.values() for frame in piece.frames),
+            ephemerides=tuple(orbit for piece in pieces.values() for orbit in piece.ephemerides),
             messages=dict(messages),
             damaged_frames=frames.damaged,
+            undated_epochs=sum(piece.undated_epochs for piece in pieces.values()),
             cut=frames.cut,
             remarks=tuple(remark for piece in pieces.values() for remark in piece.remarks),
         )

@@ -23,6 +23,7 @@ from skyproof.logs.content import (
     MessageKind,
     ReceiverFixes,
     ReceiverStates,
+    untimed_remark,
 )
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.locks import CarrierLocks
@@ -174,7 +175,7 @@ class UbxReader:
             states=_states(octets, payloads, clock),
             frames=_broadcast(octets, payloads, clock),
             messages=dict(messages),
-            remarks=(f"{untimed} epochs before the receiver knew the time are left out",) if untimed else (),
+            remarks=(untimed_remark(untimed),) if untimed else (),
         )
         self._last_ns = clock.last_ns
         return piece

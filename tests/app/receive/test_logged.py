@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from tests.logs.phone import HEADER, Measured, raw_line
+from tests.logs.test_rtcm3 import simple
 from tests.logs.test_ubx import gps, hardware, pvt, rawx
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import protect
 from skyproof.app.receive.inputs import following_antennas, open_inputs
 from skyproof.errors import InputError
+from skyproof.gnss.nominal import nominal_constellation
 from skyproof.remarks import Remark, RemarkKind
 
 WALK = "real/imu-gnss-walk/gnss_1730.ubx"
@@ -18,8 +20,8 @@ def epochs(count: int) -> bytes:
     return b"".join(rawx(100.0 + k, 2300, [gps(2000 + 1000 * k)]) + hardware(90, 4000, 0, 1) for k in range(count))
 
 
-def opened(path):
-    (source,) = open_inputs([path], Settings())
+def opened(path, navigation=None):
+    (source,) = open_inputs([path], Settings(), navigation)
     return source
 
 
@@ -102,3 +104,23 @@ def test_real_phones_under_the_sky_are_no_attack(shared_data, name) -> None:
 def test_a_phone_without_orbits_asks_for_a_navigation_file(shared_data) -> None:
     with pytest.raises(InputError, match="--nav"):
         protect([shared_data / PHONES / "gnss_log_2019_12_12_11_07_38.txt"])
+
+
+def test_a_log_without_a_week_asks_for_orbits(tmp_path) -> None:
+    path = tmp_path / "a.rtcm3"
+    path.write_bytes(b"".join(simple(1000 * k) for k in range(5)))
+    with pytest.raises(InputError, match=r"the time of the week and not the week.*--nav"):
+        opened(path)
+
+
+def test_orbits_beside_a_log_say_its_week(tmp_path) -> None:
+    path = tmp_path / "a.rtcm3"
+    path.write_bytes(b"".join(simple(602_000_000 + 1000 * k) for k in range(5)))
+    navigation = nominal_constellation(np.datetime64("2022-01-01T22:00:00", "ns"))
+    assert opened(path, navigation).start_gpst == np.datetime64("2022-01-01T23:13:20", "ns")
+
+
+def test_another_protocol_in_the_log_says_its_week(tmp_path) -> None:
+    path = tmp_path / "a.log"
+    path.write_bytes(b"".join(simple(100_000 + 1000 * k) for k in range(5)) + pvt(104_000, (2024, 2, 4)))
+    assert opened(path).start_gpst == np.datetime64("2024-02-04T00:01:40", "ns")

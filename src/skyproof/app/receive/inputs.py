@@ -52,7 +52,7 @@ def open_inputs(
 
     paths : each a file, of whose channels each is a receiver; or the antennas of one receiver, a file each or the
         channels of one.
-    navigation : has the frequency numbers of GLONASS that an observation file may lack.
+    navigation : has the frequency numbers of GLONASS that an observation file may lack, and the week of a log.
     called : the receiver's name of each path; as its file is named where that is None.
     workspace : where the measurements of long observation files are kept.
 
@@ -140,7 +140,9 @@ def _of_file(
     dead: bool,
 ) -> tuple[Samples | ObservedFile, ...]:
     if holds_log(path):
-        return (open_log(path, start_s=settings.start_s, duration_s=settings.duration_s, workspace=workspace),)
+        return (
+            open_log(path, navigation, start_s=settings.start_s, duration_s=settings.duration_s, workspace=workspace),
+        )
     if not holds_observations(path):
         return tuple(stretch(one, settings.start_s, settings.duration_s) for one in open_recording(path, dead=dead))
     channels = None if navigation is None else glonass_channels(navigation)

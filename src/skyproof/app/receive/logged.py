@@ -10,17 +10,18 @@ import numpy as np
 
 from skyproof.app.receive.observed import ObservedFile, OwnWords, observed_file
 from skyproof.errors import InputError
-from skyproof.formats.bounds import Remarks
+from skyproof.formats.bounds import limited
 from skyproof.formats.byte_io import FileBytes, reading, size_of
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.plausible import LETTERS, leave_out_impossible
+from skyproof.formats.rinex_nav import glonass_channels
 from skyproof.formats.rinex_obs_pieces import PIECE_BYTES
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.gnss.signals import frequency_number_of
-from skyproof.logs.content import FrontEndLevels, LogPiece, ReceiverFixes, ReceiverStates
+from skyproof.logs.content import Beside, FrontEndLevels, LogPiece, ReceiverFixes, ReceiverStates
 from skyproof.logs.kinds import LogKind, kind_of_log
 from skyproof.logs.orbits import OrbitCollector
-from skyproof.records import CellStatus, Observations
+from skyproof.records import CellStatus, NavigationData, Observations
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["holds_log", "open_log"]
@@ -42,10 +43,16 @@ def _kind_of(path: Path) -> LogKind | None:
 
 
 def open_log(
-    path: Path, *, start_s: float = 0.0, duration_s: float | None = None, workspace: Workspace | None = None
+    path: Path,
+    navigation: NavigationData | None = None,
+    *,
+    start_s: float = 0.0,
+    duration_s: float | None = None,
+    workspace: Workspace | None = None,
 ) -> ObservedFile:
     """Read a receiver's log of any kind that `skyproof.logs` knows.
 
+    navigation : says the week, and GLONASS's frequency numbers, where the log does not.
     start_s, duration_s : of the stretch that is wanted; all of it if none is given.
     workspace : where the measurements of a long log are kept.
 
@@ -59,9 +66,24 @@ def open_log(
     file = FileBytes(path)
     file.sum_as_read()
     gathered = _Gathered(str(path))
-    blocks = (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size_of(path), PIECE_BYTES))
-    pieces = (gathered.take(piece) for piece in kind.read(blocks, path.stem))
-    to_do = f"the log holds no measurements of a satellite; {kind.to_do}"
+
+    def blocks() -> Iterator[bytes]:
+        return (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size_of(path), PIECE_BYTES))
+
+    near = kind.first_instant(blocks())
+    if near is None and navigation is not None and navigation.ephemerides:
+        near = np.sort(navigation.reference_ns)[len(navigation.reference_ns) // 2].astype("M8[ns]")
+    channels = None if navigation is None else glonass_channels(navigation)
+    pieces = (gathered.take(piece) for piece in kind.read(blocks(), path.stem, Beside(near=near, channels=channels)))
+
+    def to_do() -> str:
+        if gathered.undated:
+            return (
+                "the log says the time of the week and not the week; give the navigation file of that day (--nav, "
+                "RINEX), or have the receiver send its orbits too (RTCM 1019, 1042, 1046)"
+            )
+        return f"the log holds no measurements of a satellite; {kind.to_do}"
+
     source = observed_file(path, file, pieces, to_do, start_s=start_s, duration_s=duration_s, workspace=workspace)
     return replace(
         source,
@@ -80,6 +102,7 @@ class _Gathered:
         self.orbits = OrbitCollector()
         self._source = source
         self._messages: Counter[str] = Counter()
+        self.undated = 0
         self._damaged = 0
         self._cut = False
         self._remarks: dict[str, None] = {}
@@ -92,6 +115,7 @@ class _Gathered:
         """Take a piece, and return its measurements without cells that are impossible."""
         self._messages.update(piece.messages)
         self._damaged += piece.damaged_frames
+        self.undated += piece.undated_epochs
         self._cut |= piece.cut
         self._remarks |= dict.fromkeys(piece.remarks)
         self._fixes += [] if piece.fixes is None else [piece.fixes]
@@ -100,6 +124,7 @@ class _Gathered:
         o = piece.observations
         slots = {} if o is None else _frequency_numbers(o)
         self.orbits.take(piece.frames, slots)
+        self.orbits.add(piece.ephemerides)
         if o is None:
             return ObservationFile(observations=_nothing(), version=0.0)
         kept, implausible = leave_out_impossible(
@@ -136,10 +161,9 @@ class _Gathered:
             yield Remark(f"{self._damaged} frames fail their checksum and are left out", RemarkKind.BEARS)
         if self._cut:
             yield Remark("the log ends inside a frame: it was cut, or is still growing", RemarkKind.CUT)
-        found = Remarks()
-        for remark in self._remarks:
-            found.add(remark)
-        yield from found.words("further remarks")
+        if self.undated:
+            yield Remark(f"{self.undated} epochs before the week is known are left out", RemarkKind.BEARS)
+        yield from limited(self._remarks, "further remarks")
 
 
 def _frequency_numbers(o: Observations) -> dict[str, int]:

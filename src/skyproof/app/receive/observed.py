@@ -1,7 +1,7 @@
 """Observation files as inputs: what one receiver measured itself, read instead of tracked."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -103,14 +103,14 @@ def open_observations(
         "the observation file holds no measurement of a satellite of GPS, Galileo, BeiDou, GLONASS or QZSS; give the "
         "file that the receiver wrote"
     )
-    return observed_file(path, file, pieces, to_do, start_s=start_s, duration_s=duration_s, workspace=workspace)
+    return observed_file(path, file, pieces, lambda: to_do, start_s=start_s, duration_s=duration_s, workspace=workspace)
 
 
 def observed_file(
     path: Path,
     file: FileBytes,
     pieces: Iterable[ObservationFile],
-    without_any: str,
+    without_any: Callable[[], str],
     *,
     start_s: float,
     duration_s: float | None,
@@ -127,7 +127,7 @@ def observed_file(
         observations = gathered(stretch, plain.stem, workspace or Workspace(), "as-given")
     except NothingGathered:
         if not noted.epochs:
-            raise InputError(f"{path}: {without_any}") from None
+            raise InputError(f"{path}: {without_any()}") from None
         raise InputError(
             f"{path}: lasts {noted.duration_s:.3f} s, but start_s is {start_s:g}"
             + ("" if duration_s is None else f" and duration_s {duration_s:g}")

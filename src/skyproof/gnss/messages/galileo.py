@@ -9,7 +9,7 @@ from skyproof.gnss.lnav import URA_M
 from skyproof.gnss.messages.bit_fields import EPHEMERIS_NAMES, BitField, Words, read_fields
 from skyproof.gnss.time import nearest_week
 
-__all__ = ["fnav_ephemeris", "fnav_page", "inav_ephemeris", "inav_word"]
+__all__ = ["fnav_ephemeris", "fnav_page", "inav_ephemeris", "inav_word", "sisa_m"]
 
 _GST_WEEK_0: Final = 1024  # the GPS week in which Galileo's time began; its week counts modulo 4096 (5.1.2)
 _INAV_BITS, _WORD_BITS, _FNAV_BITS = 240, 128, 244
@@ -190,13 +190,13 @@ def _ephemeris(
         iode=int(merged["iode"]),
         iodc=int(merged["iode"]),
         health=health,
-        ura_index=bisect.bisect_left(URA_M, _sisa_m(int(merged["sisa"]))),
+        ura_index=bisect.bisect_left(URA_M, sisa_m(int(merged["sisa"]))),
         message=message,
         **{name: merged[name] for name in EPHEMERIS_NAMES},
     )
 
 
-def _sisa_m(index: int) -> float:
+def sisa_m(index: int) -> float:
     """Return the signal-in-space accuracy of an index, metres; infinite where none is promised."""
     lower = 0
     for end, begin_m, step_m in _SISA_STEPS_M:
