@@ -90,7 +90,7 @@ def test_a_log_is_known_by_its_header() -> None:
     assert is_gnsslogger(HEADER.encode())
     assert is_gnsslogger(b"#   Raw,ElapsedRealtimeMillis,TimeNanos,LeapSecond,TimeUncertaintyNanos,FullBiasNanos\r\n")
     assert not is_gnsslogger(b"Raw,1,2,3\n# Fix,Provider,Latitude\n")
-    assert kind_of_log(HEADER.encode()).read is read_gnsslogger
+    assert kind_of_log(HEADER.encode()).multipath_sigma_m == 15.0
     assert kind_of_log(b"\x00" * 1000) is None
 
 

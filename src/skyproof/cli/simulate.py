@@ -47,6 +47,13 @@ def simulate(
         Literal["sigmf", "raw"] | None,
         Parameter(name="--format", help="Format of samples. Default: sigmf where it can hold them (8 bits and more)."),
     ] = None,
+    log: Annotated[
+        Literal["ubx"] | None,
+        Parameter(
+            help="Beside RINEX: the log of an ordinary receiver at each antenna, which follows the strongest copy of "
+            "each signal, in u-blox's UBX."
+        ),
+    ] = None,
     plot: Annotated[
         bool,
         Parameter(help="Draw the scene as a page, scene.html; without --out only that, NAME.html in this folder."),
@@ -79,6 +86,7 @@ def simulate(
         duration_s=duration_s,
         depth=depth,
         container=container,
+        log=log,
         plot=plot,
         overwrite=overwrite,
         progress=progress(),
@@ -108,7 +116,8 @@ def _print_result(result: "SimulateResult") -> None:
         console.print(words(made.description))
     attacks = ", ".join(made.attack_names) or "none"
     console.print(words(f"{made.duration_s:g} s, seed {made.seed}, attacks: {attacks}", style="dim"))
-    for what, paths in (("recording", result.recordings), ("observations", result.observations)):
+    kinds = (("recording", result.recordings), ("observations", result.observations), ("log", result.logs))
+    for what, paths in kinds:
         for path in paths[:SHOWN]:
             print_path(f"{what}:", path)
         if len(paths) > SHOWN:

@@ -30,7 +30,7 @@ from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
 from skyproof.records import SignalId
 
-__all__ = ["MESSAGES", "UbxReader"]
+__all__ = ["MESSAGES", "SIGNAL_NUMBERS", "UbxReader"]
 
 MESSAGES: Final = {
     0x0103: "NAV-STATUS",
@@ -59,6 +59,12 @@ _ATTRIBUTES: Final = {
     "I": {0: "5A"},
 }
 """What RINEX calls each sigId: F9 HPG 1.32, 1.5.4; M10 SPG 5.10, 1.5.4."""
+SIGNAL_NUMBERS: Final = {
+    (letter, attribute): (_SYSTEMS.index(letter), number)
+    for letter, attributes in _ATTRIBUTES.items()
+    for number, attribute in sorted(attributes.items(), reverse=True)
+}
+"""gnssId and sigId of each system's signal, by what RINEX calls it."""
 _FRAME_KINDS: Final[dict[tuple[str, int], MessageKind]] = {
     ("G", 0): "LNAV",
     ("J", 0): "LNAV",

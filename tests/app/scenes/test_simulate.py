@@ -16,6 +16,7 @@ from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.logs.stream import read_log
 from skyproof.records import SignalId
 from skyproof.simulator.scenario import FrontEnd, Meaconer, Scenario, SceneImu, ScenePlace, SceneReceiver
 from skyproof.simulator.sky import scene_of
@@ -136,6 +137,23 @@ def test_observations_are_the_truth_and_noise(tmp_path: Path) -> None:
         assert len(errors) > 100
         assert 0.1 < np.nanstd(errors) < 10.0
         assert f"Signals labelled {label}:" in (tmp_path / name).read_text()
+
+
+def test_a_log_follows_the_strongest_copy_and_has_fixes(tmp_path: Path) -> None:
+    result = simulate(small(duration_s=20.0), out=tmp_path, depth="measurements", log="ubx")
+    assert [path.name for path in result.logs] == ["bow.ubx", "stern.ubx"]
+    (piece,) = read_log([(tmp_path / "bow.ubx").read_bytes()], "bow")
+    files = [read_obs(tmp_path / name).observations for name in ("bow.obs", "bow-2.obs")]
+    assert piece.observations.gpst.tolist() == files[0].gpst.tolist() == piece.fixes.gpst.tolist()
+    for column, signal in enumerate(piece.observations.signals):
+        for k, gpst in enumerate(piece.observations.gpst):
+            code_m = piece.observations.pseudorange_m[k, column]
+            copies_m = [o.pseudorange_m[o.gpst == gpst, o.signals.index(signal)] for o in files if signal in o.signals]
+            assert np.nanmin(np.abs(np.concatenate(copies_m) - code_m)) < 1e-3  # of RINEX
+    assert {frames.kind for frames in piece.frames} == {"LNAV"}
+    with pytest.raises(SettingsError, match="depth"):
+        simulate(small(), out=tmp_path / "b", depth="samples", log="ubx")
+    assert not (tmp_path / "b").exists()
 
 
 def test_sigmf_where_it_can_be(tmp_path: Path) -> None:

@@ -15,12 +15,15 @@ from skyproof.app.common.folder import claim, require_free
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.rinex import write_channels
 from skyproof.app.scenes.scene_page import PAGE, write_page
-from skyproof.errors import InputError, OutputError, ScenarioError
+from skyproof.errors import InputError, OutputError, ScenarioError, SettingsError
 from skyproof.formats.atomic_write import write_lines, writing
 from skyproof.formats.documents import read_json
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.time import utc_from_gpst
-from skyproof.records import Observations, SignalId
+from skyproof.logs.content import ReceiverFixes
+from skyproof.logs.ubx_write import ubx_log
+from skyproof.navigation.fix import fix
+from skyproof.records import NavigationData, Observations, SignalId
 from skyproof.short_repr import ShortRepr
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.files import (
@@ -35,6 +38,7 @@ from skyproof.simulator.files import (
     write_truth,
 )
 from skyproof.simulator.measurements import draw, ideal_measurements_of
+from skyproof.simulator.ordinary import follow_strongest
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Scenario, read_scenario
 from skyproof.simulator.scenes import ready, ready_made
@@ -45,6 +49,7 @@ from skyproof.verdict import notebook_html
 
 __all__ = [
     "Depth",
+    "ReceiverLog",
     "SimulateResult",
     "document_json",
     "ready_made",
@@ -55,6 +60,7 @@ __all__ = [
 ]
 
 Depth = Literal["samples", "measurements", "all"]
+ReceiverLog = Literal["ubx"]
 
 _SCENARIO: Final = "scenario.toml"
 _TRUTH: Final = "truth.json"
@@ -62,18 +68,20 @@ _EARLIER: Final = "an earlier scene"
 _INTERVAL_S: Final = 1.0  # of observations
 _STREAM: Final = 1 << 23  # sets the noise of measurements apart from other random numbers of one seed
 _OBS_OCTETS: Final = 72  # of a satellite's line in RINEX, with its share of the epoch's
+_UBX_OCTETS: Final = 48  # of a signal's cell in RXM-RAWX, with its share of the rest
 _SPARE: Final = 1.02  # of the room on a disk: what a file system takes for itself
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class SimulateResult(ShortRepr):
-    """What was made. `files` are the names of all in `folder`; `recordings` and `observations` are among them."""
+    """What was made. `files` are the names of all in `folder`; `recordings`, `observations`, `logs` are among them."""
 
     scenario: Scenario
     folder: Path
     files: tuple[str, ...]
     recordings: tuple[Path, ...]
     observations: tuple[Path, ...]
+    logs: tuple[Path, ...] = ()
     interrupted: bool = False
 
     def _repr_html_(self) -> str:
@@ -99,6 +107,14 @@ class _Measured:
     label: str
 
 
+@dataclass(frozen=True, eq=False)
+class _Logged:
+    """A receiver's log: of each transmission the strongest copy."""
+
+    name: str
+    observations: Observations
+
+
 def simulate(
     scenario: str | Path | Scenario,
     *,
@@ -107,6 +123,7 @@ def simulate(
     duration_s: float | None = None,
     depth: Depth = "all",
     container: Container | None = None,
+    log: ReceiverLog | None = None,
     plot: bool = False,
     overwrite: bool = False,
     progress: Progress | None = None,
@@ -125,6 +142,8 @@ def simulate(
     seed, duration_s : in place of the scenario's.
     depth : "samples", "measurements" (RINEX observations), or both; the truth and inertial readings come with each.
     container : of samples, "sigmf" or "raw"; without it SigMF where that can hold them.
+    log : also write what an ordinary receiver logs at each antenna, which follows the strongest copy of each signal:
+        "ubx" for measurements, messages and fixes as of u-blox.
     plot : write the page that shows the scene as well.
     overwrite : whether what an earlier run wrote there may be removed first: two runs never mix.
     progress : is called with how far the work is.
@@ -136,7 +155,7 @@ def simulate(
     Raises
     ------
     ScenarioError : the scenario cannot be read, is not known, or makes no sense.
-    SettingsError : SigMF cannot hold such samples.
+    SettingsError : SigMF cannot hold such samples, or a log is wanted without measurements.
     OutputError : the folder cannot be written, holds what would be overwritten, or has not room enough for all.
     """
     progress, folder = progress or Silent(), Path(out)
@@ -145,7 +164,7 @@ def simulate(
     with claim(folder):
         older = scene_in(folder)[1]
         require_free(folder, (), [path.name for path in older], _EARLIER, overwrite=overwrite)
-        return _made(made, alone, folder, older, depth, container, plot, progress)
+        return _made(made, alone, folder, older, depth, container, log, plot, progress)
 
 
 def _made(
@@ -155,15 +174,21 @@ def _made(
     older: Sequence[Path],
     depth: Depth,
     container: Container | None,
+    log: ReceiverLog | None,
     plot: bool,
     progress: Progress,
 ) -> SimulateResult:
     """Write the data of a scene into a folder, in place of `older` files. Other arguments are those of `simulate`."""
     with_samples, with_measurements = depth != "measurements", depth != "samples"
+    if log is not None and not with_measurements:
+        raise SettingsError(
+            f"log {log!r} is made of measurements, but depth is {depth!r}; give depth measurements or all"
+        )
     kind = container_of(made.front_end, container if with_samples else None)
     navigation = navigation_of(made)
     scene = scene_of(made, navigation)
     measured = _measured(scene, required=depth == "measurements", progress=progress) if with_measurements else []
+    logged = _logged(measured) if log is not None else []
     files = (
         _SCENARIO,
         NAVIGATION,
@@ -171,12 +196,14 @@ def _made(
         _TRUTH,
         *series_names(scene),
         *(one.name for one in measured),
+        *(one.name for one in logged),
         *(sample_names(scene, kind) if with_samples else ()),
         *((PAGE,) * plot),
     )
     _require_different(files)
     octets = series_octets(scene) + (samples_octets(made) if with_samples else 0)
     octets += _OBS_OCTETS * sum(one.observations.gpst.size * len(one.signals) for one in measured)
+    octets += sum(_UBX_OCTETS * one.observations.pseudorange_m.size for one in logged)
     taken = [name for name in files if (folder / name).exists()]
     require_free(folder, taken, [path.name for path in older], _EARLIER, overwrite=True)
     _require_room(folder, octets, older)
@@ -191,6 +218,8 @@ def _made(
             write_series(scene, folder, progress=lambda done, total: stage.advance(done / total))
         for one in measured:
             _write_measured(folder, scene, one)
+        for receiver in logged:
+            _write_log(folder / receiver.name, receiver.observations, navigation)
         if plot:
             write_page(folder / PAGE, made, navigation)
         if with_samples:
@@ -207,6 +236,7 @@ def _made(
         interrupted=interrupted,
         recordings=tuple(folder / name for name in there if name.endswith((".bin", ".sigmf-meta"))),
         observations=tuple(folder / one.name for one in measured if one.name in there),
+        logs=tuple(folder / one.name for one in logged if one.name in there),
     )
 
 
@@ -260,6 +290,30 @@ def _write_measured(folder: Path, scene: Scene, one: _Measured) -> None:
     stands = sky.receiver.path is None and sky.antenna.spin is None
     place = sky.point(np.array([sky.receiver.start_offset_s])).position_ecef_m[0] if stands else None
     write_channels(folder / one.name, one.observations, one.label, place, one.signals)
+
+
+def _logged(measured: Sequence[_Measured]) -> list[_Logged]:
+    every = {one.observations.receiver: one.observations for one in measured}
+    return [_Logged(f"{name}.ubx", follow_strongest(o)) for name, o in every.items()]
+
+
+def _write_log(path: Path, o: Observations, navigation: NavigationData) -> None:
+    """Write a receiver's log with the fixes that the signals it follows give."""
+    found = fix(o, navigation)
+    n_used = np.isfinite(found.residual_m).sum(axis=1)
+    sigma_m = np.sqrt(np.trace(found.covariance_m2[:, :3, :3], axis1=1, axis2=2) / 3.0)  # of each axis, at the mean
+    fixes = ReceiverFixes(
+        gpst=o.gpst,
+        position_ecef_m=found.position_ecef_m,
+        velocity_ecef_m_s=found.velocity_ecef_m_s,
+        horizontal_sigma_m=sigma_m,
+        vertical_sigma_m=sigma_m,
+        clock_bias_s=found.clock_bias_s,
+        clock_drift=found.clock_drift,
+        satellites=n_used,
+    )
+    with writing(path) as file:
+        file.writelines(ubx_log(o, navigation, fixes))
 
 
 # --- what the scene is made of

@@ -1,0 +1,48 @@
+"""Two receivers' UBX logs of a scene give what two observation files of the same measurements give."""
+
+import numpy as np
+import pytest
+
+from skyproof.app.common.rinex import write_channels
+from skyproof.app.protect import protect
+from skyproof.formats.rinex_nav import write_nav
+from skyproof.logs.ubx_write import ubx_log
+from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.measurements import draw, ideal_measurements_of
+from skyproof.simulator.ordinary import follow_strongest
+from skyproof.simulator.scenes import ready
+from skyproof.simulator.sky import scene_of
+from skyproof.simulator.standalone import overridden
+
+
+@pytest.mark.parametrize(("name", "word"), [("clean", "authentic"), ("starts-spoofed", "spoofed")])
+def test_two_logs_are_as_good_as_two_observation_files(tmp_path, name, word) -> None:
+    made = overridden(ready(name), seed=None, duration_s=45.0)
+    navigation = navigation_of(made)
+    scene = scene_of(made, navigation)
+    observations, _ = draw(ideal_measurements_of(scene), rng=np.random.default_rng(1))
+    write_nav(tmp_path / "nav.rnx", navigation)
+    logs, files, places = [], [], []
+    for o, sky in zip(map(follow_strongest, observations), scene.skies, strict=True):
+        logs.append(tmp_path / f"{o.receiver}.ubx")
+        logs[-1].write_bytes(b"".join(ubx_log(o, navigation)))
+        files.append(tmp_path / f"{o.receiver}.obs")
+        write_channels(files[-1], o, "mixed", None, o.signals)
+        places.append(sky.point(np.array([sky.receiver.start_offset_s])).position_ecef_m[0])
+    apart_m = float(np.linalg.norm(places[0] - places[1]))
+    of_files = protect(files, nav=tmp_path / "nav.rnx", antenna_distance_m=apart_m)
+    of_logs = protect(logs, nav=tmp_path / "nav.rnx", antenna_distance_m=apart_m)
+    alone = protect(logs, antenna_distance_m=apart_m)  # orbits from the messages in the logs
+    assert [result.verdict.verdict for result in (of_files, of_logs, alone)] == [word] * 3
+    labels = [{(s.receiver, s.sat): s.label for s in result.verdict.signals} for result in (of_files, of_logs)]
+    assert labels[0] == labels[1]
+    for a, b in zip(of_files.verdict.receivers, of_logs.verdict.receivers, strict=True):
+        for kind in ("trusted_fix", "false_fix", "unprotected_fix"):
+            ours, theirs = getattr(a, kind), getattr(b, kind)
+            assert (ours is None) == (theirs is None)
+            if ours is not None:
+                assert ours.lat_deg == pytest.approx(theirs.lat_deg, abs=1e-6)
+                assert ours.lon_deg == pytest.approx(theirs.lon_deg, abs=1e-6)
+                assert ours.height_m == pytest.approx(
+                    theirs.height_m, abs=0.2
+                )  # levels and deviations are rounded in UBX
