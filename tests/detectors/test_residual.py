@@ -8,6 +8,7 @@ from skyproof.detectors.second_signals.detector import elevation_rad
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError
 from skyproof.navigation.chance import chance_p_value
+from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import window_mean
 from skyproof.records import OBSERVABLES
@@ -128,6 +129,22 @@ def test_a_small_second_set_proves_nothing():
     (evidence,) = Residual().examine(replace(records, sets=(sky, few)))[0]
     assert evidence.says == "undecided"
     assert "by chance" in evidence.because
+
+
+def test_sets_that_may_be_chance_do_not_hide_a_misfit():
+    """Half of the satellites show another place, one signal each: too few for a second sky."""
+    records = scene().records(np.random.default_rng(0))
+    (o,), (sky,) = records.observations, records.sets
+    _, geometry = fix_and_geometry(o, records.navigation)
+    codes_m = o.pseudorange_m.copy()
+    codes_m[:, :5] += geometry.design[:, :5, :3] @ np.array([400.0, 300.0, 0.0])
+    halves = tuple(
+        replace(sky, signals=o.signals[rows], statistic=1.0, dof=1) for rows in (slice(5, None), slice(0, 5))
+    )
+    torn = replace(records, observations=(replace(o, pseudorange_m=codes_m),), sets=halves)
+    (evidence,) = Residual().examine(torn)[0]
+    assert evidence.failed
+    assert evidence.p_value < 1e-9
 
 
 def test_four_signals_are_no_second_sky():

@@ -170,9 +170,12 @@ class Residual:
                 because=f"no epoch of {observations.receiver} lies in the window",
                 would_need="measurements over the window",
             )
-        if len(sets) >= 2:
-            return self._several_skies(records, observations, sets)
+        several = self._several_skies(records, observations, sets) if len(sets) >= 2 else None
+        if several is not None and several.says == "attack":
+            return several
         plain = plain_fixes(observations, navigation, self.settings)
+        if several is not None and all(fix.test.consistent for fix in plain):
+            return several
         if not plain:
             return undecided(self, records, every, **_explain_no_fit(observations, navigation, self.settings)._asdict())
         return self._one_sky(records, observations, plain)

@@ -58,12 +58,14 @@ class LabelledSignal:
 class FalseSource:
     """Signals that belong together: of one transmitter of false signals, or of one sky.
 
-    one_antenna : evidence shows that they come from one antenna.
+    one_antenna : evidence shows that they come from one antenna. parted : of a sky, its signals were of one sky with
+    the others' in an earlier window, and no satellite sends to both: when they were found does not date it.
     """
 
     name: str
     signals: tuple[SignalRef, ...]
     one_antenna: bool = False
+    parted: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,9 +20,13 @@ def skies_of(sets: Iterable[ConsistentSet], *, first: int = 1) -> tuple[FalseSou
     sets : in the order of their windows, a receiver's together. first : number of the first in the names.
     """
     skies: list[Counter[SignalRef]] = []
+    together, split = set[SignalRef](), set[str]()
     for (receiver, _), window in groupby(sets, key=lambda s: (s.receiver, s.gpst)):
         members = [{SignalRef(receiver, signal) for signal in s.signals} for s in window]
+        if len(members) == 1 and receiver not in split:
+            together |= members[0]
         members = members if len(members) > 1 else []
+        split |= {receiver} if members else set()
         shared = [(sum(sky[r] for r in own), n, m) for n, own in enumerate(members) for m, sky in enumerate(skies)]
         goes_on: dict[int, int] = {}
         for seen, n, m in sorted(shared, reverse=True):
@@ -33,14 +37,26 @@ def skies_of(sets: Iterable[ConsistentSet], *, first: int = 1) -> tuple[FalseSou
                 skies.append(Counter())
             skies[goes_on.get(n, -1)].update(own)
     home = {ref: max(range(len(skies)), key=lambda m: skies[m][ref]) for sky in skies for ref in sky}
+    kept = {m: tuple(sorted(ref for ref in skies[m] if home[ref] == m)) for m in sorted(set(home.values()))}
+    sent = Counter((ref.receiver, ref.signal.transmission) for own in kept.values() for ref in own)
     return tuple(
-        FalseSource(name=f"S{number}", signals=tuple(sorted(ref for ref in skies[m] if home[ref] == m)))
-        for number, m in enumerate(sorted(set(home.values())), first)
+        FalseSource(
+            name=f"S{number}",
+            signals=own,
+            parted=_most(ref in together for ref in own)
+            and all(sent[ref.receiver, ref.signal.transmission] == 1 for ref in own),
+        )
+        for number, own in enumerate(kept.values(), first)
     )
 
 
 def sky_onset(sky: FalseSource, observations: Sequence[ObservationLog]) -> Onset | None:
-    """When half of a sky's signals were there: a set may have taken in some that were there before."""
+    """When half of a sky's signals were there: a set may have taken in some that were there before.
+
+    None of a sky that parted from another: its channels went over from one signal to another, unseen by the search.
+    """
+    if sky.parted:
+        return None
     found = sorted(
         (float(o.found_elapsed_s[o.signals.index(ref.signal)]), ref)
         for o in observations
@@ -48,3 +64,9 @@ def sky_onset(sky: FalseSource, observations: Sequence[ObservationLog]) -> Onset
         if ref.receiver == o.receiver
     )
     return onset_of([ref for _, ref in found[(len(found) - 1) // 2 :]], observations)
+
+
+def _most(truths: Iterable[bool]) -> bool:
+    """Tell whether more than half are true."""
+    known = list(truths)
+    return 2 * sum(known) > len(known)
