@@ -31,6 +31,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs
 from skyproof.app.protect.document import Outcome
 from skyproof.app.protect.run import judge
+from skyproof.app.receive.inputs import following_antennas
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.arrays import Reals
 from skyproof.detectors.code_motion.detector import primary_signals
@@ -197,7 +198,8 @@ def judged(
     )
     if equipment == "pair":
         options |= {"antenna_distance_sigma_m": 0.02}
-    settings = following_epochs(Settings(**options), [r.observations for r in receptions if r.observations is not None])
+    settings = following_antennas(Settings(**options), sources)
+    settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
     foresights = None
     if equipment == "surveyed":
         place = surveyed(

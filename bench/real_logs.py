@@ -4,14 +4,15 @@ import os
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from skyproof.app.receive.logged import holds_log, open_log
 from skyproof.app.receive.observed import ObservedFile, open_observations
+from skyproof.arrays import Indices
 from skyproof.formats.rinex_nav import read_nav
-from skyproof.records import NavigationData, ObservationLog, Observations
+from skyproof.records import OBSERVABLES, NavigationData, ObservationLog, Observations
 
 _M1, _KM5, _VAR, _GSI = "rinex-mosaic-1m", "rinex-mosaic-5km", "rinex-variety", "rinex-gsi-3km"
 
@@ -70,16 +71,22 @@ def open_real(name: str) -> tuple[ObservedFile, NavigationData]:
 def cut_log(log: ObservationLog, begin_s: float, end_s: float) -> Observations:
     """Return the epochs with begin <= elapsed time < end; their time counts from the first one."""
     first, stop = (int(row) for row in np.searchsorted(log.elapsed_s, [begin_s, end_s]))
-    return restart(log.read(first, stop))
+    return take_rows(log.read(first, stop), np.arange(stop - first))
 
 
-def restart(o: Observations) -> Observations:
-    """Return the measurements with time that counts from the first epoch."""
-    begun_s = float(o.elapsed_s[0])
-    missed_s = o.missed_elapsed_s - begun_s
-    return replace(
-        o,
-        elapsed_s=o.elapsed_s - begun_s,
-        found_elapsed_s=np.maximum(o.found_elapsed_s - begun_s, 0.0),
-        missed_elapsed_s=np.where(missed_s >= 0.0, missed_s, np.nan),
-    )
+def take_rows(o: Observations, rows: Indices) -> Observations:
+    """Return some epochs, as a log of their own: time counts from the first one, where their signals are found."""
+    cells: dict[str, Any] = {name: getattr(o, name)[rows] for name in (*OBSERVABLES, "gpst", "elapsed_s", "status")}
+    cells["elapsed_s"] = cells["elapsed_s"] - cells["elapsed_s"][0]
+    there = np.isfinite(cells["pseudorange_m"])
+    seen = there.any(axis=0)
+    first = np.where(seen, there.argmax(axis=0), 0)
+    signals = np.flatnonzero(seen)
+    channels: dict[str, Any] = {
+        "found_elapsed_s": cells["elapsed_s"][first][signals],
+        "missed_elapsed_s": np.where(first > 0, cells["elapsed_s"][np.maximum(first - 1, 0)], np.nan)[signals],
+        "carrier_hz": o.carrier_hz[signals],
+        "half_cycle_open": o.half_cycle_open[rows][:, signals],
+    }
+    kept = {name: values[:, signals] if values.ndim == 2 else values for name, values in cells.items()}
+    return replace(o, signals=tuple(o.signals[k] for k in signals), **kept, **channels)

@@ -243,7 +243,8 @@ class UbxReader:
             longest_ms=np.full(epochs.size, _LONGEST_LOCK_MS),
             step_ms=1,
         )
-        doppler_hz = cells["doppler_hz"].astype(np.float64)
+        with np.errstate(invalid="ignore"):  # a damaged number may be a signalling NaN
+            doppler_hz = cells["doppler_hz"].astype(np.float64)
         steps = {name: cells[name] & 0x0F for name in ("code_sigma", "carrier_sigma", "doppler_sigma")}
         # Receivers that do not state the deviations write zero for all of them, which as a number is less than noise.
         stated = (steps["code_sigma"] > 0) | (steps["carrier_sigma"] > 0) | (steps["doppler_sigma"] > 0)

@@ -8,7 +8,7 @@ import pytest
 from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings, primary_signals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import fix_and_geometry
-from skyproof.records import Observations, Records
+from skyproof.records import OBSERVABLES, Observations, Records
 from skyproof.testing import MeasuredScene, TrackErrors
 
 RATE = 1e-6
@@ -129,3 +129,57 @@ def test_the_mask_holds() -> None:
     (position, _) = examine(records(), elevation_mask_deg=20.0)
     assert position.says == "clean"
     assert [e.says for e in examine(records(), elevation_mask_deg=60.0)] == ["undecided"]
+
+
+def test_a_jump_after_a_time_of_few_satellites_is_seen() -> None:
+    whole = pulled(records(0, replace(SCENE, epochs=40)), 30, (9e4, 0.0, 0.0))
+    (o,) = whole.observations
+    codes_m = o.pseudorange_m.copy()
+    codes_m[10:30, 3:] = np.nan
+    few = replace(whole, observations=(replace(o, pseudorange_m=codes_m),))
+    windows = [replace(few, observations=(few.observations[0].read(k, k + 10),)) for k in (0, 10, 20, 30)]
+    assert words(*windows) == ["attack", "clean"]
+
+
+def with_second_band(drawn: Records) -> Records:
+    """Return the records with all codes on a second band as well."""
+    (o,) = drawn.observations
+    second = replace(
+        o, signals=tuple(replace(signal, band="L2", code="W") for signal in o.signals), carrier_hz=np.array(1227.6e6)
+    )
+    cells = {
+        name: np.hstack([getattr(o, name), getattr(second, name)])
+        for name in (*OBSERVABLES, "status", "half_cycle_open")
+    }
+    channels = {
+        name: np.concatenate([getattr(o, name), getattr(second, name)])
+        for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
+    }
+    return replace(drawn, observations=(replace(o, signals=o.signals + second.signals, **cells, **channels),))
+
+
+def on_band(drawn: Records, band: str, epochs: slice, metres: np.ndarray) -> Records:
+    (o,) = drawn.observations
+    columns = [k for k, signal in enumerate(o.signals) if signal.band == band]
+    codes_m = o.pseudorange_m.copy()
+    codes_m[epochs, columns] += metres
+    return replace(drawn, observations=(replace(o, pseudorange_m=codes_m),))
+
+
+def test_a_jump_between_bands_is_seen() -> None:
+    """The first band is lost for a window, and jumped when it comes back."""
+    both = with_second_band(pulled(records(0, replace(SCENE, epochs=30)), 20, (9e4, 0.0, 0.0)))
+    lost = on_band(both, "L1", slice(10, 20), np.nan)
+    windows = [replace(lost, observations=(lost.observations[0].read(k, k + 10),)) for k in (0, 10, 20)]
+    found = [e for e in examine(*windows) if len({ref.signal.band for ref in e.subject}) == 1]
+    assert "attack" in [e.says for e in found]
+
+
+def test_a_second_band_that_jumps_alone_leaves_the_cause_open() -> None:
+    clean = records()
+    jump_m = pulled(clean, 8, (900.0, 400.0, 0.0)).observations[0].pseudorange_m - clean.observations[0].pseudorange_m
+    found = examine(on_band(with_second_band(clean), "L2", slice(8, None), jump_m[8:]))
+    assert [e.says for e in found] == ["clean", "clean", "undecided", "clean"]
+    assert {ref.signal.band for ref in found[2].subject} == {"L2"}
+    assert found[2].may_also_be == ("orbits", "fault")
+    assert found[2].failed

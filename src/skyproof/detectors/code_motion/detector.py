@@ -7,16 +7,24 @@ the residuals, which set the scale of what is expected; so only a change in whic
 A position that jumps farther than any platform moves is an attack where no two satellites left out explain it. Where
 they may, and where only the clock jumps (a receiver sets its clock as it likes), the test has failed and the cause is
 open.
+
+Signals may be false of one time scale, or one band, alone: position and clock by each scale, and by the second band of
+each, are looked at as well. What such a part does by itself may be its orbits' (a whole system has sent wrong ones), so
+that the cause stays open.
+
+Each epoch is compared with the last two that had a position, whatever lies between: a gap, a time of few satellites, or
+of other bands.
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
 
-from skyproof.arrays import Indices, Instants, Reals
+from skyproof.arrays import Booleans, Indices, Instants, Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.code_motion.laws import (
     CodeMotionLimits,
@@ -31,6 +39,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import iso
 from skyproof.navigation.fix import FixGeometry, fix_and_geometry
 from skyproof.records import (
+    OBSERVABLES,
     Cause,
     Evidence,
     Fix,
@@ -48,7 +57,8 @@ __all__ = ["CodeMotion", "CodeMotionSettings"]
 
 _FAULT_RATE: Final = 1e-4  # at which measurements that do not fit are left out of an epoch's fix
 _MISFIT_RATE: Final = 0.01  # at which residuals of three epochs are larger than their model
-_TAIL: Final = 2  # epochs that are remembered: the law looks back so far
+_TAIL: Final = 2  # epochs with a position that are remembered: the law looks back so far
+_LEAST_PART: Final = 5  # satellites of a time scale or a second band that are looked at by themselves
 _TESTS: Final = 2  # position and clock
 _DOF_LEFT: Final = 1  # with two satellites left out
 
@@ -101,10 +111,16 @@ class _Series:
     clock_m: Reals
     misfit: Reals  # sum of squared normalised residuals of each epoch
     dof: Indices
+    rows: Indices  # of the epochs that they were made of
+
+
+_Part = tuple[str, str]
+_WHOLE: Final[_Part] = ("", "")
+"""A part of the signals that shows a position by itself: a time scale, and which of its bands; all of the first."""
 
 
 class CodeMotion:
-    """The detector: see the module's text. It remembers two epochs of each receiver."""
+    """The detector: see the module's text. It remembers two epochs of each receiver and part of its signals."""
 
     name = "code_motion"
     share = 0.05  # a jump that counts is as improbable as can be: a whole share would be lost on it
@@ -118,54 +134,64 @@ class CodeMotion:
         lacking = missing(self, records)
         if lacking or records.navigation is None:
             return lacking, state
-        tails: dict[str, Observations] = dict(state or {})
+        tails: dict[str, Mapping[_Part, Observations]] = dict(state or {})
         found = []
         for o in records.observations:
-            tail = tails.get(o.receiver)
-            if tail is not None and tail.elapsed_s[-1] >= o.elapsed_s[0]:
-                tail = None  # another recording
-            found += self._receiver(records, records.navigation, o, tail)
-            tails[o.receiver] = _tail_of(o, tail)
+            tail = tails.get(o.receiver, {})
+            if any(part.elapsed_s[-1] >= o.elapsed_s[0] for part in tail.values()):
+                tail = {}  # another recording
+            evidence, tails[o.receiver] = self._receiver(records, records.navigation, o, tail)
+            found += evidence
         return found, tails
 
     def _receiver(
-        self, records: Records, navigation: NavigationData, o: Observations, tail: Observations | None
-    ) -> list[Evidence]:
+        self, records: Records, navigation: NavigationData, o: Observations, tails: Mapping[_Part, Observations]
+    ) -> tuple[list[Evidence], Mapping[_Part, Observations]]:
         subject = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
         signals = primary_signals(o)
         if signals is None:
             because = f"a satellite is received twice in {o.receiver}: which codes belong together is open"
             would_need = "one signal of each satellite"
-            return [undecided(self, records, subject, code="received_twice", because=because, would_need=would_need)]
-        joined = o if tail is None else Observations.joined((tail, o))
-        begin = joined.gpst.size - o.gpst.size
-        among = set(signals)
-        kept = tuple(signal for signal in joined.signals if signal in among)
-        series = self._series(joined, kept, navigation)
-        subject = tuple(SignalRef(o.receiver, signal) for signal in signals)
-        if series is None or series.elapsed_s.size < 3:
-            return [
-                undecided(
-                    self,
-                    records,
-                    subject,
-                    code="few_fixes",
-                    because=f"fewer than three epochs of {o.receiver} have a position with a satellite to spare",
-                    would_need="five or more satellites with pseudoranges and orbits at three epochs or more",
-                )
-            ]
-        motion = code_steps(series.elapsed_s, series.fix.position_ecef_m, series.clock_m, series.fix.covariance_m2)
-        new = series.elapsed_s[motion.row] > (-np.inf if begin == 0 else joined.elapsed_s[begin - 1])
-        return self._judged(records, subject, series, motion, new)
+            untested = undecided(self, records, subject, code="received_twice", because=because, would_need=would_need)
+            return [untested], tails
+        parts = _parts_of(o, signals)
+        after = dict(tails)
+        found = []
+        for part, chosen in parts.items():
+            now = _of_signals(o, chosen)
+            tail = tails.get(part)
+            joined = now if tail is None else Observations.joined((tail, now))
+            begin = joined.gpst.size - now.gpst.size
+            series = self._series(joined, navigation, begin)
+            after[part] = _tail_of(joined, series)
+            subject = tuple(SignalRef(o.receiver, signal) for signal in chosen)
+            if series is None or series.elapsed_s.size < 3:
+                found += [] if part != _WHOLE else [self._few_fixes(records, subject)]
+                continue
+            motion = code_steps(series.elapsed_s, series.fix.position_ecef_m, series.clock_m, series.fix.covariance_m2)
+            new = series.rows[motion.row] >= begin
+            if new.any() or part == _WHOLE:
+                found += self._judged(records, subject, series, motion, new, part, len(parts))
+        return found, after
 
-    def _series(self, o: Observations, signals: tuple[SignalId, ...], navigation: NavigationData) -> _Series | None:
-        """Return the fixes that have redundancy; None without any."""
-        if not signals:
+    def _few_fixes(self, records: Records, subject: tuple[SignalRef, ...]) -> Evidence:
+        receiver = subject[0].receiver if subject else records.observations[0].receiver
+        return undecided(
+            self,
+            records,
+            subject,
+            code="few_fixes",
+            because=f"fewer than three epochs of {receiver} have a position with a satellite to spare",
+            would_need="five or more satellites with pseudoranges and orbits at three epochs or more",
+        )
+
+    def _series(self, o: Observations, navigation: NavigationData, begin: int) -> _Series | None:
+        """Return the fixes that have redundancy; None without any. begin : the first epoch that is not remembered."""
+        if not o.signals:
             return None
         fix, geometry = fix_and_geometry(
             o,
             navigation,
-            signals=signals,
             multipath_sigma_m=self.settings.multipath_sigma_m,
             elevation_mask_deg=self.settings.elevation_mask_deg,
             false_alarm_probability=_FAULT_RATE,
@@ -180,6 +206,9 @@ class CodeMotion:
         scales = fix.inter_system_s
         clock_s = {scale: fix.clock_bias_s + offset_s for scale, offset_s in scales.items()}
         chosen = max(clock_s, key=lambda scale: int(np.isfinite(clock_s[scale][good]).sum()))
+        clock_m = SPEED_OF_LIGHT_M_S * clock_s[chosen]
+        if _kinds_of(o, chosen, slice(0, begin)) != _kinds_of(o, chosen, slice(begin, None)):
+            clock_m = np.where(np.arange(o.gpst.size) < begin, np.nan, clock_m)  # another way through the receiver
         return _Series(
             fix=_rows_of(fix, good),
             geometry=FixGeometry(
@@ -187,9 +216,10 @@ class CodeMotion:
             ),
             gpst=o.gpst[good],
             elapsed_s=o.elapsed_s[good],
-            clock_m=SPEED_OF_LIGHT_M_S * clock_s[chosen][good],
+            clock_m=clock_m[good],
             misfit=(normalised[good] ** 2).sum(axis=1),
             dof=dof[good],
+            rows=good,
         )
 
     def _judged(
@@ -198,7 +228,9 @@ class CodeMotion:
         subject: tuple[SignalRef, ...],
         series: _Series,
         motion: CodeStep,
-        new: Any,
+        new: Booleans,
+        part: _Part,
+        n_parts: int,
     ) -> list[Evidence]:
         three = motion.row[:, None] - np.arange(3)
         dof = series.dof[three].min(axis=1).astype(np.float64)
@@ -209,8 +241,8 @@ class CodeMotion:
         limits, n_new = self.settings.limits, int(new.sum())
         places = np.where(new, chance_beyond(motion, limits, factor, dof), 1.0)
         clocks = np.where(new, clock_beyond(motion, limits, factor, dof), 1.0)
-        alpha = self.settings.false_alarm_probability / _TESTS
-        receiver = subject[0].receiver
+        alpha = self.settings.false_alarm_probability / (_TESTS * n_parts)
+        receiver = f"{subject[0].receiver} ({_named(subject)} alone)" if part != _WHOLE else subject[0].receiver
         found = []
         for p_values, what in ((places, "position"), (clocks, "clock")):
             k = int(np.argmin(p_values))
@@ -234,7 +266,9 @@ class CodeMotion:
                 evidence = replace(
                     evidence, says="undecided", because=because, overrules=True, dated_gpst=at, may_also_be=causes
                 )
-                if what == "position":
+                if part != _WHOLE:
+                    evidence = replace(evidence, may_also_be=("orbits", "fault"))
+                elif what == "position":
                     evidence = self._attributed(evidence, series, motion, k, n_new, alpha)
             found.append(evidence)
         return found
@@ -279,11 +313,53 @@ def primary_signals(o: Observations) -> tuple[SignalId, ...] | None:
     return tuple(o.signals[k] for k in columns)
 
 
-def _tail_of(o: Observations, tail: Observations | None) -> Observations:
-    """Return the last epochs that are remembered."""
-    if o.gpst.size < _TAIL and tail is not None:
-        o = Observations.joined((tail, o))
-    return o.read(max(o.gpst.size - _TAIL, 0), o.gpst.size)
+def _parts_of(o: Observations, signals: tuple[SignalId, ...]) -> dict[_Part, tuple[SignalId, ...]]:
+    """Return the signals of the whole, and of each part that has enough satellites to show a position by itself."""
+    parts: dict[_Part, tuple[SignalId, ...]] = {_WHOLE: signals}
+    scales = sorted({signal.kind[0] for signal in signals})
+    first = {signal.kind for signal in signals}
+    counts: dict[tuple[str, str, str], list[SignalId]] = {}
+    for column in np.flatnonzero(np.isfinite(o.pseudorange_m).any(axis=0)).tolist():
+        counts.setdefault(o.signals[column].kind, []).append(o.signals[column])
+    for scale in scales:
+        own = tuple(signal for signal in signals if signal.kind[0] == scale)
+        if len(scales) > 1 and len({signal.sat for signal in own}) >= _LEAST_PART:
+            parts[scale, "first"] = own
+        bands = {kind[1] for kind in first if kind[0] == scale}
+        others = [kind for kind in counts if kind[0] == scale and kind[1] not in bands]
+        if others:
+            second = max(sorted(others), key=lambda kind: len({signal.sat for signal in counts[kind]}))
+            if len({signal.sat for signal in counts[second]}) == len(counts[second]) >= _LEAST_PART:
+                parts[scale, "second"] = tuple(counts[second])
+    return parts
+
+
+def _of_signals(o: Observations, signals: tuple[SignalId, ...]) -> Observations:
+    """Return the measurements of some signals."""
+    columns = np.array([o.column_of[signal] for signal in signals], np.intp)
+    cells: dict[str, Any] = {name: getattr(o, name)[:, columns] for name in (*OBSERVABLES, "status", "half_cycle_open")}
+    channels: dict[str, Any] = {
+        name: getattr(o, name)[columns] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
+    }
+    return replace(o, signals=signals, **cells, **channels)
+
+
+def _kinds_of(o: Observations, scale: str, rows: slice) -> set[tuple[str, str, str]]:
+    """Return the kinds of a time scale that some epochs have."""
+    there = np.isfinite(o.pseudorange_m[rows]).any(axis=0)
+    return {o.signals[k].kind for k in np.flatnonzero(there) if o.signals[k].kind[0] == scale}
+
+
+def _named(subject: tuple[SignalRef, ...]) -> str:
+    """Name the kinds of signals of a part."""
+    return ", ".join(sorted({f"{ref.signal.sat[0]} {ref.signal.band}" for ref in subject}))
+
+
+def _tail_of(joined: Observations, series: _Series | None) -> Observations:
+    """Return the epochs that are remembered: the last that have a position, else the last."""
+    n = joined.gpst.size
+    rows = np.arange(max(n - _TAIL, 0), n) if series is None else series.rows[-_TAIL:]
+    return Observations.joined([joined.read(int(row), int(row) + 1) for row in rows])
 
 
 def _rows_of(fix: Fix, rows: Indices) -> Fix:
