@@ -45,13 +45,16 @@ __all__ = [
     "Evidence",
     "Fix",
     "FixStatus",
+    "FrontEndLevels",
     "Holding",
     "ImuSeries",
+    "InterferenceSign",
     "Klobuchar",
     "MeasurementSource",
     "NavState",
     "NavigationData",
     "Need",
+    "NoiseRise",
     "ObservationLog",
     "Observations",
     "OpenFile",
@@ -729,6 +732,34 @@ class SpinArm:
     rate_sigma_rad_s: float = 0.0
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FrontEndLevels:
+    """Levels that the receiver measured in its front end; NaN where it gives none.
+
+    gpst : (n,). band : (n,) text, such as "L1", "L2L5", or a receiver's own name of the chain. agc_db : (n,) gain of
+    the amplifier in decibels, of arbitrary zero, falling when the input grows; agc_share : (n,) the same as a share
+    of full scale, 0 to 1, where only that is known. noise_db : (n,) power of the samples, decibels of arbitrary zero.
+    jamming_share : (n,) the receiver's indicator of continuous waves, 0 to 1.
+    """
+
+    gpst: Instants
+    band: NDArray[np.str_]
+    agc_db: Reals
+    agc_share: Reals
+    noise_db: Reals
+    jamming_share: Reals
+
+    def __post_init__(self) -> None:
+        names = ("gpst", "band", "agc_db", "agc_share", "noise_db", "jamming_share")
+        freeze(self, dict.fromkeys(names, ("row",)))
+
+    def between(self, start_gpst: np.datetime64, end_gpst: np.datetime64) -> "FrontEndLevels":
+        """Return what has start <= `gpst` < end."""
+        rows = (self.gpst >= start_gpst) & (self.gpst < end_gpst)
+        names = ("gpst", "band", "agc_db", "agc_share", "noise_db", "jamming_share")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Fix(ShortRepr):
     """Position, velocity and clock of one receiver from one set of signals, epoch by epoch.
@@ -897,8 +928,32 @@ Cause = Literal[
 ]
 """What else than an attack may make a test fail: `fault` of one satellite or of the receiver, wrong `orbits` or clocks,
 a `statement` of the user that is not true, samples that are missing or a recording that was cut and joined."""
+InterferenceSign = Literal["cn0", "lost", "level"]
+"""What interference shows by: C/N0 that falls, signals that are lost, the level of the front end that rises."""
 Null = Literal["sky", "one antenna"]
 """What a test may reject: that the signals are the sky's, or that they come from one transmit antenna."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
+class NoiseRise(ShortRepr):
+    """Interference on one carrier of a receiver: C/N0 of all its signals falls alike.
+
+    carrier : by GPS's name where systems share one, "L1". from_gpst, to_gpst : first and last epoch that show it.
+    fall_db, sigma_db : of C/N0, and its one sigma; a lower bound where most signals are lost. level_db : by which the
+    front end takes in more power; None where that is not known. lost : signals that are lost. may_be_shade : nothing
+    tells it from shade of the whole antenna.
+    """
+
+    receiver: str
+    carrier: str
+    from_gpst: np.datetime64
+    to_gpst: np.datetime64
+    fall_db: float
+    sigma_db: float
+    level_db: float | None
+    lost: int
+    signs: tuple[InterferenceSign, ...]
+    may_be_shade: bool
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
@@ -953,6 +1008,7 @@ class Evidence(ShortRepr):
     overlapping : skies in signals that were taken apart, instant by instant.
     may_also_be : of a test that failed, what else than an attack would explain it, the likeliest first.
     dated_gpst : of a test that failed, the epoch from which on it does, where the test dates that.
+    interference : that the window shows, a carrier each; None of a test that does not look for it.
     statement : of the user, that it rests on or contradicts. wrong_statements : that would explain what it found, the
         likeliest first.
     """
@@ -982,6 +1038,7 @@ class Evidence(ShortRepr):
     null: Null = "sky"
     may_also_be: tuple[Cause, ...] = ()
     dated_gpst: np.datetime64 | None = None
+    interference: tuple[NoiseRise, ...] | None = None
     statement: StatementTest | None = None
     wrong_statements: tuple[WrongStatement, ...] = ()
 
@@ -1013,7 +1070,7 @@ class Records(ShortRepr, Holding):
     sets : of each receiver, what was found in `observations`. taps, array_phases : of the receivers that have them.
     vector_taps : of receivers whose channels all follow one position. ccaf : correlation grids.
     nav_state : of the body that carries all antennas, by receiver, with the place of its antenna. spin_arms : of the
-        receivers whose antenna turns.
+        receivers whose antenna turns. levels : of the front ends, by receiver.
     """
 
     start_gpst: np.datetime64
@@ -1027,3 +1084,4 @@ class Records(ShortRepr, Holding):
     array_phases: tuple[ArrayPhases, ...] = ()
     nav_state: Mapping[str, NavState] = field(default_factory=dict)
     spin_arms: tuple[SpinArm, ...] = ()
+    levels: Mapping[str, FrontEndLevels] = field(default_factory=dict)

@@ -23,6 +23,8 @@ __all__ = [
     "Because",
     "Cause",
     "InputFile",
+    "InterferenceResult",
+    "InterferenceSpell",
     "Label",
     "Method",
     "Place",
@@ -75,6 +77,7 @@ CAUSES: Final[dict[Cause, str]] = {
     "missing_samples": "missing samples, or a recording that was cut and joined",
 }
 """Each cause as people read it."""
+InterferenceSign = Literal["cn0", "lost", "level"]
 MOST_NAMED: Final = 10
 """Remarks on inputs that stand beside the word; the others are counted."""
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
@@ -342,6 +345,55 @@ class DoubtfulStatement(_Model):
     value: str | None = Field(description="What would be right; null if that is not known.")
 
 
+class InterferenceSpell(_Model):
+    """Interference of one receiver without a break: noise that weakens all signals of a carrier alike."""
+
+    receiver: str
+    carriers: tuple[str, ...] = Field(description="Carriers that it weakens, by GPS's name where systems share one.")
+    since_gpst: Gpst = Field(description="First epoch that shows it, GPS time.")
+    until_gpst: Gpst | None = Field(description="Last epoch that shows it, GPS time; null while it lasts.")
+    fall_db: Sigma = Field(description="Largest fall of C/N0, dB; a lower bound where most signals are lost.")
+    fall_sigma_db: Sigma = Field(description="One sigma of what C/N0 changes by without interference, dB.")
+    level_db: float | None = Field(description="Rise of power in the front end, dB; null where it is not known.")
+    lost_signals: int = Field(ge=0, description="Signals that were lost, the most at once.")
+    signs: tuple[InterferenceSign, ...] = Field(
+        description="What shows it: cn0 (C/N0 falls), lost (most signals are lost), level (more power comes in)."
+    )
+    may_also_be: tuple[Cause, ...] = Field(description="What else would do the same: shade, or nothing.")
+
+
+class InterferenceResult(_Model):
+    """Whether noise of others came in. It is no part of the verdict: a jammer shows no false position."""
+
+    state: Literal["none", "present", "not_tested"] = Field(
+        description="not_tested: the inputs hold no C/N0 of enough satellites over enough time."
+    )
+    spells: tuple[InterferenceSpell, ...] = ()
+
+    @model_validator(mode="after")
+    def _state_fits(self) -> Self:
+        if (self.state == "present") != bool(self.spells):
+            raise ValueError(f"interference is {self.state} with {len(self.spells)} spells")
+        return self
+
+    @property
+    def words(self) -> str:
+        """What interfered, since when, how much and with whom; empty where nothing did."""
+        return "; ".join(_spell_words(spell) for spell in self.spells[:MOST_NAMED])
+
+
+def _spell_words(spell: InterferenceSpell) -> str:
+    until = "" if spell.until_gpst is None else f" until {clock_words(spell.until_gpst)}"
+    level = "" if spell.level_db is None else f", the front end takes in {spell.level_db:.0f} dB more"
+    lost = f", {spell.lost_signals} signals are lost" if "lost" in spell.signs else ""
+    least = "at least " if "lost" in spell.signs else ""
+    shade = "; shade of the whole antenna would do the same" if spell.may_also_be else ""
+    return (
+        f"since {moment_words(spell.since_gpst)}{until} in {spell.receiver}: C/N0 of all satellites on "
+        f"{', '.join(spell.carriers)} falls by {least}{spell.fall_db:.0f} dB{lost}{level}{shade}"
+    )
+
+
 class Verdict(_Model):
     """Whether satellite-navigation signals were spoofed, how sure that is, and the positions that can be trusted."""
 
@@ -379,6 +431,10 @@ class Verdict(_Model):
     wrong_statements: tuple[DoubtfulStatement, ...] = Field(
         default=(),
         description="Statements of the user that may be untrue, which would explain failed tests; likeliest first.",
+    )
+    interference: InterferenceResult = Field(
+        default=InterferenceResult(state="not_tested"),
+        description="Noise of others that came in; it says nothing of false signals, and excludes none.",
     )
     assumed: str | None = Field(
         description="Under what the word and the trusted positions hold; null if nothing is assumed."
@@ -429,6 +485,7 @@ class Verdict(_Model):
     def explained(self) -> tuple[tuple[str, str], ...]:
         """What belongs to the word beside the summary: headings and words."""
         parts = (
+            ("Interference:", self.interference.words),
             ("Not decided:", self.reason if self.verdict == "spoofed" else None),
             ("May also be:", ", or ".join(CAUSES[cause] for cause in self.may_also_be)),
             ("Not excluded:", "; ".join(self.not_excluded)),

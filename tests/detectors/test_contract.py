@@ -21,6 +21,7 @@ from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings
 from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import Dccaf
+from skyproof.detectors.levels.detector import SignalLevels, SignalLevelsSettings
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.registry import load_detectors
@@ -186,6 +187,14 @@ CASES = (
     Case(
         "one receiver with nothing before",
         lambda: CommonChange(CommonChangeSettings(false_alarm_probability=0.3)),
+        CLEAN.records,
+        20,
+        100,
+        conservative="it says undecided at most, and tests of its own count that, in windows in a row",
+    ),
+    Case(
+        "levels with nothing before",
+        lambda: SignalLevels(SignalLevelsSettings(false_alarm_probability=0.3)),
         CLEAN.records,
         20,
         100,

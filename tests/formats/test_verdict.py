@@ -25,8 +25,11 @@ FIX = (
 KEYS = {
     "": "format verdict summary reason may_also_be not_excluded remedy "
     "since_gpst since_sigma_s since_earliest_gpst since_latest_gpst until_gpst "
-    "false_alarm_probability_per_hour wrong_statements assumed receivers signals sources methods "
+    "false_alarm_probability_per_hour wrong_statements interference assumed receivers signals sources methods "
     "inputs settings versions",
+    "interference": "state spells",
+    "interference.spells": "receiver carriers since_gpst until_gpst fall_db fall_sigma_db level_db lost_signals signs "
+    "may_also_be",
     "receivers": "name input start_gpst duration_s trusted_fix false_fix unprotected_fix",
     "receivers.trusted_fix": FIX,
     "receivers.false_fix": FIX,

@@ -202,7 +202,7 @@ def test_states_of_jamming_spoofing_and_authentication() -> None:
 def test_gains_are_levels() -> None:
     gains = bytes([1, 35, 100, 0]) + bytes([2, 256 - 128, 100, 0]) + bytes([3, 20, 50, 5])
     levels = read(sbf_block(4014, TIME + bytes(14) + bytes([3, 4, 0, 60]) + gains)).levels
-    assert levels.band.tolist() == ["1", "3"]
+    assert levels.band.tolist() == ["G1", "L2"]
     assert levels.agc_db.tolist() == [35.0, 20.0]
     assert levels.noise_db == pytest.approx([0.0, -3.0103], abs=1e-3)
 

@@ -266,7 +266,7 @@ def radio(*blocks: tuple[int, int, int, int]) -> bytes:
 def test_levels_take_the_time_of_the_epoch_before() -> None:
     piece = read(rawx(100.0, 2300, [gps(9)]), hardware(90, 4095, 51, 1), radio((1, 80, 8191, 0), (3, 120, 0, 255)))
     levels, states = piece.levels, piece.states
-    assert levels.band.tolist() == ["0", "0", "1"]
+    assert levels.band.tolist() == ["L1", "L1", "L2L5"]
     assert levels.agc_share == pytest.approx([4095 / 8191, 1.0, 0.0])
     assert levels.jamming_share == pytest.approx([0.2, 0.0, 1.0])
     assert np.diff(levels.noise_db) == pytest.approx(20.0 * np.log10([80 / 90, 1.5]))

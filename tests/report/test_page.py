@@ -134,10 +134,12 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
     evil = "</style><script>alert('x')</script>\"<b>&"
 
     def poison(value: Any) -> Any:
-        fixed = ("format", "verdict", "label", "gpst", "frame")
+        fixed = ("format", "verdict", "label", "gpst", "frame", "state")
         if isinstance(value, dict):
             return {
-                key: item if any(word in key for word in fixed) and isinstance(item, str) else poison(item)
+                key: item
+                if key == "signs" or (any(word in key for word in fixed) and isinstance(item, str))
+                else poison(item)
                 for key, item in value.items()
             }
         if isinstance(value, list):

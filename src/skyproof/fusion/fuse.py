@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from skyproof.arrays import Booleans
+from skyproof.fusion.interference import Spell, spells_of
 from skyproof.fusion.labels import FalseSource, LabelledSignal, label_signals, sources_of
 from skyproof.fusion.open_question import OpenQuestion, open_question
 from skyproof.fusion.skies import skies_of, sky_onset
@@ -45,6 +46,7 @@ class Decision:
         authentic run, too few authentic ones.
     alone_s : of an authentic run, receivers that were recorded for more than a moment while another was not and that
         nothing vouches for then, and for how long.
+    interference : of all receivers, in the order of its onset; None if no test looked for it.
     skies : under an attack that leaves open which signals of a receiver are true, its consistent sets of signals,
         linked over the windows; each is one position and time. None of a receiver of which false signals are named.
     """
@@ -61,6 +63,7 @@ class Decision:
     assumed: tuple[str, ...] = ()
     without_fix_s: tuple[tuple[str, float], ...] = ()
     alone_s: tuple[tuple[str, float], ...] = ()
+    interference: tuple[Spell, ...] | None = None
 
 
 def fuse(
@@ -107,6 +110,7 @@ def fuse(
         alone_s=tuple(_alone(labels, observations)) if verdict == "authentic" else (),
         open=None if settled else open_question(evidence, observations, trusted),
         suspicion=suspicion,
+        interference=spells_of(evidence, observations),
     )
 
 

@@ -15,14 +15,13 @@ from skyproof.arrays import Instants, Integers, Octets, Reals
 from skyproof.gnss.ephemeris import BroadcastEphemeris
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.logs.frames import Frames
-from skyproof.records import Observations, freeze
+from skyproof.records import FrontEndLevels, Observations, freeze
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
     "FRAME_BITS",
     "Beside",
     "BroadcastFrames",
-    "FrontEndLevels",
     "LogPiece",
     "LogReader",
     "MessageKind",
@@ -105,28 +104,6 @@ class ReceiverFixes:
             rotation = np.swapaxes(rot_enu_ecef(lat_rad, lon_rad), -1, -2)
             fields["velocity_ecef_m_s"] = (rotation @ velocity_enu_m_s[:, :, None])[:, :, 0]
         return cls(gpst=gpst, position_ecef_m=ecef_from_geodetic(lat_rad, lon_rad, height_m), **(fields | given))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FrontEndLevels:
-    """Levels that the receiver measured in its front end; NaN where it gives none.
-
-    gpst : (n,). band : (n,) text, such as "L1", "L2L5", or a receiver's own number of the chain. agc_db : (n,) gain of
-    the amplifier in decibels, of arbitrary zero, falling when the input grows; agc_share : (n,) the same as a share
-    of full scale, 0 to 1, where only that is known. noise_db : (n,) power of the samples, decibels of arbitrary zero.
-    jamming_share : (n,) the receiver's indicator of continuous waves, 0 to 1.
-    """
-
-    gpst: Instants
-    band: NDArray[np.str_]
-    agc_db: Reals
-    agc_share: Reals
-    noise_db: Reals
-    jamming_share: Reals
-
-    def __post_init__(self) -> None:
-        names = ("gpst", "band", "agc_db", "agc_share", "noise_db", "jamming_share")
-        freeze(self, dict.fromkeys(names, ("row",)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -19,7 +19,6 @@ from skyproof.gnss.time import GPS_EPOCH
 from skyproof.logs.content import (
     FRAME_BITS,
     BroadcastFrames,
-    FrontEndLevels,
     LogPiece,
     MessageKind,
     ReceiverFixes,
@@ -29,7 +28,7 @@ from skyproof.logs.content import (
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
-from skyproof.records import SignalId
+from skyproof.records import FrontEndLevels, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["BLOCKS", "SbfReader"]
@@ -125,6 +124,22 @@ _EPOCH_NS: Final = int(GPS_EPOCH.astype(np.int64))
 _WEEK_NS: Final = 604_800_000_000_000
 _HEADER: Final = 14  # octets to the first field behind the time
 _ELSEWHERE: Final = 31  # signal numbers from 32 on stand in ObsInfo
+_CHAINS: Final = {
+    0: "L1",
+    1: "G1",
+    2: "E6",
+    3: "L2",
+    4: "G2",
+    5: "L5",
+    6: "E5b",
+    7: "E5",
+    8: "L1G1",
+    9: "L2G2",
+    11: "B1",
+    12: "B3",
+    14: "E6B3",
+}
+"""Bands of each front end of ReceiverStatus (4.2.15)."""
 _SCRAMBLED: Final = 0x80
 _INAUTHENTIC, _MISLEADING = 2, 1
 _INTERFERED: Final = (2, 8)  # a band whose interference is mitigated, or is not
@@ -444,7 +459,7 @@ def _levels(octets: Octets, begin: Integers, length: Integers, instant_ns: Integ
     share = octets[at + 2] / 100.0  # variance of the samples, of the target value
     return FrontEndLevels(
         gpst=instant_ns[owner].astype("datetime64[ns]"),
-        band=(octets[at] & 31).astype(np.str_),
+        band=np.array([_CHAINS.get(k, str(k)) for k in (octets[at] & 31).tolist()]),
         agc_db=gain.astype(np.float64),
         agc_share=none,
         noise_db=10.0 * np.log10(np.where(share > 0.0, share, np.nan)),

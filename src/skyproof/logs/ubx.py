@@ -18,7 +18,6 @@ from skyproof.gnss.time import GPS_EPOCH
 from skyproof.logs.content import (
     FRAME_BITS,
     BroadcastFrames,
-    FrontEndLevels,
     LogPiece,
     MessageKind,
     ReceiverFixes,
@@ -28,7 +27,7 @@ from skyproof.logs.content import (
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
-from skyproof.records import SignalId
+from skyproof.records import FrontEndLevels, SignalId
 
 __all__ = ["MESSAGES", "SIGNAL_NUMBERS", "UbxReader"]
 
@@ -94,6 +93,7 @@ _NS: Final = 1_000_000_000
 _WEEK_NS: Final = 604_800 * _NS
 _EPOCH_NS: Final = int(GPS_EPOCH.astype(np.int64))
 _JAMMING: Final = ("unknown", "none", "warning", "critical")
+_CHAINS: Final = ("L1", "L2L5", "3")  # of the blocks of MON-RF; MON-HW has the first
 _SPOOFING: Final = ("unknown", "none", "indicated", "several indications", "affirmed")
 
 _CODE_SIGMA_M: Final = 0.01 * 2.0 ** np.arange(16)
@@ -455,7 +455,7 @@ def _levels(octets: Octets, payloads: Payloads, clock: _Timeline) -> FrontEndLev
     noise = read_field(octets, noise_at[order], 0, "<u2").astype(np.float64)
     return FrontEndLevels(
         gpst=instant_ns[order].astype("datetime64[ns]"),
-        band=band[order].astype(np.str_),
+        band=np.array(_CHAINS)[np.minimum(band[order], len(_CHAINS) - 1)],
         agc_db=np.full(order.size, np.nan),
         agc_share=read_field(octets, gain_at[order], 0, "<u2") / 8191.0,
         noise_db=20.0 * np.log10(np.where(noise > 0.0, noise, np.nan)),  # the mean amplitude of a millisecond

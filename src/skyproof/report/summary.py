@@ -8,6 +8,7 @@ from skyproof.report.positions import away_words, within_m
 from skyproof.report.what_now import ended, what_now
 from skyproof.report.words import distance_words, in_minutes, number_words, place_words, rate_words
 from skyproof.verdict import (
+    InterferenceSpell,
     Place,
     Position,
     ReceiverResult,
@@ -54,6 +55,8 @@ def scope(verdict: Verdict) -> str:
 def facts(verdict: Verdict) -> list[Fact]:
     """Answers, the most urgent first."""
     found = [_when(verdict)] if verdict.verdict in ("spoofed", "suspect") else []
+    if verdict.interference.spells:
+        found.append(Fact("Interference", _few([_interference(spell) for spell in verdict.interference.spells])))
     trusted = [(r, r.trusted_fix) for r in verdict.receivers if r.trusted_fix is not None]
     false = [(r, r.false_fix) for r in verdict.receivers if r.false_fix is not None]
     skies = [
@@ -76,6 +79,14 @@ def facts(verdict: Verdict) -> list[Fact]:
         lines = [(_place(verdict, fix), _false_words(r, fix)) for r, fix in false]
         found.append(Fact("The false signals show", _few(lines), "spoofed"))
     return [Fact("What to do now", what_now(verdict), "now"), *found]
+
+
+def _interference(spell: InterferenceSpell) -> tuple[str, str]:
+    """Since when, and how much where."""
+    until = "" if spell.until_gpst is None else f" to {instant_words(spell.until_gpst)[11:]}"
+    shade = ", or shade of the whole antenna" if spell.may_also_be else ""
+    said = f"GPS time, {spell.receiver}: C/N0 {spell.fall_db:.0f} dB down on {', '.join(spell.carriers)}{shade}"
+    return f"{instant_words(spell.since_gpst)[11:]}{until}", said
 
 
 def _place(verdict: Verdict, place: Place | Position) -> str:

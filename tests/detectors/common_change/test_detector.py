@@ -84,17 +84,8 @@ def test_carriers_turn_faster_than_the_class_of_the_oscillator_wanders():
     assert not any(failed(said(windows(o))))
 
 
-def test_the_level_of_signals_or_of_noise_that_rises_within_a_minute_is_said():
+def test_the_level_of_noise_that_rises_within_a_minute_is_said():
     o = observed(duration_s=DURATION_S)
-    rising = changed(o, cn0_dbhz=o.cn0_dbhz + 1.5 / 10.0 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None])
-    assert not any(failed(said(windows(rising))))  # who moves passes shade
-    named = failed(said(windows(rising), speed_max_m_s=0.0))
-    assert not any(named[:5])
-    assert "all satellites in rx1 together rose by" in named[-1][0]
-    faster = np.clip(0.43 * (o.elapsed_s - ONSET_S), 0.0, 8.6)  # by less than 5 dB from one window to the next
-    named = failed(said(windows(changed(o, cn0_dbhz=o.cn0_dbhz + faster[:, None]))))
-    assert not any(named[:5])
-    assert "all satellites in rx1 together rose by" in named[5][0] + named[6][0]
     loud = [replace(one, ccaf=(noise(one, 10.0 if k > 4 else 0.0),)) for k, one in enumerate(windows(o))]
     named = failed(said(loud))
     assert not any(named[:5])

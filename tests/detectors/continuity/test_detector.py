@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from skyproof.app.common.windows import cut
-from skyproof.detectors.continuity.detector import CN0_MAX_DBHZ, Continuity, ContinuitySettings, common_level_p_value
+from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
 from skyproof.detectors.continuity.steps import Limits, Step, jumps, p_values, series_of, sides_of
 from skyproof.detectors.continuity.untested import explain_few_epochs, explain_no_set, explain_no_step
 from skyproof.detectors.continuity.words import step_words
@@ -16,7 +16,7 @@ from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.navigation.rates import with_dopplers
-from skyproof.records import OBSERVABLES, ConsistentSet, Records, SignalId
+from skyproof.records import OBSERVABLES, ConsistentSet, Records
 from skyproof.simulator.measurement_errors import FieldErrors
 from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
 from skyproof.simulator.scenario import parse_scenario
@@ -486,42 +486,6 @@ def test_reasons_not_to_run_are_told_apart():
 def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(SettingsError, match="span_s is 0"):
         ContinuitySettings(span_s=0.0)
-
-
-# Levels ---------------------------------------------------------------------------------------------------------------
-
-
-def test_satellites_that_fade_by_themselves_step_together_at_the_stated_rate():
-    rng = np.random.default_rng(5)
-    chances = [common_level_p_value(2.0 * (rng.normal(size=8) - rng.normal(size=8)), 2.0) for _ in range(4000)]
-    assert stats.kstest(chances, "uniform").pvalue > 1e-3
-    assert stats.binomtest(int(np.sum(np.array(chances) < 0.01)), 4000, 0.01).pvalue > 1e-3
-
-
-@pytest.mark.parametrize(("change_db", "word"), [(-12.0, "weaker by 12 dB"), (9.0, "stronger by 9 dB")])
-def test_a_drowned_sky_is_reported(change_db, word):
-    o = observed()
-    louder = np.where(np.arange(o.gpst.size)[:, None] >= 100, change_db, 0.0)
-    (only,) = failed(said(replace(o, cn0_dbhz=o.cn0_dbhz + louder)))
-    assert word in only.because
-    assert not only.overrules  # shade does the same
-
-
-def test_one_satellite_in_shade_is_not_a_drowned_sky():
-    o = observed()
-    shaded = o.cn0_dbhz.copy()
-    shaded[100:, 1] -= 15.0
-    assert not failed(said(replace(o, cn0_dbhz=shaded)))
-
-
-def test_signals_stronger_than_any_from_space_are_reported():
-    o = observed()
-    loud = o.cn0_dbhz.copy()
-    loud[:, 3] = CN0_MAX_DBHZ + 4.0
-    first, *_ = failed(said(replace(o, cn0_dbhz=loud)))
-    assert "stronger than any satellite" in first.because
-    assert [ref.signal for ref in first.subject] == [o.signals[3]]
-    assert isinstance(o.signals[3], SignalId)
 
 
 def test_the_places_of_the_tests_are_as_far_apart_as_they_say():

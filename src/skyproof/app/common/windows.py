@@ -1,7 +1,7 @@
 """From whole observations to windows of records, and what every detector says of each."""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -25,6 +25,7 @@ from skyproof.records import (
     CcafAsked,
     ConsistentSet,
     Evidence,
+    FrontEndLevels,
     Holding,
     NavigationData,
     Need,
@@ -135,6 +136,7 @@ class Run(Holding):
     vector_taps: tuple[Stretched[Taps], ...] = ()
     spin_arms: tuple[SpinArm, ...] = ()
     body: Body | None = None
+    levels: Mapping[str, FrontEndLevels] = field(default_factory=dict)
 
     @property
     def nav_state(self) -> Body | None:
@@ -196,6 +198,7 @@ class Windows:
             ccaf=tuple(one for one in grids if one.gpst.size),
             array_phases=tuple(one for one in phases if one.gpst.size),
             spin_arms=run.spin_arms,
+            levels={name: levels.between(start, end) for name, levels in run.levels.items()},
         )
 
 
@@ -210,6 +213,7 @@ def windows_of(
     array_phases: Sequence[Stretched[ArrayPhases]] = (),
     spin_arms: Sequence[SpinArm] = (),
     body: Body | None = None,
+    levels: Mapping[str, FrontEndLevels] | None = None,
 ) -> Windows:
     """The windows of a run. Without observations it is one empty window, in which every detector says what it lacks."""
     run = Run(
@@ -221,6 +225,7 @@ def windows_of(
         array_phases=tuple(array_phases),
         spin_arms=tuple(spin_arms),
         body=body,
+        levels=levels or {},
     )
     edges = window_edges(observations, settings.window_s)
     return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)

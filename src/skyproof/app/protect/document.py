@@ -33,6 +33,8 @@ from skyproof.verdict import (
     Because,
     DoubtfulStatement,
     InputFile,
+    InterferenceResult,
+    InterferenceSpell,
     Place,
     Position,
     ReceiverResult,
@@ -147,6 +149,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
         wrong_statements=_wrong_statements(outcome.evidence),
+        interference=_interference(decision),
         assumed=_assumed(decision),
         receivers=receivers,
         signals=tuple(_signals(outcome)),
@@ -209,6 +212,28 @@ def _assumed(decision: Decision) -> str | None:
         return said
     alone = "The time of a receiver that is attacked alone at its true place is vouched for by its own past only."
     return f"{said} {alone}"
+
+
+def _interference(decision: Decision) -> InterferenceResult:
+    """Return what interfered with the receivers."""
+    if decision.interference is None:
+        return InterferenceResult(state="not_tested")
+    spells = tuple(
+        InterferenceSpell(
+            receiver=spell.receiver,
+            carriers=spell.carriers,
+            since_gpst=iso(spell.since_gpst, DIGITS),
+            until_gpst=None if spell.until_gpst is None else iso(spell.until_gpst, DIGITS),
+            fall_db=spell.fall_db,
+            fall_sigma_db=spell.sigma_db,
+            level_db=spell.level_db,
+            lost_signals=spell.lost,
+            signs=spell.signs,
+            may_also_be=("shade",) if spell.may_be_shade else (),
+        )
+        for spell in decision.interference
+    )
+    return InterferenceResult(state="present" if spells else "none", spells=spells)
 
 
 def _wrong_statements(evidence: Sequence[Evidence]) -> tuple[DoubtfulStatement, ...]:

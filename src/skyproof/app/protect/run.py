@@ -51,6 +51,7 @@ from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
     Evidence,
+    FrontEndLevels,
     NavigationData,
     OpenFile,
     Records,
@@ -342,6 +343,7 @@ def judge(
         array_phases=[r.array_phases for r in received if r.array_phases is not None],
         spin_arms=spin_arms,
         body=body,
+        levels=_levels_of(received),
     )
 
     def report(said: Sequence[Evidence]) -> None:
@@ -400,6 +402,12 @@ def judge(
         compared=tuple(chosen.compared),
     )
     return outcome, interrupted
+
+
+def _levels_of(receptions: Sequence[Reception]) -> dict[str, FrontEndLevels]:
+    """Return the front ends' levels of the logs that have them, by receiver."""
+    sources = [r.source for r in receptions]
+    return {s.name: s.own.levels for s in sources if isinstance(s, ObservedFile) and s.own.levels is not None}
 
 
 def _window(one: Evidence) -> tuple[np.datetime64, np.datetime64]:

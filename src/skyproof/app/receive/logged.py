@@ -18,10 +18,10 @@ from skyproof.formats.rinex_nav import glonass_channels
 from skyproof.formats.rinex_obs_pieces import PIECE_BYTES
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.gnss.signals import frequency_number_of
-from skyproof.logs.content import Beside, FrontEndLevels, LogPiece, ReceiverFixes, ReceiverStates
+from skyproof.logs.content import Beside, LogPiece, ReceiverFixes, ReceiverStates
 from skyproof.logs.kinds import LogKind, kind_of_log
 from skyproof.logs.orbits import OrbitCollector
-from skyproof.records import CellStatus, NavigationData, Observations
+from skyproof.records import CellStatus, FrontEndLevels, NavigationData, Observations
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["holds_log", "open_log"]

@@ -18,12 +18,12 @@ from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, following, obs_pieces
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.formats.spool import NothingGathered, gathered
 from skyproof.gnss.time import iso, leap_seconds, seconds_between
-from skyproof.logs.content import FrontEndLevels, ReceiverFixes, ReceiverStates
+from skyproof.logs.content import ReceiverFixes, ReceiverStates
 from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
 from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
 from skyproof.navigation.time_tags import TagErrors, tag_errors
 from skyproof.navigation.window import interval_s
-from skyproof.records import NavigationData, ObservationLog, Observations, SignalId
+from skyproof.records import FrontEndLevels, NavigationData, ObservationLog, Observations, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["ObservedFile", "OwnWords", "observed", "observed_file", "open_observations", "same_measurements"]

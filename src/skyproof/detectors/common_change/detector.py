@@ -6,14 +6,13 @@ satellites together, and three things show that:
 - **code and carrier part** on all of them alike, where codes are drawn off and carriers are left (the ionosphere parts
   them by centimetres a second at most);
 - **all carriers turn** as by a clock, faster than an oscillator of the stated class wanders, and as no motion does;
-- **the level** of the noise between the signals, or of all signals of a receiver that stands, rises or falls within a
-  minute.
+- **the level of the noise** between the signals rises or falls within a minute.
 
-`continuity` has the same of one moment: steps of code against carrier, of the clock and of the levels. What goes on
+`continuity` has the same of one moment: steps of code against carrier and of the clock. `levels` has C/N0. What goes on
 slowly for seconds is looked at here. `laws` has the statistics and what they take for given.
 
 All of this is *undecided*: a receiver whose sampling clock and carrier come from two oscillators parts code from
-carrier, and shade weakens all signals. The first two overrule what windows say one by one, as steps do.
+carrier, and a gain may change. The first two overrule what windows say one by one, as steps do.
 """
 
 from collections.abc import Iterable, Mapping
@@ -23,11 +22,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Reals
 from skyproof.detectors.base import Untested, missing, undecided
 from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, turn_p_value, turn_sigma_m
 from skyproof.detectors.common_change.series import rates_of, turn_of
-from skyproof.detectors.continuity.detector import common_level_p_value
 from skyproof.detectors.continuity.one_sky import (
     MIN_SATELLITES,
     Transmission,
@@ -62,9 +59,6 @@ class CommonChangeSettings:
     oscillator : the class of the receivers' clocks, as in a platform file; turns are not looked at without.
     oscillator_share : by which a single oscillator may wander more than `gnss.oscillators` has it of its class.
     carrier_error_m : of a carrier beside noise, by reflections and the air, one sigma.
-    fading_db : as for `continuity`.
-    speed_max_m_s : where it is 0 levels of signals are held against those of a minute ago; else of two windows ago
-        only, for who moves passes shade.
     gain_db : by which the receiver's gain wanders, one sigma.
     """
 
@@ -74,13 +68,11 @@ class CommonChangeSettings:
     oscillator: str | None = None
     oscillator_share: float = 3.0
     carrier_error_m: float = 0.01
-    fading_db: float = 2.0
-    speed_max_m_s: float | None = None
     gain_db: float = 1.0
 
     def __post_init__(self) -> None:
         require_probability("common_change", "false_alarm_probability", self.false_alarm_probability)
-        for name in ("fading_db", "gain_db", "carrier_error_m", "oscillator_share"):
+        for name in ("gain_db", "carrier_error_m", "oscillator_share"):
             if not getattr(self, name) > 0.0:
                 raise SettingsError(f"common_change: {name} is {getattr(self, name)}, expected more than 0")
         if self.oscillator is not None and self.oscillator not in PLATFORM_CLASSES:
@@ -99,10 +91,9 @@ class _Reference(NamedTuple):
 
 
 class _Level(NamedTuple):
-    """Levels of a window that ended at `elapsed_s`: of each signal, and of noise in so many complex values."""
+    """Level of the noise in so many complex values, of a window that ended at `elapsed_s`."""
 
     elapsed_s: float
-    cn0_dbhz: Mapping[SignalId, float]
     noise_db: float
     noise_samples: float
 
@@ -244,7 +235,7 @@ class _Window:
         )
 
     def _levels(self, level: _Level, past: _Past) -> Evidence | None:
-        """Signals and noise against those of windows up to a minute before."""
+        """Hold the noise against that of windows up to a minute before."""
         tests: list[tuple[float, float, str]] = []
         for old in {id(one): one for one in (*past.levels[:1], *past.levels[-1:])}.values():
             noise_db = level.noise_db - old.noise_db
@@ -252,15 +243,6 @@ class _Window:
                 samples = (level.noise_samples, old.noise_samples)
                 p = float(level_p_value(noise_db, self.settings.gain_db, samples))
                 tests.append((p, old.elapsed_s, f"the noise in {self.o.receiver} {_moved(noise_db)}"))
-        # Against the window just before `continuity` holds them. Who moves passes shade: the one before that only.
-        stands = self.settings.speed_max_m_s == 0.0
-        earlier = past.levels[:-1][:1] if stands else past.levels[-2:-1]
-        for old in earlier:
-            for own in _kinds(level.cn0_dbhz.keys() & old.cn0_dbhz.keys()):
-                change_db = np.array([level.cn0_dbhz[signal] - old.cn0_dbhz[signal] for signal in own])
-                p = common_level_p_value(change_db, self.settings.fading_db)
-                moved = f"all satellites in {self.o.receiver} together {_moved(float(change_db.mean()))}"
-                tests.append((p, old.elapsed_s, moved))
         if not tests:
             return None
         least, since_s, words = min(tests)
@@ -268,12 +250,11 @@ class _Window:
         failed = p_value < self.alpha
         return self._said(
             p_value,
-            f"{words} within {level.elapsed_s - since_s:.0f} s: shade, a change of gain, a jammer, or other signals in "
-            "their place"
+            f"{words} within {level.elapsed_s - since_s:.0f} s: a change of gain, a jammer, or further signals"
             if failed
-            else f"levels of signals and noise in {self.o.receiver} stay what they are while they are received",
+            else f"the noise in {self.o.receiver} stays what it is",
             would_need="a second receiver, whose levels go on" if failed else None,
-            may_also_be=("shade", "gain", "interference") if failed else (),
+            may_also_be=("gain", "interference") if failed else (),
         )
 
     def _said(self, p_value: float, because: str, **more: Any) -> Evidence:
@@ -306,9 +287,8 @@ class _Window:
             )
         return Untested(
             code="nothing_shared",
-            because=f"no {MIN_SATELLITES} satellites in {self.o.receiver} have code and carrier, or C/N0, both now and "
-            "before",
-            would_need=f"{MIN_SATELLITES} or more satellites with code, carrier and C/N0 over half a minute",
+            because=f"no {MIN_SATELLITES} satellites in {self.o.receiver} have code and carrier both now and before",
+            would_need=f"{MIN_SATELLITES} or more satellites with code and carrier over half a minute",
         )
 
     def _untested(self, why: Untested) -> Evidence:
@@ -342,17 +322,13 @@ def _remembered(
 
 
 def _level_of(o: Observations, ccaf: Ccaf | None) -> _Level:
-    """Medians of a window's C/N0, and the mean level of the noise in its grids."""
-    known = np.flatnonzero(np.isfinite(o.cn0_dbhz).any(axis=0))
-    medians: Reals = np.nanmedian(o.cn0_dbhz[:, known], axis=0) if known.size else np.empty(0)
+    """Return the mean level of the noise in a window's grids."""
     noise_db, samples = np.nan, 1.0
     if ccaf is not None and np.isfinite(ccaf.noise_variance).any():
         bursts = np.isfinite(ccaf.noise_variance).any(axis=1)
         each = np.nanmean(ccaf.noise_variance[bursts], axis=1)
         noise_db, samples = 10.0 * float(np.log10(np.median(each))), float(ccaf.noise_samples or np.inf)
-    return _Level(
-        float(o.elapsed_s[-1]), {o.signals[k]: float(m) for k, m in zip(known, medians, strict=True)}, noise_db, samples
-    )
+    return _Level(float(o.elapsed_s[-1]), noise_db, samples)
 
 
 def _moved(change_db: float) -> str:

@@ -13,10 +13,6 @@ attack whatever is stated.
 What else is found is *undecided*, and not an attack: a recording that was cut and joined steps as well. But it
 overrules what windows say one by one, from the window of the step on: what comes after it is not vouched for by what
 was before.
-
-Levels are compared as well. Satellites fade independently of each other, by `fading_db`; so a step that all make
-together is the receiver's (its gain, its noise, shade) or the signals' (`common_level_p_value`). And no GPS signal is
-stronger than the satellites send and the best antennas receive it (`CN0_MAX_DBHZ`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,11 +21,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Reals
+from skyproof.arrays import Reals
 from skyproof.detectors.base import Untested, missing, undecided
 from skyproof.detectors.continuity.drawn_off import SPANS_S, drawn_off_of
 from skyproof.detectors.continuity.one_sky import (
-    MIN_SATELLITES,
     Transmission,
     followed_by,
     groups_of,
@@ -66,18 +61,11 @@ from skyproof.records import (
     SignalId,
     SignalRef,
 )
-from skyproof.statistics.distributions import normal_two_sided
-from skyproof.statistics.medians import medians
 
-__all__ = ["CN0_MAX_DBHZ", "Continuity", "ContinuitySettings", "common_level_p_value"]
+__all__ = ["Continuity", "ContinuitySettings"]
 
-CN0_MAX_DBHZ = 63.0
-"""No C/A signal is stronger: -153 dBW in an antenna of 0 dBi (IS-GPS-200N, 6.3.1), 7 dBi towards the zenith, and a
-system of 100 K, -208.6 dBW/Hz. Beams of many antennas and dishes receive more."""
-_OTHERS_DB = 5.0
-"""By which signals other than C/A are stronger at most: -148 dBW, for Galileo's E5 and those of L5."""
 Kind = tuple[str, str, str]
-_SHARES = 5  # of the false alarms: steps, motion by carriers, by codes alone, common levels, levels that cannot be
+_SHARES = 3  # of the false alarms: steps, motion by carriers, by codes alone
 
 
 @dataclass(frozen=True)
@@ -90,7 +78,6 @@ class ContinuitySettings:
     acceleration_max_m_s2 : no platform exceeds it; what it may do unseen while nothing is received follows from it.
     speed_max_m_s : likewise, if it is known.
     clock_jump, clock_pace_s : what an oscillator's rate may step by, and change by in a second.
-    fading_db : how far the level of one satellite swings by reflections, one sigma, independently of others.
     carrier_error_m : of a carrier beside noise, by reflections, one sigma: a quarter of a wavelength at most.
     """
 
@@ -101,12 +88,11 @@ class ContinuitySettings:
     speed_max_m_s: float | None = None
     clock_jump: float = 1e-8
     clock_pace_s: float = 1e-8
-    fading_db: float = 2.0
     carrier_error_m: float = 0.04
 
     def __post_init__(self) -> None:
         require_probability("continuity", "false_alarm_probability", self.false_alarm_probability)
-        for name in ("span_s", "acceleration_max_m_s2", "fading_db", "carrier_error_m"):
+        for name in ("span_s", "acceleration_max_m_s2", "carrier_error_m"):
             if not getattr(self, name) > 0.0:
                 raise SettingsError(f"continuity: {name} is {getattr(self, name)}, expected more than 0")
 
@@ -171,17 +157,6 @@ class _Look:
         return min((step.p_value for _, step in self.steps), default=1.0)
 
 
-def common_level_p_value(change_db: Reals, fading_db: float) -> float:
-    """Chance that satellites whose levels change by `change_db` (n,) between two times do so independently.
-
-    Under the null each level swings by `fading_db` (one sigma) about a mean of its own, so that the mean change is
-    normal with variance 2 fading_db^2 / n. Two-sided. Where a level stays from one time to the next it errs to the safe
-    side.
-    """
-    n = change_db.size
-    return float(normal_two_sided(np.mean(change_db) / (fading_db * np.sqrt(2.0 / n)))) if n else 1.0
-
-
 class Continuity:
     """The detector: see the module's text. It remembers the last seconds of each receiver."""
 
@@ -229,7 +204,6 @@ class _Window:
             *self._goes_on(look),
             *self._stands(look),
             *self._together(look),
-            *self._levels(look),
         ], self._remembered(look)
 
     def _candidates(self) -> list[tuple[tuple[SignalId, ...], Reals]]:
@@ -460,77 +434,6 @@ class _Window:
             broke={kind: why._replace(statistic=None) for kind, why in self._broke(look).items()},
             attacked=(self.past is not None and self.past.attacked)
             or any(one is not None and one.whole_sky_p_value < self.alpha for one in (look.moved, look.drawn_off)),
-        )
-
-    # Levels -----------------------------------------------------------------------------------------------------------
-
-    def _levels(self, look: _Look) -> list[Evidence]:
-        return [e for e in (self._common_level(look), self._too_strong()) if e is not None]
-
-    def _common_level(self, look: _Look) -> Evidence | None:
-        """Levels of this window beside those just before it."""
-        if look.new == 0:
-            return None
-        level_db, known = look.stretch.cn0_dbhz, np.isfinite(look.stretch.cn0_dbhz)
-        both: Booleans = np.asarray(known[: look.new].any(axis=0) & known[look.new :].any(axis=0))
-        groups = [columns[both[columns]] for columns in groups_of(look.stretch)]
-        before_db, after_db = (medians(part) for part in np.split(level_db, [look.new]))
-        found: list[tuple[float, float]] = []
-        for own in groups:
-            if own.size >= MIN_SATELLITES:
-                before, after = before_db[own], after_db[own]
-                p = common_level_p_value(after - before, self.settings.fading_db)
-                found.append((min(1.0, len(groups) * p), float(np.mean(after - before))))
-        if not found:
-            return None
-        (p_value, change_db), receiver = min(found), self.o.receiver
-        stepped = p_value < self.alpha
-        word = "stronger" if change_db > 0.0 else "weaker"
-        return Evidence(
-            detector=self.detector.name,
-            start_gpst=self.records.start_gpst,
-            end_gpst=self.records.end_gpst,
-            subject=self._subject(look),
-            says="undecided" if stepped else "clean",
-            because=f"all satellites in {receiver} became {word} by {abs(change_db):.0f} dB together: shade, a change "
-            "of gain, noise, or other signals in their place"
-            if stepped
-            else f"the levels of the satellites in {receiver} do not step together",
-            statistic=change_db,
-            false_alarm_probability=self.alpha,
-            p_value=p_value,
-            would_need="a second receiver, whose levels go on" if stepped else None,
-            may_also_be=("shade", "gain", "interference") if stepped else (),
-        )
-
-    def _too_strong(self) -> Evidence | None:
-        """Signals over `CN0_MAX_DBHZ` for most of the window. The mean of n epochs is known to 1 dB / sqrt(n) or
-        better, so the chance of going 1 dB over it by noise is far below any asked for.
-        """
-        known = np.isfinite(self.o.cn0_dbhz)
-        enough = known.sum(axis=0) >= max(4, 0.5 * self.o.gpst.size)
-        if not enough.any():
-            return None
-        level = np.full(known.shape[1], -np.inf)
-        level[enough] = medians(self.o.cn0_dbhz[:, enough])
-        others_db = [0.0 if s.kind == ("G", "L1", "CA") else _OTHERS_DB for s in self.o.signals]
-        loud = np.flatnonzero(level > CN0_MAX_DBHZ + 1.0 + np.array(others_db))
-        if loud.size == 0:
-            return None
-        return Evidence(
-            detector=self.detector.name,
-            start_gpst=self.records.start_gpst,
-            end_gpst=self.records.end_gpst,
-            subject=tuple(SignalRef(self.o.receiver, self.o.signals[k]) for k in loud),
-            says="undecided",
-            because=f"{loud.size} signals in {self.o.receiver} are stronger than any satellite's, up to "
-            f"{level.max():.0f} dB-Hz: they are imitations, unless a dish or a beam receives them",
-            statistic=float(level.max()),
-            threshold=CN0_MAX_DBHZ,
-            false_alarm_probability=self.alpha,
-            p_value=0.0,
-            would_need="what the antenna's gain is",
-            may_also_be=("gain",),
         )
 
 

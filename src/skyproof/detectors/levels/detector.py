@@ -1,0 +1,583 @@
+"""Do C/N0 and front-end levels of a receiver go on as its own past, and if not, as interference makes them?
+
+Noise that comes in lowers C/N0 of all signals on a carrier alike and raises the level of the front end. False signals
+raise the level as well, and C/N0 does not fall: it rises, or satellites get levels that are not theirs. Model: each
+signal's level is its own slow course plus fading of its own; what all share is the receiver's or comes in
+(`laws.estimate_shared_change`). Levels are held against the receiver's own past, and their wander is learnt from it.
+
+Four tests, of which each may fail; a failed one makes *suspect* at most:
+
+- **rise**: the satellites of a kind get stronger together. Shade that ends or interference that ends does so too.
+- **pattern**: the levels of different satellites become equal. One antenna in a reflecting room may do so as well.
+- **strong**: signals are stronger than any satellite sends and any common antenna receives.
+- **level**: the front end takes in more power, and C/N0 does not fall. A change of gain does so, and interference
+  beside the band.
+
+A **fall** that all satellites on a carrier share is no sign of false signals. It is reported as interference
+(`Evidence.interference`): since which epoch, by how much, on which carrier, by C/N0, by lost signals or by the level.
+Shade of the whole sky weakens all signals too. It is named beside unless the level rises, another carrier keeps its
+levels, or the receiver is known to stand.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Instants, Reals
+from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.levels.bands import carrier_name, chain_covers
+from skyproof.detectors.levels.laws import OwnScale, SharedChange, estimate_shared_change, pattern_slope, split_in_two
+from skyproof.errors import SettingsError, require_probability
+from skyproof.records import (
+    Cause,
+    Evidence,
+    FrontEndLevels,
+    InterferenceSign,
+    Need,
+    NoiseRise,
+    Observations,
+    Records,
+    SignalId,
+    SignalRef,
+)
+
+__all__ = ["CN0_MAX_DBHZ", "LEAST_SATELLITES", "SignalLevels", "SignalLevelsSettings"]
+
+LEAST_SATELLITES: Final = 4
+"""Satellites by which a common change is told from single ones'."""
+CN0_MAX_DBHZ: Final = 63.0
+"""No C/A signal is stronger: -153 dBW in an antenna of 0 dBi (IS-GPS-200N, 6.3.1), 7 dBi towards the zenith, and a
+system of 100 K, -208.6 dBW/Hz. Beams of many antennas and dishes receive more."""
+_OTHERS_DB: Final = 5.0
+"""By which signals other than C/A are stronger at most: -148 dBW, for Galileo's E5 and those of L5."""
+_REMEMBERED_WINDOWS: Final = 6
+"""Of a satellite's own course: at 10 s a window it follows elevation and slow drifts, and no step."""
+_FORGOTTEN_S: Final = 600.0
+"""A signal that was not seen for so long begins anew: satellites move by 5 degrees meanwhile."""
+_CONFIRMS: Final = 0.01
+"""p-value of a fall that a significant rise of the level confirms, or that goes on from the window before."""
+Unit = tuple[str, ...]
+"""What is tested together: a carrier of all systems, or system, band and code."""
+
+
+@dataclass(frozen=True)
+class SignalLevelsSettings:
+    """Settings of `SignalLevels`.
+
+    false_alarm_probability : of each receiver and window, for all tests that may fail together.
+    interference_probability : of each receiver and window, of reporting interference where there is none: 0.01 an hour
+        of windows of 10 s.
+    fading_db : of one satellite's level from window to window, one sigma; reflections of a plain antenna.
+    common_db : by which the noise figure wanders from window to window, one sigma.
+    gain_db, gain_share : by which the front end's gain wanders, one sigma, dB or a share of the full scale.
+    speed_max_m_s : 0 of a receiver that stands, which shade does not reach.
+    """
+
+    false_alarm_probability: float = 1e-3
+    interference_probability: float = 2.8e-5
+    fading_db: float = 2.0
+    common_db: float = 0.5
+    gain_db: float = 1.0
+    gain_share: float = 0.03
+    speed_max_m_s: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("false_alarm_probability", "interference_probability"):
+            require_probability("levels", name, getattr(self, name))
+        for name in ("fading_db", "common_db", "gain_db", "gain_share"):
+            if not getattr(self, name) > 0.0:
+                raise SettingsError(f"levels: {name} is {getattr(self, name)}, expected more than 0")
+
+
+class _Reference(NamedTuple):
+    """Own level of a signal: mean of so many windows, when it was seen last, and whether in the window before."""
+
+    level_db: float
+    windows: float
+    seen_s: float
+    fresh: bool = True
+
+
+class _Gauge(NamedTuple):
+    """Own level of a front end's chain, in sigmas of the settings: mean of so many windows, and its scale."""
+
+    level: float
+    windows: float
+    scale: OwnScale
+
+
+class _Series(NamedTuple):
+    """What satellites share, epoch by epoch, dB."""
+
+    gpst: Instants
+    change_db: Reals
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Past:
+    """What is remembered of a receiver: a number a signal, a unit and a chain, and the series of one window."""
+
+    end_s: float
+    references: Mapping[SignalId, _Reference] = field(default_factory=dict)
+    floors_db: Mapping[Unit, float] = field(default_factory=dict)
+    scales: Mapping[Unit, OwnScale] = field(default_factory=dict)
+    slopes: Mapping[Unit, OwnScale] = field(default_factory=dict)
+    series: Mapping[Unit, _Series] = field(default_factory=dict)
+    gauges: Mapping[tuple[str, str], _Gauge] = field(default_factory=dict)
+    interfered: Mapping[str, float] = field(default_factory=dict)
+    odd: bool = False
+
+
+class _Change(NamedTuple):
+    """What a unit's satellites share, its statistic over its sigma, and how many signals were lost."""
+
+    unit: Unit
+    columns: tuple[int, ...]
+    common: SharedChange
+    statistic: float
+    fall: float
+    rise: float
+    lost: int
+    series: _Series
+
+
+class _GaugeChange(NamedTuple):
+    """How far a chain's level is over its own past: in sigmas, in dB where that is known, and the chance of it."""
+
+    chain: str
+    kind: str
+    statistic: float
+    rise_db: float
+    rise: float
+
+
+class _Test(NamedTuple):
+    """One test: what it is called, its p-value, its words, what else explains it, its columns, since when."""
+
+    name: str
+    p_value: float
+    words: str
+    causes: tuple[Cause, ...]
+    columns: tuple[int, ...]
+    statistic: float
+    since: np.datetime64 | None = None
+
+
+class SignalLevels:
+    """The detector: see the module's text. It remembers own levels of each receiver's signals and chains."""
+
+    name = "levels"
+    share = 0.0  # it never speaks of an attack
+    needs = (Need.OBSERVATIONS,)
+
+    def __init__(self, settings: SignalLevelsSettings | None = None) -> None:
+        self.settings = settings or SignalLevelsSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
+        """Return the evidence of one window; never raises for what the data lack."""
+        if lacking := missing(self, records):
+            return lacking, state
+        pasts: dict[str, _Past] = dict(state or {})
+        found = []
+        for o in records.observations:
+            before = pasts.get(o.receiver)
+            if before is not None and o.elapsed_s[-1] <= before.end_s:
+                before = None  # another recording
+            evidence, pasts[o.receiver] = _Window(self, records, o, before).examine()
+            found.append(evidence)
+        return found, pasts
+
+
+class _Window:
+    """One receiver in one window, after what came before."""
+
+    def __init__(self, detector: SignalLevels, records: Records, o: Observations, past: _Past | None) -> None:
+        self.detector, self.records, self.settings, self.o = detector, records, detector.settings, o
+        self.past = past or _Past(end_s=float(o.elapsed_s[-1]))
+        self.levels_db = _medians(o.cn0_dbhz)
+        self.known = np.isfinite(o.cn0_dbhz).mean(axis=0) >= 0.5
+        self.kinds: list[Unit] = [(s.sat[0], s.band, s.code) for s in o.signals]
+        self.floors_db = self._lowest()
+
+    def examine(self) -> tuple[Evidence, _Past]:
+        """Return the evidence and what is remembered."""
+        changes = [change for unit, columns in self._units().items() if (change := self._change(unit, columns))]
+        carriers, kinds = ([c for c in changes if len(c.unit) == n] for n in (1, 3))
+        gauges, gauges_after = self._gauges()
+        interfered = {c.unit[0]: c for c in carriers if self._is_interference(c, gauges, len(carriers))}
+        tests = [*self._rises(kinds), *self._patterns(kinds, interfered), *self._strong()]
+        tests += self._level_alone(carriers, gauges)
+        failed = min(tests, key=lambda test: test.p_value, default=None)
+        count = len(tests)
+        odd = failed is not None and count * failed.p_value < self.settings.false_alarm_probability
+        noise = [self._noise_rise(c, carriers, interfered, gauges) for c in interfered.values()]
+        noise += [rest for c in carriers if c.unit[0] not in interfered and (rest := self._last_of(c))]
+        evidence = self._evidence(changes, failed, count, tuple(noise))
+        return evidence, self._remember(changes, interfered, gauges_after, odd=odd)
+
+    # ------------------------------------------------------------------ common changes
+
+    def _units(self) -> dict[Unit, list[int]]:
+        """Return the columns of each carrier, on which noise weakens all systems alike, and of each kind of signal."""
+        units: dict[Unit, list[int]] = {}
+        for column, (signal, kind) in enumerate(zip(self.o.signals, self.kinds, strict=True)):
+            for unit in ((carrier_name(signal),), kind):
+                units.setdefault(unit, []).append(column)
+        return units
+
+    def _lowest(self) -> dict[Unit, float]:
+        """Return the lowest level at which each kind of signal was tracked so far."""
+        floors = dict(self.past.floors_db)
+        for column in np.flatnonzero(np.isfinite(self.levels_db)):
+            lowest = float(np.nanmin(self.o.cn0_dbhz[:, column]))
+            floors[self.kinds[column]] = min(lowest, floors.get(self.kinds[column], np.inf))
+        return floors
+
+    def _change(self, unit: Unit, columns: list[int]) -> _Change | None:
+        """Return what the satellites of a unit share against their own past; None with too few."""
+        signals, references = self.o.signals, self.past.references
+        used = [k for k in columns if (ref := references.get(signals[k])) is not None and self._counts(k, ref, unit)]
+        if not used:
+            return None
+        own_db = np.array([references[signals[k]].level_db for k in used])
+        least_db = np.minimum(np.array([self.floors_db.get(self.kinds[k], np.inf) for k in used]), own_db)
+        cells_db = self.o.cn0_dbhz[:, used]
+        cells_db = np.where(np.isfinite(cells_db), cells_db, least_db) - own_db  # what is lost fell as far at least
+        change_db = np.median(cells_db, axis=0)
+        by_sat = _by_satellite([signals[k].sat for k in used], change_db)
+        if by_sat.size < LEAST_SATELLITES:
+            return None
+        windows = float(np.mean([references[signals[k]].windows for k in used]))
+        common = estimate_shared_change(by_sat, fading_db=self.settings.fading_db, common_db=self.settings.common_db)
+        statistic = common.change_db / (common.sigma_db * np.sqrt(1.0 + 1.0 / windows))
+        scale = self.past.scales.get(unit, OwnScale())
+        return _Change(
+            unit=unit,
+            columns=tuple(used),
+            common=common,
+            statistic=float(statistic),
+            fall=scale.below(statistic),
+            rise=scale.above(statistic),
+            lost=int((~self.known[used]).sum()),
+            series=_Series(self.o.gpst, np.median(cells_db, axis=1)),
+        )
+
+    def _counts(self, column: int, reference: _Reference, unit: Unit) -> bool:
+        """Tell whether a signal is there, or was until the window before or until interference began."""
+        fresh = reference.fresh or self._carrier(unit) in self.past.interfered
+        return self.o.elapsed_s[0] - reference.seen_s < _FORGOTTEN_S and (bool(self.known[column]) or fresh)
+
+    # ------------------------------------------------------------------ interference
+
+    def _is_interference(self, change: _Change, gauges: list[_GaugeChange], n_carriers: int) -> bool:
+        asked = self.settings.interference_probability
+        supported = change.unit[0] in self.past.interfered or bool(self._risen(change, gauges))
+        return n_carriers * change.fall < asked or (supported and change.fall < _CONFIRMS)
+
+    def _risen(self, change: _Change, gauges: list[_GaugeChange]) -> list[_GaugeChange]:
+        """Return the gauges of a unit's carrier that rose significantly."""
+        carrier = self._carrier(change.unit)
+        asked = self.settings.interference_probability
+        return [g for g in gauges if chain_covers(g.chain, carrier) and len(gauges) * g.rise < asked]
+
+    def _noise_rise(
+        self, change: _Change, carriers: list[_Change], interfered: Mapping[str, _Change], gauges: list[_GaugeChange]
+    ) -> NoiseRise:
+        (carrier,) = change.unit
+        risen = self._risen(change, gauges)
+        lasting = carrier in self.past.interfered
+        # Where most satellites of another carrier keep their levels, nothing shades the antenna.
+        kept = (c.common.change_db for c in carriers if c.unit[0] not in interfered)
+        uneven = any(change_db > 0.25 * change.common.change_db for change_db in kept)
+        stands = self.settings.speed_max_m_s == 0.0
+        signs: list[InterferenceSign] = ["cn0"]
+        signs += ["lost"] if 2 * change.lost > change.common.satellites else []
+        signs += ["level"] if risen else []
+        levels_db = [g.rise_db for g in risen if np.isfinite(g.rise_db)]
+        return NoiseRise(
+            receiver=self.o.receiver,
+            carrier=carrier,
+            from_gpst=self.o.gpst[0] if lasting else self._begun(change),
+            to_gpst=self.o.gpst[np.flatnonzero(change.series.change_db <= 0.5 * change.common.change_db)[-1]],
+            fall_db=-change.common.change_db,
+            sigma_db=self._sigma_db(change),
+            level_db=max(levels_db) if levels_db else None,
+            lost=change.lost,
+            signs=tuple(signs),
+            may_be_shade=not (risen or uneven or stands),
+        )
+
+    def _last_of(self, change: _Change) -> NoiseRise | None:
+        """Return the end of interference that lasts no longer than into the first half of this window."""
+        (carrier,) = change.unit
+        fall_db = self.past.interfered.get(carrier, np.inf)
+        stays = np.append(change.series.change_db <= -0.5 * fall_db, False)
+        rows = int(np.argmin(stays))
+        if not rows:
+            return None
+        return NoiseRise(
+            receiver=self.o.receiver,
+            carrier=carrier,
+            from_gpst=self.o.gpst[0],
+            to_gpst=self.o.gpst[rows - 1],
+            fall_db=float(-np.median(change.series.change_db[:rows])),
+            sigma_db=self._sigma_db(change),
+            level_db=None,
+            lost=0,
+            signs=("cn0",),
+            may_be_shade=True,
+        )
+
+    def _sigma_db(self, change: _Change) -> float:
+        return change.common.sigma_db * self.past.scales.get(change.unit, OwnScale()).sigma
+
+    def _begun(self, change: _Change) -> np.datetime64:
+        """Return the epoch from which on a unit's levels are other than before."""
+        before = self.past.series.get(change.unit)
+        parts = [change.series] if before is None else [before, change.series]
+        gpst = np.concatenate([part.gpst for part in parts])
+        begun: np.datetime64 = gpst[split_in_two(np.concatenate([part.change_db for part in parts]))]
+        return begun
+
+    # ------------------------------------------------------------------ tests that may fail
+
+    def _rises(self, changes: list[_Change]) -> list[_Test]:
+        return [
+            _Test(
+                "rise",
+                change.rise,
+                f"{_name(change.unit)} of {change.common.satellites} satellites in {self.o.receiver} became stronger "
+                f"together, by {change.common.change_db:.0f} dB",
+                ("shade", "interference", "gain"),
+                change.columns,
+                change.common.change_db,
+                self._begun(change),
+            )
+            for change in changes
+        ]
+
+    def _patterns(self, changes: list[_Change], interfered: Mapping[str, _Change]) -> list[_Test]:
+        disturbed = interfered.keys() | self.past.interfered.keys()
+        tests = []
+        for change in changes:
+            found = None if self._carrier(change.unit) in disturbed or change.fall < _CONFIRMS else self._slope(change)
+            if found is not None:
+                slope, statistic = found
+                tests.append(
+                    _Test(
+                        "pattern",
+                        self.past.slopes.get(change.unit, OwnScale()).below(statistic),
+                        f"the levels of {_name(change.unit)} in {self.o.receiver} lose the differences that the "
+                        f"satellites had, by {-slope:.0%}",
+                        ("reflections", "motion"),
+                        change.columns,
+                        slope,
+                    )
+                )
+        return tests
+
+    def _slope(self, change: _Change) -> tuple[float, float] | None:
+        """Return the slope of changes over own levels, and the same over its sigma."""
+        there = [k for k in change.columns if self.known[k]]
+        if len(there) < LEAST_SATELLITES:
+            return None
+        own = [self.past.references[self.o.signals[k]] for k in there]
+        own_db = np.array([reference.level_db for reference in own])
+        found = pattern_slope(
+            own_db,
+            self.levels_db[there] - own_db,
+            fading_db=self.settings.fading_db,
+            windows=[reference.windows for reference in own],
+        )
+        return None if found is None else (found[0], found[0] / found[1])
+
+    def _strong(self) -> list[_Test]:
+        """Return a test of signals over `CN0_MAX_DBHZ` for most of the window, if there are any.
+
+        The mean of n epochs is known to 1 dB / sqrt(n) or better, so that noise alone never takes it 1 dB over.
+        """
+        enough = np.isfinite(self.o.cn0_dbhz).sum(axis=0) >= max(4, 0.5 * self.o.gpst.size)
+        most_db = CN0_MAX_DBHZ + 1.0 + np.where([k == ("G", "L1", "CA") for k in self.kinds], 0.0, _OTHERS_DB)
+        loud = np.flatnonzero(enough & (np.where(self.known, self.levels_db, -np.inf) > most_db))
+        if not loud.size:
+            return []
+        strongest_db = float(self.levels_db[loud].max())
+        words = (
+            f"{loud.size} signals in {self.o.receiver} are stronger than any satellite's, up to {strongest_db:.0f} "
+            "dB-Hz: they are imitations, unless a dish or a beam receives them"
+        )
+        return [_Test("strong", 0.0, words, ("gain",), tuple(loud.tolist()), strongest_db)]
+
+    def _level_alone(self, changes: list[_Change], gauges: list[_GaugeChange]) -> list[_Test]:
+        """Return tests of chains whose level rises while C/N0 of no carrier in them falls."""
+        tests = []
+        for gauge in gauges:
+            covered = [c for c in changes if chain_covers(gauge.chain, self._carrier(c.unit))]
+            if not covered or min(c.fall for c in covered) < _CONFIRMS:
+                continue
+            by = f" by {gauge.rise_db:.0f} dB" if np.isfinite(gauge.rise_db) else ""
+            tests.append(
+                _Test(
+                    "level",
+                    gauge.rise,
+                    f"the front end of {self.o.receiver} takes in more power{by} ({gauge.chain}), but C/N0 stays",
+                    ("gain", "interference"),
+                    tuple(k for c in covered for k in c.columns),
+                    gauge.statistic,
+                )
+            )
+        return tests
+
+    # ------------------------------------------------------------------ the front end
+
+    def _gauges(self) -> tuple[list[_GaugeChange], dict[tuple[str, str], _Gauge]]:
+        """Return what the front end's levels are over their own past, and what is remembered of them."""
+        levels = self.records.levels.get(self.o.receiver)
+        after = dict(self.past.gauges)
+        changes = []
+        for (chain, kind), value in _readings(levels, self.settings).items():
+            own = after.get((chain, kind))
+            if own is None:
+                after[chain, kind] = _Gauge(value, 1.0, OwnScale())
+                continue
+            statistic = (value - own.level) / np.sqrt(1.0 + 1.0 / own.windows)
+            rise = own.scale.above(statistic)
+            in_db = self.settings.gain_db if kind != "share" else np.nan
+            changes.append(_GaugeChange(chain, kind, float(statistic), (value - own.level) * in_db, rise))
+            if min(rise, 1.0 - rise) * len(after) > self.settings.interference_probability:
+                windows = min(own.windows + 1.0, _REMEMBERED_WINDOWS)
+                level = own.level + (value - own.level) / windows
+                after[chain, kind] = _Gauge(level, windows, own.scale.after(statistic))
+        return changes, after
+
+    # ------------------------------------------------------------------ what is said and remembered
+
+    def _evidence(
+        self, changes: list[_Change], worst: _Test | None, count: int, noise: tuple[NoiseRise, ...]
+    ) -> Evidence:
+        receiver, alpha = self.o.receiver, self.settings.false_alarm_probability
+        subject = tuple(SignalRef(receiver, self.o.signals[k]) for k in np.flatnonzero(self.known))
+        if worst is None:
+            because, would_need, code = self._untested(changes)
+            return undecided(self.detector, self.records, subject, because=because, would_need=would_need, code=code)
+        p_value = min(1.0, count * worst.p_value)
+        failed = p_value < alpha
+        because = f"levels in {receiver} go on as they were"
+        if noise:
+            falls = (f"{n.fall_db:.0f} dB on {n.carrier}" for n in noise)
+            because = f"C/N0 of all satellites in {receiver} falls: {', '.join(falls)}"
+        return Evidence(
+            detector=self.detector.name,
+            start_gpst=self.records.start_gpst,
+            end_gpst=self.records.end_gpst,
+            subject=tuple(SignalRef(receiver, self.o.signals[k]) for k in worst.columns) if failed else subject,
+            says="undecided" if failed else "clean",
+            because=worst.words if failed else because,
+            statistic=worst.statistic,
+            p_value=p_value,
+            false_alarm_probability=alpha,
+            may_also_be=worst.causes if failed else (),
+            dated_gpst=worst.since if failed else None,
+            would_need="a second receiver, whose levels go on" if failed else None,
+            interference=noise,
+        )
+
+    def _untested(self, changes: list[_Change]) -> tuple[str, str, str]:
+        receiver = self.o.receiver
+        if not self.known.any():
+            return f"{receiver} states no C/N0", "C/N0 in the receiver's file (S1C and so on in RINEX)", "no_levels"
+        if not self.past.references:
+            return f"levels of {receiver} have no past yet", "a longer recording", "nothing_before"
+        need = f"{LEAST_SATELLITES} satellites or more of a kind"
+        return f"fewer than {LEAST_SATELLITES} satellites of a kind go on in {receiver}", need, "few_satellites"
+
+    def _remember(
+        self,
+        changes: list[_Change],
+        interfered: Mapping[str, _Change],
+        gauges: Mapping[tuple[str, str], _Gauge],
+        *,
+        odd: bool,
+    ) -> _Past:
+        """Return what is kept: own courses follow what is each signal's, and the common part while nothing is odd."""
+        shared_db = self._held_back(changes, interfered, odd=odd)
+        end_s = float(self.o.elapsed_s[-1])
+        references = {
+            signal: own._replace(fresh=False)
+            for signal, own in self.past.references.items()
+            if end_s - own.seen_s < _FORGOTTEN_S
+        }
+        for column in np.flatnonzero(self.known):
+            signal = self.o.signals[column]
+            level_db = float(self.levels_db[column]) - shared_db.get(carrier_name(signal), 0.0)
+            own = references.get(signal)
+            windows = 1.0 if own is None else min(own.windows + 1.0, _REMEMBERED_WINDOWS)
+            before_db = level_db if own is None else own.level_db
+            references[signal] = _Reference(before_db + (level_db - before_db) / windows, windows, end_s)
+        scales, slopes = dict(self.past.scales), dict(self.past.slopes)
+        for change in changes:
+            if odd or self._carrier(change.unit) in interfered:
+                continue
+            scales[change.unit] = scales.get(change.unit, OwnScale()).after(change.statistic)
+            if (found := self._slope(change)) is not None:
+                slopes[change.unit] = slopes.get(change.unit, OwnScale()).after(found[1])
+        return _Past(
+            end_s=end_s,
+            references=references,
+            floors_db=self.floors_db,
+            scales=scales,
+            slopes=slopes,
+            series={change.unit: change.series for change in changes},
+            gauges=gauges,
+            interfered={carrier: -change.common.change_db for carrier, change in interfered.items()},
+            odd=odd,
+        )
+
+    def _held_back(self, changes: list[_Change], interfered: Mapping[str, _Change], *, odd: bool) -> dict[str, float]:
+        """Return what is no signal's own, by carrier, dB: of carriers with interference, of all while a test fails."""
+        return {c.unit[0]: c.common.change_db for c in changes if len(c.unit) == 1 and (odd or c.unit[0] in interfered)}
+
+    @staticmethod
+    def _carrier(unit: Unit) -> str:
+        return unit[0] if len(unit) == 1 else carrier_name(SignalId(f"{unit[0]}01", unit[1], unit[2]))
+
+
+def _readings(levels: FrontEndLevels | None, settings: SignalLevelsSettings) -> dict[tuple[str, str], float]:
+    """Return what each chain takes in, by chain and kind of reading, in sigmas: the mean of the window."""
+    if levels is None:
+        return {}
+    gain_db = levels.agc_db
+    readings: dict[str, Reals] = {
+        "input": (np.nan_to_num(levels.noise_db) - gain_db) / settings.gain_db,
+        "share": np.where(np.isfinite(gain_db), np.nan, -levels.agc_share) / settings.gain_share,
+        "noise": np.where(np.isfinite(gain_db), np.nan, levels.noise_db) / settings.gain_db,
+    }
+    found: dict[tuple[str, str], float] = {}
+    for chain in np.unique(levels.band).tolist():
+        rows = levels.band == chain
+        for kind, values in readings.items():
+            known: Booleans = rows & np.isfinite(values)
+            if known.any():
+                found[chain, kind] = float(np.median(values[known]))
+    return found
+
+
+def _medians(values: Reals) -> Reals:
+    """Return the median of each column over its finite rows; NaN without any."""
+    known = np.isfinite(values).any(axis=0)
+    found = np.full(values.shape[1], np.nan)
+    found[known] = np.nanmedian(values[:, known], axis=0)
+    return found
+
+
+def _by_satellite(sats: list[str], change_db: Reals) -> Reals:
+    """Return the mean change of each satellite's signals."""
+    names, index = np.unique(sats, return_inverse=True)
+    return np.asarray(np.bincount(index, change_db) / np.bincount(index, minlength=names.size))
+
+
+def _name(unit: Unit) -> str:
+    """Return a unit as people read it."""
+    return f"the signals on {unit[0]}" if len(unit) == 1 else f"the signals {unit[0]} {unit[1]} {unit[2]}"

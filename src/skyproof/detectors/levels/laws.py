@@ -1,0 +1,106 @@
+"""Statistics of levels against their own past, with their laws under the null: arrays only.
+
+**The common change.** Satellite s of n changes its level by `d_s = c + e_s` against its own past. `e_s` is independent
+of other satellites (fading, reflections), with one sigma `fading_db`. `c` is the receiver's common wander (noise
+figure, temperature, weak interference that is always there), with one sigma `common_db`. The median estimates c
+whatever single satellites do; its variance is `common_db^2 + pi/2 fading_db^2 / n` (asymptotic variance of a median).
+
+**The scale.** How much a receiver's levels wander depends on where it is. A statistic T, normal with one sigma s, is
+held against its own past: s^2 has a scaled inverse chi-square law with `PRIOR_DEGREES` degrees about 1, so that after
+m values `T / s` is Student's t with `PRIOR_DEGREES + m` degrees (Gelman et al., Bayesian Data Analysis, 2.6 and 3.2).
+
+**The pattern.** Levels of satellites differ by their elevation and by what they send. A transmitter that gives all its
+signals one power flattens the pattern. The slope of the change over the reference is then -1 (`pattern_slope`).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from skyproof.arrays import Reals
+
+__all__ = ["PRIOR_DEGREES", "OwnScale", "SharedChange", "estimate_shared_change", "pattern_slope", "split_in_two"]
+
+PRIOR_DEGREES = 10.0
+"""Weight of the stated scale beside the receiver's own: that of so many earlier windows."""
+_MOST_DEGREES = 60.0
+"""Earlier windows that a scale rests on at most; older ones fade."""
+
+
+class SharedChange(NamedTuple):
+    """Change that all satellites share, and its one sigma under the null, dB; `satellites` that show it."""
+
+    change_db: float
+    sigma_db: float
+    satellites: int
+
+
+def estimate_shared_change(change_db: ArrayLike, *, fading_db: float, common_db: float) -> SharedChange:
+    """Estimate what the levels of satellites (n,) change by together."""
+    values = np.asarray(change_db, np.float64)
+    variance_db2 = common_db**2 + 0.5 * np.pi * fading_db**2 / values.size
+    return SharedChange(float(np.median(values)), float(np.sqrt(variance_db2)), values.size)
+
+
+class OwnScale(NamedTuple):
+    """The scale of a statistic by its own past: sum of squares of so many earlier values."""
+
+    squares: float = 0.0
+    seen: float = 0.0
+
+    @property
+    def degrees(self) -> float:
+        """Degrees of freedom of the law of the next value."""
+        return PRIOR_DEGREES + self.seen
+
+    @property
+    def sigma(self) -> float:
+        """One sigma of the next value."""
+        return float(np.sqrt((PRIOR_DEGREES + self.squares) / self.degrees))
+
+    def above(self, statistic: float) -> float:
+        """Return the chance of a value at least as large; uniform under the null."""
+        return float(special.stdtr(self.degrees, -statistic / self.sigma))
+
+    def below(self, statistic: float) -> float:
+        """Return the chance of a value at most as large; uniform under the null."""
+        return self.above(-statistic)
+
+    def after(self, statistic: float) -> "OwnScale":
+        """Return the scale that has seen one more value."""
+        keep = min(1.0, (_MOST_DEGREES - 1.0) / max(self.seen, 1.0))
+        return OwnScale(keep * self.squares + statistic**2, keep * self.seen + 1.0)
+
+
+def pattern_slope(
+    reference_db: ArrayLike, change_db: ArrayLike, *, fading_db: float, windows: ArrayLike
+) -> tuple[float, float] | None:
+    """Estimate the slope of changes over reference levels (n,), and its one sigma; 0 under the null, -1 of equal power.
+
+    windows : (n,) how many windows each reference is the mean of: its noise is in both, and is taken off. None where
+        the levels hardly differ, so that no slope shows.
+    """
+    reference, change = np.asarray(reference_db, np.float64), np.asarray(change_db, np.float64)
+    centred = reference - reference.mean()
+    spread_db2 = float(centred @ centred)
+    noise_db2 = float(np.sum(fading_db**2 / np.asarray(windows, np.float64))) * (1.0 - 1.0 / reference.size)
+    if spread_db2 <= 2.0 * noise_db2:
+        return None
+    slope = (float(centred @ (change - change.mean())) + noise_db2) / spread_db2
+    noise = np.mean(1.0 / np.asarray(windows, np.float64))
+    return slope, fading_db * float(np.sqrt((1.0 + noise) / spread_db2))
+
+
+def split_in_two(values: Reals) -> int:
+    """Find the row at which a series (n,) steps to its other level, by least squares; NaN is left out."""
+    known = np.flatnonzero(np.isfinite(values))
+    n = known.size
+    if n < 2:
+        return int(known[0]) if n else 0
+    sums = np.cumsum(values[known])
+    first = np.arange(1, n)
+    means = sums[-1] / n
+    gain = (sums[:-1] - first * means) ** 2 / (first * (n - first))
+    return int(known[1 + np.argmax(gain)])

@@ -1,0 +1,224 @@
+"""Levels of one receiver: noise is interference, what false signals do fails, what the sky does is neither."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from skyproof.detectors.levels.bands import carrier_name, chain_covers
+from skyproof.detectors.levels.detector import CN0_MAX_DBHZ, SignalLevels, SignalLevelsSettings
+from skyproof.errors import SettingsError
+from skyproof.records import CellStatus, FrontEndLevels, Records, SignalId
+from skyproof.testing import MeasuredScene
+
+RATE = 1e-6
+WINDOW = 10
+WINDOWS = 14
+ONSET = 83  # inside the ninth window
+SCENE = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=WINDOW * WINDOWS)
+(EXACT,) = SCENE.records(np.random.default_rng(0)).observations
+N = len(EXACT.signals)
+L5_HZ = 1176.45e6
+
+
+def sky(seed: int = 0, *, common_db: float = 0.3, fading_db: float = 1.0) -> np.ndarray:
+    """Return levels (n_epochs, n) of a clean sky: own levels by elevation, fading and a common wander by window."""
+    rng = np.random.default_rng(seed)
+    own_db = 36.0 + 14.0 * rng.random(N)
+    windows = common_db * rng.standard_normal((WINDOWS, 1)) + fading_db * rng.standard_normal((WINDOWS, N))
+    return own_db + np.repeat(windows, WINDOW, axis=0) + 0.3 * rng.standard_normal((WINDOW * WINDOWS, N))
+
+
+def drowned(levels_db: np.ndarray, fall_db: float, *, epochs=slice(ONSET, None), floor_db: float = 24.0) -> np.ndarray:
+    """Return levels that fall together at some epochs; what falls below the floor is lost."""
+    changed_db = levels_db.copy()
+    changed_db[epochs] -= fall_db
+    return np.where(changed_db < floor_db, np.nan, changed_db)
+
+
+def examine(levels_db, *, chains: FrontEndLevels | None = None, second_db=None, **settings) -> list:
+    """Return the evidence of each window. second_db : of the same satellites on L5, after those on L1."""
+    detector = SignalLevels(SignalLevelsSettings(**{"false_alarm_probability": RATE, **settings}))
+    o = replace(
+        EXACT,
+        cn0_dbhz=levels_db,
+        status=np.where(np.isnan(levels_db), CellStatus.NOT_TRACKED, 0).astype(np.uint8),
+    )
+    if second_db is not None:
+        cells = {name: np.hstack([getattr(o, name)] * 2) for name in CELLS}
+        signals = (*o.signals, *(SignalId(s.sat, "L5", "Q") for s in o.signals))
+        o = replace(o, **cells | {"cn0_dbhz": np.hstack([levels_db, second_db]), "signals": signals})
+    found, state = [], None
+    for first in range(0, o.gpst.size, WINDOW):
+        part = o.read(first, first + WINDOW)
+        start, end = part.gpst[0], part.gpst[-1] + np.timedelta64(1, "s")
+        levels = {} if chains is None else {"rx1": chains.between(start, end)}
+        records = Records(start_gpst=start, end_gpst=end, observations=(part,), levels=levels)
+        evidence, state = detector.examine(records, state)
+        found += evidence
+    return found
+
+
+CELLS = (
+    *("pseudorange_m", "carrier_cyc", "doppler_hz", "pseudorange_sigma_m", "carrier_sigma_cyc", "doppler_sigma_hz"),
+    *("status", "half_cycle_open", "found_elapsed_s", "missed_elapsed_s", "carrier_hz"),
+)
+
+
+def front_end(rise_db: float, *, share: bool = False, band: str = "L1") -> FrontEndLevels:
+    """Return a gain that gives way at the onset, once a second."""
+    rng = np.random.default_rng(3)
+    n = EXACT.gpst.size
+    gain_db = 35.0 + 0.2 * rng.standard_normal(n) - np.where(np.arange(n) >= ONSET, rise_db, 0.0)
+    none = np.full(n, np.nan)
+    return FrontEndLevels(
+        gpst=EXACT.gpst,
+        band=np.full(n, band),
+        agc_db=none if share else gain_db,
+        agc_share=gain_db / 60.0 if share else none,
+        noise_db=none,
+        jamming_share=none,
+    )
+
+
+def falls(found: list) -> list:
+    return [rise for e in found for rise in e.interference or ()]
+
+
+def failed(found: list) -> list:
+    return [e for e in found if e.failed]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_clean_sky_neither_fails_nor_is_interfered(seed) -> None:
+    found = examine(sky(seed))
+    assert not failed(found)
+    assert not falls(found)
+    assert [e.p_value is None for e in found] == [True] + [False] * (WINDOWS - 1)
+
+
+def test_the_first_window_says_that_nothing_came_before() -> None:
+    assert examine(sky())[0].code == "nothing_before"
+    assert examine(np.full((WINDOW * WINDOWS, N), np.nan))[-1].code == "no_levels"
+
+
+@pytest.mark.parametrize("fall_db", [5.0, 12.0, 20.0])
+def test_noise_is_interference_since_its_first_epoch(fall_db) -> None:
+    found = examine(drowned(sky(), fall_db))
+    assert not failed(found)
+    rises = falls(found)
+    assert len(rises) == WINDOWS - 8
+    assert rises[0].from_gpst == EXACT.gpst[ONSET]
+    assert rises[-1].to_gpst == EXACT.gpst[-1]
+    assert rises[-1].fall_db == pytest.approx(fall_db, abs=1.5)
+    assert {rise.carrier for rise in rises} == {"L1"}
+
+
+def test_interference_that_ends_is_no_rise_of_false_signals() -> None:
+    found = examine(drowned(sky(), 12.0, epochs=slice(ONSET, 112)))
+    assert not failed(found)
+    assert falls(found)[-1].to_gpst == EXACT.gpst[111]
+
+
+def test_lost_signals_fell_at_least_to_the_floor() -> None:
+    levels_db = sky()
+    found = examine(drowned(levels_db, 30.0))
+    (first, *_) = falls(found)
+    assert first.signs == ("cn0", "lost")
+    assert first.from_gpst == EXACT.gpst[ONSET]
+    assert 2 * first.lost > N
+    assert 5.0 < first.fall_db <= 30.0
+    assert not failed(found)
+
+
+def test_one_satellite_in_shade_is_neither() -> None:
+    levels_db = sky()
+    levels_db[ONSET:, 1] -= 18.0
+    found = examine(levels_db)
+    assert not failed(found)
+    assert not falls(found)
+
+
+def test_shade_is_named_unless_something_excludes_it() -> None:
+    dark = drowned(sky(), 10.0)
+    assert falls(examine(dark))[0].may_be_shade
+    assert not falls(examine(dark, speed_max_m_s=0.0))[0].may_be_shade
+    assert not falls(examine(dark, chains=front_end(10.0)))[0].may_be_shade
+    assert not falls(examine(dark, second_db=sky(1)))[0].may_be_shade
+    assert falls(examine(dark, second_db=drowned(sky(1), 10.0)))[0].may_be_shade
+
+
+def test_the_level_of_the_front_end_says_how_much_came_in() -> None:
+    rises = falls(examine(drowned(sky(), 10.0), chains=front_end(11.0)))
+    assert rises[-1].signs == ("cn0", "level")
+    assert rises[-1].level_db == pytest.approx(11.0, abs=0.5)
+    unknown = falls(examine(drowned(sky(), 10.0), chains=front_end(11.0, share=True)))
+    assert unknown[-1].signs == ("cn0", "level")
+    assert unknown[-1].level_db is None
+
+
+def test_power_that_weakens_no_signal_is_suspect() -> None:
+    first, *_ = failed(examine(sky(), chains=front_end(12.0)))
+    assert first.may_also_be == ("gain", "interference")
+    assert not failed(examine(sky(), chains=front_end(12.0, band="L5")))  # no signal is received there
+
+
+def test_signals_that_get_stronger_together_are_suspect() -> None:
+    first, *_ = failed(examine(drowned(sky(), -8.0)))
+    assert first.dated_gpst == EXACT.gpst[ONSET]
+    assert first.statistic == pytest.approx(8.0, abs=1.5)
+    assert first.may_also_be[0] == "shade"
+
+
+def test_satellites_of_equal_power_are_suspect() -> None:
+    levels_db = sky(2)
+    noise_db = 0.3 * np.random.default_rng(5).standard_normal(levels_db[ONSET:].shape)
+    levels_db[ONSET:] = levels_db[:ONSET].mean() + noise_db
+    first, *_ = failed(examine(levels_db, false_alarm_probability=1e-4))
+    assert first.statistic == pytest.approx(-1.0, abs=0.3)
+    assert first.may_also_be == ("reflections", "motion")
+
+
+def test_signals_stronger_than_any_from_space_are_suspect() -> None:
+    loud = sky()
+    loud[:, 3] = CN0_MAX_DBHZ + 4.0
+    first, *_ = failed(examine(loud))
+    assert [ref.signal for ref in first.subject] == [EXACT.signals[3]]
+    assert first.may_also_be == ("gain",)
+
+
+def test_falls_are_reported_at_the_rate_that_is_asked() -> None:
+    """Clean skies drawn from the stated law: interference comes at its rate, and no less often than a bound allows."""
+    asked, n_windows, reported = 0.1, 0, 0
+    for seed in range(60):
+        found = examine(sky(seed, common_db=0.5, fading_db=1.4), interference_probability=asked)
+        n_windows += WINDOWS - 1
+        reported += len(falls(found))
+    assert stats.binomtest(reported, n_windows, asked, alternative="greater").pvalue > 1e-4
+    assert reported > 0.2 * asked * n_windows
+
+
+def test_pieces_give_what_the_whole_gives() -> None:
+    levels_db = drowned(sky(), 9.0)
+    assert [e.p_value for e in examine(levels_db)] == [e.p_value for e in examine(levels_db.copy())]
+
+
+def test_own_levels_follow_elevation_and_no_noise() -> None:
+    drift_db = 3.0 * np.arange(WINDOW * WINDOWS)[:, None] / (WINDOW * WINDOWS) * np.linspace(-1.0, 1.0, N)
+    found = examine(drowned(sky() + drift_db, 12.0, epochs=slice(ONSET, 121)))
+    assert not failed(found)
+    assert [bool(e.interference) for e in found] == [False] * 8 + [True] * 5 + [False]
+
+
+def test_carriers_share_a_name_and_chains_cover_them() -> None:
+    assert {carrier_name(SignalId("E01", "E1", "C")), carrier_name(SignalId("C20", "B1C", "1P"))} == {"L1"}
+    assert carrier_name(SignalId("R01", "G1", "CA")) == "G1"
+    assert [chain_covers(chain, "L1") for chain in ("L1", "L2L5", "7", "B1C")] == [True, False, True, True]
+    assert [chain_covers(chain, "L5") for chain in ("L1", "L2L5", "E6")] == [False, True, True]
+
+
+@pytest.mark.parametrize("name", ["fading_db", "common_db", "gain_db", "gain_share"])
+def test_settings_that_make_no_sense_are_refused(name) -> None:
+    with pytest.raises(SettingsError, match=name):
+        SignalLevelsSettings(**{name: 0.0})
