@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.detectors.levels.laws import PRIOR_DEGREES, OwnScale, estimate_shared_change, pattern_slope, split_in_two
+from skyproof.detectors.levels.laws import (
+    PRIOR_DEGREES,
+    OwnRate,
+    OwnScale,
+    estimate_shared_change,
+    pattern_slope,
+    split_in_two,
+)
 
 
 def uniform(p_values) -> bool:
@@ -40,6 +47,33 @@ def test_a_scale_of_its_own_past_keeps_the_rate(earlier) -> None:
         p_values.append(scale.above(sigma * rng.standard_normal()))
     assert uniform(p_values)
     assert stats.binomtest(int(np.sum(np.array(p_values) < 0.01)), 2000, 0.01).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("earlier", [0, 5, 40])
+def test_losses_at_their_own_rate_are_no_surprise(earlier) -> None:
+    rng = np.random.default_rng(earlier)
+    p_values = []
+    for _ in range(3000):
+        probability = rng.beta(1.0, 9.0)
+        rate = OwnRate()
+        for _ in range(earlier):
+            rate = rate.after(int(rng.binomial(10, probability)), 10)
+        p_values.append(rate.above(int(rng.binomial(10, probability)), 10))
+    for level in (0.3, 0.05, 0.01):  # a count is discrete: no more than the level
+        assert (
+            stats.binomtest(int(np.sum(np.array(p_values) <= level)), 3000, level, alternative="greater").pvalue > 1e-3
+        )
+    assert np.mean(np.array(p_values) <= 0.3) > 0.08
+
+
+def test_the_loss_of_all_is_a_surprise_where_few_were_lost() -> None:
+    rate = OwnRate()
+    assert rate.above(0, 10) == pytest.approx(1.0)
+    assert rate.above(10, 10) < 2e-5
+    for _ in range(10):
+        rate = rate.after(1, 10)
+    assert rate.above(10, 10) < 1e-8
+    assert rate.above(2, 10) > 0.2
 
 
 def test_both_sides_of_a_scale_sum_to_one() -> None:

@@ -28,7 +28,14 @@ import numpy as np
 from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.levels.bands import carrier_name, chain_covers
-from skyproof.detectors.levels.laws import OwnScale, SharedChange, estimate_shared_change, pattern_slope, split_in_two
+from skyproof.detectors.levels.laws import (
+    OwnRate,
+    OwnScale,
+    SharedChange,
+    estimate_shared_change,
+    pattern_slope,
+    split_in_two,
+)
 from skyproof.errors import SettingsError, require_probability
 from skyproof.records import (
     Cause,
@@ -124,6 +131,7 @@ class _Past:
     floors_db: Mapping[Unit, float] = field(default_factory=dict)
     scales: Mapping[Unit, OwnScale] = field(default_factory=dict)
     slopes: Mapping[Unit, OwnScale] = field(default_factory=dict)
+    rates: Mapping[Unit, OwnRate] = field(default_factory=dict)
     series: Mapping[Unit, _Series] = field(default_factory=dict)
     gauges: Mapping[tuple[str, str], _Gauge] = field(default_factory=dict)
     interfered: Mapping[str, float] = field(default_factory=dict)
@@ -131,7 +139,11 @@ class _Past:
 
 
 class _Change(NamedTuple):
-    """What a unit's satellites share, its statistic over its sigma, and how many signals were lost."""
+    """What a unit's satellites share, its statistic over its sigma, and how many signals were lost.
+
+    fall, rise : chance of a change so far down or up. losses : of so many lost signals. fall_db : estimated without
+    what is lost, where enough is left.
+    """
 
     unit: Unit
     columns: tuple[int, ...]
@@ -139,8 +151,15 @@ class _Change(NamedTuple):
     statistic: float
     fall: float
     rise: float
+    losses: float
     lost: int
+    fall_db: float
     series: _Series
+
+    @property
+    def noise(self) -> float:
+        """Return the chance of falls and losses together as they are (union bound)."""
+        return min(1.0, 2.0 * min(self.fall, self.losses))
 
 
 class _GaugeChange(NamedTuple):
@@ -252,7 +271,9 @@ class _Window:
         windows = float(np.mean([references[signals[k]].windows for k in used]))
         common = estimate_shared_change(by_sat, fading_db=self.settings.fading_db, common_db=self.settings.common_db)
         statistic = common.change_db / (common.sigma_db * np.sqrt(1.0 + 1.0 / windows))
-        scale = self.past.scales.get(unit, OwnScale())
+        scale, rate = self.past.scales.get(unit, OwnScale()), self.past.rates.get(unit, OwnRate())
+        lost, left = int((~self.known[used]).sum()), self.known[used]
+        tracked_db = -float(np.median(change_db[left])) if left.sum() >= LEAST_SATELLITES else -np.inf
         return _Change(
             unit=unit,
             columns=tuple(used),
@@ -260,7 +281,9 @@ class _Window:
             statistic=float(statistic),
             fall=scale.below(statistic),
             rise=scale.above(statistic),
-            lost=int((~self.known[used]).sum()),
+            losses=rate.above(lost, len(used)),
+            lost=lost,
+            fall_db=max(-common.change_db, tracked_db),
             series=_Series(self.o.gpst, np.median(cells_db, axis=1)),
         )
 
@@ -274,7 +297,7 @@ class _Window:
     def _is_interference(self, change: _Change, gauges: list[_GaugeChange], n_carriers: int) -> bool:
         asked = self.settings.interference_probability
         supported = change.unit[0] in self.past.interfered or bool(self._risen(change, gauges))
-        return n_carriers * change.fall < asked or (supported and change.fall < _CONFIRMS)
+        return n_carriers * change.noise < asked or (supported and change.noise < _CONFIRMS)
 
     def _risen(self, change: _Change, gauges: list[_GaugeChange]) -> list[_GaugeChange]:
         """Return the gauges of a unit's carrier that rose significantly."""
@@ -301,7 +324,7 @@ class _Window:
             carrier=carrier,
             from_gpst=self.o.gpst[0] if lasting else self._begun(change),
             to_gpst=self.o.gpst[np.flatnonzero(change.series.change_db <= 0.5 * change.common.change_db)[-1]],
-            fall_db=-change.common.change_db,
+            fall_db=max(change.fall_db, 0.0),
             sigma_db=self._sigma_db(change),
             level_db=max(levels_db) if levels_db else None,
             lost=change.lost,
@@ -362,7 +385,7 @@ class _Window:
         disturbed = interfered.keys() | self.past.interfered.keys()
         tests = []
         for change in changes:
-            found = None if self._carrier(change.unit) in disturbed or change.fall < _CONFIRMS else self._slope(change)
+            found = None if self._carrier(change.unit) in disturbed or change.noise < _CONFIRMS else self._slope(change)
             if found is not None:
                 slope, statistic = found
                 tests.append(
@@ -415,7 +438,7 @@ class _Window:
         tests = []
         for gauge in gauges:
             covered = [c for c in changes if chain_covers(gauge.chain, self._carrier(c.unit))]
-            if not covered or min(c.fall for c in covered) < _CONFIRMS:
+            if not covered or min(c.noise for c in covered) < _CONFIRMS:
                 continue
             by = f" by {gauge.rise_db:.0f} dB" if np.isfinite(gauge.rise_db) else ""
             tests.append(
@@ -458,7 +481,8 @@ class _Window:
         self, changes: list[_Change], worst: _Test | None, count: int, noise: tuple[NoiseRise, ...]
     ) -> Evidence:
         receiver, alpha = self.o.receiver, self.settings.false_alarm_probability
-        subject = tuple(SignalRef(receiver, self.o.signals[k]) for k in np.flatnonzero(self.known))
+        lost = {k for change in changes for k in change.columns}
+        subject = tuple(SignalRef(receiver, self.o.signals[k]) for k in sorted(lost | set(np.flatnonzero(self.known))))
         if worst is None:
             because, would_need, code = self._untested(changes)
             return undecided(self.detector, self.records, subject, because=because, would_need=would_need, code=code)
@@ -516,11 +540,12 @@ class _Window:
             windows = 1.0 if own is None else min(own.windows + 1.0, _REMEMBERED_WINDOWS)
             before_db = level_db if own is None else own.level_db
             references[signal] = _Reference(before_db + (level_db - before_db) / windows, windows, end_s)
-        scales, slopes = dict(self.past.scales), dict(self.past.slopes)
+        scales, slopes, rates = dict(self.past.scales), dict(self.past.slopes), dict(self.past.rates)
         for change in changes:
             if odd or self._carrier(change.unit) in interfered:
                 continue
             scales[change.unit] = scales.get(change.unit, OwnScale()).after(change.statistic)
+            rates[change.unit] = rates.get(change.unit, OwnRate()).after(change.lost, len(change.columns))
             if (found := self._slope(change)) is not None:
                 slopes[change.unit] = slopes.get(change.unit, OwnScale()).after(found[1])
         return _Past(
@@ -529,6 +554,7 @@ class _Window:
             floors_db=self.floors_db,
             scales=scales,
             slopes=slopes,
+            rates=rates,
             series={change.unit: change.series for change in changes},
             gauges=gauges,
             interfered={carrier: -change.common.change_db for carrier, change in interfered.items()},

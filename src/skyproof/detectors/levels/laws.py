@@ -9,11 +9,14 @@ whatever single satellites do; its variance is `common_db^2 + pi/2 fading_db^2 /
 held against its own past: s^2 has a scaled inverse chi-square law with `PRIOR_DEGREES` degrees about 1, so that after
 m values `T / s` is Student's t with `PRIOR_DEGREES + m` degrees (Gelman et al., Bayesian Data Analysis, 2.6 and 3.2).
 
+**The losses.** Each signal is lost within a window independently, at a rate with a beta law that its past sharpens. The
+number of lost ones is beta-binomial (`OwnRate`; Gelman et al., 3.1 and 5.3).
+
 **The pattern.** Levels of satellites differ by their elevation and by what they send. A transmitter that gives all its
 signals one power flattens the pattern. The slope of the change over the reference is then -1 (`pattern_slope`).
 """
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,12 +24,23 @@ from scipy import special
 
 from skyproof.arrays import Reals
 
-__all__ = ["PRIOR_DEGREES", "OwnScale", "SharedChange", "estimate_shared_change", "pattern_slope", "split_in_two"]
+__all__ = [
+    "PRIOR_DEGREES",
+    "OwnRate",
+    "OwnScale",
+    "SharedChange",
+    "estimate_shared_change",
+    "pattern_slope",
+    "split_in_two",
+]
 
-PRIOR_DEGREES = 10.0
+PRIOR_DEGREES: Final = 10.0
 """Weight of the stated scale beside the receiver's own: that of so many earlier windows."""
-_MOST_DEGREES = 60.0
+_MOST_DEGREES: Final = 60.0
 """Earlier windows that a scale rests on at most; older ones fade."""
+_PRIOR_LOST: Final = 1.0
+_PRIOR_STAYED: Final = 9.0
+"""What is known of a rate of loss before: as if one signal of ten had been lost."""
 
 
 class SharedChange(NamedTuple):
@@ -72,6 +86,31 @@ class OwnScale(NamedTuple):
         """Return the scale that has seen one more value."""
         keep = min(1.0, (_MOST_DEGREES - 1.0) / max(self.seen, 1.0))
         return OwnScale(keep * self.squares + statistic**2, keep * self.seen + 1.0)
+
+
+class OwnRate(NamedTuple):
+    """The rate at which signals are lost within a window by its own past: how many were lost, and how many stayed."""
+
+    lost: float = 0.0
+    stayed: float = 0.0
+
+    def above(self, lost: int, signals: int) -> float:
+        """Return the chance that so many of the signals are lost or more, each independently at the rate."""
+        first, second = _PRIOR_LOST + self.lost, _PRIOR_STAYED + self.stayed
+        counts = np.arange(lost, signals + 1)
+        log_chance = (
+            special.gammaln(signals + 1)
+            - special.gammaln(counts + 1)
+            - special.gammaln(signals - counts + 1)
+            + special.betaln(first + counts, second + signals - counts)
+            - special.betaln(first, second)
+        )
+        return min(1.0, float(np.exp(log_chance).sum()))
+
+    def after(self, lost: int, signals: int) -> "OwnRate":
+        """Return the rate that has seen one more window."""
+        keep = 1.0 - 1.0 / _MOST_DEGREES
+        return OwnRate(keep * self.lost + lost, keep * self.stayed + signals - lost)
 
 
 def pattern_slope(
