@@ -48,6 +48,19 @@ def test_a_slip_is_bridged_by_the_doppler_at_the_price_of_its_noise():
     np.testing.assert_array_equal(mean.sigma_m[1:], whole.sigma_m[1:])
 
 
+def test_a_doppler_held_over_minutes_is_no_better_than_its_change():
+    """A signal at one epoch a minute that is lost before the middle."""
+    seen = seen_by(n=15, step_s=60.0, air=False)
+    codes, carrier, doppler = (getattr(seen, name).copy() for name in ("pseudorange_m", "carrier_cyc", "doppler_hz"))
+    codes[8:, 0], carrier[6:, 0], doppler[6:, 0] = np.nan, np.nan, np.nan
+    mean = window_mean(replace(seen, pseudorange_m=codes, carrier_cyc=carrier, doppler_hz=doppler))
+    whole = window_mean(seen)
+    off_m = np.abs(mean.pseudorange_m[0] - whole.pseudorange_m[0])
+    assert off_m > 5.0
+    assert off_m < 3.0 * mean.sigma_m[0]
+    np.testing.assert_array_equal(mean.sigma_m[1:], whole.sigma_m[1:])
+
+
 def test_a_channel_without_carrier_follows_its_doppler_and_one_without_both_has_its_middle_epoch():
     seen = seen_by(n=11, air=False)
     carrier, doppler = seen.carrier_cyc.copy(), seen.doppler_hz.copy()

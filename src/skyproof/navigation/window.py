@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 
@@ -10,6 +11,10 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import CellStatus, Observations, SignalId
 
 __all__ = ["WindowMean", "fill_gaps", "interval_s", "window_mean"]
+
+_RATE_PACE_M_S2: Final = 0.18
+"""At which a range rate changes at most where the receiver stands: R r n^2 / (r - R) of a satellite at the zenith, with
+r = 26 560 km and n = 1.459e-4 rad/s of GPS. So much a Doppler is off that is taken from another epoch."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,7 +96,19 @@ def _motion(observations: Observations, kept: Indices, middle: int) -> tuple[Rea
     there[middle] = True
     needed = np.maximum.accumulate(there, axis=0)[:-1] & np.maximum.accumulate(there[::-1], axis=0)[::-1][1:]
     bridges = ~whole & needed & np.isfinite(by_doppler)
-    return motion_m, np.sum(np.where(bridges, np.nan_to_num(doppler_m2), 0.0), axis=0)
+    noise_m2 = np.sum(np.where(bridges, np.nan_to_num(doppler_m2), 0.0), axis=0)
+    held_s = _held_s(elapsed_s, observations.doppler_hz[:, kept])
+    changed_m = _RATE_PACE_M_S2 * np.maximum(held_s[1:], held_s[:-1]) * dt_s
+    return motion_m, noise_m2 + np.sum(np.where(bridges, changed_m, 0.0), axis=0) ** 2
+
+
+def _held_s(elapsed_s: Reals, values: Reals) -> Reals:
+    """How far before the first value of a column, or after its last, each epoch lies; 0 where there is none."""
+    there = np.isfinite(values)
+    first_s = elapsed_s[there.argmax(axis=0)]
+    last_s = elapsed_s[there.shape[0] - 1 - there[::-1].argmax(axis=0)]
+    held_s = np.maximum(np.maximum(first_s - elapsed_s[:, None], elapsed_s[:, None] - last_s), 0.0)
+    return np.where(there.any(axis=0), held_s, 0.0)
 
 
 def fill_gaps(elapsed_s: Reals, values: Reals) -> Reals:
