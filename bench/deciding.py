@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
-from skyproof.detectors.multi_receiver.double_difference import counting_rule, pair_tests
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.records import Records
+from skyproof.studies.double_difference import counting_rule, pair_tests
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 WINDOWS, ALONG = 60, 200

@@ -13,13 +13,13 @@ from time import process_time
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.multi_receiver.double_difference import difference_test
 from skyproof.detectors.multi_receiver.one_antenna import (
     TrackNoise,
     contrast_levels,
     one_antenna_test,
     table_contrasts,
 )
+from skyproof.studies.double_difference import difference_test
 
 EPOCHS = 10
 SIZES = [(2, 14), (2, 30), (2, 60), (2, 120), (5, 14), (10, 14), (20, 14), (50, 14), (100, 14), (200, 14)]

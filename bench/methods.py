@@ -26,15 +26,15 @@ from skyproof.detectors.array.array_model import (
     single_statistic,
     white_covariance,
 )
-from skyproof.detectors.correlators.sqm import delta_law, delta_metric, moving_variance, ratio_p_value
 from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector, whitener
 from skyproof.detectors.correlators.vector_sqm import geometry_matrix, satellite_geometry, two_step
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
-from skyproof.detectors.multi_receiver.double_difference import difference_test, pairs_rejected
-from skyproof.detectors.multi_receiver.group_choice import span_test, split_skies
-from skyproof.navigation.exclusion import choose_fix
 from skyproof.statistics.cusum import cusum_path
 from skyproof.statistics.directions import blocks, dead_zone, hemisphere
+from skyproof.studies.double_difference import difference_test, pairs_rejected
+from skyproof.studies.exclusion import choose_fix
+from skyproof.studies.group_choice import span_test, split_skies
+from skyproof.studies.quality_metrics import delta_law, delta_metric, moving_variance, ratio_p_value
 
 MANY, FEW = 20_000, 500
 """Statistics in one call, and single calls of the plain loop."""

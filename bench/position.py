@@ -20,12 +20,12 @@ from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.navigation.code_signals import code_positioning_signals
-from skyproof.navigation.filter import FilterSettings, step
 from skyproof.navigation.fix import fix
 from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.records import NavigationData, Observations, SignalId
+from skyproof.studies.code_signals import code_positioning_signals
+from skyproof.studies.position_filter import FilterSettings, step
 
 MASK_DEG = 10.0
 

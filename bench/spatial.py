@@ -20,12 +20,12 @@ from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.settings import ReceiverSettings
 from skyproof.receiver.tracking import Receiver, ReceiverState
-from skyproof.recording.spatial import filter_of, filtered, signature_of, sinr_share
 from skyproof.records import Samples
 from skyproof.simulator import navigation_of, ready, samples_of, scene_of
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd
 from skyproof.statistics.directions import direction_cosines
+from skyproof.studies.spatial import filter_of, filtered, signature_of, sinr_share
 
 RATE_HZ, DURATION_S, SETTLED_S = 2.6e6, 6.0, 2.0
 POWERS_DB = (3.0, 10.0, 20.0, 30.0, 40.0)

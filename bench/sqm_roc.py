@@ -25,12 +25,12 @@ from scipy import special
 from skyproof.app.common.settings import Settings
 from skyproof.app.scenes.simulate import scenario_of
 from skyproof.arrays import Complexes, Reals
-from skyproof.detectors.correlators import sqm
 from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator.received import Scene
 from skyproof.simulator.sky import scene_of
+from skyproof.studies import quality_metrics as sqm
 
 LOOK_S, LOOKS, ALIGNED_S, SATELLITES, RECEIVERS = 0.02, 50, 5, 8, 25
 DELAYS = np.array([0.5, 0.125, 0.0, -0.125, -0.5])

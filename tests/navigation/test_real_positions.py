@@ -11,9 +11,9 @@ import pytest
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.navigation.code_signals import code_positioning_signals
-from skyproof.navigation.filter import FilterSettings, step
 from skyproof.navigation.fix import fix
+from skyproof.studies.code_signals import code_positioning_signals
+from skyproof.studies.position_filter import FilterSettings, step
 
 pytestmark = pytest.mark.shared_data
 

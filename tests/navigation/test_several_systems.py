@@ -8,12 +8,12 @@ from scipy import stats
 from tests.navigation import sky
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.navigation.filter import FilterSettings, step
 from skyproof.navigation.fix import fix, fix_and_geometry
 from skyproof.navigation.protection import protection_levels
 from skyproof.navigation.raim import exclude_one, exclude_several, global_test, unknowns_of
 from skyproof.navigation.ranges import space_sigma_m, time_scales
 from skyproof.records import SignalId
+from skyproof.studies.position_filter import FilterSettings, step
 
 NAMES = {"G": ("L1", "CA"), "E": ("E1", "C"), "C": ("B1C", "1P"), "J": ("L1", "CA")}
 LATE_S = {"G": 0.0, "J": 0.0, "E": -35e-9, "C": 210e-9}

@@ -17,7 +17,6 @@ from skyproof.arrays import Instants, Reals
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES, ImuGrade
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.navigation.exclusion import choose_fix, wrong_choice_probability, wrong_choice_rule
 from skyproof.navigation.ins_errors import STATES, error_covariance, start_covariance, updated
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import NavState
@@ -25,6 +24,7 @@ from skyproof.simulator.inertial import inertial
 from skyproof.simulator.trajectories import las_vegas, las_vegas_false
 from skyproof.statistics.gauss_markov import gauss_markov_step
 from skyproof.studies.base import Row, StudySettings
+from skyproof.studies.exclusion import choose_fix, wrong_choice_probability, wrong_choice_rule
 
 __all__ = ["BOTH", "SET", "THRESHOLD_S", "approach", "exclusion", "interval", "restart"]
 

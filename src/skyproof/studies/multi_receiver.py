@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.multi_receiver.double_difference import Degrees, Tested, difference_test, line_power
 from skyproof.report.chart import Axes
 from skyproof.statistics.distributions import binomial_threshold, f_threshold
-from skyproof.statistics.roc import count_interval
 from skyproof.studies.base import Claim, Row, Study, StudySettings, rows_where, value_of
+from skyproof.studies.double_difference import Degrees, Tested, difference_test, line_power
 from skyproof.studies.multi_receiver_protect import Judged, judge_sky
 from skyproof.studies.multi_receiver_scene import (
     ALPHA_OURS,
@@ -40,6 +39,7 @@ from skyproof.studies.multi_receiver_scene import (
     ranges_of,
     split,
 )
+from skyproof.studies.roc import count_interval
 
 __all__ = ["STUDIES"]
 

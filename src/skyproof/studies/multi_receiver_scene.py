@@ -19,15 +19,6 @@ from scipy import special
 from scipy.signal import lfilter
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.detectors.multi_receiver.double_difference import Tested, counting_rule, pairs_rejected
-from skyproof.detectors.multi_receiver.group_choice import (
-    choose,
-    fraction_test,
-    known_baseline_test,
-    pairings,
-    span_test,
-    split_skies,
-)
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
@@ -35,7 +26,16 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.time import week_and_tow
 from skyproof.statistics.distributions import f_threshold, noncentral_f_survival
-from skyproof.statistics.roc import chi_square_power
+from skyproof.studies.double_difference import Tested, counting_rule, pairs_rejected
+from skyproof.studies.group_choice import (
+    choose,
+    fraction_test,
+    known_baseline_test,
+    pairings,
+    span_test,
+    split_skies,
+)
+from skyproof.studies.roc import chi_square_power
 
 __all__ = [
     "ALPHA_OURS",

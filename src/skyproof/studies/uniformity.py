@@ -14,13 +14,13 @@ import numpy as np
 from scipy import special
 
 from skyproof.arrays import Reals
-from skyproof.detectors.multi_receiver.double_difference import Tested
 from skyproof.detectors.multi_receiver.one_antenna import WHITE, TrackNoise
 from skyproof.report.chart import Axes
 from skyproof.studies import uniformity_draws as draws
 from skyproof.studies import uniformity_echoes as echoes
 from skyproof.studies import uniformity_one_antenna as one_antenna
 from skyproof.studies.base import Claim, Row, Study, StudySettings
+from skyproof.studies.double_difference import Tested
 from skyproof.studies.uniformity_draws import ASKED, Draw
 
 __all__ = ["CASES", "STUDIES", "Case", "p_values"]

@@ -43,12 +43,9 @@ from skyproof.detectors.array.array_model import (
     white_covariance,
 )
 from skyproof.detectors.correlators import correlator_laws as law
-from skyproof.detectors.correlators import sqm
 from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators import vector_sqm as rule
 from skyproof.detectors.dccaf.inverse_raim import parity_matrix
-from skyproof.detectors.multi_receiver.double_difference import Tested, difference_test, pooled_correlation
-from skyproof.detectors.multi_receiver.group_choice import fraction_test, known_baseline_test, known_sky_test, span_test
 from skyproof.detectors.multi_receiver.one_antenna import (
     WHITE,
     TrackNoise,
@@ -61,7 +58,6 @@ from skyproof.detectors.multi_receiver.one_antenna import (
     table_contrasts,
 )
 from skyproof.navigation.chance import chance_p_value
-from skyproof.navigation.exclusion import choose_fix
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.raim import global_test, whitened_fit
 from skyproof.statistics.autoregression import ar1_line
@@ -77,9 +73,13 @@ from skyproof.statistics.directions import (
     pair_statistics,
 )
 from skyproof.statistics.distributions import chi_square_survival
-from skyproof.statistics.linear_tests import linear_model, linear_test
 from skyproof.statistics.many_small import many_small
+from skyproof.studies import quality_metrics as sqm
+from skyproof.studies.double_difference import Tested, difference_test, pooled_correlation
+from skyproof.studies.exclusion import choose_fix
+from skyproof.studies.group_choice import fraction_test, known_baseline_test, known_sky_test, span_test
 from skyproof.studies.ins_array_figures import ERRORS, SIGMA_CYC
+from skyproof.studies.linear_tests import linear_model, linear_test
 from skyproof.studies.vector_loops import draw_discriminators
 from skyproof.studies.vector_sky import SKY, attack_on
 

@@ -14,8 +14,8 @@ from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators import vector_sqm as rule
 from skyproof.report.chart import Axes
-from skyproof.statistics.roc import chi_square_power
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
+from skyproof.studies.roc import chi_square_power
 from skyproof.studies.vector_delay import ATTACKS, delay_rows
 from skyproof.studies.vector_loops import draw_discriminators, vector_loops
 from skyproof.studies.vector_sky import CHIPS, HZ, PRNS, SKY, attack_on, of_prn

@@ -7,7 +7,7 @@ from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators import vector_sqm as rule
 from skyproof.statistics.cusum import cusum_threshold
 from skyproof.statistics.distributions import binomial_survival, binomial_two_sided
-from skyproof.statistics.roc import chi_square_power
+from skyproof.studies.roc import chi_square_power
 from skyproof.studies.vector_loops import draw_discriminators, draw_taps, tap_noise, vector_loops
 from skyproof.studies.vector_sky import PRNS, SKY, attack_on
 

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.detectors.multi_receiver.double_difference import (
+from skyproof.statistics.distributions import binomial_two_sided, f_threshold
+from skyproof.studies.double_difference import (
     counting_rule,
     difference_test,
     line_power,
@@ -10,7 +11,6 @@ from skyproof.detectors.multi_receiver.double_difference import (
     pairs_rejected,
     pooled_correlation,
 )
-from skyproof.statistics.distributions import binomial_two_sided, f_threshold
 
 
 def single_differences(rng, shape, phi=0.0, constant_m=0.0):

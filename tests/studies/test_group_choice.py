@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.detectors.multi_receiver.group_choice import (
+from skyproof.statistics.distributions import binomial_two_sided, f_threshold, noncentral_f_survival
+from skyproof.studies.group_choice import (
     choose,
     fraction_test,
     known_baseline_test,
@@ -15,7 +16,6 @@ from skyproof.detectors.multi_receiver.group_choice import (
     split_skies,
     transmit_antennas,
 )
-from skyproof.statistics.distributions import binomial_two_sided, f_threshold, noncentral_f_survival
 
 UNITS = np.array(
     [

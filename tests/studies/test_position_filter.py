@@ -6,7 +6,7 @@ from scipy import stats
 from tests.navigation import sky
 
 from skyproof.errors import SettingsError
-from skyproof.navigation.filter import FilterSettings, step
+from skyproof.studies.position_filter import FilterSettings, step
 
 STATIC, KINEMATIC = FilterSettings(mode="static"), FilterSettings(mode="kinematic")
 

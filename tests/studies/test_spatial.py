@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyproof.recording.spatial import filter_of, filtered, signature_of, sinr_share
 from skyproof.records import Samples
+from skyproof.studies.spatial import filter_of, filtered, signature_of, sinr_share
 
 RATE_HZ = 1e6
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from skyproof.statistics.distributions import binomial_two_sided
-from skyproof.statistics.linear_tests import linear_model, linear_noncentrality, linear_power, linear_test
+from skyproof.studies.linear_tests import linear_model, linear_noncentrality, linear_power, linear_test
 
 N = 12
 T = np.linspace(-1.0, 1.0, N)

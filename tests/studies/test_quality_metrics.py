@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.detectors.correlators import sqm
 from skyproof.detectors.correlators.correlator_laws import prompt_amplitude, triangle
 from skyproof.statistics.distributions import binomial_survival, binomial_two_sided
+from skyproof.studies import quality_metrics as sqm
 
 
 def drawn(rng, trials, amplitude, spacing):

@@ -3,7 +3,7 @@ import pytest
 from scipy import special
 
 from skyproof.statistics.distributions import binomial_survival
-from skyproof.statistics.roc import area_under, chi_square_power, count_interval, counted_roc
+from skyproof.studies.roc import area_under, chi_square_power, count_interval, counted_roc
 
 
 def test_counted_roc_of_two_normals_is_the_formula():

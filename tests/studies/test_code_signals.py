@@ -13,8 +13,8 @@ from skyproof.gnss.ephemeris import group_delay_s
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.code_signals import code_positioning_signals
 from skyproof.navigation.ranges import atmosphere
+from skyproof.studies.code_signals import code_positioning_signals
 
 BASE_ECEF_M = np.array([-3817681.121, 3562839.431, 3650159.159])  # the recordings' README
 

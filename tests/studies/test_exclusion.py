@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.navigation.exclusion import choose_fix, distance_squared, wrong_choice_probability, wrong_choice_rule
+from skyproof.studies.exclusion import choose_fix, distance_squared, wrong_choice_probability, wrong_choice_rule
 
 OFFSET = 100.0 * np.array([1.0, 0.0, 1.0]) * np.sqrt(0.5)
 FIX = np.diag([1.5, 1.5, 3.0]) ** 2
