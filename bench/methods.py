@@ -10,31 +10,23 @@ from timing import line, take_turns
 
 from skyproof.arrays import Reals
 from skyproof.decomposition.correlation import noise_variance
-from skyproof.decomposition.fit import (
-    count_statistic,
-    decompose,
-    delay_dictionary,
-    simulate_taps,
-)
-from skyproof.detectors.array.arm_phases import arm_angles, full_fit, paired_fit
+from skyproof.decomposition.fit import count_statistic, decompose, delay_dictionary, simulate_taps
+from skyproof.detectors.array.arm_phases import full_fit
 from skyproof.detectors.array.array_common import equal_statistic
-from skyproof.detectors.array.array_model import (
-    array_design,
-    equilateral_triangle,
-    joint_statistic,
-    residual_covariance,
-    single_statistic,
-    white_covariance,
-)
-from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector, whitener
-from skyproof.detectors.correlators.vector_sqm import geometry_matrix, satellite_geometry, two_step
+from skyproof.detectors.array.array_model import array_design, joint_statistic, residual_covariance, white_covariance
+from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector
+from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.statistics.cusum import cusum_path
 from skyproof.statistics.directions import blocks, dead_zone, hemisphere
+from skyproof.studies.arm_angles import arm_angles, paired_fit
+from skyproof.studies.array_geometry import equilateral_triangle, single_statistic
 from skyproof.studies.double_difference import difference_test, pairs_rejected
 from skyproof.studies.exclusion import choose_fix
 from skyproof.studies.group_choice import span_test, split_skies
 from skyproof.studies.quality_metrics import delta_law, delta_metric, moving_variance, ratio_p_value
+from skyproof.studies.vector_parity_tests import whitener
+from skyproof.studies.vector_rules import geometry_matrix, two_step
 
 MANY, FEW = 20_000, 500
 """Statistics in one call, and single calls of the plain loop."""

@@ -18,23 +18,9 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import Tracker, Workspace, _tracker
 from skyproof.arrays import Complexes, Floats, Reals
-from skyproof.detectors.correlators.correlator_laws import (
-    code_discriminator,
-    code_sigma_chips,
-    combined_taps,
-    phase_discriminator,
-    phase_sigma_rad,
-    prompt_amplitude,
-)
+from skyproof.detectors.correlators.correlator_laws import phase_discriminator
 from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector, whitener_of
-from skyproof.detectors.correlators.vector_sqm import (
-    Equilibrium,
-    detection_probability,
-    equilibrium,
-    rule_alarm_probability,
-    satellite_geometry,
-    two_step,
-)
+from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.detectors.correlators.vector_sqm_detector import (
     VectorSqm,
     VectorSqmSettings,
@@ -51,7 +37,21 @@ from skyproof.simulator import scenes
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd, Scenario, ScenePlace
+from skyproof.studies.discriminator_laws import (
+    code_discriminator,
+    code_sigma_chips,
+    combined_taps,
+    phase_sigma_rad,
+    prompt_amplitude,
+)
 from skyproof.studies.vector_loops import draw_taps
+from skyproof.studies.vector_rules import (
+    Equilibrium,
+    detection_probability,
+    equilibrium,
+    rule_alarm_probability,
+    two_step,
+)
 from skyproof.testing import MeasuredScene
 
 START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")

@@ -13,19 +13,15 @@ from vector import EVERY_MS, _in_memory, _tracked
 
 from skyproof.app.receive.reception import observe
 from skyproof.arrays import Complexes, Reals
-from skyproof.detectors.correlators.correlator_laws import (
-    code_discriminator,
-    combined_taps,
-    phase_discriminator,
-    prompt_amplitude,
-)
-from skyproof.detectors.correlators.vector_sqm import Equilibrium, detection_probability, equilibrium
+from skyproof.detectors.correlators.correlator_laws import phase_discriminator
 from skyproof.detectors.correlators.vector_sqm_detector import pair_of_taps
 from skyproof.navigation.vector_filter import VectorSettings
 from skyproof.simulator import scenes
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd
+from skyproof.studies.discriminator_laws import code_discriminator, combined_taps, prompt_amplitude
+from skyproof.studies.vector_rules import Equilibrium, detection_probability, equilibrium
 from skyproof.studies.vector_sky import PRNS, SKY, attack_on
 
 LENGTH_S, SETTLED_S, RATE_HZ, CHIP_M = 15.0, 10.0, 5e6, 293.0523

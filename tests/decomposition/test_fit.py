@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.decomposition.correlation import (
-    band_share,
-    correlation,
-    correlation_slope,
-    model,
-    model_as_printed,
-    noise_variance,
-)
+from skyproof.decomposition.correlation import band_share, correlation, correlation_slope, noise_variance
 from skyproof.decomposition.fit import (
     bins_dictionary,
     blocks_dictionary,
@@ -22,7 +15,8 @@ from skyproof.decomposition.fit import (
     delay_dictionary,
     simulate_taps,
 )
-from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
+from skyproof.studies.correlation_models import model, model_as_printed
+from skyproof.studies.swarm import SwarmSettings, swarm_decompose
 
 AMPLITUDES = np.array([1.0, 0.87])
 

@@ -7,10 +7,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from skyproof.decomposition.correlation import correlation, noise_variance
-from skyproof.detectors.array.arm_phases import arm_angles, arm_columns
-from skyproof.detectors.array.array_model import equilateral_triangle, predicted_directions
+from skyproof.detectors.array.arm_phases import arm_columns
+from skyproof.detectors.array.array_model import predicted_directions
 from skyproof.detectors.array.ins_array import InsArraySettings
-from skyproof.detectors.correlators.correlator_laws import prompt_amplitude, triangle
+from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.detectors.second_signals.detector import SecondSignalsSettings, elevation_rad
 from skyproof.gnss.codes import ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
@@ -23,6 +23,9 @@ from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.sets import consistent_sets
 from skyproof.records import ArrayPhases, Ccaf, NavState, Observations, Records, SignalId, SpinArm, Taps
 from skyproof.statistics.directions import direction_cosines, hemisphere
+from skyproof.studies.arm_angles import arm_angles
+from skyproof.studies.array_geometry import equilateral_triangle
+from skyproof.studies.discriminator_laws import prompt_amplitude
 from skyproof.studies.quality_metrics import tap_covariance
 from skyproof.studies.uniformity_echoes import drawn_seconds
 from skyproof.studies.vector_loops import draw_taps

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from skyproof.cli.study import study
-from skyproof.detectors.array.array_model import equilateral_triangle
 from skyproof.errors import SettingsError
 from skyproof.records import AntennaArray, SpinArm
 from skyproof.statistics.directions import direction_cosines
+from skyproof.studies.array_geometry import equilateral_triangle
 from skyproof.studies.base import StudySettings
 from skyproof.studies.geometry import WAVE_M, arm, array
 from skyproof.studies.ins_array_figures import lattice_share

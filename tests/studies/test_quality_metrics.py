@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.detectors.correlators.correlator_laws import prompt_amplitude, triangle
+from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.statistics.distributions import binomial_survival, binomial_two_sided
 from skyproof.studies import quality_metrics as sqm
+from skyproof.studies.discriminator_laws import prompt_amplitude
 
 
 def drawn(rng, trials, amplitude, spacing):

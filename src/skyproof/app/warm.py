@@ -21,16 +21,9 @@ from skyproof.app.common.windows import asked
 from skyproof.app.receive.inputs import only_recordings, open_inputs
 from skyproof.app.receive.tracker import track
 from skyproof.compiled import on_compiled
-from skyproof.decomposition.fit import (
-    blocks_dictionary,
-    decompose,
-    delay_bound,
-    delay_dictionary,
-    simulate_taps,
-)
+from skyproof.decomposition.fit import blocks_dictionary, decompose, delay_bound, delay_dictionary, simulate_taps
 from skyproof.detectors.dccaf.bursts import components, shapes
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
-from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.formats.layout import Chunk, PackedSamples, Packing
 from skyproof.gnss.ephemeris import GlonassEphemeris
 from skyproof.gnss.nominal import nominal_constellation
@@ -129,12 +122,7 @@ def _positions() -> None:
 
 def _methods() -> None:
     """What a study or an inertial unit needs."""
-    rng, delays, variance = np.random.default_rng(1), delay_dictionary(5e6), 1e-3
-    taps = simulate_taps(np.zeros((2, 1)), np.ones((2, 1)), variance, delays, rng)
-    swarm = SwarmSettings(particles=4, iterations=2, within_hz=0.0)
-    swarm_decompose(
-        taps[:, None, :], delays.points, settings=swarm, bins_hz=np.zeros(1), coherent_s=0.02, band_hz=5e6, rng=rng
-    )
+    rng = np.random.default_rng(1)
     for exhaustive in (True, False):
         passing_sets(hemisphere(9)[:6], rng.standard_normal((6, 2)), 1.0, exhaustive=exhaustive)
     strapdown_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)

@@ -16,17 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from skyproof.arrays import Complexes, Reals
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ
 
-__all__ = [
-    "band_share",
-    "correlation",
-    "correlation_slope",
-    "model",
-    "model_as_printed",
-    "noise_variance",
-]
+__all__ = ["band_share", "correlation", "correlation_slope", "noise_variance"]
 
 
 def correlation(lag_chips: ArrayLike, band_hz: float) -> Reals:
@@ -56,35 +49,6 @@ def noise_variance(cn0_dbhz: ArrayLike, coherent_s: ArrayLike, band_hz: float) -
     """s^2 = E|v|^2 of one point of the grid beside a signal of amplitude one: 1 / (C/N0 T eta)."""
     cn0_hz = 10.0 ** (0.1 * np.asarray(cn0_dbhz, np.float64))
     return np.asarray(1.0 / (cn0_hz * np.asarray(coherent_s, np.float64) * band_share(band_hz)))
-
-
-def model(
-    amplitude: ArrayLike,
-    delay_chips: ArrayLike,
-    doppler_hz: ArrayLike,
-    *,
-    taps_chips: ArrayLike,
-    bins_hz: ArrayLike = 0.0,
-    coherent_s: float,
-    band_hz: float,
-) -> Complexes:
-    """What signals (..., n) of complex amplitude (phase at mid-interval) give on a grid (..., bins, taps)."""
-    lag = np.atleast_1d(taps_chips) - np.asarray(delay_chips, np.float64)[..., None]
-    off = np.asarray(doppler_hz, np.float64)[..., None] - np.atleast_1d(bins_hz)
-    each = np.sinc(off * coherent_s)[..., :, None] * correlation(lag, band_hz)[..., None, :]
-    return np.asarray(np.sum(np.asarray(amplitude, np.complex128)[..., None, None] * each, axis=-3))
-
-
-def model_as_printed(
-    amplitude: ArrayLike, doppler_off_hz: ArrayLike, phase_rad: ArrayLike, coherent_s: float, *, form: str = "corrected"
-) -> Complexes:
-    """The factor beside R of the paper's equation 4, phase at the start of the interval; form "corrected" or "paper".
-
-    In print the phase stands inside the factor pi.
-    """
-    turn, phase = np.asarray(doppler_off_hz, np.float64) * coherent_s, np.asarray(phase_rad, np.float64)
-    angle = np.pi * (turn + phase) if form == "paper" else np.pi * turn + phase
-    return np.asarray(np.asarray(amplitude) * np.sinc(turn) * np.exp(1j * angle))
 
 
 def _half_band(band_hz: float) -> float:

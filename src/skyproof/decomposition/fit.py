@@ -8,7 +8,7 @@ paper, beside the band's R:
   Msps divides the error by four.
 - Amplitudes are linear, so only delays (and Dopplers) are searched: all pairs on a grid, then variable projection
   (Golub and Pereyra, SIAM J. Numer. Anal. 10(2), 1973; Kaufman, BIT 15, 1975). The swarm is in
-  `detectors.dccaf.swarm`.
+  `studies.swarm`.
 - How many signals there are is a test with a law of its own (`CountTest`): the second amplitude is never near zero.
 
 Leading axes are free. Delays are in chips, larger for a longer way.

@@ -20,11 +20,11 @@ from skyproof.decomposition.fit import (
     delay_dictionary,
     simulate_taps,
 )
-from skyproof.detectors.dccaf.swarm import SwarmSettings, swarm_decompose
 from skyproof.report.chart import Axes
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 from skyproof.studies.dccaf_exclusion import STUDIES_OF_EXCLUSION
 from skyproof.studies.dccaf_grid import STUDIES_OF_THE_GRID
+from skyproof.studies.swarm import SwarmSettings, swarm_decompose
 
 __all__ = ["STUDIES"]
 

@@ -12,13 +12,10 @@ from scipy.spatial.transform import Rotation
 from skyproof.arrays import Reals
 from skyproof.detectors.array.array_model import (
     array_design,
-    blind_directions,
     conditional_statistics,
     differences,
-    equilateral_triangle,
     joint_statistic,
     residual_covariance,
-    single_statistic,
     white_covariance,
 )
 from skyproof.statistics.directions import (
@@ -29,6 +26,7 @@ from skyproof.statistics.directions import (
     squared_norm,
 )
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
+from skyproof.studies.array_geometry import blind_directions, equilateral_triangle, single_statistic
 from skyproof.studies.base import Row, StudySettings
 
 __all__ = [

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.dccaf.inverse_raim import inverse_raim, passing_sets
+from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
@@ -15,6 +15,7 @@ from skyproof.gnss.sky import unit_vectors
 from skyproof.gnss.time import week_and_tow
 from skyproof.report.chart import Axes
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
+from skyproof.studies.inverse_raim_choice import inverse_raim
 
 __all__ = ["STUDIES"]
 

@@ -11,20 +11,19 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.array.arm_phases import (
+from skyproof.detectors.array.arm_phases import arm_columns, full_fit
+from skyproof.report.chart import Axes
+from skyproof.statistics.directions import DirectionBlocks, blocks, dead_zone, direction_cosines
+from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
+from skyproof.studies.arm_angles import (
     arm_angles,
-    arm_columns,
     authentic_threshold,
     circular_threshold,
-    full_fit,
     full_information,
     paired_fit,
     paired_information,
     spoofed_detection,
 )
-from skyproof.report.chart import Axes
-from skyproof.statistics.directions import DirectionBlocks, blocks, dead_zone, direction_cosines
-from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 
 __all__ = ["STUDIES"]

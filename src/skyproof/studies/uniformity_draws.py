@@ -14,37 +14,19 @@ from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.decomposition.correlation import noise_variance
-from skyproof.decomposition.fit import (
-    count_statistic,
-    count_test,
-    delay_dictionary,
-    simulate_taps,
-)
-from skyproof.detectors.array.arm_phases import (
-    arm_angles,
-    estimate_rate,
-    full_fit,
-    full_information,
-    minus_mean,
-    paired_fit,
-    paired_information,
-    predicted_test,
-)
+from skyproof.decomposition.fit import count_statistic, count_test, delay_dictionary, simulate_taps
+from skyproof.detectors.array.arm_phases import estimate_rate, full_fit, minus_mean
 from skyproof.detectors.array.array_common import cluster_chance
 from skyproof.detectors.array.array_model import (
     array_design,
     conditional_statistics,
-    equilateral_triangle,
     joint_statistic,
     residual_covariance,
-    single_statistic,
     sky_p_value,
-    unexplained,
     white_covariance,
 )
 from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import vector_parity as parity
-from skyproof.detectors.correlators import vector_sqm as rule
 from skyproof.detectors.dccaf.inverse_raim import parity_matrix
 from skyproof.detectors.multi_receiver.one_antenna import (
     WHITE,
@@ -74,7 +56,12 @@ from skyproof.statistics.directions import (
 )
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.many_small import many_small
+from skyproof.studies import discriminator_laws as laws
 from skyproof.studies import quality_metrics as sqm
+from skyproof.studies import vector_parity_tests as parity_tests
+from skyproof.studies import vector_rules as rules
+from skyproof.studies.arm_angles import arm_angles, full_information, paired_fit, paired_information, predicted_test
+from skyproof.studies.array_geometry import equilateral_triangle, single_statistic, unexplained
 from skyproof.studies.double_difference import Tested, difference_test, pooled_correlation
 from skyproof.studies.exclusion import choose_fix
 from skyproof.studies.group_choice import fraction_test, known_baseline_test, known_sky_test, span_test
@@ -309,7 +296,7 @@ def taps_metric(metric: str, amplitude: float) -> Draw:
 def slow_and_fast(*, magnitudes: bool) -> Draw:
     """Correlators 25 Hz off the carrier over 10 ms at 40 dB-Hz."""
     offset_hz, coherent_s = 25.0, 0.01
-    amplitude = float(law.prompt_amplitude(40.0, coherent_s=coherent_s))
+    amplitude = float(laws.prompt_amplitude(40.0, coherent_s=coherent_s))
 
     def draw(rng: np.random.Generator, n: int) -> Reals:
         x = np.array([-1.0, 0.0, 1.0]) * offset_hz * coherent_s
@@ -329,7 +316,7 @@ def variance_of_window(rng: np.random.Generator, n: int) -> Reals:
 
 
 def _discriminators(rng: np.random.Generator, n: int, sums: int) -> tuple[Reals, Reals, float]:
-    amplitude = float(law.prompt_amplitude(40.0, sums))
+    amplitude = float(laws.prompt_amplitude(40.0, sums))
     return *draw_discriminators(rng, n, amplitude, np.zeros(6), np.zeros(6)), amplitude
 
 
@@ -338,7 +325,7 @@ def parity_of(sums: int, *, scores: bool = True) -> Draw:
 
     def draw(rng: np.random.Generator, n: int) -> Reals:
         u, q, amplitude = _discriminators(rng, n, sums)
-        y = parity.parity_vector(u, q, parity.whitener(SKY.parity, amplitude), scores=scores)
+        y = parity.parity_vector(u, q, parity_tests.whitener(SKY.parity, amplitude), scores=scores)
         return parity.parity_test(y).p_value
 
     return draw
@@ -346,11 +333,11 @@ def parity_of(sums: int, *, scores: bool = True) -> Draw:
 
 def suspect_left(rng: np.random.Generator, n: int) -> Reals:
     """What the attacked satellite leaves, sums of 1 s."""
-    settled = rule.equilibrium(SKY, attack_on(2, size=0.1), attack_on(2, size=50.0), 40.0)
-    amplitude = float(law.prompt_amplitude(40.0, 1000))
-    white = parity.whitener(SKY.parity, amplitude)
+    settled = rules.equilibrium(SKY, attack_on(2, size=0.1), attack_on(2, size=50.0), 40.0)
+    amplitude = float(laws.prompt_amplitude(40.0, 1000))
+    white = parity_tests.whitener(SKY.parity, amplitude)
     u, q = draw_discriminators(rng, n, amplitude, *settled)
-    return parity.suspects(parity.parity_vector(u, q, white, scores=False), white).p_value
+    return parity_tests.suspects(parity.parity_vector(u, q, white, scores=False), white).p_value
 
 
 def two_step_rule(sums: int) -> Draw:
@@ -358,14 +345,14 @@ def two_step_rule(sums: int) -> Draw:
 
     def draw(rng: np.random.Generator, n: int) -> Reals:
         u, q, amplitude = _discriminators(rng, n, sums)
-        chosen = rule.two_step(u, q).chosen[:, None]
+        chosen = rules.two_step(u, q).chosen[:, None]
         code, phase = (np.abs(np.take_along_axis(x, chosen, axis=1))[:, 0] for x in (u, q))
-        reached = np.maximum(code / rule.CODE_LIMIT_CHIPS, phase / rule.PHASE_LIMIT_RAD)
+        reached = np.maximum(code / rules.CODE_LIMIT_CHIPS, phase / rules.PHASE_LIMIT_RAD)
         scale = np.geomspace(1e-3, 20.0, 400)
-        each = rule.detection_probability(
+        each = rules.detection_probability(
             np.full(scale.shape, amplitude),
-            code_limit_chips=scale * rule.CODE_LIMIT_CHIPS,
-            phase_limit_rad=scale * rule.PHASE_LIMIT_RAD,
+            code_limit_chips=scale * rules.CODE_LIMIT_CHIPS,
+            phase_limit_rad=scale * rules.PHASE_LIMIT_RAD,
         )
         return np.interp(reached, scale, each)
 

@@ -14,7 +14,9 @@ from scipy.optimize import brentq
 from skyproof.arrays import Booleans, Complexes, Reals
 from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import vector_parity as parity
-from skyproof.detectors.correlators import vector_sqm as rule
+from skyproof.studies import discriminator_laws as laws
+from skyproof.studies import vector_parity_tests as parity_tests
+from skyproof.studies import vector_rules as rules
 from skyproof.studies.base import Row, StudySettings
 from skyproof.studies.vector_loops import mean_taps, tap_noise
 from skyproof.studies.vector_sky import SKY, attack_on
@@ -46,22 +48,22 @@ def tests_of(sums: int) -> dict[str, Test]:
 
     The paper's limits scaled by one factor, or balanced: code and phase alarm equally often.
     """
-    amplitude = float(law.prompt_amplitude(CN0_DBHZ, sums))
-    probability = float(rule.block_rate(RATE_PER_S, sums))
-    scale = rule.limit_scale(amplitude, 6, probability)
+    amplitude = float(laws.prompt_amplitude(CN0_DBHZ, sums))
+    probability = float(rules.block_rate(RATE_PER_S, sums))
+    scale = rules.limit_scale(amplitude, 6, probability)
     share = -np.expm1(np.log1p(-probability) / 12)
-    code_limit = _limit(lambda x: float(law.code_tail(x, amplitude)), share, 0.5)
-    phase_limit = _limit(lambda x: float(law.phase_tail(x, amplitude)), share, law.HALF_PI)
-    white = parity.whitener(SKY.parity, amplitude)
-    threshold = parity.parity_threshold(probability, 6)
+    code_limit = _limit(lambda x: float(laws.code_tail(x, amplitude)), share, 0.5)
+    phase_limit = _limit(lambda x: float(laws.phase_tail(x, amplitude)), share, law.HALF_PI)
+    white = parity_tests.whitener(SKY.parity, amplitude)
+    threshold = parity_tests.parity_threshold(probability, 6)
 
     def two_step(code_limit_chips: float, phase_limit_rad: float) -> Test:
         return lambda u, q: (
-            rule.two_step(u, q, code_limit_chips=code_limit_chips, phase_limit_rad=phase_limit_rad).alarm
+            rules.two_step(u, q, code_limit_chips=code_limit_chips, phase_limit_rad=phase_limit_rad).alarm
         )
 
     return {
-        "paper, limits scaled": two_step(scale * rule.CODE_LIMIT_CHIPS, scale * rule.PHASE_LIMIT_RAD),
+        "paper, limits scaled": two_step(scale * rules.CODE_LIMIT_CHIPS, scale * rules.PHASE_LIMIT_RAD),
         "paper, limits balanced": two_step(code_limit, phase_limit),
         "parity of blocks": lambda u, q: parity.parity_test(parity.parity_vector(u, q, white)).statistic > threshold,
     }
@@ -72,14 +74,14 @@ def _limit(tail: Callable[[float], float], probability: float, largest: float) -
 
 
 def block_delay(
-    rng: np.random.Generator, offsets: rule.Equilibrium, sums: int, tests: Mapping[str, Test], trials: int
+    rng: np.random.Generator, offsets: rules.Equilibrium, sums: int, tests: Mapping[str, Test], trials: int
 ) -> dict[str, float]:
     """Mean delay in milliseconds of each of `tests` on blocks of `sums` integrations.
 
     The block with the onset has the attack in part of it only; those after it alarm with probability P_D each. So the
     mean is the rest of the first block, plus the chance that it misses times sums / P_D.
     """
-    amplitude = law.prompt_amplitude(CN0_DBHZ, sums)
+    amplitude = laws.prompt_amplitude(CN0_DBHZ, sums)
     rest = rng.integers(1, sums + 1, trials)  # integrations from the onset to the end of its block
     share = (rest / sums)[:, None, None]
     attacked = mean_taps(amplitude, offsets.code_chips, offsets.phase_rad)
@@ -94,18 +96,18 @@ def block_delay(
 
 
 def _discriminators(taps: Complexes) -> tuple[Reals, Reals]:
-    return law.code_discriminator(taps[..., 0], taps[..., 2]), law.phase_discriminator(taps[..., 1])
+    return laws.code_discriminator(taps[..., 0], taps[..., 2]), law.phase_discriminator(taps[..., 1])
 
 
 def bank_delays(
-    rng: np.random.Generator, offsets: rule.Equilibrium, bank: tuple[parity.Branch, ...], trials: int
+    rng: np.random.Generator, offsets: rules.Equilibrium, bank: tuple[parity.Branch, ...], trials: int
 ) -> Reals:
     """Delay of the bank in milliseconds, (trials,), after 400 ms without an attack; NaN beyond 30 s."""
-    amplitude = float(law.prompt_amplitude(CN0_DBHZ))
+    amplitude = float(laws.prompt_amplitude(CN0_DBHZ))
     means = np.stack(
         (mean_taps(amplitude, np.zeros(6), np.zeros(6)), mean_taps(amplitude, offsets.code_chips, offsets.phase_rad))
     )
-    whites = [parity.whitener(SKY.parity, float(law.prompt_amplitude(CN0_DBHZ, b.sums))) for b in bank]
+    whites = [parity_tests.whitener(SKY.parity, float(laws.prompt_amplitude(CN0_DBHZ, b.sums))) for b in bank]
     delay_ms, onset_ms = np.full(trials, np.nan), _WARM_UP_MS + rng.integers(0, 10, trials)
     running = np.arange(trials)
     states: list[Reals] = [np.zeros((trials, 4)) for _ in bank]
@@ -115,7 +117,7 @@ def bank_delays(
         taps = tap_noise(rng, (running.size, _CHUNK_MS, 6)) + means[on]
         first_ms = np.full(running.size, np.inf)
         for i, (branch, white) in enumerate(zip(bank, whites, strict=True)):
-            path = parity.run_branch(taps, branch, white, states[i])
+            path = parity_tests.run_branch(taps, branch, white, states[i])
             states[i] = path.state
             end_ms = start_ms + branch.sums * (1 + np.arange(path.size.shape[1]))
             alarm = (path.size > branch.threshold) & (end_ms > onset_ms[running, None])
@@ -130,13 +132,13 @@ def bank_delays(
 
 def delay_rows(settings: StudySettings) -> Iterator[Row]:
     """One row for each attack on PRN 2 and method; the block methods at their best block length."""
-    bank = parity.cusum_bank(6, _MARGIN / RATE_PER_S)
+    bank = parity_tests.cusum_bank(6, _MARGIN / RATE_PER_S)
     lengths = BLOCKS_QUICK if settings.quick else BLOCKS
     tests = {sums: tests_of(sums) for sums in lengths}
     trials = settings.count(2000, 150)
     for stream, (code, doppler) in enumerate(ATTACKS):
         rng = settings.rng(stream)
-        offsets = rule.equilibrium(SKY, attack_on(2, size=code), attack_on(2, size=doppler), CN0_DBHZ)
+        offsets = rules.equilibrium(SKY, attack_on(2, size=code), attack_on(2, size=doppler), CN0_DBHZ)
         by_length = {sums: block_delay(rng, offsets, sums, tests[sums], 10 * trials) for sums in lengths}
         on = "code and Doppler" if code and doppler else "code" if code else "Doppler"
         common = {

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators.vector_sqm import SatelliteGeometry
+from skyproof.studies import discriminator_laws as laws
 
 __all__ = ["Loops", "draw_discriminators", "draw_taps", "mean_taps", "tap_noise", "vector_loops"]
 
@@ -51,7 +52,7 @@ def draw_discriminators(
     for start in range(0, trials, _AT_ONCE):
         some = slice(start, min(start + _AT_ONCE, trials))
         taps = draw_taps(rng, (some.stop - start, n), amplitude, code_chips, phase_rad)
-        u[some] = law.code_discriminator(taps[..., 0], taps[..., 2])
+        u[some] = laws.code_discriminator(taps[..., 0], taps[..., 2])
         q[some] = law.phase_discriminator(taps[..., 1])
     return u, q
 
@@ -85,7 +86,7 @@ def vector_loops(
     """
     n = code_chips.size
     ahead = np.eye(n) - where.projector
-    amplitude = law.prompt_amplitude(cn0_dbhz, coherent_s=coherent_s)
+    amplitude = laws.prompt_amplitude(cn0_dbhz, coherent_s=coherent_s)
     gain = 4.0 * code_bandwidth_hz * coherent_s
     natural = phase_bandwidth_hz / 0.53
     # Started near where it settles, since the parity part of the code moves with the slow time constant 1 / (4 B).
@@ -97,7 +98,7 @@ def vector_loops(
     for step in range(steps):
         code = code_chips - local
         taps = draw_taps(rng, (trials, n), amplitude, code, phase)
-        u = law.code_discriminator(taps[..., 0], taps[..., 2])
+        u = laws.code_discriminator(taps[..., 0], taps[..., 2])
         local = local + gain * ((local + u) @ ahead - local)
         error = law.phase_discriminator(taps[..., 1]) - np.pi * coherent_s * (steady @ where.projector)
         steady = steady + natural**2 * coherent_s / (2.0 * np.pi) * error

@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.correlators.vector_sqm import SatelliteGeometry, geometry_matrix, satellite_geometry
+from skyproof.detectors.correlators.vector_sqm import SatelliteGeometry, satellite_geometry
+from skyproof.studies.vector_rules import geometry_matrix
 
 __all__ = ["CHIPS", "HZ", "PRNS", "SKY", "attack_on", "of_prn"]
 

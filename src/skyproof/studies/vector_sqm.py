@@ -12,8 +12,10 @@ import numpy as np
 
 from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import vector_parity as parity
-from skyproof.detectors.correlators import vector_sqm as rule
 from skyproof.report.chart import Axes
+from skyproof.studies import discriminator_laws as laws
+from skyproof.studies import vector_parity_tests as parity_tests
+from skyproof.studies import vector_rules as rules
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 from skyproof.studies.roc import chi_square_power
 from skyproof.studies.vector_delay import ATTACKS, delay_rows
@@ -33,8 +35,8 @@ METRICS: Final = ("code, chip", "phase, rad")
 DENSITIES: Final = ("value", "density", "density_as_printed", "density_simulated")
 
 
-def _settled(prns: Sequence[int], code_chips: float, doppler_hz: float, cn0_dbhz: float) -> rule.Equilibrium:
-    return rule.equilibrium(SKY, attack_on(*prns, size=code_chips), attack_on(*prns, size=doppler_hz), cn0_dbhz)
+def _settled(prns: Sequence[int], code_chips: float, doppler_hz: float, cn0_dbhz: float) -> rules.Equilibrium:
+    return rules.equilibrium(SKY, attack_on(*prns, size=code_chips), attack_on(*prns, size=doppler_hz), cn0_dbhz)
 
 
 def _number(value: Any) -> float | None:
@@ -49,15 +51,15 @@ def false_alarm(settings: StudySettings) -> Iterator[Row]:
     """P_FA by formula and counted for a satellite chosen beforehand, and of the rule, which takes the largest."""
     trials = settings.count(1_000_000, 100_000)
     for stream, (cn0_dbhz, k) in enumerate((*CASES, (40, 20))):
-        amplitude = float(law.prompt_amplitude(cn0_dbhz, k))
+        amplitude = float(laws.prompt_amplitude(cn0_dbhz, k))
         u, q = draw_discriminators(settings.rng(stream), trials, amplitude, NOBODY, NOBODY)
-        beyond = (np.abs(u) > rule.CODE_LIMIT_CHIPS) | (np.abs(q) > rule.PHASE_LIMIT_RAD)
+        beyond = (np.abs(u) > rules.CODE_LIMIT_CHIPS) | (np.abs(q) > rules.PHASE_LIMIT_RAD)
         yield {
             "cn0_dbhz": cn0_dbhz,
             "k": k,
-            "p_fa_theory": float(rule.detection_probability(amplitude)),
+            "p_fa_theory": float(rules.detection_probability(amplitude)),
             "p_fa_simulated": float(np.mean(beyond)),
-            "p_fa_rule": float(np.mean(rule.two_step(u, q).alarm)),
+            "p_fa_rule": float(np.mean(rules.two_step(u, q).alarm)),
             "trials": trials,
         }
 
@@ -98,7 +100,7 @@ def density(settings: StudySettings) -> Iterator[Row]:
     place = of_prn(20)
     cases += [("PRN 12, 13, 17", 45, k, three.code_chips[place], three.phase_rad[place]) for k in (1, 10)]
     for stream, (attack, cn0_dbhz, k, code, phase) in enumerate(cases):
-        amplitude = float(law.prompt_amplitude(cn0_dbhz, k))
+        amplitude = float(laws.prompt_amplitude(cn0_dbhz, k))
         values = draw_discriminators(settings.rng(stream), trials, amplitude, np.array([code]), np.array([phase]))
         for metric, drawn in zip(METRICS, np.abs(values), strict=True):
             edges = np.linspace(0.0, float(drawn.max()), 51)
@@ -106,7 +108,7 @@ def density(settings: StudySettings) -> Iterator[Row]:
             middles = 0.5 * (edges[1:] + edges[:-1])
             both = np.stack((middles, -middles))
             if metric == METRICS[0]:
-                computed = printed = np.sum(law.code_density(both, amplitude, code), axis=0)
+                computed = printed = np.sum(laws.code_density(both, amplitude, code), axis=0)
             else:
                 computed = np.sum(law.phase_density(both, amplitude, phase, code), axis=0)
                 printed = np.sum(law.phase_density(both, amplitude, phase, code, form="paper"), axis=0)
@@ -139,10 +141,10 @@ def parameters(settings: StudySettings) -> Iterator[Row]:
     attacks = [((2,), 40, k) for k in (1, 10, 100)] + [(THREE, 45, k) for k in (1, 10)]
     for stream, (prns, cn0_dbhz, k) in enumerate(attacks):
         settled = _settled(prns, 0.5, 250.0, cn0_dbhz)
-        amplitude = law.prompt_amplitude(cn0_dbhz, k)
-        xi = rule.parameter(*draw_discriminators(settings.rng(stream), trials, amplitude, *settled))
+        amplitude = laws.prompt_amplitude(cn0_dbhz, k)
+        xi = rules.parameter(*draw_discriminators(settings.rng(stream), trials, amplitude, *settled))
         largest = np.bincount(np.argmax(xi, axis=-1), minlength=6) / trials
-        quiet = rule.parameter(*settled)
+        quiet = rules.parameter(*settled)
         for i, prn in enumerate(PRNS):
             yield {
                 "attack": _named(prns),
@@ -175,17 +177,17 @@ def cn0_k(settings: StudySettings) -> Iterator[Row]:
     cases += [("9", 40, 10, i * 0.05, j * 0.025) for j in range(5) for i in range(5)]
     whole: dict[float, float] = {}
     for figure, cn0_dbhz, k, code, turn in cases:
-        amplitude = float(law.prompt_amplitude(cn0_dbhz, k))
+        amplitude = float(laws.prompt_amplitude(cn0_dbhz, k))
         if amplitude not in whole:
-            whole[amplitude] = rule.rule_alarm_probability(amplitude, NOBODY, NOBODY)
+            whole[amplitude] = rules.rule_alarm_probability(amplitude, NOBODY, NOBODY)
         yield {
             "figure": figure,
             "cn0_dbhz": cn0_dbhz,
             "k": k,
             "code_chips": code,
             "phase_pi": turn,
-            "p_fa": float(rule.detection_probability(amplitude)),
-            "p_d": float(rule.detection_probability(amplitude, code, np.pi * turn)),
+            "p_fa": float(rules.detection_probability(amplitude)),
+            "p_d": float(rules.detection_probability(amplitude, code, np.pi * turn)),
             "p_fa_rule": whole[amplitude],
         }
 
@@ -200,19 +202,19 @@ def one_spoofer(settings: StudySettings) -> Iterator[Row]:
     the rule, `p_fa_rule` its false alarms; `p_d_parity` of the parity test at the false-alarm probability `p_fa`.
     """
     cn0_dbhz, k = 45, 1
-    amplitude = float(law.prompt_amplitude(cn0_dbhz, k))
-    p_fa = float(rule.detection_probability(amplitude))
-    p_fa_rule = rule.rule_alarm_probability(amplitude, NOBODY, NOBODY)
-    white = parity.whitener(SKY.parity, amplitude)
+    amplitude = float(laws.prompt_amplitude(cn0_dbhz, k))
+    p_fa = float(rules.detection_probability(amplitude))
+    p_fa_rule = rules.rule_alarm_probability(amplitude, NOBODY, NOBODY)
+    white = parity_tests.whitener(SKY.parity, amplitude)
     steps = np.linspace(0.0, 1.25, 6 if settings.quick else 26)
     for kind, (code, doppler) in {"code": (CHIPS, 0.0), "Doppler": (0.0, HZ), "both": (CHIPS, HZ)}.items():
         for i, prn in enumerate(PRNS):
             for step in steps:
                 settled = _settled((prn,), step * code, step * doppler, cn0_dbhz)
-                tested = int(np.argmax(rule.parameter(*settled)))
-                p_d = rule.detection_probability(amplitude, *settled)
-                u = white.code @ law.code_mean(amplitude, settled.code_chips)
-                q = white.phase @ law.phase_mean(amplitude, settled.phase_rad, settled.code_chips)
+                tested = int(np.argmax(rules.parameter(*settled)))
+                p_d = rules.detection_probability(amplitude, *settled)
+                u = white.code @ laws.code_mean(amplitude, settled.code_chips)
+                q = white.phase @ laws.phase_mean(amplitude, settled.phase_rad, settled.code_chips)
                 yield {
                     "attack": kind,
                     "prn": prn,
@@ -225,7 +227,7 @@ def one_spoofer(settings: StudySettings) -> Iterator[Row]:
                     "tested_prn": PRNS[tested],
                     "p_d_largest": float(p_d[tested]),
                     "p_fa_rule": p_fa_rule,
-                    "p_d_rule": rule.rule_alarm_probability(amplitude, *settled),
+                    "p_d_rule": rules.rule_alarm_probability(amplitude, *settled),
                     "p_d_parity": float(chi_square_power(p_fa, 4, u @ u + q @ q)),
                 }
 
@@ -243,12 +245,12 @@ def many(settings: StudySettings) -> Iterator[Row]:
     cases = [((2,), CHIPS, HZ, 2, *case) for case in CASES] + [(THREE, 0.5, 250.0, 20, 45, k) for k in (1, 10)]
     for stream, (prns, code, doppler, tested, cn0_dbhz, k) in enumerate(cases):
         settled, i = _settled(prns, code, doppler, cn0_dbhz), of_prn(tested)
-        amplitude = float(law.prompt_amplitude(cn0_dbhz, k))
-        p_fa = float(rule.detection_probability(amplitude))
+        amplitude = float(laws.prompt_amplitude(cn0_dbhz, k))
+        p_fa = float(rules.detection_probability(amplitude))
         u, q = draw_discriminators(settings.rng(stream), trials, amplitude, *settled)
-        beyond = (np.abs(u) > rule.CODE_LIMIT_CHIPS) | (np.abs(q) > rule.PHASE_LIMIT_RAD)
-        y = parity.parity_vector(u, q, parity.whitener(SKY.parity, amplitude))
-        shift, turn = rule.linear_shift(SKY, attack_on(*prns, size=code), attack_on(*prns, size=doppler))
+        beyond = (np.abs(u) > rules.CODE_LIMIT_CHIPS) | (np.abs(q) > rules.PHASE_LIMIT_RAD)
+        y = parity.parity_vector(u, q, parity_tests.whitener(SKY.parity, amplitude))
+        shift, turn = rules.linear_shift(SKY, attack_on(*prns, size=code), attack_on(*prns, size=doppler))
         yield {
             "attack": _named(prns),
             "code_chips": code,
@@ -257,10 +259,10 @@ def many(settings: StudySettings) -> Iterator[Row]:
             "k": k,
             "tested_prn": tested,
             "p_fa": p_fa,
-            "p_d_theory": float(rule.detection_probability(amplitude, settled.code_chips[i], settled.phase_rad[i])),
-            "p_d_linear": float(rule.detection_probability(amplitude, shift[i], turn[i])),
+            "p_d_theory": float(rules.detection_probability(amplitude, settled.code_chips[i], settled.phase_rad[i])),
+            "p_d_linear": float(rules.detection_probability(amplitude, shift[i], turn[i])),
             "p_d_simulated": float(np.mean(beyond[:, i])),
-            "p_d_rule": float(np.mean(rule.two_step(u, q).alarm)),
+            "p_d_rule": float(np.mean(rules.two_step(u, q).alarm)),
             "p_d_parity": float(np.mean(parity.parity_test(y).p_value < p_fa)),
             "trials": trials,
         }

@@ -7,12 +7,7 @@ import pytest
 from tests.detectors.nulls import array_phases, window
 
 from skyproof.detectors.array.array_common import ArrayCommon, cluster_chance
-from skyproof.detectors.array.array_model import (
-    array_design,
-    equilateral_triangle,
-    regular_tetrahedron,
-    white_covariance,
-)
+from skyproof.detectors.array.array_model import array_design, white_covariance
 from skyproof.records import ArrayPhases, SignalId
 from skyproof.statistics.directions import (
     complete_linkage,
@@ -26,6 +21,7 @@ from skyproof.statistics.directions import (
     pair_statistics,
 )
 from skyproof.statistics.distributions import binomial_two_sided, chi_square_threshold
+from skyproof.studies.array_geometry import equilateral_triangle, regular_tetrahedron
 
 SKY_DEG = np.array([(20, 15), (75, 40), (110, 65), (160, 25), (205, 50), (250, 20), (300, 35), (340, 75)], float)
 SKY = direction_cosines(*np.radians(SKY_DEG.T))

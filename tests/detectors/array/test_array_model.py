@@ -12,18 +12,11 @@ from scipy.stats import kstest
 
 from skyproof.detectors.array.array_model import (
     array_design,
-    between_signals,
-    blind_directions,
     conditional_statistics,
     differences,
-    direction_statistic,
-    equilateral_triangle,
     joint_statistic,
-    regular_tetrahedron,
     residual_covariance,
-    single_statistic,
     sky_p_value,
-    unexplained,
     white_covariance,
 )
 from skyproof.statistics.directions import (
@@ -40,6 +33,15 @@ from skyproof.statistics.distributions import (
     chi_square_survival,
     chi_square_threshold,
     noncentral_chi_square_survival,
+)
+from skyproof.studies.array_geometry import (
+    between_signals,
+    blind_directions,
+    direction_statistic,
+    equilateral_triangle,
+    regular_tetrahedron,
+    single_statistic,
+    unexplained,
 )
 
 SIGMA = 0.01

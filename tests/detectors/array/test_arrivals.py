@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.array.agreement import Agreement, ArrayFrame, MeanPhases
-from skyproof.detectors.array.array_model import array_design, equilateral_triangle, white_covariance
+from skyproof.detectors.array.array_model import array_design, white_covariance
 from skyproof.detectors.array.arrivals import across, arrivals
 from skyproof.statistics.directions import direction_cosines
+from skyproof.studies.array_geometry import equilateral_triangle
 
 
 def found_of(direction, elements, sigma_cyc=0.01):

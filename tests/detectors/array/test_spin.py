@@ -13,20 +13,12 @@ from tests.detectors.nulls import ARM, spin_records
 from tests.detectors.nulls import spin_series as series
 
 from skyproof.detectors.array.arm_phases import (
-    arm_angles,
     arm_columns,
-    authentic_threshold,
     bent_signals,
-    circular_threshold,
     estimate_rate,
     full_fit,
-    full_information,
     minus_mean,
-    paired_fit,
-    paired_information,
-    predicted_test,
     repair_slips,
-    spoofed_detection,
     step_statistics,
 )
 from skyproof.detectors.array.spin import Spin
@@ -46,6 +38,16 @@ from skyproof.statistics.distributions import (
     chi_square_survival,
     chi_square_threshold,
     noncentral_chi_square_survival,
+)
+from skyproof.studies.arm_angles import (
+    arm_angles,
+    authentic_threshold,
+    circular_threshold,
+    full_information,
+    paired_fit,
+    paired_information,
+    predicted_test,
+    spoofed_detection,
 )
 
 W = 0.05 * np.pi

@@ -8,7 +8,7 @@ from scipy import stats
 from tests.detectors.nulls import with_vector_taps
 
 from skyproof.detectors.correlators.correlator_laws import triangle
-from skyproof.detectors.correlators.vector_sqm import equilibrium, satellite_geometry
+from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.detectors.correlators.vector_sqm_detector import (
     VectorSqm,
     VectorSqmSettings,
@@ -18,6 +18,7 @@ from skyproof.detectors.correlators.vector_sqm_detector import (
     t_squared_survival,
 )
 from skyproof.errors import SettingsError
+from skyproof.studies.vector_rules import equilibrium
 
 
 def settled(records, code_chips, doppler_hz, places):

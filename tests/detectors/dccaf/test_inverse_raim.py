@@ -7,17 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyproof.detectors.dccaf.inverse_raim import (
-    clusters,
-    complementary_pair,
-    innovations,
-    inverse_raim,
-    parity_matrix,
-    passing_sets,
-    second_subset,
-    set_states,
-    timing_only,
-)
+from skyproof.detectors.dccaf.inverse_raim import parity_matrix, passing_sets, second_subset, set_states
+from skyproof.studies.inverse_raim_choice import clusters, complementary_pair, innovations, inverse_raim, timing_only
 
 UP_EAST = np.array([1.0, 0.0, 1.0]) * np.sqrt(0.5)
 

@@ -47,7 +47,6 @@ JOBS: Final[Mapping[str, tuple[str, ...]]] = {
     ),
     "methods": (
         "detectors.dccaf.inverse_raim",
-        "detectors.dccaf.swarm",
         "navigation.strapdown",
     ),
 }

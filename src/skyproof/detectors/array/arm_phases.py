@@ -22,42 +22,29 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
-from scipy import optimize, special
 
-from skyproof.arrays import Complexes, Indices, Reals
+from skyproof.arrays import Indices, Reals
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
     "DEGREE_2_LASTS_S",
-    "PredictedTest",
     "RepairedPhase",
     "SpinFit",
     "SpinRate",
-    "arm_angles",
     "arm_columns",
-    "authentic_threshold",
     "bent_signals",
-    "circular_threshold",
     "estimate_rate",
+    "fit_columns",
     "full_fit",
-    "full_information",
     "minus_mean",
-    "paired_fit",
-    "paired_information",
-    "predicted_test",
+    "polynomial_columns",
     "repair_slips",
-    "spoofed_detection",
     "step_statistics",
 ]
 
 DEGREE_2_LASTS_S = 15.0
 """Up to here what a quadratic leaves of the motion of a pair of satellites adds less than 1 to the noncentrality; from
 here on a cubic is needed."""
-
-
-def arm_angles(count: int, rate_rad: float, *, start_rad: float = 0.0) -> Reals:
-    """Angle (N,) of the arm at each sample, for `rate_rad` a sample."""
-    return np.asarray(start_rad + rate_rad * np.arange(count))
 
 
 def arm_columns(angle_rad: ArrayLike, radius_cyc: float) -> Reals:
@@ -78,58 +65,7 @@ class SpinFit(NamedTuple):
 # The paper's test -----------------------------------------------------------------------------------------------------
 
 
-def paired_information(angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float) -> Reals:
-    """H'H over the variance, (2, 2), of the paper's differences (equations 12, 19); parameters as in `paired_fit`."""
-    columns = _paired(arm_columns(angle_rad, radius_cyc).T).T
-    return np.asarray(columns.T @ columns / (2.0 * sigma_cyc**2))
-
-
-def paired_fit(phase_cyc: ArrayLike, angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float) -> SpinFit:
-    """The paper's statistic (equations 10 to 17): differences of samples (0, 2), (1, 3), (4, 6), (5, 7), ...,
-    each sample used once at most.
-
-    Parameters
-    ----------
-    phase_cyc : (..., N) difference of two signals, motion removed. angle_rad : (N,).
-    sigma_cyc : of a sample of the series; for a difference of two signals sqrt(2) times that of one.
-    """
-    columns = _paired(arm_columns(angle_rad, radius_cyc).T).T
-    return _fit(_paired(np.asarray(phase_cyc, np.float64)), columns, 2.0 * sigma_cyc**2)
-
-
-def authentic_threshold(false_alarm_probability: ArrayLike, noncentrality: ArrayLike) -> Reals:
-    """The paper's threshold (equation 16): a pair known to be apart by `noncentrality` stays below it with this chance.
-
-    The paper calls pairs below the threshold spoofed. Its false alarm is an authentic pair that is called so.
-    """
-    return np.asarray(special.chndtrix(false_alarm_probability, 2, noncentrality), np.float64)
-
-
-def spoofed_detection(threshold: ArrayLike) -> Reals:
-    """The chance that a pair from one direction is below the threshold (equation 18 as it has to be read)."""
-    return np.asarray(-np.expm1(-0.5 * np.asarray(threshold, np.float64)))
-
-
-def circular_threshold(false_alarm_probability: float) -> float:
-    """What the paper's rule comes to if the noncentrality is the estimate from the same data, that is the statistic.
-
-    "T below the threshold that belongs to T" is "T below this", whatever the samples, the radius and the rate:
-    0.0203 at 0.01, and spoofed pairs are then found with a probability of 0.0101.
-    """
-    return float(optimize.brentq(lambda t: special.chndtr(t, 2, t) - false_alarm_probability, 1e-12, 100.0, xtol=1e-14))
-
-
 # The whole series -----------------------------------------------------------------------------------------------------
-
-
-def full_information(
-    angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float, degree: int = 2, time: ArrayLike | None = None
-) -> Reals:
-    """Information (2, 2) of the whole series less a polynomial; parameters as in `full_fit`."""
-    columns = arm_columns(angle_rad, radius_cyc)
-    polynomial = _polynomial(columns.shape[0], degree, time)
-    columns = columns - polynomial @ (polynomial.T @ columns)
-    return np.asarray(columns.T @ columns / sigma_cyc**2)
 
 
 def full_fit(
@@ -152,9 +88,9 @@ def full_fit(
         differences of levels have the right covariance.
     """
     columns = arm_columns(angle_rad, radius_cyc)
-    polynomial = _polynomial(columns.shape[0], degree, time)
+    polynomial = polynomial_columns(columns.shape[0], degree, time)
     columns = columns - polynomial @ (polynomial.T @ columns)
-    return _fit(np.asarray(phase_cyc, np.float64), columns, sigma_cyc**2)
+    return fit_columns(np.asarray(phase_cyc, np.float64), columns, sigma_cyc**2)
 
 
 def minus_mean(phase_cyc: ArrayLike) -> Reals:
@@ -196,7 +132,7 @@ def estimate_rate(
     count = series.shape[-1]
     time = np.arange(count, dtype=float) if time is None else np.asarray(time, np.float64)
     centred = time - 0.5 * (time[0] + time[-1])  # with the phase in the middle, rate and direction hardly correlate
-    polynomial = _polynomial(count, degree, time)
+    polynomial = polynomial_columns(count, degree, time)
     series = series - (series @ polynomial) @ polynomial.T
     steps = 2 * int(np.ceil(2.0 * within * abs(rate_rad) * (time[-1] - time[0]))) + 1
     grid = rate_rad * (1.0 + within * np.linspace(-1.0, 1.0, max(3, steps)))
@@ -221,43 +157,6 @@ def estimate_rate(
     return SpinRate(rate, weight**-0.5)
 
 
-class PredictedTest(NamedTuple):
-    """statistic : (...) chi-square with `dof` degrees if all signals come from where predicted. start_rad : (...) the
-    arm's angle at its zero, estimated or 0."""
-
-    statistic: Reals
-    dof: int
-    start_rad: Reals
-
-
-def predicted_test(
-    level: ArrayLike, predicted: ArrayLike, information: ArrayLike, *, start_known: bool = True
-) -> PredictedTest:
-    """Do n signals come from their predicted directions, up to what is common to all and, if not known, a rotation?
-
-    Parameters
-    ----------
-    level : (..., n, 2) of `full_fit`. predicted : (..., n, 2) level direction cosines, azimuths from the arm at its
-        zero, or with `start_known` False from anywhere.
-    information : (2, 2) of one signal.
-    """
-    seen = _centred(np.asarray(level, np.float64))
-    meant = _centred(np.asarray(predicted, np.float64))
-    information = np.asarray(information, np.float64)
-    start = np.zeros(np.broadcast_shapes(seen.shape, meant.shape)[:-1], np.float64)
-    if not start_known:
-        start = np.angle(np.sum(seen * meant.conj(), axis=-1))  # exact where the information is a multiple of I
-        for _ in range(4):
-            turned = meant * np.exp(1j * start)[..., None]
-            slope = _real(1j * turned)
-            weighted = slope @ information
-            step = np.sum(weighted * _real(seen - turned), axis=(-1, -2)) / np.sum(weighted * slope, axis=(-1, -2))
-            start = start + step
-    rest = _real(seen - meant * np.exp(1j * start)[..., None])
-    dof = 2 * (seen.shape[-1] - 1) - (not start_known)
-    return PredictedTest(np.sum((rest @ information) * rest, axis=(-1, -2)), dof, start)
-
-
 # Slips ----------------------------------------------------------------------------------------------------------------
 
 
@@ -273,7 +172,7 @@ def step_statistics(
     and its size in cycles (..., N - 1). Parameters as in `full_fit`."""
     series = np.asarray(phase_cyc, np.float64)
     count = series.shape[-1]
-    polynomial = _polynomial(count, degree, time)
+    polynomial = polynomial_columns(count, degree, time)
     basis = np.hstack([polynomial, _basis(polynomial, arm_columns(angle_rad, 1.0))])
     rest = series - (series @ basis) @ basis.T
     seen = _after(rest)
@@ -358,7 +257,7 @@ def bent_signals(
     """
     phase_cyc, sigma_cyc = np.asarray(phase_cyc, np.float64), np.asarray(sigma_cyc, np.float64)
     n, count = phase_cyc.shape
-    polynomial = _polynomial(count, degree, time)
+    polynomial = polynomial_columns(count, degree, time)
     basis = np.hstack([polynomial, _basis(polynomial, arm_columns(angle_rad, 1.0))])
     left, found = np.arange(n), list[int]()
     while left.size > 2:
@@ -379,20 +278,14 @@ def bent_signals(
 # Shared ---------------------------------------------------------------------------------------------------------------
 
 
-def _paired(series: Reals) -> Reals:
-    """Sample k + 1 less sample k - 1 for k = 1, 2, 5, 6, 9, 10, ..., along the last axis."""
-    fours = series[..., : series.shape[-1] // 4 * 4].reshape(*series.shape[:-1], -1, 4)
-    return np.asarray((fours[..., 2:] - fours[..., :2]).reshape(*series.shape[:-1], -1))
-
-
-def _fit(series: Reals, columns: Reals, variance: float) -> SpinFit:
+def fit_columns(series: Reals, columns: Reals, variance: float) -> SpinFit:
     gram = columns.T @ columns
     level = (series @ columns) @ np.linalg.inv(gram)
     information = gram / variance
     return SpinFit(level, information, np.sum((level @ information) * level, axis=-1))
 
 
-def _polynomial(count: int, degree: int, time: ArrayLike | None) -> Reals:
+def polynomial_columns(count: int, degree: int, time: ArrayLike | None) -> Reals:
     """Orthonormal columns (N, degree + 1)."""
     at = np.arange(count, dtype=float) if time is None else np.asarray(time, np.float64)
     scaled = (2.0 * at - at[0] - at[-1]) / (at[-1] - at[0])
@@ -407,13 +300,3 @@ def _basis(polynomial: Reals, columns: Reals) -> Reals:
 def _after(series: Reals) -> Reals:
     """Sums from each sample but the first to the end."""
     return np.asarray(np.cumsum(series[..., ::-1], axis=-1)[..., -2::-1])
-
-
-def _centred(level: Reals) -> Complexes:
-    """Vectors (..., n, 2) less their mean, as complex numbers (..., n): a rotation is a factor."""
-    of_plane = level[..., 0] + 1j * level[..., 1]
-    return np.asarray(of_plane - of_plane.mean(axis=-1, keepdims=True), np.complex128)
-
-
-def _real(level: Complexes) -> Reals:
-    return np.stack((level.real, level.imag), axis=-1)

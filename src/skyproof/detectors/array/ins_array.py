@@ -21,12 +21,7 @@ from skyproof.detectors.array.agreement import (
     best_agreement,
 )
 from skyproof.detectors.array.array_common import cluster_chance, of_one_sky, once_each
-from skyproof.detectors.array.array_model import (
-    array_design,
-    mean_differences,
-    predicted_directions,
-    white_covariance,
-)
+from skyproof.detectors.array.array_model import array_design, mean_differences, predicted_directions, white_covariance
 from skyproof.detectors.array.arrivals import Arrival, across, arrivals
 from skyproof.detectors.array.failing import failing, without
 from skyproof.detectors.array.reflected import reflections

@@ -11,39 +11,24 @@ finite. (17) and (29) have a factor 1 - Q(u) in print, with which the density of
 is 1 - 2 Q(u). All functions broadcast over free leading axes.
 """
 
-from collections.abc import Callable
 from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from skyproof.arrays import Complexes, Reals
+from skyproof.arrays import Reals
 
 __all__ = [
     "CODE_SPACING_CHIPS",
+    "REACH",
     "Form",
+    "code_amplitudes",
     "code_angle_density",
-    "code_density",
-    "code_discriminator",
-    "code_mean",
-    "code_probability",
     "code_score",
-    "code_sigma_chips",
-    "code_tail",
-    "combined_taps",
     "phase_density",
     "phase_discriminator",
-    "phase_mean",
-    "phase_mean_by_integral",
-    "phase_mean_coefficients",
-    "phase_mean_slope",
-    "phase_probability",
     "phase_score",
-    "phase_sigma_rad",
-    "phase_tail",
-    "prompt_amplitude",
-    "sine_series",
     "triangle",
 ]
 
@@ -52,9 +37,8 @@ Form = Literal["corrected", "paper"]
 CODE_SPACING_CHIPS: Final = 0.5  # of early and late from prompt
 HALF_PI: Final = 0.5 * np.pi
 
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(128)  # as 400 give, to 1e-12
 _LAST_SCORE: Final = 6.0
-_REACH: Final = 12.0  # standard deviations: what lies outside is below 1e-31
+REACH: Final = 12.0  # standard deviations: what lies outside is below 1e-31
 
 
 # Amplitudes and discriminators ----------------------------------------------------------------------------------------
@@ -63,27 +47,6 @@ _REACH: Final = 12.0  # standard deviations: what lies outside is below 1e-31
 def triangle(offset_chips: ArrayLike) -> Reals:
     """Correlation R of a code with itself, without the band limit: max(0, 1 - |x|)."""
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(np.asarray(offset_chips, float))), float)
-
-
-def prompt_amplitude(cn0_dbhz: ArrayLike, sums: ArrayLike = 1, *, coherent_s: float = 1e-3) -> Reals:
-    """A_K = sqrt(2 T K C/N0): prompt over the standard deviation of its noise in one component, `sums` = K."""
-    return np.asarray(np.sqrt(2.0 * coherent_s * np.asarray(sums, float) * 10.0 ** (np.asarray(cn0_dbhz) / 10)), float)
-
-
-def combined_taps(taps: Complexes, *, axis: int) -> Complexes:
-    """Mean over K integrations of (..., 3) early, prompt, late after wiping the sign of the prompt's real part (23).
-
-    `axis` is that of the integrations, not the last. The sign is wrong with probability Q(A_1 cos(phase)): 4e-6 at 40
-    dB-Hz and 1 ms, 0.08 at 30. Below 35 dB-Hz sum over whole bits first.
-    """
-    sign = np.where(taps[..., 1:2].real < 0.0, -1.0, 1.0)
-    return np.asarray(np.mean(taps * sign, axis=axis))
-
-
-def code_discriminator(early: ArrayLike, late: ArrayLike) -> Reals:
-    """0.5 (|E| - |L|) / (|E| + |L|) in chips, positive where the received code is ahead of the local one's middle."""
-    e, lt = np.abs(early), np.abs(late)
-    return np.asarray(0.5 * (e - lt) / (e + lt), float)
 
 
 def phase_discriminator(prompt: ArrayLike) -> Reals:
@@ -95,7 +58,7 @@ def phase_discriminator(prompt: ArrayLike) -> Reals:
 # Densities ------------------------------------------------------------------------------------------------------------
 
 
-def _code_amplitudes(amplitude: ArrayLike, code_chips: ArrayLike) -> tuple[Reals, Reals]:
+def code_amplitudes(amplitude: ArrayLike, code_chips: ArrayLike) -> tuple[Reals, Reals]:
     amplitude, offset = np.asarray(amplitude, float), np.asarray(code_chips, float)
     return amplitude * triangle(offset - CODE_SPACING_CHIPS), amplitude * triangle(offset + CODE_SPACING_CHIPS)
 
@@ -106,20 +69,11 @@ def code_angle_density(angle_rad: ArrayLike, amplitude: ArrayLike, code_chips: A
     amplitude : A_K. code_chips : true offset, received minus local.
     """
     angle = np.asarray(angle_rad, float)
-    a1, a2 = _code_amplitudes(amplitude, code_chips)
+    a1, a2 = code_amplitudes(amplitude, code_chips)
     sin, cos = np.sin(angle), np.cos(angle)
     z = a1 * a2 * sin * cos
     bracket = (1.0 + 0.5 * ((a1 * cos) ** 2 + (a2 * sin) ** 2)) * special.i0e(z) + z * special.i1e(z)
     return np.asarray(2.0 * sin * cos * np.exp(-0.5 * (a1 * sin - a2 * cos) ** 2) * bracket, float)
-
-
-def code_density(value_chips: ArrayLike, amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """Density of the code discriminator, per chip; zero outside (-0.5, 0.5)."""
-    value = np.asarray(value_chips, float)
-    inside = np.abs(value) < 0.5
-    angle = 0.25 * np.pi - np.arctan(2.0 * np.where(inside, value, 0.0))
-    density = code_angle_density(angle, amplitude, code_chips) * 2.0 / (1.0 + 4.0 * value**2)
-    return np.asarray(np.where(inside, density, 0.0), float)
 
 
 def phase_density(
@@ -146,144 +100,7 @@ def phase_density(
 # Integrals ------------------------------------------------------------------------------------------------------------
 
 
-def _integral(
-    density: Callable[[Reals], Reals], low: ArrayLike, high: ArrayLike, peak: Reals, width: ArrayLike
-) -> Reals:
-    """Integral of `density(angle (..., nodes))` over (low, high), nodes only within `_REACH` widths of the peak."""
-    reach = _REACH * np.asarray(width, float)
-    a = np.maximum(np.asarray(low, float), peak - reach)
-    b = np.maximum(np.minimum(np.asarray(high, float), peak + reach), a)
-    half = 0.5 * (b - a)[..., None]
-    return np.asarray(np.sum(half * _WEIGHTS * density(0.5 * (a + b)[..., None] + half * _NODES), axis=-1), float)
-
-
-def _of_code(low: ArrayLike, high: ArrayLike, amplitude: ArrayLike, code_chips: ArrayLike, power: int) -> Reals:
-    """Integral over angles (low, high) of the density times the discriminator to a power."""
-    a, c, low, high = np.broadcast_arrays(*(np.asarray(x, float) for x in (amplitude, code_chips, low, high)))
-    a1, a2 = _code_amplitudes(a, c)
-
-    def integrand(angle: Reals) -> Reals:
-        density = code_angle_density(angle, a[..., None], c[..., None])
-        return density * (0.5 * np.tan(0.25 * np.pi - angle)) ** power if power else density
-
-    return _integral(integrand, low, high, np.arctan2(a2, a1), 1.0 / np.maximum(np.hypot(a1, a2), 1e-3))
-
-
-def code_mean(amplitude: ArrayLike, code_chips: ArrayLike) -> Reals:
-    """gamma1 (18): mean of the code discriminator. Never reaches the offset, since the weaker tap is Rice-biased."""
-    return _of_code(0.0, HALF_PI, amplitude, code_chips, 1)
-
-
-def code_sigma_chips(amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """Standard deviation of the code discriminator; 1 / (sqrt(2) A) for large A at offset zero."""
-    mean = code_mean(amplitude, code_chips)
-    return np.asarray(np.sqrt(_of_code(0.0, HALF_PI, amplitude, code_chips, 2) - mean**2), float)
-
-
-def _limits(limit_chips: ArrayLike) -> tuple[Reals, Reals]:
-    """Angles between which |discriminator| <= limit."""
-    half = np.arctan(2.0 * np.minimum(np.asarray(limit_chips, float), 0.5))
-    return 0.25 * np.pi - half, 0.25 * np.pi + half
-
-
-def code_probability(limit_chips: ArrayLike, amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """Prob(|code discriminator| <= limit), first factor of (26)."""
-    low, high = _limits(limit_chips)
-    return _of_code(low, high, amplitude, code_chips, 0)
-
-
-def code_tail(limit_chips: ArrayLike, amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """Prob(|code discriminator| > limit), the tail itself: small ones keep their digits."""
-    low, high = _limits(limit_chips)
-    below = _of_code(0.0, low, amplitude, code_chips, 0)
-    return np.asarray(below + _of_code(high, HALF_PI, amplitude, code_chips, 0), float)
-
-
-def _of_phase(
-    low: ArrayLike,
-    high: ArrayLike,
-    amplitude: ArrayLike,
-    phase_rad: ArrayLike,
-    code_chips: ArrayLike,
-    power: int = 0,
-    form: Form = "corrected",
-) -> Reals:
-    """Integral over (low, high), which may reach beyond pi/2 since the density has period pi."""
-    arrays = (np.asarray(x, float) for x in (amplitude, phase_rad, code_chips, low, high))
-    a, p, c, low, high = np.broadcast_arrays(*arrays)
-    width = np.minimum(1.0 / np.maximum(a * triangle(c), 1e-3), HALF_PI / _REACH)
-
-    def integrand(angle: Reals) -> Reals:
-        density = phase_density(angle, a[..., None], p[..., None], c[..., None], form=form)
-        return density * angle**power if power else density
-
-    # The peak comes again each half turn; each one is integrated over its own half turn at most.
-    peaks = (_integral(integrand, low, high, p + turn, width) for turn in (-np.pi, 0.0, np.pi))
-    return np.asarray(sum(peaks), float)
-
-
-def phase_probability(
-    limit_rad: ArrayLike,
-    amplitude: ArrayLike,
-    phase_rad: ArrayLike = 0.0,
-    code_chips: ArrayLike = 0.0,
-    *,
-    form: Form = "corrected",
-) -> Reals:
-    """Prob(|phase discriminator| <= limit), second factor of (26). With limit pi/2 the density's whole integral."""
-    limit = np.minimum(np.asarray(limit_rad, float), HALF_PI)
-    return _of_phase(-limit, limit, amplitude, phase_rad, code_chips, form=form)
-
-
-def phase_tail(
-    limit_rad: ArrayLike, amplitude: ArrayLike, phase_rad: ArrayLike = 0.0, code_chips: ArrayLike = 0.0
-) -> Reals:
-    """Prob(|phase discriminator| > limit), the tail itself."""
-    limit = np.minimum(np.asarray(limit_rad, float), HALF_PI)
-    return _of_phase(limit, np.pi - limit, amplitude, phase_rad, code_chips)
-
-
-def phase_mean_by_integral(amplitude: ArrayLike, phase_rad: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """gamma2 (18) as the integral over the density."""
-    return _of_phase(-HALF_PI, HALF_PI, amplitude, phase_rad, code_chips, power=1)
-
-
-def phase_sigma_rad(amplitude: ArrayLike, phase_rad: ArrayLike = 0.0, code_chips: ArrayLike = 0.0) -> Reals:
-    """Standard deviation of the phase discriminator; 1 / A for large A at offset zero."""
-    mean = phase_mean_by_integral(amplitude, phase_rad, code_chips)
-    return np.asarray(np.sqrt(_of_phase(-HALF_PI, HALF_PI, amplitude, phase_rad, code_chips, power=2) - mean**2), float)
-
-
 # gamma2 as a series ---------------------------------------------------------------------------------------------------
-
-
-def phase_mean_coefficients(amplitude: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """Coefficients (..., m) of gamma2 = sum of c_m sin(2 m phase), m = 1, 2, ..., as many as matter.
-
-    (-1)^(m+1)/m sqrt(pi rho)/2 [I_(m-1/2) + I_(m+1/2)](rho/2) exp(-rho/2), rho = (A R(code))^2/2.
-    """
-    level = np.asarray(amplitude, float) * triangle(code_chips)
-    orders = np.arange(1.0, 12.0 + np.ceil(4.5 * float(np.max(level, initial=1.0))))
-    rho = 0.5 * level[..., None] ** 2
-    bessel = special.ive(orders - 0.5, 0.5 * rho) + special.ive(orders + 0.5, 0.5 * rho)
-    return np.asarray((-1.0) ** (orders + 1) / orders * 0.5 * np.sqrt(np.pi * rho) * bessel, float)
-
-
-def phase_mean(amplitude: ArrayLike, phase_rad: ArrayLike, code_chips: ArrayLike = 0.0) -> Reals:
-    """gamma2 (18): mean of the phase discriminator, by its series. Rises to a maximum and falls to 0 at pi/2."""
-    return sine_series(phase_mean_coefficients(amplitude, code_chips), np.asarray(phase_rad, float))
-
-
-def sine_series(coefficients: Reals, phase_rad: Reals) -> Reals:
-    """Sum over m of coefficients (..., m) times sin(2 m phase (...))."""
-    orders = np.arange(1.0, coefficients.shape[-1] + 1.0)
-    return np.asarray(np.sum(coefficients * np.sin(2.0 * orders * phase_rad[..., None]), axis=-1), float)
-
-
-def phase_mean_slope(coefficients: Reals, phase_rad: Reals) -> Reals:
-    """Derivative of gamma2 by the phase, from `phase_mean_coefficients`."""
-    orders = np.arange(1.0, coefficients.shape[-1] + 1.0)
-    return np.asarray(np.sum(2.0 * orders * coefficients * np.cos(2.0 * orders * phase_rad[..., None]), axis=-1), float)
 
 
 # Normal scores --------------------------------------------------------------------------------------------------------
@@ -313,7 +130,7 @@ def code_score(value_chips: ArrayLike, amplitude: float) -> Reals:
     dB-Hz) it has the right tails all the same.
     """
     value = np.asarray(value_chips, float)
-    knots = np.linspace(0.0, min(0.25 * np.pi, 1.5 * _REACH / max(amplitude, 1e-3)), 4001)
+    knots = np.linspace(0.0, min(0.25 * np.pi, 1.5 * REACH / max(amplitude, 1e-3)), 4001)
     rare, last = _rareness(knots, code_angle_density(0.25 * np.pi - knots, amplitude))
     size = np.abs(value)
     limit = 0.5 * np.tan(knots[last])
@@ -324,7 +141,7 @@ def code_score(value_chips: ArrayLike, amplitude: float) -> Reals:
 def phase_score(value_rad: ArrayLike, amplitude: float) -> Reals:
     """The phase discriminator as a standard normal deviate: exactly N(0, 1) at offset zero, at any amplitude."""
     value = np.asarray(value_rad, float)
-    knots = np.linspace(0.0, min(HALF_PI, _REACH / max(amplitude, 1e-3)), 4001)
+    knots = np.linspace(0.0, min(HALF_PI, REACH / max(amplitude, 1e-3)), 4001)
     rare, last = _rareness(knots, phase_density(knots, amplitude))
     size = np.abs(value)
     near = _between(np.minimum(size, knots[last]) / knots[1], rare, last)
