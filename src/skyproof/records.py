@@ -961,7 +961,8 @@ class StatementTest(ShortRepr):
     """What signals say of a statement of the user: key, of which receivers, and whether they agree with it.
 
     one_place : carriers put the receivers' antennas into one place, to millimetres and not by chance. shown : what the
-        signals show instead, over the window.
+        signals show instead, over the window. p_value : of the statement, where the signals do not decide.
+    fitting : codes of slips that carriers fit, none if they fit the statement, None if they do not tell.
     """
 
     key: str
@@ -969,6 +970,8 @@ class StatementTest(ShortRepr):
     agrees: bool
     one_place: bool = False
     shown: Baseline | None = None
+    p_value: float | None = None
+    fitting: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

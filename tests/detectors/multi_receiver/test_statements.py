@@ -149,3 +149,43 @@ def test_one_transmitter_is_named_where_carriers_show_one_place(carriers):
     evidence = reviewed(both, antennas_enu_m=PAIR)
     assert {e.says for e in evidence} == ({"spoofed"} if carriers else {"undecided"})
     assert all(e.failed for e in evidence) != carriers
+
+
+NEAR = {"rx1": (0.0, 0.0, 0.0), "rx2": (1.0, 0.6, 0.2)}
+NEAR_M = float(np.linalg.norm(NEAR["rx2"]))
+CAREFUL = {"false_alarm_probability": 1e-8, "carrier_multipath_sigma_m": 0.001}
+
+
+@pytest.mark.parametrize(
+    ("stated", "code"),
+    [
+        ({"antenna_distance_m": NEAR_M}, None),
+        ({"antenna_distance_m": 0.3048 * NEAR_M}, "made_feet"),
+        ({"antenna_distance_m": 0.5 * NEAR_M}, "half"),
+        ({"antennas_enu_m": NEAR}, None),
+        ({"antennas_enu_m": NEAR | {"rx2": (3.2808, 1.9685, 0.6562)}}, "feet"),
+        ({"antennas_enu_m": NEAR | {"rx2": (1.0, -0.6, 0.2)}}, "north_sign"),
+    ],
+    ids=["right distance", "made feet", "half", "right places", "feet", "north"],
+)
+def test_carriers_of_near_antennas_name_the_slip(stated, code):
+    """Code could be of one antenna: the word stays open, no test fails, and what may be wrong is named."""
+    sigma = {"antenna_distance_sigma_m": 0.01} if "antenna_distance_m" in stated else {"antennas_sigma_m": 0.02}
+    evidence = reviewed(windows({}, {}, antennas=NEAR), **stated, **sigma, **CAREFUL)
+    named = {cause.code for e in evidence for cause in e.wrong_statements}
+    assert (code in named) if code else not named
+    assert not any(e.failed for e in evidence)
+
+
+def test_code_that_contradicts_a_statement_without_being_sure_of_the_sky_names_it():
+    apart = {"rx1": (0.0, 0.0, 0.0), "rx2": (7.0, 4.0, 1.0)}
+    both = windows({}, {}, antennas=apart)
+    without = [[replace(o, carrier_cyc=np.full_like(o.carrier_cyc, np.nan)) for o in r.observations] for r in both]
+    both = [replace(r, observations=tuple(own)) for r, own in zip(both, without, strict=True)]
+    distance_m = float(np.linalg.norm(apart["rx2"]))
+    evidence = reviewed(both, antenna_distance_m=10.0 * distance_m, false_alarm_probability=1e-30)
+    assert {(e.says, e.failed) for e in evidence} == {("undecided", False)}
+    assert "decimal_point" in codes(evidence)
+    assert not any(
+        e.wrong_statements for e in reviewed(both, antenna_distance_m=distance_m, false_alarm_probability=1e-30)
+    )

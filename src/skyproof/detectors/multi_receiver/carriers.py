@@ -25,7 +25,7 @@ from scipy import special
 
 from skyproof.arrays import Booleans, Complexes, Indices, Reals
 from skyproof.detectors.multi_receiver.common_epochs import CommonPhases
-from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, Reach
+from skyproof.detectors.multi_receiver.known_geometry import Fit, Reach
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["CarrierTest", "Fractions", "fractions", "one_antenna_carriers", "sky_carriers"]
@@ -127,7 +127,7 @@ def one_antenna_carriers(one: Fractions) -> CarrierTest:
 
 
 def sky_carriers(
-    kinds: Sequence[Fractions], unit_enu: Sequence[Reals], geometry: AntennaGeometry, receivers: Sequence[str]
+    kinds: Sequence[Fractions], unit_enu: Sequence[Reals], geometry: Fit, receivers: Sequence[str]
 ) -> CarrierTest | None:
     """Test of "the sky over two antennas that stand as known"; None where that leaves too much to look through.
 
@@ -136,8 +136,8 @@ def sky_carriers(
     """
     rows = _Rows(kinds, unit_enu)
     reach = geometry.reach(receivers)
-    ways = rows.ways(reach)
-    if ways is None:
+    ways = None if reach is None else rows.ways(reach)
+    if reach is None or ways is None:
         return None
     dof = rows.cycles.size - rows.design.shape[1]
     gate = float(chi_square_threshold(_NEVER, dof + 3))

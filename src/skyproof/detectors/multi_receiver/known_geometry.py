@@ -29,6 +29,7 @@ __all__ = [
     "AntennaDistance",
     "AntennaGeometry",
     "AntennaPlaces",
+    "Fit",
     "GeometrySlip",
     "LearntBaseline",
     "LearntDistance",
@@ -113,6 +114,7 @@ class Fit(Protocol):
     """What baselines can be held against."""
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit: ...
+    def reach(self, receivers: Sequence[str]) -> Reach | None: ...
 
 
 class GeometrySlip(NamedTuple):
@@ -208,6 +210,10 @@ class _Guess:
         expected_m = between @ self.place_m.ravel()
         return _from_vector(enu_m - expected_m, covariance_m2 + between @ self.covariance_m2 @ between.T)
 
+    def reach(self, receivers: Sequence[str]) -> Reach:
+        sigma_m = np.sqrt(2.0 * np.linalg.eigvalsh(self.covariance_m2)[-1])
+        return Reach(self.place_m[1] - self.place_m[0], 0.0, _REACH * float(sigma_m))
+
 
 @dataclass(frozen=True)
 class _LevelDistance:
@@ -219,6 +225,9 @@ class _LevelDistance:
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         squared = _from_sphere(enu_m[..., :2], covariance_m2[..., :2, :2], self.distance_m, self.sigma_m)
         return Misfit(squared, dof=3, exact=1)
+
+    def reach(self, receivers: Sequence[str]) -> None:
+        """None: the height is open."""
 
 
 def _level_frame(place_ecef_m: Reals) -> Reals:

@@ -54,6 +54,7 @@ def one_set_each(window: Window, pairing: Pairing) -> list[Evidence]:
             because=because,
             would_need=would_need,
             may_also_be=("reflections", "statement"),
+            statement=window.open_statement(pairing, geometry, p_known),
         )
     ]
 

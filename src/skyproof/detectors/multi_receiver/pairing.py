@@ -20,7 +20,7 @@ from skyproof.detectors.multi_receiver.carriers import (
     sky_carriers,
 )
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, Kind, common_ranges, shared_kinds
-from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, survival
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, Fit, survival
 from skyproof.detectors.multi_receiver.one_antenna import (
     ContrastLevels,
     MeanTest,
@@ -331,7 +331,7 @@ def pair_up(
     )
 
 
-def sky_by_carriers(pairings: Sequence[Pairing], geometry: AntennaGeometry) -> CarrierTest | None:
+def sky_by_carriers(pairings: Sequence[Pairing], geometry: Fit) -> CarrierTest | None:
     """Test of "the sky over antennas that stand so" by carriers, of pairings of the same sets, a kind each; of the
     receiver that fits worst. None where carriers do not tell."""
     worst = None

@@ -35,12 +35,15 @@ class Statements:
         self.settings = settings
         self.borne_out = set[tuple[str, str]]()
         self.shown: dict[tuple[str, tuple[str, ...]], list[Baseline]] = {}
+        self._open: dict[tuple[str, tuple[str, ...]], list[StatementTest]] = {}
         for e in evidence:
             test = e.statement
             if test is not None and test.agrees:
                 self.borne_out.update((test.key, name) for name in test.receivers)
             elif test is not None and test.shown is not None:
                 self.shown.setdefault((test.key, test.receivers), []).append(test.shown)
+            if test is not None and test.p_value is not None:
+                self._open.setdefault((test.key, test.receivers), []).append(test)
         self._slips: dict[tuple[str, tuple[str, ...]], list[GeometrySlip]] = {}
 
     def weigh(self, e: Evidence) -> Evidence:
@@ -48,14 +51,15 @@ class Statements:
         test = e.statement
         if test is None or test.agrees or test.one_place:
             return e
+        if test.p_value is not None:
+            return self._doubted(e, self._doubts(test))
         true = all((test.key, ref.receiver) in self.borne_out for ref in e.subject)
         slips = [slip for slip in self._fitting(test) if not true or slip.code == _TURNED]
         if not slips and (true or not self._near_enough(test)):
             return e
-        causes = tuple(WrongStatement(code=s.code, about=s.about, words=s.words, value=s.value or None) for s in slips)
-        causes = causes or (self._unlisted(test),)
+        causes = self._causes(slips) or (self._unlisted(test),)
         if e.says == "undecided":
-            return replace(e, because=f"{e.because}; {causes[0].sentence}", wrong_statements=causes)
+            return self._doubted(e, causes)
         return replace(
             e,
             says="undecided",
@@ -67,6 +71,34 @@ class Statements:
             may_also_be=tuple(dict.fromkeys(("statement", *e.may_also_be))),
             wrong_statements=causes,
         )
+
+    def _doubts(self, test: StatementTest) -> tuple[WrongStatement, ...]:
+        """What may be wrong of a statement that signals contradict, though they are not sure to be of the sky.
+
+        Where carriers tell, what these fit in all windows, but the statement in none; else by code, if that contradicts
+        it by no chance for all windows together.
+        """
+        tests = self._open[test.key, test.receivers]
+        geometry = self.settings.geometry(test.receivers)
+        told = [set(one.fitting) for one in tests if one.fitting is not None]
+        if told and geometry is not None:
+            common = set.intersection(*told)
+            return self._causes([slip for slip in geometry.slips(test.receivers) if slip.code in common])
+        borne_out = any((test.key, name) in self.borne_out for name in test.receivers)
+        least = len(tests) * min(p for one in tests if (p := one.p_value) is not None)
+        if borne_out or least >= self.settings.accept_probability:
+            return ()
+        return self._causes(self._fitting(test)) or (self._unlisted(test),)
+
+    def _doubted(self, e: Evidence, causes: tuple[WrongStatement, ...]) -> Evidence:
+        """The evidence, which says nothing of the signals, with what may be wrong of the statement."""
+        if not causes:
+            return e
+        needed = f"{causes[0].about} checked" + (f", or {e.would_need}" if e.would_need else "")
+        return replace(e, because=f"{e.because}; {causes[0].sentence}", would_need=needed, wrong_statements=causes)
+
+    def _causes(self, slips: Iterable[GeometrySlip]) -> tuple[WrongStatement, ...]:
+        return tuple(WrongStatement(code=s.code, about=s.about, words=s.words, value=s.value or None) for s in slips)
 
     def _fitting(self, test: StatementTest) -> list[GeometrySlip]:
         """The slips that explain what all windows show."""

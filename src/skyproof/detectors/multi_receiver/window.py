@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 from skyproof.detectors.base import Detector, undecided
 from skyproof.detectors.multi_receiver.carriers import CarrierTest
@@ -40,6 +41,7 @@ class Window:
         self.groups = itertools.count(1)
         self.skies: list[Pairing] = []
         self._of_sky: dict[tuple[int, ...], CarrierTest | None] = {}
+        self._fitting: dict[tuple[int, ...], tuple[str, ...] | None] = {}
 
     def geometry(self, pairing: Pairing) -> AntennaGeometry | None:
         """What is given of where antennas stand; of one set in each receiver also what earlier windows showed."""
@@ -59,6 +61,39 @@ class Window:
             agrees=agrees,
             one_place=not agrees and self._in_one_place(pairing),
             shown=next(iter(pairing.baselines), None),
+        )
+
+    def open_statement(
+        self, pairing: Pairing, geometry: AntennaGeometry | None, p_value: float
+    ) -> StatementTest | None:
+        """What a pairing says of it that may be of the sky or of one antenna; p_value : of the statement, by code."""
+        test = None if geometry is None else self.statement(pairing, geometry, agrees=False)
+        if test is None:
+            return None
+        key = tuple(map(id, pairing.sets))
+        if key not in self._fitting:  # alike for all kinds of signals
+            self._fitting[key] = self._slips_by_carriers(pairing)
+        return replace(test, p_value=p_value, fitting=self._fitting[key])
+
+    def _slips_by_carriers(self, pairing: Pairing) -> tuple[str, ...] | None:
+        """Codes of the slips that the carriers of two receivers fit; none if these fit what is stated, None if they do
+        not tell.
+
+        With so many slips that are tried each must fit by chance the more rarely.
+        """
+        geometry, accept = self.settings.geometry(pairing.receivers), self.settings.accept_probability
+        same = [p for p in self.pairings if p.sets == pairing.sets and p.fractions]
+        stated = self._sky_by_carriers(same)
+        if geometry is None or len(pairing.sets) != 2 or stated is None:
+            return None
+        if stated.p_value >= accept:
+            return ()
+        slips = list(geometry.slips(pairing.receivers))
+        tests = [(slip.code, sky_by_carriers(same, slip.fit)) for slip in slips]
+        return tuple(
+            code
+            for code, test in tests
+            if test is not None and test._replace(by_chance=len(slips) * test.by_chance).fits(accept)
         )
 
     def _in_one_place(self, pairing: Pairing) -> bool:
