@@ -104,3 +104,21 @@ def test_without_a_good_fix_it_cannot_be_tested() -> None:
     few = replace(SCENE, max_satellites=5).records(np.random.default_rng(0))
     (evidence, *_) = examine(few)
     assert (evidence.says, evidence.code) == ("undecided", "no_good_fix")
+
+
+@pytest.mark.parametrize("moving", [True, False], ids=["with Dopplers", "codes alone"])
+def test_the_last_velocity_bounds_where_the_antenna_is(moving) -> None:
+    """Four satellites at a time, 1.6 km off: within what 1 km/s leads to, not within what accelerations do."""
+    records = clean(2)
+    (o,) = records.observations
+    rng, codes_m = np.random.default_rng(2), o.pseudorange_m.copy()
+    for epoch in range(11, 16):
+        codes_m[epoch, rng.permutation(codes_m.shape[1])[4:]] = np.nan
+        codes_m[epoch] += 1600.0
+    o = replace(o, pseudorange_m=codes_m)
+    if not moving:
+        none = np.full(codes_m.shape, np.nan)
+        o = replace(o, doppler_hz=none, doppler_sigma_hz=none, carrier_cyc=none, carrier_sigma_cyc=none)
+    found = examine(replace(records, observations=(o,)))
+    assert [e.failed for e in found] == [False, True, False]
+    assert found[1].dated_gpst == o.gpst[11]

@@ -8,10 +8,11 @@ Model. A code that is off from where its satellite stands by more than a reflect
 fix of the others and with the receiver's clock of then, is a stray; so is one that no receiver measures. A satellite or
 its channel has strays in a window with the probability of a fault, independently of others. The number of satellites
 with strays is binomial; the chance of so many is the p-value. How far the antenna and the clock may have gone since
-the last good fix is taken off.
+the last good fix is taken off: no farther than the largest speed leads, nor than the largest acceleration leads from
+where the last velocity does.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -45,6 +46,8 @@ _DRIFT: Final = 1e-6
 """By which a receiver's clock may part from its rate at the last fix, s/s: temperature of a plain quartz."""
 _FAULT_RATE: Final = 1e-4  # at which measurements that do not fit are left out of an epoch's fix
 _LEAST_DOF: Final = 2  # of a fix by which others are judged
+_SIGMAS: Final = 5.0  # that a velocity by two fixes is off at most
+_OPEN_M_S: Final = 1e9  # faster than anything
 _NAMED: Final = 6
 
 
@@ -54,13 +57,17 @@ class TornSettings:
 
     false_alarm_probability : of each receiver and window.
     fault_probability : of one satellite or its channel, to give a stray code within a window.
-    speed_max_m_s : no platform is faster; 1000 where it is not known.
+    speed_max_m_s : no platform is faster; 1000 where it is not known. acceleration_max_m_s2 : none exceeds it.
+    clock_jump, clock_pace_s : what an oscillator's rate may step by, and change by in a second.
     multipath_sigma_m : of one pseudorange, one sigma. elevation_mask_deg : satellites lower are not used for fixes.
     """
 
     false_alarm_probability: float = 1e-3
     fault_probability: float = 1e-3
     speed_max_m_s: float | None = None
+    acceleration_max_m_s2: float = 50.0
+    clock_jump: float = 1e-8
+    clock_pace_s: float = 1e-8
     multipath_sigma_m: float = 1.0
     elevation_mask_deg: float = 5.0
 
@@ -71,12 +78,18 @@ class TornSettings:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Anchor:
-    """The last good fix of a receiver: when, where, and c times the clock bias and drift; by time scale."""
+    """The last good fix of a receiver: when, where, and c times the clock bias, by time scale.
+
+    motion_m_s : (4,) velocity and c times the clock's drift then; zero where not known. motion_sigma_m_s : of each of
+    them at most, `_OPEN_M_S` where not known.
+    """
 
     elapsed_s: float
     position_ecef_m: Reals
+    variance_m2: float
     clock_m: dict[str, float]
-    drift_m_s: float
+    motion_m_s: Reals
+    motion_sigma_m_s: float
 
 
 class Torn:
@@ -151,17 +164,20 @@ class Torn:
         last = before
         for row in range(o.gpst.size):
             if row in good:
-                drift = float(fix.clock_drift[row])
-                last = _Anchor(
+                clock_m = {
+                    scale: SPEED_OF_LIGHT_M_S * float(fix.clock_bias_s[row] + offset_s[row])
+                    for scale, offset_s in fix.inter_system_s.items()
+                    if np.isfinite(offset_s[row])
+                }
+                found = _Anchor(
                     elapsed_s=float(o.elapsed_s[row]),
                     position_ecef_m=fix.position_ecef_m[row],
-                    clock_m={
-                        scale: SPEED_OF_LIGHT_M_S * float(fix.clock_bias_s[row] + offset_s[row])
-                        for scale, offset_s in fix.inter_system_s.items()
-                        if np.isfinite(offset_s[row])
-                    },
-                    drift_m_s=SPEED_OF_LIGHT_M_S * drift if np.isfinite(drift) else 0.0,
+                    variance_m2=float(np.trace(fix.covariance_m2[row])),
+                    clock_m=clock_m,
+                    motion_m_s=np.append(fix.velocity_ecef_m_s[row], SPEED_OF_LIGHT_M_S * fix.clock_drift[row]),
+                    motion_sigma_m_s=0.0,
                 )
+                last = found if np.isfinite(found.motion_m_s).all() else _moved(found, last, self.settings)
             anchors[row] = last
         first = next((anchor for anchor in anchors if anchor is not None), None)
         return [anchor or first for anchor in anchors]
@@ -180,13 +196,20 @@ class Torn:
         place = np.array([anchor.position_ecef_m for anchor in known])
         _, _, distance_m = line_of_sight(ranges.satellite_ecef_m, place)
         apart_s = o.elapsed_s - np.array([anchor.elapsed_s for anchor in known])
-        drift_m = np.array([anchor.drift_m_s for anchor in known]) * apart_s
+        motion_m_s = np.array([anchor.motion_m_s for anchor in known])
         scales = [signal.kind[0] for signal in signals]
         clock_m = np.array([[anchor.clock_m.get(scale, np.nan) for scale in scales] for anchor in known])
-        off_m = ranges.range_m - distance_m - clock_m - drift_m[:, None]
+        range_m = ranges.range_m - clock_m - (motion_m_s[:, 3] * apart_s)[:, None]
+        _, _, carried_m = line_of_sight(ranges.satellite_ecef_m, place + motion_m_s[:, :3] * apart_s[:, None])
+        since_s = np.abs(apart_s)
         speed_m_s = 1000.0 if self.settings.speed_max_m_s is None else self.settings.speed_max_m_s
-        reach_m = _STRAY_M + (speed_m_s + SPEED_OF_LIGHT_M_S * _DRIFT) * np.abs(apart_s)
-        return np.asarray(np.abs(off_m) > reach_m[:, None])
+        reach_m = _STRAY_M + (speed_m_s + SPEED_OF_LIGHT_M_S * _DRIFT) * since_s
+        settings = self.settings
+        pace_m_s2 = settings.acceleration_max_m_s2 + SPEED_OF_LIGHT_M_S * settings.clock_pace_s
+        off_m_s = np.array([anchor.motion_sigma_m_s for anchor in known]) + SPEED_OF_LIGHT_M_S * settings.clock_jump
+        carried_reach_m = _STRAY_M + off_m_s * since_s + 0.5 * pace_m_s2 * since_s**2
+        beyond = np.abs(range_m - distance_m) > reach_m[:, None]
+        return np.asarray(beyond | (np.abs(range_m - carried_m) > carried_reach_m[:, None]))
 
     def _judged(self, records: Records, o: Observations, signals: tuple[SignalId, ...], stray: Booleans) -> Evidence:
         columns = [o.column_of[signal] for signal in signals]
@@ -216,3 +239,17 @@ class Torn:
             may_also_be=("interference", "fault") if failed else (),
             would_need="the recording of the samples, or another receiver" if failed else None,
         )
+
+
+def _moved(found: _Anchor, last: _Anchor | None, settings: TornSettings) -> _Anchor:
+    """Return a fix without a velocity with that since the last one."""
+    apart_s = found.elapsed_s - last.elapsed_s if last is not None else 0.0
+    scales = found.clock_m.keys() & last.clock_m.keys() if last is not None else set[str]()
+    if last is None or apart_s <= 0.0 or not scales:
+        return replace(found, motion_m_s=np.zeros(4), motion_sigma_m_s=_OPEN_M_S)
+    drift_m = float(np.median([found.clock_m[scale] - last.clock_m[scale] for scale in scales]))
+    motion_m_s = np.append(found.position_ecef_m - last.position_ecef_m, drift_m) / apart_s
+    # It is that of half an interval ago.
+    sigma_m_s = _SIGMAS * np.sqrt(found.variance_m2 + last.variance_m2) / apart_s
+    sigma_m_s += 0.5 * settings.acceleration_max_m_s2 * apart_s
+    return replace(found, motion_m_s=motion_m_s, motion_sigma_m_s=float(sigma_m_s))
