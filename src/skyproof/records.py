@@ -9,7 +9,7 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum, StrEnum
 from functools import cached_property
 from operator import attrgetter
@@ -19,9 +19,10 @@ from typing import Any, Final, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.arrays import Booleans, ComplexFloats, Floats, Indices, Instants, Reals
+from skyproof.arrays import Booleans, ComplexFloats, Floats, Indices, Instants, Integers, Reals
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
+from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.signals import time_scale_of
 from skyproof.short_repr import ShortRepr
 
@@ -58,6 +59,7 @@ __all__ = [
     "ObservationLog",
     "Observations",
     "OpenFile",
+    "ReceiverFixes",
     "Records",
     "SampleGap",
     "Samples",
@@ -133,6 +135,7 @@ class Need(StrEnum):
     ARRAY_PHASES = "array_phases"
     NAV_STATE = "nav_state"
     SPIN_ARMS = "spin_arms"
+    OWN_FIXES = "own_fixes"
 
 
 def freeze(record: Any, shapes: Mapping[str, tuple[str, ...]]) -> None:
@@ -760,6 +763,65 @@ class FrontEndLevels:
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReceiverFixes:
+    """Positions, velocities and clocks that the receiver computed itself; NaN where it gives none.
+
+    gpst : (n,) of the fix. position_ecef_m, velocity_ecef_m_s : (n, 3). horizontal_sigma_m, vertical_sigma_m : (n,) as
+    the receiver states its accuracy, one sigma. clock_bias_s, clock_drift : (n,) receiver minus GPS time, s and s/s.
+    satellites : (n,) used, -1 where not known.
+    """
+
+    gpst: Instants
+    position_ecef_m: Reals
+    velocity_ecef_m_s: Reals
+    horizontal_sigma_m: Reals
+    vertical_sigma_m: Reals
+    clock_bias_s: Reals
+    clock_drift: Reals
+    satellites: Integers
+
+    def __post_init__(self) -> None:
+        row = dict.fromkeys(
+            ("gpst", "horizontal_sigma_m", "vertical_sigma_m", "clock_bias_s", "clock_drift", "satellites"), ("fix",)
+        )
+        freeze(self, row | dict.fromkeys(("position_ecef_m", "velocity_ecef_m_s"), ("fix", "3")))
+
+    @classmethod
+    def from_geodetic(
+        cls,
+        gpst: Instants,
+        lat_rad: Reals,
+        lon_rad: Reals,
+        height_m: Reals,
+        *,
+        velocity_enu_m_s: Reals | None = None,
+        **given: NDArray[Any],
+    ) -> "ReceiverFixes":
+        """Make fixes of latitude, longitude and height above the ellipsoid; what is not given is not known.
+
+        velocity_enu_m_s : (n, 3) to the east, the north and upwards. given : any other field.
+        """
+        unknown = np.full(gpst.size, np.nan)
+        fields: dict[str, Any] = {
+            "velocity_ecef_m_s": np.full((gpst.size, 3), np.nan),
+            "horizontal_sigma_m": unknown,
+            "vertical_sigma_m": unknown,
+            "clock_bias_s": unknown,
+            "clock_drift": unknown,
+            "satellites": np.full(gpst.size, -1, np.int64),
+        }
+        if velocity_enu_m_s is not None:
+            rotation = np.swapaxes(rot_enu_ecef(lat_rad, lon_rad), -1, -2)
+            fields["velocity_ecef_m_s"] = (rotation @ velocity_enu_m_s[:, :, None])[:, :, 0]
+        return cls(gpst=gpst, position_ecef_m=ecef_from_geodetic(lat_rad, lon_rad, height_m), **(fields | given))
+
+    def between(self, start_gpst: np.datetime64, end_gpst: np.datetime64) -> "ReceiverFixes":
+        """Return the fixes with start <= `gpst` < end."""
+        rows = (self.gpst >= start_gpst) & (self.gpst < end_gpst)
+        return replace(self, **{column.name: getattr(self, column.name)[rows] for column in fields(self)})
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Fix(ShortRepr):
     """Position, velocity and clock of one receiver from one set of signals, epoch by epoch.
@@ -1073,7 +1135,8 @@ class Records(ShortRepr, Holding):
     sets : of each receiver, what was found in `observations`. taps, array_phases : of the receivers that have them.
     vector_taps : of receivers whose channels all follow one position. ccaf : correlation grids.
     nav_state : of the body that carries all antennas, by receiver, with the place of its antenna. spin_arms : of the
-        receivers whose antenna turns. levels : of the front ends, by receiver.
+        receivers whose antenna turns. levels : of the front ends, own_fixes : that the receivers computed themselves,
+        both by receiver.
     """
 
     start_gpst: np.datetime64
@@ -1088,3 +1151,4 @@ class Records(ShortRepr, Holding):
     nav_state: Mapping[str, NavState] = field(default_factory=dict)
     spin_arms: tuple[SpinArm, ...] = ()
     levels: Mapping[str, FrontEndLevels] = field(default_factory=dict)
+    own_fixes: Mapping[str, ReceiverFixes] = field(default_factory=dict)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from tests.detectors import nulls
 from tests.detectors.bands.test_detector import two_bands
+from tests.detectors.own_fixes.test_detector import HOME, fixes_at
 
 from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
 from skyproof.detectors.array.ins_array import InsArray
@@ -24,6 +25,7 @@ from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.detectors.levels.detector import SignalLevels, SignalLevelsSettings
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
+from skyproof.detectors.own_fixes.detector import OwnFixes, OwnFixesSettings
 from skyproof.detectors.registry import load_detectors
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
@@ -58,6 +60,12 @@ class Case:
     long: int
     alarms: Collection[str] = ALARMS
     conservative: str | None = None
+
+
+def drawn_fixes(rng: np.random.Generator) -> Records:
+    """Draw records of a receiver that gives its own fixes too."""
+    records = CLEAN.records(rng)
+    return replace(records, own_fixes={"rx1": fixes_at(np.arange(10.0), HOME + rng.normal(0.0, 10.0, (10, 3)))})
 
 
 class NotOneAntenna(MultiReceiver):
@@ -183,6 +191,15 @@ CASES = (
         400,
         ("attack", "undecided"),
         "a platform may accelerate more than it does in these records",
+    ),
+    Case(
+        "fixes that go on",
+        lambda: OwnFixes(OwnFixesSettings(false_alarm_probability=0.3)),
+        drawn_fixes,
+        40,
+        400,
+        ("undecided",),
+        "a platform may accelerate more than it does in these records, and receivers err less",
     ),
     Case(
         "one receiver with nothing before",

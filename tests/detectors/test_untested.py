@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.detectors import nulls
+from tests.detectors.own_fixes.test_detector import HOME, fixes_at
 
 from skyproof.detectors.array.array_common import ArrayCommon
 from skyproof.detectors.array.ins_array import InsArray
@@ -21,6 +22,7 @@ from skyproof.detectors.correlators.sqm_detector import Sqm
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm
 from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
+from skyproof.detectors.own_fixes.detector import OwnFixes
 from skyproof.detectors.registry import load_detectors
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals
@@ -303,6 +305,10 @@ CASES = {
     ("code_motion", "few_fixes"): (
         lambda: said(CodeMotion(), clean(max_satellites=4)),
         "fewer than three epochs of rx1 have a position",
+    ),
+    ("own_fixes", "few_own_fixes"): (
+        lambda: said(OwnFixes(), replace(clean(), own_fixes={"rx1": fixes_at([0.0, 1.0], [HOME, HOME])})),
+        "rx1 gives fewer than three fixes of its own",
     ),
     ("torn", "received_twice"): (
         lambda: said(Torn(), clean(false=(FalseSky(),))),

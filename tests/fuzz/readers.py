@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from tests.logs.frames import resealed
+from tests.logs.frames import nmea_sentence, resealed
+from tests.logs.test_nmea import gga, rmc
 from tests.logs.test_rtcm3 import glonass_time, old_gps, simple
 from tests.logs.test_ubx import gps, hardware, pvt, radio, rawx
 
@@ -179,7 +180,9 @@ def _logs() -> tuple[bytes, ...]:
     ubx = rawx(100.0, 2300, [gps(9000)] * 3) + hardware(90, 4000, 9, 1) + radio((1, 80, 8191, 0), (3, 120, 0, 255))
     glonass = simple(glonass_time(2, 50_000_000), number=1087)
     rtcm = simple(0) + glonass + simple(0, number=1127) + old_gps(0, 5)
-    return (ubx + pvt(104_000, (2024, 2, 4)), rtcm, *(rtcm + ubx,))
+    gsv = nmea_sentence("GPGSV,1,1,02,05,40,083,46,09,10,100,33,1")
+    nmea = rmc("120000.00", "050224") + gga("120000.00") + gsv + gga("120001.00")
+    return (ubx + pvt(104_000, (2024, 2, 4)), rtcm, nmea + rtcm + ubx, nmea)
 
 
 _NEAR = np.datetime64("2024-02-05T12:00:00", "ns")

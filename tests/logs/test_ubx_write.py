@@ -12,11 +12,10 @@ from tests.logs.test_ubx import RAWX, fields
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.time import gpst
-from skyproof.logs.content import ReceiverFixes
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.stream import read_log
 from skyproof.logs.ubx_write import ubx_frame, ubx_log
-from skyproof.records import CellStatus, Observations, SignalId
+from skyproof.records import CellStatus, Observations, ReceiverFixes, SignalId
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.measurements import observations_of
 from skyproof.simulator.ordinary import follow_strongest

@@ -133,6 +133,7 @@ MADE_ELSEWHERE = {
     "code_motion": None,
     "divergence": None,
     "laws": None,
+    "own_fixes": None,
     "torn": None,
     "registry": None,
     "carriers": None,

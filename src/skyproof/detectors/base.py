@@ -17,6 +17,7 @@ NEEDS: dict[Need, str] = {
     Need.CCAF: "correlation over a grid of delay and Doppler, for each satellite",
     Need.ARRAY_PHASES: "carrier phases of an antenna array",
     Need.NAV_STATE: "attitude of the body over the same time: an inertial unit, or angles that are stated",
+    Need.OWN_FIXES: "the receiver's own fixes, in a log (UBX-NAV-PVT, SBF PVTGeodetic, NMEA GGA)",
     Need.SPIN_ARMS: "length and rate of the arm that turns the antenna",
 }
 """What detectors may need, in words for the user."""

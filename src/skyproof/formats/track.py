@@ -17,8 +17,6 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import reduce
-from operator import xor
 from pathlib import Path
 from typing import Final
 from xml.etree import ElementTree
@@ -29,6 +27,7 @@ from skyproof.arrays import Reals
 from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, SECONDS, TRACK_BYTES, XML_TAGS
 from skyproof.formats.byte_io import text_of
+from skyproof.formats.nmea_read import fields_of, read_sentence
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.time import gpst_from_utc, parse_iso, require_year
 from skyproof.records import freeze
@@ -39,8 +38,6 @@ _PLACE: Final = ("lat_deg", "lon_deg", "height_m")
 _ECEF: Final = ("x_ecef_m", "y_ecef_m", "z_ecef_m")
 _ANGLES: Final = ("heading_deg", "pitch_deg", "roll_deg")
 _DAY_NS: Final = 86_400 * 10**9
-_TIME: Final = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d|60)(\.\d+)?", re.ASCII)
-_ANGLE: Final = re.compile(r"\d{1,3}([0-5]\d)(\.\d*)?", re.ASCII)
 _HEIGHT: Final = re.compile(r"HAE=(-?\d{1,9}(?:\.\d+)?)", re.ASCII)
 _FARTHEST_M: Final = 1e9
 _FROM_GEOID: Final = "heights are those above the geoid, taken as if above the ellipsoid, up to 100 m off"
@@ -211,7 +208,7 @@ def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m
         if start < 0:
             continue
         try:
-            fields = _fields(line[start:])
+            fields = fields_of(line[start:])
             if fields is None or len(line) > CHARACTERS_OF_LINE:
                 raise ValueError("checksum, or length")
             _take(fields, epochs, number)
@@ -241,69 +238,24 @@ def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m
     )
 
 
-def _fields(sentence: str) -> list[str] | None:
-    """The fields of a sentence without its checksum, which may be absent; None if it is wrong."""
-    body, star, checksum = sentence[1:].strip().partition("*")
-    if star and checksum.upper() != f"{reduce(xor, body.encode('utf-8'), 0):02X}":
-        return None
-    return body.split(",")
-
-
 def _take(fields: Sequence[str], epochs: list[_Epoch], line: int) -> None:
     """Put what a sentence states into its epoch. Raises ValueError or IndexError if it is damaged."""
-    match fields[0][2:]:
-        case "GGA":
-            fixed = fields[6] not in ("", "0")
-            place = (_angle_deg(*fields[2:4]), _angle_deg(*fields[4:6])) if fixed else (np.nan, np.nan)
-            altitude_m, separation_m = (_metres(fields[k]) if fixed else np.nan for k in (9, 11))
-            epoch = _epoch(fields[1], epochs, line)
-            epoch.lat_deg, epoch.lon_deg, epoch.altitude_m, epoch.separation_m = *place, altitude_m, separation_m
-        case "RMC":
-            date = _date(fields[9]) if fields[9] else None
-            fixed = fields[2] == "A"
-            place = (_angle_deg(*fields[3:5]), _angle_deg(*fields[5:7])) if fixed else (np.nan, np.nan)
-            epoch = _epoch(fields[1], epochs, line)
-            epoch.date = date
-            if np.isnan(epoch.lat_deg):  # GGA may have more digits
-                epoch.lat_deg, epoch.lon_deg = place
-        case "TXT" if epochs and (found := _HEIGHT.search(fields[-1])):
-            epochs[-1].height_m = float(found[1])
-
-
-def _metres(text: str) -> float:
-    """NaN for an empty field."""
-    if not text:
-        return np.nan
-    if not abs(metres := float(text)) < _FARTHEST_M:
-        raise ValueError(f"height {text!r}")
-    return metres
-
-
-def _date(text: str) -> np.datetime64:
-    date = datetime.strptime(text, "%d%m%y")
-    require_year(date.year)
-    return np.datetime64(date, "ns")
-
-
-def _epoch(time: str, epochs: list[_Epoch], line: int) -> _Epoch:
-    """The last epoch if it has this time of day, or a new one."""
-    if not _TIME.fullmatch(time):
-        raise ValueError(f"time {time!r}")
-    leap_ns = 10**9 if time[4:6] == "60" else 0
-    of_day_ns = (int(time[:2]) * 60 + int(time[2:4])) * 60 * 10**9 + round(float(time[4:]) * 1e9) - leap_ns
-    if not epochs or (epochs[-1].of_day_ns, epochs[-1].leap_ns) != (of_day_ns, leap_ns):
-        epochs.append(_Epoch(line, of_day_ns, leap_ns))
-    return epochs[-1]
-
-
-def _angle_deg(text: str, side: str) -> float:
-    if not _ANGLE.fullmatch(text):
-        raise ValueError(f"angle {text!r}")
-    point = text.index(".") if "." in text else len(text)
-    value = int(text[: point - 2]) + float(text[point - 2 :]) / 60.0
-    if side not in ("N", "S", "E", "W"):
-        raise ValueError(f"side {side!r}")
-    return -value if side in "SW" else value
+    if fields[0][2:] == "TXT" and epochs and (found := _HEIGHT.search(fields[-1])):
+        epochs[-1].height_m = float(found[1])
+    sentence = read_sentence(fields) if fields[0][2:] in ("GGA", "RMC") else None
+    if sentence is None or sentence.of_day_ns is None:
+        return
+    at = sentence.of_day_ns, sentence.leap_ns
+    if not epochs or (epochs[-1].of_day_ns, epochs[-1].leap_ns) != at:
+        epochs.append(_Epoch(line, *at))
+    epoch = epochs[-1]
+    if sentence.kind == "GGA":
+        epoch.lat_deg, epoch.lon_deg = sentence.lat_deg, sentence.lon_deg
+        epoch.altitude_m, epoch.separation_m = sentence.altitude_m, sentence.separation_m
+    else:
+        epoch.date = sentence.date
+        if np.isnan(epoch.lat_deg):  # GGA may have more digits
+            epoch.lat_deg, epoch.lon_deg = sentence.lat_deg, sentence.lon_deg
 
 
 def _dated_ns(epochs: Sequence[_Epoch]) -> tuple[dict[int, int], bool]:

@@ -6,16 +6,15 @@ Memory is bounded by the stretch. Damage costs the frame that is damaged and is 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal, Protocol
+from typing import Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.arrays import Instants, Integers, Octets, Reals
+from skyproof.arrays import Instants, Octets
 from skyproof.gnss.ephemeris import BroadcastEphemeris
-from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.logs.frames import Frames
-from skyproof.records import FrontEndLevels, Observations, freeze
+from skyproof.records import FrontEndLevels, Observations, ReceiverFixes, freeze
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
@@ -25,7 +24,6 @@ __all__ = [
     "LogPiece",
     "LogReader",
     "MessageKind",
-    "ReceiverFixes",
     "ReceiverStates",
     "untimed_remark",
 ]
@@ -50,60 +48,6 @@ LNAV the source bits of ten words, without parity; D1, D2 with their parity bits
 120 bits each; FNAV a page without its 12 bits of synchronisation; BCNAV1
 subframe 2; GLONASS a string without its time mark.
 """
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ReceiverFixes:
-    """Positions, velocities and clocks that the receiver computed itself; NaN where it gives none.
-
-    gpst : (n,) of the fix. position_ecef_m, velocity_ecef_m_s : (n, 3). horizontal_sigma_m, vertical_sigma_m : (n,) as
-    the receiver states its accuracy, one sigma. clock_bias_s, clock_drift : (n,) receiver minus GPS time, s and s/s.
-    satellites : (n,) used, -1 where not known.
-    """
-
-    gpst: Instants
-    position_ecef_m: Reals
-    velocity_ecef_m_s: Reals
-    horizontal_sigma_m: Reals
-    vertical_sigma_m: Reals
-    clock_bias_s: Reals
-    clock_drift: Reals
-    satellites: Integers
-
-    def __post_init__(self) -> None:
-        row = dict.fromkeys(
-            ("gpst", "horizontal_sigma_m", "vertical_sigma_m", "clock_bias_s", "clock_drift", "satellites"), ("fix",)
-        )
-        freeze(self, row | dict.fromkeys(("position_ecef_m", "velocity_ecef_m_s"), ("fix", "3")))
-
-    @classmethod
-    def from_geodetic(
-        cls,
-        gpst: Instants,
-        lat_rad: Reals,
-        lon_rad: Reals,
-        height_m: Reals,
-        *,
-        velocity_enu_m_s: Reals | None = None,
-        **given: NDArray[Any],
-    ) -> "ReceiverFixes":
-        """Make fixes of latitude, longitude and height above the ellipsoid; what is not given is not known.
-
-        velocity_enu_m_s : (n, 3) to the east, the north and upwards. given : any other field.
-        """
-        unknown = np.full(gpst.size, np.nan)
-        fields: dict[str, Any] = {
-            "velocity_ecef_m_s": np.full((gpst.size, 3), np.nan),
-            "horizontal_sigma_m": unknown,
-            "vertical_sigma_m": unknown,
-            "clock_bias_s": unknown,
-            "clock_drift": unknown,
-            "satellites": np.full(gpst.size, -1, np.int64),
-        }
-        if velocity_enu_m_s is not None:
-            rotation = np.swapaxes(rot_enu_ecef(lat_rad, lon_rad), -1, -2)
-            fields["velocity_ecef_m_s"] = (rotation @ velocity_enu_m_s[:, :, None])[:, :, 0]
-        return cls(gpst=gpst, position_ecef_m=ecef_from_geodetic(lat_rad, lon_rad, height_m), **(fields | given))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -172,10 +116,12 @@ class Beside:
     """What is known of a log from beside it.
 
     near : an instant within half a week of its beginning, for protocols that do not say the week; None where the log
-    has to say it. channels : frequency numbers of GLONASS, by satellite.
+    has to say it. first_day : that of a log whose sentences say no date at all; None to leave it out.
+    channels : frequency numbers of GLONASS, by satellite.
     """
 
     near: np.datetime64 | None = None
+    first_day: np.datetime64 | None = None
     channels: Mapping[str, int] | None = None
 
 

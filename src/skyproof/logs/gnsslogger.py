@@ -18,11 +18,11 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.lnav import words_hold
 from skyproof.gnss.signals import carrier_hz_of, frequency_number_of, rinex_signal
 from skyproof.gnss.time import GPS_EPOCH, gpst_from_utc, leap_seconds
-from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind, ReceiverFixes
+from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind
 from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
 from skyproof.logs.text import MISSING, Fields, TextStretch, read_fields, split_lines
-from skyproof.records import FrontEndLevels, Observations, SignalId
+from skyproof.records import FrontEndLevels, Observations, ReceiverFixes, SignalId
 
 __all__ = ["is_gnsslogger", "read_gnsslogger"]
 

@@ -21,14 +21,13 @@ from skyproof.logs.content import (
     BroadcastFrames,
     LogPiece,
     MessageKind,
-    ReceiverFixes,
     ReceiverStates,
     untimed_remark,
 )
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
-from skyproof.records import FrontEndLevels, SignalId
+from skyproof.records import FrontEndLevels, ReceiverFixes, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["BLOCKS", "SbfReader"]

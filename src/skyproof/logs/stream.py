@@ -8,6 +8,7 @@ import numpy as np
 
 from skyproof.logs.content import Beside, LogPiece, LogReader
 from skyproof.logs.frames import Protocol, split_frames
+from skyproof.logs.nmea import NmeaReader
 from skyproof.logs.rtcm3 import Rtcm3Reader
 from skyproof.logs.sbf import SbfReader
 from skyproof.logs.ubx import UbxReader
@@ -20,6 +21,7 @@ _READERS: Final[dict[Protocol, Callable[[str, Beside], LogReader]]] = {
     Protocol.UBX: lambda source, _: UbxReader(source),
     Protocol.SBF: lambda source, _: SbfReader(source),
     Protocol.RTCM3: Rtcm3Reader,
+    Protocol.NMEA: NmeaReader,
 }
 """What reads each protocol, in the order of preference where several give the same."""
 
@@ -27,7 +29,9 @@ _READERS: Final[dict[Protocol, Callable[[str, Beside], LogReader]]] = {
 def is_log(head: bytes) -> bool:
     """Tell whether a file that begins so is a receiver's byte stream."""
     (frames, *_) = split_frames([head])
-    counts = np.bincount(frames.protocol, minlength=max(Protocol) + 1)
+    end = frames.begin + frames.length
+    bare = (frames.protocol == Protocol.NMEA) & (frames.octets[np.maximum(end - 3, 0)] != ord("*"))
+    counts = np.bincount(frames.protocol[~bare], minlength=max(Protocol) + 1)
     return any(counts[protocol] >= LEAST_FRAMES for protocol in _READERS)
 
 
@@ -44,21 +48,22 @@ def first_instant(blocks: Iterable[bytes]) -> np.datetime64 | None:
 def read_log(blocks: Iterable[bytes], source: str, beside: Beside | None = None) -> Iterator[LogPiece]:
     """Read a stream in blocks of bytes, cut anywhere, stretch by stretch.
 
-    Where several protocols give measurements, or fixes, or levels, those of the protocol that is read first in the
-    order above are taken; broadcast frames and states are taken from all.
+    Where several protocols give measurements, or fixes, or levels, those of the first of them in the order above are
+    taken from where it begins; broadcast frames and states are taken from all.
 
     source : names the receiver. beside : what is known of the log.
     """
     readers = {protocol: make(source, beside or Beside()) for protocol, make in _READERS.items()}
     preferred: dict[str, Protocol] = {}
+    order = list(readers)
     for frames in split_frames(blocks):
         pieces = {protocol: reader.read(frames) for protocol, reader in readers.items()}
         chosen = {}
         for name in ("observations", "fixes", "levels"):
             having = [protocol for protocol, piece in pieces.items() if getattr(piece, name) is not None]
             if having:
-                protocol = preferred.setdefault(name, having[0])
-                chosen[name] = getattr(pieces[protocol], name)
+                preferred[name] = min(having[0], preferred.get(name, having[0]), key=order.index)
+                chosen[name] = getattr(pieces[preferred[name]], name)
         messages: Counter[str] = Counter()
         for piece in pieces.values():
             messages.update(piece.messages)
@@ -69,7 +74,7 @@ def read_log(blocks: Iterable[bytes], source: str, beside: Beside | None = None)
             frames=tuple(frame for piece in pieces.values() for frame in piece.frames),
             ephemerides=tuple(orbit for piece in pieces.values() for orbit in piece.ephemerides),
             messages=dict(messages),
-            damaged_frames=frames.damaged,
+            damaged_frames=frames.damaged + sum(piece.damaged_frames for piece in pieces.values()),
             undated_epochs=sum(piece.undated_epochs for piece in pieces.values()),
             cut=frames.cut,
             remarks=tuple(remark for piece in pieces.values() for remark in piece.remarks),

@@ -20,14 +20,13 @@ from skyproof.logs.content import (
     BroadcastFrames,
     LogPiece,
     MessageKind,
-    ReceiverFixes,
     ReceiverStates,
     untimed_remark,
 )
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
-from skyproof.records import FrontEndLevels, SignalId
+from skyproof.records import FrontEndLevels, ReceiverFixes, SignalId
 
 __all__ = ["MESSAGES", "SIGNAL_NUMBERS", "UbxReader"]
 

@@ -15,9 +15,8 @@ from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.lnav import encode_subframes, words_hold
 from skyproof.gnss.signals import frequency_number_of, rinex_attribute
 from skyproof.gnss.time import GPS_EPOCH, leap_seconds, seconds_between, utc_from_gpst, week_and_tow
-from skyproof.logs.content import ReceiverFixes
 from skyproof.logs.ubx import SIGNAL_NUMBERS
-from skyproof.records import NavigationData, Observations
+from skyproof.records import NavigationData, Observations, ReceiverFixes
 
 __all__ = ["ubx_frame", "ubx_log"]
 

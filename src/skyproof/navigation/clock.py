@@ -197,6 +197,8 @@ def _pace(rate_m_s: Reals) -> Reals:
 
 def _median_of_rows(values: Reals, least: int = _LEAST_CHANNELS) -> Reals:
     """(n,) medians of what is finite in each row; NaN where that is less than `least` numbers."""
+    if values.shape[1] < least:
+        return np.full(len(values), np.nan)
     ordered = np.sort(np.where(np.isfinite(values), values, np.nan), axis=1)  # NaN last
     count = np.isfinite(ordered).sum(axis=1)
     low, high = (np.maximum(k, 0)[:, None] for k in ((count - 1) // 2, count // 2))

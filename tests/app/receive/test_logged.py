@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from tests.logs.frames import nmea_sentence
 from tests.logs.phone import HEADER, Measured, raw_line
+from tests.logs.test_nmea import gga, rmc
 from tests.logs.test_rtcm3 import simple
 from tests.logs.test_ubx import gps, hardware, pvt, rawx
 
@@ -124,3 +126,50 @@ def test_another_protocol_in_the_log_says_its_week(tmp_path) -> None:
     path = tmp_path / "a.log"
     path.write_bytes(b"".join(simple(100_000 + 1000 * k) for k in range(5)) + pvt(104_000, (2024, 2, 4)))
     assert opened(path).start_gpst == np.datetime64("2024-02-04T00:01:40", "ns")
+
+
+def sentences(count: int, *, jump_from: int = 10**6) -> bytes:
+    """Return a receiver that stands, or whose place jumps to 5 minutes of arc farther north at a sentence."""
+    return b"".join(
+        rmc(f"1200{k:02d}.00", "050224")
+        + gga(f"1200{k:02d}.00", lat="4735.0000000" if k >= jump_from else "4730.0000000")
+        + nmea_sentence("GPGSV,1,1,02,05,40,083,46,09,10,100,33")
+        for k in range(count)
+    )
+
+
+def test_sentences_alone_are_no_attack_seen_and_name_what_they_lack(tmp_path) -> None:
+    path = tmp_path / "a.nmea"
+    path.write_bytes(sentences(40))
+    verdict = protect([path], out=tmp_path / "out").verdict
+    assert verdict.verdict == "no_attack_seen"
+    assert any("no ranges" in words for words in verdict.not_excluded)
+    assert verdict.remedy.startswith("the receiver's measurements with ranges")
+
+
+def test_sentences_that_jump_by_kilometres_are_suspect(tmp_path) -> None:
+    path = tmp_path / "a.nmea"
+    path.write_bytes(sentences(40, jump_from=25))
+    verdict = protect([path]).verdict
+    assert verdict.verdict == "suspect"
+    assert verdict.since_gpst.startswith("2024-02-05T12:00:43")  # UTC and 18 s
+    assert verdict.may_also_be == ("fault",)
+
+
+def test_sentences_without_a_date_or_signals_run_as_well(tmp_path) -> None:
+    path = tmp_path / "a.nmea"
+    path.write_bytes(b"".join(gga(f"1200{k:02d}.00") for k in range(20)))
+    result = protect([path])
+    assert result.verdict.verdict == "no_attack_seen"
+    assert any("no sentence says the date" in remark for remark in result.verdict.inputs[0].remarks)
+
+
+@pytest.mark.shared_data
+@pytest.mark.parametrize("name", ["spoof_init_-0.5chips.DAT", "spoof_init_-4.0chips_0.5v_prn8.DAT"])
+def test_a_real_log_of_sentences_is_no_attack_seen(shared_data, name) -> None:
+    assert protect([shared_data / "real/nmea-pulled" / name]).verdict.verdict == "no_attack_seen"
+
+
+@pytest.mark.shared_data
+def test_a_real_stream_of_rtcm_is_no_attack_seen(shared_data) -> None:
+    assert protect([shared_data / "real/streams/testglo.rtcm3"]).verdict.verdict == "no_attack_seen"

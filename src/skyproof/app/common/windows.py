@@ -31,6 +31,7 @@ from skyproof.records import (
     Need,
     ObservationLog,
     Observations,
+    ReceiverFixes,
     Records,
     SignalRef,
     SpinArm,
@@ -137,6 +138,7 @@ class Run(Holding):
     spin_arms: tuple[SpinArm, ...] = ()
     body: Body | None = None
     levels: Mapping[str, FrontEndLevels] = field(default_factory=dict)
+    own_fixes: Mapping[str, ReceiverFixes] = field(default_factory=dict)
 
     @property
     def nav_state(self) -> Body | None:
@@ -199,6 +201,7 @@ class Windows:
             array_phases=tuple(one for one in phases if one.gpst.size),
             spin_arms=run.spin_arms,
             levels={name: levels.between(start, end) for name, levels in run.levels.items()},
+            own_fixes={name: fixes.between(start, end) for name, fixes in run.own_fixes.items()},
         )
 
 
@@ -214,6 +217,7 @@ def windows_of(
     spin_arms: Sequence[SpinArm] = (),
     body: Body | None = None,
     levels: Mapping[str, FrontEndLevels] | None = None,
+    own_fixes: Mapping[str, ReceiverFixes] | None = None,
 ) -> Windows:
     """The windows of a run. Without observations it is one empty window, in which every detector says what it lacks."""
     run = Run(
@@ -226,6 +230,7 @@ def windows_of(
         spin_arms=tuple(spin_arms),
         body=body,
         levels=levels or {},
+        own_fixes=own_fixes or {},
     )
     edges = window_edges(observations, settings.window_s)
     return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)

@@ -14,6 +14,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect.bearings import Bearing, bearings_of, ellipse_95
 from skyproof.app.protect.methods import of_detectors
 from skyproof.app.protect.positions import KINDS, Positions, Track
+from skyproof.app.receive.observed import ObservedFile
 from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NEEDS
@@ -373,6 +374,10 @@ _UNSEEN: dict[Need, str] = {
 }
 """Attacks that pass unseen where records are lacking."""
 
+UNRANGED = "any false place and time that goes on from fix to fix: the log holds no ranges to hold it against"
+RANGES = "the receiver's measurements with ranges (UBX-RXM-RAWX, SBF MeasEpoch, RTCM MSM7)"
+"""What a log of fixes and C/N0 alone does not show, and what would."""
+
 GIVEN = (Need.NAVIGATION, Need.TWO_RECEIVERS, Need.SETS, Need.ARRAY_PHASES, Need.NAV_STATE, Need.SPIN_ARMS)
 """Records that users can bring, the easiest first; the others are the receiver's own affair."""
 MOST_CURES = 2
@@ -415,6 +420,8 @@ def _not_excluded(outcome: Outcome) -> tuple[str, ...]:
     ran = {e.detector for e in outcome.evidence if e.p_value is not None}
     lacking = {need for e in outcome.evidence if e.detector not in ran for need in e.lacking}
     found = [words for need, words in _UNSEEN.items() if need in lacking]
+    if _unranged(outcome):
+        found = [UNRANGED, _UNSEEN[Need.CCAF]]
     receivers = [r for r in outcome.receivers if r.reception.left_out is None]
     by_directions = not {Need.ARRAY_PHASES, Need.SPIN_ARMS} <= lacking
     if len(receivers) > 1:
@@ -448,9 +455,17 @@ def _cure(outcome: Outcome) -> str:
     lacking = {need for e in outcome.evidence for need in e.lacking}
     said = [e.would_need for e in outcome.evidence if e.says in ("spoofed", "attack") and e.would_need is not None]
     cures = [*dict.fromkeys(said), *(NEEDS[need] for need in GIVEN if need in lacking)]
+    if _unranged(outcome):
+        cures.insert(0, RANGES)
     if outcome.decision.skies and Need.NAVIGATION not in lacking:
         cures.insert(0, PREDICTS)
     return ", or ".join(cures[:MOST_CURES])
+
+
+def _unranged(outcome: Outcome) -> bool:
+    """Whether no receiver gave ranges."""
+    sources = [r.reception.source for r in outcome.receivers]
+    return all(isinstance(source, ObservedFile) and not source.ranged for source in sources)
 
 
 def _left_out(outcome: Outcome) -> str:

@@ -20,6 +20,7 @@ from skyproof.app.protect.coasting import trusted_and_coasted
 from skyproof.app.protect.document import Outcome, ReceiverOutcome, versions
 from skyproof.app.protect.pictures import kinds_of, pictures_of
 from skyproof.app.protect.positions import KINDS, Track
+from skyproof.app.receive.observed import ObservedFile
 from skyproof.errors import InputError
 from skyproof.formats.atomic_write import UNFINISHED, OutputStep, Unwritten, replaced, write_in_turn, write_lines
 from skyproof.formats.checksums import CHECKSUMS, write_checksums
@@ -267,8 +268,8 @@ def _rinex_steps(outcome: Outcome) -> list[OutputStep]:
     if outcome.navigation.ephemerides:
         steps.append(OutputStep((NAVIGATION,), partial(_write_orbits, outcome)))
     for r in outcome.receivers:
-        o = r.reception.observations
-        if o is None:
+        o, source = r.reception.observations, r.reception.source
+        if o is None or (isinstance(source, ObservedFile) and not source.ranged):
             continue
         for label, name in _LABEL_NAMES:
             groups = one_a_transmission(o, carries(o, outcome.decision.labels, label))

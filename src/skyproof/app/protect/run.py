@@ -54,6 +54,7 @@ from skyproof.records import (
     FrontEndLevels,
     NavigationData,
     OpenFile,
+    ReceiverFixes,
     Records,
     Samples,
     SpinArm,
@@ -344,6 +345,7 @@ def judge(
         spin_arms=spin_arms,
         body=body,
         levels=_levels_of(received),
+        own_fixes=_own_fixes_of(received),
     )
 
     def report(said: Sequence[Evidence]) -> None:
@@ -410,6 +412,12 @@ def _levels_of(receptions: Sequence[Reception]) -> dict[str, FrontEndLevels]:
     return {s.name: s.own.levels for s in sources if isinstance(s, ObservedFile) and s.own.levels is not None}
 
 
+def _own_fixes_of(receptions: Sequence[Reception]) -> dict[str, ReceiverFixes]:
+    """Return the fixes that receivers computed themselves, of the logs that have them, by receiver."""
+    sources = [r.source for r in receptions]
+    return {s.name: s.own.fixes for s in sources if isinstance(s, ObservedFile) and s.own.fixes is not None}
+
+
 def _window(one: Evidence) -> tuple[np.datetime64, np.datetime64]:
     return one.start_gpst, one.end_gpst
 
@@ -451,7 +459,7 @@ def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: Navig
     for source in sources:
         if navigation is not None and source.start_gpst is not None:
             require_same_day(navigation, source.start_gpst, source)
-    files = [source for source in sources if isinstance(source, ObservedFile)]
+    files = [source for source in sources if isinstance(source, ObservedFile) and source.ranged]
     if navigation is None and len(files) == len(sources) and not any(file.decoded.ephemerides for file in files):
         raise InputError(
             f"{sources[0].path}: it holds no orbits; give the navigation file of that day (--nav, RINEX), or have the "

@@ -18,10 +18,11 @@ from skyproof.formats.rinex_nav import glonass_channels
 from skyproof.formats.rinex_obs_pieces import PIECE_BYTES
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.gnss.signals import frequency_number_of
-from skyproof.logs.content import Beside, LogPiece, ReceiverFixes, ReceiverStates
+from skyproof.gnss.time import GPS_EPOCH
+from skyproof.logs.content import Beside, LogPiece, ReceiverStates
 from skyproof.logs.kinds import LogKind, kind_of_log
 from skyproof.logs.orbits import OrbitCollector
-from skyproof.records import CellStatus, FrontEndLevels, NavigationData, Observations
+from skyproof.records import CellStatus, FrontEndLevels, NavigationData, Observations, ReceiverFixes
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["holds_log", "open_log"]
@@ -74,7 +75,8 @@ def open_log(
     if near is None and navigation is not None and navigation.ephemerides:
         near = np.sort(navigation.reference_ns)[len(navigation.reference_ns) // 2].astype("M8[ns]")
     channels = None if navigation is None else glonass_channels(navigation)
-    pieces = (gathered.take(piece) for piece in kind.read(blocks(), path.stem, Beside(near=near, channels=channels)))
+    beside = Beside(near=near, first_day=GPS_EPOCH if near is None else None, channels=channels)
+    pieces = (gathered.take(piece) for piece in kind.read(blocks(), path.stem, beside))
 
     def to_do() -> str:
         if gathered.undated:

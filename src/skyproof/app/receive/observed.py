@@ -18,12 +18,12 @@ from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, following, obs_pieces
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.formats.spool import NothingGathered, gathered
 from skyproof.gnss.time import iso, leap_seconds, seconds_between
-from skyproof.logs.content import ReceiverFixes, ReceiverStates
+from skyproof.logs.content import ReceiverStates
 from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
 from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
 from skyproof.navigation.time_tags import TagErrors, tag_errors
 from skyproof.navigation.window import interval_s
-from skyproof.records import FrontEndLevels, NavigationData, ObservationLog, Observations, SignalId
+from skyproof.records import FrontEndLevels, NavigationData, ObservationLog, Observations, ReceiverFixes, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["ObservedFile", "OwnWords", "observed", "observed_file", "open_observations", "same_measurements"]
@@ -52,7 +52,8 @@ class ObservedFile:
     """One receiver's observation file or log, open: a `Source` that gives observations.
 
     observations : as they stand in the file, of the stretch that was asked for.
-    decoded : orbits from broadcast messages in the file. own : what the receiver says of itself there.
+    ranged : it holds pseudoranges. decoded : orbits from broadcast messages in the file.
+    own : what the receiver says of itself there.
     multipath_sigma_m : of a pseudorange with the antenna of such a receiver, where that is known.
     """
 
@@ -62,6 +63,7 @@ class ObservedFile:
     observations: ObservationLog
     file: FileBytes
     remarks: tuple[str, ...] = ()
+    ranged: bool = True
     decoded: NavigationData = field(default_factory=lambda: NavigationData(ephemerides=()))
     own: OwnWords = field(default_factory=OwnWords)
     multipath_sigma_m: float | None = None
@@ -142,6 +144,7 @@ def observed_file(
         observations=observations,
         file=file,
         remarks=(*remarks, NO_SAMPLES),
+        ranged=noted.ranged,
     )
 
 
@@ -149,7 +152,7 @@ class _Noted:
     """What is kept of a file beside its measurements, as its pieces pass."""
 
     def __init__(self) -> None:
-        self.version, self.epochs = 0.0, 0
+        self.version, self.epochs, self.ranged = 0.0, 0, False
         self._first = self._last = np.datetime64("NaT", "ns")
         self._remarks: dict[str, str] = {}
         self._impossible: Counter[str] = Counter()
@@ -167,6 +170,7 @@ class _Noted:
                 continue
             self._first, self._last = (o.gpst[0] if not self.epochs else self._first), o.gpst[-1]
             self.epochs += o.gpst.size
+            self.ranged |= bool(np.isfinite(o.pseudorange_m).any())
             yield o
 
     @property

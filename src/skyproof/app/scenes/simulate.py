@@ -20,10 +20,9 @@ from skyproof.formats.atomic_write import write_lines, writing
 from skyproof.formats.documents import read_json
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.time import utc_from_gpst
-from skyproof.logs.content import ReceiverFixes
 from skyproof.logs.ubx_write import ubx_log
 from skyproof.navigation.fix import fix
-from skyproof.records import NavigationData, Observations, SignalId
+from skyproof.records import NavigationData, Observations, ReceiverFixes, SignalId
 from skyproof.short_repr import ShortRepr
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.files import (

@@ -1,0 +1,1 @@
+"""The receiver's own fixes: whether they go on as a platform can."""

@@ -1,0 +1,167 @@
+"""Do the places that a receiver computed itself go on as a platform can?
+
+A log may hold no ranges, as one of NMEA does. Then all that there is of a place is what the receiver says, and that may
+have been filtered, held or put on a road. So nothing is known of its errors but that large ones are rare.
+
+Law. The place that two fixes lead to is left by half of A d1 (d0 + d1) at most, where A is the largest acceleration and
+d0, d1 are the intervals; from one fix to the next no platform goes farther than its largest speed allows. What lies
+beyond is the errors of the fixes. An error of more than x has at most the probability exp(-x / b), where b is 20 m, or
+what the receiver states if that is more: reflections in streets put fixes tens of metres off, and seldom more (Kaplan &
+Hegarty, 3rd edition, 9.5). Where a sum of errors with weights w exceeds x, one of them exceeds x / sum(w): the union
+bound gives the p-value. Jumps of some kilometres from second to second count, and nothing that is slow.
+
+A receiver may err by itself: a fix that jumps has a cause that is open.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Instants, Reals
+from skyproof.detectors.base import missing, undecided
+from skyproof.errors import SettingsError, require_probability
+from skyproof.gnss.time import iso
+from skyproof.records import Evidence, Need, ReceiverFixes, Records, SignalRef
+
+__all__ = ["OwnFixes", "OwnFixesSettings", "chance_of_jumps"]
+
+_ERROR_M: Final = 20.0
+_TAIL: Final = 2  # fixes that are remembered: the law looks back so far
+
+
+@dataclass(frozen=True)
+class OwnFixesSettings:
+    """Settings of `OwnFixes`.
+
+    false_alarm_probability : of each receiver and window, for all its fixes together.
+    acceleration_max_m_s2 : no platform exceeds it. speed_max_m_s : likewise, if it is known.
+    """
+
+    false_alarm_probability: float = 1e-3
+    acceleration_max_m_s2: float = 50.0
+    speed_max_m_s: float | None = None
+
+    def __post_init__(self) -> None:
+        require_probability("own_fixes", "false_alarm_probability", self.false_alarm_probability)
+        if not self.acceleration_max_m_s2 > 0.0:
+            raise SettingsError(
+                f"own_fixes: acceleration_max_m_s2 is {self.acceleration_max_m_s2}, expected more than 0"
+            )
+
+
+class _Series(NamedTuple):
+    """Fixes in order: instants, places and the scale of their errors."""
+
+    gpst: Instants
+    position_ecef_m: Reals
+    error_m: Reals
+
+    def rows(self, chosen: Booleans | slice) -> "_Series":
+        """Return some of them."""
+        return _Series(self.gpst[chosen], self.position_ecef_m[chosen], self.error_m[chosen])
+
+
+class OwnFixes:
+    """The detector: see the module's text. It remembers two fixes of each receiver."""
+
+    name = "own_fixes"
+    share = 0.0  # it never speaks of an attack
+    needs = (Need.OWN_FIXES,)
+
+    def __init__(self, settings: OwnFixesSettings | None = None) -> None:
+        self.settings = settings or OwnFixesSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
+        """Return the evidence of one window; never raises for what the data lack."""
+        lacking = missing(self, records)
+        if lacking:
+            return lacking, state
+        tails: dict[str, _Series] = dict(state or {})
+        found = []
+        for receiver, fixes in records.own_fixes.items():
+            series = _rising(fixes, tails.get(receiver))
+            found.append(self._receiver(records, receiver, series))
+            tails[receiver] = series.rows(slice(-_TAIL, None))
+        return found, tails
+
+    def _receiver(self, records: Records, receiver: str, series: _Series) -> Evidence:
+        subject = tuple(
+            SignalRef(o.receiver, s) for o in records.observations if o.receiver == receiver for s in o.signals
+        )
+        if series.gpst.size < _TAIL + 1:
+            because = f"{receiver} gives fewer than three fixes of its own"
+            would_need = "a log with the receiver's fixes, once a second"
+            return undecided(self, records, subject, code="few_own_fixes", because=because, would_need=would_need)
+        t_s = (series.gpst - series.gpst[0]).astype(np.int64) * 1e-9
+        chances = chance_of_jumps(
+            t_s,
+            series.position_ecef_m,
+            series.error_m,
+            self.settings.acceleration_max_m_s2,
+            np.inf if self.settings.speed_max_m_s is None else self.settings.speed_max_m_s,
+        )
+        p_value = min(1.0, chances.size * float(chances.min()))
+        alpha = self.settings.false_alarm_probability
+        evidence = Evidence(
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=subject,
+            says="clean",
+            because=f"the place that {receiver} gives itself goes on from fix to fix",
+            p_value=p_value,
+            false_alarm_probability=alpha,
+        )
+        if p_value >= alpha:
+            return evidence
+        k = int(np.argmax(chances.size * chances < alpha))  # the first: a jump bends the way at two fixes
+        at = series.gpst[k + _TAIL]
+        jump_m = float(np.linalg.norm(series.position_ecef_m[k + _TAIL] - series.position_ecef_m[k + _TAIL - 1]))
+        return replace(
+            evidence,
+            says="undecided",
+            because=f"the place that {receiver} gives itself jumps by {jump_m:.0f} m at {iso(at, 1)[11:]}, farther "
+            "than any platform moves",
+            overrules=True,
+            dated_gpst=at,
+            may_also_be=("fault",),
+            would_need="the receiver's measurements (UBX-RXM-RAWX, SBF MeasEpoch, RTCM MSM7), or a second receiver",
+        )
+
+
+def chance_of_jumps(
+    t_s: Reals, position_ecef_m: Reals, error_m: Reals, acceleration_max_m_s2: float, speed_max_m_s: float
+) -> Reals:
+    """Return the largest probability (n - 2,) of each fix from the third on under a platform that moves as it can.
+
+    t_s : (n,) rising. position_ecef_m : (n, 3). error_m : (n,) scale of each fix's error.
+    """
+    before_s, after_s = np.diff(t_s)[:-1], np.diff(t_s)[1:]
+    step_m = np.diff(position_ecef_m, axis=0)
+    ratio = after_s / before_s
+    beyond_m = np.linalg.norm(step_m[1:] - ratio[:, None] * step_m[:-1], axis=1)
+    beyond_m -= 0.5 * acceleration_max_m_s2 * after_s * (before_s + after_s)
+    scale_m = np.maximum.reduce([error_m[2:], error_m[1:-1], error_m[:-2]])
+    chance = 3.0 * np.exp(-np.maximum(beyond_m, 0.0) / (scale_m * (2.0 + 2.0 * ratio)))
+    if np.isfinite(speed_max_m_s):
+        far_m = np.maximum(np.linalg.norm(step_m[1:], axis=1) - speed_max_m_s * after_s, 0.0)
+        of_speed = 2.0 * np.exp(-far_m / (2.0 * np.maximum(error_m[2:], error_m[1:-1])))
+        chance = 2.0 * np.minimum(chance, of_speed)
+    return np.asarray(np.minimum(chance, 1.0))
+
+
+def _rising(fixes: ReceiverFixes, tail: _Series | None) -> _Series:
+    """Return the fixes behind those that are remembered, without those whose time does not rise."""
+    stated_m = np.hypot(np.nan_to_num(fixes.horizontal_sigma_m), np.nan_to_num(fixes.vertical_sigma_m))
+    series = _Series(fixes.gpst, fixes.position_ecef_m, np.maximum(stated_m, _ERROR_M))
+    if tail is not None:
+        series = _Series(
+            np.concatenate([tail.gpst, series.gpst]),
+            np.concatenate([tail.position_ecef_m, series.position_ecef_m]),
+            np.concatenate([tail.error_m, series.error_m]),
+        )
+    if not series.gpst.size:
+        return series
+    latest = np.maximum.accumulate(series.gpst)[:-1]
+    return series.rows(np.append(True, series.gpst[1:] > latest))

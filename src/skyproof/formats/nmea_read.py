@@ -1,0 +1,156 @@
+"""What one NMEA 0183 sentence states, whatever it is read for (NMEA 0183 version 4.11)."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import reduce
+from operator import xor
+from typing import Final
+
+import numpy as np
+
+from skyproof.gnss.time import require_year
+
+__all__ = ["Sentence", "fields_of", "read_sentence"]
+
+_TIME: Final = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d|60)(\.\d+)?", re.ASCII)
+_ANGLE: Final = re.compile(r"\d{1,3}([0-5]\d)(\.\d*)?", re.ASCII)
+_FARTHEST_M: Final = 1e9
+_SATS_A_SENTENCE: Final = 4
+
+
+@dataclass(slots=True)
+class Sentence:
+    """The numbers of a sentence; NaN, None or -1 where it has none. Angles in degrees, heights in metres.
+
+    of_day_ns : UTC; of the leap second 23:59:60 that of the second before it, and `leap_ns` a second more. date : of
+    the day. strengths : satellite's number, signal (NMEA 4.11, table 20; 0 where it is not said), C/N0 in dB-Hz.
+    """
+
+    talker: str
+    kind: str
+    of_day_ns: int | None = None
+    leap_ns: int = 0
+    date: np.datetime64 | None = None
+    lat_deg: float = np.nan
+    lon_deg: float = np.nan
+    altitude_m: float = np.nan  # above the geoid
+    separation_m: float = np.nan
+    satellites: int = -1
+    sigma_enu_m: tuple[float, float, float] = (np.nan, np.nan, np.nan)
+    strengths: tuple[tuple[int, int, float], ...] = ()
+
+
+def fields_of(sentence: str) -> list[str] | None:
+    """Return the fields of a sentence without its checksum, which may be absent; None if it is wrong."""
+    body, star, checksum = sentence[1:].strip().partition("*")
+    if star and checksum.upper() != f"{reduce(xor, body.encode('utf-8'), 0):02X}":
+        return None
+    return body.split(",")
+
+
+def read_sentence(fields: Sequence[str]) -> Sentence | None:
+    """Read GGA, GNS, GLL, RMC, ZDA, GST or GSV; None for another one.
+
+    Raises ValueError or IndexError if it is damaged.
+    """
+    read = _KINDS.get(fields[0][2:])
+    if read is None:
+        return None
+    sentence = Sentence(talker=fields[0][:2], kind=fields[0][2:])
+    read(fields, sentence)
+    return sentence
+
+
+def _take_time(text: str, sentence: Sentence) -> None:
+    if not _TIME.fullmatch(text):
+        raise ValueError(f"time {text!r}")
+    sentence.leap_ns = 10**9 if text[4:6] == "60" else 0
+    of_day_ns = (int(text[:2]) * 60 + int(text[2:4])) * 60 * 10**9 + round(float(text[4:]) * 1e9)
+    sentence.of_day_ns = of_day_ns - sentence.leap_ns
+
+
+def _take_place(fields: Sequence[str], sentence: Sentence) -> None:
+    sentence.lat_deg, sentence.lon_deg = _angle_deg(*fields[:2]), _angle_deg(*fields[2:4])
+
+
+def _gga(fields: Sequence[str], sentence: Sentence) -> None:
+    fixed = fields[6] not in ("", "0")
+    if fixed:
+        _take_place(fields[2:6], sentence)
+        sentence.altitude_m, sentence.separation_m = _metres(fields[9]), _metres(fields[11])
+        sentence.satellites = int(fields[7] or -1)
+    _take_time(fields[1], sentence)
+
+
+def _gns(fields: Sequence[str], sentence: Sentence) -> None:
+    if fields[6].strip("N"):
+        _take_place(fields[2:6], sentence)
+        sentence.altitude_m, sentence.separation_m = _metres(fields[9]), _metres(fields[10])
+        sentence.satellites = int(fields[7] or -1)
+    _take_time(fields[1], sentence)
+
+
+def _gll(fields: Sequence[str], sentence: Sentence) -> None:
+    if fields[6] == "A":
+        _take_place(fields[1:5], sentence)
+    _take_time(fields[5], sentence)
+
+
+def _rmc(fields: Sequence[str], sentence: Sentence) -> None:
+    sentence.date = _date(fields[9], "%d%m%y") if fields[9] else None
+    if fields[2] == "A":
+        _take_place(fields[3:7], sentence)
+    _take_time(fields[1], sentence)
+
+
+def _zda(fields: Sequence[str], sentence: Sentence) -> None:
+    if fields[2] and fields[3] and fields[4]:
+        sentence.date = _date(f"{fields[2]:0>2}{fields[3]:0>2}{fields[4]}", "%d%m%Y")
+    _take_time(fields[1], sentence)
+
+
+def _gst(fields: Sequence[str], sentence: Sentence) -> None:
+    north_m, east_m, up_m = (_metres(text) for text in fields[6:9])
+    sentence.sigma_enu_m = east_m, north_m, up_m
+    _take_time(fields[1], sentence)
+
+
+def _gsv(fields: Sequence[str], sentence: Sentence) -> None:
+    """Read up to four satellites; one field more than theirs names the signal."""
+    rest = fields[4:]
+    signal = int(rest[-1], 16) if len(rest) % _SATS_A_SENTENCE == 1 and rest[-1] else 0
+    sentence.strengths = tuple(
+        (int(rest[k]), signal, float(rest[k + 3]))
+        for k in range(0, len(rest) - 3, 4)
+        if rest[k] and rest[k + 3] and 0.0 < float(rest[k + 3]) < 100.0
+    )
+
+
+_KINDS: Final = {"GGA": _gga, "GNS": _gns, "GLL": _gll, "RMC": _rmc, "ZDA": _zda, "GST": _gst, "GSV": _gsv}
+
+
+def _angle_deg(text: str, side: str) -> float:
+    if not _ANGLE.fullmatch(text):
+        raise ValueError(f"angle {text!r}")
+    point = text.index(".") if "." in text else len(text)
+    value = int(text[: point - 2]) + float(text[point - 2 :]) / 60.0
+    if side not in ("N", "S", "E", "W"):
+        raise ValueError(f"side {side!r}")
+    return -value if side in "SW" else value
+
+
+def _metres(text: str) -> float:
+    """NaN for an empty field."""
+    if not text:
+        return np.nan
+    if not abs(metres := float(text)) < _FARTHEST_M:
+        raise ValueError(f"height {text!r}")
+    return metres
+
+
+def _date(text: str, layout: str) -> np.datetime64:
+    date = datetime.strptime(text, layout)
+    require_year(date.year)
+    return np.datetime64(date, "ns")
