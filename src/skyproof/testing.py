@@ -301,7 +301,7 @@ def _permuted(measured: Any, rng: np.random.Generator) -> Any:
 
 
 def _unmeasured(records: Records) -> Records:
-    """The same channels, none of which was tracked, so that no set was found."""
+    """The same channels, none of which was tracked, so that no set was found and no receiver has a fix of its own."""
 
     def blank(measured: Any) -> Any:
         cells = {name: getattr(measured, name) for name, axis in _channel_axes(measured).items() if axis == 1}
@@ -310,7 +310,7 @@ def _unmeasured(records: Records) -> Records:
             **{n: np.full_like(v, CellStatus.NOT_TRACKED if n == "status" else np.nan) for n, v in cells.items()},
         )
 
-    return replace(_each_measured(records, blank), sets=())
+    return replace(_each_measured(records, blank), sets=(), own_fixes={})
 
 
 # Records at measurement level -----------------------------------------------------------------------------------------

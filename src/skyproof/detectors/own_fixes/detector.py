@@ -80,7 +80,10 @@ class OwnFixes:
         tails: dict[str, _Series] = dict(state or {})
         found = []
         for receiver, fixes in records.own_fixes.items():
-            series = _rising(fixes, tails.get(receiver))
+            tail = tails.get(receiver)
+            if tail is not None and fixes.gpst.size and tail.gpst.size and tail.gpst[-1] >= fixes.gpst[0]:
+                tail = None  # another recording
+            series = _rising(fixes, tail)
             found.append(self._receiver(records, receiver, series))
             tails[receiver] = series.rows(slice(-_TAIL, None))
         return found, tails
