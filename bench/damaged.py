@@ -465,8 +465,11 @@ def damage_distances(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None
     inputs.damage = what
     inputs.named = ("feet|yards|metres|twice|half|decimal|level|wrong_statement",)
     if what == "separation":
-        least_m = true_m * float(10.0 ** rng.uniform(0.0, 1.5))
-        inputs.options = {"antenna_separation_m": least_m, "max_separation_m": max(300.0, 2.0 * least_m)}
+        least_m = min(true_m * float(10.0 ** rng.uniform(0.0, 1.5)), 1e5)
+        inputs.options = {
+            "antenna_separation_m": least_m,
+            "max_separation_m": float(np.clip(2.0 * least_m, 300.0, 1e5)),
+        }
         inputs.right = replace(inputs, options=inputs.options | {"antenna_separation_m": 0.5 * true_m})
         inputs.off_m, inputs.sigma_m = least_m - true_m, 0.0
         return

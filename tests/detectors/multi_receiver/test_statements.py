@@ -189,3 +189,13 @@ def test_code_that_contradicts_a_statement_without_being_sure_of_the_sky_names_i
     assert not any(
         e.wrong_statements for e in reviewed(both, antenna_distance_m=distance_m, false_alarm_probability=1e-30)
     )
+
+
+@pytest.mark.parametrize(("least_m", "fails"), [(0.5 * DISTANCE_M, False), (300.0, True)])
+def test_antennas_nearer_than_they_are_said_to_be_at_least_fail(least_m, fails):
+    """Signals that are surely not of one antenna passed before, however near they put the antennas."""
+    evidence = reviewed(windows({}, {}), antenna_separation_m=least_m, max_separation_m=1000.0)
+    assert {(e.says, e.failed) for e in evidence} == {("undecided", fails)}
+    assert {cause.about for e in evidence for cause in e.wrong_statements} == (
+        {"antenna_separation_m"} if fails else set()
+    )

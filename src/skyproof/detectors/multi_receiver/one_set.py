@@ -149,6 +149,17 @@ def _open(window: Window, pairing: Pairing, p_one: float) -> Evidence:
             would_need=f"{window.where()}; or, if they may be that far apart, a larger max_separation_m in the "
             "table [protect] of a platform file",
         )
+    p_near = window.p_not_sky(pairing, None)[0]
+    if p_near < window.settings.false_alarm_probability:
+        return window.say(
+            "undecided",
+            pairing.subject,
+            p_value=p_near,
+            may_also_be=("statement", "reflections"),
+            because=window.toonear(pairing),
+            would_need=MEASURED_AGAIN,
+            statement=window.statement(pairing, None, agrees=False),
+        )
     return window.say(
         "undecided",
         pairing.subject,

@@ -67,7 +67,7 @@ class Window:
         self, pairing: Pairing, geometry: AntennaGeometry | None, p_value: float
     ) -> StatementTest | None:
         """What a pairing says of it that may be of the sky or of one antenna; p_value : of the statement, by code."""
-        test = None if geometry is None else self.statement(pairing, geometry, agrees=False)
+        test = self.statement(pairing, geometry, agrees=False)
         if test is None:
             return None
         key = tuple(map(id, pairing.sets))
@@ -249,6 +249,13 @@ class Window:
         far_m, limit_m = max(pairing.distances_m or (0.0,)), self.settings.max_separation_m
         return (
             f"{names(pairing)} put the antennas {far_m:.0f} m apart, more than the {limit_m:g} m that they may be: "
+            "one receiver may follow a false sky and another the true one"
+        )
+
+    def toonear(self, pairing: Pairing) -> str:
+        far_m, limit_m = max(pairing.distances_m or (0.0,)), self.settings.antenna_separation_m
+        return (
+            f"{names(pairing)} put the antennas {far_m:.0f} m apart, less than the {limit_m:g} m of antenna_separation_m: "
             "one receiver may follow a false sky and another the true one"
         )
 
