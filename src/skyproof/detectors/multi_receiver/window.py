@@ -255,7 +255,7 @@ class Window:
     def toonear(self, pairing: Pairing) -> str:
         far_m, limit_m = max(pairing.distances_m or (0.0,)), self.settings.antenna_separation_m
         return (
-            f"{names(pairing)} put the antennas {far_m:.0f} m apart, less than the {limit_m:g} m of antenna_separation_m: "
+            f"{names(pairing)} put the antennas {far_m:.0f} m apart, less than the {limit_m:g} m that were stated: "
             "one receiver may follow a false sky and another the true one"
         )
 
