@@ -37,6 +37,7 @@ from skyproof.arrays import Reals
 from skyproof.detectors.code_motion.detector import primary_signals
 from skyproof.errors import SkyproofError
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.fix import fix
 from skyproof.navigation.foresight import Standing, surveyed
 from skyproof.records import NavigationData, Observations
@@ -222,7 +223,7 @@ def against_truth(
     kind: str,
 ) -> Row:
     """Say what was said, when, and whether a position that was called trusted is wrong."""
-    start = clean.gpst[0] - np.timedelta64(round(float(clean.elapsed_s[0]) * 1e9), "ns")
+    start = clean.gpst[0] - timedelta_from_s(float(clean.elapsed_s[0]))
 
     def since_s(gpst: np.datetime64 | None) -> float | None:
         if gpst is None:

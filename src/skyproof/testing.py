@@ -29,7 +29,7 @@ from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
-from skyproof.gnss.time import week_and_tow
+from skyproof.gnss.time import timedelta_from_s, week_and_tow
 from skyproof.records import (
     CellStatus,
     ConsistentSet,
@@ -410,7 +410,7 @@ class MeasuredScene:
                 ]
                 names = tuple(SignalId(orbit.sat, copy="abcdefgh"[copy]) for orbit in orbits)
                 signals += names
-                middle = self.start_gpst + np.timedelta64(round(since_s[self.epochs // 2] * 1e9), "ns")
+                middle = self.start_gpst + timedelta_from_s(since_s[self.epochs // 2])
                 sets.append(
                     ConsistentSet(
                         receiver=receiver,
@@ -432,7 +432,7 @@ class MeasuredScene:
         """One window with new errors."""
         return Records(
             start_gpst=self.start_gpst,
-            end_gpst=self.start_gpst + np.timedelta64(round((self.epochs + 0.5) * self.step_s * 1e9), "ns"),
+            end_gpst=self.start_gpst + timedelta_from_s((self.epochs + 0.5) * self.step_s),
             observations=tuple(self._with_errors(exact, rng) for exact in self._exact),
             navigation=self.navigation,
             sets=self._sets,
@@ -455,7 +455,7 @@ class MeasuredScene:
         return Observations(
             receiver=receiver,
             signals=signals,
-            gpst=self.start_gpst + np.rint(since_s * 1e9).astype("timedelta64[ns]"),
+            gpst=self.start_gpst + timedelta_from_s(since_s),
             elapsed_s=since_s - since_s[0],
             pseudorange_m=range_m,
             carrier_cyc=range_m * (L1_HZ / SPEED_OF_LIGHT_M_S),

@@ -14,6 +14,7 @@ from skyproof.gnss.time import (
     parse_iso,
     resolve_week,
     seconds_between,
+    timedelta_from_s,
     utc_from_gpst,
     week_and_tow,
 )
@@ -131,3 +132,11 @@ def test_text_names_the_instant(t):
 def test_anything_but_gps_time_without_a_zone_is_refused(text):
     with pytest.raises(ValueError):  # noqa: PT011 - some words are numpy's
         parse_iso(text)
+
+
+def test_seconds_become_whole_nanoseconds():
+    assert timedelta_from_s(1.5) == np.timedelta64(1_500_000_000, "ns")
+    assert timedelta_from_s(-2.6e-9) == np.timedelta64(-3, "ns")
+    found = timedelta_from_s(np.array([[0.0, 1e-9], [3600.0, 0.25]]))
+    assert found.dtype == np.dtype("timedelta64[ns]")
+    np.testing.assert_array_equal(found.astype(np.int64), [[0, 1], [3_600_000_000_000, 250_000_000]])

@@ -41,6 +41,7 @@ from skyproof.gnss.time import (
     nearest_week,
     require_year,
     rinex_date,
+    timedelta_from_s,
     utc_from_gpst,
     week_and_tow,
 )
@@ -471,7 +472,7 @@ def _epoch(line: str, version: float) -> np.datetime64:
         start = np.datetime64(f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}:00", "ns")
         if not 0.0 <= (second := float(texts[5])) < 61.0:
             raise ValueError(second)
-        return start + np.timedelta64(round(second * 1e9), "ns")
+        return start + timedelta_from_s(second)
     except ValueError:
         raise ValueError(f"{' '.join(texts)!r} is not a date and time") from None
 

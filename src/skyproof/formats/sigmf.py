@@ -46,7 +46,7 @@ from skyproof.formats.levels import channels_of, without_dead
 from skyproof.formats.raw import SampleLayout
 from skyproof.formats.sigmf_keys import DATATYPE, LARGEST, Capture, Global, Meta, checked, expected, parsed, shown, some
 from skyproof.gnss.constants import L1_HZ
-from skyproof.gnss.time import FIRST_YEAR, GPS_EPOCH, LAST_YEAR, gpst_from_utc, iso, utc_from_gpst
+from skyproof.gnss.time import FIRST_YEAR, GPS_EPOCH, LAST_YEAR, gpst_from_utc, iso, timedelta_from_s, utc_from_gpst
 from skyproof.records import SampleGap, Samples
 from skyproof.remarks import Remark, RemarkKind
 
@@ -250,7 +250,7 @@ def _dates(segments: Sequence[_Segment], rate_hz: float, where: str, remarks: li
             )
     first, date = dated[0]
     back_s = (first.index - segments[0].index) / rate_hz
-    start: np.datetime64 = date - np.timedelta64(round(min(max(back_s, -1e9), 1e9) * 1e9), "ns")
+    start: np.datetime64 = date - timedelta_from_s(min(max(back_s, -1e9), 1e9))
     return start if start >= GPS_EPOCH else None
 
 

@@ -39,7 +39,7 @@ from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.rivals import FixMaker, Kind, Rivals, reference_kind, rivals_of, with_clock_near
 from skyproof.fusion.skies import sky_onset
 from skyproof.fusion.timeline import Onset
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.known import Known
 from skyproof.navigation.prediction import Choice, choose, parted_unseen
@@ -173,7 +173,7 @@ class _Chooser:
 
     @property
     def clean_start(self) -> np.datetime64:
-        end: np.datetime64 = self.log.gpst[0] + np.timedelta64(round(self.rules.clean_start_s * 1e9), "ns")
+        end: np.datetime64 = self.log.gpst[0] + timedelta_from_s(self.rules.clean_start_s)
         return end
 
     def of_windows(

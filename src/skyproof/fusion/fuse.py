@@ -21,6 +21,7 @@ from skyproof.fusion.skies import skies_of, sky_onset
 from skyproof.fusion.suspicion import ODD, Suspicion, suspicion_of
 from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.fusion.unexplained import Unexplained, unexplained
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.window import interval_s
 from skyproof.records import ConsistentSet, Evidence, ObservationLog
 
@@ -194,7 +195,7 @@ def _in_common(o: ObservationLog, observations: Sequence[ObservationLog], beside
     common: Booleans = (o.gpst >= begin) & (o.gpst <= end)
     if beside_s is None:
         return common
-    beside = np.timedelta64(round(beside_s * 1e9), "ns")
+    beside = timedelta_from_s(beside_s)
     far: Booleans = (o.gpst < begin - beside) | (o.gpst > end + beside)
     return common | far
 

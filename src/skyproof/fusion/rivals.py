@@ -9,7 +9,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.fusion.trusted import fix_of, masked, of_signals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.time import seconds_between
+from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.inertial_foresight import noise_of
 from skyproof.navigation.known import KNOWN, Known, known_of
@@ -110,7 +110,7 @@ class FixMaker:
 
         kind : of the signals whose clock is compared. epochs : with the fixes of the window's epochs, and velocity.
         """
-        gpst = s.gpst - np.timedelta64(round(bias_s * 1e9), "ns")
+        gpst = s.gpst - timedelta_from_s(bias_s)
         clock_m = SPEED_OF_LIGHT_M_S * s.clock_of_s(kind)
         mean, covariance = np.zeros(KNOWN), np.diag(np.full(KNOWN, np.inf))
         rows = np.array([0, 1, 2, 6])[: 4 if np.isfinite(clock_m) else 3]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyproof.fusion.labels import LabelledSignal
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.window import interval_s
 from skyproof.records import ObservationLog, SignalRef
 
@@ -65,7 +66,7 @@ def onset_of(signals: Collection[SignalRef], observations: Sequence[ObservationL
         return None
     seen, missed, _ = min(found, key=lambda each: each[0])
     together_s = max(TOGETHER_S, *(1.5 * interval_s(o.elapsed_s) for o in observations))
-    company = [hidden for at, _, hidden in found if at - seen <= np.timedelta64(round(together_s * 1e9), "ns")]
+    company = [hidden for at, _, hidden in found if at - seen <= timedelta_from_s(together_s)]
     return Onset(seen=seen, earliest=None if sum(company) > 0.5 * len(company) else missed)
 
 
@@ -106,5 +107,5 @@ def end_of(
 
 
 def _instant(o: ObservationLog, elapsed_s: float) -> np.datetime64:
-    moment: np.datetime64 = o.gpst[0] + np.timedelta64(round((elapsed_s - float(o.elapsed_s[0])) * 1e9), "ns")
+    moment: np.datetime64 = o.gpst[0] + timedelta_from_s(elapsed_s - float(o.elapsed_s[0]))
     return moment

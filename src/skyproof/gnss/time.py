@@ -23,6 +23,7 @@ __all__ = [
     "resolve_week",
     "rinex_date",
     "seconds_between",
+    "timedelta_from_s",
     "utc_from_gpst",
     "week_and_tow",
 ]
@@ -94,6 +95,17 @@ def seconds_between(later: Any, earlier: Any) -> Any:
     """`later` minus `earlier` in seconds (float64; arrays broadcast): a difference of labels, never a measurement."""
     seconds = _ns_since(later, earlier) / _NS
     return float(seconds) if np.ndim(seconds) == 0 else seconds
+
+
+@overload
+def timedelta_from_s(seconds: float) -> np.timedelta64: ...
+@overload
+def timedelta_from_s(seconds: NDArray[Any]) -> NDArray[np.timedelta64]: ...
+def timedelta_from_s(seconds: Any) -> Any:
+    """Round seconds (a number or an array) to time differences of whole nanoseconds, which instants can be moved by."""
+    if np.ndim(seconds) == 0:
+        return np.timedelta64(round(float(seconds) * _NS), "ns")
+    return np.rint(np.asarray(seconds) * _NS).astype("timedelta64[ns]")
 
 
 def iso(t: np.datetime64, digits: int = 3) -> str:

@@ -25,7 +25,7 @@ from skyproof.arrays import Indices, Instants, Integers, Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.imu_grades import ImuGrade
-from skyproof.gnss.time import seconds_between
+from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.ins_errors import error_covariance, skew, start_covariance
 from skyproof.navigation.nav_state import state_at
 from skyproof.navigation.strapdown import strapdown_paths
@@ -165,7 +165,7 @@ def _filled(readings: ImuSeries, start_gpst: np.datetime64) -> _Filled:
     labels = np.interp(every, rows, seconds_between(gpst, start_gpst)) if n else np.empty(0)
     if n and steps[0] > 1:
         labels[: rows[0]] = labels[rows[0]] - interval_s * np.arange(rows[0], 0, -1)
-    between = start_gpst + np.rint(labels * 1e9).astype("timedelta64[ns]")
+    between = start_gpst + timedelta_from_s(labels)
     if n:
         between[rows] = gpst
     return _Filled(

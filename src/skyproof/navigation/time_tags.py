@@ -17,6 +17,7 @@ import numpy as np
 from skyproof.arrays import Booleans, Indices, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.sky import rotate_to_reception
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.least_squares import line_of_sight, normal_inverse
 from skyproof.navigation.raim import unknowns_of
@@ -113,7 +114,7 @@ def _one_of_each(observations: Observations) -> tuple[SignalId, ...]:
 def _labelled(observations: Observations, rows: Indices, late_s: Reals) -> Observations:
     """Return some epochs with labels that are earlier by `late_s`, each by itself: they need not be in order."""
     part = observations.rows(rows)
-    return replace(part, gpst=part.gpst - np.rint(late_s * 1e9).astype("timedelta64[ns]"))
+    return replace(part, gpst=part.gpst - timedelta_from_s(late_s))
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,7 +35,7 @@ from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.imu_grades import GRADES, ImuGrade
-from skyproof.gnss.time import GPS_EPOCH
+from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
 from skyproof.records import ImuSeries
 from skyproof.statistics.gauss_markov import gauss_markov_allan_variance, gauss_markov_path, gauss_markov_step
 
@@ -221,7 +221,7 @@ def inertial(
         readings = np.concatenate([np.empty((0, 2, 3)), *parts])
         ends_s = start_s + (start + 1 + np.arange(len(readings))) / rate_hz
         return ImuSeries(
-            gpst=zero_gpst + np.rint(ends_s * 1e9).astype("timedelta64[ns]"),
+            gpst=zero_gpst + timedelta_from_s(ends_s),
             interval_s=1.0 / rate_hz,
             specific_force_m_s2=readings[:, 0],
             angular_rate_rad_s=readings[:, 1],

@@ -17,7 +17,7 @@ import scipy
 from skyproof.arrays import Booleans, Instants, Integers, Reals
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
-from skyproof.gnss.time import GPS_EPOCH
+from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
 from skyproof.records import CellStatus, Observations, SignalId, SignalRef
 from skyproof.simulator.attacks import Meaconer
 from skyproof.simulator.kinds import Kind
@@ -216,7 +216,7 @@ def _geometry(scene: Scene, index: int, interval_s: float, pulled: bool) -> Idea
         receiver=sky.name,
         signals=tuple(sky.signals[column].id for column in kept),
         labels=tuple(sky.signals[column].label for column in kept),
-        gpst=scene.scenario.start_gpst + np.rint(shown_s * 1e9).astype("timedelta64[ns]"),
+        gpst=scene.scenario.start_gpst + timedelta_from_s(shown_s),
         elapsed_s=elapsed_s,
         pseudorange_m=pseudorange_m[:, kept],
         carrier_cyc=(carrier_cyc - np.rint(start_cyc))[:, kept],

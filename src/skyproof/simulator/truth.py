@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad, rot_enu_ecef
-from skyproof.gnss.time import GPS_EPOCH, seconds_between
+from skyproof.gnss.time import GPS_EPOCH, seconds_between, timedelta_from_s
 from skyproof.simulator.inertial import ImuReadings, inertial
 from skyproof.simulator.platforms import motion_within
 from skyproof.simulator.received import ReceiverSky, Scene
@@ -59,7 +59,7 @@ def sky_of(scene: Scene, antenna: str) -> ReceiverSky:
 
 def moment(scene: Scene, true_s: Any) -> Any:
     """GPS time, to the nanosecond, of true times of any shape."""
-    return scene.scenario.start_gpst + np.rint(np.asarray(true_s) * 1e9).astype("timedelta64[ns]")
+    return scene.scenario.start_gpst + timedelta_from_s(np.asarray(true_s))
 
 
 # --- receivers

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from skyproof.arrays import Instants, Reals
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES, ImuGrade
-from skyproof.gnss.time import GPS_EPOCH
+from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
 from skyproof.navigation.ins_errors import STATES, error_covariance, start_covariance, updated
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import NavState
@@ -99,7 +99,7 @@ def _approach() -> _Approach:
 
 
 def _gpst(seconds: Reals) -> Instants:
-    return GPS_EPOCH + np.rint(seconds * 1e9).astype("timedelta64[ns]")
+    return GPS_EPOCH + timedelta_from_s(seconds)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -30,7 +30,7 @@ from skyproof.formats.byte_io import sha256
 from skyproof.formats.imu import ImuFile, read_imu
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic
 from skyproof.gnss.imu_grades import ImuGrade
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.navigation.attitude import direction_off_rad, interpolation_sigma_rad, stated_state, stood
 from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin, coast
 from skyproof.records import Attitude, ImuSeries, NavState, Records
@@ -288,7 +288,7 @@ def _turned(body: Body, records: Records, carried: Carried, places: list[Reals])
     paths = list[NavState]()
     last_gpst = min(records.end_gpst, readings.gpst[-1])
     while run is not None and run.state.gpst[0] < last_gpst:
-        end_gpst = min(run.state.gpst[0] + np.timedelta64(round(_PIECE_S * 1e9), "ns"), last_gpst)
+        end_gpst = min(run.state.gpst[0] + timedelta_from_s(_PIECE_S), last_gpst)
         at_rest = replace(run.state, position_ecef_m=begun[None], velocity_ecef_m_s=np.zeros((1, 3)))
         path, run = coast(
             replace(run, state=at_rest),

@@ -14,6 +14,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.arrays import Reals
 from skyproof.detectors.base import Detector
 from skyproof.detectors.registry import examined, load_detectors, made_with, review_of
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.interruption import watch
 from skyproof.navigation.clock import time_breaks
 from skyproof.navigation.sets import consistent_sets
@@ -117,7 +118,7 @@ def window_edges(observations: Sequence[ObservationLog], window_s: float) -> lis
 
 def _evenly(begin: np.datetime64, end: np.datetime64, window_s: float, early: np.timedelta64) -> list[np.datetime64]:
     """Edges between two instants, every so often."""
-    step = np.timedelta64(round(window_s * 1e9), "ns")
+    step = timedelta_from_s(window_s)
     count = max(int((end - begin) / step + (1.0 - MIN_WINDOW_SHARE)), 1)
     return [begin + k * step - early for k in range(1, count)]
 

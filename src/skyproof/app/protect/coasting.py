@@ -19,7 +19,7 @@ import numpy as np
 from skyproof.app.protect.positions import STRETCH_EPOCHS, Positions, epochs_of
 from skyproof.arrays import Instants, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.time import seconds_between
+from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.inertial_foresight import Inertial, noise_of
 from skyproof.navigation.known import Known, known_of
@@ -73,7 +73,7 @@ def step(last: Last | None, receiver: str, gpst: Instants, fix: Fix | None) -> t
     return Fix(
         receiver=receiver,
         signals=(),
-        gpst=gpst[rows] - np.rint(bias_s * 1e9).astype("timedelta64[ns]"),
+        gpst=gpst[rows] - timedelta_from_s(bias_s),
         position_ecef_m=np.stack([one.position_ecef_m for one in carried]),
         velocity_ecef_m_s=np.zeros((rows.size, 3)),
         clock_bias_s=bias_s,
@@ -121,7 +121,7 @@ def _free(
     """Carried on over epochs, what is true at which is added to `found`; a clock that is not known runs on."""
     for label in gpst:
         bias_s = _bias_s(last, label)
-        at = label - np.timedelta64(round(bias_s * 1e9), "ns")
+        at = label - timedelta_from_s(bias_s)
         while coming and coming[0].gpst <= at:
             if coming[0].gpst > last.gpst:
                 foresight = foresight.followed(SkyFix(whole=coming[0], each=coming[:1]))

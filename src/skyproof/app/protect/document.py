@@ -24,7 +24,7 @@ from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource, LabelledSignal
 from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.records import Cause, ConsistentSet, Direction, Evidence, Fix, NavigationData, Need, ObservationLog
 from skyproof.remarks import Remark, RemarkKind
 from skyproof.report.positions import radius_95_m
@@ -526,7 +526,7 @@ def _receiver(r: ReceiverOutcome) -> ReceiverResult:
 
 
 def _start(o: ObservationLog) -> np.datetime64:
-    start: np.datetime64 = o.gpst[0] - np.timedelta64(round(float(o.elapsed_s[0]) * 1e9), "ns")
+    start: np.datetime64 = o.gpst[0] - timedelta_from_s(float(o.elapsed_s[0]))
     return start
 
 

@@ -42,7 +42,7 @@ from skyproof.fusion.departure import departures
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.fusion.place import displacements
 from skyproof.fusion.rivals import FixMaker
-from skyproof.gnss.time import iso, seconds_between
+from skyproof.gnss.time import iso, seconds_between, timedelta_from_s
 from skyproof.interruption import Stopped, came, deferred, heard
 from skyproof.navigation.foresight import Foresight, Standing
 from skyproof.navigation.inertial_foresight import Inertial
@@ -263,7 +263,7 @@ def _span_of(receptions: Sequence[Reception]) -> Records:
     received = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size]
     if not received:
         return Records(start_gpst=np.datetime64("NaT", "ns"), end_gpst=np.datetime64("NaT", "ns"))
-    starts = [o.gpst[0] - np.timedelta64(round(float(o.elapsed_s[0]) * 1e9), "ns") for o in received]
+    starts = [o.gpst[0] - timedelta_from_s(float(o.elapsed_s[0])) for o in received]
     return Records(start_gpst=min(starts), end_gpst=max(o.gpst[-1] for o in received))
 
 

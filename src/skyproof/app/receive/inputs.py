@@ -18,6 +18,7 @@ from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import glonass_channels
 from skyproof.formats.rinex_obs_read import holds_observations
 from skyproof.formats.spool import named
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.records import NavigationData, Samples
 from skyproof.remarks import Remark
 
@@ -212,7 +213,7 @@ def stretch(samples: Samples, start_s: float, duration_s: float | None) -> Sampl
         count = min(count, round(duration_s * samples.rate_hz))
     remarks = samples.remarks if first + count == samples.n_samples else Remark.without_cut(samples.remarks)
     missing_s = sum(gap.missing_samples for gap in samples.gaps if gap.at_sample <= first) / samples.rate_hz
-    later = np.timedelta64(round((start_s + missing_s) * 1e9), "ns")
+    later = timedelta_from_s(start_s + missing_s)
     return replace(
         samples,
         n_samples=count,

@@ -17,7 +17,7 @@ from skyproof.formats.plausible import impossible_remarks
 from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, following, obs_pieces
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.formats.spool import NothingGathered, gathered
-from skyproof.gnss.time import iso, leap_seconds, seconds_between
+from skyproof.gnss.time import iso, leap_seconds, seconds_between, timedelta_from_s
 from skyproof.logs.content import ReceiverStates
 from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
 from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
@@ -274,7 +274,7 @@ class _Clock:
         part = _unstepped(log, self.steps, first, stop).rows(~self.tags.stray[first:stop])
         if not self.tags.offset_s:
             return part
-        return replace(part, gpst=part.gpst - np.timedelta64(round(self.tags.offset_s * 1e9), "ns"))
+        return replace(part, gpst=part.gpst - timedelta_from_s(self.tags.offset_s))
 
     def remarks(self) -> Iterator[str]:
         """What was put right."""

@@ -34,7 +34,7 @@ from skyproof.errors import NotEnoughData
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.gnss.time import GPS_EPOCH
+from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings
 from skyproof.navigation.whole_periods import whole_ranges_m
 from skyproof.receiver.observables import phases_with_lines
@@ -236,7 +236,7 @@ def _records(
 
 
 def _instants(begin: np.datetime64, elapsed_s: Reals) -> Instants:
-    return np.asarray(begin + np.rint(elapsed_s * 1e9).astype("timedelta64[ns]"))
+    return np.asarray(begin + timedelta_from_s(elapsed_s))
 
 
 def _with_ranges(

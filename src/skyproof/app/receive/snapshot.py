@@ -11,6 +11,7 @@ from skyproof.errors import NotEnoughData
 from skyproof.formats.bounds import listed
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, coarse_fix
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.snapshot import CodePhase, code_phase
@@ -85,7 +86,7 @@ def snapshot(
     ]
     phases = _credible(phases, remarks)
     middle_s = start_s + 0.5 * (count - 1) / samples.rate_hz
-    at_gpst = begin + np.timedelta64(round(middle_s * 1e9), "ns")
+    at_gpst = begin + timedelta_from_s(middle_s)
     known = RoughKnowledge(rough_sigma_s=rough_sigma_s, place_ecef_m=place_ecef_m, place_sigma_m=place_sigma_m)
     coarse, used = solved(phases, at_gpst, navigation, known, remarks, settings)
     return Snapshot(

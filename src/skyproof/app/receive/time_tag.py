@@ -13,7 +13,7 @@ from skyproof.errors import InputError
 from skyproof.formats.bounds import listed
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.time import GPS_EPOCH, iso, resolve_week, week_and_tow
+from skyproof.gnss.time import GPS_EPOCH, iso, resolve_week, timedelta_from_s, week_and_tow
 from skyproof.navigation.fix import fix
 from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.observables import ReceiverTimeTag, receiver_time_tag, stated_weeks, timed_by_range
@@ -158,7 +158,7 @@ def timed_by_others(
         ephemeris = orbits.best(sat, shown.gpst[row])
         if ephemeris is None:
             return None
-        later = np.timedelta64(round((elapsed_s - float(shown.elapsed_s[row])) * 1e9), "ns")
+        later = timedelta_from_s(elapsed_s - float(shown.elapsed_s[row]))
         state = satellite_state(ephemeris, shown.gpst[row] + later - np.timedelta64(75, "ms"))
         clock_s = float(shown.clock_bias_s[row]) - float(state.clock_s)
         away_m = float(np.linalg.norm(state.position_ecef_m - shown.position_ecef_m[row]))

@@ -17,7 +17,7 @@ from skyproof.arrays import Floats
 from skyproof.errors import InputError
 from skyproof.formats.pieces import Workspace
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
-from skyproof.gnss.time import week_and_tow
+from skyproof.gnss.time import timedelta_from_s, week_and_tow
 from skyproof.interruption import watch
 from skyproof.navigation.horizon import sats_above
 from skyproof.navigation.vector_inertia import AntennaUnit
@@ -269,7 +269,7 @@ def _sats(
         lacks = "a navigation file (--nav)" if navigation is None else "a date in the recording (start_gpst)"
         return GPS_SATS, (f"every satellite was looked for: place_deg is of use with {lacks} only",)
     lat_rad, lon_rad = np.radians(settings.place_deg)
-    end = samples.start_gpst + np.timedelta64(round(samples.duration_s * 1e9), "ns")
+    end = samples.start_gpst + timedelta_from_s(samples.duration_s)
     above = sats_above(navigation, GPS_SATS, float(lat_rad), float(lon_rad), samples.start_gpst, end)
     if len(above) < ENOUGH_SATS:
         return GPS_SATS, (

@@ -26,6 +26,7 @@ from skyproof.detectors.correlators.vector_parity import (
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.elevation_mask import find_low
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.search import WindowRanges, below, misfits, solve
@@ -305,7 +306,7 @@ def _began_gpst(bank: BankFound, looks: _Looks, records: Records, receiver: str)
     if not own or bank.seen is None or bank.began is None or bank.began < 0:
         return None
     since_s = float(looks.elapsed_s[bank.began] - own[0].elapsed_s[0])
-    began: np.datetime64 = own[0].gpst[0] + np.timedelta64(round(since_s * 1e9), "ns")
+    began: np.datetime64 = own[0].gpst[0] + timedelta_from_s(since_s)
     return began
 
 

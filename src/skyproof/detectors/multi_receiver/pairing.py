@@ -39,7 +39,7 @@ from skyproof.detectors.multi_receiver.one_antenna import (
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_positions_m
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
-from skyproof.gnss.time import seconds_between
+from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.records import Baseline, ConsistentSet, NavigationData, Records, SignalRef
 from skyproof.statistics.autoregression import correlation_grid
 from skyproof.statistics.distributions import chi_square_survival
@@ -168,13 +168,13 @@ class Pairing:
         time_s = self.ranges.time_s
         if self.navigation is None or time_s.size == 0:
             return None
-        place, when = self.sets[0].position_ecef_m, self.start_gpst + np.timedelta64(round(1e9 * time_s.mean()), "ns")
+        place, when = self.sets[0].position_ecef_m, self.start_gpst + timedelta_from_s(time_s.mean())
         orbits = [self.navigation.best(sat, when) for sat in self.ranges.sats]
         known = [orbit for orbit in orbits if orbit is not None]
         if len(known) < len(orbits):
             return None
         lat_rad, lon_rad, _ = geodetic_from_ecef(place)
-        sat_ecef_m = satellite_positions_m(known, when - np.timedelta64(round(_TRAVEL_S * 1e9), "ns"))
+        sat_ecef_m = satellite_positions_m(known, when - timedelta_from_s(_TRAVEL_S))
         units = unit_vectors(place, rotate_to_reception(sat_ecef_m, _TRAVEL_S))
         unit_enu = np.asarray(units @ rot_enu_ecef(lat_rad, lon_rad).T)
         unit_enu[:, 2] += _THINNER / np.maximum(unit_enu[:, 2], _LEAST_SINE)
