@@ -98,6 +98,19 @@ def test_edited_dates_of_some_orbits_leave_those_out(recorded, tmp_path, hours):
     assert any("its time of clock" in words for words in nav.all_remarks)
 
 
+def test_satellites_that_are_unhealthy_by_their_orbits_are_named(recorded, tmp_path):
+    folder, navigation = recorded
+    sats = sorted({e.sat for e in navigation.ephemerides})
+    ill = [replace(e, health=63) if e.sat in sats[::4] else e for e in navigation.ephemerides]
+    write_nav(tmp_path / "ill.rnx", replace(navigation, ephemerides=tuple(ill)))
+    paths = [folder / f"{one.name}.obs" for one in (BOW, STERN)]
+    verdict = protect(paths, nav=tmp_path / "ill.rnx", antenna_distance_m=APART_M).verdict
+    (nav,) = (one for one in verdict.inputs if one.path.endswith("ill.rnx"))
+    (remark,) = (words for words in nav.all_remarks if "unhealthy" in words)
+    received = {s.sat for s in verdict.signals}
+    assert {word.strip(",") for word in remark.split(": ")[1].split()} == set(sats[::4]) & received
+
+
 @pytest.mark.parametrize("who", [("bow",), ("bow", "stern")], ids=["one", "both"])
 @pytest.mark.parametrize("late_s", [0.1, 0.4, -18.0])
 def test_times_of_epochs_that_do_not_go_with_the_ranges_are_corrected(recorded, tmp_path, late_s, who):

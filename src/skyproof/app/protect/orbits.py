@@ -8,6 +8,7 @@ import numpy as np
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.app.receive.reception import Reception
 from skyproof.errors import InputError
+from skyproof.formats.bounds import listed
 from skyproof.gnss.ephemeris import SYSTEM_NAMES
 from skyproof.gnss.time import iso
 from skyproof.records import MeasurementSource, NavigationData, ObservationLog, Samples
@@ -35,7 +36,7 @@ def require_same_day(navigation: NavigationData, gpst: np.datetime64, source: Me
 
 
 def lacking_orbits(receptions: Sequence[Reception], navigation: NavigationData) -> tuple[str, ...]:
-    """Say which systems' signals have no orbit at their time.
+    """Say which systems' signals have no orbit at their time, and which satellites are unhealthy by theirs.
 
     Raises
     ------
@@ -57,10 +58,15 @@ def lacking_orbits(receptions: Sequence[Reception], navigation: NavigationData) 
             f"{navigation.source}: no orbits for these signals: it has those of {_systems(with_one)}, the signals are "
             f"of {_systems(without)}{_left_out(navigation)}; give the navigation file of that day with these systems"
         )
-    return tuple(
+    of_systems = tuple(
         f"no orbits for the signals of {len(sats)} {SYSTEM_NAMES.get(system, system)} satellites: they are not tested"
         for system, sats in sorted(lacking.items())
     )
+    unhealthy = sorted(set().union(*without.values()) & {e.sat for e in navigation.ephemerides if not e.healthy})
+    if not unhealthy:
+        return of_systems
+    words = f"{len(unhealthy)} satellites are unhealthy by their orbits, and their signals are not tested"
+    return (*of_systems, f"{words}: {listed(unhealthy)}")
 
 
 def _has_orbit(navigation: NavigationData, sat: str, log: ObservationLog) -> bool:
