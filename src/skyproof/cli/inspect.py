@@ -8,18 +8,21 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from skyproof import app
+from skyproof.cli.log import show_log
 from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.screen import print_document, print_path
 from skyproof.cli.signal import show_guess, show_inspection
 
 if TYPE_CHECKING:
-    from skyproof.app.inspect import Inspection
+    from skyproof.app.inspect import Inspection, LogInspection
 
 __all__ = ["inspect"]
 
 
 def inspect(
-    file: Annotated[Path, Parameter(help="A recording. If nothing says how to read it, it is worked out.")],
+    file: Annotated[
+        Path, Parameter(help="A recording, log or observation file. If nothing says how to read it, it is worked out.")
+    ],
     /,
     *,
     sidecar: Annotated[Path | None, Parameter(help="How to read raw samples; else NAME.toml beside NAME.bin.")] = None,
@@ -54,7 +57,7 @@ def inspect(
     json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
-    """Say what is in a recording, and whether it is usable: levels, lines, satellites, lost samples, oscillator."""
+    """Say what is in a recording, log or observation file, whether it is usable, and what would make it stronger."""
     layout = {
         "rate_hz": rate_hz,
         "kind": kind,
@@ -87,9 +90,13 @@ def inspect(
         print_document(app.inspect.document_json(inspections))
     else:
         for inspection in inspections:
-            show_inspection(Console(), inspection)
-    if plot or out is not None:
-        _write_pictures(inspections, file, out, overwrite=overwrite, quiet=json)
+            if isinstance(inspection, app.inspect.LogInspection):
+                show_log(Console(), inspection)
+            else:
+                show_inspection(Console(), inspection)
+    recordings = tuple(one for one in inspections if not isinstance(one, app.inspect.LogInspection))
+    if recordings and (plot or out is not None):
+        _write_pictures(recordings, file, out, overwrite=overwrite, quiet=json)
     return 0
 
 
@@ -101,6 +108,6 @@ def _write_pictures(
             print_path("picture", path)
 
 
-def run_inspect(file: Path, **options: Any) -> "tuple[Inspection, ...]":
+def run_inspect(file: Path, **options: Any) -> "tuple[Inspection | LogInspection, ...]":
     """The use case, loaded when it is called."""
     return app.inspect.inspect(file, **options)

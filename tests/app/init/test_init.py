@@ -173,7 +173,7 @@ def test_paths_count_from_the_folder_of_the_platform_file(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("files", [[], ["none.bin"]])
 def test_what_cannot_be_opened_leaves_no_file(files: list[str], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.bin|no recording and no observation file given"):
+    with pytest.raises(InputError, match=r"none\.bin|no recording, log or observation file given"):
         init([tmp_path / name for name in files], out=tmp_path / "platform.toml")
     assert list(tmp_path.iterdir()) == []
 

@@ -21,7 +21,8 @@ LABELS: Final = ("authentic", "spoofed", "multipath", "unknown")
 class FleetRow:
     """One item and how it ended. Without how long it took: the same items give the same table, whatever did them.
 
-    state : done, failed or not run. may_also_be : with ";" between several. share_... : of its signals by label.
+    state : done, failed or not run. may_also_be : with ";" between several. interference_... : onset of the first
+        spell, and the largest fall of C/N0. share_... : of its signals by label.
         trusted_... : position of the first receiver that has one, of its last epoch. What is not there is None.
     """
 
@@ -40,6 +41,9 @@ class FleetRow:
     since_gpst: str | None = None
     since_sigma_s: float | None = None
     until_gpst: str | None = None
+    interference: str | None = None
+    interference_since_gpst: str | None = None
+    interference_fall_db: float | None = None
     signals: int = 0
     share_authentic: float | None = None
     share_spoofed: float | None = None
@@ -77,6 +81,10 @@ def _of_verdict(verdict: Verdict) -> dict[str, Any]:
     keys = ("verdict", "summary", "reason", "remedy", "since_gpst", "since_sigma_s", "until_gpst")
     found: dict[str, Any] = {key: getattr(verdict, key) for key in keys}
     found["may_also_be"] = ";".join(verdict.may_also_be) or None
+    found["interference"] = verdict.interference.state
+    if spells := verdict.interference.spells:
+        found["interference_since_gpst"] = spells[0].since_gpst
+        found["interference_fall_db"] = max(spell.fall_db for spell in spells)
     labels = [signal.label for signal in verdict.signals]
     found["signals"] = len(labels)
     if labels:

@@ -11,6 +11,7 @@ import numpy as np
 
 from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.init.text import FoundReceiver, platform_lines
+from skyproof.app.inspect.log import holds_measurements, inspect_log
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.attitude import read_attitude
@@ -34,11 +35,11 @@ class InitResult:
 
 
 def init(files: Sequence[str | Path], *, out: str | Path = "platform.toml", overwrite: bool = False) -> InitResult:
-    """Write a platform file that `protect` takes, from what recordings and observation files say.
+    """Write a platform file that `protect` takes, from what recordings, logs and observation files say.
 
     Parameters
     ----------
-    files : one per receiver: recordings with their sidecars, observation files; besides, inertial readings or an
+    files : one per receiver: recordings with their sidecars, logs, observation files; besides, inertial readings or an
         attitude as CSV or Parquet.
     out : the file to write; paths in it are relative to its folder.
     overwrite : whether an existing file is replaced.
@@ -58,7 +59,7 @@ def init(files: Sequence[str | Path], *, out: str | Path = "platform.toml", over
     series = [path for path in paths if path.suffix.lower() in _SERIES]
     receivers = _named([_found(path, out.parent) for path in paths if path not in series])
     if not receivers:
-        raise InputError("no recording and no observation file given; give one per receiver")
+        raise InputError("no recording, log or observation file given; give one per receiver")
     tables = _tables(series, out.parent)
     version = importlib.metadata.version("skyproof")
     write_lines(out, platform_lines(receivers, tables, version), encoding="utf-8")
@@ -79,6 +80,8 @@ class _Found:
 def _found(path: Path, folder: Path) -> _Found:
     if holds_observations(path):
         return _observed(path, folder)
+    if holds_measurements(path) and not path.with_suffix(".toml").exists():
+        return _logged(path, folder)
     channels = open_recording(path)
     one = channels[0]
     says = [f"{one.format or 'raw'}, {one.rate_hz / 1e6:g} Msps, {_when(one.start_gpst, one.duration_s)}"]
@@ -99,6 +102,16 @@ def _observed(path: Path, folder: Path) -> _Found:
             f"height_m = {height_m:.1f}, and not how nearly"
         )
     return _Found(path=path, input=_relative(path, folder), says=tuple(says), marker=file.marker)
+
+
+def _logged(path: Path, folder: Path) -> _Found:
+    """Return what a receiver's log says, and what it should hold besides."""
+    log = inspect_log(path)
+    if not log.epochs:
+        raise InputError(f"{path}: {log.summary}; {'; '.join(log.configuration) or 'have the receiver log them'}")
+    says = [f"{log.format}, {log.epochs} epochs, {_when(log.start_gpst, log.duration_s)}"]
+    says += [f"without {', '.join(wanted.name for wanted in log.missing)}, which would help"] if log.missing else []
+    return _Found(path=path, input=_relative(path, folder), says=(*says, *log.configuration))
 
 
 def _named(found: Sequence[_Found]) -> list[FoundReceiver]:

@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -179,7 +179,11 @@ class Inspection(ShortRepr):
         )
 
 
-def document_json(inspections: Sequence[Inspection]) -> str:
+class _Documented(Protocol):
+    def document(self) -> dict[str, Any]: ...
+
+
+def document_json(inspections: Sequence[_Documented]) -> str:
     """The document of one recording; of several channels, a list of them."""
     documents = [inspection.document() for inspection in inspections]
     return json.dumps(documents[0] if len(documents) == 1 else documents, indent=1, allow_nan=False) + "\n"

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from skyproof.app.inspect.inspection import Inspection
+from skyproof.app.inspect.log import LogInspection, holds_measurements, inspect_log
 from skyproof.app.inspect.opening import is_described, opened, opened_as
 from skyproof.app.inspect.signals import inspect_recording
 from skyproof.app.inspect.undescribed import guessed
@@ -18,13 +19,14 @@ def inspect(
     sidecar: str | Path | None = None,
     layout: Mapping[str, object] | None = None,
     write: bool | int = False,
-) -> tuple[Inspection, ...]:
-    """Say what is in a recording: one `Inspection` for each channel that the file holds.
+) -> tuple[Inspection | LogInspection, ...]:
+    """Say what is in a recording: one `Inspection` for each channel that the file holds; or what is in a log.
 
         (inspection,) = sp.inspect("rx1.bin")
         print(inspection.summary, inspection.satellites)
 
-    A file that nothing describes is read in the way that shows satellites, if there is one.
+    A receiver's log or observation file gives one `LogInspection`. Any other file that nothing describes is read in the
+    way that shows satellites, if there is one.
 
     Parameters
     ----------
@@ -36,7 +38,7 @@ def inspect(
 
     Returns
     -------
-    tuple of Inspection : one for each channel.
+    tuple of Inspection : one for each channel; of a log or an observation file a `LogInspection`.
 
     Raises
     ------
@@ -49,6 +51,8 @@ def inspect(
         recordings, sources, used = opened_as(path, sidecar, given)
     elif sidecar is not None or is_described(path):
         recordings, sources, used = opened(path, sidecar)
+    elif holds_measurements(path):
+        return (inspect_log(path),)
     else:
         return (guessed(path, write),)
     found = [inspect_recording(samples) for samples in recordings]

@@ -22,6 +22,7 @@ from skyproof.gnss.time import GPS_EPOCH
 from skyproof.logs.content import Beside, LogPiece, ReceiverStates
 from skyproof.logs.kinds import LogKind, kind_of_log
 from skyproof.logs.orbits import OrbitCollector
+from skyproof.logs.wanted import protocol_of
 from skyproof.records import CellStatus, FrontEndLevels, NavigationData, Observations, ReceiverFixes
 from skyproof.remarks import Remark, RemarkKind
 
@@ -148,7 +149,7 @@ class _Gathered:
 
     def protocols(self) -> list[str]:
         """Return the protocols that have messages in the log."""
-        return sorted({name.split(" ")[0] for name in self._messages})
+        return sorted({protocol_of(name) for name in self._messages})
 
     def own(self) -> OwnWords:
         """Return what the receiver says of itself."""
