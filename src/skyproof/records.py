@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, ComplexFloats, Floats, Indices, Instants, Integers, Reals
 from skyproof.gnss.constants import L1_HZ
-from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
+from skyproof.gnss.ephemeris import BroadcastEphemeris, Ephemeris, Klobuchar, NavigationData, UtcParameters
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.signals import time_scale_of
 from skyproof.short_repr import ShortRepr
@@ -59,6 +59,7 @@ __all__ = [
     "ObservationLog",
     "Observations",
     "OpenFile",
+    "ReceivedMessages",
     "ReceiverFixes",
     "Records",
     "SampleGap",
@@ -823,6 +824,32 @@ class ReceiverFixes:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ReceivedMessages(ShortRepr):
+    """Broadcast messages of one receiver's signals, as they came.
+
+    gpst : (n,) when each of the data sets was whole, by the receiver's clock; ephemerides : n of them, without those
+    that repeat the last one of their satellite and message. mistimed_gpst : (m,) when a message said another time of
+    week than the receiver's clock; mistimed_sat : m satellites that sent them.
+    """
+
+    gpst: Instants
+    ephemerides: tuple[BroadcastEphemeris, ...]
+    mistimed_gpst: Instants
+    mistimed_sat: tuple[str, ...]
+
+    def between(self, start_gpst: np.datetime64, end_gpst: np.datetime64) -> "ReceivedMessages":
+        """Return what has start <= time < end."""
+        rows = np.flatnonzero((self.gpst >= start_gpst) & (self.gpst < end_gpst))
+        times = np.flatnonzero((self.mistimed_gpst >= start_gpst) & (self.mistimed_gpst < end_gpst))
+        return ReceivedMessages(
+            gpst=self.gpst[rows],
+            ephemerides=tuple(self.ephemerides[k] for k in rows),
+            mistimed_gpst=self.mistimed_gpst[times],
+            mistimed_sat=tuple(self.mistimed_sat[k] for k in times),
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Fix(ShortRepr):
     """Position, velocity and clock of one receiver from one set of signals, epoch by epoch.
 
@@ -1151,4 +1178,5 @@ class Records(ShortRepr, Holding):
     nav_state: Mapping[str, NavState] = field(default_factory=dict)
     spin_arms: tuple[SpinArm, ...] = ()
     levels: Mapping[str, FrontEndLevels] = field(default_factory=dict)
+    messages: Mapping[str, ReceivedMessages] = field(default_factory=dict)
     own_fixes: Mapping[str, ReceiverFixes] = field(default_factory=dict)

@@ -23,6 +23,7 @@ from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, Vector
 from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.detectors.levels.detector import SignalLevels, SignalLevelsSettings
+from skyproof.detectors.messages.detector import BroadcastMessages, BroadcastMessagesSettings
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.own_fixes.detector import OwnFixes, OwnFixesSettings
@@ -173,6 +174,15 @@ CASES = (
         400,
         ("undecided",),
         "no satellite fails in these records",
+    ),
+    Case(
+        "satellites above the horizon",
+        lambda: BroadcastMessages(BroadcastMessagesSettings(false_alarm_probability=0.3)),
+        CLEAN.records,
+        40,
+        400,
+        ("undecided",),
+        "no satellite fails in these records, nor sends a message",
     ),
     Case(
         "codes that go with carriers",

@@ -21,6 +21,7 @@ from skyproof.detectors.common_change.detector import CommonChange
 from skyproof.detectors.correlators.sqm_detector import Sqm
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm
 from skyproof.detectors.dccaf.detector import Dccaf
+from skyproof.detectors.messages.detector import BroadcastMessages
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.own_fixes.detector import OwnFixes
 from skyproof.detectors.registry import load_detectors
@@ -309,6 +310,10 @@ CASES = {
     ("own_fixes", "few_own_fixes"): (
         lambda: said(OwnFixes(), replace(clean(), own_fixes={"rx1": fixes_at([0.0, 1.0], [HOME, HOME])})),
         "rx1 gives fewer than three fixes of its own",
+    ),
+    ("messages", "no_message"): (
+        lambda: said(BroadcastMessages(), replace(clean(), sets=())),
+        "no message of rx1 is known",
     ),
     ("torn", "received_twice"): (
         lambda: said(Torn(), clean(false=(FalseSky(),))),

@@ -135,6 +135,7 @@ MADE_ELSEWHERE = {
     "laws": None,
     "own_fixes": None,
     "torn": None,
+    "messages": None,
     "registry": None,
     "carriers": None,
     "delays": "bursts",

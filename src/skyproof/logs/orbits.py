@@ -5,14 +5,15 @@ from typing import Any, Final
 
 import numpy as np
 
+from skyproof.gnss.constants import SECONDS_PER_WEEK
 from skyproof.gnss.ephemeris import BroadcastEphemeris, Klobuchar, UtcParameters
-from skyproof.gnss.lnav import Subframe, ephemeris_from_subframes, ionosphere_and_utc, subframe_from_source
+from skyproof.gnss.lnav import SUBFRAME_S, Subframe, ephemeris_from_subframes, ionosphere_and_utc, subframe_from_source
 from skyproof.gnss.messages.beidou import d1_ephemeris, d1_subframe, d2_ephemeris, d2_page
 from skyproof.gnss.messages.galileo import fnav_ephemeris, fnav_page, inav_ephemeris, inav_word
 from skyproof.gnss.messages.glonass import glonass_ephemeris, glonass_string
 from skyproof.gnss.time import week_and_tow
 from skyproof.logs.content import FRAME_BITS, BroadcastFrames, MessageKind
-from skyproof.records import NavigationData
+from skyproof.records import NavigationData, ReceivedMessages
 
 __all__ = ["OrbitCollector"]
 
@@ -30,13 +31,19 @@ _MADE: Final[dict[MessageKind, Callable[[_Parts, str, int], BroadcastEphemeris |
     "D1": d1_ephemeris,
     "D2": d2_ephemeris,
 }
+_TIMED_WORD: Final = 5  # of I/NAV
+_INAV_PAGE_S: Final = 2.0  # by which a word's time of week is that of its beginning
+_TIME_OFF_S: Final = 4.0
+"""A frame's end is known to a second or two, and messages of LNAV are 6 s apart."""
+_MOST_KEPT: Final = 100_000  # a day of 100 satellites has some 10 000 data sets
 
 
 class OrbitCollector:
     """Gathers frames as they come, and gives the orbits of all that were whole.
 
     Of each satellite and message the latest part of each number is kept; whenever they make a data set that was not
-    there before it is added. Times of week count to the nearest week of when the frame came.
+    there before it is added. Times of week count to the nearest week of when the frame came. What a satellite sends
+    anew is kept with when it came, and so are frames whose time of week is not that of the receiver.
     """
 
     def __init__(self) -> None:
@@ -45,6 +52,9 @@ class OrbitCollector:
         self._ionosphere: Klobuchar | None = None
         self._utc: UtcParameters | None = None
         self._slots: dict[str, int] = {}
+        self._last: dict[tuple[str, str], BroadcastEphemeris] = {}
+        self._received: list[tuple[np.datetime64, BroadcastEphemeris]] = []
+        self._mistimed: list[tuple[np.datetime64, str]] = []
 
     def take(self, frames: Iterable[BroadcastFrames], frequency_numbers: Mapping[str, int]) -> None:
         """Take the frames of a stretch; `frequency_numbers` of GLONASS's satellites, by name."""
@@ -64,7 +74,7 @@ class OrbitCollector:
         self._found.setdefault((kind, made.sat, made.week, made.toe, getattr(made, "iodc", 0)), made)
 
     def _frame(self, kind: MessageKind, sat: str, frame: int, gpst: np.datetime64) -> None:
-        week, _ = week_and_tow(gpst)
+        week, tow_s = week_and_tow(gpst)
         parts = self._parts.setdefault((kind, sat), {})
         made: BroadcastEphemeris | None = None
         if kind == "LNAV":
@@ -72,6 +82,7 @@ class OrbitCollector:
             if subframe is None:
                 return
             parts[subframe.id] = subframe
+            self._time(sat, gpst, subframe.tow_s + SUBFRAME_S - float(tow_s))
             self._ionosphere_of(subframe, week)
             if subframe.id <= 3 and all(number in parts for number in (1, 2, 3)):
                 made = ephemeris_from_subframes(parts[1], parts[2], parts[3], sat, week)
@@ -80,6 +91,8 @@ class OrbitCollector:
             if read is None:
                 return
             parts[read[0]] = read[1]
+            if kind == "INAV" and read[0] == _TIMED_WORD:
+                self._time(sat, gpst, read[1]["tow_s"] + _INAV_PAGE_S - float(tow_s))
             if kind == "GLONASS":
                 if read[0] <= 4 and sat in self._slots:
                     made = glonass_ephemeris(parts, sat, gpst, self._slots[sat])
@@ -87,11 +100,31 @@ class OrbitCollector:
                 made = _MADE[kind](parts, sat, week)
         if made is not None:
             self._keep(kind, made)
+            if made != self._last.get((kind, sat)) and len(self._received) < _MOST_KEPT:
+                self._last[kind, sat] = made
+                self._received.append((gpst, made))
+
+    def _time(self, sat: str, gpst: np.datetime64, ahead_s: float) -> None:
+        """Keep a frame whose time of week is not that of its end by the receiver."""
+        off_s = (ahead_s + 0.5 * SECONDS_PER_WEEK) % SECONDS_PER_WEEK - 0.5 * SECONDS_PER_WEEK
+        if abs(off_s) > _TIME_OFF_S and len(self._mistimed) < _MOST_KEPT:
+            self._mistimed.append((gpst, sat))
 
     def _ionosphere_of(self, subframe: Subframe, week: int) -> None:
         found = ionosphere_and_utc(subframe, week) if subframe.id == 4 else None
         if found is not None:
             self._ionosphere, self._utc = found
+
+    def received(self) -> ReceivedMessages | None:
+        """Return what came when; None without any."""
+        if not self._received and not self._mistimed:
+            return None
+        return ReceivedMessages(
+            gpst=np.array([gpst for gpst, _ in self._received], "M8[ns]"),
+            ephemerides=tuple(made for _, made in self._received),
+            mistimed_gpst=np.array([gpst for gpst, _ in self._mistimed], "M8[ns]"),
+            mistimed_sat=tuple(sat for _, sat in self._mistimed),
+        )
 
     def navigation(self, source: str) -> NavigationData:
         """Return all that was gathered; `source` names it."""

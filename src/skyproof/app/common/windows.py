@@ -32,6 +32,7 @@ from skyproof.records import (
     Need,
     ObservationLog,
     Observations,
+    ReceivedMessages,
     ReceiverFixes,
     Records,
     SignalRef,
@@ -139,6 +140,7 @@ class Run(Holding):
     spin_arms: tuple[SpinArm, ...] = ()
     body: Body | None = None
     levels: Mapping[str, FrontEndLevels] = field(default_factory=dict)
+    messages: Mapping[str, ReceivedMessages] = field(default_factory=dict)
     own_fixes: Mapping[str, ReceiverFixes] = field(default_factory=dict)
 
     @property
@@ -202,6 +204,7 @@ class Windows:
             array_phases=tuple(one for one in phases if one.gpst.size),
             spin_arms=run.spin_arms,
             levels={name: levels.between(start, end) for name, levels in run.levels.items()},
+            messages={name: messages.between(start, end) for name, messages in run.messages.items()},
             own_fixes={name: fixes.between(start, end) for name, fixes in run.own_fixes.items()},
         )
 
@@ -218,6 +221,7 @@ def windows_of(
     spin_arms: Sequence[SpinArm] = (),
     body: Body | None = None,
     levels: Mapping[str, FrontEndLevels] | None = None,
+    messages: Mapping[str, ReceivedMessages] | None = None,
     own_fixes: Mapping[str, ReceiverFixes] | None = None,
 ) -> Windows:
     """The windows of a run. Without observations it is one empty window, in which every detector says what it lacks."""
@@ -231,6 +235,7 @@ def windows_of(
         spin_arms=tuple(spin_arms),
         body=body,
         levels=levels or {},
+        messages=messages or {},
         own_fixes=own_fixes or {},
     )
     edges = window_edges(observations, settings.window_s)

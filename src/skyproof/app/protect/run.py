@@ -54,6 +54,7 @@ from skyproof.records import (
     FrontEndLevels,
     NavigationData,
     OpenFile,
+    ReceivedMessages,
     ReceiverFixes,
     Records,
     Samples,
@@ -345,6 +346,7 @@ def judge(
         spin_arms=spin_arms,
         body=body,
         levels=_levels_of(received),
+        messages=_messages_of(received),
         own_fixes=_own_fixes_of(received),
     )
 
@@ -416,6 +418,12 @@ def _own_fixes_of(receptions: Sequence[Reception]) -> dict[str, ReceiverFixes]:
     """Return the fixes that receivers computed themselves, of the logs that have them, by receiver."""
     sources = [r.source for r in receptions]
     return {s.name: s.own.fixes for s in sources if isinstance(s, ObservedFile) and s.own.fixes is not None}
+
+
+def _messages_of(receptions: Sequence[Reception]) -> dict[str, ReceivedMessages]:
+    """Return the broadcast messages of the logs that have them, by receiver."""
+    sources = [r.source for r in receptions]
+    return {s.name: s.own.messages for s in sources if isinstance(s, ObservedFile) and s.own.messages is not None}
 
 
 def _window(one: Evidence) -> tuple[np.datetime64, np.datetime64]:

@@ -153,7 +153,12 @@ class _Gathered:
 
     def own(self) -> OwnWords:
         """Return what the receiver says of itself."""
-        return OwnWords(fixes=_joined(self._fixes), levels=_joined(self._levels), states=_joined(self._states))
+        return OwnWords(
+            fixes=_joined(self._fixes),
+            levels=_joined(self._levels),
+            states=_joined(self._states),
+            messages=self.orbits.received(),
+        )
 
     def remarks(self) -> Iterator[str]:
         """Return what is to be said of the log."""

@@ -23,7 +23,15 @@ from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
 from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
 from skyproof.navigation.time_tags import TagErrors, tag_errors
 from skyproof.navigation.window import interval_s
-from skyproof.records import FrontEndLevels, NavigationData, ObservationLog, Observations, ReceiverFixes, SignalId
+from skyproof.records import (
+    FrontEndLevels,
+    NavigationData,
+    ObservationLog,
+    Observations,
+    ReceivedMessages,
+    ReceiverFixes,
+    SignalId,
+)
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["ObservedFile", "OwnWords", "observed", "observed_file", "open_observations", "same_measurements"]
@@ -45,6 +53,7 @@ class OwnWords:
     fixes: ReceiverFixes | None = None
     levels: FrontEndLevels | None = None
     states: ReceiverStates | None = None
+    messages: ReceivedMessages | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

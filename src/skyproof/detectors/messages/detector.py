@@ -1,0 +1,191 @@
+"""Can the satellites have sent these messages, and be received where they say that they are?
+
+Whoever makes signals makes messages too, from orbits of some time and place. A satellite is odd in a window if
+
+- an orbit or clock that it sends contradicts those before, of the same receiver or another one, or the navigation file,
+  by more than the accuracies that they state (`laws`);
+- it sends another orbit under one issue of data;
+- its message says another time of week than the receiver's clock;
+- it stands below the horizon of where the receiver is.
+
+A satellite, its channel, its message or a data set of the file is so by a fault with a small probability, each
+independently: the number of odd satellites is binomial, and the chance of so many is the p-value. One that repeats
+an issue of data, or a data set that was put together from two, does not fail the test; a navigation file of another day
+does. What fails leaves the cause open: nothing here tells who sent it.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.messages.laws import chance_of_difference, range_difference_m, served_together
+from skyproof.errors import require_probability
+from skyproof.gnss.ephemeris import Ephemeris
+from skyproof.gnss.frames import geodetic_from_ecef
+from skyproof.gnss.sky import azimuth_elevation
+from skyproof.navigation.ranges import corrected_ranges
+from skyproof.records import Evidence, Need, Observations, ReceivedMessages, Records, SignalRef
+from skyproof.statistics.distributions import binomial_survival
+
+__all__ = ["BroadcastMessages", "BroadcastMessagesSettings"]
+
+_BELOW_DEG: Final = 2.0
+"""Below the horizon: refraction lifts signals by 0.6 degrees at most, and orbits of an old data set err by less."""
+_EARTH_M: Final = 6.371e6
+_KEPT: Final = 4  # data sets of a satellite and message that are remembered
+_NAMED: Final = 6
+
+
+@dataclass(frozen=True)
+class BroadcastMessagesSettings:
+    """Settings of `BroadcastMessages`.
+
+    false_alarm_probability : of each receiver and window.
+    fault_probability : of one satellite, its channel or its message, to be odd within a window.
+    """
+
+    false_alarm_probability: float = 1e-3
+    fault_probability: float = 1e-3
+
+    def __post_init__(self) -> None:
+        require_probability("messages", "false_alarm_probability", self.false_alarm_probability)
+        require_probability("messages", "fault_probability", self.fault_probability)
+
+
+_Key = tuple[str, str]
+_Sent = Mapping[_Key, tuple[Ephemeris, ...]]
+"""The last data sets of each satellite and message, of any receiver."""
+
+
+class BroadcastMessages:
+    """The detector: see the module's text. It remembers four data sets of each satellite and message."""
+
+    name = "messages"
+    share = 0.0  # it never speaks of an attack
+    needs = (Need.OBSERVATIONS, Need.NAVIGATION)
+
+    def __init__(self, settings: BroadcastMessagesSettings | None = None) -> None:
+        self.settings = settings or BroadcastMessagesSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
+        """Return the evidence of one window; never raises for what the data lack."""
+        lacking = missing(self, records)
+        if lacking or records.navigation is None:
+            return lacking, state
+        sent: dict[_Key, tuple[Ephemeris, ...]] = dict(state or {})
+        found = []
+        for o in records.observations:
+            messages = records.messages.get(o.receiver)
+            came = [] if messages is None else [e for e in messages.ephemerides if isinstance(e, Ephemeris)]
+            filed = _by_key(e for e in records.navigation.ephemerides if isinstance(e, Ephemeris))
+            if messages is None and not any(s.receiver == o.receiver for s in records.sets):
+                found.append(self._untested(records, o))
+                continue
+            odd = dict(_below_horizon(records, o)) | _mistimed(messages)
+            for e in came:
+                key = e.sat, e.message
+                before = tuple(dict.fromkeys((*sent.get(key, ()), *filed.get(key, ()))))
+                why = self._contradicted(e, before)
+                odd |= {} if why is None else {e.sat: why}
+                sent[key] = (*(other for other in sent.get(key, ()) if other != e), e)[-_KEPT:]
+            found.append(self._judged(records, o, odd))
+        return found, sent
+
+    def _untested(self, records: Records, o: Observations) -> Evidence:
+        return undecided(
+            self,
+            records,
+            tuple(SignalRef(o.receiver, signal) for signal in o.signals),
+            code="no_message",
+            because=f"no message of {o.receiver} is known, and no place by which satellites could be looked for",
+            would_need="a log with broadcast messages (UBX-RXM-SFRBX), or five satellites with pseudoranges",
+        )
+
+    def _contradicted(self, e: Ephemeris, before: Sequence[Ephemeris]) -> str | None:
+        """Say how a data set contradicts others of its satellite; None where it does not."""
+        if any(_same_issue(e, other) and _other_orbit(e, other) for other in before):
+            return "sends two orbits under one issue of data"
+        others = [other for other in before if other.healthy and served_together(e, other) and _other_orbit(e, other)]
+        chances = [(chance, other) for other in others if (chance := chance_of_difference(e, other)) is not None]
+        if not e.healthy or not chances:
+            return None
+        chance, other = min(chances, key=itemgetter(0))
+        if len(chances) * chance >= self.settings.false_alarm_probability:
+            return None
+        return f"sends an orbit or clock whose ranges differ by {range_difference_m(e, other):.0f} m from another one"
+
+    def _judged(self, records: Records, o: Observations, odd: Mapping[str, str]) -> Evidence:
+        measured = np.isfinite(o.pseudorange_m).any(axis=0)
+        sats = {o.signals[k].sat for k in np.flatnonzero(measured)} | odd.keys()
+        p_value = float(binomial_survival(len(odd), max(len(sats), 1), self.settings.fault_probability))
+        alpha = self.settings.false_alarm_probability
+        failed = p_value < alpha
+        because = f"{len(odd)} of {len(sats)} satellites in {o.receiver} are odd by their message or place"
+        if failed:
+            names = sorted(odd)
+            more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+            because += f" ({', '.join(names[:_NAMED])}{more}); {names[0]} {odd[names[0]]}"
+        chosen = odd.keys() if failed else sats
+        return Evidence(
+            detector=self.name,
+            start_gpst=records.start_gpst,
+            end_gpst=records.end_gpst,
+            subject=tuple(SignalRef(o.receiver, signal) for signal in o.signals if signal.sat in chosen),
+            says="undecided" if failed else "clean",
+            because=because,
+            statistic=float(len(odd)),
+            p_value=p_value,
+            false_alarm_probability=alpha,
+            overrules=failed,
+            would_need="the orbits of the day (--nav), or another receiver" if failed else None,
+            may_also_be=("orbits", "fault") if failed else (),
+        )
+
+
+def _by_key(ephemerides: Iterable[Ephemeris]) -> dict[_Key, tuple[Ephemeris, ...]]:
+    found: dict[_Key, tuple[Ephemeris, ...]] = {}
+    for e in ephemerides:
+        found[e.sat, e.message] = (*found.get((e.sat, e.message), ()), e)
+    return found
+
+
+def _same_issue(e: Ephemeris, other: Ephemeris) -> bool:
+    return (e.week, e.toe, e.toc, e.iode, e.iodc) == (other.week, other.toe, other.toc, other.iode, other.iodc)
+
+
+def _other_orbit(e: Ephemeris, other: Ephemeris) -> bool:
+    """Tell whether orbit or clock differ by more than the digits of a file."""
+    return e != other and not np.allclose(e.orbit_row, other.orbit_row, rtol=1e-9, atol=1e-14)
+
+
+def _mistimed(messages: ReceivedMessages | None) -> dict[str, str]:
+    """Return the satellites whose messages say another time."""
+    return {} if messages is None else dict.fromkeys(messages.mistimed_sat, "sends another time of week")
+
+
+def _below_horizon(records: Records, o: Observations) -> Iterator[tuple[str, str]]:
+    """Give the satellites that stand below the horizon of the place that the largest set shows."""
+    own = [s for s in records.sets if s.receiver == o.receiver]
+    if not own or records.navigation is None:
+        return
+    place_m = max(own, key=lambda s: len(s.signals)).position_ecef_m
+    middle = o.read(o.gpst.size // 2, o.gpst.size // 2 + 1)
+    ranges = corrected_ranges(o.signals, middle.gpst, _filled(o, middle), records.navigation, with_unknown_delay=True)
+    _, elevation_rad = azimuth_elevation(place_m, ranges.satellite_ecef_m[0])
+    _, _, height_m = geodetic_from_ecef(place_m)
+    dip_rad = float(np.arccos(_EARTH_M / (_EARTH_M + max(float(height_m), 0.0))))
+    lowest_rad = -dip_rad - np.radians(_BELOW_DEG)
+    for k in np.flatnonzero(np.isfinite(elevation_rad) & (elevation_rad < lowest_rad)):
+        yield o.signals[k].sat, f"stands {np.degrees(-elevation_rad[k]):.0f} degrees below the horizon"
+
+
+def _filled(o: Observations, middle: Observations) -> Reals:
+    """Return the ranges of an epoch, those of signals that it lacks by their own at another one."""
+    there = np.isfinite(o.pseudorange_m)
+    some = o.pseudorange_m[there.argmax(axis=0), np.arange(len(o.signals))]
+    return np.where(np.isfinite(middle.pseudorange_m), middle.pseudorange_m, some[None])

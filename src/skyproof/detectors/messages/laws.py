@@ -1,0 +1,57 @@
+"""How far two broadcast data sets of one satellite part, and how improbable that is.
+
+Model. The error of a data set, as ranges see it, is normal with the accuracy that the message states (IS-GPS-200N,
+20.3.3.3.1.3: user range accuracy, one sigma). Two data sets that both serve at an instant differ there by the two
+errors at most, so that their difference over the root of the sum of squares exceeds a value no more often than a normal
+number does.
+
+A difference of place and clock is one of ranges by the weights of O. Montenbruck, P. Steigenberger and A. Hauschild,
+"Multi-GNSS signal-in-space range error assessment", Advances in Space Research 61(12), 2018: what is radial counts in
+full, and what is along and across by the square root of 1/49 for GPS, less for the others.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.ephemeris import Ephemeris
+from skyproof.gnss.lnav import URA_M
+from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.time import seconds_between
+from skyproof.statistics.distributions import normal_two_sided
+
+__all__ = ["chance_of_difference", "range_difference_m", "served_together"]
+
+_SIDEWAYS: Final = 1.0 / 7.0
+_TOGETHER_S: Final = 7200.0
+"""Data sets of GPS are sent for two hours and fit four (IS-GPS-200N, 20.3.4.4); those of other systems are renewed
+sooner."""
+
+
+def served_together(first: Ephemeris, second: Ephemeris) -> bool:
+    """Tell whether both serve between their times, and are of one message of one satellite."""
+    same = first.sat == second.sat and first.message == second.message
+    return same and abs(float(seconds_between(first.reference_gpst, second.reference_gpst))) <= _TOGETHER_S
+
+
+def range_difference_m(first: Ephemeris, second: Ephemeris) -> float:
+    """Return by how much ranges differ that are made of two data sets, in the middle between their times, metres."""
+    begin, end = first.reference_gpst, second.reference_gpst
+    at = begin + (end - begin) // 2
+    one, other = (satellite_state(each, at) for each in (first, second))
+    apart_m = one.position_ecef_m - other.position_ecef_m
+    up = one.position_ecef_m / np.linalg.norm(one.position_ecef_m)
+    radial_m = float(apart_m @ up)
+    sideways_m = float(np.linalg.norm(apart_m - radial_m * up))
+    clock_m = SPEED_OF_LIGHT_M_S * float(one.clock_s - other.clock_s)
+    return float(np.hypot(radial_m - clock_m, _SIDEWAYS * sideways_m))
+
+
+def chance_of_difference(first: Ephemeris, second: Ephemeris) -> float | None:
+    """Return the chance of data sets that differ at least so; None where one of them promises no accuracy."""
+    if not all(0 <= e.ura_index < len(URA_M) for e in (first, second)):
+        return None
+    sigma_m = math.hypot(URA_M[first.ura_index], URA_M[second.ura_index])
+    return float(normal_two_sided(range_difference_m(first, second) / sigma_m))

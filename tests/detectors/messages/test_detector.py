@@ -1,0 +1,92 @@
+"""BroadcastMessages that many satellites cannot have sent fail the test; faults of one or two do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skyproof.detectors.messages.detector import BroadcastMessages, BroadcastMessagesSettings
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.records import Ephemeris, ReceivedMessages, Records
+from skyproof.testing import MeasuredScene, TrackErrors
+
+RATE = 1e-7
+SCENE = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=10, errors=TrackErrors(sigma_m=1.0))
+NONE = np.empty(0, "M8[ns]")
+
+
+def clean() -> Records:
+    return SCENE.records(np.random.default_rng(0))
+
+
+def sent(records: Records, count: int, **changes) -> tuple[Ephemeris, ...]:
+    """Return the data sets of so many satellites that are received, with clocks late or fields changed."""
+    sats = {signal.sat for signal in records.observations[0].signals}
+    own = [e for e in records.navigation.ephemerides if e.sat in sats]
+    return tuple(replace(e, **{name: change(e) for name, change in changes.items()}) for e in own[:count])
+
+
+def with_messages(records: Records, ephemerides=(), mistimed=()) -> Records:
+    start = records.start_gpst
+    messages = ReceivedMessages(
+        gpst=np.full(len(ephemerides), start, "M8[ns]"),
+        ephemerides=tuple(ephemerides),
+        mistimed_gpst=np.full(len(mistimed), start, "M8[ns]"),
+        mistimed_sat=tuple(mistimed),
+    )
+    return replace(records, messages={"rx1": messages})
+
+
+def examine(*windows: Records):
+    detector, state = BroadcastMessages(BroadcastMessagesSettings(false_alarm_probability=RATE)), None
+    for window in windows:
+        (found,), state = detector.examine(window, state)
+    return found
+
+
+def test_a_clean_sky_has_no_odd_satellite() -> None:
+    records = clean()
+    assert examine(records).statistic == 0.0
+    assert examine(with_messages(records, sent(records, 9))).statistic == 0.0
+
+
+def late(e: Ephemeris) -> float:
+    return e.af0 + 300.0 / SPEED_OF_LIGHT_M_S
+
+
+@pytest.mark.parametrize(("count", "failed"), [(1, False), (2, False), (6, True)])
+def test_other_clocks_under_one_issue_of_data_are_odd(count, failed) -> None:
+    records = clean()
+    found = examine(with_messages(records, sent(records, count, af0=late)))
+    assert found.statistic == count
+    assert found.failed == failed
+    assert found.says != "attack"
+
+
+def test_a_later_issue_that_contradicts_is_odd() -> None:
+    records = clean()
+    later = sent(records, 6, af0=late, toe=lambda e: e.toe + 3600.0, toc=lambda e: e.toc + 3600.0)
+    assert examine(with_messages(records, later)).failed
+
+
+def test_messages_of_earlier_windows_are_remembered() -> None:
+    records = clean()
+    unknown = replace(records, navigation=replace(records.navigation, ephemerides=records.navigation.ephemerides[:1]))
+    first = with_messages(unknown, sent(records, 6))
+    second = with_messages(unknown, sent(records, 6, af0=late))
+    assert not examine(first).failed
+    assert examine(first, second).failed
+
+
+def test_another_time_of_week_is_odd() -> None:
+    records = clean()
+    sats = sorted({signal.sat for signal in records.observations[0].signals})
+    assert not examine(with_messages(records, mistimed=sats[:1])).failed
+    assert examine(with_messages(records, mistimed=sats[:6])).failed
+
+
+def test_satellites_below_the_horizon_are_odd() -> None:
+    """The same measurements, with the receiver at the other side of the Earth."""
+    records = clean()
+    (sky,) = records.sets
+    assert examine(replace(records, sets=(replace(sky, position_ecef_m=-sky.position_ecef_m),))).failed
