@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pynmeagps import NMEAReader
 from tests.logs.frames import nmea_sentence
-from tests.logs.test_ubx import gps, rawx
+from tests.logs.test_ubx import gps, pvt, rawx
 
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.time import gpst_from_utc
@@ -172,3 +172,11 @@ def test_measurements_with_ranges_come_before_strengths(monkeypatch) -> None:
     frames = [gga("120000.00") + gsv, gga("120001.00") + gsv, rawx(130_000.0, 2300, [gps(9)]), gga("120002.00") + gsv]
     pieces = [piece.observations for piece in read_log(frames, "rx", Beside(NEAR)) if piece.observations is not None]
     assert [bool(np.isfinite(o.pseudorange_m).any()) for o in pieces] == [False, True]
+
+
+def test_sentences_beside_ranges_and_fixes_are_counted_only(monkeypatch) -> None:
+    monkeypatch.setattr("skyproof.logs.frames._BLOCK_BYTES", 1)
+    frames = [rawx(100.0, 2300, [gps(9)]) + pvt(100_000, (2024, 2, 4)), gga("000101.00"), gga("000102.00")]
+    pieces = list(read_log(frames, "rx", Beside(NEAR)))
+    assert [piece.fixes is None for piece in pieces] == [False, True, True, True]
+    assert sum(piece.messages.get("NMEA", 0) for piece in pieces) == 2

@@ -121,11 +121,10 @@ def _gsv(fields: Sequence[str], sentence: Sentence) -> None:
     """Read up to four satellites; one field more than theirs names the signal."""
     rest = fields[4:]
     signal = int(rest[-1], 16) if len(rest) % _SATS_A_SENTENCE == 1 and rest[-1] else 0
-    sentence.strengths = tuple(
-        (int(rest[k]), signal, float(rest[k + 3]))
-        for k in range(0, len(rest) - 3, 4)
-        if rest[k] and rest[k + 3] and 0.0 < float(rest[k + 3]) < 100.0
-    )
+    levels = [
+        (number, float(level)) for number, level in zip(rest[:-3:4], rest[3::4], strict=False) if number and level
+    ]
+    sentence.strengths = tuple((int(number), signal, level) for number, level in levels if 0.0 < level < 100.0)
 
 
 _KINDS: Final = {"GGA": _gga, "GNS": _gns, "GLL": _gll, "RMC": _rmc, "ZDA": _zda, "GST": _gst, "GSV": _gsv}

@@ -5,6 +5,7 @@ GGA, GNS, GLL and RMC give places, RMC and ZDA the date, GST the accuracy, GSV w
 
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -188,6 +189,7 @@ def _put(sentence: Sentence, epochs: list[_Epoch]) -> None:
     epochs[-1].add(sentence)
 
 
+@lru_cache(1 << 12)
 def _signal_of(talker: str, number: int, signal: int) -> SignalId | None:
     """Return the signal of a satellite's number in GSV; None for what has no name here."""
     ranges = _NUMBERS.get(_SYSTEMS.get(talker, ""), ())

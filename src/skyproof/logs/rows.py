@@ -1,15 +1,15 @@
 """Measurements as logs give them, a row a signal and epoch, to `Observations`."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Indices, Integers, Reals
+from skyproof.arrays import Booleans, Integers, Octets, Reals
+from skyproof.compiled import compiled
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of
 from skyproof.gnss.thermal_noise import carrier_sigma_cyc, code_sigma_m, doppler_sigma_hz
-from skyproof.records import CellStatus, Observations, SignalId
+from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId
 
 __all__ = ["SignalRows", "observations_from_rows"]
 
@@ -47,74 +47,130 @@ def observations_from_rows(rows: SignalRows, receiver: str) -> Observations | No
 
     Of two rows of one signal and epoch the first counts. Zero is no measurement of a code or a carrier.
     """
-    code_m, carrier_cyc = (np.where(values == 0.0, np.nan, values) for values in (rows.pseudorange_m, rows.carrier_cyc))
-    kept = np.flatnonzero(np.isfinite(code_m) | np.isfinite(carrier_cyc) | np.isfinite(rows.doppler_hz))
-    if not kept.size:
+    columns = np.stack([np.asarray(getattr(rows, name), np.float64) for name in OBSERVABLES])
+    signal = np.ascontiguousarray(rows.signal, np.int64)
+    measured = np.empty(signal.size, np.bool_)
+    counts = np.zeros(len(rows.signals), np.int64)
+    _find_measured(columns, signal, measured, counts)
+    if not counts.any():
         return None
-    used = np.flatnonzero(np.bincount(rows.signal[kept], minlength=len(rows.signals)))
-    signals = tuple(sorted(rows.signals[k] for k in used))
-    columns = {signal: k for k, signal in enumerate(signals)}
-    place = np.array([columns.get(signal, -1) for signal in rows.signals])
-    column = place[rows.signal[kept]]
-    instant_ns, epoch = _epochs_of(rows.instant_ns[kept])
-    # Of two rows of a cell the one written last stays. Copies: NumPy turns views that run backwards round again.
-    backwards = epoch[::-1].copy(), column[::-1].copy()
-    shape = instant_ns.size, len(signals)
-
-    def grid(values: Any, empty: Any = np.nan) -> Any:
-        cells = np.full(shape, empty, np.asarray(values).dtype)
-        cells[backwards] = values[::-1].copy()
-        return cells
-
-    cn0_dbhz = rows.cn0_dbhz[kept]
-    chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in signals])[column]
-
-    def sigma(value: Reals, stated: Reals, thermal: Callable[[Reals, Indices], Reals]) -> Reals:
-        """Return what is stated of the measured cells, and thermal noise where nothing is."""
-        filled = np.where(np.isfinite(value), stated, np.nan)
-        lacking = np.flatnonzero(np.isfinite(value) & ~np.isfinite(stated))
-        if lacking.size:
-            level_dbhz = cn0_dbhz[lacking]
-            filled[lacking] = thermal(np.where(np.isfinite(level_dbhz), level_dbhz, _UNKNOWN_CN0_DBHZ), lacking)
-        return filled
-
-    code_m, carrier_cyc, doppler_hz = code_m[kept], carrier_cyc[kept], rows.doppler_hz[kept]
-    sigmas = {
-        "pseudorange_sigma_m": sigma(
-            code_m, rows.pseudorange_sigma_m[kept], lambda level, which: code_sigma_m(level, chip_m[which])
-        ),
-        "carrier_sigma_cyc": sigma(
-            carrier_cyc, rows.carrier_sigma_cyc[kept], lambda level, _: carrier_sigma_cyc(level)
-        ),
-        "doppler_sigma_hz": sigma(doppler_hz, rows.doppler_sigma_hz[kept], lambda level, _: doppler_sigma_hz(level)),
-    }
+    names = sorted({rows.signals[k] for k in np.flatnonzero(counts)})
+    column_of = {name: k for k, name in enumerate(names)}
+    place = np.array([column_of.get(name, -1) for name in rows.signals])
+    instant_ns, epoch = _epochs_of(np.ascontiguousarray(rows.instant_ns, np.int64), measured)
+    shape = instant_ns.size, len(names)
+    grids = np.full((len(OBSERVABLES), *shape), np.nan)
+    status = np.full(shape, CellStatus.NOT_TRACKED, np.uint8)
+    half_open = np.zeros(shape, np.bool_)
+    chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in names])
+    _fill(
+        columns,
+        place[signal],
+        epoch,
+        measured,
+        np.ascontiguousarray(rows.slipped, np.bool_),
+        np.ascontiguousarray(rows.half_cycle_open, np.bool_),
+        chip_m,
+        _THERMAL,
+        grids,
+        status,
+        half_open,
+    )
     elapsed_s = (instant_ns - instant_ns[0]) * 1e-9
-    found = np.full(len(signals), instant_ns.size)
-    np.minimum.at(found, column, epoch)
+    found = (status != CellStatus.NOT_TRACKED).argmax(axis=0)
     return Observations(
         receiver=receiver,
-        signals=signals,
+        signals=tuple(names),
         gpst=instant_ns.astype("datetime64[ns]"),
         elapsed_s=elapsed_s,
-        pseudorange_m=grid(code_m),
-        carrier_cyc=grid(carrier_cyc),
-        doppler_hz=grid(doppler_hz),
-        cn0_dbhz=grid(cn0_dbhz),
-        **{name: grid(values) for name, values in sigmas.items()},
-        status=grid(
-            np.where(rows.slipped[kept], CellStatus.SLIP, CellStatus.OK).astype(np.uint8), CellStatus.NOT_TRACKED
-        ),
-        half_cycle_open=grid(rows.half_cycle_open[kept], False),
+        **dict(zip(OBSERVABLES, grids, strict=True)),
+        status=status,
+        half_cycle_open=half_open,
         found_elapsed_s=elapsed_s[found],
         missed_elapsed_s=np.where(found > 0, elapsed_s[np.maximum(found - 1, 0)], np.nan),
-        carrier_hz=np.array([carrier_hz_of(s.band, rows.frequency_numbers.get(s.sat)) for s in signals]),
+        carrier_hz=np.array([carrier_hz_of(s.band, rows.frequency_numbers.get(s.sat)) for s in names]),
     )
 
 
-def _epochs_of(instant_ns: Integers) -> tuple[Integers, Integers]:
-    """Return the distinct instants in order, and the number of that of each row."""
-    steps = np.diff(instant_ns)
-    if (steps >= 0).all():  # as receivers write them: no sorting
-        return instant_ns[np.append(True, steps > 0)], np.append(0, np.cumsum(steps > 0))
-    distinct, epoch = np.unique(instant_ns, return_inverse=True)
-    return distinct, epoch
+_LOWEST_DBHZ, _HIGHEST_DBHZ, _STEPS_A_DB = 15.0, 60.0, 64  # finer than receivers write
+_LEVELS_DBHZ: Final = np.arange(_LOWEST_DBHZ, _HIGHEST_DBHZ + 0.5 / _STEPS_A_DB, 1.0 / _STEPS_A_DB)
+_THERMAL: Final = np.stack(
+    [code_sigma_m(_LEVELS_DBHZ, 1.0), carrier_sigma_cyc(_LEVELS_DBHZ), doppler_sigma_hz(_LEVELS_DBHZ)]
+)
+"""Noise of code in chips, carrier and Doppler by C/N0: a power a cell would take longer than all else."""
+
+
+_OK, _SLIP = int(CellStatus.OK), int(CellStatus.SLIP)
+
+
+@compiled
+def _find_measured(columns: Reals, signal: Integers, measured: Booleans, counts: Integers) -> None:
+    """Fill in which rows have a code, a carrier or a Doppler, and how many of each signal have; zeros become NaN."""
+    for k in range(signal.size):
+        for which in range(2):
+            if columns[which, k] == 0.0:
+                columns[which, k] = np.nan
+        measured[k] = np.isfinite(columns[0, k]) or np.isfinite(columns[1, k]) or np.isfinite(columns[2, k])
+        counts[signal[k]] += measured[k]
+
+
+@compiled
+def _fill(
+    columns: Reals,
+    column: Integers,
+    epoch: Integers,
+    measured: Booleans,
+    slipped: Booleans,
+    half_open: Booleans,
+    chip_m: Reals,
+    thermal: Reals,
+    grids: Reals,
+    status: Octets,
+    half_grid: Booleans,
+) -> None:
+    """Fill the grids with the rows, the first one of a cell last. What has no stated sigma takes thermal noise."""
+    for k in range(measured.size - 1, -1, -1):
+        if not measured[k]:
+            continue
+        e, c = epoch[k], column[k]
+        for which in range(4):
+            grids[which, e, c] = columns[which, k]
+        level_dbhz = columns[3, k] if np.isfinite(columns[3, k]) else _UNKNOWN_CN0_DBHZ
+        level_dbhz = min(max(level_dbhz, _LOWEST_DBHZ), _HIGHEST_DBHZ)
+        step = int((level_dbhz - _LOWEST_DBHZ) * _STEPS_A_DB + 0.5)
+        for which in range(3):
+            if not np.isfinite(columns[which, k]):
+                grids[4 + which, e, c] = np.nan
+            elif np.isfinite(columns[4 + which, k]):
+                grids[4 + which, e, c] = columns[4 + which, k]
+            else:
+                grids[4 + which, e, c] = thermal[which, step] * (chip_m[c] if which == 0 else 1.0)
+        status[e, c] = _SLIP if slipped[k] else _OK
+        half_grid[e, c] = half_open[k]
+
+
+def _epochs_of(instant_ns: Integers, measured: Booleans) -> tuple[Integers, Integers]:
+    """Return the distinct instants of measured rows in order, and the number of that of each row."""
+    distinct, epoch = np.empty(instant_ns.size, np.int64), np.zeros(instant_ns.size, np.int64)
+    n = _number_epochs(instant_ns, measured, distinct, epoch)
+    if n >= 0:  # as receivers write them: no sorting
+        return distinct[:n].copy(), epoch
+    found, numbers = np.unique(instant_ns[measured], return_inverse=True)
+    epoch[measured] = numbers
+    return found, epoch
+
+
+@compiled
+def _number_epochs(instant_ns: Integers, measured: Booleans, distinct: Integers, epoch: Integers) -> int:
+    """Fill in instants and numbers of rows in order of time; return how many instants, -1 for another order."""
+    n = 0
+    for k in range(instant_ns.size):
+        if not measured[k]:
+            continue
+        if n == 0 or instant_ns[k] > distinct[n - 1]:
+            distinct[n] = instant_ns[k]
+            n += 1
+        elif instant_ns[k] < distinct[n - 1]:
+            return -1
+        epoch[k] = n - 1
+    return n

@@ -29,11 +29,14 @@ from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["Rtcm3Reader"]
 
-_MSM: Final = np.array([1070 + 10 * system + kind for system in range(7) for kind in (4, 5, 6, 7)])
-_LEGACY: Final = np.array([1002, 1004, 1010, 1012])
-_MODULO: Final = np.array([1001, 1003, 1009, 1011, *(1070 + 10 * s + kind for s in range(7) for kind in (1, 2, 3))])
-"""Ranges without their whole milliseconds, which need a place near the antenna."""
-_PLACES: Final = np.array([1005, 1006])
+_OTHER, _MSM, _LEGACY, _MODULO, _PLACE, _ORBIT = range(6)
+_KINDS: Final = np.zeros(4096, np.uint8)
+_KINDS[[1070 + 10 * system + kind for system in range(7) for kind in (4, 5, 6, 7)]] = _MSM
+_KINDS[[1002, 1004, 1010, 1012]] = _LEGACY
+_KINDS[[1001, 1003, 1009, 1011, *(1070 + 10 * s + kind for s in range(7) for kind in (1, 2, 3))]] = _MODULO
+_KINDS[[1005, 1006]] = _PLACE
+_KINDS[list(EPHEMERIS_MESSAGES)] = _ORBIT
+"""Of each message number. Ranges modulo a millisecond need a place near the antenna."""
 _NO_DAY: Final = 7
 _DAY_MS: Final = 86_400_000
 _WEEK_MS: Final = 7 * _DAY_MS
@@ -78,10 +81,10 @@ class Rtcm3Reader:
         new = content.number[len(self._waiting) :]
         messages = {f"RTCM {value}": int((new == value).sum()) for value in np.unique(new).tolist()}
         remarks: list[str] = list(self._stated_places(content))
-        if np.isin(new, _MODULO).any():
+        if (_KINDS[new] == _MODULO).any():
             remarks.append(_left_out("messages with ranges modulo a millisecond are not read; MSM4 to MSM7 are"))
         orbits = list(self._new_orbits(content))
-        observed = content.rows(np.isin(content.number, _MSM) | np.isin(content.number, _LEGACY))
+        observed = content.rows((content.kind == _MSM) | (content.kind == _LEGACY))
         foreign = self._foreign(observed)
         if foreign.any():
             remarks.append(_left_out(f"messages of other stations than {self._station} are left out"))
@@ -110,7 +113,7 @@ class Rtcm3Reader:
 
     def _stated_places(self, content: "_Contents") -> Iterator[str]:
         """Give in words where 1005 or 1006 says that the antenna is, each place once."""
-        for row in np.flatnonzero(np.isin(content.number, _PLACES)).tolist():
+        for row in np.flatnonzero(content.kind == _PLACE).tolist():
             stated = content.octets_of(row)
             fields = stated[3:19]
             if len(fields) < 16 or fields == self._place:
@@ -127,7 +130,7 @@ class Rtcm3Reader:
 
     def _new_orbits(self, content: "_Contents") -> Iterator[tuple[int, RelayedOrbit]]:
         """Give the orbits that differ from the satellite's last ones, and the octet where each begins."""
-        for row in np.flatnonzero(np.isin(content.number, list(EPHEMERIS_MESSAGES))).tolist():
+        for row in np.flatnonzero(content.kind == _ORBIT).tolist():
             octets = content.octets_of(row)
             orbit = relayed_orbit(octets, self._week)
             if orbit is None or self._relayed.get((orbit.number, orbit.sat)) == octets:
@@ -160,7 +163,7 @@ class Rtcm3Reader:
         whole = np.full(instant_ms.size, last) | (instant_ms != self._last_ms)
         self._waiting = [observed.frame(row) for row in np.flatnonzero(~whole).tolist()]
         observed, instant_ms = observed.rows(whole), instant_ms[whole]
-        old = np.isin(observed.number, _LEGACY)
+        old = observed.kind == _LEGACY
         rows: list[tuple[ObservedCells, Integers]] = []
         if not old.all():
             part = observed.rows(~old)
@@ -269,6 +272,11 @@ class _Contents:
         begin, size = begin[kept] + 3, length[kept] - 6
         number = octets[begin].astype(np.int64) << 4 | octets[begin + 1] >> 4
         return cls(octets=octets, begin=begin, size=size, number=number)
+
+    @property
+    def kind(self) -> Octets:
+        """What each message is of `_KINDS`."""
+        return np.asarray(_KINDS[self.number])
 
     def rows(self, chosen: Booleans) -> "_Contents":
         """Return some of the messages."""

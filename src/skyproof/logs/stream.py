@@ -57,7 +57,10 @@ def read_log(blocks: Iterable[bytes], source: str, beside: Beside | None = None)
     preferred: dict[str, Protocol] = {}
     order = list(readers)
     for frames in split_frames(blocks):
-        pieces = {protocol: reader.read(frames) for protocol, reader in readers.items()}
+        # Sentences take long to read, and give nothing that another protocol does not give better.
+        better = all(preferred.get(name, Protocol.NMEA) is not Protocol.NMEA for name in ("observations", "fixes"))
+        needed = [protocol for protocol in order if protocol is not Protocol.NMEA or not better]
+        pieces = {protocol: readers[protocol].read(frames) for protocol in needed}
         chosen = {}
         for name in ("observations", "fixes", "levels"):
             having = [protocol for protocol, piece in pieces.items() if getattr(piece, name) is not None]
@@ -67,6 +70,8 @@ def read_log(blocks: Iterable[bytes], source: str, beside: Beside | None = None)
         messages: Counter[str] = Counter()
         for piece in pieces.values():
             messages.update(piece.messages)
+        if better:
+            messages["NMEA"] += int((frames.protocol == Protocol.NMEA).sum())
         states = [piece.states for piece in pieces.values() if piece.states is not None]
         yield LogPiece(
             **chosen,
