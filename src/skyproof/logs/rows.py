@@ -1,7 +1,7 @@
 """Measurements as logs give them, a row a signal and epoch, to `Observations`."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -83,7 +83,7 @@ def observations_from_rows(rows: SignalRows, receiver: str) -> Observations | No
         signals=tuple(names),
         gpst=instant_ns.astype("datetime64[ns]"),
         elapsed_s=elapsed_s,
-        **dict(zip(OBSERVABLES, grids, strict=True)),
+        **dict[str, Any](zip(OBSERVABLES, grids, strict=True)),
         status=status,
         half_cycle_open=half_open,
         found_elapsed_s=elapsed_s[found],
