@@ -297,7 +297,7 @@ CASES = {
             bare := with_cells(clean(), cn0_dbhz=nothing, carrier_cyc=nothing),
             later(bare, 10.0),
         ),
-        "have code and carrier, or C/N0, both now and before",
+        "have code and carrier both now and before",
     ),
     ("code_motion", "received_twice"): (
         lambda: said(CodeMotion(), clean(false=(FalseSky(),))),
