@@ -13,7 +13,7 @@ import resource
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from random import Random
 from typing import Any, Final
@@ -22,9 +22,9 @@ import numpy as np
 from real_logs import folder
 
 from skyproof.errors import SkyproofError
-from skyproof.logs.content import LogPiece
+from skyproof.logs.content import Beside
 from skyproof.logs.frames import Protocol, split_frames
-from skyproof.logs.kinds import LOG_KINDS
+from skyproof.logs.kinds import LOG_KINDS, LogKind
 from skyproof.logs.orbits import OrbitCollector
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
@@ -123,12 +123,14 @@ def text(rng: Random, lines: Sequence[bytes]) -> bytes:
     return b"".join([*head, *body])
 
 
-def through(octets: bytes, read: Callable[[Iterable[bytes], str], Iterator[LogPiece]], cut: int) -> None:
+def through(octets: bytes, kind: LogKind, cut: int, beside: Beside) -> None:
     """Read a stream in two blocks, orbits included."""
-    orbits = OrbitCollector()
-    for piece in read([octets[:cut], octets[cut:]], "rx"):
+    orbits, blocks = OrbitCollector(), [octets[:cut], octets[cut:]]
+    kind.first_instant(blocks)
+    for piece in kind.read(blocks, "rx", beside):
         orbits.take(piece.frames, {})
     orbits.navigation("mutated")
+    orbits.received()
 
 
 def main() -> None:
@@ -139,19 +141,21 @@ def main() -> None:
     parser.add_argument("--again", type=int, help="one stream, whose error is raised")
     chosen = parser.parse_args()
     seeds, lines = seeds_of(), lines_of()
-    kinds = [kind.read for kind in LOG_KINDS]
+    text_kind, stream_kind = LOG_KINDS
+    near = Beside(near=np.datetime64("2025-08-28T17:30:40", "ns"), first_day=None, channels={"R05": 1})
     count, faults, slowest = 0, Counter[str](), 0.0
     numbers = range(-(-chosen.frames // STREAM)) if chosen.again is None else [chosen.again]
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     found: dict[str, Any] = {}
     for number in numbers:
         rng = Random(f"{chosen.seed} {number}")
-        of_text = bool(lines) and rng.random() < 0.2
+        of_text = bool(lines) and rng.random() < 0.1
         octets = text(rng, lines) if of_text else stream(rng, seeds)
         begun_s = time.process_time()
-        for read in kinds:
+        # Each reader sees what it is for, and now and then what is for the other.
+        for kind in (text_kind, stream_kind) if rng.random() < 0.05 else [text_kind if of_text else stream_kind]:
             try:
-                through(octets, read, rng.randrange(len(octets)))
+                through(octets, kind, rng.randrange(len(octets)), near if rng.random() < 0.5 else Beside())
             except SkyproofError:
                 continue
             except Exception as error:
