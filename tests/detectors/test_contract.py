@@ -22,6 +22,7 @@ from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings
 from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import Dccaf
+from skyproof.detectors.known_place.detector import CodesAtPlace, CodesAtPlaceSettings
 from skyproof.detectors.levels.detector import SignalLevels, SignalLevelsSettings
 from skyproof.detectors.messages.detector import BroadcastMessages, BroadcastMessagesSettings
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
@@ -31,6 +32,7 @@ from skyproof.detectors.registry import load_detectors
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
 from skyproof.detectors.torn.detector import Torn, TornSettings
+from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.records import Records
 from skyproof.testing import ALARMS, FalseSky, MeasuredScene, TrackErrors, check_detector, check_false_alarms
 
@@ -67,6 +69,20 @@ def drawn_fixes(rng: np.random.Generator) -> Records:
     """Draw records of a receiver that gives its own fixes too."""
     records = CLEAN.records(rng)
     return replace(records, own_fixes={"rx1": fixes_at(np.arange(10.0), HOME + rng.normal(0.0, 10.0, (10, 3)))})
+
+
+ALONE = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=4, errors=TrackErrors(1.0, constant_m=1.0))
+LAT_DEG, LON_DEG, HEIGHT_M = ALONE.place_deg
+HOME_ECEF_M = {"rx1": ecef_from_geodetic(np.radians(LAT_DEG), np.radians(LON_DEG), HEIGHT_M)}
+
+
+def few_satellites(rng: np.random.Generator) -> Records:
+    """Draw records of five satellites, of which no position is made."""
+    records = ALONE.records(rng)
+    (o,) = records.observations
+    codes_m = o.pseudorange_m.copy()
+    codes_m[:, rng.permutation(codes_m.shape[1])[5:]] = np.nan
+    return replace(records, observations=(replace(o, pseudorange_m=codes_m),), sets=())
 
 
 class NotOneAntenna(MultiReceiver):
@@ -174,6 +190,15 @@ CASES = (
         400,
         ("undecided",),
         "no satellite fails in these records",
+    ),
+    Case(
+        "few satellites at a known place",
+        lambda: CodesAtPlace(CodesAtPlaceSettings(false_alarm_probability=0.3, positions_ecef_m=HOME_ECEF_M)),
+        few_satellites,
+        40,
+        400,
+        ("undecided",),
+        "whichever satellite is left out, and the worst epoch of several that share their errors",
     ),
     Case(
         "satellites above the horizon",

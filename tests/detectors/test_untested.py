@@ -21,6 +21,7 @@ from skyproof.detectors.common_change.detector import CommonChange
 from skyproof.detectors.correlators.sqm_detector import Sqm
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm
 from skyproof.detectors.dccaf.detector import Dccaf
+from skyproof.detectors.known_place.detector import CodesAtPlace, CodesAtPlaceSettings
 from skyproof.detectors.messages.detector import BroadcastMessages
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.own_fixes.detector import OwnFixes
@@ -55,6 +56,10 @@ def with_cells(records, number=0, **cells):
 
 def nothing(o):
     return np.full(o.status.shape, np.nan)
+
+
+STANDING = CodesAtPlaceSettings(speed_max_m_s=0.0)
+HERE = CodesAtPlaceSettings(positions_ecef_m={"rx1": np.array([3e6, 1e6, 5.5e6])})
 
 
 def renamed(records, names):
@@ -314,6 +319,19 @@ CASES = {
     ("messages", "no_message"): (
         lambda: said(BroadcastMessages(), replace(clean(), sets=())),
         "no message of rx1 is known",
+    ),
+    ("known_place", "no_place"): (lambda: said(CodesAtPlace(), clean()), "it is not known where rx1 stands"),
+    ("known_place", "fixed"): (
+        lambda: said(CodesAtPlace(STANDING), clean()),
+        "the satellites of rx1 give a position, which is tested itself",
+    ),
+    ("known_place", "received_twice"): (
+        lambda: said(CodesAtPlace(HERE), replace(clean(false=(FalseSky(),)), sets=())),
+        "no satellite is received in rx1, or one twice",
+    ),
+    ("known_place", "few_satellites"): (
+        lambda: said(CodesAtPlace(HERE), replace(orbits_of(clean(), 2), sets=())),
+        "fewer than 3 satellites at any epoch of rx1 have codes and orbits",
     ),
     ("torn", "received_twice"): (
         lambda: said(Torn(), clean(false=(FalseSky(),))),

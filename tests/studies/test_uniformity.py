@@ -136,6 +136,7 @@ MADE_ELSEWHERE = {
     "own_fixes": None,
     "torn": None,
     "messages": None,
+    "known_place": None,
     "registry": None,
     "carriers": None,
     "delays": "bursts",

@@ -1,0 +1,1 @@
+"""The few satellites that are left: do their codes fit the place where the receiver stands?"""
