@@ -28,7 +28,7 @@ from skyproof.formats.timed_rows import TimedRows, read_timed_rows
 from skyproof.records import ImuSeries
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["COLUMNS", "ImuFile", "read_imu"]
+__all__ = ["COLUMNS", "ImuFile", "imu_of", "read_imu"]
 
 COLUMNS: Final = tuple(f"accel_{axis}_m_s2" for axis in "xyz") + tuple(f"gyro_{axis}_rad_s" for axis in "xyz")
 _NO_READING: Final = 1e5  # m/s2 or rad/s: what no unit measures
@@ -93,7 +93,11 @@ def read_imu(path: str | os.PathLike[str], *, rot_body_unit: ArrayLike | None = 
     InputError : as `read_timed_rows`; rows that come at no even rate or at one that no unit has, fewer than two whole
         ones, or numbers that no body on the Earth gives in these units.
     """
-    rows = read_timed_rows(path, COLUMNS, "the inertial readings")
+    return imu_of(read_timed_rows(path, COLUMNS, "the inertial readings"), rot_body_unit=rot_body_unit)
+
+
+def imu_of(rows: TimedRows, *, rot_body_unit: ArrayLike | None = None) -> ImuFile:
+    """Return the readings in rows with the columns `COLUMNS`; otherwise as `read_imu`."""
     whole = np.flatnonzero((np.abs(rows.values) < _NO_READING).all(axis=1))
     if whole.size < 2:
         raise InputError(

@@ -4,14 +4,14 @@ A reader of a protocol takes the frames of one stretch of a stream after the oth
 Memory is bounded by the stretch. Damage costs the frame that is damaged and is counted, never the log.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final, Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.arrays import Instants, Octets
+from skyproof.arrays import Instants, Octets, Reals
 from skyproof.gnss.ephemeris import BroadcastEphemeris
 from skyproof.logs.frames import Frames
 from skyproof.records import FrontEndLevels, Observations, ReceiverFixes, freeze
@@ -21,10 +21,12 @@ __all__ = [
     "FRAME_BITS",
     "Beside",
     "BroadcastFrames",
+    "InertialRows",
     "LogPiece",
     "LogReader",
     "MessageKind",
     "ReceiverStates",
+    "join_rows",
     "untimed_remark",
 ]
 
@@ -88,6 +90,23 @@ class BroadcastFrames:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class InertialRows:
+    """Readings of an inertial unit that stands in the log: in body axes, forward, right, down.
+
+    gpst : (n,) by the log's own clock, to some tenths of a second. specific_force_m_s2, angular_rate_rad_s : (n, 3)
+        means over the intervals that end then.
+    """
+
+    gpst: Instants
+    specific_force_m_s2: Reals
+    angular_rate_rad_s: Reals
+
+    def __post_init__(self) -> None:
+        shapes: dict[str, tuple[str, ...]] = dict.fromkeys(("specific_force_m_s2", "angular_rate_rad_s"), ("row", "3"))
+        freeze(self, {"gpst": ("row",)} | shapes)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LogPiece:
     """What a stretch of a log holds; None or empty where it holds none of a kind.
 
@@ -102,6 +121,7 @@ class LogPiece:
     fixes: ReceiverFixes | None = None
     levels: FrontEndLevels | None = None
     states: ReceiverStates | None = None
+    inertial: InertialRows | None = None
     frames: tuple[BroadcastFrames, ...] = ()
     ephemerides: tuple[BroadcastEphemeris, ...] = ()
     messages: dict[str, int]
@@ -135,3 +155,16 @@ class LogReader(Protocol):
 def untimed_remark(epochs: int) -> Remark:
     """Return the remark on epochs that the receiver gave no time."""
     return Remark(f"{epochs} epochs before the receiver knew the time are left out", RemarkKind.BEARS)
+
+
+R = TypeVar("R", ReceiverFixes, FrontEndLevels, ReceiverStates, InertialRows)
+
+
+def join_rows(parts: Sequence[R]) -> R | None:
+    """Return records of rows, in order of time, as one; None without any."""
+    if not parts:
+        return None
+    columns: dict[str, Any] = {
+        field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(parts[0])
+    }
+    return replace(parts[0], **columns)

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from skyproof.logs.autopilots import is_ardupilot, is_px4, read_ardupilot, read_px4
 from skyproof.logs.content import Beside, LogPiece
 from skyproof.logs.gnsslogger import is_gnsslogger, read_gnsslogger
 from skyproof.logs.stream import first_instant, is_log, read_log
@@ -41,6 +42,18 @@ LOG_KINDS: Final = (
         lambda _: None,
         "have GnssLogger log Raw measurements, in the open for half a minute or more",
         PHONE_MULTIPATH_M,
+    ),
+    LogKind(
+        is_px4,
+        read_px4,
+        lambda _: None,
+        "have PX4 log what its receiver sends (parameter GPS_DUMP_COMM = 1, and RXM-RAWX of the receiver turned on)",
+    ),
+    LogKind(
+        is_ardupilot,
+        read_ardupilot,
+        lambda _: None,
+        "have ArduPilot log raw measurements (parameter GPS_RAW_DATA = 1)",
     ),
     LogKind(
         is_log,

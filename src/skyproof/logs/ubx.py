@@ -28,7 +28,7 @@ from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
 from skyproof.records import FrontEndLevels, ReceiverFixes, SignalId
 
-__all__ = ["MESSAGES", "SIGNAL_NUMBERS", "UbxReader"]
+__all__ = ["MESSAGES", "RAWX_CELL", "SIGNAL_NUMBERS", "UbxReader"]
 
 MESSAGES: Final = {
     0x0103: "NAV-STATUS",
@@ -100,7 +100,7 @@ _CARRIER_SIGMA_CYC: Final = np.array([np.nan, *(0.004 * np.arange(1, 15)), np.na
 _DOPPLER_SIGMA_HZ: Final = 0.002 * 2.0 ** np.arange(16)
 """By the steps that RXM-RAWX states; of the carrier 0 and 15 state nothing."""
 
-_RAWX: Final = np.dtype(
+RAWX_CELL: Final = np.dtype(
     [
         ("code_m", "<f8"),
         ("carrier_cyc", "<f8"),
@@ -194,7 +194,7 @@ class UbxReader:
         first, size = payloads(0x0215, 16)
         tow_s = read_field(octets, first, 0, "<f8")
         week = read_field(octets, first, 8, "<u2").astype(np.int64)
-        counts = np.minimum(octets[first + 11].astype(np.int64), (size - 16) // _RAWX.itemsize)
+        counts = np.minimum(octets[first + 11].astype(np.int64), (size - 16) // RAWX_CELL.itemsize)
         old, old_size = payloads(0x0210, 8)
         old_tow_s = read_field(octets, old, 0, "<i4") / 1e3
         old_week = read_field(octets, old, 4, "<i2").astype(np.int64)
@@ -203,7 +203,7 @@ class UbxReader:
         old_ns, old_known = _instants_ns(old_week, old_tow_s)
         untimed = int((~known & (counts > 0)).sum() + (~old_known & (old_counts > 0)).sum())
         timed = [(first[known], new_ns[known]), (old[old_known], old_ns[old_known])]
-        cells = _blocks(octets, first[known], counts[known], 16, _RAWX)
+        cells = _blocks(octets, first[known], counts[known], 16, RAWX_CELL)
         epochs = np.repeat(new_ns[known], counts[known])
         if old.size:
             older = _blocks(octets, old[old_known], old_counts[old_known], 8, _RAW)
@@ -542,7 +542,7 @@ def _as_rawx(cells: NDArray[Any]) -> NDArray[Any]:
 
     A phase is good from quality 6 on and a code from 4 on; the indicator of lost lock stands for a lock of no length.
     """
-    same = np.zeros(cells.size, _RAWX)
+    same = np.zeros(cells.size, RAWX_CELL)
     for name in ("code_m", "carrier_cyc", "doppler_hz"):
         same[name] = cells[name]
     sbas = cells["sv"] >= 120

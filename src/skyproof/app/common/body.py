@@ -27,16 +27,28 @@ from skyproof.arrays import Instants, Reals
 from skyproof.errors import SettingsError
 from skyproof.formats.attitude import AttitudeFile, read_attitude
 from skyproof.formats.byte_io import sha256
-from skyproof.formats.imu import ImuFile, read_imu
+from skyproof.formats.imu import ImuFile, imu_of, read_imu
+from skyproof.formats.timed_rows import TimedRows
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import iso, timedelta_from_s
+from skyproof.logs.content import InertialRows
 from skyproof.navigation.attitude import direction_off_rad, interpolation_sigma_rad, stated_state, stood
 from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin, coast
 from skyproof.records import Attitude, ImuSeries, NavState, Records
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["Body", "BodyFiles", "Carried", "KnownPlace", "body_of", "body_states", "open_body", "with_imu"]
+__all__ = [
+    "Body",
+    "BodyFiles",
+    "Carried",
+    "KnownPlace",
+    "body_of",
+    "body_states",
+    "open_body",
+    "with_imu",
+    "with_logged_imu",
+]
 
 _TILT_MOST_RAD: Final = np.radians(60.0)
 """Between the vertical of the attitude stated and of the accelerometers: more than bodies bank or speed up."""
@@ -99,6 +111,29 @@ def with_imu(platform: Platform, imu: str | Path | None) -> Platform:
         return platform
     unit = PlatformImu(file=Path(imu)) if platform.imu is None else platform.imu.model_copy(update={"file": Path(imu)})
     return platform.model_copy(update={"imu": unit})
+
+
+def with_logged_imu(
+    platform: Platform, files: BodyFiles, path: str, rows: InertialRows | None
+) -> tuple[Platform, BodyFiles]:
+    """Return a platform and its files with the readings that stand in the log of its first receiver.
+
+    What the platform file says of an inertial unit comes before them.
+
+    Raises InputError : the readings are none of a unit.
+    """
+    if rows is None or platform.imu is not None:
+        return platform, files
+    table = TimedRows(
+        source=path,
+        time_ns=rows.gpst.astype(np.int64),
+        dated=True,
+        values=np.hstack([rows.specific_force_m_s2, rows.angular_rate_rad_s]),
+        where=lambda row: f"{path}: inertial reading {row + 1}",
+    )
+    rising = np.append(True, np.diff(np.maximum.accumulate(table.time_ns)) > 0)
+    imu = imu_of(replace(table, time_ns=table.time_ns[rising], values=table.values[rising]))
+    return with_imu(platform, path), replace(files, imu=imu, sums={**files.sums, path: sha256(path)})
 
 
 def open_body(platform: Platform, where: str = "the platform file") -> BodyFiles:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from skyproof.app.common.body import Body, body_of, open_body, with_imu
+from skyproof.app.common.body import Body, BodyFiles, body_of, open_body, with_imu, with_logged_imu
 from skyproof.app.common.folder import ClaimedFolder, claim
 from skyproof.app.common.kernels import JUDGING, RECEIVING, make_ready
 from skyproof.app.common.memory import give_back
@@ -160,6 +160,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
             progress.say(f"{out}: what a run that was killed had found so far (unfinished-run) is removed")
         with heard():  # nothing is decided yet
             sources = open_inputs(paths, settings, navigation, called, workspace)
+            carrier, body_files = _logged_imu(carrier, body_files, sources)
             stated = _stated_sums(sources)
             names = [source.name for source in sources]
             if out is not None:
@@ -251,6 +252,24 @@ def _received(
     if all(is_short(source) for source in sources):
         require_some(receptions)
     return receptions, interrupted
+
+
+def _logged_imu(
+    carrier: Platform, files: BodyFiles, sources: list[Samples | ObservedFile]
+) -> tuple[Platform, BodyFiles]:
+    """Return the platform and its files with the inertial readings of the first receiver's log, where there are any.
+
+    Readings that are none of a unit are reported with the log, and left out.
+    """
+    first = sources[0]
+    if not isinstance(first, ObservedFile):
+        return carrier, files
+    try:
+        return with_logged_imu(carrier, files, first.path, first.inertial)
+    except InputError as error:
+        unused = Remark(f"its inertial readings are not used: {error}", RemarkKind.BEARS)
+        sources[0] = replace(first, remarks=(*first.remarks, unused))
+        return carrier, files
 
 
 def _first_sample(sources: Sequence[Samples | ObservedFile]) -> np.datetime64:

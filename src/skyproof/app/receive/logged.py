@@ -2,9 +2,9 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from skyproof.formats.rinex_obs_pieces import PIECE_BYTES
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.gnss.signals import frequency_number_of
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.logs.content import Beside, LogPiece, ReceiverStates
+from skyproof.logs.content import Beside, InertialRows, LogPiece, ReceiverStates, join_rows
 from skyproof.logs.kinds import LogKind, kind_of_log
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.wanted import protocol_of
@@ -30,7 +30,6 @@ __all__ = ["holds_log", "open_log"]
 
 _HEAD = 1 << 16  # bytes in which frames are looked for: those of one epoch take 10 kB at most
 _NAMED = 12  # messages of a log that a remark lists, the most frequent first
-R = TypeVar("R", ReceiverFixes, FrontEndLevels, ReceiverStates)
 
 
 def holds_log(path: Path) -> bool:
@@ -94,6 +93,7 @@ def open_log(
         remarks=(*source.remarks, *gathered.remarks()),
         decoded=gathered.orbits.navigation(str(path)),
         own=gathered.own(),
+        inertial=gathered.inertial(),
         multipath_sigma_m=kind.multipath_sigma_m,
     )
 
@@ -113,6 +113,7 @@ class _Gathered:
         self._fixes: list[ReceiverFixes] = []
         self._levels: list[FrontEndLevels] = []
         self._states: list[ReceiverStates] = []
+        self._inertial: list[InertialRows] = []
 
     def take(self, piece: LogPiece) -> ObservationFile:
         """Take a piece, and return its measurements without cells that are impossible."""
@@ -124,6 +125,7 @@ class _Gathered:
         self._fixes += [] if piece.fixes is None else [piece.fixes]
         self._levels += [] if piece.levels is None else [piece.levels]
         self._states += [] if piece.states is None else [piece.states]
+        self._inertial += [] if piece.inertial is None else [piece.inertial]
         o = piece.observations
         slots = {} if o is None else _frequency_numbers(o)
         self.orbits.take(piece.frames, slots)
@@ -154,11 +156,15 @@ class _Gathered:
     def own(self) -> OwnWords:
         """Return what the receiver says of itself."""
         return OwnWords(
-            fixes=_joined(self._fixes),
-            levels=_joined(self._levels),
-            states=_joined(self._states),
+            fixes=join_rows(self._fixes),
+            levels=join_rows(self._levels),
+            states=join_rows(self._states),
             messages=self.orbits.received(),
         )
+
+    def inertial(self) -> InertialRows | None:
+        """Return the readings of the inertial unit in the log."""
+        return join_rows(self._inertial)
 
     def remarks(self) -> Iterator[str]:
         """Return what is to be said of the log."""
@@ -178,16 +184,6 @@ def _frequency_numbers(o: Observations) -> dict[str, int]:
     """Return the frequency numbers of the GLONASS satellites that were measured."""
     numbers = {s.sat: frequency_number_of(s.band, float(hz)) for s, hz in zip(o.signals, o.carrier_hz, strict=True)}
     return {sat: number for sat, number in numbers.items() if number is not None}
-
-
-def _joined(parts: list[R]) -> R | None:
-    """Return records of rows, in order of time, as one; None without any."""
-    if not parts:
-        return None
-    columns: dict[str, Any] = {
-        field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(parts[0])
-    }
-    return replace(parts[0], **columns)
 
 
 def _nothing() -> Observations:

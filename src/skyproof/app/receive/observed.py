@@ -18,7 +18,7 @@ from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, following, obs_pieces
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.formats.spool import NothingGathered, gathered
 from skyproof.gnss.time import iso, leap_seconds, seconds_between, timedelta_from_s
-from skyproof.logs.content import ReceiverStates
+from skyproof.logs.content import InertialRows, ReceiverStates
 from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
 from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
 from skyproof.navigation.time_tags import TagErrors, tag_errors
@@ -63,6 +63,7 @@ class ObservedFile:
     observations : as they stand in the file, of the stretch that was asked for.
     ranged : it holds pseudoranges. decoded : orbits from broadcast messages in the file.
     own : what the receiver says of itself there.
+    inertial : readings of an inertial unit that stand in the same log.
     multipath_sigma_m : of a pseudorange with the antenna of such a receiver, where that is known.
     """
 
@@ -75,6 +76,7 @@ class ObservedFile:
     ranged: bool = True
     decoded: NavigationData = field(default_factory=lambda: NavigationData(ephemerides=()))
     own: OwnWords = field(default_factory=OwnWords)
+    inertial: InertialRows | None = None
     multipath_sigma_m: float | None = None
 
     @property
