@@ -136,6 +136,8 @@ MADE_ELSEWHERE = {
     "own_fixes": None,
     "torn": None,
     "messages": None,
+    "levels": None,
+    "statements": "one_antenna",
     "known_place": None,
     "registry": None,
     "carriers": None,

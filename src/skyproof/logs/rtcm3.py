@@ -121,8 +121,8 @@ class Rtcm3Reader:
             self._place = fields
             bits = int.from_bytes(stated[:19], "big")
             xyz = [1e-4 * _signed(bits >> 8 * 19 - first - 38, 38) for first in (34, 74, 114)]
-            lat, lon, height_m = (float(value) for value in geodetic_from_ecef(np.array(xyz)))
             if np.linalg.norm(xyz) > 1e6:
+                lat, lon, height_m = (float(value) for value in geodetic_from_ecef(np.array(xyz)))
                 yield (
                     f"the station states its antenna at {np.degrees(lat):.7f}, {np.degrees(lon):.7f}, {height_m:.2f} m "
                     "above the ellipsoid, which is not taken for true"
