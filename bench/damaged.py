@@ -277,6 +277,8 @@ def damage_orbits(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
         r"its orbits are for",
         r"GPS week resolved",
         r"ends within",
+        r"unhealthy",
+        r"^orbits$",
     )
     if what in ("dates", "dates and toe"):
         for k in some:
