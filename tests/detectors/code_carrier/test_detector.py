@@ -106,3 +106,38 @@ def test_codes_alone_cannot_be_tested() -> None:
     evidence = examine(changed(**none))
     assert {e.says for e in evidence} == {"undecided"}
     assert all(e.p_value is None for e in evidence)
+
+
+def test_carriers_that_begin_anew_together_part_no_others() -> None:
+    """All signals with a carrier slip at once, by any number of cycles; five have Dopplers alone."""
+    rng = np.random.default_rng(7)
+
+    def carriers(o):
+        cycles = o.carrier_cyc.copy()
+        cycles[25:] += rng.integers(-(10**5), 10**5, cycles.shape[1])
+        cycles[:, :5] = np.nan
+        return cycles
+
+    def status(o):
+        slipped = o.status.copy()
+        slipped[25, 5:] = CellStatus.SLIP
+        return slipped
+
+    assert failed_at(changed(carrier_cyc=carriers, status=status)) == []
+
+
+def test_an_antenna_of_much_multipath_is_allowed_for() -> None:
+    """A phone's code jumps by 110 m, a chip's quarter and two sigma and a half of 15 m of multipath."""
+
+    def codes(o):
+        codes_m = o.pseudorange_m.copy()
+        codes_m[25:, 3] += 110.0
+        return codes_m
+
+    records = changed(pseudorange_m=codes)
+    found = {}
+    for sigma_m in (1.0, 15.0):
+        detector = CodeCarrier(CodeCarrierSettings(false_alarm_probability=RATE, multipath_sigma_m=sigma_m))
+        (evidence,), _ = detector.examine(records)
+        found[sigma_m] = evidence.failed
+    assert found == {1.0: True, 15.0: False}

@@ -33,9 +33,11 @@ class CodeCarrierSettings:
     """Settings of `CodeCarrier`.
 
     false_alarm_probability : of each receiver and window, for all its signals together.
+    multipath_sigma_m : of one pseudorange, one sigma; it may change altogether.
     """
 
     false_alarm_probability: float = 1e-3
+    multipath_sigma_m: float = 1.0
 
     def __post_init__(self) -> None:
         require_probability("code_carrier", "false_alarm_probability", self.false_alarm_probability)
@@ -81,7 +83,9 @@ class CodeCarrier:
         code_m2 = joined.pseudorange_sigma_m[:, columns] ** 2
         chip_m = np.array([chip_m_of(signal.sat, signal.band, signal.code) for signal in signals])
         looks = [
-            divergences_of(joined.elapsed_s, apart_m, code_m2, gathered_m2, chip_m, starts)
+            divergences_of(
+                joined.elapsed_s, apart_m, code_m2, gathered_m2, chip_m, starts, self.settings.multipath_sigma_m
+            )
             for starts in (np.maximum(window, begins), begins)
         ]
         for k, signal in enumerate(signals):

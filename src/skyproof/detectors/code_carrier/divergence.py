@@ -5,9 +5,10 @@ receiver's two clocks for codes and carriers make of all signals alike: the medi
 taken off. Where there is no carrier, the integral of the Doppler stands for it, whose noise adds up.
 
 Model. The mean over the last quarter of a stretch less that over the first is normal with the variance of the two
-means and of the ionosphere, about a mean between -M and M. With a reflection of half the direct signal's amplitude and
-correlators half a chip apart a code errs by an eighth of a chip at most (Kaplan & Hegarty, 9.5), to either side: M is
-a quarter of a chip. A code whose direct signal is blocked may be late by more; that is a cause of its own.
+means, of the multipath that the antenna has, and of the ionosphere, about a mean between -M and M. With a reflection of
+half the direct signal's amplitude and correlators half a chip apart a code errs by an eighth of a chip at most (Kaplan
+& Hegarty, 9.5), to either side: M is a quarter of a chip. A code whose direct signal is blocked may be late by more;
+that is a cause of its own.
 """
 
 from dataclasses import dataclass
@@ -43,8 +44,8 @@ class Divergence:
 def parted(o: Observations) -> tuple[Reals, Reals]:
     """Return code minus carrier (n_epochs, n_signals), less what all do alike, and the variance that it gathers.
 
-    By Doppler for signals without any carrier. NaN where there is none, or fewer than four signals had a step since
-    the epoch before; the start is arbitrary.
+    By Doppler for signals without any carrier. NaN where there is none, at a slip, or where fewer than four signals had
+    a step since the epoch before; the start is arbitrary.
     """
     wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
     gap_s = np.diff(o.elapsed_s)[:, None]
@@ -52,6 +53,8 @@ def parted(o: Observations) -> tuple[Reals, Reals]:
     by_doppler = -0.5 * wavelength_m * (o.doppler_hz[1:] + o.doppler_hz[:-1]) * gap_s
     carried = np.isfinite(o.carrier_cyc).any(axis=0)
     steps_m = np.diff(o.pseudorange_m, axis=0) - np.where(carried, by_carrier, by_doppler)
+    # Carriers that begin anew are off by any number of cycles, and so would be the median of all.
+    steps_m = np.where(carried & o.slipped[1:], np.nan, steps_m)
     variance_m2 = np.where(carried, 0.0, (wavelength_m * o.doppler_sigma_hz[1:] * gap_s) ** 2)
     known = np.isfinite(steps_m)
     enough = known.sum(axis=1) >= LEAST_SIGNALS
@@ -65,12 +68,18 @@ def parted(o: Observations) -> tuple[Reals, Reals]:
 
 
 def divergences_of(
-    elapsed_s: Reals, apart_m: Reals, code_m2: Reals, gathered_m2: Reals, chip_m: Reals, starts: Indices
+    elapsed_s: Reals,
+    apart_m: Reals,
+    code_m2: Reals,
+    gathered_m2: Reals,
+    chip_m: Reals,
+    starts: Indices,
+    multipath_sigma_m: float = 0.0,
 ) -> list[Divergence | None]:
     """Return the divergence of each signal (k,) over the unbroken epochs from its start on; None where they are few.
 
     elapsed_s : (n,). apart_m, gathered_m2 : (n, k), as `parted` returns them. code_m2 : (n, k) variance of each code.
-    chip_m, starts : (k,) of each signal.
+    chip_m, starts : (k,) of each signal. multipath_sigma_m : of each quarter's mean, one sigma.
     """
     known: Booleans = np.isfinite(apart_m) & (code_m2 > 0.0) & (np.arange(elapsed_s.size)[:, None] >= starts)
     found: list[Divergence | None] = [None] * starts.size
@@ -83,7 +92,8 @@ def divergences_of(
         change_m = apart_m[np.ix_(last, columns)].mean(axis=0) - apart_m[np.ix_(first, columns)].mean(axis=0)
         time_s = float(elapsed_s[last].mean() - elapsed_s[first].mean())
         noise_m2 = code_m2[np.ix_(first, columns)].mean(axis=0) + code_m2[np.ix_(last, columns)].mean(axis=0)
-        sigma_m = np.sqrt(noise_m2 / quarter + drift_m2 + (_IONOSPHERE_M_S * time_s) ** 2)
+        lasting_m2 = 2.0 * multipath_sigma_m**2 + (_IONOSPHERE_M_S * time_s) ** 2
+        sigma_m = np.sqrt(noise_m2 / quarter + drift_m2 + lasting_m2)
         beyond = np.maximum(np.abs(change_m) - _REFLECTED_CHIPS * chip_m[columns], 0.0) / sigma_m
         for column, change, p_value in zip(columns, change_m.tolist(), normal_two_sided(beyond).tolist(), strict=True):
             found[column] = Divergence(change_m=change, time_s=time_s, p_value=p_value)
