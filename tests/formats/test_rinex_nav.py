@@ -145,6 +145,9 @@ def test_version_2_gives_every_value_its_place():
         "transmission_tow": 511218.0,
         "message": "LNAV",
         "tgd2": 0.0,
+        "a_dot": 0.0,
+        "delta_n_dot": 0.0,
+        "delays_s": (),
     }
     assert (second.sat, second.health) == ("G02", 63)
     assert navigation.ionosphere.alpha == (0.1211e-07, -0.7451e-08, -0.5960e-07, 0.1192e-06)

@@ -67,8 +67,10 @@ def _state(eph, tk, dt):
     """Symbols of IS-GPS-200N, table 20-IV (elements of coordinate systems, and broadcast satellite velocity)."""
     mu_m3_s2, rotation_rad_s, relativity_f = _KEPLER[eph.sat[0]]
     a = eph.sqrt_a**2
-    n = np.sqrt(mu_m3_s2 / a**3) + eph.delta_n
+    n = np.sqrt(mu_m3_s2 / a**3) + eph.delta_n + 0.5 * eph.delta_n_dot * tk
     ek = _eccentric_anomaly(eph.m0 + n * tk, eph.e)
+    n = n + 0.5 * eph.delta_n_dot * tk
+    a = a + eph.a_dot * tk
     sin_ek, cos_ek = np.sin(ek), np.cos(ek)
     ek_dot = n / (1.0 - eph.e * cos_ek)
     root = np.sqrt(1.0 - eph.e**2)
@@ -80,7 +82,9 @@ def _state(eph, tk, dt):
     r = a * (1.0 - eph.e * cos_ek) + eph.crs * s2 + eph.crc * c2
     i = eph.i0 + eph.cis * s2 + eph.cic * c2 + eph.idot * tk
     u_dot = phi_dot * (1.0 + 2.0 * (eph.cus * c2 - eph.cuc * s2))
-    r_dot = a * eph.e * sin_ek * ek_dot + 2.0 * phi_dot * (eph.crs * c2 - eph.crc * s2)
+    r_dot = (
+        eph.a_dot * (1.0 - eph.e * cos_ek) + a * eph.e * sin_ek * ek_dot + 2.0 * phi_dot * (eph.crs * c2 - eph.crc * s2)
+    )
     i_dot = eph.idot + 2.0 * phi_dot * (eph.cis * c2 - eph.cic * s2)
     geostationary = eph.sat in _GEOSTATIONARY
     omega_k_dot = eph.omega_dot - (0.0 if geostationary else rotation_rad_s)

@@ -5,7 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from skyproof.gnss.constants import GPS_PI
+from skyproof.gnss.constants import GPS_PI, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.ephemeris import NavigationData, group_delay_s
 from skyproof.gnss.lnav import encode_subframes, words_hold
 from skyproof.gnss.messages.beidou import _D2_PAGES, _DIVIDED, d2_ephemeris, d2_page
 from skyproof.gnss.messages.bit_fields import BitField
@@ -49,11 +50,15 @@ def test_messages_of_one_satellite_say_the_same(walk) -> None:
     for a, b in combinations(navigation.ephemerides, 2):
         if a.sat == b.sat and a.message != b.message:
             places = [satellite_state(e, at).position_ecef_m for e in (a, b)]
-            same = a.toe == b.toe
+            same = {a.message, b.message} in ({"INAV", "FNAV"}, {"BCNAV1", "BCNAV2"}) and a.toe == b.toe
             assert np.linalg.norm(places[0] - places[1]) < (1e-3 if same else 3.0), (a.sat, a.message, b.message)
+            clocks_m = [satellite_state(e, at).clock_s * SPEED_OF_LIGHT_M_S for e in (a, b)]
+            assert a.sat[0] == "E" or abs(clocks_m[0] - clocks_m[1]) < 0.5
             compared += 1
-    assert compared >= 5
-    assert {e.message for e in navigation.ephemerides} == {"LNAV", "INAV", "FNAV", "D1"}
+    assert compared >= 20
+    assert {e.message for e in navigation.ephemerides} == {
+        *("LNAV", "CNAV", "INAV", "FNAV", "D1", "BCNAV1", "BCNAV2"),
+    }
 
 
 def packed(bits: np.ndarray) -> np.ndarray:
@@ -165,3 +170,30 @@ def test_unknown_satellites_and_damage_give_no_orbit() -> None:
     collector = OrbitCollector()
     collector.take([frames], {})
     assert collector.navigation("test").ephemerides == ()
+
+
+@pytest.mark.shared_data
+def test_modern_messages_state_the_delays_of_older_ones(walk) -> None:
+    _, navigation = walk
+    by_kind = {(e.sat, e.message): e for e in navigation.ephemerides}
+    compared = 0
+    for (sat, message), e in by_kind.items():
+        if message == "CNAV" and (sat, "LNAV") in by_kind:
+            assert e.tgd == pytest.approx(by_kind[sat, "LNAV"].tgd, abs=2.0**-31)
+            assert abs(group_delay_s(e, "L1", "CA") - e.tgd) < 5e-9
+            compared += 1
+        if message == "BCNAV2" and (sat, "BCNAV1") in by_kind:
+            assert group_delay_s(e, "B1C", "1P") == group_delay_s(by_kind[sat, "BCNAV1"], "B1C", "1P")
+            compared += 1
+    assert compared >= 10
+
+
+@pytest.mark.shared_data
+def test_the_orbits_of_modern_messages_alone_give_the_fix(walk) -> None:
+    piece, navigation = walk
+    modern = tuple(e for e in navigation.ephemerides if e.message in ("CNAV", "BCNAV1", "BCNAV2"))
+    kinds = (("G", "L1", "CA"), ("C", "B1C", "1P"))
+    signals = tuple(s for s in piece.observations.signals if s.kind in kinds)
+    found = fix(piece.observations, NavigationData(ephemerides=modern), signals=signals, elevation_mask_deg=10.0)
+    apart_m = np.linalg.norm(found.position_ecef_m - piece.fixes.position_ecef_m, axis=1)
+    assert np.nanmedian(apart_m) < 15.0  # no ionosphere

@@ -550,7 +550,10 @@ def _systems(navigation: NavigationData) -> str:
 
 
 def _record_lines(ephemerides: Iterable[BroadcastEphemeris]) -> Iterator[str]:
+    """Give the records of all but CNAV and B-CNAV, which version 3 has none for."""
     for e in ephemerides:
+        if isinstance(e, Ephemeris) and e.message in ("CNAV", "BCNAV1", "BCNAV2"):
+            continue
         epoch, clock, rows = _glonass_rows(e) if isinstance(e, GlonassEphemeris) else _kepler_rows(e)
         yield f"{e.sat} {re.sub('[-T:]', ' ', iso(epoch, 0))}" + _columns(*clock)
         for row in rows:

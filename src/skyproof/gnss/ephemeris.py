@@ -58,7 +58,10 @@ class Ephemeris:
     tgd : group delay; of Galileo BGD(E1, E5a), of BeiDou TGD1 (B1I).
     tgd2 : of Galileo BGD(E1, E5b), of BeiDou TGD2 (B2I).
     ura_index : index of the accuracy in metres on GPS's scale, whatever the system.
-    message : which one it is of: LNAV, INAV, FNAV, D1, D2. Clocks of INAV and FNAV differ by their pair of signals.
+    a_dot, delta_n_dot : m/s and rad/s^2, by which axis and mean motion change; of CNAV and B-CNAV.
+    delays_s : of these, band, codes and group delay of each signal, which they state one by one.
+    message : which one it is of: LNAV, CNAV, INAV, FNAV, D1, D2, BCNAV1, BCNAV2. Clocks of INAV and FNAV differ by
+        their pair of signals.
     """
 
     sat: str  # "G05"
@@ -95,6 +98,9 @@ class Ephemeris:
     transmission_tow: float = float("nan")  # seconds of `week`; only RINEX files give it
     message: str = "LNAV"
     tgd2: float = 0.0
+    a_dot: float = 0.0
+    delta_n_dot: float = 0.0
+    delays_s: tuple[tuple[str, str, float], ...] = ()
 
     @property
     def reference_gpst(self) -> np.datetime64:
@@ -137,6 +143,7 @@ class Ephemeris:
             self.omega_dot,
         )
         row[k.CRS : k.CIC + 1] = self.crs, self.crc, self.cus, self.cuc, self.cis, self.cic
+        row[k.A_DOT], row[k.DELTA_N_DOT] = self.a_dot, self.delta_n_dot
         return row
 
 
@@ -206,10 +213,13 @@ def group_delay_s(ephemeris: BroadcastEphemeris, band: str, code: str) -> float:
     GPS and QZSS: TGD on L1, gamma times that on L2 (IS-GPS-200N, 20.3.3.3.3.2). Galileo: the clock is that of the pair
     E1, E5b in I/NAV and E1, E5a in F/NAV, and the delay between the same two counts (OS SIS ICD 2.1, 5.1.5). BeiDou:
     the clock is that of B3I, TGD1 counts on B1I and TGD2 on B2I (BDS-SIS-ICD-B1I-3.0, 5.2.4.10); D1 says nothing of
-    B1C, which takes TGD1 for its nearest relative on almost the same carrier. GLONASS: the clock is that of G1.
+    B1C, which takes TGD1 for its nearest relative on almost the same carrier. CNAV and B-CNAV state it by signal
+    (IS-GPS-200N, 30.3.3.3.1.1.1; BDS-SIS-ICD-B1C-1.0, 7.6). GLONASS: the clock is that of G1.
     """
     if isinstance(ephemeris, GlonassEphemeris):
         return {"G1": 0.0, "G2": ephemeris.delta_tau_n}.get(band, np.nan)
+    if ephemeris.message in ("CNAV", "BCNAV1", "BCNAV2"):
+        return next((s for b, codes, s in ephemeris.delays_s if b == band and code in codes.split()), np.nan)
     if ephemeris.sat[0] == "E":
         pair, delay_s = ("E5a", ephemeris.tgd) if ephemeris.message == "FNAV" else ("E5b", ephemeris.tgd2)
         return {"E1": delay_s, pair: delay_s * _GALILEO_GAMMA[pair]}.get(band, np.nan)

@@ -18,6 +18,7 @@ from skyproof.gnss.constants import (
     SPEED_OF_LIGHT_M_S,
 )
 from skyproof.gnss.orbit_rows import (
+    A_DOT,
     ACCELERATION,
     AF0,
     AF1,
@@ -30,6 +31,7 @@ from skyproof.gnss.orbit_rows import (
     CUC,
     CUS,
     DELTA_N,
+    DELTA_N_DOT,
     GEOSTATIONARY,
     GLONASS,
     I0,
@@ -76,8 +78,10 @@ def _kepler(orbit, tk, dt, out):  # type: ignore[no-untyped-def]
     """
     e = orbit[E]
     a = orbit[SQRT_A] ** 2
-    n = np.sqrt(orbit[MU] / a**3) + orbit[DELTA_N]
+    n = np.sqrt(orbit[MU] / a**3) + orbit[DELTA_N] + 0.5 * orbit[DELTA_N_DOT] * tk  # table 30-II; 0 but of CNAV
     mean_rad = orbit[M0] + n * tk
+    n += 0.5 * orbit[DELTA_N_DOT] * tk
+    a += orbit[A_DOT] * tk
     ek = mean_rad + e * np.sin(mean_rad)
     for _ in range(6):
         ek = ek - (ek - e * np.sin(ek) - mean_rad) / (1.0 - e * np.cos(ek))
@@ -92,7 +96,8 @@ def _kepler(orbit, tk, dt, out):  # type: ignore[no-untyped-def]
     r = a * (1.0 - e * cos_ek) + orbit[CRS] * s2 + orbit[CRC] * c2
     i = orbit[I0] + orbit[CIS] * s2 + orbit[CIC] * c2 + orbit[IDOT] * tk
     u_dot = phi_dot * (1.0 + 2.0 * (orbit[CUS] * c2 - orbit[CUC] * s2))
-    r_dot = a * e * sin_ek * ek_dot + 2.0 * phi_dot * (orbit[CRS] * c2 - orbit[CRC] * s2)
+    r_dot = orbit[A_DOT] * (1.0 - e * cos_ek) + a * e * sin_ek * ek_dot
+    r_dot += 2.0 * phi_dot * (orbit[CRS] * c2 - orbit[CRC] * s2)
     i_dot = orbit[IDOT] + 2.0 * phi_dot * (orbit[CIS] * c2 - orbit[CIC] * s2)
     omega_k_dot = orbit[OMEGA_DOT] - (0.0 if orbit[KIND] == GEOSTATIONARY else orbit[ROTATION])
     omega_k = orbit[OMEGA0] + omega_k_dot * tk - orbit[ROTATION] * orbit[TOE]

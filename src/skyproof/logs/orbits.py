@@ -11,6 +11,14 @@ from skyproof.gnss.lnav import SUBFRAME_S, Subframe, ephemeris_from_subframes, i
 from skyproof.gnss.messages.beidou import d1_ephemeris, d1_subframe, d2_ephemeris, d2_page
 from skyproof.gnss.messages.galileo import fnav_ephemeris, fnav_page, inav_ephemeris, inav_word
 from skyproof.gnss.messages.glonass import glonass_ephemeris, glonass_string
+from skyproof.gnss.messages.modern import (
+    bcnav1_ephemeris,
+    bcnav1_subframe,
+    bcnav2_ephemeris,
+    bcnav2_message,
+    cnav_ephemeris,
+    cnav_message,
+)
 from skyproof.gnss.time import week_and_tow
 from skyproof.logs.content import FRAME_BITS, BroadcastFrames, MessageKind
 from skyproof.records import NavigationData, ReceivedMessages
@@ -24,12 +32,18 @@ _READ: Final[dict[MessageKind, Callable[[int], tuple[int, Mapping[str, float]] |
     "D1": d1_subframe,
     "D2": d2_page,
     "GLONASS": glonass_string,
+    "CNAV": cnav_message,
+    "BCNAV1": bcnav1_subframe,
+    "BCNAV2": bcnav2_message,
 }
 _MADE: Final[dict[MessageKind, Callable[[_Parts, str, int], BroadcastEphemeris | None]]] = {
     "INAV": inav_ephemeris,
     "FNAV": fnav_ephemeris,
     "D1": d1_ephemeris,
     "D2": d2_ephemeris,
+    "CNAV": cnav_ephemeris,
+    "BCNAV1": bcnav1_ephemeris,
+    "BCNAV2": bcnav2_ephemeris,
 }
 _TIMED_WORD: Final = 5  # of I/NAV
 _INAV_PAGE_S: Final = 2.0  # by which a word's time of week is that of its beginning

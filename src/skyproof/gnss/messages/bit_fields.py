@@ -6,7 +6,7 @@ from typing import Final
 
 from skyproof.gnss.constants import GPS_PI
 
-__all__ = ["EPHEMERIS_NAMES", "BitField", "Words", "read_fields"]
+__all__ = ["EPHEMERIS_NAMES", "BitField", "Words", "crc_24q", "read_fields"]
 
 Words = Mapping[int, Mapping[str, float]]
 """What words, pages, subframes or strings of one satellite carry, by their number."""
@@ -51,3 +51,15 @@ class BitField:
 def read_fields(fields: tuple[BitField, ...], frame: int, n_bits: int) -> Mapping[str, float]:
     """Return the numbers of a frame by their names."""
     return {field.name: field.value(frame, n_bits) for field in fields}
+
+
+_CRC_24Q: Final = 0x1864CFB
+
+
+def crc_24q(bits: int, n_bits: int) -> int:
+    """Return the remainder of so many bits (IS-GPS-200N, 30.3.5; Galileo OS SIS ICD 2.1, 4.3.2.3)."""
+    value = bits << 24
+    for k in range(n_bits + 23, 23, -1):
+        if value >> k & 1:
+            value ^= _CRC_24Q << (k - 24)
+    return value

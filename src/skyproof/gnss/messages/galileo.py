@@ -6,24 +6,14 @@ from typing import Any, Final
 
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.lnav import URA_M
-from skyproof.gnss.messages.bit_fields import EPHEMERIS_NAMES, BitField, Words, read_fields
+from skyproof.gnss.messages.bit_fields import EPHEMERIS_NAMES, BitField, Words, crc_24q, read_fields
 from skyproof.gnss.time import nearest_week
 
 __all__ = ["fnav_ephemeris", "fnav_page", "inav_ephemeris", "inav_word", "sisa_m"]
 
 _GST_WEEK_0: Final = 1024  # the GPS week in which Galileo's time began; its week counts modulo 4096 (5.1.2)
 _INAV_BITS, _WORD_BITS, _FNAV_BITS = 240, 128, 244
-_CRC_24Q: Final = 0x1864CFB
 _SISA_STEPS_M: Final = ((50, 0.0, 0.01), (75, 0.5, 0.02), (100, 1.0, 0.04), (126, 2.0, 0.16))  # table 89
-
-
-def _crc_24q(bits: int, n_bits: int) -> int:
-    """Return the remainder of so many bits (4.3.2.3, the generator of CRC-24Q)."""
-    value = bits << 24
-    for k in range(n_bits + 23, 23, -1):
-        if value >> k & 1:
-            value ^= _CRC_24Q << (k - 24)
-    return value
 
 
 def _clock(first: int) -> tuple[BitField, ...]:
@@ -130,7 +120,7 @@ def inav_word(frame: int) -> tuple[int, Mapping[str, float]] | None:
     if even >> 118 != 0b00 or odd >> 118 != 0b10:  # even or odd, and a nominal page
         return None
     covered = (even >> 6) << 82 | odd >> 38  # 114 bits of the even page and 82 of the odd one
-    if _crc_24q(covered, 196) != odd >> 14 & 0xFFFFFF:
+    if crc_24q(covered, 196) != odd >> 14 & 0xFFFFFF:
         return None
     word = (even >> 6 & (1 << 112) - 1) << 16 | odd >> 102 & 0xFFFF
     kind = word >> 122
@@ -139,7 +129,7 @@ def inav_word(frame: int) -> tuple[int, Mapping[str, float]] | None:
 
 def fnav_page(frame: int) -> tuple[int, Mapping[str, float]] | None:
     """Return type and numbers of a page (244 bits); None where its checksum fails."""
-    if _crc_24q(frame >> 30, 214) != frame >> 6 & 0xFFFFFF:
+    if crc_24q(frame >> 30, 214) != frame >> 6 & 0xFFFFFF:
         return None
     kind = frame >> 238
     return kind, read_fields(_FNAV.get(kind, ()), frame, _FNAV_BITS)

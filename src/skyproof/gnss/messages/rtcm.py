@@ -240,7 +240,9 @@ class RelayedOrbit:
         elif system != "C":
             more = {name: int(values[name]) for name in ("code_on_l2", "l2_p_flag") if name in values}
             more["fit_interval_h"] = fit_interval_h(int(values["iodc"])) if values["fit"] else 4.0
-        fields = {name: int(values[name]) for name in ("iode", "iodc", "health", "ura_index") if name in values} | more
+        fields: dict[str, Any] = {
+            name: int(values[name]) for name in ("iode", "iodc", "health", "ura_index") if name in values
+        } | more
         return Ephemeris(
             sat=self.sat,
             week=week_of(values["toe"]),
