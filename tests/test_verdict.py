@@ -85,7 +85,12 @@ def test_a_suspicion_shows_its_reason_and_what_else_it_may_be() -> None:
         "remedy": "the recording uncut",
     }
     verdict = Verdict.model_validate(SAMPLE | changes)
-    assert [heading for heading, _ in verdict.explained] == ["Interference:", "May also be:", "To resolve:"]
+    assert [heading for heading, _ in verdict.explained] == [
+        "Interference:",
+        "The receiver itself:",
+        "May also be:",
+        "To resolve:",
+    ]
     causes = dict(verdict.explained)["May also be:"]
     assert causes == "missing samples, or a recording that was cut and joined, or reflections"
     assert all(words in verdict._repr_html_() for words in ("Suspect", "the recording uncut", causes))

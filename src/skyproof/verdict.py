@@ -27,6 +27,8 @@ __all__ = [
     "InterferenceSpell",
     "Label",
     "Method",
+    "OwnFix",
+    "OwnState",
     "Place",
     "Position",
     "ReceiverResult",
@@ -173,6 +175,31 @@ class Position(_Model):
     vertical_protection_m: Sigma | None = Field(default=None, description="The same vertically, metres.")
 
 
+class OwnState(_Model):
+    """What a receiver says of itself in its log, for as long as it says so. It is never evidence."""
+
+    subject: Literal["jamming", "spoofing", "authentication"]
+    state: str = Field(description="The protocol's own word: none, warning, critical, indicated.")
+    alarm: bool = Field(description="Whether the word claims jamming, spoofing or a failed authentication.")
+    since_gpst: Gpst = Field(description="First instant at which it says so, GPS time.")
+    until_gpst: Gpst = Field(description="Last instant at which it says so, GPS time.")
+
+
+class OwnFix(_Model):
+    """The last position that a receiver computed itself, and how far its positions lie from the trusted ones."""
+
+    gpst: Gpst = Field(description="Time of the fix, GPS time.")
+    lat_deg: LatDeg
+    lon_deg: LonDeg
+    height_m: HeightM
+    horizontal_sigma_m: Sigma | None = Field(description="As the receiver states it, metres; null if it does not.")
+    from_trusted_m: Sigma | None = Field(
+        description="From the trusted fix of the last epoch that both have, horizontally, metres; null without one."
+    )
+    most_from_trusted_m: Sigma | None = Field(description="The largest of those distances, metres.")
+    most_from_trusted_gpst: Gpst | None = Field(description="When that was, GPS time.")
+
+
 class ReceiverResult(_Model):
     """One receiver: what it recorded, and the three positions that its signals give."""
 
@@ -183,6 +210,12 @@ class ReceiverResult(_Model):
     trusted_fix: Position | None = Field(description="From authentic signals only; null if none are known to be so.")
     false_fix: Position | None = Field(description="What the false signals show; null if there are none.")
     unprotected_fix: Position | None = Field(description="What a receiver without protection shows.")
+    own_fix: OwnFix | None = Field(
+        default=None, description="What the receiver itself computed, by its log; null where that does not say."
+    )
+    own_states: tuple[OwnState, ...] = Field(
+        default=(), description="What the receiver says of jamming and spoofing in its log; never evidence."
+    )
 
 
 class Because(_Model):
@@ -486,6 +519,7 @@ class Verdict(_Model):
         """What belongs to the word beside the summary: headings and words."""
         parts = (
             ("Interference:", self.interference.words),
+            ("The receiver itself:", self._own_words),
             ("Not decided:", self.reason if self.verdict == "spoofed" else None),
             ("May also be:", ", or ".join(CAUSES[cause] for cause in self.may_also_be)),
             ("Not excluded:", "; ".join(self.not_excluded)),
@@ -494,6 +528,21 @@ class Verdict(_Model):
             ("Left out:", _few(f"{given.path}: {text}" for given in self.inputs for text in given.left_out)),
         )
         return tuple((heading, words) for heading, words in parts if words)
+
+    @property
+    def _own_words(self) -> str:
+        """What receivers say of themselves, where they alarm, or where they do not and we do."""
+        said = []
+        ours = self.verdict in ("suspect", "spoofed") or bool(self.interference.spells)
+        for r in self.receivers:
+            alarms = [s for s in r.own_states if s.alarm]
+            said += [
+                f"{r.name} says {s.subject} {s.state} from {clock_words(s.since_gpst)} to {clock_words(s.until_gpst)}"
+                for s in alarms
+            ]
+            if r.own_states and not alarms and ours:
+                said.append(f"{r.name} says nothing of {' or '.join(dict.fromkeys(s.subject for s in r.own_states))}")
+        return _few(said)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.verdict!r}: {self.summary})"

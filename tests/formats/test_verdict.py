@@ -30,7 +30,10 @@ KEYS = {
     "interference": "state spells",
     "interference.spells": "receiver carriers since_gpst until_gpst fall_db fall_sigma_db level_db lost_signals signs "
     "may_also_be",
-    "receivers": "name input start_gpst duration_s trusted_fix false_fix unprotected_fix",
+    "receivers": "name input start_gpst duration_s trusted_fix false_fix unprotected_fix own_fix own_states",
+    "receivers.own_fix": "gpst lat_deg lon_deg height_m horizontal_sigma_m from_trusted_m most_from_trusted_m "
+    "most_from_trusted_gpst",
+    "receivers.own_states": "subject state alarm since_gpst until_gpst",
     "receivers.trusted_fix": FIX,
     "receivers.false_fix": FIX,
     "signals": "receiver sat band code copy label source from_gpst to_gpst cn0_dbhz doppler_hz delay_to_authentic_m "

@@ -25,6 +25,7 @@ _STYLES: Final = {  # kind: colour as aabbggrr, width in pixels
     "false": ("ff2b2be0", 4),  # red
     "unprotected": ("ffa0a0a0", 2),  # grey
     "possible": ("ffc08000", 4),  # blue
+    "receiver": ("ff404040", 1),  # dark
 }
 _SHAPE_STYLE: Final = "source"
 _SHAPE_COLOUR: Final = "0080ff"  # orange, as bbggrr
@@ -52,8 +53,8 @@ def kml_lines(
 
     Parameters
     ----------
-    tracks : each with a name whose last word is its kind, "trusted", "false", "unprotected" or "possible": "rx1
-        trusted". The kind gives the colour. A track without a point is left out.
+    tracks : each with a name whose last word is its kind, "trusted", "false", "unprotected", "possible" or
+        "receiver": "rx1 trusted". The kind gives the colour. A track without a point is left out.
 
     shapes : points, lines and areas on the ground, each with its name: where sources of signals are seen.
 

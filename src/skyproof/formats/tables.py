@@ -14,13 +14,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from skyproof.arrays import Integers
 from skyproof.errors import OutputError
 from skyproof.formats.atomic_write import writing
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.records import Fix, FixStatus
+from skyproof.records import Fix, FixStatus, ReceiverFixes
 
-__all__ = ["FIXES_COLUMNS", "Column", "Words", "fixes_columns", "growing_tables"]
+__all__ = ["FIXES_COLUMNS", "Column", "Words", "fixes_columns", "growing_tables", "own_fixes_columns"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +139,33 @@ def fixes_columns(fixes: Iterable[tuple[str, Fix]], source: str = "satellites") 
         "from": np.empty(0, "U1"),
     }
     return {name: np.concatenate([empty[name], *(part[name] for part in parts)]) for name in FIXES_COLUMNS}
+
+
+def own_fixes_columns(receiver: str, fixes: ReceiverFixes, rows: Integers) -> dict[str, NDArray[Any]]:
+    """Return rows of the table of fixes that a receiver computed itself; `kind` and `from` are "receiver".
+
+    Its accuracy to the east and the north is what it states horizontally over the root of two.
+    """
+    lat_rad, lon_rad, height_m = geodetic_from_ecef(fixes.position_ecef_m[rows])
+    level_m = fixes.horizontal_sigma_m[rows] / np.sqrt(2.0)
+    none = np.full(rows.size, np.nan)
+    values = (
+        np.full(rows.size, receiver),
+        fixes.gpst[rows].astype("datetime64[ns]"),
+        np.full(rows.size, "receiver"),
+        np.degrees(lat_rad),
+        np.degrees(lon_rad),
+        height_m,
+        level_m,
+        level_m,
+        fixes.vertical_sigma_m[rows],
+        SPEED_OF_LIGHT_M_S * fixes.clock_bias_s[rows],
+        np.maximum(fixes.satellites[rows], 0),
+        np.full(rows.size, "receiver"),
+        none,
+        none,
+    )
+    return dict(zip(FIXES_COLUMNS, values, strict=True))
 
 
 def _fix_columns(kind: str, fix: Fix, source: str) -> dict[str, NDArray[Any]]:

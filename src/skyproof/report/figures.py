@@ -77,6 +77,7 @@ def _maps(pictures: Pictures, minutes: bool) -> list[Figure]:
         "trusted": "disc: last trusted fix with its 95 % ellipse",
         "false": "diamond: what the false signals show",
         "unprotected": "ring: what a receiver without protection shows",
+        "receiver": "large ring, dotted line: what the receiver itself computed",
         "possible": "triangle: a place that the evidence leaves open",
     }
     legend = [words for kind, words in keys.items() if kind in kinds]

@@ -12,7 +12,7 @@ from skyproof.report import pictures as draw
 from skyproof.report.figures import Pictures, map_figures, signal_figures
 from skyproof.report.positions import away_words
 from skyproof.report.template import environment
-from skyproof.report.words import in_minutes, leap_words, p_value_words
+from skyproof.report.words import distance_words, in_minutes, leap_words, p_value_words, place_words
 from skyproof.verdict import Position, ReceiverResult, Signal, Verdict, word_shown
 
 __all__ = ["report_html"]
@@ -31,6 +31,7 @@ def report_html(verdict: Verdict, pictures: Pictures) -> str:
         explained=summary.explained(verdict),
         how_sure=summary.how_sure(verdict),
         positions=_positions(verdict),
+        own=_own(verdict),
         maps=map_figures(pictures, minutes=in_minutes(verdict)),
         minutes=in_minutes(verdict),
         leap=_leap(verdict),
@@ -56,6 +57,26 @@ def _positions(verdict: Verdict) -> list[tuple[ReceiverResult, str, Position, st
             if fix is not None:
                 away = "" if kind == "trusted" else away_words(receiver, fix)
                 rows.append((receiver, kind, fix, "the same" if away.startswith("0.0 m") else away))
+    return rows
+
+
+def _own(verdict: Verdict) -> list[tuple[str, str, str, str, str]]:
+    """Receiver, what it is about, what the receiver says of it, from when and to when."""
+    rows: list[tuple[str, str, str, str, str]] = []
+    for r in verdict.receivers:
+        rows += [
+            (r.name, s.subject, f"{s.state}{' (alarm)' if s.alarm else ''}", s.since_gpst, s.until_gpst)
+            for s in r.own_states
+        ]
+        if (fix := r.own_fix) is not None:
+            place = place_words(fix.lat_deg, fix.lon_deg, 7, minutes=in_minutes(verdict))
+            stated = "" if fix.horizontal_sigma_m is None else f" ± {distance_words(fix.horizontal_sigma_m)}"
+            rows.append((r.name, "its last position", f"{place}, {fix.height_m:.1f} m{stated}", fix.gpst, ""))
+            if fix.from_trusted_m is not None and fix.most_from_trusted_m is not None:
+                away = (
+                    f"{distance_words(fix.from_trusted_m)} at last, {distance_words(fix.most_from_trusted_m)} at most"
+                )
+                rows.append((r.name, "from the trusted position", away, fix.most_from_trusted_gpst or fix.gpst, ""))
     return rows
 
 

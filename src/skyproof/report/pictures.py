@@ -31,11 +31,18 @@ __all__ = [
     "time_line",
 ]
 
-Kind = Literal["trusted", "false", "unprotected", "possible", "expected"]
+Kind = Literal["trusted", "false", "unprotected", "possible", "expected", "receiver"]
 """What a position comes from; possible: from a consistent sky of which it is open whether it is the true one;
-expected: from what was known before."""
+expected: from what was known before; receiver: computed by the receiver itself."""
 
-KINDS: tuple[Kind, ...] = ("trusted", "false", "possible", "expected", "unprotected")  # in the order of their weight
+KINDS: tuple[Kind, ...] = (
+    "trusted",
+    "false",
+    "possible",
+    "expected",
+    "unprotected",
+    "receiver",
+)  # in the order of their weight
 
 Spot = Literal[Kind, "truth"]
 SPOTS: tuple[Spot, ...] = (*KINDS, "truth")
@@ -193,6 +200,8 @@ def _mark(x: float, y: float, kind: Spot) -> Markup:
         return Markup('<path class="mark possible" d="M{:.1f} {:.1f}l5.5 9.5h-11z"/>').format(x, y - 6.0)
     if kind == "expected":
         return draw.rect(x - 7.0, y - 7.0, x + 7.0, y + 7.0, "ring expected")
+    if kind == "receiver":
+        return draw.circle(x, y, 12.0, "ring receiver")
     return draw.circle(x, y, 8.5, "ring unprotected")
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.bearings import Bearing, bearings_of, ellipse_95
 from skyproof.app.protect.methods import of_detectors
+from skyproof.app.protect.own_words import own_fix_of, own_states_of, own_words_of
 from skyproof.app.protect.positions import KINDS, Positions, Track
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.app.receive.reception import Reception
@@ -511,7 +512,7 @@ def _kept(outcome: Outcome, begin: str) -> str:
 
 
 def _receiver(r: ReceiverOutcome) -> ReceiverResult:
-    source = r.reception.source
+    source, own = r.reception.source, own_words_of(r.reception)
     o = r.reception.observations
     start = source.start_gpst if o is None or o.gpst.size == 0 else _start(o)
     return ReceiverResult(
@@ -522,6 +523,8 @@ def _receiver(r: ReceiverOutcome) -> ReceiverResult:
         trusted_fix=_position(r.tracks.get("trusted")),
         false_fix=_position(r.tracks.get("false")),
         unprotected_fix=_position(r.tracks.get("unprotected")),
+        own_fix=own_fix_of(own.fixes, r.tracks.get("trusted")),
+        own_states=own_states_of(own.states),
     )
 
 

@@ -18,6 +18,7 @@ from skyproof.app.common.rinex import date_of, one_a_transmission, write_channel
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.coasting import trusted_and_coasted
 from skyproof.app.protect.document import Outcome, ReceiverOutcome, versions
+from skyproof.app.protect.own_words import own_words_of, with_a_place
 from skyproof.app.protect.pictures import kinds_of, pictures_of
 from skyproof.app.protect.positions import KINDS, Track
 from skyproof.app.receive.observed import ObservedFile
@@ -29,7 +30,7 @@ from skyproof.formats.kml import write_kml
 from skyproof.formats.nmea import nmea_sentences, write_nmea
 from skyproof.formats.pieces import UNFINISHED_RUN, is_unfinished
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.formats.tables import Words, fixes_columns, growing_tables
+from skyproof.formats.tables import Words, fixes_columns, growing_tables, own_fixes_columns
 from skyproof.formats.verdict import write_verdict
 from skyproof.fusion.labels import Label, LabelledSignal
 from skyproof.fusion.trusted import carries
@@ -153,6 +154,11 @@ def _write_fixes(outcome: Outcome, folder: Path) -> None:
             for kind in kinds_of(r):
                 for source, fix in _fixes(r, kind):
                     take(fixes_columns([(kind, fix)], source))
+            own = own_words_of(r.reception).fixes
+            rows = with_a_place(own)
+            for first in range(0, rows.size, _TABLE_CELLS):
+                assert own is not None
+                take(own_fixes_columns(r.reception.source.name, own, rows[first : first + _TABLE_CELLS]))
 
 
 def _write_evidence(outcome: Outcome, folder: Path) -> None:
@@ -309,7 +315,19 @@ def _write_tracks(outcome: Outcome, folder: Path) -> None:
         for r in outcome.receivers
         for kind in kinds_of(r)
     }
-    write_kml(folder / TRACKS, tracks, _shapes(outcome))
+    write_kml(folder / TRACKS, tracks | _own_tracks(outcome), _shapes(outcome))
+
+
+def _own_tracks(outcome: Outcome) -> dict[str, Any]:
+    """Return what receivers computed themselves."""
+    tracks = {}
+    for r in outcome.receivers:
+        own = own_words_of(r.reception).fixes
+        rows = with_a_place(own)
+        if own is not None and rows.size:
+            lat, lon, height_m = geodetic_from_ecef(own.position_ecef_m[rows])
+            tracks[f"{r.reception.source.name} receiver"] = own.gpst[rows], np.degrees(lat), np.degrees(lon), height_m
+    return tracks
 
 
 def _write_sentences(outcome: Outcome, r: ReceiverOutcome, name: str, folder: Path) -> None:

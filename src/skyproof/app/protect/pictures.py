@@ -15,6 +15,7 @@ import numpy as np
 from skyproof.app.common.windows import cut
 from skyproof.app.protect.document import Outcome, ReceiverOutcome, place_of
 from skyproof.app.protect.methods import of_detectors
+from skyproof.app.protect.own_words import own_words_of, with_a_place
 from skyproof.app.protect.positions import KINDS
 from skyproof.app.protect.takeover_pictures import compared_skies, correlations, origins
 from skyproof.app.receive.tracker import carrier_at_hz
@@ -129,6 +130,10 @@ def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
                 covariance_m2=(rot @ track.last.covariance_m2[0, :3, :3] @ rot.T)[:2, :2],
             )
         )
+    own = own_words_of(r.reception).fixes
+    if (rows := with_a_place(own)).size and own is not None:
+        enu = (own.position_ecef_m[rows] - origin) @ rot.T
+        tracks.append(FixTrack(receiver=name, kind="receiver", east_m=enu[:, 0], north_m=enu[:, 1]))
     return tracks
 
 
