@@ -257,6 +257,8 @@ class _GnssLogger:
             longest_ms=np.full(signal.size, _LONGEST_LOCK_MS),
             step_ms=1,
         )
+        with np.errstate(over="ignore"):  # a damaged number; what is not plausible is left out later
+            doppler_hz = -rate_m_s * per_m
         rows = SignalRows(
             signals=tuple(names),
             frequency_numbers=self._slots,
@@ -264,7 +266,7 @@ class _GnssLogger:
             signal=signal,
             pseudorange_m=code_m + SPEED_OF_LIGHT_M_S * later_s - moved_m,
             carrier_cyc=np.where(carrier, carrier_cyc, np.nan),
-            doppler_hz=np.where(state & _CODE_LOCK > 0, -rate_m_s * per_m, np.nan),
+            doppler_hz=np.where(state & _CODE_LOCK > 0, doppler_hz, np.nan),
             cn0_dbhz=_positive(raw.reals["Cn0DbHz"]),
             pseudorange_sigma_m=_positive(raw.reals["ReceivedSvTimeUncertaintyNanos"]) * 1e-9 * SPEED_OF_LIGHT_M_S,
             carrier_sigma_cyc=_positive(raw.reals["AccumulatedDeltaRangeUncertaintyMeters"]) * per_m,
