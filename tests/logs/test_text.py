@@ -15,8 +15,8 @@ def fields_of(*lines: str, **names: tuple[str, ...]):
     return read_fields(stretch, np.arange(len(lines)), {"word": 0, "a": 1, "b": 2}, **names)
 
 
-@given(st.one_of(st.floats(-1e300, 1e300).map(repr), st.integers(-(2**63) + 1, 2**63 - 1).map(str)))
-@example("1.5e+300")
+@given(st.one_of(st.floats(-1e59, 1e59).map(repr), st.integers(-(2**63) + 1, 2**63 - 1).map(str)))
+@example("1.5e+59")
 @example("-1260194483885406208")
 @example("9223372036854775807")
 @example("+1E-3")
@@ -32,7 +32,9 @@ def test_numbers_are_those_of_python(text) -> None:
         assert whole == MISSING
 
 
-@pytest.mark.parametrize("text", ["", " ", "-", ".", "e5", "1e", "1.2.3", "0x10", "nan", "9e999", "1 2", "1_0", "--1"])
+@pytest.mark.parametrize(
+    "text", ["", " ", "-", ".", "e5", "1e", "1.2.3", "0x10", "nan", "9e999", "1e60", "1 2", "1_0", "--1"]
+)
 def test_what_is_no_number_is_missing(text) -> None:
     assert math.isnan(fields_of(f"Raw,{text},7", reals=("a",)).reals["a"][0])
     fields = fields_of(f"Raw,{text},7", wholes=("a", "b"))

@@ -5,6 +5,7 @@ libraries/AP_GPS/LogStructure.h and AP_InertialSensor/LogStructure.h. Of several
 is read.
 """
 
+import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -33,6 +34,7 @@ _WEEK_NS: Final = 604_800 * 10**9
 _AGC: Final = 8191.0
 _JAMMING: Final = np.array(("unknown", "none", "warning", "critical"))
 _SPOOFING: Final = np.array(("unknown", "none", "indicated", "several indications"))
+_DUMP_BYTES: Final = 79
 _TO_DEVICE: Final = 0x80  # in the length of a piece of the dump
 _HEIGHTS: Final = "heights of the receiver's own fixes are above sea level, for the log does not say the geoid's"
 
@@ -142,7 +144,7 @@ class _Px4:
     def dump(self, stretch: TableStretch) -> bytes:
         """Return what the receiver sent, without what was sent to it."""
         table = stretch.first("gps_dump")
-        if table is None or table.rows.dtype["data"].shape == ():
+        if table is None or not table.has("data", length=_DUMP_BYTES) or table.rows.dtype["data"].base.itemsize != 1:
             return b""
         length, data = table.whole("len"), table.rows["data"]
         used = np.where(length & _TO_DEVICE, 0, length)
@@ -184,18 +186,15 @@ class _Px4:
                 ("jamming", _JAMMING, "jamming_state"),
                 ("spoofing", _SPOOFING, "spoofing_state"),
             )
-            if field in gps and known.any()
+            if gps.has(field) and known.any()
         ]
         return join_rows(parts)
 
     def _inertial(self, imu: LogTable) -> InertialRows | None:
-        if "delta_velocity" in imu and "delta_angle" in imu:
-            force = imu.real("delta_velocity") / _interval_s(imu, "delta_velocity_dt")
-            rate = imu.real("delta_angle") / _interval_s(imu, "delta_angle_dt")
-        elif "accelerometer_m_s2" in imu and "gyro_rad" in imu:
-            force, rate = imu.real("accelerometer_m_s2"), imu.real("gyro_rad")
-        else:
-            return None
+        force, rate = imu.real("accelerometer_m_s2", length=3), imu.real("gyro_rad", length=3)
+        if imu.has("delta_velocity", "delta_angle", length=3):
+            force = imu.real("delta_velocity", length=3) / _interval_s(imu, "delta_velocity_dt")
+            rate = imu.real("delta_angle", length=3) / _interval_s(imu, "delta_angle_dt")
         return _inertial(self._clock, imu.whole("timestamp"), force, rate)
 
 
@@ -221,7 +220,7 @@ class _ArduPilot:
             self._clock.set(gps.whole("TimeUS")[dated], instant_ns[dated])
             good = dated & (gps.whole("Status") >= 2)
             accuracy = stretch.first("GPA")
-            undulation = accuracy is not None and "Und" in accuracy
+            undulation = accuracy is not None and accuracy.has("Und")
             piece = replace(
                 piece,
                 fixes=_ardupilot_fixes(gps.take(good), instant_ns[good].astype("datetime64[ns]"), accuracy),
@@ -245,22 +244,27 @@ class _RawEpochs:
     """
 
     def __init__(self) -> None:
-        self._header: Any = None
+        self._head: tuple[float, int, int, int] | None = None  # time of week, week, leap seconds, signals
         self._cells: list[Any] = []
 
     def frames(self, headers: LogTable | None, cells: LogTable | None) -> bytes:
         """Return the frames of the epochs that are whole."""
-        parts = [(at, True, row) for at, row in zip(headers.at.tolist(), headers.rows, strict=True)] if headers else []
-        parts += [(at, False, row) for at, row in zip(cells.at.tolist(), cells.rows, strict=True)] if cells else []
+        parts: list[tuple[int, Any, Any]] = []
+        if headers is not None:
+            columns = headers.real("rcvTime"), *(headers.whole(name) for name in ("week", "leapS", "numMeas"))
+            heads = zip(*(values.tolist() for values in columns), strict=True)
+            parts += [(at, head, None) for at, head in zip(headers.at.tolist(), heads, strict=True)]
+        if cells is not None:
+            parts += [(at, None, cell) for at, cell in zip(cells.at.tolist(), _rawx_cells(cells), strict=True)]
         frames = []
-        for _, is_header, row in sorted(parts, key=lambda part: part[0]):
-            if is_header:
-                self._header, self._cells = row, []
-            elif self._header is not None:
-                self._cells.append(row)
-                if len(self._cells) == int(self._header["numMeas"]):
-                    frames.append(_rawx_of(self._header, self._cells))
-                    self._header = None
+        for _, head, cell in sorted(parts, key=lambda part: part[0]):
+            if head is not None:
+                self._head, self._cells = head, []
+            elif self._head is not None:
+                self._cells.append(cell)
+                if len(self._cells) == self._head[3]:
+                    frames.append(_rawx_of(*self._head, b"".join(one.tobytes() for one in self._cells)))
+                    self._head = None
         return b"".join(frames)
 
 
@@ -271,21 +275,26 @@ _RAWX_FIELDS: Final = {
 }  # fmt: skip
 
 
-def _rawx_of(header: Any, rows: list[Any]) -> bytes:
-    together = np.array(rows, rows[0].dtype)
-    cells = np.zeros(together.size, RAWX_CELL)
-    for name, given in _RAWX_FIELDS.items():
-        if given in (together.dtype.names or ()):
-            cells[name] = together[given]
-    head = np.zeros(1, [("tow_s", "<f8"), ("week", "<u2"), ("leap_s", "i1"), ("count", "u1"), ("rest", "V4")])
-    head["tow_s"], head["week"], head["leap_s"] = header["rcvTime"], header["week"], header["leapS"]
-    head["count"] = cells.size
-    return ubx_frame(0x02, 0x15, head.tobytes() + cells.tobytes())
+def _rawx_cells(table: LogTable) -> Any:
+    """Return the records as blocks of RXM-RAWX."""
+    cells = np.zeros(table.rows.size, RAWX_CELL)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for name, given in _RAWX_FIELDS.items():
+            kind = RAWX_CELL[name].kind
+            cells[name] = table.real(given) if kind == "f" else table.whole(given) & 0xFFFF
+    return cells
+
+
+def _rawx_of(tow_s: float, week: int, leap_s: int, count: int, cells: bytes) -> bytes:
+    """Return a frame of RXM-RAWX; none where its numbers are none of it."""
+    if not (0 <= week < 1 << 16 and -128 <= leap_s < 128 and 0 < count < 256):
+        return b""
+    return ubx_frame(0x02, 0x15, struct.pack("<dHbBI", tow_s, week, leap_s, count, 0) + cells)
 
 
 def _px4_fixes(gps: LogTable, gpst: Instants) -> ReceiverFixes | None:
     """Return fixes of two dimensions or more; NaN where one has no velocity."""
-    degrees = "latitude_deg" in gps
+    degrees = gps.has("latitude_deg")
     unit, metre = (1.0, 1.0) if degrees else (1e-7, 1e-3)
     lat_deg, lon_deg = unit * gps.real("latitude_deg", "lat"), unit * gps.real("longitude_deg", "lon")
     good = (gps.whole("fix_type") >= 2) & (np.abs(lat_deg) <= 90.0) & (np.abs(lon_deg) <= 360.0)

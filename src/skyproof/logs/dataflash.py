@@ -54,7 +54,7 @@ class DataFlashTables:
             at = begin[kind == value]
             rows = records_at(octets, at + 3, dtype, np.full(at.size, dtype.itemsize))
             whole = LogTable(rows, at, scale)
-            instance = whole.whole("I" if "I" in whole else "Instance")
+            instance = whole.whole("I" if whole.has("I") else "Instance")
             for number in np.unique(instance).tolist():
                 tables[name, number] = whole.take(instance == number)
         return TableStretch(tables, damaged, cut), used

@@ -1,6 +1,6 @@
 """Logs that describe themselves: records of layouts that the log states, gathered into a table for each message."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
@@ -14,6 +14,7 @@ __all__ = ["LogTable", "TableStretch", "records_at", "split_stretches"]
 
 T = TypeVar("T")
 _STRETCH_BYTES: Final = 1 << 22
+_LARGEST: Final = 2.0**62
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,22 +29,28 @@ class LogTable:
     at: Integers
     scale: dict[str, float]
 
-    def __contains__(self, name: str) -> bool:
-        return name in (self.rows.dtype.names or ())
+    def has(self, *names: str, length: int = 0) -> bool:
+        """Tell whether the message has all of these fields, as numbers, or as arrays of so many numbers."""
+        fields: Mapping[str, Any] = self.rows.dtype.fields or {}
+        shape = (length,) if length else ()
+        kinds = [(fields[name][0].base.kind, fields[name][0].shape) for name in names if name in fields]
+        return len(kinds) == len(names) and all(kind in "biuf" and of == shape for kind, of in kinds)
 
-    def real(self, *names: str) -> Reals:
-        """Return the first of these fields that the message has, as real numbers; NaN without any."""
+    def real(self, *names: str, length: int = 0) -> Reals:
+        """Return the first of these fields that the message has, as real numbers (n,) or (n, length); NaN without."""
         for name in names:
-            if name in self:
+            if self.has(name, length=length):
                 values: Reals = self.rows[name].astype(np.float64) * self.scale.get(name, 1.0)
                 return values
-        return np.full(self.rows.size, np.nan)
+        return np.full((self.rows.size, length) if length else self.rows.size, np.nan)
 
     def whole(self, name: str, missing: int = 0) -> Integers:
-        """Return a field as whole numbers."""
-        if name not in self:
+        """Return a field as whole numbers (n,); what is no number is `missing`, as a field that is not there."""
+        if not self.has(name):
             return np.full(self.rows.size, missing, np.int64)
-        return np.asarray(self.rows[name].astype(np.int64))
+        values = self.rows[name]
+        sound = np.isfinite(values) & (np.abs(values.astype(np.float64)) < _LARGEST)
+        return np.where(sound, values, missing).astype(np.int64)
 
     def take(self, rows: NDArray[Any]) -> "LogTable":
         """Return some of the records."""

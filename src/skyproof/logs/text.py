@@ -18,6 +18,7 @@ MISSING: Final = int(np.iinfo(np.int64).min)
 _STRETCH_BYTES: Final = 1 << 22
 _LONGEST_LINE: Final = 1 << 16
 _COMMA, _MINUS, _PLUS, _DOT, _SPACE = (ord(sign) for sign in ",-+. ")
+_LARGEST: Final = 1e60  # that is taken for a number: what is made of it stays finite
 _TENS: Final = 10.0 ** np.arange(23)  # exact in double precision
 _MOST: Final = (np.iinfo(np.int64).max - 9) // 10
 
@@ -223,7 +224,7 @@ def _read(
                         value = value / tens[-power] if power >= -22 else value * 10.0**power
                     elif power > 0:
                         value = value * tens[power] if power <= 22 else value * 10.0**power
-                    if value != np.inf:
+                    if value < _LARGEST:
                         real[to_real, k] = -value if minus else value
             while i < stop and octets[i] != _COMMA:
                 i += 1
