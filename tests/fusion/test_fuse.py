@@ -250,6 +250,16 @@ def test_an_attack_is_dated_by_a_test_that_failed_in_its_window(invented, pair):
     assert fuse([attack, before], pair, []).onset.seen == attack.end_gpst
 
 
+def test_an_attack_is_dated_by_what_overruled_just_before(invented, pair):
+    attack = invented.evidence(2, "attack", *SKY)
+    failed = replace(invented.evidence(1, "undecided", *SKY, detector="two"), dated_gpst=invented.at(16.5))
+    assert fuse([failed, attack], pair, []).onset.seen == invented.at(30.0)
+    overruled = replace(failed, overrules=True)
+    assert fuse([overruled, attack], pair, []).onset.seen == invented.at(16.5)
+    long_ago = replace(overruled, dated_gpst=invented.at(4.0))
+    assert fuse([long_ago, attack], pair, []).onset.seen == invented.at(30.0)
+
+
 # --- what stays unexplained
 
 

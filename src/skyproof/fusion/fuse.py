@@ -216,11 +216,16 @@ def _time_line(
 
 
 def _first_seen(evidence: Sequence[Evidence]) -> Onset:
-    """Of an attack that no signal or sky dates: where a test that failed in the first window that shows it does, else
-    at the end of that window.
+    """Of an attack that no signal or sky dates: where a test that failed in the first window that shows it does, or one
+    that overrules others in the window before, which an attack may need to show; else at the end of that window.
     """
     start, end = min(((e.start_gpst, e.end_gpst) for e in evidence if e.says in ("spoofed", "attack")), key=_last)
-    dated = [e.dated_gpst for e in evidence if e.dated_gpst is not None and start <= e.dated_gpst < end]
+    before = start - (end - start)
+    dated = [
+        e.dated_gpst
+        for e in evidence
+        if e.dated_gpst is not None and (start if not e.overrules else before) <= e.dated_gpst < end
+    ]
     return Onset(seen=min([*dated, end]), earliest=None)
 
 
