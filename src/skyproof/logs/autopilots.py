@@ -18,6 +18,7 @@ from skyproof.gnss.time import GPS_EPOCH, gpst_from_utc
 from skyproof.logs.content import Beside, InertialRows, LogPiece, ReceiverStates, join_rows
 from skyproof.logs.dataflash import MAGIC as DATAFLASH_MAGIC
 from skyproof.logs.dataflash import DataFlashTables
+from skyproof.logs.rows import epochs_without_signals
 from skyproof.logs.stream import read_log
 from skyproof.logs.tables import LogTable, TableStretch, split_stretches
 from skyproof.logs.ubx import RAWX_CELL
@@ -80,7 +81,8 @@ def _pieces(
 ) -> Iterator[LogPiece]:
     """Give what the receiver's own bytes say, with what the autopilot logged while they came.
 
-    Fixes and levels are those of the receiver's bytes, where they have any: the autopilot's are the same, but later.
+    Fixes and levels are those of the receiver's bytes, where they have any: the autopilot's are the same, but later. A
+    log without measurements has the epochs of its fixes.
     """
     waiting: list[LogPiece] = []
     direct: set[str] = set()
@@ -101,6 +103,9 @@ def _pieces(
             for name in ("fixes", "levels", "inertial")
             if name not in direct
         }
+        fixes = piece.fixes or rows.get("fixes")
+        if piece.observations is None and fixes is not None:
+            piece = replace(piece, observations=epochs_without_signals(fixes.gpst, source))
         yield replace(
             piece,
             **rows,

@@ -20,7 +20,7 @@ from skyproof.gnss.signals import carrier_hz_of, frequency_number_of, rinex_sign
 from skyproof.gnss.time import GPS_EPOCH, gpst_from_utc, leap_seconds
 from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind
 from skyproof.logs.locks import CarrierLocks
-from skyproof.logs.rows import SignalRows, observations_from_rows
+from skyproof.logs.rows import SignalRows, epochs_without_signals, observations_from_rows
 from skyproof.logs.text import MISSING, Fields, TextStretch, read_fields, split_lines
 from skyproof.records import FrontEndLevels, Observations, ReceiverFixes, SignalId
 
@@ -208,9 +208,13 @@ class _GnssLogger:
             )
         if any(name in counts for name in ("Accel", "UncalAccel")):
             remarks.append("inertial readings of the phone stand in the log and are not used: give them with --imu")
+        observations = self._observations(raw, label_ns, part, signal, cells)
+        fixes = self._fixes(stretch, lines.get("Fix", none))
+        if observations is None and fixes is not None:
+            observations = epochs_without_signals(fixes.gpst, self._source)
         piece = LogPiece(
-            observations=self._observations(raw, label_ns, part, signal, cells),
-            fixes=self._fixes(stretch, lines.get("Fix", none)),
+            observations=observations,
+            fixes=fixes,
             levels=self._levels(stretch, lines.get("Agc", none), raw, label_ns),
             frames=self._frames(stretch, lines.get("Nav", none), raw, label_ns),
             messages=dict(messages),

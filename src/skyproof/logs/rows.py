@@ -5,13 +5,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Integers, Octets, Reals
+from skyproof.arrays import Booleans, Instants, Integers, Octets, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import carrier_hz_of, chip_m_of
 from skyproof.gnss.thermal_noise import carrier_sigma_cyc, code_sigma_m, doppler_sigma_hz
 from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId
 
-__all__ = ["SignalRows", "observations_from_rows"]
+__all__ = ["SignalRows", "epochs_without_signals", "observations_from_rows"]
 
 _UNKNOWN_CN0_DBHZ: Final = 40.0  # of a cell without one, for its sigmas alone
 
@@ -174,3 +174,26 @@ def _number_epochs(instant_ns: Integers, measured: Booleans, distinct: Integers,
             return -1
         epoch[k] = n - 1
     return n
+
+
+def epochs_without_signals(instants: Instants, receiver: str) -> Observations | None:
+    """Return the epochs of a log that says where it was and not what it received; None without any.
+
+    instants : (n,) in any order. What is not later than all before is left out.
+    """
+    if not instants.size:
+        return None
+    gpst = instants[np.append(True, instants[1:] > np.maximum.accumulate(instants)[:-1])]
+    none, no_signal = np.empty((gpst.size, 0)), np.empty(0)
+    cells: dict[str, Any] = dict.fromkeys(OBSERVABLES, none)
+    return Observations(
+        receiver=receiver,
+        signals=(),
+        gpst=gpst,
+        elapsed_s=(gpst - gpst[0]).astype(np.int64) * 1e-9,
+        status=none.astype(np.uint8),
+        found_elapsed_s=no_signal,
+        missed_elapsed_s=no_signal,
+        carrier_hz=no_signal,
+        **cells,
+    )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from tests.logs.drone import BOOT_US, px4_flight, utc_us
+from tests.logs.test_autopilots import START, boot_us, gps_row
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import protect
@@ -133,6 +134,18 @@ def test_inertial_readings_that_are_none_are_left_out(flight, tmp_path) -> None:
     result = protect([path], nav=tmp_path / "nav.rnx", duration_s=ONSET_S - 3.0)
     remarks = [remark for note in result.verdict.inputs for remark in note.left_out]
     assert any("inertial readings are not used" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize(("far_deg", "word"), [(0.0, "no_attack_seen"), (0.05, "suspect")])
+def test_a_log_of_fixes_alone_shows_jumps_of_its_place(far_deg, word, tmp_path) -> None:
+    rows = [gps_row(k, latitude_deg=47.5 + 1e-5 * k + far_deg * (k > 30)) for k in range(60)]
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(px4_flight([(boot_us(k), b"", row) for k, row in enumerate(rows)], []))
+    verdict = protect([path]).verdict
+    assert verdict.verdict == word
+    if word == "suspect":
+        at = np.datetime64(verdict.since_gpst, "ns") - START
+        assert abs(at / np.timedelta64(1, "s") - 31.0) < 2.0
 
 
 def _rows_of(octets: bytearray, number: int) -> list[int]:
