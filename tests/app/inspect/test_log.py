@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.logs.frames import ubx_frame
+from tests.logs.test_nmea import gga
 from tests.logs.test_ubx import rawx
 
 from skyproof.app.init.run import init
@@ -72,6 +73,13 @@ def test_a_log_without_measurements_says_how_to_get_them(tmp_path) -> None:
     assert "CFG-MSGOUT-UBX_RXM_RAWX_USB = 1" in log.configuration[0]
     with pytest.raises(InputError, match="RXM_RAWX"):
         init([path], out=tmp_path / "platform.toml")
+
+
+def test_sentences_alone_are_taken_for_their_fixes(tmp_path) -> None:
+    found = look(written(tmp_path, b"".join(gga(f"1200{k:02d}.00") for k in range(30)), "a.nmea"))
+    assert (found.epochs, found.fixes, found.ranged) == (30, 30, False)
+    assert "measurements with ranges" in found.advice
+    assert "--nav" not in found.advice
 
 
 def test_the_document_is_json_of_numbers_that_are_there(tmp_path) -> None:

@@ -13,7 +13,7 @@ from skyproof.formats.bounds import limited
 from skyproof.formats.byte_io import FileBytes, reading, size_of
 from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, obs_pieces
 from skyproof.formats.rinex_obs_read import holds_observations
-from skyproof.gnss.time import iso, seconds_between
+from skyproof.gnss.time import GPS_EPOCH, iso, seconds_between
 from skyproof.logs.content import Beside, LogPiece
 from skyproof.logs.kinds import kind_of_log
 from skyproof.logs.orbits import OrbitCollector
@@ -47,10 +47,10 @@ class LogInspection(ShortRepr):
     """What `inspect` finds in a log or an observation file.
 
     start_gpst : of the first epoch; None without any. interval_s : between epochs, the usual one. gaps : intervals that
-    last more than twice as long. messages : how many of each name, none of an observation file. orbits : how many
-    satellites have orbits in it. fixes, levels, states : how many rows of the receiver's own. alarms : states in which
-    the receiver claims jamming, spoofing or a failed authentication. missing : messages that would help.
-    configuration : lines that turn those on.
+    last more than twice as long. ranged : there are ranges, not C/N0 alone. messages : how many of each name, none of
+    an observation file. orbits : how many satellites have orbits in it. fixes, levels, states : how many rows of the
+    receiver's own. alarms : states in which the receiver claims jamming, spoofing or a failed authentication.
+    missing : messages that would help. configuration : lines that turn those on.
     """
 
     path: str
@@ -61,6 +61,7 @@ class LogInspection(ShortRepr):
     interval_s: float | None
     gaps: int
     signals: tuple[LoggedSignals, ...]
+    ranged: bool
     messages: dict[str, int]
     orbits: int
     fixes: int
@@ -93,7 +94,10 @@ class LogInspection(ShortRepr):
         """Say what `protect` can do with it, and what would make it stronger."""
         if not self.epochs:
             return "`protect` can do nothing with it: it holds no measurements."
-        needs = [] if self.orbits else ["--nav, for it holds no orbits"]
+        if not self.ranged:
+            needs = ["measurements with ranges (UBX-RXM-RAWX, SBF MeasEpoch, RTCM MSM7): without, only jumps show"]
+        else:
+            needs = [] if self.orbits else ["--nav, for it holds no orbits"]
         if max((s.most_at_once for s in self.signals), default=0) < _TEST_SATS:
             needs.append("a better view of the sky")
         if self.duration_s < _LEAST_S:
@@ -116,6 +120,7 @@ class LogInspection(ShortRepr):
             "interval_s": self.interval_s,
             "gaps": self.gaps,
             "signals": [vars(one) for one in self.signals],
+            "ranged": self.ranged,
             "messages": self.messages,
             "satellites_with_orbits": self.orbits,
             "receiver": {"fixes": self.fixes, "levels": self.levels, "states": self.states, "alarms": self.alarms},
@@ -168,7 +173,8 @@ def inspect_log(path: Path) -> LogInspection:
             counted.remarks += piece.remarks
             counted.measure(piece.observations)
     else:
-        for logged in kind.read(blocks(), path.stem, Beside(near=kind.first_instant(blocks()))):
+        near = kind.first_instant(blocks())
+        for logged in kind.read(blocks(), path.stem, Beside(near=near, first_day=GPS_EPOCH if near is None else None)):
             counted.take(logged)
     return counted.inspection()
 
@@ -197,7 +203,7 @@ class _Counted:
         self._last: np.datetime64 | None = None
         self._epochs = self._damaged = self._undated = self._fixes = self._levels = self._states = self._alarms = 0
         self._intervals: dict[int, int] = {}
-        self._cut = False
+        self._cut = self._ranged = False
 
     def take(self, piece: LogPiece) -> None:
         """Count a piece of a log."""
@@ -225,6 +231,7 @@ class _Counted:
         steps_ms = np.rint(np.diff(times).astype(np.int64) / 1e6).astype(np.int64)
         self._count_intervals(steps_ms)
         self._last, self._epochs = o.gpst[-1], self._epochs + o.gpst.size
+        self._ranged |= bool(np.isfinite(o.pseudorange_m).any())
         columns: dict[tuple[str, str, str], list[int]] = {}
         for column, signal in enumerate(o.signals):
             columns.setdefault((signal.sat[0], signal.band, signal.code), []).append(column)
@@ -263,6 +270,7 @@ class _Counted:
             interval_s=interval_s,
             gaps=gaps,
             signals=tuple(_signals(self._kinds.items())),
+            ranged=self._ranged,
             messages=dict(sorted(self._messages.items(), key=lambda one: -one[1])),
             orbits=len({ephemeris.sat for ephemeris in self._orbits.navigation(self._path).ephemerides}),
             fixes=self._fixes,
