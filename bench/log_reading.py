@@ -1,4 +1,5 @@
-"""Reading receivers' logs: bytes a second of UBX and SBF beside pyubx2 and pysbf2, of GnssLogger beside pandas.
+"""Reading receivers' logs: bytes a second of UBX and SBF beside pyubx2 and pysbf2, of GnssLogger beside pandas,
+of flight logs beside pyulog and pymavlink.
 
 The logs are made here: epochs of so many signals once a second, whole frames with checksums.
 """
@@ -6,6 +7,7 @@ The logs are made here: epochs of so many signals once a second, whole frames wi
 import io
 import struct
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -14,23 +16,28 @@ from typing import Any
 
 import numpy as np
 import pandas
+from pymavlink.DFReader import DFReader_binary
 from pynmeagps import NMEAReader
 from pyrtcm import RTCMReader
 from pysbf2 import SBFReader
 from pyubx2 import UBXReader
+from pyulog.core import ULog
 from timing import line, take_turns
 
+from skyproof.logs.autopilots import read_ardupilot, read_px4
 from skyproof.logs.content import Beside, LogPiece
 from skyproof.logs.frames import split_frames
 from skyproof.logs.gnsslogger import read_gnsslogger
 from skyproof.logs.stream import read_log
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
+from tests.logs.drone import BOOT_US, DataFlash, px4_flight
 from tests.logs.frames import msm_message, nmea_sentence, sbf_block, ubx_frame
 from tests.logs.phone import HEADER, Measured, raw_line
 
 EPOCHS, SIGNALS = 3600, 40
 PEER_EPOCHS = 60
+FLIGHT_S, PEER_FLIGHT_S = 300, 20
 BLOCK = 1 << 16
 _READ_STREAM = partial(read_log, beside=Beside(np.datetime64("2024-02-04")))
 
@@ -55,7 +62,58 @@ def report() -> Iterator[str]:
         beside = f"{(parsed.median / len(part)) / (whole.median / len(octets)):.0f} times as fast as the peer"
         yield line(f"{name}, frames and checksums, {size_mb:.1f} MB", split, "s", f"{size_mb / split.median:.0f} MB/s")
         yield line(f"{name}, to observations", whole, "s", f"{size_mb / whole.median:.0f} MB/s, {beside}")
+    yield from _flights()
     yield from _phone()
+
+
+def _flights() -> Iterator[str]:
+    """Rows of flight logs, beside readers of all their messages."""
+    for name, make, read, parse in (
+        ("PX4", _px4_log, read_px4, lambda octets: ULog(io.BytesIO(octets))),
+        ("ArduPilot", _ardupilot_log, read_ardupilot, _parse_dataflash),
+    ):
+        octets, part = make(FLIGHT_S), make(PEER_FLIGHT_S)
+        blocks = [octets[at : at + BLOCK] for at in range(0, len(octets), BLOCK)]
+        (whole,) = take_turns(lambda b=blocks, read=read: _read(b, read), clock=process_time)
+        (parsed,) = take_turns(lambda p=part, parse=parse: parse(p), runs=3, clock=process_time)
+        size_mb = len(octets) / 1e6
+        beside = f"{(parsed.median / len(part)) / (whole.median / len(octets)):.0f} times as fast as the peer"
+        what = f"{name}, raw signals and inertia, {size_mb:.1f} MB"
+        yield line(what, whole, "s", f"{size_mb / whole.median:.0f} MB/s, {beside}")
+
+
+def _px4_log(seconds: int) -> bytes:
+    force, rate = [0.1, 0.2, -9.8], [0.01, 0.02, 0.03]
+    imu = [(BOOT_US + 5000 * k, rate, force) for k in range(200 * seconds)]
+    utc = {"time_utc_usec": 1_700_000_000_000_000, "fix_type": 3}
+    epochs = ((BOOT_US + 1_000_000 * k, _ubx_epoch(k), utc) for k in range(seconds))
+    return px4_flight(epochs, imu)
+
+
+def _ardupilot_log(seconds: int) -> bytes:
+    log = DataFlash()
+    log.state("GRXH", "QdHbBB", "TimeUS,rcvTime,week,leapS,numMeas,recStat")
+    log.state("GRXS", "QddfBBBHBBBBB", "TimeUS,prMes,cpMes,doMes,gnss,sv,freq,lock,cno,prD,cpD,doD,trk")
+    log.state("IMU", "QBffffffIIfBBHH", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz")
+    for k in range(seconds):
+        log.log("GRXH", BOOT_US, 1000.0 + k, 2300, 18, SIGNALS, 1)
+        for sv in range(1, SIGNALS + 1):
+            log.log(
+                "GRXS", BOOT_US, 2.1e7 + sv, 1.1e8 + sv, 500.0, 2 * (sv // 32), sv % 32 + 1, 0, 60_000, 44, 3, 2, 4, 7
+            )
+        for j in range(200):
+            log.log("IMU", BOOT_US + 5000 * j, 0, 0.01, 0.02, 0.03, 0.1, 0.2, -9.8, 0, 0, 30.0, 1, 1, 200, 200)
+    return log.bytes()
+
+
+def _parse_dataflash(octets: bytes) -> None:
+    with tempfile.NamedTemporaryFile(suffix=".bin") as file:
+        file.write(octets)
+        file.flush()
+        log = DFReader_binary(file.name, zero_time_base=True)
+        while log.recv_msg() is not None:
+            pass
+        log.filehandle.close()
 
 
 def _phone() -> Iterator[str]:
