@@ -36,7 +36,7 @@ def require_same_day(navigation: NavigationData, gpst: np.datetime64, source: Me
 
 
 def lacking_orbits(receptions: Sequence[Reception], navigation: NavigationData) -> tuple[str, ...]:
-    """Say which systems' signals have no orbit at their time, and which satellites are unhealthy by theirs.
+    """Say which systems' and satellites' signals have no orbit at their time, and which are unhealthy by theirs.
 
     Raises
     ------
@@ -58,15 +58,16 @@ def lacking_orbits(receptions: Sequence[Reception], navigation: NavigationData) 
             f"{navigation.source}: no orbits for these signals: it has those of {_systems(with_one)}, the signals are "
             f"of {_systems(without)}{_left_out(navigation)}; give the navigation file of that day with these systems"
         )
-    of_systems = tuple(
+    unhealthy = {e.sat for e in navigation.ephemerides if not e.healthy} & set().union(*without.values())
+    words = [
         f"no orbits for the signals of {len(sats)} {SYSTEM_NAMES.get(system, system)} satellites: they are not tested"
         for system, sats in sorted(lacking.items())
-    )
-    unhealthy = sorted(set().union(*without.values()) & {e.sat for e in navigation.ephemerides if not e.healthy})
-    if not unhealthy:
-        return of_systems
-    words = f"{len(unhealthy)} satellites are unhealthy by their orbits, and their signals are not tested"
-    return (*of_systems, f"{words}: {listed(unhealthy)}")
+    ]
+    if some := sorted(set().union(*(without[system] for system in without if system in with_one)) - unhealthy):
+        words.append(f"no orbits at their time for {listed(some)}, whose signals are not tested")
+    if unhealthy:
+        words.append(f"unhealthy by their orbits, so that their signals are not tested: {listed(sorted(unhealthy))}")
+    return tuple(words)
 
 
 def _has_orbit(navigation: NavigationData, sat: str, log: ObservationLog) -> bool:
