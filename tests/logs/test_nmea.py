@@ -180,3 +180,17 @@ def test_sentences_beside_ranges_and_fixes_are_counted_only(monkeypatch) -> None
     pieces = list(read_log(frames, "rx", Beside(NEAR)))
     assert [piece.fixes is None for piece in pieces] == [False, True, True, True]
     assert sum(piece.messages.get("NMEA", 0) for piece in pieces) == 2
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "GPGGA,120000.00,4730.0,N,00830.0,E,6,00,9.9,350.0,M,50.0,M,,",
+        "GNGNS,120000.00,4730.00,N,00830.00,E,EE,00,9.9,350.0,50.0,,",
+        "GPGLL,4731.00,N,00830.00,E,120000.00,A,E",
+        "GPRMC,120000.00,A,4730.0,N,00830.0,E,0.0,0.0,050224,,,E",
+    ],
+)
+def test_places_of_dead_reckoning_are_no_fixes(text) -> None:
+    fixes = read(nmea_sentence(text), gga("120001.00")).fixes
+    assert fixes.gpst.size == 1

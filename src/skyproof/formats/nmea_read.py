@@ -24,8 +24,9 @@ _SATS_A_SENTENCE: Final = 4
 class Sentence:
     """The numbers of a sentence; NaN, None or -1 where it has none. Angles in degrees, heights in metres.
 
-    of_day_ns : UTC; of the leap second 23:59:60 that of the second before it, and `leap_ns` a second more. date : of
-    the day. strengths : satellite's number, signal (NMEA 4.11, table 20; 0 where it is not said), C/N0 in dB-Hz.
+    estimated : the place is not of satellites, but of dead reckoning, typed in or simulated. of_day_ns : UTC; of the
+    leap second 23:59:60 that of the second before it, and `leap_ns` a second more. date : of the day. strengths :
+    satellite's number, signal (NMEA 4.11, table 20; 0 where it is not said), C/N0 in dB-Hz.
     """
 
     talker: str
@@ -33,6 +34,7 @@ class Sentence:
     of_day_ns: int | None = None
     leap_ns: int = 0
     date: np.datetime64 | None = None
+    estimated: bool = False
     lat_deg: float = np.nan
     lon_deg: float = np.nan
     altitude_m: float = np.nan  # above the geoid
@@ -75,8 +77,13 @@ def _take_place(fields: Sequence[str], sentence: Sentence) -> None:
     sentence.lat_deg, sentence.lon_deg = _angle_deg(*fields[:2]), _angle_deg(*fields[2:4])
 
 
+_ESTIMATED: Final = frozenset("EMS")
+"""Of the modes of a fix: estimated, manual input, simulator."""
+
+
 def _gga(fields: Sequence[str], sentence: Sentence) -> None:
     fixed = fields[6] not in ("", "0")
+    sentence.estimated = fields[6] in ("6", "7", "8")
     if fixed:
         _take_place(fields[2:6], sentence)
         sentence.altitude_m, sentence.separation_m = _metres(fields[9]), _metres(fields[11])
@@ -85,7 +92,9 @@ def _gga(fields: Sequence[str], sentence: Sentence) -> None:
 
 
 def _gns(fields: Sequence[str], sentence: Sentence) -> None:
-    if fields[6].strip("N"):
+    modes = fields[6].strip("N")
+    sentence.estimated = set(modes) <= _ESTIMATED
+    if modes:
         _take_place(fields[2:6], sentence)
         sentence.altitude_m, sentence.separation_m = _metres(fields[9]), _metres(fields[10])
         sentence.satellites = int(fields[7] or -1)
@@ -93,6 +102,7 @@ def _gns(fields: Sequence[str], sentence: Sentence) -> None:
 
 
 def _gll(fields: Sequence[str], sentence: Sentence) -> None:
+    sentence.estimated = bool(_ESTIMATED & set(fields[7:8]))
     if fields[6] == "A":
         _take_place(fields[1:5], sentence)
     _take_time(fields[5], sentence)
@@ -100,6 +110,7 @@ def _gll(fields: Sequence[str], sentence: Sentence) -> None:
 
 def _rmc(fields: Sequence[str], sentence: Sentence) -> None:
     sentence.date = _date(fields[9], "%d%m%y") if fields[9] else None
+    sentence.estimated = bool(_ESTIMATED & set(fields[12:13]))
     if fields[2] == "A":
         _take_place(fields[3:7], sentence)
     _take_time(fields[1], sentence)

@@ -64,8 +64,13 @@ class _Epoch:
         return bool(np.isfinite(self.lat_deg + self.lon_deg))
 
     def add(self, sentence: Sentence) -> None:
-        """Take what a sentence of this epoch states; of two places that of GGA or GNS, which has the height."""
+        """Take what a sentence of this epoch states; of two places that of GGA or GNS, which has the height.
+
+        A place that is not of satellites is none.
+        """
         self.date = self.date if sentence.date is None else sentence.date
+        if sentence.estimated:
+            return
         if sentence.kind in ("GGA", "GNS") or np.isnan(self.lat_deg):
             self.lat_deg, self.lon_deg = sentence.lat_deg, sentence.lon_deg
         if sentence.kind in ("GGA", "GNS"):
