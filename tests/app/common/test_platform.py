@@ -215,7 +215,6 @@ WRONG = [
     (f'{ATTITUDE}file = "a"\nroll_deg = 1', "attitude: roll_deg and file both state the attitude; leave one out"),
     (f"{ATTITUDE}file = 3", "attitude.file = 3, expected a text"),
     (f"{ATTITUDE}yaw_deg = 3", "attitude.yaw_deg: unknown key, did you mean "),
-    ('[imu]\ngrade = "tactical"', "imu.file is missing"),
     (f"{IMU}start_gpst = 2022-01-01T10:29:58Z", "imu.start_gpst: has a time zone; write GPS time without a zone"),
     (f'{IMU}start_gpst = "noon"', "imu.start_gpst: 'noon' is not an instant; expected GPS time as 2022-01-01T21:45:58"),
     (f"{IMU}start_gpst = 10:29:58", "imu.start_gpst: is 10:29:58, expected GPS time as 2022-01-01T21:45:58"),
@@ -270,8 +269,8 @@ def test_every_key_has_a_wrong_example() -> None:
 
 
 def test_faults_are_named_together_up_to_a_bound(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match=r"motion = .*; receivers\[0\]\.name = .*; imu\.file is missing$"):
-        read(tmp_path, 'motion = 3\n[[receivers]]\nname = "/"\n[imu]\n')
+    with pytest.raises(SettingsError, match=r"motion = .*; receivers\[0\]\.name = .*; imu\.scale_ppm .*$"):
+        read(tmp_path, 'motion = 3\n[[receivers]]\nname = "/"\n[imu]\nscale_ppm = -1\n')
     with pytest.raises(SettingsError, match=r"key9: unknown key.*; and 20 more$"):
         read(tmp_path, "".join(f"key{number} = 1\n" for number in range(30)))
 

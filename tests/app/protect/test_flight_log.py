@@ -10,6 +10,7 @@ from tests.logs.test_autopilots import START, boot_us, gps_row
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import protect
 from skyproof.app.receive.inputs import open_inputs
+from skyproof.errors import SettingsError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.logs.ubx_write import ubx_log
@@ -134,6 +135,27 @@ def test_inertial_readings_that_are_none_are_left_out(flight, tmp_path) -> None:
     result = protect([path], nav=tmp_path / "nav.rnx", duration_s=ONSET_S - 3.0)
     remarks = [remark for note in result.verdict.inputs for remark in note.left_out]
     assert any("inertial readings are not used" in remark for remark in remarks)
+
+
+def test_a_platform_file_describes_the_unit_of_the_log(flight, tmp_path) -> None:
+    path, platform = tmp_path / "flight.ulg", tmp_path / "platform.toml"
+    path.write_bytes(flight.log)
+    write_nav(tmp_path / "nav.rnx", flight.navigation)
+    platform.write_text('[imu]\ngrade = "consumer"\nlever_arm_m = [0.1, 0.0, -0.05]\n')
+    result = protect([path], nav=tmp_path / "nav.rnx", platform=platform)
+    assert result.verdict.verdict == "spoofed"
+    platform.write_text('[imu]\naxes = "flu"\ninitial = { heading_deg = 0.0, sigma_deg = 5.0 }\n')
+    with pytest.raises(SettingsError, match="gravity"):
+        protect([path], nav=tmp_path / "nav.rnx", platform=platform)
+
+
+def test_a_unit_without_readings_is_refused(flight, tmp_path) -> None:
+    path, platform = tmp_path / "flight.ulg", tmp_path / "platform.toml"
+    rows = [gps_row(k) for k in range(20)]
+    path.write_bytes(px4_flight([(boot_us(k), b"", row) for k, row in enumerate(rows)], []))
+    platform.write_text('[imu]\ngrade = "consumer"\n')
+    with pytest.raises(SettingsError, match=r"imu\.file"):
+        protect([path], platform=platform)
 
 
 @pytest.mark.parametrize(("far_deg", "word"), [(0.0, "no_attack_seen"), (0.05, "suspect")])

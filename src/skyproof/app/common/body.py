@@ -114,26 +114,40 @@ def with_imu(platform: Platform, imu: str | Path | None) -> Platform:
 
 
 def with_logged_imu(
-    platform: Platform, files: BodyFiles, path: str, rows: InertialRows | None
+    platform: Platform, files: BodyFiles, path: str, rows: InertialRows | None, where: str
 ) -> tuple[Platform, BodyFiles]:
     """Return a platform and its files with the readings that stand in the log of its first receiver.
 
-    What the platform file says of an inertial unit comes before them.
+    A file of readings comes before them. What else the platform file says of the unit holds for them. where : begins a
+    message on that.
 
-    Raises InputError : the readings are none of a unit.
+    Raises
+    ------
+    InputError : the readings are none of a unit.
+    SettingsError : as of `open_body`, or there are no readings for a unit that is described.
     """
-    if rows is None or platform.imu is not None:
+    unit = platform.imu
+    if unit is not None and unit.file is not None:
         return platform, files
+    if rows is None:
+        if unit is not None:
+            raise SettingsError(
+                f"{where}: imu.file is missing, and {path} holds no inertial readings; give the file of the readings, "
+                "or a flight log that holds them as the first input"
+            )
+        return platform, files
+    rising = np.append(True, np.diff(np.maximum.accumulate(rows.gpst)) > np.timedelta64(0, "ns"))
     table = TimedRows(
         source=path,
-        time_ns=rows.gpst.astype(np.int64),
+        time_ns=rows.gpst[rising].astype(np.int64),
         dated=True,
-        values=np.hstack([rows.specific_force_m_s2, rows.angular_rate_rad_s]),
+        values=np.hstack([rows.specific_force_m_s2, rows.angular_rate_rad_s])[rising],
         where=lambda row: f"{path}: inertial reading {row + 1}",
     )
-    rising = np.append(True, np.diff(np.maximum.accumulate(table.time_ns)) > 0)
-    imu = imu_of(replace(table, time_ns=table.time_ns[rising], values=table.values[rising]))
-    return with_imu(platform, path), replace(files, imu=imu, sums={**files.sums, path: sha256(path)})
+    imu = imu_of(table, rot_body_unit=None if unit is None else unit.rotation)
+    initial = None if unit is None else _initial_of(unit, imu, where)
+    sums = {**files.sums, path: sha256(path)}
+    return with_imu(platform, path), replace(files, imu=imu, initial=initial, sums=sums)
 
 
 def open_body(platform: Platform, where: str = "the platform file") -> BodyFiles:
@@ -148,16 +162,20 @@ def open_body(platform: Platform, where: str = "the platform file") -> BodyFiles
     attitude = None if stated is None or stated.file is None else read_attitude(stated.file)
     files = [path for path in (None if unit is None else unit.file, None if stated is None else stated.file) if path]
     sums = {str(path): sha256(path) for path in files}
-    if unit is None:
+    if unit is None or unit.file is None:
         return BodyFiles(attitude=attitude, sums=sums)
     imu = read_imu(unit.file, rot_body_unit=unit.rotation)
-    initial = None
-    if unit.initial is not None:
-        turn = unit.initial
-        initial = _angles(turn.heading_deg, turn.pitch_deg, turn.roll_deg, turn.sigma_deg)
-    if initial is not None:
-        _require_upright(imu, initial, where)
-    return BodyFiles(imu=imu, attitude=attitude, initial=initial, sums=sums)
+    return BodyFiles(imu=imu, attitude=attitude, initial=_initial_of(unit, imu, where), sums=sums)
+
+
+def _initial_of(unit: PlatformImu, imu: ImuFile, where: str) -> Attitude | None:
+    """Return the attitude stated at the first reading. Raises SettingsError if gravity says otherwise."""
+    if unit.initial is None:
+        return None
+    turn = unit.initial
+    initial = _angles(turn.heading_deg, turn.pitch_deg, turn.roll_deg, turn.sigma_deg)
+    _require_upright(imu, initial, where)
+    return initial
 
 
 def _angles(heading_deg: float, pitch_deg: float, roll_deg: float, sigma_deg: float) -> Attitude:

@@ -236,9 +236,11 @@ class StatedAttitude(Model):
 class PlatformImu(Model):
     """An inertial unit and its readings."""
 
-    file: FilePath = Field(
+    file: FilePath | None = Field(
+        default=None,
         description="CSV or Parquet with gpst or time_s, accel_x_m_s2 to accel_z_m_s2, gyro_x_rad_s to gyro_z_rad_s: "
-        "means over the intervals that end at the time; relative to the platform file.",
+        "means over the intervals that end at the time; relative to the platform file. The readings in the first "
+        "input's flight log if absent.",
         examples=["imu.csv"],
     )
     start_gpst: Instant | None = Field(

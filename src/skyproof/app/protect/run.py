@@ -160,7 +160,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
             progress.say(f"{out}: what a run that was killed had found so far (unfinished-run) is removed")
         with heard():  # nothing is decided yet
             sources = open_inputs(paths, settings, navigation, called, workspace)
-            carrier, body_files = _logged_imu(carrier, body_files, sources)
+            carrier, body_files = _logged_imu(carrier, body_files, sources, str(platform or given.imu))
             stated = _stated_sums(sources)
             names = [source.name for source in sources]
             if out is not None:
@@ -255,18 +255,19 @@ def _received(
 
 
 def _logged_imu(
-    carrier: Platform, files: BodyFiles, sources: list[Samples | ObservedFile]
+    carrier: Platform, files: BodyFiles, sources: list[Samples | ObservedFile], where: str
 ) -> tuple[Platform, BodyFiles]:
     """Return the platform and its files with the inertial readings of the first receiver's log, where there are any.
 
-    Readings that are none of a unit are reported with the log, and left out.
+    Readings that are none of a unit are reported with the log, and left out, but where the platform file asks for them.
     """
     first = sources[0]
-    if not isinstance(first, ObservedFile):
-        return carrier, files
+    rows = first.inertial if isinstance(first, ObservedFile) else None
     try:
-        return with_logged_imu(carrier, files, first.path, first.inertial)
+        return with_logged_imu(carrier, files, first.path or first.name, rows, where)
     except InputError as error:
+        if carrier.imu is not None or not isinstance(first, ObservedFile):
+            raise
         unused = Remark(f"its inertial readings are not used: {error}", RemarkKind.BEARS)
         sources[0] = replace(first, remarks=(*first.remarks, unused))
         return carrier, files
