@@ -124,6 +124,8 @@ def made(name: str) -> tuple[Row, Outcome]:
     kind = KINDS[int(number) % len(KINDS)] if what == "attack" else "jamming"
     equipment = EQUIPMENT[(int(number) // len(KINDS)) % len(EQUIPMENT)]
     some = [log for log in logs if LOGS[log].stands or equipment == "one"]
+    if equipment == "surveyed":  # a phone's own codes do not survey it
+        some = [log for log in some if not log.startswith("phone")]
     log = "base" if equipment == "pair" else str(rng.choice(some))
     names = ["base", "rover"] if equipment == "pair" else [log]
     source, navigation = open_real(log)
@@ -151,7 +153,7 @@ def made(name: str) -> tuple[Row, Outcome]:
         loss_db=loss_db,
         upper_only=bool(rng.random() < 0.5),
     )
-    places = [true_place_ecef_m(o, navigation) for o in clean]
+    places = [place_of(each, o, navigation) for each, o in zip(names, clean, strict=True)]
     attacked = []
     for o, place in zip(clean, places, strict=True):
         chosen = select_signals(o, scope, satellite=satellite, system=system)
@@ -183,6 +185,14 @@ def made(name: str) -> tuple[Row, Outcome]:
     row |= {} if kind == "jamming" else {f"shift_{key}": value for key, value in asdict(shift).items()}
     from_s = onset_s - jam_s if after_jam else onset_s
     return row | against_truth(outcome, clean[0], navigation, shift, onset_s, from_s, places[0], kind), outcome
+
+
+def place_of(log: str, o: Observations, navigation: NavigationData) -> Reals:
+    """Return where the receiver is at each epoch, (n, 3): as it was surveyed, else by its codes."""
+    surveyed_m = LOGS[log].ecef_m
+    if surveyed_m is None:
+        return true_place_ecef_m(o, navigation)
+    return np.broadcast_to(np.array(surveyed_m), (o.gpst.size, 3))
 
 
 def judged(

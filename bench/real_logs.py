@@ -19,18 +19,24 @@ _M1, _KM5, _VAR, _GSI = "rinex-mosaic-1m", "rinex-mosaic-5km", "rinex-variety", 
 
 @dataclass(frozen=True)
 class RealLog:
-    """A file of one receiver. nav : of its day, None where the log has its own. stands : the antenna does not move."""
+    """A file of one receiver. nav : of its day, None where the log has its own. stands : the antenna does not move.
+    ecef_m : where it stands, of the two 0.99 m apart to millimetres between them."""
 
     path: str
     nav: str | None = None
     stands: bool = False
+    ecef_m: tuple[float, float, float] | None = None
 
 
 LOGS: Final[dict[str, RealLog]] = {
     "walk": RealLog("imu-gnss-walk/gnss_1730.ubx"),
-    "base": RealLog(f"{_M1}/base.obs", f"{_M1}/base.nav", stands=True),
-    "rover": RealLog(f"{_M1}/rover.obs", f"{_M1}/base.nav", stands=True),
-    "reference": RealLog(f"{_KM5}/3034265G.21O", f"{_KM5}/SEPT2650.21P", stands=True),
+    "base": RealLog(f"{_M1}/base.obs", f"{_M1}/base.nav", stands=True, ecef_m=(-3817681.121, 3562839.431, 3650159.159)),
+    "rover": RealLog(
+        f"{_M1}/rover.obs", f"{_M1}/base.nav", stands=True, ecef_m=(-3817681.381, 3562839.979, 3650158.376)
+    ),
+    "reference": RealLog(
+        f"{_KM5}/3034265G.21O", f"{_KM5}/SEPT2650.21P", stands=True, ecef_m=(-3959400.631, 3385704.533, 3667523.111)
+    ),
     "car": RealLog(f"{_KM5}/SEPT265G.21O", f"{_KM5}/SEPT2650.21P"),
     "phone_1107": RealLog(
         "phone-orientation/gnss_log_2019_12_12_11_07_38.txt", "phone-orientation/hour3460.19n", stands=True
