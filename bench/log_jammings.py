@@ -143,7 +143,7 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
         over = [row["over_db"] for row in met if not row["lost"]]
         yield (
             f"{loss_db:4.0f} dB: {len(met):3} of {len(some):3} reported, {exact} of them dated to the epoch; "
-            f"off by {np.median(over) if over else np.nan:+.1f} dB at the median; "
+            f"{f'off by {np.median(over):+.1f} dB at the median' if over else 'all with lost signals, a lower bound'}; "
             f"beside {sum(row['beside'] for row in some)}; other bands {sum(row['other_bands'] for row in met)}; "
             f"failed tests in {sum(bool(row['failed']) for row in some)}"
         )
