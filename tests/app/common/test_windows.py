@@ -175,3 +175,20 @@ def test_short_windows_share_the_false_alarms_of_an_hour():
     bare = Records(start_gpst=START, end_gpst=START)
     usual, halved = (detectors_for(Settings(), bare, mean_s=s)[0].settings for s in (20.0, 5.0))
     assert halved.false_alarm_probability == pytest.approx(0.5 * usual.false_alarm_probability)
+
+
+@pytest.mark.parametrize("pause", [np.timedelta64(95, "s"), np.timedelta64(17 * 365, "D")])
+def test_a_pause_of_years_is_one_window(pause):
+    before = epochs_every(1.0, 60)
+    gpst = np.concatenate([before.gpst, before.gpst[-1] + pause + np.arange(40) * np.timedelta64(1, "s")])
+    both = epochs_every(1.0, 100)
+    log = replace(both, gpst=gpst, elapsed_s=(gpst - gpst[0]) / np.timedelta64(1, "s"))
+    windows = windows_of([log], NavigationData(ephemerides=()), Settings())
+    held = [
+        int(((gpst >= start) & (gpst < end)).sum())
+        for start, end in zip(windows.edges, windows.edges[1:], strict=False)
+    ]
+    assert sum(held) == 100
+    assert sum(count == 0 for count in held) == 1
+    assert len(windows) <= 12
+    assert 8.0 < windows.mean_s <= 10.5

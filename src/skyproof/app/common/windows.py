@@ -11,10 +11,10 @@ from skyproof.app.common.body import Body, Carried, body_states
 from skyproof.app.common.packed_log import PACKED, PackedLog
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
-from skyproof.arrays import Reals
+from skyproof.arrays import Instants, Reals
 from skyproof.detectors.base import Detector
 from skyproof.detectors.registry import examined, load_detectors, made_with, review_of
-from skyproof.gnss.time import timedelta_from_s
+from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.interruption import watch
 from skyproof.navigation.clock import time_breaks
 from skyproof.navigation.sets import consistent_sets
@@ -94,8 +94,13 @@ def following_epochs(settings: Settings, observations: Sequence[ObservationLog])
     return settings if needed_s <= settings.window_s else settings.model_copy(update={"window_s": needed_s})
 
 
-def window_edges(observations: Sequence[ObservationLog], window_s: float) -> list[np.datetime64]:
+def window_edges(
+    observations: Sequence[ObservationLog], window_s: float, *, keep_pauses: bool = False
+) -> list[np.datetime64]:
     """Edges of the windows, common to all receivers: from the first epoch of any to past the last.
+
+    Windows in a row that hold no epoch are one, for a log may pause for years. Not so with `keep_pauses`: correlators
+    may have measured where no epoch came of it.
 
     Where a receiver's time breaks one window ends and another begins: ranges before and after it have nothing in
     common, and a mean over both is of neither. So it is where all receivers begin, and where the first of them ends:
@@ -110,18 +115,26 @@ def window_edges(observations: Sequence[ObservationLog], window_s: float) -> lis
     all_from, all_to = max(o.gpst[0] for o in observations), min(o.gpst[-1] for o in observations)
     alone = [at for at, by in ((all_from, all_from - first), (all_to + 2 * early, last - all_to)) if by > ALONE]
     breaks = np.unique(np.concatenate([*(time_breaks(o) for o in observations), np.array(alone, "M8[ns]")]))
+    epochs = np.unique(np.concatenate([o.gpst for o in observations]))
     edges = [first]
     for begin, end in pairwise([first, *breaks, last]):
         if end - begin > early or end == last:  # not at the break that another receiver saw at its own epoch
-            edges += [*_evenly(begin, end, window_s, early), end if end == last else end - early]
+            within = None if keep_pauses else epochs[slice(*np.searchsorted(epochs, [begin - early, end]))]
+            edges += [*_evenly(begin, end, window_s, early, within), end if end == last else end - early]
     return edges
 
 
-def _evenly(begin: np.datetime64, end: np.datetime64, window_s: float, early: np.timedelta64) -> list[np.datetime64]:
-    """Edges between two instants, every so often."""
+def _evenly(
+    begin: np.datetime64, end: np.datetime64, window_s: float, early: np.timedelta64, epochs: Instants | None
+) -> list[np.datetime64]:
+    """Edges between two instants, every so often, without those that part nothing from nothing."""
     step = timedelta_from_s(window_s)
     count = max(int((end - begin) / step + (1.0 - MIN_WINDOW_SHARE)), 1)
-    return [begin + k * step - early for k in range(1, count)]
+    if epochs is None:
+        return [begin + k * step - early for k in range(1, count)]
+    occupied = np.clip((epochs - begin + early) // step, 0, count - 1)
+    edges = np.unique(np.concatenate([occupied, occupied + 1]))
+    return [begin + int(k) * step - early for k in edges[(edges > 0) & (edges < count)]]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -165,8 +178,11 @@ class Windows:
 
     @property
     def mean_s(self) -> float:
-        """Length at the mean, seconds: less than is asked where breaks of time cut windows short."""
-        return float((self.edges[-1] - self.edges[0]) / np.timedelta64(1, "s")) / len(self)
+        """Length at the mean of those that hold epochs, seconds: less than is asked where breaks cut windows short."""
+        edges = np.array(self.edges)
+        inside = [np.searchsorted(edges, o.gpst, side="right") - 1 for o in self.run.observations]
+        occupied = np.unique(np.clip(np.concatenate(inside), 0, len(self) - 1)) if inside else np.arange(len(self))
+        return float(np.mean(seconds_between(edges[occupied + 1], edges[occupied])))
 
     def __iter__(self) -> Iterator[Records]:
         carried = Carried()
@@ -238,7 +254,7 @@ def windows_of(
         messages=messages or {},
         own_fixes=own_fixes or {},
     )
-    edges = window_edges(observations, settings.window_s)
+    edges = window_edges(observations, settings.window_s, keep_pauses=bool(taps or vector_taps or ccaf or array_phases))
     return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)
 
 
