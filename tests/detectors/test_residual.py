@@ -36,9 +36,10 @@ def test_a_clean_sky_fits_one_position():
     assert "fit one position" in evidence.because
 
 
-def test_a_single_fault_is_named_and_nothing_else():
+@pytest.mark.parametrize("metres", [60.0, -1.7e6])
+def test_a_single_fault_is_named_and_nothing_else(metres):
     records = scene().records(np.random.default_rng(0))
-    (evidence,) = Residual().examine(shifted(records, 4, 60.0))[0]
+    (evidence,) = Residual().examine(shifted(records, 4, metres))[0]
     assert evidence.says == "undecided"
     assert str(records.observations[0].signals[4]) in evidence.because
     assert "a fault of it, unless the others are false" in evidence.because

@@ -48,6 +48,14 @@ def test_a_slip_is_bridged_by_the_doppler_at_the_price_of_its_noise():
     np.testing.assert_array_equal(mean.sigma_m[1:], whole.sigma_m[1:])
 
 
+def test_a_carrier_faster_than_anything_is_no_motion():
+    seen = seen_by(n=11, air=False)
+    carrier = seen.carrier_cyc.copy()
+    carrier[8:, 0] += 2.5e8  # a cell that is misread, or a receiver that marks no slip
+    mean, whole = window_mean(replace(seen, carrier_cyc=carrier)), window_mean(seen)
+    np.testing.assert_allclose(mean.pseudorange_m, whole.pseudorange_m, atol=0.02)
+
+
 def test_a_doppler_held_over_minutes_is_no_better_than_its_change():
     """A signal at one epoch a minute that is lost before the middle."""
     seen = seen_by(n=15, step_s=60.0, air=False)

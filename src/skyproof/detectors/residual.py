@@ -117,14 +117,27 @@ def _plain_fix(
         state_m = _state(measurements, groups)
     if not np.all(np.isfinite(state_m)):
         return None
+    rows = np.concatenate(groups)
+    test, worst = _tested(measurements, groups, state_m, alpha)
+    used = tuple(signals[row] for row in rows)
+    if test.consistent or worst < 0:
+        return PlainFix(used, test, None)
+    # Solved anew: from a fit that a fault drew off by kilometres, what one row would change is not linear.
+    others = [left for group in groups if (left := group[group != rows[worst]]).size]
+    fits = bool(_tested(measurements, others, _state(measurements, others), alpha)[0].consistent)
+    return PlainFix(used, test, used[worst] if fits else None)
+
+
+def _tested(
+    measurements: WindowRanges, groups: Sequence[Indices], state_m: Reals, alpha: float
+) -> tuple[GlobalTest, int]:
+    """Test the residuals of rows in groups, and find the row that fits worst, -1 where none can be left out."""
     rows, clocks = np.concatenate(groups), _clocks(groups)
     misfit_m, sigma_m, unit = misfits(measurements, rows, np.append(state_m[:3], 0.0))
     misfit_m = misfit_m - clocks @ state_m[3:]
     test = global_test(misfit_m, sigma_m, false_alarm_probability=alpha, unknowns=3 + len(groups))
     exclusion = exclude_one(design_matrix(unit, clocks), misfit_m, sigma_m, false_alarm_probability=alpha)
-    cured = not test.consistent and exclusion.excluded >= 0 and bool(exclusion.test.consistent)
-    used = tuple(signals[row] for row in rows)
-    return PlainFix(used, test, used[int(exclusion.excluded)] if cured else None)
+    return test, int(exclusion.excluded)
 
 
 def _state(measurements: WindowRanges, groups: Sequence[Indices]) -> Reals:

@@ -18,7 +18,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.formats.bounds import first_few
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S, WGS84_A_M
+from skyproof.gnss.constants import FASTEST_M_S, SPEED_OF_LIGHT_M_S, WGS84_A_M
 from skyproof.gnss.ephemeris import GEOSTATIONARY
 from skyproof.gnss.signals import rinex_attribute
 from skyproof.records import SignalId
@@ -43,7 +43,6 @@ _CLOCK_S: Final = 0.01
 that they know to a few of them."""
 _SHIFTED_CELLS: Final = 4  # that show a clock further off: so many unknowns have position and clock
 _SHIFTED_SHARE: Final = 0.9  # of an epoch's cells, that must fit by one shift
-_FASTEST_M_S: Final = 4e4  # satellite and receiver in orbit, 10 km/s, and a clock of 100 ppm
 _CN0_DBHZ: Final = 0.0, 70.0  # 70 is 15 dB over what any satellite of these systems gives on the ground
 _MOVING_M_S: Final = 50.0  # at which a rate shows its unit through the noise of codes
 _SATELLITES: Final = 3  # of an epoch, whose rates are compared
@@ -91,7 +90,7 @@ def leave_out_impossible(
     lowest_dbhz, highest_dbhz = _CN0_DBHZ
     possible = {
         "pseudorange_m": _possible_ranges(kept["pseudorange_m"], signals),
-        "doppler_hz": ~(np.abs(kept["doppler_hz"] * wavelength_m) > _FASTEST_M_S),
+        "doppler_hz": ~(np.abs(kept["doppler_hz"] * wavelength_m) > FASTEST_M_S),
         "cn0_dbhz": ~((kept["cn0_dbhz"] < lowest_dbhz) | (kept["cn0_dbhz"] > highest_dbhz)),
     }
     types = _types_of(signals)

@@ -1,4 +1,4 @@
-"""Constants of the interfaces. Each is the value that the message's users must use, not the best known one."""
+"""Constants of the interfaces, each the value that a message's users must use, not the best known one; and a bound."""
 
 from typing import Final
 
@@ -9,6 +9,7 @@ __all__ = [
     "CA_CHIP_RATE_HZ",
     "CA_CODE_LENGTH",
     "EARTH_ROTATION_RAD_S",
+    "FASTEST_M_S",
     "GALILEO_MU_M3_S2",
     "GALILEO_RELATIVITY_F_S_SQRT_M",
     "GLONASS_EARTH_RADIUS_M",
@@ -27,6 +28,8 @@ __all__ = [
 ]
 
 SPEED_OF_LIGHT_M_S: Final = 299_792_458.0  # IS-GPS-200N, 20.3.4.3 (and the SI)
+FASTEST_M_S: Final = 4e4
+"""By which a range changes at most: satellite and receiver in orbit, 10 km/s, and a clock of 100 ppm."""
 L1_HZ: Final = 1575.42e6  # IS-GPS-200N, 3.3.1.1
 CA_CHIP_RATE_HZ: Final = 1.023e6  # IS-GPS-200N, 3.3.2.3
 CA_CODE_LENGTH: Final = 1023  # chips; IS-GPS-200N, 3.2.1.3

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import FASTEST_M_S, SPEED_OF_LIGHT_M_S
 from skyproof.records import CellStatus, Observations, SignalId
 
 __all__ = ["WindowMean", "fill_gaps", "interval_s", "window_mean"]
@@ -82,7 +82,8 @@ def _motion(observations: Observations, kept: Indices, middle: int) -> tuple[Rea
     rate_m_s = -wavelength_m * fill_gaps(elapsed_s, observations.doppler_hz[:, kept])
     rate_sigma_m_s = wavelength_m * fill_gaps(elapsed_s, observations.doppler_sigma_hz[:, kept])
     by_carrier = np.diff(carrier_m, axis=0)
-    whole = np.isfinite(by_carrier) & (observations.status[1:, kept] != CellStatus.SLIP)
+    # Not every carrier that begins anew, or is misread, is marked as a slip.
+    whole = (observations.status[1:, kept] != CellStatus.SLIP) & (np.abs(by_carrier) <= FASTEST_M_S * dt_s)
     by_doppler = 0.5 * dt_s * (rate_m_s[1:] + rate_m_s[:-1])
     doppler_m2 = 0.25 * dt_s**2 * (rate_sigma_m_s[1:] ** 2 + rate_sigma_m_s[:-1] ** 2)
     # Summed away from the middle: where neither is known only what lies beyond is lost.
