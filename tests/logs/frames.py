@@ -50,15 +50,16 @@ def msm_message(
     cells: Mapping[tuple[int, int], tuple[int, ...]],
     *,
     station: int = 9,
+    more: bool = False,
 ) -> bytes:
     """Return a frame of MSM4 to MSM7 of raw field values.
 
-    time : the 30 bits of the epoch. sats : whole ms, extended information, ms / 1024, rate in m/s by bit of the mask.
+    time : the 30 bits of the epoch, of which `more` messages follow. sats : whole ms, extended information, ms / 1024, rate in m/s by bit of the mask.
     cells : the numbers of `MSM_CELL_BITS` by satellite and signal.
     """
     kind = number % 10
     signals = sorted({signal for _, signal in cells})
-    fields = [(number, 12), (station, 12), (time, 30), (0, 1), (0, 3), (0, 7), (0, 2), (0, 2), (0, 1), (0, 3)]
+    fields = [(number, 12), (station, 12), (time, 30), (int(more), 1), (0, 3), (0, 7), (0, 2), (0, 2), (0, 1), (0, 3)]
     fields += [(int(k + 1 in sats), 1) for k in range(64)] + [(int(k + 1 in signals), 1) for k in range(32)]
     fields += [(int((sat, signal) in cells), 1) for sat in sorted(sats) for signal in signals]
     for column, bits in ((0, 8), (1, 4), (2, 10), (3, 14)):

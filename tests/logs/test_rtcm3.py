@@ -289,6 +289,14 @@ def test_glonass_goes_on_over_midnight_in_moscow() -> None:
     assert np.diff(o.elapsed_s).tolist() == [3600.0 + 17.0, 1.0, 1.0]
 
 
+def test_beidou_of_the_same_epoch_may_be_in_gps_time() -> None:
+    cells = {(1, 2): (1, 1, 600, 0, 640, 1)}
+    gps = msm_message(1077, 100_000, {1: (70, 0, 5, 1)}, cells, more=True)
+    o = read(gps, simple(100_000, number=1127)).observations
+    assert [signal.sat for signal in o.signals] == ["C01", "G01"]
+    assert o.gpst.size == 1
+
+
 def test_the_turn_of_the_week_goes_on_in_messages() -> None:
     o = read(simple(604_799_000), simple(0), near=np.datetime64("2024-02-10T22:00", "ns")).observations
     assert o.gpst.tolist() == [gpst(2300, 604_799.0).astype(np.int64), gpst(2301, 0.0).astype(np.int64)]
