@@ -54,8 +54,8 @@ def msm_message(
 ) -> bytes:
     """Return a frame of MSM4 to MSM7 of raw field values.
 
-    time : the 30 bits of the epoch, of which `more` messages follow. sats : whole ms, extended information, ms / 1024, rate in m/s by bit of the mask.
-    cells : the numbers of `MSM_CELL_BITS` by satellite and signal.
+    time : the 30 bits of the epoch, of which `more` messages follow. sats : whole ms, extended information, ms / 1024,
+    rate in m/s by bit of the mask. cells : the numbers of `MSM_CELL_BITS` by satellite and signal.
     """
     kind = number % 10
     signals = sorted({signal for _, signal in cells})
