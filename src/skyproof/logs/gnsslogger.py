@@ -136,7 +136,9 @@ class _GnssLogger:
     def __init__(self, source: str) -> None:
         self._source = source
         self._columns: dict[str, dict[str, int]] = {}
-        self._signals: dict[int, int] = {}
+        self._keys = np.zeros(1, np.int64)  # what the log calls signals, in order; 0 is none
+        self._numbers = np.full(1, -1, np.int64)  # of the signals of the keys
+        self._signals: dict[SignalId, int] = {}
         self._names: list[SignalId] = []
         self._slots: dict[str, int] = {}
         self._clock = _PhoneClock()
@@ -290,16 +292,25 @@ class _GnssLogger:
         named = raw.places["CodeType"] >= 0
         good = (system > 0) & (system < len(_SYSTEMS)) & (svid > 0) & (svid < 256)
         key = (system << 40 | svid << 32 | steps << 16 | np.where(named, code, 0)) * good
-        distinct, number = np.unique(key, return_inverse=True)
-        return np.array([self._number_of(value) for value in distinct.tolist()], np.int64)[number]
+        place = np.minimum(np.searchsorted(self._keys, key), self._keys.size - 1)
+        new = np.flatnonzero(self._keys[place] != key)
+        if new.size:
+            more = np.setdiff1d(key[new], self._keys)
+            numbers = [self._number_of(value) for value in more.tolist()]
+            self._keys, order = np.unique(np.append(self._keys, more), return_index=True)
+            self._numbers = np.append(self._numbers, numbers)[order]
+            place = np.searchsorted(self._keys, key)
+        return self._numbers[place]
 
     def _number_of(self, key: int) -> int:
-        if key not in self._signals:
-            signal = self._signal_of(key >> 40, key >> 32 & 0xFF, (key >> 16 & 0xFFFF) * 0.0625, chr(key & 0xFF))
-            if signal is not None and signal not in self._names:
-                self._names.append(signal)
-            self._signals[key] = -1 if signal is None else self._names.index(signal)
-        return self._signals[key]
+        """Return the number of a signal, made when it is seen first; -1 for what no satellite sends."""
+        signal = self._signal_of(key >> 40, key >> 32 & 0xFF, (key >> 16 & 0xFFFF) * 0.0625, chr(key & 0xFF))
+        if signal is None:
+            return -1
+        if signal not in self._signals:
+            self._signals[signal] = len(self._names)
+            self._names.append(signal)
+        return self._signals[signal]
 
     def _signal_of(self, constellation: int, svid: int, mhz: float, code: str) -> SignalId | None:
         system = _SYSTEMS[constellation]
