@@ -475,7 +475,8 @@ def damage_distances(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None
         inputs.right = replace(inputs, options=inputs.options | {"antenna_separation_m": 0.5 * true_m})
         inputs.off_m, inputs.sigma_m = least_m - true_m, 0.0
         return
-    inputs.options = {"antenna_distance_m": min(round(stated_m, 3), 1e5)} | far_of(sky)
+    stated_m = min(round(stated_m, 3), 1e5)
+    inputs.options = {"antenna_distance_m": stated_m} | far_of(sky)
     inputs.off_m, inputs.sigma_m = abs(stated_m - true_m), max(0.025 * stated_m, 0.5)
     if rng.random() < 0.5:
         inputs.sigma_m = max(0.01 * stated_m, 0.02)
