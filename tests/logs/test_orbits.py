@@ -13,6 +13,8 @@ from skyproof.gnss.messages.bit_fields import BitField
 from skyproof.gnss.messages.glonass import _STRINGS, glonass_ephemeris, glonass_string
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.time import gpst as gpst_of
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.logs.content import BroadcastFrames
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.stream import read_log
@@ -75,6 +77,7 @@ def test_lnav_frames_give_what_was_encoded() -> None:
     frames = BroadcastFrames(
         kind="LNAV",
         gpst=np.array([sent.reference_gpst] * 5),
+        until_gpst=np.array([sent.reference_gpst] * 5),
         sat=np.array([sent.sat] * 5),
         band=np.array(["L1"] * 5),
         code=np.array(["CA"] * 5),
@@ -85,6 +88,31 @@ def test_lnav_frames_give_what_was_encoded() -> None:
     (read,) = collector.navigation("test").ephemerides
     assert (read.sat, read.week, read.toe, read.iodc) == (sent.sat, sent.week, sent.toe, sent.iodc)
     assert read.sqrt_a == pytest.approx(sent.sqrt_a, abs=2.0**-19)
+
+
+@pytest.mark.parametrize(
+    ("early_s", "open_s", "mistimed"),
+    [(0.0, 0.0, 0), (60.0, 0.0, 1), (60.0, 80.0, 0), (60.0, np.nan, 0), (-60.0, 0.0, 1), (-60.0, 80.0, 1)],
+)
+def test_a_frame_is_mistimed_only_where_its_time_is_known(early_s: float, open_s: float, mistimed: int) -> None:
+    """As where a log has lost the epochs beside a frame."""
+    sent = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
+    tow_s = int(sent.toe) // 30 * 30
+    source = words_hold(encode_subframes(sent, None, None, tow_s, sent.week, 5).reshape(5, 300))[0].reshape(5, 240)
+    gpst = gpst_of(sent.week, tow_s + 6.0) - timedelta_from_s(early_s)
+    frames = BroadcastFrames(
+        kind="LNAV",
+        gpst=np.array([gpst]),
+        until_gpst=np.array([gpst + timedelta_from_s(open_s) if open_s == open_s else np.datetime64("NaT", "ns")]),
+        sat=np.array([sent.sat]),
+        band=np.array(["L1"]),
+        code=np.array(["CA"]),
+        bits=packed(source[:1]),
+    )
+    collector = OrbitCollector()
+    collector.take([frames], {})
+    received = collector.received()
+    assert (0 if received is None else len(received.mistimed_sat)) == mistimed
 
 
 def put(field: BitField, value: float, n_bits: int) -> int:
@@ -162,6 +190,7 @@ def test_unknown_satellites_and_damage_give_no_orbit() -> None:
     frames = BroadcastFrames(
         kind="INAV",
         gpst=np.array(["2022-03-01"] * 3, "M8[ns]"),
+        until_gpst=np.array(["2022-03-01"] * 3, "M8[ns]"),
         sat=np.array(["E01"] * 3),
         band=np.array(["E1"] * 3),
         code=np.array(["B"] * 3),

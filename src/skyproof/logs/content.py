@@ -73,12 +73,14 @@ class ReceiverStates:
 class BroadcastFrames:
     """Frames of one kind of broadcast message whose parity or checksum holds, in order of arrival.
 
-    gpst : (n,) when the frame ended, to a second or two. sat : (n,) "G05". band, code : (n,) the signal that carried
+    gpst, until_gpst : (n,) between which the frame ended, to a second or two: the last instant that the log says before
+    it, and the next one; NaT where that is not known. sat : (n,) "G05". band, code : (n,) the signal that carried
     it, as `SignalId` names them. bits : (n, ceil(FRAME_BITS[kind] / 8)) packed, first bit first.
     """
 
     kind: MessageKind
     gpst: Instants
+    until_gpst: Instants
     sat: NDArray[np.str_]
     band: NDArray[np.str_]
     code: NDArray[np.str_]
@@ -86,7 +88,10 @@ class BroadcastFrames:
 
     def __post_init__(self) -> None:
         n_bytes = str(-(-FRAME_BITS[self.kind] // 8))
-        freeze(self, dict.fromkeys(("gpst", "sat", "band", "code"), ("frame",)) | {"bits": ("frame", n_bytes)})
+        freeze(
+            self,
+            dict.fromkeys(("gpst", "until_gpst", "sat", "band", "code"), ("frame",)) | {"bits": ("frame", n_bytes)},
+        )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

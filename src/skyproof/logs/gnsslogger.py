@@ -406,6 +406,7 @@ class _GnssLogger:
         place = np.searchsorted(raw.places["TimeNanos"], stretch.begin[lines]) - 1
         before = label_ns[np.maximum(place, 0)] if label_ns.size else np.full(lines.size, MISSING)
         before = np.where(place >= 0, before, MISSING if self._last_ns is None else self._last_ns)
+        after = np.append(label_ns, MISSING)[place + 1]
         found: dict[MessageKind, list[tuple[Integers, SignalId, Octets]]] = {}
         for number in np.unique(kind).tolist():
             if number not in _FRAMES:
@@ -422,7 +423,7 @@ class _GnssLogger:
                 rows = np.flatnonzero(good & (svid == sv))
                 bits, holds = _frame_bits(name, np.unpackbits((octets[rows] & 0xFF).astype(np.uint8), axis=1))
                 found.setdefault(name, []).append((rows[holds], SignalId(f"{system}{prn:02d}", *signal), bits[holds]))
-        return tuple(_record(name, parts, before) for name, parts in sorted(found.items()))
+        return tuple(_record(name, parts, before, after) for name, parts in sorted(found.items()))
 
 
 class _Ranges(NamedTuple):
@@ -601,7 +602,9 @@ def _lnav_bits(words: Any) -> tuple[Octets, Booleans]:
     return bits, holds
 
 
-def _record(kind: MessageKind, parts: list[tuple[Integers, SignalId, Octets]], before: Integers) -> BroadcastFrames:
+def _record(
+    kind: MessageKind, parts: list[tuple[Integers, SignalId, Octets]], before: Integers, after: Integers
+) -> BroadcastFrames:
     rows = np.concatenate([rows for rows, _, _ in parts])
     order = np.argsort(rows, kind="stable")
     names = [
@@ -610,6 +613,13 @@ def _record(kind: MessageKind, parts: list[tuple[Integers, SignalId, Octets]], b
     ]
     bits = np.concatenate([bits for _, _, bits in parts])[order]
     gpst: Instants = before[rows[order]].astype("datetime64[ns]")
+    until: Instants = after[rows[order]].astype("datetime64[ns]")
     return BroadcastFrames(
-        kind=kind, gpst=gpst, sat=names[0], band=names[1], code=names[2], bits=np.packbits(bits, axis=1)
+        kind=kind,
+        gpst=gpst,
+        until_gpst=until,
+        sat=names[0],
+        band=names[1],
+        code=names[2],
+        bits=np.packbits(bits, axis=1),
     )

@@ -76,8 +76,10 @@ class OrbitCollector:
         for record in frames:
             n_bytes = record.bits.shape[1]
             unused = 8 * n_bytes - FRAME_BITS[record.kind]
-            for gpst, sat, octets in zip(record.gpst, record.sat.tolist(), record.bits, strict=True):
-                self._frame(record.kind, sat, int.from_bytes(octets.tobytes(), "big") >> unused, gpst)
+            open_s = (record.until_gpst - record.gpst) / np.timedelta64(1, "s")
+            of_each = zip(record.gpst, open_s.tolist(), record.sat.tolist(), record.bits, strict=True)
+            for gpst, within_s, sat, octets in of_each:
+                self._frame(record.kind, sat, int.from_bytes(octets.tobytes(), "big") >> unused, gpst, within_s)
 
     def add(self, ephemerides: Iterable[BroadcastEphemeris]) -> None:
         """Take orbits that a protocol relays as they are."""
@@ -87,7 +89,7 @@ class OrbitCollector:
     def _keep(self, kind: str, made: BroadcastEphemeris) -> None:
         self._found.setdefault((kind, made.sat, made.week, made.toe, getattr(made, "iodc", 0)), made)
 
-    def _frame(self, kind: MessageKind, sat: str, frame: int, gpst: np.datetime64) -> None:
+    def _frame(self, kind: MessageKind, sat: str, frame: int, gpst: np.datetime64, open_s: float) -> None:
         week, tow_s = week_and_tow(gpst)
         parts = self._parts.setdefault((kind, sat), {})
         made: BroadcastEphemeris | None = None
@@ -96,7 +98,7 @@ class OrbitCollector:
             if subframe is None:
                 return
             parts[subframe.id] = subframe
-            self._time(sat, gpst, subframe.tow_s + SUBFRAME_S - float(tow_s))
+            self._time(sat, gpst, subframe.tow_s + SUBFRAME_S - float(tow_s), open_s)
             self._ionosphere_of(subframe, week)
             if subframe.id <= 3 and all(number in parts for number in (1, 2, 3)):
                 made = ephemeris_from_subframes(parts[1], parts[2], parts[3], sat, week)
@@ -106,7 +108,7 @@ class OrbitCollector:
                 return
             parts[read[0]] = read[1]
             if kind == "INAV" and read[0] == _TIMED_WORD:
-                self._time(sat, gpst, read[1]["tow_s"] + _INAV_PAGE_S - float(tow_s))
+                self._time(sat, gpst, read[1]["tow_s"] + _INAV_PAGE_S - float(tow_s), open_s)
             if kind == "GLONASS":
                 if read[0] <= 4 and sat in self._slots:
                     made = glonass_ephemeris(parts, sat, gpst, self._slots[sat])
@@ -118,10 +120,13 @@ class OrbitCollector:
                 self._last[kind, sat] = made
                 self._received.append((gpst, made))
 
-    def _time(self, sat: str, gpst: np.datetime64, ahead_s: float) -> None:
-        """Keep a frame whose time of week is not that of its end by the receiver."""
+    def _time(self, sat: str, gpst: np.datetime64, ahead_s: float, open_s: float) -> None:
+        """Keep a frame whose time of week is not that of its end by the receiver, which is `open_s` wide or not known.
+
+        Where a log has lost the epochs beside a frame, minutes may lie between the last time before it and its own.
+        """
         off_s = (ahead_s + 0.5 * SECONDS_PER_WEEK) % SECONDS_PER_WEEK - 0.5 * SECONDS_PER_WEEK
-        if abs(off_s) > _TIME_OFF_S and len(self._mistimed) < _MOST_KEPT:
+        if (off_s < -_TIME_OFF_S or off_s > open_s + _TIME_OFF_S) and len(self._mistimed) < _MOST_KEPT:
             self._mistimed.append((gpst, sat))
 
     def _ionosphere_of(self, subframe: Subframe, week: int) -> None:

@@ -346,6 +346,11 @@ class _Timeline:
         first_ns = self.instant_ns[0] if self.before_ns is None else self.before_ns
         return np.where(place >= 0, self.instant_ns[np.maximum(place, 0)], first_ns), known
 
+    def next_ns(self, octet: Integers) -> Integers:
+        """Return the instants of the timed frames after these octets, ns; the least number where there is none."""
+        place = np.searchsorted(self.octet, octet, side="right")
+        return np.append(self.instant_ns, _NEVER)[place]
+
 
 # ---------------------------------------------------------------------- broadcast frames
 
@@ -427,6 +432,7 @@ def _frames_of(
     yield BroadcastFrames(
         kind=kind,
         gpst=instant_ns[order].astype("datetime64[ns]"),
+        until_gpst=clock.next_ns(octet[order]).astype("datetime64[ns]"),
         sat=names[0][order],
         band=names[1][order],
         code=names[2][order],
