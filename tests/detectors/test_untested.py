@@ -59,7 +59,7 @@ def nothing(o):
 
 
 STANDING = CodesAtPlaceSettings(speed_max_m_s=0.0)
-HERE = CodesAtPlaceSettings(positions_ecef_m={"rx1": np.array([3e6, 1e6, 5.5e6])})
+AT_PLACE = CodesAtPlaceSettings(positions_ecef_m={"rx1": np.array([3e6, 1e6, 5.5e6])})
 
 
 def renamed(records, names):
@@ -326,11 +326,11 @@ CASES = {
         "the satellites of rx1 give a position, which is tested itself",
     ),
     ("known_place", "received_twice"): (
-        lambda: said(CodesAtPlace(HERE), replace(clean(false=(FalseSky(),)), sets=())),
+        lambda: said(CodesAtPlace(AT_PLACE), replace(clean(false=(FalseSky(),)), sets=())),
         "no satellite is received in rx1, or one twice",
     ),
     ("known_place", "few_satellites"): (
-        lambda: said(CodesAtPlace(HERE), replace(orbits_of(clean(), 2), sets=())),
+        lambda: said(CodesAtPlace(AT_PLACE), replace(orbits_of(clean(), 2), sets=())),
         "fewer than 3 satellites at any epoch of rx1 have codes and orbits",
     ),
     ("torn", "received_twice"): (
