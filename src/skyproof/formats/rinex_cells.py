@@ -320,8 +320,10 @@ def rows_3(lines: Lines, layout: Layout, restate: Restate, *, to_end: bool = Tru
         if begun:
             owner[k + 1 : end] = len(walk.flag) - 1
             owner[[j for j in labelled if j < end]] = -1
-            if np.count_nonzero((owner >= 0)[k + 1 : end] & (lines.end > lines.start)[k + 1 : end]) != count:
-                walk.damaged += [] if walk.cut == k else [end]
+            there = np.count_nonzero((owner >= 0)[k + 1 : end] & (lines.end > lines.start)[k + 1 : end])
+            if there != count and walk.cut != k:
+                walk.damaged.append(k)
+                owner[k + 1 : end] = -1  # lines are missing: perhaps also the head of an epoch, whose rows stand here
     line = np.flatnonzero(owner >= 0)
     sat = _sat(lines.column(0)[line], lines.column(1)[line], lines.column(2)[line])
     known = sat > 0
