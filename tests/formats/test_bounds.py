@@ -36,7 +36,7 @@ from skyproof.remarks import Remark
 from skyproof.simulator.scenario import parse_scenario, read_scenario
 
 TOML_READERS = (read_platform, read_scenario, read_sidecar)
-FILES = [name for name in READERS if name not in ("bytes", "any", "archive", "pieces")]
+FILES = [name for name in READERS if name not in ("bytes", "any", "archive")]
 SCENE = {
     "start_gpst": "2024-05-14T10:00:00",
     "duration_s": 60.0,

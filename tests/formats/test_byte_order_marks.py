@@ -49,7 +49,7 @@ def test_a_mark_within_a_gzip_file_is_taken(tmp_path, name):
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-be", "utf-32-be"])
-@pytest.mark.parametrize("name", DOORS)
+@pytest.mark.parametrize("name", [name for name in DOORS if name != "log"])  # which is known by its content
 def test_text_of_another_encoding_is_named(tmp_path, name, encoding):
     text = text_seeds(name)[0].decode("latin-1")
     content = ("" if encoding == "utf-16" else "\ufeff") + text
