@@ -92,7 +92,15 @@ def test_lnav_frames_give_what_was_encoded() -> None:
 
 @pytest.mark.parametrize(
     ("early_s", "open_s", "mistimed"),
-    [(0.0, 0.0, 0), (60.0, 0.0, 1), (60.0, 80.0, 0), (60.0, np.nan, 0), (-60.0, 0.0, 1), (-60.0, 80.0, 1)],
+    [
+        (0.0, 0.0, 0),
+        (60.0, 0.0, 1),
+        (60.0, 80.0, 0),
+        (60.0, np.nan, 0),
+        (-60.0, 0.0, 1),
+        (-60.0, 80.0, 1),
+        (60.0, -9.0, 0),
+    ],
 )
 def test_a_frame_is_mistimed_only_where_its_time_is_known(early_s: float, open_s: float, mistimed: int) -> None:
     """As where a log has lost the epochs beside a frame."""

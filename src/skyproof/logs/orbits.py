@@ -126,7 +126,8 @@ class OrbitCollector:
         Where a log has lost the epochs beside a frame, minutes may lie between the last time before it and its own.
         """
         off_s = (ahead_s + 0.5 * SECONDS_PER_WEEK) % SECONDS_PER_WEEK - 0.5 * SECONDS_PER_WEEK
-        if (off_s < -_TIME_OFF_S or off_s > open_s + _TIME_OFF_S) and len(self._mistimed) < _MOST_KEPT:
+        is_known = open_s >= 0.0  # neither at the end of what was read, nor where parts of a log were put out of order
+        if is_known and not -_TIME_OFF_S <= off_s <= open_s + _TIME_OFF_S and len(self._mistimed) < _MOST_KEPT:
             self._mistimed.append((gpst, sat))
 
     def _ionosphere_of(self, subframe: Subframe, week: int) -> None:
