@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Booleans, Instants, Integers, Octets, Reals
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import FASTEST_M_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.lnav import words_hold
 from skyproof.gnss.signals import carrier_hz_of, frequency_number_of, rinex_signal
 from skyproof.gnss.time import GPS_EPOCH, gpst_from_utc, leap_seconds
@@ -490,7 +490,7 @@ class _PhoneClock:
         """
         more = max(int(signal.max(initial=-1)) + 1 - len(self._last), 0)
         self._last = np.vstack([self._last, np.full((more, 4), np.nan)])
-        kept = np.flatnonzero((signal >= 0) & np.isfinite(code_m) & np.isfinite(rate_m_s))
+        kept = np.flatnonzero((signal >= 0) & np.isfinite(code_m) & (np.abs(rate_m_s) <= FASTEST_M_S))
         order = kept[np.argsort(signal[kept], kind="stable")]
         since_s = (label_ns - (self._since_ns[0] if self._since_ns else 0)) * 1e-9
         rows = np.stack([since_s, part, code_m, rate_m_s], axis=1)[order]
