@@ -736,8 +736,8 @@ class SpinArm:
     rate_sigma_rad_s: float = 0.0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class FrontEndLevels:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class FrontEndLevels(ShortRepr):
     """Levels that the receiver measured in its front end; NaN where it gives none.
 
     gpst : (n,). band : (n,) text, such as "L1", "L2L5", or a receiver's own name of the chain. agc_db : (n,) gain of
@@ -764,8 +764,8 @@ class FrontEndLevels:
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ReceiverFixes:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ReceiverFixes(ShortRepr):
     """Positions, velocities and clocks that the receiver computed itself; NaN where it gives none.
 
     gpst : (n,) of the fix. position_ecef_m, velocity_ecef_m_s : (n, 3). horizontal_sigma_m, vertical_sigma_m : (n,) as

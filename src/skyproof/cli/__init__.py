@@ -43,7 +43,7 @@ COMMANDS = {
     ),
     "inspect": (
         "FILE [OPTIONS]",
-        "Say what is in a recording, and whether it is usable: levels, lines, satellites, lost samples, oscillator.",
+        "Say what is in a recording, log or observation file, whether it is usable, and what would make it stronger.",
         AFTER_DEMO + "skyproof inspect demo/bow.bin",
     ),
     "receive": (

@@ -1,5 +1,6 @@
 """From whole observations to windows of records, and what every detector says of each."""
 
+import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
@@ -178,10 +179,12 @@ class Windows:
 
     @property
     def mean_s(self) -> float:
-        """Length at the mean of those that hold epochs, seconds: less than is asked where breaks cut windows short."""
+        """Mean length of the windows that hold epochs, s: less than asked where breaks cut them; NaN without any."""
+        if not self.run.observations:
+            return math.nan
         edges = np.array(self.edges)
         inside = [np.searchsorted(edges, o.gpst, side="right") - 1 for o in self.run.observations]
-        occupied = np.unique(np.clip(np.concatenate(inside), 0, len(self) - 1)) if inside else np.arange(len(self))
+        occupied = np.unique(np.clip(np.concatenate(inside), 0, len(self) - 1))
         return float(np.mean(seconds_between(edges[occupied + 1], edges[occupied])))
 
     def __iter__(self) -> Iterator[Records]:
