@@ -27,7 +27,7 @@ BIN = Path(sys.executable).parent
 WIDTH = 84
 LONGEST = 1500
 """Characters of an object that has no better way to show itself."""
-STUDY_ROOMS = ("studies", "detectors", "statistics", "navigation", "simulator", "gnss", "records.py", "report/chart.py")
+STUDY_ROOMS = ("studies", "detectors", "statistics", "navigation", "simulator", "gnss", "records", "report/chart.py")
 """What the rows and charts of a study depend on; everything else may change without making them anew."""
 
 

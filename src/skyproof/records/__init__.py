@@ -1,0 +1,82 @@
+"""The vocabulary: what flows between the rooms.
+
+Frozen dataclasses of arrays, time along axis 0, channels along axis 1, NaN where there is nothing, units in the names.
+An instant is a label: `numpy.datetime64[ns]` read as GPS time (no leap seconds, no zone). A measurement is never the
+difference of two labels. Frames are ECEF WGS-84 unless a name says otherwise; angles are radians unless a name says
+deg.
+
+Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views; the caller's arrays stay writable.
+"""
+
+from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
+from skyproof.records.correlations import Asked, Ccaf, CcafAsked, Stretched, Taps, TapsAsked
+from skyproof.records.estimates import Baseline, Direction, InterferenceSign, NoiseRise, OverlappingSkies
+from skyproof.records.findings import Cause, Evidence, Null, Says, StatementTest, WrongStatement
+from skyproof.records.fixes import FIX_STATUS, ConsistentSet, Fix, FixStatus
+from skyproof.records.measurements import (
+    CELL_STATUS,
+    OBSERVABLES,
+    ArrayPhases,
+    CellStatus,
+    ObservationLog,
+    Observations,
+)
+from skyproof.records.platform import AntennaArray, Attitude, ImuSeries, NavState, SpinArm
+from skyproof.records.receiver_words import FrontEndLevels, ReceivedMessages, ReceiverFixes
+from skyproof.records.samples import MeasurementSource, OpenFile, SampleGap, Samples
+from skyproof.records.shapes import freeze
+from skyproof.records.signals import BY_NAME, SignalId, SignalRef
+from skyproof.records.window import Holding, Need, Records
+
+__all__ = [
+    "BY_NAME",
+    "CELL_STATUS",
+    "FIX_STATUS",
+    "OBSERVABLES",
+    "AntennaArray",
+    "ArrayPhases",
+    "Asked",
+    "Attitude",
+    "Baseline",
+    "Cause",
+    "Ccaf",
+    "CcafAsked",
+    "CellStatus",
+    "ConsistentSet",
+    "Direction",
+    "Ephemeris",
+    "Evidence",
+    "Fix",
+    "FixStatus",
+    "FrontEndLevels",
+    "Holding",
+    "ImuSeries",
+    "InterferenceSign",
+    "Klobuchar",
+    "MeasurementSource",
+    "NavState",
+    "NavigationData",
+    "Need",
+    "NoiseRise",
+    "Null",
+    "ObservationLog",
+    "Observations",
+    "OpenFile",
+    "OverlappingSkies",
+    "ReceivedMessages",
+    "ReceiverFixes",
+    "Records",
+    "SampleGap",
+    "Samples",
+    "Says",
+    "SignalId",
+    "SignalRef",
+    "SpinArm",
+    "StatementTest",
+    "Stretched",
+    "Taps",
+    "TapsAsked",
+    "UtcParameters",
+    "WrongStatement",
+    "freeze",
+]

@@ -1,0 +1,51 @@
+"""Name a signal, and a signal in one receiver."""
+
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Final
+
+from skyproof.gnss.signals import time_scale_of
+
+__all__ = [
+    "BY_NAME",
+    "SignalId",
+    "SignalRef",
+]
+
+
+@dataclass(frozen=True, order=True, slots=True)
+class SignalId:
+    """One received signal. `copy` numbers several signals of one satellite in order of finding, nothing more."""
+
+    sat: str  # "G05"
+    band: str = "L1"
+    code: str = "CA"
+    copy: str = "a"
+
+    @property
+    def transmission(self) -> tuple[str, str, str]:
+        """What a satellite sends once and a receiver may receive several times: satellite, band, code."""
+        return self.sat, self.band, self.code
+
+    @property
+    def kind(self) -> tuple[str, str, str]:
+        """What takes one way through a receiver: time scale, band, code. All signals of a kind share its delay."""
+        return time_scale_of(self.sat), self.band, self.code
+
+    def __str__(self) -> str:
+        return f"{self.sat} {self.band} {self.code} {self.copy}"
+
+
+BY_NAME: Final = attrgetter("sat", "band", "code", "copy")
+"""Key that sorts signals as they compare, and faster."""
+
+
+@dataclass(frozen=True, order=True, slots=True)
+class SignalRef:
+    """A signal in one receiver."""
+
+    receiver: str
+    signal: SignalId
+
+    def __str__(self) -> str:
+        return f"{self.receiver}:{self.signal}"

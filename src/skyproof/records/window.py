@@ -1,0 +1,78 @@
+"""Hold all that is known of one window, and name what a detector may need of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from skyproof.gnss.ephemeris import NavigationData
+from skyproof.records.correlations import Ccaf, Taps
+from skyproof.records.fixes import ConsistentSet
+from skyproof.records.measurements import ArrayPhases, Observations
+from skyproof.records.platform import NavState, SpinArm
+from skyproof.records.receiver_words import FrontEndLevels, ReceivedMessages, ReceiverFixes
+from skyproof.short_repr import ShortRepr
+
+__all__ = [
+    "Holding",
+    "Need",
+    "Records",
+]
+
+
+class Need(StrEnum):
+    """What a detector may need of a window. All but `TWO_RECEIVERS` are fields of `Records`."""
+
+    OBSERVATIONS = "observations"
+    TWO_RECEIVERS = "two_receivers"
+    NAVIGATION = "navigation"
+    SETS = "sets"
+    TAPS = "taps"
+    VECTOR_TAPS = "vector_taps"
+    CCAF = "ccaf"
+    ARRAY_PHASES = "array_phases"
+    NAV_STATE = "nav_state"
+    SPIN_ARMS = "spin_arms"
+    OWN_FIXES = "own_fixes"
+
+
+class Holding:
+    """What says which needs it meets: fields are named as they are."""
+
+    observations: tuple[Any, ...]
+
+    def has(self, need: Need) -> bool:
+        """Whether what a detector needs is there."""
+        if need is Need.TWO_RECEIVERS:
+            return len({o.receiver for o in self.observations}) >= 2
+        value = getattr(self, need)
+        return value is not None and value != () and value != {}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Records(ShortRepr, Holding):
+    """All that is known of one window, for detectors to look at. A detector declares which of these it needs.
+
+    sets : of each receiver, what was found in `observations`. taps, array_phases : of the receivers that have them.
+    vector_taps : of receivers whose channels all follow one position. ccaf : correlation grids.
+    nav_state : of the body that carries all antennas, by receiver, with the place of its antenna. spin_arms : of the
+        receivers whose antenna turns. levels : of the front ends, own_fixes : that the receivers computed themselves,
+        both by receiver.
+    """
+
+    start_gpst: np.datetime64
+    end_gpst: np.datetime64
+    observations: tuple[Observations, ...] = ()
+    navigation: NavigationData | None = None
+    sets: tuple[ConsistentSet, ...] = ()
+    taps: tuple[Taps, ...] = ()
+    vector_taps: tuple[Taps, ...] = ()
+    ccaf: tuple[Ccaf, ...] = ()
+    array_phases: tuple[ArrayPhases, ...] = ()
+    nav_state: Mapping[str, NavState] = field(default_factory=dict)
+    spin_arms: tuple[SpinArm, ...] = ()
+    levels: Mapping[str, FrontEndLevels] = field(default_factory=dict)
+    messages: Mapping[str, ReceivedMessages] = field(default_factory=dict)
+    own_fixes: Mapping[str, ReceiverFixes] = field(default_factory=dict)
