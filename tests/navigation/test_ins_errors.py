@@ -13,7 +13,6 @@ from skyproof.navigation.ins_errors import (
     error_covariance,
     restarted,
     start_covariance,
-    updated,
     with_covariance,
 )
 from skyproof.navigation.strapdown import strapdown, strapdown_paths
@@ -170,16 +169,6 @@ def test_units_of_wrong_gains_drift_as_the_model_says_on_a_way_with_turns():
         error = np.concatenate((places[-1] - at.position_ecef_m[-1], speeds[-1] - at.velocity_ecef_m_s[-1]))
         squares.append(error @ np.linalg.solve(predicted, error))
     assert np.mean(squares) == pytest.approx(6.0, abs=4 * np.sqrt(12 / 150))
-
-
-def test_an_update_leaves_what_the_measurement_leaves():
-    rng = np.random.default_rng(3)
-    root = rng.standard_normal((4, 6, 6))
-    before = root @ np.swapaxes(root, -1, -2)
-    sensitivity, noise = rng.standard_normal((2, 6)), np.diag([0.5, 2.0])
-    _, after = updated(before, sensitivity, noise, np.zeros((4, 2)))
-    information = np.linalg.inv(before) + sensitivity.T @ np.linalg.inv(noise) @ sensitivity
-    assert np.allclose(after, np.linalg.inv(information), rtol=1e-6, atol=1e-9)
 
 
 def test_a_restart_with_velocity_puts_tilt_and_biases_right_too():

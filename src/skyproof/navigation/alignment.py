@@ -38,12 +38,13 @@ from skyproof.navigation.ins import (
     put_right,
     without_errors,
 )
-from skyproof.navigation.ins_errors import STATES, transitions, updated
+from skyproof.navigation.ins_errors import STATES, transitions
 from skyproof.navigation.ins_updates import by_fix, by_gravity, by_heading, by_rest
 from skyproof.navigation.known import Known, known
 from skyproof.navigation.strapdown import strapdown, strapdown_paths
 from skyproof.records import ImuSeries, NavState
 from skyproof.statistics.distributions import chi_square_survival
+from skyproof.statistics.kalman import kalman_update
 
 __all__ = ["Alignment", "align_moving", "align_standing", "heading_sigma_rad"]
 
@@ -218,10 +219,9 @@ def _batch(
         for fix in (fixes[int(k)] for k in np.flatnonzero(rows == knot)):
             seen = by_fix(state, fix, settings)
             unexpected = seen.innovation - seen.sensitivity @ wrong
-            spread = seen.sensitivity @ covariance @ seen.sensitivity.T + seen.noise
-            nis, dof = nis + float(unexpected @ np.linalg.solve(spread, unexpected)), dof + unexpected.size
-            more, covariance = updated(covariance, seen.sensitivity, seen.noise, unexpected)
-            wrong = wrong + more
+            update = kalman_update(covariance, seen.sensitivity, seen.noise, unexpected)
+            wrong, covariance = wrong + update.change, update.covariance
+            nis, dof = nis + float(update.statistic), dof + unexpected.size
     return put_right(state, wrong, covariance), nis, dof
 
 

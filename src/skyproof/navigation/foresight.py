@@ -16,6 +16,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import Oscillator
 from skyproof.navigation.known import KNOWN, Known, without
 from skyproof.navigation.prediction import standing_still
+from skyproof.statistics.kalman import kalman_update
 
 __all__ = ["Foresight", "SkyFix", "Standing", "surveyed"]
 
@@ -141,11 +142,10 @@ def _updated(before: Known, fix: Known, seen: Indices) -> Known:
     there = before.there
     h = (there[None, :] == seen[:, None]).astype(np.float64)
     p, r = before.covariance[np.ix_(there, there)], fix.covariance[np.ix_(seen, seen)]
-    gain = np.linalg.solve(h @ p @ h.T + r, h @ p).T
+    update = kalman_update(p, h, r, fix.mean[seen] - before.mean[seen])
     mean, covariance = before.mean.copy(), before.covariance.copy()
-    mean[there] += gain @ (fix.mean[seen] - mean[seen])
-    kept = np.eye(there.size) - gain @ h
-    covariance[np.ix_(there, there)] = kept @ p @ kept.T + gain @ r @ gain.T
+    mean[there] += update.change
+    covariance[np.ix_(there, there)] = update.covariance
     return Known(gpst=fix.gpst, mean=mean, covariance=covariance)
 
 

@@ -27,9 +27,10 @@ from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.oscillators import Oscillator, clock_step
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.inertia import FreeRun, coast, turn_and_tilt
-from skyproof.navigation.ins_errors import GAINS, STATES, start_covariance, updated
+from skyproof.navigation.ins_errors import GAINS, STATES, start_covariance
 from skyproof.records import ImuSeries, NavState
 from skyproof.statistics.distributions import chi_square_survival
+from skyproof.statistics.kalman import kalman_update
 
 __all__ = [
     "ACCELEROMETER",
@@ -268,13 +269,13 @@ def corrected(
     false_alarm_probability : if less than that is the chance of so bad a fit, the measurement is left out.
     """
     h, y = measurement.sensitivity, measurement.innovation
-    spread = h @ state.covariance @ h.T + measurement.noise
-    nis = float(y @ np.linalg.solve(spread, y))
+    update = kalman_update(state.covariance, h, measurement.noise, y)
+    nis = float(update.statistic)
     p_value = float(chi_square_survival(nis, y.size))
     fit = Innovation(nis=nis, dof=y.size, p_value=p_value, used=p_value >= false_alarm_probability)
     if not fit.used:
         return state, fit
-    return put_right(state, *updated(state.covariance, h, measurement.noise, y)), fit
+    return put_right(state, update.change, update.covariance), fit
 
 
 def put_right(state: InsState, wrong: Reals, covariance: Reals) -> InsState:

@@ -32,6 +32,7 @@ from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import seconds_between
 from skyproof.records import NavState
+from skyproof.statistics.kalman import kalman_update
 
 __all__ = [
     "GAINS",
@@ -41,7 +42,6 @@ __all__ = [
     "skew",
     "start_covariance",
     "transitions",
-    "updated",
     "with_covariance",
 ]
 
@@ -142,20 +142,6 @@ def with_covariance(path: NavState, covariance: Reals) -> NavState:
     return replace(path, covariance=covariance[:, :9, :9])
 
 
-def updated(covariance: Reals, sensitivity: ArrayLike, noise: ArrayLike, innovation: ArrayLike) -> tuple[Reals, Reals]:
-    """Kalman's update: estimates (..., s) of the errors and the covariance (..., s, s) of what is left of them.
-
-    sensitivity : (..., m, s) of the measured errors to the states; noise : (..., m, m); innovation : (..., m), what the
-    navigator says minus what was measured. Joseph's form, which stays positive.
-    """
-    h, r = np.asarray(sensitivity, np.float64), np.asarray(noise, np.float64)
-    h_t = np.swapaxes(h, -1, -2)
-    gain = np.swapaxes(np.linalg.solve(h @ covariance @ h_t + r, h @ covariance), -1, -2)
-    kept = np.eye(covariance.shape[-1]) - gain @ h
-    after = kept @ covariance @ np.swapaxes(kept, -1, -2) + gain @ r @ np.swapaxes(gain, -1, -2)
-    return np.asarray((gain @ np.asarray(innovation, np.float64)[..., None])[..., 0]), np.asarray(after)
-
-
 def restarted(
     state: NavState,
     covariance: Reals,
@@ -179,7 +165,7 @@ def restarted(
             raise ValueError("a velocity without its covariance; give both")
         misfit = np.concatenate((misfit, state.velocity_ecef_m_s[-1] - np.asarray(velocity_ecef_m_s, np.float64)))
         noise = scipy.linalg.block_diag(noise, np.asarray(velocity_covariance_m2_s2, np.float64))
-    wrong, after = updated(covariance, sensitivity, noise, misfit)
+    wrong, after, *_ = kalman_update(covariance, sensitivity, noise, misfit)
     attitude = scipy.linalg.expm(-skew(wrong[6:9])) @ state.attitude[-1]
     better = NavState(
         gpst=state.gpst[-1:],

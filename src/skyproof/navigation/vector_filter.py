@@ -24,6 +24,7 @@ from skyproof.navigation.filter_state import CLOCK, CORE, DRIFT, POSITION, VELOC
 from skyproof.navigation.least_squares import design_matrix, line_of_sight, spd_inverse
 from skyproof.navigation.vector_sky import SkyEpoch
 from skyproof.statistics.distributions import chi_square_threshold
+from skyproof.statistics.kalman import kalman_update
 
 __all__ = [
     "Expected",
@@ -197,11 +198,16 @@ def updated(
             assumed[np.ix_(places, places)] += judged.factor * judged.covariance
     mean, covariance = state.mean, state.covariance
     if misfit.size:
-        gain = np.linalg.solve(rows @ assumed @ rows.T + np.diag(factor * variance), rows @ assumed).T
-        mean = mean + gain @ misfit
-        # Of what comes at random: a misfit that stays is no noise.
-        rest = np.eye(CORE) - gain @ rows
-        covariance = rest @ covariance @ rest.T + (gain * variance) @ gain.T
+        # The covariance is of what comes at random: a misfit that stays is no noise.
+        update = kalman_update(
+            covariance,
+            rows,
+            np.diag(variance),
+            misfit,
+            assumed_covariance=assumed,
+            assumed_noise=np.diag(factor * variance),
+        )
+        mean, covariance = mean + update.change, update.covariance
     misses = state.misses + 1 if by_range.contradicts or by_rate.contradicts else 0
     after = replace(state, mean=mean, covariance=covariance, misses=misses)
     moved = mean - state.mean  # by 100 m: straight to a millimetre

@@ -17,12 +17,13 @@ from skyproof.arrays import Instants, Reals
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES, ImuGrade
 from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
-from skyproof.navigation.ins_errors import STATES, error_covariance, start_covariance, updated
+from skyproof.navigation.ins_errors import STATES, error_covariance, start_covariance
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import NavState
 from skyproof.simulator.inertial import inertial
 from skyproof.simulator.trajectories import las_vegas, las_vegas_false
 from skyproof.statistics.gauss_markov import gauss_markov_step
+from skyproof.statistics.kalman import kalman_update
 from skyproof.studies.base import Row, StudySettings
 from skyproof.studies.exclusion import choose_fix, wrong_choice_probability, wrong_choice_rule
 
@@ -328,7 +329,7 @@ def _covariance_after(covariance: Reals, taken: str, grade: ImuGrade) -> Reals:
         after[:3, :] = after[:, :3] = 0.0
         after[:3, :3] = noise
     else:
-        _, after = updated(covariance, sensitivity, noise, np.zeros(len(noise)))
+        after = kalman_update(covariance, sensitivity, noise, np.zeros(len(noise))).covariance
     path, rest = _approach().path, slice(_RESTART_S, None)
     ahead = NavState(
         gpst=path.gpst[rest],
@@ -354,7 +355,7 @@ def _restarted(flown: _Flown, covariance: Reals, taken: str, grade: ImuGrade, rn
     if taken == "set":
         wrong[:, :3] = misfit
     else:
-        wrong, _ = updated(covariance, sensitivity, noise, misfit)
+        wrong = kalman_update(covariance, sensitivity, noise, misfit).change
     elapsed_s = (np.arange(flown.force.shape[1] - k) + 0.5) / _RATE_HZ
     fading = np.exp(-elapsed_s / grade.correlation_s)[:, None]
     bias = wrong[:, None, 9:15] + fading * wrong[:, None, 15:21]

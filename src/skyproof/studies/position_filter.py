@@ -38,6 +38,7 @@ from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scale
 from skyproof.records import CellStatus, Fix, FixStatus, NavigationData, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_threshold
+from skyproof.statistics.kalman import kalman_update
 
 __all__ = ["FilterSettings", "FilterState", "Filtered", "step"]
 
@@ -505,16 +506,14 @@ class _Problem:
         """The state with the measurements in it; linearised again while the position moves far."""
         at, design, innovation = self.mean, self.design[self.on], self.innovation[self.on]
         for _ in range(3):
-            spread = design @ self.covariance @ design.T + np.diag(self.variance[self.on])
-            gain = linalg.solve(spread, design @ self.covariance, assume_a="pos").T
-            mean = self.mean + gain @ innovation
+            update = kalman_update(self.covariance, design, np.diag(self.variance[self.on]), innovation)
+            mean = self.mean + update.change
             if np.linalg.norm(mean[POSITION] - at[POSITION]) < _FAR_M:
                 break
             at = mean
             innovation, design = (part[self.on] for part in self._linear(at))
             innovation = innovation - design @ (self.mean - at)
-        kept = np.eye(mean.size) - gain @ design  # Joseph's form: positive whatever the rounding of the gain
-        covariance = kept @ self.covariance @ kept.T + (gain * self.variance[self.on]) @ gain.T
+        covariance = update.covariance
         carried = self.state.carried.copy()
         carried[self.index[self.of[self.carriers]]] = self.state.gpst
         return replace(self.state, mean=mean, covariance=0.5 * (covariance + covariance.T), carried=carried)
