@@ -1,8 +1,9 @@
-"""Are there codes that no orbit explains, of more satellites than fail at once?
+"""Are there codes that no orbit explains, of more satellites than fail at once, or satellites that change places?
 
 A receiver that true and false signals pull about writes fragments: a code whole milliseconds off, negative ranges,
 ranges of another satellite, for an epoch or two, of other satellites each time. A position filter leaves them out one
-by one. Here they are counted together.
+by one. Here they are counted together. So are satellites that take each other's place from epoch to epoch, whatever
+their codes are (`exchange`). The smaller of the two p-values, doubled, is the test's.
 
 Model. A code that is off from where its satellite stands by more than a reflection can make it, seen from the last good
 fix of the others and with the receiver's clock of then, is a stray; so is one that no receiver measures. A satellite or
@@ -12,20 +13,23 @@ the last good fix is taken off: no farther than the largest speed leads, nor tha
 where the last velocity does.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.code_motion.detector import primary_signals
+from skyproof.detectors.torn.exchange import Exchange, ExchangePast, examine_exchange
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.records import (
+    Cause,
     CellStatus,
     Evidence,
     FixStatus,
@@ -92,8 +96,26 @@ class _Anchor:
     motion_sigma_m_s: float
 
 
+class _Strays(NamedTuple):
+    """Satellites with stray codes, of how many, the chance of so many, and since when."""
+
+    signals: tuple[SignalId, ...]
+    of: int
+    p_value: float
+    since: np.datetime64
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Past:
+    """What is remembered of a receiver: its last good fix, and which satellites it tracked."""
+
+    end_s: float
+    anchor: _Anchor | None
+    exchange: ExchangePast
+
+
 class Torn:
-    """The detector: see the module's text. It remembers the last good fix of each receiver."""
+    """The detector: see the module's text. It remembers the last good fix and the satellites of each receiver."""
 
     name = "torn"
     share = 0.0  # it never speaks of an attack
@@ -107,38 +129,54 @@ class Torn:
         lacking = missing(self, records)
         if lacking or records.navigation is None:
             return lacking, state
-        anchors: dict[str, _Anchor] = dict(state or {})
+        pasts: dict[str, _Past] = dict(state or {})
         found = []
         for o in records.observations:
-            before = anchors.get(o.receiver)
-            if before is not None and before.elapsed_s >= o.elapsed_s[0]:
-                before = None  # another recording
-            evidence, after = self._receiver(records, records.navigation, o, before)
+            before = pasts.get(o.receiver)
+            if before is None or before.end_s >= o.elapsed_s[0]:  # the first window, or another recording
+                before = _Past(end_s=-np.inf, anchor=None, exchange=ExchangePast())
+            evidence, pasts[o.receiver] = self._receiver(records, records.navigation, o, before)
             found.append(evidence)
-            if after is not None:
-                anchors[o.receiver] = after
-        return found, anchors
+        return found, pasts
 
     def _receiver(
-        self, records: Records, navigation: NavigationData, o: Observations, before: _Anchor | None
-    ) -> tuple[Evidence, _Anchor | None]:
-        subject = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+        self, records: Records, navigation: NavigationData, o: Observations, before: _Past
+    ) -> tuple[Evidence, _Past]:
+        exchange, after = examine_exchange(o, before.exchange)
         signals = primary_signals(o)
-        if signals is None:
-            because = f"a satellite is received twice in {o.receiver}: which codes belong together is open"
-            need = "one signal of each satellite"
-            return undecided(self, records, subject, because=because, would_need=need, code="received_twice"), before
+        strays, anchor = (None, before.anchor)
+        if signals is not None:
+            strays, anchor = self._strays_of(o, navigation, signals, before.anchor)
+        past = _Past(end_s=float(o.elapsed_s[-1]), anchor=anchor, exchange=after)
+        tests = [test.p_value for test in (strays, exchange) if test is not None]
+        p_value = min(1.0, len(tests) * min(tests, default=1.0))
+        if strays is not None or p_value < self.settings.false_alarm_probability:
+            return self._judged(records, o, strays, exchange, p_value), past
+        subject = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+        because = f"a satellite is received twice in {o.receiver}: which codes belong together is open"
+        need, code = "one signal of each satellite", "received_twice"
+        if signals is not None:
+            because = f"no epoch of {o.receiver} so far has a position with two satellites to spare"
+            need, code = "six or more satellites with pseudoranges and orbits", "no_good_fix"
+        return undecided(self, records, subject, because=because, would_need=need, code=code), past
+
+    def _strays_of(
+        self, o: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], before: _Anchor | None
+    ) -> tuple[_Strays | None, _Anchor | None]:
+        """Return the satellites with stray codes, None where no fix tells, and the last good fix."""
         anchors = self._anchors(o, navigation, signals, before)
         columns = [o.column_of[signal] for signal in signals]
-        stray = np.asarray(o.status[:, columns] == CellStatus.IMPOSSIBLE)
+        impossible = np.asarray(o.status[:, columns] == CellStatus.IMPOSSIBLE)
+        stray = impossible.copy()
         if any(anchor is not None for anchor in anchors):
             stray |= self._strays(o, navigation, signals, anchors)
         elif not stray.any():
-            because = f"no epoch of {o.receiver} so far has a position with two satellites to spare"
-            need = "six or more satellites with pseudoranges and orbits"
-            evidence = undecided(self, records, subject, because=because, would_need=need, code="no_good_fix")
-            return evidence, before
-        return self._judged(records, o, signals, stray), anchors[-1] or before
+            return None, before
+        n = int((o.measured[:, columns] | impossible).any(axis=0).sum())
+        torn = tuple(signal for k, signal in enumerate(signals) if stray[:, k].any())
+        p_value = float(binomial_survival(len(torn), max(n, 1), self.settings.fault_probability))
+        since = o.gpst[int(stray.any(axis=1).argmax())]
+        return _Strays(torn, n, p_value, since), anchors[-1] or before
 
     def _anchors(
         self, o: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], before: _Anchor | None
@@ -211,19 +249,25 @@ class Torn:
         beyond = np.abs(range_m - distance_m) > reach_m[:, None]
         return np.asarray(beyond | (np.abs(range_m - carried_m) > carried_reach_m[:, None]))
 
-    def _judged(self, records: Records, o: Observations, signals: tuple[SignalId, ...], stray: Booleans) -> Evidence:
-        columns = [o.column_of[signal] for signal in signals]
-        measured = o.measured[:, columns] | (o.status[:, columns] == CellStatus.IMPOSSIBLE)
-        n = int(measured.any(axis=0).sum())
-        torn = [signal for k, signal in enumerate(signals) if stray[:, k].any()]
-        p_value = float(binomial_survival(len(torn), max(n, 1), self.settings.fault_probability))
-        alpha = self.settings.false_alarm_probability
-        failed = p_value < alpha
-        because = f"codes of {len(torn)} of {n} satellites in {o.receiver} are where no orbit explains them"
-        if failed:
-            names = ", ".join(signal.sat for signal in torn[:_NAMED])
-            because += f" ({names}{'' if len(torn) <= _NAMED else f' and {len(torn) - _NAMED} more'})"
-        chosen = torn if failed else signals
+    def _judged(
+        self, records: Records, o: Observations, strays: _Strays | None, exchange: Exchange | None, p_value: float
+    ) -> Evidence:
+        by_codes = exchange is None or (strays is not None and strays.p_value <= exchange.p_value)
+        failed = p_value < self.settings.false_alarm_probability
+        chosen = o.signals
+        if by_codes and strays is not None:
+            since, statistic = strays.since, float(len(strays.signals))
+            because = f"codes of {len(strays.signals)} of {strays.of} satellites in {o.receiver} are where no orbit "
+            because += "explains them" + (_names([s.sat for s in strays.signals]) if failed else "")
+            chosen = strays.signals if failed else chosen
+        elif exchange is not None:
+            since, statistic = exchange.began, float(exchange.exchanged)
+            because = (
+                f"from epoch to epoch {exchange.exchanged} of {exchange.tracked} tracked satellites in {o.receiver} "
+            )
+            because += "give way to others" + (_names(exchange.satellites) if failed else "")
+            chosen = tuple(s for s in chosen if s.sat in exchange.satellites) if failed else chosen
+        causes: tuple[Cause, ...] = ("interference", "fault") if by_codes else ("shade", "interference", "fault")
         return Evidence(
             detector=self.name,
             start_gpst=records.start_gpst,
@@ -231,14 +275,19 @@ class Torn:
             subject=tuple(SignalRef(o.receiver, signal) for signal in chosen),
             says="undecided" if failed else "clean",
             because=because,
-            statistic=float(len(torn)),
+            statistic=statistic,
             p_value=p_value,
-            false_alarm_probability=alpha,
+            false_alarm_probability=self.settings.false_alarm_probability,
             overrules=failed,
-            dated_gpst=o.gpst[int(stray.any(axis=1).argmax())] if failed else None,
-            may_also_be=("interference", "fault") if failed else (),
+            dated_gpst=since if failed else None,
+            may_also_be=causes if failed else (),
             would_need="the recording of the samples, or another receiver" if failed else None,
         )
+
+
+def _names(sats: Sequence[str]) -> str:
+    more = "" if len(sats) <= _NAMED else f" and {len(sats) - _NAMED} more"
+    return f" ({', '.join(sats[:_NAMED])}{more})"
 
 
 def _moved(found: _Anchor, last: _Anchor | None, settings: TornSettings) -> _Anchor:
