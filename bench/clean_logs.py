@@ -20,11 +20,12 @@ from rows import Row, parser_of, rows_of
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs
+from skyproof.app.protect.document import Outcome
 from skyproof.app.protect.run import judge
 from skyproof.app.receive.inputs import following_antennas
-from skyproof.app.receive.observed import observed
-from skyproof.errors import SkyproofError
-from skyproof.records import Observations
+from skyproof.app.receive.observed import ObservedFile, observed
+from skyproof.errors import InputError, SkyproofError
+from skyproof.records import NavigationData, ObservationLog, Observations
 
 LEAST_EPOCHS: Final = 10
 SEED: Final = 47
@@ -32,19 +33,15 @@ SEED: Final = 47
 
 def row_of(name: str) -> Row:
     """Make the row of a name such as "walk-0", the whole log, or "walk-17", a cut."""
-    log, _, number = name.rpartition("-")
+    log = name.rpartition("-")[0]
     try:
         source, navigation = open_real(log)
     except SkyproofError as error:
         return {"name": name, "verdict": "refused", "why": str(error)[:200], "hours": 0.0, "failed": []}
-    o = source.observations.read(0, source.observations.gpst.size)
-    if int(number):
-        o = draw_cut(o, np.random.default_rng([SEED, list(LOGS).index(log), int(number)]), int(number))
+    o = cut_of(name, source.observations)
     row: Row = {"name": name, "epochs": int(o.gpst.size), "hours": float(o.elapsed_s[-1]) / 3600.0, "failed": []}
     try:
-        reception = observed(replace(source, observations=o))
-        settings = following_epochs(following_antennas(Settings(), [source]), [reception.observations])
-        outcome, _ = judge([reception], navigation, settings, Silent())
+        outcome = judged(source, o, navigation)
     except SkyproofError as error:
         return row | {"verdict": "refused", "why": str(error)[:200]}
     failed = [e for e in outcome.evidence if e.failed or e.says in ("attack", "spoofed")]
@@ -52,6 +49,32 @@ def row_of(name: str) -> Row:
         "verdict": outcome.decision.verdict,
         "failed": sorted({f"{e.detector}: {e.because} (p {e.p_value:.2g})" for e in failed}),
     }
+
+
+def outcome_of(name: str) -> Outcome:
+    """Judge the log of a name, whole or cut."""
+    source, navigation = open_real(name.rpartition("-")[0])
+    return judged(source, cut_of(name, source.observations), navigation)
+
+
+def cut_of(name: str, whole: ObservationLog) -> Observations:
+    """Return the epochs that the name asks for."""
+    log, _, number = name.rpartition("-")
+    o = whole.read(0, whole.gpst.size)
+    return (
+        draw_cut(o, np.random.default_rng([SEED, list(LOGS).index(log), int(number)]), int(number))
+        if int(number)
+        else o
+    )
+
+
+def judged(source: ObservedFile, o: Observations, navigation: NavigationData) -> Outcome:
+    """Judge a log as `protect` does."""
+    reception = observed(replace(source, observations=o))
+    if reception.observations is None:
+        raise InputError(f"{source.observations.receiver}: no epoch has a measurement")
+    settings = following_epochs(following_antennas(Settings(), [source]), [reception.observations])
+    return judge([reception], navigation, settings, Silent())[0]
 
 
 def draw_cut(o: Observations, rng: np.random.Generator, number: int) -> Observations:

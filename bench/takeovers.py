@@ -233,7 +233,7 @@ def examined(number: int, *, samples: bool = False, tracking: str = "scalar") ->
         "because": verdict.reason,
         "cpu_s": round(process_time() - begin, 1),
     }
-    return row | _words(drawn, scene, outcome) | _fixes(drawn, scene, outcome)
+    return row | _words(drawn, scene, outcome) | fixes_of(drawn, scene, outcome)
 
 
 def _by_samples(drawn: Drawn, scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
@@ -267,7 +267,7 @@ def _words(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _fixes(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
+def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
     """Trusted fixes against the truth; how long an ordinary receiver had a fix, and how far off it ended."""
     sky, (r,) = scene.skies[0], outcome.receivers
     row: dict[str, Any] = {"wrong": 0, "fixes": 0, "beyond": 0, "worst_m": None, "worst_bounds": None}

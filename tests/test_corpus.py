@@ -7,49 +7,116 @@ from pathlib import Path
 import pytest
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))  # benches import each other by bare names
-from corpus import differences, row_of
+from corpus import QUICK, QUICK_REAL, REAL, names_of
+from corpus_differences import differences
+from corpus_kinds import KINDS, row_of
+
+LEAST_DRAWN = 300
 
 
-@pytest.mark.parametrize("name", ["plain-1", "array-1-attack", "arm-1", "damaged-orbits-1"])
+@pytest.mark.parametrize("name", ["plain-1", "several-1", "array-1-attack", "arm-1-attack", "damaged-orbits-1"])
 def test_one_tree_says_the_same_twice(name: str) -> None:
     assert list(differences([row_of(name)], [row_of(name)])) == []
 
 
+def kinds(names: list[str] | tuple[str, ...]) -> set[str]:
+    return {name.partition("-")[0] for name in names}
+
+
+def test_the_quick_rows_are_of_every_kind() -> None:
+    without_samples = {kind for kind in KINDS if "samples" not in kind}
+    assert kinds(QUICK) == without_samples - set(REAL)
+    assert kinds(QUICK_REAL) == set(REAL)
+
+
+def test_the_whole_corpus_has_hundreds_of_scenes() -> None:
+    names = names_of()
+    assert len(names) == len(set(names))
+    assert sum(name.partition("-")[0] not in REAL for name in names) >= LEAST_DRAWN
+    assert kinds(names_of(samples=True)) >= set(KINDS) - set(REAL)
+
+
+@pytest.mark.shared_data
+def test_the_quick_rows_are_part_of_the_whole() -> None:
+    assert {*QUICK, *QUICK_REAL} <= set(names_of())
+
+
 ROW = {
     "name": "attack-1",
-    "truth": "captured",
     "runs": {
         "two": {
+            "truth": "captured",
             "word": "suspect",
             "labels": {"rx1 G01 L1 C/A 0-9": "unknown"},
             "places": {"rx1": [[1.0, 2.0, 3.0], [1.0, 2.0, 3.0]]},
+            "counts": {"wrong_labels": 1, "right_labels": 10, "wrong_fixes": 1, "right_fixes": 1},
             "p": {"residual 0.0": 0.5, "continuity 10.0": 1e-9},
+            "failed": {"continuity - undecided reflections": 1},
+            "interference": [],
         }
     },
 }
 
 
+def sorts(before: dict, **parts: object) -> list[str]:
+    after = copy.deepcopy(before)
+    for part, value in parts.items():
+        run = after["runs"]["two"]
+        run[part] = run[part] | value if part == "counts" else value
+    return [sort for sort, _ in differences([before], [after])]
+
+
 @pytest.mark.parametrize(
-    ("truth", "part", "value", "sort"),
+    ("truth", "word", "sort"),
     [
-        ("captured", "word", "spoofed", "better"),
-        ("captured", "word", "authentic", "worse"),
-        ("clean", "word", "authentic", "better"),
-        ("clean", "word", "spoofed", "worse"),
-        ("attack", "word", "spoofed", "other"),
-        ("captured", "labels", {"rx1 G01 L1 C/A 0-9": "spoofed"}, "other"),
-        ("captured", "places", {"rx1": [[1.0, 2.0, 3.0]]}, "other"),
-        ("captured", "places", {"rx1": [[1.0, 2.0, 3.0], [1.0, 2.0, 3.002]]}, "other"),
-        ("captured", "p", {"residual 0.0": 0.5, "continuity 10.0": 2e-9}, "other"),
+        ("captured", "spoofed", "better"),
+        ("captured", "authentic", "worse"),
+        ("clean", "authentic", "better"),
+        ("clean", "spoofed", "worse"),
+        ("attack", "spoofed", "other"),
     ],
 )
-def test_each_difference_is_listed_and_sorted(truth: str, part: str, value: object, sort: str) -> None:
-    before = copy.deepcopy(ROW) | {"truth": truth}
-    after = copy.deepcopy(before)
-    after["runs"]["two"][part] = value
-    assert [kind for kind, _ in differences([before], [after])] == [sort]
+def test_words_are_sorted_by_the_truth(truth: str, word: str, sort: str) -> None:
+    before = copy.deepcopy(ROW)
+    before["runs"]["two"]["truth"] = truth
+    assert sorts(before, word=word) == [sort]
+
+
+@pytest.mark.parametrize(
+    ("part", "value"),
+    [
+        ("labels", {"rx1 G01 L1 C/A 0-9": "spoofed"}),
+        ("places", {"rx1": [[1.0, 2.0, 3.0]]}),
+        ("places", {"rx1": [[1.0, 2.0, 3.0], [1.0, 2.0, 3.002]]}),
+        ("p", {"residual 0.0": 0.5, "continuity 10.0": 2e-9}),
+        ("failed", {"continuity - undecided reflections": 2}),
+        ("interference", [["rx1", "L1", "2021-01-01T00:00:00", "None", 10.0, 0]]),
+    ],
+)
+def test_what_has_no_truth_is_listed_as_other(part: str, value: object) -> None:
+    assert sorts(ROW, **{part: value}) == ["other"]
+
+
+@pytest.mark.parametrize(
+    ("what", "value", "counts", "sort"),
+    [
+        ("labels", {"rx1 G01 L1 C/A 0-9": "spoofed"}, {"right_labels": 20}, "better"),
+        ("labels", {"rx1 G01 L1 C/A 0-9": "spoofed"}, {"wrong_labels": 2, "right_labels": 20}, "worse"),
+        ("labels", {"rx1 G01 L1 C/A 0-9": "authentic"}, {"right_labels": 0}, "worse"),
+        ("places", {"rx1": [[1.0, 2.0, 3.0]]}, {"wrong_fixes": 0}, "better"),
+        ("places", {"rx1": [[1.0, 2.0, 3.0]]}, {"right_fixes": 0}, "worse"),
+    ],
+)
+def test_labels_and_places_are_sorted_by_counts(what: str, value: object, counts: object, sort: str) -> None:
+    assert sorts(ROW, **{what: value}, counts=counts) == [sort]
 
 
 def test_rows_that_are_missing_are_listed() -> None:
-    assert [kind for kind, _ in differences([ROW], [])] == ["other"]
-    assert [kind for kind, _ in differences([], [ROW])] == ["other"]
+    assert [sort for sort, _ in differences([ROW], [])] == ["other"]
+    assert [sort for sort, _ in differences([], [ROW])] == ["other"]
+
+
+def test_runs_that_are_missing_are_listed() -> None:
+    without = {"name": "attack-1", "runs": {}}
+    assert "other" in [sort for sort, _ in differences([ROW], [without])]
+    assert "other" in [sort for sort, _ in differences([without], [ROW])]

@@ -20,7 +20,7 @@ from skyproof.simulator.sky import scene_of
 from skyproof.studies.protection.equipment import ATTITUDE_DEG, Equipped, equipped
 from skyproof.studies.protection.score import score
 
-__all__ = ["rows_of", "stretch_of", "written"]
+__all__ = ["rows_of", "stretch_of", "written", "written_without_samples"]
 
 AT_MOST_HZ: Final = 5e6
 FIVE_MSPS: Final = FrontEnd(rate_hz=5e6, bandwidth_hz=4e6, encoding="sign-magnitude", bits=2)
@@ -103,6 +103,11 @@ def _row(name: str, equipment: str, scene: Scene, found: Equipped, files: _Files
 def written(scene: Scene, found: Equipped, folder: Path) -> Path:
     """The platform file, with all that it names; the orbits in `broadcast.rnx` beside it."""
     return _platform(scene, found, list(_rendered(scene, folder).values()), folder)
+
+
+def written_without_samples(scene: Scene, found: Equipped, folder: Path) -> Path:
+    """Write the platform file of a scene whose samples nobody reads, and the orbits and readings beside it."""
+    return _platform(scene, found, [Path(f"{sky.name}.bin") for sky in scene.skies], folder)
 
 
 def _platform(scene: Scene, found: Equipped, files: Sequence[Path], folder: Path) -> Path:
