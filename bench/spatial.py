@@ -151,7 +151,7 @@ def track(samples: Samples, scene: Scene, columns: Indices) -> Measurements:
 def _errors(found: Measurements, scene: Scene, columns: Indices) -> Tracked:
     code_m, rms_m, carrier_m, cn0 = np.full((4, columns.size), np.nan)
     for number, column in enumerate(columns):
-        part = found.chosen((found.arc == number) & (found.elapsed_s > SETTLED_S))
+        part = found.select((found.arc == number) & (found.elapsed_s > SETTLED_S))
         if len(part) < 5 or part.elapsed_s[-1] < DURATION_S - 0.5:
             continue
         at_s = part.elapsed_s

@@ -206,10 +206,10 @@ class SetSearch:
                 found = self._extended(found, level, skips, free, limit)
                 if level - (_UNKNOWNS - 1) <= skips:
                     fours = self._fours_up_to(level)
-                    found = _joined(found, fours.take(np.all((fours.choice < 0) | free[fours.choice], axis=1)))
-        found = found.take((found.choice >= 0).sum(axis=1) == size)
-        found = found.take(plausible(found.state_m[:, :3]))
-        found = found.take(np.argsort(found.statistic, kind="stable"))
+                    found = _joined(found, fours.select(np.all((fours.choice < 0) | free[fours.choice], axis=1)))
+        found = found.select((found.choice >= 0).sum(axis=1) == size)
+        found = found.select(plausible(found.state_m[:, :3]))
+        found = found.select(np.argsort(found.statistic, kind="stable"))
         return SetCandidates(
             choice=found.choice[found.choice >= 0].reshape(-1, size),
             state_m=found.state_m,
@@ -220,9 +220,9 @@ class SetSearch:
     def _extended(self, candidates, level, skips, free, limit):
         """The candidates with each free signal of the satellite at `level`, where it fits, and with none of them."""
         signals = self._copies[level][free[self._copies[level]]]
-        skipped = candidates.take((candidates.choice[:, : level + 1] < 0).sum(axis=1) <= skips)
+        skipped = candidates.select((candidates.choice[:, : level + 1] < 0).sum(axis=1) <= skips)
         parents = len(candidates.statistic)
-        children = candidates.take(np.repeat(np.arange(parents), signals.size))
+        children = candidates.select(np.repeat(np.arange(parents), signals.size))
         children.choice[:, level] = np.tile(signals, parents)  # `take` by index has made a copy
         return _joined(skipped, _one_more(self._measurements, children, level, limit))
 
@@ -309,7 +309,7 @@ def _one_more(measurements, candidates, level, limit):
     """Candidates with a fifth or further signal, just chosen at `level`: predicted, then solved anew."""
     rows = candidates.choice[:, level]
     misfit_m, variance_m2 = innovation(measurements, rows, candidates.state_m, candidates.covariance_m2)
-    candidates = candidates.take(candidates.statistic + misfit_m**2 / variance_m2 <= _LINEAR_SLACK * limit)
+    candidates = candidates.select(candidates.statistic + misfit_m**2 / variance_m2 <= _LINEAR_SLACK * limit)
     solved = solve(measurements, candidates.choice[:, : level + 1], candidates.state_m)
     kept = np.flatnonzero((solved.statistic <= limit) & _plausible_within_sigma(solved))
     if kept.size > _MOST_CANDIDATES:

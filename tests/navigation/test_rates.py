@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from tests.navigation import sky
 
-from skyproof.detectors.continuity.one_sky import rows_of
 from skyproof.navigation.rates import with_dopplers
 from skyproof.records import CellStatus
 
@@ -22,7 +21,7 @@ def seen():
     def made(step_s):
         nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
         skies = [(sky.visible(nav, position), position, 0.0)]
-        return rows_of(sky.scene(nav, skies, n=11, drift=1e-6, step_s=step_s).observations, slice(1, -1))
+        return sky.scene(nav, skies, n=11, drift=1e-6, step_s=step_s).observations.select(slice(1, -1))
 
     return made
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from skyproof.detectors.continuity.one_sky import rows_of
 from skyproof.formats.rinex_nav import glonass_channels, read_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.navigation.sets import consistent_sets
@@ -35,7 +34,7 @@ def test_all_systems_and_bands_of_a_clean_sky_are_one_set_at_the_true_place(shar
     path = shared_data / "real" / observations
     o = read_obs(path, glonass_channels=glonass_channels(navigation)).observations
     for first in (0, o.gpst.size // 2):
-        window = rows_of(o, slice(first, first + 10))
+        window = o.select(slice(first, first + 10))
         (found,) = consistent_sets(window, navigation)
         assert {kind[0] for kind in found.offsets_s} == set(systems)
         assert np.linalg.norm(found.position_ecef_m - truth) < 15.0

@@ -117,7 +117,7 @@ def test_code_and_carrier_on_each_antenna_are_true(array, tracked):
     for antenna in range(3):
         on_one = measurements.on_antenna(antenna)
         for number, arc in arcs.items():
-            part = on_one.chosen((on_one.arc == number) & (on_one.elapsed_s > 1.5))
+            part = on_one.select((on_one.arc == number) & (on_one.elapsed_s > 1.5))
             at_s, sat = part.elapsed_s, arc.signal.sat
             carrier = part.column(m.CARRIER_CYC) - array.carrier_cyc(antenna, sat, at_s)
             assert np.abs(carrier - np.median(carrier)).max() < 0.06
@@ -146,7 +146,7 @@ def test_an_antenna_that_fades_does_not_lose_the_array(array, tracked):
     measurements, arcs = receive(planes)
     assert {arc.signal for arc in arcs.values()} == {arc.signal for arc in tracked[1].values()}
     assert len(arcs) == len(tracked[1])  # none ended and began anew
-    later = measurements.chosen(measurements.elapsed_s > 2.3)
+    later = measurements.select(measurements.elapsed_s > 2.3)
     assert np.isfinite(later.own[:, 0, m.OWN_PHASE_CYC]).mean() < 0.01
     ratios = np.concatenate(list(normalised_differences(array, later, arcs, [1, 2])))
     assert 0.75 < np.mean(ratios**2) < 1.25

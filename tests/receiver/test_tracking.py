@@ -34,7 +34,7 @@ def receive(rendered, cuts):
 def observations(rendered, measurements, arcs):
     week = week_and_tow(rendered.scenario.start_gpst)[0]
     first = np.isin(np.arange(len(measurements)), np.unique(measurements.arc, return_index=True)[1])
-    label = receiver_time_tag(measurements.chosen(first), arcs, week)
+    label = receiver_time_tag(measurements.select(first), arcs, week)
     assert label is not None
     elapsed_s = 0.2 * np.arange(1, round(measurements.elapsed_s[-1] / 0.2) + 1)
     carriers = arc_carriers(

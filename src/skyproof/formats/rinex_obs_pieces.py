@@ -20,7 +20,7 @@ from skyproof.formats.byte_io import require_size, without_mark
 from skyproof.formats.crinex import Expander, is_compact
 from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
 from skyproof.formats.rinex_obs_read import Header, ObservationFile, file_of, header_of, require_text
-from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId
+from skyproof.records import CellStatus, Observations, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["PIECE_BYTES", "following", "obs_pieces"]
@@ -193,17 +193,8 @@ def _later(piece: Observations, last: np.datetime64) -> Observations:
     rows = piece.gpst > last
     if rows.all():
         return piece
-    kept = np.flatnonzero((piece.status[rows] != CellStatus.NOT_TRACKED).any(axis=0))
-    of_channels = {name: getattr(piece, name)[kept] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
-    cells = {name: getattr(piece, name)[rows][:, kept] for name in ("status", "half_cycle_open", *OBSERVABLES)}
-    return replace(
-        piece,
-        signals=tuple(piece.signals[k] for k in kept),
-        gpst=piece.gpst[rows],
-        elapsed_s=piece.elapsed_s[rows],
-        **of_channels,
-        **cells,
-    )
+    later = piece.select(rows)
+    return later.select_channels(np.flatnonzero((later.status != CellStatus.NOT_TRACKED).any(axis=0)))
 
 
 def _slipping(piece: Observations, marks: dict[SignalId, bool]) -> NDArray[np.uint8]:

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy import linalg
 
-from skyproof.arrays import Indices, Reals
+from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.gravity import gravity_ecef_m_s2
@@ -200,7 +200,7 @@ def _batch(
     rows = np.searchsorted(path.gpst, np.array([fix.gpst for fix in fixes]), side="right") - 1
     every = max(int(_KNOT_S / readings.interval_s), 1)
     knots = np.unique(np.concatenate((np.arange(0, path.gpst.size, every), rows, [path.gpst.size - 1])))
-    steps, noises = transitions(_rows(path, knots), settings.grade, most_s=2.0 * max(_KNOT_S, readings.interval_s))
+    steps, noises = transitions(path.select(knots), settings.grade, most_s=2.0 * max(_KNOT_S, readings.interval_s))
     wrong, covariance, nis, dof = np.zeros(SIZE), begin(start, settings).covariance, 0.0, 0
     wrong[9:STATES] = -np.concatenate((errors.bias, errors.gain.ravel()))  # before, none were expected
     for number, knot in enumerate(knots):
@@ -210,7 +210,7 @@ def _batch(
             wrong, covariance = moves @ wrong, moves @ covariance @ moves.T + noise
         last = np.stack((right.specific_force_m_s2[max(knot - 1, 0)], right.angular_rate_rad_s[max(knot - 1, 0)]))
         state = InsState(
-            run=FreeRun(state=_rows(path, np.array([knot])), covariance=covariance, last=last),
+            run=FreeRun(state=path.select(np.array([knot])), covariance=covariance, last=last),
             bias=errors.bias,
             gain=errors.gain,
             clock_m=np.zeros(2),
@@ -268,15 +268,6 @@ def _rotation(there: Reals, here: Reals) -> Reals:
     """The rotation (3, 3) that takes vectors `here` (n, 3) nearest to those `there`."""
     left, _, right = np.linalg.svd(there.T @ here)
     return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
-
-
-def _rows(path: NavState, rows: Indices) -> NavState:
-    return NavState(
-        gpst=path.gpst[rows],
-        position_ecef_m=path.position_ecef_m[rows],
-        velocity_ecef_m_s=path.velocity_ecef_m_s[rows],
-        attitude=path.attitude[rows],
-    )
 
 
 def _start(gpst: np.datetime64, place: Known, velocity: Reals, attitude: Reals, settings: InsSettings) -> NavState:

@@ -20,7 +20,7 @@ from typing import Final
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Indices, Reals
+from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, L1_HZ, MU_M3_S2, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state_s
@@ -28,7 +28,7 @@ from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.least_squares import line_of_sight, spd_inverse
 from skyproof.navigation.ranges import atmosphere
-from skyproof.records import Ephemeris, NavigationData, freeze
+from skyproof.records import Ephemeris, NavigationData, Selectable, freeze
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["COARSE_STATUS", "CoarseFix", "CoarseSettings", "coarse_fix"]
@@ -163,7 +163,7 @@ class _Sky:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Solved:
+class _Solved(Selectable):
     """state (n, 9), covariance (n, 9, 9), cost (n,), step_m (n,), and the codes (n, k) that were fitted, else NaN."""
 
     state: Reals
@@ -171,15 +171,6 @@ class _Solved:
     cost: Reals
     step_m: Reals
     target_m: Reals
-
-    def keep(self, which: Booleans | Indices) -> "_Solved":
-        return _Solved(
-            state=self.state[which],
-            covariance=self.covariance[which],
-            cost=self.cost[which],
-            step_m=self.step_m[which],
-            target_m=self.target_m[which],
-        )
 
 
 def coarse_fix(
@@ -411,7 +402,7 @@ def _starts(problem: _Problem) -> _Solved:
         state[:, _DRIFT] = np.nanmedian(rates, axis=-1)
     solved = _solve(problem, state, np.full((len(places), k), np.nan))
     likely = solved.cost <= chi_square_threshold(_PRUNE, max(problem.dof(0), 1))
-    return _distinct(solved.keep(likely & (solved.step_m < 1e3)), 1e3)
+    return _distinct(solved.select(likely & (solved.step_m < 1e3)), 1e3)
 
 
 def _places_under(problem: _Problem) -> Reals:
@@ -434,7 +425,7 @@ def _distinct(solved: _Solved, apart_m: float) -> _Solved:
         away = np.linalg.norm(solved.state[kept][:, _POSITION] - solved.state[k, _POSITION], axis=-1)
         if not np.any(away < apart_m):
             kept.append(int(k))
-    return solved.keep(np.array(kept, dtype=np.intp))
+    return solved.select(np.array(kept, dtype=np.intp))
 
 
 def _whole_numbers(problem: _Problem, solved: _Solved) -> _Solved | None:
@@ -471,7 +462,7 @@ def _whole_numbers(problem: _Problem, solved: _Solved) -> _Solved | None:
             break
         solved = _solve(problem, state, target)
         limit = chi_square_threshold(_PRUNE, max(problem.dof(int(np.isfinite(target[0]).sum())), 1))
-        solved = solved.keep(solved.cost <= limit)
+        solved = solved.select(solved.cost <= limit)
         if not solved.cost.size:
             break
     return _distinct(solved, 100.0)

@@ -21,12 +21,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skyproof.arrays import Indices, Instants, Integers, Reals
+from skyproof.arrays import Instants, Integers, Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.navigation.ins_errors import error_covariance, skew, start_covariance
+from skyproof.navigation.ins_errors import error_covariance, skew, start_covariance, with_covariance
 from skyproof.navigation.nav_state import state_at
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import ImuSeries, NavState
@@ -50,6 +50,7 @@ TILT_MOST_RAD: Final = np.radians(1.5)
 TURN_MOST_RAD: Final = np.radians(10.0)
 _BIAS: Final = np.arange(9, 12)  # of the accelerometers, among the states
 _KNOT_S: Final = 0.5  # between covariances, which grow smoothly
+_LAST: Final = np.array([-1])
 _EARTH_RAD_S: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 
 
@@ -71,7 +72,7 @@ def begin(start: NavState, grade: ImuGrade) -> FreeRun:
     """A navigator that begins at the last row of `start`, which is of the unit and has a covariance."""
     if start.covariance is None:
         raise ValueError("a start without covariance; give one")
-    state = _row(start, -1)
+    state = start.select(_LAST)
     covariance = start_covariance(grade)
     covariance[:9, :9] = start.covariance[-1]
     turn2, tilt2 = turn_and_tilt(state, covariance[None])
@@ -107,20 +108,20 @@ def coast(
         return path, None if whole.broken else run
     most_s = 2.0 * max(_KNOT_S, readings.interval_s)  # labels scatter
     sums = np.add.reduceat(whole.extra, knots[:-1])
-    covariance = error_covariance(_rows(path, knots), grade, run.covariance, extra=sums, most_s=most_s, further=further)
-    turn2, tilt2 = turn_and_tilt(_rows(path, knots), covariance)
+    covariance = error_covariance(path.select(knots), grade, run.covariance, extra=sums, most_s=most_s, further=further)
+    turn2, tilt2 = turn_and_tilt(path.select(knots), covariance)
     holds = (tilt2 < tilt_most_rad**2) & (turn2 < turn_most_rad**2)
     good = int(np.argmin(np.append(holds, False)))
     if good < knots.size:
         knots, covariance = knots[: max(good, 1)], covariance[: max(good, 1)]
-        path = _rows(path, np.arange(knots[-1] + 1))
-    between = state_at(_rows(path, knots, covariance[:, :9, :9]), path.gpst)
+        path = path.select(slice(knots[-1] + 1))
+    between = state_at(with_covariance(path.select(knots), covariance), path.gpst)
     states = replace(path, covariance=between.covariance)
     ended = whole.broken or good < len(sums) + 1
     if ended:
         return states, None
     last = np.stack((whole.force[-1], whole.rate[-1]))
-    return states, FreeRun(state=_row(states, -1), covariance=covariance[-1], last=last)
+    return states, FreeRun(state=states.select(_LAST), covariance=covariance[-1], last=last)
 
 
 def turn_and_tilt(path: NavState, covariance: Reals) -> tuple[Reals, Reals]:
@@ -256,24 +257,4 @@ def apparent_tilt_rad(state: NavState, specific_force_m_s2: ArrayLike) -> float:
 
 def readings_between(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
     """Those later than one instant and no later than the other."""
-    rows = slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right"))
-    return replace(
-        readings,
-        gpst=readings.gpst[rows],
-        specific_force_m_s2=readings.specific_force_m_s2[rows],
-        angular_rate_rad_s=readings.angular_rate_rad_s[rows],
-    )
-
-
-def _row(state: NavState, row: int) -> NavState:
-    return _rows(state, np.array([row]), None if state.covariance is None else state.covariance[[row]])
-
-
-def _rows(state: NavState, rows: Indices, covariance: Reals | None = None) -> NavState:
-    return NavState(
-        gpst=state.gpst[rows],
-        position_ecef_m=state.position_ecef_m[rows],
-        velocity_ecef_m_s=state.velocity_ecef_m_s[rows],
-        attitude=state.attitude[rows],
-        covariance=covariance,
-    )
+    return readings.select(slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right")))

@@ -1,5 +1,7 @@
 """A body's state between the times at which it is stated."""
 
+from dataclasses import replace
+
 import numpy as np
 import scipy
 
@@ -21,14 +23,7 @@ def state_at(state: NavState, gpst: Instants) -> NavState:
     Linear positions are off by an eighth of the acceleration times the square of the time between states.
     """
     if state.gpst.size == 1:
-        rows = np.zeros(gpst.size, np.intp)
-        return NavState(
-            gpst=gpst,
-            position_ecef_m=state.position_ecef_m[rows],
-            velocity_ecef_m_s=state.velocity_ecef_m_s[rows],
-            attitude=state.attitude[rows],
-            covariance=None if state.covariance is None else state.covariance[rows],
-        )
+        return replace(state.select(np.zeros(gpst.size, np.intp)), gpst=gpst)
     at_s, known_s = (seconds_between(each, state.gpst[0]) for each in (gpst, state.gpst))
     after = np.clip(np.searchsorted(known_s, at_s, side="right"), 1, known_s.size - 1)
     share = (at_s - known_s[after - 1]) / (known_s[after] - known_s[after - 1])

@@ -28,7 +28,7 @@ from skyproof.navigation.fit_kernels import (
     spread,
 )
 from skyproof.navigation.ranges import ionosphere_model
-from skyproof.records import Klobuchar
+from skyproof.records import Klobuchar, Selectable
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["SetCandidates", "SetSearch", "WindowRanges", "below", "innovation", "misfits", "plausible", "solve"]
@@ -65,7 +65,7 @@ class WindowRanges:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SetCandidates:
+class SetCandidates(Selectable):
     """choice (m, satellites): row of `WindowRanges`, or -1 for skipped; state_m (m, 4), covariance_m2 (m, 4, 4) and
     statistic (m,)."""
 
@@ -73,14 +73,6 @@ class SetCandidates:
     state_m: Reals
     covariance_m2: Reals
     statistic: Reals
-
-    def take(self, rows: Booleans | Indices) -> "SetCandidates":
-        return SetCandidates(
-            choice=self.choice[rows],
-            state_m=self.state_m[rows],
-            covariance_m2=self.covariance_m2[rows],
-            statistic=self.statistic[rows],
-        )
 
 
 class SetSearch:

@@ -8,7 +8,7 @@ does not make it, for the time of a signal and its delay come together.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -22,7 +22,7 @@ from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.least_squares import line_of_sight, normal_inverse
 from skyproof.navigation.raim import unknowns_of
 from skyproof.navigation.ranges import corrected_ranges
-from skyproof.records import FixStatus, NavigationData, Observations, SignalId
+from skyproof.records import FixStatus, NavigationData, Observations, Selectable, SignalId
 from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = ["TagErrors", "tag_errors"]
@@ -81,13 +81,13 @@ def tag_errors(observations: Observations, navigation: NavigationData) -> TagErr
     late_s, tried = np.zeros(n), _linear(observations, navigation, signals)
     misfit, left = tried.statistic, tried.statistic.copy()
     rows = np.flatnonzero(tried.known & (chi_square_survival(tried.taken, 1) < _LOOKED_AT))
-    step = tried.of(rows)
+    step = tried.select(rows)
     for _ in range(_STEPS):
         late_s[rows] += step.error_s
         step = _linear(_labelled(observations, rows, late_s[rows]), navigation, signals)
         stays = step.known & (np.abs(late_s[rows]) < _MOST_S)
         late_s[rows[~stays]] = 0.0
-        rows, step = rows[stays], step.of(stays)
+        rows, step = rows[stays], step.select(stays)
     left[rows] = step.statistic
     dof = np.maximum(tried.dof, 1)
     noise = max(1.0, float(np.median((left / dof)[tried.known]))) if tried.known.any() else 1.0
@@ -113,12 +113,12 @@ def _one_of_each(observations: Observations) -> tuple[SignalId, ...]:
 
 def _labelled(observations: Observations, rows: Indices, late_s: Reals) -> Observations:
     """Return some epochs with labels that are earlier by `late_s`, each by itself: they need not be in order."""
-    part = observations.rows(rows)
+    part = observations.select(rows)
     return replace(part, gpst=part.gpst - timedelta_from_s(late_s))
 
 
 @dataclass(frozen=True, eq=False)
-class _Linear:
+class _Linear(Selectable):
     """By epoch (n,): what a linear step gives for the error, and how much it takes away of the statistic.
 
     statistic : of the misfit with four unknowns. dof : with five.
@@ -130,9 +130,6 @@ class _Linear:
     taken: Reals
     dof: Integers
     known: Booleans
-
-    def of(self, rows: Indices | Booleans) -> "_Linear":
-        return _Linear(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
 def _linear(observations: Observations, navigation: NavigationData, signals: tuple[SignalId, ...]) -> _Linear:

@@ -29,7 +29,7 @@ from skyproof.gnss.signals import SignalDescription, prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver.correlator import correlate_period, scratch_for, table_pad
 from skyproof.receiver.replica import CODE_SCALE, code_table
-from skyproof.records import CcafAsked
+from skyproof.records import CcafAsked, Selectable
 
 __all__ = ["BAND_SHARE", "GridCorrelator", "Grids", "at_stake", "noise_delays"]
 
@@ -54,7 +54,7 @@ N_META = 3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Grids:
+class Grids(Selectable):
     """Grids of any number of channels and intervals, one a row.
 
     elapsed_s : (n,) receiver time, common to all channels of an interval: within half a data bit of the middle of each.

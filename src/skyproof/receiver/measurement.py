@@ -12,11 +12,12 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Complexes, ComplexFloats, Integers, Reals
+from skyproof.arrays import Complexes, ComplexFloats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalDescription
 from skyproof.receiver import kernels as k
 from skyproof.receiver.discriminator import Discriminator
+from skyproof.records import Selectable
 
 # Columns of what `measure` gives for a channel (float64).
 PERIODS = 0  # whole code periods that the received code shows, since the start of the channel's code period 0
@@ -53,7 +54,7 @@ PARABOLA_SHARE = 5.0 / 9.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Measurements:
+class Measurements(Selectable):
     """Measurements of any number of channels and epochs, one a row, in order of time.
 
     elapsed_s : (n,) receiver time. arc : (n,) int64, which stretch of tracking. table : (n, N_COLUMNS).
@@ -79,14 +80,10 @@ class Measurements:
         """One column of the table, (n,)."""
         return self.table[:, index]
 
-    def chosen(self, rows: Booleans) -> "Measurements":
-        """Some of the rows."""
-        return Measurements(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
-
     def on_antenna(self, antenna: int) -> "Measurements":
         """As one antenna of several measured them, numbered from 0: the rows in which it had the signal."""
         rows = np.isfinite(self.own[:, antenna, OWN_PHASE_CYC])
-        part = self.chosen(rows)
+        part = self.select(rows)
         own, table = part.own[:, antenna], part.table.copy()
         table[:, FRACTION_S] += own[:, OWN_CODE_S]
         table[:, CARRIER_CYC] -= own[:, OWN_PHASE_CYC]

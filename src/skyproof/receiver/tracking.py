@@ -362,7 +362,7 @@ class Receiver:
         of_all = Measurements(
             elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=looks, own=own, turns_rad=turns
         )
-        given.measured.append(of_all.chosen(good))
+        given.measured.append(of_all.select(good))
         given.unheld.append(self._unheld(state, of_all, taps, (earlier, later), proved & ~good))
         return replace(state, last_phases=last_phases)
 
@@ -389,7 +389,7 @@ class Receiver:
             discriminator=self.discriminator,
             probability=self.settings.false_return_probability,
         )
-        return replace(of_all, table=table).chosen(np.isfinite(table[:, m.DOPPLER_HZ]))
+        return replace(of_all, table=table).select(np.isfinite(table[:, m.DOPPLER_HZ]))
 
     def _turns(self, state: ReceiverState, before: ReceiverState, wipe: Complexes, elapsed_s: float) -> Reals:
         """By how much the correlators of each look were turned to take the carrier off; NaN where not guided."""

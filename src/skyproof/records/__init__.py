@@ -24,7 +24,7 @@ from skyproof.records.measurements import (
 from skyproof.records.platform import AntennaArray, Attitude, ImuSeries, NavState, SpinArm
 from skyproof.records.receiver_words import FrontEndLevels, ReceivedMessages, ReceiverFixes
 from skyproof.records.samples import MeasurementSource, OpenFile, SampleGap, Samples
-from skyproof.records.shapes import freeze
+from skyproof.records.shapes import Selectable, freeze
 from skyproof.records.signals import BY_NAME, SignalId, SignalRef
 from skyproof.records.window import Holding, Need, Records
 
@@ -69,6 +69,7 @@ __all__ = [
     "SampleGap",
     "Samples",
     "Says",
+    "Selectable",
     "SignalId",
     "SignalRef",
     "SpinArm",

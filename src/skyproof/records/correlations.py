@@ -1,13 +1,13 @@
 """Hold what correlators give beside measurements, and what a detector asks of them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import ComplexFloats, Instants, Reals
-from skyproof.records.shapes import freeze
+from skyproof.records.shapes import Selectable, freeze
 from skyproof.records.signals import SignalId
 from skyproof.short_repr import ShortRepr
 
@@ -29,7 +29,7 @@ class Stretched(Protocol[T_co]):
     @property
     def receiver(self) -> str: ...
 
-    def between(self, begin_s: float, end_s: float) -> T_co:
+    def between(self, begin_s: float, end_s: float, /) -> T_co:
         """What has begin <= `elapsed_s` < end, as one record."""
 
 
@@ -72,7 +72,7 @@ class Asked:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Taps(ShortRepr):
+class Taps(ShortRepr, Selectable):
     """Correlator outputs of one receiver at common receiver times, carrier and data bits wiped off.
 
     elapsed_s : (n_epochs,) as in `Observations`, the middle of what each value is the mean of.
@@ -80,6 +80,9 @@ class Taps(ShortRepr):
     value : (n_epochs, n_channels, n_dopplers, n_delays) complex64, correlation a sample, so in the samples' own unit;
         NaN where nothing is tracked. The prompt is real but for noise.
     """
+
+    BY_ROW = ("elapsed_s", "value")
+    TIME = "elapsed_s"
 
     receiver: str
     signals: tuple[SignalId, ...]
@@ -98,11 +101,6 @@ class Taps(ShortRepr):
                 "value": ("epoch", "channel", "doppler", "delay"),
             },
         )
-
-    def between(self, begin_s: float, end_s: float) -> "Taps":
-        """What has begin <= `elapsed_s` < end."""
-        rows = (self.elapsed_s >= begin_s) & (self.elapsed_s < end_s)
-        return replace(self, elapsed_s=self.elapsed_s[rows], value=self.value[rows])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

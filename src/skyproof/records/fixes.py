@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Instants, Reals
-from skyproof.records.shapes import freeze
+from skyproof.records.shapes import Selectable, freeze
 from skyproof.records.signals import SignalId
 from skyproof.short_repr import ShortRepr
 
@@ -43,7 +43,7 @@ FIX_STATUS: dict[int, str] = {
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Fix(ShortRepr):
+class Fix(ShortRepr, Selectable):
     """Position, velocity and clock of one receiver from one set of signals, epoch by epoch.
 
     gpst : (n_epochs,) true time of reception (the clock bias is taken off), to the nanosecond.
@@ -57,6 +57,19 @@ class Fix(ShortRepr):
     protection_m : (n_epochs, 2) horizontal and vertical protection level, see `navigation.protection`; NaN where none
         is promised. By default none is at any epoch.
     """
+
+    BY_ROW = (
+        "gpst",
+        "position_ecef_m",
+        "velocity_ecef_m_s",
+        "clock_bias_s",
+        "clock_drift",
+        "covariance_m2",
+        "residual_m",
+        "status",
+        "inter_system_s",
+        "protection_m",
+    )
 
     receiver: str
     signals: tuple[SignalId, ...]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Indices, Instants, Reals
 from skyproof.gnss.constants import L1_HZ
-from skyproof.records.shapes import freeze
+from skyproof.records.shapes import Selectable, freeze
 from skyproof.records.signals import BY_NAME, SignalId
 from skyproof.short_repr import ShortRepr
 
@@ -63,7 +63,7 @@ _OF_CHANNELS: Final = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Observations(ShortRepr):
+class Observations(ShortRepr, Selectable):
     """One receiver's measurements at common receiver times: epochs along axis 0, channels along axis 1.
 
     gpst : (n_epochs,) what the receiver's clock shows at each epoch; true GPS time is this minus the clock bias.
@@ -81,6 +81,8 @@ class Observations(ShortRepr):
         search already found it. The signal came between the two.
     carrier_hz : (n_channels,) nominal carrier; one number at construction stands for all channels.
     """
+
+    BY_ROW = ("gpst", "elapsed_s", *_CELLS)
 
     receiver: str
     signals: tuple[SignalId, ...]
@@ -143,13 +145,13 @@ class Observations(ShortRepr):
 
     def read(self, first: int, stop: int) -> "Observations":
         """The epochs from `first` to before `stop`, as views."""
-        part: dict[str, Any] = {name: getattr(self, name)[first:stop] for name in ("gpst", "elapsed_s", *_CELLS)}
-        return replace(self, **part)
+        return self.select(slice(first, stop))
 
-    def rows(self, which: Booleans | Indices) -> "Observations":
-        """Some of the epochs, a mask or numbers, as copies."""
-        part: dict[str, Any] = {name: getattr(self, name)[which] for name in ("gpst", "elapsed_s", *_CELLS)}
-        return replace(self, **part)
+    def select_channels(self, columns: Indices) -> "Observations":
+        """Select channels by their numbers, as copies."""
+        cells: dict[str, Any] = {name: getattr(self, name)[:, columns] for name in _CELLS}
+        channels: dict[str, Any] = {name: getattr(self, name)[columns] for name in _OF_CHANNELS}
+        return replace(self, signals=tuple(self.signals[k] for k in columns), **cells, **channels)
 
     @staticmethod
     def joined(pieces: Sequence["Observations"]) -> "Observations":
@@ -214,7 +216,7 @@ class ObservationLog(Protocol):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class ArrayPhases(ShortRepr):
+class ArrayPhases(ShortRepr, Selectable):
     """Carrier phases of every signal on every antenna of one receiver's array: epochs, channels, antennas.
 
     elapsed_s : (n_epochs,) as in `Observations`.
@@ -227,6 +229,9 @@ class ArrayPhases(ShortRepr):
     lasting_sigma_cyc : of each signal's phase on each antenna, what epochs share and their mean keeps.
     carrier_hz : (n_channels,) nominal carrier; one number at construction stands for all channels.
     """
+
+    BY_ROW = ("gpst", "elapsed_s", "phase_cyc", "sigma_cyc")
+    TIME = "elapsed_s"
 
     receiver: str
     signals: tuple[SignalId, ...]
@@ -258,10 +263,3 @@ class ArrayPhases(ShortRepr):
         )
         if len(self.signals) != self.carrier_hz.size:
             raise ValueError(f"ArrayPhases has {len(self.signals)} signals for {self.carrier_hz.size} channels")
-
-    def between(self, begin_s: float, end_s: float) -> "ArrayPhases":
-        """What has begin <= `elapsed_s` < end."""
-        rows = (self.elapsed_s >= begin_s) & (self.elapsed_s < end_s)
-        return replace(
-            self, **{name: getattr(self, name)[rows] for name in ("gpst", "elapsed_s", "phase_cyc", "sigma_cyc")}
-        )

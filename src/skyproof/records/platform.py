@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from skyproof.arrays import Instants, Reals
-from skyproof.records.shapes import freeze
+from skyproof.records.shapes import Selectable, freeze
 from skyproof.short_repr import ShortRepr
 
 __all__ = [
@@ -48,7 +48,7 @@ class SpinArm:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class ImuSeries(ShortRepr):
+class ImuSeries(ShortRepr, Selectable):
     """Readings of one inertial measurement unit in body axes: means over the intervals that end at `gpst`.
 
     gpst : (n,) end of each interval, rising; where labels are more than one and a half intervals apart, readings are
@@ -56,6 +56,8 @@ class ImuSeries(ShortRepr):
     interval_s : length of each interval; it times a reading is the increment of velocity or angle.
     specific_force_m_s2, angular_rate_rad_s : (n, 3); the rate is relative to inertial space.
     """
+
+    BY_ROW = ("gpst", "specific_force_m_s2", "angular_rate_rad_s")
 
     gpst: Instants
     interval_s: float
@@ -83,7 +85,7 @@ class Attitude(ShortRepr):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class NavState(ShortRepr):
+class NavState(ShortRepr, Selectable):
     """Position, velocity and attitude of one body over time, relative to the Earth, in ECEF axes.
 
     gpst : (n,) rising. position_ecef_m, velocity_ecef_m_s : (n, 3).

@@ -1,6 +1,6 @@
 """Hold what a receiver says beside its measurements: levels, its own fixes, broadcast messages."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Instants, Integers, Reals
 from skyproof.gnss.ephemeris import BroadcastEphemeris
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.records.shapes import freeze
+from skyproof.records.shapes import Selectable, freeze
 from skyproof.short_repr import ShortRepr
 
 __all__ = [
@@ -20,7 +20,7 @@ __all__ = [
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class FrontEndLevels(ShortRepr):
+class FrontEndLevels(ShortRepr, Selectable):
     """Levels that the receiver measured in its front end; NaN where it gives none.
 
     gpst : (n,). band : (n,) text, such as "L1", "L2L5", or a receiver's own name of the chain. agc_db : (n,) gain of
@@ -40,15 +40,9 @@ class FrontEndLevels(ShortRepr):
         names = ("gpst", "band", "agc_db", "agc_share", "noise_db", "jamming_share")
         freeze(self, dict.fromkeys(names, ("row",)))
 
-    def between(self, start_gpst: np.datetime64, end_gpst: np.datetime64) -> "FrontEndLevels":
-        """Return what has start <= `gpst` < end."""
-        rows = (self.gpst >= start_gpst) & (self.gpst < end_gpst)
-        names = ("gpst", "band", "agc_db", "agc_share", "noise_db", "jamming_share")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
-
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class ReceiverFixes(ShortRepr):
+class ReceiverFixes(ShortRepr, Selectable):
     """Positions, velocities and clocks that the receiver computed itself; NaN where it gives none.
 
     gpst : (n,) of the fix. position_ecef_m, velocity_ecef_m_s : (n, 3). horizontal_sigma_m, vertical_sigma_m : (n,) as
@@ -99,11 +93,6 @@ class ReceiverFixes(ShortRepr):
             rotation = np.swapaxes(rot_enu_ecef(lat_rad, lon_rad), -1, -2)
             fields["velocity_ecef_m_s"] = (rotation @ velocity_enu_m_s[:, :, None])[:, :, 0]
         return cls(gpst=gpst, position_ecef_m=ecef_from_geodetic(lat_rad, lon_rad, height_m), **(fields | given))
-
-    def between(self, start_gpst: np.datetime64, end_gpst: np.datetime64) -> "ReceiverFixes":
-        """Return the fixes with start <= `gpst` < end."""
-        rows = (self.gpst >= start_gpst) & (self.gpst < end_gpst)
-        return replace(self, **{column.name: getattr(self, column.name)[rows] for column in fields(self)})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

@@ -1,13 +1,46 @@
-"""Check that the arrays of a record fit each other, and keep them read-only."""
+"""Check that the arrays of a record fit each other, keep them read-only, and select epochs of them."""
 
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import fields, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from skyproof.arrays import Booleans, Indices
+
 __all__ = [
+    "Selectable",
     "freeze",
 ]
+
+
+class Selectable:
+    """A dataclass of which rows can be selected: epochs, mostly, along axis 0 of its arrays.
+
+    BY_ROW : the fields that have these rows, each an array, a mapping to arrays, or None; all fields if it is empty.
+    TIME : the one of them by which `between` selects.
+    """
+
+    __slots__ = ()
+    BY_ROW: ClassVar[tuple[str, ...]] = ()
+    TIME: ClassVar[str] = "gpst"
+
+    def select(self, rows: slice | Booleans | Indices) -> Self:
+        """Select rows: as views by a slice, as copies by a mask (n,) or by numbers."""
+        names = self.BY_ROW or [one.name for one in fields(self)]  # type: ignore[arg-type]
+        chosen: dict[str, Any] = {name: _rows_of(getattr(self, name), rows) for name in names}
+        return replace(self, **chosen)  # type: ignore[type-var]
+
+    def between(self, begin: Any, end: Any) -> Self:
+        """Select the rows with begin <= time < end: labels, or seconds where `TIME` is `elapsed_s`."""
+        time = getattr(self, self.TIME)
+        return self.select((time >= begin) & (time < end))
+
+
+def _rows_of(values: Any, rows: slice | Booleans | Indices) -> Any:
+    if isinstance(values, Mapping):
+        return {key: part[rows] for key, part in values.items()}
+    return None if values is None else values[rows]
 
 
 def freeze(record: Any, shapes: Mapping[str, tuple[str, ...]]) -> None:

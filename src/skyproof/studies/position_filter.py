@@ -14,7 +14,7 @@ from epoch to epoch: those share the noise of an epoch in two differences, and a
 claims too much.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
@@ -36,7 +36,7 @@ from skyproof.navigation.filter_state import (
 from skyproof.navigation.fix import RangeRates, fix, range_rates
 from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scale
-from skyproof.records import CellStatus, Fix, FixStatus, NavigationData, Observations, SignalId
+from skyproof.records import CellStatus, Fix, FixStatus, NavigationData, Observations, Selectable, SignalId
 from skyproof.statistics.distributions import chi_square_threshold
 from skyproof.statistics.kalman import kalman_update
 
@@ -250,7 +250,7 @@ def _epoch(
     if columns.size == 0 or not np.any(view.elevation_rad >= np.radians(settings.elevation_mask_deg)):
         return state
     high = view.elevation_rad >= np.radians(settings.elevation_mask_deg)
-    columns, view = columns[high], view.kept(high)
+    columns, view = columns[high], view.select(high)
     scales_before = len(state.scales)
     state = _with_the_new(state, rows, columns, view)
     problem = _Problem(state, rows, row, columns, view, settings)
@@ -267,16 +267,13 @@ def _epoch(
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _View:
+class _View(Selectable):
     """The satellites of an epoch as the state sees them, (k,): delays and sigmas that do not change as it improves."""
 
     elevation_rad: Reals
     delay_m: Reals
     ionosphere_m: Reals
     error_sigma_m: Reals
-
-    def kept(self, which: Booleans) -> "_View":
-        return _View(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
 
 def _view(

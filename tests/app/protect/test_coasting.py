@@ -8,7 +8,7 @@ from tests.app.protect.test_positions import RECORDS, WHOLE, decision
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.coasting import Flown, flown_on, step, trusted_and_coasted
-from skyproof.app.protect.positions import epochs_of, positions_of
+from skyproof.app.protect.positions import positions_of
 from skyproof.navigation.known import known
 from skyproof.records import Fix
 
@@ -51,8 +51,8 @@ def test_before_the_first_fix_there_is_nothing():
 @given(st.lists(st.booleans(), min_size=12, max_size=12), st.integers(0, 12))
 def test_pieces_give_what_the_whole_gives(good, cut):
     whole, fix = step(None, "rx1", LABELS, fix_at(good))[0], fix_at(good)
-    first, last = step(None, "rx1", LABELS[:cut], epochs_of(fix, slice(0, cut)))
-    second, _ = step(last, "rx1", LABELS[cut:], epochs_of(fix, slice(cut, 12)))
+    first, last = step(None, "rx1", LABELS[:cut], fix.select(slice(0, cut)))
+    second, _ = step(last, "rx1", LABELS[cut:], fix.select(slice(cut, 12)))
     parts = [part.position_ecef_m for part in (first, second) if part is not None]
     if whole is None:
         assert not parts
@@ -109,7 +109,7 @@ def test_fixes_of_a_sky_that_overlaps_with_another_correct_the_unit_in_their_tur
     first = 0
     for stop in cuts:
         rows = slice(first, stop)
-        _, flown = flown_on(flown, "rx1", LABELS[rows], epochs_of(whole, rows))
+        _, flown = flown_on(flown, "rx1", LABELS[rows], whole.select(rows))
         first = stop
     assert [gpst for word, gpst in heard.told if word == "followed"] == times[1:]
     assert flown.coming == ()

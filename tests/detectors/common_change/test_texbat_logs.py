@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
-from skyproof.detectors.continuity.one_sky import rows_of
 from skyproof.records import CellStatus, Observations, Records, SignalId
 
 pytestmark = pytest.mark.shared_data
@@ -38,7 +37,7 @@ def logged(path):
         missed_elapsed_s=np.full(prns.size, np.nan),
         **cells,
     )
-    return rows_of(o, np.flatnonzero((there.sum(axis=1) >= 5) & (np.diff(elapsed_s, prepend=-1.0) > 0.01)))
+    return o.select(np.flatnonzero((there.sum(axis=1) >= 5) & (np.diff(elapsed_s, prepend=-1.0) > 0.01)))
 
 
 @pytest.mark.parametrize(("name", "clean_s", "by_s"), [("ds2", 100.0, 125.0), ("ds3", 110.0, 226.0)])
@@ -48,7 +47,7 @@ def test_codes_that_a_real_attack_draws_off_part_from_their_carriers(shared_data
     detector, state = CommonChange(CommonChangeSettings(false_alarm_probability=OF_A_RUN)), None
     alarms_s = []
     for begin_s in np.arange(o.elapsed_s[0], o.elapsed_s[-1] - 9.0, 10.0):
-        window = rows_of(o, np.flatnonzero((o.elapsed_s >= begin_s) & (o.elapsed_s < begin_s + 10.0)))
+        window = o.select(np.flatnonzero((o.elapsed_s >= begin_s) & (o.elapsed_s < begin_s + 10.0)))
         records = Records(start_gpst=window.gpst[0], end_gpst=window.gpst[-1], observations=(window,))
         evidence, state = detector.examine(records, state)
         alarms_s += [float(window.elapsed_s[-1]) for e in evidence if e.failed]

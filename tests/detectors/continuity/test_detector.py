@@ -505,7 +505,7 @@ def test_missing_epochs_of_a_receiver_without_dopplers_are_no_jump():
     scene = MeasuredScene(epochs=15, step_s=30.0)
     o = scene.records(np.random.default_rng(1)).observations[0]
     without = replace(o, doppler_hz=np.full_like(o.doppler_hz, np.nan))
-    o = with_dopplers(without.rows(np.array([8, 10, 12, 13, 14])), 30.0)[0]
+    o = with_dopplers(without.select(np.array([8, 10, 12, 13, 14])), 30.0)[0]
     assert np.isnan(o.doppler_hz[:2]).all()
     place = scene.records(np.random.default_rng(1)).sets[0].position_ecef_m
     offset_m = series_of(o, scene.navigation, place, Limits()).offset_m

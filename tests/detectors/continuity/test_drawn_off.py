@@ -18,7 +18,6 @@ from tests.detectors.continuity.test_detector import (
 )
 
 from skyproof.detectors.continuity.drawn_off import drawn_off_of
-from skyproof.detectors.continuity.one_sky import rows_of
 from skyproof.detectors.continuity.steps import Limits, series_of
 
 ONSET_S = 25.0
@@ -84,7 +83,7 @@ def test_after_a_step_long_before_codes_that_move_are_no_attack():
 
 def test_two_steps_are_no_motion_even_where_no_step_is_looked_for():
     o = observed()
-    o = rows_of(o, o.elapsed_s <= o.elapsed_s[0] + 10.01)
+    o = o.select(o.elapsed_s <= o.elapsed_s[0] + 10.01)
     series = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits())
     since_s = o.elapsed_s - o.elapsed_s[0]
     east = series.unit @ np.array([0.05, 0.999, 0.0])
@@ -99,7 +98,7 @@ def test_two_steps_are_no_motion_even_where_no_step_is_looked_for():
 def test_the_p_value_is_uniform_where_multipath_changes_as_stated():
     """Of a single span: reflections of the first quarter have nothing to do with those of the last."""
     o = observed(noise=WHITE)
-    o = rows_of(o, o.elapsed_s <= o.elapsed_s[0] + 10.01)
+    o = o.select(o.elapsed_s <= o.elapsed_s[0] + 10.01)
     series, rng, found = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits()), np.random.default_rng(5), []
     half = (np.arange(o.gpst.size) < o.gpst.size // 2)[:, None]
     exact = replace(series, variance_m2=np.full_like(series.variance_m2, 1e-6))

@@ -7,7 +7,6 @@ import pytest
 from scipy import stats
 from tests.detectors.continuity.test_detector import FIELD, NAVIGATION, PLACE_ECEF_M, WHITE, changed, observed, said
 
-from skyproof.detectors.continuity.one_sky import rows_of
 from skyproof.detectors.continuity.standing import moved_of
 from skyproof.detectors.continuity.steps import Limits, series_of
 
@@ -94,7 +93,7 @@ def test_who_moves_and_states_to_stand_is_told_so_and_who_states_nothing_is_not(
 def p_values(draws, error_m, *, span_s=2.5):
     """Of a standing receiver whose carriers err by `error_m` at each end, independently."""
     o = observed(noise=WHITE)
-    o = rows_of(o, o.elapsed_s <= o.elapsed_s[0] + span_s + 0.01)
+    o = o.select(o.elapsed_s <= o.elapsed_s[0] + span_s + 0.01)
     series, rng, found = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits()), np.random.default_rng(5), []
     still = replace(series, move_m=np.zeros_like(series.move_m), bridge_m2=np.zeros_like(series.bridge_m2))
     for _ in range(draws):

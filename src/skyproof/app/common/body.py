@@ -361,12 +361,7 @@ def _between(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.dateti
     """The readings later than an instant, up to the first that is not before the other."""
     first = int(np.searchsorted(readings.gpst, start_gpst, side="right"))
     stop = int(np.searchsorted(readings.gpst, end_gpst)) + 1
-    return ImuSeries(
-        gpst=readings.gpst[first:stop],
-        interval_s=readings.interval_s,
-        specific_force_m_s2=readings.specific_force_m_s2[first:stop],
-        angular_rate_rad_s=readings.angular_rate_rad_s[first:stop],
-    )
+    return readings.select(slice(first, stop))
 
 
 def _joined(paths: list[NavState], start_gpst: np.datetime64) -> NavState:

@@ -16,7 +16,7 @@ from typing import Final
 
 import numpy as np
 
-from skyproof.app.protect.positions import STRETCH_EPOCHS, Positions, epochs_of
+from skyproof.app.protect.positions import STRETCH_EPOCHS, Positions
 from skyproof.arrays import Instants, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between, timedelta_from_s
@@ -106,7 +106,7 @@ def flown_on(flown: Flown, receiver: str, gpst: Instants, fix: Fix | None) -> tu
     foresight, last, coming, found = flown.foresight, flown.last, flown.coming, list[Known]()
     for first, stop in pairwise([0, *(np.flatnonzero(good[1:] != good[:-1]) + 1), gpst.size]):
         if fix is not None and good[first:stop].all():
-            own = list(known_of(epochs_of(fix, slice(first, stop)), every_s=_EVERY_S))
+            own = list(known_of(fix.select(slice(first, stop)), every_s=_EVERY_S))
             foresight = foresight.learned(SkyFix(whole=own[0], each=tuple(map(noise_of, own))))
             last = _of(fix, gpst, stop - 1)
             continue

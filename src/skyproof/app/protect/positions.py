@@ -1,7 +1,7 @@
 """A receiver's positions of each kind, computed stretch by stretch, so that memory does not grow with the run."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
 
@@ -17,7 +17,7 @@ from skyproof.navigation.known import Known
 from skyproof.navigation.smooth import smooth
 from skyproof.records import Fix, FixStatus, NavigationData, ObservationLog, SignalId
 
-__all__ = ["KINDS", "STRETCH_EPOCHS", "Positions", "Track", "epochs_of", "positions_of"]
+__all__ = ["KINDS", "STRETCH_EPOCHS", "Positions", "Track", "positions_of"]
 
 KINDS: Final = ("trusted", "false", "unprotected")
 """Of a receiver's fixes. Others are named as the sources of false signals, or as skies of which one may be true."""
@@ -99,7 +99,7 @@ class Positions:
             good = np.flatnonzero(fix.status == FixStatus.OK)
             gpst[first + good], bias_s[first + good] = fix.gpst[good], fix.clock_bias_s[good]
             place_m[first + good] = fix.position_ecef_m[good]
-            last = epochs_of(fix, good[-1:]) if good.size else last
+            last = fix.select(good[-1:]) if good.size else last
         if last is None:
             return None
         return Track(gpst=gpst, position_ecef_m=place_m, clock_bias_s=bias_s, last=last)
@@ -164,14 +164,4 @@ def positions_of(
             masks[source.name] = showing(own, decided)
     return Positions(
         log=log, orbits=orbits, settings=settings, masks=masks, foresight=foresight, overlapping=overlapping
-    )
-
-
-def epochs_of(fix: Fix, rows: Any) -> Fix:
-    """Some epochs of a fix."""
-    per_epoch: dict[str, Any] = {
-        f.name: getattr(fix, f.name)[rows] for f in fields(fix) if isinstance(getattr(fix, f.name), np.ndarray)
-    }
-    return replace(
-        fix, **per_epoch, inter_system_s={scale: offset[rows] for scale, offset in fix.inter_system_s.items()}
     )

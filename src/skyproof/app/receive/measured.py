@@ -6,11 +6,11 @@ found by.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
-from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Integers, Reals
+from skyproof.arrays import Booleans, Indices, Integers, Reals
 from skyproof.formats.pieces import ArrayPieces, Workspace
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
@@ -33,6 +33,7 @@ class MeasuredRows(Protocol):
     @property
     def arc(self) -> Integers: ...
     def __len__(self) -> int: ...
+    def select(self, rows: slice | Booleans | Indices) -> Self: ...
 
 
 R = TypeVar("R", bound=MeasuredRows)
@@ -61,7 +62,7 @@ class RowLog(Generic[R]):
         self._stored.append({f.name: getattr(piece, f.name) for f in fields(piece)} | names)
         kept = {} if self._keep is None else self._keep(piece)
         pieces = [*self._pieces, (float(piece.elapsed_s[0]), float(piece.elapsed_s[-1]), kept)]
-        young = [_chosen(piece, np.zeros(len(piece), np.bool_))]
+        young = [piece.select(slice(0))]
         self._pieces, self._young = pieces, young  # at once, whenever Ctrl-C comes
 
     def clear(self) -> None:
@@ -84,11 +85,7 @@ class RowLog(Generic[R]):
                 stored = self._stored.read(number)
                 parts.append(kind(**{f.name: stored[f.name] for f in fields(kind)}))
         found = _joined([*parts, *self._young])
-        return _chosen(found, (found.elapsed_s >= begin_s) & (found.elapsed_s < end_s))
-
-
-def _chosen(rows: R, chosen: Booleans) -> R:
-    return type(rows)(**{f.name: getattr(rows, f.name)[chosen] for f in fields(rows)})
+        return found.select((found.elapsed_s >= begin_s) & (found.elapsed_s < end_s))
 
 
 def _joined(parts: Sequence[R]) -> R:
@@ -116,7 +113,7 @@ class MeasurementLog:
         numbers, rows = np.unique(measured.arc, return_index=True)
         for number, row in zip(numbers.tolist(), rows.tolist(), strict=True):
             if number not in self._first:
-                self._first[number] = measured.chosen(np.arange(len(measured)) == row)
+                self._first[number] = measured.select(np.arange(len(measured)) == row)
             doppler_hz = measured.column(m.DOPPLER_HZ)[measured.arc == number]
             known = doppler_hz[np.isfinite(doppler_hz)]
             total, n = self._dopplers_hz.get(number, (0.0, 0))

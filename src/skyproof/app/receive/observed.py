@@ -209,7 +209,7 @@ def _stretch(pieces: Iterable[Observations], start_s: float, duration_s: float |
             rows &= piece.elapsed_s < start_s + duration_s
         if not rows.any():
             continue
-        kept = piece.rows(rows)
+        kept = piece.select(rows)
         begun_s = float(kept.elapsed_s[0]) if begun_s is None else begun_s
         missed_s = kept.missed_elapsed_s - begun_s
         yield replace(
@@ -282,7 +282,7 @@ class _Clock:
 
     def set_right(self, log: ObservationLog, first: int, stop: int) -> Observations:
         """The epochs from `first` to before `stop`, without those whose labels are off otherwise than most."""
-        part = _unstepped(log, self.steps, first, stop).rows(~self.tags.stray[first:stop])
+        part = _unstepped(log, self.steps, first, stop).select(~self.tags.stray[first:stop])
         if not self.tags.offset_s:
             return part
         return replace(part, gpst=part.gpst - timedelta_from_s(self.tags.offset_s))

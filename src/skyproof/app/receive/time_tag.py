@@ -68,7 +68,7 @@ def time_tag(tracker: Tracker, week: int) -> ReceiverTimeTag | None:
     """The label at the first sample: from what was measured before samples were missing, if that shows it."""
     first = tracker.measured.first
     before = _segment(first.elapsed_s, tracker.gaps) == 0
-    label = receiver_time_tag(first.chosen(before), tracker.arcs, week)
+    label = receiver_time_tag(first.select(before), tracker.arcs, week)
     return label if label is not None else receiver_time_tag(first, tracker.arcs, week)
 
 

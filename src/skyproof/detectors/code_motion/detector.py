@@ -39,7 +39,6 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import iso
 from skyproof.navigation.fix import FixGeometry, fix_and_geometry
 from skyproof.records import (
-    OBSERVABLES,
     Cause,
     Evidence,
     Fix,
@@ -210,7 +209,7 @@ class CodeMotion:
         if _kinds_of(o, chosen, slice(0, begin)) != _kinds_of(o, chosen, slice(begin, None)):
             clock_m = np.where(np.arange(o.gpst.size) < begin, np.nan, clock_m)  # another way through the receiver
         return _Series(
-            fix=_rows_of(fix, good),
+            fix=fix.select(good),
             geometry=FixGeometry(
                 design=geometry.design[good], misfit_m=geometry.misfit_m[good], sigma_m=geometry.sigma_m[good]
             ),
@@ -336,12 +335,7 @@ def _parts_of(o: Observations, signals: tuple[SignalId, ...]) -> dict[_Part, tup
 
 def _of_signals(o: Observations, signals: tuple[SignalId, ...]) -> Observations:
     """Return the measurements of some signals."""
-    columns = np.array([o.column_of[signal] for signal in signals], np.intp)
-    cells: dict[str, Any] = {name: getattr(o, name)[:, columns] for name in (*OBSERVABLES, "status", "half_cycle_open")}
-    channels: dict[str, Any] = {
-        name: getattr(o, name)[columns] for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
-    }
-    return replace(o, signals=signals, **cells, **channels)
+    return o.select_channels(np.array([o.column_of[signal] for signal in signals], np.intp))
 
 
 def _kinds_of(o: Observations, scale: str, rows: slice) -> set[tuple[str, str, str]]:
@@ -360,11 +354,3 @@ def _tail_of(joined: Observations, series: _Series | None) -> Observations:
     n = joined.gpst.size
     rows = np.arange(max(n - _TAIL, 0), n) if series is None else series.rows[-_TAIL:]
     return Observations.joined([joined.read(int(row), int(row) + 1) for row in rows])
-
-
-def _rows_of(fix: Fix, rows: Indices) -> Fix:
-    """Return the chosen epochs of a fix."""
-    names = ("gpst", "position_ecef_m", "velocity_ecef_m_s", "clock_bias_s", "clock_drift", "covariance_m2")
-    arrays: dict[str, Any] = {name: getattr(fix, name)[rows] for name in (*names, "residual_m", "status")}
-    scales = {scale: offset_s[rows] for scale, offset_s in fix.inter_system_s.items()}
-    return replace(fix, inter_system_s=scales, protection_m=np.full(2, np.nan), **arrays)

@@ -31,7 +31,6 @@ from skyproof.detectors.continuity.one_sky import (
     columns_of,
     followed_by,
     one_signal_a_transmission,
-    rows_of,
 )
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES
@@ -156,7 +155,7 @@ class _Window:
         if now.gpst.size < 2:
             return [self._untested(self._explain_few_satellites())], self.past
         stretch = now if self.past is None else followed_by(self.past.tail, now)
-        past = self.past or _Past(tail=rows_of(now, slice(0)), sources={})
+        past = self.past or _Past(tail=now.select(slice(0)), sources={})
         rates = [rates_of(stretch, span_s, self.settings.multipath_sigma_m) for span_s in SPANS_S]
         level = _level_of(now, self.ccaf)
         parted = self._parted(rates, past, float(stretch.elapsed_s[-1]))
@@ -166,7 +165,7 @@ class _Window:
         end_s = float(stretch.elapsed_s[-1])
         first = int(np.searchsorted(stretch.elapsed_s, end_s - max(SPANS_S) - 1e-6))
         return said or [self._untested(self._explain_nothing_before())], _Past(
-            tail=rows_of(stretch, slice(first, None)),
+            tail=stretch.select(slice(first, None)),
             sources=sources,
             members=members,
             references=references,

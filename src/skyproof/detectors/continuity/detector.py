@@ -29,7 +29,6 @@ from skyproof.detectors.continuity.one_sky import (
     followed_by,
     groups_of,
     one_signal_a_transmission,
-    rows_of,
 )
 from skyproof.detectors.continuity.standing import moved_of
 from skyproof.detectors.continuity.steps import Limits, Series, Step, largest_steps, series_of_groups
@@ -237,13 +236,13 @@ class _Window:
             if self.past.first_step_s < span_from_s:  # by reflections larger than stated: some in a row are a motion
                 drawn_off = drawn_off._replace(whole_sky_p_value=1.0)
         kept = stretch.elapsed_s >= (-np.inf if self.past is None else self.past.stepped_s)
-        unbroken = groups if kept.all() else self._groups(rows_of(stretch, kept), place_ecef_m)
+        unbroken = groups if kept.all() else self._groups(stretch.select(kept), place_ecef_m)
         steps, n_kept = self._steps(look, unbroken), int(kept.sum())
         untested = None
         if not steps and n_kept < LEAST_EPOCHS:
             untested = explain_few_epochs(self.o, n_kept, stepped=True)
         elif not steps:
-            untested = explain_no_step(rows_of(stretch, kept))
+            untested = explain_no_step(stretch.select(kept))
         return replace(
             look,
             steps=steps,
@@ -424,7 +423,7 @@ class _Window:
         first = np.searchsorted(stretch.elapsed_s, stretch.elapsed_s[-1] - 2.0 * self.limits.span_s - 1e-6)
         stepped = [float(stretch.elapsed_s[step.row]) for _, step in look.steps if step.p_value < self.alpha]
         return _Past(
-            tail=rows_of(stretch, slice(int(first), None)),
+            tail=stretch.select(slice(int(first), None)),
             sources=look.sources,
             members=look.members,
             place_ecef_m=look.place_ecef_m,

@@ -17,7 +17,6 @@ __all__ = [
     "followed_by",
     "groups_of",
     "one_signal_a_transmission",
-    "rows_of",
 ]
 
 Transmission = tuple[str, str, str]
@@ -96,36 +95,15 @@ def _picked(cells: Reals, chosen: Integers) -> Reals:
 
 def followed_by(before: Observations, after: Observations) -> Observations:
     """The epochs of both, with the transmissions of both; those of `after` that do not come later are left out."""
-    later = rows_of(after, after.elapsed_s > before.elapsed_s[-1]) if before.gpst.size else after
+    later = after.select(after.elapsed_s > before.elapsed_s[-1]) if before.gpst.size else after
     return Observations.joined((before, later))
-
-
-def rows_of(o: Observations, rows: Any) -> Observations:
-    """The chosen epochs."""
-    return replace(
-        o,
-        gpst=o.gpst[rows],
-        elapsed_s=o.elapsed_s[rows],
-        status=o.status[rows],
-        half_cycle_open=_WHATEVER,
-        **{name: getattr(o, name)[rows] for name in OBSERVABLES},
-    )
 
 
 def columns_of(o: Observations, columns: Indices) -> Observations:
     """The chosen signals, at the epochs at which five or more of them were measured."""
-    chosen = replace(
-        o,
-        signals=tuple(o.signals[k] for k in columns),
-        status=o.status[:, columns],
-        found_elapsed_s=o.found_elapsed_s[columns],
-        missed_elapsed_s=o.missed_elapsed_s[columns],
-        carrier_hz=o.carrier_hz[columns],
-        half_cycle_open=_WHATEVER,
-        **{name: getattr(o, name)[:, columns] for name in OBSERVABLES},
-    )
+    chosen = o.select_channels(columns)
     kept = np.isfinite(chosen.pseudorange_m).sum(axis=1) >= MIN_SATELLITES
-    return chosen if kept.all() else rows_of(chosen, kept)
+    return chosen if kept.all() else chosen.select(kept)
 
 
 def groups_of(o: Observations) -> list[Indices]:
