@@ -109,11 +109,15 @@ def test_coloured_noise_and_constant_errors_do_not_authenticate(n, sats, receive
     assert binomial_survival(count, trials, 0.01) > 1e-3
 
 
+SHAPES = [(5, 2), (12, 2), (7, 3)]
+EPOCHS = [5, 15, 30, 120]
+# Any errors with any number of epochs and with any shape: of the three, a third shows every two together.
+COVERED = [(*SHAPES[(i + j) % 3], n, errors) for i, n in enumerate(EPOCHS) for j, errors in enumerate(ERRORS)]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("rate", [0.01, 0.001])
-@pytest.mark.parametrize("errors", ERRORS, ids=str)
-@pytest.mark.parametrize("n", [5, 15, 30, 120])
-@pytest.mark.parametrize(("sats", "receivers"), [(5, 2), (12, 2), (7, 3)])
+@pytest.mark.parametrize(("sats", "receivers", "n", "errors"), COVERED, ids=str)
 def test_wrong_authentications_stay_below_the_stated_rate(sats, receivers, n, errors, rate):
     trials = 10_000
     noise = TrackNoise(miss_probability=rate / 10)
