@@ -37,8 +37,9 @@ messages: $(READY) ## every error message that the tests raise, as a table, in d
 test: $(READY) ## the tests, at most five minutes; one that hangs ends with a traceback
 	$(BIN)/python -m pytest -n 2 -m "not long" -o faulthandler_timeout=300 -o faulthandler_exit_on_timeout=true
 
-test-long: $(READY) ## the counts and whole scenes that need more time
-	$(BIN)/python -m pytest -n 2 -m long
+test-long: $(READY) ## counts of false alarms and whole scenes: two hours on two quiet cores; the slowest at the end
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m long --durations 20 \
+	    -o faulthandler_timeout=3600 -o faulthandler_exit_on_timeout=true
 
 check: $(READY) ## ruff (rules and layout), mypy, the import contracts, then the tests
 	$(BIN)/ruff check src tests bench interop docs
