@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Reals
 from skyproof.detectors.base import Detector
 from skyproof.detectors.registry import evidence_fault, made_with
+from skyproof.explain import explain
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
@@ -31,10 +32,10 @@ from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import timedelta_from_s, week_and_tow
 from skyproof.records import (
+    AnyFinding,
     CellStatus,
     ConsistentSet,
     Ephemeris,
-    Evidence,
     NavigationData,
     Need,
     Observations,
@@ -150,8 +151,9 @@ def check_missing_named(detector: Detector, records: Records) -> None:
         assert evidence, f"{detector.name} says nothing without {lost}, which it needs"
         for said in evidence:
             assert said.says == "undecided", f"{detector.name} says {said.says!r} without what it needs: {lost}"
-            assert said.because, f"{detector.name} is undecided without {lost}, and does not say why"
-            assert said.would_need, f"{detector.name} is undecided without {lost}, and does not say what it would need"
+            words = explain(said)
+            assert words.sentence, f"{detector.name} is undecided without {lost}, and does not say why"
+            assert words.remedy, f"{detector.name} is undecided without {lost}, and does not say what it would need"
 
 
 def check_inputs_untouched(make: Callable[[], Detector], records: Records) -> None:
@@ -253,16 +255,16 @@ def _arrays(record: Any) -> list[NDArray[Any]]:
     return []
 
 
-def _said(evidence: Evidence) -> tuple[str, ...]:
+def _said(evidence: AnyFinding) -> tuple[str, ...]:
     """All of it, NaN equal to NaN."""
     return tuple(repr(getattr(evidence, f.name)) for f in fields(evidence))
 
 
-def _key(evidence: Evidence) -> tuple[str, tuple[str, ...], str]:
-    return evidence.says, tuple(sorted(map(str, evidence.subject))), str(evidence.would_need)
+def _key(evidence: AnyFinding) -> tuple[str, tuple[str, ...], str]:
+    return evidence.says, tuple(sorted(map(str, evidence.subject))), evidence.code
 
 
-def _numbers(evidence: Evidence) -> list[float]:
+def _numbers(evidence: AnyFinding) -> list[float]:
     numbers = (evidence.statistic, evidence.threshold, evidence.p_value, evidence.log_likelihood_ratio)
     return [np.nan if number is None else number for number in numbers]
 

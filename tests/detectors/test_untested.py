@@ -29,6 +29,7 @@ from skyproof.detectors.registry import load_detectors
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals
 from skyproof.detectors.torn.detector import Torn
+from skyproof.explain import explain
 from skyproof.records import NavigationData, Records
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -373,8 +374,8 @@ def test_a_reason_is_given_where_it_holds(name, code):
     make, words = CASES[name, code]
     found = [e for e in make() if e.code]
     assert [(e.detector, e.says, e.code, e.p_value) for e in found] == [(name, "undecided", code, None)]
-    assert words in found[0].because
-    assert found[0].would_need
+    assert words in explain(found[0]).sentence
+    assert explain(found[0]).remedy
 
 
 def reasons_in(path):
@@ -382,10 +383,10 @@ def reasons_in(path):
     codes, without = set[str](), list[int]()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         name = getattr(node.func, "attr", getattr(node.func, "id", "")) if isinstance(node, ast.Call) else ""
-        if name not in ("undecided", "Untested"):
+        if name not in ("undecided", "Untested", "NotTested"):
             continue
         stated = {word.arg: word.value for word in node.keywords}
-        code = node.args[0] if name == "Untested" and node.args else stated.get("code")
+        code = node.args[0] if name in ("Untested", "NotTested") and node.args else stated.get("code")
         if isinstance(code, ast.Constant):
             codes.add(code.value)
         if name == "undecided" and not {"code", None} & stated.keys():  # None: a reason's fields
@@ -422,4 +423,4 @@ def test_what_is_not_there_is_named_with_what_gives_it(name):
     (found,) = detector.examine(Records(start_gpst=nulls.START, end_gpst=nulls.START))[0]
     assert found.code == "_".join(("without", *detector.needs))
     assert found.lacking == detector.needs
-    assert found.would_need == "; ".join(NEEDS[need] for need in detector.needs)
+    assert explain(found).remedy == "; ".join(NEEDS[need] for need in detector.needs)

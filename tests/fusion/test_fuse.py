@@ -164,7 +164,7 @@ def test_a_failed_test_that_overrules_is_the_first_reason(invented, pair):
     decision = fuse([*evidence, broken], pair, [])
     assert decision.verdict == "suspect"
     assert decision.open.receivers == decision.suspicion.receivers == ("rx1",)
-    assert decision.suspicion.why == "it jumps"
+    assert decision.suspicion.finding.because == "it jumps"
 
 
 def test_the_reason_of_most_windows_is_given_with_its_remedy_and_no_other(invented, pair):
@@ -174,14 +174,14 @@ def test_the_reason_of_most_windows_is_given_with_its_remedy_and_no_other(invent
     ]
     said.append(invented.evidence(3, "undecided", *SKY, p_value=0.5, because="too few", would_need="more satellites"))
     question = fuse(said, pair, []).open
-    assert (question.why, question.remedy) == ("2 m too near", "a longer mast")
+    assert question.finding.because == "2 m too near"
 
 
 def test_a_test_that_could_not_run_is_no_reason_beside_one_that_did(invented, pair):
     could_not = [invented.evidence(w, "undecided", *SKY, because="too few", p_value=None) for w in range(3)]
     ran = invented.evidence(3, "undecided", *SKY, p_value=0.5, because="too near", would_need="a longer mast")
-    assert fuse([*could_not, ran], pair, []).open.why == "too near"
-    assert fuse(could_not, pair, []).open.why is None
+    assert fuse([*could_not, ran], pair, []).open.finding.because == "too near"
+    assert fuse(could_not, pair, []).open.finding is None
 
 
 # --- what is suspected
@@ -195,7 +195,7 @@ def test_a_test_that_fails_in_one_window_makes_the_run_suspect(invented, pair):
     decision = fuse([*said, failed], pair, [])
     assert decision.verdict == "suspect"
     found = decision.suspicion
-    assert (found.receivers, found.why, found.remedy) == (("rx1",), "it parts", "more")
+    assert (found.receivers, found.finding.because) == (("rx1",), "it parts")
     assert found.may_also_be == ("oscillator",)
     assert (decision.onset.seen, decision.onset.earliest) == (failed.end_gpst, None)
 
@@ -224,7 +224,7 @@ def test_a_suspicion_gives_its_worst_window_and_all_causes(invented, pair):
     said = [failed(w, p, "two", "shade", "gain") for w, p in enumerate((1e-7, 1e-30, 1e-9))]
     said.append(failed(3, 1e-60, "three", "fault", "shade"))
     found = fuse(said, pair, []).suspicion
-    assert (found.why, found.may_also_be) == ("1e-30", ("shade", "gain", "fault"))
+    assert (found.finding.because, found.may_also_be) == ("1e-30", ("shade", "gain", "fault"))
 
 
 def test_a_rival_signal_is_suspect_since_it_was_found(invented):
@@ -236,7 +236,7 @@ def test_a_rival_signal_is_suspect_since_it_was_found(invented):
     later_m = np.where(np.arange(6) == 5, 900.0, 0.0)
     rival = replace(o, cn0_dbhz=cn0_dbhz, pseudorange_m=o.pseudorange_m + later_m)
     decision = fuse(evidence, [rival, invented.observations(receiver="rx2")], [])
-    assert (decision.verdict, decision.suspicion.why) == ("suspect", None)
+    assert (decision.verdict, decision.suspicion.finding) == ("suspect", None)
     assert decision.suspicion.may_also_be == ("fault",)
     assert (decision.onset.earliest, decision.onset.seen) == (invented.at(19.0), invented.at(19.52))
 
@@ -415,7 +415,7 @@ def test_two_skies_are_shown_while_it_is_open_which_is_true(invented):
     evidence = [invented.evidence(w, "attack", *SKY, *FALSE, would_need="a second receiver") for w in (1, 2, 3)]
     decision = fuse(evidence, [observed], sets)
     assert decision.verdict == "spoofed"
-    assert decision.open.remedy == "a second receiver"
+    assert decision.open.finding.would_need == "a second receiver"
     assert {s.label for s in decision.labels} == {"unknown"}
     assert decision.sources == ()
     assert [{r.signal.copy for r in sky.signals} for sky in decision.skies] == [{"a"}, {"b"}]

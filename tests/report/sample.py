@@ -9,8 +9,8 @@ from skyproof.report.figures import Pictures
 from skyproof.report.pictures import (
     DelayProfile,
     DelayTag,
-    Finding,
     FixTrack,
+    MethodWords,
     RangeDifference,
     SignalSeries,
     SkyPosition,
@@ -96,7 +96,7 @@ def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
             ),
         ),
         findings=(
-            Finding(
+            MethodWords(
                 detector="multi_receiver",
                 words="2 satellites come from one antenna",
                 from_gpst="2022-01-01T10:00:30",

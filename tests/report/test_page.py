@@ -15,8 +15,8 @@ from skyproof.report.page import report_html
 from skyproof.report.pictures import (
     DelayProfile,
     DelayTag,
-    Finding,
     FixTrack,
+    MethodWords,
     RangeDifference,
     SignalSeries,
     SkyPosition,
@@ -180,7 +180,7 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
             for p in given.profiles
         ),
         differences=(RangeDifference(receivers=(evil, evil), sat=evil, label="unknown", metres=3.0),),
-        findings=(Finding(detector=evil, words=evil, from_gpst=evil, to_gpst=evil),),
+        findings=(MethodWords(detector=evil, words=evil, from_gpst=evil, to_gpst=evil),),
     )
     page = report_html(Verdict.model_validate(document), poisoned)
     reader = read(page)

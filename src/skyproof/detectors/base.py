@@ -1,11 +1,34 @@
 """The plug: what a detector is."""
 
-from dataclasses import replace
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
 
-from skyproof.records import Evidence, Need, Observations, Records, SignalRef
+from skyproof.records import (
+    AnyFinding,
+    Cause,
+    Datum,
+    Evidence,
+    Finding,
+    Hypothesis,
+    Need,
+    Observations,
+    Records,
+    SignalRef,
+)
 
-__all__ = ["NEEDS", "Detector", "Untested", "missing", "signals_of", "undecided"]
+__all__ = [
+    "NEEDS",
+    "UNTESTED",
+    "Detector",
+    "NotTested",
+    "Reporter",
+    "Untested",
+    "leave_open",
+    "missing",
+    "signals_of",
+    "undecided",
+]
 
 NEEDS: dict[Need, str] = {
     Need.OBSERVATIONS: "measurements of a receiver",
@@ -54,7 +77,7 @@ class Detector(Protocol):
     @property
     def settings(self) -> Any: ...
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]: ...
+    def examine(self, records: Records, state: Any = None) -> tuple[Sequence[AnyFinding], Any]: ...
 
 
 class Untested(NamedTuple):
@@ -63,6 +86,72 @@ class Untested(NamedTuple):
     code: str
     because: str
     would_need: str
+
+
+UNTESTED: Final = 1.0
+"""p-value under a cause that may have spoilt everything that a test looks at: nothing is left to test."""
+
+
+def leave_open(causes: Iterable[Cause]) -> dict[Cause, float]:
+    """Return the p-values of causes that may have spoilt everything that a test looks at, the likeliest first."""
+    return dict.fromkeys(causes, UNTESTED)
+
+
+@dataclass(frozen=True)
+class NotTested:
+    """Why a test could not run: a code, with what its words need."""
+
+    code: str
+    data: Mapping[str, Datum] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Reporter:
+    """One detector in one window: makes its findings.
+
+    hypothesis : the null of its tests, where a finding names no other.
+    """
+
+    detector: Detector
+    records: Records
+    hypothesis: Hypothesis
+
+    def find(
+        self,
+        signals: tuple[SignalRef, ...],
+        code: str,
+        p: Mapping[Cause, float],
+        *,
+        hypothesis: Hypothesis | None = None,
+        alpha: float | None = None,
+        data: Mapping[str, Datum] | None = None,
+        **more: Any,
+    ) -> Finding:
+        """Return a finding of this window. more : `singled_out`, `estimates`, `dated_gpst`."""
+        return Finding(
+            detector=self.detector.name,
+            start_gpst=self.records.start_gpst,
+            end_gpst=self.records.end_gpst,
+            signals=signals,
+            hypothesis=hypothesis or self.hypothesis,
+            code=code,
+            p=p,
+            alpha=self.detector.settings.false_alarm_probability if alpha is None else alpha,
+            data=data or {},
+            **more,
+        )
+
+    def pass_over(self, signals: tuple[SignalRef, ...], why: NotTested) -> Finding:
+        """Return that these signals could not be tested, and why."""
+        return self.find(signals, why.code, {}, data=why.data)
+
+    def name_missing(self) -> list[Finding]:
+        """Return that the window lacks what the detector needs; empty if it lacks nothing."""
+        lacking = tuple(need for need in self.detector.needs if not self.records.has(need))
+        if not lacking:
+            return []
+        why = NotTested("_".join(("without", *lacking)), {"lacking": tuple(map(str, lacking))})
+        return [self.pass_over(signals_of(self.records.observations), why)]
 
 
 def signals_of(observations: tuple[Observations, ...]) -> tuple[SignalRef, ...]:

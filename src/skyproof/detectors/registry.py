@@ -11,7 +11,7 @@ from typing import Any, Final, get_args
 from skyproof.detectors.base import Detector, signals_of, undecided
 from skyproof.detectors.entries import OURS, package_of, registered
 from skyproof.errors import SettingsError, readable, shortened
-from skyproof.records import Evidence, Need, Records, Says, SignalRef
+from skyproof.records import AnyFinding, Evidence, Need, Records, Says, SignalRef
 
 __all__ = ["evidence_fault", "examined", "is_ours", "load_detectors", "made_with", "review_of"]
 
@@ -133,7 +133,7 @@ class _Faulty(Exception):
     """What a detector of another package gave cannot be used."""
 
 
-def examined(detector: Detector, records: Records, state: Any) -> tuple[list[Evidence], Any]:
+def examined(detector: Detector, records: Records, state: Any) -> tuple[Sequence[AnyFinding], Any]:
     """What a detector says of a window, and what it remembers.
 
     One of another package that fails is undecided of that window, says why, and goes on with the next: a fault in one
@@ -153,7 +153,7 @@ def examined(detector: Detector, records: Records, state: Any) -> tuple[list[Evi
     return said
 
 
-def review_of(detector: Detector, evidence: Sequence[Evidence]) -> Iterable[Evidence]:
+def review_of(detector: Detector, evidence: Sequence[AnyFinding]) -> Iterable[AnyFinding]:
     """The evidence after a detector looked at all of it once more, if it does.
 
     One of another package changes what it said itself and nothing else. Where that fails as above, all stays as it was,
@@ -163,7 +163,7 @@ def review_of(detector: Detector, evidence: Sequence[Evidence]) -> Iterable[Evid
     if review is None or not evidence:
         return evidence
     if is_ours(detector):
-        seen: Iterable[Evidence] = review(evidence)
+        seen: Iterable[AnyFinding] = review(evidence)
         return seen
     try:
         after = list(review(evidence))
@@ -177,7 +177,7 @@ def review_of(detector: Detector, evidence: Sequence[Evidence]) -> Iterable[Evid
     return [new if old.detector == detector.name else old for old, new in zip(evidence, after, strict=True)]
 
 
-def _review_fault(detector: Detector, evidence: Sequence[Evidence], after: Sequence[Any]) -> str | None:
+def _review_fault(detector: Detector, evidence: Sequence[AnyFinding], after: Sequence[Any]) -> str | None:
     """What is wrong with what `review` gave, in words; None if nothing is."""
     if len(after) != len(evidence):
         return f"it gave {len(after)} of {len(evidence)} pieces of evidence, expected each once, in their order"

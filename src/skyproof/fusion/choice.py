@@ -43,7 +43,7 @@ from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.known import Known
 from skyproof.navigation.prediction import Choice, choose, parted_unseen
-from skyproof.records import ConsistentSet, Evidence, NavigationData, ObservationLog, SignalId, SignalRef
+from skyproof.records import AnyFinding, ConsistentSet, Evidence, NavigationData, ObservationLog, SignalId, SignalRef
 
 __all__ = ["DETECTOR", "ChoiceRules", "Chosen", "Compared", "choices"]
 
@@ -117,7 +117,7 @@ class _State:
 
 def choices(
     decision: Decision,
-    evidence: Sequence[Evidence],
+    evidence: Sequence[AnyFinding],
     observations: Sequence[ObservationLog],
     sets: Sequence[ConsistentSet],
     foresights: Mapping[str, Foresight],

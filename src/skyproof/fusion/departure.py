@@ -30,7 +30,7 @@ from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
 from skyproof.navigation.prediction import choose
-from skyproof.records import ConsistentSet, Evidence, SignalRef
+from skyproof.records import AnyFinding, ConsistentSet, Evidence, SignalRef
 
 __all__ = ["DETECTOR", "departures"]
 
@@ -51,17 +51,17 @@ _LEFT_OUT, _LEAST = 2, 5  # satellites
 
 
 def departures(
-    evidence: Sequence[Evidence],
+    evidence: Sequence[AnyFinding],
     sets: Sequence[ConsistentSet],
     makers: Sequence[FixMaker],
     foresights: Mapping[str, Foresight],
     alpha: float,
-) -> list[Evidence]:
+) -> list[AnyFinding]:
     """Evidence on the receivers whose antenna an inertial unit carries, one piece for each window that leaves it.
 
     alpha : probability of a false alarm in a window.
     """
-    found: list[Evidence] = []
+    found: list[AnyFinding] = []
     for maker in makers:
         foresight = foresights.get(maker.log.receiver)
         if isinstance(foresight, Inertial):
@@ -99,8 +99,8 @@ class _Walk:
         self.looks: list[_Look] = []  # since they part
         self.named = False
 
-    def through(self, windows: Iterable[Rivals]) -> list[Evidence]:
-        found: list[Evidence] = []
+    def through(self, windows: Iterable[Rivals]) -> list[AnyFinding]:
+        found: list[AnyFinding] = []
         for window in windows:
             shown = [one for s in window.sets if (one := self._shown(window, s)) is not None]
             if not shown:
@@ -152,7 +152,7 @@ class _Walk:
                 found.append(_Look(one.gpst, expected.mean[3:6], one.mean[3:6] - expected.mean[3:6]))
         return found
 
-    def _said(self, window: Rivals, shown: _Shown) -> Evidence:
+    def _said(self, window: Rivals, shown: _Shown) -> AnyFinding:
         o = self.maker.log
         off = shown.last.mean - shown.expected.mean
         words = (

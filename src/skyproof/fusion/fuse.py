@@ -23,7 +23,7 @@ from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.fusion.unexplained import Unexplained, unexplained
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.window import interval_s
-from skyproof.records import ConsistentSet, Evidence, ObservationLog
+from skyproof.records import AnyFinding, ConsistentSet, ObservationLog
 
 __all__ = ["Decision", "fuse"]
 
@@ -42,7 +42,6 @@ class Decision:
     onset : of the attack, or of what makes the run suspect.
     open : which signals are not shown to be true, and why; None if all are. suspicion : of a suspect run.
     unexplained : signals that no evidence says anything of.
-    assumed : under what the word and the labels hold, in words.
     without_fix_s : receivers that received too few signals for a fix for more than a moment, and for how long; of an
         authentic run, too few authentic ones.
     alone_s : of an authentic run, receivers that were recorded for more than a moment while another was not and that
@@ -61,14 +60,13 @@ class Decision:
     open: OpenQuestion | None
     suspicion: Suspicion | None = None
     unexplained: tuple[Unexplained, ...] = ()
-    assumed: tuple[str, ...] = ()
     without_fix_s: tuple[tuple[str, float], ...] = ()
     alone_s: tuple[tuple[str, float], ...] = ()
     interference: tuple[Spell, ...] | None = None
 
 
 def fuse(
-    evidence: Sequence[Evidence], observations: Sequence[ObservationLog], sets: Sequence[ConsistentSet]
+    evidence: Sequence[AnyFinding], observations: Sequence[ObservationLog], sets: Sequence[ConsistentSet]
 ) -> Decision:
     """The decision that the evidence of all windows bears."""
     labels = label_signals(evidence, observations)
@@ -106,7 +104,6 @@ def fuse(
         onset=onset,
         until=until,
         unexplained=left,
-        assumed=_assumed(evidence),
         without_fix_s=tuple(_without_fix(labels, observations, authentic=verdict == "authentic")),
         alone_s=tuple(_alone(labels, observations)) if verdict == "authentic" else (),
         open=None if settled else open_question(evidence, observations, trusted),
@@ -116,7 +113,7 @@ def fuse(
 
 
 def _vouched_for(
-    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog], evidence: Sequence[Evidence]
+    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog], evidence: Sequence[AnyFinding]
 ) -> set[str]:
     """Receivers with authentic signals; those before the first evidence of an attack on the receiver do not count."""
     since: dict[str, np.datetime64] = {}
@@ -130,12 +127,6 @@ def _vouched_for(
         if s.label == "authentic"
         and (s.ref.receiver not in since or gpst_of[s.ref.receiver][s.last_epoch] >= since[s.ref.receiver])
     }
-
-
-def _assumed(evidence: Sequence[Evidence]) -> tuple[str, ...]:
-    """Each assumption of what was found once, in the order of the windows."""
-    found = ("authentic", "spoofed", "attack")
-    return tuple(dict.fromkeys(words for e in evidence if e.says in found for words in e.assumes))
 
 
 def _always_authentic(o: ObservationLog, labels: Sequence[LabelledSignal], all_of: Sequence[ObservationLog]) -> bool:
@@ -215,7 +206,7 @@ def _time_line(
     return max(known, key=lambda onset: onset.seen, default=None), None
 
 
-def _first_seen(evidence: Sequence[Evidence]) -> Onset:
+def _first_seen(evidence: Sequence[AnyFinding]) -> Onset:
     """Of an attack that no signal or sky dates: where a test that failed in the first window that shows it does, or one
     that overrules others in the window before, which an attack may need to show; else at the end of that window.
     """

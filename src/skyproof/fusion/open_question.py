@@ -1,4 +1,4 @@
-"""Whose signals are not shown to be true, why (the reason that matters for the whole run), and the remedy."""
+"""Whose signals are not shown to be true, and the finding that says why: the one that matters for the whole run."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -6,77 +6,82 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skyproof.records import Evidence, ObservationLog
+from skyproof.records import AnyFinding, Evidence, Finding, ObservationLog
 
-__all__ = ["OpenQuestion", "open_question"]
+__all__ = ["OpenQuestion", "open_question", "reason_key"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class OpenQuestion:
-    """receivers: whose signals are open; why: in words, None if nothing was compared; remedy: what would settle it, if
-    anything is known to."""
+    """Signals that are open, and why.
+
+    receivers : whose signals. finding : that left them open, None if nothing was compared. also : further kinds of
+    signals (system, band, code) that the same holds for. distance_m : of two antennas, by these signals, and its sigma.
+    """
 
     receivers: tuple[str, ...]
-    why: str | None
-    remedy: str | None
+    finding: AnyFinding | None = None
+    also: tuple[str, ...] = ()
+    distance_m: tuple[float, float] | None = None
+
+
+def reason_key(finding: AnyFinding) -> tuple[str, str | None]:
+    """Return what findings for one reason share: windows differ by their numbers."""
+    return finding.detector, finding.would_need if isinstance(finding, Evidence) else finding.code
 
 
 def open_question(
-    evidence: Sequence[Evidence], observations: Sequence[ObservationLog], trusted: set[str]
+    evidence: Sequence[AnyFinding], observations: Sequence[ObservationLog], trusted: set[str]
 ) -> OpenQuestion:
-    """The reason that left most of the time open, of tests that ran before those that could not. Under an attack it is
-    no wonder that nothing goes on as it was, so what overrules other tests is the last of the reasons.
+    """Return the reason that left most of the time open, of tests that ran before those that could not.
 
-    The windows' sentences differ by their numbers; the same test with the same remedy is the same reason, and the
-    window that was compared last speaks for all of them.
+    Under an attack continuity is expected to fail, so what overrules other tests is the last of the reasons. The window
+    that was compared last speaks for all that have its reason.
     """
     reasons: dict[tuple[str, str | None], _Reason] = defaultdict(_Reason)
     for e in evidence:
-        if e.says == "undecided" or (e.says == "attack" and e.would_need):
-            reasons[e.detector, e.would_need].add(e)
+        if e.says == "undecided" or (e.says == "attack" and (isinstance(e, Finding) or e.would_need)):
+            reasons[reason_key(e)].add(e)
     open_receivers = tuple(o.receiver for o in observations if o.receiver not in trusted)
     ran = [reason for reason in reasons.values() if reason.compared]
     if not ran:
-        return OpenQuestion(receivers=open_receivers, why=None, remedy=None)
+        return OpenQuestion(receivers=open_receivers)
     chosen = max(ran, key=_Reason.weight)
     *before, last = chosen.latest
-    remedy = last.would_need
-    far = _distance_m(chosen.distances)
-    if remedy is not None and far is not None:
-        remedy += f"; these signals come from the sky if the antennas stand {far[0]:.1f} ± {far[1]:.1f} m apart"
-    others = _kinds(before) - _kinds([last])
-    why = last.because + (f"; the same holds for {', '.join(sorted(others))}" if others else "")
-    return OpenQuestion(receivers=open_receivers, why=why, remedy=remedy)
+    return OpenQuestion(
+        receivers=open_receivers,
+        finding=last,
+        also=tuple(sorted(_kinds(before) - _kinds([last]))),
+        distance_m=_distance_m(chosen.distances),
+    )
 
 
 @dataclass(kw_only=True)
 class _Reason:
-    """Undecided pieces of evidence of one test with one remedy.
+    """Undecided findings of one test for one reason.
 
     compared : how many had something to look at; latest : of these those of the last window. distances : of two
-    antennas and its sigma, metres, by each piece over its whole window. overrules : whether a failed one overrules
+    antennas and its sigma, metres, by each finding over its whole window. overrules : whether a failed one overrules
     other tests.
     """
 
     compared: int = 0
-    latest: list[Evidence] = field(default_factory=list)
+    latest: list[AnyFinding] = field(default_factory=list)
     distances: list[tuple[float, float]] = field(default_factory=list)
     overrules: bool = False
-    has_remedy: bool = False
 
-    def add(self, e: Evidence) -> None:
+    def add(self, e: AnyFinding) -> None:
         self.distances += [b.distances_m[0] for b in e.baselines[:1] if len(b.receivers) == 2]
         self.overrules |= e.overrules and e.failed
-        self.has_remedy = e.would_need is not None
         if _compared(e):
             self.compared += 1
             self.latest = [*(one for one in self.latest if one.start_gpst == e.start_gpst), e]
 
-    def weight(self) -> tuple[bool, int, bool]:
-        return not self.overrules, self.compared, self.has_remedy
+    def weight(self) -> tuple[bool, int]:
+        return not self.overrules, self.compared
 
 
-def _kinds(evidence: Sequence[Evidence]) -> set[str]:
+def _kinds(evidence: Sequence[AnyFinding]) -> set[str]:
     """The kinds of signal that were tested: system, band and code."""
     return {f"{ref.signal.sat[0]} {ref.signal.band} {ref.signal.code}" for e in evidence for ref in e.subject}
 
@@ -91,6 +96,6 @@ def _distance_m(distances: Sequence[tuple[float, float]]) -> tuple[float, float]
     return float(np.mean([d for d, _ in distances])), float(np.median([s for _, s in distances]))
 
 
-def _compared(e: Evidence) -> bool:
+def _compared(e: AnyFinding) -> bool:
     """Whether the test had something to look at: it gives a p-value, or compared signals of several receivers."""
     return e.p_value is not None or (not e.lacking and len({ref.receiver for ref in e.subject}) > 1)

@@ -30,7 +30,7 @@ from skyproof.gnss.slips import HEIGHT, UNLISTED, position_slips
 from skyproof.navigation.foresight import Foresight, SkyFix, Standing
 from skyproof.navigation.known import KNOWN, Known, without
 from skyproof.navigation.prediction import choose
-from skyproof.records import ConsistentSet, Evidence, SignalRef, WrongStatement
+from skyproof.records import AnyFinding, ConsistentSet, Evidence, SignalRef, WrongStatement
 
 __all__ = ["DETECTOR", "displacements"]
 
@@ -46,17 +46,17 @@ _DATUM_M: Final = 2.0
 
 
 def displacements(
-    evidence: Sequence[Evidence],
+    evidence: Sequence[AnyFinding],
     sets: Sequence[ConsistentSet],
     makers: Sequence[FixMaker],
     foresights: Mapping[str, Foresight],
     alpha: float,
-) -> list[Evidence]:
+) -> list[AnyFinding]:
     """Evidence on the receivers that stand, one piece for each window that shows them elsewhere.
 
     alpha : probability of a false alarm in a window.
     """
-    found: list[Evidence] = []
+    found: list[AnyFinding] = []
     for maker in makers:
         foresight = foresights.get(maker.log.receiver)
         if isinstance(foresight, Standing) and foresight.stands:
@@ -87,8 +87,8 @@ class _Watch:
         self.named = False
         self.fitted = set[str]()
 
-    def through(self, windows: Iterable[Rivals]) -> list[Evidence]:
-        found: list[Evidence] = []
+    def through(self, windows: Iterable[Rivals]) -> list[AnyFinding]:
+        found: list[AnyFinding] = []
         for window in windows:
             self.fitted.update(signal.sat for sky in window.sets for signal in sky.signals)
             fixes = [(sky, self._fix(window, sky)) for sky in window.sets]
@@ -118,7 +118,7 @@ class _Watch:
             place = replace(place, covariance=place.covariance + _DATUM_M**2 * np.diag(np.arange(KNOWN) < 3))
         return _Shown(sky, fix, place, float(choose(place, [fix]).fits[0]))
 
-    def _said(self, window: Rivals, shown: _Shown) -> Evidence:
+    def _said(self, window: Rivals, shown: _Shown) -> AnyFinding:
         receiver = self.maker.log.receiver
         distance_m = float(np.linalg.norm(shown.off_m))
         there = "stood at first, and it is stated not to move"

@@ -5,48 +5,47 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skyproof.fusion.open_question import reason_key
 from skyproof.fusion.timeline import Onset, onset_of
 from skyproof.fusion.unexplained import Kind, Unexplained
-from skyproof.records import Cause, Evidence, ObservationLog
+from skyproof.records import AnyFinding, ObservationLog
 
 __all__ = ["ODD", "Suspicion", "suspicion_of"]
 
 ODD: tuple[Kind, ...] = ("rival", "misfit")
 """Kinds of unexplained signals that neither the sky nor an echo explains."""
-_CAUSES: dict[Kind, tuple[Cause, ...]] = {"rival": ("fault",), "misfit": ("fault", "reflections")}
+_CAUSES: dict[Kind, tuple[str, ...]] = {"rival": ("fault",), "misfit": ("fault", "reflections")}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Suspicion:
     """Signals that may be false.
 
-    receivers : whose signals; onset : since when at the latest, None if that is not known. why : the test that failed,
-    in words; None where signals alone are odd. may_also_be : what else than an attack would explain it, that of the
-    test in `why` first. remedy : what would tell, if anything is known to.
+    receivers : whose signals; onset : since when at the latest, None if that is not known. finding : of the test that
+    failed; None where signals alone are odd. may_also_be : what else than an attack would explain it, that of the
+    finding first.
     """
 
     receivers: tuple[str, ...]
     onset: Onset | None
-    why: str | None
-    may_also_be: tuple[Cause, ...]
-    remedy: str | None
+    finding: AnyFinding | None
+    may_also_be: tuple[str, ...]
 
 
 def suspicion_of(
-    evidence: Sequence[Evidence], unexplained: Sequence[Unexplained], observations: Sequence[ObservationLog]
+    evidence: Sequence[AnyFinding], unexplained: Sequence[Unexplained], observations: Sequence[ObservationLog]
 ) -> Suspicion | None:
     """What the failed tests of all windows and the unexplained signals make suspect; None if that is nothing.
 
     The test that overrules others gives the reason, then the one that failed in most windows, by the window in which
-    it is least likely to have failed by chance. The windows' sentences differ by their numbers: a test with one remedy
-    is one reason.
+    it is least likely to have failed by chance.
     """
     failures: dict[tuple[str, str | None], _Failure] = {}
     receivers = set[str]()
     seen: np.datetime64 | None = None
     for e in evidence:
         if e.failed:
-            key = e.detector, e.would_need
+            key = reason_key(e)
             failures[key] = failures[key].and_of(e) if key in failures else _Failure(1, e)
             receivers |= {ref.receiver for ref in e.subject}
             since = e.end_gpst if e.dated_gpst is None else e.dated_gpst
@@ -56,15 +55,14 @@ def suspicion_of(
         return None
     ranked = sorted(failures.values(), key=_Failure.weight, reverse=True)
     worst = ranked[0].worst if ranked else None
-    causes = [cause for failure in ranked for cause in failure.worst.may_also_be]
+    causes: list[str] = [cause for failure in ranked for cause in failure.worst.may_also_be]
     causes += [cause for u in odd for cause in _CAUSES[u.kind]]
     receivers |= {u.ref.receiver for u in odd}
     return Suspicion(
         receivers=tuple(o.receiver for o in observations if o.receiver in receivers),
         onset=_onset(seen, odd, observations),
-        why=None if worst is None else worst.because,
+        finding=worst,
         may_also_be=tuple(dict.fromkeys(causes)),
-        remedy=None if worst is None else worst.would_need,
     )
 
 
@@ -73,16 +71,16 @@ class _Failure:
     """A test that failed in so many windows. worst : the piece of the least p-value, the first of several."""
 
     windows: int
-    worst: Evidence
+    worst: AnyFinding
 
-    def and_of(self, e: Evidence) -> "_Failure":
+    def and_of(self, e: AnyFinding) -> "_Failure":
         return _Failure(self.windows + 1, min(self.worst, e, key=_p_value))
 
-    def weight(self) -> tuple[bool, int, bool]:
-        return self.worst.overrules, self.windows, self.worst.would_need is not None
+    def weight(self) -> tuple[bool, int]:
+        return self.worst.overrules, self.windows
 
 
-def _p_value(e: Evidence) -> float:
+def _p_value(e: AnyFinding) -> float:
     return 1.0 if e.p_value is None else e.p_value
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.fusion.labels import LabelledSignal
-from skyproof.records import Evidence, ObservationLog, SignalId, SignalRef
+from skyproof.records import AnyFinding, ObservationLog, SignalId, SignalRef
 
 __all__ = ["Kind", "Unexplained", "unexplained"]
 
@@ -40,7 +40,7 @@ class Unexplained:
 
 def unexplained(
     labels: Sequence[LabelledSignal],
-    evidence: Sequence[Evidence],
+    evidence: Sequence[AnyFinding],
     observations: Sequence[ObservationLog],
     *,
     parts: bool = True,

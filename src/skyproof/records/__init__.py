@@ -11,7 +11,19 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 from skyproof.records.correlations import Asked, Ccaf, CcafAsked, Stretched, Taps, TapsAsked
 from skyproof.records.estimates import Baseline, Direction, InterferenceSign, NoiseRise, OverlappingSkies
-from skyproof.records.findings import Cause, Evidence, Null, Says, StatementTest, WrongStatement
+from skyproof.records.findings import (
+    AnyFinding,
+    Cause,
+    CauseName,
+    Datum,
+    Evidence,
+    Finding,
+    Hypothesis,
+    Null,
+    Says,
+    StatementTest,
+    WrongStatement,
+)
 from skyproof.records.fixes import FIX_STATUS, ConsistentSet, Fix, FixStatus
 from skyproof.records.measurements import (
     CELL_STATUS,
@@ -34,22 +46,27 @@ __all__ = [
     "FIX_STATUS",
     "OBSERVABLES",
     "AntennaArray",
+    "AnyFinding",
     "ArrayPhases",
     "Asked",
     "Attitude",
     "Baseline",
     "Cause",
+    "CauseName",
     "Ccaf",
     "CcafAsked",
     "CellStatus",
     "ConsistentSet",
+    "Datum",
     "Direction",
     "Ephemeris",
     "Evidence",
+    "Finding",
     "Fix",
     "FixStatus",
     "FrontEndLevels",
     "Holding",
+    "Hypothesis",
     "ImuSeries",
     "InterferenceSign",
     "Klobuchar",

@@ -1,7 +1,9 @@
 """Hold what one test found in one window."""
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -11,8 +13,13 @@ from skyproof.records.window import Need
 from skyproof.short_repr import ShortRepr
 
 __all__ = [
+    "AnyFinding",
     "Cause",
+    "CauseName",
+    "Datum",
     "Evidence",
+    "Finding",
+    "Hypothesis",
     "Null",
     "Says",
     "StatementTest",
@@ -30,7 +37,64 @@ clean : no sign of an attack; no evidence of authenticity either.
 undecided : the test could not tell, or could not run; `because` says why and what would help.
 """
 
-Cause = Literal[
+
+class Hypothesis(StrEnum):
+    """The null hypothesis that a test holds measurements against."""
+
+    CONTINUOUS = "continuous"
+    """Position, velocity, clock and carriers go on as a platform and an oscillator can."""
+    PREDICTED = "predicted"
+    """The fix is where an inertial unit, an oscillator or the fixes before put it."""
+    AS_STATED = "as_stated"
+    """What the user states of places, distances or antennas holds."""
+    ONE_POSITION = "one_position"
+    """All pseudoranges fit one position and one clock."""
+    ONE_SKY = "one_sky"
+    """Each satellite is received once, but for reflections."""
+    ONE_COMPONENT = "one_component"
+    """A correlation holds one signal, but for reflections."""
+    UNDISTORTED = "undistorted"
+    """A correlation has the shape of one signal in noise."""
+    CODE_FOLLOWS_CARRIER = "code_follows_carrier"
+    """Codes move as their carriers do, and bands as the ionosphere lets them."""
+    INDEPENDENT_ERRORS = "independent_errors"
+    """The signals' errors have nothing in common but the receiver's clock and motion."""
+    WHOLE_TRACKING = "whole_tracking"
+    """Satellites are tracked as orbits, horizon and noise let them be."""
+    STEADY_LEVELS = "steady_levels"
+    """C/N0 and front-end levels are those of the sky and the receiver's own past."""
+    TRUE_MESSAGES = "true_messages"
+    """Navigation messages are those that the system sends at this time."""
+    OWN_FIX = "own_fix"
+    """The receiver's own fixes are those of its measurements, and move as a platform can."""
+    SEPARATE_ORIGINS = "separate_origins"
+    """Late and weak copies of several satellites do not come from one direction."""
+    SKY_DIRECTIONS = "sky_directions"
+    """Signals arrive from the directions of their satellites."""
+    ONE_ANTENNA = "one_antenna"
+    """Signals come from one transmit antenna; rejected, they come from the sky."""
+    FALSE_SKY = "false_sky"
+    """The sky is a false one; rejected, it is the true one under the stated assumptions."""
+
+
+class Cause(StrEnum):
+    """A state of the world that a finding gives a p-value for: a clean sky, a benign cause, or a false sky."""
+
+    CLEAN = "clean"
+    REFLECTIONS = "reflections"
+    INTERFERENCE = "interference"
+    GAIN = "gain"
+    SHADE = "shade"
+    OSCILLATOR = "oscillator"
+    MOTION = "motion"
+    FAULT = "fault"
+    ORBITS = "orbits"
+    STATEMENT = "statement"
+    MISSING_SAMPLES = "missing_samples"
+    FALSE_SKY = "false_sky"
+
+
+CauseName = Literal[
     "reflections",
     "interference",
     "gain",
@@ -42,8 +106,7 @@ Cause = Literal[
     "statement",
     "missing_samples",
 ]
-"""What else than an attack may make a test fail: `fault` of one satellite or of the receiver, wrong `orbits` or clocks,
-a `statement` of the user that is not true, samples that are missing or a recording that was cut and joined."""
+"""A benign cause as `Evidence` names it."""
 
 Null = Literal["sky", "one antenna"]
 """What a test may reject: that the signals are the sky's, or that they come from one transmit antenna."""
@@ -132,7 +195,7 @@ class Evidence(ShortRepr):
     whole_sky: bool = False
     overlapping: tuple[OverlappingSkies, ...] = ()
     null: Null = "sky"
-    may_also_be: tuple[Cause, ...] = ()
+    may_also_be: tuple[CauseName, ...] = ()
     dated_gpst: np.datetime64 | None = None
     interference: tuple[NoiseRise, ...] | None = None
     statement: StatementTest | None = None
@@ -144,3 +207,182 @@ class Evidence(ShortRepr):
         asked = self.false_alarm_probability
         rejected = self.p_value is not None and asked is not None and self.p_value < asked
         return rejected and self.says == "undecided" and self.null == "sky"
+
+
+Datum = str | float | int | bool | tuple[str, ...] | tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
+class Finding(ShortRepr):
+    """What one test measured in one window: numbers about a named hypothesis, no word and no sentence.
+
+    Parameters
+    ----------
+    signals : that were tested.
+    hypothesis : the null.
+    p : largest p-value of these measurements under a clean sky and under each benign cause that the test can see, the
+        likeliest cause first; of a test for authenticity, under a false sky. Exact or conservative. A cause that may
+        have spoilt everything that was tested has 1. Empty where nothing could be tested.
+    alpha : the test's share of the false-alarm probability.
+    singled_out : each of `signals` is rejected by itself; else some of them are, and it is open which.
+    estimates : what was measured, by name: see the properties.
+    code : short name of what was found, or of why nothing could be tested; `skyproof.explain` puts it in words.
+    data : numbers and names for those words, and "statistic", "threshold" and "log_likelihood_ratio" of the test.
+    dated_gpst : epoch from which on the null fails, where the test dates it.
+    """
+
+    detector: str
+    start_gpst: np.datetime64
+    end_gpst: np.datetime64
+    signals: tuple[SignalRef, ...]
+    hypothesis: Hypothesis
+    code: str
+    p: Mapping[Cause, float] = field(default_factory=dict)
+    alpha: float | None = None
+    singled_out: bool = False
+    estimates: Mapping[str, Any] = field(default_factory=dict)
+    data: Mapping[str, Datum] = field(default_factory=dict)
+    dated_gpst: np.datetime64 | None = None
+
+    # --- estimates
+
+    @property
+    def directions(self) -> tuple[Direction, ...]:
+        """Return where the signals come from, all that fit, the likeliest first."""
+        return tuple(self.estimates.get("directions", ()))
+
+    @property
+    def baselines(self) -> tuple[Baseline, ...]:
+        """Return where the antennas stand by these signals, over the whole window first and then over parts of it."""
+        return tuple(self.estimates.get("baselines", ()))
+
+    @property
+    def overlapping(self) -> tuple[OverlappingSkies, ...]:
+        """Return the skies that signals were taken apart into, instant by instant."""
+        return tuple(self.estimates.get("overlapping", ()))
+
+    @property
+    def interference(self) -> tuple[NoiseRise, ...] | None:
+        """Return the interference that the window shows, a carrier each; None of a test that does not look for it."""
+        found: tuple[NoiseRise, ...] | None = self.estimates.get("interference")
+        return found
+
+    @property
+    def statement(self) -> StatementTest | None:
+        """Return what the signals say of a statement of the user that the finding rests on or contradicts."""
+        found: StatementTest | None = self.estimates.get("statement")
+        return found
+
+    @property
+    def wrong_statements(self) -> tuple[WrongStatement, ...]:
+        """Return the slips in statements that would explain what was found, the likeliest first."""
+        return tuple(self.estimates.get("wrong_statements", ()))
+
+    # --- what the decision reads
+
+    @property
+    def lacking(self) -> tuple[Need, ...]:
+        """Return the records that the test needs and did not get."""
+        names: Any = self.data.get("lacking", ())
+        return tuple(Need(name) for name in names)
+
+    @property
+    def says(self) -> Says:
+        """Return the word that the p-values give: the union of all causes is rejected, the clean sky alone, or none."""
+        alpha = 0.0 if self.alpha is None else self.alpha
+        if not self.p:
+            return "undecided"
+        if Cause.FALSE_SKY in self.p:
+            return "authentic" if self.p[Cause.FALSE_SKY] < alpha else "undecided"
+        if self.p[Cause.CLEAN] >= alpha:
+            return "clean"
+        if self.may_also_be == (Cause.REFLECTIONS,) and self.singled_out:
+            return "multipath"
+        return "undecided" if self.may_also_be else "spoofed" if self.singled_out else "attack"
+
+    @property
+    def p_value(self) -> float | None:
+        """Return the p-value of what `says` rejects, or did not: of the union of causes for an attack."""
+        if not self.p:
+            return None
+        if Cause.FALSE_SKY in self.p:
+            return self.p[Cause.FALSE_SKY]
+        return max(self.p.values()) if self.says in ("spoofed", "attack") else self.p[Cause.CLEAN]
+
+    @property
+    def may_also_be(self) -> tuple[Cause, ...]:
+        """Return the benign causes that explain what a clean sky does not, the likeliest first."""
+        alpha = 0.0 if self.alpha is None else self.alpha
+        if Cause.FALSE_SKY in self.p or self.p.get(Cause.CLEAN, 1.0) >= alpha:
+            return ()
+        return tuple(cause for cause, p in self.p.items() if cause is not Cause.CLEAN and p >= alpha)
+
+    @property
+    def failed(self) -> bool:
+        """Return whether a clean sky was rejected and a benign cause remains."""
+        return bool(self.may_also_be) and self.says == "undecided"
+
+    @property
+    def overrules(self) -> bool:
+        """Return whether the signals stay open by this finding whatever other tests say of them."""
+        return self.failed and self.hypothesis in _OVERRULING
+
+    @property
+    def group(self) -> int | None:
+        """Return the number within its window that findings of one decision share."""
+        number: Any = self.data.get("group")
+        return None if number is None else int(number)
+
+    @property
+    def whole_sky(self) -> bool:
+        """Return whether the signals are one sky of two that cannot both be true, of antennas unknown in number."""
+        return bool(self.data.get("whole_sky", False))
+
+    @property
+    def statistic(self) -> float | None:
+        """Return the test's statistic."""
+        return self._number("statistic")
+
+    @property
+    def threshold(self) -> float | None:
+        """Return the statistic's threshold at `alpha`."""
+        return self._number("threshold")
+
+    @property
+    def log_likelihood_ratio(self) -> float | None:
+        """Return that of what is rejected against its opposite, natural logarithm, where there is a model for both."""
+        return self._number("log_likelihood_ratio")
+
+    @property
+    def subject(self) -> tuple[SignalRef, ...]:
+        """Return `signals`."""
+        return self.signals
+
+    @property
+    def false_alarm_probability(self) -> float | None:
+        """Return `alpha`."""
+        return self.alpha
+
+    def _number(self, name: str) -> float | None:
+        value: Any = self.data.get(name)
+        return None if value is None else float(value)
+
+
+_OVERRULING: Final = frozenset(
+    {
+        Hypothesis.CONTINUOUS,
+        Hypothesis.PREDICTED,
+        Hypothesis.AS_STATED,
+        Hypothesis.CODE_FOLLOWS_CARRIER,
+        Hypothesis.INDEPENDENT_ERRORS,
+        Hypothesis.WHOLE_TRACKING,
+        Hypothesis.TRUE_MESSAGES,
+        Hypothesis.OWN_FIX,
+        Hypothesis.SEPARATE_ORIGINS,
+    }
+)
+"""Nulls whose failure is about the receiver as a whole, so that tests of its single signals do not outweigh it."""
+
+
+AnyFinding = Finding | Evidence
+"""What a test gives, of this contract or of the one before."""

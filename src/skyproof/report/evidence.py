@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from skyproof.report import methods, proof
-from skyproof.report.pictures import Finding
+from skyproof.report.pictures import MethodWords
 from skyproof.report.words import chance_words, evidence_words, number_words, p_value_words, span_words
 from skyproof.verdict import Method, Verdict
 
@@ -26,7 +26,7 @@ class Tested:
     scale: Markup
 
 
-def ran(verdict: Verdict, findings: tuple[Finding, ...]) -> list[Tested]:
+def ran(verdict: Verdict, findings: tuple[MethodWords, ...]) -> list[Tested]:
     """Methods that ran, those first that say most."""
     return [_tested(m, findings) for m in sorted((m for m in verdict.methods if m.ran), key=_weight)]
 
@@ -55,7 +55,7 @@ def by_chance(decision: str | None, p_value: float) -> str:
     return f"{otherwise}, chance alone gives as much {evidence_words(p_value)} ({p_value_words(p_value)})."
 
 
-def _tested(method: Method, findings: tuple[Finding, ...]) -> Tested:
+def _tested(method: Method, findings: tuple[MethodWords, ...]) -> Tested:
     found = next((f.words for f in findings if f.detector == method.detector), "")
     scale = Markup("")
     if method.p_value is not None:

@@ -7,8 +7,8 @@ from skyproof.report import pictures as draw
 from skyproof.report import proof, takeover
 from skyproof.report.pictures import (
     DelayProfile,
-    Finding,
     FixTrack,
+    MethodWords,
     RangeDifference,
     SignalSeries,
     SkyPosition,
@@ -51,7 +51,7 @@ class Pictures:
     correlations: tuple[CorrelationParts, ...] = ()
     compared: tuple[ComparedSkies, ...] = ()
     origins: tuple[FixOrigins, ...] = ()
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[MethodWords, ...] = ()
 
 
 def map_figures(pictures: Pictures, *, minutes: bool = False) -> list[Figure]:

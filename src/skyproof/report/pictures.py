@@ -17,9 +17,9 @@ __all__ = [
     "LABELS",
     "DelayProfile",
     "DelayTag",
-    "Finding",
     "FixTrack",
     "Kind",
+    "MethodWords",
     "RangeDifference",
     "SignalSeries",
     "SkyPosition",
@@ -165,7 +165,7 @@ class RangeDifference:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class MethodWords:
     """What a detector's most telling test found, in its own words, and when."""
 
     detector: str

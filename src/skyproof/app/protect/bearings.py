@@ -11,7 +11,7 @@ from skyproof.arrays import Reals
 from skyproof.fusion.labels import FalseSource
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.bearings import BearingRay, Meeting, meeting
-from skyproof.records import Direction, Evidence
+from skyproof.records import AnyFinding, Direction
 
 __all__ = ["Bearing", "bearings_of", "ellipse_95"]
 
@@ -59,7 +59,7 @@ class Bearing:
 
 
 def bearings_of(
-    sources: Sequence[FalseSource], evidence: Sequence[Evidence], trusted: Mapping[str, Track]
+    sources: Sequence[FalseSource], evidence: Sequence[AnyFinding], trusted: Mapping[str, Track]
 ) -> Iterator[Bearing]:
     """Of every source that is seen in one direction on the ground, by receivers whose place is trusted.
 
@@ -97,7 +97,7 @@ def _level(ray: BearingRay, azimuth_rad: float, reach_m: float) -> Reals:
 
 
 def _rays(
-    source: FalseSource, evidence: Sequence[Evidence], trusted: Mapping[str, Track]
+    source: FalseSource, evidence: Sequence[AnyFinding], trusted: Mapping[str, Track]
 ) -> list[tuple[str, BearingRay]]:
     """Receiver and ray, in the order of time."""
     signals = frozenset(source.signals)

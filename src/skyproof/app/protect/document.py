@@ -20,13 +20,24 @@ from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NEEDS
 from skyproof.detectors.entries import of_others
+from skyproof.explain import explain, stands_beside
 from skyproof.fusion.choice import Compared
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource, LabelledSignal
 from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso, timedelta_from_s
-from skyproof.records import Cause, ConsistentSet, Direction, Evidence, Fix, NavigationData, Need, ObservationLog
+from skyproof.records import (
+    AnyFinding,
+    CauseName,
+    ConsistentSet,
+    Direction,
+    Finding,
+    Fix,
+    NavigationData,
+    Need,
+    ObservationLog,
+)
 from skyproof.remarks import Remark, RemarkKind
 from skyproof.report.positions import radius_95_m
 from skyproof.short_repr import ShortRepr
@@ -109,7 +120,7 @@ class Outcome(ShortRepr):
 
     receivers: tuple[ReceiverOutcome, ...]
     decision: Decision
-    evidence: Sequence[Evidence]
+    evidence: Sequence[AnyFinding]
     sets: Sequence[ConsistentSet]
     navigation: NavigationData
     compared: tuple[Compared, ...] = ()
@@ -152,7 +163,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
         wrong_statements=_wrong_statements(outcome.evidence),
         interference=_interference(decision),
-        assumed=_assumed(decision),
+        assumed=_assumed(outcome),
         receivers=receivers,
         signals=tuple(_signals(outcome)),
         sources=tuple(_sources(outcome)),
@@ -205,12 +216,14 @@ def versions() -> dict[str, str]:
 # ---------------------------------------------------------------------- words
 
 
-def _assumed(decision: Decision) -> str | None:
-    """Under what word and labels hold; None where nothing is assumed."""
-    if not decision.assumed:
+def _assumed(outcome: Outcome) -> str | None:
+    """Return under what word and labels hold, in the order of the windows; None where nothing is assumed."""
+    found = (e for e in outcome.evidence if e.says in ("authentic", "spoofed", "attack"))
+    assumed = dict.fromkeys(words for e in found for words in explain(e).assumptions)
+    if not assumed:
         return None
-    said = f"Assumed: {'; '.join(decision.assumed)}."
-    if not any(s.label == "authentic" for s in decision.labels):
+    said = f"Assumed: {'; '.join(assumed)}."
+    if not any(s.label == "authentic" for s in outcome.decision.labels):
         return said
     alone = "The time of a receiver that is attacked alone at its true place is vouched for by its own past only."
     return f"{said} {alone}"
@@ -238,7 +251,7 @@ def _interference(decision: Decision) -> InterferenceResult:
     return InterferenceResult(state="present" if spells else "none", spells=spells)
 
 
-def _wrong_statements(evidence: Sequence[Evidence]) -> tuple[DoubtfulStatement, ...]:
+def _wrong_statements(evidence: Sequence[AnyFinding]) -> tuple[DoubtfulStatement, ...]:
     """What else would explain failed tests: each kind of thing about each statement once, by how many tests it does."""
     count = Counter((cause.code, cause.about, cause.words) for e in evidence for cause in e.wrong_statements)
     value = {(cause.code, cause.about, cause.words): cause.value for e in evidence for cause in e.wrong_statements}
@@ -346,8 +359,13 @@ MOST_NOTED = 2
 
 def _noted(outcome: Outcome) -> str:
     """What stands beside the verdict, whatever it is: each sentence once, what names signals first."""
-    noted = sorted((e for e in outcome.evidence if e.noted), key=lambda one: one.says == "attack")
-    said = list(dict.fromkeys(e.because for e in noted))
+    noted: dict[tuple[Any, ...], AnyFinding] = {}
+    for e in outcome.evidence:
+        if stands_beside(e):
+            key = (e.detector, e.code, *sorted({ref.receiver for ref in e.subject})) if isinstance(e, Finding) else (e,)
+            noted.setdefault(key, e)
+    in_order = sorted(noted.values(), key=lambda e: e.says == "attack")
+    said = list(dict.fromkeys(explain(e).sentence for e in in_order))
     more = f" {len(said) - MOST_NOTED} more such moments stand in the evidence." if len(said) > MOST_NOTED else ""
     return "".join(f" {text[:1].upper()}{text[1:]}." for text in said[:MOST_NOTED]) + more
 
@@ -393,7 +411,7 @@ class _Explanation:
     """Why the word is no stronger, and what belongs to that, as the document's keys have it."""
 
     reason: str | None
-    may_also_be: tuple[Cause, ...] = ()
+    may_also_be: tuple[CauseName, ...] = ()
     not_excluded: tuple[str, ...] = ()
     remedy: str | None = None
 
@@ -403,14 +421,25 @@ def _explanation(outcome: Outcome) -> _Explanation:
     left = _unexplained(decision.unexplained).rstrip(".")
     if decision.suspicion is not None:
         found = decision.suspicion
-        to_do = found.remedy or _cure(outcome) or "a longer recording"
-        return _Explanation(reason=found.why or left, may_also_be=found.may_also_be, remedy=to_do)
+        words = None if found.finding is None else explain(found.finding)
+        to_do = (words and words.remedy) or _cure(outcome) or "a longer recording"
+        causes: Any = tuple(str(cause) for cause in found.may_also_be)
+        return _Explanation(reason=words.sentence if words else left, may_also_be=causes, remedy=to_do)
     question = decision.open
     if question is None:
         return _Explanation(reason=None)
     about = f"which signals of {', '.join(question.receivers)} are true"
-    why = question.why or left or "none of the tests that this input allows could decide"
-    remedy = question.remedy if question.why else _cure(outcome) or ("a longer recording" if left else None)
+    why = left or "none of the tests that this input allows could decide"
+    remedy = _cure(outcome) or ("a longer recording" if left else None)
+    if question.finding is not None:
+        words = explain(question.finding)
+        why, remedy = words.sentence, words.remedy
+        why += f"; the same holds for {', '.join(question.also)}" if question.also else ""
+        if remedy is not None and question.distance_m is not None:
+            distance_m, sigma_m = question.distance_m
+            remedy += (
+                f"; these signals come from the sky if the antennas stand {distance_m:.1f} ± {sigma_m:.1f} m apart"
+            )
     if decision.verdict == "spoofed":
         return _Explanation(reason=f"{about}: {why}", remedy=remedy)
     return _Explanation(reason=f"it is not shown {about}: {why}", not_excluded=_not_excluded(outcome), remedy=remedy)
@@ -454,7 +483,8 @@ def why_untested(outcome: Outcome) -> str | None:
 def _cure(outcome: Outcome) -> str:
     """What the user could bring that was lacking; of skies one of which is true, first what says where he is."""
     lacking = {need for e in outcome.evidence for need in e.lacking}
-    said = [e.would_need for e in outcome.evidence if e.says in ("spoofed", "attack") and e.would_need is not None]
+    remedies = (explain(e).remedy for e in outcome.evidence if e.says in ("spoofed", "attack"))
+    said = [remedy for remedy in remedies if remedy is not None]
     cures = [*dict.fromkeys(said), *(NEEDS[need] for need in GIVEN if need in lacking)]
     if _unranged(outcome):
         cures.insert(0, RANGES)

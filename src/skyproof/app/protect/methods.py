@@ -6,8 +6,9 @@ from typing import Final
 
 import numpy as np
 
+from skyproof.explain import explain, stands_beside
 from skyproof.gnss.time import iso
-from skyproof.records import Evidence
+from skyproof.records import AnyFinding
 from skyproof.verdict import Method
 
 __all__ = ["OfDetector", "of_detectors"]
@@ -24,17 +25,18 @@ class OfDetector:
     reasons : of pieces that decide nothing, by their code: how many, and the first.
     """
 
-    first: Evidence
+    first: AnyFinding
     tests: int = 0
-    telling: dict[str, Evidence] = field(default_factory=dict)
-    reasons: dict[str, tuple[int, Evidence]] = field(default_factory=dict)
+    telling: dict[str, AnyFinding] = field(default_factory=dict)
+    reasons: dict[str, tuple[int, AnyFinding]] = field(default_factory=dict)
 
-    def add(self, e: Evidence) -> None:
+    def add(self, e: AnyFinding) -> None:
         """Add one more piece."""
         if e.p_value is None and e.says == "undecided":
-            count, first = self.reasons.get(e.code or e.because, (0, e))
-            self.reasons[e.code or e.because] = count + 1, first
-        remark = e.noted and e.says == "clean"
+            code = e.code or explain(e).sentence
+            count, first = self.reasons.get(code, (0, e))
+            self.reasons[code] = count + 1, first
+        remark = stands_beside(e) and e.says == "clean"
         if e.p_value is None and (e.says == "undecided" or remark):
             return
         self.tests += e.p_value is not None
@@ -49,12 +51,12 @@ class OfDetector:
         return max(self.telling, key=STRENGTH.index, default=None)
 
     @property
-    def most_telling(self) -> Evidence | None:
+    def most_telling(self) -> AnyFinding | None:
         """The piece that says most: the least p-value behind the decision; None without any."""
         return None if self.decision is None else self.telling[self.decision]
 
     @property
-    def reason(self) -> Evidence | None:
+    def reason(self) -> AnyFinding | None:
         """The piece with the most frequent reason for deciding nothing; None where all pieces are tests."""
         return max(self.reasons.values(), key=lambda counted: counted[0], default=(0, None))[1]
 
@@ -65,7 +67,7 @@ class OfDetector:
         return Method(
             detector=self.first.detector,
             ran=telling is not None,
-            why_not=None if telling is not None else (self.reason or self.first).because,
+            why_not=None if telling is not None else explain(self.reason or self.first).sentence,
             would_need=self._would_need(),
             decision=self.decision,
             tests=self.tests,
@@ -82,10 +84,11 @@ class OfDetector:
         pieces = [self.most_telling]
         if self.decision not in ("authentic", "spoofed", "multipath"):
             pieces += [self.telling.get("undecided"), self.reason]
-        return next((e.would_need for e in pieces if e is not None and e.would_need is not None), None)
+        remedies = (explain(e).remedy for e in pieces if e is not None)
+        return next((remedy for remedy in remedies if remedy is not None), None)
 
 
-def of_detectors(evidence: Iterable[Evidence]) -> tuple[OfDetector, ...]:
+def of_detectors(evidence: Iterable[AnyFinding]) -> tuple[OfDetector, ...]:
     """Count the evidence of each detector, in the order of their names."""
     found: dict[str, OfDetector] = {}
     for e in evidence:
@@ -93,7 +96,7 @@ def of_detectors(evidence: Iterable[Evidence]) -> tuple[OfDetector, ...]:
     return tuple(found[name] for name in sorted(found))
 
 
-def _p_value(e: Evidence) -> float:
+def _p_value(e: AnyFinding) -> float:
     """Its p-value; beyond any where none is stated."""
     return np.inf if e.p_value is None else e.p_value
 

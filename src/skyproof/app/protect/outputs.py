@@ -23,6 +23,7 @@ from skyproof.app.protect.pictures import kinds_of, pictures_of
 from skyproof.app.protect.positions import KINDS, Track
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.errors import InputError
+from skyproof.explain import explain
 from skyproof.formats.atomic_write import UNFINISHED, OutputStep, Unwritten, replaced, write_in_turn, write_lines
 from skyproof.formats.checksums import CHECKSUMS, write_checksums
 from skyproof.formats.documents import read_json
@@ -41,7 +42,7 @@ from skyproof.navigation.dilution import horizontal_dilution
 from skyproof.records import (
     CELL_STATUS,
     OBSERVABLES,
-    Evidence,
+    AnyFinding,
     Fix,
     FixStatus,
     NavigationData,
@@ -224,7 +225,7 @@ def _label_cells(o: Observations, first: int, labels: Sequence[LabelledSignal]) 
     return cells
 
 
-def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
+def _evidence_columns(evidence: Sequence[AnyFinding]) -> dict[str, Any]:
     def numbers(name: str) -> Any:
         return np.array([np.nan if getattr(e, name) is None else getattr(e, name) for e in evidence], np.float64)
 
@@ -235,6 +236,7 @@ def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
         found = (getattr(e, name) for e in evidence)
         return np.array([np.datetime64("NaT") if t is None else t for t in found], dtype="datetime64[ns]")
 
+    explained = [explain(e) for e in evidence]
     return {
         "detector": words("detector"),
         "start_gpst": instants("start_gpst"),
@@ -247,14 +249,14 @@ def _evidence_columns(evidence: Sequence[Evidence]) -> dict[str, Any]:
         "false_alarm_probability": numbers("false_alarm_probability"),
         "log_likelihood_ratio": numbers("log_likelihood_ratio"),
         "code": words("code"),
-        "because": words("because"),
+        "because": np.array([one.sentence for one in explained], dtype=str),
         "may_also_be": np.array([", ".join(e.may_also_be) for e in evidence], dtype=str),
         "dated_gpst": instants("dated_gpst"),
-        "would_need": words("would_need"),
+        "would_need": np.array([one.remedy or "" for one in explained], dtype=str),
     }
 
 
-def evidence_line(e: Evidence) -> str:
+def evidence_line(e: AnyFinding) -> str:
     """A piece of evidence as JSON, with the columns of evidence.parquet; null for what is absent."""
     columns = {name: values[0].item() for name, values in _evidence_columns([e]).items()}
     instants = {"start_gpst": e.start_gpst, "end_gpst": e.end_gpst, "dated_gpst": e.dated_gpst}

@@ -22,6 +22,7 @@ from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
 from skyproof.errors import InputError
+from skyproof.explain import explain
 from skyproof.formats.bounds import TRACK_BYTES
 from skyproof.formats.byte_io import content_of
 from skyproof.formats.documents import read_json
@@ -38,8 +39,8 @@ from skyproof.report.figures import Pictures
 from skyproof.report.pictures import (
     DelayProfile,
     DelayTag,
-    Finding,
     FixTrack,
+    MethodWords,
     RangeDifference,
     SignalSeries,
     SkyPosition,
@@ -429,13 +430,13 @@ def _sets_by_label(
 # ---------------------------------------------------------------------- evidence in words
 
 
-def _findings(outcome: Outcome) -> Iterator[Finding]:
+def _findings(outcome: Outcome) -> Iterator[MethodWords]:
     for one in of_detectors(outcome.evidence):
         found = one.most_telling
         if found is not None:
-            yield Finding(
+            yield MethodWords(
                 detector=found.detector,
-                words=found.because,
+                words=explain(found).sentence,
                 from_gpst=iso(found.start_gpst, 3),
                 to_gpst=iso(found.end_gpst, 3),
             )

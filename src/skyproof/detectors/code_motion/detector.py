@@ -39,7 +39,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import iso
 from skyproof.navigation.fix import FixGeometry, fix_and_geometry
 from skyproof.records import (
-    Cause,
+    CauseName,
     Evidence,
     Fix,
     FixStatus,
@@ -261,7 +261,7 @@ class CodeMotion:
             if p_value < alpha:
                 by = f"{size_m:.0f} m" if what == "position" else f"{size_m / SPEED_OF_LIGHT_M_S * 1e6:.3g} us"
                 because = f"the {what} of {receiver} by codes jumps by {by} at {iso(at, 1)[11:]}"
-                causes: tuple[Cause, ...] = ("motion",) if what == "position" else ("oscillator",)
+                causes: tuple[CauseName, ...] = ("motion",) if what == "position" else ("oscillator",)
                 evidence = replace(
                     evidence, says="undecided", because=because, overrules=True, dated_gpst=at, may_also_be=causes
                 )

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.base import Untested, missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.continuity.drawn_off import SPANS_S, drawn_off_of
 from skyproof.detectors.continuity.one_sky import (
     Transmission,
@@ -35,24 +35,18 @@ from skyproof.detectors.continuity.steps import Limits, Series, Step, largest_st
 from skyproof.detectors.continuity.untested import (
     LEAST_EPOCHS,
     explain_few_epochs,
-    explain_no_set,
     explain_no_step,
 )
 from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely
-from skyproof.detectors.continuity.words import (
-    clock,
-    drawn_off_words,
-    moved_words,
-    seconds,
-    step_causes,
-    step_words,
-)
 from skyproof.errors import SettingsError, require_probability
+from skyproof.gnss.time import iso
 from skyproof.records import (
     BY_NAME,
     Cause,
     ConsistentSet,
-    Evidence,
+    Datum,
+    Finding,
+    Hypothesis,
     NavigationData,
     Need,
     Observations,
@@ -61,9 +55,10 @@ from skyproof.records import (
     SignalRef,
 )
 
-__all__ = ["Continuity", "ContinuitySettings"]
+__all__ = ["Continuity", "ContinuitySettings", "step_causes"]
 
 Kind = tuple[str, str, str]
+_REFLECTED_M = 150.0  # half a chip of C/A: a reflection draws a code loop off by no more
 _SHARES = 3  # of the false alarms: steps, motion by carriers, by codes alone
 
 
@@ -108,13 +103,10 @@ class ContinuitySettings:
 
 
 class _Break(NamedTuple):
-    """What does not go on, in words, what else that may be, since when, and how improbable it is; the statistic of the
-    window it broke in."""
+    """A step that broke kinds of signals: its epoch, and the statistic of the window in which it was found."""
 
-    words: str
-    may_also_be: tuple[Cause, ...]
+    step: Step
     gpst: np.datetime64
-    p_value: float
     statistic: float | None
 
 
@@ -149,7 +141,7 @@ class _Look:
     steps: tuple[tuple[frozenset[Kind], Step], ...] = ()  # the largest of each group of kinds
     moved: SkyMotion | None = None  # by carriers, of a receiver that is stated to stand
     drawn_off: SkyMotion | None = None  # by codes, and not by carriers
-    untested: Untested | None = None  # why no moment could be tested
+    untested: NotTested | None = None  # why no moment could be tested
 
     @property
     def p_value(self) -> float:
@@ -165,12 +157,12 @@ class Continuity:
     def __init__(self, settings: ContinuitySettings | None = None) -> None:
         self.settings = settings or ContinuitySettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; never raises for what the data lack."""
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
         pasts: dict[str, _Past] = dict(state or {})
         if not records.observations or records.navigation is None or not (records.sets or pasts):
-            return missing(self, records), state
-        said: list[Evidence] = []
+            return Reporter(self, records, Hypothesis.CONTINUOUS).name_missing(), state
+        said: list[Finding] = []
         for o in records.observations:
             before = pasts.get(o.receiver)
             if before is not None and o.elapsed_s[-1] <= before.tail.elapsed_s[-1]:
@@ -192,8 +184,9 @@ class _Window:
         self.navigation, self.o, self.past = navigation, o, past
         self.limits = self.settings.limits
         self.alpha = self.settings.false_alarm_probability / _SHARES
+        self.report = Reporter(detector, records, Hypothesis.CONTINUOUS)
 
-    def examined(self) -> tuple[list[Evidence], _Past | None]:
+    def examined(self) -> tuple[list[Finding], _Past | None]:
         candidates = [self._looked(members, place) for members, place in self._candidates()]
         looks = [look for look in candidates if look.stretch.gpst.size > 1]
         if not looks:
@@ -286,7 +279,7 @@ class _Window:
         alpha, multipath_m = self.alpha / max(len(groups), 1), self.settings.multipath_sigma_m
         return least_likely(drawn_off_of(groups, multipath_sigma_m=multipath_m, alpha=alpha))
 
-    def _goes_on(self, look: _Look) -> list[Evidence]:
+    def _goes_on(self, look: _Look) -> list[Finding]:
         """Of the kinds of signals that broke, by what broke them, and of the others."""
         broke = self._broke(look)
         subject = self._subject(look)
@@ -305,112 +298,82 @@ class _Window:
         broke = {} if self.past is None else dict(self.past.broke)
         for kinds, step in look.steps:
             if step.p_value < self.alpha:
-                words = step_words(self.o.receiver, look.stretch, step, self.settings.multipath_sigma_m)
-                gpst = look.stretch.gpst[step.row]
-                why = _Break(words, step_causes(step), gpst, step.p_value, step.statistic)
+                why = _Break(step, look.stretch.gpst[step.row], step.statistic)
                 broke |= dict.fromkeys(kinds, why)
         return broke
 
-    def _unbroken(self, subject: tuple[SignalRef, ...], look: _Look, steps: Sequence[Step]) -> Evidence:
-        receiver = self.o.receiver
+    def _unbroken(self, signals: tuple[SignalRef, ...], look: _Look, steps: Sequence[Step]) -> Finding:
         step = min(steps, key=lambda step: (-step.missing_s, step.p_value))
         if step.missing_s > 0.0 and step.row >= look.new:
-            when = clock(look.stretch, step)
-            ahead = undecided(
-                self.detector,
-                self.records,
-                subject,
-                code="time_ahead",
-                because=f"{receiver}: at {when} the signals' time is {seconds(step.missing_s)} ahead and all carriers "
-                "break at once: samples are missing there, or time is false",
-                would_need="a recording without gaps",
-            )
-            return replace(ahead, noted=True)
-        return Evidence(
-            detector=self.detector.name,
-            start_gpst=self.records.start_gpst,
-            end_gpst=self.records.end_gpst,
-            subject=subject,
-            says="clean",
-            because=f"position, velocity, clock and time of {receiver} go on",
-            statistic=step.statistic,
-            false_alarm_probability=self.alpha,
-            p_value=step.p_value,
-        )
+            data: dict[str, Datum] = {"at": iso(look.stretch.gpst[step.row], 1), "missing_s": step.missing_s}
+            return self.report.pass_over(signals, NotTested("time_ahead", data))
+        statistic: dict[str, Datum] = {"statistic": step.statistic}
+        return self.report.find(signals, "goes_on", {Cause.CLEAN: step.p_value}, alpha=self.alpha, data=statistic)
 
-    def _broken(self, subject: tuple[SignalRef, ...], why: _Break) -> Evidence:
-        return Evidence(
-            detector=self.detector.name,
-            start_gpst=self.records.start_gpst,
-            end_gpst=self.records.end_gpst,
-            subject=subject,
-            says="undecided",
-            because=why.words,
-            statistic=why.statistic,
-            false_alarm_probability=self.alpha,
-            p_value=why.p_value,
-            overrules=True,
-            may_also_be=why.may_also_be,
+    def _broken(self, signals: tuple[SignalRef, ...], why: _Break) -> Finding:
+        step = why.step
+        data: dict[str, Datum] = {
+            "kinds": step.kinds,
+            "position_m": step.position_m,
+            "clock_s": step.clock_s,
+            "speed_m_s": step.speed_m_s,
+            "rate": step.rate,
+            "broke": step.broke,
+            "outage_s": step.outage_s,
+            "multipath_sigma_m": self.settings.multipath_sigma_m,
+        }
+        if why.statistic is not None:
+            data["statistic"] = why.statistic
+        return self.report.find(
+            signals,
+            "step",
+            {Cause.CLEAN: step.p_value, **leave_open(step_causes(step))},
+            alpha=self.alpha,
+            data=data,
             dated_gpst=why.gpst,
-            would_need="the recording as the receiver made it, uncut; or to protect what is before and what is "
-            "after by themselves",
         )
 
-    def _stands(self, look: _Look) -> list[Evidence]:
-        """Of a receiver that is stated to stand."""
-        moved, receiver = look.moved, self.o.receiver
-        if moved is None:
+    def _stands(self, look: _Look) -> list[Finding]:
+        """Return what carriers show of a receiver that is stated to stand."""
+        if look.moved is None:
             return []
-        shown = moved_words(receiver, moved)
-        two = f"{shown}; without some two of them it may be chance: what moves nearby reflects them, or they are false"
-        word = self._of_motion(look, moved, f"by its carriers {receiver} stands", two)
-        if word.says != "attack":
-            return [word]
-        remedy = "a second receiver; if it does move, a platform file without the statement that it stands"
-        because = f"{shown}: the signals are false, or it moves"
-        return [replace(word, because=because, assumes=(f"{receiver} does not move",), would_need=remedy)]
+        return [self._of_motion(look, look.moved, ("stands", "moves_by_some", "moves"), ("receiver_stands",))]
 
-    def _together(self, look: _Look) -> list[Evidence]:
-        """Of codes and carriers."""
-        motion, receiver = look.drawn_off, self.o.receiver
+    def _together(self, look: _Look) -> list[Finding]:
+        """Return whether codes and carriers show one motion."""
+        motion = look.drawn_off
         if motion is None or (motion.whole_sky_p_value >= self.alpha > motion.p_value and self._broke(look)):
             return []  # a step, which is said
-        shown = drawn_off_words(receiver, motion)
-        two = f"{shown}; without some two of them, or but for one moment, it may be chance"
-        word = self._of_motion(look, motion, f"codes and carriers in {receiver} show one motion", two)
-        return [replace(word, because=shown) if word.says == "attack" else word]
+        return [self._of_motion(look, motion, ("one_motion", "dragged_by_some", "dragged"), ())]
 
-    def _of_motion(self, look: _Look, motion: SkyMotion, clean: str, two: str) -> Evidence:
-        """Of the whole sky it is an attack, of some satellites undecided, in the words `two`."""
-        still = Evidence(
-            detector=self.detector.name,
-            start_gpst=self.records.start_gpst,
-            end_gpst=self.records.end_gpst,
-            subject=self._subject(look),
-            says="clean",
-            because=clean,
-            statistic=motion.metres,
-            false_alarm_probability=self.alpha,
-            p_value=motion.p_value,
-        )
-        if motion.p_value >= self.alpha:
-            return still
-        remedy = "a second receiver"
-        if motion.whole_sky_p_value >= self.alpha:
-            open_ = replace(still, says="undecided", because=two, overrules=True, would_need=remedy)
-            return replace(open_, may_also_be=("reflections",))
-        first = self.past is None or not self.past.attacked
-        return replace(still, says="attack", p_value=motion.whole_sky_p_value, noted=first, would_need=remedy)
+    def _of_motion(
+        self, look: _Look, motion: SkyMotion, codes: tuple[str, str, str], assumes: tuple[str, ...]
+    ) -> Finding:
+        """Return a motion of the whole sky, or of some satellites, which reflections may draw off.
 
-    def _untested(self, look: _Look | None) -> Evidence:
-        """Say why the signals of a candidate could not be tested, or why none is there."""
-        why = explain_no_set(self.o.receiver) if look is None else look.untested or explain_no_step(look.stretch)
-        return undecided(
-            self.detector,
-            self.records,
-            tuple(SignalRef(self.o.receiver, s) for s in self.o.signals),
-            **why._asdict(),
+        codes : where nothing moves, some satellites do, and all do.
+        """
+        number = int(motion.p_value < self.alpha) + int(max(motion.p_value, motion.whole_sky_p_value) < self.alpha)
+        data: dict[str, Datum] = {
+            "statistic": motion.metres,
+            "moved_m": motion.metres,
+            "time_s": motion.time_s,
+            "satellites": motion.satellites,
+        }
+        if number == len(codes) - 1:
+            data["assumes"] = assumes
+        return self.report.find(
+            self._subject(look),
+            codes[number],
+            {Cause.CLEAN: motion.p_value, Cause.REFLECTIONS: motion.whole_sky_p_value},
+            alpha=self.alpha,
+            data=data,
         )
+
+    def _untested(self, look: _Look | None) -> Finding:
+        """Return why the signals of a candidate could not be tested, or that none is there."""
+        why = NotTested("no_set") if look is None else look.untested or explain_no_step(look.stretch)
+        return self.report.pass_over(tuple(SignalRef(self.o.receiver, s) for s in self.o.signals), why)
 
     def _subject(self, look: _Look) -> tuple[SignalRef, ...]:
         measured = np.isfinite(self.o.pseudorange_m).any(axis=0)
@@ -434,6 +397,15 @@ class _Window:
             attacked=(self.past is not None and self.past.attacked)
             or any(one is not None and one.whole_sky_p_value < self.alpha for one in (look.moved, look.drawn_off)),
         )
+
+
+def step_causes(step: Step) -> tuple[Cause, ...]:
+    """Return what else than an exchange of signals makes such a step.
+
+    Reflections draw a position off, or a velocity; not what all signals have in common, and they break no carriers.
+    """
+    reflected = set(step.kinds) <= {"position", "velocity"} and not step.broke and step.position_m <= _REFLECTED_M
+    return (Cause.MISSING_SAMPLES, Cause.REFLECTIONS) if reflected else (Cause.MISSING_SAMPLES,)
 
 
 def _largest(sets: Sequence[ConsistentSet]) -> Sequence[ConsistentSet]:

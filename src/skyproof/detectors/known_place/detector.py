@@ -16,13 +16,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.code_motion.detector import primary_signals
 from skyproof.detectors.known_place.laws import chance_at_place
 from skyproof.errors import require_probability
 from skyproof.navigation.search import misfits
 from skyproof.navigation.sets import window_measurements
-from skyproof.records import Evidence, NavigationData, Need, Observations, Records, SignalRef
+from skyproof.records import Cause, Finding, Hypothesis, NavigationData, Need, Observations, Records, SignalRef
 
 __all__ = ["CodesAtPlace", "CodesAtPlaceSettings"]
 
@@ -36,7 +36,7 @@ _MOST_EPOCHS: Final = 100  # of a window that are looked at, evenly
 class CodesAtPlaceSettings:
     """Settings of `CodesAtPlace`.
 
-    false_alarm_probability : of each receiver and window. multipath_sigma_m : of one pseudorange, one sigma.
+    false_alarm_probability : of each receiver and report. multipath_sigma_m : of one pseudorange, one sigma.
     ionosphere_share : of the ionosphere's delay, one sigma of what the model leaves. speed_max_m_s : 0 if the receivers
     stand. positions_ecef_m : (3,) of each surveyed receiver.
     """
@@ -68,9 +68,10 @@ class CodesAtPlace:
     def __init__(self, settings: CodesAtPlaceSettings | None = None) -> None:
         self.settings = settings or CodesAtPlaceSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Return the evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.AS_STATED)
+        lacking = report.name_missing()
         if lacking or records.navigation is None:
             return lacking, state
         places: dict[str, _Place] = dict(state or {})
@@ -82,46 +83,32 @@ class CodesAtPlace:
                 places[o.receiver] = _Place(np.asarray(surveyed), _SURVEY_M**2 * np.eye(3))
             elif self.settings.speed_max_m_s == 0.0 and len(sets) == 1 and o.receiver not in places:
                 places[o.receiver] = _Place(sets[0].position_ecef_m, sets[0].covariance_m2[:3, :3])
-            found.append(self._receiver(records, records.navigation, o, bool(sets), places.get(o.receiver)))
+            found.append(self._test_receiver(report, records.navigation, o, bool(sets), places.get(o.receiver)))
         return found, places
 
-    def _receiver(
-        self, records: Records, navigation: NavigationData, o: Observations, fixed: bool, place: _Place | None
-    ) -> Evidence:
-        subject = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
-        signals = primary_signals(o)
-        why: tuple[str, str, str] | None = None
+    def _test_receiver(
+        self, report: Reporter, navigation: NavigationData, o: Observations, fixed: bool, place: _Place | None
+    ) -> Finding:
+        signals = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+        primary = primary_signals(o)
         if place is None:
-            why = "no_place", f"it is not known where {o.receiver} stands", "the receiver's surveyed position"
-        elif fixed:
-            why = "fixed", f"the satellites of {o.receiver} give a position, which is tested itself", "nothing"
-        elif not signals:
-            why = "received_twice", f"no satellite is received in {o.receiver}, or one twice", "one signal of each"
-        epochs = [] if why or place is None or not signals else self._epochs(o, navigation, set(signals), place)
-        if not why and not epochs:
-            words = f"fewer than {_LEAST} satellites at any epoch of {o.receiver} have codes and orbits"
-            why = "few_satellites", words, "more satellites with pseudoranges and orbits"
-        if why:
-            code, because, need = why
-            return undecided(self, records, subject, because=because, would_need=need, code=code)
+            return report.pass_over(signals, NotTested("no_place"))
+        if fixed:
+            return report.pass_over(signals, NotTested("fixed"))
+        if not primary:
+            return report.pass_over(signals, NotTested("received_twice"))
+        epochs = self._epochs(o, navigation, set(primary), place)
+        if not epochs:
+            return report.pass_over(signals, NotTested("few_satellites", {"least": _LEAST}))
         sats = sorted({sat for epoch in epochs for sat in epoch.sats})
         chances = [_least([epoch.chance(out) for epoch in epochs]) for out in ("", *sats)]
         p_value, alpha = max(chances), self.settings.false_alarm_probability
         failed = p_value < alpha
-        verb = "do not fit" if failed else "fit"
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=tuple(ref for ref in subject if ref.signal.sat in set(sats)),
-            says="undecided" if failed else "clean",
-            because=f"the codes of {len(sats)} satellites in {o.receiver} {verb} the place where it stands",
-            p_value=p_value,
-            false_alarm_probability=alpha,
-            overrules=failed,
+        return report.find(
+            tuple(ref for ref in signals if ref.signal.sat in set(sats)),
+            "does_not_fit" if failed else "fits",
+            {Cause.CLEAN: p_value, **leave_open((Cause.REFLECTIONS, Cause.STATEMENT, Cause.FAULT))},
             dated_gpst=self._dated(o, epochs, alpha) if failed else None,
-            would_need="more satellites, or another receiver" if failed else None,
-            may_also_be=("reflections", "statement", "fault") if failed else (),
         )
 
     def _epochs(

@@ -38,7 +38,7 @@ from skyproof.detectors.levels.laws import (
 )
 from skyproof.errors import SettingsError, require_probability
 from skyproof.records import (
-    Cause,
+    CauseName,
     Evidence,
     FrontEndLevels,
     InterferenceSign,
@@ -178,7 +178,7 @@ class _Test(NamedTuple):
     name: str
     p_value: float
     words: str
-    causes: tuple[Cause, ...]
+    causes: tuple[CauseName, ...]
     columns: tuple[int, ...]
     statistic: float
     since: np.datetime64 | None = None

@@ -90,7 +90,7 @@ class MultiReceiver:
         said += _of_further_signals(window, said) if window.skies else []
         return without_doubtful(records, window.skies, said), _Memory(runs, learnt)
 
-    def review(self, evidence: Sequence[Evidence]) -> Iterator[Evidence]:
+    def review(self, evidence: Sequence[Any]) -> Iterator[Any]:
         """All windows' evidence once more, now that all of it is known; a sequence may read it from where it is kept.
 
         Windows in which both skies were received in every receiver give the baseline. Others that show the same one are

@@ -13,7 +13,7 @@ from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_u
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import echoes_p_value
-from skyproof.records import Baseline, Cause, ConsistentSet, Evidence, Null, Records, Says, SignalRef, StatementTest
+from skyproof.records import Baseline, CauseName, ConsistentSet, Evidence, Null, Records, Says, SignalRef, StatementTest
 
 __all__ = ["ONE_FALSE_SKY", "ONE_TRANSMITTER", "SEPARATION", "Window", "far", "names"]
 
@@ -284,7 +284,7 @@ class Window:
         assumes: tuple[str, ...] = (),
         baselines: tuple[Baseline, ...] = (),
         null: Null = "sky",
-        may_also_be: tuple[Cause, ...] = (),
+        may_also_be: tuple[CauseName, ...] = (),
         statement: StatementTest | None = None,
     ) -> Evidence:
         if ratio is not None:

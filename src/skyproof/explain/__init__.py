@@ -1,0 +1,13 @@
+"""Findings in words: the one place of sentences, remedies and assumptions that people read.
+
+    explain(finding).sentence      what a test found, or why it could not run
+    explain(finding).remedy        what would let it run, or decide
+    explain(finding).assumptions   what its word assumes
+
+Each room of detectors has a module here with its `ENTRIES`: one entry a code. Detectors know none of this.
+"""
+
+from skyproof.explain.entry import Entry, Explanation
+from skyproof.explain.table import explain, list_entries, stands_beside
+
+__all__ = ["Entry", "Explanation", "explain", "list_entries", "stands_beside"]

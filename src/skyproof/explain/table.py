@@ -1,0 +1,69 @@
+"""Find the words for a finding by its detector and its code."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from skyproof.detectors.base import NEEDS
+from skyproof.detectors.registry import load_detectors
+from skyproof.explain import continuity, known_place
+from skyproof.explain.assumptions import ASSUMPTIONS
+from skyproof.explain.entry import Entry, Explanation, collect_fields, fill, join
+from skyproof.records import Evidence, Finding
+
+__all__ = ["explain", "list_entries", "stands_beside"]
+
+_ROOMS: Final[Mapping[str, Mapping[str, Entry]]] = {
+    "continuity": continuity.ENTRIES,
+    "known_place": known_place.ENTRIES,
+}
+_COMMON: Final[Mapping[str, Entry]] = {
+    "failed": Entry("the detector {detector} of {module} failed: {error}", "{detector} repaired"),
+    "review_failed": Entry("review of the detector {detector} of {module} failed: {error}", "{detector} repaired"),
+}
+
+
+def explain(finding: Finding | Evidence) -> Explanation:
+    """Put a finding in words: what was found or why nothing was tested, the remedy, and what is assumed.
+
+    Raises
+    ------
+    KeyError : no entry has the finding's code, or its data lack a field of the entry's template.
+    """
+    if isinstance(finding, Evidence):
+        return Explanation(finding.because, finding.would_need, finding.assumes)
+    if finding.lacking:
+        without = join([need.replace("_", " ") for need in finding.lacking])
+        return Explanation(f"without {without}", "; ".join(NEEDS[need] for need in finding.lacking))
+    entry = _find_entry(finding)
+    fields = collect_fields(finding)
+    assumes: Any = finding.data.get("assumes", ())
+    return Explanation(
+        sentence=fill(entry.sentence, finding) or finding.code,
+        remedy=None if entry.remedy is None else fill(entry.remedy, finding),
+        assumptions=tuple(ASSUMPTIONS[code].format_map(fields) for code in assumes),
+    )
+
+
+def stands_beside(finding: Finding | Evidence) -> bool:
+    """Return whether a finding stands beside the verdict, whatever that is."""
+    if isinstance(finding, Evidence):
+        return finding.noted
+    return not finding.lacking and _find_entry(finding).beside
+
+
+def list_entries() -> Iterator[tuple[str, str, Entry]]:
+    """Yield detector, code and entry of all that can be said, in alphabetical order."""
+    for detector, entries in sorted(_ROOMS.items()):
+        for code, entry in sorted(entries.items()):
+            yield detector, code, entry
+
+
+def _find_entry(finding: Finding) -> Entry:
+    """Return the entry of a detector of ours, or what a package's own detector states in its `sentences`."""
+    if finding.code in _COMMON:
+        return _COMMON[finding.code]
+    if finding.detector in _ROOMS:
+        return _ROOMS[finding.detector][finding.code]
+    kind = load_detectors().get(finding.detector)
+    sentence = getattr(kind, "sentences", {}).get(finding.code, finding.code.replace("_", " "))
+    return Entry(sentence, getattr(kind, "remedies", {}).get(finding.code))
