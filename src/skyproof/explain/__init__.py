@@ -7,7 +7,7 @@
 Each room of detectors has a module here with its `ENTRIES`: one entry a code. Detectors know none of this.
 """
 
-from skyproof.explain.entry import Entry, Explanation
+from skyproof.explain.entry import Entry, Wording
 from skyproof.explain.table import explain, list_entries, stands_beside
 
-__all__ = ["Entry", "Explanation", "explain", "list_entries", "stands_beside"]
+__all__ = ["Entry", "Wording", "explain", "list_entries", "stands_beside"]

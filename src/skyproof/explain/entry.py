@@ -6,7 +6,7 @@ from typing import Any
 
 from skyproof.records import Finding
 
-__all__ = ["Entry", "Explanation", "Words", "collect_fields", "fill"]
+__all__ = ["Entry", "Wording", "Words", "collect_fields", "fill"]
 
 Words = str | Callable[[Finding], str | None]
 """A template with the fields of `collect_fields`, or a function of the finding where a template does not do."""
@@ -26,7 +26,7 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class Wording:
     """A finding in words: without capital and full stop, as it may stand within a sentence."""
 
     sentence: str

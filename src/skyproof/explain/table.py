@@ -7,7 +7,7 @@ from skyproof.detectors.base import NEEDS
 from skyproof.detectors.registry import load_detectors
 from skyproof.explain import continuity, known_place
 from skyproof.explain.assumptions import ASSUMPTIONS
-from skyproof.explain.entry import Entry, Explanation, collect_fields, fill, join
+from skyproof.explain.entry import Entry, Wording, collect_fields, fill, join
 from skyproof.records import Evidence, Finding
 
 __all__ = ["explain", "list_entries", "stands_beside"]
@@ -22,7 +22,7 @@ _COMMON: Final[Mapping[str, Entry]] = {
 }
 
 
-def explain(finding: Finding | Evidence) -> Explanation:
+def explain(finding: Finding | Evidence) -> Wording:
     """Put a finding in words: what was found or why nothing was tested, the remedy, and what is assumed.
 
     Raises
@@ -30,14 +30,14 @@ def explain(finding: Finding | Evidence) -> Explanation:
     KeyError : no entry has the finding's code, or its data lack a field of the entry's template.
     """
     if isinstance(finding, Evidence):
-        return Explanation(finding.because, finding.would_need, finding.assumes)
+        return Wording(finding.because, finding.would_need, finding.assumes)
     if finding.lacking:
         without = join([need.replace("_", " ") for need in finding.lacking])
-        return Explanation(f"without {without}", "; ".join(NEEDS[need] for need in finding.lacking))
+        return Wording(f"without {without}", "; ".join(NEEDS[need] for need in finding.lacking))
     entry = _find_entry(finding)
     fields = collect_fields(finding)
     assumes: Any = finding.data.get("assumes", ())
-    return Explanation(
+    return Wording(
         sentence=fill(entry.sentence, finding) or finding.code,
         remedy=None if entry.remedy is None else fill(entry.remedy, finding),
         assumptions=tuple(ASSUMPTIONS[code].format_map(fields) for code in assumes),

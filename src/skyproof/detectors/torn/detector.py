@@ -29,7 +29,7 @@ from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.records import (
-    Cause,
+    CauseName,
     CellStatus,
     Evidence,
     FixStatus,
@@ -267,7 +267,7 @@ class Torn:
             )
             because += "give way to others" + (_names(exchange.satellites) if failed else "")
             chosen = tuple(s for s in chosen if s.sat in exchange.satellites) if failed else chosen
-        causes: tuple[Cause, ...] = ("interference", "fault") if by_codes else ("shade", "interference", "fault")
+        causes: tuple[CauseName, ...] = ("interference", "fault") if by_codes else ("shade", "interference", "fault")
         return Evidence(
             detector=self.name,
             start_gpst=records.start_gpst,
