@@ -30,6 +30,7 @@ EXCHANGED_MAX: Final = 0.1
 is found, at full strength, which takes a receiver half a second or more (Kaplan & Hegarty, 8.12)."""
 WEAK_DBHZ: Final = 30.0
 """Below it noise alone makes receivers lose a signal (Kaplan & Hegarty, 8.9, with 5 dB for its scatter)."""
+_NEVER: Final = np.datetime64("NaT", "ns")
 _PRIOR_CELLS: Final = 40.0  # weight of the stated bound beside the receiver's own past
 _MOST_CELLS: Final = 400.0  # of the past; older ones fade
 _MOST_SCORE: Final = 60.0  # chances below 1e-26 are alike, and what ended shall end
@@ -50,7 +51,7 @@ class ExchangePast:
     known: frozenset[str] = frozenset()
     score: float = 0.0
     beginnings: int = 0
-    began: np.datetime64 = np.datetime64("NaT", "ns")
+    began: np.datetime64 = _NEVER
     exchanged: float = 0.0
     cells: float = 0.0
 
