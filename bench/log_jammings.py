@@ -1,10 +1,11 @@
 """Interference put into logs of real receivers, and the same logs as they are: what `levels` reports of both.
 
-    python bench/log_jammings.py --jammings 200 --cuts 200 --out drawn.jsonl    goes on where it was stopped
+    python bench/log_jammings.py --jammings 200 --shorts 200 --cuts 200 --out drawn.jsonl    goes on where stopped
     python bench/log_jammings.py --table drawn.jsonl                            the counts alone
 
 Logs are those of `real_logs` with C/N0. A jamming takes 5 to 30 dB from all bands or from the upper one, for 10 s to a
-third of the log (`skyproof.studies.log_attacks.put_jamming`); what is too weak then is lost. A cut is a part of a log
+third of the log (`skyproof.studies.log_attacks.put_jamming`), a short one for 2 to 6 s; what is too weak then is lost.
+A cut is a part of a log
 as it was recorded, half of it or more. Only the detector runs and what joins its windows: a second a draw. The words
 of whole runs are counted by `log_attacks.py --jammings`.
 """
@@ -30,6 +31,7 @@ from skyproof.records import Evidence, NavigationData, Observations
 from skyproof.studies.log_attacks import Jamming, put_jamming
 
 SEED: Final = 44
+KINDS: Final = ("jamming", "cut", "short")
 RATE: Final = 2.8e-6  # of a failed test a window: 0.001 an hour
 LEAST_WINDOWS: Final = 6
 STEPS_DB: Final = (5.0, 8.0, 12.0, 20.0, 30.0)
@@ -69,7 +71,7 @@ def examine(o: Observations) -> list[Evidence]:
 def row_of(name: str) -> Row:
     """Make the row of a name such as "jamming-3" or "cut-17"."""
     what, number = name.split("-")
-    rng = np.random.default_rng([SEED, int(number), what == "cut"])
+    rng = np.random.default_rng([SEED, int(number), KINDS.index(what)])
     logs = usable()
     log = str(rng.choice(sorted(logs)))
     whole = logs[log]
@@ -83,6 +85,7 @@ def row_of(name: str) -> Row:
         return row | _counts(found, spells_of(found, [o]) or (), o) | {"seconds": float(o.elapsed_s[-1])}
     begin_s = rng.uniform(0.3, 0.6) * last_s
     lasts_s = max(rng.uniform(10.0, last_s / 3.0), 3.0 * usual_s) if last_s > 30.0 else last_s / 3.0
+    lasts_s = max(float(rng.uniform(2.0, 6.0)), usual_s) if what == "short" else lasts_s
     jamming = Jamming(
         begin_s=begin_s,
         end_s=begin_s + lasts_s,
@@ -135,14 +138,18 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
                 f"{sum(len(row['spells']) for row in some)}, failed {sum(len(row['failed']) for row in some)}"
             )
         yield from (f"    {row['name']} {row['log']}: {row['spells']} {row['failed']}" for row in cuts if _odd(row))
-    jams = [row for row in rows if row["what"] == "jamming"]
+    for what in ("jamming", "short"):
+        yield from _jams([row for row in rows if row["what"] == what], what)
+
+
+def _jams(jams: Sequence[Row], what: str) -> Iterator[str]:
     for loss_db in sorted({row["loss_db"] for row in jams}):
         some = [row for row in jams if row["loss_db"] == loss_db]
         met = [row for row in some if row["reported"]]
         exact = sum(row["late_epochs"] == 0 for row in met)
         over = [row["over_db"] for row in met if not row["lost"]]
         yield (
-            f"{loss_db:4.0f} dB: {len(met):3} of {len(some):3} reported, {exact} of them dated to the epoch; "
+            f"{what}, {loss_db:4.0f} dB: {len(met):3} of {len(some):3} reported, {exact} of them dated to the epoch; "
             f"{f'off by {np.median(over):+.1f} dB at the median' if over else 'all with lost signals, a lower bound'}; "
             f"beside {sum(row['beside'] for row in some)}; other bands {sum(row['other_bands'] for row in met)}; "
             f"failed tests in {sum(bool(row['failed']) for row in some)}"
@@ -160,10 +167,10 @@ def _odd(row: Row) -> bool:
 def main() -> None:
     """Run and print the counts."""
     parser = parser_of(__doc__)
-    parser.add_argument("--jammings", type=int, default=0)
-    parser.add_argument("--cuts", type=int, default=0)
+    for option in ("jammings", "shorts", "cuts"):
+        parser.add_argument(f"--{option}", type=int, default=0)
     chosen: argparse.Namespace = parser.parse_args()
-    names = [f"jamming-{k}" for k in range(chosen.jammings)] + [f"cut-{k}" for k in range(chosen.cuts)]
+    names = [f"{what}-{k}" for what in sorted(KINDS) for k in range(getattr(chosen, f"{what}s"))]
     print("\n".join(table(rows_of(chosen, names, row_of))))
 
 

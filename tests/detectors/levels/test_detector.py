@@ -132,6 +132,31 @@ def test_lost_signals_fell_at_least_to_the_floor() -> None:
     assert not failed(found)
 
 
+@pytest.mark.parametrize("fall_db", [12.0, 30.0])
+@pytest.mark.parametrize("first", [ONSET, 97], ids=["within a window", "over two"])
+def test_interference_of_four_seconds_is_reported(first, fall_db) -> None:
+    found = examine(drowned(sky(), fall_db, epochs=slice(first, first + 4)))
+    assert not failed(found)
+    rises = falls(found)
+    assert rises
+    assert (rises[0].from_gpst, rises[-1].to_gpst) == (EXACT.gpst[first], EXACT.gpst[first + 3])
+    assert 6.0 < max(rise.fall_db for rise in rises) <= fall_db + 2.0
+
+
+def test_parts_of_windows_fall_at_the_rate_that_is_asked() -> None:
+    """Draw fading that goes on from part to part by half, beside that of windows."""
+    asked, n_windows, reported = 0.1, 0, 0
+    rng = np.random.default_rng(8)
+    for seed in range(40):
+        parts_db = rng.standard_normal((WINDOWS * 5, N))
+        for k in range(1, len(parts_db)):
+            parts_db[k] = 0.5 * parts_db[k - 1] + np.sqrt(0.75) * parts_db[k]
+        found = examine(sky(seed, fading_db=1.5) + np.repeat(1.3 * parts_db, 2, axis=0), interference_probability=asked)
+        n_windows += WINDOWS
+        reported += len(falls(found))
+    assert stats.binomtest(reported, n_windows, asked, alternative="greater").pvalue > 1e-4
+
+
 def test_one_satellite_in_shade_is_neither() -> None:
     levels_db = sky()
     levels_db[ONSET:, 1] -= 18.0

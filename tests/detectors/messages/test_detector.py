@@ -44,6 +44,10 @@ def examine(*windows: Records):
     return found
 
 
+def examine_all(window: Records):
+    return BroadcastMessages(BroadcastMessagesSettings(false_alarm_probability=RATE)).examine(window)[0]
+
+
 def test_a_clean_sky_has_no_odd_satellite() -> None:
     records = clean()
     assert examine(records).statistic == 0.0
@@ -61,6 +65,42 @@ def test_other_clocks_under_one_issue_of_data_are_odd(count, failed) -> None:
     assert found.statistic == count
     assert found.failed == failed
     assert found.says != "attack"
+
+
+def hours(count: float):
+    """Return changes of the times of a data set by so many hours."""
+    return {name: lambda e, name=name: getattr(e, name) + 3600.0 * count for name in ("toe", "toc")}
+
+
+@pytest.mark.parametrize(("off_h", "failed"), [(-5.0, True), (5.0, True), (-167.0, True), (0.0, False)])
+def test_data_sets_that_do_not_serve_when_they_come_are_odd(off_h, failed) -> None:
+    records = clean()
+    alone = replace(records, navigation=replace(records.navigation, ephemerides=records.navigation.ephemerides[:1]))
+    assert examine(with_messages(alone, sent(records, 6, **hours(off_h)))).failed == failed
+
+
+@pytest.mark.parametrize(("count", "failed"), [(2, False), (6, True)])
+def test_messages_that_go_back_to_earlier_ones_are_odd(count, failed) -> None:
+    records = clean()
+    alone = replace(records, navigation=replace(records.navigation, ephemerides=()))
+    ill = {"health": lambda e: 63}  # such ones are not held against others
+    later = with_messages(alone, sent(records, 9, **hours(0.5), **ill))
+    found = examine(later, with_messages(alone, sent(records, count, **ill)))
+    assert found.statistic == count
+    assert found.failed == failed
+
+
+def test_receivers_that_hear_an_upload_one_after_the_other_do_not_go_back() -> None:
+    records = clean()
+    (o,) = records.observations
+    two = replace(records, observations=(o, replace(o, receiver="rx2")))
+    two = replace(two, navigation=replace(records.navigation, ephemerides=()))
+    ill = {"health": lambda e: 63}  # such ones are not held against others
+    first, second = (
+        with_messages(two, sets).messages["rx1"]
+        for sets in (sent(records, 6, **hours(0.5), **ill), sent(records, 6, **ill))
+    )
+    assert not examine_all(replace(two, messages={"rx1": first, "rx2": second}))[1].failed
 
 
 def test_a_later_issue_that_contradicts_is_odd() -> None:

@@ -15,6 +15,7 @@ Four tests, of which each may fail; a failed one makes *suspect* at most:
 
 A **fall** that all satellites on a carrier share is no sign of false signals. It is reported as interference
 (`Evidence.interference`): since which epoch, by how much, on which carrier, by C/N0, by lost signals or by the level.
+So is one that lasts for a part of a window (`laws.find_dip`).
 Shade of the whole sky weakens all signals too. It is named beside unless the level rises, another carrier keeps its
 levels, or the receiver is known to stand.
 """
@@ -29,10 +30,13 @@ from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.levels.bands import carrier_name, chain_covers
 from skyproof.detectors.levels.laws import (
+    Dip,
     OwnRate,
     OwnScale,
     SharedChange,
     estimate_shared_change,
+    find_dip,
+    mean_by_group,
     pattern_slope,
     split_in_two,
 )
@@ -130,6 +134,7 @@ class _Past:
     references: Mapping[SignalId, _Reference] = field(default_factory=dict)
     floors_db: Mapping[Unit, float] = field(default_factory=dict)
     scales: Mapping[Unit, OwnScale] = field(default_factory=dict)
+    dips: Mapping[Unit, OwnScale] = field(default_factory=dict)
     slopes: Mapping[Unit, OwnScale] = field(default_factory=dict)
     rates: Mapping[Unit, OwnRate] = field(default_factory=dict)
     series: Mapping[Unit, _Series] = field(default_factory=dict)
@@ -142,7 +147,8 @@ class _Change(NamedTuple):
     """What a unit's satellites share, its statistic over its sigma, and how many signals were lost.
 
     fall, rise : chance of a change so far down or up. losses : of so many lost signals. fall_db : estimated without
-    what is lost, where enough is left.
+    what is lost, where enough is left. dip : the lowest part of the window; fall_in_part : the chance of it;
+    lost_in_dip : signals that it takes.
     """
 
     unit: Unit
@@ -155,11 +161,24 @@ class _Change(NamedTuple):
     lost: int
     fall_db: float
     series: _Series
+    dip: Dip
+    fall_in_part: float
+    lost_in_dip: int
 
     @property
     def noise(self) -> float:
-        """Return the chance of falls and losses together as they are (union bound)."""
-        return min(1.0, 2.0 * min(self.fall, self.losses))
+        """Return the chance of falls and losses together as they are (union bound, a twentieth of it for parts)."""
+        return min(1.0, 2.1 * min(self.fall, self.losses), 21.0 * self.fall_in_part)
+
+    @property
+    def short(self) -> bool:
+        """Tell whether a part of the window is less probable than the whole of it."""
+        return 10.0 * self.fall_in_part < min(self.fall, self.losses)
+
+    @property
+    def lasting_db(self) -> float:
+        """Return the fall, dB."""
+        return -self.dip.change_db if self.short else -self.common.change_db
 
 
 class _GaugeChange(NamedTuple):
@@ -265,12 +284,16 @@ class _Window:
         cells_db = self.o.cn0_dbhz[:, used]
         cells_db = np.where(np.isfinite(cells_db), cells_db, least_db) - own_db  # what is lost fell as far at least
         change_db = np.median(cells_db, axis=0)
-        by_sat = _by_satellite([signals[k].sat for k in used], change_db)
+        satellite = np.unique([signals[k].sat for k in used], return_inverse=True)[1]
+        by_sat = mean_by_group(satellite, change_db)
         if by_sat.size < LEAST_SATELLITES:
             return None
         windows = float(np.mean([references[signals[k]].windows for k in used]))
-        common = estimate_shared_change(by_sat, fading_db=self.settings.fading_db, common_db=self.settings.common_db)
+        spread = {"fading_db": self.settings.fading_db, "common_db": self.settings.common_db}
+        common = estimate_shared_change(by_sat, **spread)
         statistic = common.change_db / (common.sigma_db * np.sqrt(1.0 + 1.0 / windows))
+        dip = find_dip(cells_db, satellite, **spread)
+        in_part = dip.parts * self.past.dips.get(unit, OwnScale()).below(dip.statistic / np.sqrt(1.0 + 1.0 / windows))
         scale, rate = self.past.scales.get(unit, OwnScale()), self.past.rates.get(unit, OwnRate())
         lost, left = int((~self.known[used]).sum()), self.known[used]
         tracked_db = -float(np.median(change_db[left])) if left.sum() >= LEAST_SATELLITES else -np.inf
@@ -285,6 +308,9 @@ class _Window:
             lost=lost,
             fall_db=max(-common.change_db, tracked_db),
             series=_Series(self.o.gpst, np.median(cells_db, axis=1)),
+            dip=dip,
+            fall_in_part=min(1.0, in_part),
+            lost_in_dip=int(np.isnan(self.o.cn0_dbhz[dip.first : dip.stop, used]).all(axis=0).sum()),
         )
 
     def _counts(self, column: int, reference: _Reference, unit: Unit) -> bool:
@@ -312,22 +338,28 @@ class _Window:
         risen = self._risen(change, gauges)
         lasting = carrier in self.past.interfered
         # Where most satellites of another carrier keep their levels, nothing shades the antenna.
-        kept = (c.common.change_db for c in carriers if c.unit[0] not in interfered)
-        uneven = any(change_db > 0.25 * change.common.change_db for change_db in kept)
+        others = [c for c in carriers if c.unit[0] not in interfered]
+        kept = (c.dip.change_db if change.short else c.common.change_db for c in others)
+        uneven = any(change_db > -0.25 * change.lasting_db for change_db in kept)
         stands = self.settings.speed_max_m_s == 0.0
+        lost = change.lost_in_dip if change.short else change.lost
         signs: list[InterferenceSign] = ["cn0"]
-        signs += ["lost"] if 2 * change.lost > change.common.satellites else []
+        signs += ["lost"] if 2 * lost > change.common.satellites else []
         signs += ["level"] if risen else []
         levels_db = [g.rise_db for g in risen if np.isfinite(g.rise_db)]
+        rows = np.flatnonzero(change.series.change_db <= 0.5 * change.common.change_db)
+        begun, ended = self.o.gpst[0] if lasting else self._begun(change), self.o.gpst[rows[-1]]
+        if change.short:
+            begun, ended = self.o.gpst[change.dip.first], self.o.gpst[change.dip.stop - 1]
         return NoiseRise(
             receiver=self.o.receiver,
             carrier=carrier,
-            from_gpst=self.o.gpst[0] if lasting else self._begun(change),
-            to_gpst=self.o.gpst[np.flatnonzero(change.series.change_db <= 0.5 * change.common.change_db)[-1]],
-            fall_db=max(change.fall_db, 0.0),
+            from_gpst=begun,
+            to_gpst=ended,
+            fall_db=max(change.lasting_db if change.short else change.fall_db, 0.0),
             sigma_db=self._sigma_db(change),
             level_db=max(levels_db) if levels_db else None,
-            lost=change.lost,
+            lost=lost,
             signs=tuple(signs),
             may_be_shade=not (risen or uneven or stands),
         )
@@ -541,9 +573,11 @@ class _Window:
             before_db = level_db if own is None else own.level_db
             references[signal] = _Reference(before_db + (level_db - before_db) / windows, windows, end_s)
         scales, slopes, rates = dict(self.past.scales), dict(self.past.slopes), dict(self.past.rates)
+        dips = dict(self.past.dips)
         for change in changes:
             if odd or self._carrier(change.unit) in interfered:
                 continue
+            dips[change.unit] = dips.get(change.unit, OwnScale()).after(change.dip.scatter)
             scales[change.unit] = scales.get(change.unit, OwnScale()).after(change.statistic)
             rates[change.unit] = rates.get(change.unit, OwnRate()).after(change.lost, len(change.columns))
             if (found := self._slope(change)) is not None:
@@ -553,11 +587,16 @@ class _Window:
             references=references,
             floors_db=self.floors_db,
             scales=scales,
+            dips=dips,
             slopes=slopes,
             rates=rates,
             series={change.unit: change.series for change in changes},
             gauges=gauges,
-            interfered={carrier: -change.common.change_db for carrier, change in interfered.items()},
+            interfered={
+                carrier: change.lasting_db
+                for carrier, change in interfered.items()
+                if not change.short or change.dip.stop == self.o.gpst.size
+            },
             odd=odd,
         )
 
@@ -596,12 +635,6 @@ def _medians(values: Reals) -> Reals:
     found = np.full(values.shape[1], np.nan)
     found[known] = np.nanmedian(values[:, known], axis=0)
     return found
-
-
-def _by_satellite(sats: list[str], change_db: Reals) -> Reals:
-    """Return the mean change of each satellite's signals."""
-    names, index = np.unique(sats, return_inverse=True)
-    return np.asarray(np.bincount(index, change_db) / np.bincount(index, minlength=names.size))
 
 
 def _name(unit: Unit) -> str:

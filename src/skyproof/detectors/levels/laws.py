@@ -9,6 +9,10 @@ whatever single satellites do; its variance is `common_db^2 + pi/2 fading_db^2 /
 held against its own past: s^2 has a scaled inverse chi-square law with `PRIOR_DEGREES` degrees about 1, so that after
 m values `T / s` is Student's t with `PRIOR_DEGREES + m` degrees (Gelman et al., Bayesian Data Analysis, 2.6 and 3.2).
 
+**The dip.** Interference may be shorter than a window. A window is cut into `DIP_PARTS` parts. The median of each
+signal over a part changes as that over a window does, whatever the parts share. The lowest part is held against the
+scale of the receiver's own parts; its chance is that of one part times their number (union bound).
+
 **The losses.** Each signal is lost within a window independently, at a rate with a beta law that its past sharpens. The
 number of lost ones is beta-binomial (`OwnRate`; Gelman et al., 3.1 and 5.3).
 
@@ -16,24 +20,31 @@ number of lost ones is beta-binomial (`OwnRate`; Gelman et al., 3.1 and 5.3).
 signals one power flattens the pattern. The slope of the change over the reference is then -1 (`pattern_slope`).
 """
 
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Indices, Reals
 
 __all__ = [
+    "DIP_PARTS",
     "PRIOR_DEGREES",
+    "Dip",
     "OwnRate",
     "OwnScale",
     "SharedChange",
     "estimate_shared_change",
+    "find_dip",
+    "mean_by_group",
     "pattern_slope",
     "split_in_two",
 ]
 
+DIP_PARTS: Final = 5
+"""Of a window: two seconds where a window has ten."""
 PRIOR_DEGREES: Final = 10.0
 """Weight of the stated scale beside the receiver's own: that of so many earlier windows."""
 _MOST_DEGREES: Final = 60.0
@@ -56,6 +67,55 @@ def estimate_shared_change(change_db: ArrayLike, *, fading_db: float, common_db:
     values = np.asarray(change_db, np.float64)
     variance_db2 = common_db**2 + 0.5 * np.pi * fading_db**2 / values.size
     return SharedChange(float(np.median(values)), float(np.sqrt(variance_db2)), values.size)
+
+
+class Dip(NamedTuple):
+    """The lowest part of a window: its common change over its sigma and in dB, rows from first to before stop.
+
+    parts : of the window. scatter : root mean square over the parts of what they change by over their sigma.
+    """
+
+    statistic: float
+    change_db: float
+    first: int
+    stop: int
+    parts: int
+    scatter: float
+
+
+def find_dip(change_db: Reals, satellite: Indices, *, fading_db: float, common_db: float) -> Dip:
+    """Find where all signals are weakest together: changes (n_epochs, n_signals), the satellite (n_signals,) of each.
+
+    The rows are those about the lowest part in which the median of the signals is less than half of its change.
+    """
+    n = change_db.shape[0]
+    edges = np.linspace(0, n, min(DIP_PARTS, n) + 1).round().astype(np.intp)
+    by_part = [np.median(change_db[a:b], axis=0) for a, b in pairwise(edges.tolist())]
+    found = [
+        estimate_shared_change(mean_by_group(satellite, part), fading_db=fading_db, common_db=common_db)
+        for part in by_part
+    ]
+    statistics = np.array([shared.change_db / shared.sigma_db for shared in found])
+    k = int(statistics.argmin())
+    lowest_db = found[k].change_db
+    low = np.median(change_db, axis=1) <= 0.5 * lowest_db if lowest_db < 0.0 else np.zeros(n, np.bool_)
+    low[edges[k] : edges[k + 1]] |= not low[edges[k] : edges[k + 1]].any()
+    inside = edges[k] + int(np.argmax(low[edges[k] : edges[k + 1]]))
+    before, after = np.flatnonzero(~low[:inside]), np.flatnonzero(~low[inside:])
+    return Dip(
+        statistic=float(statistics[k]),
+        change_db=lowest_db,
+        first=int(before[-1]) + 1 if before.size else 0,
+        stop=inside + int(after[0]) if after.size else n,
+        parts=len(found),
+        scatter=float(np.sqrt(np.mean(statistics**2))),
+    )
+
+
+def mean_by_group(group: Indices, values: Reals) -> Reals:
+    """Return the mean of the values (n,) of each group (n,), in the order of the groups' numbers."""
+    _, index = np.unique(group, return_inverse=True)
+    return np.asarray(np.bincount(index, values) / np.bincount(index))
 
 
 class OwnScale(NamedTuple):

@@ -5,6 +5,7 @@ Whoever makes signals makes messages too, from orbits of some time and place. A 
 - an orbit or clock that it sends contradicts those before, of the same receiver or another one, or the navigation file,
   by more than the accuracies that they state (`laws`);
 - it sends another orbit under one issue of data;
+- it sends a data set whose time has passed, or goes back to one of before: a record that is played again;
 - its message says another time of week than the receiver's clock;
 - it stands below the horizon of where the receiver is.
 
@@ -17,7 +18,7 @@ does. What fails leaves the cause open: nothing here tells who sent it.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -25,9 +26,10 @@ from skyproof.arrays import Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.messages.laws import chance_of_difference, range_difference_m, served_together
 from skyproof.errors import require_probability
-from skyproof.gnss.ephemeris import Ephemeris
+from skyproof.gnss.ephemeris import MAX_AGE_S, Ephemeris
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.time import seconds_between
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.records import Evidence, Need, Observations, ReceivedMessages, Records, SignalRef
 from skyproof.statistics.distributions import binomial_survival
@@ -36,6 +38,8 @@ __all__ = ["BroadcastMessages", "BroadcastMessagesSettings"]
 
 _BELOW_DEG: Final = 2.0
 """Below the horizon: refraction lifts signals by 0.6 degrees at most, and orbits of an old data set err by less."""
+_BACK_S: Final = 300.0
+"""By which the time of a data set may go back: after an upload it is off the hour (IS-GPS-200N, 20.3.4.5)."""
 _EARTH_M: Final = 6.371e6
 _KEPT: Final = 4  # data sets of a satellite and message that are remembered
 _NAMED: Final = 6
@@ -58,8 +62,13 @@ class BroadcastMessagesSettings:
 
 
 _Key = tuple[str, str]
-_Sent = Mapping[_Key, tuple[Ephemeris, ...]]
-"""The last data sets of each satellite and message, of any receiver."""
+
+
+class _Past(NamedTuple):
+    """What is remembered: data sets, and the latest time of those that each receiver had of a satellite and message."""
+
+    sent: dict[_Key, tuple[Ephemeris, ...]]
+    latest: dict[tuple[str, _Key], np.datetime64]
 
 
 class BroadcastMessages:
@@ -77,24 +86,29 @@ class BroadcastMessages:
         lacking = missing(self, records)
         if lacking or records.navigation is None:
             return lacking, state
-        sent: dict[_Key, tuple[Ephemeris, ...]] = dict(state or {})
+        past = _Past({}, {}) if state is None else _Past(dict(state.sent), dict(state.latest))
+        sent, latest = past
         found = []
         for o in records.observations:
             messages = records.messages.get(o.receiver)
-            came = [] if messages is None else [e for e in messages.ephemerides if isinstance(e, Ephemeris)]
+            came = () if messages is None else zip(messages.gpst, messages.ephemerides, strict=True)
             filed = _by_key(e for e in records.navigation.ephemerides if isinstance(e, Ephemeris))
             if messages is None and not any(s.receiver == o.receiver for s in records.sets):
                 found.append(self._untested(records, o))
                 continue
             odd = dict(_below_horizon(records, o)) | _mistimed(messages)
-            for e in came:
+            for gpst, e in came:
+                if not isinstance(e, Ephemeris):
+                    continue
                 key = e.sat, e.message
                 before = tuple(dict.fromkeys((*sent.get(key, ()), *filed.get(key, ()))))
-                why = self._contradicted(e, before)
+                newest = latest.get((o.receiver, key), e.reference_gpst)
+                latest[o.receiver, key] = max(newest, e.reference_gpst)
+                why = _outdated(e, gpst, newest) or self._contradicted(e, before)
                 odd |= {} if why is None else {e.sat: why}
                 sent[key] = (*(other for other in sent.get(key, ()) if other != e), e)[-_KEPT:]
             found.append(self._judged(records, o, odd))
-        return found, sent
+        return found, past
 
     def _untested(self, records: Records, o: Observations) -> Evidence:
         return undecided(
@@ -152,6 +166,16 @@ def _by_key(ephemerides: Iterable[Ephemeris]) -> dict[_Key, tuple[Ephemeris, ...
     for e in ephemerides:
         found[e.sat, e.message] = (*found.get((e.sat, e.message), ()), e)
     return found
+
+
+def _outdated(e: Ephemeris, gpst: np.datetime64, newest: np.datetime64) -> str | None:
+    """Say that a data set, whole at an instant, does not serve then or is older than the newest that came before."""
+    off_s = float(seconds_between(gpst, e.reference_gpst))
+    if abs(off_s) > MAX_AGE_S[e.sat[0]]:
+        return f"sends an orbit of {abs(off_s) / 3600.0:.1f} h {'before' if off_s > 0.0 else 'after'}"
+    if seconds_between(newest, e.reference_gpst) > _BACK_S:
+        return "goes back to an orbit of before"
+    return None
 
 
 def _same_issue(e: Ephemeris, other: Ephemeris) -> bool:
