@@ -16,9 +16,8 @@ What leaves it may be false signals, reflections or the unit. It is an attack on
 Else it stays undecided, with the reason.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -31,6 +30,7 @@ from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
 from skyproof.navigation.prediction import choose
 from skyproof.records import AnyFinding, ConsistentSet, Evidence, SignalRef
+from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "departures"]
 
@@ -47,7 +47,7 @@ _BLOW_M_S: Final = 0.1
 """What one reading beside its neighbours may change the velocity by: more is a blow, or an error of the log."""
 _CLOCK: Final = np.array([6, 7])
 _EVERY_S: Final = 0.25  # between looks at a window
-_LEFT_OUT, _LEAST = 2, 5  # satellites
+_LEAST = 5  # satellites
 
 
 def departures(
@@ -198,17 +198,18 @@ class _Walk:
 
     def _whole_sky(self, window: Rivals, shown: _Shown) -> bool:
         """Whether it is there without any two satellites."""
+
+        def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
+            for pair in pairs:
+                fix = self.maker.at_end(window, shown.sky, pair)
+                expected = None if fix is None else self.foresight.at(fix.gpst)
+                if fix is None or expected is None:
+                    yield 1.0
+                else:
+                    yield choose(without(expected, _CLOCK), [fix]).fits[0]
+
         sats = sorted({signal.sat for signal in shown.sky.signals})
-        if len(sats) < _LEAST + _LEFT_OUT:
-            return False
-        for some in combinations(sats, _LEFT_OUT):
-            fix = self.maker.at_end(window, shown.sky, some)
-            expected = None if fix is None else self.foresight.at(fix.gpst)
-            if fix is None or expected is None:
-                return False
-            if choose(without(expected, _CLOCK), [fix]).fits[0] >= self.alpha:
-                return False
-        return True
+        return largest_p_value_without(sats, p_values, least=_LEAST, enough=self.alpha) < self.alpha
 
     def _blow_m_s(self, window: Rivals) -> float:
         """The largest change of velocity that one reading makes beside its neighbours, since the last fix learned."""

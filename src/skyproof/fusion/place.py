@@ -16,9 +16,8 @@ Else it stays undecided, with the reason. Where one of several skies shows the r
 of them is true is `choice`'s to say.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -31,12 +30,13 @@ from skyproof.navigation.foresight import Foresight, SkyFix, Standing
 from skyproof.navigation.known import KNOWN, Known, without
 from skyproof.navigation.prediction import choose
 from skyproof.records import AnyFinding, ConsistentSet, Evidence, SignalRef, WrongStatement
+from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "displacements"]
 
 DETECTOR: Final = "place"
 _ALL_BUT_PLACE: Final = np.arange(3, 8)
-_LEFT_OUT, _LEAST = 2, 5  # satellites
+_LEAST = 5  # satellites
 _MISFITS: Final = 1  # satellites
 _MEANT: Final = 1e-3
 """p-value from which on the place that a slip gives is the one that is shown."""
@@ -204,11 +204,11 @@ class _Watch:
 
     def _whole_sky(self, window: Rivals, shown: _Shown) -> bool:
         """Whether it is there without any two satellites."""
+
+        def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
+            for pair in pairs:
+                fix = self.maker.at_end(window, shown.sky, pair)
+                yield 1.0 if fix is None else choose(shown.expected, [fix]).fits[0]
+
         sats = sorted({signal.sat for signal in shown.sky.signals})
-        if len(sats) < _LEAST + _LEFT_OUT:
-            return False
-        for some in combinations(sats, _LEFT_OUT):
-            fix = self.maker.at_end(window, shown.sky, some)
-            if fix is None or choose(shown.expected, [fix]).fits[0] >= self.alpha:
-                return False
-        return True
+        return largest_p_value_without(sats, p_values, least=_LEAST, enough=self.alpha) < self.alpha

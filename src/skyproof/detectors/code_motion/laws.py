@@ -12,8 +12,8 @@ the chance follows the F distribution (Kay, Detection Theory, 9.3: unknown noise
 directions of smaller variance.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import FixGeometry
 from skyproof.navigation.least_squares import spd_inverse
 from skyproof.statistics.distributions import f_survival
+from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["CodeMotionLimits", "CodeStep", "chance_beyond", "chance_without_two", "clock_beyond", "code_steps"]
 
@@ -131,33 +132,32 @@ def chance_without_two(
     used = np.isfinite(sigma_m) & np.isfinite(misfit_m)
     weight = np.where(used, 1.0 / np.where(used, sigma_m, 1.0) ** 2, 0.0)
     misfit_m = np.where(used, misfit_m, 0.0)
-    present = np.flatnonzero(used.any(axis=0))
-    dropped = [(), *combinations(present.tolist(), 1), *combinations(present.tolist(), 2)]
-    largest = 0.0
-    for out in dropped:
-        kept = weight.copy()
-        kept[:, list(out)] = 0.0
-        touched = np.any((kept > 0.0)[..., None] & (design != 0.0), axis=1)
-        dof = (kept > 0.0).sum(axis=1) - touched.sum(axis=1)
-        if dof.min() < dof_left:
-            return 1.0
-        weighted = np.swapaxes(design, -1, -2) * kept[:, None, :]
-        ridge = np.where(touched, 0.0, 1.0)[:, None, :] * np.eye(design.shape[-1])
-        inverse = spd_inverse(weighted @ design + ridge)
-        change = (inverse @ (weighted @ misfit_m[..., None]))[..., 0]
-        left_m = misfit_m - np.einsum("eki,ei->ek", design, change)
-        factor = max(float((kept * left_m**2).sum() / dof.sum()), 1.0)
-        covariance = np.zeros((3, 4, 4))
-        covariance[:, :3, :3] = inverse[:, :3, :3]
-        covariance[:, 3, 3] = 1.0
-        motion = code_steps(elapsed_s[::-1], (position_m + change[:, :3])[::-1], np.full(3, np.nan), covariance[::-1])
-        largest = max(
-            largest,
-            float(chance_beyond(motion, limits, np.array([factor]), dof.min(keepdims=True).astype(np.float64))[0]),
-        )
-        if largest > 0.5:
-            break
-    return largest
+
+    def p_values(sets: Iterable[tuple[int, ...]]) -> Iterator[float]:
+        for out in sets:
+            kept = weight.copy()
+            kept[:, list(out)] = 0.0
+            touched = np.any((kept > 0.0)[..., None] & (design != 0.0), axis=1)
+            dof = (kept > 0.0).sum(axis=1) - touched.sum(axis=1)
+            if dof.min() < dof_left:
+                yield 1.0
+                continue
+            weighted = np.swapaxes(design, -1, -2) * kept[:, None, :]
+            ridge = np.where(touched, 0.0, 1.0)[:, None, :] * np.eye(design.shape[-1])
+            inverse = spd_inverse(weighted @ design + ridge)
+            change = (inverse @ (weighted @ misfit_m[..., None]))[..., 0]
+            left_m = misfit_m - np.einsum("eki,ei->ek", design, change)
+            factor = max(float((kept * left_m**2).sum() / dof.sum()), 1.0)
+            covariance = np.zeros((3, 4, 4))
+            covariance[:, :3, :3] = inverse[:, :3, :3]
+            covariance[:, 3, 3] = 1.0
+            places_m = position_m + change[:, :3]
+            motion = code_steps(elapsed_s[::-1], places_m[::-1], np.full(3, np.nan), covariance[::-1])
+            dof_least = dof.min(keepdims=True).astype(np.float64)
+            yield chance_beyond(motion, limits, np.array([factor]), dof_least)[0]
+
+    present = np.flatnonzero(used.any(axis=0)).tolist()
+    return largest_p_value_without(present, p_values, counts=(0, 1, 2), least=0, enough=0.5)
 
 
 def _chance(value_m: Reals, covariance_m2: Reals, slack_m: Reals, variance_factor: Reals, dof: Reals) -> Reals:

@@ -15,7 +15,6 @@ motion.
 """
 
 from collections.abc import Iterable, Sequence
-from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,10 +24,10 @@ from skyproof.arrays import Reals
 from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
 from skyproof.detectors.continuity.steps import Jump, chance, fitted_jump
 from skyproof.statistics.distributions import chi_square_survival
+from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["SkyChange", "SkyMotion", "least_likely", "motion_of", "motions_of"]
 
-_LEFT_OUT: Final = 2
 _MISFIT: Final = 0.01  # chance of residuals at which errors no longer count as stated
 
 
@@ -99,12 +98,15 @@ def _motion(one: SkyChange, fitted: Jump, p_value: float, alpha: float) -> SkyMo
         return None
     known = np.isfinite(one.change) & np.isfinite(one.variance)
     used = sorted(set(one.sats[known]))
-    whole = 1.0
-    if p_value < alpha and len(used) >= MIN_SATELLITES + _LEFT_OUT and _as_stated(fitted, int(known.sum())):
-        pairs = combinations(used, _LEFT_OUT)
-        left = np.array([np.where(np.isin(one.sats, some), np.nan, one.change) for some in pairs])
+
+    def without(pairs: Iterable[tuple[str, ...]]) -> Reals:
+        left = np.array([np.where(np.isin(one.sats, pair), np.nan, one.change) for pair in pairs])
         units = np.broadcast_to(one.unit, (len(left), *one.unit.shape))
-        whole = float(np.max(_p_values(fitted_jump(units, left, np.broadcast_to(one.variance, left.shape)))))
+        return _p_values(fitted_jump(units, left, np.broadcast_to(one.variance, left.shape)))
+
+    whole = 1.0
+    if p_value < alpha and _as_stated(fitted, int(known.sum())):
+        whole = largest_p_value_without(used, without, least=MIN_SATELLITES)
     return SkyMotion(float(np.linalg.norm(fitted.jump[0, :3])), one.time_s, len(used), p_value, whole)
 
 
