@@ -9,7 +9,7 @@ import pytest
 from skyproof.detectors import base, entries, registry
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.errors import SettingsError
-from skyproof.records import Evidence, Need, Records
+from skyproof.records import Cause, Evidence, Finding, Hypothesis, Need, Records
 from skyproof.testing import MeasuredScene, check_evidence, check_false_alarms, check_takes_settings
 
 START = np.datetime64("2022-01-01", "ns")
@@ -136,6 +136,30 @@ def test_evidence_that_cannot_be_used_fails_the_contract_and_in_a_run_is_undecid
     assert fault in said.because
     assert said.because.startswith("the detector odd of ")
     assert (said.code, said.would_need) == ("failed", "odd repaired")
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ({"signals": ("G05",)}, "signals is not a tuple of SignalRef"),
+        ({"code": ""}, "code is ''"),
+        ({"detector": "residual"}, "detector is 'residual'"),
+        ({"p": {Cause.FAULT: 1.0}}, "p is of fault"),
+        ({"p": {Cause.CLEAN: 1.7}}, "p of clean is 1.7"),
+        ({"p": {Cause.CLEAN: float("nan")}}, "p of clean is nan"),
+        ({"alpha": None}, "alpha is None"),
+    ],
+)
+def test_a_finding_that_cannot_be_used_fails_the_contract(changes, fault):
+    records = SCENE.records(np.random.default_rng(1))
+    reporter = base.Reporter(Odd(), records, Hypothesis.CONTINUOUS)
+
+    def found(**changed: object) -> Finding:
+        finding = reporter.find(base.signals_of(records.observations), "goes_on", {Cause.CLEAN: 0.5})
+        return replace(finding, **changed)
+
+    assert registry.evidence_fault(Odd(), records, ([found()], None)) is None
+    assert fault in registry.evidence_fault(Odd(), records, ([found(**changes)], None))
 
 
 @pytest.mark.parametrize("given", [None, [], Evidence, ([None], None)])

@@ -11,7 +11,7 @@ from typing import Any, Final, get_args
 from skyproof.detectors.base import Detector, signals_of, undecided
 from skyproof.detectors.entries import OURS, package_of, registered
 from skyproof.errors import SettingsError, readable, shortened
-from skyproof.records import AnyFinding, Evidence, Need, Records, Says, SignalRef
+from skyproof.records import AnyFinding, Cause, Evidence, Finding, Need, Records, Says, SignalRef
 
 __all__ = ["evidence_fault", "examined", "is_ours", "load_detectors", "made_with", "review_of"]
 
@@ -107,10 +107,12 @@ def evidence_fault(detector: Detector, records: Records, said: object) -> str | 
 
 
 def _evidence_fault(detector: Detector, one: Any, there: set[SignalRef]) -> str | None:
-    if not isinstance(one, Evidence):
+    if not isinstance(one, Evidence | Finding):
         return f"a {type(one).__name__} among what it gave, expected Evidence"
     if one.detector != detector.name:
         return f"detector is {one.detector!r}, expected its own name, {detector.name!r}"
+    if isinstance(one, Finding):
+        return _finding_fault(one, there)
     if one.says not in get_args(Says):
         return f"says is {one.says!r}, expected one of {', '.join(get_args(Says))}"
     if not isinstance(one.subject, tuple) or not set(one.subject) <= there:
@@ -126,6 +128,21 @@ def _evidence_fault(detector: Detector, one: Any, there: set[SignalRef]) -> str 
     p, asked = one.p_value, one.false_alarm_probability
     if one.says in ("spoofed", "attack") and p is not None and asked is not None and p > asked * (1.0 + 1e-9):
         return f"says {one.says!r} at p = {p:.3g}, above the false_alarm_probability of {asked:.3g} that it states"
+    return None
+
+
+def _finding_fault(one: Finding, there: set[SignalRef]) -> str | None:
+    if not isinstance(one.signals, tuple) or not set(one.signals) <= there:
+        return "signals is not a tuple of SignalRef of the window's signals"
+    if not isinstance(one.code, str) or not one.code:
+        return f"code is {one.code!r}, expected a short name"
+    if one.p and not {Cause.CLEAN, Cause.FALSE_SKY} & one.p.keys():
+        return f"p is of {', '.join(one.p)}, expected one of clean or of false_sky beside"
+    for cause, p in one.p.items():
+        if not (isfinite(p) and 0.0 <= p <= 1.0):
+            return f"p of {cause} is {p}, expected 0 to 1"
+    if one.p and (one.alpha is None or not 0.0 < one.alpha <= 1.0):
+        return f"alpha is {one.alpha}, expected more than 0 and at most 1"
     return None
 
 

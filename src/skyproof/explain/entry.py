@@ -1,13 +1,14 @@
 """What stands in the tables of sentences, and how an entry and a finding become text."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from skyproof.records import Finding
 
-__all__ = ["Entry", "Wording", "Words", "collect_fields", "fill"]
+__all__ = ["Entry", "Wording", "Words", "collect_fields", "fill", "join", "name_first"]
 
+_NAMED: Final = 6
 Words = str | Callable[[Finding], str | None]
 """A template with the fields of `collect_fields`, or a function of the finding where a template does not do."""
 
@@ -53,3 +54,9 @@ def fill(words: Words, finding: Finding) -> str | None:
 def join(names: "list[str] | tuple[str, ...]", last: str = "and") -> str:
     """Return names as a list in a sentence: "a", "a and b", "a, b and c"."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}" if names else ""
+
+
+def name_first(names: Sequence[str]) -> str:
+    """Return the first six names, and how many more there are."""
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from skyproof.detectors.base import NEEDS
 from skyproof.detectors.registry import load_detectors
-from skyproof.explain import continuity, known_place
+from skyproof.explain import code_carrier, continuity, known_place
 from skyproof.explain.assumptions import ASSUMPTIONS
 from skyproof.explain.entry import Entry, Wording, collect_fields, fill, join
 from skyproof.records import Evidence, Finding
@@ -13,6 +13,7 @@ from skyproof.records import Evidence, Finding
 __all__ = ["explain", "list_entries", "stands_beside"]
 
 _ROOMS: Final[Mapping[str, Mapping[str, Entry]]] = {
+    "code_carrier": code_carrier.ENTRIES,
     "continuity": continuity.ENTRIES,
     "known_place": known_place.ENTRIES,
 }

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.code_carrier.detector import CodeCarrier, CodeCarrierSettings
-from skyproof.records import CellStatus, Records
+from skyproof.records import Cause, CellStatus, Records
 from skyproof.testing import MeasuredScene, TrackErrors
 
 RATE = 1e-6
@@ -34,7 +34,7 @@ def dragged(columns: list[int], rate_m_s: float, start: int = 20):
 
 
 def examine(records: Records, window: int = 10) -> list:
-    """Return the evidence of windows of so many epochs."""
+    """Return the findings of windows of so many epochs."""
     detector, state, found = CodeCarrier(CodeCarrierSettings(false_alarm_probability=RATE)), None, []
     (o,) = records.observations
     for first in range(0, o.gpst.size, window):
@@ -50,13 +50,19 @@ def failed_at(records: Records, window: int = 10) -> list[int]:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_clean_minute_is_clean(seed) -> None:
-    assert {e.says for e in examine(changed(seed))} == {"clean"}
+    found = examine(changed(seed))
+    assert {(e.says, e.code, e.failed) for e in found} == {("clean", "together", False)}
 
 
 def test_a_fast_drag_of_one_code_is_found_in_its_window() -> None:
     found = examine(changed(pseudorange_m=dragged([3], 38.0)))
     assert next(k for k, e in enumerate(found) if e.failed) == 2
-    assert [ref.signal.sat for ref in found[2].subject] == [SCENE._exact[0].signals[3].sat]
+    signal = SCENE._exact[0].signals[3]
+    assert [ref.signal for ref in found[2].signals] == [signal]
+    assert (found[2].code, found[2].says, found[2].overrules) == ("parted", "undecided", True)
+    assert found[2].may_also_be == (Cause.REFLECTIONS, Cause.FAULT)
+    assert found[2].data["worst"] == str(signal)
+    assert found[2].data["change_m"] == pytest.approx(38.0 * found[2].data["time_s"], rel=0.1)
 
 
 def test_a_slow_drag_is_found_once_it_is_beyond_reflections() -> None:
@@ -103,9 +109,8 @@ def test_reflections_come_and_go_within_a_quarter_of_a_chip() -> None:
 
 def test_codes_alone_cannot_be_tested() -> None:
     none = {name: lambda o: np.full(o.carrier_cyc.shape, np.nan) for name in ("carrier_cyc", "doppler_hz")}
-    evidence = examine(changed(**none))
-    assert {e.says for e in evidence} == {"undecided"}
-    assert all(e.p_value is None for e in evidence)
+    found = examine(changed(**none))
+    assert {(e.says, e.code, e.p_value) for e in found} == {("undecided", "no_carrier", None)}
 
 
 def test_carriers_that_begin_anew_together_part_no_others() -> None:

@@ -7,25 +7,29 @@ signals do together. Here each is looked at by itself, over the last seconds and
 A test that fails leaves the cause open: a satellite's fault, a direct signal that came to be blocked, or a false one.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from skyproof.arrays import Booleans
-from skyproof.detectors.base import missing, undecided
-from skyproof.detectors.code_carrier.divergence import LEAST_SIGNALS, Divergence, divergences_of, parted
+from skyproof.detectors.base import NotTested, Reporter, leave_open
+from skyproof.detectors.code_carrier.divergence import (
+    LEAST_EPOCHS,
+    LEAST_SIGNALS,
+    Divergence,
+    divergences_of,
+    parted,
+)
 from skyproof.errors import require_probability
 from skyproof.gnss.signals import chip_m_of
-from skyproof.records import CellStatus, Evidence, Need, Observations, Records, SignalRef
+from skyproof.records import Cause, CellStatus, Datum, Finding, Hypothesis, Need, Observations, Records, SignalRef
 
 __all__ = ["CodeCarrier", "CodeCarrierSettings"]
 
 _REMEMBERED_S: Final = 120.0
 _REMEMBERED_EPOCHS: Final = 512
 _GAP: Final = 2.5  # usual intervals, beyond which a stretch is broken
-_NAMED: Final = 6
 
 
 @dataclass(frozen=True)
@@ -53,10 +57,10 @@ class CodeCarrier:
     def __init__(self, settings: CodeCarrierSettings | None = None) -> None:
         self.settings = settings or CodeCarrierSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Return the evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
-        if lacking:
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.CODE_FOLLOWS_CARRIER)
+        if lacking := report.name_missing():
             return lacking, state
         tails: dict[str, Observations] = dict(state or {})
         found = []
@@ -65,13 +69,14 @@ class CodeCarrier:
             if tail is not None and tail.elapsed_s[-1] >= o.elapsed_s[0]:
                 tail = None  # another recording
             joined = o if tail is None else Observations.joined((tail, o))
-            found.append(self._receiver(records, o, joined))
+            found.append(self._test_receiver(report, o, joined))
             kept = joined.elapsed_s >= o.elapsed_s[-1] - _REMEMBERED_S
             first = max(int(np.argmax(kept)), joined.gpst.size - _REMEMBERED_EPOCHS)
             tails[o.receiver] = joined.read(first, joined.gpst.size)
         return found, tails
 
-    def _receiver(self, records: Records, o: Observations, joined: Observations) -> Evidence:
+    def _test_receiver(self, report: Reporter, o: Observations, joined: Observations) -> Finding:
+        """Test each signal over this window and over what is remembered of it."""
         tested: list[tuple[SignalRef, Divergence]] = []
         tests = 0
         whole = _unbroken(joined)
@@ -94,35 +99,17 @@ class CodeCarrier:
             tests += len(known)
             if known:
                 tested.append((SignalRef(o.receiver, signal), min(known, key=lambda look: look.p_value)))
-        subject = tuple(ref for ref, _ in tested)
         if not tested:
             every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
-            because = (
-                f"fewer than {LEAST_SIGNALS} signals of {o.receiver} have code and carrier, or Doppler, over eight "
-                "unbroken epochs"
-            )
-            need = "carrier phases or Dopplers beside the codes"
-            return undecided(self, records, every, because=because, would_need=need, code="no_carrier")
+            return report.pass_over(every, NotTested("no_carrier", {"needed": LEAST_SIGNALS, "epochs": LEAST_EPOCHS}))
         worst, look = min(tested, key=lambda each: each[1].p_value)
-        alpha = self.settings.false_alarm_probability
-        failed = [(ref, each) for ref, each in tested if tests * each.p_value < alpha]
-        if failed:
-            because = _words(failed, worst, look)
-            subject = tuple(ref for ref, _ in failed)
-        else:
-            because = f"the codes of {len(tested)} signals in {o.receiver} go with their carriers"
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=subject,
-            says="undecided" if failed else "clean",
-            because=because,
-            p_value=min(1.0, tests * look.p_value),
-            false_alarm_probability=alpha,
-            overrules=bool(failed),
-            may_also_be=("reflections", "fault") if failed else (),
-            would_need="another receiver, or correlators, to tell a fault from a false signal" if failed else None,
+        failed = [ref for ref, each in tested if tests * each.p_value < self.settings.false_alarm_probability]
+        data: dict[str, Datum] = {"worst": str(worst.signal), "change_m": look.change_m, "time_s": look.time_s}
+        return report.find(
+            tuple(failed or (ref for ref, _ in tested)),
+            "parted" if failed else "together",
+            {Cause.CLEAN: min(1.0, tests * look.p_value), **leave_open((Cause.REFLECTIONS, Cause.FAULT))},
+            data=data,
         )
 
 
@@ -141,12 +128,3 @@ def _unbroken(o: Observations) -> Booleans:
     later_break = np.cumsum((broken | lost | ~there)[::-1], axis=0)[::-1]
     after = np.vstack([later_break[1:], np.zeros((1, later_break.shape[1]), later_break.dtype)])
     return np.asarray((after == 0) & there & ~lost)
-
-
-def _words(failed: Sequence[tuple[SignalRef, Divergence]], worst: SignalRef, look: Divergence) -> str:
-    names = ", ".join(str(ref.signal) for ref, _ in failed[:_NAMED])
-    more = f" and {len(failed) - _NAMED} more" if len(failed) > _NAMED else ""
-    return (
-        f"code and carrier part: {names}{more} in {worst.receiver}; {worst.signal} by {look.change_m:.0f} m in "
-        f"{look.time_s:.0f} s"
-    )

@@ -23,12 +23,13 @@ from skyproof.statistics.distributions import normal_two_sided
 from skyproof.statistics.medians import medians
 from skyproof.statistics.same_rows import group_by_rows
 
-__all__ = ["LEAST_SIGNALS", "Divergence", "divergences_of", "parted"]
+__all__ = ["LEAST_EPOCHS", "LEAST_SIGNALS", "Divergence", "divergences_of", "parted"]
 
 LEAST_SIGNALS: Final = 4
 """That have a step at one epoch, for its median to be that of all."""
 _IONOSPHERE_M_S: Final = 0.06  # at which it parts code from carrier at most, one sigma; storms included
-_LEAST_EPOCHS: Final = 8  # two a quarter
+LEAST_EPOCHS: Final = 8
+"""Of an unbroken stretch: two a quarter."""
 _REFLECTED_CHIPS: Final = 0.25
 
 
@@ -84,7 +85,7 @@ def divergences_of(
     known: Booleans = np.isfinite(apart_m) & (code_m2 > 0.0) & (np.arange(elapsed_s.size)[:, None] >= starts)
     found: list[Divergence | None] = [None] * starts.size
     for rows, columns in group_by_rows(known):
-        if rows.size < _LEAST_EPOCHS:
+        if rows.size < LEAST_EPOCHS:
             continue
         quarter = rows.size // 4
         first, last = rows[:quarter], rows[-quarter:]

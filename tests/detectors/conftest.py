@@ -1,0 +1,22 @@
+"""What holds in all tests of detectors: each finding can be put in words."""
+
+from typing import Any
+
+import pytest
+
+from skyproof.detectors.base import Reporter
+from skyproof.explain import explain
+from skyproof.records import Finding
+
+
+@pytest.fixture(autouse=True)
+def _explain_each_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put findings in words as they are made: a code without an entry, or a field without data, fails the test."""
+    make = Reporter.find
+
+    def find(self: Reporter, *args: Any, **more: Any) -> Finding:
+        finding = make(self, *args, **more)
+        assert explain(finding).sentence
+        return finding
+
+    monkeypatch.setattr(Reporter, "find", find)
