@@ -28,6 +28,7 @@ from skyproof.app.protect.document import Outcome
 from skyproof.app.scenes.simulate import scenario_of
 from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav
+from skyproof.fusion.choice_findings import CHOSEN
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.nominal import nominal_constellation
@@ -181,7 +182,7 @@ def _words(scene: Scene, outcome: Outcome) -> dict[str, Any]:
         "after_onset_s": later[0] - onset_s if later else None,
         "after_pull_s": later[0] - pull_s if later and pull_s is not None else None,
         "by": sorted({e.detector for e in saying}),
-        "chosen": any(e.detector == "prediction" and e.noted for e in outcome.evidence),
+        "chosen": any(e.detector == "prediction" and e.code in CHOSEN for e in outcome.evidence),
     }
 
 

@@ -217,7 +217,7 @@ def judged(
     foresights = None
     if equipment == "surveyed":
         place = surveyed(
-            Standing(stands=True, oscillator=None, by="its surveyed place"),
+            Standing(stands=True, oscillator=None, by=("surveyed_place",)),
             places[0].mean(axis=0),
             SURVEY_M**2 * np.eye(3),
         )

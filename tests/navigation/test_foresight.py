@@ -29,7 +29,7 @@ def label(at_s):
 
 
 def standing(name=None, *, stands=True):
-    return Standing(stands=stands, oscillator=None if name is None else OSCILLATORS[name], by="it")
+    return Standing(stands=stands, oscillator=None if name is None else OSCILLATORS[name], by=("standing",))
 
 
 def test_of_what_nothing_was_learned_nothing_is_expected():

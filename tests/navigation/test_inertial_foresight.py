@@ -30,7 +30,7 @@ def unit(grade, rng, *, attitude_deg=1.0, motion=ROUND, readings=TRUE):
             gpst=drawn.gpst[:1], angles_rad=(angles + sigma_rad * rng.standard_normal(3))[None], sigma_rad=sigma_rad
         )
     settings = InsSettings(grade=GRADES[grade], oscillator=OSCILLATORS["tcxo"], lever_m=ARM)
-    return Inertial(readings=drawn, settings=settings, initial=initial, clock=False, by="the inertial unit")
+    return Inertial(readings=drawn, settings=settings, initial=initial, clock=False, by=("inertial_unit",))
 
 
 def shown(rng, start_s, end_s, *, motion=ROUND, lasting=0.0):

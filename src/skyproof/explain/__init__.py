@@ -4,7 +4,7 @@
     explain(finding).remedy        what would let it run, or decide
     explain(finding).assumptions   what its word assumes
 
-Each room of detectors has a module here with its `ENTRIES`: one entry a code. Detectors know none of this.
+Each detector has a module of its name here with its `ENTRIES`, one a code; a detector knows none of this.
 """
 
 from skyproof.explain.entry import Entry, Wording

@@ -1,22 +1,21 @@
-"""Find the words for a finding by its detector and its code."""
+"""Find the words for a finding by its detector and its code: `ENTRIES` of the module with the detector's name."""
 
 from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pkgutil import iter_modules
 from typing import Any, Final
 
+from skyproof import explain as room
 from skyproof.detectors.base import NEEDS
 from skyproof.detectors.registry import load_detectors
-from skyproof.explain import code_carrier, continuity, known_place
 from skyproof.explain.assumptions import ASSUMPTIONS
 from skyproof.explain.entry import Entry, Wording, collect_fields, fill, join
 from skyproof.records import Evidence, Finding
 
 __all__ = ["explain", "list_entries", "stands_beside"]
 
-_ROOMS: Final[Mapping[str, Mapping[str, Entry]]] = {
-    "code_carrier": code_carrier.ENTRIES,
-    "continuity": continuity.ENTRIES,
-    "known_place": known_place.ENTRIES,
-}
 _COMMON: Final[Mapping[str, Entry]] = {
     "failed": Entry("the detector {detector} of {module} failed: {error}", "{detector} repaired"),
     "review_failed": Entry("review of the detector {detector} of {module} failed: {error}", "{detector} repaired"),
@@ -54,17 +53,25 @@ def stands_beside(finding: Finding | Evidence) -> bool:
 
 def list_entries() -> Iterator[tuple[str, str, Entry]]:
     """Yield detector, code and entry of all that can be said, in alphabetical order."""
-    for detector, entries in sorted(_ROOMS.items()):
-        for code, entry in sorted(entries.items()):
-            yield detector, code, entry
+    for module in sorted(iter_modules(room.__path__), key=lambda module: module.name):
+        for code, entry in sorted((_load_entries(module.name) or {}).items()):
+            yield module.name, code, entry
+
+
+@cache
+def _load_entries(detector: str) -> Mapping[str, Entry] | None:
+    """Return a detector's entries by code; None of one that has no module here."""
+    name = f"{room.__name__}.{detector}"
+    return getattr(import_module(name), "ENTRIES", None) if find_spec(name) is not None else None
 
 
 def _find_entry(finding: Finding) -> Entry:
     """Return the entry of a detector of ours, or what a package's own detector states in its `sentences`."""
     if finding.code in _COMMON:
         return _COMMON[finding.code]
-    if finding.detector in _ROOMS:
-        return _ROOMS[finding.detector][finding.code]
+    entries = _load_entries(finding.detector)
+    if entries is not None:
+        return entries[finding.code]
     kind = load_detectors().get(finding.detector)
     sentence = getattr(kind, "sentences", {}).get(finding.code, finding.code.replace("_", " "))
     return Entry(sentence, getattr(kind, "remedies", {}).get(finding.code))

@@ -33,7 +33,7 @@ from typing import Final
 
 import numpy as np
 
-from skyproof.fusion.choice_words import DETECTOR, REFUSED, chosen, chosen_overlapping, not_chosen, taken_for_true
+from skyproof.fusion.choice_findings import DETECTOR, REFUSED, chosen, chosen_overlapping, not_chosen, taken_for_true
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.rivals import FixMaker, Kind, Rivals, reference_kind, rivals_of, with_clock_near
@@ -43,10 +43,20 @@ from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.known import Known
 from skyproof.navigation.prediction import Choice, choose, parted_unseen
-from skyproof.records import AnyFinding, ConsistentSet, Evidence, NavigationData, ObservationLog, SignalId, SignalRef
+from skyproof.records import (
+    AnyFinding,
+    ConsistentSet,
+    Datum,
+    Finding,
+    NavigationData,
+    ObservationLog,
+    SignalId,
+    SignalRef,
+)
 
 __all__ = ["DETECTOR", "ChoiceRules", "Chosen", "Compared", "choices"]
 
+_Data = Mapping[str, Datum]
 _GOES_ON: Final = 1e-6
 """Probability that a window which is taken for true, or a chosen sky that is alone again, does not go on."""
 _MOSTLY: Final = 0.75
@@ -74,11 +84,11 @@ class Compared:
     """Skies of one receiver beside what was expected of the true one, in the first window in which one was chosen, or
     the last one in which none was.
 
-    by : what `expected` rests on, in words. skies : what each shows, in the order of `choice`.
+    by : codes of what `expected` rests on. skies : what each shows, in the order of `choice`.
     """
 
     receiver: str
-    by: str
+    by: tuple[str, ...]
     expected: Known
     skies: tuple[Known, ...]
     choice: Choice
@@ -89,7 +99,7 @@ class Chosen:
     """evidence : by prediction. compared : one a receiver that had two skies. fixes : by receiver, those of chosen
     skies that overlapped with others, in order."""
 
-    evidence: Sequence[Evidence]
+    evidence: Sequence[Finding]
     compared: Sequence[Compared]
     fixes: Mapping[str, tuple[Known, ...]]
 
@@ -135,7 +145,7 @@ def choices(
     every = {o.receiver: list(rivals_of(o, evidence, sets)) for o in observations} if asked else {}
     # Whoever attacks one receiver is within reach of the others: the start of none is clean where that of one is not.
     doubted = [w.start for windows in every.values() for w in windows if w.doubted]
-    found, compared, fixes = list[Evidence](), list[Compared](), dict[str, tuple[Known, ...]]()
+    found, compared, fixes = list[Finding](), list[Compared](), dict[str, tuple[Known, ...]]()
     for o in observations:
         own = [sky for sky in decision.skies if any(ref.receiver == o.receiver for ref in sky.signals)]
         if o.receiver in asked:
@@ -178,7 +188,7 @@ class _Chooser:
 
     def of_windows(
         self, every: Sequence[Rivals], foresight: Foresight, doubted: Sequence[np.datetime64]
-    ) -> tuple[list[Evidence], _State]:
+    ) -> tuple[list[Finding], _State]:
         """By what is true before the second sky, or in the first windows alone; nothing where these do not go on.
 
         doubted : when windows begin in which the signals of any receiver are.
@@ -221,30 +231,27 @@ class _Chooser:
 
     def _walked(
         self, state: _State, before: Sequence[Rivals], windows: Sequence[Rivals]
-    ) -> tuple[list[Evidence], _State]:
-        assumes = (*self._clean(before), *state.foresight.assumes)
-        found: list[Evidence] = []
+    ) -> tuple[list[Finding], _State]:
+        rests_on = self._rest_on(before, state.foresight.assumes)
+        found: list[Finding] = []
         for window in windows:
             state = replace(state, foresight=state.foresight.until(window.start))
-            said, state = self._judged(window, state, assumes) if window.sets else ([], state)
+            said, state = self._judged(window, state, rests_on) if window.sets else ([], state)
             if not said:
-                said, state = self._overlapping(window, state, assumes)
+                said, state = self._overlapping(window, state, rests_on)
             found += said
-        words = f"the only sky of {self.log.receiver}, before a second one was seen"
-        clean = [taken_for_true(self.log, window, end, assumes, words) for window, end in _spans(before)]
+        clean = [taken_for_true(self.log, window, end, "only_sky", rests_on) for window, end in _spans(before)]
         return [*clean, *_at_home(found)], state
 
-    def _clean(self, before: Sequence[Rivals]) -> tuple[str, ...]:
-        """What is assumed of the windows before the second sky."""
+    def _rest_on(self, before: Sequence[Rivals], assumes: tuple[str, ...]) -> dict[str, Datum]:
+        """Return the codes of what is assumed: of the windows before the second sky, and by what is expected."""
         if not before:
-            return ()
+            return {"assumes": assumes}
         end = before[-1].end
-        alone = (
-            f"the signals of {self.log.receiver} were true until {iso(end, 0)[11:]}, before a second sky was seen",
-        )
-        return alone if end <= self.clean_start else ("no two transmitters act in concert", *alone)
+        concert = () if end <= self.clean_start else ("no_concert",)
+        return {"assumes": (*concert, "clean_start", *assumes), "clean_until": iso(end, 0)[11:]}
 
-    def _judged(self, window: Rivals, state: _State, assumes: tuple[str, ...]) -> tuple[list[Evidence], _State]:
+    def _judged(self, window: Rivals, state: _State, rests_on: _Data) -> tuple[list[Finding], _State]:
         shown = [self._shown(window, s, state) for s in window.sets]
         expected = state.foresight.at(shown[0].whole.gpst)
         if expected is None:
@@ -253,7 +260,7 @@ class _Chooser:
         if not set(expected.there).intersection(*(one.whole.there for one in shown)):
             return [], state
         if len(shown) == 1:
-            return self._alone(window, shown[0], expected, state, assumes)
+            return self._alone(window, shown[0], expected, state, rests_on)
         if not window.attacked:
             return [], state
         by, most_wrong = state.foresight.by, self.rules.most_wrong
@@ -261,7 +268,8 @@ class _Chooser:
         if choice.chosen is None or self._by_half(window, [one.whole for one in shown], choice):
             return [not_chosen(self.log, window, window.sets, shown, choice, by, most_wrong)], state
         taken = window.sets[choice.chosen]
-        said = chosen(self.log, window, shown, choice, by, assumes, first=not state.chosen)
+        first = not state.chosen
+        said = chosen(self.log, window, shown, choice, by, rests_on, most_wrong=most_wrong, first=first)
         return said, replace(
             state.followed(shown[choice.chosen], taken),
             chosen=frozenset(taken.signals),
@@ -281,14 +289,16 @@ class _Chooser:
         seen = Compared(receiver=self.log.receiver, by=by, expected=expected, skies=skies, choice=choice)
         return choice, replace(state, compared=seen)
 
-    def _overlapping(self, window: Rivals, state: _State, assumes: tuple[str, ...]) -> tuple[list[Evidence], _State]:
+    def _overlapping(
+        self, window: Rivals, state: _State, rests_on: Mapping[str, Datum]
+    ) -> tuple[list[Finding], _State]:
         """The skies that were taken apart, instant by instant; what is said is of the last one.
 
         That they are two skies, and not one and what happens to fit, is known of them: what is expected need not say
         all that they differ in. One that may have made the other by reflections is not chosen: then it may be the only
         sky, and false.
         """
-        said, before = list[Evidence](), state
+        said, before = list[Finding](), state
         for skies in window.overlapping:
             shown = [self._at_once(window, s, state) for s in skies.sets]
             expected = state.foresight.at(shown[0].whole.gpst)
@@ -304,8 +314,7 @@ class _Chooser:
             if choice.chosen is not None:
                 true = shown[choice.chosen]
                 state = replace(state.followed(true, skies.sets[choice.chosen]), fixes=(*state.fixes, true.whole))
-                first = not before.fixes
-                said = [chosen_overlapping(self.log, window, skies, shown, choice, by, assumes, doubt, first=first)]
+                said = [chosen_overlapping(self.log, window, skies, shown, choice, by, rests_on, doubt)]
             elif state.fixes == before.fixes:
                 said = [not_chosen(self.log, window, skies.sets, shown, choice, by, self.rules.most_wrong, doubt)]
         return said, state
@@ -327,15 +336,15 @@ class _Chooser:
         return parted and min(len({signal.sat for signal in s.signals}) for s in window.sets) < _NO_CHANCE
 
     def _alone(
-        self, window: Rivals, shown: SkyFix, expected: Known, state: _State, assumes: tuple[str, ...]
-    ) -> tuple[list[Evidence], _State]:
+        self, window: Rivals, shown: SkyFix, expected: Known, state: _State, rests_on: Mapping[str, Datum]
+    ) -> tuple[list[Finding], _State]:
         """A sky without another one beside it, after the second was seen: it is taken if it was chosen before."""
         (only,) = window.sets
         same = len(state.chosen.intersection(only.signals)) >= _MOSTLY * len(only.signals)
         if not same or state.refused.intersection(only.signals) or not _goes_on(expected, shown.whole):
             return [], state
-        words = f"the signals of {self.log.receiver} that were chosen before go on as expected by {state.foresight.by}"
-        said = taken_for_true(self.log, window, window.end, assumes, words)
+        data = dict(rests_on) | {"by": state.foresight.by}
+        said = taken_for_true(self.log, window, window.end, "goes_on", data)
         return [said], replace(state.followed(shown, only), chosen=state.chosen.union(only.signals))
 
     def _shown(self, window: Rivals, s: ConsistentSet, state: _State) -> SkyFix:
@@ -355,7 +364,7 @@ def _spans(windows: Sequence[Rivals]) -> list[tuple[Rivals, np.datetime64]]:
     return [*((one, two.start) for one, two in pairwise(windows)), *((w, w.end) for w in windows[-1:])]
 
 
-def _at_home(found: Sequence[Evidence]) -> Iterator[Evidence]:
+def _at_home(found: Sequence[Finding]) -> Iterator[Finding]:
     """Each signal on the side only where it was found most: while skies are near, a false signal may fit the true one.
 
     What a channel followed before the choice is of no account.
@@ -367,4 +376,4 @@ def _at_home(found: Sequence[Evidence]) -> Iterator[Evidence]:
         side = _SIDES.get(e.says)
         own = tuple(ref for ref in e.subject if side is None or side * count[ref] > 0)
         if own:
-            yield replace(e, subject=own)
+            yield replace(e, signals=own)

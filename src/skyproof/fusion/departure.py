@@ -17,7 +17,7 @@ Else it stays undecided, with the reason.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -29,7 +29,7 @@ from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
 from skyproof.navigation.prediction import choose
-from skyproof.records import AnyFinding, ConsistentSet, Evidence, SignalRef
+from skyproof.records import AnyFinding, Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "departures"]
@@ -48,6 +48,7 @@ _BLOW_M_S: Final = 0.1
 _CLOCK: Final = np.array([6, 7])
 _EVERY_S: Final = 0.25  # between looks at a window
 _LEAST = 5  # satellites
+_UNTESTED: Final = 1.0  # p-value of a cause that leaves nothing to test
 
 
 def departures(
@@ -109,7 +110,7 @@ class _Walk:
             best = max(shown, key=lambda one: one.p_value)
             if best.p_value < self.alpha:
                 self.looks += self._looked(best.fix)
-                found.append(self._said(window, best))
+                found.append(self._report(window, best))
                 self.named |= found[-1].says == "attack"
             elif not self.looks:
                 self._learn(best.fix, best.sky)
@@ -152,52 +153,47 @@ class _Walk:
                 found.append(_Look(one.gpst, expected.mean[3:6], one.mean[3:6] - expected.mean[3:6]))
         return found
 
-    def _said(self, window: Rivals, shown: _Shown) -> AnyFinding:
-        o = self.maker.log
+    def _report(self, window: Rivals, shown: _Shown) -> Finding:
+        """Return the window's finding: an attack where no benign cause remains."""
         off = shown.last.mean - shown.expected.mean
-        words = (
-            f"position and velocity in {o.receiver} leave what the inertial unit lets expect by "
-            f"{np.linalg.norm(off[:3]):.1f} m and {np.linalg.norm(off[3:6]):.1f} m/s"
-        )
-        why_open = self._why_open(window, shown)
-        said = Evidence(
+        why, without_two = self._find_benign(window, shown)
+        off_m = float(np.linalg.norm(off[:3]))
+        data: dict[str, Datum] = {"statistic": off_m, "off_m_s": float(np.linalg.norm(off[3:6]))}
+        p = {Cause.CLEAN: shown.p_value}
+        if why is not None:
+            p |= dict.fromkeys((Cause.STATEMENT, Cause.FAULT, Cause.REFLECTIONS), _UNTESTED)
+        else:
+            p |= {} if without_two is None else {Cause.REFLECTIONS: without_two}
+            data["assumes"] = self.foresight.assumes
+        return Finding(
             detector=DETECTOR,
             start_gpst=window.start,
             end_gpst=window.end,
-            subject=tuple(SignalRef(o.receiver, signal) for signal in shown.sky.signals),
-            says="undecided",
-            because=f"{words}: {why_open}",
-            statistic=float(np.linalg.norm(off[:3])),
-            false_alarm_probability=self.alpha,
-            p_value=shown.p_value,
-            overrules=True,
-            would_need="a second receiver, or an inertial unit that is tried by manoeuvres before",
-            may_also_be=("statement", "fault", "reflections"),
+            signals=tuple(SignalRef(self.maker.log.receiver, signal) for signal in shown.sky.signals),
+            hypothesis=Hypothesis.PREDICTED,
+            code=why or "departs",
+            p=p,
+            alpha=self.alpha,
+            data=data,
         )
-        if why_open is not None:
-            return said
-        because = f"{words}, which had gone on with the signals before"
-        more = {"says": "attack", "because": because, "overrules": False, "would_need": None, "may_also_be": ()}
-        return replace(said, **more, noted=not self.named, assumes=self.foresight.assumes)  # type: ignore[arg-type]
 
-    def _why_open(self, window: Rivals, shown: _Shown) -> str | None:
-        """What else than an attack may be the reason; None where nothing is."""
+    def _find_benign(self, window: Rivals, shown: _Shown) -> tuple[str | None, float | None]:
+        """Return the code of why a benign cause may have done it, None if none may; and the p-value without two."""
         if self.named:
-            return None
+            return None, None
         if self.went_on < _WINDOWS:
-            return "they have not gone on together before, and the unit or what is stated of it may be wrong"
+            return "not_tried", None
         if _change_m_s(self.looks) > max(_TRIED * self.tried_m_s, _QUIET_M_S):
-            return "it was not moved so much before, and the unit or what is stated of it may be wrong"
+            return "moved_more", None
         if not _at_once(self.looks):
-            return "they part slowly, as they do if the unit errs"
+            return "parts_slowly", None
         if self._blow_m_s(window) > _BLOW_M_S:
-            return "there was a blow, or an error in the unit's readings"
-        if not self._whole_sky(window, shown):
-            return "without some two satellites it may be chance, or reflections"
-        return None
+            return "blow", None
+        without_two = self._without_two(window, shown)
+        return ("by_some", None) if without_two >= self.alpha else (None, without_two)
 
-    def _whole_sky(self, window: Rivals, shown: _Shown) -> bool:
-        """Whether it is there without any two satellites."""
+    def _without_two(self, window: Rivals, shown: _Shown) -> float:
+        """Return the largest p-value without any two satellites; 1 where too few are left."""
 
         def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
             for pair in pairs:
@@ -209,7 +205,7 @@ class _Walk:
                     yield choose(without(expected, _CLOCK), [fix]).fits[0]
 
         sats = sorted({signal.sat for signal in shown.sky.signals})
-        return largest_p_value_without(sats, p_values, least=_LEAST, enough=self.alpha) < self.alpha
+        return largest_p_value_without(sats, p_values, least=_LEAST, enough=self.alpha)
 
     def _blow_m_s(self, window: Rivals) -> float:
         """The largest change of velocity that one reading makes beside its neighbours, since the last fix learned."""

@@ -29,7 +29,7 @@ from skyproof.gnss.slips import HEIGHT, UNLISTED, position_slips
 from skyproof.navigation.foresight import Foresight, SkyFix, Standing
 from skyproof.navigation.known import KNOWN, Known, without
 from skyproof.navigation.prediction import choose
-from skyproof.records import AnyFinding, ConsistentSet, Evidence, SignalRef, WrongStatement
+from skyproof.records import AnyFinding, Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef, WrongStatement
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "displacements"]
@@ -38,6 +38,7 @@ DETECTOR: Final = "place"
 _ALL_BUT_PLACE: Final = np.arange(3, 8)
 _LEAST = 5  # satellites
 _MISFITS: Final = 1  # satellites
+_UNTESTED: Final = 1.0  # p-value of a cause that leaves nothing to test
 _MEANT: Final = 1e-3
 """p-value from which on the place that a slip gives is the one that is shown."""
 _DATUM_M: Final = 2.0
@@ -102,7 +103,7 @@ class _Watch:
                 if self.seen_there is None and self._fits_all(window, best.sky):
                     self.seen_there = best.fix
                 continue
-            found.append(self._said(window, best))
+            found.append(self._report(window, best))
             self.named |= found[-1].says == "attack"
         return found
 
@@ -118,46 +119,32 @@ class _Watch:
             place = replace(place, covariance=place.covariance + _DATUM_M**2 * np.diag(np.arange(KNOWN) < 3))
         return _Shown(sky, fix, place, float(choose(place, [fix]).fits[0]))
 
-    def _said(self, window: Rivals, shown: _Shown) -> AnyFinding:
-        receiver = self.maker.log.receiver
-        distance_m = float(np.linalg.norm(shown.off_m))
-        there = "stood at first, and it is stated not to move"
-        remedy = "a second receiver"
-        if self.foresight.surveyed:
-            there, remedy = "was surveyed", "the surveyed position checked (WGS-84, height above the ellipsoid)"
-        words = f"the signals put {receiver} {distance_m:.1f} m from where it {there}"
-        why_open = self._why_open(window, shown)
+    def _report(self, window: Rivals, shown: _Shown) -> Finding:
+        """Return the window's finding: an attack where no benign cause remains."""
         causes = self._causes(shown) if self.foresight.surveyed else ()
-        if causes and causes[0].code != UNLISTED and not self.named:
-            why_open, remedy = f"{causes[0].sentence}, or they are false", "the surveyed position checked"
-        open_ = Evidence(
+        slipped = bool(causes) and causes[0].code != UNLISTED and not self.named
+        why, without_two = ("slip", None) if slipped else self._find_benign(window, shown)
+        p = {Cause.CLEAN: shown.p_value}
+        data: dict[str, Datum] = {
+            "statistic": float(np.linalg.norm(shown.off_m)),
+            "surveyed": self.foresight.surveyed,
+        }
+        if why is not None:
+            p |= dict.fromkeys((Cause.STATEMENT, Cause.REFLECTIONS), _UNTESTED)
+        else:
+            p |= {} if without_two is None else {Cause.REFLECTIONS: without_two}
+            data["assumes"] = self.foresight.assumes
+        return Finding(
             detector=DETECTOR,
             start_gpst=window.start,
             end_gpst=window.end,
-            subject=tuple(SignalRef(receiver, signal) for signal in shown.sky.signals),
-            says="undecided",
-            because=f"{words}: {why_open}",
-            statistic=distance_m,
-            false_alarm_probability=self.alpha,
-            p_value=shown.p_value,
-            overrules=True,
-            would_need=remedy,
-            may_also_be=("statement", "reflections"),
-            wrong_statements=causes,
-        )
-        if why_open is not None:
-            return open_
-        because = f"{words}; until then they had put it there"
-        return replace(
-            open_,
-            says="attack",
-            because=because,
-            overrules=False,
-            would_need=None,
-            may_also_be=(),
-            noted=not self.named,
-            assumes=self.foresight.assumes,
-            wrong_statements=(),
+            signals=tuple(SignalRef(self.maker.log.receiver, signal) for signal in shown.sky.signals),
+            hypothesis=Hypothesis.AS_STATED,
+            code=why or "elsewhere",
+            p=p,
+            alpha=self.alpha,
+            estimates={} if why is None else {"wrong_statements": causes},
+            data=data,
         )
 
     def _causes(self, shown: _Shown) -> tuple[WrongStatement, ...]:
@@ -179,19 +166,18 @@ class _Watch:
         value = f"lat_deg = {np.degrees(lat):.6f}, lon_deg = {np.degrees(lon):.6f}, {height}"
         return (WrongStatement(code=UNLISTED, about=about, words="by no amount that is usual", value=value),)
 
-    def _why_open(self, window: Rivals, shown: _Shown) -> str | None:
-        """What else than an attack may be the reason; None where nothing is."""
+    def _find_benign(self, window: Rivals, shown: _Shown) -> tuple[str | None, float | None]:
+        """Return the code of why a benign cause may have done it, None if none may; and the p-value without two."""
         if self.named:
-            return None
+            return None, None
         if self.seen_there is None:
-            return "they are false, or what is stated of the place or of errors is wrong"
+            return "never_there", None
         if choose(without(self.seen_there, _ALL_BUT_PLACE), [shown.fix]).fits[0] >= self.alpha:
-            return "it is where they put it before, a little off; what is stated of the place may be wrong"
+            return "as_before", None
         if not self._fits_all(window, shown.sky):
-            return "other satellites do not fit it, as where errors are larger than stated"
-        if not self._whole_sky(window, shown):
-            return "without some two satellites it may be chance, or reflections"
-        return None
+            return "others_misfit", None
+        without_two = self._without_two(window, shown)
+        return ("by_some", None) if without_two >= self.alpha else (None, without_two)
 
     def _fits_all(self, window: Rivals, sky: ConsistentSet) -> bool:
         """Whether of the satellites that ever fitted a position, and are measured in a window, one at most is not in
@@ -202,8 +188,8 @@ class _Watch:
         there = {o.signals[column].sat for column in measured}
         return len(there & self.fitted - {signal.sat for signal in sky.signals}) <= _MISFITS
 
-    def _whole_sky(self, window: Rivals, shown: _Shown) -> bool:
-        """Whether it is there without any two satellites."""
+    def _without_two(self, window: Rivals, shown: _Shown) -> float:
+        """Return the largest p-value without any two satellites; 1 where too few are left."""
 
         def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
             for pair in pairs:
@@ -211,4 +197,4 @@ class _Watch:
                 yield 1.0 if fix is None else choose(shown.expected, [fix]).fits[0]
 
         sats = sorted({signal.sat for signal in shown.sky.signals})
-        return largest_p_value_without(sats, p_values, least=_LEAST, enough=self.alpha) < self.alpha
+        return largest_p_value_without(sats, p_values, least=_LEAST, enough=self.alpha)

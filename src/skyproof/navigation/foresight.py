@@ -36,11 +36,11 @@ class SkyFix:
 
 
 class Foresight(Protocol):
-    """Of one receiver. by : what it rests on, in words; assumes : what that takes for given. moves : whether it
+    """Of one receiver. by : codes of what it rests on; assumes : of what that takes for given. moves : whether it
     learns from the fixes of epochs, velocity too."""
 
     @property
-    def by(self) -> str: ...
+    def by(self) -> tuple[str, ...]: ...
     @property
     def assumes(self) -> tuple[str, ...]: ...
     @property
@@ -69,7 +69,7 @@ class Standing:
 
     stands: bool
     oscillator: Oscillator | None
-    by: str
+    by: tuple[str, ...]
     assumes: tuple[str, ...] = ()
     known: Known | None = None
     lasting: Reals | None = None

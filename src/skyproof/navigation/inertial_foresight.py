@@ -46,7 +46,7 @@ class Inertial:
     settings: InsSettings
     initial: Attitude | None
     clock: bool
-    by: str
+    by: tuple[str, ...]
     assumes: tuple[str, ...] = ()
     state: InsState | None = None
     waiting: tuple[Known, ...] = ()

@@ -43,6 +43,8 @@ class Hypothesis(StrEnum):
 
     CONTINUOUS = "continuous"
     """Position, velocity, clock and carriers go on as a platform and an oscillator can."""
+    ONE_OF_SKIES = "one_of_skies"
+    """One of several skies is where it is expected."""
     PREDICTED = "predicted"
     """The fix is where an inertial unit, an oscillator or the fixes before put it."""
     AS_STATED = "as_stated"
@@ -291,7 +293,7 @@ class Finding(ShortRepr):
         """Return the word that the p-values give: the union of all causes is rejected, the clean sky alone, or none."""
         alpha = 0.0 if self.alpha is None else self.alpha
         if not self.p:
-            return "undecided"
+            return "authentic" if self.by_assumption else "undecided"
         if Cause.FALSE_SKY in self.p:
             return "authentic" if self.p[Cause.FALSE_SKY] < alpha else "undecided"
         if self.p[Cause.CLEAN] >= alpha:
@@ -308,6 +310,11 @@ class Finding(ShortRepr):
         if Cause.FALSE_SKY in self.p:
             return self.p[Cause.FALSE_SKY]
         return max(self.p.values()) if self.says in ("spoofed", "attack") else self.p[Cause.CLEAN]
+
+    @property
+    def by_assumption(self) -> bool:
+        """Return whether what is assumed excludes a false sky, without a test."""
+        return self.hypothesis is Hypothesis.FALSE_SKY and bool(self.data.get("assumes")) and not self.p
 
     @property
     def may_also_be(self) -> tuple[Cause, ...]:

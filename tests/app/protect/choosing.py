@@ -16,6 +16,7 @@ from skyproof.app.protect import judge
 from skyproof.app.protect.coasting import trusted_and_coasted
 from skyproof.app.protect.document import Outcome, document
 from skyproof.app.protect.foresights import InertialUnit, foresights_of
+from skyproof.fusion.choice_findings import CHOSEN
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.nominal import nominal_constellation
@@ -165,7 +166,7 @@ def inertia_of(scene: Scene, settings: Settings, grade: str, *, attitude_deg: fl
 
 
 def _wrong_sky(heard, outcome: Outcome) -> bool | None:
-    first = next((e for e in outcome.evidence if e.detector == "prediction" and e.noted), None)
+    first = next((e for e in outcome.evidence if e.detector == "prediction" and e.code in CHOSEN), None)
     if first is None:
         return None
     o = heard.reception.observations
@@ -176,4 +177,4 @@ def _wrong_sky(heard, outcome: Outcome) -> bool | None:
 
 def choice_of(found: Judged):
     """The evidence that first chose; None where nothing did."""
-    return next((e for e in found.outcome.evidence if e.detector == "prediction" and e.noted), None)
+    return next((e for e in found.outcome.evidence if e.detector == "prediction" and e.code in CHOSEN), None)

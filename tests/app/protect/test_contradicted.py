@@ -8,6 +8,7 @@ import pytest
 
 from skyproof.app.protect import protect
 from skyproof.errors import SettingsError
+from skyproof.explain import explain
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.scenario import FrontEnd
 from skyproof.simulator.scenes import ready
@@ -88,7 +89,7 @@ def test_what_is_not_as_stated_is_told_and_makes_no_wrong_word(name, stated, fil
     row = score(scene, result.verdict, result.outcome)
     assert (row["wrong_labels"], row["wrong_fixes"]) == (0, 0)
     assert result.verdict.verdict != ("spoofed" if name == "clean" else "authentic")
-    told_of = [*(evidence.because for evidence in result.outcome.evidence if evidence.says == "undecided")]
+    told_of = [*(explain(evidence).sentence for evidence in result.outcome.evidence if evidence.says == "undecided")]
     told_of += [remark for note in result.verdict.inputs for remark in note.all_remarks]
     said = result.verdict.summary + " ".join(told_of)
     assert told in said

@@ -218,7 +218,8 @@ def versions() -> dict[str, str]:
 
 def _assumed(outcome: Outcome) -> str | None:
     """Return under what word and labels hold, in the order of the windows; None where nothing is assumed."""
-    found = (e for e in outcome.evidence if e.says in ("authentic", "spoofed", "attack"))
+    words = ("authentic", "spoofed", "attack")
+    found = (e for e in outcome.evidence if e.says in words or stands_beside(e))
     assumed = dict.fromkeys(words for e in found for words in explain(e).assumptions)
     if not assumed:
         return None

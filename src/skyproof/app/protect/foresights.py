@@ -102,17 +102,16 @@ def _foresight(name: str, settings: Settings, place: Surveyed | None, unit: Iner
     """Of a receiver that stands its place says more than an inertial unit does."""
     by, assumes = [], []
     if place is not None:
-        by, assumes = ["its surveyed place"], [f"{name} stands where it was surveyed"]
+        by, assumes = ["surveyed_place"], ["stands_where_surveyed"]
     elif settings.speed_max_m_s == 0.0:
-        by, assumes = ["its standing still"], [f"{name} does not move"]
+        by, assumes = ["standing"], ["receiver_stands"]
     elif unit is not None and name in unit.levers_m:
-        by, assumes = ["the inertial unit"], ["the inertial unit errs no more than is stated of it"]
+        by, assumes = ["inertial_unit"], ["inertial_as_stated"]
     stands, moves = place is not None or settings.speed_max_m_s == 0.0, bool(by)
     oscillator = None if settings.oscillator is None else OSCILLATORS[PLATFORM_CLASSES[settings.oscillator]]
     if oscillator is not None:
-        by.append("its clock")
-        assumes.append(f"the clock of {name} runs freely on an oscillator of the class {settings.oscillator}")
-    words = " and ".join(by)
+        by.append("clock")
+        assumes.append(f"oscillator_{settings.oscillator}")
     if not by:
         return None
     if moves and not stands and unit is not None:
@@ -123,8 +122,8 @@ def _foresight(name: str, settings: Settings, place: Surveyed | None, unit: Iner
             ),
             initial=unit.initial,
             clock=oscillator is not None,
-            by=words,
+            by=tuple(by),
             assumes=tuple(assumes),
         )
-    standing = Standing(stands=stands, oscillator=oscillator, by=words, assumes=tuple(assumes))
+    standing = Standing(stands=stands, oscillator=oscillator, by=tuple(by), assumes=tuple(assumes))
     return standing if place is None else surveyed(standing, place.ecef_m, place.sigma_m**2 * np.eye(3))

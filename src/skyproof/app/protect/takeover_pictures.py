@@ -16,6 +16,7 @@ from skyproof.arrays import Instants, Integers, Reals
 from skyproof.detectors.dccaf.bursts import amplitudes, between_taps, own_correlation, shapes
 from skyproof.detectors.dccaf.delays import DccafSettings, Delays, delays_of, last_burst
 from skyproof.detectors.dccaf.detector import Dccaf
+from skyproof.explain.bases import name_bases
 from skyproof.fusion.choice import Compared
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -127,7 +128,7 @@ def _compared(one: Compared, at_s: float) -> ComparedSkies:
     return ComparedSkies(
         receiver=one.receiver,
         at_s=at_s,
-        by=one.by,
+        by=name_bases(one.by),
         tracks=tuple(_fix(name or one.receiver, kind, known, one.expected) for name, kind, known in named)
         if places
         else (),

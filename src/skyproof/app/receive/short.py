@@ -30,6 +30,7 @@ from skyproof.app.receive.short_signals import (
 from skyproof.app.receive.snapshot import RoughKnowledge, solved
 from skyproof.app.receive.tracker import cleaned
 from skyproof.arrays import Instants, Reals
+from skyproof.detectors.base import leave_open
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic
@@ -42,8 +43,11 @@ from skyproof.receiver.snapshot_changes import CHANCE
 from skyproof.records import (
     AntennaArray,
     ArrayPhases,
+    Cause,
     CellStatus,
-    Evidence,
+    Datum,
+    Finding,
+    Hypothesis,
     MeasurementSource,
     NavigationData,
     Observations,
@@ -56,7 +60,6 @@ __all__ = ["is_short", "observe_short", "require_some"]
 
 _LONGEST_S: Final = 1.0
 """A longer recording is followed, though no time of week is read in less than some ten seconds."""
-_HOW: Final = {"begins": "begins about", "ends": "ends about", "turns": "comes from elsewhere after about"}
 
 
 def is_short(source: MeasurementSource) -> bool:
@@ -126,31 +129,29 @@ def observe_short(
     )
 
 
-def _changes(found: Sequence[Found], o: Observations) -> tuple[Evidence, ...]:
+def _changes(found: Sequence[Found], o: Observations) -> tuple[Finding, ...]:
     """That the sky does not stay what it is throughout, if so: whatever else is said of it, it is not authentic."""
     changed = [(one, one.change) for one in found if one.change is not None]
     if not changed:
         return ()
-    words = ", ".join(
-        f"{one.signal.sat} {one.signal.copy} {_HOW[change.kind]} {o.elapsed_s[change.part]:.3g} s"
-        for one, change in changed
-    )
     p_value = min(1.0, len(found) * min(change.p_value for _, change in changed))
+    data: dict[str, Datum] = {
+        "changed": tuple(f"{one.signal.sat} {one.signal.copy}" for one, _ in changed),
+        "kinds": tuple(change.kind for _, change in changed),
+        "after_s": tuple(float(o.elapsed_s[change.part]) for _, change in changed),
+    }
     return (
-        Evidence(
+        Finding(
             detector="snapshot",
             start_gpst=o.gpst[0],
             end_gpst=o.gpst[-1] + (o.gpst[1] - o.gpst[0]),
-            subject=tuple(SignalRef(o.receiver, one.signal) for one in found),
-            says="undecided",
-            because=f"{len({one.signal.sat for one, _ in changed})} of {len({one.signal.sat for one in found})} "
-            f"satellites' signals change within {o.receiver}'s recording, as when an attack begins: {words}",
-            would_need="a recording of the time after, or one of ten seconds or more",
-            may_also_be=("shade", "missing_samples"),
+            signals=tuple(SignalRef(o.receiver, one.signal) for one in found),
+            hypothesis=Hypothesis.CONTINUOUS,
+            code="changes",
+            p={Cause.CLEAN: p_value, **leave_open((Cause.SHADE, Cause.MISSING_SAMPLES))},
+            alpha=len(found) * CHANCE,
+            data=data,
             dated_gpst=o.gpst[min(change.part for _, change in changed)],
-            p_value=p_value,
-            false_alarm_probability=len(found) * CHANCE,
-            overrules=True,
         ),
     )
 

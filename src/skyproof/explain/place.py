@@ -1,0 +1,39 @@
+"""What the places of receivers that stand show, in words."""
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from skyproof.explain.entry import Entry
+from skyproof.records import Finding
+
+__all__ = ["ENTRIES"]
+
+
+def _say(why: str) -> Callable[[Finding], str]:
+    """Return a function that says how far off a place is, and why that may be."""
+
+    def words(finding: Finding) -> str:
+        there = "was surveyed" if finding.data["surveyed"] else "stood at first, and it is stated not to move"
+        receiver, off_m = finding.signals[0].receiver, finding.data["statistic"]
+        slip = finding.wrong_statements[0].sentence if finding.wrong_statements else ""
+        return f"the signals put {receiver} {off_m:.1f} m from where it {there}{why.format(slip=slip)}"
+
+    return words
+
+
+def _remedy(finding: Finding) -> str:
+    if finding.data["surveyed"]:
+        return "the surveyed position checked (WGS-84, height above the ellipsoid)"
+    return "a second receiver"
+
+
+ENTRIES: Final[Mapping[str, Entry]] = {
+    "elsewhere": Entry(_say("; until then they had put it there"), beside=True),
+    "slip": Entry(_say(": {slip}, or they are false"), "the surveyed position checked"),
+    "never_there": Entry(_say(": they are false, or what is stated of the place or of errors is wrong"), _remedy),
+    "as_before": Entry(
+        _say(": it is where they put it before, a little off; what is stated of the place may be wrong"), _remedy
+    ),
+    "others_misfit": Entry(_say(": other satellites do not fit it, as where errors are larger than stated"), _remedy),
+    "by_some": Entry(_say(": without some two satellites it may be chance, or reflections"), _remedy),
+}
