@@ -22,6 +22,7 @@ from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettin
 from skyproof.detectors.array.array_model import predicted_directions
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
 from skyproof.detectors.residual import Residual, ResidualSettings
+from skyproof.explain import explain
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, rot_enu_ecef
@@ -257,7 +258,7 @@ def main() -> None:
     evidence, labels = judged(scene)
     print(scene.words)
     for e in evidence:
-        print(e.detector, e.says, e.because, e.p_value, [f"{r.signal.sat}{r.signal.copy}" for r in e.subject])
+        print(e.detector, e.says, explain(e).sentence, e.p_value, [f"{r.signal.sat}{r.signal.copy}" for r in e.subject])
         print("   ", [np.degrees([d.azimuth_rad, d.elevation_rad]).round(1).tolist() for d in e.directions])
     for signal, label in labels.items():
         print(signal, label)

@@ -31,6 +31,7 @@ from scipy import stats
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
+from skyproof.explain import explain
 from skyproof.records import Evidence
 
 RUN_S: Final = 600.0
@@ -65,7 +66,7 @@ def row_of(name: str) -> Row:
         "n_windows": len({(e.start_gpst, e.end_gpst) for e in outcome.evidence}),
         "against": _from_rates(said, float(rate)),
         "failed": _from_rates(failed, float(rate)),
-        "why": sorted({f"{e.detector}: {e.because}" for e in (*said, *failed)}),
+        "why": sorted({f"{e.detector}: {explain(e).sentence}" for e in (*said, *failed)}),
         "labels": sum(s.label == "spoofed" for s in outcome.decision.labels),
         "windows": [[(d, float(f"{p:.{PLACES}g}"), s) for d, p, s in w] for w in tests_of(outcome.evidence)],
     }

@@ -25,6 +25,7 @@ from skyproof.app.protect.run import judge
 from skyproof.app.receive.inputs import following_antennas
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.errors import InputError, SkyproofError
+from skyproof.explain import explain
 from skyproof.records import NavigationData, ObservationLog, Observations
 
 LEAST_EPOCHS: Final = 10
@@ -47,7 +48,7 @@ def row_of(name: str) -> Row:
     failed = [e for e in outcome.evidence if e.failed or e.says in ("attack", "spoofed")]
     return row | {
         "verdict": outcome.decision.verdict,
-        "failed": sorted({f"{e.detector}: {e.because} (p {e.p_value:.2g})" for e in failed}),
+        "failed": sorted({f"{e.detector}: {explain(e).sentence} (p {e.p_value:.2g})" for e in failed}),
     }
 
 

@@ -32,6 +32,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge, protect
 from skyproof.app.protect.document import Outcome, ReceiverOutcome, document
 from skyproof.arrays import Reals
+from skyproof.explain import explain
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix
@@ -362,7 +363,7 @@ def reported(name: str) -> Iterator[str]:
     for e in outcome.evidence:
         if e.p_value is not None or e.detector == "multi_receiver":
             subject = " ".join(sorted(f"{ref.receiver}:{ref.signal.sat}{ref.signal.copy}" for ref in e.subject))
-            yield f"{e.start_gpst} {e.detector} {e.says} p={e.p_value} group={e.group} {subject}: {e.because}"
+            yield f"{e.start_gpst} {e.detector} {e.says} p={e.p_value} group={e.group} {subject}: {explain(e).sentence}"
     for s in outcome.decision.labels:
         yield f"{s.ref} {s.label} {s.first_epoch}-{s.last_epoch} {s.because}"
     for h, r in pairs_of(heard, outcome):

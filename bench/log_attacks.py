@@ -36,6 +36,7 @@ from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.arrays import Reals
 from skyproof.detectors.code_motion.detector import primary_signals
 from skyproof.errors import SkyproofError
+from skyproof.explain import explain
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.fix import fix
@@ -248,14 +249,18 @@ def against_truth(
     before = [e for e in failed if (since_s(e.end_gpst) or 0.0) < from_s - onset_s]
     later = [e for e in failed if e not in before]
     seen = None if decision.onset is None else since_s(decision.onset.seen)
+    accused = [e for e in failed if e.says in ("attack", "spoofed")]
+    reason = None if decision.suspicion is None else decision.suspicion.finding
     row: Row = {
         "verdict": decision.verdict,
         "seen_s": seen,
         "noticed_s": min((since_s(e.end_gpst) for e in later), default=None),
         "by": dict(Counter(f"{e.detector}:{e.says}" for e in later)),
-        "before": sorted({f"{e.detector}: {e.because}" for e in before}),
-        "why": decision.suspicion.why if decision.suspicion is not None else "",
-        "accused": sorted({f"{e.detector}: {e.because}" for e in failed if e.says in ("attack", "spoofed")})[:3],
+        "before": sorted({f"{e.detector}: {explain(e).sentence}" for e in before}),
+        "why": "" if reason is None else explain(reason).sentence,
+        "accused": sorted({f"{e.detector}: {explain(e).sentence}" for e in failed if e.says in ("attack", "spoofed")})[
+            :3
+        ],
     }
     if kind == "jamming":
         return row
@@ -355,7 +360,7 @@ def main() -> None:
         print("\n".join(f"{key}: {value}" for key, value in row.items()))
         for e in outcome.evidence:
             if e.failed or e.says in ("attack", "spoofed"):
-                print(e.start_gpst, e.end_gpst, e.detector, e.says, e.p_value, e.because[:200])
+                print(e.start_gpst, e.end_gpst, e.detector, e.says, e.p_value, explain(e).sentence[:200])
         return
     names = [f"attack-{k}" for k in range(chosen.attacks)] + [f"jamming-{k}" for k in range(chosen.jammings)]
     print("\n".join(table(rows_of(chosen, names, row_of))))

@@ -25,6 +25,7 @@ from skyproof.app.receive.observed import observed
 from skyproof.detectors.levels.bands import carrier_name
 from skyproof.detectors.levels.detector import SignalLevels, SignalLevelsSettings
 from skyproof.errors import SkyproofError
+from skyproof.explain import explain
 from skyproof.fusion.interference import Spell, spells_of
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Evidence, NavigationData, Observations
@@ -103,7 +104,7 @@ def row_of(name: str) -> Row:
 def _counts(found: Sequence[Evidence], spells: Sequence[Spell], o: Observations) -> Row:
     return {
         "windows": sum(e.p_value is not None for e in found),
-        "failed": [e.because for e in found if e.failed],
+        "failed": [explain(e).sentence for e in found if e.failed],
         "spells": [(list(s.carriers), round(s.fall_db, 1), s.may_be_shade) for s in spells],
         "begin_s": [round(float(seconds_between(s.since_gpst, o.gpst[0])), 2) for s in spells],
     }
