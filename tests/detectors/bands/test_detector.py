@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.bands.detector import Bands, BandsSettings
-from skyproof.records import Observations, Records, SignalId
+from skyproof.records import Cause, Observations, Records, SignalId
 from skyproof.testing import MeasuredScene, TrackErrors
 
 RATE = 1e-6
@@ -52,15 +52,20 @@ def examine(records: Records):
 @pytest.mark.parametrize("ionosphere_m", [2.0, 15.0, 120.0])
 def test_the_ionosphere_is_no_attack(ionosphere_m) -> None:
     for seed in range(5):
-        assert examine(two_bands(np.random.default_rng(seed), ionosphere_m=ionosphere_m)).says == "clean"
+        found = examine(two_bands(np.random.default_rng(seed), ionosphere_m=ionosphere_m))
+        assert (found.says, found.code, found.failed) == ("clean", "together", False)
 
 
 def test_one_code_far_off_is_named() -> None:
     shift_m = np.zeros(len(SCENE._exact[0].signals))
     shift_m[2] = -400.0
-    evidence = examine(two_bands(np.random.default_rng(1), shift_m))
-    assert evidence.failed
-    assert {ref.signal.sat for ref in evidence.subject} == {SCENE._exact[0].signals[2].sat}
+    found = examine(two_bands(np.random.default_rng(1), shift_m))
+    sat = SCENE._exact[0].signals[2].sat
+    assert (found.code, found.says, found.overrules) == ("parted", "undecided", True)
+    assert found.may_also_be == (Cause.REFLECTIONS, Cause.FAULT)
+    assert {ref.signal.sat for ref in found.signals} == {sat}
+    assert found.data["parted"] == (f"{sat} L1/L5",)
+    assert found.data["late_m"] == pytest.approx(-400.0, abs=60.0)
 
 
 def test_a_false_place_on_one_band_shows() -> None:
@@ -75,6 +80,5 @@ def test_a_delay_that_all_share_is_the_receivers() -> None:
 
 
 def test_one_band_alone_cannot_be_tested() -> None:
-    evidence = examine(SCENE.records(np.random.default_rng(0)))
-    assert evidence.says == "undecided"
-    assert evidence.p_value is None
+    found = examine(SCENE.records(np.random.default_rng(0)))
+    assert (found.says, found.code, found.p_value) == ("undecided", "one_band", None)

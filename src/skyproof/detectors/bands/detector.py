@@ -18,10 +18,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
 from skyproof.gnss.signals import chip_m_of
-from skyproof.records import Evidence, Need, Observations, Records, SignalId, SignalRef
+from skyproof.records import Cause, Datum, Finding, Hypothesis, Need, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.distributions import normal_two_sided
 
 __all__ = ["Bands", "BandsSettings"]
@@ -32,7 +32,6 @@ _L1_HZ: Final = 1575.42e6
 _GROUP_DELAY_M: Final = 3.0  # of a satellite's band against another, one sigma: 10 ns
 _REFLECTED_CHIPS: Final = 0.125
 _LEAST_SATELLITES: Final = 3
-_NAMED: Final = 6
 
 
 @dataclass(frozen=True)
@@ -67,44 +66,33 @@ class Bands:
     def __init__(self, settings: BandsSettings | None = None) -> None:
         self.settings = settings or BandsSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Return the evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
-        return lacking or [self._receiver(records, o) for o in records.observations], state
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.CODE_FOLLOWS_CARRIER)
+        return report.name_missing() or [self._test_receiver(report, o) for o in records.observations], state
 
-    def _receiver(self, records: Records, o: Observations) -> Evidence:
+    def _test_receiver(self, report: Reporter, o: Observations) -> Finding:
+        """Test all pairs of bands of a receiver."""
         pairs = [apart for group in _pairs_of(o) for apart in _compare(o, group)]
         if not pairs:
-            subject = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
-            because = f"fewer than {_LEAST_SATELLITES} satellites of {o.receiver} have codes of two bands"
-            return undecided(
-                self, records, subject, because=because, would_need="a receiver of two bands or more", code="one_band"
-            )
-        alpha = self.settings.false_alarm_probability
+            every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+            return report.pass_over(every, NotTested("one_band", {"needed": _LEAST_SATELLITES}))
         worst = min(pairs, key=lambda apart: apart.p_value)
-        failed = [apart for apart in pairs if len(pairs) * apart.p_value < alpha]
+        failed = [apart for apart in pairs if len(pairs) * apart.p_value < self.settings.false_alarm_probability]
         chosen = failed or pairs
+        data: dict[str, Datum] = {
+            "tested": len(pairs),
+            "parted": tuple(f"{apart.first.sat} {apart.first.band}/{apart.second.band}" for apart in failed),
+            "first": str(worst.first),
+            "second": str(worst.second),
+            "late_m": worst.metres,
+        }
         signals = dict.fromkeys(signal for apart in chosen for signal in (apart.first, apart.second))
-        because = f"the codes of {len(pairs)} pairs of bands in {o.receiver} differ as the ionosphere makes them"
-        if failed:
-            names = ", ".join(f"{a.first.sat} {a.first.band}/{a.second.band}" for a in failed[:_NAMED])
-            more = f" and {len(failed) - _NAMED} more" if len(failed) > _NAMED else ""
-            because = (
-                f"codes of two bands part beyond any ionosphere: {names}{more} in {o.receiver}; {worst.first} is "
-                f"{abs(worst.metres):.0f} m {'late' if worst.metres > 0.0 else 'early'} against {worst.second}"
-            )
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=tuple(SignalRef(o.receiver, signal) for signal in signals),
-            says="undecided" if failed else "clean",
-            because=because,
-            p_value=min(1.0, len(pairs) * worst.p_value),
-            false_alarm_probability=alpha,
-            overrules=bool(failed),
-            may_also_be=("reflections", "fault") if failed else (),
-            would_need="another receiver, to tell a fault from a false signal" if failed else None,
+        return report.find(
+            tuple(SignalRef(o.receiver, signal) for signal in signals),
+            "parted" if failed else "together",
+            {Cause.CLEAN: min(1.0, len(pairs) * worst.p_value), **leave_open((Cause.REFLECTIONS, Cause.FAULT))},
+            data=data,
         )
 
 
