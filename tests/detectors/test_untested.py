@@ -315,7 +315,7 @@ CASES = {
     ),
     ("own_fixes", "few_own_fixes"): (
         lambda: said(OwnFixes(), replace(clean(), own_fixes={"rx1": fixes_at([0.0, 1.0], [HOME, HOME])})),
-        "rx1 gives fewer than three fixes of its own",
+        "rx1 gives fewer than 3 fixes of its own",
     ),
     ("messages", "no_message"): (
         lambda: said(BroadcastMessages(), replace(clean(), sets=())),

@@ -5,7 +5,7 @@ import pytest
 
 from skyproof.detectors.own_fixes.detector import OwnFixes, OwnFixesSettings, chance_of_jumps
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.records import ReceiverFixes, Records
+from skyproof.records import Cause, ReceiverFixes, Records
 
 START = np.datetime64("2024-02-05T12:00:00", "ns")
 HOME = ecef_from_geodetic(np.radians(47.5), np.radians(8.5), 400.0)
@@ -52,7 +52,9 @@ def test_a_jump_of_kilometres_fails_and_is_dated() -> None:
     places = standing(60)
     places[30:, 0] += 5000.0
     evidence = examined(np.arange(60.0), places)
-    assert (evidence.says, evidence.overrules, evidence.may_also_be) == ("undecided", True, ("fault",))
+    assert (evidence.says, evidence.code, evidence.overrules) == ("undecided", "jumps", True)
+    assert evidence.may_also_be == (Cause.FAULT,)
+    assert evidence.data["jump_m"] == pytest.approx(5000.0, abs=50.0)
     assert evidence.dated_gpst == START + np.timedelta64(30, "s")
     assert evidence.p_value < 1e-6
 

@@ -13,16 +13,15 @@ bound gives the p-value. Jumps of some kilometres from second to second count, a
 A receiver may err by itself: a fix that jumps has a cause that is open.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Instants, Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import SettingsError, require_probability
-from skyproof.gnss.time import iso
-from skyproof.records import Evidence, Need, ReceiverFixes, Records, SignalRef
+from skyproof.records import Cause, Datum, Finding, Hypothesis, Need, ReceiverFixes, Records, SignalRef
 
 __all__ = ["OwnFixes", "OwnFixesSettings", "chance_of_jumps"]
 
@@ -72,10 +71,10 @@ class OwnFixes:
     def __init__(self, settings: OwnFixesSettings | None = None) -> None:
         self.settings = settings or OwnFixesSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Return the evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
-        if lacking:
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.OWN_FIX)
+        if lacking := report.name_missing():
             return lacking, state
         tails: dict[str, _Series] = dict(state or {})
         found = []
@@ -84,18 +83,16 @@ class OwnFixes:
             if tail is not None and fixes.gpst.size and tail.gpst.size and tail.gpst[-1] >= fixes.gpst[0]:
                 tail = None  # another recording
             series = _rising(fixes, tail)
-            found.append(self._receiver(records, receiver, series))
+            found.append(self._test_receiver(report, receiver, series))
             tails[receiver] = series.rows(slice(-_TAIL, None))
         return found, tails
 
-    def _receiver(self, records: Records, receiver: str, series: _Series) -> Evidence:
-        subject = tuple(
-            SignalRef(o.receiver, s) for o in records.observations if o.receiver == receiver for s in o.signals
-        )
+    def _test_receiver(self, report: Reporter, receiver: str, series: _Series) -> Finding:
+        """Test each fix against the two before it."""
+        observations = (o for o in report.records.observations if o.receiver == receiver)
+        signals = tuple(SignalRef(receiver, signal) for o in observations for signal in o.signals)
         if series.gpst.size < _TAIL + 1:
-            because = f"{receiver} gives fewer than three fixes of its own"
-            would_need = "a log with the receiver's fixes, once a second"
-            return undecided(self, records, subject, code="few_own_fixes", because=because, would_need=would_need)
+            return report.pass_over(signals, NotTested("few_own_fixes", {"of": receiver, "needed": _TAIL + 1}))
         t_s = (series.gpst - series.gpst[0]).astype(np.int64) * 1e-9
         chances = chance_of_jumps(
             t_s,
@@ -104,33 +101,14 @@ class OwnFixes:
             self.settings.acceleration_max_m_s2,
             np.inf if self.settings.speed_max_m_s is None else self.settings.speed_max_m_s,
         )
-        p_value = min(1.0, chances.size * float(chances.min()))
-        alpha = self.settings.false_alarm_probability
-        evidence = Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=subject,
-            says="clean",
-            because=f"the place that {receiver} gives itself goes on from fix to fix",
-            p_value=p_value,
-            false_alarm_probability=alpha,
-        )
-        if p_value >= alpha:
-            return evidence
-        k = int(np.argmax(chances.size * chances < alpha))  # the first: a jump bends the way at two fixes
-        at = series.gpst[k + _TAIL]
+        jumps = chances.size * chances < self.settings.false_alarm_probability
+        p = {Cause.CLEAN: min(1.0, chances.size * float(chances.min())), **leave_open((Cause.FAULT,))}
+        if not jumps.any():
+            return report.find(signals, "goes_on", p, data={"of": receiver})
+        k = int(np.argmax(jumps))  # the first: a jump bends the way at two fixes
         jump_m = float(np.linalg.norm(series.position_ecef_m[k + _TAIL] - series.position_ecef_m[k + _TAIL - 1]))
-        return replace(
-            evidence,
-            says="undecided",
-            because=f"the place that {receiver} gives itself jumps by {jump_m:.0f} m at {iso(at, 1)[11:]}, farther "
-            "than any platform moves",
-            overrules=True,
-            dated_gpst=at,
-            may_also_be=("fault",),
-            would_need="the receiver's measurements (UBX-RXM-RAWX, SBF MeasEpoch, RTCM MSM7), or a second receiver",
-        )
+        data: dict[str, Datum] = {"of": receiver, "jump_m": jump_m}
+        return report.find(signals, "jumps", p, data=data, dated_gpst=series.gpst[k + _TAIL])
 
 
 def chance_of_jumps(
