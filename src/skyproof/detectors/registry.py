@@ -8,10 +8,11 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from skyproof.detectors.base import Detector, signals_of, undecided
+from skyproof.detectors.adapter import adapt, restore
+from skyproof.detectors.base import Detector, NotTested, Reporter, signals_of
 from skyproof.detectors.entries import OURS, package_of, registered
 from skyproof.errors import SettingsError, readable, shortened
-from skyproof.records import AnyFinding, Cause, Evidence, Finding, Need, Records, Says, SignalRef
+from skyproof.records import AnyFinding, Cause, Evidence, Finding, Hypothesis, Need, Records, Says, SignalRef
 
 __all__ = ["evidence_fault", "examined", "is_ours", "load_detectors", "made_with", "review_of"]
 
@@ -163,11 +164,8 @@ def examined(detector: Detector, records: Records, state: Any) -> tuple[Sequence
         if fault := evidence_fault(detector, records, said):
             raise _Faulty(fault)
     except Exception as error:
-        because = f"the detector {detector.name} of {type(detector).__module__} failed: {_words(error)}"
-        there = signals_of(records.observations)
-        remedy = f"{detector.name} repaired"
-        return [undecided(detector, records, there, code="failed", because=because, would_need=remedy)], state
-    return said
+        return [_report_failure(detector, records, "failed", error)], state
+    return [adapt(e) if isinstance(e, Evidence) else e for e in said[0]], said[1]
 
 
 def review_of(detector: Detector, evidence: Sequence[AnyFinding]) -> Iterable[AnyFinding]:
@@ -183,15 +181,22 @@ def review_of(detector: Detector, evidence: Sequence[AnyFinding]) -> Iterable[An
         seen: Iterable[AnyFinding] = review(evidence)
         return seen
     try:
-        after = list(review(evidence))
+        before = restore(evidence, detector.name)
+        after = list(review(before))
         if fault := _review_fault(detector, evidence, after):
             raise _Faulty(fault)
     except Exception as error:
-        because = f"review of the detector {detector.name} of {type(detector).__module__} failed: {_words(error)}"
         last = Records(start_gpst=evidence[-1].start_gpst, end_gpst=evidence[-1].end_gpst)
-        remedy = f"{detector.name} repaired"
-        return [*evidence, undecided(detector, last, (), code="review_failed", because=because, would_need=remedy)]
-    return [new if old.detector == detector.name else old for old, new in zip(evidence, after, strict=True)]
+        return [*evidence, _report_failure(detector, last, "review_failed", error)]
+    changed = (adapt(new) if isinstance(new, Evidence) else new for new in after)
+    return [new if old.detector == detector.name else old for old, new in zip(evidence, changed, strict=True)]
+
+
+def _report_failure(detector: Detector, records: Records, code: str, error: Exception) -> Finding:
+    """Return that a detector of another package failed, and how."""
+    data = {"detector": detector.name, "module": type(detector).__module__, "error": _words(error)}
+    reporter = Reporter(detector, records, Hypothesis.ONE_POSITION)
+    return reporter.pass_over(signals_of(records.observations), NotTested(code, data))
 
 
 def _review_fault(detector: Detector, evidence: Sequence[AnyFinding], after: Sequence[Any]) -> str | None:

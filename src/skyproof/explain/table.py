@@ -31,16 +31,18 @@ def explain(finding: Finding | Evidence) -> Wording:
     """
     if isinstance(finding, Evidence):
         return Wording(finding.because, finding.would_need, finding.assumes)
+    data: Mapping[str, Any] = finding.data
+    if "because" in data:  # of a detector that puts its findings in words itself
+        return Wording(data["because"], data["would_need"], data["words_assumed"])
     if finding.lacking:
         without = join([need.replace("_", " ") for need in finding.lacking])
         return Wording(f"without {without}", "; ".join(NEEDS[need] for need in finding.lacking))
     entry = _find_entry(finding)
     fields = collect_fields(finding)
-    assumes: Any = finding.data.get("assumes", ())
     return Wording(
         sentence=fill(entry.sentence, finding) or finding.code,
         remedy=None if entry.remedy is None else fill(entry.remedy, finding),
-        assumptions=tuple(ASSUMPTIONS[code].format_map(fields) for code in assumes),
+        assumptions=tuple(ASSUMPTIONS[code].format_map(fields) for code in data.get("assumes", ())),
     )
 
 
@@ -48,7 +50,8 @@ def stands_beside(finding: Finding | Evidence) -> bool:
     """Return whether a finding stands beside the verdict, whatever that is."""
     if isinstance(finding, Evidence):
         return finding.noted
-    return not finding.lacking and _find_entry(finding).beside
+    beside = finding.data.get("beside")
+    return bool(beside) if beside is not None else not finding.lacking and _find_entry(finding).beside
 
 
 def list_entries() -> Iterator[tuple[str, str, Entry]]:
