@@ -1,10 +1,13 @@
 """When an attack began and ended."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.timeline import end_of, onset_of
+from skyproof.records import SignalId, SignalRef
 
 
 def false(invented, name, first, last, receiver="rx1"):
@@ -43,6 +46,15 @@ def test_signals_that_may_have_been_hidden_were_there_at_the_latest_when_they_we
     onset = onset_of([invented.ref("G05b")], [o])
     assert (onset.seen, onset.earliest, onset.from_start) == (invented.at(12.02), None, False)
     assert (onset.gpst, onset.sigma_s) == (onset.seen, None)
+
+
+@pytest.mark.parametrize(("band", "code", "hidden"), [("L1", "CA", True), ("L5", "Q", False)])
+def test_what_hides_a_signal_is_two_chips_of_its_own(invented, band, code, hidden):
+    o = invented.observations(("G05a", "G05b"), found={"G05b": (11.5, 12.0)})
+    signals = tuple(SignalId("G05", band, code, copy) for copy in "ab")
+    range_m = o.pseudorange_m + [0.0, 100.0]  # a third of a chip of C/A, three of L5
+    onset = onset_of([SignalRef("rx1", signals[1])], [replace(o, signals=signals, pseudorange_m=range_m)])
+    assert (onset.earliest is None) is hidden
 
 
 def test_no_signal_has_no_onset(invented):

@@ -138,7 +138,7 @@ def test_without_bits_or_with_too_few_periods_there_is_no_grid():
 @pytest.mark.parametrize("prn", [1, 7, 32])
 def test_noise_is_measured_where_the_code_is_quiet(prn):
     code = ca_code(prn).astype(int)
-    lags = np.array(noise_delays(prn), int)
+    lags = np.array(noise_delays(GPS_L1_CA, f"G{prn:02d}"), int)
     assert len(set(lags)) == 16
     assert np.abs(lags).min() > 3
     assert {int(code @ np.roll(code, lag + d)) for lag in lags for d in (-1, 0, 1)} == {-1}

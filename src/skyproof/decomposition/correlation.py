@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from skyproof.arrays import Reals
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ
+from skyproof.gnss.signals import GPS_L1_CA
 
 __all__ = ["band_share", "correlation", "correlation_slope", "noise_variance"]
 
@@ -52,7 +52,7 @@ def noise_variance(cn0_dbhz: ArrayLike, coherent_s: ArrayLike, band_hz: float) -
 
 
 def _half_band(band_hz: float) -> float:
-    return band_hz / (2.0 * CA_CHIP_RATE_HZ)
+    return band_hz / (2.0 * GPS_L1_CA.chip_rate_hz)
 
 
 def _g(y: Reals, b: float) -> Reals:

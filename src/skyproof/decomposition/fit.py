@@ -24,7 +24,7 @@ from scipy import linalg, special
 from skyproof.arrays import Complexes, Reals
 from skyproof.decomposition.correlation import correlation, correlation_slope, noise_variance
 from skyproof.decomposition.kernels import bounds_of, fit_all
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ
+from skyproof.gnss.signals import GPS_L1_CA
 
 __all__ = [
     "CountTest",
@@ -97,8 +97,8 @@ def delay_dictionary(
     band_hz : two-sided, of the front end; the sample rate if None. Such taps hold all the information of the signal.
     """
     band = rate_hz if band_hz is None else band_hz
-    side = int(reach_chips * rate_hz / CA_CHIP_RATE_HZ)
-    taps = np.arange(-side, side + 1) * (CA_CHIP_RATE_HZ / rate_hz)
+    side = int(reach_chips * rate_hz / GPS_L1_CA.chip_rate_hz)
+    taps = np.arange(-side, side + 1) * (GPS_L1_CA.chip_rate_hz / rate_hz)
     return taps_dictionary(tuple(taps.tolist()), band, window_chips=window_chips)
 
 

@@ -24,7 +24,7 @@ from skyproof.formats.plausible import LETTERS, Implausible, impossible_remarks,
 from skyproof.formats.rinex_cells import Layout, Lines, SatelliteRows, cells, layout_change, lines_of, rows_2, rows_3
 from skyproof.formats.signatures import head_of
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
-from skyproof.gnss.signals import carrier_hz_of, chip_m_of, rinex_signal
+from skyproof.gnss.signals import carrier_hz_of, rinex_signal
 from skyproof.gnss.thermal_noise import carrier_sigma_cyc, code_sigma_m, doppler_sigma_hz
 from skyproof.gnss.time import gpst_from_utc, iso, require_year
 from skyproof.records import CellStatus, Observations, SignalId
@@ -671,7 +671,7 @@ def _observations(table: _Table, header: Header, channels: Mapping[str, int], re
         instead = f"the strength indicator or of {_UNKNOWN_CN0_DBHZ:g} dB-Hz"
         remarks.append(f"C/N0 is missing in {where} cells: sigmas there are those of {instead}")
     assumed_dbhz = np.where(np.isfinite(cn0_dbhz), cn0_dbhz, by_strength)
-    chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in table.signals])
+    chip_m = np.array([s.plan.chip_m for s in table.signals])
     status = np.where(there, np.where(table.lost, CellStatus.SLIP, CellStatus.OK), CellStatus.NOT_TRACKED)
     if table.impossible is not None:
         status[table.impossible] = CellStatus.IMPOSSIBLE

@@ -13,8 +13,8 @@ from skyproof.records import ObservationLog, SignalRef
 __all__ = ["Onset", "end_of", "onset_of"]
 
 
-HIDDEN_M = 600.0
-"""Two signals of a satellite nearer than this, two chips, may have been one before: the search cannot part them."""
+HIDDEN_CHIPS = 2.0
+"""Two signals of a satellite nearer than this may have been one before: the search cannot part them."""
 TOGETHER_S = 1.5
 """Signals that are found within this of the first came with it: three searches, or an epoch."""
 SEARCH_S = 0.02
@@ -80,7 +80,7 @@ def _was_hidden(o: ObservationLog, column: int) -> bool:
         if o.found_elapsed_s[other] > o.found_elapsed_s[column]:
             continue
         both = there[o.measured[there, other]][:1]
-        if both.size and _apart_m(o, column, other, int(both[0])) < HIDDEN_M:
+        if both.size and _apart_m(o, column, other, int(both[0])) < HIDDEN_CHIPS * signal.plan.chip_m:
             return True
     return False
 

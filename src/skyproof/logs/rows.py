@@ -7,7 +7,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Instants, Integers, Octets, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.signals import carrier_hz_of, chip_m_of
+from skyproof.gnss.signals import carrier_hz_of
 from skyproof.gnss.thermal_noise import carrier_sigma_cyc, code_sigma_m, doppler_sigma_hz
 from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId
 
@@ -62,7 +62,7 @@ def observations_from_rows(rows: SignalRows, receiver: str) -> Observations | No
     grids = np.full((len(OBSERVABLES), *shape), np.nan)
     status = np.full(shape, CellStatus.NOT_TRACKED, np.uint8)
     half_open = np.zeros(shape, np.bool_)
-    chip_m = np.array([chip_m_of(s.sat, s.band, s.code) for s in names])
+    chip_m = np.array([s.plan.chip_m for s in names])
     _fill(
         columns,
         place[signal],

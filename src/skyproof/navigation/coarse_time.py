@@ -21,9 +21,10 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, L1_HZ, MU_M3_S2, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, MU_M3_S2, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.least_squares import line_of_sight, spd_inverse
@@ -185,7 +186,7 @@ def coarse_fix(
     *,
     place_ecef_m: Reals | None = None,
     place_sigma_m: float = 100e3,
-    period_s: Reals | float = 1e-3,
+    period_s: Reals | float = GPS_L1_CA.period_s,
     settings: CoarseSettings | None = None,
 ) -> CoarseFix:
     """Position, velocity and time from one instant's code phases and Dopplers.
@@ -223,6 +224,7 @@ def coarse_fix(
     code, code_sigma, doppler, doppler_sigma, period = (column[used] for column in columns)
     week, tow_s = week_and_tow(rough_gpst)
     there = np.isfinite(doppler) & (doppler_sigma > 0.0)
+    wavelength_m = SPEED_OF_LIGHT_M_S / GPS_L1_CA.carrier_hz
     problem = _Problem(
         ephemerides=tuple(e for k in used if isinstance(e := found[k], Ephemeris)),
         navigation=navigation,
@@ -231,8 +233,8 @@ def coarse_fix(
         code_m=-SPEED_OF_LIGHT_M_S * code,
         code_sigma_m=SPEED_OF_LIGHT_M_S * code_sigma,
         wrap_m=SPEED_OF_LIGHT_M_S * period,
-        rate_m_s=np.where(there, -SPEED_OF_LIGHT_M_S / L1_HZ * doppler, np.nan),
-        rate_sigma_m_s=np.hypot(SPEED_OF_LIGHT_M_S / L1_HZ * np.where(there, doppler_sigma, 1.0), _ATMOSPHERE_RATE_M_S),
+        rate_m_s=np.where(there, -wavelength_m * doppler, np.nan),
+        rate_sigma_m_s=np.hypot(wavelength_m * np.where(there, doppler_sigma, 1.0), _ATMOSPHERE_RATE_M_S),
         time_sigma_s=rough_sigma_s,
         place_ecef_m=None if place_ecef_m is None else np.asarray(place_ecef_m, np.float64),
         place_sigma_m=place_sigma_m,

@@ -29,7 +29,7 @@ from scipy import fft
 
 from skyproof.arrays import Booleans, ComplexFloats, Floats, Integers, Reals
 from skyproof.compiled import compiled, threads
-from skyproof.gnss.signals import GPS_SATS, SignalDescription, prn_of
+from skyproof.gnss.signals import GPS_SATS, SignalPlan, prn_of
 from skyproof.receiver.calibration import tail_of, unused_codes, white_tail
 from skyproof.receiver.cancellation import KnownSignal, Measured, measure, noise_of, remove, separation_chips
 from skyproof.receiver.fourier import N_CELLS, correlate_rows
@@ -124,7 +124,7 @@ class _Look:
 class Searcher:
     """Keeps the code spectra of one signal and sample rate; `search` looks at one stretch of samples."""
 
-    def __init__(self, signal: SignalDescription, rate_hz: float, settings: SearchSettings) -> None:
+    def __init__(self, signal: SignalPlan, rate_hz: float, settings: SearchSettings) -> None:
         if 2 * signal.code_length > N_CELLS:
             raise ValueError(f"{signal.name} has {signal.code_length} chips a period; the search takes {N_CELLS // 2}")
         self.signal = signal

@@ -17,7 +17,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Complexes, Floats, Integers, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan, prn_of
 from skyproof.receiver.snapshot import (
     CodePhase,
     code_phase,
@@ -75,7 +75,7 @@ def snapshot_signal(
     doppler_hz: float,
     *,
     part_s: float = 0.016,
-    signal: SignalDescription = GPS_L1_CA,
+    signal: SignalPlan = GPS_L1_CA,
 ) -> SnapshotSignal:
     """Code, Doppler, and the phase on every antenna, of a signal that a search found.
 
@@ -161,7 +161,7 @@ class _Replica:
         code_s: float,
         doppler_hz: float,
         n: int,
-        signal: SignalDescription,
+        signal: SignalPlan,
     ) -> None:
         """code_s : what the code shows in the middle of the stretch."""
         k = np.arange(n)

@@ -19,7 +19,7 @@ from scipy import fft
 
 from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.signals import SignalDescription, prn_of
+from skyproof.gnss.signals import SignalPlan, prn_of
 
 __all__ = ["KnownSignal", "Measured", "measure", "noise_of", "remove", "separation_chips"]
 
@@ -53,7 +53,7 @@ class Measured:
 
 def remove(
     planes: Floats,
-    signal: SignalDescription,
+    signal: SignalPlan,
     rate_hz: float,
     if_hz: float,
     known: Sequence[tuple[str, KnownSignal]],
@@ -85,7 +85,7 @@ def remove(
 
 def measure(
     planes: Floats,
-    signal: SignalDescription,
+    signal: SignalPlan,
     rate_hz: float,
     if_hz: float,
     sat: str,
@@ -126,7 +126,7 @@ def measure(
 
 def separation_chips(
     planes: Floats,
-    signal: SignalDescription,
+    signal: SignalPlan,
     rate_hz: float,
     if_hz: float,
     sat: str,
@@ -153,7 +153,7 @@ def separation_chips(
     return float(between.flat[int(np.argmax(explained))])
 
 
-def noise_of(planes: Floats, signal: SignalDescription, rate_hz: float, if_hz: float, code: NDArray[np.int8]) -> float:
+def noise_of(planes: Floats, signal: SignalPlan, rate_hz: float, if_hz: float, code: NDArray[np.int8]) -> float:
     """Mean power of the correlation of one code period with a code that nobody sends: what the code's band holds.
 
     From at most 20 periods and 16 delays: good to 6 %. The mean square of the samples would not do, as the front end's
@@ -167,7 +167,7 @@ def noise_of(planes: Floats, signal: SignalDescription, rate_hz: float, if_hz: f
 
 
 @cache
-def _table_of(signal: SignalDescription, sat: str, chips_per_sample: float) -> NDArray[np.int8]:
+def _table_of(signal: SignalPlan, sat: str, chips_per_sample: float) -> NDArray[np.int8]:
     """The code at fractions of a sample, (FRACTIONS, n): row p, column k is the chip (k + p / FRACTIONS - 1) samples
     after the code's start. Read in a row it costs a fraction of looking up the chip of each sample.
     """
@@ -178,7 +178,7 @@ def _table_of(signal: SignalDescription, sat: str, chips_per_sample: float) -> N
 
 
 @cache
-def _code_of(signal: SignalDescription, sat: str) -> Floats:
+def _code_of(signal: SignalPlan, sat: str) -> Floats:
     return _padded(signal.code(prn_of(sat)))
 
 
@@ -187,7 +187,7 @@ def _padded(chips: NDArray[np.int8]) -> Floats:
     return np.concatenate([chips[-1:], chips, chips[:1]]).astype(np.float32)
 
 
-def _phases(signal: SignalDescription, rate_hz: float, if_hz: float, one: KnownSignal) -> tuple[float, float, float]:
+def _phases(signal: SignalPlan, rate_hz: float, if_hz: float, one: KnownSignal) -> tuple[float, float, float]:
     """Chip at sample 0, chips a sample, carrier cycles a sample."""
     code_rate_hz = signal.chip_rate_hz * (1.0 + one.doppler_hz / signal.carrier_hz)
     chip = (-one.delay_s * code_rate_hz) % signal.code_length
@@ -196,7 +196,7 @@ def _phases(signal: SignalDescription, rate_hz: float, if_hz: float, one: KnownS
 
 def _correlate(
     planes: Floats,
-    signal: SignalDescription,
+    signal: SignalPlan,
     rate_hz: float,
     if_hz: float,
     code: Floats,

@@ -14,7 +14,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.gnss.lnav import Subframe
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalPlan
 from skyproof.receiver import telemetry as tm
 from skyproof.receiver.polarity import Stretch
 from skyproof.records import SignalId
@@ -75,11 +75,11 @@ class DelayDoppler:
     doppler_hz: float
     period: int = 0
 
-    def delay_at_s(self, at_s: float, signal: SignalDescription) -> float:
+    def delay_at_s(self, at_s: float, signal: SignalPlan) -> float:
         """The delay carried by its Doppler to another moment."""
         return self.delay_s - self.doppler_hz / signal.carrier_hz * (at_s - self.at_s)
 
-    def periods_to(self, later: "DelayDoppler", signal: SignalDescription) -> int:
+    def periods_to(self, later: "DelayDoppler", signal: SignalPlan) -> int:
         """Code periods from this one's start to the other's, of one signal that went on between."""
         away_s = (later.at_s - self.at_s) + (later.delay_s - self.delay_s)
         doppler_hz = 0.5 * (self.doppler_hz + later.doppler_hz)
@@ -130,11 +130,11 @@ class Arc:
     stretches: tuple[Stretch, ...] = ()
 
 
-def arc_of(channel: Channel, signal: SignalDescription) -> Arc:
+def arc_of(channel: Channel, signal: SignalPlan) -> Arc:
     """The arc of a confirmed channel as it stands."""
     assert channel.copy is not None
     return Arc(
-        signal=SignalId(channel.sat, signal.band, signal.code_name, channel.copy),
+        signal=SignalId(channel.sat, signal.band, signal.codes[0], channel.copy),
         found_s=channel.found_s,
         missed_s=channel.missed_s,
         began=channel.began,
@@ -160,7 +160,7 @@ def lost_of(channel: Channel, place: DelayDoppler) -> LostSignal:
     )
 
 
-def tow_kept(old: LostSignal, place: DelayDoppler, signal: SignalDescription) -> int | None:
+def tow_kept(old: LostSignal, place: DelayDoppler, signal: SignalPlan) -> int | None:
     """Time of week at code period 0 of the channel that goes on with a lost signal from `place`: code periods go on
     through a fade. Whether data bits still begin where that time has them is seen once they are found.
     """
@@ -172,7 +172,7 @@ def tow_kept(old: LostSignal, place: DelayDoppler, signal: SignalDescription) ->
 def continued(
     lost: Sequence[LostSignal],
     found: Sequence[tuple[str, DelayDoppler]],
-    signal: SignalDescription,
+    signal: SignalPlan,
     held: Sequence[tuple[float, DelayDoppler]] = (),
 ) -> tuple[list[LostSignal | None], Gap | None]:
     """Which lost signal each of the found ones (satellite, place) goes on with.
@@ -217,9 +217,7 @@ def continued(
     return matches, Gap(elapsed_s=gone_s, shift_s=shift / signal.chip_rate_hz, signals=count, missing_s=missing_s)
 
 
-def _common_shift(
-    pairs: Sequence[tuple[LostSignal, DelayDoppler]], signal: SignalDescription
-) -> tuple[float, float] | None:
+def _common_shift(pairs: Sequence[tuple[LostSignal, DelayDoppler]], signal: SignalPlan) -> tuple[float, float] | None:
     """The shift of code (chips) that most satellites share, and the missing time (s) that makes them share it.
 
     Missing time shifts all codes alike, and each by its own range rate besides: half a chip in 0.15 s at 5 kHz. The
@@ -246,7 +244,7 @@ def _common_shift(
     return float(shifts[best, step] + further), float(steps_s[step] + later_s)
 
 
-def _votes_needed(n_sats: int, n_steps: int, signal: SignalDescription) -> int:
+def _votes_needed(n_sats: int, n_steps: int, signal: SignalPlan) -> int:
     """How many of the satellites must share a shift so that delays anywhere in the code do by chance, at any of the
     first steps, with `FALSE_GAP_PROBABILITY` at most (the union over all choices of them).
     """
@@ -258,12 +256,10 @@ def _votes_needed(n_sats: int, n_steps: int, signal: SignalDescription) -> int:
 
 
 @overload
-def _shift_chips(old: DelayDoppler, new: DelayDoppler, signal: SignalDescription, missing_s: float) -> float: ...
+def _shift_chips(old: DelayDoppler, new: DelayDoppler, signal: SignalPlan, missing_s: float) -> float: ...
 @overload
-def _shift_chips(old: DelayDoppler, new: DelayDoppler, signal: SignalDescription, missing_s: Reals) -> Reals: ...
-def _shift_chips(
-    old: DelayDoppler, new: DelayDoppler, signal: SignalDescription, missing_s: float | Reals
-) -> float | Reals:
+def _shift_chips(old: DelayDoppler, new: DelayDoppler, signal: SignalPlan, missing_s: Reals) -> Reals: ...
+def _shift_chips(old: DelayDoppler, new: DelayDoppler, signal: SignalPlan, missing_s: float | Reals) -> float | Reals:
     """By how much the code comes later than it should, if so much time is missing as well."""
     predicted_s = old.delay_at_s(new.at_s, signal)
     moved_s = 0.5 * (old.doppler_hz + new.doppler_hz) / signal.carrier_hz * missing_s
@@ -271,10 +267,10 @@ def _shift_chips(
 
 
 @overload
-def _wrapped(chips: float, signal: SignalDescription) -> float: ...
+def _wrapped(chips: float, signal: SignalPlan) -> float: ...
 @overload
-def _wrapped(chips: Reals, signal: SignalDescription) -> Reals: ...
-def _wrapped(chips: float | Reals, signal: SignalDescription) -> float | Reals:
+def _wrapped(chips: Reals, signal: SignalPlan) -> Reals: ...
+def _wrapped(chips: float | Reals, signal: SignalPlan) -> float | Reals:
     return chips - signal.code_length * np.rint(chips / signal.code_length)
 
 

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan
 from skyproof.receiver import measurement as m
 from skyproof.receiver.measurement import Measurements
 from skyproof.recording.survey import Survey, oscillator_error
@@ -66,7 +66,7 @@ def in_survey(survey: Survey, dopplers_hz: Mapping[str, float]) -> Disagreement 
 
 
 def in_tracks(
-    measured: Measurements, sat_of: Mapping[int, str], *, signal: SignalDescription = GPS_L1_CA
+    measured: Measurements, sat_of: Mapping[int, str], *, signal: SignalPlan = GPS_L1_CA
 ) -> Disagreement | None:
     """By the drift of code against carrier of signals that were followed for a second or more.
 
@@ -119,7 +119,7 @@ def _slope(time_s: Reals, values: Reals, sigmas: Reals) -> tuple[float, float]:
     return float(centred @ values) / power, float(np.sqrt(np.mean(sigmas**2) / power))
 
 
-def corrected(samples: Samples, found: Disagreement, *, signal: SignalDescription = GPS_L1_CA) -> Samples:
+def corrected(samples: Samples, found: Disagreement, *, signal: SignalPlan = GPS_L1_CA) -> Samples:
     """The recording with the rate, or the intermediate frequency, by which codes and carriers agree.
 
     A rate that is too high by the share w lifts codes by w and carriers by w times their frequency in the samples.

@@ -21,7 +21,7 @@ from scipy import fft
 
 from skyproof.arrays import Complexes, Integers, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.signals import SignalDescription, prn_of
+from skyproof.gnss.signals import SignalPlan, prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver.replica import passed
 
@@ -61,7 +61,7 @@ def take_out(
     taps_chips: Reals,
     rate_hz: float,
     if_hz: float,
-    signal: SignalDescription,
+    signal: SignalPlan,
     code_gain: float,
 ) -> Reals:
     """Clean early, prompt and late in the rows of two frames on end, in place, of the satellite's other signals.
@@ -95,7 +95,7 @@ def take_out(
 
 
 @lru_cache(maxsize=64)
-def _table_of(signal: SignalDescription, sat: str, rate_hz: float) -> Reals:
+def _table_of(signal: SignalPlan, sat: str, rate_hz: float) -> Reals:
     return autocorrelation(signal.code(prn_of(sat)), signal.chip_rate_hz / rate_hz)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import special
 
 from skyproof.arrays import Booleans, Complexes, Integers, Reals
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalPlan
 from skyproof.receiver import kernels as k
 from skyproof.receiver.bit_edges import PERIODS_PER_BIT, prompts_of
 from skyproof.receiver.crosstalk import Rows
@@ -39,7 +39,7 @@ _TURN_CYC = 0.5 / PARTS
 
 
 def off_false_locks(
-    loops: Reals, turns: Reals, blocks: Sequence[Rows], good: Booleans, signal: SignalDescription
+    loops: Reals, turns: Reals, blocks: Sequence[Rows], good: Booleans, signal: SignalPlan
 ) -> tuple[Booleans, Reals, Reals]:
     """One row of measurements of the `good` channels, made of two frames' blocks.
 

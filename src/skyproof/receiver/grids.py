@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Complexes, ComplexFloats, Floats, Integers, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.codes import ca_code
-from skyproof.gnss.signals import SignalDescription, prn_of
+from skyproof.gnss.signals import GPS_SATS, SignalPlan, prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver.correlator import correlate_period, scratch_for, table_pad
 from skyproof.receiver.replica import CODE_SCALE, code_table
@@ -98,12 +97,12 @@ class Grids(Selectable):
 
 
 @cache
-def noise_delays(prn: int) -> tuple[float, ...]:
-    """Delays, chips, at which a C/A code correlates with itself by -1/1023 as it does a chip to either side.
+def noise_delays(signal: SignalPlan, sat: str) -> tuple[float, ...]:
+    """Return delays, chips, at which a satellite's Gold code correlates with itself by -1, as it does a chip aside.
 
-    The nearest to zero beyond three chips, two chips apart at least.
+    Of a peak of the code's length. The nearest to zero beyond three chips, two chips apart at least.
     """
-    code = ca_code(prn)
+    code = signal.code(prn_of(sat))
     like = np.rint(np.fft.irfft(np.abs(np.fft.rfft(code)) ** 2, code.size))
     found: list[float] = []
     for size in range(4, code.size // 2):
@@ -130,9 +129,7 @@ def at_stake(cn0_dbhz: Reals, mean_dbhz: Reals, duration_s: float) -> bool:
 class GridCorrelator:
     """Takes the grids that a receiver is asked for. Holds settings and code tables; remembers nothing."""
 
-    def __init__(
-        self, asked: CcafAsked, rate_hz: float, if_hz: float, signal: SignalDescription, code_phases: int
-    ) -> None:
+    def __init__(self, asked: CcafAsked, rate_hz: float, if_hz: float, signal: SignalPlan, code_phases: int) -> None:
         self.asked, self.rate_hz, self.if_hz, self.signal = asked, rate_hz, if_hz, signal
         self.band_hz = BAND_SHARE * rate_hz
         self._chips_per_sample = signal.chip_rate_hz / rate_hz
@@ -146,7 +143,7 @@ class GridCorrelator:
         self.dopplers_hz = np.array(asked.dopplers_hz)
         self._step_chips = step_chips
         self._tables: dict[str, NDArray[np.int8]] = {}
-        self._reach_chips = max(abs(delay) for prn in range(1, 33) for delay in noise_delays(prn)) + 1.0
+        self._reach_chips = max(abs(delay) for sat in GPS_SATS for delay in noise_delays(signal, sat)) + 1.0
         self._pad = table_pad(self._chips_per_sample, self._reach_chips)
 
     def nothing(self) -> Grids:
@@ -188,7 +185,7 @@ class GridCorrelator:
         names = sorted(set(sats))
         tables = np.stack([self._table(sat) for sat in names])
         table_of = np.array([names.index(sat) for sat in sats])
-        noise = np.array([noise_delays(prn_of(sat)) for sat in sats])
+        noise = np.array([noise_delays(self.signal, sat) for sat in sats])
         delays = np.concatenate([np.tile(-self.delays_chips, (n, 1)), noise], axis=1)
         delays = self._step_chips * np.rint(delays / self._step_chips)
         value = np.full((n, intervals, *shape), complex(np.nan, np.nan))

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalPlan
 from skyproof.receiver import kernels as k
 
 __all__ = [
@@ -61,7 +61,7 @@ def no_guide() -> Reals:
 
 
 def shown_by_loops(
-    loops: Reals, at_s: float, *, rate_hz: float, if_hz: float, signal: SignalDescription
+    loops: Reals, at_s: float, *, rate_hz: float, if_hz: float, signal: SignalPlan
 ) -> tuple[Reals, Reals]:
     """What the replicas (n, N_STATE) show at a receiver time near by: as `SENT_S`, and the Doppler."""
     doppler_hz = loops[:, k.FREQUENCY] - if_hz
@@ -78,7 +78,7 @@ def guided_loops(
     frame_s: float,
     rate_hz: float,
     if_hz: float,
-    signal: SignalDescription,
+    signal: SignalPlan,
 ) -> tuple[Reals, Reals]:
     """Loops (n_channels, N_STATE) as guided for the next frame, and the guides that have not lapsed.
 

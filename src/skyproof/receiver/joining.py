@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Floats, Reals
-from skyproof.gnss.signals import SignalDescription, prn_of
+from skyproof.gnss.signals import SignalPlan, prn_of
 from skyproof.receiver import joint as j
 from skyproof.receiver import kernels as k
 from skyproof.receiver.joint import Joint
@@ -42,9 +42,6 @@ TOGETHER_CHIPS = 1.4
 """Signals of a satellite nearer to each other than this are of one joint channel."""
 PARTED_CHIPS = 1.6
 """Further apart they are of loops of their own again."""
-OTHER_CODE = 65.0 / 1023.0
-"""Of the amplitude of another satellite's signal, or of one of the same code that is farther away, what a correlator
-has of it at most (IS-GPS-200, side lobes of Gold codes)."""
 HZ_SIGMA = 2.0
 CHIPS_SIGMA = 0.05
 
@@ -109,7 +106,7 @@ def shown_chips(loop: Reals, at: float, rate_hz: float) -> float:
     return float(loop[k.CHIP] + (at - loop[k.START]) / rate_hz * loop[k.CODE_RATE])
 
 
-def apart_chips(one: float, other: float, signal: SignalDescription) -> float:
+def apart_chips(one: float, other: float, signal: SignalPlan) -> float:
     """By how much a code that shows `one` is later than a code that shows `other`, within half a code period."""
     length = signal.code_length
     return (other - one + 0.5 * length) % length - 0.5 * length
@@ -203,7 +200,7 @@ class JointlyFollowed:
 class JointReceiver:
     """Joint channels of a receiver: one for each satellite's signals within a chip and a half of each other."""
 
-    signal: SignalDescription
+    signal: SignalPlan
     rate_hz: float
     if_hz: float = 0.0
     epoch_samples: float = 0.0
@@ -286,7 +283,7 @@ class JointReceiver:
         """
         found, now = [], []
         for one in followed:
-            least_dbhz = 10.0 * math.log10(max(OTHER_CODE**2 * _beside(one, strengths), 1e-9))
+            least_dbhz = 10.0 * math.log10(max(self.signal.highest_side_lobe**2 * _beside(one, strengths), 1e-9))
             rows, state = self.tracker(one.sat).step(one.state, planes, first, least_dbhz)
             one = replace(one, state=state, row=None, seen=())
             for row, seen in rows:

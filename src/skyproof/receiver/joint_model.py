@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Reals
 from skyproof.decomposition.fit import Dictionary
 from skyproof.decomposition.shape import Filter, code_dictionary, filter_loss, quiet_lags
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalPlan
 from skyproof.receiver import joint as j
 from skyproof.receiver.components import Candidates, birth_threshold
 from skyproof.receiver.joint import JointSettings
@@ -33,7 +33,7 @@ class JointModel:
     front_end : likewise of the samples; None where they hold all that the replica lets through.
     """
 
-    signal: SignalDescription
+    signal: SignalPlan
     code: NDArray[np.int8]
     rate_hz: float
     periods_per_look: int = 4

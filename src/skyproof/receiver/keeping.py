@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalPlan
 from skyproof.receiver import coasting
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
@@ -37,8 +37,8 @@ from skyproof.receiver.state import ReceiverState, kept, place_of
 __all__ = ["Given", "confirmed", "dropped", "end_diverged_arcs", "forget_time", "holds", "messages_read"]
 
 MERGE_HZ = 100.0
-SIDE_LOBE_SHARE = 0.01
-"""Of the power of a signal that its side lobes have at most: 65 of 1023 are 24 dB down, which noise may bring to 20."""
+SIDE_LOBE_NOISE = 2.5
+"""By which noise may raise the power of a side lobe: 4 dB."""
 BRIEF_ERROR = 1e-2
 """A short look at the lock may err more often: it decides on one row of measurements, not on the channel."""
 
@@ -69,9 +69,7 @@ def holds(state: ReceiverState, n_frames: int, settings: ReceiverSettings) -> Bo
 # ---------------------------------------------------------------------- arcs
 
 
-def forget_time(
-    state: ReceiverState, signal: SignalDescription, given: Given, *, before_s: float = math.inf
-) -> ReceiverState:
+def forget_time(state: ReceiverState, signal: SignalPlan, given: Given, *, before_s: float = math.inf) -> ReceiverState:
     """New arcs for all channels that began before, with bits and time of week to be found anew: samples that are
     missing shift both by the same time, of which only a part is known. An arc's time, once read, holds from its
     beginning.
@@ -156,7 +154,7 @@ def messages_read(state: ReceiverState, settings: ReceiverSettings, given: Given
     return replace(state, channels=tuple(channels), loops=loops, prompts=tuple(prompts), next_arc=number)
 
 
-def _new_arc(channel: Channel, number: int, began: Began, signal: SignalDescription, given: Given) -> Channel:
+def _new_arc(channel: Channel, number: int, began: Began, signal: SignalPlan, given: Given) -> Channel:
     """The channel in a new arc; the one before is given as it ended."""
     given.arcs[channel.arc] = arc_of(channel, signal)
     return replace(channel, arc=number, began=began)
@@ -185,7 +183,7 @@ def confirmed(state: ReceiverState, settings: ReceiverSettings, given: Given) ->
     still = [
         (channel.began_s, place_of(state.locked_at[i]))
         for i, channel in enumerate(state.channels)
-        if channel.copy is not None and held[i] and not _on_side_lobe(state, i, due)
+        if channel.copy is not None and held[i] and not _on_side_lobe(state, settings.signal, i, due)
     ]
     matches, gap = continued((*state.lost, *coasted.values()), places, settings.signal, still)
     letters, channels = dict(state.letters), list(state.channels)
@@ -203,14 +201,14 @@ def confirmed(state: ReceiverState, settings: ReceiverSettings, given: Given) ->
     return forget_time(state, settings.signal, given, before_s=gap.elapsed_s)
 
 
-def _on_side_lobe(state: ReceiverState, channel: int, found: Sequence[int]) -> bool:
+def _on_side_lobe(state: ReceiverState, signal: SignalPlan, channel: int, found: Sequence[int]) -> bool:
     """Whether a channel may be held by nothing but a side lobe of a `found` channel's signal.
 
     Where codes are thrown off one in four lands on one, and goes on as if nothing had happened.
     """
     power = state.loops[:, k.LOCK_I] - state.loops[:, k.LOCK_Q]
-    sat = state.channels[channel].sat
-    return any(state.channels[i].sat == sat and power[channel] < SIDE_LOBE_SHARE * power[i] for i in found)
+    sat, share = state.channels[channel].sat, SIDE_LOBE_NOISE * signal.highest_side_lobe**2
+    return any(state.channels[i].sat == sat and power[channel] < share * power[i] for i in found)
 
 
 def _as_signal(
@@ -218,7 +216,7 @@ def _as_signal(
     old: LostSignal | None,
     place: DelayDoppler,
     letters: dict[str, int],
-    signal: SignalDescription,
+    signal: SignalPlan,
     *,
     goes_on: bool,
 ) -> Channel:

@@ -14,7 +14,7 @@ import numpy as np
 
 from skyproof.arrays import Complexes, ComplexFloats, Integers, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalPlan
 from skyproof.receiver import kernels as k
 from skyproof.receiver.discriminator import Discriminator
 from skyproof.records import Selectable
@@ -128,7 +128,7 @@ def measure(
     elapsed_s: float,
     rate_hz: float,
     if_hz: float,
-    signal: SignalDescription,
+    signal: SignalPlan,
     discriminator: Discriminator,
 ) -> tuple[Reals, ComplexFloats, Complexes]:
     """Measurements at receiver time `elapsed_s` from the code periods around it.

@@ -22,9 +22,6 @@ from skyproof.receiver.replica import CODE_SCALE
 from skyproof.records import AntennaArray, ArrayPhases, Ccaf, CellStatus, ObservationLog, Observations, SignalId, Taps
 
 TYPICAL_TRAVEL_MS = 77
-LASTING_SIGMA_CYC = 0.01
-"""Another satellite's code has up to 65/1023 of its amplitude in a correlator (IS-GPS-200, side lobes of Gold codes),
-which turns a phase by 0.01 cycle, for as long as their Dopplers differ by whole kilohertz."""
 WEEK_MS = SECONDS_PER_WEEK * 1000
 _LEAST_ARC_S = 1.0
 """That shows from where a signal comes."""
@@ -311,7 +308,11 @@ def phases_with_lines(
     array: AntennaArray,
     carrier_hz: float,
 ) -> ArrayPhases:
-    """Phases (n_epochs, n_signals, n_antennas) as a record, with what is known of the antennas and their lines."""
+    """Phases (n_epochs, n_signals, n_antennas) as a record, with what is known of the antennas and their lines.
+
+    Side lobes of another satellite's code turn a phase by their share, for as long as their Dopplers differ by whole
+    kilohertz.
+    """
     return ArrayPhases(
         receiver=receiver,
         signals=signals,
@@ -323,7 +324,7 @@ def phases_with_lines(
         carrier_hz=np.full(len(signals), carrier_hz),
         calibrated=array.line_bias_cyc is not None,
         elements_sigma_m=array.sigma_m,
-        lasting_sigma_cyc=LASTING_SIGMA_CYC,
+        lasting_sigma_cyc=max((s.plan.highest_side_lobe for s in signals), default=0.0) / (2.0 * np.pi),
     )
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, SignalDescription
+from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, SignalPlan
 from skyproof.receiver.acquisition import SearchSettings
 from skyproof.records import CcafAsked
 
@@ -54,7 +54,7 @@ class ReceiverSettings:
     pulled_chips : by as much code and carrier may part before a channel counts as pulled away from its signal.
     """
 
-    signal: SignalDescription = GPS_L1_CA
+    signal: SignalPlan = GPS_L1_CA
     sats: tuple[str, ...] = GPS_SATS
     frame_s: float = 0.1
     early_late_chips: float = 0.25

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Complexes, Floats, Integers, Reals
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan, prn_of
 
 __all__ = ["CodePhase", "code_phase", "grid_sigma_chips", "replica_of", "spacing_chips", "symbols_of"]
 
@@ -51,7 +51,7 @@ def code_phase(
     doppler_hz: float,
     *,
     doppler_reach_hz: float = 40.0,
-    signal: SignalDescription = GPS_L1_CA,
+    signal: SignalPlan = GPS_L1_CA,
 ) -> CodePhase:
     """Fine delay and Doppler of a signal that a search found.
 
@@ -121,12 +121,12 @@ def code_phase(
     )
 
 
-def spacing_chips(rate_hz: float, signal: SignalDescription) -> float:
+def spacing_chips(rate_hz: float, signal: SignalPlan) -> float:
     """Between the early and the late replica: one sample, at least a tenth of a chip."""
     return max(signal.chip_rate_hz / rate_hz, _NARROWEST_CHIPS)
 
 
-def grid_sigma_chips(rate_hz: float, signal: SignalDescription) -> float:
+def grid_sigma_chips(rate_hz: float, signal: SignalPlan) -> float:
     """What samples of steep edges leave open without any noise, one sigma, chips.
 
     An edge lies anywhere between two samples: 1/sqrt(12) of their distance. The edges of a period, half as many as
@@ -150,7 +150,7 @@ def symbols_of(
     period: Integers,
     reach_hz: float,
     duration_s: float,
-    signal: SignalDescription,
+    signal: SignalPlan,
 ) -> tuple[float, Reals]:
     """Frequency left in the prompts (n,), and the signs (n,) of their symbols, which together sum up best."""
     step_hz = 0.25 / duration_s

@@ -27,7 +27,7 @@ import numpy as np
 from scipy import special
 
 from skyproof.arrays import Complexes, ComplexFloats, Integers, Reals
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalPlan
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver.crosstalk import Rows
@@ -59,7 +59,7 @@ def without_phase(
     *,
     rate_hz: float,
     if_hz: float,
-    signal: SignalDescription,
+    signal: SignalPlan,
     discriminator: Discriminator,
     probability: float,
 ) -> Reals:
@@ -103,7 +103,7 @@ def unheld(
     *,
     rate_hz: float,
     if_hz: float,
-    signal: SignalDescription,
+    signal: SignalPlan,
     discriminator: Discriminator,
     probability: float,
 ) -> Unheld | None:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import fft, special
 
 from skyproof.arrays import ComplexFloats, Floats, Integers, Reals
-from skyproof.gnss.signals import SignalDescription, prn_of
+from skyproof.gnss.signals import SignalPlan, prn_of
 from skyproof.records import Samples
 
 __all__ = [
@@ -55,7 +55,7 @@ class CodeBlocks:
     first_sample: Integers  # (n_blocks,)
     block_samples: int
     rate_hz: float
-    signal: SignalDescription
+    signal: SignalPlan
     changing: bool
 
     @property
@@ -79,7 +79,7 @@ class Tracks:
     noise: Reals  # (n_sats,) mean power of one block's cell
 
 
-def blocks_of(samples: Samples, carrier_hz: float, n_blocks: int, signal: SignalDescription) -> CodeBlocks:
+def blocks_of(samples: Samples, carrier_hz: float, n_blocks: int, signal: SignalPlan) -> CodeBlocks:
     """The first `n_blocks` code periods, the nominal carrier taken off; fewer if the recording ends before."""
     exact = samples.rate_hz * signal.period_s
     size = round(exact)

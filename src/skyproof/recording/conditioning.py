@@ -25,7 +25,7 @@ from scipy import special
 
 from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan
 from skyproof.recording.spectrum import GUARD, density_of, floor_and_lines, line_threshold, noise_bins, tone
 from skyproof.records import Samples, freeze
 
@@ -216,7 +216,7 @@ def _notch_hz(lines: Sequence[SpectralLine]) -> float:
 
 
 def measure_front_end(
-    samples: Samples, *, signal: SignalDescription = GPS_L1_CA, false_alarm_probability: float = 1e-3
+    samples: Samples, *, signal: SignalPlan = GPS_L1_CA, false_alarm_probability: float = 1e-3
 ) -> MeasuredFrontEnd:
     """Measure the front end on at most half a million samples, in 16 stretches spread over the recording.
 

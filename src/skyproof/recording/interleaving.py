@@ -17,7 +17,7 @@ import numpy as np
 from scipy import fft
 
 from skyproof.arrays import Booleans, ComplexFloats, Floats, Integers, Reals
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan, prn_of
 
 __all__ = ["InterleavedSignal", "Turns", "turns"]
 
@@ -64,7 +64,7 @@ def turns(
     signals: Sequence[InterleavedSignal],
     *,
     real: bool,
-    code: SignalDescription = GPS_L1_CA,
+    code: SignalPlan = GPS_L1_CA,
 ) -> Turns:
     """After how many samples the same channel comes again, by the images of signals that were found.
 
@@ -87,9 +87,7 @@ def _single(one: InterleavedSignal, rate_hz: float) -> bool:
     return abs(math.remainder(2.0 * one.carrier_hz, rate_hz / _POSITIONS)) > _APART_HZ
 
 
-def _turns(
-    planes: Floats, rate_hz: float, signals: Sequence[InterleavedSignal], real: bool, code: SignalDescription
-) -> Turns:
+def _turns(planes: Floats, rate_hz: float, signals: Sequence[InterleavedSignal], real: bool, code: SignalPlan) -> Turns:
     chosen = sorted(signals, key=lambda one: -one.cn0_dbhz)[:_MOST_SIGNALS]
     per_period = rate_hz * code.period_s
     n_periods = min(int(planes.shape[1] / per_period), max(_LEAST_PERIODS, int(_MOST_SAMPLES / per_period)))
@@ -120,7 +118,7 @@ def _turns(
 
 
 def _powers(
-    wave: ComplexFloats, index: Integers, rate_hz: float, one: InterleavedSignal, code: SignalDescription
+    wave: ComplexFloats, index: Integers, rate_hz: float, one: InterleavedSignal, code: SignalPlan
 ) -> tuple[Reals, Reals]:
     """At the carrier and its images, means over the code periods: of the signal, and beside it.
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy import fft
 
 from skyproof.arrays import Floats, Reals
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan, prn_of
 
 __all__ = ["CELLS_PER_CHIP", "correlation_power"]
 
@@ -19,7 +19,7 @@ def correlation_power(
     rate_hz: float,
     carriers_hz: Mapping[str, float],
     *,
-    signal: SignalDescription = GPS_L1_CA,
+    signal: SignalPlan = GPS_L1_CA,
 ) -> dict[str, Reals]:
     """Power of each satellite's code at all delays over the median, which noise has; powers of the periods are added.
 

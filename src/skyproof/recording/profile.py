@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from skyproof.arrays import ComplexFloats, Integers, Reals
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan, prn_of
 from skyproof.recording.code_phases import FoundSignal
 from skyproof.records import Samples
 
@@ -33,7 +33,7 @@ def delay_profiles(
     start_s: float = 0.0,
     duration_s: float = 0.05,
     most_points: int = 160,
-    signal: SignalDescription = GPS_L1_CA,
+    signal: SignalPlan = GPS_L1_CA,
 ) -> tuple[Reals, Reals]:
     """Power over delay around signals whose place is known, in units of the noise's: 1 where there is noise alone.
 
@@ -79,7 +79,7 @@ def _turns(cycles: NDArray[np.floating[Any]]) -> ComplexFloats:
 
 
 def _periods(
-    samples: Samples, carrier_hz: float, start_s: float, duration_s: float, signal: SignalDescription
+    samples: Samples, carrier_hz: float, start_s: float, duration_s: float, signal: SignalPlan
 ) -> tuple[ComplexFloats, Integers]:
     """Spectra of one code period after the other at the nominal carrier (n, 2 reach + 1), and each one's first sample.
 
@@ -98,7 +98,7 @@ def _periods(
     return fft.fft(waves.astype(np.complex64), axis=1)[:, np.arange(-reach, reach + 1)], first
 
 
-def _at_doppler(periods: ComplexFloats, doppler_hz: float, signal: SignalDescription) -> ComplexFloats:
+def _at_doppler(periods: ComplexFloats, doppler_hz: float, signal: SignalPlan) -> ComplexFloats:
     """The same with a Doppler taken off: back to few samples a period, turned, and to lines again."""
     lines = periods.shape[1]
     waves = fft.ifft(fft.ifftshift(periods, axes=1), axis=1)
@@ -106,7 +106,7 @@ def _at_doppler(periods: ComplexFloats, doppler_hz: float, signal: SignalDescrip
     return np.asarray(fft.fftshift(fft.fft(turned, axis=1), axes=1), np.complex64)
 
 
-def _code_lines(sat: str, lines: Integers, signal: SignalDescription) -> ComplexFloats:
+def _code_lines(sat: str, lines: Integers, signal: SignalPlan) -> ComplexFloats:
     """Spectral lines of the periodic code with rectangular chips."""
     code = fft.fft(signal.code(prn_of(sat)).astype(np.float64))
     part = lines / code.size

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import fft, special
 
 from skyproof.arrays import ComplexFloats, Floats, Integers, Reals
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan
 
 __all__ = ["Repetition", "repetition", "usual_length"]
 
@@ -67,7 +67,7 @@ def usual_length(n_samples: int, most: int) -> int:
     return n_samples if n_samples < 2 * _GRAIN else n_samples // _GRAIN * _GRAIN
 
 
-def repetition(wave: ComplexFloats | Floats, *, signal: SignalDescription = GPS_L1_CA) -> Repetition:
+def repetition(wave: ComplexFloats | Floats, *, signal: SignalPlan = GPS_L1_CA) -> Repetition:
     """The most repeating lag of samples of unknown rate.
 
     Parameters

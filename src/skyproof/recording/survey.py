@@ -18,7 +18,7 @@ import numpy as np
 from scipy import special
 
 from skyproof.arrays import Integers, Reals
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan
 from skyproof.recording.code_phases import (
     AT_START,
     CELLS,
@@ -114,7 +114,7 @@ def survey(
     carrier_hz: float,
     signals: Sequence[FoundSignal],
     *,
-    signal: SignalDescription = GPS_L1_CA,
+    signal: SignalPlan = GPS_L1_CA,
     false_alarm_probability: float = 1e-4,
     longest_s: float = 0.5,
     _drifts: bool = True,
@@ -207,7 +207,7 @@ def _drifting(
     signals: Sequence[FoundSignal],
     drift: float,
     *,
-    signal: SignalDescription,
+    signal: SignalPlan,
     false_alarm_probability: float,
     longest_s: float,
 ) -> Survey:
@@ -232,7 +232,7 @@ def _drifting(
     return replace(found, clock_minus_lo_ppm=found.clock_minus_lo_ppm + 1e6 * drift)
 
 
-def _reading(signals: Sequence[FoundSignal], tracks: Tracks, levels: DelayLevels, signal: SignalDescription) -> Survey:
+def _reading(signals: Sequence[FoundSignal], tracks: Tracks, levels: DelayLevels, signal: SignalPlan) -> Survey:
     """Code Doppler over carrier Doppler, and what of the code's drift is common, from each satellite's own drift."""
     used = levels.used
     time_s = tracks.middle_s[used] - tracks.middle_s[used].mean()

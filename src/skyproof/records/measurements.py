@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Indices, Instants, Reals
-from skyproof.gnss.constants import L1_HZ
+from skyproof.gnss.signals import carrier_hz_of
 from skyproof.records.shapes import Selectable, freeze
 from skyproof.records.signals import BY_NAME, SignalId
 from skyproof.short_repr import ShortRepr
@@ -62,6 +62,16 @@ _EMPTY: Final = {"status": CellStatus.NOT_TRACKED, "half_cycle_open": False}
 _OF_CHANNELS: Final = ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
 
 
+def _carriers_hz(stated_hz: Reals, signals: Sequence[SignalId]) -> Reals:
+    """Return the carrier of each signal (n_channels,): one number stated for all, or NaN for their plans'."""
+    carriers_hz = np.asarray(stated_hz, np.float64)
+    if carriers_hz.ndim:
+        return carriers_hz
+    if np.isnan(carriers_hz):
+        return np.array([carrier_hz_of(signal.band) for signal in signals], np.float64)
+    return np.full(len(signals), carriers_hz)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Observations(ShortRepr, Selectable):
     """One receiver's measurements at common receiver times: epochs along axis 0, channels along axis 1.
@@ -79,7 +89,7 @@ class Observations(ShortRepr, Selectable):
     found_elapsed_s : (n_channels,) when the search found the signal.
     missed_elapsed_s : (n_channels,) the last search before that which looked and did not find it; NaN if the first
         search already found it. The signal came between the two.
-    carrier_hz : (n_channels,) nominal carrier; one number at construction stands for all channels.
+    carrier_hz : (n_channels,) nominal carrier; by default that of each signal's plan, NaN for GLONASS's G1 and G2.
     """
 
     BY_ROW = ("gpst", "elapsed_s", *_CELLS)
@@ -98,14 +108,13 @@ class Observations(ShortRepr, Selectable):
     status: NDArray[np.uint8]
     found_elapsed_s: Reals
     missed_elapsed_s: Reals
-    carrier_hz: Reals = field(default_factory=lambda: np.array(L1_HZ))
+    carrier_hz: Reals = field(default_factory=lambda: np.array(np.nan))
     averaged_s: float = 0.0
     half_cycle_open: Booleans = field(default_factory=lambda: np.array(False))
 
     def __post_init__(self) -> None:
-        carrier_hz, half_open = np.asarray(self.carrier_hz, np.float64), np.asarray(self.half_cycle_open, np.bool_)
-        if carrier_hz.ndim == 0:
-            object.__setattr__(self, "carrier_hz", np.full(len(self.signals), carrier_hz))
+        half_open = np.asarray(self.half_cycle_open, np.bool_)
+        object.__setattr__(self, "carrier_hz", _carriers_hz(self.carrier_hz, self.signals))
         if half_open.ndim == 0:
             object.__setattr__(self, "half_cycle_open", np.full(np.shape(self.status), half_open))
         cell = ("epoch", "channel")
@@ -227,7 +236,7 @@ class ArrayPhases(ShortRepr, Selectable):
     calibrated : constant delays of antenna lines are known, and taken off.
     elements_sigma_m : of each phase centre along each axis; None if not known.
     lasting_sigma_cyc : of each signal's phase on each antenna, what epochs share and their mean keeps.
-    carrier_hz : (n_channels,) nominal carrier; one number at construction stands for all channels.
+    carrier_hz : (n_channels,) nominal carrier; by default that of each signal's plan, NaN for GLONASS's G1 and G2.
     """
 
     BY_ROW = ("gpst", "elapsed_s", "phase_cyc", "sigma_cyc")
@@ -240,15 +249,13 @@ class ArrayPhases(ShortRepr, Selectable):
     elements_m: Reals
     phase_cyc: Reals
     sigma_cyc: Reals
-    carrier_hz: Reals = field(default_factory=lambda: np.array(L1_HZ))
+    carrier_hz: Reals = field(default_factory=lambda: np.array(np.nan))
     calibrated: bool = True
     elements_sigma_m: float | None = None
     lasting_sigma_cyc: float = 0.0
 
     def __post_init__(self) -> None:
-        carrier_hz = np.asarray(self.carrier_hz, np.float64)
-        if carrier_hz.ndim == 0:
-            object.__setattr__(self, "carrier_hz", np.full(len(self.signals), carrier_hz))
+        object.__setattr__(self, "carrier_hz", _carriers_hz(self.carrier_hz, self.signals))
         cell = ("epoch", "channel", "antenna")
         freeze(
             self,

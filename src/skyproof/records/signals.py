@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final
 
-from skyproof.gnss.signals import time_scale_of
+from skyproof.gnss.signals import SignalPlan, plan_of, time_scale_of
 
 __all__ = [
     "BY_NAME",
@@ -31,6 +31,11 @@ class SignalId:
     def kind(self) -> tuple[str, str, str]:
         """What takes one way through a receiver: time scale, band, code. All signals of a kind share its delay."""
         return time_scale_of(self.sat), self.band, self.code
+
+    @property
+    def plan(self) -> SignalPlan:
+        """What the signal is: carrier, chips, message. Raises ValueError for a band that no system has."""
+        return plan_of(self.sat[0], self.band, self.code)
 
     def __str__(self) -> str:
         return f"{self.sat} {self.band} {self.code} {self.copy}"

@@ -7,6 +7,7 @@ from itertools import groupby
 import numpy as np
 from markupsafe import Markup
 
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.report import drawing as draw
 from skyproof.report.pictures import LABELS, DelayProfile, RangeDifference
 from skyproof.report.words import power_words
@@ -36,7 +37,7 @@ def profile_plot(profiles: Sequence[DelayProfile], *, title: str) -> Markup:
         parts += _panel(profile, across, up, numbered=(column == 0, lowest))
     bottom = top + rows * _PANEL
     upwards = "correlation power, noise = 1" if rows > 1 else "power, noise = 1"  # one panel is no longer than that
-    names = ("delay, chips (1 chip = 293 m)", upwards)
+    names = (f"delay, chips (1 chip = {GPS_L1_CA.chip_m:.0f} m)", upwards)
     parts += [
         draw.text((left + right) / 2.0, bottom + 16.0, names[0], anchor="middle", css="axis"),
         draw.text(9.0, (top + bottom) / 2.0, names[1], anchor="middle", css="axis", turn=True),

@@ -8,6 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from skyproof.arrays import Reals
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.report import drawing as draw
 from skyproof.report.chart import Axes, chart_svg
 
@@ -130,9 +131,9 @@ def correlation_svg(lobes: Sequence[Lobe]) -> Markup:
     if not lobes:
         return Markup("")
     bottom = _TOP + _ROW * len(lobes)
-    across = draw.Scale(0.0, 1023.0, _LEFT, _RIGHT)
+    across = draw.Scale(0.0, GPS_L1_CA.code_length, _LEFT, _RIGHT)
     parts: list[Markup] = []
-    for tick in draw.nice_ticks(0.0, 1023.0):
+    for tick in draw.nice_ticks(0.0, GPS_L1_CA.code_length):
         parts += [
             draw.line(across(tick), _TOP, across(tick), bottom, "grid"),
             draw.text(across(tick), bottom + 14.0, draw.number(tick), anchor="middle", css="small"),
@@ -149,7 +150,7 @@ def correlation_svg(lobes: Sequence[Lobe]) -> Markup:
 
 
 def _row(lobe: Lobe, across: draw.Scale, bottom: float) -> list[Markup]:
-    amplitude = np.sqrt(lobe.power)
+    amplitude, length = np.sqrt(lobe.power), GPS_L1_CA.code_length
     up = draw.Scale(0.0, 1.08 * float(amplitude.max()), bottom, bottom - _ROW)
     parts = [
         draw.line(_LEFT, bottom, _RIGHT, bottom, "grid"),
@@ -167,7 +168,7 @@ def _row(lobe: Lobe, across: draw.Scale, bottom: float) -> list[Markup]:
     for _ in range(lobe.peaks):
         top = int(np.argmax(left))
         parts.append(draw.circle(across(float(lobe.delay_chips[top])), up(float(amplitude[top])), 2.6, "peak"))
-        apart = np.abs((lobe.delay_chips - lobe.delay_chips[top] + 511.5) % 1023.0 - 511.5)
+        apart = np.abs((lobe.delay_chips - lobe.delay_chips[top] + 0.5 * length) % length - 0.5 * length)
         left[apart < 1.5] = 0.0
     return parts
 

@@ -12,6 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from skyproof.arrays import Complexes, Integers, Reals
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.records import freeze
 from skyproof.report import drawing as draw
 from skyproof.report.pictures import FixTrack, Kind, local_map
@@ -125,7 +126,13 @@ def correlation_plot(satellites: Sequence[CorrelationParts], *, title: str) -> M
         parts += _panel(one, across, up, numbered=column == 0)
     bottom = top + rows * _PANEL
     parts += [
-        draw.text((left + right) / 2.0, bottom + 14.0, "delay, chips (1 chip = 293 m)", anchor="middle", css="axis"),
+        draw.text(
+            (left + right) / 2.0,
+            bottom + 14.0,
+            f"delay, chips (1 chip = {GPS_L1_CA.chip_m:.0f} m)",
+            anchor="middle",
+            css="axis",
+        ),
         draw.text(9.0, (top + bottom) / 2.0, "magnitude, noise = 1", anchor="middle", css="small axis", turn=True),
         *_phase_key(left, right, bottom + 24.0),
     ]

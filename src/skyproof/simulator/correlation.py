@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalPlan
 from skyproof.simulator.samples import low_pass
 from skyproof.simulator.scenario import FrontEnd
 
@@ -33,7 +33,7 @@ class Correlation:
 
 
 def correlation(
-    prns: Sequence[int], signal: SignalDescription, front_end: FrontEnd, *, replica: Replica = "chips"
+    prns: Sequence[int], signal: SignalPlan, front_end: FrontEnd, *, replica: Replica = "chips"
 ) -> Correlation:
     """Of the signals as the front end lets them pass (`samples.filtered_codes`: mean square 1) with replicas.
 

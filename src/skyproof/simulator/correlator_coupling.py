@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Complexes, Integers, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalPlan
 from skyproof.simulator.received import Delay, ReceiverSky, Scene, row_of, windows_of
 from skyproof.simulator.tracked import Tracked
 
@@ -139,7 +139,7 @@ def couplings(
     rows: WaveEdges,
     pairs: Integers,
     dopplers_hz: Reals,
-    signal: SignalDescription,
+    signal: SignalPlan,
 ) -> tuple[Reals, Reals, Complexes]:
     """Lag in chips (n_epochs, n_stretches, n_pairs), phase at the edges in cycles (n_epochs, n_edges, n_pairs), and
     what each stretch adds to the mean of bits and phasor, (n_epochs, n_pairs, n_stretches, n_dopplers).

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan
 from skyproof.records import SignalId
 from skyproof.simulator.platforms import trajectory_of
 from skyproof.simulator.received import Messages, ReceivedSignal, ReceiverSky, codes_of
@@ -38,7 +38,7 @@ class SignalDelays:
     doppler_hz: Reals
     accelerations: tuple[tuple[float, float], ...] = ()
     jumps: tuple[tuple[float, float], ...] = ()
-    signal: SignalDescription = GPS_L1_CA
+    signal: SignalPlan = GPS_L1_CA
 
     def code_delay_s(self, elapsed_s: ArrayLike) -> Reals:
         """Delay of the code, (n_times, n)."""

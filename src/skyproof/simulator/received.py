@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from skyproof.arrays import Integers, Reals
 from skyproof.gnss.ephemeris import BroadcastEphemeris, Ephemeris, NavigationData
 from skyproof.gnss.lnav import encode_subframes
-from skyproof.gnss.signals import GPS_L1_CA, SignalDescription, prn_of
+from skyproof.gnss.signals import GPS_L1_CA, SignalPlan, prn_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import SignalId, SignalRef
 from skyproof.simulator.attacks import Interference
@@ -144,7 +144,7 @@ class ReceiverSky:
     rays: tuple[Ray, ...] = ()
     noises: tuple[AddedNoise, ...] = ()
     jammers: tuple[Jammer, ...] = ()
-    signal: SignalDescription = GPS_L1_CA
+    signal: SignalPlan = GPS_L1_CA
 
     def code_delay_s(self, true_s: ArrayLike) -> Reals:
         """Of all signals: times of any shape (...) to (..., n_signals)."""
@@ -250,7 +250,7 @@ def row_of(messages: Messages, signals: Sequence[ReceivedSignal]) -> Integers:
     return np.array([messages.names.index((received.id.sat, received.message)) for received in signals], dtype=np.int64)
 
 
-def codes_of(signals: Sequence[ReceivedSignal], signal: SignalDescription) -> NDArray[np.int8]:
+def codes_of(signals: Sequence[ReceivedSignal], signal: SignalPlan) -> NDArray[np.int8]:
     """The spreading codes, shape (n_signals, code_length)."""
     return np.stack([signal.code(prn_of(received.id.sat)) for received in signals])
 

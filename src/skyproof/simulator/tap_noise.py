@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from skyproof.arrays import Complexes, ComplexFloats, Integers, Reals
-from skyproof.gnss.signals import SignalDescription
+from skyproof.gnss.signals import SignalPlan
 from skyproof.simulator.correlation import Correlation, read
 from skyproof.simulator.correlator_coupling import StraightSpans, WaveEdges, couplings
 
@@ -25,7 +25,7 @@ class TapNoise:
         delays: Reals,
         dopplers: Reals,
         coherent_s: float,
-        signal: SignalDescription,
+        signal: SignalPlan,
         lobe_chips: float,
     ) -> None:
         self.tables, self.dopplers, self.coherent_s, self.signal = tables, dopplers, coherent_s, signal

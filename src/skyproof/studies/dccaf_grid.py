@@ -16,8 +16,7 @@ from scipy.signal import find_peaks
 
 from skyproof.arrays import Complexes, Reals
 from skyproof.decomposition.correlation import noise_variance
-from skyproof.gnss.codes import ca_code
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.report.chart import Axes
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 
@@ -41,7 +40,7 @@ def _period(prn: int, rate_hz: float, delay_chips: ArrayLike) -> Reals:
     samples = round(rate_hz * _CODE_S)
     half = (samples - 1) // 2
     line = np.arange(-half, half + 1)
-    chips = np.fft.fft(ca_code(prn).astype(np.float64)) / _CHIPS
+    chips = np.fft.fft(GPS_L1_CA.code(prn).astype(np.float64)) / _CHIPS
     spectrum = chips[line % _CHIPS] * np.sinc(line / _CHIPS)
     later = np.exp(-2j * np.pi * line * np.asarray(delay_chips, np.float64)[..., None] / _CHIPS)
     whole = np.zeros((*later.shape[:-1], samples), np.complex128)
@@ -96,7 +95,7 @@ def grid(settings: StudySettings) -> Iterator[Row]:
     """
     rng = settings.rng()
     rate_hz, coherent_s = 25e6, 0.02
-    delays = np.asarray(np.arange(-25, 66) * (CA_CHIP_RATE_HZ / rate_hz), np.float64)
+    delays = np.asarray(np.arange(-25, 66) * (GPS_L1_CA.chip_rate_hz / rate_hz), np.float64)
     dopplers = np.arange(-400.0, 701.0, 10.0)
     others = _others(rate_hz, coherent_s, rng)
     for case, signals in _CASES.items():
@@ -134,8 +133,8 @@ def noise(settings: StudySettings) -> Iterator[Row]:
     """
     rng = settings.rng()
     rate_hz = 5e6
-    delays = np.asarray(np.arange(-4, 5) * (CA_CHIP_RATE_HZ / rate_hz), np.float64)
-    f = (np.arange(20_000) + 0.5) / 20_000 * 0.5 * rate_hz / CA_CHIP_RATE_HZ
+    delays = np.asarray(np.arange(-4, 5) * (GPS_L1_CA.chip_rate_hz / rate_hz), np.float64)
+    f = (np.arange(20_000) + 0.5) / 20_000 * 0.5 * rate_hz / GPS_L1_CA.chip_rate_hz
     overlap = np.mean(np.sinc(f) ** 4) / np.mean(np.sinc(f) ** 2) ** 2 / (2.0 * f[-1])
     for coherent_ms in (1, 4, 20):
         coherent_s = 1e-3 * coherent_ms

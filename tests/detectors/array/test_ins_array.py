@@ -72,14 +72,24 @@ def test_a_satellite_behind_the_transmitter_is_not_authentic():
     assert words == {"spoofed": set(SIGNALS[2:5]), "authentic": {SIGNALS[1], *SIGNALS[5:]}}
 
 
-@pytest.mark.parametrize(("apart_m", "weaker_db", "named"), [(200.0, 0.0, 0), (2000.0, 0.0, 1), (2000.0, 16.0, 0)])
-def test_a_signal_that_another_of_its_satellite_covers_is_not_named_by_itself(monkeypatch, apart_m, weaker_db, named):
+@pytest.mark.parametrize(
+    ("band", "code", "apart_m", "weaker_db", "named"),
+    [
+        ("L1", "CA", 200.0, 0.0, 0),
+        ("L1", "CA", 2000.0, 0.0, 1),
+        ("L1", "CA", 2000.0, 16.0, 0),
+        ("L5", "Q", 20.0, 0.0, 0),
+        ("L5", "Q", 200.0, 0.0, 1),
+    ],
+)
+def test_a_signal_that_another_covers_is_not_named(monkeypatch, band, code, apart_m, weaker_db, named):
     """Its phases are a mixture of both: where they overlap, and where filters leave some of a stronger one."""
     monkeypatch.setattr("skyproof.detectors.array.ins_array.reflections", lambda *given, **more: frozenset())
     direction = TRUE.copy()
     direction[:, 3], direction[:, 2] = TRUE[:, 2], TRUE[:, 0]
     records = array_records(np.random.default_rng(8), direction)
-    signals = (*SIGNALS[:3], replace(SIGNALS[2], copy="b"), *SIGNALS[4:])
+    covered = replace(SIGNALS[2], band=band, code=code)
+    signals = (*SIGNALS[:2], covered, replace(covered, copy="b"), *SIGNALS[4:])
     phases = tuple(replace(phases, signals=signals) for phases in records.array_phases)
     range_m = np.full((2, len(signals)), 2.1e7)
     range_m[:, 3] += apart_m

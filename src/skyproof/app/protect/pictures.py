@@ -27,9 +27,10 @@ from skyproof.formats.bounds import TRACK_BYTES
 from skyproof.formats.byte_io import content_of
 from skyproof.formats.documents import read_json
 from skyproof.fusion.labels import LabelledSignal
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.recording.profile import delay_profiles
@@ -58,8 +59,6 @@ SERIES_POINTS: Final = 2048  # of a signal over time: more than a page draws, an
 COMPARED_WINDOWS: Final = 256  # from which the one to be drawn is chosen
 STANDS_M: Final = 0.5
 PERIOD_NS: Final = 1_000_000
-
-_CHIP_M: Final = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 
 
 def kinds_of(r: ReceiverOutcome) -> list[str]:
@@ -353,7 +352,7 @@ def _first_true(peak: _Peak) -> tuple[bool, float]:
 
 
 def _chips(peak: _Peak, reference: _Peak) -> float:
-    return (peak.pseudorange_m - reference.pseudorange_m) / _CHIP_M
+    return (peak.pseudorange_m - reference.pseudorange_m) / GPS_L1_CA.chip_m
 
 
 # ---------------------------------------------------------------------- range differences

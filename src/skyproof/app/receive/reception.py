@@ -33,7 +33,7 @@ from skyproof.short_repr import ShortRepr
 __all__ = ["Reception", "nothing_found", "observe", "overlap_s", "require_signals"]
 
 NEARLY_ALL = 0.9
-_LATE_M = 300.0  # a chip: what is nearer is received with the others
+_LATE_CHIPS = 1.0  # what is nearer is received with the others
 MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
 FOLLOWED_S = 2.0  # shorter, a signal that is there may not have proved itself
 AT_ONCE_S = 0.9  # of an array's: shorter than what is followed (`short`)
@@ -172,7 +172,8 @@ def _late_remarks(antennas: Sequence[ObservationLog], best: int, rate_hz: float)
             continue
         middle_m = float(np.median(apart_m))
         late_s = -middle_m / SPEED_OF_LIGHT_M_S
-        if abs(middle_m) > _LATE_M and np.median(np.abs(apart_m - middle_m)) < _LATE_M:
+        late_m = _LATE_CHIPS * one.signals[0].plan.chip_m
+        if abs(middle_m) > late_m and np.median(np.abs(apart_m - middle_m)) < late_m:
             whose = f"antenna {number + 1}" if late_s < 0.0 else "the others"
             late = (
                 f"antenna {number + 1} begins {abs(late_s) * 1e3:.4g} ms {'after' if late_s > 0.0 else 'before'} "

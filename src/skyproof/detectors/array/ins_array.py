@@ -51,8 +51,8 @@ _LEAST_OF_ONE_PLACE: Final = 3
 _MISSED: Final = (0.03, 0.5, 0.9)
 """Of true signals, by gates within which agreement counts; fewer others are within narrow ones, and signals may agree
 better than stated errors make them."""
-_OVERLAP_M: Final = 450.0
-"""Between two signals of one satellite: a chip and a half of C/A, beyond which no correlator sees both."""
+_OVERLAP_CHIPS: Final = 1.5
+"""Between two signals of one satellite: beyond, no correlator sees both."""
 _COVERED_DB: Final = 10.0
 """By which another signal of a satellite is stronger where what filters and its code's side lobes leave of it, some
 hundredths of its amplitude, may turn a signal's phases by hundredths of a cycle as long as both are there."""
@@ -416,7 +416,8 @@ def _overlapped(o: Observations | None, refs: Sequence[SignalRef]) -> set[Signal
         if one.signal.transmission == other.signal.transmission:
             a, b = columns[one], columns[other]
             stronger_db = o.cn0_dbhz[:, a] - o.cn0_dbhz[:, b]
-            if np.any(np.abs(o.pseudorange_m[:, a] - o.pseudorange_m[:, b]) < _OVERLAP_M):  # NaN is not
+            overlap_m = _OVERLAP_CHIPS * one.signal.plan.chip_m
+            if np.any(np.abs(o.pseudorange_m[:, a] - o.pseudorange_m[:, b]) < overlap_m):  # NaN is not
                 found |= {one, other}
             elif np.any(stronger_db > _COVERED_DB):
                 found.add(other)

@@ -7,7 +7,6 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.second_signals.late_copies import MOST_LATE_M, WEAKER_DB
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.navigation.search import misfits
 from skyproof.navigation.sets import window_measurements
 from skyproof.records import NavigationData, Observations, SignalId
@@ -15,7 +14,7 @@ from skyproof.records import NavigationData, Observations, SignalId
 __all__ = ["reflections"]
 
 _SIGMAS: Final = 3.0
-_BLENDED_M: Final = 0.25 * SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
+_BLENDED_CHIPS: Final = 0.25
 """So early a signal can be that is one with its reflections and comes from none of their directions: half of the half
 chip from an early correlator to a late one, where opposite reflections are nearly as strong as it is."""
 
@@ -57,7 +56,7 @@ def reflections(
         late_m = late[signal][0] - float(np.median(clocks[signal.kind]))
         of_sat = [level[one] for one in true if one.transmission == signal.transmission]
         usual = max(of_sat) - WEAKER_DB if of_sat else max(level[one] for one in true if one.kind == signal.kind)
-        early_m = max(_SIGMAS * np.sqrt(2.0) * late[signal][1], _BLENDED_M)
+        early_m = max(_SIGMAS * np.sqrt(2.0) * late[signal][1], _BLENDED_CHIPS * signal.plan.chip_m)
         if -early_m < late_m < MOST_LATE_M and level[signal] <= usual:
             found.add(signal)
     return frozenset(found)

@@ -20,7 +20,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
-from skyproof.gnss.signals import chip_m_of
+from skyproof.gnss.constants import L1_HZ
 from skyproof.records import Cause, Datum, Finding, Hypothesis, Need, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.distributions import normal_two_sided
 
@@ -28,7 +28,6 @@ __all__ = ["Bands", "BandsSettings"]
 
 _MOST_IONOSPHERE_M: Final = 150.0
 """Slant delay at L1: 50 m at the zenith in a storm (Kaplan & Hegarty, 10.2.4.1), three times as much low down."""
-_L1_HZ: Final = 1575.42e6
 _GROUP_DELAY_M: Final = 3.0  # of a satellite's band against another, one sigma: 10 ns
 _REFLECTED_CHIPS: Final = 0.125
 _LEAST_SATELLITES: Final = 3
@@ -130,13 +129,11 @@ def _compare(o: Observations, columns: list[tuple[int, int]]) -> Iterator[_Apart
 
 def _ionosphere_m(o: Observations, first: Any, second: Any) -> Reals:
     """Return what the most ionosphere makes of two bands (n,), metres."""
-    inverse = [(_L1_HZ / o.carrier_hz[columns]) ** 2 for columns in (first, second)]
+    inverse = [(L1_HZ / o.carrier_hz[columns]) ** 2 for columns in (first, second)]
     return np.asarray(_MOST_IONOSPHERE_M * np.abs(np.nan_to_num(inverse[0] - inverse[1], nan=1.0)))
 
 
 def _reflected_m(o: Observations, first: Any, second: Any) -> Reals:
     """Return what reflections make of two codes (n,), metres."""
-    chips_m = [
-        [chip_m_of(s.sat, s.band, s.code) for s in (o.signals[int(k)] for k in columns)] for columns in (first, second)
-    ]
+    chips_m = [[s.plan.chip_m for s in (o.signals[int(k)] for k in columns)] for columns in (first, second)]
     return np.asarray(_REFLECTED_CHIPS * np.sum(chips_m, axis=0))

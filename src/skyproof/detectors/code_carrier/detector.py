@@ -22,7 +22,6 @@ from skyproof.detectors.code_carrier.divergence import (
     parted,
 )
 from skyproof.errors import require_probability
-from skyproof.gnss.signals import chip_m_of
 from skyproof.records import Cause, CellStatus, Datum, Finding, Hypothesis, Need, Observations, Records, SignalRef
 
 __all__ = ["CodeCarrier", "CodeCarrierSettings"]
@@ -86,7 +85,7 @@ class CodeCarrier:
         window = int(np.searchsorted(joined.elapsed_s, o.elapsed_s[0]))
         apart_m, gathered_m2 = (values[:, columns] for values in parted(joined))
         code_m2 = joined.pseudorange_sigma_m[:, columns] ** 2
-        chip_m = np.array([chip_m_of(signal.sat, signal.band, signal.code) for signal in signals])
+        chip_m = np.array([signal.plan.chip_m for signal in signals])
         looks = [
             divergences_of(
                 joined.elapsed_s, apart_m, code_m2, gathered_m2, chip_m, starts, self.settings.multipath_sigma_m

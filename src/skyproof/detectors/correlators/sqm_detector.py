@@ -22,7 +22,6 @@ from skyproof.detectors.correlators.second_component import (
     together,
 )
 from skyproof.errors import SettingsError, require_probability
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.records import Asked, Evidence, Need, Records, SignalRef, Taps, TapsAsked
 from skyproof.statistics.distributions import binomial_survival
 
@@ -33,7 +32,6 @@ LONGEST_S = 10.0
 LEAST_LOOKS = 100
 SIGNAL_LEVEL = 1e-4
 """By chance a signal counts as distorted so often."""
-CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 
 
 @dataclass(frozen=True)
@@ -193,9 +191,7 @@ def _examined(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:
     if not pairs or taps.elapsed_s.size < LEAST_LOOKS:
         return []
     step_s = float(np.median(np.diff(taps.elapsed_s)))
-    allowed = allowed_share(
-        multipath_sigma_m, float(np.min(np.abs(taps.delays_chips[[a for a, _, _ in pairs]]))), CHIP_M
-    )
+    early_chips = float(np.min(np.abs(taps.delays_chips[[a for a, _, _ in pairs]])))
     value = taps.value[:, :, int(np.argmin(np.abs(taps.dopplers_hz)))]
     there: Booleans = np.asarray(np.isfinite(value).all(axis=2))
     for column in np.flatnonzero(there.any(axis=0)):
@@ -203,6 +199,7 @@ def _examined(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:
         looks = _unbroken(value[:, column], there[:, column] & (there[:, rivals].sum(axis=1) == 1))
         if len(looks) < LEAST_LOOKS:
             continue
+        allowed = allowed_share(multipath_sigma_m, early_chips, taps.signals[column].plan.chip_m)
         parts = np.array_split(looks, -(-len(looks) // round(LONGEST_S / step_s)))
         lines = [distortion(part, taps.delays_chips, step_s, allowed=allowed) for part in parts]
         early = [earlier(part, taps.delays_chips, step_s) for part in parts]

@@ -25,7 +25,6 @@ from skyproof.detectors.correlators.vector_parity import (
 )
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.errors import SettingsError, require_probability
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.elevation_mask import find_low
 from skyproof.navigation.least_squares import design_matrix
@@ -35,7 +34,6 @@ from skyproof.records import Evidence, NavigationData, Need, Observations, Recor
 
 __all__ = ["VectorSqm", "VectorSqmSettings"]
 
-CHIP_M: Final = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 LEAST_SHARE: Final = 0.8
 """Of a window's looks: channels that were guided in fewer are left out."""
 LOOKS_MORE: Final = 20
@@ -357,7 +355,8 @@ def directions(
     _, sigma_m, unit = misfits(measurements, rows, state_m)
     design, lasting_chips = np.full((len(signals), 4), np.nan), np.full(len(signals), np.nan)
     places = [k for k, signal in enumerate(signals) if signal in row_of]
-    design[places], lasting_chips[places] = design_matrix(unit), sigma_m / CHIP_M
+    chip_m = np.array([signals[k].plan.chip_m for k in places])
+    design[places], lasting_chips[places] = design_matrix(unit), sigma_m / chip_m
     return Directions(design, lasting_chips)
 
 

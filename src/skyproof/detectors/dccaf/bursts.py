@@ -24,8 +24,7 @@ from scipy import special
 
 from skyproof.arrays import Booleans, Complexes, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.codes import ca_code
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ
+from skyproof.gnss.signals import GPS_L1_CA
 
 __all__ = [
     "REFLECTED_DB",
@@ -101,11 +100,11 @@ def own_correlation(prn: int, lag_chips: ArrayLike, band_hz: float) -> Reals:
 @lru_cache(maxsize=2)  # 8 MB each, and `shapes` of a satellite are made once
 def _period(prn: int, band_hz: float) -> tuple[Reals, Reals]:
     """The whole of it and its derivative a chip, `_POINTS` a chip."""
-    code = ca_code(prn).astype(np.float64)
+    code = GPS_L1_CA.code(prn).astype(np.float64)
     lines = np.arange(code.size * _POINTS // 2 + 1)
     cycles = lines / code.size
     power = np.abs(np.fft.fft(code))[lines % code.size] ** 2 * np.sinc(cycles) ** 2
-    power *= cycles <= 0.5 * band_hz / CA_CHIP_RATE_HZ
+    power *= cycles <= 0.5 * band_hz / GPS_L1_CA.chip_rate_hz
     whole = np.fft.irfft(power, code.size * _POINTS)
     slope = np.fft.irfft(power * 2j * np.pi * cycles, code.size * _POINTS)
     return whole / whole[0], slope / whole[0]
@@ -176,7 +175,7 @@ def components(taps: Complexes, own: Shapes, noise_variance: Reals, band_hz: flo
     """Of bursts (n, intervals, m) of one satellite at the tracked Doppler; `noise_variance` (n, intervals)."""
     n = len(taps)
     white = np.asarray(taps, np.complex128) @ own.whiten.T / np.sqrt(noise_variance)[..., None]
-    cycles = 0.5 * band_hz / CA_CHIP_RATE_HZ
+    cycles = 0.5 * band_hz / GPS_L1_CA.chip_rate_hz
     step = max(round(min(0.1 / cycles, 0.08) / _STEP_CHIPS), 1)
     out = np.empty((n, _N_OUT))
     _all_components(

@@ -16,13 +16,12 @@ from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.decomposition.fit import at_strongest_doppler, taps_dictionary
 from skyproof.detectors.dccaf.bursts import BurstComponents, Shapes, components, joint_p_value, shapes
 from skyproof.errors import require_probability
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
 from skyproof.records import Ccaf
 
-__all__ = ["CHIP_M", "DccafSettings", "Delays", "bursts_of", "delays_of", "last_burst", "second_signals"]
+__all__ = ["DccafSettings", "Delays", "bursts_of", "delays_of", "last_burst", "second_signals"]
 
-CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
 _APART_SIGMAS: Final = 3.0
 
 
@@ -152,5 +151,8 @@ def _moved_chips(ccaf: Ccaf, epochs: Integers) -> Reals:
     """(n_channels,) by how much the mean of the grids' zeros over a burst lies after that of its last epoch, beyond
     what the carrier says: the loop may move it from interval to interval."""
     after_s = (ccaf.elapsed_s[epochs] - ccaf.elapsed_s[epochs[-1]])[:, None]
-    wavelengths_m = -ccaf.reference_hz[epochs] * (SPEED_OF_LIGHT_M_S / L1_HZ) * after_s
-    return np.asarray(np.mean(ccaf.reference_m[epochs] - wavelengths_m - ccaf.reference_m[epochs[-1]], axis=0) / CHIP_M)
+    plans = [signal.plan for signal in ccaf.signals]
+    chip_m = np.array([plan.chip_m for plan in plans])
+    wavelength_m = SPEED_OF_LIGHT_M_S / np.array([plan.carrier_hz for plan in plans])
+    way_m = -ccaf.reference_hz[epochs] * wavelength_m * after_s
+    return np.asarray(np.mean(ccaf.reference_m[epochs] - way_m - ccaf.reference_m[epochs[-1]], axis=0) / chip_m)

@@ -21,7 +21,6 @@ from skyproof.arrays import Integers, Reals
 from skyproof.detectors.base import missing, undecided
 from skyproof.detectors.dccaf.bursts import REFLECTED_DB
 from skyproof.detectors.dccaf.delays import (
-    CHIP_M,
     DccafSettings,
     Delays,
     bursts_of,
@@ -63,7 +62,7 @@ OF_A_SKY = 5
 
 class _Sky(NamedTuple):
     """Satellites of one epoch around a fix: unit vectors in ECEF (n, 3) to them, misfits (n, 2) of their signals,
-    sigmas (n,), channels (n,), and the fix: place (3,) and clock."""
+    sigmas (n,), channels (n,), the fix: place (3,) and clock; and the longest chip of their signals."""
 
     unit: Reals
     misfit_m: Reals
@@ -71,6 +70,7 @@ class _Sky(NamedTuple):
     rows: Any
     place_ecef_m: Reals
     clock_m: float
+    chip_m: float
 
 
 class Dccaf:
@@ -142,7 +142,7 @@ class Dccaf:
                     sky.unit,
                     sky.misfit_m,
                     sky.sigma_m,
-                    window_m=2.0 * self.settings.window_chips * CHIP_M,
+                    window_m=2.0 * self.settings.window_chips * sky.chip_m,
                     set_probability=self.settings.set_probability,
                     most_doubt=self.settings.wrong_choice_probability,
                 )
@@ -167,7 +167,7 @@ class Dccaf:
         p_value = float(
             chance_p_value(
                 sky.sigma_m[rows],
-                window_m=2.0 * self.settings.window_chips * CHIP_M,
+                window_m=2.0 * self.settings.window_chips * sky.chip_m,
                 largest_statistic=chi_square_threshold(probability, len(rows) - 4),
                 combinations=set_combinations(np.isfinite(misfit_m).sum(axis=1) - 1, len(rows)),
             )
@@ -215,14 +215,15 @@ class Dccaf:
     def _sky(self, navigation: NavigationData, ccaf: Ccaf, epoch: int, found: Delays, first: Integers) -> _Sky | None:
         """Around the fix of the strongest signals of the channels `first`; None with fewer than five satellites."""
         gpst = ccaf.gpst[epoch]
-        measured_m = ccaf.reference_m[epoch][:, None] + found.delay_chips * CHIP_M
+        chip_m = np.array([signal.plan.chip_m for signal in ccaf.signals])
+        measured_m = ccaf.reference_m[epoch][:, None] + found.delay_chips * chip_m[:, None]
         ranges = corrected_ranges(ccaf.signals, np.array([gpst]), measured_m[None, :, 0], navigation)
         rows = first[np.isfinite(ranges.range_m[0, first])]
         rows = rows[np.argsort([ccaf.signals[row].sat for row in rows], kind="stable")]
         if rows.size < OF_A_SKY:
             return None
         satellite, range_m = ranges.satellite_ecef_m[0, rows], ranges.range_m[0, rows]
-        sigma_m = np.hypot(CHIP_M * np.nanmax(found.sigma_chips[rows], axis=1), self.settings.multipath_sigma_m)
+        sigma_m = np.hypot(chip_m[rows] * np.nanmax(found.sigma_chips[rows], axis=1), self.settings.multipath_sigma_m)
         tow_s = np.asarray(week_and_tow(gpst)[1])
         state_m = gauss_newton(satellite, range_m, sigma_m, np.zeros(4), tolerance_m=10.0).state_m
         for _ in range(2):
@@ -237,7 +238,15 @@ class Dccaf:
         _, unit, distance_m = line_of_sight(satellite, state_m[:3])
         first = range_m - delays.delay_m - distance_m - state_m[3]
         second = first + (measured_m[rows, 1] - measured_m[rows, 0])
-        return _Sky(unit, np.stack((first, second), axis=1), total_m, rows, state_m[:3], float(state_m[3]))
+        return _Sky(
+            unit,
+            np.stack((first, second), axis=1),
+            total_m,
+            rows,
+            state_m[:3],
+            float(state_m[3]),
+            float(chip_m[rows].max()),
+        )
 
 
 def _first_of_each(ccaf: Ccaf, found: Delays | None) -> Integers:

@@ -136,7 +136,7 @@ def _shared(sets: tuple[ConsistentSet, ...]) -> tuple[tuple[SignalId, ...], ...]
     for chosen in sets:
         own: dict[tuple[str, str, str], SignalId] = {}
         for s in sorted(chosen.signals, key=BY_NAME):
-            own.setdefault((s.sat, s.band, service_of(s.band, s.code)), s)
+            own.setdefault((s.sat, s.band, service_of(s.sat[0], s.band, s.code)), s)
         by_service.append(own)
     sent = set.intersection(*(set(own) for own in by_service))
     rows = (tuple(own[name] for own in by_service) for name in sent)

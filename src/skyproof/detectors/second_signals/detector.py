@@ -23,8 +23,8 @@ from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
 from skyproof.detectors.second_signals.late_copies import MOST_LATE_M, WEAKER_DB
 from skyproof.errors import SettingsError, require_probability
-from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.many_small import many_small
@@ -83,7 +83,7 @@ class SecondSignalsSettings:
         return EchoModel(
             echoes_per_satellite=self.echoes_per_satellite,
             unexplained_probability=self.unexplained_probability,
-            least_delay_m=self.min_separation_chips * SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ,
+            least_delay_m=self.min_separation_chips * GPS_L1_CA.chip_m,
             most_weaker_db=self.max_weaker_db,
         )
 
@@ -191,8 +191,8 @@ def _beside(
     settings: SecondSignalsSettings,
 ) -> tuple[list[Second], bool]:
     """What a transmission's channels are beside the first one, if clearly apart; and whether all delays are known."""
-    chip_m = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
     direct, *others = channels
+    chip_m = observations.signals[direct].plan.chip_m
     found, known = [], True
     for other in others:
         late_m = _median_difference(observations.pseudorange_m, other, direct, settings.min_epochs)

@@ -32,6 +32,7 @@ import numpy as np
 from scipy import special
 
 from skyproof.arrays import Reals
+from skyproof.gnss.signals import GPS_L1_CA
 
 __all__ = ["EchoModel", "Second", "echo_p_value", "false_over_echo"]
 
@@ -74,7 +75,7 @@ class EchoModel:
     far_share: float = 0.01
     unexplained_probability: float = 1e-3
     early_share: float = 0.0
-    least_delay_m: float = 440.0
+    least_delay_m: float = 1.5 * GPS_L1_CA.chip_m
     most_weaker_db: float = 12.0
 
 

@@ -1,0 +1,63 @@
+"""The description of a signal: a further signal is a further plan, and not a further `if`."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+
+__all__ = ["SignalPlan"]
+
+
+def _no_code(prn: int) -> NDArray[np.int8]:
+    raise ValueError(f"the code of PRN {prn} is not known: the signal is not received from samples")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SignalPlan:
+    """Describe a signal that satellites send: carrier, code, symbols, message.
+
+    systems : letters of the systems whose satellites send it. band, codes : as receivers name it (`SignalId`). Several
+        codes are components of one signal, of which a receiver takes one or both (RINEX 3.05, tables 4 to 10).
+    carrier_hz : nominal; where satellites have frequency numbers, that of number 0. carrier_step_hz : from number to
+        number; 0 without them.
+    chip_rate_hz : of the code; of two codes that alternate chip by chip, of both together.
+    code_length : chips of the primary code; 0 of a code without a short period. secondary_length : primary periods of
+        the longest secondary code; 1 without one.
+    symbol_s : of the symbols that are sent; 0 of a signal whose message is not open. message : its name.
+    code : one period of the primary code of a PRN, int8 of shape (code_length,), +-1. It raises ValueError for a PRN
+        without a code, and for all where no samples of the signal are received.
+    highest_side_lobe : of the primary codes with each other, and of one with itself beyond a chip, as a share of the
+        peak's amplitude; NaN where not known.
+    """
+
+    name: str
+    systems: str
+    band: str
+    codes: tuple[str, ...]
+    carrier_hz: float
+    carrier_step_hz: float = 0.0
+    chip_rate_hz: float
+    code_length: int = 0
+    secondary_length: int = 1
+    symbol_s: float = 0.0
+    message: str = ""
+    code: Callable[[int], NDArray[np.int8]] = _no_code
+    highest_side_lobe: float = float("nan")
+
+    @property
+    def chip_m(self) -> float:
+        """Length of a chip, metres."""
+        return SPEED_OF_LIGHT_M_S / self.chip_rate_hz
+
+    @property
+    def period_s(self) -> float:
+        """Duration of one period of the primary code."""
+        return self.code_length / self.chip_rate_hz
+
+    @property
+    def periods_per_symbol(self) -> int:
+        """Periods of the primary code in a symbol."""
+        return round(self.symbol_s / self.period_s)
