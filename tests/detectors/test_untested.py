@@ -311,7 +311,7 @@ CASES = {
     ),
     ("code_motion", "few_fixes"): (
         lambda: said(CodeMotion(), clean(max_satellites=4)),
-        "fewer than three epochs of rx1 have a position",
+        "fewer than 3 epochs of rx1 have a position",
     ),
     ("own_fixes", "few_own_fixes"): (
         lambda: said(OwnFixes(), replace(clean(), own_fixes={"rx1": fixes_at([0.0, 1.0], [HOME, HOME])})),

@@ -1,4 +1,4 @@
-"""What `own_fixes` finds, in words. "of" is the receiver: a log of fixes has no signals to tell it by."""
+"""What `own_fixes` finds, in words."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -10,12 +10,12 @@ __all__ = ["ENTRIES"]
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     "few_own_fixes": Entry(
-        "{of} gives fewer than {needed} fixes of its own", "a log with the receiver's fixes, once a second"
+        "{receiver} gives fewer than {needed} fixes of its own", "a log with the receiver's fixes, once a second"
     ),
-    "goes_on": Entry("the place that {of} gives itself goes on from fix to fix"),
+    "goes_on": Entry("the place that {receiver} gives itself goes on from fix to fix"),
     "jumps": Entry(
         lambda f: (
-            f"the place that {f.data['of']} gives itself jumps by {f.data['jump_m']:.0f} m at "
+            f"the place that {f.data['receiver']} gives itself jumps by {f.data['jump_m']:.0f} m at "
             f"{clock(f.dated_gpst, 1)}, farther than any platform moves"
         ),
         "the receiver's measurements (UBX-RXM-RAWX, SBF MeasEpoch, RTCM MSM7), or a second receiver",

@@ -8,7 +8,7 @@ import pytest
 from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings, primary_signals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import fix_and_geometry
-from skyproof.records import OBSERVABLES, Observations, Records
+from skyproof.records import OBSERVABLES, Cause, Observations, Records
 from skyproof.testing import MeasuredScene, TrackErrors
 
 RATE = 1e-6
@@ -44,7 +44,7 @@ def with_codes(drawn: Records, epochs: slice, columns: list[int], metres: float)
 
 
 def examine(*windows: Records, **settings) -> list:
-    """Return position and clock evidence of the last window."""
+    """Return findings of position and clock in the last window."""
     detector, state = CodeMotion(CodeMotionSettings(false_alarm_probability=RATE, **settings)), None
     for window in windows:
         found, state = detector.examine(window, state)
@@ -62,8 +62,9 @@ def test_a_clean_sky_goes_on() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_jump_of_all_codes_is_an_attack(seed) -> None:
     position, clock = examine(pulled(records(seed), 8, (600.0, -500.0, 300.0)))
-    assert position.says == "attack"
-    assert position.p_value < RATE
+    assert (position.code, position.says, position.overrules) == ("jumps_by_all", "attack", False)
+    assert position.p_value == max(position.p[Cause.CLEAN], position.p[Cause.FAULT]) < RATE
+    assert position.data["moved_m"] == pytest.approx(np.linalg.norm((600.0, -500.0, 300.0)), rel=0.1)
     assert abs(position.dated_gpst - records(seed).observations[0].gpst[8]) < np.timedelta64(10, "ms")
     assert clock.says == "clean"
 
@@ -77,7 +78,11 @@ def test_a_jump_at_the_edge_of_a_window_is_seen_in_the_next() -> None:
 
 
 def test_a_clock_that_jumps_alone_has_failed_and_no_more() -> None:
-    assert words(pulled(records(), 8, (0.0, 0.0, 0.0), 3000.0)) == ["clean", "undecided"]
+    position, clock = examine(pulled(records(), 8, (0.0, 0.0, 0.0), 3000.0))
+    assert (position.code, position.says) == ("goes_on", "clean")
+    assert (clock.code, clock.says, clock.overrules) == ("jumps", "undecided", True)
+    assert clock.may_also_be == (Cause.OSCILLATOR,)
+    assert clock.data["clock_s"] == pytest.approx(1e-5, rel=0.1)
     ms_m = 1e-3 * SPEED_OF_LIGHT_M_S
     assert words(pulled(records(), 8, (0.0, 0.0, 0.0), ms_m)) == ["clean", "clean"]
 
@@ -92,8 +97,9 @@ def test_faults_of_two_satellites_are_no_attack(columns, metres) -> None:
 def test_few_satellites_leave_a_jump_open() -> None:
     few = replace(SCENE, max_satellites=6)
     (position, _) = examine(pulled(records(1, few), 8, (2000.0, 0.0, 0.0)))
-    assert position.says == "undecided"
-    assert position.failed
+    assert (position.code, position.says, position.overrules) == ("jumps_by_two", "undecided", True)
+    assert position.may_also_be == (Cause.FAULT,)
+    assert position.p[Cause.FAULT] == 1.0
 
 
 def test_a_jump_after_a_gap_needs_a_known_speed() -> None:
@@ -181,5 +187,6 @@ def test_a_second_band_that_jumps_alone_leaves_the_cause_open() -> None:
     found = examine(on_band(with_second_band(clean), "L2", slice(8, None), jump_m[8:]))
     assert [e.says for e in found] == ["clean", "clean", "undecided", "clean"]
     assert {ref.signal.band for ref in found[2].subject} == {"L2"}
-    assert found[2].may_also_be == ("orbits", "fault")
-    assert found[2].failed
+    assert found[2].may_also_be == (Cause.ORBITS, Cause.FAULT)
+    assert (found[2].code, found[2].data["alone"]) == ("jumps", ("G L2",))
+    assert found[2].overrules

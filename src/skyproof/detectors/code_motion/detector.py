@@ -18,14 +18,14 @@ of other bands.
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Instants, Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.code_motion.laws import (
     CodeMotionLimits,
     CodeStep,
@@ -36,13 +36,14 @@ from skyproof.detectors.code_motion.laws import (
 )
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.time import iso
 from skyproof.navigation.fix import FixGeometry, fix_and_geometry
 from skyproof.records import (
-    CauseName,
-    Evidence,
+    Cause,
+    Datum,
+    Finding,
     Fix,
     FixStatus,
+    Hypothesis,
     NavigationData,
     Need,
     Observations,
@@ -128,9 +129,10 @@ class CodeMotion:
     def __init__(self, settings: CodeMotionSettings | None = None) -> None:
         self.settings = settings or CodeMotionSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Return the evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.CONTINUOUS)
+        lacking = report.name_missing()
         if lacking or records.navigation is None:
             return lacking, state
         tails: dict[str, Mapping[_Part, Observations]] = dict(state or {})
@@ -139,20 +141,18 @@ class CodeMotion:
             tail = tails.get(o.receiver, {})
             if any(part.elapsed_s[-1] >= o.elapsed_s[0] for part in tail.values()):
                 tail = {}  # another recording
-            evidence, tails[o.receiver] = self._receiver(records, records.navigation, o, tail)
-            found += evidence
+            findings, tails[o.receiver] = self._test_receiver(report, records.navigation, o, tail)
+            found += findings
         return found, tails
 
-    def _receiver(
-        self, records: Records, navigation: NavigationData, o: Observations, tails: Mapping[_Part, Observations]
-    ) -> tuple[list[Evidence], Mapping[_Part, Observations]]:
-        subject = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+    def _test_receiver(
+        self, report: Reporter, navigation: NavigationData, o: Observations, tails: Mapping[_Part, Observations]
+    ) -> tuple[list[Finding], Mapping[_Part, Observations]]:
+        """Test position and clock of all signals and of each part; return the epochs that are remembered of them."""
         signals = primary_signals(o)
         if signals is None:
-            because = f"a satellite is received twice in {o.receiver}: which codes belong together is open"
-            would_need = "one signal of each satellite"
-            untested = undecided(self, records, subject, code="received_twice", because=because, would_need=would_need)
-            return [untested], tails
+            every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+            return [report.pass_over(every, NotTested("received_twice"))], tails
         parts = _parts_of(o, signals)
         after = dict(tails)
         found = []
@@ -163,26 +163,16 @@ class CodeMotion:
             begin = joined.gpst.size - now.gpst.size
             series = self._series(joined, navigation, begin)
             after[part] = _tail_of(joined, series)
-            subject = tuple(SignalRef(o.receiver, signal) for signal in chosen)
-            if series is None or series.elapsed_s.size < 3:
-                found += [] if part != _WHOLE else [self._few_fixes(records, subject)]
+            refs = tuple(SignalRef(o.receiver, signal) for signal in chosen)
+            if series is None or series.elapsed_s.size <= _TAIL:
+                why = NotTested("few_fixes", {"receiver": o.receiver, "needed": _TAIL + 1})
+                found += [] if part != _WHOLE else [report.pass_over(refs, why)]
                 continue
             motion = code_steps(series.elapsed_s, series.fix.position_ecef_m, series.clock_m, series.fix.covariance_m2)
             new = series.rows[motion.row] >= begin
             if new.any() or part == _WHOLE:
-                found += self._judged(records, subject, series, motion, new, part, len(parts))
+                found += self._test_motion(report, refs, series, motion, new, part, len(parts))
         return found, after
-
-    def _few_fixes(self, records: Records, subject: tuple[SignalRef, ...]) -> Evidence:
-        receiver = subject[0].receiver if subject else records.observations[0].receiver
-        return undecided(
-            self,
-            records,
-            subject,
-            code="few_fixes",
-            because=f"fewer than three epochs of {receiver} have a position with a satellite to spare",
-            would_need="five or more satellites with pseudoranges and orbits at three epochs or more",
-        )
 
     def _series(self, o: Observations, navigation: NavigationData, begin: int) -> _Series | None:
         """Return the fixes that have redundancy; None without any. begin : the first epoch that is not remembered."""
@@ -221,16 +211,17 @@ class CodeMotion:
             rows=good,
         )
 
-    def _judged(
+    def _test_motion(
         self,
-        records: Records,
-        subject: tuple[SignalRef, ...],
+        report: Reporter,
+        signals: tuple[SignalRef, ...],
         series: _Series,
         motion: CodeStep,
         new: Booleans,
         part: _Part,
         n_parts: int,
-    ) -> list[Evidence]:
+    ) -> list[Finding]:
+        """Test position and clock of a part's signals."""
         three = motion.row[:, None] - np.arange(3)
         dof = series.dof[three].min(axis=1).astype(np.float64)
         misfit, degrees = series.misfit[three].sum(axis=1), series.dof[three].sum(axis=1)
@@ -241,43 +232,33 @@ class CodeMotion:
         places = np.where(new, chance_beyond(motion, limits, factor, dof), 1.0)
         clocks = np.where(new, clock_beyond(motion, limits, factor, dof), 1.0)
         alpha = self.settings.false_alarm_probability / (_TESTS * n_parts)
-        receiver = f"{subject[0].receiver} ({_named(subject)} alone)" if part != _WHOLE else subject[0].receiver
         found = []
         for p_values, what in ((places, "position"), (clocks, "clock")):
             k = int(np.argmin(p_values))
-            p_value = min(1.0, n_new * float(p_values[k]))
-            at = series.gpst[motion.row[k]]
-            size_m = np.linalg.norm(motion.position_m[k]) if what == "position" else abs(motion.clock_m[k])
-            evidence = Evidence(
-                detector=self.name,
-                start_gpst=records.start_gpst,
-                end_gpst=records.end_gpst,
-                subject=subject,
-                says="clean",
-                because=f"the {what} of {receiver} by codes goes on from epoch to epoch",
-                p_value=p_value,
-                false_alarm_probability=alpha,
-            )
-            if p_value < alpha:
-                by = f"{size_m:.0f} m" if what == "position" else f"{size_m / SPEED_OF_LIGHT_M_S * 1e6:.3g} us"
-                because = f"the {what} of {receiver} by codes jumps by {by} at {iso(at, 1)[11:]}"
-                causes: tuple[CauseName, ...] = ("motion",) if what == "position" else ("oscillator",)
-                evidence = replace(
-                    evidence, says="undecided", because=because, overrules=True, dated_gpst=at, may_also_be=causes
-                )
-                if part != _WHOLE:
-                    evidence = replace(evidence, may_also_be=("orbits", "fault"))
-                elif what == "position":
-                    evidence = self._attributed(evidence, series, motion, k, n_new, alpha)
-            found.append(evidence)
+            p = {Cause.CLEAN: min(1.0, n_new * float(p_values[k]))}
+            jumps = p[Cause.CLEAN] < alpha
+            code = "jumps" if jumps else "goes_on"
+            data: dict[str, Datum] = {"what": what, "alone": () if part == _WHOLE else _name_kinds(signals)}
+            if what == "position":
+                data["moved_m"] = float(np.linalg.norm(motion.position_m[k]))
+            else:
+                data["clock_s"] = float(abs(motion.clock_m[k])) / SPEED_OF_LIGHT_M_S
+            if part != _WHOLE:
+                p |= leave_open((Cause.ORBITS, Cause.FAULT))
+            elif what == "clock":
+                p |= leave_open((Cause.OSCILLATOR,))
+            elif not jumps:
+                p |= leave_open((Cause.FAULT,))
+            else:
+                p[Cause.FAULT] = min(1.0, n_new * self._chance_by_two(series, motion.row[k] - np.arange(3)))
+                code = "jumps_by_two" if p[Cause.FAULT] >= alpha else "jumps_by_all"
+            at = series.gpst[motion.row[k]] if jumps else None
+            found.append(report.find(signals, code, p, alpha=alpha, data=data, dated_gpst=at))
         return found
 
-    def _attributed(
-        self, evidence: Evidence, series: _Series, motion: CodeStep, k: int, n_new: int, alpha: float
-    ) -> Evidence:
-        """Say attack where no two satellites explain a position that jumps."""
-        rows = motion.row[k] - np.arange(3)
-        p_value = n_new * chance_without_two(
+    def _chance_by_two(self, series: _Series, rows: Indices) -> float:
+        """Return the largest chance of a position at the last of three epochs, any two satellites being faulty."""
+        return chance_without_two(
             series.geometry,
             rows,
             series.fix.position_ecef_m[rows],
@@ -285,12 +266,6 @@ class CodeMotion:
             self.settings.limits,
             _DOF_LEFT,
         )
-        if p_value >= alpha:
-            because = f"{evidence.because}; one or two faulty satellites may explain it"
-            need = "more satellites, carrier phases or Dopplers"
-            return replace(evidence, because=because, may_also_be=("fault",), would_need=need)
-        because = f"{evidence.because}, farther than any platform moves, whichever two satellites are left out"
-        return replace(evidence, says="attack", overrules=False, because=because, p_value=p_value, may_also_be=())
 
 
 @lru_cache(16)  # several tests look at the same windows
@@ -344,9 +319,9 @@ def _kinds_of(o: Observations, scale: str, rows: slice) -> set[tuple[str, str, s
     return {o.signals[k].kind for k in np.flatnonzero(there) if o.signals[k].kind[0] == scale}
 
 
-def _named(subject: tuple[SignalRef, ...]) -> str:
+def _name_kinds(signals: tuple[SignalRef, ...]) -> tuple[str, ...]:
     """Name the kinds of signals of a part."""
-    return ", ".join(sorted({f"{ref.signal.sat[0]} {ref.signal.band}" for ref in subject}))
+    return tuple(sorted({f"{ref.signal.sat[0]} {ref.signal.band}" for ref in signals}))
 
 
 def _tail_of(joined: Observations, series: _Series | None) -> Observations:

@@ -92,7 +92,7 @@ class OwnFixes:
         observations = (o for o in report.records.observations if o.receiver == receiver)
         signals = tuple(SignalRef(receiver, signal) for o in observations for signal in o.signals)
         if series.gpst.size < _TAIL + 1:
-            return report.pass_over(signals, NotTested("few_own_fixes", {"of": receiver, "needed": _TAIL + 1}))
+            return report.pass_over(signals, NotTested("few_own_fixes", {"receiver": receiver, "needed": _TAIL + 1}))
         t_s = (series.gpst - series.gpst[0]).astype(np.int64) * 1e-9
         chances = chance_of_jumps(
             t_s,
@@ -104,10 +104,10 @@ class OwnFixes:
         jumps = chances.size * chances < self.settings.false_alarm_probability
         p = {Cause.CLEAN: min(1.0, chances.size * float(chances.min())), **leave_open((Cause.FAULT,))}
         if not jumps.any():
-            return report.find(signals, "goes_on", p, data={"of": receiver})
+            return report.find(signals, "goes_on", p, data={"receiver": receiver})
         k = int(np.argmax(jumps))  # the first: a jump bends the way at two fixes
         jump_m = float(np.linalg.norm(series.position_ecef_m[k + _TAIL] - series.position_ecef_m[k + _TAIL - 1]))
-        data: dict[str, Datum] = {"of": receiver, "jump_m": jump_m}
+        data: dict[str, Datum] = {"receiver": receiver, "jump_m": jump_m}
         return report.find(signals, "jumps", p, data=data, dated_gpst=series.gpst[k + _TAIL])
 
 
