@@ -7,7 +7,7 @@ import pytest
 
 from skyproof.detectors.messages.detector import BroadcastMessages, BroadcastMessagesSettings
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import Ephemeris, ReceivedMessages, Records
+from skyproof.records import Cause, Ephemeris, ReceivedMessages, Records
 from skyproof.testing import MeasuredScene, TrackErrors
 
 RATE = 1e-7
@@ -63,8 +63,10 @@ def test_other_clocks_under_one_issue_of_data_are_odd(count, failed) -> None:
     records = clean()
     found = examine(with_messages(records, sent(records, count, af0=late)))
     assert found.statistic == count
-    assert found.failed == failed
-    assert found.says != "attack"
+    assert (found.failed, found.overrules, found.code) == (failed, failed, "odd" if failed else "expected")
+    assert found.says == ("undecided" if failed else "clean")
+    assert found.may_also_be == ((Cause.ORBITS, Cause.FAULT) if failed else ())
+    assert found.data.get("how") == ("issue_repeated" if failed else None)
 
 
 def hours(count: float):
@@ -76,7 +78,10 @@ def hours(count: float):
 def test_data_sets_that_do_not_serve_when_they_come_are_odd(off_h, failed) -> None:
     records = clean()
     alone = replace(records, navigation=replace(records.navigation, ephemerides=records.navigation.ephemerides[:1]))
-    assert examine(with_messages(alone, sent(records, 6, **hours(off_h)))).failed == failed
+    found = examine(with_messages(alone, sent(records, 6, **hours(off_h))))
+    assert found.failed == failed
+    if failed:
+        assert (found.data["how"], round(found.data["amount"] + off_h)) == ("other_time", 0)
 
 
 @pytest.mark.parametrize(("count", "failed"), [(2, False), (6, True)])
@@ -106,7 +111,9 @@ def test_receivers_that_hear_an_upload_one_after_the_other_do_not_go_back() -> N
 def test_a_later_issue_that_contradicts_is_odd() -> None:
     records = clean()
     later = sent(records, 6, af0=late, toe=lambda e: e.toe + 3600.0, toc=lambda e: e.toc + 3600.0)
-    assert examine(with_messages(records, later)).failed
+    found = examine(with_messages(records, later))
+    assert (found.failed, found.data["how"]) == (True, "other_orbit")
+    assert found.data["amount"] > 300.0  # metres: the clock, and an orbit of another hour
 
 
 def test_messages_of_earlier_windows_are_remembered() -> None:
@@ -122,11 +129,13 @@ def test_another_time_of_week_is_odd() -> None:
     records = clean()
     sats = sorted({signal.sat for signal in records.observations[0].signals})
     assert not examine(with_messages(records, mistimed=sats[:1])).failed
-    assert examine(with_messages(records, mistimed=sats[:6])).failed
+    found = examine(with_messages(records, mistimed=sats[:6]))
+    assert (found.failed, found.data["how"], found.data["odd"]) == (True, "mistimed", tuple(sats[:6]))
 
 
 def test_satellites_below_the_horizon_are_odd() -> None:
     """The same measurements, with the receiver at the other side of the Earth."""
     records = clean()
     (sky,) = records.sets
-    assert examine(replace(records, sets=(replace(sky, position_ecef_m=-sky.position_ecef_m),))).failed
+    found = examine(replace(records, sets=(replace(sky, position_ecef_m=-sky.position_ecef_m),)))
+    assert (found.failed, found.data["how"]) == (True, "below_horizon")

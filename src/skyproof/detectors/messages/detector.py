@@ -23,7 +23,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.messages.laws import chance_of_difference, range_difference_m, served_together
 from skyproof.errors import require_probability
 from skyproof.gnss.ephemeris import MAX_AGE_S, Ephemeris
@@ -31,7 +31,7 @@ from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.ranges import corrected_ranges
-from skyproof.records import Evidence, Need, Observations, ReceivedMessages, Records, SignalRef
+from skyproof.records import Cause, Datum, Finding, Hypothesis, Need, Observations, ReceivedMessages, Records, SignalRef
 from skyproof.statistics.distributions import binomial_survival
 
 __all__ = ["BroadcastMessages", "BroadcastMessagesSettings"]
@@ -42,7 +42,6 @@ _BACK_S: Final = 300.0
 """By which the time of a data set may go back: after an upload it is off the hour (IS-GPS-200N, 20.3.4.5)."""
 _EARTH_M: Final = 6.371e6
 _KEPT: Final = 4  # data sets of a satellite and message that are remembered
-_NAMED: Final = 6
 
 
 @dataclass(frozen=True)
@@ -64,6 +63,13 @@ class BroadcastMessagesSettings:
 _Key = tuple[str, str]
 
 
+class _Oddity(NamedTuple):
+    """How a satellite is odd, a code, and by how much: metres, hours or degrees."""
+
+    code: str
+    amount: float = 0.0
+
+
 class _Past(NamedTuple):
     """What is remembered: data sets, and the latest time of those that each receiver had of a satellite and message."""
 
@@ -81,9 +87,10 @@ class BroadcastMessages:
     def __init__(self, settings: BroadcastMessagesSettings | None = None) -> None:
         self.settings = settings or BroadcastMessagesSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Return the evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.TRUE_MESSAGES)
+        lacking = report.name_missing()
         if lacking or records.navigation is None:
             return lacking, state
         past = _Past({}, {}) if state is None else _Past(dict(state.sent), dict(state.latest))
@@ -94,7 +101,8 @@ class BroadcastMessages:
             came = () if messages is None else zip(messages.gpst, messages.ephemerides, strict=True)
             filed = _by_key(e for e in records.navigation.ephemerides if isinstance(e, Ephemeris))
             if messages is None and not any(s.receiver == o.receiver for s in records.sets):
-                found.append(self._untested(records, o))
+                every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+                found.append(report.pass_over(every, NotTested("no_message")))
                 continue
             odd = dict(_below_horizon(records, o)) | _mistimed(messages)
             for gpst, e in came:
@@ -107,23 +115,13 @@ class BroadcastMessages:
                 why = _outdated(e, gpst, newest) or self._contradicted(e, before)
                 odd |= {} if why is None else {e.sat: why}
                 sent[key] = (*(other for other in sent.get(key, ()) if other != e), e)[-_KEPT:]
-            found.append(self._judged(records, o, odd))
+            found.append(self._test_number(report, o, odd))
         return found, past
 
-    def _untested(self, records: Records, o: Observations) -> Evidence:
-        return undecided(
-            self,
-            records,
-            tuple(SignalRef(o.receiver, signal) for signal in o.signals),
-            code="no_message",
-            because=f"no message of {o.receiver} is known, and no place by which satellites could be looked for",
-            would_need="a log with broadcast messages (UBX-RXM-SFRBX), or five satellites with pseudoranges",
-        )
-
-    def _contradicted(self, e: Ephemeris, before: Sequence[Ephemeris]) -> str | None:
-        """Say how a data set contradicts others of its satellite; None where it does not."""
+    def _contradicted(self, e: Ephemeris, before: Sequence[Ephemeris]) -> _Oddity | None:
+        """Return how a data set contradicts others of its satellite; None where it does not."""
         if any(_same_issue(e, other) and _other_orbit(e, other) for other in before):
-            return "sends two orbits under one issue of data"
+            return _Oddity("issue_repeated")
         others = [other for other in before if other.healthy and served_together(e, other) and _other_orbit(e, other)]
         chances = [(chance, other) for other in others if (chance := chance_of_difference(e, other)) is not None]
         if not e.healthy or not chances:
@@ -131,33 +129,25 @@ class BroadcastMessages:
         chance, other = min(chances, key=itemgetter(0))
         if len(chances) * chance >= self.settings.false_alarm_probability:
             return None
-        return f"sends an orbit or clock whose ranges differ by {range_difference_m(e, other):.0f} m from another one"
+        return _Oddity("other_orbit", range_difference_m(e, other))
 
-    def _judged(self, records: Records, o: Observations, odd: Mapping[str, str]) -> Evidence:
+    def _test_number(self, report: Reporter, o: Observations, odd: Mapping[str, _Oddity]) -> Finding:
+        """Test the number of odd satellites."""
         measured = np.isfinite(o.pseudorange_m).any(axis=0)
         sats = {o.signals[k].sat for k in np.flatnonzero(measured)} | odd.keys()
         p_value = float(binomial_survival(len(odd), max(len(sats), 1), self.settings.fault_probability))
-        alpha = self.settings.false_alarm_probability
-        failed = p_value < alpha
-        because = f"{len(odd)} of {len(sats)} satellites in {o.receiver} are odd by their message or place"
+        failed = p_value < self.settings.false_alarm_probability
+        names = tuple(sorted(odd))
+        data: dict[str, Datum] = {"receiver": o.receiver, "odd": names, "satellites": len(sats)}
+        data["statistic"] = float(len(odd))
         if failed:
-            names = sorted(odd)
-            more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-            because += f" ({', '.join(names[:_NAMED])}{more}); {names[0]} {odd[names[0]]}"
+            data |= {"how": odd[names[0]].code, "amount": odd[names[0]].amount}
         chosen = odd.keys() if failed else sats
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=tuple(SignalRef(o.receiver, signal) for signal in o.signals if signal.sat in chosen),
-            says="undecided" if failed else "clean",
-            because=because,
-            statistic=float(len(odd)),
-            p_value=p_value,
-            false_alarm_probability=alpha,
-            overrules=failed,
-            would_need="the orbits of the day (--nav), or another receiver" if failed else None,
-            may_also_be=("orbits", "fault") if failed else (),
+        return report.find(
+            tuple(SignalRef(o.receiver, signal) for signal in o.signals if signal.sat in chosen),
+            "odd" if failed else "expected",
+            {Cause.CLEAN: p_value, **leave_open((Cause.ORBITS, Cause.FAULT))},
+            data=data,
         )
 
 
@@ -168,13 +158,13 @@ def _by_key(ephemerides: Iterable[Ephemeris]) -> dict[_Key, tuple[Ephemeris, ...
     return found
 
 
-def _outdated(e: Ephemeris, gpst: np.datetime64, newest: np.datetime64) -> str | None:
-    """Say that a data set, whole at an instant, does not serve then or is older than the newest that came before."""
+def _outdated(e: Ephemeris, gpst: np.datetime64, newest: np.datetime64) -> _Oddity | None:
+    """Return how a data set, whole at an instant, does not serve then or is older than the newest that came before."""
     off_s = float(seconds_between(gpst, e.reference_gpst))
     if abs(off_s) > MAX_AGE_S[e.sat[0]]:
-        return f"sends an orbit of {abs(off_s) / 3600.0:.1f} h {'before' if off_s > 0.0 else 'after'}"
+        return _Oddity("other_time", off_s / 3600.0)
     if seconds_between(newest, e.reference_gpst) > _BACK_S:
-        return "goes back to an orbit of before"
+        return _Oddity("goes_back")
     return None
 
 
@@ -187,12 +177,12 @@ def _other_orbit(e: Ephemeris, other: Ephemeris) -> bool:
     return e != other and not np.allclose(e.orbit_row, other.orbit_row, rtol=1e-9, atol=1e-14)
 
 
-def _mistimed(messages: ReceivedMessages | None) -> dict[str, str]:
+def _mistimed(messages: ReceivedMessages | None) -> dict[str, _Oddity]:
     """Return the satellites whose messages say another time."""
-    return {} if messages is None else dict.fromkeys(messages.mistimed_sat, "sends another time of week")
+    return {} if messages is None else dict.fromkeys(messages.mistimed_sat, _Oddity("mistimed"))
 
 
-def _below_horizon(records: Records, o: Observations) -> Iterator[tuple[str, str]]:
+def _below_horizon(records: Records, o: Observations) -> Iterator[tuple[str, _Oddity]]:
     """Give the satellites that stand below the horizon of the place that the largest set shows."""
     own = [s for s in records.sets if s.receiver == o.receiver]
     if not own or records.navigation is None:
@@ -205,7 +195,7 @@ def _below_horizon(records: Records, o: Observations) -> Iterator[tuple[str, str
     dip_rad = float(np.arccos(_EARTH_M / (_EARTH_M + max(float(height_m), 0.0))))
     lowest_rad = -dip_rad - np.radians(_BELOW_DEG)
     for k in np.flatnonzero(np.isfinite(elevation_rad) & (elevation_rad < lowest_rad)):
-        yield o.signals[k].sat, f"stands {np.degrees(-elevation_rad[k]):.0f} degrees below the horizon"
+        yield o.signals[k].sat, _Oddity("below_horizon", float(np.degrees(-elevation_rad[k])))
 
 
 def _filled(o: Observations, middle: Observations) -> Reals:
