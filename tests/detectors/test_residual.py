@@ -32,17 +32,16 @@ def shifted(records, column, metres):
 
 def test_a_clean_sky_fits_one_position():
     (evidence,) = Residual().examine(scene().records(np.random.default_rng(0)))[0]
-    assert evidence.says == "clean"
-    assert "fit one position" in evidence.because
+    assert (evidence.says, evidence.code) == ("clean", "fits")
 
 
 @pytest.mark.parametrize("metres", [60.0, -1.7e6])
 def test_a_single_fault_is_named_and_nothing_else(metres):
     records = scene().records(np.random.default_rng(0))
     (evidence,) = Residual().examine(shifted(records, 4, metres))[0]
-    assert evidence.says == "undecided"
-    assert str(records.observations[0].signals[4]) in evidence.because
-    assert "a fault of it, unless the others are false" in evidence.because
+    assert (evidence.says, evidence.code) == ("undecided", "single_misfit")
+    assert evidence.data["excluded"] == str(records.observations[0].signals[4])
+    assert evidence.may_also_be == ("fault", "orbits", "reflections")
 
 
 def lowest(records):
@@ -83,19 +82,18 @@ def test_satellites_farther_off_than_any_echo_have_wrong_orbits(columns):
     for k, column in enumerate(columns):
         records = shifted(records, column, (-1.0) ** k * 3e5)
     (evidence,) = Residual().examine(replace(records, sets=(replace(sky, signals=left),)))[0]
-    assert (evidence.says, evidence.may_also_be[0]) == ("undecided", "orbits")
-    assert all(signal.sat in evidence.because for signal in wrong)
-    assert not any(signal.sat in evidence.because for signal in left)
+    assert (evidence.says, evidence.code) == ("undecided", "orbits_off")
+    assert evidence.may_also_be == ("orbits", "fault")
+    assert evidence.data["far"] == tuple(sorted(signal.sat for signal in wrong))
+    assert evidence.data["least_m"] == pytest.approx(3e5, rel=1e-3)
 
 
 def test_no_single_signal_is_blamed_while_satellites_have_second_ones():
     """A channel that has been led away beside a second sky is no fault of its satellite."""
     records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     (evidence,) = Residual().examine(replace(shifted(records, 4, 60.0), sets=records.sets[:1]))[0]
-    assert evidence.says == "undecided"
-    assert "do not fit one position, and" in evidence.because
-    assert "have more than one signal" in evidence.because
-    assert "fault" not in evidence.because
+    assert (evidence.says, evidence.code) == ("undecided", "misfit_with_second_signals")
+    assert evidence.data["doubled"] == len(records.sets[1].signals)
 
 
 def test_a_mixture_is_no_single_fault():
@@ -103,8 +101,7 @@ def test_a_mixture_is_no_single_fault():
     for column, metres in ((1, 200.0), (4, 330.0), (7, -150.0), (9, 500.0)):
         records = shifted(records, column, metres)
     (evidence,) = Residual().examine(records)[0]
-    assert evidence.says == "undecided"
-    assert "no single one" in evidence.because
+    assert (evidence.says, evidence.code) == ("undecided", "misfit")
 
 
 def test_two_skies_are_an_attack():
@@ -119,8 +116,8 @@ def test_two_skies_are_an_attack():
 def test_a_false_sky_at_the_true_place_shows_by_its_time():
     late = FalseSky(shows_enu_m=(0.0, 0.0, 0.0))
     (evidence,) = Residual().examine(scene(false=(late,)).records(np.random.default_rng(0)))[0]
-    assert evidence.says == "attack"
-    assert "us" in evidence.because
+    assert (evidence.says, evidence.code) == ("attack", "several_skies")
+    assert evidence.data["times_apart_s"] > 1e-7
 
 
 def test_a_small_second_set_proves_nothing():
@@ -128,8 +125,7 @@ def test_a_small_second_set_proves_nothing():
     sky, false = records.sets
     few = replace(false, signals=false.signals[:5], statistic=1.0, dof=1)
     (evidence,) = Residual().examine(replace(records, sets=(sky, few)))[0]
-    assert evidence.says == "undecided"
-    assert "by chance" in evidence.because
+    assert (evidence.says, evidence.code, evidence.p) == ("undecided", "sets_by_chance", {})
 
 
 def test_sets_that_may_be_chance_do_not_hide_a_misfit():
@@ -202,8 +198,8 @@ def test_the_chance_of_a_second_set_falls_with_its_size_and_is_one_without():
 
 def test_four_satellites_are_too_few_to_be_clean():
     (evidence,) = Residual().examine(scene(max_satellites=4).records(np.random.default_rng(0)))[0]
-    assert evidence.says == "undecided"
-    assert "five" in evidence.would_need
+    assert (evidence.says, evidence.code) == ("undecided", "few_ranges")
+    assert evidence.data["ranged"] == 4
 
 
 @pytest.mark.parametrize("wrong", [{"false_alarm_probability": 1.0}, {"min_satellites": 4}])

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.detectors.base import Untested, missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
@@ -25,7 +25,19 @@ from skyproof.navigation.raim import GlobalTest, exclude_one, global_test
 from skyproof.navigation.search import WindowRanges, below, misfits, solve
 from skyproof.navigation.sets import window_measurements
 from skyproof.navigation.skies import Kind, by_kind
-from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
+from skyproof.records import (
+    Cause,
+    ConsistentSet,
+    Datum,
+    Finding,
+    Hypothesis,
+    NavigationData,
+    Need,
+    Observations,
+    Records,
+    SignalId,
+    SignalRef,
+)
 
 __all__ = ["PlainFix", "Residual", "ResidualSettings", "plain_fixes"]
 
@@ -33,7 +45,6 @@ _NO_ECHO_M: Final = 1e4
 """By which no reflection is late: what comes a detour of ten kilometres is far below what is tracked."""
 _ALIKE_M: Final = 200.0
 """Within which all signals of a satellite miss a place that its orbit alone is to blame for: the ionosphere, delays."""
-_MOST_NAMED: Final = 8
 
 
 @dataclass(frozen=True)
@@ -65,12 +76,14 @@ class PlainFix(NamedTuple):
     """What a receiver without protection makes of a window.
 
     signals : the first-found one of each transmission, at most one per satellite. test : of all of them together.
-    excluded : the one that has to go to make the others fit, None if none does or none has to.
+    excluded : the one that has to go to make the others fit, None if none does or none has to. p_value : of the test,
+    by the union bound over the window's fits.
     """
 
     signals: tuple[SignalId, ...]
     test: GlobalTest
     excluded: SignalId | None
+    p_value: float
 
 
 def plain_fixes(window: Observations, navigation: NavigationData, settings: ResidualSettings) -> tuple[PlainFix, ...]:
@@ -94,8 +107,7 @@ def plain_fixes(window: Observations, navigation: NavigationData, settings: Resi
         layers.setdefault(len(of_scale), []).append(np.array(list(first.values()), np.intp))
         of_scale.append(kind)
     fitted = [groups for groups in layers.values() if _spare(groups) > 0]
-    alpha = settings.false_alarm_probability / max(len(fitted), 1)
-    fixes = [_plain_fix(mean.signals, measurements, groups, alpha, settings.elevation_mask_deg) for groups in fitted]
+    fixes = [_fit_plain(mean.signals, measurements, groups, len(fitted), settings) for groups in fitted]
     return tuple(fix for fix in fixes if fix is not None)
 
 
@@ -104,13 +116,20 @@ def _spare(groups: Sequence[Indices]) -> int:
     return sum(rows.size for rows in groups) - len(groups) - 3
 
 
-def _plain_fix(
-    signals: Sequence[SignalId], measurements: WindowRanges, groups: Sequence[Indices], alpha: float, mask_deg: float
+def _fit_plain(
+    signals: Sequence[SignalId],
+    measurements: WindowRanges,
+    groups: Sequence[Indices],
+    tests: int,
+    settings: ResidualSettings,
 ) -> PlainFix | None:
-    """Of rows in groups with a clock each; None where no position comes out, or too few stand above the mask."""
-    state_m = _state(measurements, groups)
+    """Fit rows in groups with a clock each; None where no position comes out, or too few stand above the mask.
+
+    tests : fits of the window, which share the false-alarm probability.
+    """
+    state_m, alpha = _state(measurements, groups), settings.false_alarm_probability / tests
     if np.all(np.isfinite(state_m)):
-        low = find_low(state_m[:3], measurements.satellite_ecef_m, mask_deg)
+        low = find_low(state_m[:3], measurements.satellite_ecef_m, settings.elevation_mask_deg)
         groups = [high for rows in groups if (high := rows[~low[rows]]).size]
         if _spare(groups) <= 0:
             return None
@@ -119,13 +138,13 @@ def _plain_fix(
         return None
     rows = np.concatenate(groups)
     test, worst = _tested(measurements, groups, state_m, alpha)
-    used = tuple(signals[row] for row in rows)
+    used, p_value = tuple(signals[row] for row in rows), min(1.0, tests * float(test.p_value))
     if test.consistent or worst < 0:
-        return PlainFix(used, test, None)
+        return PlainFix(used, test, None, p_value)
     # Solved anew: from a fit that a fault drew off by kilometres, what one row would change is not linear.
     others = [left for group in groups if (left := group[group != rows[worst]]).size]
     fits = bool(_tested(measurements, others, _state(measurements, others), alpha)[0].consistent)
-    return PlainFix(used, test, used[worst] if fits else None)
+    return PlainFix(used, test, used[worst] if fits else None, p_value)
 
 
 def _tested(
@@ -153,7 +172,7 @@ def _clocks(groups: Sequence[Indices]) -> Reals:
 
 
 class Residual:
-    """The detector: one Evidence per receiver and window."""
+    """The detector: one finding per receiver and window."""
 
     name = "residual"
     needs = (Need.OBSERVATIONS, Need.NAVIGATION)
@@ -161,129 +180,93 @@ class Residual:
     def __init__(self, settings: ResidualSettings | None = None) -> None:
         self.settings = settings or ResidualSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.ONE_POSITION)
+        lacking = report.name_missing()
         if lacking or records.navigation is None:
             return lacking, state
-        return [self._receiver(records, records.navigation, o) for o in records.observations], state
+        return [self._test_receiver(report, records.navigation, o) for o in records.observations], state
 
-    def _receiver(self, records: Records, navigation: NavigationData, observations: Observations) -> Evidence:
-        every = tuple(SignalRef(observations.receiver, signal) for signal in observations.signals)
-        own = [s for s in records.sets if s.receiver == observations.receiver]
-        sets = tuple(
-            s for s in without_late_copies(observations, own) if len(s.signals) >= self.settings.min_satellites
-        )
-        if observations.gpst.size == 0:
-            return undecided(
-                self,
-                records,
-                every,
-                code="no_epochs",
-                because=f"no epoch of {observations.receiver} lies in the window",
-                would_need="measurements over the window",
-            )
-        several = self._several_skies(records, observations, sets) if len(sets) >= 2 else None
-        if several is not None and several.says == "attack":
+    def _test_receiver(self, report: Reporter, navigation: NavigationData, o: Observations) -> Finding:
+        every = signals_of((o,))
+        if o.gpst.size == 0:
+            return report.pass_over(every, NotTested("no_epochs"))
+        received = [s for s in report.records.sets if s.receiver == o.receiver]
+        sets = tuple(s for s in without_late_copies(o, received) if len(s.signals) >= self.settings.min_satellites)
+        several = self._test_several_skies(report, o, sets) if len(sets) >= 2 else None
+        if several is not None and several.p:
             return several
-        plain = plain_fixes(observations, navigation, self.settings)
+        plain = plain_fixes(o, navigation, self.settings)
         if several is not None and all(fix.test.consistent for fix in plain):
             return several
         if not plain:
-            return undecided(self, records, every, **_explain_no_fit(observations, navigation, self.settings)._asdict())
-        return self._one_sky(records, observations, plain)
+            return report.pass_over(every, _explain_no_fit(o, navigation, self.settings))
+        return self._test_one_sky(report, o, plain)
 
-    def _several_skies(self, records: Records, observations: Observations, sets: tuple[ConsistentSet, ...]) -> Evidence:
+    def _test_several_skies(self, report: Reporter, o: Observations, sets: tuple[ConsistentSet, ...]) -> Finding:
+        """Return two skies or more, or that unrelated signals form as many sets by chance."""
         p_value = second_sky_p_value(
-            observations,
+            o,
             sets,
             unrelated_spread_m=self.settings.unrelated_spread_m,
             multipath_sigma_m=self.settings.multipath_sigma_m,
         )
-        subject = tuple(SignalRef(observations.receiver, signal) for s in sets for signal in s.signals)
-        sizes = " and ".join(str(len(s.signals)) for s in sets)
-        far_m = max(float(np.linalg.norm(s.position_ecef_m - sets[0].position_ecef_m)) for s in sets[1:])
-        because = f"{sizes} signals in {observations.receiver} fit positions up to {far_m:.0f} m apart"
+        signals = tuple(SignalRef(o.receiver, signal) for s in sets for signal in s.signals)
         kinds = {signal.kind for signal in sets[0].signals}
-        off_s = [s.clock_of_s(kind) - sets[0].clock_of_s(kind) for kind in sorted(kinds) for s in sets[1:]]
-        if late := [abs(value) for value in off_s if np.isfinite(value)]:
-            because += f", and times {max(late) * 1e6:.2f} us ({max(late) * SPEED_OF_LIGHT_M_S:.0f} m) apart"
+        off_s = [float(s.clock_of_s(kind) - sets[0].clock_of_s(kind)) for kind in kinds for s in sets[1:]]
+        data: dict[str, Datum] = {
+            "sizes": tuple(float(len(s.signals)) for s in sets),
+            "apart_m": max(float(np.linalg.norm(s.position_ecef_m - sets[0].position_ecef_m)) for s in sets[1:]),
+        }
+        if known_s := [abs(value) for value in off_s if np.isfinite(value)]:
+            data["times_apart_s"] = max(known_s)
         if p_value >= self.settings.false_alarm_probability:
-            return undecided(
-                self,
-                records,
-                subject,
-                code="sets_by_chance",
-                because=f"{because}, which unrelated signals do as well by chance",
-                would_need="more satellites with a second signal",
-            )
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=subject,
-            says="attack",
-            because=because,
-            p_value=p_value,
-            false_alarm_probability=self.settings.false_alarm_probability,
-        )
+            return report.pass_over(signals, NotTested("sets_by_chance", data))
+        return report.find(signals, "several_skies", {Cause.CLEAN: p_value, Cause.REFLECTIONS: p_value}, data=data)
 
-    def _one_sky(self, records: Records, observations: Observations, plain: Sequence[PlainFix]) -> Evidence:
-        receiver, worst = observations.receiver, min(plain, key=lambda fix: float(fix.test.p_value))
-        test, fits = worst.test, bool(worst.test.consistent)
+    def _test_one_sky(self, report: Reporter, o: Observations, plain: Sequence[PlainFix]) -> Finding:
+        worst = min(plain, key=lambda fix: float(fix.test.p_value))
+        fits = bool(worst.test.consistent)
+        code, causes, data = ("fits", (), {}) if fits else _explain_misfit(report.records, o, worst, self.settings)
         signals = [signal for fix in (plain if fits else [worst]) for signal in fix.signals]
-        n = len({signal.sat for signal in signals})
-        because = f"{n} satellites in {receiver} {'fit' if fits else 'do not fit'} one position"
-        far = () if fits else _far_off(records, observations, self.settings)
-        if not fits:
-            because += _orbits(far) if far else _blame(worst, _doubled(observations))
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=tuple(SignalRef(receiver, signal) for signal in signals),
-            says="clean" if fits else "undecided",
-            because=because,
-            statistic=float(test.statistic),
-            threshold=float(test.threshold),
-            false_alarm_probability=self.settings.false_alarm_probability,
-            p_value=min(1.0, len(plain) * float(test.p_value)),
-            would_need=None if fits else "another receiver, or both signals of the satellites that have two",
-            may_also_be=() if fits else ("orbits", "fault") if far else ("fault", "orbits", "reflections"),
+        statistic = {"statistic": float(worst.test.statistic), "threshold": float(worst.test.threshold)}
+        return report.find(
+            tuple(SignalRef(o.receiver, signal) for signal in signals),
+            code,
+            {Cause.CLEAN: worst.p_value, **leave_open(causes)},
+            data={**data, **statistic},
         )
 
 
-def _explain_no_fit(observations: Observations, navigation: NavigationData, settings: ResidualSettings) -> Untested:
-    """Say which of ranges, orbits, satellites above the mask and satellites of one system there are too few of."""
-    receiver = observations.receiver
+def _explain_no_fit(observations: Observations, navigation: NavigationData, settings: ResidualSettings) -> NotTested:
+    """Return which of ranges, orbits, satellites above the mask and satellites of one system there are too few of."""
     there = np.isfinite(observations.pseudorange_m).mean(axis=0) >= 0.5
     ranged = {signal.sat for signal, kept in zip(observations.signals, there, strict=True) if kept}
     known = {sat for sat in ranged if navigation.best(sat, observations.gpst[observations.gpst.size // 2]) is not None}
-    needed = "a position with a satellite to spare takes five, and one more for each further kind of signal"
     if len(ranged) < 5:
-        return Untested(
-            code="few_ranges",
-            because=f"{len(ranged)} satellites in {receiver} have pseudoranges for half of the window: {needed}",
-            would_need="five or more satellites with pseudoranges",
-        )
+        return NotTested("few_ranges", {"ranged": len(ranged)})
     if len(known) < 5:
-        return Untested(
-            code="few_orbits",
-            because=f"the orbits of {len(known)} of {len(ranged)} satellites in {receiver} are known: {needed}",
-            would_need="orbits of these satellites at this time: a navigation file of the day",
-        )
+        return NotTested("few_orbits", {"known": len(known), "ranged": len(ranged)})
     if plain_fixes(observations, navigation, replace(settings, elevation_mask_deg=RECEIVED_FROM_DEG)):
-        return Untested(
-            code="few_above_mask",
-            because=f"too few of {len(known)} satellites in {receiver} stand above the elevation mask of "
-            f"{settings.elevation_mask_deg:g} degrees: {needed}",
-            would_need="a lower elevation_mask_deg",
-        )
-    return Untested(
-        code="no_position",
-        because=f"the {len(known)} satellites in {receiver} give no position: {needed}",
-        would_need="more satellites of one system",
-    )
+        return NotTested("few_above_mask", {"known": len(known), "mask_deg": settings.elevation_mask_deg})
+    return NotTested("no_position", {"known": len(known)})
+
+
+def _explain_misfit(
+    records: Records, observations: Observations, plain: PlainFix, settings: ResidualSettings
+) -> tuple[str, tuple[Cause, ...], dict[str, Datum]]:
+    """Return the code of a misfit, its benign causes and data. A single signal is to blame only if nothing speaks for
+    more."""
+    if far := _far_off(records, observations, settings):
+        data: dict[str, Datum] = {"far": tuple(sat for sat, _ in far), "least_m": min(abs(m) for _, m in far)}
+        return "orbits_off", (Cause.ORBITS, Cause.FAULT), data
+    causes = Cause.FAULT, Cause.ORBITS, Cause.REFLECTIONS
+    if doubled := _doubled(observations):
+        return "misfit_with_second_signals", causes, {"doubled": doubled}
+    if plain.excluded is not None:
+        return "single_misfit", causes, {"excluded": str(plain.excluded)}
+    return "misfit", causes, {}
 
 
 def _far_off(records: Records, observations: Observations, settings: ResidualSettings) -> tuple[tuple[str, float], ...]:
@@ -312,22 +295,6 @@ def _far_off(records: Records, observations: Observations, settings: ResidualSet
         by_sat.setdefault(signal.sat, []).append(float(misfit_m[0]))
     alike = {sat: float(np.median(m)) for sat, m in by_sat.items() if np.ptp(m) <= _ALIKE_M}
     return tuple(sorted((sat, m) for sat, m in alike.items() if abs(m) > _NO_ECHO_M))
-
-
-def _orbits(far: Sequence[tuple[str, float]]) -> str:
-    sats = ", ".join(sat for sat, _ in far[:_MOST_NAMED]) + (" and others" if len(far) > _MOST_NAMED else "")
-    least_m = min(abs(m) for _, m in far)
-    return f"; {sats} miss that of the others by {least_m / 1e3:.0f} km or more, as with a wrong orbit or clock"
-
-
-def _blame(plain: PlainFix, doubled: int) -> str:
-    """What may be wrong where measurements do not fit: of one signal only if nothing speaks for more."""
-    if doubled:
-        have = "has" if doubled == 1 else "have"
-        return f", and {doubled} of them {have} more than one signal: true and false ones may be mixed"
-    if plain.excluded is not None:
-        return f"; without {plain.excluded} they do: a fault of it, unless the others are false"
-    return ", and no single one is to blame: several faults, or true and false signals mixed"
 
 
 def _doubled(observations: Observations) -> int:

@@ -19,14 +19,26 @@ from typing import Any
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.base import missing, signals_of, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
 from skyproof.detectors.second_signals.late_copies import MOST_LATE_M, WEAKER_DB
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.sky import azimuth_elevation
-from skyproof.records import ConsistentSet, Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef
+from skyproof.records import (
+    Cause,
+    ConsistentSet,
+    Datum,
+    Finding,
+    Hypothesis,
+    NavigationData,
+    Need,
+    Observations,
+    Records,
+    SignalId,
+    SignalRef,
+)
 from skyproof.statistics.many_small import many_small
 
 __all__ = ["FoundSecondSignals", "SecondSignals", "SecondSignalsSettings", "elevation_rad", "find_second_signals"]
@@ -95,13 +107,15 @@ class FoundSecondSignals:
 
     seconds : of each of the doubled, its second signals beside the one that is taken for the direct one.
     repeated : signals later and weaker than the strongest of their transmission, by a delay that several satellites
-        share; so these do not make a satellite count as doubled.
+        share; so these do not make a satellite count as doubled. repeated_by_chance : chance that so many delays of
+        echoes agree.
     """
 
     sats: tuple[str, ...]
     seconds: Mapping[str, tuple[Second, ...]]
     unknown: tuple[str, ...]
     repeated: tuple[SignalId, ...]
+    repeated_by_chance: float = 1.0
 
     @property
     def doubled(self) -> tuple[str, ...]:
@@ -122,7 +136,7 @@ def find_second_signals(observations: Observations, settings: SecondSignalsSetti
     best_dbhz = max((level_dbhz[channels[0]] for channels in ordered.values()), default=np.nan)
     beside = {name: _beside(observations, own, level_dbhz, best_dbhz, settings) for name, own in ordered.items()}
     twice = sorted(name for name, (seconds, _) in beside.items() if seconds)
-    repeated = _repeated(observations, {name: sent[name] for name in twice}, level_dbhz, settings)
+    repeated, by_chance = _find_repeated(observations, {name: sent[name] for name in twice}, level_dbhz, settings)
     doubled = sorted(set(twice) - {signal.transmission for signal in repeated})
     sats = sorted({sat for sat, *_ in doubled})
     return FoundSecondSignals(
@@ -130,16 +144,18 @@ def find_second_signals(observations: Observations, settings: SecondSignalsSetti
         seconds={sat: tuple(s for name in doubled if name[0] == sat for s in beside[name][0]) for sat in sats},
         unknown=tuple(sorted({sat for (sat, *_), (_, known) in beside.items() if not known} - set(sats))),
         repeated=repeated,
+        repeated_by_chance=by_chance,
     )
 
 
-def _repeated(
+def _find_repeated(
     observations: Observations,
     doubled: Mapping[_Transmission, list[int]],
     level_dbhz: Reals,
     settings: SecondSignalsSettings,
-) -> tuple[SignalId, ...]:
-    """Second signals of transmissions with two, later and weaker, whose delays agree: a late copy of the whole sky.
+) -> tuple[tuple[SignalId, ...], float]:
+    """Find second signals of transmissions with two, later and weaker, whose delays agree: a late copy of the whole
+    sky; and the chance that echoes do so.
 
     That k of n delays, anywhere up to `MOST_LATE_M`, lie within a width has a chance of at most C(n, k) k times the
     (k - 1)th power of the width's share of that (of k places one is the first, and the others follow it).
@@ -158,14 +174,14 @@ def _repeated(
             variance = np.sum(thermal_m**2) / known.sum() ** 2 + 2.0 * settings.multipath_sigma_m**2
             late[other] = float(np.mean(difference_m[known])), float(np.sqrt(variance))
     if len({observations.signals[c].sat for c in late}) < 2:
-        return ()
+        return (), 1.0
     common_m = float(np.median([delay_m for delay_m, _ in late.values()]))
     agreeing = [c for c, (delay_m, sigma_m) in late.items() if abs(delay_m - common_m) < SAME_DELAY * sigma_m]
     if len({observations.signals[c].sat for c in agreeing}) < 2:
-        return ()
+        return (), 1.0
     width = 2.0 * SAME_DELAY * max(late[c][1] for c in agreeing) / MOST_LATE_M
     by_chance = comb(len(late), len(agreeing)) * len(agreeing) * width ** (len(agreeing) - 1)
-    return tuple(observations.signals[c] for c in agreeing) if by_chance < BY_CHANCE else ()
+    return (tuple(observations.signals[c] for c in agreeing), by_chance) if by_chance < BY_CHANCE else ((), by_chance)
 
 
 def _in_order(
@@ -222,7 +238,7 @@ def elevation_rad(navigation: NavigationData | None, sets: Sequence[ConsistentSe
 
 
 class SecondSignals:
-    """The detector: one Evidence per receiver and window."""
+    """The detector: one finding per receiver and window, and one more of a late copy of the sky."""
 
     name = "second_signals"
     needs = (Need.OBSERVATIONS,)
@@ -230,99 +246,75 @@ class SecondSignals:
     def __init__(self, settings: SecondSignalsSettings | None = None) -> None:
         self.settings = settings or SecondSignalsSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
-        return lacking or [e for o in records.observations for e in self._receiver(records, o)], state
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.ONE_SKY)
+        return report.name_missing() or [
+            finding for o in records.observations for finding in self._test_receiver(report, o)
+        ], state
 
-    def _receiver(self, records: Records, observations: Observations) -> list[Evidence]:
-        found = find_second_signals(observations, self.settings)
-        late = [self._late(records, observations, found)] if found.repeated else []
-        return [self._count(records, observations, found), *late]
+    def _test_receiver(self, report: Reporter, o: Observations) -> list[Finding]:
+        found = find_second_signals(o, self.settings)
+        return [self._count(report, o, found), *([self._report_late_copy(report, o, found)] if found.repeated else [])]
 
-    def _late(self, records: Records, observations: Observations, found: FoundSecondSignals) -> Evidence:
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            says="multipath",
-            subject=tuple(SignalRef(observations.receiver, signal) for signal in found.repeated),
-            because=f"{len(found.repeated)} satellites in {observations.receiver} have a second signal, weaker and "
-            "later by the same delay: a repeater or a reflector, which shows no other place",
-            false_alarm_probability=self.settings.false_alarm_probability,
+    def _report_late_copy(self, report: Reporter, o: Observations, found: FoundSecondSignals) -> Finding:
+        """Return a late copy of the sky: nothing but a reflector or a repeater makes echoes whose delays agree."""
+        return report.find(
+            tuple(SignalRef(o.receiver, signal) for signal in found.repeated),
+            "late_copy",
+            {Cause.CLEAN: found.repeated_by_chance, **leave_open((Cause.REFLECTIONS,))},
+            alpha=BY_CHANCE,
+            singled_out=True,
         )
 
-    def _count(self, records: Records, observations: Observations, found: FoundSecondSignals) -> Evidence:
-        if not np.isfinite(observations.cn0_dbhz).any():
-            return undecided(
-                self,
-                records,
-                signals_of((observations,)),
-                code="no_cn0",
-                would_need="C/N0 of the signals: of an observation file the types that begin with S",
-                because=f"{observations.receiver} gives no C/N0, without which no signal is known to be credible",
-            )
-        n, model, alpha = len(found.sats), self.settings.echoes, self.settings.false_alarm_probability
-        sets = [s for s in records.sets if s.receiver == observations.receiver]
-        least_p = {
-            sat: min(
-                _p_value(model, one._replace(elevation_rad=elevation_rad(records.navigation, sets, sat))) for one in own
-            )
-            for sat, own in found.seconds.items()
-        }
-        none = [1.0] * (n - len(least_p))
+    def _count(self, report: Reporter, o: Observations, found: FoundSecondSignals) -> Finding:
+        """Return whether more satellites have a second signal than echoes explain."""
+        if not np.isfinite(o.cn0_dbhz).any():
+            return report.pass_over(signals_of((o,)), NotTested("no_cn0"))
+        n, alpha = len(found.sats), self.settings.false_alarm_probability
         if n < LEAST:
-            return undecided(
-                self,
-                records,
-                signals_of((observations,)),
-                code="few_satellites",
-                would_need="more satellites in view",
-                because=f"{n} satellites with a signal of {self.settings.min_cn0_dbhz:g} dB-Hz or more are too few",
-            )
+            few: dict[str, Datum] = {"satellites": n, "min_cn0_dbhz": self.settings.min_cn0_dbhz}
+            return report.pass_over(signals_of((o,)), NotTested("few_satellites", few))
+        least_p = self._test_satellites(report.records, o, found)
+        none = [1.0] * (n - len(least_p))
         test = many_small([*least_p.values(), *none], least=LEAST, most=MOST)
         worst = [self.settings.unexplained_probability] * len(found.unknown)
-        if (
-            test.p_value
-            >= alpha
-            > many_small([*least_p.values(), *worst, *none[len(worst) :]], least=LEAST, most=MOST).p_value
-        ):
-            return undecided(
-                self,
-                records,
-                _signals(observations, found.sats),
-                because=f"of {len(found.unknown)} satellites with two signals the delay between them is not known yet",
-                code="delay_unknown",
-                would_need="6 s more of signal to decode the time of week, or a navigation file",
+        at_worst = many_small([*least_p.values(), *worst, *none[len(worst) :]], least=LEAST, most=MOST)
+        if test.p_value >= alpha > at_worst.p_value:
+            return report.pass_over(
+                _signals(o, found.sats), NotTested("delay_unknown", {"unknown": len(found.unknown)})
             )
-        attack = test.p_value < alpha
-        telling = sorted(least_p, key=lambda sat: least_p[sat])[: test.how_many]
-        words = f"{len(found.doubled)} of {n} satellites in {observations.receiver} have a second credible signal"
-        if attack:
-            often = max(least_p[sat] for sat in telling)
-            words += (
-                f"; what {test.how_many} of them have, echoes make of a satellite once in {_rounded(1.0 / often)} cases"
-            )
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=_signals(observations, tuple(telling) if attack else found.sats),
-            says="attack" if attack else "clean",
-            because=words,
-            statistic=max(0.0, -float(np.log10(test.p_value))),
-            threshold=float(-np.log10(alpha)),
-            false_alarm_probability=alpha,
-            p_value=test.p_value,
+        data: dict[str, Datum] = {
+            "doubled": len(found.doubled),
+            "satellites": n,
+            "statistic": max(0.0, -float(np.log10(test.p_value))),
+            "threshold": float(-np.log10(alpha)),
+        }
+        sats, attacked = found.sats, test.p_value < alpha
+        if attacked:
+            sats = tuple(sorted(least_p, key=lambda sat: least_p[sat])[: test.how_many])
+            data |= {"unlike_echoes": len(sats), "of_echoes": max(least_p[sat] for sat in sats)}
+        return report.find(
+            _signals(o, sats),
+            "unlike_echoes" if attacked else "like_echoes",
+            {Cause.CLEAN: test.p_value, Cause.REFLECTIONS: test.p_value},
+            data=data,
         )
+
+    def _test_satellites(self, records: Records, o: Observations, found: FoundSecondSignals) -> dict[str, float]:
+        """Return of each satellite with second signals the p-value of the most telling, if it is an echo."""
+        model, sets = self.settings.echoes, [s for s in records.sets if s.receiver == o.receiver]
+        return {
+            sat: min(
+                _p_value(model, second._replace(elevation_rad=elevation_rad(records.navigation, sets, sat)))
+                for second in seconds
+            )
+            for sat, seconds in found.seconds.items()
+        }
 
 
 def _p_value(model: EchoModel, second: Second) -> float:
     return echo_p_value(model, false_over_echo(model, second), second.below_db, second.elevation_rad)
-
-
-def _rounded(number: float) -> str:
-    return f"{float(f'{number:.2g}'):.0f}"
 
 
 def _signals(observations: Observations, sats: tuple[str, ...]) -> tuple[SignalRef, ...]:
