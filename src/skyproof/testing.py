@@ -6,14 +6,15 @@
         scene = MeasuredScene(epochs=10)                     # a true sky over two receivers
         check_detector(MyDetector, scene.records, np.random.default_rng(1))
 
-The contract: a detector declares itself, takes settings, gives evidence that can be used, states what it lacks, leaves
-its inputs alone, gives the same for the same input and for channels in another order, gives in pieces what it gives in
-one run, and raises false alarms at the rate that it states: not more, and not fewer without a reason. Each check raises
-AssertionError with what was found.
+The contract: a detector declares itself, takes settings, gives findings that can be used, in numbers and without
+words, states what it lacks, leaves its inputs alone, gives the same for the same input and for channels in another
+order, gives in pieces what it gives in one run, with a state that does not grow, and raises false alarms at the rate
+that it states: not more, and not fewer without a reason. Its p-values are uniform under their null, on both sides,
+unless there is a reason for larger ones. Each check raises AssertionError with what was found.
 """
 
 import pickle
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from typing import Any
 
@@ -36,6 +37,7 @@ from skyproof.records import (
     CellStatus,
     ConsistentSet,
     Ephemeris,
+    Finding,
     NavigationData,
     Need,
     Observations,
@@ -48,6 +50,7 @@ __all__ = [
     "FalseSky",
     "MeasuredScene",
     "TrackErrors",
+    "check_bounded_state",
     "check_channel_order",
     "check_declarations",
     "check_detector",
@@ -55,12 +58,15 @@ __all__ = [
     "check_false_alarms",
     "check_inputs_untouched",
     "check_missing_named",
+    "check_no_words",
     "check_pieces",
     "check_repeatable",
     "check_takes_settings",
 ]
 
 ALARMS = ("spoofed", "attack")
+MOST_WORDS = 5
+"""In a text of a finding's data: a name, a signal, an instant."""
 
 
 # The contract ---------------------------------------------------------------------------------------------------------
@@ -97,10 +103,12 @@ def check_detector(
     check_missing_named(detector, examples[0])
     for records in examples:
         check_evidence(make, records)
+        check_no_words(make, records)
         check_inputs_untouched(make, records)
         check_repeatable(make, records)
         check_channel_order(make, records, rng)
     check_pieces(make, examples)
+    check_bounded_state(make, examples)
     check_false_alarms(make, (null_records(rng) for _ in range(windows)), alarms=alarms, conservative=conservative)
 
 
@@ -136,6 +144,47 @@ def check_evidence(make: Callable[[], Detector], records: Records) -> None:
     detector = make()
     fault = evidence_fault(detector, records, detector.examine(records))
     assert fault is None, f"{detector.name}: {fault}"
+
+
+def check_no_words(make: Callable[[], Detector], records: Records) -> None:
+    """A finding has a code and data without sentences, which `skyproof.explain` or the detector's `sentences` hold."""
+    detector = make()
+    for finding in detector.examine(records)[0]:
+        if isinstance(finding, Finding):
+            texts = [finding.code, *(text for value in finding.data.values() for text in _texts(value))]
+            wordy = [text for text in texts if len(text.split()) > MOST_WORDS]
+            assert not wordy, f"{detector.name} puts words in a finding: {wordy[0]!r}; give a code and data"
+            assert finding.code.isidentifier(), f"{detector.name} has the code {finding.code!r}, expected an identifier"
+
+
+def _texts(value: object) -> list[str]:
+    values = value if isinstance(value, tuple) else (value,)
+    return [text for text in values if isinstance(text, str)]
+
+
+def check_bounded_state(make: Callable[[], Detector], windows: Sequence[Records], *, rounds: int = 6) -> None:
+    """The state that a detector keeps does not grow with time: after many windows it is as large as after a few."""
+    detector, state, sizes = make(), None, list[int]()
+    for number in range(rounds * len(windows)):
+        _, state = detector.examine(_delay(windows[number % len(windows)], number), state)
+        sizes.append(len(pickle.dumps(state)))
+    half = len(sizes) // 2
+    early, late = max(sizes[:half]), max(sizes[half:])
+    assert late <= 1.2 * early + 200, f"{detector.name}: its state grows from {early} to {late} octets"
+
+
+def _delay(records: Records, number: int) -> Records:
+    """Return the records as of so many windows later."""
+    by = number * (records.end_gpst - records.start_gpst)
+    by_s = float(by / np.timedelta64(1, "s"))
+
+    def later(measured: Any) -> Any:
+        times = {"gpst": by, "elapsed_s": by_s, "found_elapsed_s": by_s, "missed_elapsed_s": by_s}
+        return replace(measured, **{n: getattr(measured, n) + t for n, t in times.items() if hasattr(measured, n)})
+
+    sets = tuple(replace(s, gpst=s.gpst + by) for s in records.sets)
+    moved = _each_measured(records, later)
+    return replace(moved, start_gpst=records.start_gpst + by, end_gpst=records.end_gpst + by, sets=sets)
 
 
 def check_missing_named(detector: Detector, records: Records) -> None:
@@ -204,8 +253,9 @@ def check_false_alarms(
     conservative: str | None = None,
     significance: float = 1e-4,
 ) -> tuple[int, int, float]:
-    """Count false alarms against the stated rates (`Evidence.false_alarm_probability`), two-sided unless
-    `conservative`; and where nothing but alarms and "clean" is said, whether p-values are too often below 0.1 or 0.5.
+    """Count false alarms against the stated rates (`Finding.alpha`), two-sided unless `conservative`.
+
+    Where nothing but alarms and "clean" is said, p-values are counted below 0.1 and 0.5 as well, likewise.
 
     Returns
     -------
@@ -235,7 +285,10 @@ def check_false_alarms(
     if words <= {*alarms, "clean"}:
         for limit in (0.1, 0.5):
             below = sum(p <= limit for p in p_values)
-            chance = float(binomial_survival(below, len(p_values), limit)) if p_values else 1.0
+            if conservative is not None or not p_values:
+                chance = float(binomial_survival(below, len(p_values), limit)) if p_values else 1.0
+            else:
+                chance = binomial_two_sided(below, len(p_values), limit)
             assert chance >= significance, (
                 f"{detector.name}: {below} of {len(p_values)} p-values of a true null are not above {limit}; "
                 f"the chance of this is {chance:.1g}"

@@ -127,7 +127,11 @@ class Reporter:
         data: Mapping[str, Datum] | None = None,
         **more: Any,
     ) -> Finding:
-        """Return a finding of this window. more : `singled_out`, `estimates`, `dated_gpst`."""
+        """Return a finding of this window. more : `singled_out`, `estimates`, `dated_gpst`.
+
+        A cause that does nothing is a clean sky: no p-value is less than that.
+        """
+        clean = p.get(Cause.CLEAN, 0.0)
         return Finding(
             detector=self.detector.name,
             start_gpst=self.records.start_gpst,
@@ -135,7 +139,7 @@ class Reporter:
             signals=signals,
             hypothesis=hypothesis or self.hypothesis,
             code=code,
-            p=p,
+            p={cause: max(value, clean) for cause, value in p.items()},
             alpha=self.detector.settings.false_alarm_probability if alpha is None else alpha,
             data=data or {},
             **more,

@@ -142,6 +142,10 @@ def _finding_fault(one: Finding, there: set[SignalRef]) -> str | None:
     for cause, p in one.p.items():
         if not (isfinite(p) and 0.0 <= p <= 1.0):
             return f"p of {cause} is {p}, expected 0 to 1"
+    least = one.p.get(Cause.CLEAN, 0.0)
+    for cause, p in one.p.items():
+        if p < least:
+            return f"p of {cause} is {p:.3g}, less than {least:.3g} of clean, which is a case of it"
     if one.p and (one.alpha is None or not 0.0 < one.alpha <= 1.0):
         return f"alpha is {one.alpha}, expected more than 0 and at most 1"
     return None
