@@ -7,7 +7,7 @@ import pytest
 
 from skyproof.detectors.torn.detector import Torn, TornSettings
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import CellStatus, Records
+from skyproof.records import Cause, CellStatus, Records
 from skyproof.testing import MeasuredScene, TrackErrors
 
 RATE = 1e-7
@@ -64,6 +64,10 @@ def test_strays_of_many_satellites_are_found_and_dated(seed) -> None:
     found = examine(torn(seed, satellites=8, epochs=range(12, 20)))
     assert [e.failed for e in found] == [False, True, False]
     assert found[1].dated_gpst == clean(seed).observations[0].gpst[12]
+    assert [(e.code, e.data["by"]) for e in found] == [("whole", "codes"), ("torn", "codes"), ("whole", "codes")]
+    assert (found[1].says, found[1].overrules) == ("undecided", True)
+    assert found[1].may_also_be == (Cause.INTERFERENCE, Cause.FAULT)
+    assert {ref.signal.sat for ref in found[1].signals} == set(found[1].data["sats"])
 
 
 def test_few_satellites_at_a_time_are_judged_by_the_last_good_fix() -> None:

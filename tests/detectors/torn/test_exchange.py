@@ -7,7 +7,7 @@ import pytest
 
 from skyproof.detectors.torn.detector import Torn, TornSettings
 from skyproof.detectors.torn.exchange import EXCHANGED_MAX, WEAK_DBHZ, ExchangePast, examine_exchange
-from skyproof.records import Observations, Records
+from skyproof.records import Cause, Observations, Records
 from skyproof.testing import MeasuredScene, TrackErrors
 
 SCENE = MeasuredScene(
@@ -59,7 +59,7 @@ def test_a_torn_receiver_is_found_and_dated(seed) -> None:
     assert abs((found[-1].began - o.gpst[23]) / np.timedelta64(1, "s")) <= 2.0
 
 
-def test_its_words_date_it_and_name_shade() -> None:
+def test_its_finding_is_dated_and_names_shade() -> None:
     records = scene()
     (o,) = records.observations
     o = with_tracked(o, few(np.random.default_rng(0), o.status.shape, 23))
@@ -68,7 +68,8 @@ def test_its_words_date_it_and_name_shade() -> None:
         (evidence,), state = detector.examine(replace(records, observations=(o.read(first, first + 10),)), state)
         failed += [evidence] if evidence.failed else []
     assert failed
-    assert all(e.may_also_be[0] == "shade" and e.says == "undecided" for e in failed)
+    assert {(e.code, e.says, e.data["by"]) for e in failed} == {("torn", "undecided", "exchange")}
+    assert {e.may_also_be for e in failed} == {(Cause.SHADE, Cause.INTERFERENCE, Cause.FAULT)}
     assert failed[0].dated_gpst < o.gpst[26]
 
 

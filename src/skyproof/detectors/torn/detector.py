@@ -13,14 +13,13 @@ the last good fix is taken off: no farther than the largest speed leads, nor tha
 where the last velocity does.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.code_motion.detector import primary_signals
 from skyproof.detectors.torn.exchange import Exchange, ExchangePast, examine_exchange
 from skyproof.errors import require_probability
@@ -29,10 +28,12 @@ from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.records import (
-    CauseName,
+    Cause,
     CellStatus,
-    Evidence,
+    Datum,
+    Finding,
     FixStatus,
+    Hypothesis,
     NavigationData,
     Need,
     Observations,
@@ -52,7 +53,6 @@ _FAULT_RATE: Final = 1e-4  # at which measurements that do not fit are left out 
 _LEAST_DOF: Final = 2  # of a fix by which others are judged
 _SIGMAS: Final = 5.0  # that a velocity by two fixes is off at most
 _OPEN_M_S: Final = 1e9  # faster than anything
-_NAMED: Final = 6
 
 
 @dataclass(frozen=True)
@@ -124,9 +124,10 @@ class Torn:
     def __init__(self, settings: TornSettings | None = None) -> None:
         self.settings = settings or TornSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Return the evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.WHOLE_TRACKING)
+        lacking = report.name_missing()
         if lacking or records.navigation is None:
             return lacking, state
         pasts: dict[str, _Past] = dict(state or {})
@@ -135,13 +136,14 @@ class Torn:
             before = pasts.get(o.receiver)
             if before is None or before.end_s >= o.elapsed_s[0]:  # the first window, or another recording
                 before = _Past(end_s=-np.inf, anchor=None, exchange=ExchangePast())
-            evidence, pasts[o.receiver] = self._receiver(records, records.navigation, o, before)
-            found.append(evidence)
+            finding, pasts[o.receiver] = self._test_receiver(report, records.navigation, o, before)
+            found.append(finding)
         return found, pasts
 
-    def _receiver(
-        self, records: Records, navigation: NavigationData, o: Observations, before: _Past
-    ) -> tuple[Evidence, _Past]:
+    def _test_receiver(
+        self, report: Reporter, navigation: NavigationData, o: Observations, before: _Past
+    ) -> tuple[Finding, _Past]:
+        """Test strays and exchanged satellites of a receiver; return what is remembered of it."""
         exchange, after = examine_exchange(o, before.exchange)
         signals = primary_signals(o)
         strays, anchor = (None, before.anchor)
@@ -151,14 +153,9 @@ class Torn:
         tests = [test.p_value for test in (strays, exchange) if test is not None]
         p_value = min(1.0, len(tests) * min(tests, default=1.0))
         if strays is not None or p_value < self.settings.false_alarm_probability:
-            return self._judged(records, o, strays, exchange, p_value), past
-        subject = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
-        because = f"a satellite is received twice in {o.receiver}: which codes belong together is open"
-        need, code = "one signal of each satellite", "received_twice"
-        if signals is not None:
-            because = f"no epoch of {o.receiver} so far has a position with two satellites to spare"
-            need, code = "six or more satellites with pseudoranges and orbits", "no_good_fix"
-        return undecided(self, records, subject, because=because, would_need=need, code=code), past
+            return self._report_tests(report, o, strays, exchange, p_value), past
+        why = NotTested("received_twice") if signals is None else NotTested("no_good_fix")
+        return report.pass_over(tuple(SignalRef(o.receiver, signal) for signal in o.signals), why), past
 
     def _strays_of(
         self, o: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], before: _Anchor | None
@@ -249,45 +246,31 @@ class Torn:
         beyond = np.abs(range_m - distance_m) > reach_m[:, None]
         return np.asarray(beyond | (np.abs(range_m - carried_m) > carried_reach_m[:, None]))
 
-    def _judged(
-        self, records: Records, o: Observations, strays: _Strays | None, exchange: Exchange | None, p_value: float
-    ) -> Evidence:
-        by_codes = exchange is None or (strays is not None and strays.p_value <= exchange.p_value)
+    def _report_tests(
+        self, report: Reporter, o: Observations, strays: _Strays | None, exchange: Exchange | None, p_value: float
+    ) -> Finding:
+        """Return the finding of the test that is the less probable of the two."""
         failed = p_value < self.settings.false_alarm_probability
-        chosen = o.signals
-        if by_codes and strays is not None:
-            since, statistic = strays.since, float(len(strays.signals))
-            because = f"codes of {len(strays.signals)} of {strays.of} satellites in {o.receiver} are where no orbit "
-            because += "explains them" + (_names([s.sat for s in strays.signals]) if failed else "")
-            chosen = strays.signals if failed else chosen
+        data: dict[str, Datum] = {"receiver": o.receiver}
+        causes: tuple[Cause, ...] = (Cause.INTERFERENCE, Cause.FAULT)
+        signals, since = o.signals, None
+        if strays is not None and (exchange is None or strays.p_value <= exchange.p_value):
+            sats = tuple(signal.sat for signal in strays.signals)
+            data |= {"by": "codes", "sats": sats, "of": strays.of, "statistic": float(len(sats))}
+            since = strays.since
+            signals = strays.signals if failed else signals
         elif exchange is not None:
-            since, statistic = exchange.began, float(exchange.exchanged)
-            because = (
-                f"from epoch to epoch {exchange.exchanged} of {exchange.tracked} tracked satellites in {o.receiver} "
-            )
-            because += "give way to others" + (_names(exchange.satellites) if failed else "")
-            chosen = tuple(s for s in chosen if s.sat in exchange.satellites) if failed else chosen
-        causes: tuple[CauseName, ...] = ("interference", "fault") if by_codes else ("shade", "interference", "fault")
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=tuple(SignalRef(o.receiver, signal) for signal in chosen),
-            says="undecided" if failed else "clean",
-            because=because,
-            statistic=statistic,
-            p_value=p_value,
-            false_alarm_probability=self.settings.false_alarm_probability,
-            overrules=failed,
+            data |= {"by": "exchange", "sats": exchange.satellites, "statistic": float(exchange.exchanged)}
+            data |= {"exchanged": exchange.exchanged, "of": exchange.tracked}
+            causes, since = (Cause.SHADE, *causes), exchange.began
+            signals = tuple(s for s in signals if s.sat in exchange.satellites) if failed else signals
+        return report.find(
+            tuple(SignalRef(o.receiver, signal) for signal in signals),
+            "torn" if failed else "whole",
+            {Cause.CLEAN: p_value, **leave_open(causes)},
+            data=data,
             dated_gpst=since if failed else None,
-            may_also_be=causes if failed else (),
-            would_need="the recording of the samples, or another receiver" if failed else None,
         )
-
-
-def _names(sats: Sequence[str]) -> str:
-    more = "" if len(sats) <= _NAMED else f" and {len(sats) - _NAMED} more"
-    return f" ({', '.join(sats[:_NAMED])}{more})"
 
 
 def _moved(found: _Anchor, last: _Anchor | None, settings: TornSettings) -> _Anchor:

@@ -1,0 +1,39 @@
+"""What `torn` finds, in words."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from skyproof.explain.entry import Entry, name_first
+from skyproof.records import Finding
+
+__all__ = ["ENTRIES"]
+
+
+def _count(finding: Finding, names: str = "") -> str:
+    """Say how many satellites have codes that no orbit explains, or change places."""
+    data: Mapping[str, Any] = finding.data
+    if data["by"] == "codes":
+        number = f"{len(data['sats'])} of {data['of']} satellites"
+        return f"codes of {number} in {data['receiver']} are where no orbit explains them{names}"
+    number = f"{data['exchanged']} of {data['of']} tracked satellites"
+    return f"from epoch to epoch {number} in {data['receiver']} give way to others{names}"
+
+
+def _name_torn(finding: Finding) -> str:
+    """Say how many satellites, and which."""
+    sats: Any = finding.data["sats"]
+    return _count(finding, f" ({name_first(sats)})")
+
+
+ENTRIES: Final[Mapping[str, Entry]] = {
+    "received_twice": Entry(
+        "a satellite is received twice in {receiver}: which codes belong together is open",
+        "one signal of each satellite",
+    ),
+    "no_good_fix": Entry(
+        "no epoch of {receiver} so far has a position with two satellites to spare",
+        "six or more satellites with pseudoranges and orbits",
+    ),
+    "whole": Entry(_count),
+    "torn": Entry(_name_torn, "the recording of the samples, or another receiver"),
+}
