@@ -434,7 +434,7 @@ def _explanation(outcome: Outcome) -> _Explanation:
     remedy = _cure(outcome) or ("a longer recording" if left else None)
     if question.finding is not None:
         words = explain(question.finding)
-        why, remedy = words.sentence, words.remedy
+        why, remedy = words.sentence, words.remedy or _cure(outcome) or None
         why += f"; the same holds for {', '.join(question.also)}" if question.also else ""
         if remedy is not None and question.distance_m is not None:
             distance_m, sigma_m = question.distance_m

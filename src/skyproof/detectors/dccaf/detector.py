@@ -9,7 +9,7 @@ agree is evidence of its own, for reflections do not. A sky of later and weaker 
 image fits a position too.
 
 The correlation does not show which sky is true: that is chosen where all skies of a receiver are held against what was
-expected of it (`fusion.choice`), from the fixes handed on in `Evidence.overlapping`.
+expected of it (`fusion.choice`), from the fixes handed on in `Finding.overlapping`.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Integers, Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import NotTested, Reporter
 from skyproof.detectors.dccaf.bursts import REFLECTED_DB
 from skyproof.detectors.dccaf.delays import (
     DccafSettings,
@@ -37,10 +37,13 @@ from skyproof.navigation.least_squares import gauss_newton, line_of_sight
 from skyproof.navigation.ranges import atmosphere, corrected_ranges
 from skyproof.records import (
     Asked,
+    Cause,
     Ccaf,
     CcafAsked,
     ConsistentSet,
-    Evidence,
+    Datum,
+    Finding,
+    Hypothesis,
     NavigationData,
     Need,
     OverlappingSkies,
@@ -74,9 +77,9 @@ class _Sky(NamedTuple):
 
 
 class Dccaf:
-    """The detector: of each receiver and window an Evidence of the last burst in which most channels are there.
+    """The detector: of each receiver and window a finding of the last burst in which most channels are there.
 
-    An attack is reported of the receiver as a whole. p-values are upper bounds.
+    It is about the receiver as a whole. p-values are upper bounds, for a sky with reflections as for one without.
     """
 
     name = "dccaf"
@@ -86,47 +89,49 @@ class Dccaf:
     def __init__(self, settings: DccafSettings | None = None) -> None:
         self.settings = settings or DccafSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; `ccaf` is a sequence of `Ccaf`."""
-        lacking = missing(self, records)
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.ONE_SKY)
+        lacking = report.name_missing()
         if lacking or records.navigation is None:
             return lacking, state
-        return [self._receiver(records, records.navigation, ccaf) for ccaf in records.ccaf], state
+        return [self._test_receiver(report, records.navigation, ccaf) for ccaf in records.ccaf], state
 
-    def _receiver(self, records: Records, navigation: NavigationData, ccaf: Ccaf) -> Evidence:
+    def _test_receiver(self, report: Reporter, navigation: NavigationData, ccaf: Ccaf) -> Finding:
+        """Count the second signals that no reflection explains, and search them for a second sky."""
         every = tuple(SignalRef(ccaf.receiver, signal) for signal in sorted(ccaf.signals))
         epochs = last_burst(ccaf)
         bursts = [(int(run[-1]), delays_of(ccaf, run, self.settings)) for run in bursts_of(ccaf)] if epochs.size else []
         found = next((own for epoch, own in bursts if epoch == epochs[-1]), None)
         first = _first_of_each(ccaf, found)
         if found is None or first.size < OF_A_SKY:
-            return undecided(
-                self,
-                records,
-                every,
-                code="few_grids",
-                because=f"{first.size} satellites in {ccaf.receiver} have whole correlation grids and a time of week; "
-                f"{OF_A_SKY} at one time are needed",
-                would_need=f"correlation grids of {OF_A_SKY} or more satellites with their times of week",
-            )
+            return report.pass_over(every, NotTested("few_grids", {"satellites": first.size, "needed": OF_A_SKY}))
         unlike = first[found.unlike_p_value[first] < SIGNAL_LEVEL]
         chance = self.settings.no_reflection_probability + SIGNAL_LEVEL
-        p_count = float(binomial_survival(unlike.size, first.size, chance))
+        p_value = float(binomial_survival(unlike.size, first.size, chance))
         others = [own for _, own in bursts if own is not found]
         doubles = int(second_signals(found, others, self.settings)[first].sum())
-        words = (
-            f"of {first.size} satellites in {ccaf.receiver}, {unlike.size} have a second signal within a chip that no "
-            f"reflection explains: before the stronger one, or not {REFLECTED_DB:g} dB weaker"
-        )
+        data: dict[str, Datum] = {
+            "satellites": first.size,
+            "unlike": unlike.size,
+            "doubles": doubles,
+            "reflected_db": REFLECTED_DB,
+        }
+        if unlike.size >= OF_A_SKY:
+            sky = self._sky(navigation, ccaf, int(epochs[-1]), found, first)
+            p_sky, of_sky = (1.0, {}) if sky is None else self._second_sky(sky, unlike)
+            data |= of_sky
+            both = p_value * p_sky
+            p_value = min(1.0, 2.0 * min(p_value, both * (1.0 - float(np.log(both)))))
         skies = self._overlapping(navigation, ccaf, bursts) if doubles >= OF_A_SKY else ()
-        if unlike.size < OF_A_SKY:
-            return self._of_receiver(records, every, p_count, words, doubles, skies)
-        epoch = int(epochs[-1])
-        sky = self._sky(navigation, ccaf, epoch, found, first)
-        p_sky, beside = (1.0, "") if sky is None else self._second_sky(sky, unlike)
-        both = p_count * p_sky
-        p_value = min(1.0, 2.0 * min(p_count, both * (1.0 - np.log(both))))
-        return self._of_receiver(records, every, p_value, words + beside, doubles, skies)
+        seen = "as_reflections" if doubles >= OF_A_SKY else "few_second_signals"  # a few are under most skies
+        return report.find(
+            every,
+            "unlike_reflections" if p_value < self.settings.false_alarm_probability else seen,
+            {Cause.CLEAN: p_value, Cause.REFLECTIONS: p_value},
+            data=data,
+            estimates={"overlapping": skies} if skies else {},
+        )
 
     def _overlapping(
         self, navigation: NavigationData, ccaf: Ccaf, bursts: Sequence[tuple[int, Delays]]
@@ -151,18 +156,18 @@ class Dccaf:
                 shown.append(OverlappingSkies(sets=_sets(ccaf, epoch, sky, two), doubt=two.doubt, reflected=reflected))
         return tuple(shown)
 
-    def _second_sky(self, sky: _Sky, unlike: Integers) -> tuple[float, str]:
-        """The chance that ranges of the channels `unlike` agree without a second sky; that sky in words."""
+    def _second_sky(self, sky: _Sky, unlike: Integers) -> tuple[float, dict[str, Datum]]:
+        """Return the chance that ranges of the channels `unlike` agree without a second sky, and what that sky is."""
         probability = self.settings.set_probability
         best = passing_sets(sky.unit, sky.misfit_m, sky.sigma_m, false_alarm_probability=probability)
         if not best.statistic.size:
-            return 1.0, "; no choice of one signal per satellite fits one position"
+            return 1.0, {"without_position": True}
         misfit_m = sky.misfit_m.copy()
         like = np.flatnonzero(~np.isin(sky.rows, unlike))
         misfit_m[like, 1 - best.choice[0][like]] = np.nan
         second = second_subset(sky.unit, misfit_m, sky.sigma_m, best.choice[0], false_alarm_probability=probability)
         if second is None:
-            return 1.0, ""
+            return 1.0, {}
         rows, _ = second
         p_value = float(
             chance_p_value(
@@ -176,41 +181,11 @@ class Dccaf:
         one, _ = set_states(sky.unit, sky.misfit_m, sky.sigma_m, best.choice[0][None, :])
         other, _ = set_states(sky.unit[rows], sky.misfit_m[rows], sky.sigma_m[rows], left_over[None, :])
         apart = other[0] - one[0]
-        return (
-            p_value,
-            f"; signals of {len(rows)} fit a second position, {np.linalg.norm(apart[:3]):.0f} m away, and a time "
-            f"{apart[3]:.0f} m off",
-        )
-
-    @property
-    def _alpha(self) -> float:
-        return self.settings.false_alarm_probability
-
-    def _of_receiver(
-        self,
-        records: Records,
-        every: tuple[SignalRef, ...],
-        p_value: float,
-        because: str,
-        doubles: int,
-        skies: tuple[OverlappingSkies, ...],
-    ) -> Evidence:
-        attack = p_value < self._alpha
-        sky = doubles >= OF_A_SKY  # a reflection here and there is under most skies
-        if not attack and doubles:
-            because += f"; {doubles} have a second signal of any kind"
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=every,
-            says="attack" if attack else "undecided" if sky else "clean",
-            because=because,
-            p_value=p_value,
-            false_alarm_probability=self._alpha,
-            would_need="second signals of more satellites, or farther apart" if sky and not attack else None,
-            overlapping=skies,
-        )
+        return p_value, {
+            "sky_satellites": len(rows),
+            "apart_m": float(np.linalg.norm(apart[:3])),
+            "time_apart_m": float(apart[3]),
+        }
 
     def _sky(self, navigation: NavigationData, ccaf: Ccaf, epoch: int, found: Delays, first: Integers) -> _Sky | None:
         """Around the fix of the strongest signals of the channels `first`; None with fewer than five satellites."""
