@@ -11,7 +11,7 @@ satellites together, and three things show that:
 `continuity` has the same of one moment: steps of code against carrier and of the clock. `levels` has C/N0. What goes on
 slowly for seconds is looked at here. `laws` has the statistics and what they take for given.
 
-All of this is *undecided*: a receiver whose sampling clock and carrier come from two oscillators parts code from
+None of this shows an attack: a receiver whose sampling clock and carrier come from two oscillators parts code from
 carrier, and a gain may change. The first two overrule what windows say one by one, as steps do.
 """
 
@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyproof.detectors.base import Untested, missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, turn_p_value, turn_sigma_m
 from skyproof.detectors.common_change.series import rates_of, turn_of
 from skyproof.detectors.continuity.one_sky import (
@@ -34,7 +34,19 @@ from skyproof.detectors.continuity.one_sky import (
 )
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES
-from skyproof.records import Ccaf, ConsistentSet, Evidence, Need, Observations, Records, SignalId, SignalRef
+from skyproof.records import (
+    Cause,
+    Ccaf,
+    ConsistentSet,
+    Datum,
+    Finding,
+    Hypothesis,
+    Need,
+    Observations,
+    Records,
+    SignalId,
+    SignalRef,
+)
 
 __all__ = ["CommonChange", "CommonChangeSettings"]
 
@@ -117,54 +129,57 @@ class CommonChange:
     def __init__(self, settings: CommonChangeSettings | None = None) -> None:
         self.settings = settings or CommonChangeSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; never raises for what the data lack."""
-        if lacking := missing(self, records):
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.CONTINUOUS)
+        if lacking := report.name_missing():
             return lacking, state
         pasts: dict[str, _Past] = dict(state or {})
-        said: list[Evidence] = []
+        found: list[Finding] = []
         for o in records.observations:
             before = pasts.get(o.receiver)
             if before is not None and o.elapsed_s[-1] <= before.tail.elapsed_s[-1]:
                 before = None  # another recording
-            evidence, past = _Window(self, records, o, before).examined()
-            said += evidence
+            of_receiver, past = _Window(report, self.settings, o, before).examine()
+            found += of_receiver
             if past is not None:
                 pasts[o.receiver] = past
-        return said, pasts
+        return found, pasts
 
 
 class _Window:
     """One receiver in one window, after what came before."""
 
-    def __init__(self, detector: CommonChange, records: Records, o: Observations, past: _Past | None) -> None:
-        self.detector, self.records, self.settings = detector, records, detector.settings
+    def __init__(self, report: Reporter, settings: CommonChangeSettings, o: Observations, past: _Past | None) -> None:
+        self.report, self.records, self.settings = report, report.records, settings
         self.o, self.past = o, past
         self.alpha = self.settings.false_alarm_probability / _SHARES
         own = sorted(
-            (s for s in records.sets if s.receiver == o.receiver), key=lambda s: (-len(s.signals), s.statistic)
+            (s for s in self.records.sets if s.receiver == o.receiver), key=lambda s: (-len(s.signals), s.statistic)
         )
         self.sky: ConsistentSet | None = own[0] if own else None
-        self.ccaf = next((one for one in records.ccaf if one.receiver == o.receiver), None)
+        self.ccaf = next((one for one in self.records.ccaf if one.receiver == o.receiver), None)
 
-    def examined(self) -> tuple[list[Evidence], _Past | None]:
+    def examine(self) -> tuple[list[Finding], _Past | None]:
+        """Return what changes alike, and what is remembered."""
         before = self.past.members if self.past is not None else ()
         members = self.sky.signals if self.sky is not None else before
         sources = self.past.sources if self.past is not None else {}
         now, sources = one_signal_a_transmission(self.o, members, before, sources)
         if now.gpst.size < 2:
-            return [self._untested(self._explain_few_satellites())], self.past
+            return [self._pass_over(NotTested("few_satellites", self._needed()))], self.past
         stretch = now if self.past is None else followed_by(self.past.tail, now)
         past = self.past or _Past(tail=now.select(slice(0)), sources={})
         rates = [rates_of(stretch, span_s, self.settings.multipath_sigma_m) for span_s in SPANS_S]
         level = _level_of(now, self.ccaf)
-        parted = self._parted(rates, past, float(stretch.elapsed_s[-1]))
-        said = [one for one in (parted, self._turned(stretch), self._levels(level, past)) if one is not None]
+        parted = self._test_parting(rates, past, float(stretch.elapsed_s[-1]))
+        tested = [parted, self._test_turns(stretch), self._test_level(level, past)]
+        found = [finding for finding in tested if finding is not None]
         failed = parted is not None and parted.failed
         references = past.references if failed else _remembered(rates, past.references, float(stretch.elapsed_s[-1]))
         end_s = float(stretch.elapsed_s[-1])
         first = int(np.searchsorted(stretch.elapsed_s, end_s - max(SPANS_S) - 1e-6))
-        return said or [self._untested(self._explain_nothing_before())], _Past(
+        return found or [self._pass_over(self._explain_nothing_before())], _Past(
             tail=stretch.select(slice(first, None)),
             sources=sources,
             members=members,
@@ -172,8 +187,8 @@ class _Window:
             levels=(*(old for old in past.levels if old.elapsed_s >= end_s - LEVELS_S), level),
         )
 
-    def _parted(self, rates: list[Mapping[SignalId, Any]], past: _Past, end_s: float) -> Evidence | None:
-        """Code against carrier, less what it was when each satellite came."""
+    def _test_parting(self, rates: list[Mapping[SignalId, Any]], past: _Past, end_s: float) -> Finding | None:
+        """Test code against carrier, less what it was when each satellite came."""
         tests: list[tuple[float, float]] = []
         for span_s, found in zip(SPANS_S, rates, strict=True):
             begun_s = end_s - (1.0 - _OVERLAP) * span_s
@@ -187,22 +202,16 @@ class _Window:
         if not tests:
             return None
         least, rate_m_s = min(tests)
-        p_value, receiver = min(1.0, len(tests) * least), self.o.receiver
-        failed = p_value < self.alpha
-        return self._said(
-            p_value,
-            f"code and carrier in {receiver} part by {rate_m_s:+.2f} m/s on all satellites alike: codes are drawn off "
-            "and carriers are not, or the sampling clock and the carrier come from two oscillators"
-            if failed
-            else f"code and carrier of the satellites in {receiver} stay together",
-            statistic=rate_m_s,
-            would_need="a receiver with one oscillator" if failed else None,
-            may_also_be=("oscillator",) if failed else (),
-            overrules=failed,
+        return self._find(
+            min(1.0, len(tests) * least),
+            ("together", "parted"),
+            (Cause.OSCILLATOR,),
+            {"statistic": rate_m_s, "rate_m_s": rate_m_s},
+            hypothesis=Hypothesis.CODE_FOLLOWS_CARRIER,
         )
 
-    def _turned(self, stretch: Observations) -> Evidence | None:
-        """All carriers against the oscillator's class."""
+    def _test_turns(self, stretch: Observations) -> Finding | None:
+        """Test all carriers against the oscillator's class."""
         settings, navigation = self.settings, self.records.navigation
         if settings.oscillator is None or navigation is None or self.sky is None:
             return None
@@ -215,83 +224,75 @@ class _Window:
             turn = turn_of(own, navigation, self.sky.position_ecef_m, apart_s, settings.carrier_error_m)
             if turn is not None:
                 sigma_m = settings.oscillator_share * turn_sigma_m(oscillator, apart_s)
-                tests.append((float(turn_p_value(turn.turn_m, turn.variance_m2, sigma_m)), turn.turn_m, apart_s))
+                p = float(turn_p_value(turn.turn_m, turn.variance_m2, sigma_m))
+                tests.append((p, float(turn.turn_m), apart_s))
         if not tests:
             return None
         least, turn_m, apart_s = min(tests)
-        p_value, receiver = min(1.0, len(tests) * least), self.o.receiver
-        failed = p_value < self.alpha
-        return self._said(
-            p_value,
-            f"all carriers in {receiver} turn by {turn_m:+.2f} m within {2.0 * apart_s:.0f} s as no motion turns them, "
-            f"more than an oscillator of the class {settings.oscillator} wanders"
-            if failed
-            else f"the carriers in {receiver} turn as motion and an oscillator of the class {settings.oscillator} do",
-            statistic=turn_m,
-            would_need="what the receiver's clock runs on, or whether it is steered" if failed else None,
-            may_also_be=("oscillator", "statement") if failed else (),
-            overrules=failed,
+        return self._find(
+            min(1.0, len(tests) * least),
+            ("turns_as_clock", "turned"),
+            (Cause.OSCILLATOR, Cause.STATEMENT),
+            {
+                "statistic": turn_m,
+                "turn_m": turn_m,
+                "time_s": 2.0 * apart_s,
+                "oscillator": settings.oscillator,
+            },
+            hypothesis=Hypothesis.CONTINUOUS,
         )
 
-    def _levels(self, level: _Level, past: _Past) -> Evidence | None:
-        """Hold the noise against that of windows up to a minute before."""
-        tests: list[tuple[float, float, str]] = []
+    def _test_level(self, level: _Level, past: _Past) -> Finding | None:
+        """Test the noise against that of windows up to a minute before."""
+        tests: list[tuple[float, float, float]] = []
         for old in {id(one): one for one in (*past.levels[:1], *past.levels[-1:])}.values():
             noise_db = level.noise_db - old.noise_db
             if np.isfinite(noise_db):
                 samples = (level.noise_samples, old.noise_samples)
-                p = float(level_p_value(noise_db, self.settings.gain_db, samples))
-                tests.append((p, old.elapsed_s, f"the noise in {self.o.receiver} {_moved(noise_db)}"))
+                tests.append((float(level_p_value(noise_db, self.settings.gain_db, samples)), old.elapsed_s, noise_db))
         if not tests:
             return None
-        least, since_s, words = min(tests)
-        p_value = min(1.0, len(tests) * least)
-        failed = p_value < self.alpha
-        return self._said(
-            p_value,
-            f"{words} within {level.elapsed_s - since_s:.0f} s: a change of gain, a jammer, or further signals"
-            if failed
-            else f"the noise in {self.o.receiver} stays what it is",
-            would_need="a second receiver, whose levels go on" if failed else None,
-            may_also_be=("gain", "interference") if failed else (),
+        least, since_s, change_db = min(tests)
+        return self._find(
+            min(1.0, len(tests) * least),
+            ("noise_steady", "noise_moved"),
+            (Cause.GAIN, Cause.INTERFERENCE),
+            {"change_db": change_db, "time_s": level.elapsed_s - since_s},
+            hypothesis=Hypothesis.STEADY_LEVELS,
         )
 
-    def _said(self, p_value: float, because: str, **more: Any) -> Evidence:
-        return Evidence(
-            detector=self.detector.name,
-            start_gpst=self.records.start_gpst,
-            end_gpst=self.records.end_gpst,
-            subject=self._subject(),
-            says="undecided" if p_value < self.alpha else "clean",
-            because=because,
-            false_alarm_probability=self.alpha,
-            p_value=p_value,
-            **more,
+    def _find(
+        self,
+        p_value: float,
+        codes: tuple[str, str],
+        causes: tuple[Cause, ...],
+        data: Mapping[str, Datum],
+        *,
+        hypothesis: Hypothesis,
+    ) -> Finding:
+        """Return a test's finding. codes : where it passes, and where it fails."""
+        return self.report.find(
+            self._subject(),
+            codes[p_value < self.alpha],
+            {Cause.CLEAN: p_value, **leave_open(causes)},
+            hypothesis=hypothesis,
+            alpha=self.alpha,
+            data=data,
         )
 
-    def _explain_few_satellites(self) -> Untested:
-        return Untested(
-            code="few_satellites",
-            because=f"fewer than two epochs of {self.o.receiver} have {MIN_SATELLITES} satellites with pseudoranges",
-            would_need=f"{MIN_SATELLITES} or more satellites with pseudoranges",
-        )
-
-    def _explain_nothing_before(self) -> Untested:
-        """Say whether this window is the first, or the same signals are not there now and before."""
+    def _explain_nothing_before(self) -> NotTested:
+        """Return whether this window is the first, or the same signals are not there now and before."""
         if self.past is None:
-            return Untested(
-                code="first_window",
-                because=f"this is the first window of {self.o.receiver}: later ones are held against it",
-                would_need="half a minute of signal or more",
-            )
-        return Untested(
-            code="nothing_shared",
-            because=f"no {MIN_SATELLITES} satellites in {self.o.receiver} have code and carrier both now and before",
-            would_need=f"{MIN_SATELLITES} or more satellites with code and carrier over half a minute",
-        )
+            return NotTested("first_window", self._needed())
+        return NotTested("nothing_shared", self._needed())
 
-    def _untested(self, why: Untested) -> Evidence:
-        return undecided(self.detector, self.records, self._subject(), **why._asdict())
+    def _needed(self) -> dict[str, Datum]:
+        """Return the receiver, and how many satellites a test needs."""
+        return {"receiver": self.o.receiver, "needed": MIN_SATELLITES}
+
+    def _pass_over(self, why: NotTested) -> Finding:
+        """Return why nothing could be tested."""
+        return self.report.pass_over(self._subject(), why)
 
     def _subject(self) -> tuple[SignalRef, ...]:
         there = np.isfinite(self.o.pseudorange_m).any(axis=0)
@@ -328,7 +329,3 @@ def _level_of(o: Observations, ccaf: Ccaf | None) -> _Level:
         each = np.nanmean(ccaf.noise_variance[bursts], axis=1)
         noise_db, samples = 10.0 * float(np.log10(np.median(each))), float(ccaf.noise_samples or np.inf)
     return _Level(float(o.elapsed_s[-1]), noise_db, samples)
-
-
-def _moved(change_db: float) -> str:
-    return f"{'rose' if change_db > 0.0 else 'fell'} by {abs(change_db):.0f} dB"

@@ -105,7 +105,8 @@ class Dccaf:
         found = next((own for epoch, own in bursts if epoch == epochs[-1]), None)
         first = _first_of_each(ccaf, found)
         if found is None or first.size < OF_A_SKY:
-            return report.pass_over(every, NotTested("few_grids", {"satellites": first.size, "needed": OF_A_SKY}))
+            few: dict[str, Datum] = {"receiver": ccaf.receiver, "satellites": first.size, "needed": OF_A_SKY}
+            return report.pass_over(every, NotTested("few_grids", few))
         unlike = first[found.unlike_p_value[first] < SIGNAL_LEVEL]
         chance = self.settings.no_reflection_probability + SIGNAL_LEVEL
         p_value = float(binomial_survival(unlike.size, first.size, chance))
