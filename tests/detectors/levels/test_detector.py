@@ -9,7 +9,7 @@ from scipy import stats
 from skyproof.detectors.levels.bands import carrier_name, chain_covers
 from skyproof.detectors.levels.detector import CN0_MAX_DBHZ, SignalLevels, SignalLevelsSettings
 from skyproof.errors import SettingsError
-from skyproof.records import CellStatus, FrontEndLevels, Records, SignalId
+from skyproof.records import Cause, CellStatus, FrontEndLevels, Records, SignalId
 from skyproof.testing import MeasuredScene
 
 RATE = 1e-6
@@ -38,7 +38,7 @@ def drowned(levels_db: np.ndarray, fall_db: float, *, epochs=slice(ONSET, None),
 
 
 def examine(levels_db, *, chains: FrontEndLevels | None = None, second_db=None, **settings) -> list:
-    """Return the evidence of each window. second_db : of the same satellites on L5, after those on L1."""
+    """Return the findings of each window. second_db : of the same satellites on L5, after those on L1."""
     detector = SignalLevels(SignalLevelsSettings(**{"false_alarm_probability": RATE, **settings}))
     o = replace(
         EXACT,
@@ -93,7 +93,7 @@ def failed(found: list) -> list:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_clean_sky_neither_fails_nor_is_interfered(seed) -> None:
     found = examine(sky(seed))
-    assert not failed(found)
+    assert [e.code for e in found] == ["nothing_before"] + ["steady"] * (WINDOWS - 1)
     assert not falls(found)
     assert [e.p_value is None for e in found] == [True] + [False] * (WINDOWS - 1)
 
@@ -103,11 +103,18 @@ def test_the_first_window_says_that_nothing_came_before() -> None:
     assert examine(np.full((WINDOW * WINDOWS, N), np.nan))[-1].code == "no_levels"
 
 
+def test_three_satellites_of_a_kind_are_too_few() -> None:
+    levels_db = sky()
+    levels_db[:, 3:] = np.nan
+    assert {e.code for e in examine(levels_db)[1:]} == {"few_satellites"}
+
+
 @pytest.mark.parametrize("fall_db", [5.0, 12.0, 20.0])
 def test_noise_is_interference_since_its_first_epoch(fall_db) -> None:
     found = examine(drowned(sky(), fall_db))
     assert not failed(found)
     rises = falls(found)
+    assert {e.code for e in found if e.interference} == {"interfered"}
     assert len(rises) == WINDOWS - 8
     assert rises[0].from_gpst == EXACT.gpst[ONSET]
     assert rises[-1].to_gpst == EXACT.gpst[-1]
@@ -185,7 +192,10 @@ def test_the_level_of_the_front_end_says_how_much_came_in() -> None:
 
 def test_power_that_weakens_no_signal_is_suspect() -> None:
     first, *_ = failed(examine(sky(), chains=front_end(12.0)))
-    assert first.may_also_be == ("gain", "interference")
+    assert (first.code, first.says, first.overrules) == ("odd", "undecided", False)
+    assert (first.data["test"], first.data["chain"]) == ("level", "L1")
+    assert first.data["rise_db"] == pytest.approx(12.0, abs=6.0)
+    assert first.may_also_be == (Cause.GAIN, Cause.INTERFERENCE)
     assert not failed(examine(sky(), chains=front_end(12.0, band="L5")))  # no signal is received there
 
 
@@ -193,7 +203,8 @@ def test_signals_that_get_stronger_together_are_suspect() -> None:
     first, *_ = failed(examine(drowned(sky(), -8.0)))
     assert first.dated_gpst == EXACT.gpst[ONSET]
     assert first.statistic == pytest.approx(8.0, abs=1.5)
-    assert first.may_also_be[0] == "shade"
+    assert (first.data["test"], first.data["unit"]) == ("rise", ("G", "L1", "CA"))
+    assert first.may_also_be == (Cause.SHADE, Cause.INTERFERENCE, Cause.GAIN)
 
 
 def test_satellites_of_equal_power_are_suspect() -> None:
@@ -202,7 +213,8 @@ def test_satellites_of_equal_power_are_suspect() -> None:
     levels_db[ONSET:] = levels_db[:ONSET].mean() + noise_db
     first, *_ = failed(examine(levels_db, false_alarm_probability=1e-4))
     assert first.statistic == pytest.approx(-1.0, abs=0.3)
-    assert first.may_also_be == ("reflections", "motion")
+    assert (first.data["test"], first.data["slope"]) == ("pattern", first.statistic)
+    assert first.may_also_be == (Cause.REFLECTIONS, Cause.MOTION)
 
 
 def test_signals_stronger_than_any_from_space_are_suspect() -> None:
@@ -210,7 +222,8 @@ def test_signals_stronger_than_any_from_space_are_suspect() -> None:
     loud[:, 3] = CN0_MAX_DBHZ + 4.0
     first, *_ = failed(examine(loud))
     assert [ref.signal for ref in first.subject] == [EXACT.signals[3]]
-    assert first.may_also_be == ("gain",)
+    assert (first.data["test"], first.data["strong"]) == ("strong", 1)
+    assert first.may_also_be == (Cause.GAIN,)
 
 
 def test_falls_are_reported_at_the_rate_that_is_asked() -> None:

@@ -14,7 +14,7 @@ Four tests, of which each may fail; a failed one makes *suspect* at most:
   beside the band.
 
 A **fall** that all satellites on a carrier share is no sign of false signals. It is reported as interference
-(`Evidence.interference`): since which epoch, by how much, on which carrier, by C/N0, by lost signals or by the level.
+(`Finding.interference`): since which epoch, by how much, on which carrier, by C/N0, by lost signals or by the level.
 So is one that lasts for a part of a window (`laws.find_dip`).
 Shade of the whole sky weakens all signals too. It is named beside unless the level rises, another carrier keeps its
 levels, or the receiver is known to stand.
@@ -27,7 +27,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Booleans, Instants, Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.levels.bands import carrier_name, chain_covers
 from skyproof.detectors.levels.laws import (
     Dip,
@@ -42,9 +42,11 @@ from skyproof.detectors.levels.laws import (
 )
 from skyproof.errors import SettingsError, require_probability
 from skyproof.records import (
-    CauseName,
-    Evidence,
+    Cause,
+    Datum,
+    Finding,
     FrontEndLevels,
+    Hypothesis,
     InterferenceSign,
     Need,
     NoiseRise,
@@ -192,12 +194,12 @@ class _GaugeChange(NamedTuple):
 
 
 class _Test(NamedTuple):
-    """One test: what it is called, its p-value, its words, what else explains it, its columns, since when."""
+    """One test: what it is called, its p-value, its numbers, what else explains it, its columns, since when."""
 
     name: str
     p_value: float
-    words: str
-    causes: tuple[CauseName, ...]
+    data: Mapping[str, Datum]
+    causes: tuple[Cause, ...]
     columns: tuple[int, ...]
     statistic: float
     since: np.datetime64 | None = None
@@ -213,9 +215,10 @@ class SignalLevels:
     def __init__(self, settings: SignalLevelsSettings | None = None) -> None:
         self.settings = settings or SignalLevelsSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Return the evidence of one window; never raises for what the data lack."""
-        if lacking := missing(self, records):
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.STEADY_LEVELS)
+        if lacking := report.name_missing():
             return lacking, state
         pasts: dict[str, _Past] = dict(state or {})
         found = []
@@ -223,24 +226,24 @@ class SignalLevels:
             before = pasts.get(o.receiver)
             if before is not None and o.elapsed_s[-1] <= before.end_s:
                 before = None  # another recording
-            evidence, pasts[o.receiver] = _Window(self, records, o, before).examine()
-            found.append(evidence)
+            finding, pasts[o.receiver] = _Window(report, self.settings, o, before).examine()
+            found.append(finding)
         return found, pasts
 
 
 class _Window:
     """One receiver in one window, after what came before."""
 
-    def __init__(self, detector: SignalLevels, records: Records, o: Observations, past: _Past | None) -> None:
-        self.detector, self.records, self.settings, self.o = detector, records, detector.settings, o
+    def __init__(self, report: Reporter, settings: SignalLevelsSettings, o: Observations, past: _Past | None) -> None:
+        self.report, self.settings, self.o = report, settings, o
         self.past = past or _Past(end_s=float(o.elapsed_s[-1]))
         self.levels_db = _medians(o.cn0_dbhz)
         self.known = np.isfinite(o.cn0_dbhz).mean(axis=0) >= 0.5
         self.kinds: list[Unit] = [(s.sat[0], s.band, s.code) for s in o.signals]
         self.floors_db = self._lowest()
 
-    def examine(self) -> tuple[Evidence, _Past]:
-        """Return the evidence and what is remembered."""
+    def examine(self) -> tuple[Finding, _Past]:
+        """Return the finding and what is remembered."""
         changes = [change for unit, columns in self._units().items() if (change := self._change(unit, columns))]
         carriers, kinds = ([c for c in changes if len(c.unit) == n] for n in (1, 3))
         gauges, gauges_after = self._gauges()
@@ -252,8 +255,8 @@ class _Window:
         odd = failed is not None and count * failed.p_value < self.settings.false_alarm_probability
         noise = [self._noise_rise(c, carriers, interfered, gauges) for c in interfered.values()]
         noise += [rest for c in carriers if c.unit[0] not in interfered and (rest := self._last_of(c))]
-        evidence = self._evidence(changes, failed, count, tuple(noise))
-        return evidence, self._remember(changes, interfered, gauges_after, odd=odd)
+        finding = self._report_worst(changes, failed, count, tuple(noise))
+        return finding, self._remember(changes, interfered, gauges_after, odd=odd)
 
     # ------------------------------------------------------------------ common changes
 
@@ -403,9 +406,12 @@ class _Window:
             _Test(
                 "rise",
                 change.rise,
-                f"{_name(change.unit)} of {change.common.satellites} satellites in {self.o.receiver} became stronger "
-                f"together, by {change.common.change_db:.0f} dB",
-                ("shade", "interference", "gain"),
+                {
+                    "unit": change.unit,
+                    "satellites": change.common.satellites,
+                    "change_db": float(change.common.change_db),
+                },
+                (Cause.SHADE, Cause.INTERFERENCE, Cause.GAIN),
                 change.columns,
                 change.common.change_db,
                 self._begun(change),
@@ -424,9 +430,8 @@ class _Window:
                     _Test(
                         "pattern",
                         self.past.slopes.get(change.unit, OwnScale()).below(statistic),
-                        f"the levels of {_name(change.unit)} in {self.o.receiver} lose the differences that the "
-                        f"satellites had, by {-slope:.0%}",
-                        ("reflections", "motion"),
+                        {"unit": change.unit, "slope": float(slope)},
+                        (Cause.REFLECTIONS, Cause.MOTION),
                         change.columns,
                         slope,
                     )
@@ -459,11 +464,8 @@ class _Window:
         if not loud.size:
             return []
         strongest_db = float(self.levels_db[loud].max())
-        words = (
-            f"{loud.size} signals in {self.o.receiver} are stronger than any satellite's, up to {strongest_db:.0f} "
-            "dB-Hz: they are imitations, unless a dish or a beam receives them"
-        )
-        return [_Test("strong", 0.0, words, ("gain",), tuple(loud.tolist()), strongest_db)]
+        data: dict[str, Datum] = {"strong": int(loud.size), "strongest_dbhz": strongest_db}
+        return [_Test("strong", 0.0, data, (Cause.GAIN,), tuple(loud.tolist()), strongest_db)]
 
     def _level_alone(self, changes: list[_Change], gauges: list[_GaugeChange]) -> list[_Test]:
         """Return tests of chains whose level rises while C/N0 of no carrier in them falls."""
@@ -472,13 +474,14 @@ class _Window:
             covered = [c for c in changes if chain_covers(gauge.chain, self._carrier(c.unit))]
             if not covered or min(c.noise for c in covered) < _CONFIRMS:
                 continue
-            by = f" by {gauge.rise_db:.0f} dB" if np.isfinite(gauge.rise_db) else ""
+            data: dict[str, Datum] = {"chain": gauge.chain}
+            data |= {"rise_db": float(gauge.rise_db)} if np.isfinite(gauge.rise_db) else {}
             tests.append(
                 _Test(
                     "level",
                     gauge.rise,
-                    f"the front end of {self.o.receiver} takes in more power{by} ({gauge.chain}), but C/N0 stays",
-                    ("gain", "interference"),
+                    data,
+                    (Cause.GAIN, Cause.INTERFERENCE),
                     tuple(k for c in covered for k in c.columns),
                     gauge.statistic,
                 )
@@ -489,7 +492,7 @@ class _Window:
 
     def _gauges(self) -> tuple[list[_GaugeChange], dict[tuple[str, str], _Gauge]]:
         """Return what the front end's levels are over their own past, and what is remembered of them."""
-        levels = self.records.levels.get(self.o.receiver)
+        levels = self.report.records.levels.get(self.o.receiver)
         after = dict(self.past.gauges)
         changes = []
         for (chain, kind), value in _readings(levels, self.settings).items():
@@ -509,45 +512,35 @@ class _Window:
 
     # ------------------------------------------------------------------ what is said and remembered
 
-    def _evidence(
+    def _report_worst(
         self, changes: list[_Change], worst: _Test | None, count: int, noise: tuple[NoiseRise, ...]
-    ) -> Evidence:
-        receiver, alpha = self.o.receiver, self.settings.false_alarm_probability
-        lost = {k for change in changes for k in change.columns}
-        subject = tuple(SignalRef(receiver, self.o.signals[k]) for k in sorted(lost | set(np.flatnonzero(self.known))))
+    ) -> Finding:
+        """Return the finding of the least probable of so many tests, with the interference that was found."""
+        receiver, lost = self.o.receiver, {k for change in changes for k in change.columns}
+        columns = sorted(lost | set(np.flatnonzero(self.known).tolist()))
         if worst is None:
-            because, would_need, code = self._untested(changes)
-            return undecided(self.detector, self.records, subject, because=because, would_need=would_need, code=code)
+            signals = tuple(SignalRef(receiver, self.o.signals[k]) for k in columns)
+            return self.report.pass_over(signals, self._explain_untested())
         p_value = min(1.0, count * worst.p_value)
-        failed = p_value < alpha
-        because = f"levels in {receiver} go on as they were"
-        if noise:
-            falls = (f"{n.fall_db:.0f} dB on {n.carrier}" for n in noise)
-            because = f"C/N0 of all satellites in {receiver} falls: {', '.join(falls)}"
-        return Evidence(
-            detector=self.detector.name,
-            start_gpst=self.records.start_gpst,
-            end_gpst=self.records.end_gpst,
-            subject=tuple(SignalRef(receiver, self.o.signals[k]) for k in worst.columns) if failed else subject,
-            says="undecided" if failed else "clean",
-            because=worst.words if failed else because,
-            statistic=worst.statistic,
-            p_value=p_value,
-            false_alarm_probability=alpha,
-            may_also_be=worst.causes if failed else (),
+        failed = p_value < self.settings.false_alarm_probability
+        data: dict[str, Datum] = {"test": worst.name, "statistic": float(worst.statistic)}
+        return self.report.find(
+            tuple(SignalRef(receiver, self.o.signals[k]) for k in (worst.columns if failed else columns)),
+            "odd" if failed else "interfered" if noise else "steady",
+            {Cause.CLEAN: p_value, **leave_open(worst.causes)},
+            data={**data, **worst.data},
             dated_gpst=worst.since if failed else None,
-            would_need="a second receiver, whose levels go on" if failed else None,
-            interference=noise,
+            estimates={"interference": noise},
         )
 
-    def _untested(self, changes: list[_Change]) -> tuple[str, str, str]:
-        receiver = self.o.receiver
+    def _explain_untested(self) -> NotTested:
+        """Return why no test could run."""
+        data: dict[str, Datum] = {"receiver": self.o.receiver, "needed": LEAST_SATELLITES}
         if not self.known.any():
-            return f"{receiver} states no C/N0", "C/N0 in the receiver's file (S1C and so on in RINEX)", "no_levels"
+            return NotTested("no_levels", data)
         if not self.past.references:
-            return f"levels of {receiver} have no past yet", "a longer recording", "nothing_before"
-        need = f"{LEAST_SATELLITES} satellites or more of a kind"
-        return f"fewer than {LEAST_SATELLITES} satellites of a kind go on in {receiver}", need, "few_satellites"
+            return NotTested("nothing_before", data)
+        return NotTested("few_satellites", data)
 
     def _remember(
         self,
@@ -635,8 +628,3 @@ def _medians(values: Reals) -> Reals:
     found = np.full(values.shape[1], np.nan)
     found[known] = np.nanmedian(values[:, known], axis=0)
     return found
-
-
-def _name(unit: Unit) -> str:
-    """Return a unit as people read it."""
-    return f"the signals on {unit[0]}" if len(unit) == 1 else f"the signals {unit[0]} {unit[1]} {unit[2]}"
