@@ -347,7 +347,7 @@ def test_the_detector_of_the_manual_meets_the_contract_and_is_found(
         test()  # type: ignore[operator]
     nothing = Records(start_gpst=np.datetime64("NaT"), end_gpst=np.datetime64("NaT"))
     assert "restless" in {detector.name for detector in detectors_for(Settings(), nothing)}
-    body = files["restless.py"].partition("    def _receiver")[2]
+    body = files["restless.py"].partition("    def _test_receiver")[2]
     assert len(body.splitlines()) <= 20
 
 

@@ -34,6 +34,7 @@ from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import timedelta_from_s, week_and_tow
 from skyproof.records import (
     AnyFinding,
+    Cause,
     CellStatus,
     ConsistentSet,
     Ephemeris,
@@ -255,7 +256,8 @@ def check_false_alarms(
 ) -> tuple[int, int, float]:
     """Count false alarms against the stated rates (`Finding.alpha`), two-sided unless `conservative`.
 
-    Where nothing but alarms and "clean" is said, p-values are counted below 0.1 and 0.5 as well, likewise.
+    A finding that rejects a clean sky is one, whatever benign causes remain. Where nothing but alarms and "clean" is
+    said, p-values are counted below 0.1 and 0.5 as well, likewise.
 
     Returns
     -------
@@ -268,7 +270,7 @@ def check_false_alarms(
         for said in evidence:
             assert said.false_alarm_probability is not None, f"{detector.name} states no false alarm probability"
             rates.append(said.false_alarm_probability)
-            count += said.says in alarms
+            count += _is_alarm(said, alarms)
             words.add(said.says)
             p_values += [] if said.p_value is None else [said.p_value]
     assert rates, f"{detector.name} says nothing of these windows"
@@ -294,6 +296,12 @@ def check_false_alarms(
                 f"the chance of this is {chance:.1g}"
             )
     return count, len(rates), rate
+
+
+def _is_alarm(finding: AnyFinding, alarms: Collection[str]) -> bool:
+    if isinstance(finding, Finding) and tuple(alarms) == ALARMS:
+        return finding.alpha is not None and finding.p.get(Cause.CLEAN, 1.0) < finding.alpha
+    return finding.says in alarms
 
 
 def _arrays(record: Any) -> list[NDArray[Any]]:
