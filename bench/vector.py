@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count, islice
 from time import process_time
+from typing import Any
 
 import numpy as np
 from timing import Spread, line
@@ -32,7 +33,7 @@ from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.navigation.vector_filter import VectorSettings
 from skyproof.receiver import measurement as m
-from skyproof.records import Asked, Evidence, NavigationData, Records, Samples, Taps, TapsAsked
+from skyproof.records import Asked, Finding, NavigationData, Records, Samples, Taps, TapsAsked
 from skyproof.simulator import scenes
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.samples import samples_of
@@ -333,23 +334,23 @@ def _drawn(skies: list[MeasuredScene], attacked: int, settings: VectorSqmSetting
             lost += 1
             continue
         evidence, onset_s = _examined(records, offsets, level, settings, rng)
-        names = " and ".join(str(o.signals[k]) for k in sorted(hit))
+        names = tuple(str(o.signals[k]) for k in sorted(hit))
         first = next((k for k, one in enumerate(evidence) if one.failed), None)
         if first is None:
             continue
         counted["noticed"] += 1
         word_s.append((first + 1) * WINDOW_S - onset_s)
-        if "seen at" in evidence[first].because:
-            seen_s.append(float(evidence[first].because.split("seen at ")[1].split(" s")[0]) - onset_s)
-        because = evidence[-1].because
-        if "alone would explain it" in because and "any of" not in because:
-            named = [str(o.signals[k]) in because for k in range(n)]
-            true_named = any(name and k not in hit for k, name in enumerate(named))
-            right = not true_named and sum(named) == attacked
-            counted["wrong" if true_named else "right" if right else "part"] += 1
+        seen: Any = evidence[first].data
+        if "seen_s" in seen:
+            seen_s.append(seen["seen_s"] - onset_s)
+        last: Any = evidence[-1].data
+        suspects, size = last.get("suspects", ()), last.get("set_size", 0)
+        if last.get("sets") == 1 and size:
+            true_named = not set(suspects) <= set(names)
+            counted["wrong" if true_named else "right" if size == attacked else "part"] += 1
         else:
             counted["several"] += 1
-            counted["among"] += names in because
+            counted["among"] += any(suspects[k : k + size] == names for k in range(0, len(suspects), max(size, 1)))
     delays = ", ".join(
         f"{name} {np.median(one):.1f}, {np.quantile(one, 0.95):.1f}"
         for name, one in (("word", word_s), ("seen", seen_s))
@@ -365,7 +366,7 @@ def _drawn(skies: list[MeasuredScene], attacked: int, settings: VectorSqmSetting
 
 def _examined(
     records: Records, offsets: Equilibrium, level: float, settings: VectorSqmSettings, rng: np.random.Generator
-) -> tuple[list[Evidence], float]:
+) -> tuple[list[Finding], float]:
     """Three windows, and when the attack begins in the second."""
     detector, state, said = VectorSqm(settings), None, []
     n, looks = offsets.code_chips.size, round(WINDOW_S / LOOK_S)

@@ -7,6 +7,7 @@
 import sys
 from collections import Counter
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from vector import EVERY_20_MS, _in_memory, _tracked
@@ -15,7 +16,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
 from skyproof.app.receive.reception import observe
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings
-from skyproof.records import Evidence
+from skyproof.records import Finding
 from skyproof.simulator import scenes
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.samples import samples_of
@@ -39,7 +40,7 @@ def report(count: int = SCENES) -> Iterator[str]:
         scene, false = _scene(rng, number % 3)
         said = _said(scene)
         failed = [one for one in said if one.failed]
-        named = [one for one in failed if "alone would" in one.because and "any of" not in one.because]
+        named = [one for one in failed if one.data["sets"] == 1 and one.data["set_size"]]
         wrong = sum(_names(one) - set(false) != set() for one in named)
         right = sum(_names(one) == set(false) for one in named)
         yield f"  {number}: {' '.join(false) or 'none':<8} {len(failed)} of {len(said)}, {right} right, {wrong} wrong"
@@ -64,14 +65,21 @@ def ready() -> Iterator[str]:
         short = scene.model_copy(update={"duration_s": READY_S, "front_end": front_end})
         said = _said(short, READY_WINDOW_S, READY_FROM_S)
         p_values = [evidence.p_value for evidence in said if evidence.p_value is not None]
-        words = Counter(evidence.because.split("; ")[-1].split(" (")[0] for evidence in said)
+        words = Counter(_describe(finding) for finding in said)
         shown = "; ".join(f"{number} x {text}" for text, number in words.items())
         yield f"  {name}: {sum(each.failed for each in said)} of {len(said)}, p at most {max(p_values):.2g}; {shown}"
 
 
-def _names(evidence: Evidence) -> set[str]:
-    text = evidence.because.split("; ")[-1]
-    return {ref.signal.sat for ref in evidence.subject if ref.signal.sat in text}
+def _names(finding: Finding) -> set[str]:
+    """Return the satellites of the signals that are named."""
+    suspects: Any = finding.data["suspects"]
+    return {ref.signal.sat for ref in finding.signals if str(ref.signal) in suspects}
+
+
+def _describe(finding: Finding) -> str:
+    """Return the code, and how many sets of which signals would explain a misfit."""
+    data: Any = finding.data
+    return f"{finding.code}, {data['sets']} sets: {' '.join(data['suspects'])}" if finding.failed else finding.code
 
 
 def _scene(rng: np.random.Generator, attacked: int) -> tuple[Scenario, tuple[str, ...]]:
@@ -108,7 +116,7 @@ def _scene(rng: np.random.Generator, attacked: int) -> tuple[Scenario, tuple[str
     return scene.model_copy(update=changes), false
 
 
-def _said(scene: Scenario, window_s: float = WINDOW_S, settled_s: float = SETTLED_S) -> list[Evidence]:
+def _said(scene: Scenario, window_s: float = WINDOW_S, settled_s: float = SETTLED_S) -> list[Finding]:
     """Of each window once the loops have settled."""
     navigation = navigation_of(scene)
     samples = samples_of(scene, navigation)[0]

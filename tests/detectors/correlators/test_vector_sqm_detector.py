@@ -18,6 +18,7 @@ from skyproof.detectors.correlators.vector_sqm_detector import (
     t_squared_survival,
 )
 from skyproof.errors import SettingsError
+from skyproof.records import Cause
 from skyproof.studies.vector_rules import equilibrium
 
 
@@ -40,8 +41,8 @@ def examined(places, code_chips=0.3, doppler_hz=150.0, seed=5):
 def test_a_signal_that_does_not_fit_fails_the_test_and_is_named():
     evidence, names = examined([3])
     assert evidence.failed
-    assert f"{names[3]} alone would explain it" in evidence.because
-    assert evidence.would_need
+    assert (evidence.code, evidence.may_also_be) == ("does_not_fit", (Cause.REFLECTIONS, Cause.FAULT))
+    assert (evidence.data["sets"], evidence.data["suspects"]) == (1, (names[3],))
 
 
 def test_an_offset_that_no_window_shows_alone_is_found_over_several_and_dated():
@@ -54,14 +55,14 @@ def test_an_offset_that_no_window_shows_alone_is_found_over_several_and_dated():
         evidence, state = strict.examine(records, state)
         together += evidence
     assert not any(one.failed for one in alone)
-    assert any(one.failed and "seen at" in one.because for one in together)
+    assert any(one.failed and "seen_s" in one.data for one in together)
 
 
 def test_nobody_is_called_false_where_many_sets_fit_alike():
     evidence, _ = examined([0, 2, 4, 6])
     assert evidence.failed
     assert evidence.says == "undecided"
-    assert "which of them are false does not show" in evidence.because
+    assert (evidence.data["sets"], evidence.data["suspects"]) == (0, ())
 
 
 def test_signals_that_agree_on_one_false_place_show_nothing():
@@ -103,16 +104,14 @@ def test_channels_below_the_mask_are_not_tested():
 def test_without_the_right_taps_nothing_is_said():
     records = with_vector_taps(np.random.default_rng(6))
     (taps,) = records.vector_taps
-    for changed in (
-        replace(taps, delays_chips=np.array([0.5, 0.1, -0.5])),
-        replace(taps, delays_chips=np.array([0.5, 0.0, -0.4])),
-        replace(taps, value=np.full(taps.value.shape, np.nan, np.complex64)),
-        taps.between(0.0, 0.3),
+    for changed, code in (
+        (replace(taps, delays_chips=np.array([0.5, 0.1, -0.5])), "no_pair"),
+        (replace(taps, delays_chips=np.array([0.5, 0.0, -0.4])), "no_pair"),
+        (replace(taps, value=np.full(taps.value.shape, np.nan, np.complex64)), "few_satellites"),
+        (taps.between(0.0, 0.3), "few_looks"),
     ):
         (evidence,) = VectorSqm().examine(replace(records, vector_taps=(changed,)))[0]
-        assert evidence.says == "undecided"
-        assert not evidence.failed
-        assert evidence.would_need
+        assert (evidence.says, evidence.failed, evidence.code) == ("undecided", False, code)
 
 
 def test_of_several_pairs_the_one_nearest_to_half_a_chip_is_taken():

@@ -3,7 +3,7 @@
 A reflection within a chip distorts correlators exactly as a second transmitter does. What tells them apart is how many
 satellites show it at once, and on which side: a reflection comes after its signal, so one that comes before is the
 weaker direct signal beside a tracked reflection, or not of the sky. Both counts are binomial if reflections come to
-each satellite by themselves; only the second one says "attack".
+each satellite by themselves; only the second one excludes reflections.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.arrays import Booleans, ComplexFloats
-from skyproof.detectors.base import Untested, missing, undecided
+from skyproof.detectors.base import NotTested, Reporter
 from skyproof.detectors.correlators.second_component import (
     BeatLine,
     allowed_share,
@@ -22,7 +22,18 @@ from skyproof.detectors.correlators.second_component import (
     together,
 )
 from skyproof.errors import SettingsError, require_probability
-from skyproof.records import Asked, Evidence, Need, Records, SignalRef, Taps, TapsAsked
+from skyproof.records import (
+    Asked,
+    Cause,
+    Datum,
+    Finding,
+    Hypothesis,
+    Need,
+    Records,
+    SignalRef,
+    Taps,
+    TapsAsked,
+)
 from skyproof.statistics.distributions import binomial_survival
 
 __all__ = ["Sqm", "SqmSettings"]
@@ -68,7 +79,7 @@ class _Signal:
 
 
 class Sqm:
-    """One Evidence per receiver and window, from `taps`.
+    """The detector: one finding of each receiver and window, from `taps`.
 
     While several signals of a satellite are tracked nothing is said of them: they distort each other, and
     `second_signals` looks at them. The counts' p-values are upper bounds. That of a single signal's distortion is exact
@@ -82,107 +93,61 @@ class Sqm:
     def __init__(self, settings: SqmSettings | None = None) -> None:
         self.settings = settings or SqmSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
-        if lacking:
-            return lacking, state
-        return [self._receiver(records, taps) for taps in records.taps], state
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.ONE_COMPONENT)
+        lacking = report.name_missing()
+        return lacking or [self._test_receiver(report, taps) for taps in records.taps], state
 
-    def _receiver(self, records: Records, taps: Taps) -> Evidence:
-        signals = _examined(taps, self.settings.multipath_sigma_m)
-        if len(signals) < self.settings.min_signals:
+    def _test_receiver(self, report: Reporter, taps: Taps) -> Finding:
+        """Count the signals that are distorted, and those that an earlier one distorts."""
+        settings, signals = self.settings, _examined(taps, self.settings.multipath_sigma_m)
+        n = len(signals)
+        if n < settings.min_signals:
             refs = tuple(SignalRef(taps.receiver, signal) for signal in taps.signals)
-            return undecided(
-                self, records, refs, **_explain_few(taps, len(signals), self.settings.min_signals)._asdict()
-            )
-        return self._counted(records, taps.receiver, signals)
-
-    def _counted(self, records: Records, receiver: str, signals: list[_Signal]) -> Evidence:
-        settings, n = self.settings, len(signals)
+            return report.pass_over(refs, _explain_few(taps, n, settings.min_signals))
         distorted = [s for s in signals if s.distorted.p_value < SIGNAL_LEVEL]
         early = [s for s in signals if s.early.p_value < SIGNAL_LEVEL]
         p_many = float(binomial_survival(len(distorted), n, settings.reflection_probability + SIGNAL_LEVEL))
         p_early = float(binomial_survival(len(early), n, settings.tracked_reflection_probability + SIGNAL_LEVEL))
-        p_value, alpha = min(2.0 * p_many, 2.0 * p_early, 1.0), settings.false_alarm_probability
+        alpha = settings.false_alarm_probability
         certain = [s for s in signals if together(s.distorted.p_value, n) < alpha]
-
-        def evidence(says: Any, subject: list[_Signal], because: str, **more: Any) -> Evidence:
-            return Evidence(
-                detector=self.name,
-                start_gpst=records.start_gpst,
-                end_gpst=records.end_gpst,
-                subject=tuple(s.ref for s in subject),
-                says=says,
-                because=because,
-                statistic=float(len(early) if says == "attack" else len(distorted)),
-                false_alarm_probability=alpha,
-                p_value=p_value,
-                **more,
-            )
-
         if 2.0 * p_early < alpha:
-            return evidence(
-                "attack",
-                early,
-                f"the correlators of {_named(early)} in {receiver}, {len(early)} of {n} signals, hold a second signal "
-                "of the same satellite that comes before the tracked one, which no reflection does",
-            )
-        if 2.0 * p_many < alpha:
-            return evidence(
-                "undecided",
-                distorted,
-                f"the correlators of {_named(distorted)} in {receiver}, {len(distorted)} of {n} signals, are distorted "
-                "at once, by reflections all around or by second signals",
-                may_also_be=("reflections",),
-                would_need="a second receiver nearby, or an antenna array",
-            )
-        if certain:
-            return evidence(
-                "undecided",
-                certain,
-                f"the correlators of {_named(certain)} in {receiver} are distorted, by a reflection or a second signal",
-                would_need="a second receiver nearby, or an antenna array",
-                noted=True,
-            )
-        return evidence(
-            "clean",
-            signals,
-            f"the correlators of {n} signals of {receiver} are distorted no more than noise and multipath of "
-            f"{settings.multipath_sigma_m:g} m explain",
-        )
+            code, tested = "earlier_signals", early
+        elif 2.0 * p_many < alpha:
+            code, tested = "many_distorted", distorted
+        elif certain:
+            code, tested = "some_distorted", certain
+        else:
+            code, tested = "undistorted", signals
+        data: dict[str, Datum] = {
+            "statistic": len(early) if code == "earlier_signals" else len(distorted),
+            "of": n,
+            "multipath_sigma_m": settings.multipath_sigma_m,
+        }
+        # However many signals are reflected, no reflection comes before its signal.
+        p = {Cause.CLEAN: min(2.0 * p_many, 2.0 * p_early, 1.0), Cause.REFLECTIONS: min(2.0 * p_early, 1.0)}
+        return report.find(tuple(s.ref for s in tested), code, p, data=data)
 
 
-def _explain_few(taps: Taps, examined: int, least: int) -> Untested:
-    """Say whether the correlators, their number in the window, or the signals are what is missing."""
-    receiver = taps.receiver
-    if not pairs_of(taps.delays_chips):
-        return Untested(
-            code="no_pair",
-            because=f"{receiver} has no two correlators that stand evenly about the prompt",
-            would_need="correlators at the prompt and evenly to both sides of it",
-        )
-    if taps.elapsed_s.size < LEAST_LOOKS:
-        return Untested(
-            code="few_looks",
-            because=f"{taps.elapsed_s.size} looks at the correlators of {receiver} lie in the window; {LEAST_LOOKS} "
-            "are needed",
-            would_need="two seconds of signal or more",
-        )
+def _explain_few(taps: Taps, examined: int, least: int) -> NotTested:
+    """Return whether the correlators, their number in the window, or the signals are what is missing."""
     sent = {signal.transmission for signal in taps.signals}
+    data: dict[str, Datum] = {
+        "receiver": taps.receiver,
+        "looks": taps.elapsed_s.size,
+        "needed_looks": LEAST_LOOKS,
+        "examined": examined,
+        "needed": least,
+        "satellites": len(sent),
+    }
+    if not pairs_of(taps.delays_chips):
+        return NotTested("no_pair", data)
+    if taps.elapsed_s.size < LEAST_LOOKS:
+        return NotTested("few_looks", data)
     if len(sent) < len(taps.signals) and len(sent) >= least:
-        return Untested(
-            code="several_of_a_satellite",
-            because=f"{examined} of {len(sent)} satellites in {receiver} have one signal alone long enough: several "
-            f"signals of a satellite distort each other, and fewer than {least} say nothing together",
-            would_need=f"at least {least} satellites with one signal each",
-        )
-    return Untested(
-        code="few_signals",
-        because=f"{examined} signals of {receiver} were tracked without a break for {LEAST_LOOKS} looks; fewer than "
-        f"{least} say nothing together",
-        would_need=f"at least {least} satellites tracked without a break for 2 s",
-    )
+        return NotTested("several_of_a_satellite", data)
+    return NotTested("few_signals", data)
 
 
 def _examined(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:
@@ -221,7 +186,3 @@ def _unbroken(looks: ComplexFloats, there: Booleans) -> ComplexFloats:
 def _most_telling(lines: list[BeatLine]) -> BeatLine:
     best = min(lines, key=lambda line: line.p_value)
     return best._replace(p_value=together(best.p_value, len(lines)))
-
-
-def _named(signals: list[_Signal]) -> str:
-    return ", ".join(sorted(s.ref.signal.sat for s in signals))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import special
 
 from skyproof.arrays import Indices, Reals
-from skyproof.detectors.base import missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.correlators.correlator_laws import phase_discriminator
 from skyproof.detectors.correlators.vector_cusum import BankFound, BankState, bank_over_looks
 from skyproof.detectors.correlators.vector_parity import (
@@ -30,7 +30,19 @@ from skyproof.navigation.elevation_mask import find_low
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.search import WindowRanges, below, misfits, solve
 from skyproof.navigation.sets import window_measurements
-from skyproof.records import Evidence, NavigationData, Need, Observations, Records, SignalId, SignalRef, Taps
+from skyproof.records import (
+    Cause,
+    Datum,
+    Finding,
+    Hypothesis,
+    NavigationData,
+    Need,
+    Observations,
+    Records,
+    SignalId,
+    SignalRef,
+    Taps,
+)
 
 __all__ = ["VectorSqm", "VectorSqmSettings"]
 
@@ -39,6 +51,7 @@ LEAST_SHARE: Final = 0.8
 LOOKS_MORE: Final = 20
 """Than the numbers tested, so that the noise is known."""
 MOST_NAMED: Final = 6
+"""Sets of signals that would explain a misfit, of which the signals are named."""
 BENT: Final = 0.05
 """Of a code's offset, one sigma, by which its discriminator is not straight: |E| and |L| of weak signals are larger by
 their noise (5 % at an offset of 0.2 chip and an amplitude of 8), and a front end rounds the triangle."""
@@ -111,7 +124,7 @@ def t_squared_survival(statistic: float, dof: int, samples: int) -> float:
 
 
 class VectorSqm:
-    """The detector: one Evidence per receiver and window, from `vector_taps`, a tuple of `Taps` whose channels one
+    """The detector: one finding of each receiver and window, from `vector_taps`, a tuple of `Taps` whose channels one
     solution steers.
 
     Code and phase discriminators of the window's looks are taken into the parity space of the geometry. Half of the
@@ -119,7 +132,7 @@ class VectorSqm:
     exceeds the law of T^2 with 2 (n - 4) degrees at most as often as stated. Half goes to cumulative sums over the
     looks (`vector_cusum`), which go on from window to window in the state and show when an offset began.
 
-    That signals do not fit one position is said, with those that would explain it, and no more: a reflection that is
+    Signals that do not fit one position are found, with those that would explain it, and no more: a reflection that is
     followed alone, or a fault of a satellite, displaces a channel just as a false signal does. Taps of scalar tracking
     show nothing here: each channel follows its own signal.
     """
@@ -130,39 +143,33 @@ class VectorSqm:
     def __init__(self, settings: VectorSqmSettings | None = None) -> None:
         self.settings = settings or VectorSqmSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.ONE_POSITION)
+        lacking = report.name_missing()
         if lacking or records.navigation is None:
             return lacking, state
         by_receiver = {o.receiver: o for o in records.observations}
+        before: Mapping[str, BankState] = state or {}
         banks: dict[str, BankState] = {}
-        said = []
+        found = []
         for taps in records.vector_taps:
-            looked = self._looks(records, records.navigation, by_receiver.get(taps.receiver), taps)
-            if isinstance(looked, _Looks):
-                before: Mapping[str, BankState] = state or {}
-                evidence, banks[taps.receiver] = self._judged(records, looked, taps, before.get(taps.receiver))
+            looks = self._measure_looks(records.navigation, by_receiver.get(taps.receiver), taps)
+            if isinstance(looks, _Looks):
+                finding, banks[taps.receiver] = self._test_looks(report, looks, taps, before.get(taps.receiver))
             else:
-                evidence = looked
-            said.append(evidence)
-        return said, banks
+                finding = report.pass_over(tuple(SignalRef(taps.receiver, s) for s in taps.signals), looks)
+            found.append(finding)
+        return found, banks
 
-    def _looks(
-        self, records: Records, navigation: NavigationData, observations: Observations | None, taps: Taps
-    ) -> "_Looks | Evidence":
-        """Discriminators of one receiver's channels that can be tested together, or what they lack."""
-        refs = tuple(SignalRef(taps.receiver, signal) for signal in taps.signals)
+    def _measure_looks(
+        self, navigation: NavigationData, observations: Observations | None, taps: Taps
+    ) -> "_Looks | NotTested":
+        """Return discriminators of one receiver's channels that can be tested together, or what they lack."""
+        data: dict[str, Datum] = {"receiver": taps.receiver, "needed": self.settings.min_satellites}
         pair = pair_of_taps(taps)
         if pair is None:
-            return undecided(
-                self,
-                records,
-                refs,
-                code="no_pair",
-                because=f"{taps.receiver} has no early and late within a chip that stand evenly about the prompt",
-                would_need="correlators at -0.5, 0 and +0.5 chip",
-            )
+            return NotTested("no_pair", data)
         there = None
         if observations is not None and observations.gpst.size:
             there = directions(observations, navigation, taps.signals, self.settings)
@@ -172,43 +179,15 @@ class VectorSqm:
         n = kept.size
         rows = np.isfinite(value[:, kept]).all(axis=(1, 2))
         if there is None:
-            return undecided(
-                self,
-                records,
-                refs,
-                code="no_position",
-                because=f"fewer than four satellites of {taps.receiver} above the elevation mask have ranges and "
-                "orbits: no position is there to hold channels against",
-                would_need="pseudoranges and orbits of four or more satellites",
-            )
-        if n < self.settings.min_satellites:
-            return undecided(
-                self,
-                records,
-                refs,
-                code="few_satellites",
-                because=f"{n} satellites in {taps.receiver} were tracked together through the window",
-                would_need=f"{self.settings.min_satellites} or more satellites tracked together through the window",
-            )
-        if np.linalg.matrix_rank(there.design[kept]) < 4:
-            return undecided(
-                self,
-                records,
-                refs,
-                code="weak_geometry",
-                because=f"the directions of the {n} signals in {taps.receiver} give no position",
-                would_need="satellites in other directions",
-            )
+            return NotTested("no_position", data)
         needed = 2 * (n - 4) + LOOKS_MORE
+        data |= {"channels": n, "looks": int(rows.sum()), "needed_looks": needed}
+        if n < self.settings.min_satellites:
+            return NotTested("few_satellites", data)
+        if np.linalg.matrix_rank(there.design[kept]) < 4:
+            return NotTested("weak_geometry", data)
         if rows.sum() < needed:
-            return undecided(
-                self,
-                records,
-                refs,
-                code="few_looks",
-                because=f"{int(rows.sum())} looks at the {n} channels of {taps.receiver} together",
-                would_need=f"{needed} looks or more",
-            )
+            return NotTested("few_looks", data)
         chosen = value[rows][:, kept]
         return _Looks(
             signals=tuple(taps.signals[k] for k in kept),
@@ -219,9 +198,10 @@ class VectorSqm:
             lasting_chips=there.lasting_chips[kept],
         )
 
-    def _judged(
-        self, records: Records, looks: "_Looks", taps: Taps, before: BankState | None
-    ) -> tuple[Evidence, BankState]:
+    def _test_looks(
+        self, report: Reporter, looks: "_Looks", taps: Taps, before: BankState | None
+    ) -> tuple[Finding, BankState]:
+        """Return whether one position and clock explain the channels, and what the sums remember."""
         asked = self.settings.false_alarm_probability
         parity = satellite_geometry(looks.design).parity
         noise_chips, noise_rad = (x.std(axis=0, ddof=1) for x in (looks.code_chips, looks.phase_rad))
@@ -237,34 +217,27 @@ class VectorSqm:
         n_looks = len(looks.code_chips)
         statistic, y, _ = looks.mean_over(slice(None), parity, 0.0)
         p_value = min(2.0 * min(t_squared_survival(statistic, y.size, n_looks), bank.p_value), 1.0)
-        said = f"{len(looks.signals)} channels of {taps.receiver}"
-        because = f"{said} sit where one position and clock put them"
-        if p_value < asked:
+        data: dict[str, Datum] = {"statistic": statistic}
+        failed = p_value < asked
+        if failed:
             from_look = min(max(bank.began or 0, 0), n_looks - y.size - LOOKS_MORE)
             _, y, white = looks.mean_over(slice(from_look, None), parity, BENT)
             sets = likely_sets(y, white, self.settings.wrong_name_probability)
-            found = [tuple(looks.signals[k] for k in each.satellites) for each in sets]
-            because = (
-                f"{said} do not fit one position and clock{_when(bank, looks)}; {_suspects(found)} (smallest singular "
-                f"value of two satellites' directions {separability(parity, 1):.2g})"
-            )
-        evidence = Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=tuple(SignalRef(taps.receiver, signal) for signal in looks.signals),
-            says="clean" if p_value >= asked else "undecided",
-            because=because,
-            statistic=statistic,
-            false_alarm_probability=asked,
-            p_value=p_value,
-            would_need=None
-            if p_value >= asked
-            else "what tells a false signal from a reflection or a fault: another receiver, or several antennas",
-            may_also_be=() if p_value >= asked else ("reflections", "fault"),
-            dated_gpst=None if p_value >= asked else _began_gpst(bank, looks, records, taps.receiver),
+            data |= {
+                "sets": len(sets),
+                "set_size": len(sets[0].satellites) if sets else 0,
+                "suspects": tuple(str(looks.signals[k]) for each in sets[:MOST_NAMED] for k in each.satellites),
+                "separability": float(separability(parity, 1)),
+                **_date_in_recording(bank, looks),
+            }
+        finding = report.find(
+            tuple(SignalRef(taps.receiver, signal) for signal in looks.signals),
+            "does_not_fit" if failed else "fits",
+            {Cause.CLEAN: p_value, **leave_open((Cause.REFLECTIONS, Cause.FAULT))},
+            data=data,
+            dated_gpst=_began_gpst(bank, looks, report.records, taps.receiver) if failed else None,
         )
-        return evidence, bank.state
+        return finding, bank.state
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -290,12 +263,12 @@ class _Looks:
         return float(parity_test(y).statistic), y, white
 
 
-def _when(bank: BankFound, looks: _Looks) -> str:
-    """Since when, in words, as far as the sums show it."""
+def _date_in_recording(bank: BankFound, looks: _Looks) -> dict[str, Datum]:
+    """Return when the sums showed an offset and since when it is there, seconds of the recording, as far as known."""
     if bank.seen is None:
-        return ""
-    seen = f", seen at {looks.elapsed_s[bank.seen - 1]:.1f} s of the recording"
-    return seen if bank.began is None or bank.began < 0 else f"{seen}, from {looks.elapsed_s[bank.began]:.1f} s on"
+        return {}
+    seen: dict[str, Datum] = {"seen_s": float(looks.elapsed_s[bank.seen - 1])}
+    return seen if bank.began is None or bank.began < 0 else {**seen, "began_s": float(looks.elapsed_s[bank.began])}
 
 
 def _began_gpst(bank: BankFound, looks: _Looks, records: Records, receiver: str) -> np.datetime64 | None:
@@ -306,19 +279,6 @@ def _began_gpst(bank: BankFound, looks: _Looks, records: Records, receiver: str)
     since_s = float(looks.elapsed_s[bank.began] - own[0].elapsed_s[0])
     began: np.datetime64 = own[0].gpst[0] + timedelta_from_s(since_s)
     return began
-
-
-def _suspects(found: list[tuple[SignalId, ...]]) -> str:
-    """Which signals alone explain a misfit, in words."""
-    if found == [()]:
-        return "too little of it is seen to say which signals would explain it"
-    named = [" and ".join(map(str, signals)) for signals in found]
-    if not named:
-        return "so many that which of them are false does not show"
-    if len(named) == 1:
-        return f"{named[0]} alone would explain it"
-    shown = ", ".join(named[:MOST_NAMED])
-    return f"any of {len(named)} would explain it alone: {shown}{' or others' if len(named) > MOST_NAMED else ''}"
 
 
 def _kept(value: Any, there: Directions | None) -> Indices:

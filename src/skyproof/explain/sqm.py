@@ -1,0 +1,61 @@
+"""What `sqm` finds, in words."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from skyproof.explain.entry import Entry
+from skyproof.records import Finding
+
+__all__ = ["ENTRIES"]
+
+_BESIDE: Final = "a second receiver nearby, or an antenna array"
+
+
+def _name_correlators(finding: Finding) -> str:
+    """Say whose correlators are distorted."""
+    sats = ", ".join(sorted(ref.signal.sat for ref in finding.signals))
+    return f"the correlators of {sats} in {finding.signals[0].receiver}"
+
+
+def _count_correlators(finding: Finding) -> str:
+    """Say whose correlators are distorted, and how many of all."""
+    return f"{_name_correlators(finding)}, {len(finding.signals)} of {finding.data['of']} signals,"
+
+
+ENTRIES: Final[Mapping[str, Entry]] = {
+    "no_pair": Entry(
+        "{receiver} has no two correlators that stand evenly about the prompt",
+        "correlators at the prompt and evenly to both sides of it",
+    ),
+    "few_looks": Entry(
+        "{looks} looks at the correlators of {receiver} lie in the window; {needed_looks} are needed",
+        "two seconds of signal or more",
+    ),
+    "several_of_a_satellite": Entry(
+        "{examined} of {satellites} satellites in {receiver} have one signal alone long enough: several signals of a "
+        "satellite distort each other, and fewer than {needed} say nothing together",
+        "at least {needed} satellites with one signal each",
+    ),
+    "few_signals": Entry(
+        "{examined} signals of {receiver} were tracked without a break for {needed_looks} looks; fewer than {needed} "
+        "say nothing together",
+        "at least {needed} satellites tracked without a break for 2 s",
+    ),
+    "undistorted": Entry(
+        "the correlators of {n_signals} signals of {receiver} are distorted no more than noise and multipath of "
+        "{multipath_sigma_m:g} m explain"
+    ),
+    "some_distorted": Entry(
+        lambda f: f"{_name_correlators(f)} are distorted, by a reflection or a second signal", _BESIDE, beside=True
+    ),
+    "many_distorted": Entry(
+        lambda f: f"{_count_correlators(f)} are distorted at once, by reflections all around or by second signals",
+        _BESIDE,
+    ),
+    "earlier_signals": Entry(
+        lambda f: (
+            f"{_count_correlators(f)} hold a second signal of the same satellite that comes before the tracked one, "
+            "which no reflection does"
+        )
+    ),
+}
