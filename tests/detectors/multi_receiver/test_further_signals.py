@@ -101,6 +101,20 @@ def test_signals_equally_off_in_all_receivers_may_have_wrong_orbits(apart_m, nam
     assert bool(spoofed) == named
 
 
+@pytest.mark.parametrize(("off_m", "named"), [(-3e5, False), (-600.0, True)], ids=["orbits elsewhere", "another place"])
+def test_orbits_elsewhere_in_the_sky_differ_by_the_distance(off_m, named):
+    """Two satellites of receivers 5 km apart: an orbit off by thousands of km, or codes that an attacker would send."""
+    far = {"rx1": (0.0, 0.0, 0.0), "rx2": (4000.0, 3000.0, 10.0)}
+    made = MeasuredScene(antennas_enu_m=far, epochs=8, errors=TrackErrors(0.5), max_satellites=10).records(
+        np.random.default_rng(3)
+    )
+    by_m = {("rx1", 0): off_m, ("rx2", 0): off_m + 2000.0, ("rx1", 3): off_m, ("rx2", 3): off_m - 1500.0}
+    settings = MultiReceiverSettings(antennas_enu_m=far, false_alarm_probability=1e-6, max_separation_m=1e4)
+    evidence, _ = MultiReceiver(settings).examine(moved(made, by_m))
+    assert any(e.says == "authentic" for e in evidence)
+    assert any(e.says == "spoofed" for e in evidence) is named
+
+
 def test_damaged_numbers_of_one_file_are_no_signals():
     made, _ = records(([], []))
     rng = np.random.default_rng(0)

@@ -55,6 +55,8 @@ _COURSE: Final = 3
 """Numbers of a range's course over a window: its rate changes by less than 0.2 m/s in a second."""
 _UNSTEADY_M: Final = 10.0
 """By which a code that a loop follows does not scatter about a smooth course: numbers that were damaged do."""
+_LEAST_RANGE_M: Final = 19_000e3
+"""Of a satellite in medium orbit, overhead; the others are farther."""
 _BLOCKED_DB: Final = 20.0  # a satellite without a true signal: its own may be blocked by anything
 
 _Place = tuple[str, str]
@@ -136,7 +138,10 @@ def further_signals(
         beside = _beside(records, measured[receiver], chosen, kind, kinds[id(chosen)], each)
         places = {(receiver, signal.sat) for signal in kinds[id(chosen)].get(kind, ())}
         own[receiver, kind] = [b for b in beside if b.ref not in known], places
-    wrong = _wrong_orbits([b for beside, _ in own.values() for b in beside], {sat for _, sat in _all_places(own)})
+    places_m = np.array([chosen.position_ecef_m for chosen in true.values()])
+    apart_m = float(np.linalg.norm(places_m[:, None] - places_m, axis=-1).max(initial=0.0))
+    matched = {sat for _, sat in _all_places(own)}
+    wrong = _find_wrong_orbits([b for beside, _ in own.values() for b in beside], matched, apart_m, each.alarm)
     own = {of: ([b for b in beside if b.ref.signal.sat not in wrong], places) for of, (beside, places) in own.items()}
     together = [_merged([own[name, kind] for name in sky.receivers]) for sky, kind in apart]
     tested = [_Tested(beside, places, each) for beside, places in [*own.values(), *together]]
@@ -149,19 +154,37 @@ def _all_places(own: Mapping[tuple[str, Kind], tuple[list[_Beside], set[_Place]]
     return set[_Place]().union(*(places for _, places in own.values()))
 
 
-def _wrong_orbits(beside: Sequence[_Beside], true: set[str]) -> set[str]:
-    """The satellites without a true signal whose others are as late in every receiver as a wrong orbit or clock makes
-    them: then that may be what is wrong. true : satellites that have one."""
+def _find_wrong_orbits(beside: Sequence[_Beside], true: set[str], apart_m: float, alarm: float) -> set[str]:
+    """Return the satellites without a true signal whose others are as late as a wrong orbit or clock makes them.
+
+    A clock makes them as late in every receiver. An orbit that moves the satellite by so much that it lies elsewhere in
+    the sky makes them differ by the distance of the receivers along the change of direction, at most twice that
+    distance. It leaves a range so nearly right by chance only: a displacement in any direction changes the range by no
+    more than a share of it with that share as probability. Orbits are to blame unless all of them together are
+    improbable.
+
+    true : satellites that have a true signal. apart_m : distance of the receivers. alarm : probability from which on
+    wrong orbits explain all of them.
+    """
     late: dict[tuple[str, Kind], list[_Beside]] = {}
     for b in beside:
         if b.ref.signal.sat not in true:
             late.setdefault((b.ref.signal.sat, b.ref.signal.kind), []).append(b)
-    alike: dict[str, bool] = {}
+    chance: dict[str, float] = {}
     for (sat, _), some in late.items():
         least, most = min(some, key=lambda b: b.late_m), max(some, key=lambda b: b.late_m)
-        same = most.late_m - least.late_m <= _SIGMAS * float(np.hypot(least.sigma_m, most.sigma_m))
-        alike[sat] = alike.get(sat, True) and same
-    return {sat for sat, same in alike.items() if same}
+        apart = most.late_m - least.late_m - _SIGMAS * float(np.hypot(least.sigma_m, most.sigma_m))
+        turned = 0.0 if apart <= 0.0 else apart / apart_m if apart_m > 0.0 else np.inf
+        moved_m = turned * _LEAST_RANGE_M
+        largest_m = max(abs(least.late_m), abs(most.late_m))
+        own = 1.0 if moved_m <= largest_m else largest_m / moved_m if turned <= 2.0 else 0.0
+        if len({b.ref.receiver for b in some}) < len(some) and apart > 0.0:  # signals of one receiver are late alike
+            own = 0.0
+        chance[sat] = min(chance.get(sat, 1.0), own)
+    alike = {sat for sat, own in chance.items() if own == 1.0}
+    turned_sats = {sat for sat, own in chance.items() if 0.0 < own < 1.0}
+    together = float(np.prod([chance[sat] for sat in turned_sats]))
+    return alike | (turned_sats if together >= alarm else set())
 
 
 def _second_skies(
