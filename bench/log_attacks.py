@@ -258,9 +258,7 @@ def against_truth(
         "by": dict(Counter(f"{e.detector}:{e.says}" for e in later)),
         "before": sorted({f"{e.detector}: {explain(e).sentence}" for e in before}),
         "why": "" if reason is None else explain(reason).sentence,
-        "accused": sorted({f"{e.detector}: {explain(e).sentence}" for e in failed if e.says in ("attack", "spoofed")})[
-            :3
-        ],
+        "accused": sorted({f"{e.detector}: {explain(e).sentence}" for e in accused})[:3],
     }
     if kind == "jamming":
         return row
