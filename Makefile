@@ -31,7 +31,8 @@ docs: $(READY) ## the manual, with its figures, into site/ (no network); open si
 fill: $(READY) ## what is made into the manual's pages and the notebook, where they are read unbuilt
 	$(BIN)/python docs/build/fill.py --run
 
-messages: $(READY) ## every error message that the tests raise, as a table, in docs/pages/messages.md
+messages: $(READY) ## every sentence of a finding, printed, and every error message that the tests raise, in docs/pages/messages.md
+	$(BIN)/python -m pytest -q -s tests/explain/test_sentences.py -k table
 	$(BIN)/python -m pytest -n 2 -q -m "not long" --messages docs/pages/messages.md
 
 test: $(READY) ## the tests, at most five minutes; one that hangs ends with a traceback

@@ -27,7 +27,7 @@ def explain(finding: Finding | Evidence) -> Wording:
 
     Raises
     ------
-    KeyError : no entry has the finding's code, or its data lack a field of the entry's template.
+    KeyError : its data lack a field of the entry's template.
     """
     if isinstance(finding, Evidence):
         return Wording(finding.because, finding.would_need, finding.assumes)
@@ -73,7 +73,7 @@ def _find_entry(finding: Finding) -> Entry:
     if finding.code in _COMMON:
         return _COMMON[finding.code]
     entries = _load_entries(finding.detector)
-    if entries is not None:
+    if entries is not None and finding.code in entries:
         return entries[finding.code]
     kind = load_detectors().get(finding.detector)
     sentence = getattr(kind, "sentences", {}).get(finding.code, finding.code.replace("_", " "))
