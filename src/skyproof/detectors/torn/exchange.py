@@ -2,7 +2,8 @@
 
 A receiver that two skies pull about tracks a few satellites at an epoch and others at the next, at full strength. Where
 shade or interference takes satellites away they go and come back by ones, or together: at an epoch many are lost, or
-many are found again, and seldom both. The exchange of an epoch is the smaller of the two numbers.
+many are found again, and seldom both. The exchange of an epoch is the smaller of the two numbers. A whole system that
+is there at one epoch and not at the next is left out: some receivers and files write systems by turns.
 
 **Law.** From an epoch to the next each tracked satellite is lost with probability `rate` or less, independently or
 together with others. What is lost together comes back together, at another epoch. So the exchange is stochastically no
@@ -20,7 +21,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Reals
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.records import CellStatus, Observations
 
 __all__ = ["EXCHANGED_MAX", "Exchange", "ExchangePast", "examine_exchange", "exchange_counts"]
@@ -34,6 +35,7 @@ _NEVER: Final = np.datetime64("NaT", "ns")
 _PRIOR_CELLS: Final = 40.0  # weight of the stated bound beside the receiver's own past
 _MOST_CELLS: Final = 400.0  # of the past; older ones fade
 _MOST_SCORE: Final = 60.0  # chances below 1e-26 are alike, and what ended shall end
+_WHOLE: Final = 3  # satellites of a system that come or go all at once
 _LONG: Final = 1.5  # intervals between epochs that are usual ones
 
 
@@ -72,16 +74,21 @@ class Exchange(NamedTuple):
     began: np.datetime64
 
 
-def exchange_counts(tracked: Booleans, strong: Booleans, known: Booleans) -> tuple[Reals, Reals]:
+def exchange_counts(tracked: Booleans, strong: Booleans, known: Booleans, system: Indices) -> tuple[Reals, Reals]:
     """Count what is exchanged between epochs and out of how many, two arrays (n_epochs - 1,).
 
-    tracked, strong : (n_epochs, n_satellites). known : (n_satellites,) tracked before the first of these epochs.
+    tracked, strong : (n_epochs, n_satellites). known, system : (n_satellites,) tracked before the first of these
+    epochs, and the number of its system.
     """
     seen = known | np.logical_or.accumulate(tracked, axis=0)
-    lost = strong[:-1] & ~tracked[1:]
-    again = ~tracked[:-1] & strong[1:] & seen[:-1]
+    of_system = np.stack([tracked[:, system == number].sum(axis=1) for number in range(system.max(initial=-1) + 1)], 1)
+    before, after = of_system[:-1], of_system[1:]
+    by_turns = ((before >= _WHOLE) & (after == 0)) | ((after >= _WHOLE) & (before == 0))
+    counted = ~by_turns[:, system]
+    lost = strong[:-1] & ~tracked[1:] & counted
+    again = ~tracked[:-1] & strong[1:] & seen[:-1] & counted
     exchanged = np.minimum(lost.sum(axis=1), again.sum(axis=1))
-    return exchanged.astype(np.float64), strong[:-1].sum(axis=1).astype(np.float64)
+    return exchanged.astype(np.float64), (strong[:-1] & counted).sum(axis=1).astype(np.float64)
 
 
 def examine_exchange(o: Observations, past: ExchangePast) -> tuple[Exchange | None, ExchangePast]:
@@ -96,7 +103,10 @@ def examine_exchange(o: Observations, past: ExchangePast) -> tuple[Exchange | No
     else:
         past = ExchangePast()  # another recording
     known = np.array([sat in past.known for sat in sats], np.bool_)
-    exchanged, cells = exchange_counts(tracked, strong, known)
+    if not sats:
+        return None, replace(past, end_s=float(o.elapsed_s[-1]))
+    system = np.unique([sat[0] for sat in sats], return_inverse=True)[1]
+    exchanged, cells = exchange_counts(tracked, strong, known, system)
     apart_s = np.diff(elapsed_s)
     follows = apart_s < _LONG * np.median(apart_s[-max(o.gpst.size - 1, 1) :])
     exchanged, cells = np.where(follows, exchanged, 0.0), np.where(follows, cells, 0.0)
