@@ -4,11 +4,11 @@
     python bench/clean_hours.py --table hours.jsonl               the counts alone
 
 Half of the hours are of two receivers ("pair"), half of one ("single"), in runs of ten minutes at drawn places and
-times, standing, moving or turning, with antennas known or not, as drawn_scenes.py has them; no reflections, and errors
-as they are assumed: code noise of 0.4 to 0.9 m, white or AR(1) 0.9 from epoch to epoch, and a constant error of each
-signal. Windows are of 10 s. Runs are judged at 0.4 false alarms an hour, nearly the most that can be asked: whether
-0.001, which is asked by itself, comes too seldom would take thousands of hours. What would be said at lower rates
-follows from how far below its share of the rate a test's p-value is; `--asked 0.001` judges further runs so.
+times, standing, moving or turning, with antennas known or not, as in `skyproof.studies.random_scenes`; no reflections,
+and errors as they are assumed: code noise of 0.4 to 0.9 m, white or AR(1) 0.9 from epoch to epoch, and a constant error
+of each signal. Windows are of 10 s. Runs are judged at 0.4 false alarms an hour, nearly the most that can be asked:
+whether 0.001, which is asked by itself, comes too seldom would take thousands of hours. What would be said at lower
+rates follows from how far below its share of the rate a test's p-value is; `--asked 0.001` judges further runs so.
 
 Counted are windows in which signals are said to be false, or an attack, and those in which a test fails without that
 word, with Poisson's 95 % interval of their rate; verdicts; and p-values by detector, of which a share of 1 % would be
@@ -23,7 +23,6 @@ from typing import Any, Final
 
 import numpy as np
 from drawn import heard_of, settings_of
-from drawn_scenes import draw_scene, make
 from fused import AGAINST, dependence, tests_of
 from rows import Row, parser_of, rows_of
 from scipy import stats
@@ -33,6 +32,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
 from skyproof.explain import explain
 from skyproof.records import Evidence
+from skyproof.studies.random_scenes import build_scene, draw_scene
 
 RUN_S: Final = 600.0
 FIRST: Final = 1_000_000
@@ -50,7 +50,7 @@ def row_of(name: str) -> Row:
     """A run of a name such as "pair-17-0.001"."""
     kind, number, rate = name.split("-", 2)
     drawn = draw_scene(f"clean-{FIRST + int(number)}", most_receivers=2, duration_s=RUN_S)
-    made = make(replace(drawn, field=False, constant_m=CONSTANT_M))
+    made = build_scene(replace(drawn, field=False, constant_m=CONSTANT_M))
     assert made is not None
     kept = 2 if kind == "pair" else 1
     heard = heard_of(replace(made, scene=replace(made.scene, skies=made.scene.skies[:kept])))

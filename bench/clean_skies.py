@@ -18,7 +18,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import tomli_w
 from clean_grids import CHIP_M, SURROUNDINGS, Sky
-from drawn_correlators import judged
 
 from skyproof.app.protect.document import Outcome
 from skyproof.gnss.nominal import nominal_constellation
@@ -27,6 +26,7 @@ from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, SceneRece
 from skyproof.simulator.scenario import Sky as SceneSky
 from skyproof.simulator.sites import WayPoints
 from skyproof.simulator.sky import scene_of
+from skyproof.studies.correlator_model import protect_scene
 
 SEED = 11
 SCENE_S = 120.0
@@ -97,7 +97,7 @@ def outcome_of(name: str, number: int) -> tuple[str, Outcome]:
     with TemporaryDirectory(prefix="clean") as folder:
         platform = Path(folder) / "platform.toml"
         platform.write_text(tomli_w.dumps(MOVING if name == "vehicle" else STANDING), encoding="utf-8")
-        verdict, outcome = judged(made, made.navigation, platform, made.scenario.seed)
+        verdict, outcome = protect_scene(made, made.navigation, platform, made.scenario.seed)
     return verdict.verdict, outcome
 
 

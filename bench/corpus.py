@@ -3,7 +3,7 @@
     make corpus                                           into .cache/corpus.jsonl; goes on where it was stopped
     python bench/corpus.py --quick --out a.jsonl          one to three rows of every kind, some minutes on one core
     python bench/corpus.py --samples --out a.jsonl        scenes and cells through samples as well: hours
-    python bench/corpus.py --only attack-3 case-07        rows of these names, printed
+    python bench/corpus.py --only attack-3 case-07        rows of these names alone; without --out they are printed
     python bench/corpus.py --compare a.jsonl b.jsonl      what differs, sorted: better, worse, other
 
 A row holds, for each run, the word, the label of each epoch, trusted positions, the least p-value of each test in each
@@ -25,7 +25,8 @@ from corpus_kinds import CASES, REAL, names_of_cells, names_of_files, row_of
 from real_logs import LOGS
 from rows import read, run
 
-DRAWN = {"attack": 90, **dict.fromkeys(words.CLEAN, 45), "several": 30, "takeover": 60}
+DEFAULT_OUT = Path(".cache/corpus.jsonl")
+DRAWN = {"attack": 90, **dict.fromkeys(words.CLEAN, 45), "several": 30, "takeover": 60, "missing": 20}
 """Scenes of each kind by default."""
 VECTOR_TAKEOVERS, WINDOWS, DAMAGED = 10, 40, 8
 """Takeovers in vector tracking, windows of arrays and arms clean and attacked, damages of each kind."""
@@ -33,7 +34,7 @@ LOG_ATTACKS, LOG_JAMMINGS, LOG_CUTS = 192, 48, 3
 SAMPLES = 20
 QUICK = (
     *("attack-0", "attack-1", "attack-6", "plain-1", "reflections-0", "reflections-3", "jammed-0", "jammed-1"),
-    *("several-0", "several-1", "takeover-0", "takeover-1", "takeover-2", "takeover-1-vector"),
+    *("several-0", "several-1", "takeover-0", "takeover-1", "takeover-2", "takeover-1-vector", "missing-0"),
     *("array-0", "array-1-attack", "array-2-attack", "arm-0", "arm-1-attack"),
     *(f"damaged-{kind}-1" for kind in damaged.KINDS),
     *("cell-takeover-0", "cell-jamming-1", "cell-texbat-like-2-2", "cell-starts-spoofed-3", "cell-takeover-4"),
@@ -90,20 +91,21 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--samples", action="store_true")
     parser.add_argument("--only", nargs="+")
-    parser.add_argument("--out", type=Path, default=Path(".cache/corpus.jsonl"))
+    parser.add_argument("--out", type=Path)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--compare", type=Path, nargs=2, metavar=("BEFORE", "AFTER"))
     given = parser.parse_args()
     if given.compare:
         return int(compare(*given.compare) > 0)
-    if given.only:
+    if given.only and not given.out:
         print("\n".join(json.dumps(row_of(name), default=str) for name in given.only))
         return 0
     if not has_data():
         print(f"{damaged.folder()} is not there: rows of {', '.join(REAL)} are left out", file=sys.stderr)
-    given.out.parent.mkdir(parents=True, exist_ok=True)
-    names = quick_names() if given.quick else names_of(samples=given.samples)
-    rows = run(names, row_of, given.out, given.processes)
+    out = given.out or DEFAULT_OUT
+    out.parent.mkdir(parents=True, exist_ok=True)
+    names = given.only or (quick_names() if given.quick else names_of(samples=given.samples))
+    rows = run(names, row_of, out, given.processes)
     counts = Counter((one["truth"], one["word"][:40]) for row in rows for one in row["runs"].values())
     for (truth, word), count in sorted(counts.items()):
         print(f"{truth or '-':10s} {word or '-':40s} {count}")

@@ -35,13 +35,29 @@ def _of_run(old: Row, new: Row) -> Iterator[tuple[str, str]]:
     yield from _labels(old, new)
     yield from _places(old, new)
     yield from _p_values(old.get("p", {}), new.get("p", {}))
-    for key in ("failed", "interference", "may_also_be", "seen", "truth"):
+    old, new = _same_codes(old, new)
+    for key in ("failed", "interference", "may_also_be", "seen", "gaps", "truth"):
         if old.get(key) != new.get(key):
             yield "other", f"{key}: {_part(old.get(key), new.get(key))} -> {_part(new.get(key), old.get(key))}"
     counts = [key for key in ("false_alarms",) if _count(old, key) != _count(new, key)]
     for key in counts:
         sort = "worse" if _count(new, key) > _count(old, key) else "better"
         yield sort, f"{key}: {_count(old, key)} -> {_count(new, key)}"
+
+
+def _same_codes(old: Row, new: Row) -> tuple[Row, Row]:
+    """Return both with failed tests counted without their codes, where one tree has none for them."""
+    if not any(key.split()[1] == "-" for row in (old, new) for key in row.get("failed", {})):
+        return old, new
+    return tuple(row | {"failed": _without_codes(row["failed"])} if "failed" in row else row for row in (old, new))  # type: ignore[return-value]
+
+
+def _without_codes(failed: Mapping[str, int]) -> dict[str, int]:
+    counts: Counter[str] = Counter()
+    for key, count in failed.items():
+        detector, _, *rest = key.split()
+        counts[" ".join([detector, *rest])] += count
+    return dict(sorted(counts.items()))
 
 
 def _part(value: Any, other: Any) -> Any:

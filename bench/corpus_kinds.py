@@ -12,6 +12,7 @@ import arrays
 import clean_logs
 import damaged
 import log_attacks
+import missing_samples
 import numpy as np
 import takeovers
 import words
@@ -26,13 +27,12 @@ from drawn import (
     wrong_labels,
 )
 from drawn import protected as protected_through_samples
-from drawn_correlators import judged as judged_by_correlators
-from drawn_receiver import Heard
-from drawn_scenes import DrawnScene, Made, draw_scene, make
 from real_logs import LOGS
 from rows import Row
 
 from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings
+from skyproof.app.common.windows import following_epochs
 from skyproof.app.inspect.run import inspect
 from skyproof.app.protect import judge, protect
 from skyproof.app.protect.document import Outcome
@@ -46,9 +46,12 @@ from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.files import write_series
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.simulator.sky import scene_of
+from skyproof.studies.correlator_model import protect_scene
 from skyproof.studies.protection.cell import rows_of, stretch_of, written_without_samples
 from skyproof.studies.protection.equipment import EQUIPMENT, equipped
 from skyproof.studies.protection.score import score
+from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, draw_scene
+from skyproof.studies.receiver_model import KnownReception
 
 DIGITS: Final = 4
 """Of a p-value that are kept."""
@@ -124,7 +127,7 @@ def _refused(error: SkyproofError, folder: Path | None = None) -> Row:
     return {"truth": "", "word": f"error: {text}"}
 
 
-def _counts(made: Made, heard: Sequence[Heard], outcome: Outcome) -> dict[str, int]:
+def _counts(made: BuiltScene, heard: Sequence[KnownReception], outcome: Outcome) -> dict[str, int]:
     """Count labels and trusted fixes, right and wrong."""
     each = [of_receiver(made, h, r) for h, r in pairs_of(heard, outcome)]
     epochs = epochs_by_label(heard, outcome)
@@ -149,7 +152,7 @@ def _of_words(kind: str) -> Callable[[str], Row]:
 
     def judged(number: str) -> Row:
         drawn = draw_scene(f"{'attack' if kind == 'attack' else 'clean'}-{number}", most_receivers=2)
-        scene = make(drawn if kind == "attack" else replace(drawn, field=kind == "reflections"))
+        scene = build_scene(drawn if kind == "attack" else replace(drawn, field=kind == "reflections"))
         if scene is None:
             return {}
         heard = heard_of(words.jammed(scene, int(number)) if kind == "jammed" else scene)
@@ -167,7 +170,7 @@ def _of_words(kind: str) -> Callable[[str], Row]:
 def _several(number: str) -> Row:
     """Up to five receivers, transmitters of several antennas, some satellites."""
     drawn = draw_scene(f"several-{number}")
-    scene = make(drawn)
+    scene = build_scene(drawn)
     if scene is None:
         return {}
     heard = heard_of(scene)
@@ -186,10 +189,20 @@ def _takeover(rest: str) -> Row:
             write_series(scene, folder)
         platform = takeovers.platform_of(drawn, folder, tracking or "scalar")
         navigation = nominal_constellation(drawn.start_gpst)
-        _, outcome = judged_by_correlators(scene, navigation, platform, drawn.seed)
+        _, outcome = protect_scene(scene, navigation, platform, drawn.seed)
     fixes = takeovers.fixes_of(drawn, scene, outcome)
     counts = {"wrong_fixes": fixes["wrong"], "right_fixes": fixes["fixes"] - fixes["wrong"]}
     return {drawn.given: keep_outcome(outcome, CAPTURED, counts)}
+
+
+def _missing(number: str) -> Row:
+    """Samples that are missing from signals that overlap, behind drawn correlators."""
+    drawn, scene, navigation = missing_samples.made(int(number))
+    reception, tracker = missing_samples.received(drawn, scene, navigation)
+    settings = following_epochs(Settings(), [] if reception.observations is None else [reception.observations])
+    outcome, _ = judge([reception], navigation, settings, Silent())
+    kept = keep_outcome(outcome, CAPTURED, {})
+    return {drawn.push: kept | {"gaps": [[round(gap.elapsed_s, 3), gap.shift_s] for gap in tracker.gaps]}}
 
 
 def _array(rest: str) -> Row:
@@ -246,7 +259,7 @@ def _cell(rest: str) -> Row:
     scene = scene_of(found.scenario, navigation)
     with TemporaryDirectory(prefix="corpus") as name:
         platform = written_without_samples(scene, found, Path(name))
-        verdict, outcome = judged_by_correlators(scene, navigation, platform, found.scenario.seed)
+        verdict, outcome = protect_scene(scene, navigation, platform, found.scenario.seed)
     kept = score(scene, verdict, outcome)
     counts = {key: kept[key] for key in ("wrong_labels", "wrong_fixes", "false_alarms")}
     return {equipment: keep_outcome(outcome, ATTACK if found.scenario.attacks else CLEAN, counts)}
@@ -410,6 +423,7 @@ KINDS: Final[dict[str, Callable[[str], Row]]] = {
     **{kind: _of_words(kind) for kind in ("attack", *words.CLEAN)},
     "several": _several,
     "takeover": _takeover,
+    "missing": _missing,
     "array": _array,
     "arm": _arm,
     "damaged": _damaged,

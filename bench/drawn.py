@@ -22,8 +22,6 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from drawn_receiver import Heard, Noise, hear, received, true_offset_s
-from drawn_scenes import DrawnScene, Made, draw_scene, make, stated_sigma_m
 from numpy.typing import NDArray
 from rows import parser_of, rows_of, run
 
@@ -37,6 +35,8 @@ from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix
 from skyproof.simulator.files import write_samples
+from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, draw_scene, stated_sigma_m
+from skyproof.studies.receiver_model import ChannelNoise, KnownReception, add_truth, model_receptions, true_offset_s
 from skyproof.verdict import WORDS, word_shown
 
 TO_95 = 2.45  # of a circle about two equal sigmas
@@ -52,7 +52,7 @@ SAMPLES: dict[str, dict[str, Any]] = {
 MOST_SATS = 8
 
 
-def settings_of(made: Made) -> Settings:
+def settings_of(made: BuiltScene) -> Settings:
     """What the user states."""
     drawn = made.drawn
     if drawn.given == "positions":
@@ -62,21 +62,21 @@ def settings_of(made: Made) -> Settings:
     return Settings()
 
 
-def judged(made: Made) -> tuple[list[Heard], Outcome, Settings]:
+def judged(made: BuiltScene) -> tuple[list[KnownReception], Outcome, Settings]:
     """A scene through the receivers at measurement level and the judge."""
     heard, settings = heard_of(made), settings_of(made)
     outcome, _ = judge([h.reception for h in heard], made.navigation, settings, Silent())
     return heard, outcome, settings
 
 
-def heard_of(made: Made) -> list[Heard]:
+def heard_of(made: BuiltScene) -> list[KnownReception]:
     """What a scene's receivers measure, with the errors that were drawn for it."""
     drawn = made.drawn
-    noise = Noise(code_m=drawn.code_sigma_m, ar1=drawn.ar1, constant_m=drawn.constant_m, field=drawn.field)
-    return hear(made.scene, noise, rng=np.random.default_rng(drawn.seed))
+    noise = ChannelNoise(code_m=drawn.code_sigma_m, ar1=drawn.ar1, constant_m=drawn.constant_m, field=drawn.field)
+    return model_receptions(made.scene, noise, rng=np.random.default_rng(drawn.seed))
 
 
-def protected(made: Made) -> tuple[list[Heard], Outcome, Settings]:
+def protected(made: BuiltScene) -> tuple[list[KnownReception], Outcome, Settings]:
     """The same through samples, by the command's own function."""
     settings = settings_of(made)
     with TemporaryDirectory(prefix="drawn") as folder:
@@ -85,7 +85,7 @@ def protected(made: Made) -> tuple[list[Heard], Outcome, Settings]:
         paths = write_samples(made.scene, Path(folder), "raw")
         outcome = protect(paths, nav=nav, **settings.model_dump(exclude_defaults=True)).outcome
     heard = [
-        received(made.scene, index, r.reception)
+        add_truth(made.scene, index, r.reception)
         for index, r in enumerate(outcome.receivers)
         if r.reception.observations is not None
     ]
@@ -132,23 +132,23 @@ def examined(name: str, **options: Any) -> dict[str, Any]:
     }
 
 
-def scene_of_name(name: str, **options: Any) -> tuple[DrawnScene, Made | None, bool]:
+def scene_of_name(name: str, **options: Any) -> tuple[DrawnScene, BuiltScene | None, bool]:
     """As drawn and as worked out, and whether it goes through samples: shorter, of fewer receivers and satellites."""
     own = name.removeprefix("samples-")
     if own == name:
         drawn = draw_scene(name, **options)
-        return drawn, make(drawn), False
+        return drawn, build_scene(drawn), False
     drawn = draw_scene(own, **(SAMPLES[own.partition("-")[0]] | options))
-    return drawn, make(drawn, n_sats=MOST_SATS), True
+    return drawn, build_scene(drawn, n_sats=MOST_SATS), True
 
 
-def pairs_of(heard: Sequence[Heard], outcome: Outcome) -> list[tuple[Heard, ReceiverOutcome]]:
+def pairs_of(heard: Sequence[KnownReception], outcome: Outcome) -> list[tuple[KnownReception, ReceiverOutcome]]:
     """What each receiver heard beside what came out of it; those that heard nothing are left out."""
     by_name = {r.reception.samples.name: r for r in outcome.receivers}
     return [(h, by_name[h.reception.samples.name]) for h in heard]
 
 
-def of_receiver(made: Made, heard: Heard, outcome: ReceiverOutcome) -> dict[str, Any]:
+def of_receiver(made: BuiltScene, heard: KnownReception, outcome: ReceiverOutcome) -> dict[str, Any]:
     """A receiver's trusted fixes against the truth, and what it followed."""
     share = heard.false_share
     lead_s = float(np.diff(heard.true_s[:2])[0])
@@ -180,7 +180,7 @@ def of_receiver(made: Made, heard: Heard, outcome: ReceiverOutcome) -> dict[str,
     }
 
 
-def errors_m(fix: Fix, heard: Heard, good: NDArray[np.int64]) -> tuple[Reals, Reals, Reals, Reals]:
+def errors_m(fix: Fix, heard: KnownReception, good: NDArray[np.int64]) -> tuple[Reals, Reals, Reals, Reals]:
     """Of epochs `good`: horizontal error and its stated 95 % bound, error in space and its bound."""
     truth_m = heard.position_ecef_m[good]
     lat, lon, _ = geodetic_from_ecef(truth_m[0])
@@ -196,7 +196,7 @@ def errors_m(fix: Fix, heard: Heard, good: NDArray[np.int64]) -> tuple[Reals, Re
     )
 
 
-def fits_distance(made: Made, heard: Sequence[Heard], outcome: Outcome) -> str | None:
+def fits_distance(made: BuiltScene, heard: Sequence[KnownReception], outcome: Outcome) -> str | None:
     """Whether wrong fixes are so far from another antenna as was stated: "knows" if the attacker aimed at that, else
     "chance"; None where they are not.
     """
@@ -218,7 +218,7 @@ def fits_distance(made: Made, heard: Sequence[Heard], outcome: Outcome) -> str |
     return "knows" if attack.place == "sphere" else "chance"
 
 
-def wrong_labels(heard: Sequence[Heard], outcome: Outcome) -> list[str]:
+def wrong_labels(heard: Sequence[KnownReception], outcome: Outcome) -> list[str]:
     """Signals called what they are not for a second or more, in words."""
     faults = []
     for h in heard:
@@ -233,7 +233,7 @@ def wrong_labels(heard: Sequence[Heard], outcome: Outcome) -> list[str]:
     return faults
 
 
-def epochs_by_label(heard: Sequence[Heard], outcome: Outcome) -> dict[str, dict[str, int]]:
+def epochs_by_label(heard: Sequence[KnownReception], outcome: Outcome) -> dict[str, dict[str, int]]:
     """How many epochs of true and of false signals bear each label."""
     found: dict[str, Counter[str]] = {"true": Counter(), "false": Counter()}
     for h in heard:

@@ -3,21 +3,19 @@
     python bench/fused.py --attacks 300 --clean 300 --shade 40 --out fused.jsonl    goes on where it was stopped
     python bench/fused.py --table fused.jsonl                                       the counts alone
 
-Scenes are those of drawn_scenes.py, at measurement level through the whole decision; clean ones with reflections and
-what models of the air leave ("clean"), without ("plain"), and without but with the first receiver's signals weaker by
-10 dB in the middle third ("shade", as many as --shade says). A run's own p-value, out of the p-values of all
-tests that may reject a clean sky, of all but `residual`'s that measurements fit one position, or of those alone that
-speak of an attack where they reject, is by
-    union      the least one times their number (Bonferroni)
-    Holm       the least of Holm's stepwise ones: as an alarm the same; it rejects more tests beside the first
-    Cauchy     tan((1/2 - p) pi) averaged: valid in the tail whatever the dependence (Liu, Xie, JASA 115, 2020)
-    Fisher     -2 sum(log p), as if tests were independent
-    majority   in some window more than half of its detectors are below it (least over windows of the median p, times
-               their number and 2)
-    mixture    one likelihood ratio: an attack from any window to any later one, seen in each by any one detector, all
-               alike before; p-values as likelihood ratios by Vovk and Wang (Annals of Statistics 49(3), 2021, after
-               Sellke, Bayarri and Berger), so that it exceeds 1/p with p at most if windows are independent
-The verdict, which weighs what else may be the reason, has no p-value: one point, at the rate asked by itself.
+Scenes are those of `skyproof.studies.random_scenes`, at measurement level through the whole decision; clean ones with
+reflections and what models of the air leave ("clean"), without ("plain"), and without but with the first receiver's
+signals weaker by 10 dB in the middle third ("shade", as many as --shade says). A run's own p-value, out of the p-values
+of all tests that may reject a clean sky, of all but `residual`'s that measurements fit one position, or of those alone
+that speak of an attack where they reject, is by     union      the least one times their number (Bonferroni)     Holm
+the least of Holm's stepwise ones: as an alarm the same; it rejects more tests beside the first     Cauchy     tan((1/2
+- p) pi) averaged: valid in the tail whatever the dependence (Liu, Xie, JASA 115, 2020)     Fisher     -2 sum(log p), as
+if tests were independent     majority   in some window more than half of its detectors are below it (least over windows
+of the median p, times                their number and 2)     mixture    one likelihood ratio: an attack from any window
+to any later one, seen in each by any one detector, all                alike before; p-values as likelihood ratios by
+Vovk and Wang (Annals of Statistics 49(3), 2021, after                Sellke, Bayarri and Berger), so that it exceeds
+1/p with p at most if windows are independent The verdict, which weighs what else may be the reason, has no p-value: one
+point, at the rate asked by itself.
 """
 
 from collections import Counter
@@ -28,8 +26,6 @@ from typing import Any, Final
 
 import numpy as np
 from drawn import FOLLOWED_S, heard_of, of_receiver, pairs_of, settings_of
-from drawn_receiver import Heard
-from drawn_scenes import Made, draw_scene, make
 from rows import Row, parser_of, rows_of
 from scipy import special, stats
 
@@ -37,6 +33,8 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.protect import judge
 from skyproof.arrays import Reals
 from skyproof.records import Evidence
+from skyproof.studies.random_scenes import BuiltScene, build_scene, draw_scene
+from skyproof.studies.receiver_model import KnownReception
 
 Test = tuple[str, float, bool]
 """Of a detector, its p-value, and whether it speaks of an attack where it rejects."""
@@ -163,14 +161,14 @@ def row_of(name: str) -> Row:
     """A scene's tests and verdict; no windows where there is no scene of that name."""
     kind, _, number = name.partition("-")
     drawn = draw_scene(f"{kind if kind == 'attack' else 'clean'}-{number}")
-    made = make(replace(drawn, field=kind in ("clean", "attack")))
+    made = build_scene(replace(drawn, field=kind in ("clean", "attack")))
     if made is None:
         return {"name": name, "windows": []}
     first, *others = heard_of(made)
     return {"name": name} | _judged(made, [_shaded(first) if kind == "shade" else first, *others])
 
 
-def _shaded(heard: Heard) -> Heard:
+def _shaded(heard: KnownReception) -> KnownReception:
     """As under trees: all satellites together."""
     o = heard.reception.observations
     assert o is not None
@@ -179,7 +177,7 @@ def _shaded(heard: Heard) -> Heard:
     return replace(heard, reception=replace(heard.reception, observations=replace(o, cn0_dbhz=level_db)))
 
 
-def _judged(made: Made, heard: Sequence[Heard]) -> Row:
+def _judged(made: BuiltScene, heard: Sequence[KnownReception]) -> Row:
     outcome, _ = judge([h.reception for h in heard], made.navigation, settings_of(made), Silent())
     each = [of_receiver(made, h, r) for h, r in pairs_of(heard, outcome)]
     return {

@@ -4,11 +4,11 @@
     python bench/held.py --short texbat-like-3               shorter, of 5 Msps
     python bench/held.py --samples --folder held las-vegas   short and through samples, which are kept and used again
 
-Drawn correlators (`drawn_correlators.py`) take some seconds a scene, samples hours. Short scenes are of 5 Msps, but for
-`static-austin`, which is as it is: onset and pull come sooner, the pull's speed and the powers stay. What the user
-states: that the receiver stands, its inertial unit with the attitude at the start, the oscillator's class; and the
-navigation file of the day. The word comes at the end of the first window in which a test says spoofed or attack; errors
-are in space. An attack that is there from the first sample counts from its pull on.
+Drawn correlators (`skyproof.studies.correlator_model`) take some seconds a scene, samples hours. Short scenes are of 5
+Msps, but for `static-austin`, which is as it is: onset and pull come sooner, the pull's speed and the powers stay. What
+the user states: that the receiver stands, its inertial unit with the attitude at the start, the oscillator's class; and
+the navigation file of the day. The word comes at the end of the first window in which a test says spoofed or attack;
+errors are in space. An attack that is there from the first sample counts from its pull on.
 """
 
 import argparse
@@ -20,7 +20,6 @@ from typing import Any, Final
 
 import numpy as np
 import tomli_w
-from drawn_correlators import judged
 
 from skyproof.app.protect import protect
 from skyproof.app.protect.coasting import trusted_and_coasted
@@ -38,6 +37,7 @@ from skyproof.simulator.files import write_samples, write_series
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, SceneImu
 from skyproof.simulator.sky import scene_of
+from skyproof.studies.correlator_model import protect_scene
 from skyproof.verdict import Verdict
 
 FIVE_MSPS: Final = FrontEnd(rate_hz=5e6, bandwidth_hz=4e6, encoding="sign-magnitude", bits=2)
@@ -149,7 +149,7 @@ def _by_samples(scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Ou
 
 
 def _by_correlators(scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
-    return judged(scene, scene.navigation, platform, scene.scenario.seed)
+    return protect_scene(scene, scene.navigation, platform, scene.scenario.seed)
 
 
 def _attitude(scene: Scene, held: Held) -> dict[str, float]:

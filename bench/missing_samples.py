@@ -16,12 +16,12 @@ from time import process_time
 from typing import Any
 
 import numpy as np
-from drawn_correlators import STEP_S, DrawnReceiver, Waves, reception_of
 from rows import parser_of, rows_of
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import asked
-from skyproof.app.receive.tracker import receiver_settings
+from skyproof.app.receive.reception import Reception
+from skyproof.app.receive.tracker import Tracker, receiver_settings
 from skyproof.arrays import Reals
 from skyproof.fusion.trusted import fix_of
 from skyproof.gnss.nominal import nominal_constellation
@@ -34,6 +34,7 @@ from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver, Sky
 from skyproof.simulator.sites import Site
 from skyproof.simulator.sky import scene_of
+from skyproof.studies.correlator_model import STEP_S, ModelReceiver, Waves, track_scene
 
 SEED = 23
 ONSET_S, CUT_S, AFTER_S = 9.0, (12.0, 22.0), 16.0
@@ -132,33 +133,34 @@ def without(waves: Waves, missing_s: float) -> Waves:
     return replace(waves, code_s=code_s, turns_cyc=moved(waves.turns_cyc))
 
 
-class CutReceiver(DrawnReceiver):
+class CutReceiver(ModelReceiver):
     """Behind drawn correlators, of a recording from which samples are missing before sample `cut`."""
 
     def __init__(self, scene: Scene, settings: ReceiverSettings, rng: np.random.Generator, drawn: Drawn) -> None:
         super().__init__(scene, 0, settings, rng)
         self._cut, self._after = drawn.cut, without(self.waves, drawn.missing_s)
 
-    def _stretches(self, begin: int, end: int) -> list[tuple[Waves, int]]:
+    def stretches(self, begin: int, end: int) -> list[tuple[Waves, int]]:
         if begin < self._cut < end:
             return [(self.waves, self._cut), (self._after, end)]
         if begin >= self._cut:
-            self.waves = self._after
-            for each in (self._lookout.searcher, self._lookout.near_searcher):
-                each.waves = self._after  # type: ignore[attr-defined]
-            if self.grids is not None:
-                self.grids._waves = self._after  # type: ignore[attr-defined]
-        return super()._stretches(begin, end)
+            self.replace_waves(self._after)
+        return super().stretches(begin, end)
+
+
+def received(drawn: Drawn, scene: Scene, navigation: NavigationData) -> tuple[Reception, Tracker]:
+    """Return what the receiver makes of a scene, and how it tracked."""
+    settings = Settings()
+    wanted = receiver_settings(GPS_SATS, settings, asked())
+    receiver = CutReceiver(scene, wanted, np.random.default_rng([SEED, drawn.number]), drawn)
+    return track_scene(scene, 0, receiver, navigation, settings)
 
 
 def row_of(number: int) -> dict[str, Any]:
     """One row of the result: what was drawn, found and wrong."""
     begin = process_time()
     drawn, scene, navigation = made(number)
-    settings = Settings()
-    wanted = receiver_settings(GPS_SATS, settings, asked())
-    receiver = CutReceiver(scene, wanted, np.random.default_rng([SEED, number]), drawn)
-    reception, tracker = reception_of(scene, 0, receiver, navigation, settings)
+    reception, tracker = received(drawn, scene, navigation)
     cut_s, period_s = drawn.cut / drawn.rate_hz, GPS_L1_CA.period_s
     near = [g for g in tracker.gaps if drawn.missing_s and -BEFORE_S < g.elapsed_s - cut_s < SOON_S]
     shown = [round((-g.shift_s % period_s) * 1e3, 5) for g in near if g.shift_s]

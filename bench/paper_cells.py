@@ -15,7 +15,6 @@ from tempfile import TemporaryDirectory
 from time import process_time
 
 import numpy as np
-from drawn_receiver import received
 from numpy.typing import NDArray
 
 from skyproof.app.protect import protect
@@ -29,6 +28,7 @@ from skyproof.simulator.scenario import FrontEnd, Meaconer, Scenario, ScenePlace
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.multi_receiver import PAIRS
 from skyproof.studies.multi_receiver_scene import MEACONER_ENU_M, PLACES, SATS
+from skyproof.studies.receiver_model import add_truth
 
 BASE_DEG = (59.0, 17.0, 100.0)
 FIRST = np.datetime64("2012-07-01T20:00:16", "ns")
@@ -79,7 +79,7 @@ def cell(pair: str, sky: int, seconds: float, power_db: float) -> str:
     for index, r in enumerate(outcome.receivers):
         o = r.reception.observations
         assert o is not None
-        share = received(scene, index, r.reception).false_share
+        share = add_truth(scene, index, r.reception).false_share
         for s in outcome.decision.labels:
             if s.ref.receiver == o.receiver and s.label == "authentic":
                 false = np.nanmean(share[s.first_epoch : s.last_epoch + 1, o.signals.index(s.ref.signal)])

@@ -17,7 +17,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from drawn_correlators import received_of
 from held import SCENES as HELD
 from held import scene_named
 from scipy import special
@@ -31,6 +30,7 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator.received import Scene
 from skyproof.simulator.sky import scene_of
 from skyproof.studies import quality_metrics as sqm
+from skyproof.studies.correlator_model import receive_antenna
 
 LOOK_S, LOOKS, ALIGNED_S, SATELLITES, RECEIVERS = 0.02, 50, 5, 8, 25
 DELAYS = np.array([0.5, 0.125, 0.0, -0.125, -0.5])
@@ -206,7 +206,7 @@ def _scene_of(name: str) -> Scene:
 def _scores(scene: Scene, seed: int) -> Reals:
     """(metrics, seconds) of a receiver: the largest deviation of any signal over its own scatter in
     its first seconds."""
-    reception = received_of(scene, 0, Settings(), scene.navigation, np.random.default_rng(seed))
+    reception = receive_antenna(scene, 0, Settings(), scene.navigation, np.random.default_rng(seed))
     (taps,) = [] if reception.taps is None else [reception.taps.between(SETTLED_S, scene.scenario.duration_s)]
     at = [int(np.argmin(np.abs(taps.delays_chips - delay))) for delay in (0.5, 0.0, -0.5)]
     first = [k for k, signal in enumerate(taps.signals) if signal.copy == "a"]

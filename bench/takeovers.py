@@ -25,7 +25,6 @@ from typing import Any, Literal
 
 import numpy as np
 import tomli_w
-from drawn_correlators import judged
 from rows import parser_of, rows_of
 
 from skyproof.app.protect import protect
@@ -44,6 +43,7 @@ from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneImu, SceneReceiver, Sky
 from skyproof.simulator.sites import Site, WayPoints
 from skyproof.simulator.sky import scene_of
+from skyproof.studies.correlator_model import protect_scene
 from skyproof.verdict import WORDS, Verdict, word_shown
 
 SEED = 7
@@ -244,7 +244,7 @@ def _by_samples(drawn: Drawn, scene: Scene, folder: Path, platform: Path) -> tup
 
 
 def _by_correlators(drawn: Drawn, scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
-    return judged(scene, nominal_constellation(drawn.start_gpst), platform, drawn.seed)
+    return protect_scene(scene, nominal_constellation(drawn.start_gpst), platform, drawn.seed)
 
 
 def _words(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:

@@ -9,7 +9,6 @@ nothing: the unit then has to be given up.
 from collections.abc import Iterator
 from typing import NamedTuple
 
-import drawn_correlators
 import numpy as np
 
 from skyproof.app.common.settings import Settings
@@ -31,6 +30,7 @@ from skyproof.simulator.scenario import FrontEnd, Scenario, SceneImu, SceneRecei
 from skyproof.simulator.sites import WayPoints
 from skyproof.simulator.sky import scene_of
 from skyproof.simulator.truth import imus_of
+from skyproof.studies.correlator_model import STEP_S, ModelReceiver
 
 START = np.datetime64("2024-05-14T09:59:58", "ns")
 FROM_S, GOES_S, LONGEST_S, AFTER_S = 8.5, 9.0, 10.0, 3.0
@@ -103,9 +103,9 @@ def passage(scene: Scene, unit: AntennaUnit | None, blocked_s: float, seed: int)
         start_gpst=START,
     )
     wanted = receiver_settings(GPS_SATS, settings, asked())
-    receiver = drawn_correlators.DrawnReceiver(scene, 0, wanted, np.random.default_rng(seed))
-    step_s, end_s = drawn_correlators.STEP_S, FROM_S + blocked_s
-    receiver.waves.amplitude[round(FROM_S / step_s) : round(end_s / step_s)] = 0.0
+    receiver = ModelReceiver(scene, 0, wanted, np.random.default_rng(seed))
+    end_s = FROM_S + blocked_s
+    receiver.waves.amplitude[round(FROM_S / STEP_S) : round(end_s / STEP_S)] = 0.0
     tracker = Tracker(
         samples=samples,
         receiver=receiver,

@@ -3,10 +3,11 @@
     python bench/words.py --attacks 300 --clean 150 --out words.jsonl --processes 2    goes on where it was stopped
     python bench/words.py --table words.jsonl                                          the table alone
 
-Scenes are those of drawn_scenes.py, of two receivers, at measurement level through the whole decision; each is judged
-with every equipment. An attack captures an equipment if one of its receivers follows false signals of four satellites
-for five seconds. Clean skies are as errors are assumed ("plain"), with reflections and what models of the air leave
-("reflections"), or plain with a jammer 0.2 to 2 km away for 5 to 20 s, 0 to 30 dB over the receiver's noise ("jammed").
+Scenes are those of `skyproof.studies.random_scenes`, of two receivers, at measurement level through the whole decision;
+each is judged with every equipment. An attack captures an equipment if one of its receivers follows false signals of
+four satellites for five seconds. Clean skies are as errors are assumed ("plain"), with reflections and what models of
+the air leave ("reflections"), or plain with a jammer 0.2 to 2 km away for 5 to 20 s, 0 to 30 dB over the receiver's
+noise ("jammed").
 """
 
 import math
@@ -17,7 +18,6 @@ from typing import Any, Final
 
 import numpy as np
 from drawn import FOLLOWED_S, heard_of, of_receiver, pairs_of
-from drawn_scenes import DrawnScene, Made, draw_scene, make
 from rows import Row, parser_of, rows_of
 
 from skyproof.app.common.progress import Silent
@@ -26,6 +26,7 @@ from skyproof.app.protect import judge
 from skyproof.simulator.attacks import Interference
 from skyproof.simulator.sites import Site
 from skyproof.simulator.sky import scene_of
+from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, draw_scene
 from skyproof.verdict import WORDS, word_shown
 
 CLEAN: Final = ("plain", "reflections", "jammed")
@@ -38,7 +39,7 @@ def row_of(name: str) -> Row:
     """The words of a scene of a name such as "jammed-17", by equipment."""
     kind, _, number = name.partition("-")
     drawn = draw_scene(f"{'attack' if kind == 'attack' else 'clean'}-{number}", most_receivers=2)
-    made = make(drawn if kind == "attack" else replace(drawn, field=kind == "reflections"))
+    made = build_scene(drawn if kind == "attack" else replace(drawn, field=kind == "reflections"))
     if made is None:
         return {"name": name, "words": {}}
     heard = heard_of(jammed(made, int(number)) if kind == "jammed" else made)
@@ -53,7 +54,7 @@ def row_of(name: str) -> Row:
     return {"name": name, "words": words, "captured": captured, "failed": by}
 
 
-def equipment_of(made: Made) -> dict[str, Settings]:
+def equipment_of(made: BuiltScene) -> dict[str, Settings]:
     """What is stated, by equipment, where it is true."""
     drawn = made.drawn
     found = {"one receiver": Settings(), "two": Settings()}
@@ -65,7 +66,7 @@ def equipment_of(made: Made) -> dict[str, Settings]:
     return found
 
 
-def jammed(made: Made, number: int) -> Made:
+def jammed(made: BuiltScene, number: int) -> BuiltScene:
     rng = np.random.default_rng(np.random.SeedSequence(made.drawn.seed, spawn_key=(number,)))
     drawn, lasts_s = made.drawn, float(rng.uniform(5.0, 20.0))
     onset_s = float(rng.uniform(8.0, drawn.duration_s - lasts_s - 5.0))

@@ -90,11 +90,16 @@ def test_words_are_sorted_by_the_truth(truth: str, word: str, sort: str) -> None
         ("places", {"rx1": [[1.0, 2.0, 3.0], [1.0, 2.0, 3.002]]}),
         ("p", {"residual 0.0": 0.5, "continuity 10.0": 2e-9}),
         ("failed", {"continuity - undecided reflections": 2}),
+        ("failed", {"continuity jump spoofed reflections": 1}),
         ("interference", [["rx1", "L1", "2021-01-01T00:00:00", "None", 10.0, 0]]),
     ],
 )
 def test_what_has_no_truth_is_listed_as_other(part: str, value: object) -> None:
     assert sorts(ROW, **{part: value}) == ["other"]
+
+
+def test_a_code_that_only_one_tree_has_is_no_difference() -> None:
+    assert sorts(ROW, failed={"continuity jump undecided reflections": 1}) == []
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import get_args
 
-import numpy as np
 import pytest
 
 from skyproof.app.protect import methods
@@ -24,9 +23,6 @@ def _bench() -> ModuleType:
 
 
 drawn = _bench()
-hear, make, draw_scene = drawn.hear, drawn.make, drawn.draw_scene
-
-
 SHORT = {"duration_s": 25.0, "most_receivers": 2}
 """Of the scenes of the fast tests."""
 
@@ -36,26 +32,9 @@ def rows_of(attacks: int, clean: int, **options) -> list[dict]:
     return [row for row in rows if row["verdict"] != "no scene"]
 
 
-def test_a_scene_follows_from_its_name():
-    assert draw_scene("attack-3") == draw_scene("attack-3") != draw_scene("attack-4")
+def test_a_row_follows_from_its_name():
     one, other = (drawn.examined("attack-2", **SHORT) for _ in range(2))
     assert one | {"seconds": 0.0} == other | {"seconds": 0.0}
-
-
-def heard_of(name: str):
-    made = make(draw_scene(name))
-    noise = drawn.Noise(code_m=0.5, field=False)
-    return made, hear(made.scene, noise, rng=np.random.default_rng(1))
-
-
-def test_a_clean_sky_is_followed_whole_by_every_receiver():
-    made, heard = heard_of("clean-3")
-    for one, sky in zip(heard, made.scene.skies, strict=True):
-        o = one.reception.observations
-        assert {s.sat for s in o.signals} == {signal.id.sat for signal in sky.signals}
-        assert {s.copy for s in o.signals} == {"a"}
-        assert (o.status[3:] == 0).all()
-        assert np.nanmax(one.false_share) == 0.0
 
 
 def names(rows):

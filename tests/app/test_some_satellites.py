@@ -1,9 +1,5 @@
 """Some satellites imitated, from several antennas: what is said of every signal, at the level of measurements."""
 
-import importlib
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -14,22 +10,11 @@ from skyproof.app.protect.document import document
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator.scenes import ready
 from skyproof.simulator.sky import scene_of
-
-BENCH = Path(__file__).parents[2] / "bench"
-
-
-@pytest.fixture(scope="module")
-def receiver():
-    """The receiver at the level of measurements."""
-    sys.path.insert(0, str(BENCH))
-    try:
-        return importlib.import_module("drawn_receiver")
-    finally:
-        sys.path.remove(str(BENCH))
+from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
 
 @pytest.fixture(scope="module")
-def heard(receiver):
+def heard():
     """What both receivers of a ready-made scene measure, and the orbits."""
     made = {}
 
@@ -38,7 +23,7 @@ def heard(receiver):
             scenario = ready(name).model_copy(update={"duration_s": 56.0})
             navigation = nominal_constellation(scenario.start_gpst)
             scene = scene_of(scenario, navigation)
-            own = receiver.hear(scene, receiver.Noise(code_m=0.5), rng=np.random.default_rng(1))
+            own = model_receptions(scene, ChannelNoise(code_m=0.5), rng=np.random.default_rng(1))
             made[name] = own, navigation
         return made[name]
 

@@ -30,7 +30,20 @@ from skyproof.receiver.correlator import correlate_period, scratch_for, table_pa
 from skyproof.receiver.replica import CODE_SCALE, code_table
 from skyproof.records import CcafAsked, Selectable
 
-__all__ = ["BAND_SHARE", "GridCorrelator", "Grids", "at_stake", "noise_delays"]
+__all__ = [
+    "BAND_SHARE",
+    "DOPPLER_HZ",
+    "FRACTION_S",
+    "NOISE",
+    "NOISE_TAPS",
+    "Bursts",
+    "GridCorrelator",
+    "Grids",
+    "at_stake",
+    "find_first_row",
+    "noise_delays",
+    "straighten",
+]
 
 BAND_SHARE = 0.6
 """Of the sample rate: what a front end that passes 4/5 of it leaves as it is."""
@@ -45,7 +58,7 @@ MOVED_SIGNALS = 3
 """So many signals whose strength moves by so much, and by so many sigmas, against their means say that much is at
 stake. Of twelve in noise it happens once in a day."""
 
-# Columns of what `_correlate` gives for an interval beside its values.
+# Columns of `Bursts.meta`.
 FRACTION_S = 0
 DOPPLER_HZ = 1
 NOISE = 2
@@ -94,6 +107,28 @@ class Grids(Selectable):
         if not parts:
             return Grids.nothing()
         return Grids(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Grids)})
+
+
+@dataclass(frozen=True, eq=False)
+class Bursts:
+    """The intervals of a frame, by channel; NaN of a channel that has no whole burst.
+
+    value : (n_channels, n_intervals, n_dopplers, n_delays) in units of `CODE_SCALE`. meta : (n_channels, n_intervals,
+        N_META) seconds, Hz and mean square of a value's noise. periods : (n_channels, n_intervals), of the first row.
+    """
+
+    value: Complexes
+    meta: Reals
+    periods: Integers
+
+    @staticmethod
+    def empty(n_channels: int, n_intervals: int, shape: tuple[int, int]) -> "Bursts":
+        """Return bursts to be filled."""
+        return Bursts(
+            np.full((n_channels, n_intervals, *shape), complex(np.nan, np.nan)),
+            np.full((n_channels, n_intervals, N_META), np.nan),
+            np.zeros((n_channels, n_intervals), np.int64),
+        )
 
 
 @cache
@@ -178,20 +213,47 @@ class GridCorrelator:
         kernel's code periods in the frame that begins at `elapsed_s`. bit_start : (n_channels,) as in the loops' state;
         a channel that does not know its bits has no grid. sats, arcs : of the channels.
         """
-        n, shape = len(sats), (self.dopplers_hz.size, self.delays_chips.size)
-        if n == 0:
+        if not len(sats):
             return self.nothing()
         intervals = self.asked.intervals
+        coherent_s = self.periods * self.signal.period_s
+        times_s: Reals = elapsed_s + SETTLE_S + (np.arange(float(intervals)) + 0.5) * coherent_s
+        bursts = Bursts.empty(len(sats), intervals, (self.dopplers_hz.size, self.delays_chips.size))
+        self._fill(bursts, samples, first_sample, frame, bit_start, sats, times_s, threads, n_threads)
+        # The bursts' noise is one: of sixteen values alone it would be known to a quarter only.
+        whole = np.isfinite(bursts.meta).all(axis=(1, 2))
+        meta = bursts.meta[whole]
+        variance = meta[:, :, NOISE].mean(axis=1, keepdims=True) + np.zeros(intervals)
+        return Grids(
+            elapsed_s=np.tile(times_s, int(whole.sum())),
+            arc=np.repeat(arcs[whole], intervals),
+            periods=bursts.periods[whole].ravel(),
+            fraction_s=meta[:, :, FRACTION_S].ravel(),
+            doppler_hz=meta[:, :, DOPPLER_HZ].ravel(),
+            noise_variance=variance.ravel() / CODE_SCALE**2,
+            value=(bursts.value[whole] / CODE_SCALE).astype(np.complex64).reshape(-1, *bursts.value.shape[2:]),
+        )
+
+    def _fill(
+        self,
+        bursts: Bursts,
+        samples: Floats,
+        first_sample: int,
+        frame: tuple[Reals, Integers],
+        bit_start: Reals,
+        sats: Sequence[str],
+        times_s: Reals,
+        threads: Executor,
+        n_threads: int,
+    ) -> None:
+        """Correlate the samples. times_s : (n_intervals,) common to all channels."""
+        n = len(sats)
         names = sorted(set(sats))
         tables = np.stack([self._table(sat) for sat in names])
         table_of = np.array([names.index(sat) for sat in sats])
         noise = np.array([noise_delays(self.signal, sat) for sat in sats])
         delays = np.concatenate([np.tile(-self.delays_chips, (n, 1)), noise], axis=1)
         delays = self._step_chips * np.rint(delays / self._step_chips)
-        value = np.full((n, intervals, *shape), complex(np.nan, np.nan))
-        meta, periods = np.full((n, intervals, N_META), np.nan), np.zeros((n, intervals), np.int64)
-        coherent_s = self.periods * self.signal.period_s
-        times_s = elapsed_s + SETTLE_S + (np.arange(intervals) + 0.5) * coherent_s
         rows, counts = frame
 
         def work(part: slice) -> None:
@@ -214,25 +276,13 @@ class GridCorrelator:
                 self.signal.chip_rate_hz,
                 self.signal.carrier_hz,
                 self.signal.code_length,
-                value[part],
-                meta[part],
-                periods[part],
+                bursts.value[part],
+                bursts.meta[part],
+                bursts.periods[part],
             )
 
         share = -(-n // n_threads)
         list(threads.map(work, [slice(first, first + share) for first in range(0, n, share)]))
-        # The bursts' noise is one: of sixteen values alone it would be known to a quarter only.
-        whole = np.isfinite(meta).all(axis=(1, 2))
-        variance = meta[:, :, NOISE].mean(axis=1, keepdims=True) + np.zeros(intervals)
-        return Grids(
-            elapsed_s=np.tile(times_s, int(whole.sum())),
-            arc=np.repeat(arcs[whole], intervals),
-            periods=periods[whole].ravel(),
-            fraction_s=meta[whole][:, :, FRACTION_S].ravel(),
-            doppler_hz=meta[whole][:, :, DOPPLER_HZ].ravel(),
-            noise_variance=variance[whole].ravel() / CODE_SCALE**2,
-            value=(value[whole] / CODE_SCALE).astype(np.complex64).reshape(-1, *shape),
-        )
 
     def _table(self, sat: str) -> NDArray[np.int8]:
         if sat not in self._tables:
@@ -246,6 +296,30 @@ class GridCorrelator:
                 lambda cycles: np.asarray(np.abs(cycles) <= half, np.float64),
             )
         return self._tables[sat]
+
+
+@compiled
+def find_first_row(periods: Reals, bit_start: float, step: int) -> int:
+    """Return the first row that begins a data bit, or a part of `step` code periods of one; their number if none does.
+
+    periods : (n_rows,) numbers of the code periods.
+    """
+    row = 0
+    while row < periods.shape[0] and (periods[row] - bit_start) % step != 0.0:
+        row += 1
+    return row
+
+
+@compiled
+def straighten(
+    row: Reals, last: Reals, rate_hz: float, if_hz: float, code_rate_hz: float, carrier_hz: float
+) -> tuple[float, float]:
+    """Return frequency, Hz, and chips a sample of the replica that runs straight from a row to the last one."""
+    frequency_hz = row[k.OUT_FREQUENCY]
+    if last[k.OUT_START] > row[k.OUT_START]:
+        took_s = (last[k.OUT_START] - row[k.OUT_START]) / rate_hz
+        frequency_hz = (last[k.OUT_PHASE] - row[k.OUT_PHASE]) / took_s
+    return frequency_hz, code_rate_hz / rate_hz * (1.0 + (frequency_hz - if_hz) / carrier_hz)
 
 
 @compiled
@@ -284,19 +358,13 @@ def _correlate(
     for channel in range(rows.shape[0]):
         if bit_start[channel] < 0.0:
             continue
-        r = 0
-        step = min(periods, periods_per_bit)
-        while r < counts[channel] and (rows[channel, r, k.OUT_PERIOD] - bit_start[channel]) % step != 0.0:
-            r += 1
+        numbers = rows[channel, : counts[channel], k.OUT_PERIOD]
+        r = find_first_row(numbers, bit_start[channel], min(periods, periods_per_bit))
         for interval in range(times_s.size):
             if r + periods > counts[channel]:
                 break
             row, last = rows[channel, r], rows[channel, r + periods - 1]
-            turned = last[k.OUT_PHASE] - row[k.OUT_PHASE]
-            took_s = (last[k.OUT_START] - row[k.OUT_START]) / rate_hz
-            frequency_hz = turned / took_s if periods > 1 else row[k.OUT_FREQUENCY]
-            doppler_hz = frequency_hz - if_hz
-            chips_per_sample = nominal * (1.0 + doppler_hz / carrier_hz)
+            frequency_hz, chips_per_sample = straighten(row, last, rate_hz, if_hz, code_rate_hz, carrier_hz)
             start, chip = int(row[k.OUT_START]), row[k.OUT_CHIP]
             n_all = math.ceil((periods * code_length - chip) / chips_per_sample)
             middle_s = 0.5 * n_all / rate_hz
@@ -344,8 +412,8 @@ def _correlate(
             for tap in range(grid, n_delays):
                 noise += abs(total[0, tap] / used) ** 2 / (n_delays - grid)
             chips = chip - shift + (times_s[interval] * rate_hz - start) * chips_per_sample
-            meta[channel, interval, 0] = chips / code_rate_hz
-            meta[channel, interval, 1] = doppler_hz
-            meta[channel, interval, 2] = noise
+            meta[channel, interval, FRACTION_S] = chips / code_rate_hz
+            meta[channel, interval, DOPPLER_HZ] = frequency_hz - if_hz
+            meta[channel, interval, NOISE] = noise
             first_periods[channel, interval] = round(row[k.OUT_PERIOD])
             r += periods

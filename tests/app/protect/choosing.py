@@ -1,11 +1,7 @@
-"""Takeovers of one receiver at the level of measurements, with capture as loops do it: `bench/drawn_receiver.py`."""
+"""Takeovers of one receiver at the level of measurements, with capture as loops do it."""
 
-import importlib
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from tests.app.kit import PLACES, START, TRANSMIT
@@ -27,21 +23,11 @@ from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver, Sky, Takeover
 from skyproof.simulator.sky import scene_of
 from skyproof.simulator.truth import imus_of
+from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 from skyproof.verdict import Verdict
 
 NAVIGATION = nominal_constellation(START)
 WAVE_M_S = 299_792_458.0
-
-
-def _bench() -> ModuleType:
-    sys.path.insert(0, str(Path(__file__).parents[3] / "bench"))
-    try:
-        return importlib.import_module("drawn_receiver")
-    finally:
-        sys.path.pop(0)
-
-
-drawn_receiver = _bench()
 
 
 def led_away(
@@ -114,8 +100,8 @@ class Judged:
 
 
 def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0.5, **judging: object) -> Judged:
-    noise = drawn_receiver.Noise(code_m=code_m)
-    (heard,) = drawn_receiver.hear(scene, noise, rng=np.random.default_rng(seed))
+    noise = ChannelNoise(code_m=code_m)
+    (heard,) = model_receptions(scene, noise, rng=np.random.default_rng(seed))
     outcome, _ = judge([heard.reception], scene.navigation, settings, Silent(), **judging)
     off_m, sigma_m, source, at_s = [], [], [], []
     positions = outcome.receivers[0].positions

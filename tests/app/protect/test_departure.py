@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy import stats
-from tests.app.protect.choosing import NAVIGATION, drawn_receiver, inertia_of, led_away, nothing_found
+from tests.app.protect.choosing import NAVIGATION, inertia_of, led_away, nothing_found
 from tests.app.protect.test_choosing import DRIVE, WALK
 
 from skyproof.app.common.settings import Settings
@@ -15,6 +15,7 @@ from skyproof.fusion import departure
 from skyproof.fusion.departure import departures
 from skyproof.fusion.rivals import FixMaker
 from skyproof.simulator.sky import scene_of
+from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
 ALPHA = 1e-7
 PULL_S = 45.0
@@ -30,7 +31,7 @@ def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0):
     )
     if not speed_m_s:
         scene = scene_of(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
-    (one,) = drawn_receiver.hear(scene, drawn_receiver.Noise(code_m=0.5), rng=np.random.default_rng(seed))
+    (one,) = model_receptions(scene, ChannelNoise(code_m=0.5), rng=np.random.default_rng(seed))
     o = one.reception.observations
     windows = list(windows_of([o], NAVIGATION, Settings()))
     settings = Settings(oscillator="ocxo")

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.app.protect.choosing import NAVIGATION, drawn_receiver, led_away, nothing_found
+from tests.app.protect.choosing import NAVIGATION, led_away, nothing_found
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
@@ -14,6 +14,7 @@ from skyproof.gnss.frames import rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED
 from skyproof.navigation.foresight import Standing, surveyed
 from skyproof.simulator.sky import scene_of
+from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
 ALPHA = 1e-7
 ONSET_S = 35.0
@@ -26,8 +27,8 @@ def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, consta
     scene = led_away(speed_m_s=speed_m_s or 1.0, onset_s=ONSET_S, duration_s=duration_s, seed=seed)
     if not speed_m_s:
         scene = scene_of(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
-    noise = drawn_receiver.Noise(code_m=code_m, ar1=ar1, constant_m=constant_m)
-    (one,) = drawn_receiver.hear(scene, noise, rng=np.random.default_rng(seed))
+    noise = ChannelNoise(code_m=code_m, ar1=ar1, constant_m=constant_m)
+    (one,) = model_receptions(scene, noise, rng=np.random.default_rng(seed))
     o = one.reception.observations
     return o, list(windows_of([o], NAVIGATION, Settings())), one.position_ecef_m[0]
 

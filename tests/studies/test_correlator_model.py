@@ -1,8 +1,4 @@
-"""`bench/drawn_correlators.py` beside samples of the same scene: what the loops and grids of both receivers show."""
-
-import importlib
-import sys
-from pathlib import Path
+"""Drawn correlators beside samples of the same scene: what the loops and grids of both receivers show."""
 
 import numpy as np
 import pytest
@@ -23,18 +19,10 @@ from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver, Sky
 from skyproof.simulator.sites import Site
 from skyproof.simulator.sky import scene_of
+from skyproof.studies.correlator_model import ModelReceiver
 
 RATE_HZ, SECONDS, SETTLED_S = 5e6, 6.0, 2.5
 START = np.datetime64("2022-03-01T06:00:00", "ns")
-
-
-@pytest.fixture(scope="module")
-def drawn():
-    sys.path.insert(0, str(Path(__file__).parents[2] / "bench"))
-    try:
-        yield importlib.import_module("drawn_correlators")
-    finally:
-        sys.path.pop(0)
 
 
 @pytest.fixture(scope="module")
@@ -84,14 +72,14 @@ def received(receiver, blocks):
 
 
 @pytest.mark.long
-def test_both_receivers_measure_the_same_where_signals_overlap(drawn, scene):
+def test_both_receivers_measure_the_same_where_signals_overlap(scene):
     settings = receiver_settings(GPS_SATS, Settings(), asked())
     count = round(0.5 * RATE_HZ)
     (samples,) = samples_of(scene.scenario, scene.navigation)
     by_samples = received(
         Receiver(RATE_HZ, 0.0, settings), (samples.read(first, count) for first in range(0, samples.n_samples, count))
     )
-    receiver = drawn.DrawnReceiver(scene, 0, settings, np.random.default_rng(1))
+    receiver = ModelReceiver(scene, 0, settings, np.random.default_rng(1))
     by_draw = received(receiver, (np.empty((1, 0, count)) for _ in range(round(SECONDS / 0.5))))
     assert by_samples.keys() == by_draw.keys()
     assert len(by_draw) >= 5

@@ -1,24 +1,24 @@
 """What a receiver that searches, follows and loses signals measures of a simulated scene, without samples.
 
-Each antenna hears the true and the false signal of a satellite. Noise is the receiver's own, that of the transmitter,
-and of the other signals' codes. A channel holds a signal above `HOLD_DBHZ`; a search finds one above `FIND_DBHZ` that
-stands a chip or more from what is followed already. Where both overlap, code and carrier loops see their sum: the code
-settles where early and late are equal, from where it was before, so that a stronger signal laid on the tracked one and
-drawn off takes the channel with it without a slip, and the carrier follows the stronger one there. Which letter a
-channel bears after a loss is decided as the receiver does. `Receiver` is what is imitated; where it does better, as
-with two signals less than a chip apart, this one does not.
+Each antenna receives the true and the false signal of a satellite. Noise is the receiver's own, that of the
+transmitter, and of the other signals' codes. A channel holds a signal above `HOLD_DBHZ`; a search finds one above
+`FIND_DBHZ` that stands a chip or more from what is followed already. Where both overlap, code and carrier loops see
+their sum: the code settles where early and late are equal, from where it was before, so that a stronger signal laid on
+the tracked one and drawn off takes the channel with it without a slip, and the carrier follows the stronger one there.
+Which letter a channel bears after a loss is decided as the receiver does. `Receiver` is what is imitated; where it does
+better, as with two signals less than a chip apart, this one does not.
 """
 
 import math
 from dataclasses import dataclass, field, replace
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.app.receive.reception import Reception
 from skyproof.app.receive.time_tag import clock_biases_s, shown_by
 from skyproof.arrays import Reals
+from skyproof.compiled import compiled
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA
@@ -30,7 +30,7 @@ from skyproof.simulator.measurement_errors import FieldError, FieldErrors, field
 from skyproof.simulator.measurements import IdealMeasurements, ideal_measurements_of
 from skyproof.simulator.received import ReceiverSky, Scene
 
-__all__ = ["Heard", "Noise", "hear", "received", "true_offset_s"]
+__all__ = ["ChannelNoise", "KnownReception", "add_truth", "model_receptions", "true_offset_s"]
 
 CHIP_M = SPEED_OF_LIGHT_M_S / GPS_L1_CA.chip_rate_hz
 WAVE_M = SPEED_OF_LIGHT_M_S / GPS_L1_CA.carrier_hz
@@ -53,7 +53,7 @@ CODE_NOISE = 2.0 / 3.0 / GPS_L1_CA.chip_rate_hz
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Heard:
+class KnownReception:
     """One receiver's measurements beside the truth.
 
     false_share : (n_epochs, n_channels) of the amplitude that each channel follows; NaN where it is not there.
@@ -67,7 +67,7 @@ class Heard:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class ChannelNoise:
     """Of channels, at 45 dB-Hz and `INTERVAL_S`."""
 
     code_m: float
@@ -78,7 +78,7 @@ class Noise:
     field: bool = True
 
 
-def hear(scene: Scene, noise: Noise, *, rng: np.random.Generator) -> list[Heard]:
+def model_receptions(scene: Scene, noise: ChannelNoise, *, rng: np.random.Generator) -> list[KnownReception]:
     """What every receiver of a scene measures."""
     geometries = ideal_measurements_of(scene, interval_s=INTERVAL_S)
     fields: list[FieldError | None] = [None] * len(geometries)
@@ -115,7 +115,7 @@ def _noise_power(sky: ReceiverSky, true_s: Reals) -> Reals:
     return power
 
 
-def _arriving(geometry: IdealMeasurements, floor: Reals, error: FieldError | None) -> list[_Arriving]:
+def _collect_arriving(geometry: IdealMeasurements, floor: Reals, error: FieldError | None) -> list[_Arriving]:
     power = np.where(np.isfinite(geometry.pseudorange_m), 10.0 ** (0.1 * geometry.cn0_dbhz), 0.0)
     floor = floor + CODE_NOISE * power.sum(axis=1)
     columns: dict[str, list[int]] = {}
@@ -187,13 +187,13 @@ class _Channel:
     last: _Row | None = None
 
 
-@numba.njit(cache=True, nogil=True)
-def _top(lag: float) -> float:
+@compiled
+def _triangle(lag: float) -> float:
     return max(0.0, 1.0 - abs(lag))
 
 
-@numba.njit(cache=True, nogil=True)
-def _settled(at: float, apart: float, first: float, second: float, phase_rad: Reals) -> tuple[float, float]:
+@compiled
+def _settle(at: float, apart: float, first: float, second: float, phase_rad: Reals) -> tuple[float, float]:
     """Where a code loop that stands at `at` chips settles, and the mean power of its prompt.
 
     Signals of amplitudes `first` at 0 and `second` at `apart`, behind it by `phase_rad` over the epoch.
@@ -203,9 +203,9 @@ def _settled(at: float, apart: float, first: float, second: float, phase_rad: Re
         error = power = 0.0
         for phase in phase_rad:
             turn = complex(math.cos(phase), math.sin(phase))
-            middle = first * _top(at) + second * turn * _top(at - apart)
-            late = first * _top(at + HALF_CHIPS) + second * turn * _top(at + HALF_CHIPS - apart)
-            early = first * _top(at - HALF_CHIPS) + second * turn * _top(at - HALF_CHIPS - apart)
+            middle = first * _triangle(at) + second * turn * _triangle(at - apart)
+            late = first * _triangle(at + HALF_CHIPS) + second * turn * _triangle(at + HALF_CHIPS - apart)
+            early = first * _triangle(at - HALF_CHIPS) + second * turn * _triangle(at - HALF_CHIPS - apart)
             error += ((late - early) * middle.conjugate()).real
             power += abs(middle) ** 2
         if power <= 1e-12 * (first * first + second * second):
@@ -233,12 +233,12 @@ def _follow(channel: _Channel, arriving: _Arriving, epoch: int) -> _Row | None:
         turning_hz = arriving.doppler_hz[epoch, 1] - arriving.doppler_hz[epoch, 0]
         phase_rad = 2.0 * np.pi * (-(cycles[1] - cycles[0]) + turning_hz * at_s)
     carried_m = channel.at_m - WAVE_M * channel.doppler_hz * INTERVAL_S * (epoch - channel.epoch)
-    at, power = _settled((carried_m - code_m[base]) / CHIP_M, apart, amplitude[base], second, phase_rad)
+    at, power = _settle((carried_m - code_m[base]) / CHIP_M, apart, amplitude[base], second, phase_rad)
     if power <= 0.0:
         return None
-    parts = np.array([amplitude[0] * _top(at), amplitude[1] * _top(at - apart)])
+    parts = np.array([amplitude[0] * _triangle(at), amplitude[1] * _triangle(at - apart)])
     if base == 1:
-        parts = np.array([0.0, amplitude[1] * _top(at)])
+        parts = np.array([0.0, amplitude[1] * _triangle(at)])
     side = int(parts[1] > parts[0])
     other = parts[1 - side] / parts[side]
     sign = 1.0 if side == 0 else -1.0
@@ -297,12 +297,12 @@ class _Receiver:
             if row is None:
                 self._lose(channel, epoch)
                 continue
-            self._mind_pull(channel, row)
+            self._watch_pull(channel, row)
             if channel.copy is not None:
                 self.rows[self._name(channel)][epoch] = row
             channel.last = row
 
-    def _mind_pull(self, channel: _Channel, row: _Row) -> None:
+    def _watch_pull(self, channel: _Channel, row: _Row) -> None:
         apart_m = row.at_m - row.carrier_cyc * WAVE_M
         if not math.isfinite(channel.reference_m) or row.slipped:
             channel.reference_m = apart_m
@@ -396,17 +396,17 @@ def _receive(
     scene: Scene,
     index: int,
     geometry: IdealMeasurements,
-    noise: Noise,
+    noise: ChannelNoise,
     error: FieldError | None,
     rng: np.random.Generator,
-) -> Heard:
+) -> KnownReception:
     sky = scene.skies[index]
     true_s = geometry.elapsed_s + sky.true_minus_elapsed_s(geometry.elapsed_s)
-    arriving = _arriving(geometry, _noise_power(sky, true_s), error)
+    arriving = _collect_arriving(geometry, _noise_power(sky, true_s), error)
     receiver = _Receiver(arriving, geometry.elapsed_s)
     for epoch in range(geometry.elapsed_s.size):
         receiver.step(epoch)
-    observations, share = _observed(geometry, receiver, noise, rng)
+    observations, share = _make_observations(geometry, receiver, noise, rng)
     left_out = None
     if observations is not None:
         biases_s = clock_biases_s(shown_by(iter([observations]), scene.navigation), receiver.gaps)
@@ -428,7 +428,7 @@ def _receive(
         n_signals=len(receiver.rows),
         examined_s=scene.scenario.duration_s,
     )
-    return Heard(
+    return KnownReception(
         reception=reception, false_share=share, position_ecef_m=sky.point(true_s).position_ecef_m, true_s=true_s
     )
 
@@ -437,8 +437,8 @@ def _no_samples(start: int, count: int) -> NDArray[np.float32]:
     raise AssertionError(f"no samples here: {count} asked for from {start} on")
 
 
-def _observed(
-    geometry: IdealMeasurements, receiver: _Receiver, noise: Noise, rng: np.random.Generator
+def _make_observations(
+    geometry: IdealMeasurements, receiver: _Receiver, noise: ChannelNoise, rng: np.random.Generator
 ) -> tuple[Observations | None, Reals]:
     names = sorted(name for name, rows in receiver.rows.items() if rows)
     shape = geometry.elapsed_s.size, len(names)
@@ -476,7 +476,7 @@ def _observed(
     ), share
 
 
-def received(scene: Scene, index: int, reception: Reception) -> Heard:
+def add_truth(scene: Scene, index: int, reception: Reception) -> KnownReception:
     """The truth beside what a receiver made of samples: a signal is the one of its satellite whose delay is clearly
     nearest, or not known.
     """
@@ -499,11 +499,11 @@ def received(scene: Scene, index: int, reception: Reception) -> Heard:
             best = np.sort(off_m[seen], axis=1)
             clear = best[:, 0] < CLEARLY * best[:, 1] if len(own) > 1 else np.ones(best.shape[0], np.bool_)
             share[seen, channel] = np.where(clear, is_false[own][np.argmin(off_m[seen], axis=1)], np.nan)
-    return Heard(
+    return KnownReception(
         reception=reception, false_share=share, position_ecef_m=sky.point(true_s).position_ecef_m, true_s=true_s
     )
 
 
-def true_offset_s(heard: Heard, gpst: NDArray[np.datetime64], start_gpst: np.datetime64) -> Reals:
+def true_offset_s(heard: KnownReception, gpst: NDArray[np.datetime64], start_gpst: np.datetime64) -> Reals:
     """By how much instants, one per epoch, are ahead of the true ones."""
     return np.asarray(seconds_between(gpst, start_gpst) - heard.true_s)

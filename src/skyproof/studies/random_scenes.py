@@ -29,7 +29,7 @@ from skyproof.simulator.scenario import (
 from skyproof.simulator.sites import Site, WayPoints
 from skyproof.simulator.sky import scene_of
 
-__all__ = ["DrawnAttack", "DrawnScene", "Made", "draw_scene", "make", "stated_sigma_m"]
+__all__ = ["BuiltScene", "DrawnAttack", "DrawnScene", "build_scene", "draw_scene", "stated_sigma_m"]
 
 Vector = tuple[float, float, float]
 Given = Literal["nothing", "distance", "positions"]
@@ -125,7 +125,7 @@ class DrawnScene:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Made:
+class BuiltScene:
     """A drawn scene as the simulator has it. antennas_enu_m : from the first one, in the scene's middle.
 
     scene : worked out; receivers that the attack does not reach have the sky of the scenario without it.
@@ -147,7 +147,7 @@ def draw_scene(name: str, *, most_receivers: int = 5, duration_s: float | None =
     """The scene of a name such as "attack-17". duration_s : in place of a drawn one."""
     kind, _, number = name.partition("-")
     if kind not in KINDS or not number.isdigit():
-        raise SystemExit(f"no scene named {name!r}; give attack-NUMBER, several-NUMBER or clean-NUMBER")
+        raise ScenarioError(f"no scene named {name!r}; give attack-NUMBER, several-NUMBER or clean-NUMBER")
     rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(KINDS.index(kind), int(number))))
     several = kind == "several"
     counts, shares = ([2, 3, 4, 5], [0.5, 0.2, 0.15, 0.15]) if several else ([2, 3, 4], [0.6, 0.25, 0.15])
@@ -311,7 +311,7 @@ def _difference(a: Vector, b: Vector) -> Vector:
 # ---------------------------------------------------------------------- to the simulator
 
 
-def make(drawn: DrawnScene, *, n_sats: int | None = None) -> Made | None:
+def build_scene(drawn: DrawnScene, *, n_sats: int | None = None) -> BuiltScene | None:
     """The scene worked out; None if what was drawn makes none, as a transmitter in an antenna's place.
 
     n_sats : the highest so many satellites alone, for what takes long with many.
@@ -322,7 +322,9 @@ def make(drawn: DrawnScene, *, n_sats: int | None = None) -> Made | None:
     if n_sats is not None:
         clean = _scenario(drawn, [], [], _highest(under, n_sats))
         under = scene_of(clean, navigation)
-    made = Made(drawn=drawn, scenario=clean, navigation=navigation, scene=under, antennas_enu_m=_antennas_enu_m(under))
+    made = BuiltScene(
+        drawn=drawn, scenario=clean, navigation=navigation, scene=under, antennas_enu_m=_antennas_enu_m(under)
+    )
     if drawn.attack is None:
         return made
     try:

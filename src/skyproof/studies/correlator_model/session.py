@@ -1,0 +1,102 @@
+"""From a scene to the verdict of `protect`, behind drawn correlators."""
+
+from pathlib import Path
+
+import numpy as np
+
+from skyproof.app.common.body import body_of, open_body
+from skyproof.app.common.platform import read_platform
+from skyproof.app.common.platform_use import described, settings_of
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings, resolve_settings
+from skyproof.app.common.windows import asked, following_epochs
+from skyproof.app.protect.document import Outcome, document
+from skyproof.app.protect.foresights import antenna_units, foresights_of, unit_of
+from skyproof.app.protect.run import judge
+from skyproof.app.receive.measured import MeasurementLog, RowLog
+from skyproof.app.receive.reception import Reception, observe
+from skyproof.app.receive.tracker import Tracker, guiding_of, receiver_settings
+from skyproof.formats.pieces import Workspace
+from skyproof.gnss.signals import GPS_SATS
+from skyproof.navigation.vector_inertia import AntennaUnit
+from skyproof.receiver.tracking import MEASURE_FRAMES
+from skyproof.records import NavigationData, Samples
+from skyproof.simulator.received import Scene
+from skyproof.studies.correlator_model.receiver import ModelReceiver
+from skyproof.verdict import Verdict
+
+__all__ = ["protect_scene", "receive_antenna", "track_scene"]
+
+
+class _Undiagnosed(Tracker):
+    """Many arcs do not raise the question here whether the recording was read as it should be."""
+
+    @property
+    def ended(self) -> bool:
+        return False
+
+
+def receive_antenna(
+    scene: Scene,
+    index: int,
+    settings: Settings,
+    navigation: NavigationData,
+    rng: np.random.Generator,
+    unit: AntennaUnit | None = None,
+) -> Reception:
+    """What a receiver behind drawn correlators receives at antenna number `index`."""
+    wanted = receiver_settings(GPS_SATS, settings, asked())
+    return track_scene(scene, index, ModelReceiver(scene, index, wanted, rng), navigation, settings, unit)[0]
+
+
+def track_scene(
+    scene: Scene,
+    index: int,
+    receiver: ModelReceiver,
+    navigation: NavigationData,
+    settings: Settings,
+    unit: AntennaUnit | None = None,
+) -> tuple[Reception, Tracker]:
+    """What a receiver receives of the whole scene, and what it kept of how."""
+    front_end, name = scene.scenario.front_end, scene.skies[index].name
+    samples = Samples(
+        name=name,
+        rate_hz=front_end.rate_hz,
+        n_samples=round(scene.scenario.duration_s * front_end.rate_hz),
+        read=lambda start, count: np.empty((0, count), np.float32),
+        if_hz=front_end.if_hz,
+        start_gpst=scene.scenario.start_gpst,
+    )
+    workspace = Workspace()
+    tracker = _Undiagnosed(
+        samples=samples,
+        receiver=receiver,
+        measured=MeasurementLog(workspace, name, MEASURE_FRAMES * receiver.settings.frame_s),
+        grids=RowLog(workspace, f"{name}/grids"),
+        vector=guiding_of(samples, navigation, settings, unit) if settings.tracking == "vector" else None,
+        checks=0,
+    )
+    while tracker.advance():
+        pass
+    return observe(tracker, navigation, None, workspace), tracker
+
+
+def protect_scene(scene: Scene, navigation: NavigationData, platform_path: Path, seed: int) -> tuple[Verdict, Outcome]:
+    """As `protect` with the scene's recordings, the navigation file and the platform file."""
+    platform = read_platform(platform_path)
+    names = [sky.name for sky in scene.skies]
+    tables = described(platform, names, str(platform_path))
+    settings, _ = settings_of(platform, resolve_settings(platform.protect), names, tables)
+    rng = np.random.default_rng(seed)
+    start_gpst, files = scene.scenario.start_gpst, open_body(platform)
+    unit = unit_of(platform, files, names, tables, start_gpst)
+    carrying = antenna_units(unit)
+    receptions = [
+        receive_antenna(scene, index, settings, navigation, rng, carrying.get(name)) for index, name in enumerate(names)
+    ]
+    observed = [r.observations for r in receptions if r.observations is not None]
+    settings = following_epochs(settings, observed)
+    body = body_of(platform, files, names, tables, start_gpst, settings.max_separation_m)
+    foresights = foresights_of(names, settings, platform, tables, unit)
+    outcome, _ = judge(receptions, navigation, settings, Silent(), body=body, foresights=foresights)
+    return document(outcome, (), settings), outcome
