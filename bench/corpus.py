@@ -26,11 +26,11 @@ from real_logs import LOGS
 from rows import read, run
 
 DEFAULT_OUT = Path(".cache/corpus.jsonl")
-DRAWN = {"attack": 90, **dict.fromkeys(words.CLEAN, 45), "several": 30, "takeover": 60, "missing": 20}
+DRAWN = {"attack": 240, **dict.fromkeys(words.CLEAN, 120), "several": 80, "takeover": 150, "missing": 60}
 """Scenes of each kind by default."""
-VECTOR_TAKEOVERS, WINDOWS, DAMAGED = 10, 40, 8
+VECTOR_TAKEOVERS, WINDOWS, DAMAGED = 30, 80, 16
 """Takeovers in vector tracking, windows of arrays and arms clean and attacked, damages of each kind."""
-LOG_ATTACKS, LOG_JAMMINGS, LOG_CUTS = 192, 48, 3
+LOG_ATTACKS, LOG_JAMMINGS, LOG_CUTS = 384, 96, 8
 SAMPLES = 20
 QUICK = (
     *("attack-0", "attack-1", "attack-6", "plain-1", "reflections-0", "reflections-3", "jammed-0", "jammed-1"),
@@ -47,17 +47,17 @@ QUICK_REAL = (
 
 
 def names_of(*, samples: bool = False) -> list[str]:
-    """Return the rows of the whole corpus; where there is no data folder, without files and logs."""
-    names = [f"{kind}-{k}" for kind, count in DRAWN.items() for k in range(count)]
-    names += [f"takeover-{k}-vector" for k in range(VECTOR_TAKEOVERS)]
-    names += [f"{kind}-{k}{end}" for kind in ("array", "arm") for k in range(WINDOWS) for end in ("", "-attack")]
-    names += [f"damaged-{kind}-{k}" for kind in damaged.KINDS for k in range(DAMAGED)]
-    names += names_of_cells()
+    """Return the rows of the whole corpus, of every kind throughout; of files and logs where there is a data folder."""
+    kinds = [[f"{kind}-{k}" for k in range(count)] for kind, count in DRAWN.items()]
+    kinds.append([f"takeover-{k}-vector" for k in range(VECTOR_TAKEOVERS)])
+    kinds += [[f"{kind}-{k}{end}" for k in range(WINDOWS)] for kind in ("array", "arm") for end in ("", "-attack")]
+    kinds += [[f"damaged-{kind}-{k}" for k in range(DAMAGED)] for kind in damaged.KINDS]
+    kinds.append(names_of_cells())
     if has_data():
-        names += names_of_files()
-        names += [f"logattack-{k}" for k in range(LOG_ATTACKS)] + [f"logjamming-{k}" for k in range(LOG_JAMMINGS)]
-        names += [f"log-{log}-{k}" for log in LOGS for k in range(1, LOG_CUTS + 1)]
-    return names + (names_through_samples() if samples else [])
+        kinds += [[f"logattack-{k}" for k in range(LOG_ATTACKS)], [f"logjamming-{k}" for k in range(LOG_JAMMINGS)]]
+        kinds += [names_of_files(), [f"log-{log}-{k}" for k in range(1, LOG_CUTS + 1) for log in LOGS]]
+    kinds += [names_through_samples()] if samples else []
+    return [name for _, name in sorted((k / len(names), name) for names in kinds for k, name in enumerate(names))]
 
 
 def names_through_samples() -> list[str]:

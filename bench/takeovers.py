@@ -33,21 +33,20 @@ from skyproof.app.protect.document import Outcome
 from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, FixStatus
 from skyproof.simulator.attacks import Takeover
 from skyproof.simulator.files import write_samples, write_series
-from skyproof.simulator.received import ReceiverSky, Scene
+from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneImu, SceneReceiver, Sky
 from skyproof.simulator.sites import Site, WayPoints
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.correlator_model import protect_scene
+from skyproof.studies.protection.errors import fix_errors
 from skyproof.verdict import WORDS, Verdict, word_shown
 
 SEED = 7
-TO_95 = 2.45  # of a circle about two equal sigmas
 WRONG_BOUNDS = 3.0
 CLEAN_S = 14.0
 """Before the onset, which the run may take as true: shorter than by default, as samples cost time."""
@@ -279,9 +278,9 @@ def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
     level, bounds, off_s = [], [], []
     for source, fix in trusted_and_coasted(r.positions):
         good = np.flatnonzero(fix.status == FixStatus.OK)
-        error_m, bound_m = _errors_m(scene, sky, fix, good)
-        level.append(error_m)
-        bounds.append(error_m / bound_m)
+        errors = fix_errors(scene, sky, fix)
+        level.append(errors.horizontal_m)
+        bounds.append(errors.horizontal_m / errors.bound_m)
         row["trusted_s" if source == "satellites" else "inertia_s"] += interval_s * good.size
         if source == "satellites":
             off_s.append(_time_off_s(scene, o, fix, good))
@@ -301,20 +300,9 @@ def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
     fixed = sum(_fixed_seconds([f for f in (ordinary, trusted) if f is not None], drawn.duration_s, scene))
     row["ordinary"] = round(fixed / max(drawn.duration_s - 6.0, 1.0), 3)
     last = ordinary if ordinary is not None else trusted
-    if last is not None and (good := np.flatnonzero(last.status == FixStatus.OK)).size:
-        row["ordinary_off_m"] = float(_errors_m(scene, sky, last, good[-1:])[0][0])
+    if last is not None and (last.status == FixStatus.OK).any():
+        row["ordinary_off_m"] = float(fix_errors(scene, sky, last).horizontal_m[-1])
     return row
-
-
-def _errors_m(scene: Scene, sky: ReceiverSky, fix: Fix, good: Any) -> tuple[Reals, Reals]:
-    """Horizontal errors of epochs `good`, and their stated 95 % bounds."""
-    truth_m = sky.point(_true_s(scene, fix, good)).position_ecef_m
-    if not good.size:
-        return np.empty(0), np.empty(0)
-    rot = rot_enu_ecef(*geodetic_from_ecef(truth_m[0])[:2])
-    off_m = (fix.position_ecef_m[good] - truth_m) @ rot.T
-    variance = np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[good, :3, :3], rot)
-    return np.hypot(off_m[:, 0], off_m[:, 1]), TO_95 * np.sqrt(variance)[:, :2].max(axis=1)
 
 
 def _true_s(scene: Scene, fix: Fix, good: Any) -> Reals:

@@ -220,7 +220,7 @@ def _attack(
     reach = rng.choice(["one", "some", "all"], p=[0.3, 0.2, 0.5])
     joined = {"one": [], "all": others}.get(str(reach), [k for k in others if rng.random() < 0.5])
     away_m = _log_uniform(rng, 1.5, 1e4)
-    kind = str(rng.choice(["takeover", "spoofer", "meaconer"], p=[0.4, 0.45, 0.15]))
+    kind: Any = str(rng.choice(["takeover", "spoofer", "meaconer"], p=[0.4, 0.45, 0.15]))
     power_db = float(rng.uniform(-10.0, 30.0))
     noise_db: float | None = None
     quiet = rng.choice(["quiet", "noisy", "drowning"], p=[0.45, 0.2, 0.35])
@@ -231,7 +231,7 @@ def _attack(
         power_db = min(max(power_db, noise_db - float(rng.uniform(0.0, 5.0))), 30.0)
     within = rng.random() < 0.65
     onset_s = float(rng.uniform(10.0, duration_s - 15.0)) if within else -float(rng.uniform(2.0, 60.0))
-    place = str(rng.choice(["true", "near", "random", "sphere"], p=[0.15, 0.3, 0.25, 0.3]))
+    place: Any = str(rng.choice(["true", "near", "random", "sphere"], p=[0.15, 0.3, 0.25, 0.3]))
     away = {
         "true": (0.0, 0.0, 0.0),
         "near": _level(rng, _log_uniform(rng, 3.0, 300.0), 0.3),
@@ -241,7 +241,7 @@ def _attack(
         about = antennas[int(rng.choice([k for k in others if k not in joined] or others))]
         around = _level(rng, math.dist(about, antennas[focus]), 0.3)
         away = _difference(_sum(around, about), antennas[focus])
-    clock = str(rng.choice(["true", "within a chip", "far", "drift"], p=[0.45, 0.2, 0.2, 0.15]))
+    clock: Any = str(rng.choice(["true", "within a chip", "far", "drift"], p=[0.45, 0.2, 0.2, 0.15]))
     late_s = {
         "true": 0.0,
         "within a chip": float(rng.uniform(-1.0, 1.0)) * CHIP_S,
@@ -269,10 +269,10 @@ def _attack(
         late_s=late_s,
         drift=float(rng.choice([-1.0, 1.0])) * _log_uniform(rng, 1e-9, 1e-7) if clock == "drift" else 0.0,
         code_offset_m=float(rng.uniform(-150.0, 150.0)) if kind == "takeover" and rng.random() < 0.3 else 0.0,
-        phase=str(rng.choice(["aligned", "random"])),
+        phase="aligned" if rng.choice(["aligned", "random"]) == "aligned" else "random",
         carrier="locked" if rng.random() < 0.15 else "follows",
         n_sats=int(rng.integers(4, 8)) if rng.random() < 0.2 else None,
-    )  # type: ignore[arg-type]
+    )
 
 
 def _several(rng: np.random.Generator, attack: DrawnAttack, n: int) -> DrawnAttack:

@@ -480,16 +480,16 @@ def add_truth(scene: Scene, index: int, reception: Reception) -> KnownReception:
     """The truth beside what a receiver made of samples: a signal is the one of its satellite whose delay is clearly
     nearest, or not known.
     """
-    sky, o = scene.skies[index], reception.observations
-    assert o is not None
+    sky, log = scene.skies[index], reception.observations
+    assert log is not None
+    o = log.read(0, log.gpst.size)
     true_s = o.elapsed_s + sky.true_minus_elapsed_s(o.elapsed_s)
     clock_s = seconds_between(o.gpst, scene.scenario.start_gpst) - true_s
     delay_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(true_s)
-    for column, signal in enumerate(sky.signals):
-        delay_m[~np.any([(begin <= true_s) & (true_s < end) for begin, end in signal.windows_s], axis=0), column] = (
-            np.inf
-        )
-    is_false = np.array([signal.label == "spoofed" for signal in sky.signals], float)
+    for column, heard in enumerate(sky.signals):
+        present = np.any([(begin <= true_s) & (true_s < end) for begin, end in heard.windows_s], axis=0)
+        delay_m[~present, column] = np.inf
+    is_false = np.array([heard.label == "spoofed" for heard in sky.signals], float)
     share = np.full(o.pseudorange_m.shape, np.nan)
     for channel, signal in enumerate(o.signals):
         own = [column for column, heard in enumerate(sky.signals) if heard.id.sat == signal.sat]
