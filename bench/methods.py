@@ -9,8 +9,7 @@ import numpy as np
 from timing import line, take_turns
 
 from skyproof.arrays import Reals
-from skyproof.decomposition.correlation import noise_variance
-from skyproof.decomposition.fit import count_statistic, decompose, delay_dictionary, simulate_taps
+from skyproof.decomposition.fit import decompose
 from skyproof.detectors.array.arm_phases import full_fit
 from skyproof.detectors.array.array_common import equal_statistic
 from skyproof.detectors.array.array_model import array_design, joint_statistic, residual_covariance, white_covariance
@@ -18,9 +17,11 @@ from skyproof.detectors.correlators.vector_parity import parity_test, parity_vec
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.statistics.cusum import cusum_path
-from skyproof.statistics.directions import blocks, dead_zone, hemisphere
+from skyproof.statistics.directions import hemisphere
 from skyproof.studies.arm_angles import arm_angles, paired_fit
 from skyproof.studies.array_geometry import equilateral_triangle, single_statistic
+from skyproof.studies.decomposition_laws import count_statistic, delay_dictionary, noise_variance, simulate_taps
+from skyproof.studies.direction_tests import blocks, dead_zone
 from skyproof.studies.double_difference import difference_test, pairs_rejected
 from skyproof.studies.exclusion import choose_fix
 from skyproof.studies.group_choice import span_test, split_skies

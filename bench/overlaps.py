@@ -10,7 +10,6 @@ from time import process_time
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.decomposition.correlation import noise_variance
 from skyproof.detectors.dccaf.bursts import own_correlation
 from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import Dccaf
@@ -18,6 +17,7 @@ from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
 from skyproof.receiver.grids import BAND_SHARE, NOISE_TAPS, TAPS_A_BAND
 from skyproof.records import Ccaf, Observations, Records
+from skyproof.studies.decomposition_laws import noise_variance
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 OF_A_RUN = 1e-3 * 10.0 / 3600.0 / 6.0

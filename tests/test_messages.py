@@ -31,9 +31,9 @@ from skyproof.formats.atomic_write import OutputStep, write_in_turn
 from skyproof.formats.crinex import expanded
 from skyproof.formats.raw import read_sidecar
 from skyproof.formats.sigmf import open_sigmf
-from skyproof.navigation.filter_state import FilterSettings
 from skyproof.records import Samples
 from skyproof.simulator.scenario import parse_scenario, read_scenario
+from skyproof.studies.position_filter_state import FilterSettings
 
 # --- settings
 

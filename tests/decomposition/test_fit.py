@@ -1,21 +1,18 @@
-"""The correlation function taken apart: the model, the fit against its bound, and how many signals there are."""
+"""The correlation function taken apart: the model, and the fit against its bound."""
 
 import numpy as np
 import pytest
-from scipy import stats
 
-from skyproof.decomposition.correlation import band_share, correlation, correlation_slope, noise_variance
-from skyproof.decomposition.fit import (
-    bins_dictionary,
+from skyproof.decomposition.correlation import band_share, correlation, correlation_slope
+from skyproof.decomposition.fit import bins_dictionary, decompose
+from skyproof.studies.correlation_models import model, model_as_printed
+from skyproof.studies.decomposition_laws import (
     blocks_dictionary,
-    count_statistic,
-    count_test,
-    decompose,
     delay_bound,
     delay_dictionary,
+    noise_variance,
     simulate_taps,
 )
-from skyproof.studies.correlation_models import model, model_as_printed
 from skyproof.studies.swarm import SwarmSettings, swarm_decompose
 
 AMPLITUDES = np.array([1.0, 0.87])
@@ -259,51 +256,3 @@ def test_the_swarm_costs_what_numpy_says():
         fit.amplitude, fit.delay_chips, fit.doppler_hz, taps_chips=delays.points, coherent_s=0.02, band_hz=5e6
     )
     assert fit.cost[0] == pytest.approx(np.sum(np.abs(taps - fitted[:, 0]) ** 2), rel=1e-3)
-
-
-# How many signals
-
-
-def null_statistics(rng, n, rate_hz, cn0_dbhz=45.0):
-    delays, variance = delay_dictionary(rate_hz), noise_variance(cn0_dbhz, 0.02, rate_hz)
-    delay, amplitude = rng.uniform(-0.5, 0.5, (n, 1)), np.exp(2j * np.pi * rng.random((n, 1)))
-    return count_statistic(simulate_taps(delay, amplitude, variance, delays, rng), delays, variance)[0]
-
-
-def test_one_signal_is_called_two_as_often_as_asked():
-    rng = np.random.default_rng(13)
-    test = count_test(delay_dictionary(5e6), rng, runs=6000)
-    assert test.threshold(np.array([0.5, 0.1, 0.01])) == pytest.approx([5.4, 9.6, 14.6], rel=0.06)
-    p_value = test.p_value(null_statistics(rng, 6000, 5e6, cn0_dbhz=42.0))
-    for asked in (0.5, 0.1, 0.02):
-        alarms = int(np.sum(p_value < asked))
-        sigma = np.sqrt(6000 * asked * (1 - asked) * 2)  # the law is counted as coarsely
-        assert abs(alarms - 6000 * asked) < 3.5 * sigma + 0.05 * 6000 * asked
-
-
-@pytest.mark.long
-def test_two_signals_are_counted():
-    rng = np.random.default_rng(14)
-    delays = delay_dictionary(25e6)
-    test = count_test(delays, rng, runs=1500)
-    _, _, variance, taps = two_signals(rng, 100, 0.1, 25e6)
-    assert np.mean(test.p_value(count_statistic(taps, delays, variance)[0]) < 1e-3) > 0.97
-
-
-def test_an_estimated_noise_level_makes_the_test_more_careful():
-    test = count_test(delay_dictionary(5e6), np.random.default_rng(15), runs=3000)
-    rough = type(test)(statistics=test.statistics, tail=test.tail, noise_samples=30)
-    assert rough.threshold(0.01) > test.threshold(0.01) + 0.3
-    assert rough.p_value(test.threshold(0.001)) > 1.3e-3
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("rate_hz", "quantiles"), [(5e6, (5.4, 9.6, 14.6, 19.5)), (25e6, (6.6, 10.9, 16.2, 21.4))])
-def test_p_values_of_the_count_are_uniform(rate_hz, quantiles):
-    rng = np.random.default_rng(16)
-    test = count_test(delay_dictionary(rate_hz), rng, runs=30_000)
-    assert test.threshold(np.array([0.5, 0.1, 0.01, 0.001])) == pytest.approx(quantiles, rel=0.06)
-    p_value = test.p_value(null_statistics(rng, 30_000, rate_hz))
-    assert stats.kstest(p_value, "uniform").statistic < 0.015
-    for asked in (0.01, 0.001):
-        assert np.mean(p_value < asked) == pytest.approx(asked, rel=0.2 + 3.0 / np.sqrt(30_000 * asked))

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyproof.decomposition.fit import delay_dictionary
 from skyproof.decomposition.shape import code_dictionary, filter_loss, quiet_lags
 from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.studies.decomposition_laws import delay_dictionary
 
 BAND = 2.4  # cycles a chip
 TAPS = np.arange(-10, 11) * 0.2

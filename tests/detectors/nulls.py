@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from skyproof.decomposition.correlation import correlation, noise_variance
+from skyproof.decomposition.correlation import correlation
 from skyproof.detectors.array.arm_phases import arm_columns
 from skyproof.detectors.array.array_model import predicted_directions
 from skyproof.detectors.array.ins_array import InsArraySettings
@@ -25,6 +25,7 @@ from skyproof.records import ArrayPhases, Ccaf, NavState, Observations, Records,
 from skyproof.statistics.directions import direction_cosines, hemisphere
 from skyproof.studies.arm_angles import arm_angles
 from skyproof.studies.array_geometry import equilateral_triangle
+from skyproof.studies.decomposition_laws import noise_variance
 from skyproof.studies.discriminator_laws import prompt_amplitude
 from skyproof.studies.quality_metrics import tap_covariance
 from skyproof.studies.uniformity_echoes import drawn_seconds

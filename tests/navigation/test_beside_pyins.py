@@ -14,7 +14,7 @@ from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad, rot
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.inertia import readings_between
-from skyproof.navigation.ins import InsSettings, begin, corrected, step
+from skyproof.navigation.ins import InsSettings, begin, corrected, step, without_errors
 from skyproof.navigation.ins_updates import by_fix
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import NavState
@@ -163,12 +163,7 @@ def test_filters_agree_on_a_real_walk(shared_data):
     grade = without_slow_biases("consumer")
     for seconds in (10.0, 30.0):
         rows = slice(*np.searchsorted(walk.readings.gpst, [state.gpst, state.gpst + np.timedelta64(int(seconds), "s")]))
-        readings = replace(
-            walk.readings,
-            gpst=walk.readings.gpst[rows],
-            specific_force_m_s2=state.true_force(walk.readings.specific_force_m_s2[rows]),
-            angular_rate_rad_s=state.true_rate(walk.readings.angular_rate_rad_s[rows]),
-        )
+        readings = without_errors(walk.readings.select(rows), state.bias[:6] + state.bias[6:], state.gain)
         # Labels follow the logger's clock, by some 1e-4 of an interval: both are given the unit's own.
         at_s = (readings.gpst[0] - zero) / np.timedelta64(1, "s") + np.arange(readings.gpst.size) * readings.interval_s
         print(f"{seconds:g} s free on the walk, mm: {np.round(strapdown_apart_mm(state.run.state, readings, at_s), 2)}")

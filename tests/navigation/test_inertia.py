@@ -14,7 +14,7 @@ from skyproof.formats.imu import COLUMNS, read_imu
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.navigation.inertia import GAP_S, TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin, coast, moved
+from skyproof.navigation.inertia import GAP_S, TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin, coast
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import ImuSeries, NavState
 from skyproof.simulator.inertial import ImuErrors, inertial
@@ -186,49 +186,6 @@ def test_a_unit_of_other_axes_gives_the_same_states_to_the_last_bit(tmp_path, ax
     turned, _ = coast(exact_run(MOTIONS["round"]), replace(found, interval_s=series.interval_s), GRADES["tactical"])
     for name in ("gpst", "position_ecef_m", "velocity_ecef_m_s", "attitude", "covariance"):
         assert np.array_equal(getattr(turned, name), getattr(straight, name)), name
-
-
-@settings(max_examples=15)
-@given(st.tuples(*[st.floats(-np.pi, np.pi)] * 3), st.tuples(*[st.floats(-5.0, 5.0)] * 3))
-def test_any_axes_and_any_lever_arm_lead_to_the_antenna(angles, arm_m):
-    """Lever arm from the unit to the antenna: the simulator's unit stands that far from it, and turned."""
-    mounting = Rotation.from_euler("zyx", angles).as_matrix()
-    antenna = MOTIONS["round"]
-    series = readings(antenna, 100.0, 5.0, mounting=mounting, lever_body_m=-np.array(arm_m))
-    body = replace(
-        series,
-        specific_force_m_s2=series.specific_force_m_s2 @ mounting,
-        angular_rate_rad_s=series.angular_rate_rad_s @ mounting,
-    )
-    rate = body.angular_rate_rad_s
-    at_antenna = truth(antenna, [0.0], 1e-12 * np.eye(9))
-    run = begin(moved(at_antenna, rate[0], -np.array(arm_m)), EXACT)
-    states, _ = coast(run, body, EXACT)
-    found = moved(states, np.concatenate((rate[:1], rate)), arm_m)
-    assert np.abs(errors(found, truth(antenna, [5.0]))[:6]).max() < 2e-3
-
-
-def test_a_lever_arm_turns_errors_of_attitude_into_those_of_place_as_exact_rotations_do():
-    rng, arm = np.random.default_rng(3), np.array([3.0, -1.0, 2.0])
-    root = rng.standard_normal((9, 9)) * np.repeat([1.0, 0.1, 1e-3], 3)[:, None]
-    state = truth(MOTIONS["round"], [0.0], root @ root.T)
-    rate = np.array([0.1, -0.2, 0.3])
-    right = moved(state, rate, arm)
-    counted = []
-    for wrong in (root @ rng.standard_normal((9, 4000))).T:
-        off = replace(
-            state,
-            position_ecef_m=state.position_ecef_m + wrong[:3],
-            velocity_ecef_m_s=state.velocity_ecef_m_s + wrong[3:6],
-            attitude=Rotation.from_rotvec(wrong[6:]).as_matrix() @ state.attitude,
-            covariance=None,
-        )
-        counted.append(errors(moved(off, rate, arm), right))
-    predicted, found = right.covariance[0], np.cov(np.array(counted).T)
-    scale = np.sqrt(np.diag(predicted))
-    np.testing.assert_allclose(found / np.outer(scale, scale), predicted / np.outer(scale, scale), atol=0.12)
-    back = moved(right, rate, -arm)
-    np.testing.assert_allclose(back.covariance, state.covariance, rtol=1e-9, atol=1e-15)
 
 
 # Gaps

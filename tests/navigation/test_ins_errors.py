@@ -11,12 +11,10 @@ from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.ins_errors import (
     STATES,
     error_covariance,
-    restarted,
     start_covariance,
-    with_covariance,
 )
-from skyproof.navigation.strapdown import strapdown, strapdown_paths
-from skyproof.records import ImuSeries, NavState
+from skyproof.navigation.strapdown import strapdown_paths
+from skyproof.records import NavState
 from skyproof.simulator.inertial import ImuErrors, inertial
 from skyproof.simulator.trajectories import las_vegas, way_points
 
@@ -169,53 +167,6 @@ def test_units_of_wrong_gains_drift_as_the_model_says_on_a_way_with_turns():
         error = np.concatenate((places[-1] - at.position_ecef_m[-1], speeds[-1] - at.velocity_ecef_m_s[-1]))
         squares.append(error @ np.linalg.solve(predicted, error))
     assert np.mean(squares) == pytest.approx(6.0, abs=4 * np.sqrt(12 / 150))
-
-
-def test_a_restart_with_velocity_puts_tilt_and_biases_right_too():
-    rng = np.random.default_rng(4)
-    grade = ungained("tactical")
-    start = start_covariance(grade, velocity_m_s=0.2)
-    covariance = error_covariance(PATH, grade, start)
-    place_noise, speed_noise = 1.0, 0.05
-    unit = inertial(APPROACH.at, rate_hz=2.0, duration_s=233.0)
-    true = unit.read(0, unit.n_samples)
-    kept = []
-    for seed in range(60):
-        wrong = _errors(grade, seed, unit.n_samples)
-        begin = NavState(
-            gpst=LABELS[:1],
-            position_ecef_m=PATH.position_ecef_m[:1],
-            attitude=PATH.attitude[:1],
-            velocity_ecef_m_s=PATH.velocity_ecef_m_s[:1] + 0.2 * rng.standard_normal(3),
-        )
-        series = ImuSeries(
-            gpst=true.gpst,
-            interval_s=0.5,
-            specific_force_m_s2=true.specific_force_m_s2 + wrong[:, :3],
-            angular_rate_rad_s=true.angular_rate_rad_s + wrong[:, 3:],
-        )
-        found = strapdown(begin, series)
-        better, biases, after = restarted(
-            found,
-            covariance[-1],
-            MOTION.position_ecef_m[-1] + place_noise * rng.standard_normal(3),
-            place_noise**2 * np.eye(3),
-            MOTION.velocity_ecef_m_s[-1] + speed_noise * rng.standard_normal(3),
-            speed_noise**2 * np.eye(3),
-        )
-        error = np.concatenate(
-            (
-                better.position_ecef_m[0] - MOTION.position_ecef_m[-1],
-                better.velocity_ecef_m_s[0] - MOTION.velocity_ecef_m_s[-1],
-            )
-        )
-        kept.append(error @ np.linalg.solve(after[:6, :6], error))
-        assert biases.shape == (12,)
-    assert np.mean(kept) == pytest.approx(6.0, abs=4 * np.sqrt(12 / 60))
-    lost = np.sqrt(np.diag(after)[6:9]), np.sqrt(np.diag(covariance[-1])[6:9])
-    assert np.min(lost[0]) < 0.5 * np.max(lost[1])  # tilt
-    assert with_covariance(PATH, covariance).covariance.shape == (234, 9, 9)
-    assert covariance.shape[1] == STATES
 
 
 def test_a_path_with_long_steps_is_refused():

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.time import GPS_EPOCH, seconds_between
-from skyproof.navigation.strapdown import euler_rates, euler_rates_as_printed, strapdown, strapdown_paths
+from skyproof.navigation.strapdown import strapdown, strapdown_paths
 from skyproof.records import ImuSeries, NavState
 from skyproof.simulator.inertial import inertial
 from skyproof.simulator.trajectories import circle, las_vegas, way_points
@@ -103,12 +103,3 @@ def test_many_units_at_once_are_each_as_alone():
         ),
     )
     assert np.array_equal(alone.position_ecef_m, places[1, 2])
-
-
-def test_euler_rates_are_the_derivatives_of_the_angles_and_the_printed_ones_are_not():
-    rate = np.array([0.1, 0.05, -0.08])
-    assert euler_rates(0.3, 0.35, rate) == pytest.approx([0.0775, 0.0714, -0.0656], abs=5e-5)
-    assert euler_rates_as_printed(0.3, 0.35, 0.9, rate) == pytest.approx([-0.0107, 0.1014, -0.0922], abs=5e-5)
-    before = Rotation.from_euler("ZYX", [0.9, 0.35, 0.3])
-    later = (before * Rotation.from_rotvec(1e-6 * rate)).as_euler("ZYX")
-    assert euler_rates(0.3, 0.35, rate) == pytest.approx((later[::-1] - [0.3, 0.35, 0.9]) / 1e-6, abs=1e-6)

@@ -3,15 +3,8 @@ import itertools
 import numpy as np
 import pytest
 
-from skyproof.statistics.cusum import (
-    cusum_path,
-    cusum_run_length,
-    cusum_step,
-    cusum_threshold,
-    cusum_within,
-    page_run_length,
-    page_threshold,
-)
+from skyproof.statistics.cusum import cusum_path, cusum_step, cusum_within
+from skyproof.studies.run_lengths import cusum_run_length, cusum_threshold, page_run_length, page_threshold
 
 
 def counted_run_length(reference, threshold, degrees, trials, rng, run):

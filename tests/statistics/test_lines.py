@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from skyproof.statistics.lines import additive_contrasts, difference_whitener, fit_line, line_columns
+from skyproof.statistics.lines import additive_contrasts, fit_line, line_columns
+from skyproof.studies.double_difference import difference_whitener
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])

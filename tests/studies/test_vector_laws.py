@@ -5,12 +5,12 @@ from scipy import special, stats
 from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators import vector_sqm as rule
-from skyproof.statistics.cusum import cusum_threshold
 from skyproof.statistics.distributions import binomial_survival, binomial_two_sided
 from skyproof.studies import discriminator_laws as laws
 from skyproof.studies import vector_parity_tests as parity_tests
 from skyproof.studies import vector_rules as rules
 from skyproof.studies.roc import chi_square_power
+from skyproof.studies.run_lengths import cusum_threshold
 from skyproof.studies.vector_loops import draw_discriminators, draw_taps, tap_noise, vector_loops
 from skyproof.studies.vector_sky import PRNS, SKY, attack_on
 

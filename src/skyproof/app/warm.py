@@ -21,7 +21,7 @@ from skyproof.app.common.windows import asked
 from skyproof.app.receive.inputs import only_recordings, open_inputs
 from skyproof.app.receive.tracker import track
 from skyproof.compiled import on_compiled
-from skyproof.decomposition.fit import blocks_dictionary, decompose, delay_bound, delay_dictionary, simulate_taps
+from skyproof.decomposition.fit import bins_dictionary, decompose, taps_dictionary
 from skyproof.detectors.dccaf.bursts import components, shapes
 from skyproof.detectors.dccaf.inverse_raim import passing_sets
 from skyproof.formats.layout import Chunk, PackedSamples, Packing
@@ -72,12 +72,10 @@ def _packed() -> None:
 def _overlaps() -> None:
     """What needs more than one signal of a satellite within a chip."""
     _joint_channels()
-    rng, delays, variance = np.random.default_rng(1), delay_dictionary(5e6), 1e-3
-    taps = simulate_taps(np.zeros((2, 1)), np.ones((2, 1)), variance, delays, rng)
-    decompose(taps, delays, noise_variance=variance)
-    blocks = blocks_dictionary(0.02, 2, within_hz=60.0)
-    decompose(np.repeat(taps[:, None, :], 2, axis=1), delays, blocks, noise_variance=variance)
-    delay_bound(np.array([[0.0, 0.25]]), np.ones((1, 2)), variance, delays)
+    rng, delays = np.random.default_rng(1), taps_dictionary(tuple(np.linspace(-2.0, 2.0, 21)), 5e6)
+    noise = rng.standard_normal((2, 2, 21)) + 1j * rng.standard_normal((2, 2, 21))
+    decompose(noise[:, 0], delays)
+    decompose(noise, delays, bins_dictionary(0.02, (0.0, 25.0), within_hz=60.0))
     bursts = rng.standard_normal((1, 4, 9)) + 1j * rng.standard_normal((1, 4, 9))
     components(bursts, shapes(7, tuple(np.linspace(-1.0, 1.0, 9)), 2e6, 1.0), np.ones((1, 4)), 2e6)
 

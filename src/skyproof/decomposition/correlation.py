@@ -19,7 +19,7 @@ from scipy import special
 from skyproof.arrays import Reals
 from skyproof.gnss.signals import GPS_L1_CA
 
-__all__ = ["band_share", "correlation", "correlation_slope", "noise_variance"]
+__all__ = ["band_share", "correlation", "correlation_slope"]
 
 
 def correlation(lag_chips: ArrayLike, band_hz: float) -> Reals:
@@ -43,12 +43,6 @@ def correlation_slope(lag_chips: ArrayLike, band_hz: float) -> Reals:
 def band_share(band_hz: float) -> float:
     """Share of the code's power in the band: 0.957 for 5 MHz, 0.992 for 25 MHz."""
     return float(_g(np.asarray(1.0), _half_band(band_hz)))
-
-
-def noise_variance(cn0_dbhz: ArrayLike, coherent_s: ArrayLike, band_hz: float) -> Reals:
-    """s^2 = E|v|^2 of one point of the grid beside a signal of amplitude one: 1 / (C/N0 T eta)."""
-    cn0_hz = 10.0 ** (0.1 * np.asarray(cn0_dbhz, np.float64))
-    return np.asarray(1.0 / (cn0_hz * np.asarray(coherent_s, np.float64) * band_share(band_hz)))
 
 
 def _half_band(band_hz: float) -> float:

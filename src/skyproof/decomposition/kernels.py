@@ -9,7 +9,7 @@ import numpy as np
 
 from skyproof.compiled import compiled
 
-__all__ = ["bounds_of", "fit_all", "solve", "table_at"]
+__all__ = ["fit_all", "solve", "table_at"]
 
 _STARTS = 3  # pairs that the fit begins from
 _STEPS = 25
@@ -312,22 +312,3 @@ def fit_all(data, n, delay, doppler, coarse, gram, f_coarse, fitted, where, ampl
             if energy > best:
                 best = energy
                 where[t], amplitude[t], captured[t], information[t] = at, a, energy, known
-
-
-@compiled
-def bounds_of(where, amplitude, delay, doppler, information):  # type: ignore[no-untyped-def]
-    """The information (trials, p, p) at given delays, Dopplers (trials, p) and amplitudes (trials, n)."""
-    trials, n = amplitude.shape
-    blocks, d = doppler[2].shape[1], delay[2].shape[1]
-    space, dspace = np.empty(d), np.empty(d)
-    time, dtime = np.empty(blocks, np.complex128), np.empty(blocks, np.complex128)
-    for t in range(trials):
-        data = np.zeros((blocks, d), np.complex128)
-        for k in range(n):
-            table_at(where[t, k], delay[0], delay[1], delay[2], delay[3], space, dspace)
-            f = where[t, n + k] if where.shape[1] > n else 0.0
-            table_at(f, doppler[0], doppler[1], doppler[2], doppler[3], time, dtime)
-            for b in range(blocks):
-                for i in range(d):
-                    data[b, i] += amplitude[t, k] * time[b] * space[i]
-        information[t] = _evaluate(data, where[t], n, delay, doppler)[3]

@@ -304,12 +304,6 @@ def _around_128(octets: Octets) -> bool:
     return bool(counts[64:192].sum() > 0.5 * counts.sum())
 
 
-def _has_hump(octets: Octets) -> bool:
-    shares = np.bincount(octets, minlength=256) / octets.size
-    ordered = shares if _around_128(octets) else np.roll(shares, 128)
-    return bool(_steps(ordered) < _HUMP * ordered.max() + 0.05)
-
-
 def _steps(shares: Reals) -> float:
     return float(np.abs(np.diff(shares, prepend=0.0, append=0.0)).sum())
 

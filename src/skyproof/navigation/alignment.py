@@ -1,29 +1,27 @@
-"""The attitude at the start of an inertial navigator: of a body that stands, or from fixes while it moves.
+"""The attitude at the start of an inertial navigator: from fixes while the body moves.
 
-Both find a rough attitude first, and then the likeliest errors of it by all measurements at once, from a start that
+A rough attitude is found first, and then the likeliest errors of it by all measurements at once, from a start that
 claims nothing of the attitude (90 degrees about each axis), three times over, each about the attitude and biases that
 the one before found (Gauss-Newton). So what the rough attitude takes from the same readings is not counted twice, the
 covariance has the correlation of tilt and accelerometer biases in it, and no early measurement turns the axes about
 which later ones are linear, as it would in a filter whose attitude is open.
 
-- Standing: gravity gives the vertical, a stated heading or the Earth's turn in the gyros (gyrocompassing) the heading.
-- In motion: velocities from fixes against the specific force, summed up between fixes along the gyros' turn (Wu and
-  Pan, "Velocity/position integration formula, part I: application to in-flight coarse alignment", IEEE Trans. Aerospace
-  and Electronic Systems 49(2), 2013), solved for the one rotation between the two by singular values (Markley, J.
-  Astronautical Sciences 36(3), 1988). How body and course are turned to each other is of no account. What shows the
-  heading is that the velocity changes: straight and even motion has none, and gets no alignment.
+The rough attitude is from velocities of fixes against the specific force, summed up between fixes along the gyros' turn
+(Wu and Pan, "Velocity/position integration formula, part I: application to in-flight coarse alignment", IEEE Trans.
+Aerospace and Electronic Systems 49(2), 2013), solved for the one rotation between the two by singular values (Markley,
+J. Astronautical Sciences 36(3), 1988). How body and course are turned to each other is of no account. What shows the
+heading is that the velocity changes: straight and even motion has none, and gets no alignment.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy import linalg
 
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
-from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.inertia import FreeRun, readings_between
@@ -32,21 +30,19 @@ from skyproof.navigation.ins import (
     SIZE,
     InsSettings,
     InsState,
-    Measurement,
     begin,
-    corrected,
     put_right,
     without_errors,
 )
 from skyproof.navigation.ins_errors import STATES, transitions
-from skyproof.navigation.ins_updates import by_fix, by_gravity, by_heading, by_rest
+from skyproof.navigation.ins_updates import by_fix
 from skyproof.navigation.known import Known, known
 from skyproof.navigation.strapdown import strapdown, strapdown_paths
 from skyproof.records import ImuSeries, NavState
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.kalman import kalman_update
 
-__all__ = ["Alignment", "align_moving", "align_standing", "heading_sigma_rad"]
+__all__ = ["Alignment", "align_moving", "heading_sigma_rad"]
 
 _OPEN_RAD: Final = np.pi / 2.0
 _OPEN_M: Final = 1e3
@@ -74,78 +70,6 @@ def heading_sigma_rad(state: InsState) -> float:
     """One sigma of a turn about the vertical."""
     up = rot_enu_ecef(*geodetic_from_ecef(state.position_ecef_m)[:2])[2]
     return float(np.sqrt(up @ state.covariance[ATTITUDE, ATTITUDE] @ up))
-
-
-def align_standing(
-    readings: ImuSeries,
-    place: Known,
-    settings: InsSettings,
-    *,
-    heading_rad: float | None = None,
-    heading_sigma: float = 0.0,
-    heading_most_rad: float = np.radians(5.0),
-) -> Alignment:
-    """Level a body that stands over all of `readings`, with a heading that is given or by gyrocompassing.
-
-    place : of the antenna, as a fix of it. heading_sigma : of the given heading, in rad. heading_most_rad : one sigma;
-    where the gyros cannot do that, nothing is found.
-    """
-    grade, rest_s = settings.grade, readings.gpst.size * readings.interval_s
-    force, rate = readings.specific_force_m_s2.mean(axis=0), readings.angular_rate_rad_s.mean(axis=0)
-    slow, left = _slow_in_mean(rest_s / grade.correlation_s)
-    force_sigma, rate_sigma = (
-        float(np.hypot(walk / np.sqrt(rest_s), left * instability))
-        for walk, instability in (
-            (grade.velocity_random_walk_m_s_rts, grade.accelerometer_instability_m_s2),
-            (grade.angular_random_walk_rad_rts, grade.gyro_instability_rad_s),
-        )
-    )
-    gravity = gravity_ecef_m_s2(place.mean[0:3])
-    if heading_rad is None:
-        rough = _rotation(np.stack((-gravity, np.cross(gravity, _SPIN))), np.stack((force, np.cross(-force, rate))))
-    else:
-        pitch_rad = np.arctan2(force[0], np.hypot(force[1], force[2]))
-        rough = attitude_ecef(place.mean[0:3], heading_rad, pitch_rad, np.arctan2(-force[1], -force[2]))
-    # A heading that is off turns the tilt that an accelerometer's bias makes, which is not linear: taken for noise.
-    up = force / np.linalg.norm(force)
-    level, turned_m_s2 = np.eye(3) - np.outer(up, up), 0.0
-    for _ in range(_ROUNDS):
-        begun = begin(_start(readings.gpst[-1], place, np.zeros(3), rough, settings), settings)
-        seen = [
-            by_gravity(begun, force, force_sigma**2 * np.eye(3) + turned_m_s2**2 * level, slow=slow),
-            by_rest(begun, rate, rate_sigma, slow=slow),
-            by_fix(begun, replace(place, gpst=begun.gpst), settings),
-        ]
-        if heading_rad is not None:
-            seen.append(by_heading(begun, heading_rad, heading_sigma))
-        state, fit = corrected(begun, _together(seen))
-        rough = state.attitude
-        unleveled_m_s2 = (
-            grade.accelerometer_repeatability_m_s2,
-            grade.accelerometer_instability_m_s2,
-            grade.misalignment_rad * float(np.linalg.norm(gravity)),
-        )
-        turned_m_s2 = heading_sigma_rad(state) * float(np.linalg.norm(unleveled_m_s2))
-    return _judged(
-        state, fit.p_value, heading_most_rad, "the gyros are not good enough to find north; give the heading"
-    )
-
-
-def _slow_in_mean(span: float) -> tuple[float, float]:
-    """What the mean of a Gauss-Markov process over a span has of its last value, and the rest's standard deviation, of
-    its own as unit; the span in correlation times."""
-    share = -np.expm1(-span) / span
-    mean2 = 2.0 * (span + np.expm1(-span)) / span**2
-    return float(share), float(np.sqrt(max(mean2 - share**2, 0.0)))
-
-
-def _together(parts: Sequence[Measurement]) -> Measurement:
-    """Independent measurements as one, all linear about the same state."""
-    return Measurement(
-        innovation=np.concatenate([part.innovation for part in parts]),
-        sensitivity=np.concatenate([part.sensitivity for part in parts]),
-        noise=linalg.block_diag(*(part.noise for part in parts)),
-    )
 
 
 def align_moving(

@@ -22,11 +22,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyproof.arrays import Instants, Integers, Reals
-from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.navigation.ins_errors import error_covariance, skew, start_covariance, with_covariance
+from skyproof.navigation.ins_errors import error_covariance, start_covariance, with_covariance
 from skyproof.navigation.nav_state import state_at
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import ImuSeries, NavState
@@ -39,7 +38,6 @@ __all__ = [
     "apparent_tilt_rad",
     "begin",
     "coast",
-    "moved",
     "readings_between",
     "turn_and_tilt",
 ]
@@ -51,7 +49,6 @@ TURN_MOST_RAD: Final = np.radians(10.0)
 _BIAS: Final = np.arange(9, 12)  # of the accelerometers, among the states
 _KNOT_S: Final = 0.5  # between covariances, which grow smoothly
 _LAST: Final = np.array([-1])
-_EARTH_RAD_S: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -218,30 +215,6 @@ def _path(run: FreeRun, whole: _Filled) -> NavState:
         position_ecef_m=np.concatenate(places),
         velocity_ecef_m_s=np.concatenate(speeds),
         attitude=np.concatenate(attitudes),
-    )
-
-
-def moved(state: NavState, angular_rate_rad_s: ArrayLike, arm_m: ArrayLike) -> NavState:
-    """The state of another point of the body: from the unit to the antenna, or back with the arm's sign changed.
-
-    angular_rate_rad_s : (n, 3) or (3,) against inertial space, in body axes, at the state's times.
-    arm_m : (3,) in body axes. What the gyros' errors add to the velocity of the arm's end is left out.
-    """
-    turn: Reals = np.asarray(angular_rate_rad_s, np.float64) - _EARTH_RAD_S @ state.attitude
-    own = np.asarray(arm_m, np.float64)
-    arm = state.attitude @ own
-    swing = np.asarray(np.einsum("nij,nj->ni", state.attitude, np.cross(turn, own)))
-    covariance = state.covariance
-    if covariance is not None:
-        lever = np.tile(np.eye(9), (state.gpst.size, 1, 1))
-        lever[:, 0:3, 6:9], lever[:, 3:6, 6:9] = -skew(arm), -skew(swing)
-        covariance = lever @ covariance @ np.swapaxes(lever, -1, -2)
-    return NavState(
-        gpst=state.gpst,
-        position_ecef_m=state.position_ecef_m + arm,
-        velocity_ecef_m_s=state.velocity_ecef_m_s + swing,
-        attitude=state.attitude,
-        covariance=covariance,
     )
 
 

@@ -69,7 +69,7 @@ class InsSettings:
 
     lever_m : (3,) from the unit to the antenna, body axes.
     lasting_m2 : (4, 4) covariance of the lasting error of position and c times clock in fixes, ECEF.
-    lasting_s : after which it is another one (`filter_state`: between multipath, a minute, and orbits, hours).
+    lasting_s : after which it is another one (between multipath, a minute, and orbits, hours).
     tilt_most_rad : one sigma of a tilt beyond which the linear model holds no more, and the state ends.
     """
 
@@ -131,16 +131,6 @@ class InsState:
     def gyro_bias_rad_s(self) -> Reals:
         """(3,) in body axes, constant and slow part together."""
         return self.bias[3:6] + self.bias[9:12]
-
-    def true_force(self, specific_force_m_s2: ArrayLike) -> Reals:
-        """Readings (..., 3) of the accelerometers at the state's instant, without bias and gain error."""
-        less = np.asarray(specific_force_m_s2, np.float64) - self.accelerometer_bias_m_s2
-        return np.asarray(less - less @ self.gain[0].T)
-
-    def true_rate(self, angular_rate_rad_s: ArrayLike) -> Reals:
-        """Readings (..., 3) of the gyros at the state's instant, without bias and gain error."""
-        less = np.asarray(angular_rate_rad_s, np.float64) - self.gyro_bias_rad_s
-        return np.asarray(less - less @ self.gain[1].T)
 
     @property
     def last(self) -> Reals:

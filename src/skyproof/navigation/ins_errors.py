@@ -1,4 +1,4 @@
-"""How far a free-running inertial navigator may be off: the linear model of its errors, and its renewal by a fix.
+"""How far a free-running inertial navigator may be off: the linear model of its errors.
 
 39 states: errors of position (3), velocity (3) and attitude (3) in ECEF axes as `NavState.covariance` has them, then in
 the unit's axes the constant bias of accelerometers (3) and gyros (3) and their slowly changing bias (3 + 3), a
@@ -32,13 +32,11 @@ from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import seconds_between
 from skyproof.records import NavState
-from skyproof.statistics.kalman import kalman_update
 
 __all__ = [
     "GAINS",
     "STATES",
     "error_covariance",
-    "restarted",
     "skew",
     "start_covariance",
     "transitions",
@@ -140,41 +138,6 @@ def transitions(path: NavState, grade: ImuGrade, *, most_s: float = 1.0) -> tupl
 def with_covariance(path: NavState, covariance: Reals) -> NavState:
     """The path with the first nine states' covariance of (n, 39, 39)."""
     return replace(path, covariance=covariance[:, :9, :9])
-
-
-def restarted(
-    state: NavState,
-    covariance: Reals,
-    position_ecef_m: ArrayLike,
-    position_covariance_m2: ArrayLike,
-    velocity_ecef_m_s: ArrayLike | None = None,
-    velocity_covariance_m2_s2: ArrayLike | None = None,
-) -> tuple[NavState, Reals, Reals]:
-    """The last of `state` put right by a fix, with the estimated biases (12,) and the covariance (39, 39) after it.
-
-    A position alone leaves velocity and tilt nearly as they are; Dopplers give the velocity, and through the
-    covariance the tilt and the biases that have led to the error. Subtract the biases (constant and slow ones of a
-    sensor summed) from later readings.
-    """
-    sensitivity = np.zeros((3 if velocity_ecef_m_s is None else 6, STATES))
-    sensitivity[:, : len(sensitivity)] = np.eye(len(sensitivity))
-    misfit = state.position_ecef_m[-1] - np.asarray(position_ecef_m, np.float64)
-    noise = np.asarray(position_covariance_m2, np.float64)
-    if velocity_ecef_m_s is not None:
-        if velocity_covariance_m2_s2 is None:
-            raise ValueError("a velocity without its covariance; give both")
-        misfit = np.concatenate((misfit, state.velocity_ecef_m_s[-1] - np.asarray(velocity_ecef_m_s, np.float64)))
-        noise = scipy.linalg.block_diag(noise, np.asarray(velocity_covariance_m2_s2, np.float64))
-    wrong, after, *_ = kalman_update(covariance, sensitivity, noise, misfit)
-    attitude = scipy.linalg.expm(-skew(wrong[6:9])) @ state.attitude[-1]
-    better = NavState(
-        gpst=state.gpst[-1:],
-        position_ecef_m=state.position_ecef_m[-1:] - wrong[:3],
-        velocity_ecef_m_s=state.velocity_ecef_m_s[-1:] - wrong[3:6],
-        attitude=attitude[None],
-        covariance=after[None, :9, :9],
-    )
-    return better, wrong[9:_CORE], after
 
 
 class _Felt(NamedTuple):

@@ -37,7 +37,7 @@ from skyproof.gnss.time import seconds_between
 from skyproof.navigation.known import KNOWN, Known
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["Choice", "choose", "parted_unseen", "standing_still", "wrong_choice_probability"]
+__all__ = ["Choice", "choose", "parted_unseen", "standing_still"]
 
 _PLACE, _SPEED, _CLOCK = slice(0, 3), slice(3, 6), slice(6, 8)
 
@@ -144,17 +144,3 @@ def _alike(one: Known, other: Known, used: Indices) -> float:
     both, apart = np.ix_(used, used), (one.mean - other.mean)[used]
     spread = one.covariance[both] + other.covariance[both]
     return float(chi_square_survival(apart @ np.linalg.solve(spread, apart), used.size))
-
-
-def wrong_choice_probability(prediction: Known, true: Known, false: Known) -> float:
-    """How likely the nearer of two fixes will be the false one, before the prediction's error is known.
-
-    Q(d / 2) with d the distance of the two over the covariance of the prediction and a fix's own (Ahmed, Khanafseh,
-    Pervan, "GNSS Spoofing Detection and Exclusion by Decomposition of Complex Cross Ambiguity Function with INS
-    Aiding", leave it out; it is that of two simple hypotheses). For planning: how far skies must part.
-    """
-    used = np.array(sorted(set(prediction.there).intersection(true.there, false.there)))
-    both = np.ix_(used, used)
-    apart = false.mean[used] - true.mean[used]
-    spread = prediction.covariance[both] + true.covariance[both]
-    return float(special.ndtr(-0.5 * np.sqrt(apart @ np.linalg.solve(spread, apart))))

@@ -2,8 +2,8 @@
 
 The mechanisation of Ahmed, Khanafseh, Pervan, "GNSS Spoofing Detection and Exclusion by Decomposition of Complex Cross
 Ambiguity Function (DCCAF) with INS Aiding", ION, equation 18, with its attitude kinematics put right: the paper turns
-the body's rate into the navigation frame and takes that for the rates of Euler angles, which it is not
-(`euler_rates_as_printed`). With C from body to ECEF, Omega the Earth's rate, f and omega the readings,
+the body's rate into the navigation frame and takes that for the rates of Euler angles, which it is not. With C
+from body to ECEF, Omega the Earth's rate, f and omega the readings,
 
     C' = C [omega x] - [Omega x] C
     v' = C f - 2 Omega x v + gravity(r)
@@ -28,7 +28,7 @@ from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.records import ImuSeries, NavState
 
-__all__ = ["euler_rates", "euler_rates_as_printed", "strapdown", "strapdown_paths"]
+__all__ = ["strapdown", "strapdown_paths"]
 
 _OMEGA: Final = EARTH_ROTATION_RAD_S
 _GRAVITY_REACH_M: Final = 400.0  # within which gravity is taken as linear: 1e-7 m/s^2 at the ends
@@ -254,28 +254,3 @@ def _gravity_about(x: float, y: float, z: float, cell_m: float) -> tuple[Reals, 
     step = 1000.0 * np.eye(3)
     sides = gravity_ecef_m_s2(place_ecef_m + np.concatenate((step, -step)))
     return place_ecef_m, gravity_ecef_m_s2(place_ecef_m), np.asarray((sides[:3] - sides[3:]).T / 2000.0)
-
-
-def euler_rates(roll_rad: ArrayLike, pitch_rad: ArrayLike, rate_body_rad_s: ArrayLike) -> Reals:
-    """Rates (..., 3) of roll, pitch and yaw (turned in the order yaw, pitch, roll) of a body with rates (..., 3)."""
-    roll, pitch = np.asarray(roll_rad, np.float64), np.asarray(pitch_rad, np.float64)
-    p, q, r = np.moveaxis(np.asarray(rate_body_rad_s, np.float64), -1, 0)
-    across = q * np.sin(roll) + r * np.cos(roll)
-    return np.stack((p + across * np.tan(pitch), q * np.cos(roll) - r * np.sin(roll), across / np.cos(pitch)), axis=-1)
-
-
-def euler_rates_as_printed(
-    roll_rad: ArrayLike, pitch_rad: ArrayLike, yaw_rad: ArrayLike, rate_body_rad_s: ArrayLike
-) -> Reals:
-    """The third row of the paper's equation 18: the body's rate in navigation axes. These are no Euler rates."""
-    angles = (np.asarray(angle, np.float64) for angle in (roll_rad, pitch_rad, yaw_rad))
-    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(angle), np.cos(angle)) for angle in angles)
-    p, q, r = np.moveaxis(np.asarray(rate_body_rad_s, np.float64), -1, 0)
-    return np.stack(
-        (
-            cy * cp * p + (cy * sp * sr - sy * cr) * q + (cy * sp * cr + sy * sr) * r,
-            sy * cp * p + (sy * sp * sr + cy * cr) * q + (sy * sp * cr - cy * sr) * r,
-            -sp * p + cp * sr * q + cp * cr * r,
-        ),
-        axis=-1,
-    )

@@ -20,13 +20,17 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.filter_state import CLOCK, CORE, DRIFT, POSITION, VELOCITY
 from skyproof.navigation.least_squares import design_matrix, line_of_sight, spd_inverse
 from skyproof.navigation.vector_sky import SkyEpoch
 from skyproof.statistics.distributions import chi_square_threshold
 from skyproof.statistics.kalman import kalman_update
 
 __all__ = [
+    "CLOCK",
+    "CORE",
+    "DRIFT",
+    "POSITION",
+    "VELOCITY",
     "Expected",
     "VectorEpoch",
     "VectorSettings",
@@ -40,6 +44,8 @@ __all__ = [
     "updated",
 ]
 
+POSITION, VELOCITY, CLOCK, DRIFT = slice(0, 3), slice(3, 6), 6, 7
+CORE = 8
 _PLACE: Final = [0, 1, 2, CLOCK]
 _RATES: Final = [3, 4, 5, DRIFT]
 
@@ -49,7 +55,8 @@ class VectorSettings:
     """Settings of the filter; noises are densities of random walks.
 
     acceleration_m2_s3 : 3 m/s of change in a second.
-    clock_m2_s, drift_m2_s3 : a quartz oscillator, as in `filter_state.FilterSettings`.
+    clock_m2_s, drift_m2_s3 : a quartz oscillator (h0 = 2e-19, h-2 = 2e-20; R. G. Brown and P. Y. C. Hwang,
+        "Introduction to Random Signals and Applied Kalman Filtering", 4th ed., table 9.3).
     range_sigma_m, rate_sigma_m_s : of a range and a range rate, beside the thermal noise.
     misfit_probability : that noise alone is taken for signals that do not fit, an epoch.
     divergence_probability : that it is taken for a state gone wrong, an epoch.

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Floats, Reals
 from skyproof.compiled import compiled
 
-__all__ = ["CHUNK", "REACH_CHIPS", "chunk_loss", "correlate_period", "scratch_for", "table_pad"]
+__all__ = ["CHUNK", "REACH_CHIPS", "correlate_period", "scratch_for", "table_pad"]
 
 CHUNK = 768
 """Samples that share one look-up of the code, about: a period is cut into equal chunks. At 10 ppm of Doppler the code
@@ -43,15 +43,6 @@ Scratch = tuple[Floats, NDArray[np.uint64], Reals, Reals]
 def table_pad(chips_per_sample: float, reach_chips: float = REACH_CHIPS) -> int:
     """Columns of a table of the resampled code before the code's start and after its end."""
     return math.ceil(reach_chips / chips_per_sample) + 4
-
-
-def chunk_loss(doppler_hz: Reals, rate_hz: float, n_samples: int) -> Reals:
-    """Amplitude that is left of a signal at a Doppler tap `doppler_hz` off the replica: sinc(f T), T one chunk.
-
-    n_samples : of the period. The chunks' own duration is what a Doppler tap integrates without turning.
-    """
-    loss: Reals = np.sinc(np.asarray(doppler_hz) * _chunk_length(n_samples) / rate_hz)
-    return loss
 
 
 @compiled
@@ -275,8 +266,8 @@ def correlate_period(
         its advance.
     table, pad, nominal_chips_per_sample : of `code_table`, `table_pad`; (n_phases, columns).
     delays_chips : (n_delays,) at least one, ahead of the prompt positive, anywhere within the table's reach.
-    dopplers_cycles_per_sample : (n_dopplers,) offsets from the carrier, made of the chunks' sums: `chunk_loss` tells
-        what that costs a signal there. One zero gives the plain sums.
+    dopplers_cycles_per_sample : (n_dopplers,) offsets from the carrier, made of the chunks' sums: a signal there keeps
+        sinc(f T) of its amplitude, T one chunk. One zero gives the plain sums.
     scratch : of `scratch_for`.
     sums : (n_dopplers, n_delays, 2) real and imaginary part, filled.
     shifts_chips : (n_delays,) wanted minus used code phase of the replica, mean over the samples, filled.

@@ -6,36 +6,28 @@ Technometrics 30(3), 1988, section 3): with y standard normal in d dimensions un
     s <- s + y;  c = |s|;  s <- s max(0, 1 - k / c);  alarm if |s| > h.
 
 Under the null |s| alone is a Markov chain: |s + y| given |s| = r is a non-central chi of d degrees, noncentrality r. So
-the mean number of steps L(r) to an alarm obeys an integral equation, solved here on Gauss-Legendre nodes instead of the
-cells of D. Brook and D. A. Evans ("An approach to the probability distribution of CUSUM run length", Biometrika 59(3),
-1972): 50 nodes give 8 digits where 300 cells give 3. No simulation is needed.
-
-Page's one-sided form in one dimension, s <- max(0, s + y - k), alarm if s > h, goes the same way.
+its law obeys integral equations, solved here on Gauss-Legendre nodes. No simulation is needed.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from scipy import special
-from scipy.optimize import brentq
 
 from skyproof.arrays import Reals
 
 __all__ = [
+    "ORIGIN",
     "CusumPath",
     "cusum_path",
-    "cusum_run_length",
     "cusum_step",
-    "cusum_threshold",
     "cusum_within",
-    "page_run_length",
-    "page_threshold",
+    "quadrature_nodes",
+    "transition_matrix",
 ]
 
-_LONGEST_THRESHOLD = 50.0  # beyond, run lengths exceed what float64 resolves
-_ORIGIN = 1e-9  # at s = 0 the density has a limit, reached well before
+ORIGIN = 1e-9  # at s = 0 the density has a limit, reached well before
 _LARGEST = 60.0  # no sum is larger under the null but with a probability that makes no difference
 _STEP = 8.0  # no single one is longer under the null but with a probability of 1e-15
 _LONG_RUN = 4096  # steps
@@ -65,7 +57,7 @@ def cusum_path(y: Reals, reference: float, state: Reals | None = None) -> CusumP
     return CusumPath(size, s)
 
 
-def _nodes(threshold: float) -> tuple[Reals, Reals]:
+def quadrature_nodes(threshold: float) -> tuple[Reals, Reals]:
     """Gauss-Legendre nodes and weights on (0, threshold), two and more for each unit: the kernel is one unit wide."""
     x, w = _legendre(24 + 2 * int(np.ceil(threshold)))
     return 0.5 * threshold * (x + 1.0), 0.5 * threshold * w
@@ -80,13 +72,6 @@ def _chi_density(x: Reals, degrees: int, r: Reals) -> Reals:
     return np.asarray(x * (x / r) ** (half - 1.0) * np.exp(-0.5 * (x - r) ** 2) * special.ive(half - 1.0, r * x), float)
 
 
-def cusum_run_length(reference: float, threshold: float, degrees: int) -> float:
-    """Mean number of steps from s = 0 to an alarm under the null; infinite where float64 cannot express it any more."""
-    nodes, weights = _nodes(threshold)
-    start = np.concatenate(([_ORIGIN], nodes))
-    return _solve(_transition(start, nodes, weights, reference, degrees))
-
-
 def cusum_within(size: float, steps: int, reference: float, degrees: int) -> float:
     """Probability under the null that a sum which has run for long is `size` > 0 or more in one of so many steps.
 
@@ -98,11 +83,11 @@ def cusum_within(size: float, steps: int, reference: float, degrees: int) -> flo
     start, law = _stationary(reference, degrees)
     near = start < size + _STEP  # from further off no step leads below
     start, law, further = start[near], law[near], float(law[~near].sum())
-    below, weights = _nodes(size)
-    above, weights_above = _nodes(2.0 * _STEP)
+    below, weights = quadrature_nodes(size)
+    above, weights_above = quadrature_nodes(2.0 * _STEP)
     above = above + size
-    start_below = np.concatenate(([_ORIGIN], below))
-    stays = _transition(start_below, below, weights, reference, degrees)
+    start_below = np.concatenate(([ORIGIN], below))
+    stays = transition_matrix(start_below, below, weights, reference, degrees)
     leaves = _chi_density(above + reference, degrees, start_below[:, None]) @ weights_above
     reached = np.zeros(len(start_below))
     for _ in range(steps - 1):
@@ -112,7 +97,7 @@ def cusum_within(size: float, steps: int, reference: float, degrees: int) -> flo
     return min(float(further + beyond + first @ reached), 1.0)
 
 
-def _transition(start: Reals, nodes: Reals, weights: Reals, reference: float, degrees: int) -> Reals:
+def transition_matrix(start: Reals, nodes: Reals, weights: Reals, reference: float, degrees: int) -> Reals:
     """Probabilities of one step from each start to zero and to each node: (n_start, 1 + n_nodes)."""
     back = special.chndtr(reference**2, degrees, start**2)
     return np.column_stack((back, weights * _chi_density(nodes + reference, degrees, start[:, None])))
@@ -121,56 +106,8 @@ def _transition(start: Reals, nodes: Reals, weights: Reals, reference: float, de
 @lru_cache(maxsize=64)
 def _stationary(reference: float, degrees: int) -> tuple[Reals, Reals]:
     """Sizes, zero and nodes up to the largest, and the probability of each in the long run."""
-    nodes, weights = _nodes(_LARGEST)
-    start = np.concatenate(([_ORIGIN], nodes))
+    nodes, weights = quadrature_nodes(_LARGEST)
+    start = np.concatenate(([ORIGIN], nodes))
     # Powers of a positive matrix keep the digits of small probabilities; solving for its eigenvector does not.
-    law = np.linalg.matrix_power(_transition(start, nodes, weights, reference, degrees), _LONG_RUN)[0]
+    law = np.linalg.matrix_power(transition_matrix(start, nodes, weights, reference, degrees), _LONG_RUN)[0]
     return start, law / law.sum()
-
-
-def page_run_length(reference: float, threshold: float) -> float:
-    """Mean number of steps from s = 0 to an alarm of Page's one-sided sum of standard normal numbers."""
-    nodes, weights = _nodes(threshold)
-    start = np.concatenate(([0.0], nodes))
-    apart = nodes + reference - start[:, None]
-    kernel = weights * np.exp(-0.5 * apart**2) / np.sqrt(2.0 * np.pi)
-    return _solve(np.column_stack((special.ndtr(reference - start), kernel)))
-
-
-def _solve(transition: Reals) -> float:
-    """L at the first state from (I - Q) L = 1."""
-    try:
-        length = np.linalg.solve(np.eye(len(transition)) - transition, np.ones(len(transition)))
-    except np.linalg.LinAlgError:
-        return np.inf
-    return float(length[0]) if 0.0 < length[0] < 1e13 else np.inf
-
-
-def cusum_threshold(mean_steps: float, reference: float, degrees: int) -> float:
-    """The threshold h with `mean_steps` between false alarms.
-
-    Raises
-    ------
-    ValueError : no threshold up to 50 gives so many; a larger reference needs a smaller threshold.
-    """
-    return _threshold(lambda h: cusum_run_length(reference, h, degrees), mean_steps)
-
-
-def page_threshold(mean_steps: float, reference: float) -> float:
-    """The threshold of Page's one-sided sum with `mean_steps` between false alarms; raises as `cusum_threshold`."""
-    return _threshold(lambda h: page_run_length(reference, h), mean_steps)
-
-
-def _threshold(run_length: Callable[[float], float], mean_steps: float) -> float:
-    def excess(h: float) -> float:
-        return float(np.log(min(run_length(h), 1e15) / mean_steps))
-
-    low, high = 1e-3, 2.0
-    while excess(high) < 0.0:
-        low, high = high, 1.5 * high
-        if high > _LONGEST_THRESHOLD * 1.5:
-            raise ValueError(
-                f"no threshold up to {_LONGEST_THRESHOLD:g} gives {mean_steps:g} steps between false alarms; "
-                "take a larger reference"
-            )
-    return float(brentq(excess, low, high, xtol=1e-6))

@@ -6,7 +6,7 @@ import numpy as np
 
 from skyproof.arrays import Indices, Reals
 
-__all__ = ["LineFit", "additive_contrasts", "difference_colourer", "difference_whitener", "fit_line", "line_columns"]
+__all__ = ["LineFit", "additive_contrasts", "fit_line", "line_columns"]
 
 
 class LineFit(NamedTuple):
@@ -34,20 +34,6 @@ def fit_line(values: Reals, times: Reals | None = None) -> LineFit:
     columns = line_columns(values.shape[-2], times)
     coefficients = columns.T @ values
     return LineFit(coefficients[..., 0, :], coefficients[..., 1, :], values - columns @ coefficients)
-
-
-def difference_whitener(n: int) -> Reals:
-    """(n, n) inverse root of I + 1 1^T, the covariance of n differences against one common reference.
-
-    Its eigenvalue along 1 is 1 + n and 1 elsewhere, so the inverse root is I - (1 - 1/sqrt(1+n))/n 1 1^T. The printed
-    root in the paper (NAVIGATION 69(1), 2022, doi 10.33012/navi.510, equation 8) colours instead of whitening.
-    """
-    return np.asarray(np.eye(n) - (1.0 - (1.0 + n) ** -0.5) / n, float)
-
-
-def difference_colourer(n: int) -> Reals:
-    """(n, n) root of I + 1 1^T: what `difference_whitener` takes back. Equation 8 of the paper has it in its place."""
-    return np.asarray(np.eye(n) + ((1.0 + n) ** 0.5 - 1.0) / n, float)
 
 
 def additive_contrasts(sigma: Reals, groups: Indices | None = None) -> tuple[Reals, Reals]:

@@ -9,21 +9,21 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.arrays import Complexes, Reals
-from skyproof.decomposition.correlation import correlation, noise_variance
-from skyproof.decomposition.fit import (
-    Dictionary,
-    blocks_dictionary,
-    count_statistic,
-    count_test,
-    decompose,
-    delay_bound,
-    delay_dictionary,
-    simulate_taps,
-)
+from skyproof.decomposition.correlation import correlation
+from skyproof.decomposition.fit import Dictionary, decompose
 from skyproof.report.chart import Axes
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 from skyproof.studies.dccaf_exclusion import STUDIES_OF_EXCLUSION
 from skyproof.studies.dccaf_grid import STUDIES_OF_THE_GRID
+from skyproof.studies.decomposition_laws import (
+    blocks_dictionary,
+    count_statistic,
+    count_test,
+    delay_bound,
+    delay_dictionary,
+    noise_variance,
+    simulate_taps,
+)
 from skyproof.studies.swarm import SwarmSettings, swarm_decompose
 
 __all__ = ["STUDIES"]

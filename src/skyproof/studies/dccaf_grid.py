@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike
 from scipy.signal import find_peaks
 
 from skyproof.arrays import Complexes, Reals
-from skyproof.decomposition.correlation import noise_variance
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.report.chart import Axes
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
+from skyproof.studies.decomposition_laws import noise_variance
 
 __all__ = ["STUDIES_OF_THE_GRID"]
 

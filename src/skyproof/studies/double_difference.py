@@ -36,7 +36,7 @@ from skyproof.statistics.distributions import (
     noncentral_chi_square_survival,
     noncentral_f_survival,
 )
-from skyproof.statistics.lines import difference_colourer, difference_whitener, fit_line
+from skyproof.statistics.lines import fit_line
 
 __all__ = [
     "CountingRule",
@@ -44,7 +44,9 @@ __all__ = [
     "LineTest",
     "Tested",
     "counting_rule",
+    "difference_colourer",
     "difference_test",
+    "difference_whitener",
     "line_power",
     "pair_tests",
     "pairs_rejected",
@@ -67,6 +69,20 @@ class LineTest(NamedTuple):
     p_value: Reals
     dof_num: int
     dof_den: float
+
+
+def difference_whitener(n: int) -> Reals:
+    """(n, n) inverse root of I + 1 1^T, the covariance of n differences against one common reference.
+
+    Its eigenvalue along 1 is 1 + n and 1 elsewhere, so the inverse root is I - (1 - 1/sqrt(1+n))/n 1 1^T. The printed
+    root in the paper (NAVIGATION 69(1), 2022, doi 10.33012/navi.510, equation 8) colours instead of whitening.
+    """
+    return np.asarray(np.eye(n) - (1.0 - (1.0 + n) ** -0.5) / n, float)
+
+
+def difference_colourer(n: int) -> Reals:
+    """(n, n) root of I + 1 1^T: what `difference_whitener` takes back. Equation 8 of the paper has it in its place."""
+    return np.asarray(np.eye(n) + ((1.0 + n) ** 0.5 - 1.0) / n, float)
 
 
 def difference_test(

@@ -15,10 +15,11 @@ from skyproof.detectors.array.array_model import array_design, white_covariance
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.records import AntennaArray, SpinArm
 from skyproof.report.chart import Axes
-from skyproof.statistics.directions import dead_zone, direction_cosines, hemisphere
+from skyproof.statistics.directions import direction_cosines, hemisphere
 from skyproof.studies.arm_angles import arm_angles, full_information
 from skyproof.studies.array_geometry import equilateral_triangle, regular_tetrahedron
 from skyproof.studies.base import Row, Study, StudySettings
+from skyproof.studies.direction_tests import dead_zone
 
 __all__ = ["STUDIES"]
 

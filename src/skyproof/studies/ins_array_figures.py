@@ -18,16 +18,11 @@ from skyproof.detectors.array.array_model import (
     residual_covariance,
     white_covariance,
 )
-from skyproof.statistics.directions import (
-    blocks,
-    dead_zone,
-    direction_cosines,
-    noncentrality_for_power,
-    squared_norm,
-)
+from skyproof.statistics.directions import direction_cosines, squared_norm
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
 from skyproof.studies.array_geometry import blind_directions, equilateral_triangle, single_statistic
 from skyproof.studies.base import Row, StudySettings
+from skyproof.studies.direction_tests import blocks, dead_zone, noncentrality_for_power
 
 __all__ = [
     "ERRORS",

@@ -22,23 +22,14 @@ from scipy import linalg
 from skyproof.arrays import Booleans, Indices, Instants, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.filter_state import (
-    CLOCK,
-    CORE,
-    DRIFT,
-    POSITION,
-    VELOCITY,
-    FilterSettings,
-    FilterState,
-    predicted,
-    without_the_old,
-)
 from skyproof.navigation.fix import RangeRates, fix, range_rates
 from skyproof.navigation.least_squares import line_of_sight
 from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scale
+from skyproof.navigation.vector_filter import CLOCK, CORE, DRIFT, POSITION, VELOCITY
 from skyproof.records import CellStatus, Fix, FixStatus, NavigationData, Observations, Selectable, SignalId
 from skyproof.statistics.distributions import chi_square_threshold
 from skyproof.statistics.kalman import kalman_update
+from skyproof.studies.position_filter_state import FilterSettings, FilterState, predicted, without_the_old
 
 __all__ = ["FilterSettings", "FilterState", "Filtered", "step"]
 

@@ -13,7 +13,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.array.arm_phases import arm_columns, full_fit
 from skyproof.report.chart import Axes
-from skyproof.statistics.directions import DirectionBlocks, blocks, dead_zone, direction_cosines
+from skyproof.statistics.directions import direction_cosines
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
 from skyproof.studies.arm_angles import (
     arm_angles,
@@ -25,6 +25,7 @@ from skyproof.studies.arm_angles import (
     spoofed_detection,
 )
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
+from skyproof.studies.direction_tests import DirectionBlocks, blocks, dead_zone
 
 __all__ = ["STUDIES"]
 

@@ -13,8 +13,6 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.decomposition.correlation import noise_variance
-from skyproof.decomposition.fit import count_statistic, count_test, delay_dictionary, simulate_taps
 from skyproof.detectors.array.arm_phases import estimate_rate, full_fit, minus_mean
 from skyproof.detectors.array.array_common import cluster_chance
 from skyproof.detectors.array.array_model import (
@@ -44,14 +42,12 @@ from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.raim import global_test, whitened_fit
 from skyproof.statistics.autoregression import ar1_line
 from skyproof.statistics.clusters import line_clusters
-from skyproof.statistics.cusum import cusum_step, cusum_threshold, page_threshold
+from skyproof.statistics.cusum import cusum_step
 from skyproof.statistics.directions import (
     direction_cosines,
     equal_clusters,
-    equal_p_value,
     equal_statistic,
     equality_chance,
-    outsider_statistic,
     pair_statistics,
 )
 from skyproof.statistics.distributions import chi_square_survival
@@ -62,11 +58,20 @@ from skyproof.studies import vector_parity_tests as parity_tests
 from skyproof.studies import vector_rules as rules
 from skyproof.studies.arm_angles import arm_angles, full_information, paired_fit, paired_information, predicted_test
 from skyproof.studies.array_geometry import equilateral_triangle, single_statistic, unexplained
+from skyproof.studies.decomposition_laws import (
+    count_statistic,
+    count_test,
+    delay_dictionary,
+    noise_variance,
+    simulate_taps,
+)
+from skyproof.studies.direction_tests import equal_p_value, outsider_statistic
 from skyproof.studies.double_difference import Tested, difference_test, pooled_correlation
 from skyproof.studies.exclusion import choose_fix
 from skyproof.studies.group_choice import fraction_test, known_baseline_test, known_sky_test, span_test
 from skyproof.studies.ins_array_figures import ERRORS, SIGMA_CYC
 from skyproof.studies.linear_tests import linear_model, linear_test
+from skyproof.studies.run_lengths import cusum_threshold, page_threshold
 from skyproof.studies.vector_loops import draw_discriminators
 from skyproof.studies.vector_sky import SKY, attack_on
 

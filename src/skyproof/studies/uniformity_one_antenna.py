@@ -3,11 +3,11 @@
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.decomposition.correlation import noise_variance
 from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, turn_p_value, turn_sigma_m
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, own_correlation, shapes
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import Oscillator
+from skyproof.studies.decomposition_laws import noise_variance
 
 __all__ = ["burst_of_one_signal", "levels", "rates_alike", "turns"]
 

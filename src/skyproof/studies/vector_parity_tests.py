@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Complexes, Integers, Reals
 from skyproof.detectors.correlators import correlator_laws as law
 from skyproof.detectors.correlators.vector_parity import Branch, Whitener, parity_vector, whitener_of
-from skyproof.statistics.cusum import CusumPath, cusum_path, cusum_threshold
+from skyproof.statistics.cusum import CusumPath, cusum_path
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 from skyproof.studies import discriminator_laws as laws
+from skyproof.studies.run_lengths import cusum_threshold
 
 __all__ = [
     "BANK",

@@ -13,15 +13,14 @@ from skyproof.statistics.directions import (
     complete_linkage,
     direction_cosines,
     equal_clusters,
-    equal_p_value,
     equal_statistic,
     equality_chance,
     nearest_whole,
-    outsider_statistic,
     pair_statistics,
 )
 from skyproof.statistics.distributions import binomial_two_sided, chi_square_threshold
 from skyproof.studies.array_geometry import equilateral_triangle, regular_tetrahedron
+from skyproof.studies.direction_tests import equal_p_value, outsider_statistic
 
 SKY_DEG = np.array([(20, 15), (75, 40), (110, 65), (160, 25), (205, 50), (250, 20), (300, 35), (340, 75)], float)
 SKY = direction_cosines(*np.radians(SKY_DEG.T))

@@ -19,15 +19,7 @@ from skyproof.detectors.array.array_model import (
     sky_p_value,
     white_covariance,
 )
-from skyproof.statistics.directions import (
-    blocks,
-    dead_zone,
-    direction_cosines,
-    hemisphere,
-    nearest_whole,
-    noncentrality_for_power,
-    squared_norm,
-)
+from skyproof.statistics.directions import direction_cosines, hemisphere, nearest_whole, squared_norm
 from skyproof.statistics.distributions import (
     binomial_two_sided,
     chi_square_survival,
@@ -43,6 +35,7 @@ from skyproof.studies.array_geometry import (
     single_statistic,
     unexplained,
 )
+from skyproof.studies.direction_tests import blocks, dead_zone, noncentrality_for_power
 
 SIGMA = 0.01
 WHITE = white_covariance([SIGMA] * 3)

@@ -23,16 +23,7 @@ from skyproof.detectors.array.arm_phases import (
 )
 from skyproof.detectors.array.spin import Spin
 from skyproof.records import SpinArm
-from skyproof.statistics.directions import (
-    blocks,
-    dead_zone,
-    direction_cosines,
-    equal_clusters,
-    equal_p_value,
-    equal_statistic,
-    noncentrality_for_power,
-    outsider_statistic,
-)
+from skyproof.statistics.directions import direction_cosines, equal_clusters, equal_statistic
 from skyproof.statistics.distributions import (
     binomial_two_sided,
     chi_square_survival,
@@ -48,6 +39,13 @@ from skyproof.studies.arm_angles import (
     paired_information,
     predicted_test,
     spoofed_detection,
+)
+from skyproof.studies.direction_tests import (
+    blocks,
+    dead_zone,
+    equal_p_value,
+    noncentrality_for_power,
+    outsider_statistic,
 )
 
 W = 0.05 * np.pi

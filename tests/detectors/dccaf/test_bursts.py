@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from tests.detectors.nulls import CCAF_POINTS, CCAF_RATE_HZ, INTERVALS, burst, own_correlation
 
-from skyproof.decomposition.correlation import noise_variance
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, shapes
 from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import SIGNAL_LEVEL
+from skyproof.studies.decomposition_laws import noise_variance
 
 PRN = 7
 OWN = shapes(PRN, tuple(CCAF_POINTS.tolist()), CCAF_RATE_HZ, 1.3)

@@ -13,10 +13,10 @@ import numpy as np
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import gpst
-from skyproof.navigation.filter_state import CLOCK
 from skyproof.navigation.least_squares import gauss_newton
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.navigation.vector_filter import (
+    CLOCK,
     VectorEpoch,
     VectorSettings,
     VectorState,

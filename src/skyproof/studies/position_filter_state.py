@@ -7,22 +7,15 @@ import numpy as np
 
 from skyproof.arrays import Instants, Reals
 from skyproof.errors import SettingsError, require_probability
+from skyproof.navigation.vector_filter import CLOCK, CORE, DRIFT, POSITION, VELOCITY
 from skyproof.records import SignalId
 
 __all__ = [
-    "CLOCK",
-    "CORE",
-    "DRIFT",
-    "POSITION",
-    "VELOCITY",
     "FilterSettings",
     "FilterState",
     "predicted",
     "without_the_old",
 ]
-
-POSITION, VELOCITY, CLOCK, DRIFT = slice(0, 3), slice(3, 6), 6, 7
-CORE = 8
 
 
 @dataclass(frozen=True)
