@@ -27,6 +27,7 @@ from skyproof.arrays import Reals
 from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
 from skyproof.detectors.array.array_model import predicted_directions
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
+from skyproof.explain import stands_beside
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, rot_enu_ecef
 from skyproof.records import ArrayPhases, NavState, Records
@@ -115,7 +116,7 @@ def clean(draws: int, antennas: int, *, orbits: bool, alpha: float = 0.01) -> It
         count.update(f"array_common {word}" for word in {e.says for e in common.examine(records)[0]})
         if not orbits:
             continue
-        said = [e for e in ins.examine(records)[0] if not e.noted]
+        said = [e for e in ins.examine(records)[0] if not stands_beside(e)]
         count.update(f"ins_array {word}" for word in {e.says for e in said})
         view = ins.seen(
             records.array_phases[0], records.nav_state[records.array_phases[0].receiver], sky.scene.navigation
@@ -142,7 +143,7 @@ def attacked(draws: int, antennas: int) -> Iterator[str]:
         false = {s for s, is_false in zip(sky.o.signals, sky.false, strict=True) if is_false}
         for e in ins.examine(records)[0]:
             subject = {ref.signal for ref in e.subject}
-            if e.noted:
+            if stands_beside(e):
                 continue
             count[f"{e.says}, {'false' if subject <= false else 'true' if not subject & false else 'both'}"] += 1
             if e.says == "spoofed" and e.directions:

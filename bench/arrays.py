@@ -22,7 +22,7 @@ from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettin
 from skyproof.detectors.array.array_model import predicted_directions
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
 from skyproof.detectors.residual import Residual, ResidualSettings
-from skyproof.explain import explain
+from skyproof.explain import explain, stands_beside
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, rot_enu_ecef
@@ -199,7 +199,7 @@ def counted(scenes: Iterator[Drawn]) -> tuple[Counter[str], list[float], list[st
         if words:
             wrong.append(f"{scene.number}: {sorted(words)} {scene.words}")
         count["scenes"] += 1
-        count["attitude noted"] += any(e.noted for e in evidence)
+        count["attitude noted"] += any(stands_beside(e) for e in evidence)
         for e in evidence:
             if e.directions and e.says == "spoofed" and e.directions[0].frame == "enu":
                 of = scene.place[signals.index(e.subject[0].signal)]

@@ -17,8 +17,9 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.receive.tracker import track
 from skyproof.detectors.correlators.second_component import distortion, together
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
+from skyproof.explain import stands_beside
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.records import Evidence, Records, Taps
+from skyproof.records import Finding, Records, Taps
 from skyproof.simulator import FrontEnd, ScenePlace, clean, scenes
 from skyproof.simulator.correlators import correlate
 from skyproof.simulator.samples import samples_of
@@ -192,7 +193,7 @@ def _windows(
         ).taps()
 
 
-def _said(windows: Sequence[Taps] | Iterator[Taps], settings: SqmSettings | None = None) -> list[Evidence]:
+def _said(windows: Sequence[Taps] | Iterator[Taps], settings: SqmSettings | None = None) -> list[Finding]:
     detector = Sqm(settings or SqmSettings(false_alarm_probability=OF_A_RUN))
     end_gpst = START_GPST + np.timedelta64(10, "s")
     return [
@@ -202,12 +203,12 @@ def _said(windows: Sequence[Taps] | Iterator[Taps], settings: SqmSettings | None
     ]
 
 
-def _word(e: Evidence) -> str:
+def _word(e: Finding) -> str:
     """attack; open: so many at once that the verdict stays open; named: some signals are reported as distorted."""
-    return "open" if e.failed else "named" if e.noted else e.says
+    return "open" if e.failed else "named" if stands_beside(e) else e.says
 
 
-def _counted(said: Sequence[Evidence]) -> str:
+def _counted(said: Sequence[Finding]) -> str:
     counts = Counter(map(_word, said))
     return ", ".join(f"{word} {counts[word]}" for word in ("attack", "open", "named", "clean")) + f" of {len(said)}"
 

@@ -262,7 +262,7 @@ CASES = {
     ("ins_array", "few_antennas"): (
         lambda: said(
             InsArray(), replace(r := nulls.array_records(rng()), array_phases=(one_antenna(r.array_phases[0]),))
-        ),
+        )[1:],  # after the antennas that are left out
         "fewer than two antennas of rx1 give phases",
     ),
     ("ins_array", "no_place"): (

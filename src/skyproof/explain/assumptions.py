@@ -15,6 +15,8 @@ ASSUMPTIONS: Final[Mapping[str, str]] = {
         f"oscillator_{name}": f"the clock of {{receiver}} runs freely on an oscillator of the class {name}"
         for name in PLATFORM_CLASSES
     },
+    "one_transmit_antenna": "false signals are several, and come from one transmit antenna",
+    "none_from_satellites": "no false signal comes from where its satellite stands",
     "no_concert": "no two transmitters act in concert",
     "clean_start": "the signals of {receiver} were true until {clean_until}, before a second sky was seen",
     "one_of_overlapping": "one of the skies that overlap in {receiver} is the true one",

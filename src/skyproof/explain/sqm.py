@@ -12,14 +12,32 @@ _BESIDE: Final = "a second receiver nearby, or an antenna array"
 
 
 def _name_correlators(finding: Finding) -> str:
-    """Say whose correlators are distorted."""
+    """Return whose correlators are distorted."""
     sats = ", ".join(sorted(ref.signal.sat for ref in finding.signals))
     return f"the correlators of {sats} in {finding.signals[0].receiver}"
 
 
 def _count_correlators(finding: Finding) -> str:
-    """Say whose correlators are distorted, and how many of all."""
+    """Return whose correlators are distorted, and how many of all."""
     return f"{_name_correlators(finding)}, {len(finding.signals)} of {finding.data['of']} signals,"
+
+
+def _describe_some(finding: Finding) -> str:
+    """Say whose correlators are distorted, by a reflection or a second signal."""
+    return f"{_name_correlators(finding)} are distorted, by a reflection or a second signal"
+
+
+def _describe_many(finding: Finding) -> str:
+    """Say whose correlators are distorted at once, by reflections all around or by second signals."""
+    return f"{_count_correlators(finding)} are distorted at once, by reflections all around or by second signals"
+
+
+def _describe_earlier(finding: Finding) -> str:
+    """Say whose correlators hold a second signal that comes before the tracked one, as no reflection does."""
+    return (
+        f"{_count_correlators(finding)} hold a second signal of the same satellite that comes before the tracked one, "
+        "which no reflection does"
+    )
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
@@ -45,17 +63,7 @@ ENTRIES: Final[Mapping[str, Entry]] = {
         "the correlators of {n_signals} signals of {receiver} are distorted no more than noise and multipath of "
         "{multipath_sigma_m:g} m explain"
     ),
-    "some_distorted": Entry(
-        lambda f: f"{_name_correlators(f)} are distorted, by a reflection or a second signal", _BESIDE, beside=True
-    ),
-    "many_distorted": Entry(
-        lambda f: f"{_count_correlators(f)} are distorted at once, by reflections all around or by second signals",
-        _BESIDE,
-    ),
-    "earlier_signals": Entry(
-        lambda f: (
-            f"{_count_correlators(f)} hold a second signal of the same satellite that comes before the tracked one, "
-            "which no reflection does"
-        )
-    ),
+    "some_distorted": Entry(_describe_some, _BESIDE, beside=True),
+    "many_distorted": Entry(_describe_many, _BESIDE),
+    "earlier_signals": Entry(_describe_earlier),
 }

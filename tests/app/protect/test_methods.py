@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from skyproof.app.protect.methods import STRENGTH, of_detectors
-from skyproof.records import Evidence
+from skyproof.explain import explain
+from skyproof.records import Evidence, Finding, Hypothesis, SignalId, SignalRef
 
 START = np.datetime64("2022-01-01T10:00:00", "ns")
 ASKED = 1e-5
@@ -91,3 +92,17 @@ def test_what_has_no_p_value_shows_none_of_another_test():
 @pytest.mark.parametrize("word", [word for word in STRENGTH if word not in ("undecided", "failed")])
 def test_what_is_said_without_a_p_value_ran(word):
     assert method(piece(word), piece("undecided", code="few_satellites")).ran
+
+
+def test_a_remark_on_the_input_is_no_reason_for_deciding_nothing():
+    common = {
+        "detector": "ins_array",
+        "start_gpst": START,
+        "end_gpst": START + np.timedelta64(10, "s"),
+        "signals": (SignalRef("rx1", SignalId("G05")),),
+        "hypothesis": Hypothesis.SKY_DIRECTIONS,
+    }
+    remark = Finding(code="antennas_noisy", data={"antennas": ("1", "3")}, **common)
+    reason = Finding(code="no_place", **common)
+    found = method(remark, remark, reason)
+    assert (found.ran, found.why_not, found.would_need) == (False, explain(reason).sentence, explain(reason).remedy)

@@ -144,8 +144,8 @@ def test_of_two_signals_of_one_satellite_from_the_transmitter_neither_is_named()
     phases = replace(phases, signals=(*phases.signals[:5], twice))
     evidence, _ = ArrayCommon().examine(window(phases))
     (said,) = evidence
-    assert said.says == "spoofed"
-    assert said.because.startswith("signals of 5 of 5 satellites")
+    assert (said.says, said.code) == ("spoofed", "one_direction")
+    assert (said.data["size"], said.data["of"]) == (5, 5)
     assert sorted(ref.signal.sat for ref in said.subject) == ["G01", "G03", "G04", "G05"]
 
 
@@ -169,8 +169,7 @@ def test_a_sky_of_eight_is_authentic():
 def test_two_signals_from_one_place_are_too_few_to_tell():
     phases = array_phases(np.random.default_rng(13), np.repeat(SKY[:1], 2, axis=0))
     (said,), _ = ArrayCommon().examine(window(phases))
-    assert said.says == "undecided"
-    assert said.would_need
+    assert (said.says, said.p) == ("undecided", {})
 
 
 def test_missing_antennas_cost_the_cells_that_they_are_missing_in():

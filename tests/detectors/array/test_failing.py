@@ -7,8 +7,9 @@ import pytest
 from tests.detectors.nulls import SIGNALS, START, STATE, TRUE, array_records, empty_phases
 
 from skyproof.detectors.array.array_common import ArrayCommon
-from skyproof.detectors.array.failing import failing, without
+from skyproof.detectors.array.failing import find_failing, leave_out
 from skyproof.detectors.array.ins_array import InsArray
+from skyproof.explain import stands_beside
 
 WAVE = np.linalg.norm(empty_phases().elements_m[1])
 ELEMENTS_M = WAVE * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.87, 0.0], [0.5, 0.3, -0.8]])
@@ -78,14 +79,13 @@ def silent(phases, rng):
     return replace(phases, phase_cyc=np.full_like(phases.phase_cyc, np.nan))
 
 
-JUMPS = "has a phase that jumps"
 FAULTS = {
-    late: "receives none of the signals that the others do",
-    dead: "gives no phases",
-    noisy: "is noisy",
-    jumping: JUMPS,
-    jumping_by_half_a_cycle: JUMPS,
-    jumping_within_an_epoch: JUMPS,
+    late: "deaf",
+    dead: "silent",
+    noisy: "noisy",
+    jumping: "jumping",
+    jumping_by_half_a_cycle: "jumping",
+    jumping_within_an_epoch: "jumping",
 }
 
 
@@ -94,20 +94,20 @@ FAULTS = {
 def test_the_antenna_that_fails_is_found(fault, how, seed):
     rng = np.random.default_rng(seed)
     phases = fault(sky(rng), rng)
-    assert failing(phases) == {2: how}
-    left = without(phases, {2: how})
+    assert find_failing(phases) == {2: how}
+    left = leave_out(phases, {2: how})
     np.testing.assert_array_equal(left.elements_m, ELEMENTS_M[[0, 1, 3]])
 
 
 def test_antennas_that_work_stay():
     rng = np.random.default_rng(1)
-    assert not any(failing(sky(rng)) for _ in range(50))
-    assert not failing(silent(sky(rng), rng))
+    assert not any(find_failing(sky(rng)) for _ in range(50))
+    assert not find_failing(silent(sky(rng), rng))
 
 
 def test_of_two_antennas_it_stays_open_which_one_jumps():
     rng = np.random.default_rng(1)
-    assert not failing(without(jumping(sky(rng), rng), {0: "", 1: ""}))
+    assert not find_failing(leave_out(jumping(sky(rng), rng), {0: "silent", 1: "silent"}))
 
 
 @pytest.mark.parametrize(("fault", "how"), FAULTS.items())
@@ -115,8 +115,8 @@ def test_it_is_reported_and_the_signals_stay_authentic(fault, how):
     rng = np.random.default_rng(4)
     records = replace(array_records(rng), array_phases=(fault(sky(rng), rng),), nav_state={"rx1": STATE})
     noted, said = InsArray().examine(records)[0]
-    assert noted.noted
-    assert noted.because == f"antenna 3 of rx1 {how}, and is left out"
+    assert (noted.code, noted.data["antennas"], noted.p) == (f"antennas_{how}", ("3",), {})
+    assert stands_beside(noted)
     assert said.says == "authentic"
     (said,), _ = ArrayCommon().examine(records)
     assert said.says == "authentic"

@@ -1,6 +1,5 @@
 """What is said of signals by where they come from, of attitude and lines that are wrong or not known, of antennas."""
 
-import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,12 +10,13 @@ from tests.detectors.nulls import NAVIGATION, PLACE_M, SIGNALS, START, STATE, TR
 
 from skyproof.detectors.array.array_common import ArrayCommon
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
+from skyproof.explain import stands_beside
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import week_and_tow
-from skyproof.records import ConsistentSet, Records
+from skyproof.records import Cause, ConsistentSet, Records
 from skyproof.statistics.directions import (
     direction_cosines,
 )
@@ -111,7 +111,7 @@ def test_reflections_of_several_satellites_from_one_direction_leave_the_sky_open
     words, evidence = said_of(with_two_elsewhere())
     assert words == {"undecided": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
     (open_still,) = [e for e in evidence if e.says == "undecided"]
-    assert open_still.failed
+    assert (open_still.code, open_still.may_also_be) == ("repeated", (Cause.REFLECTIONS,))
     assert open_still.overrules
 
 
@@ -142,7 +142,7 @@ def test_where_only_signals_show_the_place_it_is_that_of_a_set_whose_signals_com
     covariance[:, range(6), range(6)] = np.inf
     records = replace(with_two_elsewhere(), nav_state={"rx1": replace(STATE, covariance=covariance)})
     words, (said,) = said_of(records)
-    assert "position" in said.because
+    assert said.code == "no_place"
     far = ecef_from_geodetic(np.radians(-20.0), np.radians(80.0), 0.0)
     words, _ = said_of(replace(records, sets=(sky(2, 3, place_m=far), sky(0, 1, 4, 5, 6, 7))))
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
@@ -153,10 +153,10 @@ def test_an_attitude_that_is_wrong_is_reported_and_no_true_signal_is_called_spoo
     records = with_two_elsewhere() if false else array_records(np.random.default_rng(8))
     turned = STATE.attitude @ Rotation.from_euler("z", 20.0, degrees=True).as_matrix()
     evidence, _ = InsArray().examine(replace(records, nav_state={"rx1": replace(STATE, attitude=turned)}))
-    (noted,) = [e.because for e in evidence if e.noted]
+    (noted,) = [e for e in evidence if stands_beside(e)]
+    assert noted.code == "attitude_unused"
     # Fewer signals leave several attitudes open, one cycle of phase apart.
-    how = "not" if false else "(19|20|21) degrees from"
-    assert re.match(rf"the attitude given is {how} the one that the signals of rx1 show, and is not used", noted)
+    assert noted.data == ({} if false else {"off_deg": pytest.approx(20.0, abs=1.0)})
     spoofed = {ref.signal for e in evidence if e.says == "spoofed" for ref in e.subject}
     assert spoofed == (set(SIGNALS[2:4]) if false else set())
 
@@ -167,8 +167,7 @@ def test_lines_that_are_not_what_was_given_are_reported_and_no_true_signal_is_ca
     (phases,) = records.array_phases
     moved = replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2]))
     evidence, _ = InsArray().examine(replace(records, array_phases=(moved,)))
-    (noted,) = [e.because for e in evidence if e.noted]
-    assert "line_bias_cyc of rx1 is not what its signals show" in noted
+    assert [e.code for e in evidence if stands_beside(e)] == ["lines_unused"]
     spoofed = {ref.signal for e in evidence if e.says == "spoofed" for ref in e.subject}
     assert spoofed == (set(SIGNALS[2:4]) if false else set())
 
@@ -196,8 +195,8 @@ def test_that_an_antenna_is_not_where_it_is_stated_is_told_by_true_signals_alone
     words, evidence = said_of(with_an_antenna_off(records, lines_known=lines_known))
     assert words == {"undecided": set(SIGNALS[false:])} | ({"spoofed": set(SIGNALS[:false])} if false else {})
     (undecided,) = [e for e in evidence if e.says == "undecided"]
-    assert "too few do to show that its attitude, lines and antennas are as stated" in undecided.because
-    assert "antennas_m" in undecided.would_need
+    assert (undecided.code, undecided.may_also_be) == ("not_as_stated", (Cause.STATEMENT, Cause.REFLECTIONS))
+    assert (undecided.overrules, undecided.data["beside"]) == (not false, bool(false))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -218,7 +217,7 @@ def test_signals_of_one_transmitter_alone_say_the_same_wherever_antennas_are_sta
     records = replace(records, array_phases=(at_first(records.array_phases[0], calibrated=False),))
     (right,), _ = InsArray().examine(records)
     (wrong,), _ = InsArray().examine(with_an_antenna_off(records, lines_known=False))
-    assert (wrong.says, wrong.subject, wrong.because) == (right.says, right.subject, right.because)
+    assert (wrong.code, wrong.signals, wrong.data) == (right.code, right.signals, right.data)
     assert wrong.says == "spoofed"
     assert wrong.directions == right.directions == ()
 
@@ -237,5 +236,4 @@ def test_without_an_ephemeris_of_any_satellite_it_says_so():
     records = array_records(np.random.default_rng(10))
     late = nominal_constellation(START + np.timedelta64(40, "D"))
     (said,), _ = InsArray().examine(Records(**(vars(records) | {"navigation": late})))
-    assert said.says == "undecided"
-    assert said.would_need
+    assert (said.says, said.code) == ("undecided", "no_signal")

@@ -33,6 +33,8 @@ class OfDetector:
     def add(self, e: AnyFinding) -> None:
         """Add one more piece."""
         if e.p_value is None and e.says == "undecided":
+            if stands_beside(e) and explain(e).remedy is None:
+                return  # a remark on the input
             code = e.code or explain(e).sentence
             count, first = self.reasons.get(code, (0, e))
             self.reasons[code] = count + 1, first

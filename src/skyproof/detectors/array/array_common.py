@@ -5,7 +5,7 @@ positions, lines and attitude is the same for them and cancels; only white noise
 is exact for any array. Sources that differ by whole cycles at all antennas look equal; how often that happens by chance
 is computed from the geometry (`equality_chance`).
 
-Clusters, and what is said of them, are shared with `spin`.
+Clusters, and what is found of them, are shared with `spin`.
 """
 
 from collections import Counter
@@ -18,11 +18,11 @@ import numpy as np
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.array.array_model import array_design, mean_differences, white_covariance
-from skyproof.detectors.array.failing import failing, without
-from skyproof.detectors.base import Detector, missing, undecided
+from skyproof.detectors.array.failing import find_failing, leave_out
+from skyproof.detectors.base import NotTested, Reporter
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import ArrayPhases, Evidence, Need, Records, SignalRef
+from skyproof.records import ArrayPhases, Cause, Datum, Finding, Hypothesis, Need, Records, SignalRef
 from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
@@ -30,14 +30,11 @@ __all__ = [
     "ArrayCommon",
     "ArrayCommonSettings",
     "cluster_chance",
-    "cluster_evidence",
+    "compare_directions",
     "of_one_carrier",
     "of_one_sky",
     "once_each",
 ]
-
-
-ONE_ANTENNA = "false signals are several, and come from one transmit antenna"
 
 
 def cluster_chance(signals: int, size: int, chance: float) -> float:
@@ -68,47 +65,37 @@ def once_each(refs: Sequence[SignalRef], rows: Sequence[int]) -> list[int]:
     return [k for k in rows if sent[refs[k].signal.transmission] == 1]
 
 
-def cluster_evidence(
-    detector: Detector,
-    records: Records,
+def compare_directions(
+    report: Reporter,
     refs: Sequence[SignalRef],
     values: Reals,
     covariance: Reals,
     design: Reals,
     *,
     wrapped: bool,
-) -> list[Evidence]:
-    """What clusters of equal values say of the signals.
+) -> list[Finding]:
+    """Return what clusters of equal values show of the signals.
 
-    A cluster of satellites that would be found in a true sky with less than the false-alarm probability is "spoofed".
+    A cluster of satellites that would be found in a true sky with less than the false-alarm probability is false.
     Of two signals of one satellite in it one is what the transmitter sends; the other may be the true one, of a
     satellite that stands behind it, so that neither is named.
-    If no two signals are equal and "all come from one antenna" is rejected, those that are one sky are "authentic", by
-    a test of several directions; transmitters at several places would pass it as well. Where there are two skies, one
+    If no two signals are equal and "all come from one antenna" is rejected, those that are one sky are true, by a
+    test of several directions; transmitters at several places would pass it as well. Where there are two skies, one
     of them is false, and it stays open which.
 
     Parameters
     ----------
     values : (n, d), covariance : (n, d, d), design : (d, 3) and `wrapped` as in `equal_clusters`, `equality_chance`.
     """
-    alpha = float(detector.settings.false_alarm_probability)
+    alpha = float(report.detector.settings.false_alarm_probability)
     n, d = values.shape
     refs = tuple(refs)
     if n < 2:
-        return [
-            undecided(
-                detector,
-                records,
-                refs,
-                code="few_signals",
-                because=f"{n} signals make no pair to compare",
-                would_need="two or more signals over the same time",
-            )
-        ]
+        return [report.pass_over(refs, NotTested("few_signals", {"signals": n}))]
     clusters = equal_clusters(values, covariance, false_alarm_probability=alpha, wrapped=wrapped)
     chance = equality_chance(design, np.mean(covariance, axis=0), clusters.limit, wrapped=wrapped)
     satellites = len({ref.signal.sat for ref in refs})
-    found: list[Evidence] = []
+    found: list[Finding] = []
     unclear = False
     for label in np.unique(clusters.labels):
         members = np.flatnonzero(clusters.labels == label)
@@ -120,61 +107,33 @@ def cluster_evidence(
         if p_value >= alpha or not named:
             unclear = True
             continue
-        found.append(
-            Evidence(
-                detector=detector.name,
-                start_gpst=records.start_gpst,
-                end_gpst=records.end_gpst,
-                subject=named,
-                says="spoofed",
-                false_alarm_probability=alpha,
-                p_value=p_value,
-                because=f"signals of {size} of {satellites} satellites come to {refs[0].receiver} from one direction",
-                statistic=float(clusters.distance[np.ix_(members, members)].max()),
-                threshold=clusters.limit,
-            )
-        )
+        cluster: dict[str, Datum] = {
+            "size": size,
+            "of": satellites,
+            "statistic": float(clusters.distance[np.ix_(members, members)].max()),
+            "threshold": float(clusters.limit),
+        }
+        found.append(report.find(named, "one_direction", {Cause.CLEAN: p_value}, singled_out=True, data=cluster))
     if found:
         return found
     statistic = float(equal_statistic(values, covariance, wrapped=wrapped)[0])
     p_value = float(chi_square_survival(statistic, (n - 1) * d))
     if unclear or p_value >= alpha:
-        return [
-            undecided(
-                detector,
-                records,
-                refs,
-                code="directions_near",
-                would_need="a longer window, more satellites, or a larger array or arm",
-                because=f"some of {n} signals in {refs[0].receiver} are too near to each other to tell their "
-                "directions apart, and too few to have come from one",
-            )
-        ]
+        return [report.pass_over(refs, NotTested("directions_near"))]
     receiver = refs[0].receiver
-    if sum(one.receiver == receiver for one in records.sets) > 1:
-        return [
-            undecided(
-                detector,
-                records,
-                refs,
-                code="two_skies",
-                would_need="the attitude of the array, by which directions are held against the orbits",
-                because=f"no two of {n} signals come to {receiver} from one direction, but they are two skies",
-            )
-        ]
+    if sum(one.receiver == receiver for one in report.records.sets) > 1:
+        return [report.pass_over(refs, NotTested("two_skies"))]
+    apart: dict[str, Datum] = {
+        "receiver": receiver,
+        "of": n,
+        "statistic": statistic,
+        "threshold": float(chi_square_threshold(alpha, (n - 1) * d)),
+        "assumes": ("one_transmit_antenna",),
+    }
+    one_sky = of_one_sky(report.records, receiver, refs)
     return [
-        Evidence(
-            detector=detector.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=of_one_sky(records, receiver, refs),
-            says="authentic",
-            because=f"no two of {n} signals come to {receiver} from one direction",
-            assumes=(ONE_ANTENNA,),
-            statistic=statistic,
-            threshold=float(chi_square_threshold(alpha, (n - 1) * d)),
-            false_alarm_probability=alpha,
-            p_value=p_value,
+        report.find(
+            one_sky, "directions_differ", {Cause.FALSE_SKY: p_value}, hypothesis=Hypothesis.ONE_ANTENNA, data=apart
         )
     ]
 
@@ -205,35 +164,28 @@ class ArrayCommon:
     def __init__(self, settings: ArrayCommonSettings | None = None) -> None:
         self.settings = settings or ArrayCommonSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.SKY_DIRECTIONS)
+        lacking = report.name_missing()
         if lacking:
             return lacking, state
-        return [evidence for phases in records.array_phases for evidence in self._array(records, phases)], state
+        return [finding for phases in records.array_phases for finding in self._test_array(report, phases)], state
 
-    def _array(self, records: Records, phases: ArrayPhases) -> list[Evidence]:
-        phases = without(phases, failing(phases))
+    def _test_array(self, report: Reporter, phases: ArrayPhases) -> list[Finding]:
+        """Compare the directions of one array's signals."""
+        phases = leave_out(phases, find_failing(phases))
         if len(phases.elements_m) < 2:
-            return [
-                undecided(
-                    self,
-                    records,
-                    tuple(SignalRef(phases.receiver, s) for s in phases.signals),
-                    code="few_antennas",
-                    because=f"fewer than two antennas of {phases.receiver} give phases",
-                    would_need="phases of two antennas or more",
-                )
-            ]
+            every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
+            return [report.pass_over(every, NotTested("few_antennas", {"receiver": phases.receiver}))]
         mean = mean_differences(phases)
         channels = of_one_carrier(phases.carrier_hz)
         used = channels[mean.long_enough(self.settings.min_share)[channels]]
         # Whole cycles are taken off against the first signal: let that not depend on the order of the channels.
         used = np.array(sorted(used, key=lambda k: phases.signals[k]), np.intp)
         wavelength_m = SPEED_OF_LIGHT_M_S / (phases.carrier_hz[used[0]] if used.size else 1.0)
-        return cluster_evidence(
-            self,
-            records,
+        return compare_directions(
+            report,
             [SignalRef(phases.receiver, phases.signals[k]) for k in used],
             mean.cycles[used],
             white_covariance(mean.sigma_cyc[used]),

@@ -5,16 +5,22 @@ that jumps or is noisy stands out against two that do not. Of two antennas it st
 """
 
 from dataclasses import replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.records import ArrayPhases
 
-__all__ = ["Failing", "failing", "without"]
+__all__ = ["Failing", "Fault", "find_failing", "leave_out"]
 
-Failing = dict[int, str]
+Fault = Literal["silent", "deaf", "noisy", "jumping"]
+"""What is wrong with an antenna.
+
+silent : it gives no phases. deaf : it has none of the signals that the others have. noisy : its phase is noisy.
+jumping : its phase jumps.
+"""
+Failing = dict[int, Fault]
 """Number of an antenna, from 0, to what is wrong with it."""
 
 _BESIDE: Final = 3
@@ -27,27 +33,27 @@ _EXCESS: Final = 3.0  # of noise over what the signal's strength makes
 _MEDIAN_OF_SQUARE: Final = 0.455  # of chi-square with one degree
 
 
-def failing(phases: ArrayPhases) -> Failing:
-    """The antennas that fail within a window, and how."""
+def find_failing(phases: ArrayPhases) -> Failing:
+    """Return the antennas that fail within a window, and how."""
     there = np.isfinite(phases.phase_cyc) & np.isfinite(phases.sigma_cyc)
     count = there.sum(axis=(0, 1))
     few = count < _LEAST_SHARE * count.max(initial=0)
     most = there.sum(axis=-1) > 0.5 * count.size
     with_most = there[most].sum(axis=0)
     alone = ~few & (with_most < _LEAST_SHARE * with_most.max(initial=0))
-    found = {k: "gives no phases" for k in np.flatnonzero(few).tolist()}
-    found |= {k: "receives none of the signals that the others do" for k in np.flatnonzero(alone).tolist()}
+    found: Failing = dict.fromkeys(np.flatnonzero(few).tolist(), "silent")
+    found |= dict.fromkeys(np.flatnonzero(alone).tolist(), "deaf")
     good = [k for k in range(count.size) if k not in found]
     if len(good) < 3:
         return found
     jumps, noisy = _jumps_and_noise(phases, np.array(good))
-    found |= {good[k]: "is noisy" for k in np.flatnonzero(noisy).tolist()}
-    found |= {good[k]: "has a phase that jumps" for k in np.flatnonzero(jumps & ~noisy).tolist()}
+    found |= {good[k]: "noisy" for k in np.flatnonzero(noisy).tolist()}
+    found |= {good[k]: "jumping" for k in np.flatnonzero(jumps & ~noisy).tolist()}
     return found if len(good) - int((jumps | noisy).sum()) >= 2 else {}
 
 
-def without(phases: ArrayPhases, lost: Failing) -> ArrayPhases:
-    """The other antennas' phases."""
+def leave_out(phases: ArrayPhases, lost: Failing) -> ArrayPhases:
+    """Return the other antennas' phases."""
     kept = np.array([k for k in range(len(phases.elements_m)) if k not in lost], np.intp)
     return replace(
         phases,

@@ -23,16 +23,19 @@ from skyproof.detectors.array.agreement import (
 from skyproof.detectors.array.array_common import cluster_chance, of_one_sky, once_each
 from skyproof.detectors.array.array_model import array_design, mean_differences, predicted_directions, white_covariance
 from skyproof.detectors.array.arrivals import Arrival, across, arrivals
-from skyproof.detectors.array.failing import failing, without
+from skyproof.detectors.array.failing import Failing, Fault, find_failing, leave_out
 from skyproof.detectors.array.reflected import reflections
-from skyproof.detectors.base import Untested, missing, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import (
     ArrayPhases,
+    Cause,
+    Datum,
     Direction,
-    Evidence,
+    Finding,
+    Hypothesis,
     NavigationData,
     NavState,
     Need,
@@ -45,7 +48,6 @@ from skyproof.statistics.distributions import chi_square_survival, chi_square_th
 
 __all__ = ["ArrayView", "InsArray", "InsArraySettings", "level_bodies", "likeliest"]
 
-FROM_ELSEWHERE: Final = "no false signal comes from where its satellite stands"
 _LEAST_OF_ONE_PLACE: Final = 3
 """Satellites whose signals come from one place: two may be reflected by one thing."""
 _MISSED: Final = (0.03, 0.5, 0.9)
@@ -113,7 +115,7 @@ class InsArray:
     is good enough if so many agree by chance with less than the false-alarm probability.
 
     The joint test of all signals and the conditional tests of each share the false alarms evenly, by the union bound.
-    Of a sky that fails it, signals are "spoofed" that come from elsewhere than their satellites and are earlier or
+    Of a sky that fails it, signals are false that come from elsewhere than their satellites and are earlier or
     stronger than reflections are, or come from one place for three satellites or more.
     """
 
@@ -123,29 +125,30 @@ class InsArray:
     def __init__(self, settings: InsArraySettings | None = None) -> None:
         self.settings = settings or InsArraySettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.SKY_DIRECTIONS)
+        lacking = report.name_missing()
         if lacking or records.navigation is None:
             return lacking, state
         orbits = records.navigation
-        return [said for phases in records.array_phases for said in self._array(records, phases, orbits)], state
+        return [
+            finding for phases in records.array_phases for finding in self._test_array(report, phases, orbits)
+        ], state
 
-    def _array(self, records: Records, phases: ArrayPhases, navigation: NavigationData) -> list[Evidence]:
-        lost = failing(phases)
-        notes = [
-            self._note(records, phases, f"antenna {k + 1} of {phases.receiver} {how}, and is left out")
-            for k, how in lost.items()
-        ]
-        phases = without(phases, lost)
-        bodies = _bodies(records, phases.receiver) if len(phases.elements_m) > 1 else []
+    def _test_array(self, report: Reporter, phases: ArrayPhases, navigation: NavigationData) -> list[Finding]:
+        """Return what fails or is not as stated in one array, and what its signals show."""
+        every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
+        lost = find_failing(phases)
+        notes = [NotTested(f"antennas_{fault}", _name_antennas(lost, fault)) for fault in dict.fromkeys(lost.values())]
+        phases = leave_out(phases, lost)
+        bodies = _bodies(report.records, phases.receiver) if len(phases.elements_m) > 1 else []
         views = [view for body in bodies if (view := self.seen(phases, body, navigation)) is not None]
         if not views:
-            every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
-            return [*notes, undecided(self, records, every, **_explain_unseen(phases, bodies)._asdict())]
+            return [report.pass_over(every, why) for why in (*notes, _explain_unseen(phases, bodies))]
         view = likeliest(views)
-        notes += [self._note(records, phases, words) for words in _at_odds(view)]
-        return [*notes, *self.judged(records, view, navigation)]
+        notes += _list_unused(view)
+        return [*(report.pass_over(every, why) for why in notes), *self.judge(report, view, navigation)]
 
     def seen(self, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> ArrayView | None:
         """What agrees as seen from a place; None if no signal can be compared."""
@@ -221,15 +224,15 @@ class InsArray:
                 return True
         return False
 
-    def judged(self, records: Records, view: ArrayView, navigation: NavigationData) -> list[Evidence]:
-        """What is said of the signals of a view."""
-        alpha, agreed, receiver = self.settings.false_alarm_probability, view.agreed, view.refs[0].receiver
-        n = len(view.refs)
+    def judge(self, report: Reporter, view: ArrayView, navigation: NavigationData) -> list[Finding]:
+        """Return what the directions show of the signals of a view."""
+        records, receiver = report.records, view.refs[0].receiver
+        alpha, agreed, n = self.settings.false_alarm_probability, view.agreed, len(view.refs)
         sure = np.setdiff1d(agreed.members, agreed.doubtful)
         others = np.setdiff1d(np.arange(n), np.union1d(agreed.members, agreed.doubtful) if view.accepted else [])
         true = of_one_sky(records, receiver, [view.refs[k] for k in sure]) if view.accepted else ()
         spoofed, alike = self._spoofed(records, view, others, true, navigation) if agreed.p_value < alpha else ([], [])
-        said = [self._false(records, view, rows, p_value) for rows, p_value in spoofed]
+        found = [self._find_false(report, view, rows, p_value) for rows, p_value in spoofed]
         true = tuple(
             view.refs[k]
             for k in sure
@@ -237,46 +240,43 @@ class InsArray:
         )
         p_one = self._of_one_place(view, [k for k in sure if view.refs[k] in true])
         if p_one < alpha:
-            left = others.size - sum(len(rows) for rows, _ in spoofed)
-            because = f"{len(true)} of {n} signals come to {receiver} from where their satellites stand"
-            if left:
-                because += f"; {left} do not, as reflections do"
-            said.append(self.say(records, tuple(true), "authentic", because, p_one, assumes=(FROM_ELSEWHERE,)))
-            said += [self._alike(records, view, rows, chance) for rows, chance in alike]
-        if said:
-            return [*said, *self._left(records, view, said)]
+            data: dict[str, Datum] = {
+                "from_satellites": len(true),
+                "of": n,
+                "as_reflections": int(others.size) - sum(len(rows) for rows, _ in spoofed),
+                "assumes": ("none_from_satellites",),
+            }
+            p = {Cause.FALSE_SKY: p_one}
+            found.append(report.find(true, "from_satellites", p, hypothesis=Hypothesis.ONE_ANTENNA, data=data))
+            found += [self._find_repeated(report, view, rows, chance) for rows, chance in alike]
+        if found:
+            return [*found, *self._test_rest(report, view, found)]
         if agreed.p_value >= alpha:
-            because = f"{n} signals come to {receiver} from where their satellites stand"
-            return [self.say(records, view.refs, "clean", because, agreed.p_value)]
+            return [report.find(view.refs, "all_from_satellites", {Cause.CLEAN: agreed.p_value})]
         # Differing directions that are not the satellites' may be several waves in each signal: they vouch for nothing.
-        return [replace(self._not_as_stated(records, view, f"{n}"), overrules=True)]
+        return [self._find_unlike_statement(report, view, Hypothesis.AS_STATED)]
 
-    def _left(self, records: Records, view: ArrayView, said: Sequence[Evidence]) -> list[Evidence]:
-        """Beside signals that were named: that the others agree with no attitude and no lines, where they should."""
-        named = {ref for evidence in said for ref in evidence.subject}
+    def _test_rest(self, report: Reporter, view: ArrayView, found: Sequence[Finding]) -> list[Finding]:
+        """Return, beside signals that were named, that the others agree with no attitude and no lines."""
+        named = {ref for finding in found for ref in finding.signals}
         rest = np.array([k for k, ref in enumerate(view.refs) if ref not in named], np.intp)
         if view.accepted or not rest.size:
             return []
         left = self._best(view.state, tuple(view.refs[k] for k in rest), view.measured.part(rest), view.stated)
         if left.accepted or left.agreed.p_value >= self.settings.false_alarm_probability:
             return []
-        return [self._not_as_stated(records, left, f"the other {rest.size}")]
+        return [self._find_unlike_statement(report, left, Hypothesis.SKY_DIRECTIONS, beside=True)]
 
-    def _not_as_stated(self, records: Records, view: ArrayView, which: str) -> Evidence:
-        """Too few of the view's signals agree, with any attitude and lines. which : what they are called."""
-        receiver = view.refs[0].receiver
-        return replace(
-            self.say(
-                records,
-                view.refs,
-                "undecided",
-                f"{len(view.refs) - view.agreed.members.size} of {which} signals do not come to {receiver} from where "
-                "their satellites stand, and too few do to show that its attitude, lines and antennas are as stated",
-                view.agreed.p_value,
-            ),
-            would_need=f"attitude, antennas_m and line_bias_cyc of {receiver} in the platform file, checked",
-            may_also_be=("statement", "reflections"),
-        )
+    def _find_unlike_statement(
+        self, report: Reporter, view: ArrayView, hypothesis: Hypothesis, *, beside: bool = False
+    ) -> Finding:
+        """Return that too few of the view's signals agree, with any attitude and lines.
+
+        beside : signals that were named are none of them.
+        """
+        data: dict[str, Datum] = {"off": len(view.refs) - int(view.agreed.members.size), "beside": beside}
+        p = {Cause.CLEAN: view.agreed.p_value, **leave_open((Cause.STATEMENT, Cause.REFLECTIONS))}
+        return report.find(view.refs, "not_as_stated", p, hypothesis=hypothesis, data=data)
 
     def _spoofed(
         self,
@@ -320,38 +320,31 @@ class InsArray:
                 continue
             by_itself = [k for k in once_each(view.refs, rows.tolist()) if view.refs[k] not in overlapped]
             false = [k for k in by_itself if view.refs[k].signal not in explained] if true else []
-            if false:
-                found.append((false, min(1.0, n * float(view.agreed.p_values[false].max()))))
+            p_value = min(1.0, n * float(view.agreed.p_values[false].max(initial=0.0)))
+            if false and p_value < alpha:
+                found.append((false, p_value))
             elif size > 1 and by_chance < _ALIKE:
                 alike.append((rows.tolist(), by_chance))
         return found, alike
 
-    def _false(self, records: Records, view: ArrayView, rows: list[int], p_value: float) -> Evidence:
-        directions = _directions(view, rows)
-        satellites, receiver = sorted({view.refs[k].signal.sat for k in rows}), view.refs[0].receiver
-        if len(satellites) == 1:
-            because = f"a signal of {satellites[0]} comes to {receiver} from elsewhere than its satellite"
-        else:
-            because = f"signals of {len(satellites)} satellites come to {receiver} from one direction"
-        return self.say(records, tuple(view.refs[k] for k in rows), "spoofed", because, p_value, directions=directions)
-
-    def _alike(self, records: Records, view: ArrayView, rows: list[int], chance: float) -> Evidence:
-        """Later and weaker than true ones as reflections are, but from one place: it stays open which they are."""
-        satellites = len({view.refs[k].signal.sat for k in rows})
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=tuple(view.refs[k] for k in rows),
-            says="undecided",
-            because=f"signals of {satellites} satellites come to {view.refs[0].receiver} from one direction that is "
-            "none of theirs, later and weaker than true ones: a repeater, a reflector, or false signals",
-            would_need="more antennas, or antennas farther apart",
-            p_value=chance,
-            false_alarm_probability=_ALIKE,
-            overrules=True,
-            may_also_be=("reflections",),
+    def _find_false(self, report: Reporter, view: ArrayView, rows: list[int], p_value: float) -> Finding:
+        """Return that each of these signals is false, and from where they may come."""
+        refs = tuple(view.refs[k] for k in rows)
+        satellites = len({ref.signal.sat for ref in refs})
+        return report.find(
+            refs,
+            "from_elsewhere" if satellites == 1 else "from_one_direction",
+            {Cause.CLEAN: p_value},
+            singled_out=True,
+            data={"sat": refs[0].signal.sat},
+            estimates={"directions": _directions(view, rows)},
         )
+
+    def _find_repeated(self, report: Reporter, view: ArrayView, rows: list[int], chance: float) -> Finding:
+        """Return that signals come later and weaker than true ones, as reflections do, but from one place."""
+        p = {Cause.CLEAN: chance, **leave_open((Cause.REFLECTIONS,))}
+        refs = tuple(view.refs[k] for k in rows)
+        return report.find(refs, "repeated", p, hypothesis=Hypothesis.SEPARATE_ORIGINS, alpha=_ALIKE)
 
     def _as_from_there(self, view: ArrayView, k: int, rows: list[int]) -> bool:
         """Whether a signal could as well come from the place of false ones, of which none is its satellite's: then its
@@ -371,31 +364,6 @@ class InsArray:
         part = view.measured.part(np.array(rows))
         statistic = equal_statistic(part.raw_cyc, white_covariance(part.sigma_cyc), wrapped=True)[0]
         return float(chi_square_survival(statistic, (len(rows) - 1) * part.cycles.shape[1]))
-
-    def say(
-        self,
-        records: Records,
-        subject: tuple[SignalRef, ...],
-        says: Any,
-        because: str,
-        p_value: float | None,
-        **more: Any,
-    ) -> Evidence:
-        return Evidence(
-            detector=self.name,
-            start_gpst=records.start_gpst,
-            end_gpst=records.end_gpst,
-            subject=subject,
-            says=says,
-            because=because,
-            p_value=p_value,
-            false_alarm_probability=self.settings.false_alarm_probability,
-            **more,
-        )
-
-    def _note(self, records: Records, phases: ArrayPhases, because: str) -> Evidence:
-        every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
-        return self.say(records, every, "clean", because, None, noted=True)
 
     def _attitude_covariance(self, state: NavState) -> Reals:
         """(3, 3) in the body frame, in the middle of the window: an inertial system's error hardly changes in it."""
@@ -426,26 +394,17 @@ def _overlapped(o: Observations | None, refs: Sequence[SignalRef]) -> set[Signal
     return found
 
 
-def _explain_unseen(phases: ArrayPhases, bodies: Sequence[NavState]) -> Untested:
-    """Say whether antennas, a place, or signals with orbits are what is missing."""
-    receiver = phases.receiver
+def _name_antennas(lost: Failing, fault: Fault) -> dict[str, Datum]:
+    """Return the numbers of the antennas with a fault, from 1."""
+    return {"antennas": tuple(str(k + 1) for k, how in lost.items() if how == fault)}
+
+
+def _explain_unseen(phases: ArrayPhases, bodies: Sequence[NavState]) -> NotTested:
+    """Return whether antennas, a place, or signals with orbits are what is missing."""
+    data: dict[str, Datum] = {"receiver": phases.receiver}
     if len(phases.elements_m) < 2:
-        return Untested(
-            code="few_antennas",
-            because=f"fewer than two antennas of {receiver} give phases",
-            would_need="phases of two antennas or more",
-        )
-    if not bodies:
-        return Untested(
-            code="no_place",
-            because=f"nothing says where {receiver} is: it is not surveyed, and no position fits its signals",
-            would_need="a surveyed position, or pseudoranges of at least 5 satellites with their orbits",
-        )
-    return Untested(
-        code="no_signal",
-        because=f"no signal of {receiver} is on all antennas while its orbit and the attitude are known",
-        would_need="orbits and attitude over the time of the phases",
-    )
+        return NotTested("few_antennas", data)
+    return NotTested("no_signal", data) if bodies else NotTested("no_place", data)
 
 
 def likeliest(views: Sequence[ArrayView]) -> ArrayView:
@@ -488,20 +447,16 @@ def level_bodies(records: Records, places: Sequence[Reals], tilt_sigma_rad: floa
     return states
 
 
-def _at_odds(view: ArrayView) -> list[str]:
-    """What was stated and is not used, in words."""
-    frame, receiver, said = view.agreed.frame, view.refs[0].receiver, list[str]()
+def _list_unused(view: ArrayView) -> list[NotTested]:
+    """Return what was stated and is not used."""
+    frame, found = view.agreed.frame, list[NotTested]()
     off_rad = float(np.arccos(np.clip(0.5 * (np.trace(frame.turn) - 1.0), -1.0, 1.0)))
     off = not view.agreed.lone or off_rad > _OFF_SIGMAS * view.stated.attitude_sigma_rad
     if frame.attitude_free and not view.stated.attitude_free and view.accepted and off:
-        how = f"{np.degrees(off_rad):.0f} degrees from" if view.agreed.lone else "not"
-        said.append(
-            f"the attitude given is {how} the one that the signals of {receiver} show, and is not used: check "
-            "[attitude] or [imu], antennas_m and their order"
-        )
+        found.append(NotTested("attitude_unused", {"off_deg": float(np.degrees(off_rad))} if view.agreed.lone else {}))
     if frame.bias_free and not view.stated.bias_free:
-        said.append(f"line_bias_cyc of {receiver} is not what its signals show, and is not used: calibrate again")
-    return said
+        found.append(NotTested("lines_unused"))
+    return found
 
 
 def _directions(view: ArrayView, rows: list[int]) -> tuple[Direction, ...]:

@@ -1,6 +1,6 @@
 """Which signals of a receiver on a spinning arm come from one direction, and which from where their satellites stand?
 
-Level direction cosines by the phases of a window (`arm_phases`), and what is said of them: the detector.
+Level direction cosines by the phases of a window (`arm_phases`), and what they show: the detector.
 """
 
 from collections.abc import Sequence
@@ -18,12 +18,23 @@ from skyproof.detectors.array.arm_phases import (
     minus_mean,
     repair_slips,
 )
-from skyproof.detectors.array.array_common import cluster_evidence, of_one_carrier
+from skyproof.detectors.array.array_common import compare_directions, of_one_carrier
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings, level_bodies, likeliest
-from skyproof.detectors.base import Untested, missing, signals_of, undecided
+from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import ArrayPhases, Evidence, Need, Observations, Records, SignalRef, SpinArm
+from skyproof.records import (
+    ArrayPhases,
+    Cause,
+    Datum,
+    Finding,
+    Hypothesis,
+    Need,
+    Observations,
+    Records,
+    SignalRef,
+    SpinArm,
+)
 
 __all__ = ["Levels", "Spin", "SpinSettings", "levels_of"]
 
@@ -149,25 +160,27 @@ class Spin:
     def __init__(self, settings: SpinSettings | None = None) -> None:
         self.settings = settings or SpinSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of one window; never raises for what the data lack."""
-        lacking = missing(self, records)
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return the findings of one window; never raises for what the data lack."""
+        report = Reporter(self, records, Hypothesis.SKY_DIRECTIONS)
+        lacking = report.name_missing()
         if lacking:
             return lacking, state
         arms = {arm.receiver: arm for arm in records.spin_arms}
         turning = [o for o in records.observations if o.receiver in arms]
         if not turning:
-            because = "no receiver of the window is on an arm"
-            refs = signals_of(records.observations)
-            said = undecided(self, records, refs, code="no_arm", because=because, would_need="observations of it")
-            return [said], state
+            return [report.pass_over(signals_of(records.observations), NotTested("no_arm"))], state
         bent_at: dict[str, np.datetime64] = dict(state or {})
-        return [said for o in turning for said in self._receiver(records, o, arms[o.receiver], bent_at)], bent_at
+        found = [f for o in turning for f in self._test_receiver(report, o, arms[o.receiver], bent_at)]
+        return found, bent_at
 
-    def _receiver(
-        self, records: Records, observations: Observations, arm: SpinArm, bent_at: dict[str, np.datetime64]
-    ) -> list[Evidence]:
-        """bent_at : when several signals of a receiver were bent last; brought up to date."""
+    def _test_receiver(
+        self, report: Reporter, observations: Observations, arm: SpinArm, bent_at: dict[str, np.datetime64]
+    ) -> list[Finding]:
+        """Return what directions show of one receiver's signals.
+
+        bent_at : when several signals of a receiver were bent last; brought up to date.
+        """
         asked = self.settings
         seen = levels_of(
             observations,
@@ -177,57 +190,35 @@ class Spin:
             lasting_sigma_cyc=asked.lasting_sigma_cyc,
             accept_probability=asked.accept_probability,
         )
-        if seen is None:
-            return [
-                undecided(
-                    self,
-                    records,
-                    signals_of((observations,)),
-                    **_explain_no_levels(observations, asked.min_share)._asdict(),
-                )
-            ]
-        said = self._against_orbits(records, observations, arm, seen)
-        if all(one.says == "undecided" for one in said):
-            refs = [SignalRef(observations.receiver, observations.signals[k]) for k in seen.channels]
-            covariances = np.broadcast_to(seen.covariance, (len(refs), 2, 2))
-            alike = cluster_evidence(self, records, refs, seen.level, covariances, np.eye(3)[:2], wrapped=False)
-            # Directions that differ, but are not those of the satellites, are no sky's.
-            said = alike if not said or alike[0].says == "spoofed" else said
         receiver = observations.receiver
+        if seen is None:
+            why = _explain_no_levels(observations, asked.min_share)
+            return [report.pass_over(signals_of((observations,)), why)]
+        found = self._against_orbits(report, observations, arm, seen)
+        if all(finding.says == "undecided" for finding in found):
+            refs = [SignalRef(receiver, observations.signals[k]) for k in seen.channels]
+            covariances = np.broadcast_to(seen.covariance, (len(refs), 2, 2))
+            alike = compare_directions(report, refs, seen.level, covariances, np.eye(3)[:2], wrapped=False)
+            # Directions that differ, but are not those of the satellites, are no sky's.
+            found = alike if not found or alike[0].says == "spoofed" else found
         bent = [SignalRef(receiver, observations.signals[k]) for k in seen.bent]
         if len(bent) > 1:
-            bent_at[receiver] = records.end_gpst
-        doubt = _doubt(records, receiver, len(bent), seen.channels.size, bent_at.get(receiver))
-        return [self._but_for(records, one, bent, doubt) if one.says == "authentic" else one for one in said]
-
-    def _but_for(self, records: Records, authentic: Evidence, bent: Sequence[SignalRef], doubt: str) -> Evidence:
-        """What is said to come from the sky, without what is not of one direction; nothing where there is `doubt`."""
-        kept = tuple(ref for ref in authentic.subject if ref not in bent)
-        if kept and not doubt:
-            return replace(authentic, subject=kept)
-        return undecided(
-            self,
-            records,
-            authentic.subject,
-            code="phases_bent",
-            because=f"{doubt or 'its phases are not of one direction'}: slips, strong reflections, or two signals "
-            "within a chip",
-            would_need="a place without strong reflections; of two signals within a chip, time until they part",
-        )
+            bent_at[receiver] = report.records.end_gpst
+        doubt = _doubt(report.records, len(bent), seen.channels.size, bent_at.get(receiver))
+        return [_leave_out_bent(report, f, bent, doubt) if f.says == "authentic" else f for f in found]
 
     def _against_orbits(
-        self,
-        records: Records,
-        observations: Observations,
-        arm: SpinArm,
-        levels: Levels,
-    ) -> list[Evidence]:
-        """What is authentic and what is spoofed by the directions of the satellites; undecided where most are not from
-        there, as of two equal signals within a chip, which show a direction between them. Empty if that shows nothing.
+        self, report: Reporter, observations: Observations, arm: SpinArm, levels: Levels
+    ) -> list[Finding]:
+        """Test level directions against those of the satellites; empty if that shows nothing.
+
+        Where most signals are not from there, it stays open why: two equal signals within a chip show a direction
+        between them.
 
         Level direction cosines are what a small flat array measures: its heading is the arm's start, which is not known
         nor needed, and what all share is not known either.
         """
+        records = report.records
         places = [one.position_ecef_m for one in records.sets if one.receiver == observations.receiver]
         if records.navigation is None or not places:
             return []
@@ -258,50 +249,45 @@ class Spin:
         if not views:
             return []
         view = likeliest(views)
-        said = judge.judged(records, view, records.navigation)
-        if any(one.says in ("spoofed", "authentic") for one in said):
-            return said
-        if all(one.says == "clean" for one in said):
+        found = judge.judge(Reporter(judge, records, report.hypothesis), view, records.navigation)
+        if any(finding.says in ("spoofed", "authentic") for finding in found):
+            return found
+        if all(finding.says == "clean" for finding in found):
             return []
-        n, off = len(view.refs), len(view.refs) - view.agreed.members.size
-        because = (
-            f"{off} of {n} signals do not come to {observations.receiver} from where their satellites stand: strong "
-            "reflections, two signals within a chip, or an arm that is not as stated"
-        )
-        would_need = "the arm in the platform file, checked; of two signals within a chip, time until they part"
-        more = {"would_need": would_need, "may_also_be": ("reflections", "statement")}
-        return [judge.say(records, view.refs, "undecided", because, view.agreed.p_value, **more)]
+        data: dict[str, Datum] = {"off": len(view.refs) - int(view.agreed.members.size)}
+        p = {Cause.CLEAN: view.agreed.p_value, **leave_open((Cause.REFLECTIONS, Cause.STATEMENT))}
+        return [report.find(view.refs, "not_from_satellites", p, data=data)]
 
 
-def _explain_no_levels(observations: Observations, min_share: float) -> Untested:
-    """Say whether signals, or epochs of them, are what is missing."""
+def _leave_out_bent(
+    report: Reporter, authentic: Finding, bent: Sequence[SignalRef], doubt: dict[str, Datum] | None
+) -> Finding:
+    """Return a finding of true signals without those of no one direction; that none could be tested where in doubt."""
+    kept = tuple(ref for ref in authentic.signals if ref not in bent)
+    if kept and doubt is None:
+        return replace(authentic, signals=kept)
+    return report.pass_over(authentic.signals, NotTested("phases_bent", doubt or {}))
+
+
+def _explain_no_levels(observations: Observations, min_share: float) -> NotTested:
+    """Return whether signals, or epochs of them, are what is missing."""
     share = np.isfinite(observations.carrier_cyc).mean(axis=0) if observations.gpst.size else np.zeros(0)
-    n, receiver = int((share >= min_share).sum()), observations.receiver
-    if n < 2:
-        return Untested(
-            code="few_signals",
-            because=f"{n} signals of {receiver} have an unbroken phase, and two are needed",
-            would_need="carrier phases of two or more signals through the window",
-        )
-    return Untested(
-        code="few_epochs",
-        because=f"{observations.gpst.size} epochs of {receiver} are too few to follow the arm's turn",
-        would_need="carrier phases ten times a second or so",
-    )
+    n = int((share >= min_share).sum())
+    data: dict[str, Datum] = {"receiver": observations.receiver, "signals": n, "epochs": observations.gpst.size}
+    return NotTested("few_signals", data) if n < 2 else NotTested("few_epochs", data)
 
 
-def _doubt(records: Records, receiver: str, bent: int, signals: int, bent_at: np.datetime64 | None) -> str:
-    """Why none of a receiver's signals is authentic, in words; empty if nothing speaks against it.
+def _doubt(records: Records, bent: int, signals: int, bent_at: np.datetime64 | None) -> dict[str, Datum] | None:
+    """Return why none of a receiver's signals is authentic; None if nothing speaks against it.
 
     One signal alone may slip, be reflected or imitated. Where there are several, what makes them so may be in all
     others as well, too weak or too fast to be seen in each: two skies within a chip. `bent_at` is when it was so last.
     """
     if bent > 1:
-        return f"the phases of {bent} of {signals} signals in {receiver} are not of one direction each"
+        return {"bent": bent, "of": signals}
     if bent_at is not None and (since := records.start_gpst - bent_at) < _BENT_FOR:
-        ago = f"{since / np.timedelta64(1, 's'):.0f} s before" if since else "just before"
-        return f"the phases of several signals in {receiver} were not of one direction each {ago}"
-    return ""
+        return {"ago_s": float(since / np.timedelta64(1, "s"))}
+    return None
 
 
 class _ByArm(InsArray):

@@ -1,0 +1,26 @@
+"""What `array_common` finds, in words."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from skyproof.explain.entry import Entry
+
+__all__ = ["ENTRIES", "FEW_ANTENNAS"]
+
+FEW_ANTENNAS: Final = Entry("fewer than two antennas of {receiver} give phases", "phases of two antennas or more")
+
+ENTRIES: Final[Mapping[str, Entry]] = {
+    "few_antennas": FEW_ANTENNAS,
+    "few_signals": Entry("{signals} signals make no pair to compare", "two or more signals over the same time"),
+    "one_direction": Entry("signals of {size} of {of} satellites come to {receiver} from one direction"),
+    "directions_near": Entry(
+        "some of {n_signals} signals in {receiver} are too near to each other to tell their directions apart, and too "
+        "few to have come from one",
+        "a longer window, more satellites, or a larger array or arm",
+    ),
+    "two_skies": Entry(
+        "no two of {n_signals} signals come to {receiver} from one direction, but they are two skies",
+        "the attitude of the array, by which directions are held against the orbits",
+    ),
+    "directions_differ": Entry("no two of {of} signals come to {receiver} from one direction"),
+}

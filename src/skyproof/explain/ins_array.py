@@ -1,0 +1,89 @@
+"""What `ins_array` finds, in words."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from skyproof.explain.array_common import FEW_ANTENNAS
+from skyproof.explain.entry import Entry, join
+from skyproof.records import Finding
+
+__all__ = ["ENTRIES"]
+
+
+def _name_antennas(alone: str, together: str) -> Entry:
+    """Return the entry of a fault of one antenna or of several. alone, together : what is wrong, of one and of more."""
+
+    def describe(finding: Finding) -> str:
+        names: Any = finding.data["antennas"]
+        receiver = finding.signals[0].receiver
+        if len(names) == 1:
+            return f"antenna {names[0]} of {receiver} {alone}, and is left out"
+        return f"antennas {join(names)} of {receiver} {together}, and are left out"
+
+    describe.__doc__ = f"Say that an antenna {alone}, and is left out."
+    return Entry(describe, beside=True)
+
+
+def _describe_attitude(finding: Finding) -> str:
+    """Say how far the attitude that was given is from the one that the signals show."""
+    data: Mapping[str, Any] = finding.data
+    how = f"{data['off_deg']:.0f} degrees from" if "off_deg" in data else "not"
+    return (
+        f"the attitude given is {how} the one that the signals of {finding.signals[0].receiver} show, and is not "
+        "used: check [attitude] or [imu], antennas_m and their order"
+    )
+
+
+def _count_true(finding: Finding) -> str:
+    """Say how many signals come from their satellites, and how many do not."""
+    data: Mapping[str, Any] = finding.data
+    words = (
+        f"{data['from_satellites']} of {data['of']} signals come to {finding.signals[0].receiver} from where their "
+        "satellites stand"
+    )
+    return words + (f"; {data['as_reflections']} do not, as reflections do" if data["as_reflections"] else "")
+
+
+def _describe_unlike(finding: Finding) -> str:
+    """Say how many signals do not come from their satellites, and that nothing shows why."""
+    data: Mapping[str, Any] = finding.data
+    which = f"{'the other ' if data['beside'] else ''}{len(finding.signals)}"
+    return (
+        f"{data['off']} of {which} signals do not come to {finding.signals[0].receiver} from where their satellites "
+        "stand, and too few do to show that its attitude, lines and antennas are as stated"
+    )
+
+
+ENTRIES: Final[Mapping[str, Entry]] = {
+    "few_antennas": FEW_ANTENNAS,
+    "no_place": Entry(
+        "nothing says where {receiver} is: it is not surveyed, and no position fits its signals",
+        "a surveyed position, or pseudoranges of at least 5 satellites with their orbits",
+    ),
+    "no_signal": Entry(
+        "no signal of {receiver} is on all antennas while its orbit and the attitude are known",
+        "orbits and attitude over the time of the phases",
+    ),
+    "antennas_silent": _name_antennas("gives no phases", "give no phases"),
+    "antennas_deaf": _name_antennas(
+        "receives none of the signals that the others do", "receive none of the signals that the others do"
+    ),
+    "antennas_noisy": _name_antennas("is noisy", "are noisy"),
+    "antennas_jumping": _name_antennas("has a phase that jumps", "have phases that jump"),
+    "attitude_unused": Entry(_describe_attitude, beside=True),
+    "lines_unused": Entry(
+        "line_bias_cyc of {receiver} is not what its signals show, and is not used: calibrate again", beside=True
+    ),
+    "all_from_satellites": Entry("{n_signals} signals come to {receiver} from where their satellites stand"),
+    "from_satellites": Entry(_count_true),
+    "from_elsewhere": Entry("a signal of {sat} comes to {receiver} from elsewhere than its satellite"),
+    "from_one_direction": Entry("signals of {n_satellites} satellites come to {receiver} from one direction"),
+    "repeated": Entry(
+        "signals of {n_satellites} satellites come to {receiver} from one direction that is none of theirs, later and "
+        "weaker than true ones: a repeater, a reflector, or false signals",
+        "more antennas, or antennas farther apart",
+    ),
+    "not_as_stated": Entry(
+        _describe_unlike, "attitude, antennas_m and line_bias_cyc of {receiver} in the platform file, checked"
+    ),
+}
