@@ -15,6 +15,7 @@ are those of the folder that SKYPROOF_DATA names, and are left out where there i
 import argparse
 import json
 import sys
+import tomllib
 from collections import Counter
 from pathlib import Path
 
@@ -24,6 +25,8 @@ from corpus_differences import differences
 from corpus_kinds import CASES, REAL, names_of_cells, names_of_files, row_of
 from real_logs import LOGS
 from rows import read, run
+
+from skyproof.detectors.entries import GROUP, registered
 
 DEFAULT_OUT = Path(".cache/corpus.jsonl")
 DRAWN = {"attack": 240, **dict.fromkeys(words.CLEAN, 120), "several": 80, "takeover": 150, "missing": 60}
@@ -67,6 +70,12 @@ def names_through_samples() -> list[str]:
     ]
 
 
+def not_installed() -> list[str]:
+    """Return the detectors of this tree that the environment does not know: a run leaves them out without a word."""
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return sorted(project["entry-points"][GROUP].keys() - {point.name for point in registered()})
+
+
 def has_data() -> bool:
     return damaged.folder().is_dir()
 
@@ -97,6 +106,8 @@ def main() -> int:
     given = parser.parse_args()
     if given.compare:
         return int(compare(*given.compare) > 0)
+    if missing := not_installed():
+        parser.error(f"detectors that are not installed: {', '.join(missing)}; run `make setup`")
     if given.only and not given.out:
         print("\n".join(json.dumps(row_of(name), default=str) for name in given.only))
         return 0

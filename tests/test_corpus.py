@@ -7,11 +7,16 @@ from pathlib import Path
 import pytest
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "bench"))  # benches import each other by bare names
-from corpus import QUICK, QUICK_REAL, REAL, names_of
+from corpus import QUICK, QUICK_REAL, REAL, names_of, not_installed
 from corpus_differences import differences
 from corpus_kinds import KINDS, row_of
 
 LEAST_DRAWN = 300
+
+
+def test_every_detector_of_this_tree_is_installed() -> None:
+    """Entry points come from the environment, which may be older than the tree: `make setup` mends it."""
+    assert not_installed() == []
 
 
 @pytest.mark.parametrize("name", ["plain-1", "several-1", "array-1-attack", "arm-1-attack", "damaged-orbits-1"])
