@@ -274,7 +274,7 @@ def damage_orbits(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None:
         r"left out",
         r"no ephemeris",
         r"no orbits",
-        r"its orbits are for",
+        r"its orbits are for", r"none of its orbits",
         r"GPS week resolved",
         r"ends within",
         r"unhealthy",

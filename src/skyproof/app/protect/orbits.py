@@ -29,9 +29,12 @@ def require_same_day(navigation: NavigationData, gpst: np.datetime64, source: Me
         if isinstance(source, Samples)
         else ""
     )
+    span = f"its orbits are for {iso(min(times), 0)} to {iso(max(times), 0)}, but"
+    remedy = f"give the navigation file of that day{otherwise}"
+    if navigation.remarks and min(times) <= gpst <= max(times):
+        span, remedy = "none of its orbits holds at its time:", "give the navigation file as it was received, unedited"
     raise InputError(
-        f"{navigation.source}: its orbits are for {iso(min(times), 0)} to {iso(max(times), 0)}, but {source.path} was "
-        f"recorded at {iso(gpst, 0)}{_left_out(navigation)}; give the navigation file of that day{otherwise}"
+        f"{navigation.source}: {span} {source.path} was recorded at {iso(gpst, 0)}{_left_out(navigation)}; {remedy}"
     )
 
 
