@@ -39,6 +39,8 @@ _ALL_BUT_PLACE: Final = np.arange(3, 8)
 _LEAST = 5  # satellites
 _MISFITS: Final = 1  # satellites
 _UNTESTED: Final = 1.0  # p-value of a cause that leaves nothing to test
+_LABEL: Final = np.timedelta64(20, "ms")
+"""By which a receiver's label may be off the instant of its epoch."""
 _MEANT: Final = 1e-3
 """p-value from which on the place that a slip gives is the one that is shown."""
 _DATUM_M: Final = 2.0
@@ -145,7 +147,24 @@ class _Watch:
             alpha=self.alpha,
             estimates={} if why is None else {"wrong_statements": causes},
             data=data,
+            dated_gpst=self._date(window, shown),
         )
+
+    def _date(self, window: Rivals, shown: _Shown) -> np.datetime64 | None:
+        """Return the first of the window's last epochs that are all nearer to what it shows than to where it stands."""
+        each = self.maker.shown(window, shown.sky, kind=reference_kind(shown.sky), bias_s=0.0, epochs=True).each
+        places_m = np.array([one.mean[:3] for one in each]).reshape(-1, 3)
+        to_shown_m, to_stated_m = (
+            np.linalg.norm(places_m - known.mean[:3], axis=1) for known in (shown.fix, shown.expected)
+        )
+        before = np.flatnonzero(to_shown_m >= to_stated_m)
+        first = int(before[-1]) + 1 if before.size else 0
+        if first >= len(each):
+            return None
+        gpst = self.maker.log.gpst
+        row = int(np.searchsorted(gpst, each[first].gpst - _LABEL))
+        dated: np.datetime64 = gpst[min(row, gpst.size - 1)]
+        return dated
 
     def _causes(self, shown: _Shown) -> tuple[WrongStatement, ...]:
         """The slips in stating the place that would put it where the signals do, or an amount that none gives."""

@@ -81,6 +81,10 @@ def test_a_place_that_was_shown_and_is_left_is_an_attack(stated):
     assert 0.0 < after_s <= 15.0
     assert first.data["assumes"] == ("receiver_stands",)
     assert {(e.says, e.code) for e in (first, *rest)} == {("attack", "elsewhere")}
+    dated_s = float((first.dated_gpst - found[0].gpst[0]) / np.timedelta64(1, "s")) - ONSET_S - 3.0
+    assert 0.0 <= dated_s < after_s - 1.0
+    assert first.dated_gpst in found[0].gpst
+    assert [e.dated_gpst - e.start_gpst < np.timedelta64(1, "s") for e in rest] == [True] * len(rest)
 
 
 @pytest.mark.long
