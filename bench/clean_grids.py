@@ -19,7 +19,8 @@ import numpy as np
 from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, own_correlation, shapes
 from skyproof.detectors.dccaf.delays import DccafSettings
-from skyproof.detectors.dccaf.detector import GRIDS, OF_A_SKY, SIGNAL_LEVEL
+from skyproof.detectors.dccaf.detector import GRIDS
+from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.statistics.distributions import binomial_survival
 
@@ -102,8 +103,8 @@ def satellites_counted(rng: np.random.Generator, rays: list[Rays]) -> tuple[int,
     for prn, (delay_chips, level_db, hz) in zip(rng.choice(32, SATELLITES, replace=False) + 1, rays, strict=True):
         own = shapes(int(prn), tuple(POINTS.tolist()), BAND_HZ, settings.window_chips)
         found = components(_burst(rng, int(prn), delay_chips, level_db, hz)[None], own, np.ones((1, 4)), BAND_HZ)
-        second += bool(joint_p_value(found.second, GRIDS.intervals, own.path)[0] < SIGNAL_LEVEL)
-        unlike += bool(joint_p_value(found.unlike, GRIDS.intervals, own.path)[0] < SIGNAL_LEVEL)
+        second += bool(joint_p_value(found.second, GRIDS.intervals, own.path)[0] < POLICY.signal_probability)
+        unlike += bool(joint_p_value(found.unlike, GRIDS.intervals, own.path)[0] < POLICY.signal_probability)
     return second, unlike
 
 
@@ -128,11 +129,13 @@ def row_of(name: str, hours: float, seed: int = 1) -> str:
         sky = drawn_sky(rng)
         counts.append(satellites_counted(rng, SURROUNDINGS[name](rng, sky)))
     second, unlike = np.array(counts).T
-    chance = DccafSettings().no_reflection_probability + SIGNAL_LEVEL
+    chance = DccafSettings().no_reflection_probability + POLICY.signal_probability
     p_values = np.array([float(binomial_survival(int(k), SATELLITES, chance)) for k in unlike])
     shares = [f"{np.mean(p_values <= level):.4f}" for level in LEVELS]
     cells = [name, f"{hours:g}", f"{second.mean() / SATELLITES:.3f}", f"{unlike.mean() / SATELLITES:.4f}", *shares]
-    return "| " + " | ".join([*cells, str(int(np.sum(unlike >= OF_A_SKY))), f"{p_values.min():.1e}"]) + " |"
+    return (
+        "| " + " | ".join([*cells, str(int(np.sum(unlike >= POLICY.sky_satellites))), f"{p_values.min():.1e}"]) + " |"
+    )
 
 
 def table(hours: float) -> Iterator[str]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 __all__ = ["MARK", "filled", "replaced"]
 
 MARK = re.compile(
-    r"<!-- (chart|commands|keys|figure|output|notebook|root|scenes|studies)(?:: *(.*?))? -->"
+    r"<!-- (chart|commands|keys|figure|output|notebook|policies|root|scenes|studies)(?:: *(.*?))? -->"
     r"(?:\n((?:(?!<!-- ).)*?)<!-- end -->)?",
     re.DOTALL,
 )

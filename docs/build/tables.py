@@ -2,6 +2,7 @@
 
 import importlib
 import json
+import pkgutil
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -11,13 +12,16 @@ from docstrings import items_of
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from skyproof import detectors
 from skyproof.app.init.text import one_line
 from skyproof.cli import app
+from skyproof.detectors.policy import numbers_of
 from skyproof.simulator import Site, ready_made
 from skyproof.studies import studies
 
 ROOT = Path(__file__).resolve().parents[2]
 NOT_GIVEN = "not given"
+PACKAGE = "skyproof.detectors"
 WORDS = {
     "name": "A name, which files and other tables refer to.",
     "description": "What it shows, for people.",
@@ -176,11 +180,36 @@ def table_of(word: str, what: str, scene_link: str) -> str | None:
             return commands()
         case "keys":
             return keys(what)
+        case "policies":
+            return policies()
         case "scenes":
             return scenes(scene_link)
         case "studies":
             return study_list()
     return None
+
+
+def policies() -> str:
+    """Every number by which a detector decides, room by room."""
+    found = [importlib.import_module(one.name) for one in pkgutil.walk_packages(detectors.__path__, f"{PACKAGE}.")]
+    parts = []
+    for module in found:
+        policy = vars(module).get("POLICY")
+        if policy is None or type(policy).__module__ != module.__name__:
+            continue
+        room = module.__name__.removeprefix(f"{PACKAGE}.").removesuffix(".policy")
+        rows = [
+            f"| `{number.name}` | {_value(number.value)} | {number.unit} | {number.reason} | {number.source} |"
+            for number in numbers_of(policy)
+        ]
+        head = [f"### {room}", "", "| number | value | unit | why | source |", "|---|---|---|---|---|"]
+        parts.append("\n".join([*head, *rows]))
+    return "\n\n".join(parts)
+
+
+def _value(value: Any) -> str:
+    """Return a number, or several, as they stand in a table."""
+    return ", ".join(_value(each) for each in value) if isinstance(value, tuple) else f"{value:.6g}"
 
 
 def page_of_root(name: str) -> str:

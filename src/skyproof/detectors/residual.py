@@ -15,6 +15,7 @@ import numpy as np
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
+from skyproof.detectors.policy import policy_field
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
@@ -39,12 +40,26 @@ from skyproof.records import (
     SignalRef,
 )
 
-__all__ = ["PlainFix", "Residual", "ResidualSettings", "plain_fixes"]
+__all__ = ["PlainFix", "Residual", "ResidualPolicy", "ResidualSettings", "plain_fixes"]
 
-_NO_ECHO_M: Final = 1e4
-"""By which no reflection is late: what comes a detour of ten kilometres is far below what is tracked."""
-_ALIKE_M: Final = 200.0
-"""Within which all signals of a satellite miss a place that its orbit alone is to blame for: the ionosphere, delays."""
+
+@dataclass(frozen=True)
+class ResidualPolicy:
+    """Numbers by which the residual test decides, each with its reason."""
+
+    no_echo_m: float = policy_field(
+        1e4,
+        unit="m",
+        reason="No reflection is so late: what comes a detour of ten kilometres is far below what is tracked.",
+    )
+    one_orbit_m: float = policy_field(
+        200.0,
+        unit="m",
+        reason="All signals of a satellite with a wrong orbit miss a place alike, but for ionosphere and group delays.",
+    )
+
+
+POLICY: Final = ResidualPolicy()
 
 
 @dataclass(frozen=True)
@@ -293,8 +308,8 @@ def _far_off(records: Records, observations: Observations, settings: ResidualSet
             continue
         misfit_m, _, _ = misfits(measurements, np.array([row]), np.append(chosen.position_ecef_m, clock_m))
         by_sat.setdefault(signal.sat, []).append(float(misfit_m[0]))
-    alike = {sat: float(np.median(m)) for sat, m in by_sat.items() if np.ptp(m) <= _ALIKE_M}
-    return tuple(sorted((sat, m) for sat, m in alike.items() if abs(m) > _NO_ECHO_M))
+    alike = {sat: float(np.median(m)) for sat, m in by_sat.items() if np.ptp(m) <= POLICY.one_orbit_m}
+    return tuple(sorted((sat, m) for sat, m in alike.items() if abs(m) > POLICY.no_echo_m))
 
 
 def _doubled(observations: Observations) -> int:

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.array.arm_phases import DEGREE_2_LASTS_S
 from skyproof.detectors.array.array_model import array_design, white_covariance
+from skyproof.detectors.array.policy import POLICY as ARRAY
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.records import AntennaArray, SpinArm
 from skyproof.report.chart import Axes
@@ -79,7 +79,7 @@ def arm(settings: StudySettings) -> Iterator[Row]:
     received = hemisphere(4000 if settings.quick else 20_000)
     for one in settings.arms or ARMS:
         for seconds in range(2, 31):
-            degree = 2 if seconds <= DEGREE_2_LASTS_S else 3
+            degree = 2 if seconds <= ARRAY.quadratic_lasts_s else 3
             angle = arm_angles(round(seconds * RATE_HZ), one.rate_rad_s / RATE_HZ)
             sigma_cyc = SIGMA_CYC * np.sqrt(2.0)
             radius_cyc = one.radius_m / WAVE_M

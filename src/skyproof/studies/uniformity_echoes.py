@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.second_signals.detector import LEAST, MOST
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
+from skyproof.detectors.second_signals.policy import POLICY as SECOND_SIGNALS
 from skyproof.statistics.many_small import many_small
 
 __all__ = ["drawn_seconds", "echo_delays_m", "echoes_of_ten"]
@@ -80,4 +80,9 @@ def echoes_of_ten(rng: np.random.Generator, n: int) -> Reals:
         ratio = false_over_echo(model, second)
         own = echo_p_value(model, ratio, second.below_db, second.elevation_rad)
         p_values[sat] = min(p_values[sat], own)
-    return np.array([many_small(own, least=LEAST, most=MOST).p_value for own in p_values.reshape(n, _SATS)])
+    return np.array(
+        [
+            many_small(own, least=SECOND_SIGNALS.attack_satellites, most=SECOND_SIGNALS.telling_p_value).p_value
+            for own in p_values.reshape(n, _SATS)
+        ]
+    )

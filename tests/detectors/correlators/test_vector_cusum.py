@@ -5,7 +5,8 @@ import pytest
 from scipy.optimize import brentq
 
 from skyproof.detectors.correlators import vector_parity as parity
-from skyproof.detectors.correlators.vector_cusum import BRANCHES, LASTING_SHARE, BankState, bank_over_looks
+from skyproof.detectors.correlators.policy import POLICY
+from skyproof.detectors.correlators.vector_cusum import BankState, bank_over_looks
 from skyproof.records import SignalId
 from skyproof.statistics.cusum import cusum_within
 from skyproof.statistics.distributions import binomial_survival
@@ -71,8 +72,8 @@ def test_when_a_large_offset_began_is_found_to_tenths_of_a_second():
 
 
 def test_a_sum_that_just_alarms_is_seen_at_the_step_in_which_it_does():
-    probability, (step, reference) = 0.5, BRANCHES[0]
-    share = (1.0 - LASTING_SHARE) * probability / 4
+    probability, (step, reference) = 0.5, POLICY.cusum_branches[0]
+    share = (1.0 - POLICY.lasting_share) * probability / 4
     steps, dof = 3, len(SKY.parity)
     least = brentq(lambda size: cusum_within(size, steps, reference, dof) - share, 0.1, 10.0)
     y = np.zeros(dof)

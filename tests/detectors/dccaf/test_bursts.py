@@ -6,7 +6,7 @@ from tests.detectors.nulls import CCAF_POINTS, CCAF_RATE_HZ, INTERVALS, burst, o
 
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, shapes
 from skyproof.detectors.dccaf.delays import DccafSettings
-from skyproof.detectors.dccaf.detector import SIGNAL_LEVEL
+from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.studies.decomposition_laws import noise_variance
 
 PRN = 7
@@ -88,7 +88,7 @@ def test_satellites_with_several_reflections_count_no_oftener_than_the_detector_
     delay = np.concatenate([first, first + rng.uniform(0.0, 1.0, (count, rays))], axis=1)
     strength = np.concatenate([np.ones((count, 1)), 10.0 ** (-0.05 * rng.uniform(3.0, 20.0, (count, rays)))], axis=1)
     found = bursts(count, delay, strength, 47.0, rng)
-    share = np.mean(joint_p_value(found.unlike, INTERVALS, OWN.path) < SIGNAL_LEVEL)
+    share = np.mean(joint_p_value(found.unlike, INTERVALS, OWN.path) < POLICY.signal_probability)
     assert share < most + 3.0 * np.sqrt(most / count)
     assert most <= DccafSettings().no_reflection_probability
 

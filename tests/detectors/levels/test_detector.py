@@ -7,7 +7,8 @@ import pytest
 from scipy import stats
 
 from skyproof.detectors.levels.bands import carrier_name, chain_covers
-from skyproof.detectors.levels.detector import CN0_MAX_DBHZ, SignalLevels, SignalLevelsSettings
+from skyproof.detectors.levels.detector import SignalLevels, SignalLevelsSettings
+from skyproof.detectors.levels.policy import POLICY
 from skyproof.errors import SettingsError
 from skyproof.records import Cause, CellStatus, FrontEndLevels, Records, SignalId
 from skyproof.testing import MeasuredScene
@@ -219,7 +220,7 @@ def test_satellites_of_equal_power_are_suspect() -> None:
 
 def test_signals_stronger_than_any_from_space_are_suspect() -> None:
     loud = sky()
-    loud[:, 3] = CN0_MAX_DBHZ + 4.0
+    loud[:, 3] = POLICY.most_cn0_dbhz + 4.0
     first, *_ = failed(examine(loud))
     assert [ref.signal for ref in first.subject] == [EXACT.signals[3]]
     assert (first.data["test"], first.data["strong"]) == ("strong", 1)

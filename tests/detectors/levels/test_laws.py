@@ -5,13 +5,13 @@ import pytest
 from scipy import stats
 
 from skyproof.detectors.levels.laws import (
-    PRIOR_DEGREES,
     OwnRate,
     OwnScale,
     estimate_shared_change,
     pattern_slope,
     split_in_two,
 )
+from skyproof.detectors.levels.policy import POLICY
 
 
 def uniform(p_values) -> bool:
@@ -40,7 +40,7 @@ def test_a_scale_of_its_own_past_keeps_the_rate(earlier) -> None:
     rng = np.random.default_rng(earlier)
     p_values = []
     for _ in range(2000):
-        sigma = np.sqrt(PRIOR_DEGREES / rng.chisquare(PRIOR_DEGREES))
+        sigma = np.sqrt(POLICY.prior_degrees / rng.chisquare(POLICY.prior_degrees))
         scale = OwnScale()
         for _ in range(earlier):
             scale = scale.after(sigma * rng.standard_normal())

@@ -7,7 +7,7 @@ import pytest
 
 from skyproof.app.common.windows import cut
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
-from skyproof.detectors.multi_receiver.runs import LONGEST
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.statistics.distributions import binomial_survival
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
@@ -85,12 +85,14 @@ def test_evidence_of_an_earlier_window_stands_in_that_window_and_says_how_long_i
 
 
 def test_what_is_remembered_is_bounded():
-    records = scene(epochs=10 * (LONGEST + 3), errors=TrackErrors(3.0, 0.9, 1.0)).records(np.random.default_rng(0))
+    records = scene(epochs=10 * (POLICY.longest_run_windows + 3), errors=TrackErrors(3.0, 0.9, 1.0)).records(
+        np.random.default_rng(0)
+    )
     detector, state, lengths = MultiReceiver(MultiReceiverSettings(**GIVEN["places"])), None, []
     for window in windows(records):
         _, state = detector.examine(window, state)
         lengths.append(len(state.runs[0].parts))
-    assert lengths == [*range(1, LONGEST + 1), *[LONGEST] * 3]
+    assert lengths == [*range(1, POLICY.longest_run_windows + 1), *[POLICY.longest_run_windows] * 3]
 
 
 def test_a_window_that_is_missing_begins_anew():

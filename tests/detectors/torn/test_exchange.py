@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.torn.detector import Torn, TornSettings
-from skyproof.detectors.torn.exchange import EXCHANGED_MAX, WEAK_DBHZ, ExchangePast, examine_exchange
+from skyproof.detectors.torn.exchange import ExchangePast, examine_exchange
+from skyproof.detectors.torn.policy import POLICY
 from skyproof.records import Cause, Observations, Records
 from skyproof.testing import MeasuredScene, TrackErrors
 
@@ -77,7 +78,7 @@ def test_no_more_false_alarms_than_asked_at_the_bound() -> None:
     rng, p_values = np.random.default_rng(1), []
     (o,) = scene().observations
     for _ in range(150):
-        tracked = chain(rng, o.status.shape, EXCHANGED_MAX, 0.5)
+        tracked = chain(rng, o.status.shape, POLICY.most_exchanged_share, 0.5)
         p_values += [exchange.p_value for exchange in windows(with_tracked(o, tracked))[0]]
     assert np.mean(np.array(p_values) < 0.05) <= 0.05
     assert np.mean(np.array(p_values) < 0.01) <= 0.01
@@ -102,7 +103,7 @@ def test_systems_that_are_written_by_turns_are_no_exchange() -> None:
 def test_weak_satellites_come_and_go_by_noise() -> None:
     (o,) = scene().observations
     tracked = few(np.random.default_rng(2), o.status.shape, 5)
-    found, _ = windows(with_tracked(o, tracked, cn0_dbhz=WEAK_DBHZ - 1.0))
+    found, _ = windows(with_tracked(o, tracked, cn0_dbhz=POLICY.weak_dbhz - 1.0))
     assert {exchange.exchanged for exchange in found} == {0}
 
 
@@ -110,7 +111,7 @@ def test_a_receiver_that_always_exchanges_is_held_against_itself() -> None:
     (o,) = replace(SCENE, epochs=1200).records(np.random.default_rng(0)).observations
     tracked = chain(np.random.default_rng(3), o.status.shape, 0.3, 0.4)
     found, past = windows(with_tracked(o, tracked))
-    assert past.rate > EXCHANGED_MAX
+    assert past.rate > POLICY.most_exchanged_share
     assert all(exchange.p_value > 1e-5 for exchange in found)
 
 

@@ -25,6 +25,7 @@ from skyproof.detectors.array.array_model import (
     sky_p_value,
     white_covariance,
 )
+from skyproof.detectors.array.policy import POLICY
 from skyproof.statistics.directions import hemisphere, nearest_whole, squared_norm
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
@@ -39,17 +40,9 @@ __all__ = [
     "shared_given",
 ]
 
-FREE_RAD: Final = 1.0
-"""Sigma of what is left of an attitude that is not known, once it is found."""
-FREE_CYC: Final = 1.0
-"""Likewise of line delays."""
-_GATE_CYC: Final = 0.2  # of a component beside a candidate, at first; less of baselines below a wavelength
-_TILT_MOST_RAD: Final = np.radians(60.0)  # of a body that carries antennas
 _CELL_RAD: Final = 0.12  # of the grid of rotations, times wavelengths of the longest baseline
 _MOST_ROTATIONS: Final = 400_000
 _CANDIDATES: Final = 16
-_AS_GOOD: Final = 20.0  # of cost, twice a log likelihood ratio
-_ALIKE_RAD: Final = np.radians(3.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,19 +90,19 @@ class ArrayFrame:
         """With attitude or lines not known."""
         covariance = self.attitude_covariance_rad2
         if attitude and not self.attitude_free:
-            covariance = FREE_RAD**2 * np.eye(3)
-        axes = int(np.sum(np.diag(covariance) >= FREE_RAD**2))
+            covariance = POLICY.free_attitude_sigma_rad**2 * np.eye(3)
+        axes = int(np.sum(np.diag(covariance) >= POLICY.free_attitude_sigma_rad**2))
         return replace(
             self,
             attitude_covariance_rad2=covariance,
-            bias_sigma_cyc=FREE_CYC if bias else self.bias_sigma_cyc,
+            bias_sigma_cyc=POLICY.free_line_sigma_cyc if bias else self.bias_sigma_cyc,
             freed=axes + self.bias_cyc.size * bias,
         )
 
     @property
     def attitude_free(self) -> bool:
         """Whether the attitude, or the heading alone, is not known."""
-        return bool(self.attitude_covariance_rad2[2, 2] >= FREE_RAD**2)
+        return bool(self.attitude_covariance_rad2[2, 2] >= POLICY.free_attitude_sigma_rad**2)
 
     @property
     def attitude_sigma_rad(self) -> float:
@@ -119,12 +112,12 @@ class ArrayFrame:
     @property
     def level(self) -> bool:
         """Whether the vertical is known."""
-        return bool(self.attitude_covariance_rad2[0, 0] < FREE_RAD**2)
+        return bool(self.attitude_covariance_rad2[0, 0] < POLICY.free_attitude_sigma_rad**2)
 
     @property
     def bias_free(self) -> bool:
         """Whether the lines are not known."""
-        return self.bias_sigma_cyc >= FREE_CYC
+        return self.bias_sigma_cyc >= POLICY.free_line_sigma_cyc
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -228,10 +221,10 @@ def best_agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probabil
     best = min(found, key=lambda one: one.cost)
     doubtful, lone = np.zeros(0, np.intp), True
     for other in found:
-        if other.cost - best.cost < _AS_GOOD:
+        if other.cost - best.cost < POLICY.as_good_cost:
             doubtful = np.union1d(doubtful, np.setxor1d(best.members, other.members))
             turned = 0.5 * (np.trace(best.frame.turn.T @ other.frame.turn) - 1.0)
-            lone &= bool(turned > np.cos(_ALIKE_RAD))
+            lone &= bool(turned > np.cos(POLICY.alike_rad))
     return replace(best, doubtful=doubtful, lone=lone)
 
 
@@ -296,7 +289,7 @@ def _fitted(measured: MeanPhases, frame: ArrayFrame) -> ArrayFrame:
     """A frame of which something is not known, moved to where the signals near it have it."""
     bias_covariance = white_covariance(np.full(frame.bias_cyc.size + 1, frame.bias_sigma_cyc))
     design = array_design(measured.elements_cyc)
-    gate_cyc = _GATE_CYC * min(1.0, float(np.linalg.norm(design, axis=1).max()))
+    gate_cyc = POLICY.first_gate_cyc * min(1.0, float(np.linalg.norm(design, axis=1).max()))
     for _ in range(4):
         z = residuals(measured, frame)
         z = z - np.rint(z)
@@ -347,7 +340,7 @@ def _grid(cell_rad: float, *, level: bool) -> Reals:
     if level:
         return np.asarray(turned.as_matrix())
     cap = hemisphere(max(int(2.0 * np.pi / cell_rad**2), 1))
-    cap = cap[cap[:, 2] >= np.cos(_TILT_MOST_RAD)]
+    cap = cap[cap[:, 2] >= np.cos(POLICY.most_tilt_rad)]
     tilt = np.arccos(np.clip(cap[:, 2], -1.0, 1.0))
     axis = np.column_stack([-cap[:, 1], cap[:, 0], np.zeros(len(cap))])
     length = np.linalg.norm(axis, axis=1, keepdims=True)

@@ -27,7 +27,6 @@ from skyproof.arrays import Indices, Reals
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
-    "DEGREE_2_LASTS_S",
     "RepairedPhase",
     "SpinFit",
     "SpinRate",
@@ -41,10 +40,6 @@ __all__ = [
     "repair_slips",
     "step_statistics",
 ]
-
-DEGREE_2_LASTS_S = 15.0
-"""Up to here what a quadratic leaves of the motion of a pair of satellites adds less than 1 to the noncentrality; from
-here on a cubic is needed."""
 
 
 def arm_columns(angle_rad: ArrayLike, radius_cyc: float) -> Reals:

@@ -11,6 +11,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.array.agreement import Agreement, MeanPhases, covariance_of, shared_given
 from skyproof.detectors.array.array_model import array_design
+from skyproof.detectors.array.policy import POLICY
 from skyproof.statistics.directions import hemisphere, nearest_whole
 from skyproof.statistics.distributions import chi_square_threshold
 
@@ -19,11 +20,9 @@ __all__ = ["Arrival", "across", "arrivals"]
 _CELL_RAD: Final = 0.05  # of the grid of directions, times wavelengths of the longest baseline
 _MOST_CELLS: Final = 200_000
 _STARTS: Final = 48
-_MISSED: Final = 1e-3  # probability that the true direction is none of those given
 _ROUNDS: Final = 30
 _STEP_LEAST_RAD: Final = 1e-5
 _STEP_MOST_RAD: Final = 0.05
-_ALIKE: Final = 9.0  # squared distance over sigma of two directions that are one
 
 
 class Arrival(NamedTuple):
@@ -62,7 +61,7 @@ def arrivals(
     grid = np.concatenate([upper, upper * [1.0, 1.0, -1.0]])
     total = covariance + _shared(known, agreed, grid[:1], ratio)[1][0]
     far = nearest_whole(cycles - frame.bias_cyc - grid @ design.T, total)[1]
-    limit = float(chi_square_threshold(_MISSED, len(cycles)))
+    limit = float(chi_square_threshold(POLICY.missed_direction_probability, len(cycles)))
     # The nearest direction of the grid is off by up to half a cell's diagonal: where errors are small, by many sigmas.
     sharpest = float(np.linalg.eigvalsh(design.T @ np.linalg.solve(total, design))[-1])
     most = (2.0 * np.sqrt(limit) + _CELL_RAD / reach * np.sqrt(0.5 * sharpest)) ** 2
@@ -87,7 +86,7 @@ def _within(arrival: Arrival, other: Reals) -> bool:
     """Whether a direction lies within the errors of an arrival: in a flat array's plane its elevation is open."""
     off = across(arrival.direction) @ (other - arrival.direction)
     near = bool(arrival.direction @ other > 0.0)
-    return near and float(off @ np.linalg.solve(arrival.covariance_rad2, off)) < _ALIKE
+    return near and float(off @ np.linalg.solve(arrival.covariance_rad2, off)) < POLICY.one_direction_squared_sigmas
 
 
 def _shared(known: MeanPhases, agreed: Agreement, directions: Reals, ratio: float) -> tuple[Reals, Reals]:

@@ -10,6 +10,7 @@ from typing import Final, Literal
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
+from skyproof.detectors.array.policy import POLICY
 from skyproof.records import ArrayPhases
 
 __all__ = ["Failing", "Fault", "find_failing", "leave_out"]
@@ -23,13 +24,6 @@ jumping : its phase jumps.
 Failing = dict[int, Fault]
 """Number of an antenna, from 0, to what is wrong with it."""
 
-_BESIDE: Final = 3
-"""Epochs from one phase to the next at most: where an antenna's phase jumps it may have none."""
-_LEAST_SHARE: Final = 0.5  # of the phases that the best antenna has
-_JUMP_CYC: Final = 0.08  # of most signals at once: half a wavelength in a tenth of a second turns no array so far
-_NOISE_CYC: Final = 0.04  # of a step, root mean square: reflections change more slowly
-_SIGMAS: Final = 6.0
-_EXCESS: Final = 3.0  # of noise over what the signal's strength makes
 _MEDIAN_OF_SQUARE: Final = 0.455  # of chi-square with one degree
 
 
@@ -37,10 +31,10 @@ def find_failing(phases: ArrayPhases) -> Failing:
     """Return the antennas that fail within a window, and how."""
     there = np.isfinite(phases.phase_cyc) & np.isfinite(phases.sigma_cyc)
     count = there.sum(axis=(0, 1))
-    few = count < _LEAST_SHARE * count.max(initial=0)
+    few = count < POLICY.least_phases_share * count.max(initial=0)
     most = there.sum(axis=-1) > 0.5 * count.size
     with_most = there[most].sum(axis=0)
-    alone = ~few & (with_most < _LEAST_SHARE * with_most.max(initial=0))
+    alone = ~few & (with_most < POLICY.least_phases_share * with_most.max(initial=0))
     found: Failing = dict.fromkeys(np.flatnonzero(few).tolist(), "silent")
     found |= dict.fromkeys(np.flatnonzero(alone).tolist(), "deaf")
     good = [k for k in range(count.size) if k not in found]
@@ -68,7 +62,7 @@ def _jumps_and_noise(phases: ArrayPhases, good: Indices) -> tuple[Booleans, Bool
     there = np.isfinite(phase).all(axis=-1) & np.isfinite(sigma).all(axis=-1)
     # From each epoch of a signal to the next that it has.
     signal, epoch = np.nonzero(there.T)
-    follows = (np.diff(signal) == 0) & (np.diff(epoch) <= _BESIDE)
+    follows = (np.diff(signal) == 0) & (np.diff(epoch) <= POLICY.jump_epochs)
     order = np.argsort(epoch[1:][follows], kind="stable")
     before, after = np.flatnonzero(follows)[order], np.flatnonzero(follows)[order] + 1
     if not after.size:
@@ -84,9 +78,9 @@ def _jumps_and_noise(phases: ArrayPhases, good: Indices) -> tuple[Booleans, Bool
     begins = np.flatnonzero(np.diff(epoch, prepend=-1))
     common = np.array([_middle(part) for part in np.split(own, begins[1:])])
     usual = np.median(noise, axis=0)
-    jumps = np.any(np.abs(common) > np.maximum(_JUMP_CYC, _SIGMAS * usual), axis=0)
+    jumps = np.any(np.abs(common) > np.maximum(POLICY.jump_cyc, POLICY.jump_sigmas * usual), axis=0)
     rms = np.sqrt(np.median(own**2, axis=0) / _MEDIAN_OF_SQUARE)
-    return np.asarray(jumps), np.asarray(rms > np.maximum(_NOISE_CYC, _EXCESS * usual))
+    return np.asarray(jumps), np.asarray(rms > np.maximum(POLICY.step_noise_cyc, POLICY.noise_excess * usual))
 
 
 def _middle(steps: Reals) -> Reals:

@@ -8,13 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.array.agreement import (
-    FREE_RAD,
     Agreement,
     ArrayFrame,
     MeanPhases,
@@ -24,6 +23,7 @@ from skyproof.detectors.array.array_common import cluster_chance, of_one_sky, on
 from skyproof.detectors.array.array_model import array_design, mean_differences, predicted_directions, white_covariance
 from skyproof.detectors.array.arrivals import Arrival, across, arrivals
 from skyproof.detectors.array.failing import Failing, Fault, find_failing, leave_out
+from skyproof.detectors.array.policy import POLICY
 from skyproof.detectors.array.reflected import reflections
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
@@ -47,22 +47,6 @@ from skyproof.statistics.directions import equal_clusters, equal_statistic, equa
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["ArrayView", "InsArray", "InsArraySettings", "level_bodies", "likeliest"]
-
-_LEAST_OF_ONE_PLACE: Final = 3
-"""Satellites whose signals come from one place: two may be reflected by one thing."""
-_MISSED: Final = (0.03, 0.5, 0.9)
-"""Of true signals, by gates within which agreement counts; fewer others are within narrow ones, and signals may agree
-better than stated errors make them."""
-_OVERLAP_CHIPS: Final = 1.5
-"""Between two signals of one satellite: beyond, no correlator sees both."""
-_COVERED_DB: Final = 10.0
-"""By which another signal of a satellite is stronger where what filters and its code's side lobes leave of it, some
-hundredths of its amplitude, may turn a signal's phases by hundredths of a cycle as long as both are there."""
-_ALIKE: Final = 0.01
-"""Chance that as many reflections come from one direction, below which it stays open whether they are reflections."""
-_VAGUE_CYC: Final = 0.1  # one sigma
-_OFF_SIGMAS: Final = 5.0  # by which an attitude is not what was stated
-_BELOW_HORIZON: Final = -0.17  # sine of the elevation under which no transmitter is taken to stand
 
 
 @dataclass(frozen=True)
@@ -193,7 +177,7 @@ class InsArray:
 
         # Whole cycles are chosen by an attitude only if it leaves less than that of the longest baseline.
         reach = float(np.linalg.norm(array_design(measured.elements_cyc), axis=1).max(initial=0.0))
-        vague = bool(stated.attitude_sigma_rad * reach > _VAGUE_CYC)
+        vague = bool(stated.attitude_sigma_rad * reach > POLICY.vague_sigma_cyc)
         start = stated.loosened(attitude=vague or stated.attitude_free, bias=stated.bias_free)
         found = view(start)
         if found.agreed.p_value >= alpha or len(names) - found.satellites < 2:
@@ -213,14 +197,14 @@ class InsArray:
         position = white_covariance(np.full(d + 1, measured.position_sigma_cyc))
         own = white_covariance(measured.sigma_cyc).mean(axis=0) + position
         design = array_design(measured.elements_cyc)
-        for missed in _MISSED:
+        for missed in POLICY.gates_missed_probability:
             size = np.unique(sats[agreed.members[agreed.p_values[agreed.members] >= missed]]).size
             beyond = size - agreed.frame.freed / d
             if beyond <= 1.0:
                 continue
             # A signal from anywhere is taken for that of a satellite; the pair that is compared has half of it each.
             chance = equality_chance(design, 0.5 * own, float(chi_square_threshold(missed, d)), wrapped=True)
-            if len(_MISSED) * min(1.0, comb(total, size) * chance**beyond) < alpha:
+            if len(POLICY.gates_missed_probability) * min(1.0, comb(total, size) * chance**beyond) < alpha:
                 return True
         return False
 
@@ -313,7 +297,7 @@ class InsArray:
             rows = others[clusters.labels == label]
             size = len({view.refs[k].signal.sat for k in rows})
             by_chance = cluster_chance(every, size, chance)
-            if size >= _LEAST_OF_ONE_PLACE and by_chance < alpha:
+            if size >= POLICY.one_place_satellites and by_chance < alpha:
                 # Of two signals of one satellite from there, one may be the true one of a satellite behind it.
                 named = once_each(view.refs, rows.tolist())
                 (found if named else alike).append((named or rows.tolist(), by_chance))
@@ -323,7 +307,7 @@ class InsArray:
             p_value = min(1.0, n * float(view.agreed.p_values[false].max(initial=0.0)))
             if false and p_value < alpha:
                 found.append((false, p_value))
-            elif size > 1 and by_chance < _ALIKE:
+            elif size > 1 and by_chance < POLICY.reflections_alike_probability:
                 alike.append((rows.tolist(), by_chance))
         return found, alike
 
@@ -344,13 +328,15 @@ class InsArray:
         """Return that signals come later and weaker than true ones, as reflections do, but from one place."""
         p = {Cause.CLEAN: chance, **leave_open((Cause.REFLECTIONS,))}
         refs = tuple(view.refs[k] for k in rows)
-        return report.find(refs, "repeated", p, hypothesis=Hypothesis.SEPARATE_ORIGINS, alpha=_ALIKE)
+        return report.find(
+            refs, "repeated", p, hypothesis=Hypothesis.SEPARATE_ORIGINS, alpha=POLICY.reflections_alike_probability
+        )
 
     def _as_from_there(self, view: ArrayView, k: int, rows: list[int]) -> bool:
         """Whether a signal could as well come from the place of false ones, of which none is its satellite's: then its
         satellite stands behind the transmitter, and nothing tells whose signal it is."""
         sent = {view.refs[row].signal.transmission for row in rows}
-        if len(sent) < _LEAST_OF_ONE_PLACE or view.refs[k].signal.transmission in sent:
+        if len(sent) < POLICY.one_place_satellites or view.refs[k].signal.transmission in sent:
             return False
         part = view.measured.part(np.array([*rows, k]))
         statistic = equal_statistic(part.raw_cyc, white_covariance(part.sigma_cyc), wrapped=True)[0]
@@ -359,7 +345,7 @@ class InsArray:
 
     def _of_one_place(self, view: ArrayView, rows: list[int]) -> float:
         """p-value that these signals come from one place; 1 of fewer than three satellites."""
-        if len({view.refs[k].signal.sat for k in rows}) < _LEAST_OF_ONE_PLACE:
+        if len({view.refs[k].signal.sat for k in rows}) < POLICY.one_place_satellites:
             return 1.0
         part = view.measured.part(np.array(rows))
         statistic = equal_statistic(part.raw_cyc, white_covariance(part.sigma_cyc), wrapped=True)[0]
@@ -384,12 +370,12 @@ def _overlapped(o: Observations | None, refs: Sequence[SignalRef]) -> set[Signal
         if one.signal.transmission == other.signal.transmission:
             a, b = columns[one], columns[other]
             stronger_db = o.cn0_dbhz[:, a] - o.cn0_dbhz[:, b]
-            overlap_m = _OVERLAP_CHIPS * one.signal.plan.chip_m
+            overlap_m = POLICY.overlap_chips * one.signal.plan.chip_m
             if np.any(np.abs(o.pseudorange_m[:, a] - o.pseudorange_m[:, b]) < overlap_m):  # NaN is not
                 found |= {one, other}
-            elif np.any(stronger_db > _COVERED_DB):
+            elif np.any(stronger_db > POLICY.covered_db):
                 found.add(other)
-            elif np.any(stronger_db < -_COVERED_DB):
+            elif np.any(stronger_db < -POLICY.covered_db):
                 found.add(one)
     return found
 
@@ -421,13 +407,13 @@ def _bodies(records: Records, receiver: str) -> list[NavState]:
     places = [one.position_ecef_m for one in records.sets if one.receiver == receiver]
     if state is not None:
         return [replace(state, position_ecef_m=np.tile(place, (state.gpst.size, 1))) for place in places]
-    return level_bodies(records, places, FREE_RAD)
+    return level_bodies(records, places, POLICY.free_attitude_sigma_rad)
 
 
 def level_bodies(records: Records, places: Sequence[Reals], tilt_sigma_rad: float) -> list[NavState]:
     """At each place (3,) a body to the north, of whose heading nothing is known, and level by so much."""
     gpst = np.array([records.start_gpst, records.end_gpst])
-    known = np.diag([tilt_sigma_rad**2, tilt_sigma_rad**2, FREE_RAD**2])
+    known = np.diag([tilt_sigma_rad**2, tilt_sigma_rad**2, POLICY.free_attitude_sigma_rad**2])
     states = []
     for place in places:
         both = np.tile(place, (2, 1))
@@ -451,7 +437,7 @@ def _list_unused(view: ArrayView) -> list[NotTested]:
     """Return what was stated and is not used."""
     frame, found = view.agreed.frame, list[NotTested]()
     off_rad = float(np.arccos(np.clip(0.5 * (np.trace(frame.turn) - 1.0), -1.0, 1.0)))
-    off = not view.agreed.lone or off_rad > _OFF_SIGMAS * view.stated.attitude_sigma_rad
+    off = not view.agreed.lone or off_rad > POLICY.attitude_off_sigmas * view.stated.attitude_sigma_rad
     if frame.attitude_free and not view.stated.attitude_free and view.accepted and off:
         found.append(NotTested("attitude_unused", {"off_deg": float(np.degrees(off_rad))} if view.agreed.lone else {}))
     if frame.bias_free and not view.stated.bias_free:
@@ -477,7 +463,7 @@ def _directions(view: ArrayView, rows: list[int]) -> tuple[Direction, ...]:
     found = arrivals(measured, agreed, cycles, covariance, float(part.ratio[0]))
     turn = _rot_enu_body(view.state) if on_ground else np.diag([1.0, 1.0, -1.0]) @ agreed.frame.turn
     seen = [_direction(one, turn, "enu" if on_ground else "body") for one in found]
-    above = [one for one in seen if np.sin(one.elevation_rad) > _BELOW_HORIZON]
+    above = [one for one in seen if np.sin(one.elevation_rad) > POLICY.lowest_transmitter_sine]
     return tuple(above or seen)
 
 

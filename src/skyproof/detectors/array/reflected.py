@@ -1,22 +1,17 @@
 """Signals from elsewhere than their satellites that reflections alone would explain: late, and not stronger."""
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.second_signals.late_copies import MOST_LATE_M, WEAKER_DB
+from skyproof.detectors.array.policy import POLICY
+from skyproof.detectors.second_signals.policy import POLICY as SECOND_SIGNALS
 from skyproof.navigation.search import misfits
 from skyproof.navigation.sets import window_measurements
 from skyproof.records import NavigationData, Observations, SignalId
 
 __all__ = ["reflections"]
-
-_SIGMAS: Final = 3.0
-_BLENDED_CHIPS: Final = 0.25
-"""So early a signal can be that is one with its reflections and comes from none of their directions: half of the half
-chip from an early correlator to a late one, where opposite reflections are nearly as strong as it is."""
 
 
 def reflections(
@@ -55,9 +50,13 @@ def reflections(
             continue
         late_m = late[signal][0] - float(np.median(clocks[signal.kind]))
         of_sat = [level[one] for one in true if one.transmission == signal.transmission]
-        usual = max(of_sat) - WEAKER_DB if of_sat else max(level[one] for one in true if one.kind == signal.kind)
-        early_m = max(_SIGMAS * np.sqrt(2.0) * late[signal][1], _BLENDED_CHIPS * signal.plan.chip_m)
-        if -early_m < late_m < MOST_LATE_M and level[signal] <= usual:
+        usual = (
+            max(of_sat) - SECOND_SIGNALS.copy_weaker_db
+            if of_sat
+            else max(level[one] for one in true if one.kind == signal.kind)
+        )
+        early_m = max(POLICY.early_sigmas * np.sqrt(2.0) * late[signal][1], POLICY.blended_chips * signal.plan.chip_m)
+        if -early_m < late_m < SECOND_SIGNALS.most_late_m and level[signal] <= usual:
             found.add(signal)
     return frozenset(found)
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.array.arm_phases import (
-    DEGREE_2_LASTS_S,
     bent_signals,
     estimate_rate,
     full_fit,
@@ -20,9 +19,11 @@ from skyproof.detectors.array.arm_phases import (
 )
 from skyproof.detectors.array.array_common import compare_directions, of_one_carrier
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings, level_bodies, likeliest
+from skyproof.detectors.array.policy import POLICY
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.records import (
     ArrayPhases,
     Cause,
@@ -37,12 +38,6 @@ from skyproof.records import (
 )
 
 __all__ = ["Levels", "Spin", "SpinSettings", "levels_of"]
-
-_SCALE_CYC = 0.24
-"""Baseline of an array that measures level direction cosines without whole cycles."""
-_BENT_FOR = np.timedelta64(60, "s")
-"""So long after signals were of no one direction nothing is authentic. What is laid upon true signals and drawn off
-swings against them, and shows in half of the windows: faster than the phases are measured, it averages out."""
 
 
 # A window's measurements ----------------------------------------------------------------------------------------------
@@ -82,7 +77,7 @@ def levels_of(
     epochs = np.all(np.isfinite(observations.carrier_cyc[:, channels]), axis=-1)
     time_s = observations.elapsed_s[epochs]
     if degree is None:
-        degree = 2 if time_s.size == 0 or time_s[-1] - time_s[0] <= DEGREE_2_LASTS_S else 3
+        degree = 2 if time_s.size == 0 or time_s[-1] - time_s[0] <= POLICY.quadratic_lasts_s else 3
     if channels.size < 2 or time_s.size < degree + 5:
         return None
     radius_cyc = arm.radius_m * observations.carrier_hz[channels[0]] / SPEED_OF_LIGHT_M_S
@@ -224,9 +219,11 @@ class Spin:
             return []
         channels = levels.channels
         middle = [observations.gpst.size // 2]
-        seen = _SCALE_CYC * levels.level * [1.0, -1.0]  # the arm turns clockwise: forward is its start, then right
+        seen = (
+            POLICY.level_scale_cyc * levels.level * [1.0, -1.0]
+        )  # the arm turns clockwise: forward is its start, then right
         shape = (1, channels.size, 3)
-        sigma = _SCALE_CYC * np.sqrt(np.linalg.eigvalsh(levels.covariance).max())
+        sigma = POLICY.level_scale_cyc * np.sqrt(np.linalg.eigvalsh(levels.covariance).max())
         carrier_hz = observations.carrier_hz[channels]
         wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz[0]
         radius_cyc = arm.radius_m / wavelength_m
@@ -235,13 +232,15 @@ class Spin:
             signals=tuple(observations.signals[k] for k in channels),
             gpst=observations.gpst[middle],
             elapsed_s=observations.elapsed_s[middle],
-            elements_m=_SCALE_CYC * wavelength_m * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+            elements_m=POLICY.level_scale_cyc
+            * wavelength_m
+            * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
             phase_cyc=np.concatenate([np.zeros((channels.size, 1)), seen], axis=1)[None],
             sigma_cyc=np.broadcast_to([1e-6, sigma, sigma], shape),
             carrier_hz=carrier_hz,
             calibrated=False,
-            elements_sigma_m=_SCALE_CYC * wavelength_m * self.settings.radius_sigma_m / arm.radius_m,
-            lasting_sigma_cyc=_SCALE_CYC * self.settings.lasting_sigma_cyc / radius_cyc,
+            elements_sigma_m=POLICY.level_scale_cyc * wavelength_m * self.settings.radius_sigma_m / arm.radius_m,
+            lasting_sigma_cyc=POLICY.level_scale_cyc * self.settings.lasting_sigma_cyc / radius_cyc,
         )
         judge = _ByArm(InsArraySettings(false_alarm_probability=self.settings.false_alarm_probability))
         bodies = level_bodies(records, places, float(np.radians(self.settings.tilt_sigma_deg)))
@@ -285,7 +284,7 @@ def _doubt(records: Records, bent: int, signals: int, bent_at: np.datetime64 | N
     """
     if bent > 1:
         return {"bent": bent, "of": signals}
-    if bent_at is not None and (since := records.start_gpst - bent_at) < _BENT_FOR:
+    if bent_at is not None and (since := records.start_gpst - bent_at) < timedelta_from_s(POLICY.bent_for_s):
         return {"ago_s": float(since / np.timedelta64(1, "s"))}
     return None
 

@@ -13,11 +13,12 @@ of a chip at most while the direct signal is there. Two-sided, and the number of
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.detectors.bands.policy import POLICY
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import L1_HZ
@@ -25,12 +26,6 @@ from skyproof.records import Cause, Datum, Finding, Hypothesis, Need, Observatio
 from skyproof.statistics.distributions import normal_two_sided
 
 __all__ = ["Bands", "BandsSettings"]
-
-_MOST_IONOSPHERE_M: Final = 150.0
-"""Slant delay at L1: 50 m at the zenith in a storm (Kaplan & Hegarty, 10.2.4.1), three times as much low down."""
-_GROUP_DELAY_M: Final = 3.0  # of a satellite's band against another, one sigma: 10 ns
-_REFLECTED_CHIPS: Final = 0.125
-_LEAST_SATELLITES: Final = 3
 
 
 @dataclass(frozen=True)
@@ -75,7 +70,7 @@ class Bands:
         pairs = [apart for group in _pairs_of(o) for apart in _compare(o, group)]
         if not pairs:
             every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
-            return report.pass_over(every, NotTested("one_band", {"needed": _LEAST_SATELLITES}))
+            return report.pass_over(every, NotTested("one_band", {"needed": POLICY.least_satellites}))
         worst = min(pairs, key=lambda apart: apart.p_value)
         failed = [apart for apart in pairs if len(pairs) * apart.p_value < self.settings.false_alarm_probability]
         chosen = failed or pairs
@@ -104,7 +99,7 @@ def _pairs_of(o: Observations) -> Iterator[list[tuple[int, int]]]:
     for first, second in combinations(sorted(by_kind), 2):
         if first[0] == second[0] and first[1] != second[1]:
             both = sorted(by_kind[first].keys() & by_kind[second].keys())
-            if len(both) >= _LEAST_SATELLITES:
+            if len(both) >= POLICY.least_satellites:
                 yield [(by_kind[first][sat], by_kind[second][sat]) for sat in both]
 
 
@@ -116,13 +111,13 @@ def _compare(o: Observations, columns: list[tuple[int, int]]) -> Iterator[_Apart
     known = np.isfinite(apart_m) & np.isfinite(variance_m2)
     count = known.sum(axis=0)
     used = np.flatnonzero(count > 0)
-    if used.size < _LEAST_SATELLITES:
+    if used.size < POLICY.least_satellites:
         return
     mean_m = np.where(known, apart_m, 0.0)[:, used].sum(axis=0) / count[used]
     mean_m2 = np.where(known, variance_m2, 0.0)[:, used].sum(axis=0) / count[used] ** 2
     own_m = mean_m - np.median(mean_m)
     slack_m = _ionosphere_m(o, first[used], second[used]) + _reflected_m(o, first[used], second[used])
-    beyond = np.maximum(np.abs(own_m) - slack_m, 0.0) / np.sqrt(mean_m2 + 2.0 * _GROUP_DELAY_M**2)
+    beyond = np.maximum(np.abs(own_m) - slack_m, 0.0) / np.sqrt(mean_m2 + 2.0 * POLICY.group_delay_sigma_m**2)
     for k, p_value in enumerate(normal_two_sided(beyond)):
         yield _Apart(o.signals[first[used[k]]], o.signals[second[used[k]]], float(own_m[k]), float(p_value))
 
@@ -130,10 +125,10 @@ def _compare(o: Observations, columns: list[tuple[int, int]]) -> Iterator[_Apart
 def _ionosphere_m(o: Observations, first: Any, second: Any) -> Reals:
     """Return what the most ionosphere makes of two bands (n,), metres."""
     inverse = [(L1_HZ / o.carrier_hz[columns]) ** 2 for columns in (first, second)]
-    return np.asarray(_MOST_IONOSPHERE_M * np.abs(np.nan_to_num(inverse[0] - inverse[1], nan=1.0)))
+    return np.asarray(POLICY.most_ionosphere_m * np.abs(np.nan_to_num(inverse[0] - inverse[1], nan=1.0)))
 
 
 def _reflected_m(o: Observations, first: Any, second: Any) -> Reals:
     """Return what reflections make of two codes (n,), metres."""
     chips_m = [[s.plan.chip_m for s in (o.signals[int(k)] for k in columns)] for columns in (first, second)]
-    return np.asarray(_REFLECTED_CHIPS * np.sum(chips_m, axis=0))
+    return np.asarray(POLICY.reflected_chips * np.sum(chips_m, axis=0))

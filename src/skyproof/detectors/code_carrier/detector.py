@@ -8,27 +8,22 @@ A test that fails leaves the cause open: a satellite's fault, a direct signal th
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from skyproof.arrays import Booleans
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.code_carrier.divergence import (
-    LEAST_EPOCHS,
-    LEAST_SIGNALS,
     Divergence,
     divergences_of,
     parted,
 )
+from skyproof.detectors.code_carrier.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.records import Cause, CellStatus, Datum, Finding, Hypothesis, Need, Observations, Records, SignalRef
 
 __all__ = ["CodeCarrier", "CodeCarrierSettings"]
-
-_REMEMBERED_S: Final = 120.0
-_REMEMBERED_EPOCHS: Final = 512
-_GAP: Final = 2.5  # usual intervals, beyond which a stretch is broken
 
 
 @dataclass(frozen=True)
@@ -69,8 +64,8 @@ class CodeCarrier:
                 tail = None  # another recording
             joined = o if tail is None else Observations.joined((tail, o))
             found.append(self._test_receiver(report, o, joined))
-            kept = joined.elapsed_s >= o.elapsed_s[-1] - _REMEMBERED_S
-            first = max(int(np.argmax(kept)), joined.gpst.size - _REMEMBERED_EPOCHS)
+            kept = joined.elapsed_s >= o.elapsed_s[-1] - POLICY.remembered_s
+            first = max(int(np.argmax(kept)), joined.gpst.size - POLICY.remembered_epochs)
             tails[o.receiver] = joined.read(first, joined.gpst.size)
         return found, tails
 
@@ -100,7 +95,9 @@ class CodeCarrier:
                 tested.append((SignalRef(o.receiver, signal), min(known, key=lambda look: look.p_value)))
         if not tested:
             every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
-            return report.pass_over(every, NotTested("no_carrier", {"needed": LEAST_SIGNALS, "epochs": LEAST_EPOCHS}))
+            return report.pass_over(
+                every, NotTested("no_carrier", {"needed": POLICY.least_signals, "epochs": POLICY.least_epochs})
+            )
         worst, look = min(tested, key=lambda each: each[1].p_value)
         failed = [ref for ref, each in tested if tests * each.p_value < self.settings.false_alarm_probability]
         data: dict[str, Datum] = {"worst": str(worst.signal), "change_m": look.change_m, "time_s": look.time_s}
@@ -120,7 +117,7 @@ def _unbroken(o: Observations) -> Booleans:
     there = np.isfinite(o.pseudorange_m) & (o.status != CellStatus.NOT_TRACKED)
     step_s = np.diff(o.elapsed_s)
     usual_s = float(np.median(step_s)) if step_s.size else 0.0
-    gap = np.append(False, step_s > _GAP * usual_s)
+    gap = np.append(False, step_s > POLICY.broken_intervals * usual_s)
     with_carrier = np.isfinite(o.carrier_cyc).any(axis=0)
     broken = there & (gap[:, None] | ((o.status == CellStatus.SLIP) & with_carrier))
     lost = np.where(with_carrier, there & ~np.isfinite(o.carrier_cyc), False)

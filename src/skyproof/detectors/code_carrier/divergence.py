@@ -12,25 +12,18 @@ that is a cause of its own.
 """
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
+from skyproof.detectors.code_carrier.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import Observations
 from skyproof.statistics.distributions import normal_two_sided
 from skyproof.statistics.medians import medians
 from skyproof.statistics.same_rows import group_by_rows
 
-__all__ = ["LEAST_EPOCHS", "LEAST_SIGNALS", "Divergence", "divergences_of", "parted"]
-
-LEAST_SIGNALS: Final = 4
-"""That have a step at one epoch, for its median to be that of all."""
-_IONOSPHERE_M_S: Final = 0.06  # at which it parts code from carrier at most, one sigma; storms included
-LEAST_EPOCHS: Final = 8
-"""Of an unbroken stretch: two a quarter."""
-_REFLECTED_CHIPS: Final = 0.25
+__all__ = ["Divergence", "divergences_of", "parted"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +51,7 @@ def parted(o: Observations) -> tuple[Reals, Reals]:
     steps_m = np.where(carried & o.slipped[1:], np.nan, steps_m)
     variance_m2 = np.where(carried, 0.0, (wavelength_m * o.doppler_sigma_hz[1:] * gap_s) ** 2)
     known = np.isfinite(steps_m)
-    enough = known.sum(axis=1) >= LEAST_SIGNALS
+    enough = known.sum(axis=1) >= POLICY.least_signals
     common_m = np.nan_to_num(medians(steps_m, axis=1))
     own_m = np.where(known & enough[:, None], steps_m - common_m[:, None], np.nan)
     none = np.zeros((1, own_m.shape[1]))
@@ -85,7 +78,7 @@ def divergences_of(
     known: Booleans = np.isfinite(apart_m) & (code_m2 > 0.0) & (np.arange(elapsed_s.size)[:, None] >= starts)
     found: list[Divergence | None] = [None] * starts.size
     for rows, columns in group_by_rows(known):
-        if rows.size < LEAST_EPOCHS:
+        if rows.size < POLICY.least_epochs:
             continue
         quarter = rows.size // 4
         first, last = rows[:quarter], rows[-quarter:]
@@ -93,9 +86,9 @@ def divergences_of(
         change_m = apart_m[np.ix_(last, columns)].mean(axis=0) - apart_m[np.ix_(first, columns)].mean(axis=0)
         time_s = float(elapsed_s[last].mean() - elapsed_s[first].mean())
         noise_m2 = code_m2[np.ix_(first, columns)].mean(axis=0) + code_m2[np.ix_(last, columns)].mean(axis=0)
-        lasting_m2 = 2.0 * multipath_sigma_m**2 + (_IONOSPHERE_M_S * time_s) ** 2
+        lasting_m2 = 2.0 * multipath_sigma_m**2 + (POLICY.ionosphere_sigma_m_s * time_s) ** 2
         sigma_m = np.sqrt(noise_m2 / quarter + drift_m2 + lasting_m2)
-        beyond = np.maximum(np.abs(change_m) - _REFLECTED_CHIPS * chip_m[columns], 0.0) / sigma_m
+        beyond = np.maximum(np.abs(change_m) - POLICY.reflected_chips * chip_m[columns], 0.0) / sigma_m
         for column, change, p_value in zip(columns, change_m.tolist(), normal_two_sided(beyond).tolist(), strict=True):
             found[column] = Divergence(change_m=change, time_s=time_s, p_value=p_value)
     return found

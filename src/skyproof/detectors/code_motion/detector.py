@@ -34,6 +34,7 @@ from skyproof.detectors.code_motion.laws import (
     clock_beyond,
     code_steps,
 )
+from skyproof.detectors.code_motion.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import FixGeometry, fix_and_geometry
@@ -55,10 +56,7 @@ from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = ["CodeMotion", "CodeMotionSettings"]
 
-_FAULT_RATE: Final = 1e-4  # at which measurements that do not fit are left out of an epoch's fix
-_MISFIT_RATE: Final = 0.01  # at which residuals of three epochs are larger than their model
 _TAIL: Final = 2  # epochs with a position that are remembered: the law looks back so far
-_LEAST_PART: Final = 5  # satellites of a time scale or a second band that are looked at by themselves
 _TESTS: Final = 2  # position and clock
 _DOF_LEFT: Final = 1  # with two satellites left out
 
@@ -183,7 +181,7 @@ class CodeMotion:
             navigation,
             multipath_sigma_m=self.settings.multipath_sigma_m,
             elevation_mask_deg=self.settings.elevation_mask_deg,
-            false_alarm_probability=_FAULT_RATE,
+            false_alarm_probability=POLICY.fault_probability,
         )
         used = np.isfinite(geometry.sigma_m) & np.isfinite(geometry.misfit_m)
         normalised = np.where(used, geometry.misfit_m / np.where(used, geometry.sigma_m, 1.0), 0.0)
@@ -226,7 +224,7 @@ class CodeMotion:
         dof = series.dof[three].min(axis=1).astype(np.float64)
         misfit, degrees = series.misfit[three].sum(axis=1), series.dof[three].sum(axis=1)
         # Residuals as small as the model says leave it as it is; else they give its scale.
-        fits = chi_square_survival(misfit, degrees) >= _MISFIT_RATE
+        fits = chi_square_survival(misfit, degrees) >= POLICY.misfit_probability
         factor, dof = np.where(fits, 1.0, misfit / degrees), np.where(fits, np.inf, dof)
         limits, n_new = self.settings.limits, int(new.sum())
         places = np.where(new, chance_beyond(motion, limits, factor, dof), 1.0)
@@ -297,13 +295,13 @@ def _parts_of(o: Observations, signals: tuple[SignalId, ...]) -> dict[_Part, tup
         counts.setdefault(o.signals[column].kind, []).append(o.signals[column])
     for scale in scales:
         own = tuple(signal for signal in signals if signal.kind[0] == scale)
-        if len(scales) > 1 and len({signal.sat for signal in own}) >= _LEAST_PART:
+        if len(scales) > 1 and len({signal.sat for signal in own}) >= POLICY.part_satellites:
             parts[scale, "first"] = own
         bands = {kind[1] for kind in first if kind[0] == scale}
         others = [kind for kind in counts if kind[0] == scale and kind[1] not in bands]
         if others:
             second = max(sorted(others), key=lambda kind: len({signal.sat for signal in counts[kind]}))
-            if len({signal.sat for signal in counts[second]}) == len(counts[second]) >= _LEAST_PART:
+            if len({signal.sat for signal in counts[second]}) == len(counts[second]) >= POLICY.part_satellites:
                 parts[scale, "second"] = tuple(counts[second])
     return parts
 

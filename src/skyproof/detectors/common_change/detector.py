@@ -24,14 +24,15 @@ import numpy as np
 
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, turn_p_value, turn_sigma_m
+from skyproof.detectors.common_change.policy import POLICY
 from skyproof.detectors.common_change.series import rates_of, turn_of
 from skyproof.detectors.continuity.one_sky import (
-    MIN_SATELLITES,
     Transmission,
     columns_of,
     followed_by,
     one_signal_a_transmission,
 )
+from skyproof.detectors.continuity.policy import POLICY as CONTINUITY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES
 from skyproof.records import (
@@ -50,13 +51,6 @@ from skyproof.records import (
 
 __all__ = ["CommonChange", "CommonChangeSettings"]
 
-SPANS_S = (10.0, 30.0)
-"""Over which code is held against carrier."""
-TURNS_S = (5.0, 10.0)
-"""From the first of three epochs to the second, and from there to the third."""
-LEVELS_S = 60.0
-"""For so long levels are remembered."""
-_OVERLAP = 0.1  # of a span, by which it may share epochs with that of a reference: windows end between epochs
 _SHARES = 3  # of the false alarms: code against carrier, turns, levels
 
 
@@ -111,7 +105,7 @@ class _Level(NamedTuple):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Past:
-    """What is remembered of a receiver: bounded by the number of transmissions, the longest span and `LEVELS_S`."""
+    """What is remembered of a receiver: bounded by the number of transmissions, the longest span and `levels_s`."""
 
     tail: Observations
     sources: Mapping[Transmission, SignalId]
@@ -170,7 +164,7 @@ class _Window:
             return [self._pass_over(NotTested("few_satellites", self._needed()))], self.past
         stretch = now if self.past is None else followed_by(self.past.tail, now)
         past = self.past or _Past(tail=now.select(slice(0)), sources={})
-        rates = [rates_of(stretch, span_s, self.settings.multipath_sigma_m) for span_s in SPANS_S]
+        rates = [rates_of(stretch, span_s, self.settings.multipath_sigma_m) for span_s in POLICY.spans_s]
         level = _level_of(now, self.ccaf)
         parted = self._test_parting(rates, past, float(stretch.elapsed_s[-1]))
         tested = [parted, self._test_turns(stretch), self._test_level(level, past)]
@@ -178,20 +172,20 @@ class _Window:
         failed = parted is not None and parted.failed
         references = past.references if failed else _remembered(rates, past.references, float(stretch.elapsed_s[-1]))
         end_s = float(stretch.elapsed_s[-1])
-        first = int(np.searchsorted(stretch.elapsed_s, end_s - max(SPANS_S) - 1e-6))
+        first = int(np.searchsorted(stretch.elapsed_s, end_s - max(POLICY.spans_s) - 1e-6))
         return found or [self._pass_over(self._explain_nothing_before())], _Past(
             tail=stretch.select(slice(first, None)),
             sources=sources,
             members=members,
             references=references,
-            levels=(*(old for old in past.levels if old.elapsed_s >= end_s - LEVELS_S), level),
+            levels=(*(old for old in past.levels if old.elapsed_s >= end_s - POLICY.levels_s), level),
         )
 
     def _test_parting(self, rates: list[Mapping[SignalId, Any]], past: _Past, end_s: float) -> Finding | None:
         """Test code against carrier, less what it was when each satellite came."""
         tests: list[tuple[float, float]] = []
-        for span_s, found in zip(SPANS_S, rates, strict=True):
-            begun_s = end_s - (1.0 - _OVERLAP) * span_s
+        for span_s, found in zip(POLICY.spans_s, rates, strict=True):
+            begun_s = end_s - (1.0 - POLICY.overlap_share) * span_s
             earlier = {signal: old for signal, old in past.references.items() if old.until_s <= begun_s}
             for own in _kinds(found.keys() & earlier.keys()):
                 pairs = [(found[signal], earlier[signal]) for signal in own]
@@ -220,7 +214,7 @@ class _Window:
         kinds = [
             columns_of(stretch, np.array([stretch.signals.index(s) for s in own])) for own in _kinds(stretch.signals)
         ]
-        for own, apart_s in product(kinds, TURNS_S):
+        for own, apart_s in product(kinds, POLICY.turns_s):
             turn = turn_of(own, navigation, self.sky.position_ecef_m, apart_s, settings.carrier_error_m)
             if turn is not None:
                 sigma_m = settings.oscillator_share * turn_sigma_m(oscillator, apart_s)
@@ -288,7 +282,7 @@ class _Window:
 
     def _needed(self) -> dict[str, Datum]:
         """Return the receiver, and how many satellites a test needs."""
-        return {"receiver": self.o.receiver, "needed": MIN_SATELLITES}
+        return {"receiver": self.o.receiver, "needed": CONTINUITY.one_sky_satellites}
 
     def _pass_over(self, why: NotTested) -> Finding:
         """Return why nothing could be tested."""
@@ -304,7 +298,7 @@ def _kinds(signals: Iterable[SignalId]) -> list[list[SignalId]]:
     kinds: dict[tuple[str, str, str], list[SignalId]] = {}
     for signal in sorted(signals):
         kinds.setdefault(signal.kind, []).append(signal)
-    return [own for own in kinds.values() if len(own) >= MIN_SATELLITES]
+    return [own for own in kinds.values() if len(own) >= CONTINUITY.one_sky_satellites]
 
 
 def _remembered(
@@ -312,7 +306,7 @@ def _remembered(
 ) -> Mapping[SignalId, _Reference]:
     """The first rate of each satellite over the longest span that there was."""
     references = dict(before)
-    for span_s, found in zip(SPANS_S, rates, strict=True):
+    for span_s, found in zip(POLICY.spans_s, rates, strict=True):
         for signal, rate in found.items():
             if signal not in references or (
                 references[signal].span_s < span_s and end_s - references[signal].until_s <= span_s

@@ -21,15 +21,13 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from skyproof.arrays import Reals
-from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
+from skyproof.detectors.common_change.policy import POLICY
+from skyproof.detectors.continuity.policy import POLICY as CONTINUITY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import Oscillator
 from skyproof.statistics.distributions import binomial_survival, normal_two_sided
 
-__all__ = ["MOST", "Rate", "alike_p_value", "level_p_value", "rates_over", "turn_p_value", "turn_sigma_m"]
-
-MOST = 0.75
-"""Of the satellites that have to part alike: the others may have slipped, or have a reflection of their own."""
+__all__ = ["Rate", "alike_p_value", "level_p_value", "rates_over", "turn_p_value", "turn_sigma_m"]
 
 
 class Rate(NamedTuple):
@@ -64,9 +62,9 @@ def alike_p_value(difference: ArrayLike, sigma: ArrayLike, slack: float = 0.0) -
     """
     values, sigmas = np.asarray(difference, np.float64), np.asarray(sigma, np.float64)
     n = values.shape[-1]
-    if n < MIN_SATELLITES:
+    if n < CONTINUITY.one_sky_satellites:
         return np.ones(values.shape[:-1])
-    most = int(np.ceil(MOST * n))
+    most = int(np.ceil(POLICY.parting_share * n))
     up, down = (np.sort((side * values - slack) / sigmas, axis=-1)[..., n - most] for side in (1.0, -1.0))
     farthest = np.maximum(up, down)
     # Below zero a smaller error would be the likelier: a stated sigma would be no bound.

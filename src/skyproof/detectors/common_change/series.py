@@ -7,7 +7,8 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.detectors.common_change.laws import Rate, rates_over
-from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
+from skyproof.detectors.common_change.policy import POLICY
+from skyproof.detectors.continuity.policy import POLICY as CONTINUITY
 from skyproof.detectors.continuity.steps import fitted_jump
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
@@ -17,11 +18,6 @@ from skyproof.records import CellStatus, NavigationData, Observations, SignalId
 from skyproof.statistics.same_rows import group_by_rows
 
 __all__ = ["Turn", "rates_of", "turn_of"]
-
-_WHOLE = 0.75  # of a span: a run of a satellite that is shorter gives no rate
-_JUMP_M = 100.0  # between epochs: no rate of code against carrier, but a slip that nobody reported
-_GAP = 1.5  # usual intervals
-_EVEN = 0.02  # by which the two times of a turn may be off
 
 
 class Turn(NamedTuple):
@@ -41,7 +37,10 @@ def rates_of(o: Observations, span_s: float, multipath_sigma_m: float) -> Mappin
     found: dict[SignalId, Rate] = {}
     # Signals that are there at the same epochs have the same weights, and most are.
     for rows, columns in group_by_rows(last):
-        if rows.size < 3 or o.elapsed_s[begin + rows[-1]] - o.elapsed_s[begin + rows[0]] < _WHOLE * span_s:
+        if (
+            rows.size < 3
+            or o.elapsed_s[begin + rows[-1]] - o.elapsed_s[begin + rows[0]] < POLICY.whole_span_share * span_s
+        ):
             continue
         cells = np.ix_(begin + rows, columns)
         elapsed_s = o.elapsed_s[begin + rows]
@@ -60,8 +59,12 @@ def _last_runs(o: Observations, apart_m: Reals, begin: int) -> Booleans:
     before = np.vstack((np.full((1, known.shape[1]), -1), before[:-1]))  # the last row that is known, of each row
     earlier = np.maximum(before, 0)
     with np.errstate(invalid="ignore"):
-        jumped = np.abs(apart_m - np.take_along_axis(apart_m, earlier, axis=0)) > _JUMP_M
-    broken = (o.status[begin:] == CellStatus.SLIP) | jumped | (elapsed_s[:, None] - elapsed_s[earlier] > _GAP * usual_s)
+        jumped = np.abs(apart_m - np.take_along_axis(apart_m, earlier, axis=0)) > POLICY.jump_m
+    broken = (
+        (o.status[begin:] == CellStatus.SLIP)
+        | jumped
+        | (elapsed_s[:, None] - elapsed_s[earlier] > POLICY.gap_intervals * usual_s)
+    )
     starts = np.where(known & (before >= 0) & broken, np.arange(n)[:, None], 0).max(axis=0, initial=0)
     return np.asarray(known & (np.arange(n)[:, None] >= starts))
 
@@ -91,7 +94,7 @@ def turn_of(
     )
     sent_m = wavelength_m * o.carrier_cyc[rows] + ranges.range_m - o.pseudorange_m[rows] - ahead_m[:, None]
     sent_m = np.where(unbroken, sent_m, np.nan)
-    if np.isfinite(sent_m).all(axis=0).sum() < MIN_SATELLITES:
+    if np.isfinite(sent_m).all(axis=0).sum() < CONTINUITY.one_sky_satellites:
         return None
     variance_m2 = (wavelength_m * o.carrier_sigma_cyc[rows]) ** 2 + carrier_error_m**2
     begun = gauss_newton(
@@ -123,4 +126,4 @@ def _three_epochs(elapsed_s: Reals, apart_s: float) -> Indices | None:
     after = np.clip(np.searchsorted(elapsed_s, wanted_s), 1, elapsed_s.size - 1)
     nearer = wanted_s - elapsed_s[after - 1] < elapsed_s[after] - wanted_s
     rows = np.where(nearer, after - 1, after)
-    return rows if np.all(np.abs(elapsed_s[rows] - wanted_s) < 0.5 * _EVEN * apart_s) else None
+    return rows if np.all(np.abs(elapsed_s[rows] - wanted_s) < 0.5 * POLICY.even_share * apart_s) else None

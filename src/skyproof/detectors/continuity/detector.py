@@ -23,17 +23,17 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
-from skyproof.detectors.continuity.drawn_off import SPANS_S, drawn_off_of
+from skyproof.detectors.continuity.drawn_off import drawn_off_of
 from skyproof.detectors.continuity.one_sky import (
     Transmission,
     followed_by,
     groups_of,
     one_signal_a_transmission,
 )
+from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.standing import moved_of
 from skyproof.detectors.continuity.steps import Limits, Series, Step, largest_steps, series_of_groups
 from skyproof.detectors.continuity.untested import (
-    LEAST_EPOCHS,
     explain_few_epochs,
     explain_no_step,
 )
@@ -58,7 +58,6 @@ from skyproof.records import (
 __all__ = ["Continuity", "ContinuitySettings", "step_causes"]
 
 Kind = tuple[str, str, str]
-_REFLECTED_M = 150.0  # half a chip of C/A: a reflection draws a code loop off by no more
 _SHARES = 3  # of the false alarms: steps, motion by carriers, by codes alone
 
 
@@ -220,19 +219,19 @@ class _Window:
             sources=sources,
             new=stretch.gpst.size - now.gpst.size,
         )
-        if stretch.gpst.size < LEAST_EPOCHS or now.gpst.size == 0:
+        if stretch.gpst.size < POLICY.untested_epochs or now.gpst.size == 0:
             return replace(look, untested=explain_few_epochs(self.o, stretch.gpst.size, stepped=False))
         groups = self._groups(stretch, place_ecef_m)
         drawn_off = self._drawn_off(groups)
         if drawn_off is not None and self.past is not None:
-            span_from_s = float(stretch.elapsed_s[-1]) - max(SPANS_S)
+            span_from_s = float(stretch.elapsed_s[-1]) - max(POLICY.code_spans_s)
             if self.past.first_step_s < span_from_s:  # by reflections larger than stated: some in a row are a motion
                 drawn_off = drawn_off._replace(whole_sky_p_value=1.0)
         kept = stretch.elapsed_s >= (-np.inf if self.past is None else self.past.stepped_s)
         unbroken = groups if kept.all() else self._groups(stretch.select(kept), place_ecef_m)
         steps, n_kept = self._steps(look, unbroken), int(kept.sum())
         untested = None
-        if not steps and n_kept < LEAST_EPOCHS:
+        if not steps and n_kept < POLICY.untested_epochs:
             untested = explain_few_epochs(self.o, n_kept, stepped=True)
         elif not steps:
             untested = explain_no_step(stretch.select(kept))
@@ -327,7 +326,7 @@ class _Window:
         return self.report.find(
             signals,
             "step",
-            {Cause.CLEAN: step.p_value, **leave_open(step_causes(step))},
+            {Cause.CLEAN: step.p_value, **leave_open(step_causes(self.o, step))},
             alpha=self.alpha,
             data=data,
             dated_gpst=why.gpst,
@@ -399,12 +398,13 @@ class _Window:
         )
 
 
-def step_causes(step: Step) -> tuple[Cause, ...]:
+def step_causes(o: Observations, step: Step) -> tuple[Cause, ...]:
     """Return what else than an exchange of signals makes such a step.
 
     Reflections draw a position off, or a velocity; not what all signals have in common, and they break no carriers.
     """
-    reflected = set(step.kinds) <= {"position", "velocity"} and not step.broke and step.position_m <= _REFLECTED_M
+    most_m = POLICY.reflected_step_chips * max(signal.plan.chip_m for signal in o.signals)
+    reflected = set(step.kinds) <= {"position", "velocity"} and not step.broke and step.position_m <= most_m
     return (Cause.MISSING_SAMPLES, Cause.REFLECTIONS) if reflected else (Cause.MISSING_SAMPLES,)
 
 

@@ -22,23 +22,20 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
+from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.steps import Series, fitted_jump
 from skyproof.detectors.continuity.whole_sky import SkyChange, SkyMotion, least_likely, motions_of
 from skyproof.records import Observations
 
-__all__ = ["SPANS_S", "drawn_off_of"]
+__all__ = ["drawn_off_of"]
 
-SPANS_S: Final = (10.0, 20.0)
 _QUARTERS: Final = 4
-_LATE: Final = 0.1  # of a span, by which its first epoch may come late
-_IONOSPHERE_M_S: Final = 0.06  # by which it parts code from carrier of one satellite more than of another, one sigma
-_SURE: Final = 3.1  # sigmas of a third of the motion along the whole: a chance of 0.001
 
 
 def drawn_off_of(
     groups: Sequence[tuple[Observations, Series]], *, multipath_sigma_m: float, alpha: float
 ) -> list[SkyMotion | None]:
-    """Of each group of signals the least likely motion of those over `SPANS_S` up to the last epoch.
+    """Of each group of signals the least likely motion of those over `code_spans_s` up to the last epoch.
 
     groups : observations of one signal a transmission, and their series (`steps.series_of`). alpha : as of
     `whole_sky.motions_of`. P-values are those of all spans together: bounds. None where fewer than five satellites
@@ -47,7 +44,7 @@ def drawn_off_of(
     spans = [
         (number, o, series, quarters)
         for number, (o, series) in enumerate(groups)
-        for span_s in SPANS_S
+        for span_s in POLICY.code_spans_s
         if (quarters := _quarters(series, span_s, multipath_sigma_m)) is not None
     ]
     changes = [
@@ -62,7 +59,7 @@ def drawn_off_of(
     ]
     found: list[list[SkyMotion | None]] = [[] for _ in groups]
     for (number, _, series, quarters), motion in zip(
-        spans, motions_of(changes, alpha=alpha / len(SPANS_S)), strict=True
+        spans, motions_of(changes, alpha=alpha / len(POLICY.code_spans_s)), strict=True
     ):
         if (
             motion is not None
@@ -87,7 +84,7 @@ def _quarters(series: Series, span_s: float, multipath_sigma_m: float) -> _Quart
     span is not there, or a break of all lies in it."""
     t = series.elapsed_s
     first = int(np.searchsorted(t, t[-1] - span_s - 1e-6))
-    if t[-1] - t[first] < (1.0 - _LATE) * span_s or series.divides[first + 1 :].any():
+    if t[-1] - t[first] < (1.0 - POLICY.late_share) * span_s or series.divides[first + 1 :].any():
         return None
     edges = np.searchsorted(t, np.linspace(t[first], t[-1], _QUARTERS + 1)[1:-1])
     starts = np.array([first, *edges])
@@ -96,7 +93,7 @@ def _quarters(series: Series, span_s: float, multipath_sigma_m: float) -> _Quart
     mean_m, mean_m2 = _means(series, starts)
     bridged_m2 = 0.5 * (series.bridge_m2[-1] - series.bridge_m2[first])
     time_s = float(t[starts[-1] :].mean() - t[first : starts[1]].mean())
-    slow_m2 = multipath_sigma_m**2 + 0.5 * (_IONOSPHERE_M_S * time_s) ** 2
+    slow_m2 = multipath_sigma_m**2 + 0.5 * (POLICY.ionosphere_sigma_m_s * time_s) ** 2
     return _Quarters(mean_m, mean_m2 + bridged_m2 + slow_m2, time_s)
 
 
@@ -121,4 +118,4 @@ def _goes_on(unit: Reals, mean_m: Reals, variance_m2: Reals) -> bool:
     moved, covariance = fitted.jump[:, :3], fitted.covariance[:, :3, :3]
     along = moved[0] / np.linalg.norm(moved[0])
     sigmas = (moved[1:] @ along) / np.sqrt(along @ covariance[1:] @ along)
-    return bool(np.all(sigmas > _SURE))
+    return bool(np.all(sigmas > POLICY.sure_sigmas))

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Integers, Reals
+from skyproof.detectors.continuity.policy import POLICY
 from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId
 
 __all__ = [
-    "MIN_SATELLITES",
     "Transmission",
     "columns_of",
     "followed_by",
@@ -21,7 +21,6 @@ __all__ = [
 
 Transmission = tuple[str, str, str]
 
-MIN_SATELLITES = 5
 _WHATEVER = np.array(False)  # half a cycle is 10 cm
 
 
@@ -50,7 +49,7 @@ def one_signal_a_transmission(
             for k in own:
                 if o.signals[k] in signals:
                     chosen[there[:, k], n] = k
-    kept = np.flatnonzero(forward & ((chosen >= 0).sum(axis=1) >= MIN_SATELLITES))
+    kept = np.flatnonzero(forward & ((chosen >= 0).sum(axis=1) >= POLICY.one_sky_satellites))
     breaks = np.cumsum(_breaks(chosen, o, sent, sources), axis=0)
     slipped = np.diff(breaks[kept], axis=0, prepend=0) > 0  # those of epochs that are left out count as well
     used = chosen[kept]
@@ -102,7 +101,7 @@ def followed_by(before: Observations, after: Observations) -> Observations:
 def columns_of(o: Observations, columns: Indices) -> Observations:
     """The chosen signals, at the epochs at which five or more of them were measured."""
     chosen = o.select_channels(columns)
-    kept = np.isfinite(chosen.pseudorange_m).sum(axis=1) >= MIN_SATELLITES
+    kept = np.isfinite(chosen.pseudorange_m).sum(axis=1) >= POLICY.one_sky_satellites
     return chosen if kept.all() else chosen.select(kept)
 
 
@@ -117,6 +116,6 @@ def groups_of(o: Observations) -> list[Indices]:
     for k in np.flatnonzero(np.isfinite(o.carrier_hz) & np.isfinite(o.pseudorange_m).any(axis=0)):
         kinds.setdefault(o.signals[k].kind, []).append(int(k))
     own = sorted(kinds.values(), key=len, reverse=True)
-    alone = [columns for columns in own[1:] if len(columns) >= MIN_SATELLITES]
-    few = [k for columns in own[1:] if len(columns) < MIN_SATELLITES for k in columns]
+    alone = [columns for columns in own[1:] if len(columns) >= POLICY.one_sky_satellites]
+    few = [k for columns in own[1:] if len(columns) < POLICY.one_sky_satellites for k in columns]
     return [np.array(columns, np.intp) for columns in ([*own[0], *few], *alone)] if own else []

@@ -21,18 +21,15 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.steps import Series
 from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely, motion_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import atmosphere
 from skyproof.records import NavigationData, Observations
 
-__all__ = ["SPANS_S", "moved_of"]
+__all__ = ["moved_of"]
 
-SPANS_S: Final = (2.5, 10.0)
-"""Over which a motion is looked for."""
-_LATE: Final = 0.1  # of a span, by which its first epoch may come late
-_AIR: Final = 0.25  # of the change of the air's delay: what models leave
 _FAR_M: Final = 2.5e7
 
 
@@ -45,7 +42,7 @@ def moved_of(
     carrier_error_m: float,
     alpha: float,
 ) -> SkyMotion | None:
-    """The least likely motion of a receiver that stands, of those over `SPANS_S` up to the last epoch.
+    """The least likely motion of a receiver that stands, of those over `carrier_spans_s` up to the last epoch.
 
     o : one signal a transmission, and `series` of it (`steps.series_of`). place_ecef_m : (3,) to some metres.
     carrier_error_m : of a carrier at one epoch beside noise, one sigma. alpha : at which the motion is looked for
@@ -53,14 +50,14 @@ def moved_of(
     than five satellites reach over a span.
     """
     sats, found = np.array([signal.sat for signal in o.signals]), list[SkyMotion | None]()
-    for span_s in SPANS_S:
+    for span_s in POLICY.carrier_spans_s:
         rows = _ends(series, span_s)
         if rows is None:
             continue
         change_m, variance_m2 = _changes(o, series, navigation, place_ecef_m, rows)
         variance_m2 = variance_m2 + 2.0 * carrier_error_m**2
         time_s = float(series.elapsed_s[rows[1]] - series.elapsed_s[rows[0]])
-        unit, share = series.unit[rows[1]], alpha / len(SPANS_S)
+        unit, share = series.unit[rows[1]], alpha / len(POLICY.carrier_spans_s)
         found.append(motion_of(sats, unit, change_m, variance_m2, time_s, alpha=share))
     return least_likely(found)
 
@@ -69,7 +66,7 @@ def _ends(series: Series, span_s: float) -> tuple[int, int] | None:
     """Rows at the start of a span and at its end, the last; None if it is not there, or nothing bridges it."""
     t, last = series.elapsed_s, series.elapsed_s.size - 1
     first = int(np.searchsorted(t, t[last] - span_s - 1e-6))
-    if t[last] - t[first] < (1.0 - _LATE) * span_s or series.divides[first + 1 :].any():
+    if t[last] - t[first] < (1.0 - POLICY.span_late_share) * span_s or series.divides[first + 1 :].any():
         return None
     return first, last
 
@@ -86,4 +83,4 @@ def _changes(
     air = atmosphere(places, satellite_m, tow_s, navigation.ionosphere, carrier_hz=o.carrier_hz)
     slowed_m = np.diff(air.delay_m - 2.0 * air.ionosphere_m, axis=0)[0]  # what delays code puts carriers ahead
     change_m = np.where(there, series.move_m[last] - series.move_m[first] - slowed_m, np.nan)
-    return change_m, series.bridge_m2[last] - series.bridge_m2[first] + (_AIR * slowed_m) ** 2
+    return change_m, series.bridge_m2[last] - series.bridge_m2[first] + (POLICY.air_share * slowed_m) ** 2

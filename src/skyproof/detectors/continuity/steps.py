@@ -25,7 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Integers, Reals
-from skyproof.detectors.continuity.one_sky import MIN_SATELLITES, columns_of
+from skyproof.detectors.continuity.one_sky import columns_of
+from skyproof.detectors.continuity.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.fix import range_rates
@@ -56,11 +57,7 @@ __all__ = [
 
 KINDS = ("position", "clock", "velocity", "rate")
 """What is tested at each epoch: jumps of the position, the clock, the velocity and the clock's rate."""
-_GAP = 1.5  # usual intervals; a longer one is an outage
-_AT_ONCE = 0.75  # of the channels: their carriers break together
-_FAULTY = 1e-4  # chance at which residuals show that a channel jumps by itself
 _STEERED_M = 1e-3 * SPEED_OF_LIGHT_M_S
-_STEERED_WITHIN_M = 150.0  # one epoch shows a step of a millisecond by this; what it leaves is tested
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,7 +226,7 @@ def _series(elapsed_s: Reals, columns: _Columns) -> Series:
     """The series of signals that are looked at together."""
     broke = _broke_at_once(columns.broke, columns.there)
     dt_s = np.diff(elapsed_s)
-    gap = np.concatenate(([False], dt_s > _GAP * np.median(dt_s)))
+    gap = np.concatenate(([False], dt_s > POLICY.outage_intervals * np.median(dt_s)))
     return Series(
         elapsed_s=elapsed_s,
         offset_m=_unsteered(columns.offset_m),
@@ -281,7 +278,7 @@ def largest_steps(groups: Sequence[tuple[Series, Indices]], limits: Limits, *, a
                 speed_m_s=float(np.linalg.norm(rate.jump[best, :3])),
                 rate=float(rate.jump[best, 3]) / SPEED_OF_LIGHT_M_S,
                 broke=bool(sides.broke[best]),
-                outage_s=gap_s if gap_s > _GAP * _usual(series) else 0.0,
+                outage_s=gap_s if gap_s > POLICY.outage_intervals * _usual(series) else 0.0,
                 missing_s=float(missing_s[best]),
                 statistic=float(_quadratic(jump.jump[[best]], jump.covariance[[best]])[0]),
             )
@@ -399,7 +396,7 @@ def chance(jump: Reals, covariance: Reals, slack: Reals, fitted: Jump) -> Reals:
         widest = np.linalg.eigvalsh(np.where(np.isfinite(covariance), covariance, 1.0))[:, -1]
         squared = np.where(slack > 0.0, np.maximum(far - slack, 0.0) ** 2 / widest, exact)
         d = jump.shape[-1]
-        fits = chi_square_survival(fitted.misfit, np.maximum(fitted.dof, 1)) >= _FAULTY
+        fits = chi_square_survival(fitted.misfit, np.maximum(fitted.dof, 1)) >= POLICY.faulty_channel_probability
         scaled = squared / d / np.maximum(fitted.misfit / np.maximum(fitted.dof, 1), 1.0)
         p = np.where(fits, chi_square_survival(squared, d), f_survival(scaled, d, np.maximum(fitted.dof, 1)))
     return np.where(np.isfinite(p) & (fitted.dof > 0), p, 1.0)
@@ -407,7 +404,7 @@ def chance(jump: Reals, covariance: Reals, slack: Reals, fitted: Jump) -> Reals:
 
 def jumps(sides: Sides) -> tuple[Jump, Jump, Booleans]:
     """Jumps of position and clock, and of velocity and rate, before each row; and where there are enough satellites."""
-    usable = np.isfinite(sides.level_m).sum(axis=1) >= MIN_SATELLITES
+    usable = np.isfinite(sides.level_m).sum(axis=1) >= POLICY.one_sky_satellites
     level = fitted_jump(sides.unit, sides.level_m, sides.level_m2)
     return level, fitted_jump(sides.unit, sides.rate_m_s, sides.rate_m2_s2), usable
 
@@ -419,16 +416,18 @@ def fitted_jump(unit: Reals, difference: Reals, variance: Reals) -> Jump:
     """
     design, sigma = design_matrix(unit), np.sqrt(variance)
     sigma = np.where(np.isfinite(difference) & np.isfinite(sigma), sigma, np.nan)
-    enough = np.isfinite(sigma).sum(axis=1) >= MIN_SATELLITES
+    enough = np.isfinite(sigma).sum(axis=1) >= POLICY.one_sky_satellites
     sigma = np.where(enough[:, None], sigma, np.nan)
     design = np.nan_to_num(design)
     excluded = np.zeros(sigma.shape, np.bool_)
     residual, _, _ = whitened_fit(design, difference, sigma)
     misfit, dof = np.nansum(residual**2, axis=1), np.isfinite(sigma).sum(axis=1) - 4
-    faulty = np.flatnonzero(enough & (chi_square_survival(misfit, np.maximum(dof, 1)) < _FAULTY))
+    faulty = np.flatnonzero(
+        enough & (chi_square_survival(misfit, np.maximum(dof, 1)) < POLICY.faulty_channel_probability)
+    )
     if faulty.size:
         excluded[faulty], _ = exclude_several(
-            design[faulty], difference[faulty], sigma[faulty], false_alarm_probability=_FAULTY
+            design[faulty], difference[faulty], sigma[faulty], false_alarm_probability=POLICY.faulty_channel_probability
         )
         sigma = np.where(excluded, np.nan, sigma)
         residual, _, _ = whitened_fit(design, difference, sigma)
@@ -505,7 +504,9 @@ def _broke_at_once(broke: Booleans, there: Booleans) -> Booleans:
     around = there.copy()
     around[:-1] |= there[1:]
     count = broke.sum(axis=1)
-    at_once = wide.sum(axis=1) >= np.maximum(_AT_ONCE * around.sum(axis=1), MIN_SATELLITES)
+    at_once = wide.sum(axis=1) >= np.maximum(
+        POLICY.broken_together_share * around.sum(axis=1), POLICY.one_sky_satellites
+    )
     before, after = np.append(-1, count[: n - 1]), np.append(count[1:], -1)
     return np.asarray(at_once & (count > before) & (count >= after))
 
@@ -524,7 +525,7 @@ def _unsteered(offset_m: Reals) -> Reals:
     step_m = np.diff(offset_m, axis=0)
     common_m = np.nan_to_num(medians(step_m, axis=1))
     whole = np.rint(common_m / _STEERED_M)
-    steered = (np.abs(whole) == 1.0) & (np.abs(common_m - whole * _STEERED_M) < _STEERED_WITHIN_M)
+    steered = (np.abs(whole) == 1.0) & (np.abs(common_m - whole * _STEERED_M) < POLICY.steered_within_m)
     return np.asarray(offset_m - _STEERED_M * _summed(np.where(steered, whole, 0.0)[:, None]))
 
 

@@ -3,12 +3,10 @@
 import numpy as np
 
 from skyproof.detectors.base import NotTested
-from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
+from skyproof.detectors.continuity.policy import POLICY
 from skyproof.records import Observations
 
-__all__ = ["LEAST_EPOCHS", "explain_few_epochs", "explain_no_step"]
-
-LEAST_EPOCHS = 3
+__all__ = ["explain_few_epochs", "explain_no_step"]
 
 
 def explain_few_epochs(o: Observations, epochs: int, *, stepped: bool) -> NotTested:
@@ -18,9 +16,9 @@ def explain_few_epochs(o: Observations, epochs: int, *, stepped: bool) -> NotTes
     before the last step were left out.
     """
     most = int(np.isfinite(o.pseudorange_m).sum(axis=1).max(initial=0))
-    if most < MIN_SATELLITES:
-        return NotTested("few_satellites", {"most": most, "needed": MIN_SATELLITES})
-    data = {"epochs": epochs, "needed": LEAST_EPOCHS, "satellites": MIN_SATELLITES}
+    if most < POLICY.one_sky_satellites:
+        return NotTested("few_satellites", {"most": most, "needed": POLICY.one_sky_satellites})
+    data = {"epochs": epochs, "needed": POLICY.untested_epochs, "satellites": POLICY.one_sky_satellites}
     return NotTested("few_epochs_since_step" if stepped else "few_epochs", data)
 
 
@@ -31,9 +29,9 @@ def explain_no_step(o: Observations) -> NotTested:
     """
     ranged = np.isfinite(o.pseudorange_m).any(axis=0)
     tuned = ranged & np.isfinite(o.carrier_hz)
-    if tuned.sum() < MIN_SATELLITES <= ranged.sum():
+    if tuned.sum() < POLICY.one_sky_satellites <= ranged.sum():
         return NotTested("no_frequency", {"without": int((ranged & ~tuned).sum()), "ranged": int(ranged.sum())})
     moving = tuned & (np.isfinite(o.carrier_cyc) | np.isfinite(o.doppler_hz)).any(axis=0)
-    if moving.sum() < MIN_SATELLITES <= tuned.sum():
+    if moving.sum() < POLICY.one_sky_satellites <= tuned.sum():
         return NotTested("ranges_alone", {"without": int((tuned & ~moving).sum()), "tuned": int(tuned.sum())})
-    return NotTested("one_side", {"needed": MIN_SATELLITES})
+    return NotTested("one_side", {"needed": POLICY.one_sky_satellites})

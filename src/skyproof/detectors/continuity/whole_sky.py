@@ -15,20 +15,18 @@ motion.
 """
 
 from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Reals
-from skyproof.detectors.continuity.one_sky import MIN_SATELLITES
+from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.steps import Jump, chance, fitted_jump
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["SkyChange", "SkyMotion", "least_likely", "motion_of", "motions_of"]
-
-_MISFIT: Final = 0.01  # chance of residuals at which errors no longer count as stated
 
 
 class SkyMotion(NamedTuple):
@@ -106,14 +104,14 @@ def _motion(one: SkyChange, fitted: Jump, p_value: float, alpha: float) -> SkyMo
 
     whole = 1.0
     if p_value < alpha and _as_stated(fitted, int(known.sum())):
-        whole = largest_p_value_without(used, without, least=MIN_SATELLITES)
+        whole = largest_p_value_without(used, without, least=POLICY.one_sky_satellites)
     return SkyMotion(float(np.linalg.norm(fitted.jump[0, :3])), one.time_s, len(used), p_value, whole)
 
 
 def _as_stated(fitted: Jump, changes: int) -> bool:
     """Whether no change was excluded, and residuals are as large as errors are stated to be."""
     dof = int(fitted.dof[0])
-    return dof == changes - 4 and float(chi_square_survival(fitted.misfit[0], dof)) >= _MISFIT
+    return dof == changes - 4 and float(chi_square_survival(fitted.misfit[0], dof)) >= POLICY.misfit_probability
 
 
 def _p_values(fitted: Jump) -> Reals:

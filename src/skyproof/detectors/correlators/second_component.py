@@ -33,11 +33,10 @@ from scipy import special
 
 from skyproof.arrays import Complexes, ComplexFloats, Reals
 from skyproof.detectors.correlators.correlator_laws import triangle
+from skyproof.detectors.correlators.policy import POLICY
 
 __all__ = ["BeatLine", "allowed_share", "distortion", "earlier", "line_p_value", "pairs_of", "together"]
 
-FASTEST_LOOP_HZ = 2.0
-"""Above, a code loop of about a hertz does not follow, so that the tracked signal stays where it is in the taps."""
 EARLY_CHIPS = np.arange(-1.5, -0.249, 0.125)
 OTHER_CHIPS = np.arange(-0.125, 1.501, 0.125)
 """Lags that `earlier` compares. Within a quarter of a chip a second signal looks like a wider peak."""
@@ -45,10 +44,6 @@ TWO_REFLECTIONS = [
     (a, b) for a, b in itertools.combinations(range(OTHER_CHIPS.size), 2) if OTHER_CHIPS[b] - OTHER_CHIPS[a] >= 0.25
 ]
 """Places of two lags of `OTHER_CHIPS` that are no single one with a wider peak."""
-LINE_HZ = 1.0
-"""To either side of a bin: how far a line may spread."""
-SHAPE_ERROR = 0.1
-"""Of the power of a line, that triangles may miss of it, where a front end rounds R: as much has to be beyond doubt."""
 
 
 class BeatLine(NamedTuple):
@@ -117,7 +112,7 @@ def earlier(looks: ComplexFloats, delays_chips: Reals, step_s: float) -> BeatLin
     lag it is less still. So the p-value is an upper bound.
     """
     value = looks.astype(np.complex128)
-    spectrum = _spectrum(value, step_s, least_hz=FASTEST_LOOP_HZ)
+    spectrum = _spectrum(value, step_s, least_hz=POLICY.fastest_loop_hz)
     towards = spectrum.towards().conj()
 
     def explained(lags: Reals) -> Reals:
@@ -126,7 +121,7 @@ def earlier(looks: ComplexFloats, delays_chips: Reals, step_s: float) -> BeatLin
 
     early = explained(EARLY_CHIPS)
     two = spectrum.by_two(triangle(delays_chips[:, np.newaxis] + OTHER_CHIPS), TWO_REFLECTIONS)
-    more = early.max(axis=1) - two.max(axis=1) - SHAPE_ERROR * spectrum.odds()
+    more = early.max(axis=1) - two.max(axis=1) - POLICY.shape_error_share * spectrum.odds()
     p_values = line_p_value(more, value.shape[1], spectrum.n_others)
     best = int(np.argmin(p_values))
     return BeatLine(
@@ -182,7 +177,7 @@ def _spectrum(value: Complexes, step_s: float, *, least_hz: float) -> _Spectrum:
     order = order[np.abs(frequency_hz[order]) > least_hz]
     bins = np.fft.fft(value, axis=0)[order] / np.sqrt(len(value))
     products = bins[:, :, np.newaxis] * bins.conj()[:, np.newaxis, :]
-    reach = math.ceil(LINE_HZ * len(value) * step_s)
+    reach = math.ceil(POLICY.line_half_width_hz * len(value) * step_s)
     # Frequencies go round: the neighbours of the last are the first.
     ahead = np.cumsum(np.concatenate([products[-reach - 1 :], products, products[:reach]]), axis=0)
     nearest = ahead[2 * reach + 1 :] - ahead[: -2 * reach - 1]

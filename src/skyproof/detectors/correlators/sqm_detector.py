@@ -13,6 +13,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, ComplexFloats
 from skyproof.detectors.base import NotTested, Reporter
+from skyproof.detectors.correlators.policy import POLICY
 from skyproof.detectors.correlators.second_component import (
     BeatLine,
     allowed_share,
@@ -37,12 +38,6 @@ from skyproof.records import (
 from skyproof.statistics.distributions import binomial_survival
 
 __all__ = ["Sqm", "SqmSettings"]
-
-LONGEST_S = 10.0
-"""Over which a line is looked for at once: the beat of two signals drifts."""
-LEAST_LOOKS = 100
-SIGNAL_LEVEL = 1e-4
-"""By chance a signal counts as distorted so often."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +101,14 @@ class Sqm:
         if n < settings.min_signals:
             refs = tuple(SignalRef(taps.receiver, signal) for signal in taps.signals)
             return report.pass_over(refs, _explain_few(taps, n, settings.min_signals))
-        distorted = [s for s in signals if s.distorted.p_value < SIGNAL_LEVEL]
-        early = [s for s in signals if s.early.p_value < SIGNAL_LEVEL]
-        p_many = float(binomial_survival(len(distorted), n, settings.reflection_probability + SIGNAL_LEVEL))
-        p_early = float(binomial_survival(len(early), n, settings.tracked_reflection_probability + SIGNAL_LEVEL))
+        distorted = [s for s in signals if s.distorted.p_value < POLICY.signal_probability]
+        early = [s for s in signals if s.early.p_value < POLICY.signal_probability]
+        p_many = float(
+            binomial_survival(len(distorted), n, settings.reflection_probability + POLICY.signal_probability)
+        )
+        p_early = float(
+            binomial_survival(len(early), n, settings.tracked_reflection_probability + POLICY.signal_probability)
+        )
         alpha = settings.false_alarm_probability
         certain = [s for s in signals if together(s.distorted.p_value, n) < alpha]
         if 2.0 * p_early < alpha:
@@ -136,14 +135,14 @@ def _explain_few(taps: Taps, examined: int, least: int) -> NotTested:
     data: dict[str, Datum] = {
         "receiver": taps.receiver,
         "looks": taps.elapsed_s.size,
-        "needed_looks": LEAST_LOOKS,
+        "needed_looks": POLICY.least_looks,
         "examined": examined,
         "needed": least,
         "satellites": len(sent),
     }
     if not pairs_of(taps.delays_chips):
         return NotTested("no_pair", data)
-    if taps.elapsed_s.size < LEAST_LOOKS:
+    if taps.elapsed_s.size < POLICY.least_looks:
         return NotTested("few_looks", data)
     if len(sent) < len(taps.signals) and len(sent) >= least:
         return NotTested("several_of_a_satellite", data)
@@ -153,7 +152,7 @@ def _explain_few(taps: Taps, examined: int, least: int) -> NotTested:
 def _examined(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:
     """Every signal that stands alone of its satellite and was tracked long enough without a break."""
     pairs, signals = pairs_of(taps.delays_chips), []
-    if not pairs or taps.elapsed_s.size < LEAST_LOOKS:
+    if not pairs or taps.elapsed_s.size < POLICY.least_looks:
         return []
     step_s = float(np.median(np.diff(taps.elapsed_s)))
     early_chips = float(np.min(np.abs(taps.delays_chips[[a for a, _, _ in pairs]])))
@@ -162,10 +161,10 @@ def _examined(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:
     for column in np.flatnonzero(there.any(axis=0)):
         rivals = [k for k, s in enumerate(taps.signals) if s.transmission == taps.signals[column].transmission]
         looks = _unbroken(value[:, column], there[:, column] & (there[:, rivals].sum(axis=1) == 1))
-        if len(looks) < LEAST_LOOKS:
+        if len(looks) < POLICY.least_looks:
             continue
         allowed = allowed_share(multipath_sigma_m, early_chips, taps.signals[column].plan.chip_m)
-        parts = np.array_split(looks, -(-len(looks) // round(LONGEST_S / step_s)))
+        parts = np.array_split(looks, -(-len(looks) // round(POLICY.longest_line_s / step_s)))
         lines = [distortion(part, taps.delays_chips, step_s, allowed=allowed) for part in parts]
         early = [earlier(part, taps.delays_chips, step_s) for part in parts]
         ref = SignalRef(taps.receiver, taps.signals[column])

@@ -15,22 +15,18 @@ window it is uniform under the null by itself, though not independent of the one
 
 from bisect import bisect_left
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.detectors.correlators.policy import POLICY
 from skyproof.detectors.correlators.vector_parity import Whitener
 from skyproof.records import SignalId
 from skyproof.statistics.cusum import cusum_path, cusum_within
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["BRANCHES", "LASTING_SHARE", "BankFound", "BankState", "bank_over_looks"]
-
-BRANCHES: Final = ((5, 1.0), (50, 0.5))
-"""Looks of one step, and reference k: a tenth of a second and a second where looks come every 20 ms."""
-LASTING_SHARE: Final = 0.1
-"""Of the false-alarm probability: that lasting errors are longer than b."""
+__all__ = ["BankFound", "BankState", "bank_over_looks"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,12 +71,15 @@ def bank_over_looks(
     n, dof = len(signals), white.code.shape[0]
     kinds = ((code_chips, white.code, white.sigma_chips), (phase_rad, white.phase, white.sigma_rad))
     if state is None or state.signals != signals:
-        state = BankState(signals=signals, sums=(np.zeros(n),) * (len(kinds) * len(BRANCHES)))
-    share = (1.0 - LASTING_SHARE) * false_alarm_probability / len(state.sums)
-    lasting = _longest_lasting(white, lasting_chips, LASTING_SHARE * false_alarm_probability)
+        state = BankState(signals=signals, sums=(np.zeros(n),) * (len(kinds) * len(POLICY.cusum_branches)))
+    share = (1.0 - POLICY.lasting_share) * false_alarm_probability / len(state.sums)
+    lasting = _longest_lasting(white, lasting_chips, POLICY.lasting_share * false_alarm_probability)
     ended, p_values, alarms = [], [1.0], []
     for i, total in enumerate(state.sums):
-        (x, rows, sigma), (looks, reference) = kinds[i // len(BRANCHES)], BRANCHES[i % len(BRANCHES)]
+        (x, rows, sigma), (looks, reference) = (
+            kinds[i // len(POLICY.cusum_branches)],
+            POLICY.cusum_branches[i % len(POLICY.cusum_branches)],
+        )
         steps = len(x) // looks
         mean = np.sqrt(looks) * x[: steps * looks].reshape(steps, looks, n).mean(axis=1)
         bound = np.sqrt(looks) * lasting if x is code_chips else 0.0
@@ -94,7 +93,7 @@ def bank_over_looks(
     seen, began = min(alarms, default=(None, None))
     if alarms:
         ended = [np.zeros(n) for _ in ended]
-    p_value = min(len(ended) * min(p_values) + LASTING_SHARE * false_alarm_probability, 1.0)
+    p_value = min(len(ended) * min(p_values) + POLICY.lasting_share * false_alarm_probability, 1.0)
     return BankFound(p_value, began, seen, BankState(signals=signals, sums=tuple(ended)))
 
 

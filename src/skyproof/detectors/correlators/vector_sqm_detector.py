@@ -14,6 +14,7 @@ from scipy import special
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.correlators.correlator_laws import phase_discriminator
+from skyproof.detectors.correlators.policy import POLICY
 from skyproof.detectors.correlators.vector_cusum import BankFound, BankState, bank_over_looks
 from skyproof.detectors.correlators.vector_parity import (
     Whitener,
@@ -46,15 +47,8 @@ from skyproof.records import (
 
 __all__ = ["VectorSqm", "VectorSqmSettings"]
 
-LEAST_SHARE: Final = 0.8
-"""Of a window's looks: channels that were guided in fewer are left out."""
-LOOKS_MORE: Final = 20
-"""Than the numbers tested, so that the noise is known."""
 MOST_NAMED: Final = 6
 """Sets of signals that would explain a misfit, of which the signals are named."""
-BENT: Final = 0.05
-"""Of a code's offset, one sigma, by which its discriminator is not straight: |E| and |L| of weak signals are larger by
-their noise (5 % at an offset of 0.2 chip and an amplitude of 8), and a front end rounds the triangle."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +174,7 @@ class VectorSqm:
         rows = np.isfinite(value[:, kept]).all(axis=(1, 2))
         if there is None:
             return NotTested("no_position", data)
-        needed = 2 * (n - 4) + LOOKS_MORE
+        needed = 2 * (n - 4) + POLICY.looks_more
         data |= {"channels": n, "looks": int(rows.sum()), "needed_looks": needed}
         if n < self.settings.min_satellites:
             return NotTested("few_satellites", data)
@@ -220,8 +214,8 @@ class VectorSqm:
         data: dict[str, Datum] = {"statistic": statistic}
         failed = p_value < asked
         if failed:
-            from_look = min(max(bank.began or 0, 0), n_looks - y.size - LOOKS_MORE)
-            _, y, white = looks.mean_over(slice(from_look, None), parity, BENT)
+            from_look = min(max(bank.began or 0, 0), n_looks - y.size - POLICY.looks_more)
+            _, y, white = looks.mean_over(slice(from_look, None), parity, POLICY.bent_share)
             sets = likely_sets(y, white, self.settings.wrong_name_probability)
             data |= {
                 "sets": len(sets),
@@ -287,7 +281,7 @@ def _kept(value: Any, there: Directions | None) -> Indices:
         return np.empty(0, np.intp)
     tracked = np.isfinite(value).all(axis=2)
     share = tracked.sum(axis=0) / max(int(tracked.any(axis=1).sum()), 1)
-    return np.flatnonzero((share >= LEAST_SHARE) & np.isfinite(there.lasting_chips))
+    return np.flatnonzero((share >= POLICY.guided_looks_share) & np.isfinite(there.lasting_chips))
 
 
 def directions(

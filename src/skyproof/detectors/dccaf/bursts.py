@@ -12,7 +12,7 @@ Each satellite's own code is used: its side lobes, up to 65/1023 from one chip o
 
 A reflection comes after its signal and is weaker. `BurstComponents` therefore holds two statistics: what any second
 signal explains more than none, and what it explains more than the best pair whose later signal is weaker by
-`REFLECTED_DB` at least. The second is small under one signal, and under a signal with a reflection.
+`reflected_weaker_db` at least. The second is small under one signal, and under a signal with a reflection.
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ from scipy import special
 
 from skyproof.arrays import Booleans, Complexes, Reals
 from skyproof.compiled import compiled
+from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.gnss.signals import GPS_L1_CA
 
 __all__ = [
-    "REFLECTED_DB",
     "BurstComponents",
     "Shapes",
     "amplitudes",
@@ -38,8 +38,6 @@ __all__ = [
     "shapes",
 ]
 
-REFLECTED_DB = 3.0
-"""By which a reflection is weaker at least: a wall takes that of a circular wave."""
 _POINTS = 512
 """Of a code's correlation, a chip."""
 _STEP_CHIPS = 0.01
@@ -185,7 +183,7 @@ def components(taps: Complexes, own: Shapes, noise_variance: Reals, band_hz: flo
         own.value,
         own.slope,
         np.arange(0, own.grid.size, step),
-        10.0 ** (-0.1 * REFLECTED_DB),
+        10.0 ** (-0.1 * POLICY.reflected_weaker_db),
         out,
     )
     order = np.argsort(-out[:, 5:7], axis=1)

@@ -7,7 +7,7 @@ one burst, and by turning phases in several.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy import special
@@ -15,14 +15,13 @@ from scipy import special
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.decomposition.fit import at_strongest_doppler, taps_dictionary
 from skyproof.detectors.dccaf.bursts import BurstComponents, Shapes, components, joint_p_value, shapes
+from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
 from skyproof.records import Ccaf
 
 __all__ = ["DccafSettings", "Delays", "bursts_of", "delays_of", "last_burst", "second_signals"]
-
-_APART_SIGMAS: Final = 3.0
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,7 @@ def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
         delay[row, 0], sigma[row, 0] = found.one_chips[0], found.one_sigma[0]
         if p_value[row] < settings.second_signal_probability / whole.sum():
             delay[row], sigma[row] = found.two_chips[0], np.sqrt(found.two_variance[0])
-            noise = _APART_SIGMAS * np.sqrt(found.two_variance[0].sum())
+            noise = POLICY.apart_sigmas * np.sqrt(found.two_variance[0].sum())
             strong, weak = np.maximum(found.two_energy[0], 1e-9)
             weaker_db[row] = 10.0 * np.log10(strong / weak)
             apart[row] = not found.at_edge[0] and abs(delay[row, 1] - delay[row, 0]) > noise

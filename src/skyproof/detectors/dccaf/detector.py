@@ -19,7 +19,6 @@ import numpy as np
 
 from skyproof.arrays import Integers, Reals
 from skyproof.detectors.base import NotTested, Reporter
-from skyproof.detectors.dccaf.bursts import REFLECTED_DB
 from skyproof.detectors.dccaf.delays import (
     DccafSettings,
     Delays,
@@ -29,6 +28,7 @@ from skyproof.detectors.dccaf.delays import (
     second_signals,
 )
 from skyproof.detectors.dccaf.inverse_raim import passing_sets, second_subset, set_states
+from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.detectors.dccaf.two_skies import TwoSkies, two_skies
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
@@ -52,15 +52,11 @@ from skyproof.records import (
 )
 from skyproof.statistics.distributions import binomial_survival, chi_square_survival, chi_square_threshold
 
-__all__ = ["GRIDS", "SIGNAL_LEVEL", "Dccaf"]
+__all__ = ["GRIDS", "Dccaf"]
 
-SIGNAL_LEVEL = 1e-4
-"""By chance a satellite counts as one with a second signal that no reflection explains so often."""
 GRIDS = CcafAsked(reach_chips=1.5, every_s=2.0, soon_s=1.0)
 """What it is made for, and counted with. A window needs one burst in which all channels are there: of five, or of ten
 where fading signals lose some."""
-OF_A_SKY = 5
-"""So many satellites make a sky: ranges of four fit any position."""
 
 
 class _Sky(NamedTuple):
@@ -104,11 +100,15 @@ class Dccaf:
         bursts = [(int(run[-1]), delays_of(ccaf, run, self.settings)) for run in bursts_of(ccaf)] if epochs.size else []
         found = next((own for epoch, own in bursts if epoch == epochs[-1]), None)
         first = _first_of_each(ccaf, found)
-        if found is None or first.size < OF_A_SKY:
-            few: dict[str, Datum] = {"receiver": ccaf.receiver, "satellites": first.size, "needed": OF_A_SKY}
+        if found is None or first.size < POLICY.sky_satellites:
+            few: dict[str, Datum] = {
+                "receiver": ccaf.receiver,
+                "satellites": first.size,
+                "needed": POLICY.sky_satellites,
+            }
             return report.pass_over(every, NotTested("few_grids", few))
-        unlike = first[found.unlike_p_value[first] < SIGNAL_LEVEL]
-        chance = self.settings.no_reflection_probability + SIGNAL_LEVEL
+        unlike = first[found.unlike_p_value[first] < POLICY.signal_probability]
+        chance = self.settings.no_reflection_probability + POLICY.signal_probability
         p_value = float(binomial_survival(unlike.size, first.size, chance))
         others = [own for _, own in bursts if own is not found]
         doubles = int(second_signals(found, others, self.settings)[first].sum())
@@ -116,16 +116,18 @@ class Dccaf:
             "satellites": first.size,
             "unlike": unlike.size,
             "doubles": doubles,
-            "reflected_db": REFLECTED_DB,
+            "reflected_db": POLICY.reflected_weaker_db,
         }
-        if unlike.size >= OF_A_SKY:
+        if unlike.size >= POLICY.sky_satellites:
             sky = self._sky(navigation, ccaf, int(epochs[-1]), found, first)
             p_sky, of_sky = (1.0, {}) if sky is None else self._second_sky(sky, unlike)
             data |= of_sky
             both = p_value * p_sky
             p_value = min(1.0, 2.0 * min(p_value, both * (1.0 - float(np.log(both)))))
-        skies = self._overlapping(navigation, ccaf, bursts) if doubles >= OF_A_SKY else ()
-        seen = "as_reflections" if doubles >= OF_A_SKY else "few_second_signals"  # a few are under most skies
+        skies = self._overlapping(navigation, ccaf, bursts) if doubles >= POLICY.sky_satellites else ()
+        seen = (
+            "as_reflections" if doubles >= POLICY.sky_satellites else "few_second_signals"
+        )  # a few are under most skies
         return report.find(
             every,
             "unlike_reflections" if p_value < self.settings.false_alarm_probability else seen,
@@ -196,7 +198,7 @@ class Dccaf:
         ranges = corrected_ranges(ccaf.signals, np.array([gpst]), measured_m[None, :, 0], navigation)
         rows = first[np.isfinite(ranges.range_m[0, first])]
         rows = rows[np.argsort([ccaf.signals[row].sat for row in rows], kind="stable")]
-        if rows.size < OF_A_SKY:
+        if rows.size < POLICY.sky_satellites:
             return None
         satellite, range_m = ranges.satellite_ecef_m[0, rows], ranges.range_m[0, rows]
         sigma_m = np.hypot(chip_m[rows] * np.nanmax(found.sigma_chips[rows], axis=1), self.settings.multipath_sigma_m)
@@ -246,7 +248,7 @@ def _reflected(sky: _Sky, two: TwoSkies, weaker_db: Reals, chance: float) -> tup
     """
     n = len(two.choice)
     late_m = sky.misfit_m[:, 1] - sky.misfit_m[:, 0]
-    unlike = np.stack((np.ones(n, np.bool_), (late_m < 0.0) | (weaker_db < REFLECTED_DB)), axis=1)
+    unlike = np.stack((np.ones(n, np.bool_), (late_m < 0.0) | (weaker_db < POLICY.reflected_weaker_db)), axis=1)
     counts = [int(unlike[np.arange(n), other].sum()) for other in (1 - two.choice, two.choice)]
     made = np.array([float(binomial_survival(count, n, chance)) for count in counts])
     fits = [

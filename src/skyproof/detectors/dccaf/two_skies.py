@@ -17,13 +17,12 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.detectors.dccaf.inverse_raim import set_states
+from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.navigation.chance import chance_p_value
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["TwoSkies", "two_skies"]
-
-_LEAST = 5  # satellites: ranges of four fit any position
 
 
 class TwoSkies(NamedTuple):
@@ -54,7 +53,7 @@ def two_skies(
     most_doubt : largest `doubt`.
     """
     n = len(unit)
-    if n < _LEAST:
+    if n < POLICY.least_satellites:
         return None
     choice, design = _pairings(misfit_m, sigma_m), design_matrix(unit)
     skies = [set_states(unit, misfit_m, sigma_m, own) for own in (choice, 1 - choice)]

@@ -11,7 +11,7 @@ A failure leaves the cause open: two reflections, a statement that is not true, 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,17 +19,13 @@ from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.code_motion.detector import primary_signals
 from skyproof.detectors.known_place.laws import chance_at_place
+from skyproof.detectors.known_place.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.navigation.search import misfits
 from skyproof.navigation.sets import window_measurements
 from skyproof.records import Cause, Finding, Hypothesis, NavigationData, Need, Observations, Records, SignalRef
 
 __all__ = ["CodesAtPlace", "CodesAtPlaceSettings"]
-
-_SURVEY_M: Final = 2.0
-"""One sigma on each axis of a surveyed place: its datum lies 1 to 2 m from that of the orbits (EPSG:1188)."""
-_LEAST: Final = 3  # satellites at an epoch, of which one may be left out
-_MOST_EPOCHS: Final = 100  # of a window that are looked at, evenly
 
 
 @dataclass(frozen=True)
@@ -80,7 +76,7 @@ class CodesAtPlace:
             sets = [s for s in records.sets if s.receiver == o.receiver]
             surveyed = (self.settings.positions_ecef_m or {}).get(o.receiver)
             if surveyed is not None:
-                places[o.receiver] = _Place(np.asarray(surveyed), _SURVEY_M**2 * np.eye(3))
+                places[o.receiver] = _Place(np.asarray(surveyed), POLICY.survey_sigma_m**2 * np.eye(3))
             elif self.settings.speed_max_m_s == 0.0 and len(sets) == 1 and o.receiver not in places:
                 places[o.receiver] = _Place(sets[0].position_ecef_m, sets[0].covariance_m2[:3, :3])
             found.append(self._test_receiver(report, records.navigation, o, bool(sets), places.get(o.receiver)))
@@ -99,7 +95,7 @@ class CodesAtPlace:
             return report.pass_over(signals, NotTested("received_twice"))
         epochs = self._epochs(o, navigation, set(primary), place)
         if not epochs:
-            return report.pass_over(signals, NotTested("few_satellites", {"least": _LEAST}))
+            return report.pass_over(signals, NotTested("few_satellites", {"least": POLICY.least_satellites}))
         sats = sorted({sat for epoch in epochs for sat in epoch.sats})
         chances = [_least([epoch.chance(out) for epoch in epochs]) for out in ("", *sats)]
         p_value, alpha = max(chances), self.settings.false_alarm_probability
@@ -115,7 +111,7 @@ class CodesAtPlace:
         self, o: Observations, navigation: NavigationData, among: set[Any], place: _Place
     ) -> "list[_EpochAtPlace]":
         """Return the epochs with enough satellites, each at the place."""
-        rows = np.unique(np.linspace(0, o.gpst.size - 1, min(o.gpst.size, _MOST_EPOCHS)).round().astype(np.intp))
+        rows = np.unique(np.linspace(0, o.gpst.size - 1, min(o.gpst.size, POLICY.most_epochs)).round().astype(np.intp))
         found = []
         for row in rows.tolist():
             mean, measurements, usable = window_measurements(
@@ -125,7 +121,7 @@ class CodesAtPlace:
                 ionosphere_share=self.settings.ionosphere_share,
             )
             kept = np.array([k for k in np.flatnonzero(usable) if mean.signals[k] in among], np.intp)
-            if kept.size < _LEAST:
+            if kept.size < POLICY.least_satellites:
                 continue
             misfit_m, sigma_m, unit = misfits(measurements, kept, np.append(place.position_ecef_m, 0.0))
             chosen = [mean.signals[k] for k in kept]

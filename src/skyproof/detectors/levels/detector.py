@@ -22,7 +22,7 @@ levels, or the receiver is known to stand.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from skyproof.detectors.levels.laws import (
     pattern_slope,
     split_in_two,
 )
+from skyproof.detectors.levels.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.records import (
     Cause,
@@ -56,21 +57,8 @@ from skyproof.records import (
     SignalRef,
 )
 
-__all__ = ["CN0_MAX_DBHZ", "LEAST_SATELLITES", "SignalLevels", "SignalLevelsSettings"]
+__all__ = ["SignalLevels", "SignalLevelsSettings"]
 
-LEAST_SATELLITES: Final = 4
-"""Satellites by which a common change is told from single ones'."""
-CN0_MAX_DBHZ: Final = 63.0
-"""No C/A signal is stronger: -153 dBW in an antenna of 0 dBi (IS-GPS-200N, 6.3.1), 7 dBi towards the zenith, and a
-system of 100 K, -208.6 dBW/Hz. Beams of many antennas and dishes receive more."""
-_OTHERS_DB: Final = 5.0
-"""By which signals other than C/A are stronger at most: -148 dBW, for Galileo's E5 and those of L5."""
-_REMEMBERED_WINDOWS: Final = 6
-"""Of a satellite's own course: at 10 s a window it follows elevation and slow drifts, and no step."""
-_FORGOTTEN_S: Final = 600.0
-"""A signal that was not seen for so long begins anew: satellites move by 5 degrees meanwhile."""
-_CONFIRMS: Final = 0.01
-"""p-value of a fall that a significant rise of the level confirms, or that goes on from the window before."""
 Unit = tuple[str, ...]
 """What is tested together: a carrier of all systems, or system, band and code."""
 
@@ -289,7 +277,7 @@ class _Window:
         change_db = np.median(cells_db, axis=0)
         satellite = np.unique([signals[k].sat for k in used], return_inverse=True)[1]
         by_sat = mean_by_group(satellite, change_db)
-        if by_sat.size < LEAST_SATELLITES:
+        if by_sat.size < POLICY.least_satellites:
             return None
         windows = float(np.mean([references[signals[k]].windows for k in used]))
         spread = {"fading_db": self.settings.fading_db, "common_db": self.settings.common_db}
@@ -299,7 +287,7 @@ class _Window:
         in_part = dip.parts * self.past.dips.get(unit, OwnScale()).below(dip.statistic / np.sqrt(1.0 + 1.0 / windows))
         scale, rate = self.past.scales.get(unit, OwnScale()), self.past.rates.get(unit, OwnRate())
         lost, left = int((~self.known[used]).sum()), self.known[used]
-        tracked_db = -float(np.median(change_db[left])) if left.sum() >= LEAST_SATELLITES else -np.inf
+        tracked_db = -float(np.median(change_db[left])) if left.sum() >= POLICY.least_satellites else -np.inf
         return _Change(
             unit=unit,
             columns=tuple(used),
@@ -319,14 +307,14 @@ class _Window:
     def _counts(self, column: int, reference: _Reference, unit: Unit) -> bool:
         """Tell whether a signal is there, or was until the window before or until interference began."""
         fresh = reference.fresh or self._carrier(unit) in self.past.interfered
-        return self.o.elapsed_s[0] - reference.seen_s < _FORGOTTEN_S and (bool(self.known[column]) or fresh)
+        return self.o.elapsed_s[0] - reference.seen_s < POLICY.forgotten_s and (bool(self.known[column]) or fresh)
 
     # ------------------------------------------------------------------ interference
 
     def _is_interference(self, change: _Change, gauges: list[_GaugeChange], n_carriers: int) -> bool:
         asked = self.settings.interference_probability
         supported = change.unit[0] in self.past.interfered or bool(self._risen(change, gauges))
-        return n_carriers * change.noise < asked or (supported and change.noise < _CONFIRMS)
+        return n_carriers * change.noise < asked or (supported and change.noise < POLICY.confirming_p_value)
 
     def _risen(self, change: _Change, gauges: list[_GaugeChange]) -> list[_GaugeChange]:
         """Return the gauges of a unit's carrier that rose significantly."""
@@ -423,7 +411,11 @@ class _Window:
         disturbed = interfered.keys() | self.past.interfered.keys()
         tests = []
         for change in changes:
-            found = None if self._carrier(change.unit) in disturbed or change.noise < _CONFIRMS else self._slope(change)
+            found = (
+                None
+                if self._carrier(change.unit) in disturbed or change.noise < POLICY.confirming_p_value
+                else self._slope(change)
+            )
             if found is not None:
                 slope, statistic = found
                 tests.append(
@@ -441,7 +433,7 @@ class _Window:
     def _slope(self, change: _Change) -> tuple[float, float] | None:
         """Return the slope of changes over own levels, and the same over its sigma."""
         there = [k for k in change.columns if self.known[k]]
-        if len(there) < LEAST_SATELLITES:
+        if len(there) < POLICY.least_satellites:
             return None
         own = [self.past.references[self.o.signals[k]] for k in there]
         own_db = np.array([reference.level_db for reference in own])
@@ -454,12 +446,16 @@ class _Window:
         return None if found is None else (found[0], found[0] / found[1])
 
     def _strong(self) -> list[_Test]:
-        """Return a test of signals over `CN0_MAX_DBHZ` for most of the window, if there are any.
+        """Return a test of signals over `most_cn0_dbhz` for most of the window, if there are any.
 
         The mean of n epochs is known to 1 dB / sqrt(n) or better, so that noise alone never takes it 1 dB over.
         """
         enough = np.isfinite(self.o.cn0_dbhz).sum(axis=0) >= max(4, 0.5 * self.o.gpst.size)
-        most_db = CN0_MAX_DBHZ + 1.0 + np.where([k == ("G", "L1", "CA") for k in self.kinds], 0.0, _OTHERS_DB)
+        most_db = (
+            POLICY.most_cn0_dbhz
+            + 1.0
+            + np.where([k == ("G", "L1", "CA") for k in self.kinds], 0.0, POLICY.others_stronger_db)
+        )
         loud = np.flatnonzero(enough & (np.where(self.known, self.levels_db, -np.inf) > most_db))
         if not loud.size:
             return []
@@ -472,7 +468,7 @@ class _Window:
         tests = []
         for gauge in gauges:
             covered = [c for c in changes if chain_covers(gauge.chain, self._carrier(c.unit))]
-            if not covered or min(c.noise for c in covered) < _CONFIRMS:
+            if not covered or min(c.noise for c in covered) < POLICY.confirming_p_value:
                 continue
             data: dict[str, Datum] = {"chain": gauge.chain}
             data |= {"rise_db": float(gauge.rise_db)} if np.isfinite(gauge.rise_db) else {}
@@ -505,7 +501,7 @@ class _Window:
             in_db = self.settings.gain_db if kind != "share" else np.nan
             changes.append(_GaugeChange(chain, kind, float(statistic), (value - own.level) * in_db, rise))
             if min(rise, 1.0 - rise) * len(after) > self.settings.interference_probability:
-                windows = min(own.windows + 1.0, _REMEMBERED_WINDOWS)
+                windows = min(own.windows + 1.0, POLICY.remembered_windows)
                 level = own.level + (value - own.level) / windows
                 after[chain, kind] = _Gauge(level, windows, own.scale.after(statistic))
         return changes, after
@@ -535,7 +531,7 @@ class _Window:
 
     def _explain_untested(self) -> NotTested:
         """Return why no test could run."""
-        data: dict[str, Datum] = {"receiver": self.o.receiver, "needed": LEAST_SATELLITES}
+        data: dict[str, Datum] = {"receiver": self.o.receiver, "needed": POLICY.least_satellites}
         if not self.known.any():
             return NotTested("no_levels", data)
         if not self.past.references:
@@ -556,13 +552,13 @@ class _Window:
         references = {
             signal: own._replace(fresh=False)
             for signal, own in self.past.references.items()
-            if end_s - own.seen_s < _FORGOTTEN_S
+            if end_s - own.seen_s < POLICY.forgotten_s
         }
         for column in np.flatnonzero(self.known):
             signal = self.o.signals[column]
             level_db = float(self.levels_db[column]) - shared_db.get(carrier_name(signal), 0.0)
             own = references.get(signal)
-            windows = 1.0 if own is None else min(own.windows + 1.0, _REMEMBERED_WINDOWS)
+            windows = 1.0 if own is None else min(own.windows + 1.0, POLICY.remembered_windows)
             before_db = level_db if own is None else own.level_db
             references[signal] = _Reference(before_db + (level_db - before_db) / windows, windows, end_s)
         scales, slopes, rates = dict(self.past.scales), dict(self.past.slopes), dict(self.past.rates)

@@ -6,8 +6,8 @@ figure, temperature, weak interference that is always there), with one sigma `co
 whatever single satellites do; its variance is `common_db^2 + pi/2 fading_db^2 / n` (asymptotic variance of a median).
 
 **The scale.** How much a receiver's levels wander depends on where it is. A statistic T, normal with one sigma s, is
-held against its own past: s^2 has a scaled inverse chi-square law with `PRIOR_DEGREES` degrees about 1, so that after
-m values `T / s` is Student's t with `PRIOR_DEGREES + m` degrees (Gelman et al., Bayesian Data Analysis, 2.6 and 3.2).
+held against its own past: s^2 has a scaled inverse chi-square law with `prior_degrees` degrees about 1, so that after
+m values `T / s` is Student's t with `prior_degrees + m` degrees (Gelman et al., Bayesian Data Analysis, 2.6 and 3.2).
 
 **The dip.** Interference may be shorter than a window. A window is cut into `DIP_PARTS` parts. The median of each
 signal over a part changes as that over a window does, whatever the parts share. The lowest part is held against the
@@ -28,10 +28,10 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from skyproof.arrays import Indices, Reals
+from skyproof.detectors.levels.policy import POLICY
 
 __all__ = [
     "DIP_PARTS",
-    "PRIOR_DEGREES",
     "Dip",
     "OwnRate",
     "OwnScale",
@@ -45,13 +45,6 @@ __all__ = [
 
 DIP_PARTS: Final = 5
 """Of a window: two seconds where a window has ten."""
-PRIOR_DEGREES: Final = 10.0
-"""Weight of the stated scale beside the receiver's own: that of so many earlier windows."""
-_MOST_DEGREES: Final = 60.0
-"""Earlier windows that a scale rests on at most; older ones fade."""
-_PRIOR_LOST: Final = 1.0
-_PRIOR_STAYED: Final = 9.0
-"""What is known of a rate of loss before: as if one signal of ten had been lost."""
 
 
 class SharedChange(NamedTuple):
@@ -127,12 +120,12 @@ class OwnScale(NamedTuple):
     @property
     def degrees(self) -> float:
         """Degrees of freedom of the law of the next value."""
-        return PRIOR_DEGREES + self.seen
+        return POLICY.prior_degrees + self.seen
 
     @property
     def sigma(self) -> float:
         """One sigma of the next value."""
-        return float(np.sqrt((PRIOR_DEGREES + self.squares) / self.degrees))
+        return float(np.sqrt((POLICY.prior_degrees + self.squares) / self.degrees))
 
     def above(self, statistic: float) -> float:
         """Return the chance of a value at least as large; uniform under the null."""
@@ -144,7 +137,7 @@ class OwnScale(NamedTuple):
 
     def after(self, statistic: float) -> "OwnScale":
         """Return the scale that has seen one more value."""
-        keep = min(1.0, (_MOST_DEGREES - 1.0) / max(self.seen, 1.0))
+        keep = min(1.0, (POLICY.most_degrees - 1.0) / max(self.seen, 1.0))
         return OwnScale(keep * self.squares + statistic**2, keep * self.seen + 1.0)
 
 
@@ -156,7 +149,7 @@ class OwnRate(NamedTuple):
 
     def above(self, lost: int, signals: int) -> float:
         """Return the chance that so many of the signals are lost or more, each independently at the rate."""
-        first, second = _PRIOR_LOST + self.lost, _PRIOR_STAYED + self.stayed
+        first, second = POLICY.prior_lost + self.lost, POLICY.prior_stayed + self.stayed
         counts = np.arange(lost, signals + 1)
         log_chance = (
             special.gammaln(signals + 1)
@@ -169,7 +162,7 @@ class OwnRate(NamedTuple):
 
     def after(self, lost: int, signals: int) -> "OwnRate":
         """Return the rate that has seen one more window."""
-        keep = 1.0 - 1.0 / _MOST_DEGREES
+        keep = 1.0 - 1.0 / POLICY.most_degrees
         return OwnRate(keep * self.lost + lost, keep * self.stayed + signals - lost)
 
 

@@ -25,6 +25,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.messages.laws import chance_of_difference, range_difference_m, served_together
+from skyproof.detectors.messages.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.gnss.ephemeris import MAX_AGE_S, Ephemeris
 from skyproof.gnss.frames import geodetic_from_ecef
@@ -36,12 +37,7 @@ from skyproof.statistics.distributions import binomial_survival
 
 __all__ = ["BroadcastMessages", "BroadcastMessagesSettings"]
 
-_BELOW_DEG: Final = 2.0
-"""Below the horizon: refraction lifts signals by 0.6 degrees at most, and orbits of an old data set err by less."""
-_BACK_S: Final = 300.0
-"""By which the time of a data set may go back: after an upload it is off the hour (IS-GPS-200N, 20.3.4.5)."""
 _EARTH_M: Final = 6.371e6
-_KEPT: Final = 4  # data sets of a satellite and message that are remembered
 
 
 @dataclass(frozen=True)
@@ -114,7 +110,7 @@ class BroadcastMessages:
                 latest[o.receiver, key] = max(newest, e.reference_gpst)
                 why = _outdated(e, gpst, newest) or self._contradicted(e, before)
                 odd |= {} if why is None else {e.sat: why}
-                sent[key] = (*(other for other in sent.get(key, ()) if other != e), e)[-_KEPT:]
+                sent[key] = (*(other for other in sent.get(key, ()) if other != e), e)[-POLICY.remembered_data_sets :]
             found.append(self._test_number(report, o, odd))
         return found, past
 
@@ -163,7 +159,7 @@ def _outdated(e: Ephemeris, gpst: np.datetime64, newest: np.datetime64) -> _Oddi
     off_s = float(seconds_between(gpst, e.reference_gpst))
     if abs(off_s) > MAX_AGE_S[e.sat[0]]:
         return _Oddity("other_time", off_s / 3600.0)
-    if seconds_between(newest, e.reference_gpst) > _BACK_S:
+    if seconds_between(newest, e.reference_gpst) > POLICY.time_back_s:
         return _Oddity("goes_back")
     return None
 
@@ -193,7 +189,7 @@ def _below_horizon(records: Records, o: Observations) -> Iterator[tuple[str, _Od
     _, elevation_rad = azimuth_elevation(place_m, ranges.satellite_ecef_m[0])
     _, _, height_m = geodetic_from_ecef(place_m)
     dip_rad = float(np.arccos(_EARTH_M / (_EARTH_M + max(float(height_m), 0.0))))
-    lowest_rad = -dip_rad - np.radians(_BELOW_DEG)
+    lowest_rad = -dip_rad - np.radians(POLICY.below_horizon_deg)
     for k in np.flatnonzero(np.isfinite(elevation_rad) & (elevation_rad < lowest_rad)):
         yield o.signals[k].sat, _Oddity("below_horizon", float(np.degrees(-elevation_rad[k])))
 

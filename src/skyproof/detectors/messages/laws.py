@@ -11,10 +11,10 @@ full, and what is along and across by the square root of 1/49 for GPS, less for 
 """
 
 import math
-from typing import Final
 
 import numpy as np
 
+from skyproof.detectors.messages.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.lnav import URA_M
@@ -24,16 +24,11 @@ from skyproof.statistics.distributions import normal_two_sided
 
 __all__ = ["chance_of_difference", "range_difference_m", "served_together"]
 
-_SIDEWAYS: Final = 1.0 / 7.0
-_TOGETHER_S: Final = 7200.0
-"""Data sets of GPS are sent for two hours and fit four (IS-GPS-200N, 20.3.4.4); those of other systems are renewed
-sooner."""
-
 
 def served_together(first: Ephemeris, second: Ephemeris) -> bool:
     """Tell whether both serve between their times, and are of one message of one satellite."""
     same = first.sat == second.sat and first.message == second.message
-    return same and abs(float(seconds_between(first.reference_gpst, second.reference_gpst))) <= _TOGETHER_S
+    return same and abs(float(seconds_between(first.reference_gpst, second.reference_gpst))) <= POLICY.valid_together_s
 
 
 def range_difference_m(first: Ephemeris, second: Ephemeris) -> float:
@@ -46,7 +41,7 @@ def range_difference_m(first: Ephemeris, second: Ephemeris) -> float:
     radial_m = float(apart_m @ up)
     sideways_m = float(np.linalg.norm(apart_m - radial_m * up))
     clock_m = SPEED_OF_LIGHT_M_S * float(one.clock_s - other.clock_s)
-    return float(np.hypot(radial_m - clock_m, _SIDEWAYS * sideways_m))
+    return float(np.hypot(radial_m - clock_m, POLICY.sideways_share * sideways_m))
 
 
 def chance_of_difference(first: Ephemeris, second: Ephemeris) -> float | None:

@@ -26,21 +26,14 @@ from scipy import special
 from skyproof.arrays import Booleans, Complexes, Indices, Reals
 from skyproof.detectors.multi_receiver.common_epochs import CommonPhases
 from skyproof.detectors.multi_receiver.known_geometry import Fit, Reach
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["CarrierTest", "Fractions", "fractions", "one_antenna_carriers", "sky_carriers"]
 
-_LEAST: Final = 5
-"""Satellites: fewer fit some baseline whatever their fractions are."""
-_STEADY: Final = 0.8
-"""Length of the mean phasor of a difference over the window: at 0.1 cycles of scatter."""
 _MOST_WAYS: Final = 400_000
 """To choose three whole cycles."""
-_BY_CHANCE: Final = 0.05
-"""Ways to choose the cycles that any fractions are expected to fit; where it is more, that they fit says nothing."""
-_FITS: Final = 1e-3  # p-value
 _NEVER: Final = 1e-15  # p-value of ways that are not followed
-_SLACK: Final = 5.0  # sigmas
 _UNKNOWN: Final = 1e6  # variance of what is not known yet, m^2 and cycles^2
 
 
@@ -57,7 +50,7 @@ class CarrierTest(NamedTuple):
 
     def fits(self, probability: float) -> bool:
         """Whether the p-value reaches `probability`, and would not by chance."""
-        return self.p_value >= probability and self.by_chance < _BY_CHANCE
+        return self.p_value >= probability and self.by_chance < POLICY.cycles_by_chance
 
     @property
     def p_value(self) -> float:
@@ -94,7 +87,7 @@ def fractions(phases: CommonPhases, other: int, multipath_sigma_m: float) -> Fra
     folded = 2.0 if phases.half_open[known][:, [0, other]].any() else 1.0
     cycles, steady = _between_satellites(folded * cyc)
     rows = np.flatnonzero(steady)
-    if rows.size < _LEAST:
+    if rows.size < POLICY.carrier_satellites:
         return None
     wave_m = float(phases.wave_m[0]) / folded
     each_cyc2 = np.where(known, np.sum((folded * phases.sigma_cyc[..., [0, other]]) ** 2, axis=-1), 0.0)
@@ -109,7 +102,7 @@ def _between_satellites(cyc: Reals) -> tuple[Reals, Booleans]:
     phasor: Complexes = np.where(known, np.exp(2j * np.pi * np.where(known, cyc, 0.0)), 0.0)
     together = known.T.astype(float) @ known
     mean = (phasor.conj().T @ phasor) / np.maximum(together, 1.0)
-    steady = (np.abs(mean) >= _STEADY) & (together >= 0.5 * len(cyc))
+    steady = (np.abs(mean) >= POLICY.steady_phasor_length) & (together >= 0.5 * len(cyc))
     reference = int(np.argmax(steady.sum(axis=1)))
     return np.asarray(np.angle(mean[reference]) / (2.0 * np.pi)), steady[reference]
 
@@ -122,7 +115,7 @@ def one_antenna_carriers(one: Fractions) -> CarrierTest:
     off -= (off @ weight / weight.sum())[:, None]
     test = CarrierTest(float(np.min(off**2 @ weight)), one.cycles.size - 1)
     log_sigmas = float(np.sum(np.log(one.sigma_cyc))) + 0.5 * np.log(weight.sum())
-    log_chance = log_sigmas + _log_ball(test.dof, test.threshold(_FITS))
+    log_chance = log_sigmas + _log_ball(test.dof, test.threshold(POLICY.carrier_fit_probability))
     return test._replace(by_chance=float(np.exp(min(log_chance, 0.0))))
 
 
@@ -162,7 +155,9 @@ def sky_carriers(
     misfit = geometry.misfit(receivers, state[:, :3], covariance[:3, :3])
     test = CarrierTest(float(np.min(squares + misfit.squared, initial=gate)), dof + misfit.dof)
     density = abs(float(np.linalg.det(rows.three)))  # of ways, per m^3
-    log_chance = np.log(density * reach.volume_m3) + log_sigmas + _log_ball(dof, test.threshold(_FITS))
+    log_chance = (
+        np.log(density * reach.volume_m3) + log_sigmas + _log_ball(dof, test.threshold(POLICY.carrier_fit_probability))
+    )
     return test._replace(by_chance=float(np.exp(min(log_chance, 100.0))))
 
 
@@ -190,7 +185,7 @@ class _Rows:
         if np.linalg.cond(self.three) > 100.0:
             return None
         back = np.linalg.inv(self.three)
-        slack_m = _SLACK * float(np.linalg.norm(back) * np.max(self.sigma_cyc) * np.sqrt(2.0))
+        slack_m = POLICY.cycle_reach_sigmas * float(np.linalg.norm(back) * np.max(self.sigma_cyc) * np.sqrt(2.0))
         x = self.cycles[self.base[1:]] - self.cycles[self.base[0]]
         half = (reach.outer_m + slack_m) * np.linalg.norm(self.three, axis=1)
         middle = x - self.three @ reach.centre_m

@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import service_of
 from skyproof.gnss.time import seconds_between
@@ -15,7 +16,6 @@ from skyproof.records import BY_NAME, ConsistentSet, Observations, Records, Sign
 __all__ = ["CommonPhases", "CommonRanges", "Kind", "common_ranges", "shared_kinds"]
 
 Kind = tuple[str, str, str]
-_FEW = 5  # epochs: where there are no more, who lacks one would take it from all
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -215,12 +215,12 @@ def _steady(doppler_hz: Reals, time_s: Reals) -> tuple[Reals, Reals]:
     Dopplers are lines over a window to better than 0.1 mm in half a second, in which their rise alone makes up to 16 mm
     of range; what signals have in common, the receiver's clock, cancels between satellites whatever it is.
     """
-    if len(time_s) < _FEW:
+    if len(time_s) < POLICY.few_epochs:
         return doppler_hz, np.zeros(doppler_hz.shape[1])
     common_hz = np.nanmean(doppler_hz, axis=1, keepdims=True) if np.isfinite(doppler_hz).any(axis=1).all() else 0.0
     own_hz = doppler_hz - common_hz
     known = np.isfinite(own_hz)
-    known &= known.sum(axis=0) >= _FEW
+    known &= known.sum(axis=0) >= POLICY.few_epochs
     count = np.maximum(known.sum(axis=0), 1)
     middle_s = np.where(known, time_s[:, None], 0.0).sum(axis=0) / count
     middle_hz = np.where(known, own_hz, 0.0).sum(axis=0) / count
@@ -271,7 +271,7 @@ def _without_holes(
     whole = np.asarray(np.isfinite(ranges + sigma_m).all(axis=2))  # (N, K)
     epochs = whole.sum(axis=0)
     best = int(epochs.max(initial=1))
-    kept = epochs >= max(min_share * best, min(_FEW, best))
+    kept = epochs >= max(min_share * best, min(POLICY.few_epochs, best))
     if kept.sum() < min_satellites:
         kept = epochs > 0
     rows = np.asarray(whole[:, kept].all(axis=1))

@@ -42,6 +42,7 @@ from skyproof.detectors.multi_receiver.known_geometry import LearntBaseline, agr
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
 from skyproof.detectors.multi_receiver.one_set import one_set_each
 from skyproof.detectors.multi_receiver.over_time import over_time
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.detectors.multi_receiver.runs import WindowRun
 from skyproof.detectors.multi_receiver.same_direction import without_doubtful
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
@@ -51,9 +52,6 @@ from skyproof.detectors.multi_receiver.window import ONE_FALSE_SKY, ONE_TRANSMIT
 from skyproof.records import Baseline, Evidence, Need, Records
 
 __all__ = ["MultiReceiver"]
-
-MAJORITY = 0.5
-"""Of the windows in which both skies are received: where fewer agree on the baseline, the antennas move."""
 
 
 class _Memory(NamedTuple):
@@ -122,7 +120,7 @@ class MultiReceiver:
             )
         )
         agreeing = sum(agreement(middle, (b,)) >= self.settings.accept_probability for b in whole)
-        return middle if agreeing > MAJORITY * len(whole) else None
+        return middle if agreeing > POLICY.agreeing_windows_share * len(whole) else None
 
     def _reviewed(self, e: Evidence, learnt: LearntBaseline | None) -> Evidence:
         if learnt is None:

@@ -29,8 +29,10 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.multi_receiver.common_epochs import Kind
 from skyproof.detectors.multi_receiver.pairing import Pairing
-from skyproof.detectors.second_signals.detector import LEAST, MOST, elevation_rad
+from skyproof.detectors.multi_receiver.policy import POLICY
+from skyproof.detectors.second_signals.detector import elevation_rad
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
+from skyproof.detectors.second_signals.policy import POLICY as SECOND_SIGNALS
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.search import WindowRanges, innovation
@@ -43,21 +45,9 @@ from skyproof.statistics.medians import medians
 
 __all__ = ["Named", "Rates", "further_signals"]
 
-ECHOES: Final = EchoModel(early_share=1e-3)
+ECHOES: Final = EchoModel(early_share=POLICY.early_echo_share)
 """A true signal fits the others of its receiver and, with the baseline, those of another one: an echo in its place does
 so by chance in 3 % of cases each, where delays spread over 300 m."""
-_CREDIBLE_DBHZ: Final = 30.0
-_NO_REFLECTOR_M: Final = 1000.0
-"""Between antennas, from which on echoes are taken as independent: those of the model, but for one in a hundred from
-afar, are late by less."""
-_SIGMAS: Final = 5.0
-_COURSE: Final = 3
-"""Numbers of a range's course over a window: its rate changes by less than 0.2 m/s in a second."""
-_UNSTEADY_M: Final = 10.0
-"""By which a code that a loop follows does not scatter about a smooth course: numbers that were damaged do."""
-_LEAST_RANGE_M: Final = 19_000e3
-"""Of a satellite in medium orbit, overhead; the others are farther."""
-_BLOCKED_DB: Final = 20.0  # a satellite without a true signal: its own may be blocked by anything
 
 _Place = tuple[str, str]
 
@@ -173,9 +163,9 @@ def _find_wrong_orbits(beside: Sequence[_Beside], true: set[str], apart_m: float
     chance: dict[str, float] = {}
     for (sat, _), some in late.items():
         least, most = min(some, key=lambda b: b.late_m), max(some, key=lambda b: b.late_m)
-        apart = most.late_m - least.late_m - _SIGMAS * float(np.hypot(least.sigma_m, most.sigma_m))
+        apart = most.late_m - least.late_m - POLICY.same_delay_sigmas * float(np.hypot(least.sigma_m, most.sigma_m))
         turned = 0.0 if apart <= 0.0 else apart / apart_m if apart_m > 0.0 else np.inf
-        moved_m = turned * _LEAST_RANGE_M
+        moved_m = turned * POLICY.least_range_m
         largest_m = max(abs(least.late_m), abs(most.late_m))
         own = 1.0 if moved_m <= largest_m else largest_m / moved_m if turned <= 2.0 else 0.0
         if len({b.ref.receiver for b in some}) < len(some) and apart > 0.0:  # signals of one receiver are late alike
@@ -254,12 +244,12 @@ def _beside(
     for row, late, variance in zip(rows, late_m, variance_m2, strict=True):
         signal = signals[row]
         direct = own.get(signal.transmission)
-        beside_dbhz = best_dbhz - _BLOCKED_DB if direct is None else level_dbhz[direct]
+        beside_dbhz = best_dbhz - POLICY.blocked_db if direct is None else level_dbhz[direct]
         over_db = level_dbhz[signal] - beside_dbhz
         if not (
             abs(late) > rates.echoes.least_delay_m
             and over_db >= -rates.echoes.most_weaker_db
-            and level_dbhz[signal] >= _CREDIBLE_DBHZ
+            and level_dbhz[signal] >= POLICY.credible_cn0_dbhz
             and _is_steady(o, signal)
         ):
             continue
@@ -274,7 +264,7 @@ def _is_steady(o: Observations, signal: SignalId) -> bool:
     """Whether code and carrier run smoothly through the window, as those of any transmitter do."""
     column = o.signals.index(signal)
     sigma_m = float(np.nanmedian(o.pseudorange_sigma_m[:, column])) if o.gpst.size else np.nan
-    limit_m = _UNSTEADY_M + _SIGMAS * (sigma_m if np.isfinite(sigma_m) else 0.0)
+    limit_m = POLICY.unsteady_m + POLICY.same_delay_sigmas * (sigma_m if np.isfinite(sigma_m) else 0.0)
     wave_m = SPEED_OF_LIGHT_M_S / o.carrier_hz[column]
     courses_m = (o.pseudorange_m[:, column], wave_m * o.carrier_cyc[:, column])
     return all(_scatter_m(o.elapsed_s, course_m) <= limit_m for course_m in courses_m)
@@ -283,9 +273,9 @@ def _is_steady(o: Observations, signal: SignalId) -> bool:
 def _scatter_m(elapsed_s: Reals, range_m: Reals) -> float:
     """Standard deviation about a smooth course; 0 where too little is measured to have one."""
     rows = np.flatnonzero(np.isfinite(range_m))
-    if rows.size <= _COURSE:
+    if rows.size <= POLICY.course_coefficients:
         return 0.0
-    design = np.vander(elapsed_s[rows] - elapsed_s[rows].mean(), _COURSE)
+    design = np.vander(elapsed_s[rows] - elapsed_s[rows].mean(), POLICY.course_coefficients)
     return float(np.std(range_m[rows] - design @ np.linalg.lstsq(design, range_m[rows], rcond=None)[0]))
 
 
@@ -295,7 +285,7 @@ def _far_apart(sky: Pairing) -> list[Kind]:
         return []
     places_m = np.vstack([np.zeros(3), sky.baselines[0].enu_m])
     apart_m = np.linalg.norm(places_m[:, None] - places_m, axis=-1)[np.triu_indices(len(places_m), 1)]
-    return list(sky.kinds) if apart_m.min() >= _NO_REFLECTOR_M else []
+    return list(sky.kinds) if apart_m.min() >= POLICY.independent_echoes_m else []
 
 
 def _merged(own: Sequence[tuple[list[_Beside], set[_Place]]]) -> tuple[list[_Beside], set[_Place]]:
@@ -318,7 +308,11 @@ class _Tested:
             own.setdefault((b.ref.receiver, b.ref.signal.sat), []).append((p_value, b))
         least = sorted(min(p for p, _ in signals) for signals in own.values())
         n = len(places | set(own))
-        self.p_value = many_small([*least, *[1.0] * (n - len(least))], least=LEAST, most=MOST).p_value
+        self.p_value = many_small(
+            [*least, *[1.0] * (n - len(least))],
+            least=SECOND_SIGNALS.attack_satellites,
+            most=SECOND_SIGNALS.telling_p_value,
+        ).p_value
         limit = max((p for k, p in enumerate(least, 1) if n * p <= rates.mistaken * k), default=0.0)
         self.told = [b for signals in own.values() for p, b in signals if p <= limit]
 
@@ -333,7 +327,7 @@ def _by_antenna(
     for sky in skies:
         first, other, *_ = sky.receivers
         pairs = _pairs(left, sky, first, other)
-        if len(pairs) < LEAST or sky.unit_enu is None:
+        if len(pairs) < SECOND_SIGNALS.attack_satellites or sky.unit_enu is None:
             continue
         row = {sat: k for k, sat in enumerate(sky.ranges.sats)}
         away_m = np.array(
@@ -351,7 +345,7 @@ def _by_antenna(
                 if r.signal.sat in sats and r.signal.kind in sky.kinds and r.receiver not in (first, other)
             ]
             refs = tuple(sorted([*(b.ref for k in cluster for b in pairs[k]), *elsewhere]))
-            found.append(_named(refs, alone, together=len(cluster) >= LEAST))
+            found.append(_named(refs, alone, together=len(cluster) >= SECOND_SIGNALS.attack_satellites))
             for ref in refs:
                 del left[ref]
     for receiver in sorted({ref.receiver for ref in left}):

@@ -20,6 +20,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.compiled import compiled
 from skyproof.detectors.multi_receiver.one_antenna import BaselineEstimate
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, distance_slips, position_slips, vector_slips
 from skyproof.records import Baseline
@@ -42,9 +43,6 @@ __all__ = [
 
 _ROUNDS = 80  # of bisection
 _LEAST_M = 1e-6
-_REACH = 5.0  # sigmas
-_LEAST_SIGMA_M = 0.01  # of a distance
-_ANY_HEIGHT_M = 1e4  # one sigma of a height that is not known
 
 
 class Misfit(NamedTuple):
@@ -152,7 +150,7 @@ class AntennaPlaces:
         return _from_vector(enu_m - self.expected_m(receivers), covariance_m2 + np.kron(own, np.eye(3)))
 
     def reach(self, receivers: Sequence[str]) -> Reach:
-        return Reach(self.expected_m(receivers), 0.0, _REACH * float(np.sqrt(2.0)) * self.sigma_m)
+        return Reach(self.expected_m(receivers), 0.0, POLICY.reach_sigmas * float(np.sqrt(2.0)) * self.sigma_m)
 
     def farthest_m(self, receivers: Sequence[str]) -> float:
         return float(np.linalg.norm(self.expected_m(receivers).reshape(-1, 3), axis=1).max())
@@ -167,7 +165,7 @@ class AntennaPlaces:
             yield GeometrySlip(slip.code, self.key, slip.words, "", turned)
         for k, name in enumerate(receivers):
             up_m2 = open_m2.copy()
-            up_m2[3 * k + 2, 3 * k + 2] += _ANY_HEIGHT_M**2
+            up_m2[3 * k + 2, 3 * k + 2] += POLICY.unknown_height_sigma_m**2
             words = f"the height of {name} is wrong"
             yield GeometrySlip(HEIGHT, f"{self.key}.{name}", words, "", _Guess(place_m, up_m2))
         if len(receivers) == 2:
@@ -212,7 +210,7 @@ class _Guess:
 
     def reach(self, receivers: Sequence[str]) -> Reach:
         sigma_m = np.sqrt(2.0 * np.linalg.eigvalsh(self.covariance_m2)[-1])
-        return Reach(self.place_m[1] - self.place_m[0], 0.0, _REACH * float(sigma_m))
+        return Reach(self.place_m[1] - self.place_m[0], 0.0, POLICY.reach_sigmas * float(sigma_m))
 
 
 @dataclass(frozen=True)
@@ -250,7 +248,7 @@ class AntennaDistance:
 
     def slips(self, receivers: Sequence[str]) -> Iterator[GeometrySlip]:
         for slip in distance_slips(self.distance_m):
-            sigma_m = max(self.sigma_m * slip.distance_m / self.distance_m, _LEAST_SIGMA_M)
+            sigma_m = max(self.sigma_m * slip.distance_m / self.distance_m, POLICY.least_distance_sigma_m)
             value = f"{self.key} = {slip.distance_m:.4g}"
             fit = AntennaDistance(slip.distance_m, sigma_m)
             yield GeometrySlip(slip.code, self.key, slip.words, value, fit)
@@ -276,7 +274,7 @@ class AntennaDistance:
         return Misfit(_from_sphere(enu_m, covariance_m2, self.distance_m, self.sigma_m), dof=4, exact=1)
 
     def reach(self, receivers: Sequence[str]) -> Reach:
-        spread_m = _REACH * self.sigma_m
+        spread_m = POLICY.reach_sigmas * self.sigma_m
         return Reach(np.zeros(3), max(self.distance_m - spread_m, 0.0), self.distance_m + spread_m)
 
 
@@ -312,7 +310,7 @@ class LearntBaseline:
 
     def reach(self, receivers: Sequence[str]) -> Reach:
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(self.baseline.covariance_m2)[-1]))
-        return Reach(np.asarray(self.baseline.enu_m[0]), 0.0, _REACH * sigma_m)
+        return Reach(np.asarray(self.baseline.enu_m[0]), 0.0, POLICY.reach_sigmas * sigma_m)
 
 
 def survival(geometry: AntennaGeometry, receivers: Sequence[str], estimate: BaselineEstimate, dof_den: Reals) -> Reals:

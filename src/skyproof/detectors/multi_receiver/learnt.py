@@ -7,20 +7,14 @@ antennas stand. On a body that turns this distance is all that lasts.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 
 from skyproof.detectors.multi_receiver.known_geometry import LearntDistance
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.records import Baseline
 
 __all__ = ["LearntDistances"]
-
-_LEAST: Final = 3
-_MOST: Final = 12
-"""Windows."""
-_APART: Final = 3.0
-"""Sigmas by which one of them may be off the middle: antennas that move apart have no distance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +27,16 @@ class LearntDistances:
         """With one window more."""
         if len(baseline.receivers) != 2:
             return self
-        kept = (*self.baselines.get(baseline.receivers, ()), baseline)[-_MOST:]
+        kept = (*self.baselines.get(baseline.receivers, ()), baseline)[-POLICY.remembered_windows :]
         return LearntDistances({**self.baselines, baseline.receivers: kept})
 
     def of(self, receivers: tuple[str, ...]) -> LearntDistance | None:
         """Their distance, with the sigma of one window, as errors that last do not average out; None if few windows
         showed it, or not the same one."""
         shown = np.array([b.distances_m[0] for b in self.baselines.get(receivers, ())]).reshape(-1, 2)
-        if len(shown) < _LEAST:
+        if len(shown) < POLICY.learnt_windows:
             return None
         middle_m, sigma_m = float(np.median(shown[:, 0])), float(np.max(shown[:, 1]))
-        if np.any(np.abs(shown[:, 0] - middle_m) > _APART * sigma_m):
+        if np.any(np.abs(shown[:, 0] - middle_m) > POLICY.learnt_spread_sigmas * sigma_m):
             return None
         return LearntDistance(middle_m, sigma_m)

@@ -8,7 +8,8 @@ from typing import Final
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance
 from skyproof.detectors.multi_receiver.pairing import Pairing
-from skyproof.detectors.multi_receiver.runs import LONGEST, WindowRun, prolonged, window_p_values
+from skyproof.detectors.multi_receiver.policy import POLICY
+from skyproof.detectors.multi_receiver.runs import WindowRun, prolonged, window_p_values
 from skyproof.detectors.multi_receiver.window import ONE_TRANSMITTER, Window, names
 from skyproof.records import Evidence, Says
 
@@ -60,7 +61,7 @@ class _Followed:
 
     def __init__(self, window: Window, pairing: Pairing, run: WindowRun, geometry: AntennaGeometry) -> None:
         self.window, self.pairing, self.run, self.geometry = window, pairing, run, geometry
-        self.tests = LONGEST * window.tests
+        self.tests = POLICY.longest_run_windows * window.tests
         self.decided = [False] * len(run.parts)
 
     @cached_property

@@ -36,6 +36,7 @@ from skyproof.detectors.multi_receiver.one_antenna import (
     stretch_means,
     table_contrasts,
 )
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_positions_m
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
@@ -50,14 +51,6 @@ __all__ = ["Pairing", "groups_in", "pair_up", "sky_by_carriers", "versus"]
 _TRAVEL_S = 0.075  # to 10 ms: 40 m along the orbit, 2 microradians
 _THINNER = 2.9e-4
 """By which the delay of a zenith's signal falls for each metre upwards: n - 1 of air at the ground."""
-_LEAST_SINE = 0.05
-_PART_S = 2.0
-"""Parts of a window whose baselines are looked at one by one: a false sky that is drawn off at 10 m/s is then noticed
-before it is 20 m away."""
-_PART_EPOCHS = 4
-_CHANNELS_M = 3.0
-"""Of a GLONASS signal beside others of its kind, one sigma: each satellite has a frequency of its own, and receivers'
-filters delay frequencies differently."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +170,7 @@ class Pairing:
         sat_ecef_m = satellite_positions_m(known, when - timedelta_from_s(_TRAVEL_S))
         units = unit_vectors(place, rotate_to_reception(sat_ecef_m, _TRAVEL_S))
         unit_enu = np.asarray(units @ rot_enu_ecef(lat_rad, lon_rad).T)
-        unit_enu[:, 2] += _THINNER / np.maximum(unit_enu[:, 2], _LEAST_SINE)
+        unit_enu[:, 2] += _THINNER / np.maximum(unit_enu[:, 2], POLICY.least_elevation_sine)
         _, _, matrix = table_contrasts(self.ranges.range_m[..., :2], self.ranges.sigma_m[:, :2], self.ranges.kinds)
         return unit_enu if np.linalg.matrix_rank(baseline_design(matrix, unit_enu)) == unit_enu.shape[1] else None
 
@@ -244,7 +237,7 @@ class Pairing:
             return ()
         values, gain, matrix = self.contrasts
         length_s = float(seconds_between(self.end_gpst, self.start_gpst))
-        parts = max(1, min(len(values) // _PART_EPOCHS, round(length_s / _PART_S)))
+        parts = max(1, min(len(values) // POLICY.part_epochs, round(length_s / POLICY.part_s)))
         edges = np.linspace(0, len(values), parts + 1).astype(int)
         stretches = [(0, len(values)), *pairwise(edges)][: None if parts > 1 else 1]
         design = baseline_design(matrix, self.unit_enu)
@@ -320,7 +313,9 @@ def pair_up(
     ranges = common_ranges(records, sets, kind=kind, min_satellites=min_satellites)
     by_frequency = any(scale == "R" and band in ("G1", "G2") for scale, band, _ in {s.kind for s in ranges.signals})
     if by_frequency:
-        noise = replace(noise, multipath_sigma_m=float(np.hypot(noise.multipath_sigma_m, _CHANNELS_M)))
+        noise = replace(
+            noise, multipath_sigma_m=float(np.hypot(noise.multipath_sigma_m, POLICY.glonass_channel_sigma_m))
+        )
     return Pairing(
         sets=sets,
         ranges=ranges,

@@ -1,8 +1,8 @@
 """Windows in a row, taken together: for antennas too near, or a geometry too weak, for one window to decide.
 
-A *run* is what up to `LONGEST` windows measured of the same transmissions in the same receivers. In a longer time the
-thermal noise averages out and, above all, shows how correlated it is. The constant error of a track does not average
-out: past a minute or two a run learns nothing more, so it is bounded.
+A *run* is what up to `longest_run_windows` windows measured of the same transmissions in the same receivers. In a
+longer time the thermal noise averages out and, above all, shows how correlated it is. The constant error of a track
+does not average out: past a minute or two a run learns nothing more, so it is bounded.
 
 A run as a whole may be of the sky though its end is not. So a window is decided by all ways in which its signals can
 have come from one antenna: from some instant to some later one, around the window, while they came from the sky before
@@ -10,7 +10,7 @@ and after (`window_p_values`). Where nothing of the run is left outside, the mea
 (`pairing.Pairing.one_antenna`). Otherwise the step at its ends shows it as well: it is the known baseline, and the
 constant errors cancel in it. That one antenna sent the window is rejected if each of these ways is, so how many there
 are costs nothing (R. L. Berger, Technometrics 24, 1982, doi 10.2307/1267823); how often a window is looked at does,
-`LONGEST` times at most. That the sky sent it is tested likewise, with the parts changed over.
+`longest_run_windows` times at most. That the sky sent it is tested likewise, with the parts changed over.
 
 Instants are told apart to half a window. The halves in which a stretch begins and ends take no part, as what they hold
 is mixed.
@@ -19,7 +19,7 @@ is mixed.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -28,19 +28,14 @@ from skyproof.detectors.multi_receiver.common_epochs import CommonRanges
 from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry
 from skyproof.detectors.multi_receiver.one_antenna import baseline_design
 from skyproof.detectors.multi_receiver.pairing import Pairing
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.gnss.time import seconds_between
 from skyproof.records import BY_NAME, SignalId
 from skyproof.statistics.autoregression import ar1_whiten, correlation_grid
 from skyproof.statistics.distributions import f_survival
 
-__all__ = ["LONGEST", "WindowRun", "prolonged", "window_p_values"]
+__all__ = ["WindowRun", "prolonged", "window_p_values"]
 
-LONGEST: Final = 12
-"""Windows of a run: two minutes of usual ones."""
-_INSTANTS = 20
-"""Of a window that are kept: every so many of them, whose noise is AR(1) as well."""
-_TURN_RAD_S = 1.5e-4
-"""By which the direction of a satellite turns at most, seen from the ground."""
 _OUT, _IN, _BEGINS, _ENDS = range(4)
 
 
@@ -102,7 +97,7 @@ class WindowRun:
 
 def prolonged(runs: Sequence[WindowRun], pairing: Pairing, *, still_open: bool, least: int) -> WindowRun:
     """The run that goes on with this pairing, or a new one: a window must follow, with `least` transmissions of all."""
-    stride = -(-len(pairing.ranges.range_m) // _INSTANTS)
+    stride = -(-len(pairing.ranges.range_m) // POLICY.kept_instants)
     ranges = pairing.ranges.at(np.arange(0, len(pairing.ranges.range_m), stride))
     part = _Part(replace(ranges, step_s=stride * ranges.step_s), pairing.start_gpst, pairing.end_gpst, open=still_open)
     rows = ranges.transmissions
@@ -114,7 +109,7 @@ def prolonged(runs: Sequence[WindowRun], pairing: Pairing, *, still_open: bool, 
         and len(rows & run.parts[-1].ranges.transmissions) >= least
     ]
     before = max(going_on, key=lambda run: len(rows & run.parts[-1].ranges.transmissions), default=None)
-    parts = (*before.parts[1 - LONGEST :], part) if before is not None else (part,)
+    parts = (*before.parts[1 - POLICY.longest_run_windows :], part) if before is not None else (part,)
     run = WindowRun(pairing.receivers, parts)
     while len(run.parts) > 1 and (not (tracks := run.tracks) or len(tracks[0]) < least):
         run = replace(run, parts=run.parts[1:])
@@ -172,7 +167,7 @@ def _of_stretches(
     baseline_m = means @ np.swapaxes(solve, -1, -2)  # (S, G, 2, q)
     of_noise, of_constant = solve @ np.swapaxes(solve, -1, -2), solve * constant_m2 @ np.swapaxes(solve, -1, -2)
     covariance_m2 = noise[..., None, None] * of_noise[..., None, None, :, :] + of_constant[..., None, None, :, :]
-    turned = _TURN_RAD_S * float(joined.ranges.time_s[-1] - joined.ranges.time_s[0])
+    turned = POLICY.satellite_turn_rad_s * float(joined.ranges.time_s[-1] - joined.ranges.time_s[0])
 
     zero, sky = (0, 1) if sender == "one antenna" else (1, 0)
     between = covariance_m2[..., sky, zero, :, :]

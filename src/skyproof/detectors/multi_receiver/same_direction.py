@@ -8,22 +8,16 @@ is known as another signal.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
 from skyproof.detectors.multi_receiver.pairing import Pairing
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.records import Evidence, Records, SignalRef
 
 __all__ = ["without_doubtful"]
-
-_SIGMAS: Final = 3.3  # a signal of the antenna is within so many in all but one case in a thousand
-_SLOW: Final = 19.0
-"""(1 + a) / (1 - a) at a = 0.9: by how much the variance of a mean is larger if noise goes from epoch to epoch so."""
-_LEAST: Final = 4
-"""Satellites that are left: fewer make no fix."""
 
 
 def without_doubtful(records: Records, skies: Sequence[Pairing], said: Sequence[Evidence]) -> list[Evidence]:
@@ -39,7 +33,7 @@ def _without(e: Evidence, doubtful: set[SignalRef]) -> Evidence:
     if not n:
         return e
     because = f"{e.because}; {n} of them could as well come from the antenna of the false signals"
-    if len({ref.signal.sat for ref in left}) < _LEAST:
+    if len({ref.signal.sat for ref in left}) < POLICY.fix_satellites:
         would_need = "a third receiver, or antennas in another direction from each other"
         return replace(e, says="undecided", null="one antenna", because=because, would_need=would_need, group=None)
     return replace(e, subject=left, because=f"{because}, and are left out")
@@ -69,11 +63,11 @@ def _alike(ranges: CommonRanges, false: CommonRanges, multipath_sigma_m: float) 
         return np.zeros(len(ranges.signals), np.bool_)
     away_m = (ranges.range_m[own, :, 1:] - ranges.range_m[own, :, :1]).mean(axis=0)
     false_m = (false.range_m[other, :, 1:] - false.range_m[other, :, :1]).mean(axis=0)
-    slow = min(_SLOW / own.size, 1.0)
+    slow = min(POLICY.slow_noise_factor / own.size, 1.0)
 
     def variance_m2(some: CommonRanges) -> Reals:
         each_m2 = some.sigma_m**2 * slow + multipath_sigma_m**2
         return np.asarray(each_m2[:, 1:] + each_m2[:, :1])
 
     sigma_m = np.sqrt(variance_m2(ranges.at(own)) + variance_m2(false.at(other)).mean(axis=0) / len(false.signals))
-    return np.asarray((np.abs(away_m - false_m.mean(axis=0)) < _SIGMAS * sigma_m).all(axis=1))
+    return np.asarray((np.abs(away_m - false_m.mean(axis=0)) < POLICY.same_antenna_sigmas * sigma_m).all(axis=1))

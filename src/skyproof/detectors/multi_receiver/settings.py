@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.known_geometry import AntennaDistance, AntennaPlaces, StatedGeometry
 from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
 
 __all__ = ["MultiReceiverSettings"]
-
-SHARE = 0.05
-"""To which a distance is known, of itself, in 95 of 100 cases, if nothing is said of that."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,9 @@ class MultiReceiverSettings:
         if self.antenna_distance_m is not None and len(receivers) == 2:
             sigma_m = self.antenna_distance_sigma_m
             given_m = self.antenna_distance_m
-            return AntennaDistance(given_m, max(0.5 * SHARE * given_m, 0.5) if sigma_m is None else sigma_m)
+            return AntennaDistance(
+                given_m, max(0.5 * POLICY.distance_share * given_m, 0.5) if sigma_m is None else sigma_m
+            )
         return None
 
     def noise(self, tests: int) -> TrackNoise:

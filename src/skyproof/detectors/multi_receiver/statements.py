@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import Final
 
 from skyproof.detectors.multi_receiver.known_geometry import GeometrySlip, agreement
+from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.multi_receiver.window import SEPARATION
 from skyproof.gnss.slips import UNLISTED
@@ -23,8 +24,6 @@ from skyproof.records import Baseline, Evidence, StatementTest, WrongStatement
 
 __all__ = ["Statements"]
 
-_DECIMAL: Final = 10.0
-_SIGMAS: Final = 5.0
 _TURNED: Final = "attitude_or_axes"
 
 
@@ -116,8 +115,8 @@ class Statements:
             return True
         geometry = self.settings.geometry(test.receivers)
         stated_m = self.settings.antenna_separation_m if geometry is None else geometry.farthest_m(test.receivers)
-        most_m = max(self.settings.max_separation_m, _DECIMAL * stated_m)
-        return all(d_m - _SIGMAS * sigma_m <= most_m for d_m, sigma_m in test.shown.distances_m)
+        most_m = max(self.settings.max_separation_m, POLICY.decimal_slip * stated_m)
+        return all(d_m - POLICY.statement_sigmas * sigma_m <= most_m for d_m, sigma_m in test.shown.distances_m)
 
     def _unlisted(self, test: StatementTest) -> WrongStatement:
         words, value = "it is untrue from the first moment, by no amount that is usual", None

@@ -20,12 +20,12 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
+from skyproof.detectors.own_fixes.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.records import Cause, Datum, Finding, Hypothesis, Need, ReceiverFixes, Records, SignalRef
 
 __all__ = ["OwnFixes", "OwnFixesSettings", "chance_of_jumps"]
 
-_ERROR_M: Final = 20.0
 _TAIL: Final = 2  # fixes that are remembered: the law looks back so far
 
 
@@ -135,7 +135,7 @@ def chance_of_jumps(
 def _rising(fixes: ReceiverFixes, tail: _Series | None) -> _Series:
     """Return the fixes behind those that are remembered, without those whose time does not rise."""
     stated_m = np.hypot(np.nan_to_num(fixes.horizontal_sigma_m), np.nan_to_num(fixes.vertical_sigma_m))
-    series = _Series(fixes.gpst, fixes.position_ecef_m, np.maximum(stated_m, _ERROR_M))
+    series = _Series(fixes.gpst, fixes.position_ecef_m, np.maximum(stated_m, POLICY.fix_error_m))
     if tail is not None:
         series = _Series(
             np.concatenate([tail.gpst, series.gpst]),

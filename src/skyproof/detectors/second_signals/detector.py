@@ -21,7 +21,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
-from skyproof.detectors.second_signals.late_copies import MOST_LATE_M, WEAKER_DB
+from skyproof.detectors.second_signals.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
@@ -44,16 +44,6 @@ from skyproof.statistics.many_small import many_small
 __all__ = ["FoundSecondSignals", "SecondSignals", "SecondSignalsSettings", "elevation_rad", "find_second_signals"]
 
 _Transmission = tuple[str, str, str]
-LATE_HZ = 10.0
-"""By which the carrier of a late copy differs at most: it is not sent anew."""
-SAME_DELAY = 4.0
-"""Sigmas: second signals whose delays differ from the satellites' median by less are one late copy of the sky."""
-BY_CHANCE = 0.05
-"""Chance that as many delays of echoes agree, above which that shows no late copy: coarse delays always agree."""
-LEAST = 2
-"""Satellites that make an attack at least."""
-MOST = 0.05
-"""A p-value above this says nothing: that a satellite has an echo at all is no more likely."""
 
 
 @dataclass(frozen=True)
@@ -157,31 +147,37 @@ def _find_repeated(
     """Find second signals of transmissions with two, later and weaker, whose delays agree: a late copy of the whole
     sky; and the chance that echoes do so.
 
-    That k of n delays, anywhere up to `MOST_LATE_M`, lie within a width has a chance of at most C(n, k) k times the
+    That k of n delays, anywhere up to `most_late_m`, lie within a width has a chance of at most C(n, k) k times the
     (k - 1)th power of the width's share of that (of k places one is the first, and the others follow it).
     """
     late: dict[int, tuple[float, float]] = {}
     for channels in doubled.values():
         strong, other = sorted(channels, key=lambda c: -level_dbhz[c])[:2]
-        if len(channels) > 2 or level_dbhz[strong] - level_dbhz[other] < WEAKER_DB:
+        if len(channels) > 2 or level_dbhz[strong] - level_dbhz[other] < POLICY.copy_weaker_db:
             continue
         difference_m = observations.pseudorange_m[:, other] - observations.pseudorange_m[:, strong]
         known = np.isfinite(difference_m)
         apart_hz = _median_difference(observations.doppler_hz, strong, other, settings.min_epochs)
-        enough = known.sum() >= settings.min_epochs and not abs(apart_hz) > LATE_HZ
-        if enough and 0.0 < np.median(difference_m[known]) <= MOST_LATE_M:
+        enough = known.sum() >= settings.min_epochs and not abs(apart_hz) > POLICY.late_copy_hz
+        if enough and 0.0 < np.median(difference_m[known]) <= POLICY.most_late_m:
             thermal_m = observations.pseudorange_sigma_m[known][:, [strong, other]]
             variance = np.sum(thermal_m**2) / known.sum() ** 2 + 2.0 * settings.multipath_sigma_m**2
             late[other] = float(np.mean(difference_m[known])), float(np.sqrt(variance))
     if len({observations.signals[c].sat for c in late}) < 2:
         return (), 1.0
     common_m = float(np.median([delay_m for delay_m, _ in late.values()]))
-    agreeing = [c for c, (delay_m, sigma_m) in late.items() if abs(delay_m - common_m) < SAME_DELAY * sigma_m]
+    agreeing = [
+        c for c, (delay_m, sigma_m) in late.items() if abs(delay_m - common_m) < POLICY.same_delay_sigmas * sigma_m
+    ]
     if len({observations.signals[c].sat for c in agreeing}) < 2:
         return (), 1.0
-    width = 2.0 * SAME_DELAY * max(late[c][1] for c in agreeing) / MOST_LATE_M
+    width = 2.0 * POLICY.same_delay_sigmas * max(late[c][1] for c in agreeing) / POLICY.most_late_m
     by_chance = comb(len(late), len(agreeing)) * len(agreeing) * width ** (len(agreeing) - 1)
-    return (tuple(observations.signals[c] for c in agreeing), by_chance) if by_chance < BY_CHANCE else ((), by_chance)
+    return (
+        (tuple(observations.signals[c] for c in agreeing), by_chance)
+        if by_chance < POLICY.delays_agree_probability
+        else ((), by_chance)
+    )
 
 
 def _in_order(
@@ -263,7 +259,7 @@ class SecondSignals:
             tuple(SignalRef(o.receiver, signal) for signal in found.repeated),
             "late_copy",
             {Cause.CLEAN: found.repeated_by_chance, **leave_open((Cause.REFLECTIONS,))},
-            alpha=BY_CHANCE,
+            alpha=POLICY.delays_agree_probability,
             singled_out=True,
         )
 
@@ -272,14 +268,18 @@ class SecondSignals:
         if not np.isfinite(o.cn0_dbhz).any():
             return report.pass_over(signals_of((o,)), NotTested("no_cn0"))
         n, alpha = len(found.sats), self.settings.false_alarm_probability
-        if n < LEAST:
+        if n < POLICY.attack_satellites:
             few: dict[str, Datum] = {"satellites": n, "min_cn0_dbhz": self.settings.min_cn0_dbhz}
             return report.pass_over(signals_of((o,)), NotTested("few_satellites", few))
         least_p = self._test_satellites(report.records, o, found)
         none = [1.0] * (n - len(least_p))
-        test = many_small([*least_p.values(), *none], least=LEAST, most=MOST)
+        test = many_small([*least_p.values(), *none], least=POLICY.attack_satellites, most=POLICY.telling_p_value)
         worst = [self.settings.unexplained_probability] * len(found.unknown)
-        at_worst = many_small([*least_p.values(), *worst, *none[len(worst) :]], least=LEAST, most=MOST)
+        at_worst = many_small(
+            [*least_p.values(), *worst, *none[len(worst) :]],
+            least=POLICY.attack_satellites,
+            most=POLICY.telling_p_value,
+        )
         if test.p_value >= alpha > at_worst.p_value:
             return report.pass_over(
                 _signals(o, found.sats), NotTested("delay_unknown", {"unknown": len(found.unknown)})

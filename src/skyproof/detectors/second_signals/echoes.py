@@ -32,24 +32,14 @@ import numpy as np
 from scipy import special
 
 from skyproof.arrays import Reals
+from skyproof.detectors.second_signals.policy import POLICY
 from skyproof.gnss.signals import GPS_L1_CA
 
 __all__ = ["EchoModel", "Second", "echo_p_value", "false_over_echo"]
 
-_ELEVATION_DEG = 15.0  # width of a class
-_SHAPE = np.array([2.62, 2.77, 2.81, 2.56, 2.47, 2.40])
-_SCALE_M = np.array([129.83, 105.52, 80.93, 65.12, 53.22, 43.24])
-_LEVEL_DB, _FALL_DB_M = -12.35, -0.0016
-_FAR_M = 4500.0
 _BLOCKED_DB = np.arange(0.0, 30.5, 0.5)
 _OVER_DB = np.arange(-11.75, 30.0, 0.5)
 _NEVER_LOG = 50.0  # exp(-exp(50)) is 0
-_HEADROOM_DB = 20.0  # a direct signal farther below the strongest may be blocked by anything
-_DOPPLER_HZ = np.array([50.0, 550.0])
-_ECHO_DOPPLER = np.array([0.95, 0.05 - 1e-6, 1e-6])
-_FALSE_DOPPLER = np.array([0.7, 0.15, 0.15])
-_NEAR_M, _ANYWHERE_M, _NEAR_SHARE = 3000.0, 150e3, 0.5  # of a false signal's delay, to either side
-_FALSE_DB = (-12.0, 30.0)
 
 
 @dataclass(frozen=True)
@@ -98,11 +88,12 @@ def false_over_echo(model: EchoModel, second: Second) -> float:
 
     At most the inverse of `EchoModel.unexplained_probability`. Without a delay the Doppler alone speaks.
     """
-    kind = int(np.searchsorted(_DOPPLER_HZ, abs(second.apart_hz))) if np.isfinite(second.apart_hz) else 0
+    kind = int(np.searchsorted(POLICY.doppler_edges_hz, abs(second.apart_hz))) if np.isfinite(second.apart_hz) else 0
     over = np.array([second.over_db])
     if not np.isfinite(second.late_m):
-        ratio = _FALSE_DOPPLER[kind] / (
-            model.echoes_per_satellite * _ECHO_DOPPLER[kind] + model.unexplained_probability * _FALSE_DOPPLER[kind]
+        ratio = POLICY.false_doppler_shares[kind] / (
+            model.echoes_per_satellite * POLICY.echo_doppler_shares[kind]
+            + model.unexplained_probability * POLICY.false_doppler_shares[kind]
         )
         return float(ratio)
     late = np.array([second.late_m])
@@ -113,7 +104,9 @@ def false_over_echo(model: EchoModel, second: Second) -> float:
 
 def echo_p_value(model: EchoModel, ratio: float, below_db: float, elevation_rad: float = float("nan")) -> float:
     """P(a satellite of this direct signal and elevation has a second signal of this `false_over_echo` or more)."""
-    ratios, survival = _law(model, int(np.ceil(np.clip(below_db, 0.0, _HEADROOM_DB))), _elevation_class(elevation_rad))
+    ratios, survival = _law(
+        model, int(np.ceil(np.clip(below_db, 0.0, POLICY.headroom_db))), _elevation_class(elevation_rad)
+    )
     place = int(np.searchsorted(ratios, ratio * (1.0 - 1e-9)))
     return float(survival[max(place - 1, 0)])  # of the cell that it lies in
 
@@ -123,23 +116,26 @@ def echo_p_value(model: EchoModel, ratio: float, below_db: float, elevation_rad:
 
 def _ratio(model: EchoModel, echo: Reals, false: Reals, doppler: int) -> Reals:
     """Of densities (n, m) over delay and level, with the Doppler of this class."""
-    of_false = false * _FALSE_DOPPLER[doppler]
-    of_echo = model.echoes_per_satellite * echo * _ECHO_DOPPLER[doppler] + model.unexplained_probability * of_false
+    of_false = false * POLICY.false_doppler_shares[doppler]
+    of_echo = (
+        model.echoes_per_satellite * echo * POLICY.echo_doppler_shares[doppler]
+        + model.unexplained_probability * of_false
+    )
     return np.asarray(of_false / of_echo)
 
 
 def _elevation_class(elevation_rad: float) -> int:
     if not np.isfinite(elevation_rad):
         return 0
-    return int(np.clip(np.degrees(elevation_rad) // _ELEVATION_DEG, 0, _SHAPE.size - 1))
+    return int(np.clip(np.degrees(elevation_rad) // POLICY.elevation_class_deg, 0, len(POLICY.delay_shapes) - 1))
 
 
 def _of_delay(model: EchoModel, late_m: Reals, elevation: int) -> Reals:
     """Density of an echo's delay, per metre; 0 of early ones."""
-    shape, scale_m = _SHAPE[elevation], _SCALE_M[elevation]
+    shape, scale_m = POLICY.delay_shapes[elevation], POLICY.delay_scales_m[elevation]
     x = np.maximum(late_m, 1e-9) / scale_m
     near = np.exp((shape - 1.0) * np.log(x) - x - special.gammaln(shape)) / scale_m
-    far = (late_m <= _FAR_M) / _FAR_M
+    far = (late_m <= POLICY.far_echo_m) / POLICY.far_echo_m
     return np.where(late_m > 0.0, (1.0 - model.far_share) * near + model.far_share * far, 0.0)
 
 
@@ -147,12 +143,12 @@ def _of_level(model: EchoModel, over_db: Reals, late_m: Reals, below_db: float) 
     """(n, m) density of an echo's level over the direct signal, per dB, at each delay."""
     blocked = np.exp(-0.5 * ((_BLOCKED_DB - model.blocked_db) / model.blocked_sigma_db) ** 2)
     blocked *= model.blocked_share / blocked.sum()
-    reach_db = np.inf if below_db >= _HEADROOM_DB else max(below_db, 0.0) + model.gain_db
+    reach_db = np.inf if below_db >= POLICY.headroom_db else max(below_db, 0.0) + model.gain_db
     weight = np.where(reach_db >= _BLOCKED_DB, blocked, 0.0)
     weight[0] += 1.0 - model.blocked_share
     weight /= weight.sum()
     over = over_db[None, :, None] - _BLOCKED_DB
-    mean_db = _LEVEL_DB + _FALL_DB_M * late_m
+    mean_db = POLICY.echo_level_db + POLICY.echo_fall_db_m * late_m
     # An echo from 100 km has no power left, and any level is beyond it: above `_NEVER_LOG` the density is 0.
     power_log = np.minimum((np.log(10.0) / 10.0) * (over - mean_db[:, None, None]), _NEVER_LOG)
     rough = np.exp(power_log - np.exp(power_log)) * (np.log(10.0) / 10.0)
@@ -163,18 +159,20 @@ def _of_level(model: EchoModel, over_db: Reals, late_m: Reals, below_db: float) 
 def _echo_density(model: EchoModel, late_m: Reals, over_db: Reals, below_db: float, elevation: int) -> Reals:
     """(n, m) over delay and level."""
     late = _of_delay(model, late_m, elevation)[:, None] * _of_level(model, over_db, np.abs(late_m), below_db)
-    turned = _of_delay(model, -late_m, elevation)[:, None] * _of_level(model, -over_db, np.abs(late_m), _HEADROOM_DB)
+    turned = _of_delay(model, -late_m, elevation)[:, None] * _of_level(
+        model, -over_db, np.abs(late_m), POLICY.headroom_db
+    )
     return np.asarray((1.0 - model.early_share) * late + model.early_share * turned)
 
 
 def _false_delay(late_m: Reals) -> Reals:
     far = np.abs(late_m)
-    near = (far <= _NEAR_M) * (_NEAR_SHARE / (2.0 * _NEAR_M))
-    return np.asarray(near + (1.0 - _NEAR_SHARE) / (2.0 * _ANYWHERE_M), float)
+    near = (far <= POLICY.false_near_m) * (POLICY.false_near_share / (2.0 * POLICY.false_near_m))
+    return np.asarray(near + (1.0 - POLICY.false_near_share) / (2.0 * POLICY.false_anywhere_m), float)
 
 
 def _false_level(over_db: Reals) -> Reals:
-    low, high = _FALSE_DB
+    low, high = POLICY.false_levels_db
     return np.full(over_db.shape, 1.0 / (high - low))
 
 
@@ -184,7 +182,7 @@ def _false_level(over_db: Reals) -> Reals:
 @lru_cache(maxsize=512)
 def _law(model: EchoModel, below_db: int, elevation: int) -> tuple[Reals, Reals]:
     """Likelihood ratios of cells of delay, level and Doppler, ascending, and the chance of each or a larger one."""
-    edges_m = np.geomspace(model.least_delay_m, _ANYWHERE_M, 121)
+    edges_m = np.geomspace(model.least_delay_m, POLICY.false_anywhere_m, 121)
     late_m, width_m = np.sqrt(edges_m[1:] * edges_m[:-1]), np.diff(edges_m)
     if model.early_share > 0.0:
         late_m, width_m = np.concatenate([-late_m[::-1], late_m]), np.concatenate([width_m[::-1], width_m])
@@ -192,10 +190,10 @@ def _law(model: EchoModel, below_db: int, elevation: int) -> tuple[Reals, Reals]
     false = _false_delay(late_m)[:, None] * _false_level(_OVER_DB)[None]
     cell = width_m[:, None] * (_OVER_DB[1] - _OVER_DB[0])
     ratios, chances = [], []
-    for doppler in range(_DOPPLER_HZ.size + 1):
+    for doppler in range(len(POLICY.doppler_edges_hz) + 1):
         ratios.append(_ratio(model, echo, false, doppler))
-        chance = model.echoes_per_satellite * echo * _ECHO_DOPPLER[doppler]
-        chances.append((chance + model.unexplained_probability * false * _FALSE_DOPPLER[doppler]) * cell)
+        chance = model.echoes_per_satellite * echo * POLICY.echo_doppler_shares[doppler]
+        chances.append((chance + model.unexplained_probability * false * POLICY.false_doppler_shares[doppler]) * cell)
     ratio, chance = np.ravel(ratios), np.ravel(chances)
     order = np.argsort(ratio)
     return ratio[order], np.minimum(np.cumsum(chance[order][::-1])[::-1], 1.0)

@@ -11,18 +11,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.detectors.second_signals.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import ConsistentSet, Observations
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["MOST_LATE_M", "WEAKER_DB", "is_late_copy", "without_late_copies"]
-
-MOST_LATE_M = 3000.0
-"""By which a copy is late at most: no reflector that counts is farther off, nor a repeater's cable longer."""
-WEAKER_DB = 1.0
-"""By which a late copy is weaker at least: an equal one is no reflection."""
-SAME_PLACE_PROBABILITY = 1e-3
-"""Of missing a late copy, because its place differs by more than the errors of both explain."""
+__all__ = ["is_late_copy", "without_late_copies"]
 
 
 def without_late_copies(observations: Observations, sets: Sequence[ConsistentSet]) -> list[ConsistentSet]:
@@ -36,14 +30,16 @@ def is_late_copy(late: ConsistentSet, early: ConsistentSet, observations: Observ
     if late is early or not kinds:
         return False
     by_s = [late.clock_of_s(kind) - early.clock_of_s(kind) for kind in kinds]
-    if not 0.0 < min(by_s) <= max(by_s) <= MOST_LATE_M / SPEED_OF_LIGHT_M_S:
+    if not 0.0 < min(by_s) <= max(by_s) <= POLICY.most_late_m / SPEED_OF_LIGHT_M_S:
         return False
-    if any(_level_dbhz(early, k, observations) - _level_dbhz(late, k, observations) < WEAKER_DB for k in kinds):
+    if any(
+        _level_dbhz(early, k, observations) - _level_dbhz(late, k, observations) < POLICY.copy_weaker_db for k in kinds
+    ):
         return False
     off_m = late.position_ecef_m - early.position_ecef_m
     covariance_m2 = late.covariance_m2[:3, :3] + early.covariance_m2[:3, :3]
     squared = float(off_m @ np.linalg.solve(covariance_m2, off_m))
-    return squared <= float(chi_square_threshold(SAME_PLACE_PROBABILITY, 3))
+    return squared <= float(chi_square_threshold(POLICY.same_place_probability, 3))
 
 
 def _level_dbhz(chosen: ConsistentSet, kind: tuple[str, str, str], observations: Observations) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.detectors.second_signals.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.chance import chance_p_value, set_combinations
 from skyproof.navigation.ranges import time_scale
@@ -15,8 +16,6 @@ from skyproof.records import ConsistentSet, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["echoes_p_value", "second_sky_p_value"]
-
-_FITS_PROBABILITY = 1e-4  # of the sets' chi-square test
 
 
 def echoes_p_value(
@@ -42,7 +41,7 @@ def echoes_p_value(
     free = len({time_scale(signal) for signal in chosen.signals}) - 1
     largest_m = np.sort(list(each_m.values()))[free:]
     own = len(kinds) == 1
-    fits = float(chi_square_threshold(_FITS_PROBABILITY, max(largest_m.size - 4, 1)))
+    fits = float(chi_square_threshold(POLICY.sets_fit_probability, max(largest_m.size - 4, 1)))
     return float(
         chance_p_value(
             largest_m,
@@ -107,7 +106,7 @@ def _by_chance(
     """Of the signals `own` of one kind, among those `beside` the largest set."""
     limit = max(chosen.statistic, 1e-6)
     if len(own) < len(chosen.signals):  # what part of the statistic is theirs is not known
-        limit = max(limit, float(chi_square_threshold(_FITS_PROBABILITY, max(len(own) - 4, 1))))
+        limit = max(limit, float(chi_square_threshold(POLICY.sets_fit_probability, max(len(own) - 4, 1))))
     copies = np.array(list(Counter(signal.sat for signal in beside).values()))
     count = set_combinations(copies, len(own))
     return float(chance_p_value(sigma_m, window_m=spread_m, largest_statistic=limit, combinations=count))

@@ -22,6 +22,7 @@ from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.code_motion.detector import primary_signals
 from skyproof.detectors.torn.exchange import Exchange, ExchangePast, examine_exchange
+from skyproof.detectors.torn.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import fix_and_geometry
@@ -45,13 +46,6 @@ from skyproof.statistics.distributions import binomial_survival
 
 __all__ = ["Torn", "TornSettings"]
 
-_STRAY_M: Final = 1000.0
-"""Beyond any reflection: of 19 900 in cities none was later than 500 m (ITU-R P.681-11, 6.3); and the atmosphere."""
-_DRIFT: Final = 1e-6
-"""By which a receiver's clock may part from its rate at the last fix, s/s: temperature of a plain quartz."""
-_FAULT_RATE: Final = 1e-4  # at which measurements that do not fit are left out of an epoch's fix
-_LEAST_DOF: Final = 2  # of a fix by which others are judged
-_SIGMAS: Final = 5.0  # that a velocity by two fixes is off at most
 _OPEN_M_S: Final = 1e9  # faster than anything
 
 
@@ -188,14 +182,14 @@ class Torn:
             signals=signals,
             multipath_sigma_m=self.settings.multipath_sigma_m,
             elevation_mask_deg=self.settings.elevation_mask_deg,
-            false_alarm_probability=_FAULT_RATE,
+            false_alarm_probability=POLICY.fault_probability,
         )
         used = np.isfinite(geometry.sigma_m) & np.isfinite(geometry.misfit_m)
         clocks = np.any(used[..., None] & (geometry.design[..., 3:] != 0.0), axis=1).sum(axis=1)
         normalised = np.where(used, geometry.misfit_m / np.where(used, geometry.sigma_m, 1.0), 0.0)
         dof = used.sum(axis=1) - 3 - clocks
         small = (normalised**2).sum(axis=1) < 25.0 * np.maximum(dof, 1)
-        good = np.flatnonzero((fix.status == FixStatus.OK) & (dof >= _LEAST_DOF) & small)
+        good = np.flatnonzero((fix.status == FixStatus.OK) & (dof >= POLICY.least_dof) & small)
         last = before
         for row in range(o.gpst.size):
             if row in good:
@@ -238,11 +232,11 @@ class Torn:
         _, _, carried_m = line_of_sight(ranges.satellite_ecef_m, place + motion_m_s[:, :3] * apart_s[:, None])
         since_s = np.abs(apart_s)
         speed_m_s = 1000.0 if self.settings.speed_max_m_s is None else self.settings.speed_max_m_s
-        reach_m = _STRAY_M + (speed_m_s + SPEED_OF_LIGHT_M_S * _DRIFT) * since_s
+        reach_m = POLICY.stray_m + (speed_m_s + SPEED_OF_LIGHT_M_S * POLICY.most_drift) * since_s
         settings = self.settings
         pace_m_s2 = settings.acceleration_max_m_s2 + SPEED_OF_LIGHT_M_S * settings.clock_pace_s
         off_m_s = np.array([anchor.motion_sigma_m_s for anchor in known]) + SPEED_OF_LIGHT_M_S * settings.clock_jump
-        carried_reach_m = _STRAY_M + off_m_s * since_s + 0.5 * pace_m_s2 * since_s**2
+        carried_reach_m = POLICY.stray_m + off_m_s * since_s + 0.5 * pace_m_s2 * since_s**2
         beyond = np.abs(range_m - distance_m) > reach_m[:, None]
         return np.asarray(beyond | (np.abs(range_m - carried_m) > carried_reach_m[:, None]))
 
@@ -282,6 +276,6 @@ def _moved(found: _Anchor, last: _Anchor | None, settings: TornSettings) -> _Anc
     drift_m = float(np.median([found.clock_m[scale] - last.clock_m[scale] for scale in scales]))
     motion_m_s = np.append(found.position_ecef_m - last.position_ecef_m, drift_m) / apart_s
     # It is that of half an interval ago.
-    sigma_m_s = _SIGMAS * np.sqrt(found.variance_m2 + last.variance_m2) / apart_s
+    sigma_m_s = POLICY.velocity_off_sigmas * np.sqrt(found.variance_m2 + last.variance_m2) / apart_s
     sigma_m_s += 0.5 * settings.acceleration_max_m_s2 * apart_s
     return replace(found, motion_m_s=motion_m_s, motion_sigma_m_s=float(sigma_m_s))

@@ -22,21 +22,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
+from skyproof.detectors.torn.policy import POLICY
 from skyproof.records import CellStatus, Observations
 
-__all__ = ["EXCHANGED_MAX", "Exchange", "ExchangePast", "examine_exchange", "exchange_counts"]
+__all__ = ["Exchange", "ExchangePast", "examine_exchange", "exchange_counts"]
 
-EXCHANGED_MAX: Final = 0.1
-"""Of the tracked satellites, exchanged from one epoch to the next at most: in shade one of ten is lost while another
-is found, at full strength, which takes a receiver half a second or more (Kaplan & Hegarty, 8.12)."""
-WEAK_DBHZ: Final = 30.0
-"""Below it noise alone makes receivers lose a signal (Kaplan & Hegarty, 8.9, with 5 dB for its scatter)."""
 _NEVER: Final = np.datetime64("NaT", "ns")
-_PRIOR_CELLS: Final = 40.0  # weight of the stated bound beside the receiver's own past
-_MOST_CELLS: Final = 400.0  # of the past; older ones fade
-_MOST_SCORE: Final = 60.0  # chances below 1e-26 are alike, and what ended shall end
-_WHOLE: Final = 3  # satellites of a system that come or go all at once
-_LONG: Final = 1.5  # intervals between epochs that are usual ones
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +51,8 @@ class ExchangePast:
     @property
     def rate(self) -> float:
         """Return the largest rate at which satellites are exchanged without an attack."""
-        own = (EXCHANGED_MAX * _PRIOR_CELLS + self.exchanged) / (_PRIOR_CELLS + self.cells)
-        return max(EXCHANGED_MAX, own)
+        own = (POLICY.most_exchanged_share * POLICY.prior_cells + self.exchanged) / (POLICY.prior_cells + self.cells)
+        return max(POLICY.most_exchanged_share, own)
 
 
 class Exchange(NamedTuple):
@@ -83,7 +74,9 @@ def exchange_counts(tracked: Booleans, strong: Booleans, known: Booleans, system
     seen = known | np.logical_or.accumulate(tracked, axis=0)
     of_system = np.stack([tracked[:, system == number].sum(axis=1) for number in range(system.max(initial=-1) + 1)], 1)
     before, after = of_system[:-1], of_system[1:]
-    by_turns = ((before >= _WHOLE) & (after == 0)) | ((after >= _WHOLE) & (before == 0))
+    by_turns = ((before >= POLICY.whole_system_satellites) & (after == 0)) | (
+        (after >= POLICY.whole_system_satellites) & (before == 0)
+    )
     counted = ~by_turns[:, system]
     lost = strong[:-1] & ~tracked[1:] & counted
     again = ~tracked[:-1] & strong[1:] & seen[:-1] & counted
@@ -108,7 +101,7 @@ def examine_exchange(o: Observations, past: ExchangePast) -> tuple[Exchange | No
     system = np.unique([sat[0] for sat in sats], return_inverse=True)[1]
     exchanged, cells = exchange_counts(tracked, strong, known, system)
     apart_s = np.diff(elapsed_s)
-    follows = apart_s < _LONG * np.median(apart_s[-max(o.gpst.size - 1, 1) :])
+    follows = apart_s < POLICY.long_intervals * np.median(apart_s[-max(o.gpst.size - 1, 1) :])
     exchanged, cells = np.where(follows, exchanged, 0.0), np.where(follows, cells, 0.0)
     rate = past.rate
     doubled = min(2.0 * rate, 0.5 * (1.0 + rate))
@@ -118,7 +111,7 @@ def examine_exchange(o: Observations, past: ExchangePast) -> tuple[Exchange | No
     for k, ratio in enumerate(ratios.tolist()):
         if score == 0.0:
             beginnings, began = 0, gpst[k + 1]
-        score = min(max(0.0, score + ratio), _MOST_SCORE)
+        score = min(max(0.0, score + ratio), POLICY.most_score)
         beginnings += 1
         chance = float(np.log(max(beginnings, ratios.size)) - score)
         if chance < least:
@@ -136,7 +129,7 @@ def examine_exchange(o: Observations, past: ExchangePast) -> tuple[Exchange | No
     )
     total, of = float(exchanged.sum()), float(cells.sum())
     if p_value > 0.05:
-        keep = min(1.0, _MOST_CELLS / max(past.cells, 1.0))
+        keep = min(1.0, POLICY.most_cells / max(past.cells, 1.0))
         after = replace(after, exchanged=keep * past.exchanged + total, cells=keep * past.cells + of)
     if not follows.any():
         return None, after
@@ -147,7 +140,7 @@ def examine_exchange(o: Observations, past: ExchangePast) -> tuple[Exchange | No
 def _satellites(o: Observations, sats: list[str]) -> tuple[Booleans, Booleans]:
     """Return which satellites have a range at each epoch, and which of them are not weak: (n_epochs, n_satellites)."""
     ranged = np.isfinite(o.pseudorange_m) | (o.status == CellStatus.IMPOSSIBLE)
-    enough = ranged & ~(o.cn0_dbhz < WEAK_DBHZ)
+    enough = ranged & ~(o.cn0_dbhz < POLICY.weak_dbhz)
     number = np.array([sats.index(signal.sat) for signal in o.signals], np.intp)
     tracked, strong = (np.zeros((o.gpst.size, len(sats)), np.bool_) for _ in range(2))
     for column, sat in enumerate(number.tolist()):
