@@ -15,6 +15,7 @@ from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import track
 from skyproof.detectors.array.array_model import mean_differences, white_covariance
 from skyproof.errors import SettingsError
+from skyproof.explain import explain
 from skyproof.records import AntennaArray
 from skyproof.simulator.scenario import Sky
 from skyproof.statistics.directions import equal_statistic
@@ -45,11 +46,11 @@ def test_a_clean_sky_comes_from_several_directions(array_files, tmp_path):
     (said,) = said_by(result, "array_common")
     assert (said.says, {ref.receiver for ref in said.subject}) == ("authentic", {"array"})
     assert len(said.subject) > 7
-    assert said.assumes[0] in result.verdict.assumed
+    assert explain(said).assumptions[0] in result.verdict.assumed
     (said,) = said_by(result, "ins_array")  # by the attitude and the lines that the sky itself shows
     assert (said.says, {ref.receiver for ref in said.subject}) == ("authentic", {"array"})
     assert len(said.subject) > 7
-    assert said.assumes[0] in result.verdict.assumed
+    assert explain(said).assumptions[0] in result.verdict.assumed
     assert not any(signal.label == "spoofed" for signal in result.verdict.signals)
 
 
