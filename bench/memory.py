@@ -32,11 +32,11 @@ from skyproof.gnss.constants import (
 )
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.nominal_systems import nominal_systems
 from skyproof.gnss.time import gpst, week_and_tow
 from skyproof.records import NavigationData, Samples
 from skyproof.simulator.kinds import Kind
 from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
+from skyproof.simulator.nominal_systems import nominal_systems
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver
 from skyproof.simulator.sky import scene_of

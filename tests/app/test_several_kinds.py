@@ -16,12 +16,12 @@ from skyproof.app.common.windows import detectors_for, examine_all, windows_of
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
 from skyproof.fusion.fuse import fuse
 from skyproof.fusion.trusted import fix_of
-from skyproof.gnss.nominal_systems import nominal_systems
 from skyproof.navigation.sets import consistent_sets
 from skyproof.records import CellStatus, Records, SignalRef
 from skyproof.simulator.attacks import Spoofer
 from skyproof.simulator.kinds import Kind
 from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
+from skyproof.simulator.nominal_systems import nominal_systems
 from skyproof.simulator.scenario import Scenario, ScenePlace, SceneReceiver
 from skyproof.simulator.sky import scene_of
 

@@ -46,7 +46,16 @@ from skyproof.formats.levels import channels_of, without_dead
 from skyproof.formats.raw import SampleLayout
 from skyproof.formats.sigmf_keys import DATATYPE, LARGEST, Capture, Global, Meta, checked, expected, parsed, shown, some
 from skyproof.gnss.constants import L1_HZ
-from skyproof.gnss.time import FIRST_YEAR, GPS_EPOCH, LAST_YEAR, gpst_from_utc, iso, timedelta_from_s, utc_from_gpst
+from skyproof.gnss.time import (
+    FIRST_YEAR,
+    GPS_EPOCH,
+    LAST_YEAR,
+    gpst_from_utc,
+    iso,
+    seconds_between,
+    timedelta_from_s,
+    utc_from_gpst,
+)
 from skyproof.records import SampleGap, Samples
 from skyproof.remarks import Remark, RemarkKind
 
@@ -239,7 +248,7 @@ def _dates(segments: Sequence[_Segment], rate_hz: float, where: str, remarks: li
     if not dated:
         return None
     for (before, earlier), (after, later) in pairwise(dated):
-        ahead_s = (later - earlier) / np.timedelta64(1, "s") - (after.index - before.index) / rate_hz
+        ahead_s = seconds_between(later, earlier) - (after.index - before.index) / rate_hz
         if abs(ahead_s) > _CLOCK_S:
             remarks.append(
                 Remark(

@@ -9,6 +9,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.records import AnyFinding, ObservationLog, SignalId, SignalRef
+from skyproof.statistics.medians import medians
 
 __all__ = ["Kind", "Unexplained", "unexplained"]
 
@@ -75,7 +76,7 @@ def _doubles(left: Sequence[LabelledSignal], o: ObservationLog) -> list[Unexplai
             first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
             if _found_after(s, other) and last >= first:
                 a, b = (_series(o, "cn0_dbhz", one.ref.signal, first, last) for one in (s, other))
-                over_db, cn0_dbhz = _median(a - b), _median(a)
+                over_db, cn0_dbhz = float(medians(a - b)), float(medians(a))
                 found.append(Unexplained(ref=s.ref, kind="double", cn0_dbhz=cn0_dbhz, over_db=over_db))
                 break
     return found
@@ -100,7 +101,9 @@ def _explained(s: LabelledSignal, own: Sequence[LabelledSignal], o: ObservationL
         if last < first:
             continue
         late_m, over_db = (
-            _median(_series(o, name, s.ref.signal, first, last) - _series(o, name, other.ref.signal, first, last))
+            float(
+                medians(_series(o, name, s.ref.signal, first, last) - _series(o, name, other.ref.signal, first, last))
+            )
             for name in ("pseudorange_m", "cn0_dbhz")
         )
         is_echo = late_m > 0.0 and over_db < 0.0 if other.label == "authentic" else late_m * over_db < 0.0
@@ -115,8 +118,3 @@ def _series(o: ObservationLog, name: str, signal: SignalId, first_epoch: int, la
 def _mean(values: Reals) -> float:
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else float("nan")
-
-
-def _median(values: Reals) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")

@@ -26,7 +26,7 @@ from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
-from skyproof.gnss.time import week_and_tow
+from skyproof.gnss.time import timedelta_from_s, week_and_tow
 from skyproof.navigation.least_squares import line_of_sight, spd_inverse
 from skyproof.navigation.ranges import atmosphere
 from skyproof.records import Ephemeris, NavigationData, Selectable, freeze
@@ -537,7 +537,7 @@ def _fix(
     wrap_m: float,
 ) -> CoarseFix:
     late_s = float(state[_TIME])
-    moved = np.timedelta64(0 if status else round(late_s * 1e9), "ns")
+    moved = timedelta_from_s(0.0 if status else late_s)
     first = np.array([0, 1, 2, _BIAS, _TIME])
     mirrored = np.array([1.0, 1.0, 1.0, -1.0, 1.0])  # the bias is minus c times the phase of true time
     statistic, dof, p_value, wrong, candidates = tests

@@ -17,11 +17,11 @@ from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.nominal_systems import nominal_systems
 from skyproof.navigation.clock import anchored
 from skyproof.navigation.fix import fix
 from skyproof.records import CellStatus, FixStatus, Observations
 from skyproof.simulator.measurements import NoiseModel, observations_of
+from skyproof.simulator.nominal_systems import nominal_systems
 
 SETTINGS = {"antennas_enu_m": {name: ENU_M[name] for name in ("bow", "stern")}}
 MIDDLE = 30

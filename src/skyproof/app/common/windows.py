@@ -113,7 +113,7 @@ def window_edges(
     first = min(o.gpst[0] for o in observations)
     last = max(o.gpst[-1] for o in observations) + np.timedelta64(1, "ms")
     # Between epochs: those of receivers that do not steer their clocks come some milliseconds early or late.
-    early = np.timedelta64(round(0.5e9 * max(interval_s(o.elapsed_s) for o in observations)), "ns")
+    early = timedelta_from_s(0.5 * max(interval_s(o.elapsed_s) for o in observations))
     all_from, all_to = max(o.gpst[0] for o in observations), min(o.gpst[-1] for o in observations)
     alone = [at for at, by in ((all_from, all_from - first), (all_to + 2 * early, last - all_to)) if by > ALONE]
     breaks = np.unique(np.concatenate([*(time_breaks(o) for o in observations), np.array(alone, "M8[ns]")]))

@@ -10,6 +10,7 @@ from skyproof.app.protect.positions import Track
 from skyproof.arrays import Reals
 from skyproof.fusion.labels import FalseSource
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.time import seconds_between
 from skyproof.navigation.bearings import BearingRay, Meeting, meeting
 from skyproof.records import AnyFinding, Direction
 
@@ -108,7 +109,7 @@ def _rays(
         receiver, direction = e.subject[0].receiver, e.directions[0]
         if direction.frame == "enu" and receiver in trusted:
             middle = e.start_gpst + (e.end_gpst - e.start_gpst) // 2
-            half_s = 0.5 * float((e.end_gpst - e.start_gpst) / np.timedelta64(1, "s"))
+            half_s = 0.5 * seconds_between(e.end_gpst, e.start_gpst)
             if (ray := _ray(trusted[receiver], middle, half_s + _SOON_S, direction)) is not None:
                 rays.append((receiver, ray))
     return rays
@@ -117,7 +118,7 @@ def _rays(
 def _ray(track: Track, gpst: np.datetime64, within_s: float, direction: Direction) -> BearingRay | None:
     """From where the receiver was nearest to an instant."""
     fixed = np.flatnonzero(track.fixed)
-    apart_s = np.abs((track.gpst[fixed] - gpst) / np.timedelta64(1, "s"))
+    apart_s = np.abs(seconds_between(track.gpst[fixed], gpst))
     if not fixed.size or apart_s.min() > within_s:
         return None
     return BearingRay(

@@ -383,10 +383,5 @@ def _named(refs: tuple[SignalRef, ...], alone: Mapping[SignalRef, tuple[_Beside,
 
 def _apart_hz(o: Observations, one: SignalId, other: SignalId) -> float:
     a, b = (o.doppler_hz[:, o.signals.index(signal)] for signal in (one, other))
-    apart = _median(a - b)
+    apart = float(medians(a - b))
     return apart if np.isfinite(apart) else 0.0
-
-
-def _median(values: Reals) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")

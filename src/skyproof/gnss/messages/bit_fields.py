@@ -2,11 +2,21 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from skyproof.gnss.constants import GPS_PI
 
-__all__ = ["EPHEMERIS_NAMES", "BitField", "Words", "crc_24q", "read_fields"]
+__all__ = [
+    "EPHEMERIS_NAMES",
+    "BitField",
+    "Words",
+    "angle",
+    "chain_fields",
+    "crc_24q",
+    "magnitude",
+    "read_fields",
+    "signed",
+]
 
 Words = Mapping[int, Mapping[str, float]]
 """What words, pages, subframes or strings of one satellite carry, by their number."""
@@ -46,6 +56,30 @@ class BitField:
             raw -= top << 1
         whole = self.scale == 1.0 and not self.angle
         return raw if whole else raw * self.scale * (GPS_PI if self.angle else 1.0)
+
+
+def chain_fields(first: int, *fields: tuple[str, int] | tuple[str, int, dict[str, Any]]) -> tuple[BitField, ...]:
+    """Return fields that follow each other from a bit on: name, length, and what else `BitField` takes."""
+    chained = []
+    for name, length, *more in fields:
+        chained.append(BitField(name, ((first, length),), **(more[0] if more else {})))
+        first += length
+    return tuple(chained)
+
+
+def signed(scale: float) -> dict[str, Any]:
+    """Return what makes a field one in two's complement."""
+    return {"scale": scale, "signed": True}
+
+
+def angle(scale: float) -> dict[str, Any]:
+    """Return what makes a field a signed angle in semicircles."""
+    return {"scale": scale, "signed": True, "angle": True}
+
+
+def magnitude(scale: float) -> dict[str, Any]:
+    """Return what makes a field a magnitude behind a sign bit."""
+    return {"scale": scale, "magnitude": True}
 
 
 def read_fields(fields: tuple[BitField, ...], frame: int, n_bits: int) -> Mapping[str, float]:

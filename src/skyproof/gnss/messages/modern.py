@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from skyproof.gnss.constants import GPS_PI
 from skyproof.gnss.ephemeris import GEOSTATIONARY, Ephemeris
-from skyproof.gnss.messages.bit_fields import BitField, Words, crc_24q, read_fields
+from skyproof.gnss.messages.bit_fields import BitField, Words, angle, chain_fields, crc_24q, read_fields, signed
 from skyproof.gnss.orbit_faults import orbit_fault
 from skyproof.gnss.time import nearest_week
 
@@ -38,50 +38,33 @@ _Chained = tuple[str, int, dict[str, Any]]
 """Name, length, and what else `BitField` takes."""
 
 
-def _angle(scale: float) -> dict[str, Any]:
-    return {"scale": scale, "signed": True, "angle": True}
-
-
-def _signed(scale: float) -> dict[str, Any]:
-    return {"scale": scale, "signed": True}
-
-
-def _chain(first: int, *fields: _Chained) -> tuple[BitField, ...]:
-    """Return fields that follow each other from a bit on, the first bit of the frame being 0."""
-    chained = []
-    for name, length, more in fields:
-        chained.append(BitField(name, ((first, length),), **more))
-        first += length
-    return tuple(chained)
-
-
 _ORBIT: Final = (
-    ("delta_a", 26, _signed(2.0**-9)),
-    ("a_dot", 25, _signed(2.0**-21)),
-    ("delta_n", 17, _angle(2.0**-44)),
-    ("delta_n_dot", 23, _angle(2.0**-57)),
-    ("m0", 33, _angle(2.0**-32)),
+    ("delta_a", 26, signed(2.0**-9)),
+    ("a_dot", 25, signed(2.0**-21)),
+    ("delta_n", 17, angle(2.0**-44)),
+    ("delta_n_dot", 23, angle(2.0**-57)),
+    ("m0", 33, angle(2.0**-32)),
     ("e", 33, {"scale": 2.0**-34}),
-    ("omega", 33, _angle(2.0**-32)),
+    ("omega", 33, angle(2.0**-32)),
 )
 _HARMONICS: Final = (
-    ("idot", 15, _angle(2.0**-44)),
-    ("cis", 16, _signed(2.0**-30)),
-    ("cic", 16, _signed(2.0**-30)),
-    ("crs", 24, _signed(2.0**-8)),
-    ("crc", 24, _signed(2.0**-8)),
-    ("cus", 21, _signed(2.0**-30)),
-    ("cuc", 21, _signed(2.0**-30)),
+    ("idot", 15, angle(2.0**-44)),
+    ("cis", 16, signed(2.0**-30)),
+    ("cic", 16, signed(2.0**-30)),
+    ("crs", 24, signed(2.0**-8)),
+    ("crc", 24, signed(2.0**-8)),
+    ("cus", 21, signed(2.0**-30)),
+    ("cuc", 21, signed(2.0**-30)),
 )
-_PLANE: Final = (("omega0", 33, _angle(2.0**-32)), ("i0", 33, _angle(2.0**-32)))
+_PLANE: Final = (("omega0", 33, angle(2.0**-32)), ("i0", 33, angle(2.0**-32)))
 _TOE: Final = ("toe", 11, {"scale": 300.0})
 _CLOCK: Final = (
-    *_chain(
+    *chain_fields(
         60,
         ("toc", 11, {"scale": 300.0}),
-        ("af0", 26, _signed(2.0**-35)),
-        ("af1", 20, _signed(2.0**-48)),
-        ("af2", 10, _signed(2.0**-60)),
+        ("af0", 26, signed(2.0**-35)),
+        ("af1", 20, signed(2.0**-48)),
+        ("af2", 10, signed(2.0**-60)),
     ),
 )
 _CNAV: Final[dict[int, tuple[BitField, ...]]] = {
@@ -89,34 +72,34 @@ _CNAV: Final[dict[int, tuple[BitField, ...]]] = {
         BitField("week_mod_8192", ((38, 13),)),
         BitField("health", ((51, 3),)),
         BitField("ura_ed", ((65, 5),), signed=True),
-        *_chain(70, _TOE, *_ORBIT),
+        *chain_fields(70, _TOE, *_ORBIT),
     ),
-    11: _chain(38, _TOE, *_PLANE, ("delta_omega_dot", 17, _angle(2.0**-44)), *_HARMONICS),
+    11: chain_fields(38, _TOE, *_PLANE, ("delta_omega_dot", 17, angle(2.0**-44)), *_HARMONICS),
     30: (
         *_CLOCK,
-        *_chain(127, *((f"{name}_steps", 13, {"signed": True}) for name in ("tgd", "l1ca", "l2c", "l5i", "l5q"))),
+        *chain_fields(127, *((f"{name}_steps", 13, {"signed": True}) for name in ("tgd", "l1ca", "l2c", "l5i", "l5q"))),
     ),
     **dict.fromkeys(range(31, 38), _CLOCK),
 }
 """Of the message types (figures 30-1 to 30-8). Group delays are in steps of 2^-35 s, one of which means none."""
 _FIRST: Final[tuple[_Chained, ...]] = (_TOE, ("kind", 2, {}), *_ORBIT)
-_SECOND: Final = (*_PLANE, ("omega_dot", 19, _angle(2.0**-44)), *_HARMONICS)
+_SECOND: Final = (*_PLANE, ("omega_dot", 19, angle(2.0**-44)), *_HARMONICS)
 _BDS_CLOCK: Final = (
     ("toc", 11, {"scale": 300.0}),
-    ("af0", 25, _signed(2.0**-34)),
-    ("af1", 22, _signed(2.0**-50)),
-    ("af2", 11, _signed(2.0**-66)),
+    ("af0", 25, signed(2.0**-34)),
+    ("af1", 22, signed(2.0**-50)),
+    ("af2", 11, signed(2.0**-66)),
 )
 _BCNAV2: Final[dict[int, tuple[BitField, ...]]] = {
-    10: (BitField("week_bdt", ((30, 13),)), BitField("iode", ((53, 8),)), *_chain(61, *_FIRST)),
-    11: (BitField("health", ((30, 2),)), *_chain(42, *_SECOND)),
+    10: (BitField("week_bdt", ((30, 13),)), BitField("iode", ((53, 8),)), *chain_fields(61, *_FIRST)),
+    11: (BitField("health", ((30, 2),)), *chain_fields(42, *_SECOND)),
     30: (
-        *_chain(42, *_BDS_CLOCK, ("iodc", 10, {})),
-        *_chain(121, ("tgd_b2a", 12, _signed(2.0**-34)), ("isc_b2a", 12, _signed(2.0**-34))),
+        *chain_fields(42, *_BDS_CLOCK, ("iodc", 10, {})),
+        *chain_fields(121, ("tgd_b2a", 12, signed(2.0**-34)), ("isc_b2a", 12, signed(2.0**-34))),
         BitField("tgd_b1c", ((219, 12),), 2.0**-34, signed=True),
     ),
 }
-_BCNAV1: Final = _chain(
+_BCNAV1: Final = chain_fields(
     0,
     ("week_bdt", 13, {}),
     ("hour", 8, {}),
@@ -125,7 +108,7 @@ _BCNAV1: Final = _chain(
     *_FIRST,
     *_SECOND,
     *_BDS_CLOCK,
-    *((name, 12, _signed(2.0**-34)) for name in ("tgd_b2a", "isc_b1c", "tgd_b1c")),
+    *((name, 12, signed(2.0**-34)) for name in ("tgd_b2a", "isc_b1c", "tgd_b1c")),
 )
 
 

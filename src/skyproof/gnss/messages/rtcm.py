@@ -12,7 +12,15 @@ import numpy as np
 
 from skyproof.gnss.ephemeris import GEOSTATIONARY, BroadcastEphemeris, Ephemeris, ahead_of_system_s
 from skyproof.gnss.lnav import URA_M, fit_interval_h
-from skyproof.gnss.messages.bit_fields import EPHEMERIS_NAMES, BitField, read_fields
+from skyproof.gnss.messages.bit_fields import (
+    EPHEMERIS_NAMES,
+    BitField,
+    angle,
+    chain_fields,
+    magnitude,
+    read_fields,
+    signed,
+)
 from skyproof.gnss.messages.galileo import sisa_m
 from skyproof.gnss.messages.glonass import glonass_ephemeris
 from skyproof.gnss.orbit_faults import orbit_fault
@@ -21,67 +29,46 @@ from skyproof.gnss.time import nearest_week, week_and_tow
 __all__ = ["EPHEMERIS_MESSAGES", "RelayedOrbit", "relayed_orbit"]
 
 
-def _chain(first: int, *fields: tuple[str, int] | tuple[str, int, dict[str, Any]]) -> tuple[BitField, ...]:
-    """Return fields that follow each other from a bit on: name, length, and what else `BitField` takes."""
-    chained = []
-    for name, length, *more in fields:
-        chained.append(BitField(name, ((first, length),), **(more[0] if more else {})))
-        first += length
-    return tuple(chained)
-
-
-def _signed(scale: float) -> dict[str, Any]:
-    return {"scale": scale, "signed": True}
-
-
-def _angle(scale: float) -> dict[str, Any]:
-    return {"scale": scale, "signed": True, "angle": True}
-
-
-def _magnitude(scale: float) -> dict[str, Any]:
-    return {"scale": scale, "magnitude": True}
-
-
 _ORBIT_OF_GPS: Final = (
-    ("crs", 16, _signed(2.0**-5)),
-    ("delta_n", 16, _angle(2.0**-43)),
-    ("m0", 32, _angle(2.0**-31)),
-    ("cuc", 16, _signed(2.0**-29)),
+    ("crs", 16, signed(2.0**-5)),
+    ("delta_n", 16, angle(2.0**-43)),
+    ("m0", 32, angle(2.0**-31)),
+    ("cuc", 16, signed(2.0**-29)),
     ("e", 32, {"scale": 2.0**-33}),
-    ("cus", 16, _signed(2.0**-29)),
+    ("cus", 16, signed(2.0**-29)),
     ("sqrt_a", 32, {"scale": 2.0**-19}),
 )
 _PLANE_OF_GPS: Final = (
-    ("cic", 16, _signed(2.0**-29)),
-    ("omega0", 32, _angle(2.0**-31)),
-    ("cis", 16, _signed(2.0**-29)),
-    ("i0", 32, _angle(2.0**-31)),
-    ("crc", 16, _signed(2.0**-5)),
-    ("omega", 32, _angle(2.0**-31)),
-    ("omega_dot", 24, _angle(2.0**-43)),
+    ("cic", 16, signed(2.0**-29)),
+    ("omega0", 32, angle(2.0**-31)),
+    ("cis", 16, signed(2.0**-29)),
+    ("i0", 32, angle(2.0**-31)),
+    ("crc", 16, signed(2.0**-5)),
+    ("omega", 32, angle(2.0**-31)),
+    ("omega_dot", 24, angle(2.0**-43)),
 )
 _CLOCK_OF_GPS: Final = (
     ("toc", 16, {"scale": 16.0}),
-    ("af2", 8, _signed(2.0**-55)),
-    ("af1", 16, _signed(2.0**-43)),
-    ("af0", 22, _signed(2.0**-31)),
+    ("af2", 8, signed(2.0**-55)),
+    ("af1", 16, signed(2.0**-43)),
+    ("af0", 22, signed(2.0**-31)),
 )
 _GALILEO: Final = (
     ("week", 12),
     ("iode", 10),
     ("sisa", 8),
-    ("idot", 14, _angle(2.0**-43)),
+    ("idot", 14, angle(2.0**-43)),
     ("toc", 14, {"scale": 60.0}),
-    ("af2", 6, _signed(2.0**-59)),
-    ("af1", 21, _signed(2.0**-46)),
-    ("af0", 31, _signed(2.0**-34)),
+    ("af2", 6, signed(2.0**-59)),
+    ("af1", 21, signed(2.0**-46)),
+    ("af0", 31, signed(2.0**-34)),
     *_ORBIT_OF_GPS,
     ("toe", 14, {"scale": 60.0}),
     *_PLANE_OF_GPS,
-    ("tgd", 10, _signed(2.0**-32)),
+    ("tgd", 10, signed(2.0**-32)),
 )
 _STATE: Final = tuple(
-    (f"{axis}_{name}", length, _magnitude(scale))
+    (f"{axis}_{name}", length, magnitude(scale))
     for axis in "xyz"
     for name, length, scale in (
         ("velocity_m_s", 24, 1e3 * 2.0**-20),
@@ -90,25 +77,25 @@ _STATE: Final = tuple(
     )
 )
 _FIELDS: Final[dict[int, tuple[BitField, ...]]] = {
-    1019: _chain(
+    1019: chain_fields(
         12,
         ("sv", 6),
         ("week", 10),
         ("ura_index", 4),
         ("code_on_l2", 2),
-        ("idot", 14, _angle(2.0**-43)),
+        ("idot", 14, angle(2.0**-43)),
         ("iode", 8),
         *_CLOCK_OF_GPS,
         ("iodc", 10),
         *_ORBIT_OF_GPS,
         ("toe", 16, {"scale": 16.0}),
         *_PLANE_OF_GPS,
-        ("tgd", 8, _signed(2.0**-31)),
+        ("tgd", 8, signed(2.0**-31)),
         ("health", 6),
         ("l2_p_flag", 1),
         ("fit", 1),
     ),
-    1020: _chain(
+    1020: chain_fields(
         12,
         ("slot", 6),
         ("channel", 5),
@@ -120,45 +107,45 @@ _FIELDS: Final[dict[int, tuple[BitField, ...]]] = {
         ("reference_steps", 7),
         *_STATE,
         ("p3", 1),
-        ("gamma_n", 11, _magnitude(2.0**-40)),
+        ("gamma_n", 11, magnitude(2.0**-40)),
         ("p", 2),
         ("ill", 1),
-        ("tau_n", 22, _magnitude(2.0**-30)),
-        ("delta_tau_n", 5, _magnitude(2.0**-30)),
+        ("tau_n", 22, magnitude(2.0**-30)),
+        ("delta_tau_n", 5, magnitude(2.0**-30)),
         ("age_days", 5),
     ),
-    1042: _chain(
+    1042: chain_fields(
         12,
         ("sv", 6),
         ("week", 13),
         ("ura_index", 4),
-        ("idot", 14, _angle(2.0**-43)),
+        ("idot", 14, angle(2.0**-43)),
         ("iode", 5),
         ("toc", 17, {"scale": 8.0}),
-        ("af2", 11, _signed(2.0**-66)),
-        ("af1", 22, _signed(2.0**-50)),
-        ("af0", 24, _signed(2.0**-33)),
+        ("af2", 11, signed(2.0**-66)),
+        ("af1", 22, signed(2.0**-50)),
+        ("af0", 24, signed(2.0**-33)),
         ("iodc", 5),
-        ("crs", 18, _signed(2.0**-6)),
-        ("delta_n", 16, _angle(2.0**-43)),
-        ("m0", 32, _angle(2.0**-31)),
-        ("cuc", 18, _signed(2.0**-31)),
+        ("crs", 18, signed(2.0**-6)),
+        ("delta_n", 16, angle(2.0**-43)),
+        ("m0", 32, angle(2.0**-31)),
+        ("cuc", 18, signed(2.0**-31)),
         ("e", 32, {"scale": 2.0**-33}),
-        ("cus", 18, _signed(2.0**-31)),
+        ("cus", 18, signed(2.0**-31)),
         ("sqrt_a", 32, {"scale": 2.0**-19}),
         ("toe", 17, {"scale": 8.0}),
-        ("cic", 18, _signed(2.0**-31)),
-        ("omega0", 32, _angle(2.0**-31)),
-        ("cis", 18, _signed(2.0**-31)),
-        ("i0", 32, _angle(2.0**-31)),
-        ("crc", 18, _signed(2.0**-6)),
-        ("omega", 32, _angle(2.0**-31)),
-        ("omega_dot", 24, _angle(2.0**-43)),
-        ("tgd", 10, _signed(1e-10)),
-        ("tgd2", 10, _signed(1e-10)),
+        ("cic", 18, signed(2.0**-31)),
+        ("omega0", 32, angle(2.0**-31)),
+        ("cis", 18, signed(2.0**-31)),
+        ("i0", 32, angle(2.0**-31)),
+        ("crc", 18, signed(2.0**-6)),
+        ("omega", 32, angle(2.0**-31)),
+        ("omega_dot", 24, angle(2.0**-43)),
+        ("tgd", 10, signed(1e-10)),
+        ("tgd2", 10, signed(1e-10)),
         ("health", 1),
     ),
-    1044: _chain(
+    1044: chain_fields(
         12,
         ("sv", 4),
         *_CLOCK_OF_GPS,
@@ -166,21 +153,21 @@ _FIELDS: Final[dict[int, tuple[BitField, ...]]] = {
         *_ORBIT_OF_GPS,
         ("toe", 16, {"scale": 16.0}),
         *_PLANE_OF_GPS,
-        ("idot", 14, _angle(2.0**-43)),
+        ("idot", 14, angle(2.0**-43)),
         ("code_on_l2", 2),
         ("week", 10),
         ("ura_index", 4),
         ("health", 6),
-        ("tgd", 8, _signed(2.0**-31)),
+        ("tgd", 8, signed(2.0**-31)),
         ("iodc", 10),
         ("fit", 1),
     ),
-    1045: _chain(12, ("sv", 6), *_GALILEO, ("e5a_health", 2), ("e5a_invalid", 1)),
-    1046: _chain(
+    1045: chain_fields(12, ("sv", 6), *_GALILEO, ("e5a_health", 2), ("e5a_invalid", 1)),
+    1046: chain_fields(
         12,
         ("sv", 6),
         *_GALILEO,
-        ("tgd2", 10, _signed(2.0**-32)),
+        ("tgd2", 10, signed(2.0**-32)),
         ("e5b_health", 2),
         ("e5b_invalid", 1),
         ("e1_health", 2),
