@@ -100,7 +100,6 @@ class ArrayPolicy:
         1.5,
         unit="chip",
         reason="Two signals of a satellite farther apart are seen by no correlator of half a chip together.",
-        source="Kaplan & Hegarty, 8.5",
     )
     covered_db: float = policy_field(
         10.0,

@@ -88,7 +88,6 @@ class ContinuityPolicy:
         0.5,
         unit="chip",
         reason="A reflection draws a code loop off by no more than half a chip.",
-        source="Kaplan & Hegarty, 9.5",
     )
 
 

@@ -37,7 +37,8 @@ class MessagesPolicy:
     sideways_share: float = policy_field(
         1.0 / 7.0,
         unit="1",
-        reason="An orbit's error along the ground is seen at such a share of it in a range at most.",
+        reason="What a data set errs along and across counts so much in a range, of GPS; of the others less.",
+        source="Montenbruck, Steigenberger and Hauschild, Advances in Space Research 61(12), 2018",
     )
 
 

@@ -61,7 +61,7 @@ class MultiReceiverPolicy:
             "Echoes of the model, but for one in a hundred, are late by less; antennas farther apart "
             "have echoes of their own."
         ),
-        source="ITU-R P.681-11, 6.3",
+        source="the model of detectors/second_signals/echoes.py",
     )
     same_delay_sigmas: float = policy_field(
         5.0,

@@ -90,7 +90,7 @@ class SecondSignalsPolicy:
     far_echo_m: float = policy_field(
         4500.0,
         unit="m",
-        reason="An echo from afar is up to 15 us late: mountains.",
+        reason="An echo from afar is up to 15 us late, as is assumed on the careful side.",
     )
     headroom_db: float = policy_field(
         20.0,
@@ -105,12 +105,12 @@ class SecondSignalsPolicy:
     echo_doppler_shares: tuple[float, ...] = policy_field(
         (0.95, 0.05 - 1e-6, 1e-6),
         unit="1",
-        reason="Of echoes, in each class of Doppler: hardly any reflector moves.",
+        reason="Of echoes, in each class of Doppler: assumed, as few reflectors move.",
     )
     false_doppler_shares: tuple[float, ...] = policy_field(
         (0.7, 0.15, 0.15),
         unit="1",
-        reason="Of false signals, in each class of Doppler: most follow the true ones.",
+        reason="Of false signals, in each class of Doppler: assumed, as no source tells.",
     )
     false_near_m: float = policy_field(
         3000.0,
