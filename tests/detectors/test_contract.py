@@ -33,7 +33,7 @@ from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
 from skyproof.detectors.torn.detector import Torn, TornSettings
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.records import Records
+from skyproof.records import Cause, Records
 from skyproof.testing import ALARMS, FalseSky, MeasuredScene, TrackErrors, check_detector, check_false_alarms
 
 CAPTURED = MeasuredScene(sky=(), false=(FalseSky(),), epochs=8, errors=TrackErrors(1.0))
@@ -89,10 +89,10 @@ class NotOneAntenna(MultiReceiver):
     """Says "authentic" as soon as "one antenna" is rejected, whatever is known of the antennas."""
 
     def examine(self, records, state=None):
-        evidence, state = super().examine(records, state)
-        alpha = self.settings.false_alarm_probability
+        findings, state = super().examine(records, state)
+        p_values = [e.data.get("p_one_antenna") for e in findings]
         return [
-            replace(e, says="authentic") if e.p_value is not None and e.p_value < alpha else e for e in evidence
+            e if p is None else replace(e, p={Cause.FALSE_SKY: p}) for e, p in zip(findings, p_values, strict=True)
         ], state
 
 

@@ -41,8 +41,8 @@ def test_one_antenna_after_the_sky_is_drowned_is_spoofed():
         places = {"rx1": (0.0, 0.0, 0.0), "rx2": (0.8 * apart_m, 0.6 * apart_m, 0.0)}
         *_, last = said_of(*(replace(made, antennas_enu_m=places) for made in (*both(3), *drowned[:windows])))
         (spoofed,) = [e for e in last if e.says == "spoofed"]
-        assert "while both skies were received" in spoofed.because
-        assert any("keep the distance" in words for words in spoofed.assumes)
+        assert spoofed.data["known"] == "learnt_distance"
+        assert "distance_kept" in spoofed.data["assumes"]
 
 
 def test_without_windows_of_both_skies_it_is_undecided():
@@ -56,7 +56,7 @@ def test_the_true_sky_alone_is_authentic_after_the_attack_also_on_a_platform_tha
     for after in (scene(31.5), scene(31.5, antennas_enu_m=turned)):
         *_, last = said_of(*both(3), after)
         assert [e.says for e in last] == ["authentic"]
-        assert any("keep the distance" in words for words in last[0].assumes)
+        assert "distance_kept" in last[0].data["assumes"]
 
 
 def test_one_receiver_that_is_captured_alone_is_not_authentic():

@@ -80,8 +80,9 @@ def test_evidence_of_an_earlier_window_stands_in_that_window_and_says_how_long_i
         late += [e for e in evidence if e.says == "authentic" and e.end_gpst < window.end_gpst]
     assert late
     assert {e.end_gpst - e.start_gpst for e in late} <= {w.end_gpst - w.start_gpst for w in windows(records)}
-    assert all(" s together, the 10 satellites' signals" in e.because and e.p_value < 1e-3 for e in late)
-    assert all("more than once" in " ".join(e.assumes) for e in late)
+    assert {(e.code, e.data["satellites"]) for e in late} == {("as_known_over_time", 10)}
+    assert all(e.p_value < 1e-3 and e.data["length_s"] > WINDOW_S for e in late)
+    assert all("one_change" in e.data["assumes"] for e in late)
 
 
 def test_what_is_remembered_is_bounded():

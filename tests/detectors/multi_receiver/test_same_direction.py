@@ -8,7 +8,7 @@ import pytest
 from skyproof.detectors.multi_receiver.pairing import pair_up
 from skyproof.detectors.multi_receiver.same_direction import without_doubtful
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
-from skyproof.records import Evidence, SignalRef
+from skyproof.records import Cause, Finding, Hypothesis, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene
 
 FAR_M = 50_000.0
@@ -35,11 +35,13 @@ def behind():
     return records, sky_of(records), plain.ranges.sats[k]
 
 
-def said(records, sky, imitated, **changes):
+def said(records, sky, imitated, **data):
     false = [SignalRef(r, s) for r in sky.receivers for s in records.sets[1].signals if s.sat in imitated]
     window = {"detector": "multi_receiver", "start_gpst": records.start_gpst, "end_gpst": records.end_gpst}
-    true = Evidence(**window, subject=sky.subject, says="authentic", because="shown", group=1)
-    return [true, replace(Evidence(**window, subject=tuple(false), says="spoofed", because="one antenna"), **changes)]
+    window |= {"hypothesis": Hypothesis.ONE_ANTENNA, "alpha": 1e-3, "singled_out": True}
+    true = Finding(**window, signals=sky.subject, code="beside_false_sky", p={Cause.FALSE_SKY: 1e-9}, data={"group": 1})
+    imitated = Finding(**window, signals=tuple(false), code="least_contrast", p={Cause.CLEAN: 1e-9}, data=data)
+    return [true, imitated]
 
 
 def test_a_satellite_behind_the_antenna_is_left_out_unless_its_false_signal_is_known(behind):
@@ -47,8 +49,7 @@ def test_a_satellite_behind_the_antenna_is_left_out_unless_its_false_signal_is_k
     others = [s for s in sky.ranges.sats if s != sat]
     kept, spoofed = without_doubtful(records, [sky], said(records, sky, others))
     assert {ref.signal.sat for ref in sky.subject} - {ref.signal.sat for ref in kept.subject} == {sat}
-    assert kept.says == "authentic"
-    assert "1 of them could as well come from the antenna" in kept.because
+    assert (kept.says, kept.data["doubtful"]) == ("authentic", 1)
     assert spoofed.says == "spoofed"
     whole = said(records, sky, sky.ranges.sats)
     assert without_doubtful(records, [sky], whole) == whole
@@ -64,10 +65,10 @@ def test_three_satellites_that_are_left_are_not_authentic(behind):
     records, sky, sat = behind
     others = [s for s in sky.ranges.sats if s != sat]
     true, false = said(records, sky, others)
-    few = replace(true, subject=tuple(ref for ref in true.subject if ref.signal.sat in (sat, *others[:3])))
+    few = replace(true, signals=tuple(ref for ref in true.subject if ref.signal.sat in (sat, *others[:3])))
     kept, _ = without_doubtful(records, [sky], [few, false])
-    assert kept.says == "undecided"
-    assert kept.would_need
+    assert (kept.says, kept.code, kept.group) == ("undecided", "few_without_doubtful", None)
+    assert kept.data["found"] == "beside_false_sky"
 
 
 def test_a_false_signal_of_the_antenna_is_doubtful_with_the_stated_probability():

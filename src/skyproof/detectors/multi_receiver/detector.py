@@ -36,7 +36,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyproof.detectors.base import Untested, missing, signals_of
+from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.multi_receiver.further_signals import Rates, further_signals
 from skyproof.detectors.multi_receiver.known_geometry import LearntBaseline, agreement
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
@@ -46,10 +46,10 @@ from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.detectors.multi_receiver.runs import WindowRun
 from skyproof.detectors.multi_receiver.same_direction import without_doubtful
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
-from skyproof.detectors.multi_receiver.several_sets import several_sets
+from skyproof.detectors.multi_receiver.several_sets import BESIDE_FALSE_SKY, several_sets
 from skyproof.detectors.multi_receiver.statements import Statements
-from skyproof.detectors.multi_receiver.window import ONE_FALSE_SKY, ONE_TRANSMITTER, Window
-from skyproof.records import Baseline, Evidence, Need, Records
+from skyproof.detectors.multi_receiver.window import Window
+from skyproof.records import Baseline, Cause, Finding, Hypothesis, Need, Records
 
 __all__ = ["MultiReceiver"]
 
@@ -71,25 +71,28 @@ class MultiReceiver:
     def __init__(self, settings: MultiReceiverSettings | None = None) -> None:
         self.settings = settings or MultiReceiverSettings()
 
-    def examine(self, records: Records, state: Any = None) -> tuple[list[Evidence], Any]:
-        """Evidence of this window, and of those before it that it helps to decide; never raises for what data lack."""
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return findings of this window, and of those before it that it helps to decide; never raises for what data
+        lack."""
         memory: _Memory = state or _Memory((), LearntDistances())
-        lacking = missing(self, records)
+        report = Reporter(self, records, Hypothesis.SKY_DIRECTIONS)
+        lacking = report.name_missing()
         if lacking:
             return lacking, memory
-        window = Window(self, self.settings, records, memory.learnt)
-        said = _of_groups(window)
+        window = Window(report, self.settings, memory.learnt)
+        said = _decide_groups(window)
         learnt = memory.learnt
         for e in said:
-            if self._is_own(e) and e.says == "authentic" and ONE_FALSE_SKY in e.assumes:
+            if self._shows_true_baseline(e):
                 learnt = learnt.and_of(e.baselines[0])
         late, runs = over_time(window, memory.runs, said)
         said += late
-        said += _of_further_signals(window, said) if window.skies else []
+        said += _find_further_signals(window, said) if window.skies else []
         return without_doubtful(records, window.skies, said), _Memory(runs, learnt)
 
-    def review(self, evidence: Sequence[Any]) -> Iterator[Any]:
-        """All windows' evidence once more, now that all of it is known; a sequence may read it from where it is kept.
+    def review(self, findings: Sequence[Any]) -> Iterator[Any]:
+        """Give all windows' findings once more, now that all are known; a sequence may read them from where they are
+        kept.
 
         Windows in which both skies were received in every receiver give the baseline. Others that show the same one are
         authentic as well: a false sky in some of the receivers would have had to show the true place. One that shows
@@ -98,17 +101,21 @@ class MultiReceiver:
         What contradicts a statement that is untrue as likely as the signals are false is open (`statements`).
         """
         both: dict[tuple[str, ...], list[Baseline]] = {}
-        for e in evidence:
-            if self._is_own(e) and e.says == "authentic" and ONE_FALSE_SKY in e.assumes:
+        for e in findings:
+            if self._shows_true_baseline(e):
                 both.setdefault(e.baselines[0].receivers, []).append(e.baselines[0])
         learnt = {receivers: self._learnt(baselines) for receivers, baselines in both.items()}
-        statements = Statements(self.settings, (e for e in evidence if e.detector == self.name))
-        for e in evidence:
-            seen = self._reviewed(e, learnt.get(e.baselines[0].receivers)) if self._is_own(e) else e
+        statements = Statements(self.settings, (e for e in findings if e.detector == self.name))
+        for e in findings:
+            seen = self._review_one(e, learnt.get(e.baselines[0].receivers)) if self._is_own(e) else e
             yield statements.weigh(seen) if e.detector == self.name else seen
 
-    def _is_own(self, e: Evidence) -> bool:
+    def _is_own(self, e: Any) -> bool:
         return e.detector == self.name and bool(e.baselines)
+
+    def _shows_true_baseline(self, e: Any) -> bool:
+        """Whether both skies were received in a window, and the true one shows a baseline."""
+        return self._is_own(e) and e.code == BESIDE_FALSE_SKY and e.says == "authentic"
 
     def _learnt(self, whole: Sequence[Baseline]) -> LearntBaseline | None:
         """What most of the windows agree on, of what each shows as a whole."""
@@ -122,47 +129,41 @@ class MultiReceiver:
         agreeing = sum(agreement(middle, (b,)) >= self.settings.accept_probability for b in whole)
         return middle if agreeing > POLICY.agreeing_windows_share * len(whole) else None
 
-    def _reviewed(self, e: Evidence, learnt: LearntBaseline | None) -> Evidence:
+    def _review_one(self, e: Finding, learnt: LearntBaseline | None) -> Finding:
         if learnt is None:
             return e
-        p_value = agreement(learnt, e.baselines)
+        p_value, data = agreement(learnt, e.baselines), {**e.data, **learnt.data}
         agrees = p_value >= self.settings.accept_probability
-        if e.says == "undecided" and agrees:
+        if e.code == "one_may_be_false" and agrees:
+            p_one: Any = e.data["p_one_antenna"]
             return replace(
                 e,
-                says="authentic",
-                would_need=None,
-                may_also_be=(),
-                assumes=(ONE_TRANSMITTER, ONE_FALSE_SKY, *learnt.assumes),
-                because=f"{e.because.partition(';')[0]}; they agree with {learnt.words}",
+                hypothesis=Hypothesis.ONE_ANTENNA,
+                code="as_learnt",
+                p={Cause.FALSE_SKY: p_one},
+                data={**data, "assumes": ("no_concert", "one_false_sky", *learnt.assumes)},
             )
         if e.says == "authentic" and not agrees:
+            failed = p_value < self.settings.false_alarm_probability
+            causes = leave_open((Cause.REFLECTIONS, Cause.MOTION) if failed else (Cause.FALSE_SKY,))
             return replace(
                 e,
-                says="undecided",
-                p_value=p_value,
-                null="sky",
-                may_also_be=("reflections", "motion"),
-                would_need="a longer recording",
-                because=f"{e.because.partition(';')[0]}, but they do not agree with {learnt.words}",
+                hypothesis=Hypothesis.SKY_DIRECTIONS if failed else Hypothesis.FALSE_SKY,
+                code="elsewhere_than_learnt",
+                p={Cause.CLEAN: p_value, **causes},
+                data=data,
             )
         return e
 
 
-def _of_groups(window: Window) -> list[Evidence]:
-    """Of sets as wholes, by this window alone."""
+def _decide_groups(window: Window) -> list[Finding]:
+    """Return findings of sets as wholes, by this window alone."""
+    observed = window.records.observations
     if len(window.sets) < 2:
-        without = " and ".join(o.receiver for o in window.records.observations if o.receiver not in window.sets)
-        return [
-            window.undecided(
-                signals_of(window.records.observations),
-                code="one_set",
-                because=f"no five signals of {without} fit one position, so that it cannot be compared",
-                would_need=f"5 or more satellites with pseudoranges and orbits in {without}",
-            )
-        ]
+        without = tuple(o.receiver for o in observed if o.receiver not in window.sets)
+        return [window.report.pass_over(signals_of(observed), NotTested("one_set", {"without": without}))]
     if not window.pairings:
-        return [window.undecided(window.signals(), **_explain_no_pairing(window)._asdict())]
+        return [window.report.pass_over(window.signals(), _explain_no_pairing(window))]
     if window.one_choice:
         # what is said last is reported
         by_size = sorted(window.pairings, key=lambda pairing: len(pairing.ranges.signals))
@@ -170,26 +171,19 @@ def _of_groups(window: Window) -> list[Evidence]:
     return several_sets(window)
 
 
-def _explain_no_pairing(window: Window) -> Untested:
-    """Say whether satellites or epochs in common are what is missing."""
-    least, names = window.settings.min_satellites, " and ".join(window.sets)
+def _explain_no_pairing(window: Window) -> NotTested:
+    """Return whether satellites or epochs in common are what is missing."""
+    least, receivers = window.settings.min_satellites, tuple(window.sets)
     sats = [{signal.sat for own in sets for signal in own.signals} for sets in window.sets.values()]
     n = len(set.intersection(*sats))
     if n < least:
-        return Untested(
-            code="few_in_common",
-            because=f"{n} satellites are in the consistent sets of {names} alike, and {least} are needed",
-            would_need="more satellites in common",
-        )
-    return Untested(
-        code="few_common_epochs",
-        because=f"no {least} signals of one kind are in {names} over {window.settings.min_epochs} common epochs",
-        would_need="measurements at the same times and of the same signals, or a longer window",
-    )
+        return NotTested("few_in_common", {"common": n, "needed": least, "receivers": receivers})
+    epochs = window.settings.min_epochs
+    return NotTested("few_common_epochs", {"needed": least, "epochs": epochs, "receivers": receivers})
 
 
-def _of_further_signals(window: Window, said: Sequence[Evidence]) -> list[Evidence]:
-    """What is false beside the skies that are true, signal by signal."""
+def _find_further_signals(window: Window, said: Sequence[Finding]) -> list[Finding]:
+    """Return what is false beside the skies that are true, signal by signal."""
     settings = window.settings
     rates = Rates(
         alarm=settings.false_alarm_probability,
@@ -197,12 +191,16 @@ def _of_further_signals(window: Window, said: Sequence[Evidence]) -> list[Eviden
         multipath_sigma_m=settings.multipath_sigma_m,
         unrelated_spread_m=settings.unrelated_spread_m,
     )
-    named = {ref for e in said if e.says == "spoofed" for ref in e.subject}
-    found = further_signals(window.records, window.skies, window.sets, named, rates)
+    spoofed = [(e, max(e.p.values())) for e in said if e.says == "spoofed"]
+    named = {ref: p_value for e, p_value in spoofed for ref in e.signals}
     return [
-        replace(
-            window.say("spoofed", one.subject, p_value=one.p_value, because=one.because, group=next(window.groups)),
-            whole_sky=not one.together,
+        window.report.find(
+            one.subject,
+            one.code,
+            {Cause.CLEAN: one.p_value, Cause.REFLECTIONS: one.p_value},
+            hypothesis=Hypothesis.ONE_SKY,
+            singled_out=True,
+            data={"group": next(window.groups), "whole_sky": not one.together},
         )
-        for one in found
+        for one in further_signals(window.records, window.skies, window.sets, named, rates)
     ]

@@ -67,11 +67,12 @@ class Rates:
 
 @dataclass(frozen=True)
 class Named:
-    """False signals. p_value : of the test that named them. together : whether they come from one antenna."""
+    """False signals. code : of what they are. p_value : of true signals and their echoes alone. together : whether they
+    come from one antenna."""
 
     subject: tuple[SignalRef, ...]
+    code: str
     p_value: float
-    because: str
     together: bool = False
 
 
@@ -102,23 +103,27 @@ def further_signals(
     records: Records,
     skies: Sequence[Pairing],
     sets: Mapping[str, Sequence[ConsistentSet]],
-    named: set[SignalRef],
+    named: Mapping[SignalRef, float],
     rates: Rates,
 ) -> list[Named]:
-    """What is false of the signals that neither belong to one of the true `skies`, a pairing each, nor are `named`.
+    """Return what is false of the signals that neither belong to one of the true `skies`, a pairing each, nor are
+    `named`.
 
-    sets : of each receiver, those that are no late copies of another one.
+    sets : of each receiver, those that are no late copies of another one. named : false signals, with the p-value of
+    what named them. Under an attack signals are named that would not be without: they have the p-value of the attack.
     """
     true = {(s.receiver, kind): s for sky in reversed(skies) for s in sky.sets for kind in sky.kinds}
     apart = [(sky, kind) for sky in skies for kind in _far_apart(sky)]
     tests = 3.0 if apart else 2.0  # a second sky, echoes, echoes together
-    each = replace(rates, alarm=rates.alarm / (tests * max(len(true), 1)))
+    tests *= max(len(true), 1)
+    each = replace(rates, alarm=rates.alarm / tests)
     observed = {o.receiver: o for o in records.observations}
     found: list[Named] = []
     for (receiver, _), chosen in true.items():
-        known = named.union(*(one.subject for one in found))
+        known = set(named).union(*(one.subject for one in found))
         found += _second_skies(observed[receiver], chosen, sets.get(receiver, ()), known, each)
-    known = named.union(*(one.subject for one in found))
+    known_p = {**named, **{ref: one.p_value for one in found for ref in one.subject}}
+    known = set(known_p)
     measured = {name: _measured(records, observed[name], each) for name in {name for name, _ in true}}
     own, kinds = {}, dict[int, dict[Kind, list[SignalId]]]()
     for (receiver, kind), chosen in true.items():
@@ -135,9 +140,11 @@ def further_signals(
     own = {of: ([b for b in beside if b.ref.signal.sat not in wrong], places) for of, (beside, places) in own.items()}
     together = [_merged([own[name, kind] for name in sky.receivers]) for sky, kind in apart]
     tested = [_Tested(beside, places, each) for beside, places in [*own.values(), *together]]
-    attacked = bool(known) or any(one.p_value < each.alarm for one in tested)
-    alone = {b.ref: (b, one.p_value) for one in tested for b in one.told if attacked}
-    return [*found, *_by_antenna(alone, skies, each)]
+    p_attack = tests * min((one.p_value for one in tested), default=1.0)
+    if p_attack >= rates.alarm:
+        p_attack = max(known_p.values(), default=1.0)
+    alone = {b.ref: b for one in tested for b in one.told if p_attack < rates.alarm}
+    return [*found, *_by_antenna(alone, skies, p_attack, each)]
 
 
 def _all_places(own: Mapping[tuple[str, Kind], tuple[list[_Beside], set[_Place]]]) -> set[_Place]:
@@ -196,13 +203,7 @@ def _second_skies(
             multipath_sigma_m=max(rates.multipath_sigma_m, 1.0),
         )
         if p_value < rates.alarm:
-            found.append(
-                Named(
-                    subject,
-                    p_value,
-                    f"{len(subject)} signals in {o.receiver} fit one position beside that of the signals that are true",
-                )
-            )
+            found.append(Named(subject, "second_sky", p_value))
     return found
 
 
@@ -318,7 +319,7 @@ class _Tested:
 
 
 def _by_antenna(
-    alone: Mapping[SignalRef, tuple[_Beside, float]], skies: Sequence[Pairing], rates: Rates
+    alone: Mapping[SignalRef, _Beside], skies: Sequence[Pairing], p_value: float, rates: Rates
 ) -> list[Named]:
     """The named ones by the antenna that they come from; those of one receiver only, or without a true signal beside
     them, together."""
@@ -345,20 +346,21 @@ def _by_antenna(
                 if r.signal.sat in sats and r.signal.kind in sky.kinds and r.receiver not in (first, other)
             ]
             refs = tuple(sorted([*(b.ref for k in cluster for b in pairs[k]), *elsewhere]))
-            found.append(_named(refs, alone, together=len(cluster) >= SECOND_SIGNALS.attack_satellites))
+            together = len(cluster) >= SECOND_SIGNALS.attack_satellites
+            code = "unlike_echoes_of_one_antenna" if together else "unlike_echoes"
+            found.append(Named(refs, code, p_value, together))
             for ref in refs:
                 del left[ref]
     for receiver in sorted({ref.receiver for ref in left}):
-        found.append(_named(tuple(sorted(r for r in left if r.receiver == receiver)), alone, together=False))
+        refs = tuple(sorted(r for r in left if r.receiver == receiver))
+        found.append(Named(refs, "unlike_echoes", p_value))
     return found
 
 
-def _pairs(
-    left: Mapping[SignalRef, tuple[_Beside, float]], sky: Pairing, first: str, other: str
-) -> list[tuple[_Beside, _Beside]]:
+def _pairs(left: Mapping[SignalRef, _Beside], sky: Pairing, first: str, other: str) -> list[tuple[_Beside, _Beside]]:
     """Of each satellite that has one named signal in each of two receivers, those two."""
     by_sat: dict[tuple[str, str], list[_Beside]] = {}
-    for ref, (b, _) in left.items():
+    for ref, b in left.items():
         if ref.signal.sat in sky.ranges.sats and ref.signal.kind in sky.kinds:
             by_sat.setdefault((ref.receiver, ref.signal.sat), []).append(b)
     sats = sorted({sat for receiver, sat in by_sat if receiver == first})
@@ -369,16 +371,6 @@ def _pairs(
 def _parts(away_m: Reals, sigma_m: Reals, probability: float) -> list[Indices]:
     clusters = line_clusters(away_m, sigma_m, probability)
     return [np.flatnonzero(clusters.label == number) for number in range(int(clusters.number))]
-
-
-def _named(refs: tuple[SignalRef, ...], alone: Mapping[SignalRef, tuple[_Beside, float]], *, together: bool) -> Named:
-    sats = len({ref.signal.sat for ref in refs})
-    where = " and ".join(sorted({ref.receiver for ref in refs}))
-    which = f"the second signals of {sats} satellites in {where}" if sats > 1 else f"a second signal in {where}"
-    because = f"{which} {'are' if sats > 1 else 'is'} earlier, later or stronger than echoes of true signals would be"
-    if together:
-        because += ", and come from one antenna"
-    return Named(refs, max(alone[ref][1] for ref in refs), because, together)
 
 
 def _apart_hz(o: Observations, one: SignalId, other: SignalId) -> float:

@@ -13,7 +13,7 @@ the window is noticed.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from skyproof.detectors.multi_receiver.one_antenna import BaselineEstimate
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, distance_slips, position_slips, vector_slips
-from skyproof.records import Baseline
+from skyproof.records import Baseline, Datum
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
 __all__ = [
@@ -71,17 +71,17 @@ class AntennaGeometry(Protocol):
 
     @property
     def assumes(self) -> tuple[str, ...]:
-        """What has to hold for signals that agree with it to be true."""
+        """Return codes of what has to hold for signals that agree with it to be true."""
         ...
 
     @property
     def stated(self) -> tuple[str, ...]:
-        """What has to hold for signals that disagree with it to be false."""
+        """Return codes of what has to hold for signals that disagree with it to be false."""
         ...
 
     @property
-    def words(self) -> str:
-        """What is known, to follow "with"."""
+    def data(self) -> Mapping[str, Datum]:
+        """Return what is known: "known", and the distance where it is one."""
         ...
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
@@ -137,8 +137,12 @@ class AntennaPlaces:
     positions_ecef_m: Mapping[str, Reals] | None = None
 
     key = "antennas_enu_m"
-    assumes = stated = ("the antennas stand where they are said to",)
-    words = "where the antennas are known to stand"
+    assumes = stated = ("antennas_as_stated",)
+
+    @property
+    def data(self) -> dict[str, Datum]:
+        """Return that places are known."""
+        return {"known": "places"}
 
     def expected_m(self, receivers: Sequence[str]) -> Reals:
         """(3 (R - 1),) baselines from the first receiver."""
@@ -255,20 +259,13 @@ class AntennaDistance:
         level = _LevelDistance(self.distance_m, self.sigma_m)
         yield GeometrySlip("level_distance", self.key, "it is the level distance, without the height", "", level)
 
-    @property
-    def assumes(self) -> tuple[str, ...]:
-        return (
-            f"the antennas stand {self.distance_m:g} ± {self.sigma_m:.2g} m apart, and no false position of one "
-            "receiver alone lies at that distance from the other",
-        )
+    assumes: ClassVar[tuple[str, ...]] = ("distance_as_stated_and_not_shown",)
+    stated: ClassVar[tuple[str, ...]] = ("distance_as_stated",)
 
     @property
-    def stated(self) -> tuple[str, ...]:
-        return (f"the antennas stand {self.distance_m:g} ± {self.sigma_m:.2g} m apart",)
-
-    @property
-    def words(self) -> str:
-        return f"the distance of {self.distance_m:g} m that was given"
+    def data(self) -> dict[str, Datum]:
+        """Return the distance and its sigma."""
+        return {"known": "distance", "distance_m": self.distance_m, "distance_sigma_m": self.sigma_m}
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         return Misfit(_from_sphere(enu_m, covariance_m2, self.distance_m, self.sigma_m), dof=4, exact=1)
@@ -282,17 +279,13 @@ class AntennaDistance:
 class LearntDistance(AntennaDistance):
     """The distance that windows showed in which both skies were received: whatever way the antennas turn together."""
 
-    @property
-    def assumes(self) -> tuple[str, ...]:
-        return ("the antennas keep the distance that they had while both skies were received", *super().assumes)
+    assumes: ClassVar[tuple[str, ...]] = ("distance_kept", *AntennaDistance.assumes)
+    stated: ClassVar[tuple[str, ...]] = assumes
 
     @property
-    def stated(self) -> tuple[str, ...]:
-        return self.assumes
-
-    @property
-    def words(self) -> str:
-        return f"the distance of {self.distance_m:.1f} m that they had while both skies were received"
+    def data(self) -> dict[str, Datum]:
+        """Return the distance and its sigma."""
+        return {**super().data, "known": "learnt_distance"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,8 +294,12 @@ class LearntBaseline:
 
     baseline: Baseline
 
-    assumes = stated = ("the antennas do not move relative to each other",)
-    words = "where the antennas stand by the windows in which both skies are received"
+    assumes = stated = ("antennas_rigid",)
+
+    @property
+    def data(self) -> dict[str, Datum]:
+        """Return that other windows show a baseline."""
+        return {"known": "learnt_baseline"}
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
         off_m = enu_m - self.baseline.enu_m.ravel()

@@ -1,38 +1,35 @@
 """What windows in a row say of those among them that alone say nothing."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Final
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance
 from skyproof.detectors.multi_receiver.pairing import Pairing
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.detectors.multi_receiver.runs import WindowRun, prolonged, window_p_values
-from skyproof.detectors.multi_receiver.window import ONE_TRANSMITTER, Window, names
-from skyproof.records import Evidence, Says
+from skyproof.detectors.multi_receiver.window import Window, collect_estimates, describe_pairing
+from skyproof.records import Cause, Datum, Finding, Hypothesis, StatementTest
 
 __all__ = ["over_time"]
 
-ONCE: Final = "within two minutes signals do not go over from the sky to a transmitter more than once, and back"
-
 
 def over_time(
-    window: Window, runs: Sequence[WindowRun], said: Sequence[Evidence]
-) -> tuple[list[Evidence], tuple[WindowRun, ...]]:
-    """What is known now of windows that were open, this one among them; and the runs that go on from here.
+    window: Window, runs: Sequence[WindowRun], said: Sequence[Finding]
+) -> tuple[list[Finding], tuple[WindowRun, ...]]:
+    """Return what is known now of windows that were open, this one among them; and the runs that go on from here.
 
     said : of the groups of this window. A pairing of which it says that it is not, or not wholly, of the sky begins
     anew. Only where it is known how the antennas stand is there anything to add.
     """
     going_on = [row for pairing in window.pairings if (row := _followed(window, pairing, runs, said)) is not None]
-    found = [e for row in going_on for e in row.evidence(going_on)]
+    found = [finding for row in going_on for finding in row.decide(going_on)]
     return found, tuple(row.run.closed(row.decided) for row in going_on)
 
 
 def _followed(
-    window: Window, pairing: Pairing, runs: Sequence[WindowRun], said: Sequence[Evidence]
+    window: Window, pairing: Pairing, runs: Sequence[WindowRun], said: Sequence[Finding]
 ) -> "_Followed | None":
     """A window's pairing with its run; None where nothing can come of one."""
     geometry = window.geometry(pairing)
@@ -76,50 +73,70 @@ class _Followed:
         """Whether the run shows the antennas where they are known to stand."""
         return self.window.agrees(self.joined[0], self.geometry)
 
-    def evidence(self, everything: Sequence["_Followed"]) -> list[Evidence]:
-        """Of the windows that are open and can be decided; `everything` that goes on, to know which is alone."""
+    def decide(self, everything: Sequence["_Followed"]) -> list[Finding]:
+        """Return findings of the windows that are open and can be decided; `everything` that goes on, to know which is
+        alone."""
         if len(self.run.parts) < 2 or not any(part.open for part in self.run.parts):
             return []
-        alpha, accept = self.window.settings.false_alarm_probability, self.window.settings.accept_probability
+        accept = self.window.settings.accept_probability
         rivals = [row for row in everything if row is not self and row.pairing.kinds & self.pairing.kinds]
         if self.agrees:
-            return [] if any(row.agrees for row in rivals) else self._authentic(alpha)
+            return [] if any(row.agrees for row in rivals) else self._find_authentic()
         could_be = self.window.one_choice and self.tests * float(self.joined[0].one_antenna.p_value) >= accept
-        return self._spoofed(alpha) if could_be else []
+        return self._find_spoofed() if could_be else []
 
-    def _authentic(self, alpha: float) -> list[Evidence]:
+    @property
+    def alpha(self) -> float:
+        return self.window.settings.false_alarm_probability
+
+    def _find_authentic(self) -> list[Finding]:
         joined, cells = self.joined
-        because = f"{self._how()} do not come from one antenna; they agree with {self.geometry.words}"
-        p_values = self.tests * window_p_values(joined, cells, self.geometry, "one antenna", alpha / self.tests)
-        if self.run.parts[-1].open and p_values[-1] < alpha:
+        p_values = self.tests * window_p_values(joined, cells, self.geometry, "one antenna", self.alpha / self.tests)
+        if self.run.parts[-1].open and p_values[-1] < self.alpha:
             self.window.skies.append(self.pairing)
-        said = self._of_open("authentic", p_values, alpha, because)
-        stated = self.window.statement(self.pairing, self.geometry, agrees=True)
-        return [replace(e, assumes=(ONE_TRANSMITTER, ONCE, *self.geometry.assumes), statement=stated) for e in said]
+        return self._find_of_open(
+            "as_known_over_time",
+            {Cause.FALSE_SKY: p_values},
+            ("no_concert", "one_change", *self.geometry.assumes),
+            self.window.statement(self.pairing, self.geometry, agrees=True),
+        )
 
-    def _spoofed(self, alpha: float) -> list[Evidence]:
+    def _find_spoofed(self) -> list[Finding]:
         joined, cells = self.joined
-        because = f"{self._how()} come from one antenna: they do not show {self.geometry.words}"
-        p_values = self.tests * window_p_values(joined, cells, self.geometry, "the sky", alpha / self.tests)
-        p_values += self.window.p_of_echoes(self.pairing.receivers, self.pairing)  # of one place, as long as it lasts
-        said = self._of_open("spoofed", p_values, alpha, because)
-        if isinstance(self.geometry, LearntDistance):
-            return [replace(e, assumes=self.geometry.assumes) for e in said]
-        stated = self.window.statement(self.pairing, self.geometry, agrees=False)
-        return [replace(e, statement=stated) for e in said]
+        p_values = self.tests * window_p_values(joined, cells, self.geometry, "the sky", self.alpha / self.tests)
+        p_echoes = self.window.p_of_echoes(self.pairing.receivers, self.pairing)  # of one place, as long as it lasts
+        learnt = isinstance(self.geometry, LearntDistance)
+        return self._find_of_open(
+            "one_antenna_over_time",
+            {Cause.CLEAN: p_values, Cause.REFLECTIONS: p_values + p_echoes},
+            self.geometry.assumes if learnt else (),
+            None if learnt else self.window.statement(self.pairing, self.geometry, agrees=False),
+        )
 
-    def _of_open(self, says: Says, p_values: Reals, alpha: float, because: str) -> list[Evidence]:
-        """This of each open window whose p-value is small."""
-        said = []
-        group = next(self.window.groups)
+    def _find_of_open(
+        self, code: str, p: Mapping[Cause, Reals], assumes: tuple[str, ...], statement: StatementTest | None
+    ) -> list[Finding]:
+        """Return one finding of each open window whose p-values, (W,) by cause, are all small."""
+        found = []
+        data: dict[str, Datum] = {
+            **describe_pairing(self.joined[0]),
+            **self.geometry.data,
+            "length_s": self.run.length_s,
+            "group": next(self.window.groups),
+            "assumes": assumes,
+        }
         for number, part in enumerate(self.run.parts):
-            if part.open and p_values[number] < alpha:
+            of_window = {cause: float(p_values[number]) for cause, p_values in p.items()}
+            if part.open and max(of_window.values()) < self.alpha:
                 self.decided[number] = True
-                e = self.window.say(
-                    says, self.joined[0].subject, p_value=float(p_values[number]), because=because, group=group
+                finding = self.window.report.find(
+                    self.joined[0].subject,
+                    code,
+                    of_window,
+                    hypothesis=Hypothesis.ONE_ANTENNA if Cause.FALSE_SKY in p else None,
+                    singled_out=Cause.FALSE_SKY not in p,
+                    data=data,
+                    estimates=collect_estimates((), statement),
                 )
-                said.append(replace(e, start_gpst=part.start_gpst, end_gpst=part.end_gpst))
-        return said
-
-    def _how(self) -> str:
-        return f"in {self.run.length_s:.0f} s together, {names(self.joined[0])}"
+                found.append(replace(finding, start_gpst=part.start_gpst, end_gpst=part.end_gpst))
+        return found

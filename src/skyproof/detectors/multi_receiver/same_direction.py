@@ -8,35 +8,38 @@ is known as another signal.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
+from skyproof.detectors.base import leave_open
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
 from skyproof.detectors.multi_receiver.pairing import Pairing
 from skyproof.detectors.multi_receiver.policy import POLICY
-from skyproof.records import Evidence, Records, SignalRef
+from skyproof.records import Cause, Finding, Hypothesis, Records, SignalRef
 
 __all__ = ["without_doubtful"]
 
 
-def without_doubtful(records: Records, skies: Sequence[Pairing], said: Sequence[Evidence]) -> list[Evidence]:
-    """What is said of a window, where "authentic" leaves out what an antenna of the false signals could have sent."""
+def without_doubtful(records: Records, skies: Sequence[Pairing], said: Sequence[Finding]) -> list[Finding]:
+    """Leave out of what is authentic in a window what an antenna of the false signals could have sent."""
     groups = [e.subject for e in said if e.says == "spoofed" and not e.whole_sky]
     doubtful = {ref for sky in skies for group in groups for ref in _doubtful(records, sky, group)}
     return [_without(e, doubtful) if e.says == "authentic" else e for e in said]
 
 
-def _without(e: Evidence, doubtful: set[SignalRef]) -> Evidence:
-    left = tuple(ref for ref in e.subject if ref not in doubtful)
-    n = len({ref.signal.sat for ref in e.subject}) - len({ref.signal.sat for ref in left})
+def _without(e: Finding, doubtful: set[SignalRef]) -> Finding:
+    left = tuple(ref for ref in e.signals if ref not in doubtful)
+    n = len({ref.signal.sat for ref in e.signals}) - len({ref.signal.sat for ref in left})
     if not n:
         return e
-    because = f"{e.because}; {n} of them could as well come from the antenna of the false signals"
-    if len({ref.signal.sat for ref in left}) < POLICY.fix_satellites:
-        would_need = "a third receiver, or antennas in another direction from each other"
-        return replace(e, says="undecided", null="one antenna", because=because, would_need=would_need, group=None)
-    return replace(e, subject=left, because=f"{because}, and are left out")
+    data = {**e.data, "doubtful": n}
+    if len({ref.signal.sat for ref in left}) >= POLICY.fix_satellites:
+        return replace(e, signals=left, data=data)
+    del data["group"]
+    open_: dict[str, Any] = {"p": leave_open((Cause.FALSE_SKY,)), "hypothesis": Hypothesis.FALSE_SKY}
+    return replace(e, code="few_without_doubtful", data={**data, "found": e.code}, **open_)
 
 
 def _doubtful(records: Records, sky: Pairing, group: Sequence[SignalRef]) -> Iterator[SignalRef]:

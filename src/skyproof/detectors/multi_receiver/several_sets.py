@@ -2,27 +2,31 @@
 
 from collections.abc import Sequence
 
+from skyproof.detectors.base import NotTested
 from skyproof.detectors.multi_receiver.common_epochs import Kind
 from skyproof.detectors.multi_receiver.known_geometry import AntennaPlaces, agreement
 from skyproof.detectors.multi_receiver.pairing import Pairing, versus
-from skyproof.detectors.multi_receiver.window import ONE_FALSE_SKY, Window, names
+from skyproof.detectors.multi_receiver.window import Window, collect_estimates, describe_pairing
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
-from skyproof.records import Evidence
+from skyproof.records import Cause, Datum, Finding
 
-__all__ = ["several_sets"]
+__all__ = ["BESIDE_FALSE_SKY", "several_sets"]
+
+BESIDE_FALSE_SKY = "beside_false_sky"
+"""Code of signals that are true, as others of their receivers come from one antenna."""
 
 
-def several_sets(window: Window) -> list[Evidence]:
-    """What is said of sets of which some receiver has several."""
+def several_sets(window: Window) -> list[Finding]:
+    """Return what is found of sets of which some receiver has several."""
     alpha = window.settings.false_alarm_probability
     could_be = [p for p in window.pairings if window.p_one(p) >= max(window.settings.accept_probability, alpha)]
     could_be = [p for p in could_be if _shows_one_place(window, p)]
     could_be.sort(key=lambda p: float(p.one_antenna.statistic))
     false = [p for p in could_be if not _contested(window, p, could_be)]
     skies = _left_over(window, false)
-    said = [_false_group(window, pairing, false, decided=bool(skies)) for pairing in false]
-    said += [_sky_group(window, sky, false) for sky in skies]
-    return [e for e in said if e is not None] or [_who(window)]
+    found = [_test_false_group(window, pairing, false, decided=bool(skies)) for pairing in false]
+    found += [_test_sky_group(window, sky, false) for sky in skies]
+    return [finding for finding in found if finding is not None] or [_leave_open(window)]
 
 
 def _contested(window: Window, pairing: Pairing, could_be: Sequence[Pairing]) -> bool:
@@ -63,8 +67,9 @@ def _shows_one_place(window: Window, pairing: Pairing) -> bool:
     return agreement(nowhere, pairing.baselines[:1]) >= window.settings.accept_probability
 
 
-def _false_group(window: Window, pairing: Pairing, false: list[Pairing], *, decided: bool) -> Evidence | None:
-    """`decided`: the sets left over make one sky, so the other false groups are no rivals."""
+def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *, decided: bool) -> Finding | None:
+    """Return that a pairing is of one antenna, if it is. decided : the sets left over make one sky, so the other false
+    groups are no rivals."""
     alpha = window.settings.false_alarm_probability
     rivals = [p for p in window.pairings if p is not pairing and not (decided and p in false)]
     tests = [versus(rival, pairing) for rival in rivals]
@@ -72,31 +77,37 @@ def _false_group(window: Window, pairing: Pairing, false: list[Pairing], *, deci
     # With two skies in every receiver one of the pairings is false altogether; with fewer it may have been missed.
     complete = all(len(sets) >= 2 for sets in window.sets.values())
     if complete and worst is not None and worst.p_value < alpha:
-        return window.say(
-            "spoofed",
+        contrast: dict[str, Datum] = {
+            "scatter_m": float(pairing.scatter_m),
+            "others_m": float(min(p.scatter_m for p in rivals)),
+            "statistic": float(worst.statistic),
+            "threshold": float(worst.threshold(alpha)),
+            "log_likelihood_ratio": float(worst.log_likelihood_ratio),
+            "group": next(window.groups),
+        }
+        return window.report.find(
             pairing.subject,
-            p_value=float(worst.p_value),
-            ratio=worst,
-            group=next(window.groups),
-            because=f"{names(pairing)} come from one antenna: range differences between the receivers vary by "
-            f"{pairing.scatter_m:.2f} m between satellites, those of any other pairing by "
-            f"{min(p.scatter_m for p in rivals):.1f} m or more",
+            "least_contrast",
+            {Cause.CLEAN: float(worst.p_value)},
+            singled_out=True,
+            data={**describe_pairing(pairing), **contrast},
         )
-    p_false, because = window.p_not_sky(pairing, window.settings.geometry(pairing.receivers))
-    p_false = min(1.0, window.tests * p_false)
-    if p_false < alpha:
-        return window.say(
-            "spoofed",
-            pairing.subject,
-            p_value=p_false,
-            because=because,
-            group=next(window.groups),
-            statement=window.statement(pairing, window.settings.geometry(pairing.receivers), agrees=False),
-        )
-    return None
+    geometry = window.settings.geometry(pairing.receivers)
+    p_false = min(1.0, window.tests * window.p_not_sky(pairing, geometry))
+    if p_false >= alpha:
+        return None
+    return window.report.find(
+        pairing.subject,
+        "one_antenna_if_apart" if geometry is None else "one_antenna_of_several",
+        {Cause.CLEAN: p_false},
+        singled_out=True,
+        data={**describe_pairing(pairing), **window.describe_known(geometry), "group": next(window.groups)},
+        estimates=collect_estimates((), window.statement(pairing, geometry, agrees=False)),
+    )
 
 
-def _sky_group(window: Window, sky: Pairing, false: list[Pairing]) -> Evidence | None:
+def _test_sky_group(window: Window, sky: Pairing, false: list[Pairing]) -> Finding | None:
+    """Return that a pairing is of the sky, if it is."""
     alpha, p_one = window.settings.false_alarm_probability, window.p_each(sky)
     if p_one >= alpha:
         return None
@@ -105,23 +116,13 @@ def _sky_group(window: Window, sky: Pairing, false: list[Pairing]) -> Evidence |
         # As with one set in each receiver: it is told from the false ones by where the antennas stand.
         if not window.agrees(sky, geometry):
             return None
-        return window.authentic(
-            sky,
-            p_one,
-            geometry.assumes,
-            because=f"; they agree with {geometry.words}",
-            statement=window.statement(sky, geometry, agrees=True),
-        )
+        statement = window.statement(sky, geometry, agrees=True)
+        return window.find_authentic(sky, "as_known", p_one, geometry.assumes, data=geometry.data, statement=statement)
     p_ratio = max((float(versus(sky, pairing).p_value) for pairing in false), default=0.0)
     if p_ratio >= alpha or window.p_possible(sky) < alpha:
         return None
-    return window.authentic(
-        sky,
-        max(p_one, p_ratio),
-        (ONE_FALSE_SKY,),
-        baselines=window.believed(sky),
-        because="; the receivers' other signals come from one antenna",
-    )
+    p_value, baselines = max(p_one, p_ratio), window.believed(sky)
+    return window.find_authentic(sky, BESIDE_FALSE_SKY, p_value, ("one_false_sky",), baselines=baselines)
 
 
 def _left_over(window: Window, false: list[Pairing]) -> list[Pairing]:
@@ -143,8 +144,8 @@ def _left_over(window: Window, false: list[Pairing]) -> list[Pairing]:
     return free if false and single else []
 
 
-def _who(window: Window) -> Evidence:
-    """There are several skies, and the pairings do not tell which is false."""
+def _leave_open(window: Window) -> Finding:
+    """Return that several skies are there of which the pairings do not tell which is false, or chance makes them."""
     p_values = [
         second_sky_p_value(
             next(o for o in window.records.observations if o.receiver == receiver),
@@ -155,12 +156,11 @@ def _who(window: Window) -> Evidence:
         for receiver, sets in window.sets.items()
     ]
     p_value = min(1.0, len(p_values) * min(p_values))
-    counts = ", ".join(f"{len(sets)} in {receiver}" for receiver, sets in window.sets.items())
-    because = f"several sets of signals that each fit one position ({counts}); which is true was not decided"
-    would_need = (
-        "a longer window, antennas farther apart, both skies tracked in all receivers, or to know where the "
-        "antennas stand (antennas_enu_m)"
-    )
+    data: dict[str, Datum] = {
+        "receivers": tuple(window.sets),
+        "sets": tuple(float(len(sets)) for sets in window.sets.values()),
+    }
     if p_value >= window.settings.false_alarm_probability:
-        return window.undecided(window.signals(), code="sets_by_chance", because=because, would_need=would_need)
-    return window.say("attack", window.signals(), p_value=p_value, because=because, would_need=would_need)
+        return window.report.pass_over(window.signals(), NotTested("sets_by_chance", data))
+    p = {Cause.CLEAN: p_value, Cause.REFLECTIONS: p_value}
+    return window.report.find(window.signals(), "several_skies", p, data=data)

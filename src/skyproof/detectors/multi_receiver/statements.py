@@ -15,12 +15,13 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
+from skyproof.detectors.base import leave_open
 from skyproof.detectors.multi_receiver.known_geometry import GeometrySlip, agreement
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.multi_receiver.window import SEPARATION
 from skyproof.gnss.slips import UNLISTED
-from skyproof.records import Baseline, Evidence, StatementTest, WrongStatement
+from skyproof.records import Baseline, Cause, Finding, Hypothesis, StatementTest, WrongStatement
 
 __all__ = ["Statements"]
 
@@ -28,14 +29,14 @@ _TURNED: Final = "attitude_or_axes"
 
 
 class Statements:
-    """What all windows of a run say of what was stated. evidence : of the detector, read once."""
+    """What all windows of a run say of what was stated. findings : of the detector, read once."""
 
-    def __init__(self, settings: MultiReceiverSettings, evidence: Iterable[Evidence]) -> None:
+    def __init__(self, settings: MultiReceiverSettings, findings: Iterable[Finding]) -> None:
         self.settings = settings
         self.borne_out = set[tuple[str, str]]()
         self.shown: dict[tuple[str, tuple[str, ...]], list[Baseline]] = {}
         self._open: dict[tuple[str, tuple[str, ...]], list[StatementTest]] = {}
-        for e in evidence:
+        for e in findings:
             test = e.statement
             if test is not None and test.agrees:
                 self.borne_out.update((test.key, name) for name in test.receivers)
@@ -45,30 +46,29 @@ class Statements:
                 self._open.setdefault((test.key, test.receivers), []).append(test)
         self._slips: dict[tuple[str, tuple[str, ...]], list[GeometrySlip]] = {}
 
-    def weigh(self, e: Evidence) -> Evidence:
-        """The evidence, undecided where the statement may be what is wrong, with that as its other cause."""
+    def weigh(self, e: Finding) -> Finding:
+        """Return the finding, undecided where the statement may be what is wrong, with that as its first cause."""
         test = e.statement
         if test is None or test.agrees or test.one_place:
             return e
         if test.p_value is not None:
-            return self._doubted(e, self._doubts(test))
-        true = all((test.key, ref.receiver) in self.borne_out for ref in e.subject)
+            return _add_causes(e, self._doubts(test))
+        true = all((test.key, ref.receiver) in self.borne_out for ref in e.signals)
         slips = [slip for slip in self._fitting(test) if not true or slip.code == _TURNED]
         if not slips and (true or not self._near_enough(test)):
             return e
         causes = self._causes(slips) or (self._unlisted(test),)
         if e.says == "undecided":
-            return self._doubted(e, causes)
+            return _add_causes(e, causes)
+        others: dict[Cause, float] = {cause: p for cause, p in e.p.items() if cause is not Cause.CLEAN}
         return replace(
-            e,
-            says="undecided",
-            because=f"{causes[0].sentence}, or signals are false: {e.because}",
-            would_need=f"{causes[0].about} checked",
-            overrules=True,
-            group=None,
-            assumes=(),
-            may_also_be=tuple(dict.fromkeys(("statement", *e.may_also_be))),
-            wrong_statements=causes,
+            _add_causes(e, causes),
+            hypothesis=Hypothesis.AS_STATED,
+            code="statement_or_false",
+            p={Cause.CLEAN: e.p[Cause.CLEAN], **leave_open((Cause.STATEMENT,)), **others},
+            singled_out=False,
+            data={name: value for name, value in e.data.items() if name not in ("group", "assumes")}
+            | {"found": e.code},
         )
 
     def _doubts(self, test: StatementTest) -> tuple[WrongStatement, ...]:
@@ -88,13 +88,6 @@ class Statements:
         if borne_out or least >= self.settings.accept_probability:
             return ()
         return self._causes(self._fitting(test)) or (self._unlisted(test),)
-
-    def _doubted(self, e: Evidence, causes: tuple[WrongStatement, ...]) -> Evidence:
-        """The evidence, which says nothing of the signals, with what may be wrong of the statement."""
-        if not causes:
-            return e
-        needed = f"{causes[0].about} checked" + (f", or {e.would_need}" if e.would_need else "")
-        return replace(e, because=f"{e.because}; {causes[0].sentence}", would_need=needed, wrong_statements=causes)
 
     def _causes(self, slips: Iterable[GeometrySlip]) -> tuple[WrongStatement, ...]:
         return tuple(WrongStatement(code=s.code, about=s.about, words=s.words, value=s.value or None) for s in slips)
@@ -125,3 +118,8 @@ class Statements:
             value = f"antennas {far} apart"
         about = "antenna_separation_m" if test.key == SEPARATION else test.key
         return WrongStatement(code=UNLISTED, about=about, words=words, value=value)
+
+
+def _add_causes(e: Finding, causes: tuple[WrongStatement, ...]) -> Finding:
+    """Return the finding with what may be wrong of the statement."""
+    return replace(e, estimates={**e.estimates, "wrong_statements": causes}) if causes else e

@@ -1,42 +1,48 @@
-"""One window: the receivers' sets, their pairings, and what tests of them have in common, words included."""
+"""One window: the receivers' sets, their pairings, and what tests of them have in common."""
 
 import itertools
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
-from skyproof.detectors.base import Detector, undecided
+from skyproof.detectors.base import Reporter, leave_open
 from skyproof.detectors.multi_receiver.carriers import CarrierTest
 from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance, agreement
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
-from skyproof.detectors.multi_receiver.one_antenna import RatioTest
 from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_up, sky_by_carriers
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import echoes_p_value
-from skyproof.records import Baseline, CauseName, ConsistentSet, Evidence, Null, Records, Says, SignalRef, StatementTest
+from skyproof.records import (
+    Baseline,
+    Cause,
+    ConsistentSet,
+    Datum,
+    Finding,
+    Hypothesis,
+    Records,
+    SignalRef,
+    StatementTest,
+)
 
-__all__ = ["ONE_FALSE_SKY", "ONE_TRANSMITTER", "SEPARATION", "Window", "far", "names"]
+__all__ = ["SEPARATION", "Window", "collect_estimates", "describe_distances", "describe_pairing"]
 
-ONE_FALSE_SKY = "one transmitter sends one false sky"
-ONE_TRANSMITTER = "no two transmitters act in concert"
 SEPARATION = "antenna_separation_m"
 
 
 class Window:
     """One window's pairings. skies : those that were called authentic; groups : numbers of what is decided together."""
 
-    def __init__(
-        self, detector: Detector, settings: MultiReceiverSettings, records: Records, learnt: LearntDistances
-    ) -> None:
-        self.detector, self.settings, self.records, self.learnt = detector, settings, records, learnt
-        self.sets = _sets_to_decide(records)
+    def __init__(self, report: Reporter, settings: MultiReceiverSettings, learnt: LearntDistances) -> None:
+        self.report, self.records, self.settings, self.learnt = report, report.records, settings, learnt
+        self.sets = _sets_to_decide(self.records)
         choices = list(itertools.product(*self.sets.values())) if len(self.sets) >= 2 else []
         self.one_choice = len(choices) <= 1
         least = self.settings.min_satellites
         groups = [(sets, kind) for sets in choices for kind in groups_in(sets, least)]
         self.tests = max(len(groups), 1)
         noise = self.settings.noise(self.tests)
-        every = [pair_up(records, sets, noise, min_satellites=least, kind=kind) for sets, kind in groups]
+        every = [pair_up(self.records, sets, noise, min_satellites=least, kind=kind) for sets, kind in groups]
         self.pairings = [pairing for pairing in every if self.enough(pairing)]
         self.groups = itertools.count(1)
         self.skies: list[Pairing] = []
@@ -160,18 +166,17 @@ class Window:
             self._of_sky[key] = None if geometry is None else sky_by_carriers(pairings, geometry)
         return self._of_sky[key]
 
-    def of_carriers(self, pairing: Pairing) -> str:
-        """What their carriers would need to tell, to follow "or"; nothing where it is not known how antennas stand."""
+    def judge_carriers(self, pairing: Pairing) -> str:
+        """Return why the carriers of a pairing do not tell: "missing", "coarse" or "misfit"; "unused" where it is not
+        known how antennas stand."""
         phases = pairing.ranges.phases
         single = pairing.ranges.kinds.max(initial=0) == 0 and (phases is None or phases.whole_cycles.all())
         if self.settings.geometry(pairing.receivers) is None or not single:
-            return ""
+            return "unused"
         if not pairing.fractions:
-            return ", or carrier phases of 5 satellites in each receiver, steady over a window, at known instants"
+            return "missing"
         sky = self._sky_by_carriers([pairing])
-        if sky is None or sky.p_value >= self.settings.accept_probability:
-            return ", or to know more closely where the antennas stand (antennas_enu_m), which carriers would tell"
-        return ", or better carriers: they fit neither one antenna nor what is known of the antennas"
+        return "coarse" if sky is None or sky.p_value >= self.settings.accept_probability else "misfit"
 
     def p_possible(self, pairing: Pairing) -> float:
         """Of "antennas no farther apart than they may be"."""
@@ -197,16 +202,16 @@ class Window:
             if chosen.receiver in receivers
         )
 
-    def p_not_sky(self, pairing: Pairing, geometry: AntennaGeometry | None) -> tuple[float, str]:
-        """p-value of "the sky over these antennas", and what to say if it is rejected."""
-        because = f"{names(pairing)} come from one antenna"
+    def p_not_sky(self, pairing: Pairing, geometry: AntennaGeometry | None) -> float:
+        """Of "the sky over these antennas"; 1 where nothing is known of them."""
         if geometry is not None:
-            return self._not_sky(pairing, geometry), f"{because}: they do not show {geometry.words}"
+            return self._not_sky(pairing, geometry)
         limit_m = self.settings.antenna_separation_m
-        if limit_m <= 0.0:
-            return 1.0, ""
-        because = f"{because}, if the receivers' antennas are {limit_m:g} m or more apart"
-        return pairing.at_least_p_value(limit_m), because
+        return pairing.at_least_p_value(limit_m) if limit_m > 0.0 else 1.0
+
+    def describe_known(self, geometry: AntennaGeometry | None) -> Mapping[str, Datum]:
+        """Return what is known of the antennas, or how far apart they are stated to stand at least."""
+        return {"limit_m": self.settings.antenna_separation_m} if geometry is None else geometry.data
 
     def _not_sky(self, pairing: Pairing, geometry: AntennaGeometry) -> float:
         """Of "the sky" by code, and by carriers where they fit one antenna: the smaller one, for two tests."""
@@ -215,100 +220,65 @@ class Window:
             return p_code
         return min(1.0, 2.0 * min(p_code, sky.p_value))
 
-    def authentic(
+    def find_authentic(
         self,
         pairing: Pairing,
+        code: str,
         p_value: float,
         assumes: tuple[str, ...],
         *,
-        because: str,
+        data: Mapping[str, Datum] | None = None,
         baselines: tuple[Baseline, ...] = (),
         statement: StatementTest | None = None,
-    ) -> Evidence:
+    ) -> Finding:
+        """Return that a pairing is of the sky, and keep it. p_value : of "one antenna". assumes : codes."""
         self.skies.append(pairing)
         share = self.settings.false_alarm_probability / self.tests
-        statistic, threshold = float(pairing.one_antenna.statistic), pairing.threshold(share)
-        shown = f"range differences between the receivers vary by {pairing.scatter_m:.1f} m between satellites"
+        by, statistic, threshold = "code", float(pairing.one_antenna.statistic), pairing.threshold(share)
         if statistic <= threshold and (carriers := self.not_one_by_carriers(pairing)) is not None:
-            statistic, threshold = carriers.statistic, carriers.threshold(0.5 * share)
-            shown = "the carriers' differences between the receivers are no whole cycles from satellite to satellite"
-        return self.say(
-            "authentic",
+            by, statistic, threshold = "carriers", float(carriers.statistic), carriers.threshold(0.5 * share)
+        shown: dict[str, Datum] = {
+            "by": by,
+            "scatter_m": float(pairing.scatter_m),
+            "statistic": statistic,
+            "threshold": float(threshold),
+            "group": next(self.groups),
+            "assumes": ("no_concert", *assumes),
+        }
+        return self.report.find(
             pairing.subject,
-            p_value=p_value,
-            group=next(self.groups),
-            baselines=baselines,
-            statistic=statistic,
-            threshold=threshold,
-            because=f"{names(pairing)} do not come from one antenna: {shown}{because}",
-            assumes=(ONE_TRANSMITTER, *assumes),
-            statement=statement,
+            code,
+            {Cause.FALSE_SKY: p_value},
+            hypothesis=Hypothesis.ONE_ANTENNA,
+            data={**describe_pairing(pairing), **shown, **(data or {})},
+            estimates=collect_estimates(baselines, statement),
         )
 
-    def toofar(self, pairing: Pairing) -> str:
-        far_m, limit_m = max(pairing.distances_m or (0.0,)), self.settings.max_separation_m
-        return (
-            f"{names(pairing)} put the antennas {far_m:.0f} m apart, more than the {limit_m:g} m that they may be: "
-            "one receiver may follow a false sky and another the true one"
+    def find_open(
+        self,
+        signals: tuple[SignalRef, ...],
+        code: str,
+        p_clean: float,
+        causes: Mapping[Cause, float],
+        *,
+        data: Mapping[str, Datum],
+        statement: StatementTest | None = None,
+    ) -> Finding:
+        """Return signals that are neither shown to be true nor false: a clean sky is rejected and `causes` are not, or
+        no more than a false sky is, which nothing that was measured speaks against."""
+        failed = p_clean < self.settings.false_alarm_probability
+        p = {Cause.CLEAN: p_clean, **(causes if failed else leave_open((Cause.FALSE_SKY,)))}
+        return self.report.find(
+            signals,
+            code,
+            p,
+            hypothesis=None if failed else Hypothesis.FALSE_SKY,
+            data=data,
+            estimates=collect_estimates((), statement),
         )
-
-    def toonear(self, pairing: Pairing) -> str:
-        far_m, limit_m = max(pairing.distances_m or (0.0,)), self.settings.antenna_separation_m
-        return (
-            f"{names(pairing)} put the antennas {far_m:.0f} m apart, less than the {limit_m:g} m that were stated: "
-            "one receiver may follow a false sky and another the true one"
-        )
-
-    def where(self) -> str:
-        """What of the antennas would have to be known."""
-        return "the distance between the antennas (antenna_distance_m), or where they stand (antennas_enu_m)"
 
     def signals(self) -> tuple[SignalRef, ...]:
         return tuple(SignalRef(s.receiver, signal) for sets in self.sets.values() for s in sets for signal in s.signals)
-
-    def undecided(self, subject: tuple[SignalRef, ...], *, code: str, because: str, would_need: str) -> Evidence:
-        return undecided(self.detector, self.records, subject, code=code, because=because, would_need=would_need)
-
-    def say(
-        self,
-        says: Says,
-        subject: tuple[SignalRef, ...],
-        *,
-        because: str,
-        p_value: float,
-        ratio: RatioTest | None = None,
-        statistic: float | None = None,
-        threshold: float | None = None,
-        group: int | None = None,
-        would_need: str | None = None,
-        assumes: tuple[str, ...] = (),
-        baselines: tuple[Baseline, ...] = (),
-        null: Null = "sky",
-        may_also_be: tuple[CauseName, ...] = (),
-        statement: StatementTest | None = None,
-    ) -> Evidence:
-        if ratio is not None:
-            statistic, threshold = float(ratio.statistic), ratio.threshold(self.settings.false_alarm_probability)
-        return Evidence(
-            detector=self.detector.name,
-            start_gpst=self.records.start_gpst,
-            end_gpst=self.records.end_gpst,
-            subject=subject,
-            says=says,
-            because=because,
-            statistic=statistic,
-            threshold=threshold,
-            false_alarm_probability=self.settings.false_alarm_probability,
-            p_value=p_value,
-            log_likelihood_ratio=None if ratio is None else float(ratio.log_likelihood_ratio),
-            would_need=would_need,
-            group=group,
-            assumes=assumes,
-            baselines=baselines,
-            null=null,
-            may_also_be=may_also_be,
-            statement=statement,
-        )
 
 
 def _sets_to_decide(records: Records) -> dict[str, list[ConsistentSet]]:
@@ -326,16 +296,22 @@ def _sets_to_decide(records: Records) -> dict[str, list[ConsistentSet]]:
     return several if len(several) >= 2 else by_receiver
 
 
-def far(pairing: Pairing) -> str:
-    """How far apart the signals put the antennas."""
-    first, *others = pairing.receivers
-    far = [f"{d:.1f} ± {s:.1f} m" for whole in pairing.baselines[:1] for d, s in whole.distances_m]
-    places = [f"the antenna of {name} {d} from that of {first}" for name, d in zip(others, far, strict=False)]
-    return "they put " + ", ".join(places) if places else ""
+def collect_estimates(baselines: tuple[Baseline, ...], statement: StatementTest | None) -> Mapping[str, Any]:
+    """Return the estimates of a finding that are there."""
+    found: Mapping[str, Any] = {"baselines": baselines, "statement": statement}
+    return {name: value for name, value in found.items() if value}
 
 
-def names(pairing: Pairing) -> str:
-    *others, last = [chosen.receiver for chosen in pairing.sets]
-    kinds = sorted(pairing.kinds)
-    which = "" if kinds == [("G", "L1", "CA")] else f" {' and '.join(' '.join(kind) for kind in kinds)}"
-    return f"the {len(set(pairing.ranges.sats))} satellites'{which} signals in {', '.join(others)} and {last}"
+def describe_pairing(pairing: Pairing) -> dict[str, Datum]:
+    """Return how many satellites, of which kinds of signals and in which receivers a pairing has."""
+    return {
+        "satellites": len(set(pairing.ranges.sats)),
+        "kinds": tuple(" ".join(kind) for kind in sorted(pairing.kinds)),
+        "receivers": pairing.receivers,
+    }
+
+
+def describe_distances(pairing: Pairing) -> dict[str, Datum]:
+    """Return how far from the first one the signals put the other antennas, and the sigmas; empty without orbits."""
+    apart = [pair for whole in pairing.baselines[:1] for pair in whole.distances_m]
+    return {"apart_m": tuple(d for d, _ in apart), "apart_sigma_m": tuple(sigma for _, sigma in apart)}
