@@ -375,16 +375,20 @@ def test_a_jump_that_no_platform_makes_in_an_outage_is_reported_and_a_speed_limi
 
 
 @pytest.mark.parametrize(
-    ("changes", "reflections"),
+    ("changes", "reflections", "on_l5"),
     [
-        ({}, True),
-        ({"kinds": ("position", "velocity")}, True),
-        ({"kinds": ("position", "clock"), "clock_s": 1e-6}, False),
-        ({"broke": True}, False),
-        ({"position_m": 400.0}, False),
+        ({}, True, False),
+        ({"kinds": ("position", "velocity")}, True, False),
+        ({"kinds": ("position", "clock"), "clock_s": 1e-6}, False, False),
+        ({"broke": True}, False, False),
+        ({"position_m": 400.0}, False, False),
+        ({"position_m": 10.0}, True, True),
     ],
 )
-def test_reflections_stand_among_the_causes_where_they_may_be_one(changes, reflections):
+def test_reflections_stand_among_the_causes_where_they_may_be_one(changes, reflections, on_l5):
+    """A reflection draws a code off by half a chip of its signal: 147 m of C/A, 15 m on L5."""
+    o = observed()
+    l5 = replace(o, signals=tuple(replace(s, band="L5", code="Q") for s in o.signals))
     step = Step(
         row=5,
         p_value=1e-9,
@@ -398,7 +402,8 @@ def test_reflections_stand_among_the_causes_where_they_may_be_one(changes, refle
         missing_s=0.0,
         statistic=90.0,
     )
-    assert ("reflections" in step_causes(replace(step, **changes))) is reflections
+    assert ("reflections" in step_causes(o, replace(step, **changes))) is reflections
+    assert ("reflections" in step_causes(l5, replace(step, **changes))) is on_l5
 
 
 def test_signals_found_again_under_other_names_are_the_same_sky():
