@@ -22,25 +22,20 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rows import parser_of, rows_of, run
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge, protect
 from skyproof.app.protect.document import Outcome, ReceiverOutcome, document
-from skyproof.arrays import Reals
 from skyproof.explain import explain
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.records import Fix
 from skyproof.simulator.files import write_samples
+from skyproof.studies.protection.errors import compare_with_truth
 from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, draw_scene, stated_sigma_m
 from skyproof.studies.receiver_model import ChannelNoise, KnownReception, add_truth, model_receptions, true_offset_s
 from skyproof.verdict import WORDS, word_shown
 
-TO_95 = 2.45  # of a circle about two equal sigmas
-TO_95_UP = 2.80  # of a sphere
 WRONG_BOUNDS = 3.0
 FOLLOWED_S = 5.0
 """An attack that no receiver follows with a signal for so long, or more weakly than by half, is not there for it."""
@@ -163,7 +158,8 @@ def of_receiver(made: BuiltScene, heard: KnownReception, outcome: ReceiverOutcom
     good = np.flatnonzero(fix.status == 0) if fix is not None else np.empty(0, np.int64)
     if fix is None or not good.size:
         return row
-    level_m, bound_m, all_m, bound_all_m = errors_m(fix, heard, good)
+    errors = compare_with_truth(fix, good, heard.position_ecef_m[good])
+    level_m, bound_m = errors.horizontal_m, errors.bound_m
     late_s = true_offset_s(heard, fix.gpst, made.scenario.start_gpst)[good]
     worst = int(np.argmax(level_m / bound_m))
     times = level_m / bound_m
@@ -171,29 +167,13 @@ def of_receiver(made: BuiltScene, heard: KnownReception, outcome: ReceiverOutcom
         "fixes": int(good.size),
         "wrong": int(np.sum(times > WRONG_BOUNDS)),
         "beyond": int(np.sum(times > 1.0)),
-        "wrong_3d": int(np.sum(all_m > WRONG_BOUNDS * bound_all_m)),
+        "wrong_3d": int(np.sum(errors.space_m > WRONG_BOUNDS * errors.space_bound_m)),
         "worst_bounds": float(times[worst]),
         "worst_m": float(level_m[worst]),
         "bound_m": float(bound_m[worst]),
         "worst_at_s": float(heard.true_s[good[worst]]),
         "time_off_s": float(np.abs(late_s).max()),
     }
-
-
-def errors_m(fix: Fix, heard: KnownReception, good: NDArray[np.int64]) -> tuple[Reals, Reals, Reals, Reals]:
-    """Of epochs `good`: horizontal error and its stated 95 % bound, error in space and its bound."""
-    truth_m = heard.position_ecef_m[good]
-    lat, lon, _ = geodetic_from_ecef(truth_m[0])
-    rot = rot_enu_ecef(lat, lon)
-    off_m = (fix.position_ecef_m[good] - truth_m) @ rot.T
-    variance = np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[good, :3, :3], rot)
-    sigma_m = np.sqrt(variance)
-    return (
-        np.hypot(off_m[:, 0], off_m[:, 1]),
-        TO_95 * sigma_m[:, :2].max(axis=1),
-        np.linalg.norm(off_m, axis=1),
-        TO_95_UP * sigma_m.max(axis=1),
-    )
 
 
 def fits_distance(made: BuiltScene, heard: Sequence[KnownReception], outcome: Outcome) -> str | None:
@@ -208,8 +188,8 @@ def fits_distance(made: BuiltScene, heard: Sequence[KnownReception], outcome: Ou
         if r.trusted is None:
             continue
         good = np.flatnonzero(r.trusted.status == 0)
-        level_m, bound_m, _, _ = errors_m(r.trusted, h, good) if good.size else (np.zeros(0),) * 4
-        wrong = good[level_m > WRONG_BOUNDS * bound_m]
+        errors = compare_with_truth(r.trusted, good, h.position_ecef_m[good])
+        wrong = good[errors.horizontal_m > WRONG_BOUNDS * errors.bound_m]
         wrong = wrong[wrong < min(o.position_ecef_m.shape[0] for o in heard)]
         if wrong.size:
             apart_m = np.linalg.norm(r.trusted.position_ecef_m[wrong] - heard[1 - k].position_ecef_m[wrong], axis=1)
@@ -377,9 +357,9 @@ def reported(name: str) -> Iterator[str]:
         yield "\n".join([o.receiver, *followed])
         if r.trusted is not None:
             good = np.flatnonzero(r.trusted.status == 0)
-            level_m, bound_m, *_ = errors_m(r.trusted, h, good) if good.size else (np.zeros(0),) * 4
+            errors = compare_with_truth(r.trusted, good, h.position_ecef_m[good])
             yield "  trusted fixes (epoch error bound): " + " ".join(
-                f"{k}:{e:.1f}/{b:.1f}" for k, e, b in zip(good, level_m, bound_m, strict=True)
+                f"{k}:{e:.1f}/{b:.1f}" for k, e, b in zip(good, errors.horizontal_m, errors.bound_m, strict=True)
             )
 
 

@@ -6,15 +6,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.arrays import Reals
+from skyproof.arrays import Indices, Reals
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, FixStatus
 from skyproof.simulator.received import ReceiverSky, Scene
 
-__all__ = ["STANFORD", "FixErrors", "fix_errors", "protection_columns", "stanford_rows"]
+__all__ = ["STANFORD", "FixErrors", "compare_with_truth", "fix_errors", "protection_columns", "stanford_rows"]
 
 _TO_95: Final = 2.45  # of a circle about two equal sigmas
+_TO_95_IN_SPACE: Final = 2.80  # of a sphere
 STANFORD: Final = "stanford"
 BIN_RATIO: Final = 10.0**0.05
 """Of the edges of a bin of a Stanford diagram: twenty a decade."""
@@ -26,13 +27,23 @@ LEAST_M: Final = 0.01
 class FixErrors:
     """Of the epochs that have a fix.
 
-    off_enu_m : (n, 3) fix minus truth. bound_m : (n,) what it states at 95 %, level. protection_m : (n, 2) its levels,
-        NaN where none is promised.
+    off_enu_m : (n, 3) fix minus truth. sigma_enu_m : (n, 3) that it states. protection_m : (n, 2) its levels, NaN where
+        none is promised.
     """
 
     off_enu_m: Reals
-    bound_m: Reals
+    sigma_enu_m: Reals
     protection_m: Reals
+
+    @property
+    def bound_m(self) -> Reals:
+        """(n,) what the fix states at 95 %, level."""
+        return np.asarray(_TO_95 * self.sigma_enu_m[:, :2].max(axis=1))
+
+    @property
+    def space_bound_m(self) -> Reals:
+        """(n,) what the fix states at 95 %, in space."""
+        return np.asarray(_TO_95_IN_SPACE * self.sigma_enu_m.max(axis=1))
 
     @property
     def horizontal_m(self) -> Reals:
@@ -53,16 +64,19 @@ class FixErrors:
 def fix_errors(scene: Scene, sky: ReceiverSky, fix: Fix) -> FixErrors:
     """Of a receiver's fixes, against where its first antenna was."""
     good = np.flatnonzero(fix.status == FixStatus.OK)
-    if not good.size:
-        return FixErrors(off_enu_m=np.empty((0, 3)), bound_m=np.empty(0), protection_m=np.empty((0, 2)))
     at_s = np.asarray(seconds_between(fix.gpst[good], scene.scenario.start_gpst), np.float64)
-    truth_m = sky.point(at_s).position_ecef_m
-    rot = rot_enu_ecef(*geodetic_from_ecef(truth_m[0])[:2])
-    sigma_m = np.sqrt(np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[good, :3, :3], rot))
+    return compare_with_truth(fix, good, sky.point(at_s).position_ecef_m)
+
+
+def compare_with_truth(fix: Fix, epochs: Indices, truth_ecef_m: Reals) -> FixErrors:
+    """Compare some epochs of a fix with where the antenna was, (n, 3)."""
+    if not epochs.size:
+        return FixErrors(off_enu_m=np.empty((0, 3)), sigma_enu_m=np.empty((0, 3)), protection_m=np.empty((0, 2)))
+    rot = rot_enu_ecef(*geodetic_from_ecef(truth_ecef_m[0])[:2])
     return FixErrors(
-        off_enu_m=(fix.position_ecef_m[good] - truth_m) @ rot.T,
-        bound_m=_TO_95 * sigma_m[:, :2].max(axis=1),
-        protection_m=fix.protection_m[good],
+        off_enu_m=(fix.position_ecef_m[epochs] - truth_ecef_m) @ rot.T,
+        sigma_enu_m=np.sqrt(np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[epochs, :3, :3], rot)),
+        protection_m=fix.protection_m[epochs],
     )
 
 
