@@ -32,7 +32,7 @@ from scipy import special, stats
 from skyproof.app.common.progress import Silent
 from skyproof.app.protect import judge
 from skyproof.arrays import Reals
-from skyproof.records import Evidence
+from skyproof.records import Cause, Finding
 from skyproof.studies.random_scenes import BuiltScene, build_scene, draw_scene
 from skyproof.studies.receiver_model import KnownReception
 
@@ -49,7 +49,7 @@ SHADE_DB: Final = 10.0
 AGAINST: Final = ("spoofed", "attack")
 
 
-def tests_of(evidence: Iterable[Evidence]) -> list[list[Test]]:
+def tests_of(evidence: Iterable[Finding]) -> list[list[Test]]:
     """By window, the tests of a clean sky.
 
     "One antenna" is rejected in a clean sky, as it should be: counted are tests of the sky, and what speaks against it.
@@ -59,8 +59,7 @@ def tests_of(evidence: Iterable[Evidence]) -> list[list[Test]]:
     windows: dict[Any, list[Test]] = {}
     for e in sorted(evidence, key=lambda e: (e.start_gpst, e.end_gpst)):
         against = e.says in AGAINST
-        null = against or (e.says in ("clean", "undecided") and e.null == "sky")
-        if e.p_value is not None and not e.lacking and null:
+        if e.p_value is not None and (against or Cause.CLEAN in e.p):
             speaks = against or e.detector == "second_signals"
             windows.setdefault((e.start_gpst, e.end_gpst), []).append((e.detector, float(e.p_value), speaks))
     return list(windows.values())

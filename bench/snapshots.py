@@ -26,6 +26,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect.run import judge
 from skyproof.app.receive.short import observe_short
 from skyproof.arrays import Floats, Reals
+from skyproof.explain import explain
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
@@ -297,7 +298,7 @@ def main() -> None:
         print(outcome.decision.verdict, f"{took_s:.1f} s", f"power {scene.power_db:.1f} dB")
         for e in outcome.evidence:
             if not e.lacking:
-                print("  ", e.detector, e.says, e.because, e.p_value)
+                print("  ", e.detector, e.says, explain(e).sentence, e.p_value)
         print("  ", {str(s.ref.signal): s.label for s in outcome.decision.labels})
         print("  ", outcome.receivers[0].reception.remarks)
         print("  ", Counter(said_of(scene, outcome)))

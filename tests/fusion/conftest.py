@@ -86,6 +86,7 @@ class Invented:
             p_value=p_value,
             false_alarm_probability=asked,
             would_need=would_need,
+            code=would_need or detector,
         )
 
     @staticmethod

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from skyproof.detectors.adapter import adapt
+
 BENCH = Path(__file__).parents[2] / "bench"
 sys.path.insert(0, str(BENCH))
 try:
@@ -72,7 +74,7 @@ def test_a_rejected_antenna_is_no_test_of_the_sky(invented):
         invented.evidence(0, "undecided", detector="residual", p_value=1e-12),
         invented.evidence(0, "clean", detector="second_signals", p_value=0.3),
     ]
-    (window,) = fused.tests_of(said)
+    (window,) = fused.tests_of([adapt(e) for e in said])
     assert sorted(window) == [
         ("multi_receiver", 1e-9, True),
         ("residual", 1e-12, False),

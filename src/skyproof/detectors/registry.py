@@ -155,24 +155,29 @@ class _Faulty(Exception):
     """What a detector of another package gave cannot be used."""
 
 
-def examined(detector: Detector, records: Records, state: Any) -> tuple[Sequence[AnyFinding], Any]:
+def examined(detector: Detector, records: Records, state: Any) -> tuple[list[Finding], Any]:
     """What a detector says of a window, and what it remembers.
 
     One of another package that fails is undecided of that window, says why, and goes on with the next: a fault in one
     of ours is one of skyproof's, and is raised.
     """
     if is_ours(detector):
-        return detector.examine(records, state)
+        found, state = detector.examine(records, state)
+        return _adapt_all(found), state
     try:
         said = detector.examine(records, state)
         if fault := evidence_fault(detector, records, said):
             raise _Faulty(fault)
     except Exception as error:
         return [_report_failure(detector, records, "failed", error)], state
-    return [adapt(e) if isinstance(e, Evidence) else e for e in said[0]], said[1]
+    return _adapt_all(said[0]), said[1]
 
 
-def review_of(detector: Detector, evidence: Sequence[AnyFinding]) -> Iterable[AnyFinding]:
+def _adapt_all(found: Iterable[AnyFinding]) -> list[Finding]:
+    return [adapt(e) if isinstance(e, Evidence) else e for e in found]
+
+
+def review_of(detector: Detector, evidence: Sequence[Finding]) -> Iterable[Finding]:
     """The evidence after a detector looked at all of it once more, if it does.
 
     One of another package changes what it said itself and nothing else. Where that fails as above, all stays as it was,
@@ -182,7 +187,7 @@ def review_of(detector: Detector, evidence: Sequence[AnyFinding]) -> Iterable[An
     if review is None or not evidence:
         return evidence
     if is_ours(detector):
-        seen: Iterable[AnyFinding] = review(evidence)
+        seen: Iterable[Finding] = review(evidence)
         return seen
     try:
         before = restore(evidence, detector.name)
@@ -192,7 +197,7 @@ def review_of(detector: Detector, evidence: Sequence[AnyFinding]) -> Iterable[An
     except Exception as error:
         last = Records(start_gpst=evidence[-1].start_gpst, end_gpst=evidence[-1].end_gpst)
         return [*evidence, _report_failure(detector, last, "review_failed", error)]
-    changed = (adapt(new) if isinstance(new, Evidence) else new for new in after)
+    changed = _adapt_all(after)
     return [new if old.detector == detector.name else old for old, new in zip(evidence, changed, strict=True)]
 
 

@@ -44,7 +44,6 @@ from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.known import Known
 from skyproof.navigation.prediction import Choice, choose, parted_unseen
 from skyproof.records import (
-    AnyFinding,
     ConsistentSet,
     Datum,
     Finding,
@@ -127,7 +126,7 @@ class _State:
 
 def choices(
     decision: Decision,
-    evidence: Sequence[AnyFinding],
+    evidence: Sequence[Finding],
     observations: Sequence[ObservationLog],
     sets: Sequence[ConsistentSet],
     foresights: Mapping[str, Foresight],

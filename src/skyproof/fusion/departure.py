@@ -29,7 +29,7 @@ from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
 from skyproof.navigation.prediction import choose
-from skyproof.records import AnyFinding, Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef
+from skyproof.records import Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "departures"]
@@ -52,17 +52,17 @@ _UNTESTED: Final = 1.0  # p-value of a cause that leaves nothing to test
 
 
 def departures(
-    evidence: Sequence[AnyFinding],
+    evidence: Sequence[Finding],
     sets: Sequence[ConsistentSet],
     makers: Sequence[FixMaker],
     foresights: Mapping[str, Foresight],
     alpha: float,
-) -> list[AnyFinding]:
+) -> list[Finding]:
     """Evidence on the receivers whose antenna an inertial unit carries, one piece for each window that leaves it.
 
     alpha : probability of a false alarm in a window.
     """
-    found: list[AnyFinding] = []
+    found: list[Finding] = []
     for maker in makers:
         foresight = foresights.get(maker.log.receiver)
         if isinstance(foresight, Inertial):
@@ -100,8 +100,8 @@ class _Walk:
         self.looks: list[_Look] = []  # since they part
         self.named = False
 
-    def through(self, windows: Iterable[Rivals]) -> list[AnyFinding]:
-        found: list[AnyFinding] = []
+    def through(self, windows: Iterable[Rivals]) -> list[Finding]:
+        found: list[Finding] = []
         for window in windows:
             shown = [one for s in window.sets if (one := self._shown(window, s)) is not None]
             if not shown:

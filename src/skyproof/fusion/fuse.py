@@ -23,7 +23,7 @@ from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.fusion.unexplained import Unexplained, unexplained
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.window import interval_s
-from skyproof.records import AnyFinding, ConsistentSet, ObservationLog
+from skyproof.records import ConsistentSet, Finding, ObservationLog
 
 __all__ = ["Decision", "fuse"]
 
@@ -66,7 +66,7 @@ class Decision:
 
 
 def fuse(
-    evidence: Sequence[AnyFinding], observations: Sequence[ObservationLog], sets: Sequence[ConsistentSet]
+    evidence: Sequence[Finding], observations: Sequence[ObservationLog], sets: Sequence[ConsistentSet]
 ) -> Decision:
     """The decision that the evidence of all windows bears."""
     labels = label_signals(evidence, observations)
@@ -113,7 +113,7 @@ def fuse(
 
 
 def _vouched_for(
-    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog], evidence: Sequence[AnyFinding]
+    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog], evidence: Sequence[Finding]
 ) -> set[str]:
     """Receivers with authentic signals; those before the first evidence of an attack on the receiver do not count."""
     since: dict[str, np.datetime64] = {}
@@ -206,7 +206,7 @@ def _time_line(
     return max(known, key=lambda onset: onset.seen, default=None), None
 
 
-def _first_seen(evidence: Sequence[AnyFinding]) -> Onset:
+def _first_seen(evidence: Sequence[Finding]) -> Onset:
     """Of an attack that no signal or sky dates: where a test that failed in the first window that shows it does, or one
     that overrules others in the window before, which an attack may need to show; else at the end of that window.
     """

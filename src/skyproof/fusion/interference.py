@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skyproof.records import AnyFinding, InterferenceSign, NoiseRise, ObservationLog
+from skyproof.records import Finding, InterferenceSign, NoiseRise, ObservationLog
 
 __all__ = ["Spell", "spells_of"]
 
@@ -32,7 +32,7 @@ class Spell:
     may_be_shade: bool
 
 
-def spells_of(evidence: Sequence[AnyFinding], observations: Sequence[ObservationLog]) -> tuple[Spell, ...] | None:
+def spells_of(evidence: Sequence[Finding], observations: Sequence[ObservationLog]) -> tuple[Spell, ...] | None:
     """Join what windows show of interference; None if no test looked for it.
 
     Windows of one receiver belong to one spell where one begins before the other ended, or in the next window.

@@ -21,7 +21,7 @@ import numpy as np
 
 from skyproof.arrays import Integers, Reals
 from skyproof.navigation.window import interval_s
-from skyproof.records import AnyFinding, ObservationLog, SignalRef
+from skyproof.records import Finding, ObservationLog, SignalRef
 
 __all__ = ["FalseSource", "Label", "LabelledSignal", "label_signals", "sources_of", "usual_window_s"]
 
@@ -79,7 +79,7 @@ class _Vote:
     p_value: float | None
 
 
-def label_signals(evidence: Sequence[AnyFinding], observations: Sequence[ObservationLog]) -> tuple[LabelledSignal, ...]:
+def label_signals(evidence: Sequence[Finding], observations: Sequence[ObservationLog]) -> tuple[LabelledSignal, ...]:
     """Every signal of every receiver, cut where its label changes; in order of receiver, signal and time."""
     labelled: list[LabelledSignal] = []
     window_s = usual_window_s(evidence)
@@ -93,20 +93,20 @@ def label_signals(evidence: Sequence[AnyFinding], observations: Sequence[Observa
     return tuple(labelled)
 
 
-def _window_by_window(evidence: Sequence[AnyFinding]) -> Sequence[AnyFinding]:
+def _window_by_window(evidence: Sequence[Finding]) -> Sequence[Finding]:
     """In the order of the windows' times, as it comes from a run, where it may be too much to hold."""
     times = np.fromiter((t for e in evidence for t in (e.start_gpst, e.end_gpst)), "datetime64[ns]").reshape(-1, 2)
     order = np.lexsort((times[:, 1], times[:, 0]))
     return evidence if np.array_equal(order, np.arange(order.size)) else [evidence[place] for place in order]
 
 
-def _votes(evidence: Sequence[AnyFinding], o: ObservationLog) -> dict[SignalRef, list[_Vote]]:
+def _votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[SignalRef, list[_Vote]]:
     """What is said of each of a receiver's signals. A failed test is a vote for "unknown" where nothing else speaks.
 
     evidence : window by window.
     """
 
-    def rows(e: AnyFinding) -> tuple[int, int]:
+    def rows(e: Finding) -> tuple[int, int]:
         first, end = (int(np.searchsorted(o.gpst, t)) for t in (e.start_gpst, e.end_gpst))
         return first, end - 1
 
@@ -144,14 +144,14 @@ def _votes(evidence: Sequence[AnyFinding], o: ObservationLog) -> dict[SignalRef,
     return votes
 
 
-def usual_window_s(evidence: Sequence[AnyFinding]) -> float:
+def usual_window_s(evidence: Sequence[Finding]) -> float:
     """Length of most windows, seconds: the last of a run may be longer or shorter."""
     windows = {(e.start_gpst, e.end_gpst) for e in evidence}
     lengths_s = [float((end - start) / np.timedelta64(1, "s")) for start, end in windows]
     return float(np.median(lengths_s)) if lengths_s else 0.0
 
 
-def sources_of(evidence: Sequence[AnyFinding]) -> tuple[FalseSource, ...]:
+def sources_of(evidence: Sequence[Finding]) -> tuple[FalseSource, ...]:
     """False signals that belong together: groups that evidence calls spoofed, joined over windows by shared signals."""
     groups: dict[tuple[SignalRef, ...], bool] = {}
     for e in evidence:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skyproof.records import AnyFinding, Evidence, Finding, ObservationLog
+from skyproof.records import Finding, ObservationLog
 
 __all__ = ["OpenQuestion", "open_question", "reason_key"]
 
@@ -20,30 +20,31 @@ class OpenQuestion:
     """
 
     receivers: tuple[str, ...]
-    finding: AnyFinding | None = None
+    finding: Finding | None = None
     also: tuple[str, ...] = ()
     distance_m: tuple[float, float] | None = None
 
 
-def reason_key(finding: AnyFinding) -> tuple[str, str | None]:
+def reason_key(finding: Finding) -> tuple[str, str]:
     """Return what findings for one reason share: windows differ by their numbers."""
-    return finding.detector, finding.would_need if isinstance(finding, Evidence) else finding.code
+    return finding.detector, finding.code
 
 
 def open_question(
-    evidence: Sequence[AnyFinding], observations: Sequence[ObservationLog], trusted: set[str]
+    evidence: Sequence[Finding], observations: Sequence[ObservationLog], trusted: set[str]
 ) -> OpenQuestion:
     """Return the reason that left most of the time open, of tests that ran before those that could not.
 
     Under an attack continuity is expected to fail, so what overrules other tests is the last of the reasons. The window
     that was compared last speaks for all that have its reason.
     """
-    reasons: dict[tuple[str, str | None], _Reason] = defaultdict(_Reason)
+    reasons: dict[tuple[str, str, str], _Reason] = defaultdict(_Reason)
     for e in evidence:
-        if e.says == "undecided" or (e.says == "attack" and (isinstance(e, Finding) or e.would_need)):
-            reasons[reason_key(e)].add(e)
+        if e.says in ("undecided", "attack"):
+            reasons[*reason_key(e), e.says].add(e)
     open_receivers = tuple(o.receiver for o in observations if o.receiver not in trusted)
-    ran = [reason for reason in reasons.values() if reason.compared]
+    compared = [reason for reason in reasons.values() if reason.compared]
+    ran = [reason for reason in compared if not reason.attack] or compared
     if not ran:
         return OpenQuestion(receivers=open_receivers)
     chosen = max(ran, key=_Reason.weight)
@@ -62,17 +63,19 @@ class _Reason:
 
     compared : how many had something to look at; latest : of these those of the last window. distances : of two
     antennas and its sigma, metres, by each finding over its whole window. overrules : whether a failed one overrules
-    other tests.
+    other tests. attack : they show an attack, and leave open which signals are true.
     """
 
     compared: int = 0
-    latest: list[AnyFinding] = field(default_factory=list)
+    latest: list[Finding] = field(default_factory=list)
     distances: list[tuple[float, float]] = field(default_factory=list)
     overrules: bool = False
+    attack: bool = False
 
-    def add(self, e: AnyFinding) -> None:
+    def add(self, e: Finding) -> None:
         self.distances += [b.distances_m[0] for b in e.baselines[:1] if len(b.receivers) == 2]
         self.overrules |= e.overrules and e.failed
+        self.attack = e.says == "attack"
         if _compared(e):
             self.compared += 1
             self.latest = [*(one for one in self.latest if one.start_gpst == e.start_gpst), e]
@@ -81,7 +84,7 @@ class _Reason:
         return not self.overrules, self.compared
 
 
-def _kinds(evidence: Sequence[AnyFinding]) -> set[str]:
+def _kinds(evidence: Sequence[Finding]) -> set[str]:
     """The kinds of signal that were tested: system, band and code."""
     return {f"{ref.signal.sat[0]} {ref.signal.band} {ref.signal.code}" for e in evidence for ref in e.subject}
 
@@ -96,6 +99,6 @@ def _distance_m(distances: Sequence[tuple[float, float]]) -> tuple[float, float]
     return float(np.mean([d for d, _ in distances])), float(np.median([s for _, s in distances]))
 
 
-def _compared(e: AnyFinding) -> bool:
+def _compared(e: Finding) -> bool:
     """Whether the test had something to look at: it gives a p-value, or compared signals of several receivers."""
     return e.p_value is not None or (not e.lacking and len({ref.receiver for ref in e.subject}) > 1)

@@ -29,7 +29,7 @@ from skyproof.gnss.slips import HEIGHT, UNLISTED, position_slips
 from skyproof.navigation.foresight import Foresight, SkyFix, Standing
 from skyproof.navigation.known import KNOWN, Known, without
 from skyproof.navigation.prediction import choose
-from skyproof.records import AnyFinding, Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef, WrongStatement
+from skyproof.records import Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef, WrongStatement
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "displacements"]
@@ -49,17 +49,17 @@ _DATUM_M: Final = 2.0
 
 
 def displacements(
-    evidence: Sequence[AnyFinding],
+    evidence: Sequence[Finding],
     sets: Sequence[ConsistentSet],
     makers: Sequence[FixMaker],
     foresights: Mapping[str, Foresight],
     alpha: float,
-) -> list[AnyFinding]:
+) -> list[Finding]:
     """Evidence on the receivers that stand, one piece for each window that shows them elsewhere.
 
     alpha : probability of a false alarm in a window.
     """
-    found: list[AnyFinding] = []
+    found: list[Finding] = []
     for maker in makers:
         foresight = foresights.get(maker.log.receiver)
         if isinstance(foresight, Standing) and foresight.stands:
@@ -90,8 +90,8 @@ class _Watch:
         self.named = False
         self.fitted = set[str]()
 
-    def through(self, windows: Iterable[Rivals]) -> list[AnyFinding]:
-        found: list[AnyFinding] = []
+    def through(self, windows: Iterable[Rivals]) -> list[Finding]:
+        found: list[Finding] = []
         for window in windows:
             self.fitted.update(signal.sat for sky in window.sets for signal in sky.signals)
             fixes = [(sky, self._fix(window, sky)) for sky in window.sets]

@@ -15,8 +15,8 @@ from skyproof.navigation.inertial_foresight import noise_of
 from skyproof.navigation.known import KNOWN, Known, known_of
 from skyproof.navigation.smooth import smooth
 from skyproof.records import (
-    AnyFinding,
     ConsistentSet,
+    Finding,
     NavigationData,
     ObservationLog,
     OverlappingSkies,
@@ -47,7 +47,7 @@ class Rivals:
     overlapping: tuple[OverlappingSkies, ...] = ()
 
 
-def rivals_of(o: ObservationLog, evidence: Sequence[AnyFinding], sets: Iterable[ConsistentSet]) -> Iterator[Rivals]:
+def rivals_of(o: ObservationLog, evidence: Sequence[Finding], sets: Iterable[ConsistentSet]) -> Iterator[Rivals]:
     """The receiver's windows, in order; evidence and sets are read once, for they may be too much to hold.
 
     sets : in the order of their windows.
@@ -90,7 +90,7 @@ class _Said:
     doubted: bool = False
     overlapping: tuple[OverlappingSkies, ...] = ()
 
-    def add(self, e: AnyFinding, own: set[SignalId]) -> None:
+    def add(self, e: Finding, own: set[SignalId]) -> None:
         self.late |= own if e.says == "multipath" else set()
         self.attacked |= e.says == "attack"
         self.overlapping += e.overlapping

@@ -8,7 +8,7 @@ import numpy as np
 from skyproof.fusion.open_question import reason_key
 from skyproof.fusion.timeline import Onset, onset_of
 from skyproof.fusion.unexplained import Kind, Unexplained
-from skyproof.records import AnyFinding, ObservationLog
+from skyproof.records import Finding, ObservationLog
 
 __all__ = ["ODD", "Suspicion", "suspicion_of"]
 
@@ -28,12 +28,12 @@ class Suspicion:
 
     receivers: tuple[str, ...]
     onset: Onset | None
-    finding: AnyFinding | None
+    finding: Finding | None
     may_also_be: tuple[str, ...]
 
 
 def suspicion_of(
-    evidence: Sequence[AnyFinding], unexplained: Sequence[Unexplained], observations: Sequence[ObservationLog]
+    evidence: Sequence[Finding], unexplained: Sequence[Unexplained], observations: Sequence[ObservationLog]
 ) -> Suspicion | None:
     """What the failed tests of all windows and the unexplained signals make suspect; None if that is nothing.
 
@@ -71,16 +71,16 @@ class _Failure:
     """A test that failed in so many windows. worst : the piece of the least p-value, the first of several."""
 
     windows: int
-    worst: AnyFinding
+    worst: Finding
 
-    def and_of(self, e: AnyFinding) -> "_Failure":
+    def and_of(self, e: Finding) -> "_Failure":
         return _Failure(self.windows + 1, min(self.worst, e, key=_p_value))
 
     def weight(self) -> tuple[bool, int]:
         return self.worst.overrules, self.windows
 
 
-def _p_value(e: AnyFinding) -> float:
+def _p_value(e: Finding) -> float:
     return 1.0 if e.p_value is None else e.p_value
 
 

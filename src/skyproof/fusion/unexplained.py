@@ -8,7 +8,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.fusion.labels import LabelledSignal
-from skyproof.records import AnyFinding, ObservationLog, SignalId, SignalRef
+from skyproof.records import Finding, ObservationLog, SignalId, SignalRef
 from skyproof.statistics.medians import medians
 
 __all__ = ["Kind", "Unexplained", "unexplained"]
@@ -41,7 +41,7 @@ class Unexplained:
 
 def unexplained(
     labels: Sequence[LabelledSignal],
-    evidence: Sequence[AnyFinding],
+    evidence: Sequence[Finding],
     observations: Sequence[ObservationLog],
     *,
     parts: bool = True,

@@ -21,7 +21,6 @@ from skyproof.navigation.clock import time_breaks
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
 from skyproof.records import (
-    AnyFinding,
     ArrayPhases,
     Asked,
     Ccaf,
@@ -341,9 +340,9 @@ States = Mapping[str, Any]
 """What each detector remembers from window to window, by its name."""
 
 
-def examine(detectors: Sequence[Detector], records: Records, states: States) -> tuple[list[AnyFinding], States]:
+def examine(detectors: Sequence[Detector], records: Records, states: States) -> tuple[list[Finding], States]:
     """All that all detectors say of one window, and what they remember of it."""
-    evidence: list[AnyFinding] = []
+    evidence: list[Finding] = []
     remembered = dict(states)
     for detector in detectors:
         said, remembered[detector.name] = examined(detector, records, states.get(detector.name))
@@ -351,7 +350,7 @@ def examine(detectors: Sequence[Detector], records: Records, states: States) -> 
     return evidence, remembered
 
 
-def reviewed(detectors: Sequence[Detector], evidence: Sequence[AnyFinding]) -> Sequence[AnyFinding]:
+def reviewed(detectors: Sequence[Detector], evidence: Sequence[Finding]) -> Sequence[Finding]:
     """The evidence of all windows, after each detector that has a method `review` looked at it once more."""
     seen = evidence
     for detector in detectors:
@@ -364,8 +363,8 @@ def examine_all(
     windows: Windows,
     detectors: Sequence[Detector],
     progress: Progress,
-    report: Callable[[Sequence[AnyFinding]], None] | None = None,
-) -> tuple[Sequence[AnyFinding], Sequence[ConsistentSet], bool]:
+    report: Callable[[Sequence[Finding]], None] | None = None,
+) -> tuple[Sequence[Finding], Sequence[ConsistentSet], bool]:
     """The evidence of all detectors and windows, the sets found in them, and whether a signal left windows out.
 
     report : is called with the evidence of each window as it comes.
@@ -393,11 +392,11 @@ class _Kept:
     """
 
     def __init__(self) -> None:
-        self.all = PackedLog[AnyFinding]()
+        self.all = PackedLog[Finding]()
         self._same: dict[Hashable, Any] = {}
         self._lacking: set[tuple[str, tuple[SignalRef, ...], tuple[Need, ...]]] = set()
 
-    def take(self, said: Sequence[AnyFinding]) -> None:
+    def take(self, said: Sequence[Finding]) -> None:
         """The evidence of one more window."""
         lacking = set()
         for one in said:
@@ -407,11 +406,7 @@ class _Kept:
                 lacking.add(key)
                 if key in self._lacking:
                     continue
-            if isinstance(one, Finding):
-                self.all.extend((replace(one, signals=subject),))
-            else:
-                because, assumes = self._once(one.because), self._once(one.assumes)
-                self.all.extend((replace(one, subject=subject, because=because, assumes=assumes),))
+            self.all.extend((replace(one, signals=subject),))
         self._lacking = lacking
         if len(self._same) > PACKED:  # words with figures in them hardly ever come again
             self._same.clear()

@@ -12,7 +12,7 @@ from skyproof.fusion.labels import FalseSource
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.bearings import BearingRay, Meeting, meeting
-from skyproof.records import AnyFinding, Direction
+from skyproof.records import Direction, Finding
 
 __all__ = ["Bearing", "bearings_of", "ellipse_95"]
 
@@ -60,7 +60,7 @@ class Bearing:
 
 
 def bearings_of(
-    sources: Sequence[FalseSource], evidence: Sequence[AnyFinding], trusted: Mapping[str, Track]
+    sources: Sequence[FalseSource], evidence: Sequence[Finding], trusted: Mapping[str, Track]
 ) -> Iterator[Bearing]:
     """Of every source that is seen in one direction on the ground, by receivers whose place is trusted.
 
@@ -98,7 +98,7 @@ def _level(ray: BearingRay, azimuth_rad: float, reach_m: float) -> Reals:
 
 
 def _rays(
-    source: FalseSource, evidence: Sequence[AnyFinding], trusted: Mapping[str, Track]
+    source: FalseSource, evidence: Sequence[Finding], trusted: Mapping[str, Track]
 ) -> list[tuple[str, BearingRay]]:
     """Receiver and ray, in the order of time."""
     signals = frozenset(source.signals)

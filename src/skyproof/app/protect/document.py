@@ -28,7 +28,6 @@ from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.records import (
-    AnyFinding,
     CauseName,
     ConsistentSet,
     Direction,
@@ -120,7 +119,7 @@ class Outcome(ShortRepr):
 
     receivers: tuple[ReceiverOutcome, ...]
     decision: Decision
-    evidence: Sequence[AnyFinding]
+    evidence: Sequence[Finding]
     sets: Sequence[ConsistentSet]
     navigation: NavigationData
     compared: tuple[Compared, ...] = ()
@@ -252,7 +251,7 @@ def _interference(decision: Decision) -> InterferenceResult:
     return InterferenceResult(state="present" if spells else "none", spells=spells)
 
 
-def _wrong_statements(evidence: Sequence[AnyFinding]) -> tuple[DoubtfulStatement, ...]:
+def _wrong_statements(evidence: Sequence[Finding]) -> tuple[DoubtfulStatement, ...]:
     """What else would explain failed tests: each kind of thing about each statement once, by how many tests it does."""
     count = Counter((cause.code, cause.about, cause.words) for e in evidence for cause in e.wrong_statements)
     value = {(cause.code, cause.about, cause.words): cause.value for e in evidence for cause in e.wrong_statements}
@@ -360,10 +359,10 @@ MOST_NOTED = 2
 
 def _noted(outcome: Outcome) -> str:
     """What stands beside the verdict, whatever it is: each sentence once, what names signals first."""
-    noted: dict[tuple[Any, ...], AnyFinding] = {}
+    noted: dict[tuple[Any, ...], Finding] = {}
     for e in outcome.evidence:
         if stands_beside(e):
-            key = (e.detector, e.code, *sorted({ref.receiver for ref in e.subject})) if isinstance(e, Finding) else (e,)
+            key = (e.detector, e.code, *sorted({ref.receiver for ref in e.subject}))
             noted.setdefault(key, e)
     in_order = sorted(noted.values(), key=lambda e: e.says == "attack")
     said = list(dict.fromkeys(explain(e).sentence for e in in_order))

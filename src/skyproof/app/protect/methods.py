@@ -8,7 +8,7 @@ import numpy as np
 
 from skyproof.explain import explain, stands_beside
 from skyproof.gnss.time import iso
-from skyproof.records import AnyFinding
+from skyproof.records import Finding
 from skyproof.verdict import Method
 
 __all__ = ["OfDetector", "of_detectors"]
@@ -25,19 +25,18 @@ class OfDetector:
     reasons : of pieces that decide nothing, by their code: how many, and the first.
     """
 
-    first: AnyFinding
+    first: Finding
     tests: int = 0
-    telling: dict[str, AnyFinding] = field(default_factory=dict)
-    reasons: dict[str, tuple[int, AnyFinding]] = field(default_factory=dict)
+    telling: dict[str, Finding] = field(default_factory=dict)
+    reasons: dict[str, tuple[int, Finding]] = field(default_factory=dict)
 
-    def add(self, e: AnyFinding) -> None:
+    def add(self, e: Finding) -> None:
         """Add one more piece."""
         if e.p_value is None and e.says == "undecided":
             if stands_beside(e) and explain(e).remedy is None:
                 return  # a remark on the input
-            code = e.code or explain(e).sentence
-            count, first = self.reasons.get(code, (0, e))
-            self.reasons[code] = count + 1, first
+            count, first = self.reasons.get(e.code, (0, e))
+            self.reasons[e.code] = count + 1, first
         remark = stands_beside(e) and e.says == "clean"
         if e.p_value is None and (e.says == "undecided" or remark):
             return
@@ -53,12 +52,12 @@ class OfDetector:
         return max(self.telling, key=STRENGTH.index, default=None)
 
     @property
-    def most_telling(self) -> AnyFinding | None:
+    def most_telling(self) -> Finding | None:
         """The piece that says most: the least p-value behind the decision; None without any."""
         return None if self.decision is None else self.telling[self.decision]
 
     @property
-    def reason(self) -> AnyFinding | None:
+    def reason(self) -> Finding | None:
         """The piece with the most frequent reason for deciding nothing; None where all pieces are tests."""
         return max(self.reasons.values(), key=lambda counted: counted[0], default=(0, None))[1]
 
@@ -90,7 +89,7 @@ class OfDetector:
         return next((remedy for remedy in remedies if remedy is not None), None)
 
 
-def of_detectors(evidence: Iterable[AnyFinding]) -> tuple[OfDetector, ...]:
+def of_detectors(evidence: Iterable[Finding]) -> tuple[OfDetector, ...]:
     """Count the evidence of each detector, in the order of their names."""
     found: dict[str, OfDetector] = {}
     for e in evidence:
@@ -98,7 +97,7 @@ def of_detectors(evidence: Iterable[AnyFinding]) -> tuple[OfDetector, ...]:
     return tuple(found[name] for name in sorted(found))
 
 
-def _p_value(e: AnyFinding) -> float:
+def _p_value(e: Finding) -> float:
     """Its p-value; beyond any where none is stated."""
     return np.inf if e.p_value is None else e.p_value
 

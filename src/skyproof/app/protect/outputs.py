@@ -42,7 +42,7 @@ from skyproof.navigation.dilution import horizontal_dilution
 from skyproof.records import (
     CELL_STATUS,
     OBSERVABLES,
-    AnyFinding,
+    Finding,
     Fix,
     FixStatus,
     NavigationData,
@@ -225,7 +225,7 @@ def _label_cells(o: Observations, first: int, labels: Sequence[LabelledSignal]) 
     return cells
 
 
-def _evidence_columns(evidence: Sequence[AnyFinding]) -> dict[str, Any]:
+def _evidence_columns(evidence: Sequence[Finding]) -> dict[str, Any]:
     def numbers(name: str) -> Any:
         return np.array([np.nan if getattr(e, name) is None else getattr(e, name) for e in evidence], np.float64)
 
@@ -256,7 +256,7 @@ def _evidence_columns(evidence: Sequence[AnyFinding]) -> dict[str, Any]:
     }
 
 
-def evidence_line(e: AnyFinding) -> str:
+def evidence_line(e: Finding) -> str:
     """A piece of evidence as JSON, with the columns of evidence.parquet; null for what is absent."""
     columns = {name: values[0].item() for name, values in _evidence_columns([e]).items()}
     instants = {"start_gpst": e.start_gpst, "end_gpst": e.end_gpst, "dated_gpst": e.dated_gpst}

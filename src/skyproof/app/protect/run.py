@@ -50,7 +50,7 @@ from skyproof.navigation.known import Known
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
-    AnyFinding,
+    Finding,
     FrontEndLevels,
     NavigationData,
     OpenFile,
@@ -370,7 +370,7 @@ def judge(
         own_fixes=_own_fixes_of(received),
     )
 
-    def report(said: Sequence[AnyFinding]) -> None:
+    def report(said: Sequence[Finding]) -> None:
         if workspace is not None:
             workspace.note(_NOTES, [evidence_line(one) for one in said])
 
@@ -446,7 +446,7 @@ def _messages_of(receptions: Sequence[Reception]) -> dict[str, ReceivedMessages]
     return {s.name: s.own.messages for s in sources if isinstance(s, ObservedFile) and s.own.messages is not None}
 
 
-def _window(one: AnyFinding) -> tuple[np.datetime64, np.datetime64]:
+def _window(one: Finding) -> tuple[np.datetime64, np.datetime64]:
     return one.start_gpst, one.end_gpst
 
 

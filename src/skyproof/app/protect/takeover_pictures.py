@@ -24,7 +24,7 @@ from skyproof.gnss.signals import prn_of
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known
-from skyproof.records import AnyFinding, Ccaf
+from skyproof.records import Ccaf, Finding
 from skyproof.report.pictures import FixTrack, Kind
 from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins, Origin, OriginSpan, TimeOffset
 
@@ -58,9 +58,9 @@ def correlations(outcome: Outcome, zero: np.datetime64) -> list[CorrelationParts
     return _taken_apart(ccaf, epochs, float(seconds_between(ccaf.gpst[epochs[-1]], zero))) if epochs.size else []
 
 
-def _most_telling(outcome: Outcome) -> AnyFinding | None:
+def _most_telling(outcome: Outcome) -> Finding | None:
     """The last of the least p-value among the pieces that are not of a clean sky."""
-    best: AnyFinding | None = None
+    best: Finding | None = None
     for e in outcome.evidence:
         if e.detector != Dccaf.name or e.says == "clean" or e.p_value is None or e.lacking or not e.subject:
             continue

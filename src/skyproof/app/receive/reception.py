@@ -17,9 +17,9 @@ from skyproof.gnss.time import seconds_between
 from skyproof.receiver.observables import messages_that_differ, navigation_of
 from skyproof.records import (
     AntennaArray,
-    AnyFinding,
     ArrayPhases,
     Ccaf,
+    Finding,
     MeasurementSource,
     NavigationData,
     ObservationLog,
@@ -69,7 +69,7 @@ class Reception(ShortRepr):
     ccaf: Stretched[Ccaf] | None = None
     antennas: tuple[ObservationLog, ...] = ()
     array_phases: Stretched[ArrayPhases] | None = None
-    evidence: tuple[AnyFinding, ...] = ()
+    evidence: tuple[Finding, ...] = ()
 
     @property
     def samples(self) -> Samples | None:
