@@ -61,7 +61,8 @@ def tests_of(evidence: Iterable[Finding]) -> list[list[Test]]:
         against = e.says in AGAINST
         if e.p_value is not None and (against or Cause.CLEAN in e.p):
             speaks = against or e.detector == "second_signals"
-            windows.setdefault((e.start_gpst, e.end_gpst), []).append((e.detector, float(e.p_value), speaks))
+            p_value = e.p_value if against else e.p[Cause.CLEAN]
+            windows.setdefault((e.start_gpst, e.end_gpst), []).append((e.detector, float(p_value), speaks))
     return list(windows.values())
 
 

@@ -13,7 +13,7 @@ from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.errors import SettingsError
 from skyproof.fusion.open_question import open_question
 from skyproof.navigation.sets import consistent_sets
-from skyproof.records import OBSERVABLES, SignalId, SignalRef
+from skyproof.records import OBSERVABLES, Cause, SignalId, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 ERRORS = TrackErrors(sigma_m=1.0, correlation=0.5, constant_m=1.0)
@@ -228,6 +228,16 @@ def test_windows_with_both_skies_do_not_vouch_for_a_captured_receiver():
     captured = scene(sky=("rx1",), false=(replace(MEACONER, receivers=("rx2",), shows_enu_m=(60.0, 40.0, 0.0)),))
     evidence = reviewed(windows(captured, both, both, captured))
     assert [e.says for e in evidence if e.baselines] == ["undecided", "authentic", "authentic", "undecided"]
+
+
+def test_signals_that_may_be_of_a_false_antenna_stay_open():
+    """A baseline that other windows show is no sign that an antenna of false signals did not send them."""
+    detector = MultiReceiver()
+    found = [e for r in windows(*3 * [scene(false=(MEACONER,))]) for e in detector.examine(r)[0]]
+    (last,) = (e for e in found[-2:] if e.says == "authentic")
+    open_ = replace(last, code="few_without_doubtful", p={Cause.FALSE_SKY: 1.0}, data={**last.data, "found": last.code})
+    after = list(detector.review([open_ if e is last else e for e in found]))
+    assert [e.says for e in after if e.baselines] == ["authentic", "authentic", "undecided"]
 
 
 def test_antennas_that_move_relative_to_each_other_vouch_for_their_own_windows_only():
