@@ -14,7 +14,7 @@ from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad, rot
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.inertia import readings_between
-from skyproof.navigation.ins import InsSettings, begin, corrected, step, without_errors
+from skyproof.navigation.ins import InsSettings, begin, correct, step, without_errors
 from skyproof.navigation.ins_updates import by_fix
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import NavState
@@ -93,7 +93,7 @@ def filtered_apart(start: NavState, readings, seconds, fixes, fix_seconds, grade
     state = replace(state, run=replace(state.run, last=first))
     for fix in fixes:
         _, state = step(state, readings_between(readings, state.gpst, fix.gpst), settings)
-        state, _ = corrected(state, by_fix(state, fix, settings))
+        state, _ = correct(state, by_fix(state, fix, settings))
     _, state = step(state, readings_between(readings, state.gpst, readings.gpst[-1]), settings)
     states = [
         NavState(

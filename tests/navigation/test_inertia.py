@@ -14,7 +14,7 @@ from skyproof.formats.imu import COLUMNS, read_imu
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.navigation.inertia import GAP_S, TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin, coast
+from skyproof.navigation.inertia import GAP_S, TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin_free_run, coast
 from skyproof.navigation.strapdown import strapdown_paths
 from skyproof.records import ImuSeries, NavState
 from skyproof.simulator.inertial import ImuErrors, inertial
@@ -65,7 +65,7 @@ def without(series, rows):
 
 
 def exact_run(motion, at_s=0.0):
-    return begin(truth(motion, [at_s], 1e-12 * np.eye(9)), EXACT)
+    return begin_free_run(truth(motion, [at_s], 1e-12 * np.eye(9)), EXACT)
 
 
 def errors(found, true):
@@ -97,7 +97,10 @@ def _until(series, end_s):
 
 def test_a_run_in_pieces_has_the_covariance_of_the_whole():
     motion, grade = MOTIONS["round"], GRADES["tactical"]
-    series, run = readings(motion, grade="tactical"), begin(truth(motion, [0.0], np.diag(START_SIGMA**2)), grade)
+    series, run = (
+        readings(motion, grade="tactical"),
+        begin_free_run(truth(motion, [0.0], np.diag(START_SIGMA**2)), grade),
+    )
     whole, _ = coast(run, series, grade)
     for end_s in (3.0, 3.01, 7.5, 10.0):
         states, run = coast(run, _until(series, end_s), grade)
@@ -121,7 +124,7 @@ def test_errors_are_as_large_as_the_covariance_says(name, grade, angle_deg):
     sigma = np.repeat([1.0, 0.1, np.radians(angle_deg)], 3)
     motion, errs, duration_s, rate_hz = MOTIONS[name], GRADES[grade], LASTS_S[grade], 10.0
     exact, ends = readings(motion, rate_hz, duration_s), truth(motion, [duration_s])
-    states, run = coast(begin(truth(motion, [0.0], np.diag(sigma**2)), errs), exact, errs)
+    states, run = coast(begin_free_run(truth(motion, [0.0], np.diag(sigma**2)), errs), exact, errs)
     assert run is not None
     rng = np.random.default_rng(7)
     felt = np.concatenate((exact.specific_force_m_s2, exact.angular_rate_rad_s), axis=1)
@@ -158,14 +161,14 @@ def _sensor_errors(grade, seed, rate_hz, felt):
 def test_a_run_ends_where_its_errors_are_too_large_for_the_model():
     motion, grade = MOTIONS["at rest"], GRADES["consumer"]
     series, start = readings(motion, 10.0, 60.0), truth(motion, [0.0], np.diag(START_SIGMA**2))
-    states, run = coast(begin(start, grade), series, grade)
+    states, run = coast(begin_free_run(start, grade), series, grade)
     assert run is None
     assert 1.0 < (states.gpst[-1] - GPS_EPOCH) / np.timedelta64(1, "s") < 5.0
-    turns, run = coast(begin(start, grade), series, grade, tilt_most_rad=np.inf, turn_most_rad=TURN_MOST_RAD)
+    turns, run = coast(begin_free_run(start, grade), series, grade, tilt_most_rad=np.inf, turn_most_rad=TURN_MOST_RAD)
     assert run is None
     sigma = np.sqrt(np.linalg.eigvalsh(turns.covariance[-1, 6:, 6:])[-1])
     assert 0.9 * TURN_MOST_RAD < sigma < TURN_MOST_RAD
-    states, run = coast(begin(truth(motion, [0.0], np.diag((10.0 * START_SIGMA) ** 2)), grade), series, grade)
+    states, run = coast(begin_free_run(truth(motion, [0.0], np.diag((10.0 * START_SIGMA) ** 2)), grade), series, grade)
     assert run is None
     assert states.gpst.size == 1
 
@@ -207,7 +210,9 @@ def test_gaps_are_bridged_within_what_the_covariance_says():
         shaking = replace(
             grade, velocity_random_walk_m_s_rts=0.5 * 0.02**0.5, angular_random_walk_rad_rts=0.01 * 0.02**0.5
         )
-        states, run = coast(begin(truth(motion, [0.0], 1e-12 * np.eye(9)), shaking), without(shaken, missing), shaking)
+        states, run = coast(
+            begin_free_run(truth(motion, [0.0], 1e-12 * np.eye(9)), shaking), without(shaken, missing), shaking
+        )
         assert run is not None
         assert states.gpst.size == 501
         error = errors(states, ends)
@@ -238,7 +243,7 @@ def test_without_later_readings_the_run_stays():
 
 def test_a_start_needs_a_covariance():
     with pytest.raises(ValueError, match="covariance"):
-        begin(truth(MOTIONS["round"], [0.0]), EXACT)
+        begin_free_run(truth(MOTIONS["round"], [0.0]), EXACT)
 
 
 def test_the_tilt_that_accelerometers_show_is_the_attitudes():

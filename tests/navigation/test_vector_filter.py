@@ -11,10 +11,10 @@ from skyproof.navigation.vector_filter import (
     VectorState,
     ahead,
     dopplers_hz,
-    expected,
+    predict_measurements,
     shown_rates,
-    started,
-    updated,
+    start_state,
+    update_state,
 )
 from skyproof.navigation.vector_sky import SkyEpoch
 
@@ -39,7 +39,7 @@ SKY = sky()
 
 
 def measured(truth, rng, sky_epoch=SKY):
-    range_m, rate_m_s, _ = expected(truth, sky_epoch)
+    range_m, rate_m_s, _ = predict_measurements(truth, sky_epoch)
     n = range_m.size
     return VectorEpoch(
         range_m + rng.normal(0.0, SIGMA_M, n),
@@ -63,13 +63,15 @@ def run(state, truth, rng, steps, change=lambda epoch: epoch, drives=None):
     for _ in range(steps):
         truth = moved(truth)
         before = ahead(state, state.elapsed_s + STEP_S, SETTINGS)
-        outcomes.append(updated(before, change(measured(truth, rng)), expected(before.mean, SKY), drives, SETTINGS))
+        outcomes.append(
+            update_state(before, change(measured(truth, rng)), predict_measurements(before.mean, SKY), drives, SETTINGS)
+        )
         state = outcomes[-1].state
     return outcomes, truth
 
 
 def begun(rng):
-    return started(measured(TRUE, rng), SKY, TRUE[:3] + 300.0, 0.0)
+    return start_state(measured(TRUE, rng), SKY, TRUE[:3] + 300.0, 0.0)
 
 
 def test_the_error_is_what_the_covariance_says():
@@ -133,7 +135,7 @@ def test_four_satellites_do_not_begin_a_filter():
     rng = np.random.default_rng(5)
     epoch = measured(TRUE, rng)
     few = epoch._replace(range_m=np.where(np.arange(8) < 4, epoch.range_m, np.nan))
-    assert started(few, SKY, TRUE[:3], 0.0) is None
+    assert start_state(few, SKY, TRUE[:3], 0.0) is None
 
 
 def test_rates_and_dopplers_are_each_others_inverse():

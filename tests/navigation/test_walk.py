@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from tests.navigation.walk import SETTINGS, aligned, follow, read_walk
 
 from skyproof.navigation.inertia import readings_between
-from skyproof.navigation.ins import corrected, step
+from skyproof.navigation.ins import correct, step
 from skyproof.navigation.ins_updates import by_fix
 from skyproof.navigation.known import known
 
@@ -86,7 +86,7 @@ def test_false_fixes_are_noticed(walk, states, speed_m_s, with_velocity):
                     velocity_ecef_m_s=fix.mean[3:6] + away if with_velocity else None,
                     velocity_m2_s2=fix.covariance[3:6, 3:6] if with_velocity else None,
                 )
-                own, fit = corrected(own, by_fix(own, false, SETTINGS), false_alarm_probability=1e-4)
+                own, fit = correct(own, by_fix(own, false, SETTINGS), false_alarm_probability=1e-4)
                 if not fit.used:
                     noticed_s = at - start_s
                     break

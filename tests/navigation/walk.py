@@ -20,8 +20,8 @@ from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.alignment import align_moving
 from skyproof.navigation.inertia import readings_between
-from skyproof.navigation.ins import InsSettings, InsState, corrected, step
-from skyproof.navigation.ins_updates import by_fix, expected
+from skyproof.navigation.ins import InsSettings, InsState, correct, step
+from skyproof.navigation.ins_updates import by_fix, expect_fix
 from skyproof.navigation.known import Known, known
 from skyproof.records import ImuSeries
 
@@ -103,11 +103,11 @@ def follow(walk: Walk, state: InsState, end_s: float, *, use=None, fixes=None, f
         _, state = step(state, readings_between(walk.readings, state.gpst, fix.gpst), SETTINGS)
         if state is None:
             break
-        shown = expected(state, SETTINGS, fix.gpst)
+        shown = expect_fix(state, SETTINGS, fix.gpst)
         seconds.append(at)
         off.append(shown.mean - fix.mean)
         spread.append(shown.covariance + np.diag(np.diag(fix.covariance)))
-        after, fit = corrected(state, by_fix(state, fix, SETTINGS), false_alarm_probability=false_alarm_probability)
+        after, fit = correct(state, by_fix(state, fix, SETTINGS), false_alarm_probability=false_alarm_probability)
         p_value.append(fit.p_value)
         if use is None or use(at):
             state = after

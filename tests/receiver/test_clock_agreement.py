@@ -10,7 +10,7 @@ from tests.recording.test_survey import recorded
 
 from skyproof.gnss.constants import L1_HZ
 from skyproof.receiver import measurement as m
-from skyproof.receiver.clock_agreement import Disagreement, corrected, in_survey, in_tracks
+from skyproof.receiver.clock_agreement import Disagreement, correct_samples, in_survey, in_tracks
 from skyproof.receiver.measurement import Measurements
 from skyproof.recording.survey import survey
 from skyproof.records import Samples
@@ -37,7 +37,7 @@ def check_rate(wrong_ppm, rate_hz, **front_end):
     assert apart.certain
     assert not apart.of_carrier
     assert apart.sigma < 0.15 * PPM
-    assert corrected(samples, apart).rate_hz == pytest.approx(rate_hz, rel=max(4.0 * apart.sigma, 1e-7))
+    assert correct_samples(samples, apart).rate_hz == pytest.approx(rate_hz, rel=max(4.0 * apart.sigma, 1e-7))
     assert reported.gaps == ()
 
 
@@ -134,6 +134,6 @@ def test_carriers_that_are_off_are_told_from_a_rate_that_is_off(share, sign, off
     assert not rate.of_carrier
     assert carrier.of_carrier
     samples = Samples(name="a", rate_hz=4e6 * (1.0 + share), n_samples=1, read=lambda start, count: None, if_hz=0.0)
-    assert corrected(samples, rate).rate_hz == pytest.approx(4e6, rel=1e-12)
-    assert corrected(samples, carrier).rate_hz == samples.rate_hz
-    assert corrected(samples, carrier).if_hz == pytest.approx(-share * L1_HZ)
+    assert correct_samples(samples, rate).rate_hz == pytest.approx(4e6, rel=1e-12)
+    assert correct_samples(samples, carrier).rate_hz == samples.rate_hz
+    assert correct_samples(samples, carrier).if_hz == pytest.approx(-share * L1_HZ)

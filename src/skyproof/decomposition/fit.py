@@ -31,10 +31,10 @@ __all__ = [
     "Dictionary",
     "at_strongest_doppler",
     "bins_dictionary",
-    "covariance_of",
     "decompose",
     "dictionary_of",
     "doppler_grid",
+    "invert_information",
     "one_doppler",
     "sinc_slope",
     "taps_dictionary",
@@ -256,7 +256,7 @@ def decompose(
         doppler_hz=hertz.reshape(*shape, signals),
         amplitude=amplitude.reshape(*shape, signals),
         captured=captured.reshape(shape),
-        covariance=covariance_of(information).reshape(*shape, p, p),
+        covariance=invert_information(information).reshape(*shape, p, p),
     )
 
 
@@ -280,7 +280,7 @@ def at_strongest_doppler(
     return np.asarray(taps), np.asarray(1.0 / energy), np.asarray(strongest[..., 0])
 
 
-def covariance_of(information: Reals) -> Reals:
+def invert_information(information: Reals) -> Reals:
     """Half the inverse (complex noise of variance one): infinite where a parameter is not determined."""
     scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
     even = information / (scale[..., :, None] * scale[..., None, :])

@@ -36,7 +36,7 @@ __all__ = [
     "TURN_MOST_RAD",
     "FreeRun",
     "apparent_tilt_rad",
-    "begin",
+    "begin_free_run",
     "coast",
     "readings_between",
     "turn_and_tilt",
@@ -65,7 +65,7 @@ class FreeRun:
     last: Reals | None = None
 
 
-def begin(start: NavState, grade: ImuGrade) -> FreeRun:
+def begin_free_run(start: NavState, grade: ImuGrade) -> FreeRun:
     """A navigator that begins at the last row of `start`, which is of the unit and has a covariance."""
     if start.covariance is None:
         raise ValueError("a start without covariance; give one")

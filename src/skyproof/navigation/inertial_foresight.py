@@ -16,9 +16,9 @@ from skyproof.gnss.time import seconds_between
 from skyproof.navigation.alignment import align_moving
 from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.inertia import TURN_MOST_RAD, coast, readings_between
-from skyproof.navigation.inertia import begin as begin_free
-from skyproof.navigation.ins import InsSettings, InsState, begin, corrected, step
-from skyproof.navigation.ins_updates import antenna_of, by_fix, expected
+from skyproof.navigation.inertia import begin_free_run as begin_free
+from skyproof.navigation.ins import InsSettings, InsState, begin, correct, step
+from skyproof.navigation.ins_updates import antenna_of, by_fix, expect_fix
 from skyproof.navigation.known import Known, without
 from skyproof.records import Attitude, ImuSeries, NavState
 
@@ -53,7 +53,7 @@ class Inertial:
     moves: bool = True
 
     def at(self, gpst: np.datetime64) -> Known | None:
-        return self._of(expected, gpst)
+        return self._of(expect_fix, gpst)
 
     def truth_at(self, gpst: np.datetime64) -> Known | None:
         """What is true then: as a fix has it, less what fixes have for long."""
@@ -100,7 +100,7 @@ class Inertial:
             return replace(own, waiting=(*own.waiting, fix)[-_WAITING:])
         if abs(float(seconds_between(fix.gpst, own.state.gpst))) > _BEHIND * self.readings.interval_s:
             return own
-        return replace(own, state=corrected(own.state, by_fix(own.state, fix, own.settings))[0])
+        return replace(own, state=correct(own.state, by_fix(own.state, fix, own.settings))[0])
 
     def _aligned(self) -> "Inertial":
         """With a state, if the fixes that wait are enough for one."""

@@ -1,7 +1,7 @@
 """An inertial navigator that is corrected: position, velocity, attitude, biases of the sensors, and the clock.
 
 Two functions over an explicit state: `step` carries it on over readings (`inertia`: strapdown and its linear errors),
-`corrected` takes in a measurement (`ins_updates` makes them). An error-state filter: the estimates are kept out of the
+`correct` takes in a measurement (`ins_updates` makes them). An error-state filter: the estimates are kept out of the
 covariance's states and put right after each measurement, the attitude by a rotation (Groves, Principles of GNSS,
 Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., 14.1 and 14.2.6).
 
@@ -46,7 +46,7 @@ __all__ = [
     "InsState",
     "Measurement",
     "begin",
-    "corrected",
+    "correct",
     "put_right",
     "step",
     "without_errors",
@@ -251,7 +251,7 @@ def _with_second_order(run: FreeRun, seconds: float) -> FreeRun:
     return FreeRun(state=state, covariance=covariance, last=run.last)
 
 
-def corrected(
+def correct(
     state: InsState, measurement: Measurement, *, false_alarm_probability: float = 0.0
 ) -> tuple[InsState, Innovation]:
     """The state with a measurement taken in, and how it fits.

@@ -27,7 +27,7 @@ from skyproof.navigation.ins import (
 from skyproof.navigation.ins_errors import GAINS, skew
 from skyproof.navigation.known import KNOWN, Known
 
-__all__ = ["antenna_of", "by_fix", "expected"]
+__all__ = ["antenna_of", "by_fix", "expect_fix"]
 
 _SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 
@@ -73,7 +73,7 @@ def antenna_of(state: InsState, settings: InsSettings, gpst: np.datetime64 | Non
     return Known(gpst=gpst, mean=mean, covariance=h @ state.covariance @ h.T)
 
 
-def expected(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> Known:
+def expect_fix(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> Known:
     """What a fix at the antenna would say, lasting error included, at the state's instant or one near it."""
     gpst = state.gpst if gpst is None else gpst
     mean, h = _as_a_fix(state, settings, gpst)

@@ -2,7 +2,7 @@
 
 A trusted fix is carried on to a later time by whatever is at hand:
 
-- an inertial navigator that it corrected (`ins`, `ins_updates.expected`);
+- an inertial navigator that it corrected (`ins`, `ins_updates.expect_fix`);
 - a body that stands: its position stays, its velocity is nothing (`standing_still`);
 - the clock, by its oscillator's class, in either case (`gnss.oscillators.clock_step`).
 

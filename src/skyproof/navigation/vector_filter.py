@@ -38,10 +38,10 @@ __all__ = [
     "VectorUpdate",
     "ahead",
     "dopplers_hz",
-    "expected",
+    "predict_measurements",
     "shown_rates",
-    "started",
-    "updated",
+    "start_state",
+    "update_state",
 ]
 
 POSITION, VELOCITY, CLOCK, DRIFT = slice(0, 3), slice(3, 6), 6, 7
@@ -152,7 +152,7 @@ def ahead(
     return replace(state, elapsed_s=elapsed_s, mean=mean, covariance=covariance)
 
 
-def expected(mean: Reals, sky: SkyEpoch) -> Expected:
+def predict_measurements(mean: Reals, sky: SkyEpoch) -> Expected:
     """What a state (8,) predicts."""
     _, unit, distance_m = line_of_sight(sky.satellite_ecef_m, mean[POSITION])
     range_m = distance_m + mean[CLOCK]
@@ -160,7 +160,7 @@ def expected(mean: Reals, sky: SkyEpoch) -> Expected:
     return Expected(range_m, rate_m_s, design_matrix(unit))
 
 
-def started(epoch: VectorEpoch, sky: SkyEpoch, place_ecef_m: Reals, elapsed_s: float) -> VectorState | None:
+def start_state(epoch: VectorEpoch, sky: SkyEpoch, place_ecef_m: Reals, elapsed_s: float) -> VectorState | None:
     """A filter that begins with one epoch's least squares, linear about a place near by (3,); None where fewer than
     five satellites give a range and a rate."""
     used = np.isfinite(epoch.range_m) & np.isfinite(epoch.rate_m_s)
@@ -170,7 +170,7 @@ def started(epoch: VectorEpoch, sky: SkyEpoch, place_ecef_m: Reals, elapsed_s: f
     mean[POSITION] = place_ecef_m
     covariance = np.zeros((CORE, CORE))
     for _ in range(2):
-        range_m, rate_m_s, design = expected(mean, sky)
+        range_m, rate_m_s, design = predict_measurements(mean, sky)
         for places, misfit, sigma in (
             (_PLACE, epoch.range_m - range_m, epoch.range_sigma_m),
             (_RATES, epoch.rate_m_s - rate_m_s, epoch.rate_sigma_m_s),
@@ -181,7 +181,7 @@ def started(epoch: VectorEpoch, sky: SkyEpoch, place_ecef_m: Reals, elapsed_s: f
     return VectorState(elapsed_s=elapsed_s, mean=mean, covariance=covariance)
 
 
-def updated(
+def update_state(
     state: VectorState, epoch: VectorEpoch, predicted: Expected, drives: Booleans, settings: VectorSettings
 ) -> VectorUpdate:
     """Carry a state, of the epoch's time already, over an epoch's measurements.

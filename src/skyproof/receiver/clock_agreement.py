@@ -23,7 +23,7 @@ from skyproof.receiver.measurement import Measurements
 from skyproof.recording.survey import Survey, oscillator_error
 from skyproof.records import Samples
 
-__all__ = ["Disagreement", "corrected", "in_survey", "in_tracks"]
+__all__ = ["Disagreement", "correct_samples", "in_survey", "in_tracks"]
 
 LEAST_SATS: Final = 4
 CERTAIN_SIGMAS: Final = 6.0
@@ -119,7 +119,7 @@ def _slope(time_s: Reals, values: Reals, sigmas: Reals) -> tuple[float, float]:
     return float(centred @ values) / power, float(np.sqrt(np.mean(sigmas**2) / power))
 
 
-def corrected(samples: Samples, found: Disagreement, *, signal: SignalPlan = GPS_L1_CA) -> Samples:
+def correct_samples(samples: Samples, found: Disagreement, *, signal: SignalPlan = GPS_L1_CA) -> Samples:
     """The recording with the rate, or the intermediate frequency, by which codes and carriers agree.
 
     A rate that is too high by the share w lifts codes by w and carriers by w times their frequency in the samples.

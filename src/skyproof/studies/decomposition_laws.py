@@ -15,9 +15,9 @@ from skyproof.decomposition.correlation import band_share, correlation
 from skyproof.decomposition.fit import (
     Decomposition,
     Dictionary,
-    covariance_of,
     decompose,
     doppler_grid,
+    invert_information,
     one_doppler,
     sinc_slope,
     taps_dictionary,
@@ -88,7 +88,7 @@ def delay_bound(
     changes = np.concatenate(columns, axis=-2)
     basis = np.linalg.qr(np.swapaxes(_outer(time, space), -1, -2))[0]  # of what amplitudes can explain
     left = changes - (changes @ np.conj(basis)) @ np.swapaxes(basis, -1, -2)
-    return covariance_of(np.real(np.conj(left) @ np.swapaxes(left, -1, -2)))
+    return invert_information(np.real(np.conj(left) @ np.swapaxes(left, -1, -2)))
 
 
 def _outer(time: NDArray[np.inexact], space: NDArray[np.inexact]) -> NDArray[np.inexact]:

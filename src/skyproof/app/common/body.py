@@ -34,7 +34,7 @@ from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.logs.content import InertialRows
 from skyproof.navigation.attitude import direction_off_rad, interpolation_sigma_rad, stated_state, stood
-from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin, coast
+from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin_free_run, coast
 from skyproof.records import Attitude, ImuSeries, NavState, Records
 from skyproof.remarks import Remark, RemarkKind
 
@@ -337,7 +337,7 @@ def _turned(body: Body, records: Records, carried: Carried, places: list[Reals])
     if begun is None:
         if not places:
             return None, carried
-        run, begun = begin(_start(readings, body.initial, places[0]), grade), places[0]
+        run, begun = begin_free_run(_start(readings, body.initial, places[0]), grade), places[0]
     paths = list[NavState]()
     last_gpst = min(records.end_gpst, readings.gpst[-1])
     while run is not None and run.state.gpst[0] < last_gpst:

@@ -13,7 +13,7 @@ from skyproof.arrays import Floats
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
-from skyproof.receiver.clock_agreement import corrected, in_survey
+from skyproof.receiver.clock_agreement import correct_samples, in_survey
 from skyproof.recording.conditioning import MeasuredFrontEnd, conditioned, measure_front_end
 from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, oscillator_error, survey
 from skyproof.records import Samples
@@ -67,7 +67,7 @@ def inspect_recording(samples: Samples) -> Inspection:
     apart = in_survey(near.survey, {one.sat: one.doppler_hz for one in near.satellites})
     if apart is None or not apart.certain or near.conjugate:
         return first
-    right = corrected(near.samples, apart)
+    right = correct_samples(near.samples, apart)
     inspection = inspect_samples(right)
     return replace(
         inspection,

@@ -9,7 +9,7 @@ from typing import Final
 from skyproof.app.inspect import Inspection
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.receiver.channels import Arc
-from skyproof.receiver.clock_agreement import Disagreement, corrected, in_tracks
+from skyproof.receiver.clock_agreement import Disagreement, correct_samples, in_tracks
 from skyproof.receiver.measurement import Measurements
 from skyproof.records import Samples
 
@@ -31,7 +31,7 @@ def agreeing(
     """
     apart = in_tracks(measured, {number: arc.signal.sat for number, arc in arcs.items()})
     if apart is not None:
-        return (corrected(samples, apart), apart) if apart.certain else None
+        return (correct_samples(samples, apart), apart) if apart.certain else None
     try:
         found = inspected()
     except (InputError, NotEnoughData):  # too short, or cut while it is read: tracking says so

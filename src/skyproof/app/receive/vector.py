@@ -23,10 +23,10 @@ from skyproof.navigation.vector_filter import (
     VectorUpdate,
     ahead,
     dopplers_hz,
-    expected,
+    predict_measurements,
     shown_rates,
-    started,
-    updated,
+    start_state,
+    update_state,
 )
 from skyproof.navigation.vector_inertia import AntennaUnit, FreeMotion, carried, carrying
 from skyproof.navigation.vector_sky import SkyAhead, SkyEpoch, sky_ahead
@@ -230,7 +230,7 @@ def _begun(guiding: Guiding, channels: _Channels, elapsed_s: float, receiver: Re
     if not misfit_m < WORST_START_M or not np.linalg.norm(place_m) < FURTHEST_M:
         return replace(guiding, misfit_m=misfit_m)
     guiding, sky = _sky(guiding, receiver, channels, place_m, elapsed_s)
-    began = started(_epoch(channels, sky, receiver, guiding.settings), sky, place_m, elapsed_s)
+    began = start_state(_epoch(channels, sky, receiver, guiding.settings), sky, place_m, elapsed_s)
     driving = frozenset(signal for signal, uses in zip(channels.signals, used.tolist(), strict=True) if uses)
     at = (
         None
@@ -304,10 +304,10 @@ def _followed(
     waits = np.array([guiding.out.get(signal, -np.inf) > elapsed_s for signal in channels.signals])
     drove = np.array([signal in guiding.driving for signal in channels.signals])
     limit = np.where([signal in guiding.out for signal in channels.signals], COMES_BACK, COMES)
-    predicted = expected(before.mean, sky)
+    predicted = predict_measurements(before.mean, sky)
     off_m, off_m_s = epoch.range_m - predicted.range_m, epoch.rate_m_s - predicted.rate_m_s
     comes = ~waits & (_away(off_m, off_m_s, receiver) < limit)
-    found = updated(before, epoch, predicted, drove | comes, guiding.settings)
+    found = update_state(before, epoch, predicted, drove | comes, guiding.settings)
     if found.diverged:
         nothing = dict.fromkeys(channels.arcs, g.no_guide())
         # A unit that is not what is stated of it would lead the next filter wrong as well.
