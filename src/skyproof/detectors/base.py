@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, runtime_checkable
 
 from skyproof.records import (
     AnyFinding,
@@ -23,7 +23,6 @@ __all__ = [
     "Detector",
     "NotTested",
     "Reporter",
-    "Untested",
     "leave_open",
     "missing",
     "signals_of",
@@ -78,14 +77,6 @@ class Detector(Protocol):
     def settings(self) -> Any: ...
 
     def examine(self, records: Records, state: Any = None) -> tuple[Sequence[AnyFinding], Any]: ...
-
-
-class Untested(NamedTuple):
-    """Why a test could not run: a short name, the reason in words, and what would let it run."""
-
-    code: str
-    because: str
-    would_need: str
 
 
 UNTESTED: Final = 1.0
