@@ -16,7 +16,7 @@ def _explain_each_finding(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def find(self: Reporter, *args: Any, **more: Any) -> Finding:
         finding = make(self, *args, **more)
-        assert explain(finding).sentence
+        assert explain(finding, strict=True).sentence
         return finding
 
     monkeypatch.setattr(Reporter, "find", find)

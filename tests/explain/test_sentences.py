@@ -123,3 +123,10 @@ def test_causes_are_named_alike_in_verdict_and_findings():
 
 def test_an_entry_has_no_remedy_unless_it_states_one():
     assert Entry("so it is").remedy is None
+
+
+def test_a_finding_without_a_field_of_its_words_costs_no_run():
+    lacking = finding("torn", "torn", data={"receiver": "rx1"})
+    assert explain(lacking).sentence == "torn"
+    with pytest.raises(KeyError, match="sats"):
+        explain(lacking, strict=True)

@@ -22,12 +22,13 @@ _COMMON: Final[Mapping[str, Entry]] = {
 }
 
 
-def explain(finding: Finding | Evidence) -> Wording:
+def explain(finding: Finding | Evidence, *, strict: bool = False) -> Wording:
     """Put a finding in words: what was found or why nothing was tested, the remedy, and what is assumed.
 
     Raises
     ------
-    KeyError : its data lack a field of the entry's template.
+    KeyError : if `strict`, its data lack a field of the entry's template; else its code stands for the sentence, as no
+        wording is worth a run.
     """
     if isinstance(finding, Evidence):
         return Wording(finding.because, finding.would_need, finding.assumes)
@@ -40,10 +41,19 @@ def explain(finding: Finding | Evidence) -> Wording:
     entry = _find_entry(finding)
     fields = collect_fields(finding)
     return Wording(
-        sentence=fill(entry.sentence, finding) or finding.code,
+        sentence=_fill_or_code(entry, finding, strict=strict),
         remedy=None if entry.remedy is None else fill(entry.remedy, finding),
         assumptions=tuple(ASSUMPTIONS[code].format_map(fields) for code in data.get("assumes", ())),
     )
+
+
+def _fill_or_code(entry: Entry, finding: Finding, *, strict: bool) -> str:
+    try:
+        return fill(entry.sentence, finding) or finding.code
+    except KeyError:
+        if strict:
+            raise
+        return finding.code.replace("_", " ")
 
 
 def stands_beside(finding: Finding | Evidence) -> bool:

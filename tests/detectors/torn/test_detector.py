@@ -126,3 +126,14 @@ def test_the_last_velocity_bounds_where_the_antenna_is(moving) -> None:
     found = examine(replace(records, observations=(o,)))
     assert [e.failed for e in found] == [False, True, False]
     assert found[1].dated_gpst == o.gpst[11]
+
+
+def test_a_window_in_which_nothing_can_be_tested_fails_nothing() -> None:
+    """One epoch, in which nothing goes on from another, of a receiver without a good fix."""
+    records = clean()
+    (o,) = (o for o in records.observations[:1])
+    codes_m = np.full_like(o.pseudorange_m, np.nan)
+    one = replace(replace(o, pseudorange_m=codes_m).select(slice(0, 1)))
+    found, _ = Torn(TornSettings()).examine(replace(records, observations=(one,), sets=()))
+    assert not any(finding.failed for finding in found)
+    assert not any(finding.p for finding in found)

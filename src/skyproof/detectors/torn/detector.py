@@ -145,7 +145,7 @@ class Torn:
             strays, anchor = self._strays_of(o, navigation, signals, before.anchor)
         past = _Past(end_s=float(o.elapsed_s[-1]), anchor=anchor, exchange=after)
         tests = [test.p_value for test in (strays, exchange) if test is not None]
-        p_value = min(1.0, len(tests) * min(tests, default=1.0))
+        p_value = min(1.0, len(tests) * min(tests)) if tests else 1.0
         if strays is not None or p_value < self.settings.false_alarm_probability:
             return self._report_tests(report, o, strays, exchange, p_value), past
         why = NotTested("received_twice") if signals is None else NotTested("no_good_fix")
