@@ -12,16 +12,15 @@ from docstrings import items_of
 from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from skyproof import detectors
+from skyproof import detectors, fusion
 from skyproof.app.init.text import one_line
 from skyproof.cli import app
-from skyproof.detectors.policy import numbers_of
+from skyproof.records.policy import numbers_of
 from skyproof.simulator import Site, ready_made
 from skyproof.studies import studies
 
 ROOT = Path(__file__).resolve().parents[2]
 NOT_GIVEN = "not given"
-PACKAGE = "skyproof.detectors"
 WORDS = {
     "name": "A name, which files and other tables refer to.",
     "description": "What it shows, for people.",
@@ -190,14 +189,16 @@ def table_of(word: str, what: str, scene_link: str) -> str | None:
 
 
 def policies() -> str:
-    """Every number by which a detector decides, room by room."""
-    found = [importlib.import_module(one.name) for one in pkgutil.walk_packages(detectors.__path__, f"{PACKAGE}.")]
+    """Every number that decides, room by room."""
+    rooms = (fusion, detectors)
+    walks = [pkgutil.walk_packages(room.__path__, f"{room.__name__}.") for room in rooms]
+    found = [importlib.import_module(one.name) for walk in walks for one in walk]
     parts = []
     for module in found:
         policy = vars(module).get("POLICY")
         if policy is None or type(policy).__module__ != module.__name__:
             continue
-        room = module.__name__.removeprefix(f"{PACKAGE}.").removesuffix(".policy")
+        room = module.__name__.removesuffix(".policy").rpartition(".")[2]
         rows = [
             f"| `{number.name}` | {_value(number.value)} | {number.unit} | {number.reason} | {number.source} |"
             for number in numbers_of(policy)

@@ -15,7 +15,6 @@ import numpy as np
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
-from skyproof.detectors.policy import policy_field
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
@@ -39,6 +38,7 @@ from skyproof.records import (
     SignalId,
     SignalRef,
 )
+from skyproof.records.policy import number
 
 __all__ = ["PlainFix", "Residual", "ResidualPolicy", "ResidualSettings", "plain_fixes"]
 
@@ -47,15 +47,13 @@ __all__ = ["PlainFix", "Residual", "ResidualPolicy", "ResidualSettings", "plain_
 class ResidualPolicy:
     """Numbers by which the residual test decides, each with its reason."""
 
-    no_echo_m: float = policy_field(
-        1e4,
-        unit="m",
-        reason="No reflection is so late: what comes a detour of ten kilometres is far below what is tracked.",
+    no_echo_m: float = number(
+        1e4, "m", "No reflection is so late: what comes a detour of ten kilometres is far below what is tracked."
     )
-    one_orbit_m: float = policy_field(
+    one_orbit_m: float = number(
         200.0,
-        unit="m",
-        reason="All signals of a satellite with a wrong orbit miss a place alike, but for ionosphere and group delays.",
+        "m",
+        "All signals of a satellite with a wrong orbit miss a place alike, but for ionosphere and group delays.",
     )
 
 

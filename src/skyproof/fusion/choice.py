@@ -33,9 +33,10 @@ from typing import Final
 
 import numpy as np
 
-from skyproof.fusion.choice_findings import DETECTOR, REFUSED, chosen, chosen_overlapping, not_chosen, taken_for_true
+from skyproof.fusion.choice_findings import DETECTOR, chosen, chosen_overlapping, not_chosen, taken_for_true
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
+from skyproof.fusion.policy import POLICY
 from skyproof.fusion.rivals import FixMaker, Kind, Rivals, reference_kind, rivals_of, with_clock_near
 from skyproof.fusion.skies import sky_onset
 from skyproof.fusion.timeline import Onset
@@ -56,13 +57,6 @@ from skyproof.records import (
 __all__ = ["DETECTOR", "ChoiceRules", "Chosen", "Compared", "choices"]
 
 _Data = Mapping[str, Datum]
-_GOES_ON: Final = 1e-6
-"""Probability that a window which is taken for true, or a chosen sky that is alone again, does not go on."""
-_MOSTLY: Final = 0.75
-"""Share of its signals by which a set is the sky that was chosen before."""
-_NO_CHANCE: Final = 7
-"""Satellites of a sky that true and false signals, some of each, do not make by chance: three ranges beyond the four
-that fit any position, within metres of hundreds."""
 _SIDES: Final = {"authentic": 1, "spoofed": -1}
 
 
@@ -281,7 +275,7 @@ class _Chooser:
         """doubt : that these are not skies to choose from."""
         skies = tuple(one.whole for one in shown)
         most_wrong = max(self.rules.most_wrong - doubt, 0.0)
-        choice = choose(expected, skies, most_wrong=most_wrong, false_alarm_probability=REFUSED)
+        choice = choose(expected, skies, most_wrong=most_wrong, false_alarm_probability=POLICY.refused_probability)
         if state.chosen or state.fixes:
             return choice, state
         by = state.foresight.by
@@ -332,14 +326,15 @@ class _Chooser:
         assert choice.chosen is not None
         taken, most_wrong = skies[choice.chosen], self.rules.most_wrong
         parted = any(parted_unseen(taken, one, choice.used, probability=most_wrong) for one in skies)
-        return parted and min(len({signal.sat for signal in s.signals}) for s in window.sets) < _NO_CHANCE
+        fewest = min(len({signal.sat for signal in s.signals}) for s in window.sets)
+        return parted and fewest < POLICY.no_chance_satellites
 
     def _alone(
         self, window: Rivals, shown: SkyFix, expected: Known, state: _State, rests_on: Mapping[str, Datum]
     ) -> tuple[list[Finding], _State]:
         """A sky without another one beside it, after the second was seen: it is taken if it was chosen before."""
         (only,) = window.sets
-        same = len(state.chosen.intersection(only.signals)) >= _MOSTLY * len(only.signals)
+        same = len(state.chosen.intersection(only.signals)) >= POLICY.same_sky_share * len(only.signals)
         if not same or state.refused.intersection(only.signals) or not _goes_on(expected, shown.whole):
             return [], state
         data = dict(rests_on) | {"by": state.foresight.by}
@@ -355,7 +350,7 @@ def _goes_on(expected: Known, fix: Known) -> bool:
     """Whether a fix is no farther from what was expected than chance allows; also where nothing of it was."""
     if not set(expected.there).intersection(fix.there):
         return True
-    return float(choose(expected, [fix]).fits[0]) >= _GOES_ON
+    return float(choose(expected, [fix]).fits[0]) >= POLICY.goes_on_probability
 
 
 def _spans(windows: Sequence[Rivals]) -> list[tuple[Rivals, np.datetime64]]:

@@ -5,6 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from skyproof.fusion.policy import POLICY
 from skyproof.fusion.rivals import Rivals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.foresight import SkyFix
@@ -20,15 +21,11 @@ from skyproof.records import (
     SignalRef,
 )
 
-__all__ = ["CHOSEN", "DETECTOR", "REFUSED", "chosen", "chosen_overlapping", "not_chosen", "taken_for_true"]
+__all__ = ["CHOSEN", "DETECTOR", "chosen", "chosen_overlapping", "not_chosen", "taken_for_true"]
 
 DETECTOR: Final = "prediction"
 CHOSEN: Final = ("chosen_first", "chosen_overlapping")
 """Codes of the findings in which a true sky was chosen first."""
-REFUSED: Final = 1e-3
-"""Probability that the true sky is refused in a window because it does not fit."""
-_LEAST_WRONG: Final = 1e-12
-"""Probability of a wrong choice below which the model of errors does not reach."""
 _UNTESTED: Final = 1.0
 
 
@@ -60,7 +57,7 @@ def chosen(
 ) -> list[Finding]:
     """Return that one sky is authentic and the others are spoofed. first : of its receiver."""
     assert choice.chosen is not None
-    wrong = max(choice.wrong_probability, _LEAST_WRONG)
+    wrong = max(choice.wrong_probability, POLICY.least_wrong_probability)
     fits = {number: float(fit) for number, fit in enumerate(choice.fits)}
     common: dict[str, Any] = {
         "detector": DETECTOR,
@@ -139,8 +136,8 @@ def not_chosen(
     # Skies that do not differ, or of which both may be false, leave nothing to test by.
     p, alpha = {Cause.FALSE_SKY: _UNTESTED}, most_wrong
     hypothesis = Hypothesis.FALSE_SKY
-    if fit < REFUSED:
-        code, hypothesis, alpha = "none_fits", Hypothesis.ONE_OF_SKIES, REFUSED
+    if fit < POLICY.refused_probability:
+        code, hypothesis, alpha = "none_fits", Hypothesis.ONE_OF_SKIES, POLICY.refused_probability
         p = {Cause.CLEAN: fit, Cause.STATEMENT: _UNTESTED}
     elif wrong > most_wrong:
         code, p = "too_uncertain", {Cause.FALSE_SKY: wrong}
@@ -173,7 +170,7 @@ def _compare(shown: Sequence[SkyFix], choice: Choice, by: tuple[str, ...], doubt
         "by": by,
         "apart_m": float(np.linalg.norm(off[:3])),
         "apart_ns": float(abs(off[6]) / SPEED_OF_LIGHT_M_S * 1e9),
-        "wrong": float(max(choice.wrong_probability + doubt, _LEAST_WRONG)),
+        "wrong": float(max(choice.wrong_probability + doubt, POLICY.least_wrong_probability)),
     }
 
 

@@ -23,6 +23,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.fusion.policy import POLICY
 from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_of
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.foresight import Foresight, SkyFix
@@ -35,19 +36,7 @@ from skyproof.statistics.leave_out import largest_p_value_without
 __all__ = ["DETECTOR", "departures"]
 
 DETECTOR: Final = "inertia"
-_TRIED: Final = 2.0
-"""So much larger than before may changes of velocity be while they part."""
-_QUIET_M_S: Final = 0.5
-"""A change of velocity that is never too large."""
-_WINDOWS: Final = 2
-"""In which the unit has to have gone on with the signals."""
-_AT_ONCE_S, _AFTER_S, _SHARE = 2.0, 4.0, 0.7
-"""Within so long velocities part by this share of all, and stay so for so long."""
-_BLOW_M_S: Final = 0.1
-"""What one reading beside its neighbours may change the velocity by: more is a blow, or an error of the log."""
 _CLOCK: Final = np.array([6, 7])
-_EVERY_S: Final = 0.25  # between looks at a window
-_LEAST = 5  # satellites
 _UNTESTED: Final = 1.0  # p-value of a cause that leaves nothing to test
 
 
@@ -145,7 +134,7 @@ class _Walk:
         """At both velocities through a window."""
         ahead, found = self.foresight, list[_Look]()
         for one in fix.each:
-            near = found and float(seconds_between(one.gpst, found[-1].gpst)) < _EVERY_S
+            near = found and float(seconds_between(one.gpst, found[-1].gpst)) < POLICY.look_interval_s
             if near or one.there.size < 6:
                 continue
             ahead = ahead.until(one.gpst)
@@ -181,13 +170,13 @@ class _Walk:
         """Return the code of why a benign cause may have done it, None if none may; and the p-value without two."""
         if self.named:
             return None, None
-        if self.went_on < _WINDOWS:
+        if self.went_on < POLICY.tried_windows:
             return "not_tried", None
-        if _change_m_s(self.looks) > max(_TRIED * self.tried_m_s, _QUIET_M_S):
+        if _change_m_s(self.looks) > max(POLICY.tried_ratio * self.tried_m_s, POLICY.quiet_m_s):
             return "moved_more", None
         if not _at_once(self.looks):
             return "parts_slowly", None
-        if self._blow_m_s(window) > _BLOW_M_S:
+        if self._blow_m_s(window) > POLICY.blow_m_s:
             return "blow", None
         without_two = self._without_two(window, shown)
         return ("by_some", None) if without_two >= self.alpha else (None, without_two)
@@ -205,7 +194,7 @@ class _Walk:
                     yield choose(without(expected, _CLOCK), [fix]).fits[0]
 
         sats = sorted({signal.sat for signal in shown.sky.signals})
-        return largest_p_value_without(sats, p_values, least=_LEAST, enough=self.alpha)
+        return largest_p_value_without(sats, p_values, least=POLICY.least_satellites, enough=self.alpha)
 
     def _blow_m_s(self, window: Rivals) -> float:
         """The largest change of velocity that one reading makes beside its neighbours, since the last fix learned."""
@@ -226,15 +215,15 @@ def _change_m_s(looks: Sequence[_Look]) -> float:
 
 def _at_once(looks: Sequence[_Look]) -> bool:
     """Whether velocities part within moments and stay so."""
-    if len(looks) < 3:
+    if len(looks) < POLICY.least_looks:
         return False
     t = np.asarray(seconds_between(np.array([one.gpst for one in looks]), looks[0].gpst), np.float64)
     apart = np.array([one.apart_m_s for one in looks])
-    late = apart[t >= t[-1] - _AT_ONCE_S].mean(axis=0)
+    late = apart[t >= t[-1] - POLICY.parts_within_s].mean(axis=0)
     size = float(np.linalg.norm(late))
     if not size:
         return False
     along = apart @ (late / size)
-    begun = np.searchsorted(t, t + _AT_ONCE_S)
-    early = np.flatnonzero((begun < t.size) & (t + _AT_ONCE_S <= t[-1] - _AFTER_S))
-    return bool(np.any(along[begun[early]] - along[early] >= _SHARE * size))
+    begun = np.searchsorted(t, t + POLICY.parts_within_s)
+    early = np.flatnonzero((begun < t.size) & (t + POLICY.parts_within_s <= t[-1] - POLICY.stays_parted_s))
+    return bool(np.any(along[begun[early]] - along[early] >= POLICY.parted_share * size))

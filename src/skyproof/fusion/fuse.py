@@ -17,6 +17,7 @@ from skyproof.arrays import Booleans
 from skyproof.fusion.interference import Spell, spells_of
 from skyproof.fusion.labels import FalseSource, LabelledSignal, label_signals, sources_of
 from skyproof.fusion.open_question import OpenQuestion, open_question
+from skyproof.fusion.policy import POLICY
 from skyproof.fusion.skies import skies_of, sky_onset
 from skyproof.fusion.suspicion import ODD, Suspicion, suspicion_of
 from skyproof.fusion.timeline import Onset, end_of, onset_of
@@ -28,11 +29,6 @@ from skyproof.records import ConsistentSet, Finding, ObservationLog
 __all__ = ["Decision", "fuse"]
 
 VerdictWord = Literal["authentic", "no_attack_seen", "suspect", "spoofed"]
-ENOUGH = 4  # signals for a fix
-MOMENT_S = 5.0  # after a loss of all signals it takes so long until a window can speak for the new ones
-ALONE_S = 30.0
-"""Recorders that are started and stopped by hand are apart by less. One that is recorded alone for longer leaves the
-verdict open: an attack on it could begin or end then."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -133,14 +129,18 @@ def _always_authentic(o: ObservationLog, labels: Sequence[LabelledSignal], all_o
     """Whether a fix could be made of authentic signals, but for moments, whenever enough signals were received for one,
     and ever.
 
-    Moments last `MOMENT_S`, or as long as two epochs that are missing; without any epoch nothing was received. What was
-    recorded alone does not matter for `ALONE_S`.
+    Without any epoch nothing was received. What was recorded alone does not matter for `alone_s`.
     """
     fixed, interval = _fixed(o, labels), interval_s(o.elapsed_s)
-    matters = (o.measured.sum(axis=1) >= ENOUGH) & _in_common(o, all_of, ALONE_S)
+    matters = (o.measured.sum(axis=1) >= POLICY.fix_signals) & _in_common(o, all_of, POLICY.alone_s)
     received_s = np.concatenate([[0.0], np.cumsum(np.minimum(np.diff(o.elapsed_s), interval))])
     edges_s = np.concatenate([received_s[:1], received_s[~matters | fixed], received_s[-1:]])
-    return bool(fixed.any() and np.diff(edges_s).max() <= max(MOMENT_S, 2.5 * interval))
+    return bool(fixed.any() and np.diff(edges_s).max() <= _moment_s(interval))
+
+
+def _moment_s(interval_s: float) -> float:
+    """Return how long a moment lasts, or two epochs that are missing."""
+    return max(POLICY.moment_s, POLICY.moment_intervals * interval_s)
 
 
 def _without_fix(
@@ -151,9 +151,10 @@ def _without_fix(
     authentic : of authentic signals, in the time that all have in common.
     """
     for o in observations:
-        good = _fixed(o, labels) | ~_in_common(o, observations) if authentic else o.measured.sum(axis=1) >= ENOUGH
+        enough = o.measured.sum(axis=1) >= POLICY.fix_signals
+        good = _fixed(o, labels) | ~_in_common(o, observations) if authentic else enough
         apart_s = np.diff(np.concatenate([o.elapsed_s[:1], o.elapsed_s[good], o.elapsed_s[-1:]]))
-        seconds = float(apart_s[apart_s > max(MOMENT_S, 2.5 * interval_s(o.elapsed_s))].sum())
+        seconds = float(apart_s[apart_s > _moment_s(interval_s(o.elapsed_s))].sum())
         if seconds > 0.0:
             yield o.receiver, seconds
 
@@ -165,15 +166,15 @@ def _fixed(o: ObservationLog, labels: Sequence[LabelledSignal]) -> Booleans:
         if s.ref.receiver == o.receiver and s.label == "authentic":
             rows = slice(s.first_epoch, s.last_epoch + 1)
             authentic[rows] += o.measured[rows, o.signals.index(s.ref.signal)]
-    fixed: Booleans = authentic >= ENOUGH
+    fixed: Booleans = authentic >= POLICY.fix_signals
     return fixed
 
 
 def _alone(labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog]) -> Iterator[tuple[str, float]]:
     for o in observations:
-        alone = ~_fixed(o, labels) & ~_in_common(o, observations) & (o.measured.sum(axis=1) >= ENOUGH)
+        alone = ~_fixed(o, labels) & ~_in_common(o, observations) & (o.measured.sum(axis=1) >= POLICY.fix_signals)
         seconds = float(alone.sum() * interval_s(o.elapsed_s))
-        if seconds > MOMENT_S:
+        if seconds > POLICY.moment_s:
             yield o.receiver, seconds
 
 

@@ -20,6 +20,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from skyproof.arrays import Integers, Reals
+from skyproof.fusion.policy import POLICY
 from skyproof.navigation.window import interval_s
 from skyproof.records import Finding, ObservationLog, SignalRef
 
@@ -28,15 +29,6 @@ __all__ = ["FalseSource", "Label", "LabelledSignal", "label_signals", "sources_o
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
 LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
 SILENT = -1
-MIN_WINDOW_SHARE = 0.4
-BRIDGE_S = 11.0
-"""Between two windows that say so, a signal that is tracked on is authentic for so long without evidence: one usual
-window, or one of this run where those are longer. Before the first and after the last it is not."""
-BEFORE_S = 5.0
-"""A signal that begins no longer than this before the first window that says so is spoofed from the start: what a usual
-window leaves out at its end, or half of one of this run. What was there longer can have been captured since."""
-NEARLY_ALL = 0.75
-"""Of the signals that failed a test together: if fewer of them are authentic, that many are not just faulty ones."""
 Node = TypeVar("Node", bound=Hashable)
 
 
@@ -129,7 +121,7 @@ def _votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[SignalRef, li
         for e in said:
             own = {ref for ref in e.subject if ref.receiver == o.receiver}
             label: Label = e.says if e.says in ("authentic", "spoofed", "multipath") else "unknown"
-            if label == "authentic" and any(len((own | false) & f) < NEARLY_ALL * len(f) for f in failed):
+            if label == "authentic" and any(len((own | false) & f) < POLICY.nearly_all_share * len(f) for f in failed):
                 label = "unknown"
             if e.says == "authentic":
                 own -= overruled
@@ -202,8 +194,8 @@ def _label_arc(
         here = said[vote.first_epoch - arc[0] : vote.last_epoch - arc[0] + 1]
         code = LABELS.index(vote.label)
         here[:] = np.where((here == SILENT) | (here == code), code, LABELS.index("unknown"))
-    bridge_s = max(BRIDGE_S, window_s + 1.5 * interval_s(o.elapsed_s))
-    before_s = max(BEFORE_S, 0.5 * window_s)
+    bridge_s = max(POLICY.bridged_s, window_s + POLICY.gap_intervals * interval_s(o.elapsed_s))
+    before_s = max(POLICY.begins_before_s, POLICY.begins_before_share * window_s)
     codes = _filled(said, o.elapsed_s[arc[0] : arc[1] + 1], bridge_s, before_s)
     starts = np.flatnonzero(np.diff(codes, prepend=SILENT))
     ends = np.append(starts[1:], codes.size) - 1
@@ -216,7 +208,7 @@ def _label_arc(
 def _within(vote: _Vote, arc: tuple[int, int]) -> _Vote | None:
     """The part of a vote that lies in an arc; None if that is little of it: a window speaks for what fills it."""
     first, last = max(vote.first_epoch, arc[0]), min(vote.last_epoch, arc[1])
-    if last - first + 1 < MIN_WINDOW_SHARE * (vote.last_epoch - vote.first_epoch + 1):
+    if last - first + 1 < POLICY.window_in_arc_share * (vote.last_epoch - vote.first_epoch + 1):
         return None
     whole = (first, last) == (vote.first_epoch, vote.last_epoch)
     return vote if whole else replace(vote, first_epoch=first, last_epoch=last)

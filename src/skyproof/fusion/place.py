@@ -23,9 +23,11 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.fusion.policy import POLICY
 from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_of
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED, position_slips
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix, Standing
 from skyproof.navigation.known import KNOWN, Known, without
 from skyproof.navigation.prediction import choose
@@ -36,16 +38,7 @@ __all__ = ["DETECTOR", "displacements"]
 
 DETECTOR: Final = "place"
 _ALL_BUT_PLACE: Final = np.arange(3, 8)
-_LEAST = 5  # satellites
-_MISFITS: Final = 1  # satellites
 _UNTESTED: Final = 1.0  # p-value of a cause that leaves nothing to test
-_LABEL: Final = np.timedelta64(20, "ms")
-"""By which a receiver's label may be off the instant of its epoch."""
-_MEANT: Final = 1e-3
-"""p-value from which on the place that a slip gives is the one that is shown."""
-_DATUM_M: Final = 2.0
-"""One sigma on each axis of what a survey's datum differs by from that of the orbits: NAD 83 lies 1 to 2 m from WGS 84
-(EPSG:1188 takes them for equal, accuracy 4 m)."""
 
 
 def displacements(
@@ -118,7 +111,8 @@ class _Watch:
         if place is None or not place.there.size:
             return None
         if self.foresight.surveyed:
-            place = replace(place, covariance=place.covariance + _DATUM_M**2 * np.diag(np.arange(KNOWN) < 3))
+            datum_m2 = POLICY.datum_sigma_m**2 * np.diag(np.arange(KNOWN) < 3)
+            place = replace(place, covariance=place.covariance + datum_m2)
         return _Shown(sky, fix, place, float(choose(place, [fix]).fits[0]))
 
     def _report(self, window: Rivals, shown: _Shown) -> Finding:
@@ -162,7 +156,7 @@ class _Watch:
         if first >= len(each):
             return None
         gpst = self.maker.log.gpst
-        row = int(np.searchsorted(gpst, each[first].gpst - _LABEL))
+        row = int(np.searchsorted(gpst, each[first].gpst - timedelta_from_s(POLICY.label_off_s)))
         dated: np.datetime64 = gpst[min(row, gpst.size - 1)]
         return dated
 
@@ -177,7 +171,7 @@ class _Watch:
             mean[:3] = slip.position_ecef_m
             covariance[:3, :3] += slip.covariance_m2
             meant = replace(shown.expected, mean=mean, covariance=covariance)
-            if choose(meant, [shown.fix]).fits[0] >= _MEANT:
+            if choose(meant, [shown.fix]).fits[0] >= POLICY.slip_p_value:
                 value = height if slip.code == HEIGHT else slip.value
                 found.append(WrongStatement(code=slip.code, about=about, words=slip.words, value=value))
         if found:
@@ -205,7 +199,7 @@ class _Watch:
         o = log.read(*(int(row) for row in np.searchsorted(log.gpst, np.array([window.start, window.end]))))
         measured = np.flatnonzero(np.isfinite(o.pseudorange_m).any(axis=0))
         there = {o.signals[column].sat for column in measured}
-        return len(there & self.fitted - {signal.sat for signal in sky.signals}) <= _MISFITS
+        return len(there & self.fitted - {signal.sat for signal in sky.signals}) <= POLICY.misfit_satellites
 
     def _without_two(self, window: Rivals, shown: _Shown) -> float:
         """Return the largest p-value without any two satellites; 1 where too few are left."""
@@ -216,4 +210,4 @@ class _Watch:
                 yield 1.0 if fix is None else choose(shown.expected, [fix]).fits[0]
 
         sats = sorted({signal.sat for signal in shown.sky.signals})
-        return largest_p_value_without(sats, p_values, least=_LEAST, enough=self.alpha)
+        return largest_p_value_without(sats, p_values, least=POLICY.least_satellites, enough=self.alpha)

@@ -7,6 +7,7 @@ from typing import Final, TypeAlias
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.fusion.policy import POLICY
 from skyproof.fusion.trusted import fix_of, masked, of_signals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between, timedelta_from_s
@@ -26,8 +27,6 @@ from skyproof.records import (
 __all__ = ["FixMaker", "Kind", "Rivals", "reference_kind", "rivals_of", "with_clock_near"]
 
 Kind: TypeAlias = tuple[str, str, str]
-_AT_END: Final = 4  # epochs, of which one has a fix
-_SAME_EPOCH_S: Final = 0.02
 _MS_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S
 
 
@@ -68,7 +67,7 @@ def rivals_of(o: ObservationLog, evidence: Sequence[Finding], sets: Iterable[Con
         while following is not None and following.gpst < end:
             here += [following] if following.gpst >= start else []
             following = next(mine, None)
-        kept = tuple(s for s in here if len(one.late.intersection(s.signals)) < 0.5 * len(s.signals))
+        kept = tuple(s for s in here if len(one.late.intersection(s.signals)) < POLICY.late_share * len(s.signals))
         doubted = one.doubted or len(kept) > 1
         overlapping = tuple(sorted(one.overlapping, key=lambda skies: skies.sets[0].gpst))
         yield Rivals(
@@ -124,7 +123,7 @@ class FixMaker:
         mean[rows] = np.append(s.position_ecef_m, clock_m)[: rows.size]
         covariance[np.ix_(rows, rows)] = s.covariance_m2[: rows.size, : rows.size]
         each = self._each(window, s, kind) if epochs else ()
-        middle = [one for one in each if abs(float(seconds_between(one.gpst, gpst))) < _SAME_EPOCH_S]
+        middle = [one for one in each if abs(float(seconds_between(one.gpst, gpst))) < POLICY.same_instant_s]
         if middle:
             rates = np.intersect1d(middle[0].there, [3, 4, 5, 7])
             mean[rates] = middle[0].mean[rates]
@@ -139,7 +138,7 @@ class FixMaker:
         """The last fix of a window by its first kind of signals, without some satellites; None if there is none."""
         own = [signal for signal in s.signals if signal.kind == reference_kind(s) and signal.sat not in without]
         stop = int(np.searchsorted(self.log.gpst, window.end))
-        found = self._of(own, max(stop - _AT_END, 0), stop)
+        found = self._of(own, max(stop - POLICY.at_end_epochs, 0), stop)
         return found[-1] if found else None
 
     def _each(self, window: Rivals, s: ConsistentSet, kind: Kind, *, smoothed: bool = False) -> tuple[Known, ...]:

@@ -6,19 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyproof.fusion.labels import LabelledSignal
+from skyproof.fusion.policy import POLICY
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.window import interval_s
 from skyproof.records import ObservationLog, SignalRef
 
 __all__ = ["Onset", "end_of", "onset_of"]
-
-
-HIDDEN_CHIPS = 2.0
-"""Two signals of a satellite nearer than this may have been one before: the search cannot part them."""
-TOGETHER_S = 1.5
-"""Signals that are found within this of the first came with it: three searches, or an epoch."""
-SEARCH_S = 0.02
-"""The search looks at so much of the recording, from its instant on."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,13 +54,13 @@ def onset_of(signals: Collection[SignalRef], observations: Sequence[ObservationL
                 found_s, missed_s = float(o.found_elapsed_s[column]), float(o.missed_elapsed_s[column])
                 if np.isnan(missed_s):
                     return Onset(seen=_instant(o, 0.0), earliest=None, from_start=True)
-                found.append((_instant(o, found_s + SEARCH_S), _instant(o, missed_s), _was_hidden(o, column)))
+                found.append((_instant(o, found_s + POLICY.searched_s), _instant(o, missed_s), _was_hidden(o, column)))
     if not found:
         return None
     seen, missed, _ = min(found, key=lambda each: each[0])
-    together_s = max(TOGETHER_S, *(1.5 * interval_s(o.elapsed_s) for o in observations))
+    together_s = max(POLICY.together_s, *(POLICY.gap_intervals * interval_s(o.elapsed_s) for o in observations))
     company = [hidden for at, _, hidden in found if at - seen <= timedelta_from_s(together_s)]
-    return Onset(seen=seen, earliest=None if sum(company) > 0.5 * len(company) else missed)
+    return Onset(seen=seen, earliest=None if sum(company) > POLICY.hidden_share * len(company) else missed)
 
 
 def _was_hidden(o: ObservationLog, column: int) -> bool:
@@ -80,7 +73,7 @@ def _was_hidden(o: ObservationLog, column: int) -> bool:
         if o.found_elapsed_s[other] > o.found_elapsed_s[column]:
             continue
         both = there[o.measured[there, other]][:1]
-        if both.size and _apart_m(o, column, other, int(both[0])) < HIDDEN_CHIPS * signal.plan.chip_m:
+        if both.size and _apart_m(o, column, other, int(both[0])) < POLICY.hidden_chips * signal.plan.chip_m:
             return True
     return False
 
@@ -90,17 +83,15 @@ def _apart_m(o: ObservationLog, one: int, other: int, epoch: int) -> float:
     return float(np.abs(a - b)[0])
 
 
-def end_of(
-    false: Sequence[LabelledSignal], observations: Sequence[ObservationLog], *, patience_s: float = 3.0
-) -> np.datetime64 | None:
-    """The last epoch of any false signal, if all receivers went on at least `patience_s`, and two
-    epochs, without one; else None."""
+def end_of(false: Sequence[LabelledSignal], observations: Sequence[ObservationLog]) -> np.datetime64 | None:
+    """The last epoch of any false signal, if all receivers went on without one for at least `ended_s`, and
+    for two epochs; else None."""
     ends = []
     for o in observations:
         last = max((s.last_epoch for s in false if s.ref.receiver == o.receiver), default=None)
         if last is None:
             continue
-        if o.elapsed_s[-1] - o.elapsed_s[last] < max(patience_s, 1.5 * interval_s(o.elapsed_s)):
+        if o.elapsed_s[-1] - o.elapsed_s[last] < max(POLICY.ended_s, POLICY.gap_intervals * interval_s(o.elapsed_s)):
             return None
         ends.append(o.gpst[last])
     return max(ends, default=None)

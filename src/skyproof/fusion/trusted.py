@@ -8,17 +8,13 @@ import numpy as np
 
 from skyproof.arrays import Booleans
 from skyproof.fusion.labels import Label, LabelledSignal
+from skyproof.fusion.policy import POLICY
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.protection import protected
 from skyproof.navigation.screen import screened
 from skyproof.records import OBSERVABLES, CellStatus, Fix, NavigationData, ObservationLog, Observations, SignalId
 
 __all__ = ["carries", "fix_of", "masked", "of_signals"]
-
-NEARLY_AS_MANY = 0.75
-"""A band is not left for one that has a satellite more."""
-ORDINARY_ALARMS = 1e-3
-"""At which rate a receiver without protection looks for measurements to leave out."""
 
 
 def carries(log: ObservationLog, labels: Sequence[LabelledSignal], label: Label) -> Booleans:
@@ -70,7 +66,7 @@ def fix_of(
         usable[np.ix_(twice, columns)] = False
     usable &= _one_kind_a_scale(observations.signals, usable)
     kept = np.flatnonzero(usable.any(axis=0))
-    if kept.size < 4:
+    if kept.size < POLICY.fix_signals:
         return None
     signals = tuple(observations.signals[k] for k in kept)
     found, geometry = fix_and_geometry(
@@ -79,7 +75,7 @@ def fix_of(
         signals=signals,
         multipath_sigma_m=multipath_sigma_m,
         elevation_mask_deg=elevation_mask_deg,
-        false_alarm_probability=ORDINARY_ALARMS if ordinary else None,
+        false_alarm_probability=POLICY.ordinary_alarm_probability if ordinary else None,
     )
     kept_fix = screened(found, geometry, with_misfits=ordinary)
     return kept_fix if integrity_risk is None else protected(kept_fix, geometry, integrity_risk=integrity_risk)
@@ -88,7 +84,7 @@ def fix_of(
 def _one_kind_a_scale(signals: Sequence[SignalId], usable: Booleans) -> Booleans:
     """Which cells (n_epochs, n_signals) are of the kind that is taken: one per time scale and epoch.
 
-    The first kind, L1 before L2, that has `NEARLY_AS_MANY` of the signals that any of the scale has. So the scale's
+    The first kind, L1 before L2, that has `band_share` of the signals that any of the scale has. So the scale's
     clock is one kind's, where bands are false at different times as well; it steps where the kind changes.
     """
     taken = np.zeros_like(usable)
@@ -96,6 +92,6 @@ def _one_kind_a_scale(signals: Sequence[SignalId], usable: Booleans) -> Booleans
         kinds = sorted({signal.kind for signal in signals if signal.kind[0] == scale})
         of = np.array([kinds.index(signal.kind) if signal.kind in kinds else -1 for signal in signals])
         count = np.stack([usable[:, of == number].sum(axis=1) for number in range(len(kinds))])
-        chosen = np.argmax(count >= NEARLY_AS_MANY * count.max(axis=0), axis=0)
+        chosen = np.argmax(count >= POLICY.band_share * count.max(axis=0), axis=0)
         taken |= of == chosen[:, None]
     return taken

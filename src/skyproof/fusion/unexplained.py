@@ -8,6 +8,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.fusion.labels import LabelledSignal
+from skyproof.fusion.policy import POLICY
 from skyproof.records import Finding, ObservationLog, SignalId, SignalRef
 from skyproof.statistics.medians import medians
 
@@ -21,9 +22,6 @@ rival : beside one, but earlier or stronger: no reflection is. Likewise of two o
 misfit : the only signal of its satellite there, in a test that failed: a fault, an echo alone or an imitation.
 untested : the only one of its satellite, and nothing spoke of it: received by one receiver only, or too shortly.
 """
-SHORT_S = 5.0
-"""What is received for less than this, or less than half of a shorter recording, is not counted: a search's false alarm
-lives no longer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +58,9 @@ def unexplained(
         for s in own:
             if s.label == "unknown" and (s.ref not in longest or _length_s(s, o) > _length_s(longest[s.ref], o)):
                 longest[s.ref] = s
-        short_s = min(SHORT_S, 0.5 * float(o.elapsed_s[-1] - o.elapsed_s[0])) if o.elapsed_s.size else SHORT_S
-        least_s = {True: 1.01 * window_s if parts else np.inf, False: short_s}
+        length_s = float(o.elapsed_s[-1] - o.elapsed_s[0]) if o.elapsed_s.size else np.inf
+        short_s = min(POLICY.counted_s, POLICY.counted_share * length_s)
+        least_s = {True: POLICY.longer_windows * window_s if parts else np.inf, False: short_s}
         left = [s for ref, s in longest.items() if _length_s(s, o) >= least_s[ref in decided]]
         # Where nothing at all is decided it is no news that a signal is not; that a satellite is there twice is.
         found += [_explained(s, own, o, s.ref in failed) for s in left] if decided else _doubles(left, o)

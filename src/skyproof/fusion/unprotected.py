@@ -3,28 +3,22 @@
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
+from skyproof.fusion.policy import POLICY
 from skyproof.navigation.window import interval_s
 from skyproof.records import ObservationLog
 
-__all__ = ["HOLD_S", "SEARCH_S", "followed"]
-
-HOLD_S = 1.0
-"""A signal that is not measured for so long still counts as followed: a receiver's loops coast through a short fade.
-At least from one epoch to the next."""
-
-SEARCH_S = 2.0
-"""So long a receiver searches for a signal that it has not, or has lost, and takes the strongest of what it finds."""
+__all__ = ["followed"]
 
 
 def followed(log: ObservationLog) -> Booleans:
     """Which cells (n_epochs, n_signals) a receiver without protection would have.
 
     Of what a satellite sends on one band in one code it begins with the strongest signal that a search finds, keeps it
-    while it is received, and searches again when it has lost it for more than `HOLD_S`: who jams it first and then
+    while it is received, and searches again when it has lost it for more than `coasts_s`: who jams it first and then
     transmits the strongest signals leads it.
     """
     mask = np.array(log.measured)
-    hold_s = max(HOLD_S, 1.5 * interval_s(log.elapsed_s))
+    hold_s = max(POLICY.coasts_s, POLICY.gap_intervals * interval_s(log.elapsed_s))
     for transmission in {signal.transmission for signal in log.signals}:
         columns = [i for i, signal in enumerate(log.signals) if signal.transmission == transmission]
         if len(columns) > 1:
@@ -40,7 +34,7 @@ def _followed(elapsed_s: Reals, there: Booleans, cn0_dbhz: Reals, hold_s: float)
     epoch = 0
     while there[epoch:].any():
         epoch += int(np.argmax(there[epoch:].any(axis=1)))
-        found = (elapsed_s >= elapsed_s[epoch]) & (elapsed_s <= elapsed_s[epoch] + SEARCH_S)
+        found = (elapsed_s >= elapsed_s[epoch]) & (elapsed_s <= elapsed_s[epoch] + POLICY.searches_s)
         column = int(np.argmax(np.max(strength, axis=0, initial=-np.inf, where=found[:, np.newaxis])))
         own = epoch + np.flatnonzero(there[epoch:, column])
         lost = np.append(np.diff(elapsed_s[own]), np.inf) > hold_s

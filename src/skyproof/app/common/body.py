@@ -29,6 +29,7 @@ from skyproof.formats.attitude import AttitudeFile, read_attitude
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.imu import ImuFile, imu_of, read_imu
 from skyproof.formats.timed_rows import TimedRows
+from skyproof.fusion.policy import POLICY
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import iso, timedelta_from_s
@@ -50,11 +51,6 @@ __all__ = [
     "with_logged_imu",
 ]
 
-_TILT_MOST_RAD: Final = np.radians(60.0)
-"""Between the vertical of the attitude stated and of the accelerometers: more than bodies bank or speed up."""
-_LEVEL_S: Final = 10.0  # over which the latter is averaged
-_MISSING: Final = np.timedelta64(2, "s")
-"""Of a run, without readings before the first or after the last, is worth a remark."""
 _PIECE_S: Final = 10.0  # of readings that are worked on at once
 _EQUATOR: Final = ecef_from_geodetic(0.0, 0.0, 0.0)
 
@@ -99,7 +95,8 @@ def _coverage(series: ImuSeries | Attitude | None, run: Records) -> tuple[str, .
     own += f"{iso(run.start_gpst, 1)} to {iso(run.end_gpst, 1)}"
     if series.gpst[0] > run.end_gpst or series.gpst[-1] < run.start_gpst:
         return (Remark(f"not used: {own}; check start_gpst", RemarkKind.BEARS),)
-    if max(series.gpst[0] - run.start_gpst, run.end_gpst - series.gpst[-1]) > _MISSING:
+    missing = max(series.gpst[0] - run.start_gpst, run.end_gpst - series.gpst[-1])
+    if missing > timedelta_from_s(POLICY.readings_missing_s):
         partly = f"not there all the time: {own}; what needs it cannot run for the rest"
         return (Remark(partly, RemarkKind.BEARS),)
     return ()
@@ -188,10 +185,10 @@ def _angles(heading_deg: float, pitch_deg: float, roll_deg: float, sigma_deg: fl
 
 def _require_upright(imu: ImuFile, initial: Attitude, where: str) -> None:
     readings = imu.series(np.datetime64(0, "ns"))
-    first = max(round(_LEVEL_S / imu.interval_s), 1)
+    first = max(round(POLICY.levelled_s / imu.interval_s), 1)
     state = _start(readings, initial, _EQUATOR)
     tilt_rad = apparent_tilt_rad(state, readings.specific_force_m_s2[:first])
-    if tilt_rad > _TILT_MOST_RAD:
+    if tilt_rad > POLICY.most_tilt_rad:
         raise SettingsError(
             f"{where}: gravity in the accelerometers of {imu.source} is {np.degrees(tilt_rad):.0f} degrees from the "
             "vertical by the attitude stated at the first reading; correct axes or initial in [imu]"

@@ -12,15 +12,11 @@ from skyproof.app.common.settings import Settings
 from skyproof.errors import SettingsError
 from skyproof.formats.documents import read_toml
 from skyproof.formats.models import Model, Number, faults_of, repeated
+from skyproof.fusion.policy import POLICY
 
 __all__ = ["SCHEMA_PATH", "Platform", "platform_schema", "read_platform"]
 
 SCHEMA_PATH: Final = Path(__file__).with_name("platform.schema.json")
-
-FARTHEST_M: Final = 1e5
-"""Receivers that are compared see nearly the same sky."""
-AGREEING_SIGMAS: Final = 5.0
-"""Surveyed positions and places in the body frame that differ by more contradict each other."""
 
 
 class Platform(Model):
@@ -82,16 +78,16 @@ def _require_one_place(receivers: Sequence[PlatformReceiver]) -> None:
     for at, (number, one, here) in enumerate(placed):
         for other, two, there in placed[:at]:
             apart_m = dist(here.ecef_m, there.ecef_m)
-            if apart_m > FARTHEST_M:
+            if apart_m > POLICY.compared_within_m:
                 raise ValueError(
                     f"[{number}].position is {apart_m / 1e3:.0f} km from [{other}].position, expected "
-                    f"{FARTHEST_M / 1e3:.0f} km or less; check latitude and longitude of both"
+                    f"{POLICY.compared_within_m / 1e3:.0f} km or less; check latitude and longitude of both"
                 )
             if one.body_m is None or two.body_m is None:
                 continue
             body_m = dist(one.antennas_body_m[0], two.antennas_body_m[0])
             sigma_m = hypot(here.sigma_m, there.sigma_m, one.body_sigma_m, two.body_sigma_m)
-            if abs(apart_m - body_m) > AGREEING_SIGMAS * sigma_m:
+            if abs(apart_m - body_m) > POLICY.statements_agree_sigmas * sigma_m:
                 raise ValueError(
                     f"[{number}].position is {apart_m:.2f} m from [{other}].position, but their body_m are "
                     f"{body_m:.2f} m apart (one sigma {sigma_m:.2f} m); correct one of the two"

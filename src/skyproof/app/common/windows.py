@@ -15,6 +15,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.arrays import Instants, Reals
 from skyproof.detectors.base import Detector
 from skyproof.detectors.registry import examined, load_detectors, made_with, review_of
+from skyproof.fusion.policy import POLICY
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.interruption import watch
 from skyproof.navigation.clock import time_breaks
@@ -61,12 +62,6 @@ H = TypeVar("H", bound=Hashable)
 NO_TIME = np.datetime64("NaT", "ns")
 RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAVIGATION})
 """What any detector may need that every receiver makes, sooner or later; the rest is of special equipment."""
-LEAST_EPOCHS = 5
-"""Of a window."""
-ALONE = np.timedelta64(2, "s")
-"""Receivers that begin or end so nearly together have the windows of the first and the last."""
-MIN_WINDOW_SHARE = 0.5
-"""A last window shorter than this share of a whole one is joined to the one before."""
 
 
 def cut(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Observations:
@@ -91,7 +86,7 @@ def span_s(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np
 
 def following_epochs(settings: Settings, observations: Sequence[ObservationLog]) -> Settings:
     """The settings with windows of at least five epochs of the receiver that has fewest."""
-    needed_s = round(LEAST_EPOCHS * max((interval_s(o.elapsed_s) for o in observations), default=0.0), 3)
+    needed_s = round(POLICY.least_window_epochs * max((interval_s(o.elapsed_s) for o in observations), default=0.0), 3)
     return settings if needed_s <= settings.window_s else settings.model_copy(update={"window_s": needed_s})
 
 
@@ -114,7 +109,8 @@ def window_edges(
     # Between epochs: those of receivers that do not steer their clocks come some milliseconds early or late.
     early = timedelta_from_s(0.5 * max(interval_s(o.elapsed_s) for o in observations))
     all_from, all_to = max(o.gpst[0] for o in observations), min(o.gpst[-1] for o in observations)
-    alone = [at for at, by in ((all_from, all_from - first), (all_to + 2 * early, last - all_to)) if by > ALONE]
+    most = timedelta_from_s(POLICY.ends_together_s)
+    alone = [at for at, by in ((all_from, all_from - first), (all_to + 2 * early, last - all_to)) if by > most]
     breaks = np.unique(np.concatenate([*(time_breaks(o) for o in observations), np.array(alone, "M8[ns]")]))
     epochs = np.unique(np.concatenate([o.gpst for o in observations]))
     edges = [first]
@@ -130,7 +126,7 @@ def _evenly(
 ) -> list[np.datetime64]:
     """Edges between two instants, every so often, without those that part nothing from nothing."""
     step = timedelta_from_s(window_s)
-    count = max(int((end - begin) / step + (1.0 - MIN_WINDOW_SHARE)), 1)
+    count = max(int((end - begin) / step + (1.0 - POLICY.last_window_share)), 1)
     if epochs is None:
         return [begin + k * step - early for k in range(1, count)]
     occupied = np.clip((epochs - begin + early) // step, 0, count - 1)

@@ -9,6 +9,7 @@ import numpy as np
 from skyproof.app.protect.positions import Track
 from skyproof.arrays import Reals
 from skyproof.fusion.labels import FalseSource
+from skyproof.fusion.policy import POLICY
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.bearings import BearingRay, Meeting, meeting
@@ -16,16 +17,11 @@ from skyproof.records import Direction, Finding
 
 __all__ = ["Bearing", "bearings_of", "ellipse_95"]
 
-MOST_RAYS: Final = 32
-"""Of a source, evenly spread over the run; more from one body add nothing, as their errors may be the same."""
-LEAST_P: Final = 1e-4
-"""Below it a source moves, or is several."""
 _FAR_M: Final = 10e3
 """Rays are drawn so far where nothing says how far they go."""
 _EDGE_SIGMAS: Final = 2.0
 _RADIUS_95: Final = 2.4477  # of two degrees, in sigmas
 _RING: Final = 36
-_SOON_S: Final = 5.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -69,11 +65,10 @@ def bearings_of(
     for source in sources:
         rays = _rays(source, evidence, trusted)
         if rays:
-            some = [rays[k][1] for k in np.unique(np.linspace(0, len(rays) - 1, MOST_RAYS).astype(int))]
+            some = [rays[k][1] for k in np.unique(np.linspace(0, len(rays) - 1, POLICY.rays).astype(int))]
             found = meeting(some)
-            yield Bearing(
-                source=source, last=dict(rays), meets=found if found is not None and found.p_value >= LEAST_P else None
-            )
+            meets = found is not None and found.p_value >= POLICY.moved_p_value
+            yield Bearing(source=source, last=dict(rays), meets=found if meets else None)
 
 
 def ellipse_95(found: Meeting) -> tuple[float, float, float]:
@@ -110,7 +105,7 @@ def _rays(
         if direction.frame == "enu" and receiver in trusted:
             middle = e.start_gpst + (e.end_gpst - e.start_gpst) // 2
             half_s = 0.5 * seconds_between(e.end_gpst, e.start_gpst)
-            if (ray := _ray(trusted[receiver], middle, half_s + _SOON_S, direction)) is not None:
+            if (ray := _ray(trusted[receiver], middle, half_s + POLICY.ray_beside_s, direction)) is not None:
                 rays.append((receiver, ray))
     return rays
 

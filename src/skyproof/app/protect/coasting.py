@@ -12,12 +12,12 @@ No protection level is promised of it: what becomes of a bias that one satellite
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Final
 
 import numpy as np
 
 from skyproof.app.protect.positions import STRETCH_EPOCHS, Positions
 from skyproof.arrays import Instants, Reals
+from skyproof.fusion.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.foresight import SkyFix
@@ -26,8 +26,6 @@ from skyproof.navigation.known import Known, known_of
 from skyproof.records import Fix, FixStatus
 
 __all__ = ["Flown", "Last", "flown_on", "stands", "step", "trusted_and_coasted"]
-
-_EVERY_S: Final = 1.0  # between the fixes that are learned of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -106,7 +104,7 @@ def flown_on(flown: Flown, receiver: str, gpst: Instants, fix: Fix | None) -> tu
     foresight, last, coming, found = flown.foresight, flown.last, flown.coming, list[Known]()
     for first, stop in pairwise([0, *(np.flatnonzero(good[1:] != good[:-1]) + 1), gpst.size]):
         if fix is not None and good[first:stop].all():
-            own = list(known_of(fix.select(slice(first, stop)), every_s=_EVERY_S))
+            own = list(known_of(fix.select(slice(first, stop)), every_s=POLICY.learned_interval_s))
             foresight = foresight.learned(SkyFix(whole=own[0], each=tuple(map(noise_of, own))))
             last = _of(fix, gpst, stop - 1)
             continue

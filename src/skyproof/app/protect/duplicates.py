@@ -15,6 +15,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.receive.reception import Reception
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Booleans, Floats, Reals
+from skyproof.fusion.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
@@ -26,11 +27,9 @@ from skyproof.statistics.distributions import chi_square_survival
 __all__ = ["one_receiver_each", "same_noise"]
 
 _STRETCH_S: Final = N_ROWS * GPS_L1_CA.period_s
-_NEAR_S: Final = 2.5  # around a stretch, for what the signals show of it
 _PLACES: Final = (0.5, 0.05, 0.95)  # of the common time
 _PLACE_EPOCHS: Final = 1024
 _MARGIN: Final = np.timedelta64(2, "s")
-_LEAST_CELLS: Final = 500  # of a row: a quarter of the usual band
 
 
 def one_receiver_each(receptions: Sequence[Reception], settings: Settings) -> list[Reception]:
@@ -125,7 +124,7 @@ class _Lags:
 
     def near(self, at: int) -> Booleans:
         """Epochs around one."""
-        return np.asarray(np.abs(self.elapsed_s - self.elapsed_s[at]) < _NEAR_S)
+        return np.asarray(np.abs(self.elapsed_s - self.elapsed_s[at]) < POLICY.noise_beside_s)
 
     def faster(self, near: Booleans) -> float:
         """How much faster the second one's clock runs, by most signals."""
@@ -180,7 +179,7 @@ def _stretch(first: Samples, second: Samples, lags: _Lags, at: int) -> SharedNoi
         usable_hz(second.rate_hz, carrier_b_hz, real=not planes_b[1].any()),
     )
     cells = int(band_hz * GPS_L1_CA.period_s)
-    if cells < _LEAST_CELLS:
+    if cells < POLICY.noise_cells:
         return None
     noise = shared_noise(
         rows_of(planes_a, carrier_a_hz / first.rate_hz, cells), rows_of(planes_b, carrier_b_hz / second.rate_hz, cells)

@@ -9,6 +9,7 @@ from skyproof.app.protect.positions import Track
 from skyproof.app.receive.observed import ObservedFile, OwnWords
 from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Integers, Reals
+from skyproof.fusion.policy import POLICY
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import iso
 from skyproof.logs.content import ReceiverStates
@@ -19,8 +20,6 @@ __all__ = ["own_fix_of", "own_states_of", "own_words_of", "with_a_place"]
 
 _MOST_STATES: Final = 20
 """Spells of a subject that are listed: those that alarm first."""
-_SAME_NS: Final = 100_000_000
-"""Within which a fix of the receiver is of the same epoch as ours: a receiver's label is that of its own clock."""
 _DIGITS: Final = 6
 
 
@@ -92,7 +91,7 @@ def _away_m(fixes: ReceiverFixes, rows: Integers, trusted: Track | None) -> tupl
     after = np.minimum(after, times.size - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(np.abs(times[before] - theirs) <= np.abs(times[after] - theirs), before, after)
-    same = np.abs(times[nearest] - theirs) <= _SAME_NS
+    same = np.abs(times[nearest] - theirs) <= 1e9 * POLICY.same_epoch_s
     apart_m = fixes.position_ecef_m[rows[same]] - trusted.position_ecef_m[ours[nearest[same]]]
     lat, lon, _ = geodetic_from_ecef(trusted.position_ecef_m[ours[0]])
     enu_m = apart_m @ rot_enu_ecef(lat, lon).T

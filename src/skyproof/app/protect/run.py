@@ -41,6 +41,7 @@ from skyproof.fusion.choice import ChoiceRules, choices
 from skyproof.fusion.departure import departures
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.fusion.place import displacements
+from skyproof.fusion.policy import POLICY
 from skyproof.fusion.rivals import FixMaker
 from skyproof.gnss.time import iso, seconds_between, timedelta_from_s
 from skyproof.interruption import Stopped, came, deferred, heard
@@ -67,8 +68,6 @@ from skyproof.verdict import Verdict
 __all__ = ["ProtectResult", "protect", "verdict_of"]
 
 _NOTES = "evidence.jsonl"
-COMMON_SHARE = 0.9
-"""Of a recording: if another receiver's covers less, that is reported."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -536,7 +535,7 @@ def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> 
             RemarkKind.BEARS,
         )
         for r in others
-        if r.observations is not None and overlap_s(own, r.observations) < COMMON_SHARE * length_s
+        if r.observations is not None and overlap_s(own, r.observations) < POLICY.covered_share * length_s
     )
     return replace(reception, remarks=(*reception.remarks, *used))
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from skyproof.detectors.policy import policy_field
+from skyproof.records.policy import number
 
 __all__ = ["POLICY", "CodeCarrierPolicy"]
 
@@ -12,40 +12,20 @@ __all__ = ["POLICY", "CodeCarrierPolicy"]
 class CodeCarrierPolicy:
     """Numbers by which the comparison of code with carrier decides, each with its reason."""
 
-    remembered_s: float = policy_field(
+    remembered_s: float = number(
         120.0,
-        unit="s",
-        reason=("A drag of metres a second shows within two minutes; the ionosphere parts codes by little meanwhile."),
+        "s",
+        "A drag of metres a second shows within two minutes; the ionosphere parts codes by little meanwhile.",
     )
-    remembered_epochs: int = policy_field(
-        512,
-        unit="1",
-        reason="Bounds what is remembered of fast receivers.",
+    remembered_epochs: int = number(512, "1", "Bounds what is remembered of fast receivers.")
+    broken_intervals: float = number(2.5, "1", "A pause of more usual intervals breaks a stretch.")
+    least_signals: int = number(4, "1", "That have a step at one epoch, for its median to be that of all.")
+    ionosphere_sigma_m_s: float = number(
+        0.06, "m/s", "The ionosphere parts code from carrier no faster, storms included."
     )
-    broken_intervals: float = policy_field(
-        2.5,
-        unit="1",
-        reason="A pause of more usual intervals breaks a stretch.",
-    )
-    least_signals: int = policy_field(
-        4,
-        unit="1",
-        reason="That have a step at one epoch, for its median to be that of all.",
-    )
-    ionosphere_sigma_m_s: float = policy_field(
-        0.06,
-        unit="m/s",
-        reason="The ionosphere parts code from carrier no faster, storms included.",
-    )
-    least_epochs: int = policy_field(
-        8,
-        unit="1",
-        reason="Two epochs a quarter.",
-    )
-    reflected_chips: float = policy_field(
-        0.25,
-        unit="chip",
-        reason=("A reflection that comes or goes draws a code off by half of the half chip from early to late."),
+    least_epochs: int = number(8, "1", "Two epochs a quarter.")
+    reflected_chips: float = number(
+        0.25, "chip", "A reflection that comes or goes draws a code off by half of the half chip from early to late."
     )
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from skyproof.detectors.policy import policy_field
+from skyproof.records.policy import number
 
 __all__ = ["POLICY", "CodeMotionPolicy"]
 
@@ -12,20 +12,12 @@ __all__ = ["POLICY", "CodeMotionPolicy"]
 class CodeMotionPolicy:
     """Numbers by which the test of motion by codes decides, each with its reason."""
 
-    fault_probability: float = policy_field(
-        1e-4,
-        unit="1",
-        reason="Measurements of an epoch that fit its position more rarely are left out of the fix.",
+    fault_probability: float = number(
+        1e-4, "1", "Measurements of an epoch that fit its position more rarely are left out of the fix."
     )
-    misfit_probability: float = policy_field(
-        0.01,
-        unit="1",
-        reason="Residuals of three epochs are larger than their model so rarely.",
-    )
-    part_satellites: int = policy_field(
-        5,
-        unit="1",
-        reason=("Satellites of a time scale or a second band that are looked at by themselves: four fit any position."),
+    misfit_probability: float = number(0.01, "1", "Residuals of three epochs are larger than their model so rarely.")
+    part_satellites: int = number(
+        5, "1", "Satellites of a time scale or a second band that are looked at by themselves: four fit any position."
     )
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from skyproof.detectors.policy import policy_field
+from skyproof.records.policy import number
 
 __all__ = ["POLICY", "DccafPolicy"]
 
@@ -12,31 +12,19 @@ __all__ = ["POLICY", "DccafPolicy"]
 class DccafPolicy:
     """Numbers by which the decomposition of correlation grids decides, each with its reason."""
 
-    reflected_weaker_db: float = policy_field(
+    reflected_weaker_db: float = number(
+        3.0, "dB", "A wall takes at least so much of a circular wave, so that a reflection is weaker."
+    )
+    apart_sigmas: float = number(
         3.0,
-        unit="dB",
-        reason="A wall takes at least so much of a circular wave, so that a reflection is weaker.",
+        "sigma",
+        "Two delays whose difference is smaller may be two sides of one peak, with amplitudes that cancel.",
     )
-    apart_sigmas: float = policy_field(
-        3.0,
-        unit="sigma",
-        reason=("Two delays whose difference is smaller may be two sides of one peak, with amplitudes that cancel."),
+    signal_probability: float = number(
+        1e-4, "1", "A satellite counts as having a second signal that no reflection explains so often by chance."
     )
-    signal_probability: float = policy_field(
-        1e-4,
-        unit="1",
-        reason="A satellite counts as having a second signal that no reflection explains so often by chance.",
-    )
-    sky_satellites: int = policy_field(
-        5,
-        unit="1",
-        reason="Ranges of four satellites fit any position.",
-    )
-    least_satellites: int = policy_field(
-        5,
-        unit="1",
-        reason="Ranges of four satellites fit any position.",
-    )
+    sky_satellites: int = number(5, "1", "Ranges of four satellites fit any position.")
+    least_satellites: int = number(5, "1", "Ranges of four satellites fit any position.")
 
 
 POLICY: Final = DccafPolicy()

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from skyproof.detectors.policy import policy_field
+from skyproof.records.policy import number
 
 __all__ = ["POLICY", "MessagesPolicy"]
 
@@ -12,33 +12,29 @@ __all__ = ["POLICY", "MessagesPolicy"]
 class MessagesPolicy:
     """Numbers by which the test of messages decides, each with its reason."""
 
-    below_horizon_deg: float = policy_field(
-        2.0,
-        unit="deg",
-        reason="Refraction lifts signals by 0.6 degrees at most, and orbits of an old data set err by less.",
+    below_horizon_deg: float = number(
+        2.0, "deg", "Refraction lifts signals by 0.6 degrees at most, and orbits of an old data set err by less."
     )
-    remembered_data_sets: int = policy_field(
-        4,
-        unit="1",
-        reason="Of a satellite and message: a data set is sent for two hours and replaced by the next.",
+    remembered_data_sets: int = number(
+        4, "1", "Of a satellite and message: a data set is sent for two hours and replaced by the next."
     )
-    time_back_s: float = policy_field(
+    time_back_s: float = number(
         300.0,
-        unit="s",
-        reason="The time of a data set may go back by so much: after an upload it is off the hour.",
-        source="IS-GPS-200N, 20.3.4.5",
+        "s",
+        "The time of a data set may go back by so much: after an upload it is off the hour.",
+        "IS-GPS-200N, 20.3.4.5",
     )
-    valid_together_s: float = policy_field(
+    valid_together_s: float = number(
         7200.0,
-        unit="s",
-        reason=("Data sets of GPS are sent for two hours and fit four; those of other systems are renewed sooner."),
-        source="IS-GPS-200N, 20.3.4.4",
+        "s",
+        "Data sets of GPS are sent for two hours and fit four; those of other systems are renewed sooner.",
+        "IS-GPS-200N, 20.3.4.4",
     )
-    sideways_share: float = policy_field(
+    sideways_share: float = number(
         1.0 / 7.0,
-        unit="1",
-        reason="What a data set errs along and across counts so much in a range, of GPS; of the others less.",
-        source="Montenbruck, Steigenberger and Hauschild, Advances in Space Research 61(12), 2018",
+        "1",
+        "What a data set errs along and across counts so much in a range, of GPS; of the others less.",
+        "Montenbruck, Steigenberger and Hauschild, Advances in Space Research 61(12), 2018",
     )
 
 

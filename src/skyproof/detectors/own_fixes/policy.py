@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from skyproof.detectors.policy import policy_field
+from skyproof.records.policy import number
 
 __all__ = ["POLICY", "OwnFixesPolicy"]
 
@@ -12,11 +12,8 @@ __all__ = ["POLICY", "OwnFixesPolicy"]
 class OwnFixesPolicy:
     """Numbers by which the test of a receiver's own fixes decides, each with its reason."""
 
-    fix_error_m: float = policy_field(
-        20.0,
-        unit="m",
-        reason="Reflections in streets put fixes tens of metres off, and seldom more.",
-        source="Kaplan & Hegarty, 9.5",
+    fix_error_m: float = number(
+        20.0, "m", "Reflections in streets put fixes tens of metres off, and seldom more.", "Kaplan & Hegarty, 9.5"
     )
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Final
 
-from skyproof.detectors.policy import policy_field
+from skyproof.records.policy import number
 
 __all__ = ["POLICY", "TornPolicy"]
 
@@ -12,70 +12,40 @@ __all__ = ["POLICY", "TornPolicy"]
 class TornPolicy:
     """Numbers by which the test for torn tracking decides, each with its reason."""
 
-    stray_m: float = policy_field(
+    stray_m: float = number(
         1000.0,
-        unit="m",
-        reason="Beyond any reflection: of 19 900 in cities none was later than 500 m; and the atmosphere.",
-        source="ITU-R P.681-11, 6.3",
+        "m",
+        "Beyond any reflection: of 19 900 in cities none was later than 500 m; and the atmosphere.",
+        "ITU-R P.681-11, 6.3",
     )
-    most_drift: float = policy_field(
-        1e-6,
-        unit="s/s",
-        reason="A plain quartz parts from its rate at the last fix by no more, as its temperature changes.",
+    most_drift: float = number(
+        1e-6, "s/s", "A plain quartz parts from its rate at the last fix by no more, as its temperature changes."
     )
-    fault_probability: float = policy_field(
-        1e-4,
-        unit="1",
-        reason="Measurements of an epoch that fit its position more rarely are left out of the fix.",
+    fault_probability: float = number(
+        1e-4, "1", "Measurements of an epoch that fit its position more rarely are left out of the fix."
     )
-    least_dof: int = policy_field(
-        2,
-        unit="1",
-        reason="A fix by which others are judged has two measurements more than unknowns.",
-    )
-    velocity_off_sigmas: float = policy_field(
-        5.0,
-        unit="sigma",
-        reason="A velocity by two fixes is off by no more.",
-    )
-    most_exchanged_share: float = policy_field(
+    least_dof: int = number(2, "1", "A fix by which others are judged has two measurements more than unknowns.")
+    velocity_off_sigmas: float = number(5.0, "sigma", "A velocity by two fixes is off by no more.")
+    most_exchanged_share: float = number(
         0.1,
-        unit="1",
-        reason=(
-            "Of tracked satellites, an epoch: in shade one of ten is lost while another is found, at full strength."
-        ),
-        source="Kaplan & Hegarty, 8.12",
+        "1",
+        "Of tracked satellites, an epoch: in shade one of ten is lost while another is found, at full strength.",
+        "Kaplan & Hegarty, 8.12",
     )
-    weak_dbhz: float = policy_field(
+    weak_dbhz: float = number(
         30.0,
-        unit="dB-Hz",
-        reason="Below, noise alone makes receivers lose a signal; with 5 dB for its scatter.",
-        source="Kaplan & Hegarty, 8.9",
+        "dB-Hz",
+        "Below, noise alone makes receivers lose a signal; with 5 dB for its scatter.",
+        "Kaplan & Hegarty, 8.9",
     )
-    prior_cells: float = policy_field(
-        40.0,
-        unit="1",
-        reason="The stated bound weighs as much as so many cells of the receiver's own past.",
+    prior_cells: float = number(
+        40.0, "1", "The stated bound weighs as much as so many cells of the receiver's own past."
     )
-    most_cells: float = policy_field(
-        400.0,
-        unit="1",
-        reason="A rate rests on no more cells of the past; older ones fade.",
-    )
-    most_score: float = policy_field(
-        60.0,
-        unit="1",
-        reason="Chances below 1e-26 are alike, and what ended shall end.",
-    )
-    long_intervals: float = policy_field(
-        1.5,
-        unit="1",
-        reason="Epochs that are more usual intervals apart do not follow each other.",
-    )
-    whole_system_satellites: int = policy_field(
-        3,
-        unit="1",
-        reason="Satellites of a system that come or go all at once are written by turns, or the system is lost.",
+    most_cells: float = number(400.0, "1", "A rate rests on no more cells of the past; older ones fade.")
+    most_score: float = number(60.0, "1", "Chances below 1e-26 are alike, and what ended shall end.")
+    long_intervals: float = number(1.5, "1", "Epochs that are more usual intervals apart do not follow each other.")
+    whole_system_satellites: int = number(
+        3, "1", "Satellites of a system that come or go all at once are written by turns, or the system is lost."
     )
 
 
