@@ -148,8 +148,8 @@ def test_the_page_names_code_that_no_command_reaches() -> None:
 
 
 def test_what_no_command_reaches_stands_in_studies() -> None:
-    """But for the joint channels, of which no command has a switch, the page of numbers, and the contract until 0.3."""
-    offered = {"detectors.base": ("missing", "undecided"), "records.policy": ("numbers_of",)}
+    """But for the joint channels, of which no command has a switch, and the contract until 0.3."""
+    offered = {"detectors.base": ("missing", "undecided")}
     assert {
         module: names for module, names in unreached().items() if not module.startswith("receiver.joint")
     } == offered

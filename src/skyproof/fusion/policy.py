@@ -21,7 +21,7 @@ class FusionPolicy:
     compared_within_m: float = number(
         100e3,
         "m",
-        "Receivers that are compared see nearly the same sky: satellites stand within a degree of elevation.",
+        "Receivers that are compared see nearly the same sky: elevations differ by less than two degrees.",
     )
     statements_agree_sigmas: float = number(
         5.0, "sigma", "Stated places that differ by more contradict each other: chance does it once in two million."
@@ -163,9 +163,7 @@ class FusionPolicy:
         2.0, "s", "A sky that takes over parts so fast; what a unit errs by adds up for as long as it errs."
     )
     stays_parted_s: float = number(4.0, "s", "Velocities stay apart for twice as long as they took to part.")
-    parted_share: float = number(
-        0.7, "1", "Of all that velocities are apart at last, parted at once: more than half, noise of both taken off."
-    )
+    parted_share: float = number(0.7, "1", "Chosen: most of what velocities are apart by at last has parted at once.")
     blow_m_s: float = number(
         0.1,
         "m/s",
@@ -180,7 +178,7 @@ class FusionPolicy:
     noise_cells: int = number(
         500,
         "1",
-        "A quarter of the 2.046 MHz of C/A in cells of 1 kHz: less is shaped by filters.",
+        "A quarter of the 2.046 MHz of C/A, in cells of 1 kHz.",
         "IS-GPS-200N, 3.2.1.3",
     )
     rays: int = number(

@@ -15,22 +15,24 @@ class ArrayPolicy:
     """Numbers by which the tests of antenna arrays and turning antennas decide, each with its reason."""
 
     free_attitude_sigma_rad: float = number(
-        1.0, "rad", "Once an attitude that is not known is found, its error is small beside this."
+        1.0, "rad", "Wider than any error of an attitude once it is found, and narrow beside a full turn."
     )
     free_line_sigma_cyc: float = number(
-        1.0, "cycle", "Once line delays that are not known are found, their errors are small beside this."
+        1.0, "cycle", "A whole cycle, in which any line delay lies once whole cycles are taken off."
     )
     first_gate_cyc: float = number(
         0.2, "cycle", "A component this near a candidate attitude counts for it at first, beside noise and reflections."
     )
     most_tilt_rad: float = number(
-        np.radians(60.0), "rad", "A body that carries antennas is not tilted by more than 60 degrees."
+        np.radians(60.0), "rad", "A level turn banked by so much pulls 2 g: bodies that carry antennas tilt less."
     )
     as_good_cost: float = number(
         20.0, "1", "Twice a log likelihood ratio of 10: an attitude that much worse is not the true one."
     )
     alike_rad: float = number(np.radians(3.0), "rad", "Attitudes that differ by less are one.")
-    missed_direction_probability: float = number(1e-3, "1", "The true direction is none of those given so rarely.")
+    missed_direction_probability: float = number(
+        1e-3, "1", "Chosen: the true direction is none of those given once in a thousand windows."
+    )
     one_direction_squared_sigmas: float = number(
         9.0, "sigma^2", "Directions nearer to each other than three sigmas are one."
     )
@@ -38,13 +40,21 @@ class ArrayPolicy:
         3, "1", "From one phase to the next at most: where an antenna's phase jumps it may have none."
     )
     least_phases_share: float = number(
-        0.5, "1", "An antenna with fewer of the phases that the best antenna has is failing."
+        0.5, "1", "Chosen: an antenna with fewer than half the phases of the best one is failing."
     )
     jump_cyc: float = number(
         0.08, "cycle", "Half a wavelength in a tenth of a second turns no array by so much for most signals at once."
     )
-    step_noise_cyc: float = number(0.04, "cycle", "Root mean square of a step: reflections change more slowly.")
-    jump_sigmas: float = number(6.0, "sigma", "Noise alone makes no jump so large in a day of epochs.")
+    step_noise_cyc: float = number(
+        0.04,
+        "cycle",
+        "Half of the smallest jump: reflections, which change by less in a tenth of a second, stay below.",
+    )
+    jump_sigmas: float = number(
+        6.0,
+        "sigma",
+        "Normal noise exceeds it once in 5e8: in a day of ten epochs a second, for a hundred signals, hardly ever.",
+    )
     noise_excess: float = number(
         3.0, "1", "Noise so many times that of the signal's strength is of the antenna or its line."
     )
@@ -55,7 +65,10 @@ class ArrayPolicy:
         "True signals missed by the gates within which agreement counts: fewer others are within narrow gates.",
     )
     overlap_chips: float = number(
-        1.5, "chip", "Two signals of a satellite farther apart are seen by no correlator of half a chip together."
+        1.5,
+        "chip",
+        "Farther apart, no correlator of half a chip sees both signals of a satellite.",
+        "Kaplan & Hegarty, 9.5",
     )
     covered_db: float = number(
         10.0,
@@ -63,18 +76,25 @@ class ArrayPolicy:
         "What filters and side lobes leave of a signal so much stronger turns phases by hundredths of a cycle.",
     )
     reflections_alike_probability: float = number(
-        0.01,
-        "1",
-        "Reflections come from one direction by chance so rarely; above, it stays open whether they are reflections.",
+        0.01, "1", "Chosen: reflections come from one direction by chance so rarely; above, reflections stay possible."
     )
-    vague_sigma_cyc: float = number(0.1, "cycle", "A phase that is expected no better than this tests nothing.")
-    attitude_off_sigmas: float = number(5.0, "sigma", "An attitude that is off by more is not what was stated.")
+    vague_sigma_cyc: float = number(
+        0.1,
+        "cycle",
+        "Three sigmas to either side fill more than half a cycle: a phase expected no better tests nothing.",
+    )
+    attitude_off_sigmas: float = number(
+        5.0, "sigma", "Normal errors exceed it once in two million: an attitude that is off by more is not as stated."
+    )
     lowest_transmitter_sine: float = number(
         -0.17, "1", "No transmitter is taken to stand more than ten degrees below the horizon."
     )
-    early_sigmas: float = number(3.0, "sigma", "A reflection is late; noise lets it look early by so much at most.")
+    early_sigmas: float = number(3.0, "sigma", "A reflection is late; noise lets it look early by more once in 700.")
     blended_chips: float = number(
-        0.25, "chip", "Half of the half chip from early to late: opposite reflections draw a signal off by so much."
+        0.25,
+        "chip",
+        "Half of the half chip from early to late: opposite reflections draw a signal off by so much.",
+        "Kaplan & Hegarty, 9.5",
     )
     level_scale_cyc: float = number(
         0.24, "cycle", "Baseline of an array that measures level direction cosines without whole cycles."

@@ -18,9 +18,17 @@ class BandsPolicy:
         "Slant delay at L1: 50 m at the zenith in a storm, three times as much low down.",
         "Kaplan & Hegarty, 10.2.4.1",
     )
-    group_delay_sigma_m: float = number(3.0, "m", "A satellite delays one band against another by so much: 10 ns.")
+    group_delay_sigma_m: float = number(
+        3.0,
+        "m",
+        "Bands of a GPS satellite may be delayed against each other by 15 ns at most; two thirds of that.",
+        "IS-GPS-200N, 3.3.1.7.2",
+    )
     reflected_chips: float = number(
-        0.125, "chip", "A reflection draws a code off by so much, and codes of two bands apart by both."
+        0.125,
+        "chip",
+        "Half of what an equal reflection draws a code off by, as reflections are weaker: in each of two bands.",
+        "Kaplan & Hegarty, 9.5",
     )
     least_satellites: int = number(3, "1", "The median of three satellites outvotes one that is wrong.")
 

@@ -12,12 +12,12 @@ __all__ = ["POLICY", "CodeMotionPolicy"]
 class CodeMotionPolicy:
     """Numbers by which the test of motion by codes decides, each with its reason."""
 
-    fault_probability: float = number(
-        1e-4, "1", "Measurements of an epoch that fit its position more rarely are left out of the fix."
+    fault_probability: float = number(1e-4, "1", "Chosen: a good measurement is left out of the fix so rarely.")
+    misfit_probability: float = number(
+        0.01, "1", "Chosen: residuals of three epochs are larger than their model so rarely, and then nothing is said."
     )
-    misfit_probability: float = number(0.01, "1", "Residuals of three epochs are larger than their model so rarely.")
     part_satellites: int = number(
-        5, "1", "Satellites of a time scale or a second band that are looked at by themselves: four fit any position."
+        5, "1", "Four satellites of a time scale or band fit any position: five test it.", "Kaplan & Hegarty, 2.5.2"
     )
 
 

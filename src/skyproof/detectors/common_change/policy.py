@@ -12,24 +12,32 @@ __all__ = ["POLICY", "CommonChangePolicy"]
 class CommonChangePolicy:
     """Numbers by which the test for common changes decides, each with its reason."""
 
-    spans_s: tuple[float, ...] = number((10.0, 30.0), "s", "Over which code is held against carrier.")
-    turns_s: tuple[float, ...] = number(
-        (5.0, 10.0), "s", "From the first of three epochs to the second, and from there to the third."
+    spans_s: tuple[float, ...] = number(
+        (10.0, 30.0),
+        "s",
+        "A drag of 1 m/s parts code from carrier by 10 m in the first, one of 0.3 m/s by 9 m in the second.",
     )
-    levels_s: float = number(60.0, "s", "For so long levels are remembered.")
+    turns_s: tuple[float, ...] = number(
+        (5.0, 10.0),
+        "s",
+        "Half a usual window and a whole one, from the first of three epochs to the second and on to the third.",
+    )
+    levels_s: float = number(
+        60.0, "s", "Six usual windows: levels of longer ago are of another elevation or front-end temperature."
+    )
     overlap_share: float = number(
         0.1, "1", "A span may share so much with that of a reference: windows end between epochs."
     )
     parting_share: float = number(
-        0.75,
-        "1",
-        "Of the satellites that have to part alike: the others may have slipped, or have a reflection of their own.",
+        0.75, "1", "Of ten satellites two may have slipped or have reflections of their own; the others part alike."
     )
-    whole_span_share: float = number(0.75, "1", "A run of a satellite that is a shorter part of a span gives no rate.")
+    whole_span_share: float = number(
+        0.75, "1", "A rate over a shorter part of a span is a third noisier than its law says."
+    )
     jump_m: float = number(
-        100.0, "m", "Between epochs: no rate of code against carrier, but a slip that nobody reported."
+        100.0, "m", "A third of a chip: no loop that tracks parts code from carrier by so much between two epochs."
     )
-    gap_intervals: float = number(1.5, "1", "A pause of more usual intervals breaks a run.")
+    gap_intervals: float = number(1.5, "1", "Halfway to one epoch that is missing: a longer pause breaks a run.")
     even_share: float = number(0.02, "1", "The two times of a turn may differ by so much.")
 
 

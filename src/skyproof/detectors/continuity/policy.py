@@ -28,7 +28,7 @@ class ContinuityPolicy:
     sure_sigmas: float = number(
         3.1, "sigma", "A third of the motion points along the whole of it by chance once in a thousand."
     )
-    one_sky_satellites: int = number(5, "1", "Ranges of four satellites fit any position.")
+    one_sky_satellites: int = number(5, "1", "Four ranges fit any position: five test it.", "Kaplan & Hegarty, 2.5.2")
     carrier_spans_s: tuple[float, ...] = number(
         (2.5, 10.0), "s", "Over which a motion is looked for: carriers show centimetres within seconds."
     )
@@ -37,22 +37,25 @@ class ContinuityPolicy:
     )
     air_share: float = number(0.25, "1", "Models leave so much of the change of the air's delay.")
     outage_intervals: float = number(
-        1.5, "1", "A pause of more usual intervals is an outage, over which no step is tested."
+        1.5, "1", "Halfway to one epoch that is missing: over a longer pause no step is tested."
     )
     broken_together_share: float = number(
         0.75, "1", "Where carriers of so many channels break at once, the receiver broke them, or another sky."
     )
-    faulty_channel_probability: float = number(
-        1e-4, "1", "Residuals show by chance so rarely that a channel jumps by itself."
-    )
+    faulty_channel_probability: float = number(1e-4, "1", "Chosen: a channel is called faulty by chance so rarely.")
     steered_within_m: float = number(
-        150.0, "m", "One epoch shows a step of a millisecond by this much; what the step leaves is tested."
+        150.0, "m", "A receiver steers its clock by whole milliseconds: a step within so much of one is the receiver's."
     )
     untested_epochs: int = number(3, "1", "A step has an epoch before it and two behind.")
     misfit_probability: float = number(
-        0.01, "1", "Residuals that are rarer by chance show that errors are not as stated."
+        0.01, "1", "Chosen: errors are called larger than stated by chance so rarely, and then nothing is said."
     )
-    reflected_step_chips: float = number(0.5, "chip", "A reflection draws a code loop off by no more than half a chip.")
+    reflected_step_chips: float = number(
+        0.5,
+        "chip",
+        "An equal reflection draws a code loop of half a chip off by no more than that half.",
+        "Kaplan & Hegarty, 9.5",
+    )
 
 
 POLICY: Final = ContinuityPolicy()

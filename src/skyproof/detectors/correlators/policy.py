@@ -15,7 +15,7 @@ class CorrelatorPolicy:
     fastest_loop_hz: float = number(
         2.0,
         "Hz",
-        "Above, a code loop of about a hertz does not follow, so the tracked signal stays where it is in the taps.",
+        "Twice the bandwidth of a usual code loop, which does not follow faster beats: the signal stays in its taps.",
     )
     line_half_width_hz: float = number(1.0, "Hz", "A line may spread so far to either side of a bin.")
     shape_error_share: float = number(
@@ -25,17 +25,23 @@ class CorrelatorPolicy:
         10.0, "s", "The beat of two signals drifts: a line is looked for over no more at once."
     )
     least_looks: int = number(100, "1", "Two seconds of looks every 20 ms resolve a line of half a hertz.")
-    signal_probability: float = number(1e-4, "1", "A signal counts as distorted so often by chance.")
+    signal_probability: float = number(
+        1e-4, "1", "Chosen: a signal counts as distorted by chance so rarely, one of ten in a thousand windows."
+    )
     lasting_share: float = number(
-        0.1, "1", "Of the false-alarm probability: that lasting errors are longer than their bound."
+        0.1, "1", "Chosen, of the false-alarm probability: that lasting errors are longer than their bound."
     )
     cusum_branches: tuple[tuple[int, float], ...] = number(
         ((5, 1.0), (50, 0.5)),
         "looks, sigma",
         "Looks of one step and reference: a tenth of a second and a second where looks come every 20 ms.",
     )
-    guided_looks_share: float = number(0.8, "1", "Channels that were guided in fewer of a window's looks are left out.")
-    looks_more: int = number(20, "1", "So many looks more than numbers tested make the noise known.")
+    guided_looks_share: float = number(
+        0.8, "1", "Where fewer of a window's looks were guided, means are of loops of its own for a fifth of it."
+    )
+    looks_more: int = number(
+        20, "1", "With so many looks more than numbers tested, an estimated variance is known to a third."
+    )
     bent_share: float = number(
         0.05,
         "1",

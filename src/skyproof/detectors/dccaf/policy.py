@@ -21,10 +21,10 @@ class DccafPolicy:
         "Two delays whose difference is smaller may be two sides of one peak, with amplitudes that cancel.",
     )
     signal_probability: float = number(
-        1e-4, "1", "A satellite counts as having a second signal that no reflection explains so often by chance."
+        1e-4, "1", "Chosen: a satellite shows a second signal that no reflection explains by chance so rarely."
     )
-    sky_satellites: int = number(5, "1", "Ranges of four satellites fit any position.")
-    least_satellites: int = number(5, "1", "Ranges of four satellites fit any position.")
+    sky_satellites: int = number(5, "1", "Four ranges fit any position: five test it.", "Kaplan & Hegarty, 2.5.2")
+    least_satellites: int = number(5, "1", "Four ranges fit any position: five test it.", "Kaplan & Hegarty, 2.5.2")
 
 
 POLICY: Final = DccafPolicy()

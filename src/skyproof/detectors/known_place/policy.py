@@ -17,7 +17,7 @@ class KnownPlacePolicy:
     )
     least_satellites: int = number(3, "1", "Of three satellites at an epoch one may be left out.")
     most_epochs: int = number(
-        100, "1", "So many epochs of a window, evenly, hold what it says: its errors last for seconds."
+        100, "1", "Ten a second of a usual window: errors last for seconds, and more epochs say the same."
     )
 
 

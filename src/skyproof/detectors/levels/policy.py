@@ -12,7 +12,7 @@ __all__ = ["POLICY", "LevelsPolicy"]
 class LevelsPolicy:
     """Numbers by which the test of levels decides, each with its reason."""
 
-    least_satellites: int = number(4, "1", "Four satellites tell a common change from single ones'.")
+    least_satellites: int = number(4, "1", "A median of four outvotes one that changes by itself.")
     most_cn0_dbhz: float = number(
         63.0,
         "dB-Hz",

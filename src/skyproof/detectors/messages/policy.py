@@ -13,10 +13,13 @@ class MessagesPolicy:
     """Numbers by which the test of messages decides, each with its reason."""
 
     below_horizon_deg: float = number(
-        2.0, "deg", "Refraction lifts signals by 0.6 degrees at most, and orbits of an old data set err by less."
+        2.0,
+        "deg",
+        "Refraction lifts signals by 0.6 degrees at most, and orbits of an old data set err by less.",
+        "ITU-R P.834",
     )
     remembered_data_sets: int = number(
-        4, "1", "Of a satellite and message: a data set is sent for two hours and replaced by the next."
+        4, "1", "Of a satellite and message, each sent for two hours: eight hours.", "IS-GPS-200N, 20.3.4.4"
     )
     time_back_s: float = number(
         300.0,

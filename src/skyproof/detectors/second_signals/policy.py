@@ -16,21 +16,25 @@ class SecondSignalsPolicy:
     same_delay_sigmas: float = number(
         4.0,
         "sigma",
-        "Second signals whose delays differ from the satellites' median by less are one late copy of the sky.",
+        "Normal errors exceed it once in 16 000: nearer to the median, delays are of one late copy of the sky.",
     )
     delays_agree_probability: float = number(
-        0.05, "1", "Above this chance that as many delays of echoes agree, they show no late copy."
+        0.05, "1", "Chosen: where so many delays of echoes agree by chance more often, they show no late copy."
     )
-    attack_satellites: int = number(2, "1", "One satellite's second signal makes no attack.")
+    attack_satellites: int = number(2, "1", "One satellite's second signal gives no false position.")
     telling_p_value: float = number(
-        0.05, "1", "A satellite has an echo at all with such a chance: a larger p-value says nothing."
+        0.05, "1", "The share of satellites with an echo: a larger p-value tells no more than that."
     )
-    most_late_m: float = number(3000.0, "m", "No reflector that counts is farther off, nor a repeater's cable longer.")
+    most_late_m: float = number(
+        3000.0, "m", "A delay of 10 us: no reflector that counts is farther off, nor a repeater's cable longer."
+    )
     copy_weaker_db: float = number(1.0, "dB", "A copy that is as strong is no reflection.")
     same_place_probability: float = number(
-        1e-3, "1", "A late copy is missed so rarely because its place differs by more than the errors of both explain."
+        1e-3, "1", "Chosen: a late copy is missed so rarely for its place, which differs by the errors of both."
     )
-    sets_fit_probability: float = number(1e-4, "1", "A set of signals that are of one position is missed so rarely.")
+    sets_fit_probability: float = number(
+        1e-4, "1", "Chosen: a set of signals that are of one position is missed so rarely."
+    )
     elevation_class_deg: float = number(
         15.0,
         "deg",
@@ -72,11 +76,18 @@ class SecondSignalsPolicy:
     false_doppler_shares: tuple[float, ...] = number(
         (0.7, 0.15, 0.15), "1", "Of false signals, in each class of Doppler: assumed, as no source tells."
     )
-    false_near_m: float = number(3000.0, "m", "Half of the false signals have delays within this, to either side.")
-    false_anywhere_m: float = number(
-        150e3, "m", "The other false signals have any delay: half a code period to either side."
+    false_near_m: float = number(
+        3000.0, "m", "Ten chips to either side, for the false signals that are near to the true ones."
     )
-    false_near_share: float = number(0.5, "1", "Of the false signals, near to the true ones.")
+    false_anywhere_m: float = number(
+        150e3,
+        "m",
+        "Half a code period of 1 ms to either side, where the other false signals lie.",
+        "IS-GPS-200N, 3.2.1.3",
+    )
+    false_near_share: float = number(
+        0.5, "1", "Assumed of false signals, as no source tells: near to the true ones or anywhere alike."
+    )
     false_levels_db: tuple[float, ...] = number(
         (-12.0, 30.0),
         "dB",

@@ -21,11 +21,9 @@ class TornPolicy:
     most_drift: float = number(
         1e-6, "s/s", "A plain quartz parts from its rate at the last fix by no more, as its temperature changes."
     )
-    fault_probability: float = number(
-        1e-4, "1", "Measurements of an epoch that fit its position more rarely are left out of the fix."
-    )
-    least_dof: int = number(2, "1", "A fix by which others are judged has two measurements more than unknowns.")
-    velocity_off_sigmas: float = number(5.0, "sigma", "A velocity by two fixes is off by no more.")
+    fault_probability: float = number(1e-4, "1", "Chosen: a good measurement is left out of the fix so rarely.")
+    least_dof: int = number(2, "1", "Of two measurements beyond the unknowns one may be wrong, and the other shows it.")
+    velocity_off_sigmas: float = number(5.0, "sigma", "Normal errors exceed it once in two million.")
     most_exchanged_share: float = number(
         0.1,
         "1",
@@ -43,7 +41,9 @@ class TornPolicy:
     )
     most_cells: float = number(400.0, "1", "A rate rests on no more cells of the past; older ones fade.")
     most_score: float = number(60.0, "1", "Chances below 1e-26 are alike, and what ended shall end.")
-    long_intervals: float = number(1.5, "1", "Epochs that are more usual intervals apart do not follow each other.")
+    long_intervals: float = number(
+        1.5, "1", "Halfway to one epoch that is missing: epochs farther apart do not follow each other."
+    )
     whole_system_satellites: int = number(
         3, "1", "Satellites of a system that come or go all at once are written by turns, or the system is lost."
     )
