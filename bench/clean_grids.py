@@ -22,6 +22,7 @@ from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import GRIDS
 from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.statistics.distributions import binomial_survival
 
 CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
@@ -101,8 +102,8 @@ def satellites_counted(rng: np.random.Generator, rays: list[Rays]) -> tuple[int,
     """Of one window: satellites with a second signal, and those of them that no reflection explains."""
     settings, second, unlike = DccafSettings(), 0, 0
     for prn, (delay_chips, level_db, hz) in zip(rng.choice(32, SATELLITES, replace=False) + 1, rays, strict=True):
-        own = shapes(int(prn), tuple(POINTS.tolist()), BAND_HZ, settings.window_chips)
-        found = components(_burst(rng, int(prn), delay_chips, level_db, hz)[None], own, np.ones((1, 4)), BAND_HZ)
+        own = shapes(GPS_L1_CA, int(prn), tuple(POINTS.tolist()), BAND_HZ, settings.window_chips)
+        found = components(_burst(rng, int(prn), delay_chips, level_db, hz)[None], own, np.ones((1, 4)))
         second += bool(joint_p_value(found.second, GRIDS.intervals, own.path)[0] < POLICY.signal_probability)
         unlike += bool(joint_p_value(found.unlike, GRIDS.intervals, own.path)[0] < POLICY.signal_probability)
     return second, unlike
@@ -115,8 +116,8 @@ def _burst(rng: np.random.Generator, prn: int, delay_chips: Reals, level_db: Rea
     times_s = GRIDS.coherent_s * np.arange(n)[:, None]
     turned = np.exp(2j * np.pi * (rng.random(hz.size) + hz * times_s)) * np.sinc(hz * GRIDS.coherent_s)
     waves = np.concatenate([np.ones((n, 1)), turned * 10.0 ** (0.05 * level_db)], axis=1)
-    seen = own_correlation(prn, POINTS - np.append(0.0, delay_chips)[:, None], BAND_HZ)
-    values, vectors = np.linalg.eigh(own_correlation(prn, POINTS[:, None] - POINTS, BAND_HZ))
+    seen = own_correlation(GPS_L1_CA, prn, POINTS - np.append(0.0, delay_chips)[:, None], BAND_HZ)
+    values, vectors = np.linalg.eigh(own_correlation(GPS_L1_CA, prn, POINTS[:, None] - POINTS, BAND_HZ))
     white = rng.standard_normal((n, POINTS.size, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0)
     return np.asarray(size * waves @ seen + white @ (vectors * np.sqrt(np.maximum(values, 0.0))).T)
 

@@ -30,6 +30,7 @@ from skyproof.detectors.second_signals.echoes import EchoModel
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.navigation.sets import consistent_sets
 from skyproof.records import Observations, Records
@@ -178,7 +179,9 @@ def _in_street(
             heard.append((float(delay_m), open_dbhz + level_db, hz))
         followed: list[float] = []
         for delay_m, level_dbhz, hz in sorted(heard, key=lambda one: -one[1]):
-            if level_dbhz >= HELD_DBHZ and all(abs(delay_m - other) > model.least_delay_m for other in followed):
+            if level_dbhz >= HELD_DBHZ and all(
+                abs(delay_m - other) > model.least_delay_chips * GPS_L1_CA.chip_m for other in followed
+            ):
                 columns.append(column)
                 names.append(replace(signal, copy="abcdefgh"[len(followed)]))
                 followed.append(delay_m)

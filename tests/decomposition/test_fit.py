@@ -1,10 +1,13 @@
 """The correlation function taken apart: the model, and the fit against its bound."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from skyproof.decomposition.correlation import band_share, correlation, correlation_slope
-from skyproof.decomposition.fit import bins_dictionary, decompose
+from skyproof.decomposition.fit import bins_dictionary, decompose, taps_dictionary
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.studies.correlation_models import model, model_as_printed
 from skyproof.studies.decomposition_laws import (
     blocks_dictionary,
@@ -38,25 +41,25 @@ def test_the_correlation_is_the_integral_of_the_spectrum_over_the_band(band_hz):
     f = b * f
     power = np.sinc(f) ** 2 * weight
     for lag in (0.0, 0.03, 0.4, 1.0, 1.7, -2.2):
-        assert correlation(lag, band_hz) == pytest.approx(
+        assert correlation(lag, band_hz, GPS_L1_CA) == pytest.approx(
             np.sum(power * np.cos(2 * np.pi * f * lag)) / power.sum(), abs=1e-12
         )
-    assert band_share(band_hz) == pytest.approx(b * power.sum(), abs=1e-12)
+    assert band_share(band_hz, GPS_L1_CA) == pytest.approx(b * power.sum(), abs=1e-12)
     step = 1e-6
     for lag in (0.0, 0.3, -1.1):
-        rise = correlation(lag + step, band_hz) - correlation(lag - step, band_hz)
-        assert correlation_slope(lag, band_hz) == pytest.approx(rise / (2 * step), abs=1e-7)
+        rise = correlation(lag + step, band_hz, GPS_L1_CA) - correlation(lag - step, band_hz, GPS_L1_CA)
+        assert correlation_slope(lag, band_hz, GPS_L1_CA) == pytest.approx(rise / (2 * step), abs=1e-7)
 
 
 def test_shares_of_power_and_the_noise_level_are_those_of_the_guide():
-    assert band_share(5e6) == pytest.approx(0.957, abs=5e-4)
-    assert band_share(25e6) == pytest.approx(0.992, abs=5e-4)
+    assert band_share(5e6, GPS_L1_CA) == pytest.approx(0.957, abs=5e-4)
+    assert band_share(25e6, GPS_L1_CA) == pytest.approx(0.992, abs=5e-4)
     assert np.sqrt(noise_variance(45.0, 0.02, 25e6)) == pytest.approx(0.040, abs=5e-4)
 
 
 def test_without_a_band_limit_the_correlation_is_the_triangle():
     lag = np.linspace(-2.0, 2.0, 41)
-    assert np.allclose(correlation(lag, 1e12), np.maximum(1.0 - np.abs(lag), 0.0), atol=2e-5)
+    assert np.allclose(correlation(lag, 1e12, GPS_L1_CA), np.maximum(1.0 - np.abs(lag), 0.0), atol=2e-5)
 
 
 def test_the_phase_factor_is_that_of_the_integral_and_the_printed_one_is_not():
@@ -79,10 +82,10 @@ def test_taps_of_samples_through_a_filter_have_the_models_signal_and_noise():
     lags = np.arange(-6, 7)
     signal = np.stack([np.mean(low * np.roll(low, k, axis=1), axis=1) for k in lags], axis=1)
     both = np.stack([np.mean(noise * np.roll(low, k, axis=1), axis=1) for k in lags], axis=1)
-    shape = correlation(lags * 1.023e6 / rate_hz, rate_hz)
+    shape = correlation(lags * 1.023e6 / rate_hz, rate_hz, GPS_L1_CA)
     assert np.allclose(signal.mean(axis=0) / signal.mean(axis=0)[6], shape, atol=5e-3)
     covariance = (both.T @ both.conj()).real / trials
-    expected = correlation((lags[:, None] - lags) * 1.023e6 / rate_hz, rate_hz)
+    expected = correlation((lags[:, None] - lags) * 1.023e6 / rate_hz, rate_hz, GPS_L1_CA)
     assert np.allclose(covariance / np.trace(covariance) * len(lags), expected, atol=0.12)  # 3 sigma of 800
 
 
@@ -256,3 +259,14 @@ def test_the_swarm_costs_what_numpy_says():
         fit.amplitude, fit.delay_chips, fit.doppler_hz, taps_chips=delays.points, coherent_s=0.02, band_hz=5e6
     )
     assert fit.cost[0] == pytest.approx(np.sum(np.abs(taps - fitted[:, 0]) ** 2), rel=1e-3)
+
+
+def test_a_wider_band_of_shorter_chips_is_the_same_shape():
+    """The signal's plan gives the chip: ten times the chip rate in ten times the band looks alike, in chips."""
+    fast = replace(GPS_L1_CA, chip_rate_hz=10.0 * GPS_L1_CA.chip_rate_hz)
+    lag = np.linspace(-1.5, 1.5, 31)
+    np.testing.assert_allclose(correlation(lag, 50e6, fast), correlation(lag, 5e6, GPS_L1_CA), atol=1e-12)
+    np.testing.assert_allclose(correlation_slope(lag, 50e6, fast), correlation_slope(lag, 5e6, GPS_L1_CA), atol=1e-12)
+    taps = tuple(np.linspace(-1.0, 1.0, 9))
+    slow, same = (taps_dictionary(taps, *of) for of in ((5e6, GPS_L1_CA), (50e6, fast)))
+    np.testing.assert_allclose(np.abs(same.value), np.abs(slow.value), atol=1e-9)

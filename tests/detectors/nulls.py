@@ -17,7 +17,7 @@ from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.signals import prn_of
+from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.sets import consistent_sets
@@ -170,7 +170,8 @@ INTERVALS = 4
 def own_correlation(prn, lag_chips, band_hz=CCAF_RATE_HZ):
     """Of a code with itself in a band: that of single chips, as often as the code's chips are alike."""
     return sum(
-        like * correlation(lag_chips - k, band_hz) for k, like in zip(range(-6, 7), side_lobes(prn), strict=True)
+        like * correlation(lag_chips - k, band_hz, GPS_L1_CA)
+        for k, like in zip(range(-6, 7), side_lobes(prn), strict=True)
     )
 
 

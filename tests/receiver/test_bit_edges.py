@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.receiver.bit_edges import PERIODS_PER_BIT, EdgeSums, add_bits, edge_scores, shift_limit
+from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.receiver.bit_edges import EdgeSums, add_bits, edge_scores, shift_limit
 
+PERIODS_PER_BIT = GPS_L1_CA.periods_per_symbol
 N_PERIODS = 200
+NOTHING = EdgeSums(periods_per_bit=PERIODS_PER_BIT, since_s=0.0)
+
+
+def limit(probability):
+    return shift_limit(probability, PERIODS_PER_BIT)
 
 
 def prompts_of(rng, *, cn0_dbhz, moved=0, start=0, beat=None):
@@ -27,7 +34,12 @@ def score_of(rng, n_signals, **signal):
     starts = rng.integers(0, PERIODS_PER_BIT, n_signals)
     prompts = np.array([prompts_of(rng, start=start, **signal) for start in starts])
     firsts = rng.integers(0, 10_000, n_signals)
-    sums = add_bits(EdgeSums(since_s=0.0), prompts, firsts, ((firsts + starts) % PERIODS_PER_BIT).astype(float))
+    sums = add_bits(
+        NOTHING,
+        prompts,
+        firsts,
+        ((firsts + starts) % PERIODS_PER_BIT).astype(float),
+    )
     return edge_scores(sums)
 
 
@@ -37,7 +49,7 @@ def score_of(rng, n_signals, **signal):
 def test_bits_that_did_not_move_are_taken_for_moved_at_most_as_often_as_stated(cn0_dbhz, beat):
     rng = np.random.default_rng(1)
     stated, n = 0.02, 150
-    alarms = sum(score_of(rng, 4, cn0_dbhz=cn0_dbhz, beat=beat).max() > shift_limit(stated) for _ in range(n))
+    alarms = sum(score_of(rng, 4, cn0_dbhz=cn0_dbhz, beat=beat).max() > limit(stated) for _ in range(n))
     assert stats.binomtest(alarms, n, stated, alternative="greater").pvalue > 1e-3
 
 
@@ -52,8 +64,8 @@ def test_strength_that_changes_in_all_signals_at_once_moves_no_bits(n_signals, s
         noise = rng.normal(size=(2, n_signals, N_PERIODS))
         prompts = gain * np.sqrt(2.0 * 10.0**4.2 * 1e-3) + noise[0] + 1j * noise[1]
         starts = rng.integers(0, PERIODS_PER_BIT, n_signals).astype(float)
-        sums = add_bits(EdgeSums(since_s=0.0), prompts, np.zeros(n_signals, np.int64), starts)
-        alarms += edge_scores(sums).max() > shift_limit(stated)
+        sums = add_bits(NOTHING, prompts, np.zeros(n_signals, np.int64), starts)
+        alarms += edge_scores(sums).max() > limit(stated)
     assert stats.binomtest(alarms, n, stated, alternative="greater").pvalue > 1e-3
 
 
@@ -61,25 +73,23 @@ def test_strength_that_changes_in_all_signals_at_once_moves_no_bits(n_signals, s
 @pytest.mark.parametrize("moved", [1, 10, 19])
 def test_bits_that_moved_are_seen_in_a_few_looks(moved, beat):
     rng = np.random.default_rng(2)
-    sums = EdgeSums(since_s=0.0)
+    sums = NOTHING
     for _ in range(3):
         prompts = np.array([prompts_of(rng, cn0_dbhz=43.0, moved=moved, beat=beat) for _ in range(6)])
         sums = add_bits(sums, prompts, np.zeros(6, np.int64), np.zeros(6))
-    assert edge_scores(sums).max() > shift_limit(1e-6)
+    assert edge_scores(sums).max() > limit(1e-6)
 
 
 def test_the_strength_of_a_signal_does_not_matter():
     rng = np.random.default_rng(3)
     prompts = np.array([prompts_of(rng, cn0_dbhz=40.0) for _ in range(4)])
-    same, louder = (
-        add_bits(EdgeSums(since_s=0.0), factor * prompts, np.zeros(4, np.int64), np.zeros(4)) for factor in (1.0, 1e4)
-    )
+    same, louder = (add_bits(NOTHING, factor * prompts, np.zeros(4, np.int64), np.zeros(4)) for factor in (1.0, 1e4))
     np.testing.assert_allclose(edge_scores(same), edge_scores(louder))
 
 
 def test_too_few_bits_say_nothing():
     rng = np.random.default_rng(4)
     prompts = prompts_of(rng, cn0_dbhz=45.0, moved=5)[None]
-    sums = add_bits(EdgeSums(since_s=0.0), prompts, np.zeros(1, np.int64), np.zeros(1))
+    sums = add_bits(NOTHING, prompts, np.zeros(1, np.int64), np.zeros(1))
     assert 0 < sums.n_bits < 15
     assert not edge_scores(sums).any()

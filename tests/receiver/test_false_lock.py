@@ -28,12 +28,12 @@ def prompts_of_signals(off_hz, cn0_dbhz, n_bits, rng, n_signals=1, first=0):
 
 def sums(off_hz, cn0_dbhz, n_bits, seed, n_signals=1):
     prompts = prompts_of_signals(off_hz, cn0_dbhz, n_bits, np.random.default_rng(seed), n_signals)
-    return turns_of(prompts, np.zeros(n_signals, np.int64), np.zeros(n_signals))
+    return turns_of(prompts, np.zeros(n_signals, np.int64), np.zeros(n_signals), 20)
 
 
 def test_bits_are_taken_whole_wherever_they_begin():
     prompts = prompts_of_signals(0.0, 60.0, 12, np.random.default_rng(1), first=7)
-    turns = turns_of(prompts, np.array([107]), np.array([0.0]))
+    turns = turns_of(prompts, np.array([107]), np.array([0.0]), 20)
     assert turns[0, N_BITS] == 11
     assert turns[0, 1] == pytest.approx(11 * 4 * 16 * 1000.0, rel=0.02)  # of four products of sums over four periods
 

@@ -85,15 +85,17 @@ def test_a_signal_has_the_shape_of_its_band_where_its_delay_is_whatever_the_loop
     # What the zero of each grid shows at the common time, against the signal there.
     shown = (grids.fraction_s + (grids.periods - 1000) * 1e-3) * CA_CHIP_RATE_HZ
     true = (grids.elapsed_s - FIRST / RATE_HZ) * per_s - late
-    table = taps_dictionary(tuple(correlator.delays_chips.tolist()), correlator.band_hz)
+    table = taps_dictionary(tuple(correlator.delays_chips.tolist()), correlator.band_hz, GPS_L1_CA)
     found = decompose(grids.value[:, 1].astype(complex), table, signals=1, noise_variance=1e-6)
     np.testing.assert_allclose(shown - true, found.delay_chips[:, 0], atol=0.004)
-    like = correlation(correlator.delays_chips - found.delay_chips, correlator.band_hz)
+    like = correlation(correlator.delays_chips - found.delay_chips, correlator.band_hz, GPS_L1_CA)
     peak = np.abs(found.amplitude)
     np.testing.assert_allclose(np.abs(grids.value[:, 1]), np.abs(found.amplitude * like), atol=0.09 * peak.max())
     beside = np.abs(grids.value[:, [0, 2]]).max(axis=2) / np.abs(grids.value[:, 1]).max(axis=1)[:, None]
     np.testing.assert_allclose(beside, np.sinc(0.5), atol=0.01)
-    assert peak == pytest.approx(3.0 * band_share(correlator.band_hz) / np.sqrt(band_share(3.2e6)), rel=0.05)
+    assert peak == pytest.approx(
+        3.0 * band_share(correlator.band_hz, GPS_L1_CA) / np.sqrt(band_share(3.2e6, GPS_L1_CA)), rel=0.05
+    )
 
 
 def test_noise_has_the_variance_and_the_covariance_that_the_record_states():
@@ -107,7 +109,7 @@ def test_noise_has_the_variance_and_the_covariance_that_the_record_states():
     variance = float(np.mean(variances))
     delays, bins = correlator.delays_chips, correlator.dopplers_hz
     found = np.einsum("ndi,nej->diej", value, value.conj()) / len(value)
-    lag = correlation(delays[:, None] - delays, correlator.band_hz)
+    lag = correlation(delays[:, None] - delays, correlator.band_hz, GPS_L1_CA)
     apart = np.sinc((bins[:, None] - bins) * 0.02)
     stated = variance * np.einsum("de,ij->diej", apart, lag)
     assert np.abs(found - stated).max() < 5.0 * variance / np.sqrt(len(value))

@@ -1,10 +1,13 @@
 """Prompts to bits, time and subframes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from skyproof.gnss.lnav import encode_subframes
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import telemetry as tm
 
 NAVIGATION = nominal_constellation(np.datetime64("2024-03-03T12:00:00", "ns"))
@@ -25,7 +28,7 @@ def prompts(seconds, *, lead_periods, cn0_dbhz, polarity=1.0, seed=1):
 def feed(values, *, block=100):
     state = tm.Telemetry()
     for start in range(0, values.size, block):
-        state = tm.step(state, values[start : start + block], start)
+        state = tm.step(state, values[start : start + block], start, GPS_L1_CA)
     return state
 
 
@@ -57,7 +60,7 @@ def test_noise_has_no_time_of_week():
 
 def test_memory_does_not_grow():
     state = feed(prompts(120, lead_periods=0, cn0_dbhz=40.0))
-    assert state.bits.size <= tm.BITS_KEPT
+    assert state.bits.size <= tm.bits_kept(GPS_L1_CA.decoder)
     assert state.prompts.size < 2000
 
 
@@ -71,19 +74,19 @@ def test_a_time_of_week_that_fits_is_kept_while_the_message_cannot_be_read():
     turned = np.where((np.arange(38_000) // 97) % 2, -1.0, 1.0)
     state = known
     for start in range(12_000, 50_000, 500):
-        state = tm.step(state, (values[12_000:] * turned)[start - 12_000 : start - 11_500], start)
+        state = tm.step(state, (values[12_000:] * turned)[start - 12_000 : start - 11_500], start, GPS_L1_CA)
         assert state.tow_ms_at_period_0 == TOW_S * 1000 - 1313
-        assert tm.bit_start(state) == -(TOW_S * 1000 - 1313) % 20
+        assert tm.bit_start(state, GPS_L1_CA) == -(TOW_S * 1000 - 1313) % 20
 
 
 def test_a_time_of_week_is_dropped_once_bits_begin_elsewhere():
     state = tm.Telemetry(tow_ms_at_period_0=TOW_S * 1000 - 4313)
     values = prompts(3, lead_periods=4306, cn0_dbhz=40.0)  # no subframe begins in them
-    assert tm.bit_start(state) == 4313 % 20
-    state = tm.step(state, values, 0)
+    assert tm.bit_start(state, GPS_L1_CA) == 4313 % 20
+    state = tm.step(state, values, 0, GPS_L1_CA)
     assert state.synchronised
     assert state.tow_ms_at_period_0 is None
-    assert tm.bit_start(state) == 4306 % 20
+    assert tm.bit_start(state, GPS_L1_CA) == 4306 % 20
 
 
 def sent(bits, *, lead_periods, cn0_dbhz, rng):
@@ -101,7 +104,7 @@ def test_bits_that_do_not_turn_over_tell_no_start(cn0_dbhz):
         quiet, turning = np.ones(150), rng.choice([-1.0, 1.0], 150)
         values = sent(np.concatenate([quiet, turning]), lead_periods=lead_periods, cn0_dbhz=cn0_dbhz, rng=rng)
         assert not feed(values[:2900]).synchronised
-        assert tm.bit_start(feed(values)) == lead_periods
+        assert tm.bit_start(feed(values), GPS_L1_CA) == lead_periods
 
 
 @pytest.mark.long
@@ -113,4 +116,23 @@ def test_bits_are_hardly_ever_taken_to_begin_where_they_do_not(turning, cn0_dbhz
         lead_periods = int(rng.integers(20))
         bits = np.cumprod(np.where(rng.random(300) < turning, -1.0, 1.0))
         state = feed(sent(bits, lead_periods=lead_periods, cn0_dbhz=cn0_dbhz, rng=rng))
-        assert tm.bit_start(state) in (None, lead_periods)
+        assert tm.bit_start(state, GPS_L1_CA) in (None, lead_periods)
+
+
+def test_bits_and_time_follow_the_signals_plan():
+    """A message of 100 symbols a second: nothing counts C/A's twenty milliseconds."""
+    plan = replace(GPS_L1_CA, symbol_s=0.01)
+    lead, every = 100, plan.periods_per_symbol
+    values = prompts(40, lead_periods=2 * lead, cn0_dbhz=45.0).reshape(-1, 2).sum(axis=1)  # of each bit ten prompts
+    state = tm.Telemetry()
+    for start in range(0, values.size, 100):
+        state = tm.step(state, values[start : start + 100], start, plan)
+    assert tm.bit_start(state, plan) == lead % every
+    behind_ms = state.tow_ms_at_period_0 - (TOW_S * 1000 - lead)  # frames of 3 s, each of which counts 6 s on
+    assert behind_ms % 3000 == 0
+    assert {1, 2, 3} & state.subframes.keys()
+
+
+def test_a_signal_whose_message_is_not_known_is_not_read():
+    empty = tm.Telemetry()
+    assert tm.step(empty, np.ones(4000), 0, replace(GPS_L1_CA, decoder=None)) is empty

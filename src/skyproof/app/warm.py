@@ -72,12 +72,12 @@ def _packed() -> None:
 def _overlaps() -> None:
     """What needs more than one signal of a satellite within a chip."""
     _joint_channels()
-    rng, delays = np.random.default_rng(1), taps_dictionary(tuple(np.linspace(-2.0, 2.0, 21)), 5e6)
+    rng, delays = np.random.default_rng(1), taps_dictionary(tuple(np.linspace(-2.0, 2.0, 21)), 5e6, GPS_L1_CA)
     noise = rng.standard_normal((2, 2, 21)) + 1j * rng.standard_normal((2, 2, 21))
     decompose(noise[:, 0], delays)
     decompose(noise, delays, bins_dictionary(0.02, (0.0, 25.0), within_hz=60.0))
     bursts = rng.standard_normal((1, 4, 9)) + 1j * rng.standard_normal((1, 4, 9))
-    components(bursts, shapes(7, tuple(np.linspace(-1.0, 1.0, 9)), 2e6, 1.0), np.ones((1, 4)), 2e6)
+    components(bursts, shapes(GPS_L1_CA, 7, tuple(np.linspace(-1.0, 1.0, 9)), 2e6, 1.0), np.ones((1, 4)))
 
 
 def _joint_channels() -> None:

@@ -17,36 +17,37 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from skyproof.arrays import Reals
-from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.gnss.signals import SignalPlan
 
 __all__ = ["band_share", "correlation", "correlation_slope"]
 
 
-def correlation(lag_chips: ArrayLike, band_hz: float) -> Reals:
+def correlation(lag_chips: ArrayLike, band_hz: float, signal: SignalPlan) -> Reals:
     """R at lags (...), one at zero, of random chips through an ideal filter of two-sided width `band_hz`.
 
     The integral of sinc^2(pi f) cos(2 pi f x) over |f| <= b, b = band / 2 in cycles per chip, in closed form: the
     second difference of G(y) = (cos(2 pi b y) - 1) / (pi^2 b) + (2/pi) y Si(2 pi b y), which is |y| without a limit.
     """
-    lag, b = np.asarray(lag_chips, np.float64), _half_band(band_hz)
+    lag, b = np.asarray(lag_chips, np.float64), _half_band(band_hz, signal)
     second = _g(lag + 1.0, b) + _g(lag - 1.0, b) - 2.0 * _g(lag, b)
-    return np.asarray(0.5 * second / band_share(band_hz))
+    return np.asarray(0.5 * second / band_share(band_hz, signal))
 
 
-def correlation_slope(lag_chips: ArrayLike, band_hz: float) -> Reals:
+def correlation_slope(lag_chips: ArrayLike, band_hz: float, signal: SignalPlan) -> Reals:
     """Derivative of `correlation` by the lag, per chip."""
-    lag, b = np.asarray(lag_chips, np.float64), _half_band(band_hz)
+    lag, b = np.asarray(lag_chips, np.float64), _half_band(band_hz, signal)
     second = _dg(lag + 1.0, b) + _dg(lag - 1.0, b) - 2.0 * _dg(lag, b)
-    return np.asarray(0.5 * second / band_share(band_hz))
+    return np.asarray(0.5 * second / band_share(band_hz, signal))
 
 
-def band_share(band_hz: float) -> float:
-    """Share of the code's power in the band: 0.957 for 5 MHz, 0.992 for 25 MHz."""
-    return float(_g(np.asarray(1.0), _half_band(band_hz)))
+def band_share(band_hz: float, signal: SignalPlan) -> float:
+    """Share of the code's power in the band: of C/A 0.957 for 5 MHz, 0.992 for 25 MHz."""
+    return float(_g(np.asarray(1.0), _half_band(band_hz, signal)))
 
 
-def _half_band(band_hz: float) -> float:
-    return band_hz / (2.0 * GPS_L1_CA.chip_rate_hz)
+def _half_band(band_hz: float, signal: SignalPlan) -> float:
+    """Of the band, in cycles per chip."""
+    return band_hz / (2.0 * signal.chip_rate_hz)
 
 
 def _g(y: Reals, b: float) -> Reals:

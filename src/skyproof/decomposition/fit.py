@@ -25,6 +25,7 @@ from scipy import linalg
 from skyproof.arrays import Complexes, Reals
 from skyproof.decomposition.correlation import correlation, correlation_slope
 from skyproof.decomposition.kernels import fit_all
+from skyproof.gnss.signals import SignalPlan
 
 __all__ = [
     "Decomposition",
@@ -42,6 +43,7 @@ __all__ = [
 
 _CODE_NULLS = 1e-7  # of the largest eigenvalue: below, the code has no power there
 _COARSE_CHIPS = 0.02
+_COARSE_BAND = 29.3  # cycles per chip, two-sided; of a narrower band a hundredth of a chip is fine enough
 _COARSE_HZ = 2.0
 
 
@@ -85,18 +87,21 @@ class Dictionary:
 
 
 @lru_cache(maxsize=32)
-def taps_dictionary(taps_chips: tuple[float, ...], band_hz: float, *, window_chips: float = 1.3) -> Dictionary:
+def taps_dictionary(
+    taps_chips: tuple[float, ...], band_hz: float, signal: SignalPlan, *, window_chips: float = 1.3
+) -> Dictionary:
     """Of taps anywhere, for delays within `window_chips`. band_hz : two-sided, of the front end."""
     taps = np.array(taps_chips)
-    step = 0.01 if band_hz < 30e6 else 0.005  # Hermite's error stays below 1e-3 of the highest frequency
+    # Hermite's error stays below 1e-3 of the highest frequency.
+    step = 0.01 if band_hz < _COARSE_BAND * signal.chip_rate_hz else 0.005
     grid = np.asarray(step * np.arange(-round(window_chips / step), round(window_chips / step) + 1), np.float64)
     lag = taps[:, None] - grid
     return dictionary_of(
         taps,
         grid,
-        value=correlation(lag, band_hz),
-        slope=-correlation_slope(lag, band_hz),
-        noise=correlation(taps[:, None] - taps, band_hz),
+        value=correlation(lag, band_hz, signal),
+        slope=-correlation_slope(lag, band_hz, signal),
+        noise=correlation(taps[:, None] - taps, band_hz, signal),
         band_hz=band_hz,
     )
 

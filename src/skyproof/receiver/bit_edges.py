@@ -17,18 +17,11 @@ import numpy as np
 from scipy import special
 
 from skyproof.arrays import Booleans, Complexes, Integers, Reals
-from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
 from skyproof.receiver.crosstalk import Rows
 
-__all__ = ["PERIODS_PER_BIT", "EdgeSums", "add_bits", "edge_scores", "prompts_of", "shift_limit"]
+__all__ = ["EdgeSums", "add_bits", "edge_scores", "prompts_of", "shift_limit"]
 
-PERIODS_PER_BIT = GPS_L1_CA.periods_per_symbol
-_SHIFTS = np.arange(1, PERIODS_PER_BIT)
-_LONGEST = PERIODS_PER_BIT - 1
-_AWAY = np.concatenate([[0], -_SHIFTS, PERIODS_PER_BIT - _SHIFTS])
-"""Periods from a bit's sum to itself and to those it is compared with: moved so, before it and behind it."""
-_LATER_SHARE = _SHIFTS / PERIODS_PER_BIT
 _PROMPT: Final = slice(k.OUT_TAPS + 2, k.OUT_TAPS + 4)
 _FEWEST_BITS = 15
 """The mean of fewer differences is not normal enough."""
@@ -36,18 +29,20 @@ _FEWEST_BITS = 15
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EdgeSums:
-    """Differences of energy so far: sums (19,) over `n_bits` bits, for bits that begin 1, 2, ... 19 periods earlier.
+    """Differences of energy so far: sums over `n_bits` bits, for bits that begin 1, 2, ... periods earlier.
 
+    periods_per_bit : code periods in a bit. There are as many sums, less one; (1,) of zero before the first look.
     since_s : receiver time of the look that asked for it; is_fresh : when nothing had asked for a while. looks : taken
     since.
     """
 
+    periods_per_bit: int
     since_s: float
     is_fresh: bool = False
     looks: int = 0
     n_bits: int = 0
-    total: Reals = field(default_factory=lambda: np.zeros(_SHIFTS.size))
-    squares: Reals = field(default_factory=lambda: np.zeros(_SHIFTS.size))
+    total: Reals = field(default_factory=lambda: np.zeros(1))
+    squares: Reals = field(default_factory=lambda: np.zeros(1))
 
 
 def prompts_of(blocks: Sequence[Rows], chosen: Booleans) -> tuple[Complexes, Integers]:
@@ -71,9 +66,10 @@ def add_bits(sums: EdgeSums, prompts: Complexes, first_periods: Integers, bit_st
     """One more look.
 
     prompts : (n_signals, n_periods) of successive code periods, of each signal from `first_periods` (n_signals,) on.
-    bit_starts : (n_signals,) period, modulo 20, with which its bits are thought to begin.
+    bit_starts : (n_signals,) period, modulo those of a bit, with which its bits are thought to begin.
     """
-    difference = _differences(prompts, np.mod(bit_starts - first_periods, PERIODS_PER_BIT).astype(np.int64))
+    offsets = np.mod(bit_starts - first_periods, sums.periods_per_bit).astype(np.int64)
+    difference = _differences(prompts, offsets, sums.periods_per_bit)
     return replace(
         sums,
         looks=sums.looks + 1,
@@ -83,35 +79,38 @@ def add_bits(sums: EdgeSums, prompts: Complexes, first_periods: Integers, bit_st
     )
 
 
-def _differences(prompts: Complexes, offsets: Integers) -> Reals:
-    """(n_bits, 19): energy of each bit's sum moved, less that of the sum itself, over the sum of both."""
-    offsets = np.where(offsets < _LONGEST, offsets + PERIODS_PER_BIT, offsets)  # what begins earliest must be there
-    stop = prompts.shape[1] - PERIODS_PER_BIT - _LONGEST + 1  # and what ends last
-    first = np.arange(0, max(stop - int(offsets.max(initial=0)), 0), PERIODS_PER_BIT)
-    begins = offsets[:, np.newaxis, np.newaxis] + first[:, np.newaxis] + _AWAY
+def _differences(prompts: Complexes, offsets: Integers, periods: int) -> Reals:
+    """(n_bits, periods - 1): energy of each bit's sum moved, less that of the sum itself, over the sum of both."""
+    shifts, longest = np.arange(1, periods), periods - 1
+    away = np.concatenate([[0], -shifts, periods - shifts])  # of a bit's sum, and of those before it and behind it
+    offsets = np.where(offsets < longest, offsets + periods, offsets)  # what begins earliest must be there
+    stop = prompts.shape[1] - periods - longest + 1  # and what ends last
+    first = np.arange(0, max(stop - int(offsets.max(initial=0)), 0), periods)
+    begins = offsets[:, np.newaxis, np.newaxis] + first[:, np.newaxis] + away
     summed = np.concatenate([np.zeros((prompts.shape[0], 1)), np.cumsum(prompts, axis=1)], axis=1)
     of_signal = np.arange(prompts.shape[0])[:, np.newaxis, np.newaxis]
-    energy = np.abs(summed[of_signal, begins + PERIODS_PER_BIT] - summed[of_signal, begins]) ** 2
+    energy = np.abs(summed[of_signal, begins + periods] - summed[of_signal, begins]) ** 2
     still, moved = energy[..., :1], energy[..., 1:]
     both = moved + still
     share = np.divide(moved - still, both, out=np.zeros_like(both), where=both > 0.0)
-    earlier, later = np.split(share.reshape(-1, 2 * _SHIFTS.size), 2, axis=-1)
+    earlier, later = np.split(share.reshape(-1, 2 * shifts.size), 2, axis=-1)
     # Each share for itself has the mean zero on noise, as it is the same with both sums exchanged but for its sign.
-    return np.asarray((1.0 - _LATER_SHARE) * earlier + _LATER_SHARE * later)
+    later_share = shifts / periods
+    return np.asarray((1.0 - later_share) * earlier + later_share * later)
 
 
 def edge_scores(sums: EdgeSums) -> Reals:
-    """(19,) mean difference over its standard error for each shift; zero with too few bits to tell.
+    """(periods_per_bit - 1,) mean difference over its standard error for each shift; zero with too few bits to tell.
 
     Standard normal or lower where bits begin as they are thought to.
     """
     if sums.n_bits < _FEWEST_BITS:
-        return np.zeros(_SHIFTS.size)
+        return np.zeros(sums.periods_per_bit - 1)
     mean = sums.total / sums.n_bits
     variance = np.maximum(sums.squares / sums.n_bits - mean**2, np.finfo(float).tiny)
     return np.asarray(mean / np.sqrt(variance / sums.n_bits))
 
 
-def shift_limit(probability: float) -> float:
+def shift_limit(probability: float, periods_per_bit: int) -> float:
     """What the largest of the scores exceeds with at most this probability where no bit moved."""
-    return -float(special.ndtri(probability / _SHIFTS.size))
+    return -float(special.ndtri(probability / (periods_per_bit - 1)))

@@ -146,7 +146,7 @@ def arc_of(channel: Channel, signal: SignalPlan) -> Arc:
     )
 
 
-def lost_of(channel: Channel, place: DelayDoppler) -> LostSignal:
+def lost_of(channel: Channel, place: DelayDoppler, signal: SignalPlan) -> LostSignal:
     """A confirmed channel as a lost signal, last seen there."""
     assert channel.copy is not None
     began_ms = channel.telemetry.tow_ms_at_period_0
@@ -156,7 +156,7 @@ def lost_of(channel: Channel, place: DelayDoppler) -> LostSignal:
         found_s=channel.found_s,
         missed_s=channel.missed_s,
         place=place,
-        tow_ms=None if began_ms is None else began_ms + place.period,
+        tow_ms=None if began_ms is None else began_ms + place.period * signal.period_ms,
     )
 
 
@@ -166,7 +166,7 @@ def tow_kept(old: LostSignal, place: DelayDoppler, signal: SignalPlan) -> int | 
     """
     if old.tow_ms is None:
         return None
-    return old.tow_ms + old.place.periods_to(place, signal) - place.period
+    return old.tow_ms + (old.place.periods_to(place, signal) - place.period) * signal.period_ms
 
 
 def continued(

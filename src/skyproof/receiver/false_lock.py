@@ -15,7 +15,7 @@ from scipy import special
 from skyproof.arrays import Booleans, Complexes, Integers, Reals
 from skyproof.gnss.signals import SignalPlan
 from skyproof.receiver import kernels as k
-from skyproof.receiver.bit_edges import PERIODS_PER_BIT, prompts_of
+from skyproof.receiver.bit_edges import prompts_of
 from skyproof.receiver.crosstalk import Rows
 
 __all__ = ["N_TURNS", "WINDOW_BITS", "false_lock_hz", "is_turning", "off_false_locks", "turns_of"]
@@ -51,11 +51,11 @@ def off_false_locks(
     prompts, firsts = prompts_of(blocks, known)
     if not prompts.size:
         return turning, loops, turns
-    row = turns_of(prompts, firsts, loops[known, k.BIT_START])
+    row = turns_of(prompts, firsts, loops[known, k.BIT_START], signal.periods_per_symbol)
     turning[known] = is_turning(row, FALSE_TURNING)
     turns[known] += row
     whole = np.flatnonzero(turns[:, N_BITS] >= WINDOW_BITS)
-    more_hz = false_lock_hz(turns[whole], PERIODS_PER_BIT * signal.period_s)
+    more_hz = false_lock_hz(turns[whole], signal.periods_per_symbol * signal.period_s)
     turns[whole] = 0.0
     off, more_hz = whole[more_hz != 0.0], more_hz[more_hz != 0.0]
     loops[off, k.PLL_VELOCITY] += more_hz
@@ -67,15 +67,15 @@ def off_false_locks(
     return turning, loops, turns
 
 
-def turns_of(prompts: Complexes, first_periods: Integers, bit_starts: Reals) -> Reals:
+def turns_of(prompts: Complexes, first_periods: Integers, bit_starts: Reals, periods_per_bit: int) -> Reals:
     """Sums (n_signals, N_TURNS) over the whole bits in the prompts.
 
     prompts : (n_signals, n_periods) of successive code periods, of each signal from `first_periods` (n_signals,) on.
-    bit_starts : (n_signals,) period, modulo 20, with which its bits begin.
+    bit_starts : (n_signals,) period, modulo those of a bit, with which its bits begin.
     """
-    offsets = np.mod(bit_starts - first_periods, PERIODS_PER_BIT).astype(np.int64)
-    n_bits = max((prompts.shape[1] - int(offsets.max(initial=0))) // PERIODS_PER_BIT, 0)
-    at = offsets[:, np.newaxis] + np.arange(n_bits * PERIODS_PER_BIT)
+    offsets = np.mod(bit_starts - first_periods, periods_per_bit).astype(np.int64)
+    n_bits = max((prompts.shape[1] - int(offsets.max(initial=0))) // periods_per_bit, 0)
+    at = offsets[:, np.newaxis] + np.arange(n_bits * periods_per_bit)
     parts = np.take_along_axis(prompts, at, axis=1).reshape(prompts.shape[0], n_bits, PARTS, -1).sum(axis=-1)
     product = np.sum(parts[..., 1:] * np.conj(parts[..., :-1]), axis=-1)
     i, q = product.real, product.imag

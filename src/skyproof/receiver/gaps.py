@@ -22,7 +22,7 @@ from skyproof.arrays import Booleans, Reals
 from skyproof.receiver import coasting
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
-from skyproof.receiver.bit_edges import PERIODS_PER_BIT, EdgeSums, add_bits, edge_scores, prompts_of, shift_limit
+from skyproof.receiver.bit_edges import EdgeSums, add_bits, edge_scores, prompts_of, shift_limit
 from skyproof.receiver.channels import GAP_VOTES, Gap
 from skyproof.receiver.crosstalk import Rows
 from skyproof.receiver.settings import ReceiverSettings
@@ -72,28 +72,28 @@ def looked_for_gap(
     jumped = good & (table[:, m.JUMP] > JUMP_SIGMAS)
     asks = bool(jumped.sum() >= GAP_VOTES and jumped.sum() > MOST_VOTES * good.sum())
     known = good & (state.loops[:, k.BIT_START] >= 0.0)
-    moved, gap, doubts = state.moved, None, False
+    moved, gap, doubts, signal = state.moved, None, False, settings.signal
     if moved is not None:
         moved = _with_bits(moved, state, known, blocks)
         score = float(np.max(edge_scores(moved)))
         doubts = score > DOUBT_SCORE
-        if score > shift_limit(settings.false_gap_probability):
+        if score > shift_limit(settings.false_gap_probability, signal.periods_per_symbol):
             lately_s = elapsed_s - LATELY_FRAMES * settings.frame_s
             gap = Gap(elapsed_s=max(moved.since_s, lately_s), shift_s=0.0, signals=int(known.sum()))
         elif score < -DOUBT_SCORE:
             if moved.is_fresh and moved.looks == 1:
-                gap = _bits_missing(state, table, good & ~jumped, elapsed_s, moved.since_s, if_hz)
+                gap = _bits_missing(state, table, good & ~jumped, elapsed_s, moved.since_s, if_hz, signal.symbol_s)
             moved = None
         elif moved.looks >= MOST_LOOKS:
             moved, doubts = None, False
     if gap is not None:
         return Look(gap=gap), replace(state, moved=None, asked_s=elapsed_s)
     if not asks:
-        state = replace(state, moved=moved or EdgeSums(since_s=elapsed_s))
+        state = replace(state, moved=moved or EdgeSums(periods_per_bit=signal.periods_per_symbol, since_s=elapsed_s))
         return Look(withheld=doubts), _with_quiet_row(state, table, good, elapsed_s)
     fresh = elapsed_s - state.asked_s > FRESH_S
     if moved is None:
-        moved = EdgeSums(since_s=elapsed_s, is_fresh=fresh)
+        moved = EdgeSums(periods_per_bit=signal.periods_per_symbol, since_s=elapsed_s, is_fresh=fresh)
         # What came after the row's moment: whether the row is of the other side already.
         doubts = bool(np.max(edge_scores(_with_bits(moved, state, known, blocks[1:]))) > DOUBT_SCORE)
     untimed = fresh and bool(known.sum() < GAP_VOTES)
@@ -115,7 +115,7 @@ def _with_bits(moved: EdgeSums, state: ReceiverState, known: Booleans, blocks: S
 
 
 def _bits_missing(
-    state: ReceiverState, table: Reals, quiet: Booleans, elapsed_s: float, since_s: float, if_hz: float
+    state: ReceiverState, table: Reals, quiet: Booleans, elapsed_s: float, since_s: float, if_hz: float, bit_s: float
 ) -> Gap | None:
     """Whether whole data bits are missing between the last row before all carriers jumped and this one, of the channels
     that are quiet in both.
@@ -130,7 +130,6 @@ def _bits_missing(
     variance = (
         2.0 * now[:, m.CARRIER_SIGMA_CYC] ** 2 + 0.5 * (now[:, m.DOPPLER_SIGMA_HZ] * away_s) ** 2 + TURN_SIGMA_CYC**2
     )
-    bit_s = PERIODS_PER_BIT * 1e-3
     predicted_cyc = (if_hz + mean_hz) * bit_s * np.arange(1, MOST_BITS_MISSING + 1)[:, np.newaxis]
     ratios = turn_ratio(turn_cyc - predicted_cyc, np.sqrt(variance))
     if np.max(ratios) < MOST_BITS_MISSING / FALSE_TURN_PROBABILITY:

@@ -275,7 +275,7 @@ def _without(
     for i, channel in enumerate(state.channels):
         if channel.arc in gone:
             given.arcs[channel.arc] = arc_of(channel, settings.signal)
-            lost.append(lost_of(channel, place_of(state.locked_at[i])))
+            lost.append(lost_of(channel, place_of(state.locked_at[i]), settings.signal))
         else:
             stay.append(i)
     arcs = {name: arc for name, arc in one.arcs.items() if name not in names}

@@ -144,8 +144,8 @@ def messages_read(state: ReceiverState, settings: ReceiverSettings, given: Given
             continue
         first = int(loops[i, k.PERIODS]) - new.size
         known_ms = channel.telemetry.tow_ms_at_period_0
-        telemetry = tm.step(channel.telemetry, new, first)
-        begins = tm.bit_start(telemetry)
+        telemetry = tm.step(channel.telemetry, new, first, settings.signal)
+        begins = tm.bit_start(telemetry, settings.signal)
         loops[i, k.BIT_START] = -1.0 if begins is None else begins
         if channel.copy is not None and known_ms is not None and known_ms != telemetry.tow_ms_at_period_0:
             channel = _new_arc(channel, number, "after a gap", settings.signal, given)
@@ -179,7 +179,7 @@ def confirmed(state: ReceiverState, settings: ReceiverSettings, given: Given) ->
     if not due:
         return state
     places = [(state.channels[i].sat, place_of(state.locked_at[i])) for i in due]
-    coasted = _coasted(state)
+    coasted = _coasted(state, settings.signal)
     still = [
         (channel.began_s, place_of(state.locked_at[i]))
         for i, channel in enumerate(state.channels)
@@ -233,11 +233,11 @@ def _as_signal(
     )
 
 
-def _coasted(state: ReceiverState) -> Mapping[int, LostSignal]:
+def _coasted(state: ReceiverState, signal: SignalPlan) -> Mapping[int, LostSignal]:
     """The channels that coast, as signals that may be found elsewhere."""
     coast = np.flatnonzero(np.isfinite(state.courses[:, coasting.SINCE_S]))
     return {
-        i: lost_of(state.channels[i], place_of(state.locked_at[i]))
+        i: lost_of(state.channels[i], place_of(state.locked_at[i]), signal)
         for i in coast.tolist()
         if state.channels[i].copy is not None
     }
@@ -269,7 +269,7 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
             stay.append(i)
         elif channel.copy is not None:
             given.arcs[channel.arc] = arc_of(channel, settings.signal)
-            lost = (*lost, lost_of(channel, place_of(state.locked_at[i])))
+            lost = (*lost, lost_of(channel, place_of(state.locked_at[i]), settings.signal))
     return replace(kept(state, stay), lost=lost)
 
 

@@ -55,7 +55,7 @@ def receiver_time_tag(first: Measurements, arcs: Mapping[int, Arc], week: int) -
     for row, number in enumerate(first.arc.tolist()):
         tow_ms = arcs[number].tow_ms_at_period_0
         if tow_ms is not None:
-            sent_ms = tow_ms + int(first.table[row, m.PERIODS])
+            sent_ms = tow_ms + int(first.table[row, m.PERIODS]) * arcs[number].signal.plan.period_ms
             starts_ms.append(sent_ms + TYPICAL_TRAVEL_MS - round(float(first.elapsed_s[row]) * 1000))
     if not starts_ms:
         return None
@@ -152,9 +152,9 @@ def assemble(
         status[cell] = np.where(carrier.slipped[own], CellStatus.SLIP, CellStatus.OK)
         half_cycle_open[cell] = carrier.open[own]
         cells["carrier_cyc"][cell] = table[:, m.CARRIER_CYC] + 0.5 * carrier.added[own]
-        periods = table[:, m.PERIODS].astype(np.int64)
+        sent_ms = table[:, m.PERIODS].astype(np.int64) * arc.signal.plan.period_ms
         elapsed_ms = np.rint(measured_s * 1000).astype(np.int64)
-        whole_ms = label.tow_ms + elapsed_ms - arc.tow_ms_at_period_0 - periods
+        whole_ms = label.tow_ms + elapsed_ms - arc.tow_ms_at_period_0 - sent_ms
         whole_ms = (whole_ms + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2
         cells["pseudorange_m"][cell] = SPEED_OF_LIGHT_M_S * (whole_ms * 1e-3 - table[:, m.FRACTION_S])
         for name, (index, factor) in _AS_MEASURED.items():
@@ -241,7 +241,8 @@ def ccaf_of(
     tow_ms = np.array([arc.tow_ms_at_period_0 or 0 for arc in own], np.int64)
     elapsed_ms = np.rint(grids.elapsed_s * 1000).astype(np.int64)
     rest_s = grids.elapsed_s - elapsed_ms * 1e-3
-    whole_ms = label.tow_ms + elapsed_ms - tow_ms - grids.periods - np.rint(moved / np.timedelta64(1, "ms"))[rows]
+    whole_ms = label.tow_ms + elapsed_ms - tow_ms - grids.periods * taken.signal.period_ms
+    whole_ms = whole_ms - np.rint(moved / np.timedelta64(1, "ms"))[rows]
     whole_ms = (whole_ms + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2
     shape = (elapsed_s.size, len(observations.signals))
     cells = {name: np.full(shape, np.nan) for name in ("reference_m", "reference_hz", "noise_variance")}
@@ -371,9 +372,9 @@ def timed_by_range(
 ) -> dict[int, Arc]:
     """The arcs, those without a time of week given one by the range that their satellite should have.
 
-    Bits begin at whole 20 ms, so a channel that knows where its bits begin is open by multiples of 20 ms (6000 km)
-    only, and the predicted pseudorange closes that. A false signal off by more than half of it would come out wrong by
-    20 ms; it then fits no position.
+    Bits begin at whole multiples of their length, so a channel that knows where its bits begin is open by those only
+    (of LNAV 20 ms, 6000 km), and the predicted pseudorange closes that. A false signal off by more than half of it
+    would come out wrong by a bit; it then fits no position.
 
     Parameters
     ----------
@@ -390,9 +391,11 @@ def timed_by_range(
         if expected_m is None:
             continue
         sent_ms = label.tow_ms + elapsed_s * 1e3 - expected_m / SPEED_OF_LIGHT_M_S * 1e3
-        at_period_0_ms = sent_ms - row[m.PERIODS] - row[m.FRACTION_S] * 1e3
-        at_bits_ms = 20 * round((at_period_0_ms + arc.bits_period) / 20.0)
-        timed[number] = replace(arc, tow_ms_at_period_0=(at_bits_ms - arc.bits_period) % WEEK_MS)
+        plan = arc.signal.plan
+        bit_ms, bits_ms = plan.periods_per_symbol * plan.period_ms, arc.bits_period * plan.period_ms
+        at_period_0_ms = sent_ms - row[m.PERIODS] * plan.period_ms - row[m.FRACTION_S] * 1e3
+        at_bits_ms = bit_ms * round((at_period_0_ms + bits_ms) / bit_ms)
+        timed[number] = replace(arc, tow_ms_at_period_0=(at_bits_ms - bits_ms) % WEEK_MS)
     return timed
 
 

@@ -15,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Integers
-from skyproof.gnss.lnav import Bits, word_signs
-from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.gnss.lnav import Bits
+from skyproof.gnss.signals import MessageDecoder, SignalPlan
 
-__all__ = ["HalfCycles", "Stretch", "half_cycles", "joined", "stretches_of"]
+__all__ = ["BRIDGED_WORDS", "HalfCycles", "Stretch", "half_cycles", "joined", "stretches_of"]
 
-_BIT_PERIODS: Final = GPS_L1_CA.periods_per_symbol
-_BRIDGED_PERIODS: Final = 2 * 30 * _BIT_PERIODS
-"""Two words: damage that is no longer, between bits of one sign, is taken for noise and not for two turns."""
+BRIDGED_WORDS: Final = 2
+"""Damage that is no longer, between bits of one sign, is taken for noise and not for two turns."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +33,14 @@ class Stretch:
     inverted: bool
 
 
-def stretches_of(bits: Bits, start: int, first_period: int) -> list[Stretch]:
-    """Where the sign of these bits (n,) is known; a subframe starts at bit `start`, and bit 0 with `first_period`."""
-    at, holds, signs = word_signs(bits, start)
+def stretches_of(
+    bits: Bits, start: int, first_period: int, signal: SignalPlan, decoder: MessageDecoder
+) -> list[Stretch]:
+    """Where the sign of these bits (n,) is known; a frame starts at bit `start`, and bit 0 with `first_period`."""
+    at, holds, signs = decoder.sign_words(bits, start)
     known = _known(holds, signs)
     edges = np.flatnonzero(np.diff(known, prepend=0, append=0))
-    ends = np.append(at, at[-1] + 30 if at.size else 0) * _BIT_PERIODS + first_period
+    ends = np.append(at, at[-1] + decoder.word_bits if at.size else 0) * signal.periods_per_symbol + first_period
     return [Stretch(int(ends[a]), int(ends[b]), bool(known[a] < 0)) for a, b in pairwise(edges.tolist()) if known[a]]
 
 
@@ -63,12 +64,12 @@ def _known(holds: Booleans, signs: NDArray[np.int8]) -> NDArray[np.int8]:
     return np.where(before * after >= 0, np.sign(before + after), 0).astype(np.int8)
 
 
-def joined(known: Sequence[Stretch], new: Sequence[Stretch]) -> tuple[Stretch, ...]:
-    """All stretches in order; those of one sign that follow each other closely become one."""
+def joined(known: Sequence[Stretch], new: Sequence[Stretch], bridged_periods: int) -> tuple[Stretch, ...]:
+    """All stretches in order; those of one sign that follow each other within `bridged_periods` become one."""
     found: list[Stretch] = []
     for stretch in sorted({*known, *new}, key=lambda s: (s.first_period, s.end_period)):
         last = found[-1] if found else None
-        if last and last.inverted == stretch.inverted and stretch.first_period - last.end_period <= _BRIDGED_PERIODS:
+        if last and last.inverted == stretch.inverted and stretch.first_period - last.end_period <= bridged_periods:
             found[-1] = replace(last, end_period=max(last.end_period, stretch.end_period))
         else:
             found.append(stretch)

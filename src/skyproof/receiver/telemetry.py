@@ -7,22 +7,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Floats, Reals
-from skyproof.gnss.lnav import Subframe, decode_how, decode_subframe, find_subframes
-from skyproof.receiver.bit_edges import PERIODS_PER_BIT, EdgeSums, add_bits, edge_scores, shift_limit
-from skyproof.receiver.polarity import Stretch, joined, stretches_of
+from skyproof.gnss.lnav import Subframe
+from skyproof.gnss.signals import MessageDecoder, SignalPlan
+from skyproof.receiver.bit_edges import EdgeSums, add_bits, edge_scores, shift_limit
+from skyproof.receiver.polarity import BRIDGED_WORDS, Stretch, joined, stretches_of
 
 FALSE_REFUTATION = 1e-6
 """Probability that bits which begin where the time of week has them are taken for others."""
 FALSE_START = 1e-5
 """Probability, at most, of each look that bits are taken to begin where they do not. A code period is 300 km."""
-BIT_SYNC_PERIODS = 1500
-"""Code periods looked at to find where bits begin: some 35 transitions, enough down to 28 dB-Hz."""
-MOST_SYNC_PERIODS = 6000
+SYNC_BITS = 75
+"""Bits looked at to find where they begin: some 35 transitions, of 20 ms enough down to 28 dB-Hz."""
+MOST_SYNC_BITS = 300
 """Kept while too few transitions tell where bits begin: a message may send zeros for two seconds, and words of reserved
 pages hardly turn over."""
-BITS_PER_SUBFRAME = 300
-BITS_KEPT = 2 * BITS_PER_SUBFRAME + 60
-"""Two subframes and a head: a subframe is always whole in it, and starts can be checked against each other."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -49,52 +47,58 @@ class Telemetry:
     stretches: tuple[Stretch, ...] = ()
 
 
-def step(telemetry: Telemetry, prompts: NDArray[np.floating], first_period: int) -> Telemetry:
-    """Take the in-phase prompts (n,) of the code periods from `first_period` on, which follow on those before."""
+def step(telemetry: Telemetry, prompts: NDArray[np.floating], first_period: int, signal: SignalPlan) -> Telemetry:
+    """Take the in-phase prompts (n,) of the code periods from `first_period` on, which follow on those before.
+
+    A signal whose message is not known has no telemetry: it stays as it is.
+    """
+    decoder = signal.decoder
+    if decoder is None:
+        return telemetry
     if telemetry.prompts.size == 0:
         telemetry = replace(telemetry, prompts_period=first_period)
     telemetry = replace(telemetry, prompts=np.concatenate([telemetry.prompts, prompts.astype(np.float32)]))
     if not telemetry.synchronised:
-        if telemetry.prompts.size < BIT_SYNC_PERIODS:
+        if telemetry.prompts.size < SYNC_BITS * signal.periods_per_symbol:
             return telemetry
-        telemetry = _synchronise(telemetry)
+        telemetry = _synchronise(telemetry, signal)
         if not telemetry.synchronised:
             return telemetry
-    return _decode(_make_bits(telemetry), telemetry.bits.size)
+    return _decode(_make_bits(telemetry, signal), telemetry.bits.size, signal, decoder)
 
 
-def bit_energy(prompts: Floats) -> Reals:
-    """Mean energy of sums over 20 periods that begin at period 0, 1, ... 19: largest where the bits begin."""
-    sums = np.convolve(prompts.astype(np.float64), np.ones(PERIODS_PER_BIT), "valid")
-    n = sums.size // PERIODS_PER_BIT * PERIODS_PER_BIT
-    energy: Reals = np.mean(sums[:n].reshape(-1, PERIODS_PER_BIT) ** 2, axis=0)
+def bit_energy(prompts: Floats, periods: int) -> Reals:
+    """Mean energy of sums over a bit's periods that begin at period 0, 1, ...: largest where the bits begin."""
+    sums = np.convolve(prompts.astype(np.float64), np.ones(periods), "valid")
+    n = sums.size // periods * periods
+    energy: Reals = np.mean(sums[:n].reshape(-1, periods) ** 2, axis=0)
     return energy
 
 
-def bit_start(telemetry: Telemetry) -> int | None:
+def bit_start(telemetry: Telemetry, signal: SignalPlan) -> int | None:
     """Code period, modulo those of a bit, with which bits begin; None while that is not known."""
     if telemetry.synchronised:
-        return telemetry.bits_period % PERIODS_PER_BIT
+        return telemetry.bits_period % signal.periods_per_symbol
     if telemetry.tow_ms_at_period_0 is not None:
-        return -telemetry.tow_ms_at_period_0 % PERIODS_PER_BIT
+        return -telemetry.tow_ms_at_period_0 // signal.period_ms % signal.periods_per_symbol
     return None
 
 
-def _synchronise(telemetry: Telemetry) -> Telemetry:
+def _synchronise(telemetry: Telemetry, signal: SignalPlan) -> Telemetry:
     """Bits begin where a known time of week has them unless that is refuted, else where all other starts are refuted.
 
     As long as neither is known, the latest prompts are kept for the next look.
     """
-    known = bit_start(telemetry)
-    best = int(np.argmax(bit_energy(telemetry.prompts)))
+    known, periods = bit_start(telemetry, signal), signal.periods_per_symbol
+    best = int(np.argmax(bit_energy(telemetry.prompts, periods)))
     if known is not None:
-        expected = (known - telemetry.prompts_period) % PERIODS_PER_BIT
-        if expected == best or not np.any(_fitting_better(telemetry.prompts, expected)):
+        expected = (known - telemetry.prompts_period) % periods
+        if expected == best or not np.any(_fitting_better(telemetry.prompts, expected, periods)):
             return _synchronised(telemetry, expected)
         telemetry = replace(telemetry, tow_ms_at_period_0=None, stretches=())
-    if np.all(_fitting_worse(telemetry.prompts, best)):
+    if np.all(_fitting_worse(telemetry.prompts, best, periods)):
         return _synchronised(telemetry, best)
-    dropped = max(telemetry.prompts.size - MOST_SYNC_PERIODS, 0)
+    dropped = max(telemetry.prompts.size - MOST_SYNC_BITS * periods, 0)
     return replace(telemetry, prompts=telemetry.prompts[dropped:], prompts_period=telemetry.prompts_period + dropped)
 
 
@@ -110,29 +114,30 @@ def _synchronised(telemetry: Telemetry, offset: int) -> Telemetry:
     )
 
 
-def _fitting_better(prompts: Floats, offset: int) -> Booleans:
-    """Which other starts (19,) refute bits that begin at period `offset`."""
-    return np.asarray(_scores(prompts, offset) > shift_limit(FALSE_REFUTATION))
+def _fitting_better(prompts: Floats, offset: int, periods: int) -> Booleans:
+    """Which other starts (periods - 1,) refute bits that begin at period `offset`."""
+    return np.asarray(_scores(prompts, offset, periods) > shift_limit(FALSE_REFUTATION, periods))
 
 
-def _fitting_worse(prompts: Floats, offset: int) -> Booleans:
-    """Which other starts (19,) bits that begin at period `offset` refute."""
-    return np.asarray(_scores(prompts, offset) < -shift_limit(FALSE_START))
+def _fitting_worse(prompts: Floats, offset: int, periods: int) -> Booleans:
+    """Which other starts (periods - 1,) bits that begin at period `offset` refute."""
+    return np.asarray(_scores(prompts, offset, periods) < -shift_limit(FALSE_START, periods))
 
 
-def _scores(prompts: Floats, offset: int) -> Reals:
-    sums = EdgeSums(since_s=0.0)
+def _scores(prompts: Floats, offset: int, periods: int) -> Reals:
+    sums = EdgeSums(periods_per_bit=periods, since_s=0.0)
     return edge_scores(
         add_bits(sums, prompts[None].astype(np.complex128), np.zeros(1, np.int64), np.array([float(offset)]))
     )
 
 
-def _make_bits(telemetry: Telemetry) -> Telemetry:
-    n = telemetry.prompts.size // PERIODS_PER_BIT
+def _make_bits(telemetry: Telemetry, signal: SignalPlan) -> Telemetry:
+    periods = signal.periods_per_symbol
+    n = telemetry.prompts.size // periods
     if n == 0:
         return telemetry
-    used = n * PERIODS_PER_BIT
-    new = (telemetry.prompts[:used].reshape(n, PERIODS_PER_BIT).sum(axis=1) < 0.0).astype(np.int8)
+    used = n * periods
+    new = (telemetry.prompts[:used].reshape(n, periods).sum(axis=1) < 0.0).astype(np.int8)
     return replace(
         telemetry,
         bits=np.concatenate([telemetry.bits, new]),
@@ -141,44 +146,52 @@ def _make_bits(telemetry: Telemetry) -> Telemetry:
     )
 
 
-def _decode(telemetry: Telemetry, n_before: int) -> Telemetry:
-    """Look for subframes each second until one is found, then each time one is whole; forget what no subframe can need
-    any more.
-    """
-    n = telemetry.bits.size
-    is_due = n // 50 > n_before // 50 if telemetry.due_bits is None else n >= telemetry.due_bits
-    if n < 60 or not (is_due or n >= BITS_KEPT):
+def bits_kept(decoder: MessageDecoder) -> int:
+    """Two frames and a head: a frame is always whole in it, and starts can be checked against each other."""
+    return 2 * decoder.frame_bits + decoder.head_bits
+
+
+def _decode(telemetry: Telemetry, n_before: int, signal: SignalPlan, decoder: MessageDecoder) -> Telemetry:
+    """Look for frames each second until one is found, then each time one is whole; forget what no frame can need."""
+    n, most, a_second = telemetry.bits.size, bits_kept(decoder), round(1.0 / signal.symbol_s)
+    is_due = n // a_second > n_before // a_second if telemetry.due_bits is None else n >= telemetry.due_bits
+    if n < decoder.head_bits or not (is_due or n >= most):
         return telemetry
     subframes = dict(telemetry.subframes)
-    tow_ms, due_bits = telemetry.tow_ms_at_period_0, None
-    starts = find_subframes(telemetry.bits)
+    tow_ms, due_bits, periods = telemetry.tow_ms_at_period_0, None, signal.periods_per_symbol
+    starts = decoder.find_frames(telemetry.bits)
     for start in starts:
-        how = decode_how(telemetry.bits[start : start + 60])
+        how = decoder.read_time(telemetry.bits[start : start + decoder.head_bits])
         if how is None:
             continue
-        tow_ms = how.tow_s * 1000 - (telemetry.bits_period + start * PERIODS_PER_BIT)
-        end = start + BITS_PER_SUBFRAME
-        due_bits = end if end > n else end + BITS_PER_SUBFRAME
-        subframe = decode_subframe(telemetry.bits[start:end]) if end <= n else None
-        if subframe is not None and (subframe.id < 4 or "alpha0" in subframe.fields):
+        tow_ms = how.tow_s * 1000 - (telemetry.bits_period + start * periods) * signal.period_ms
+        end = start + decoder.frame_bits
+        due_bits = end if end > n else end + decoder.frame_bits
+        subframe = decoder.read_frame(telemetry.bits[start:end]) if end <= n else None
+        if subframe is not None and decoder.keeps(subframe):
             subframes[subframe.id] = subframe
-    if n >= BITS_KEPT and due_bits is None:  # two subframes' time without one: bits may not begin where we think
+    if n >= most and due_bits is None:  # two frames' time without one: bits may not begin where we think
         return Telemetry(
             tow_ms_at_period_0=telemetry.tow_ms_at_period_0,
             subframes=telemetry.subframes,
             stretches=telemetry.stretches,
         )
     known = telemetry.stretches if tow_ms == telemetry.tow_ms_at_period_0 else ()
-    found = stretches_of(telemetry.bits, starts[0], telemetry.bits_period) if starts else ()
+    found = stretches_of(telemetry.bits, starts[0], telemetry.bits_period, signal, decoder) if starts else ()
+    bridged = BRIDGED_WORDS * decoder.word_bits * periods
     telemetry = replace(
-        telemetry, tow_ms_at_period_0=tow_ms, due_bits=due_bits, subframes=subframes, stretches=joined(known, found)
+        telemetry,
+        tow_ms_at_period_0=tow_ms,
+        due_bits=due_bits,
+        subframes=subframes,
+        stretches=joined(known, found, bridged),
     )
-    drop = n - (BITS_PER_SUBFRAME + 60)
-    if n < BITS_KEPT or due_bits is None:
+    drop = n - (decoder.frame_bits + decoder.head_bits)
+    if n < most or due_bits is None:
         return telemetry
     return replace(
         telemetry,
         due_bits=due_bits - drop,
         bits=telemetry.bits[drop:],
-        bits_period=telemetry.bits_period + drop * PERIODS_PER_BIT,
+        bits_period=telemetry.bits_period + drop * periods,
     )

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Complexes
 from skyproof.decomposition.correlation import correlation
+from skyproof.gnss.signals import GPS_L1_CA
 
 __all__ = ["model", "model_as_printed"]
 
@@ -22,7 +23,7 @@ def model(
     """What signals (..., n) of complex amplitude (phase at mid-interval) give on a grid (..., bins, taps)."""
     lag = np.atleast_1d(taps_chips) - np.asarray(delay_chips, np.float64)[..., None]
     off = np.asarray(doppler_hz, np.float64)[..., None] - np.atleast_1d(bins_hz)
-    each = np.sinc(off * coherent_s)[..., :, None] * correlation(lag, band_hz)[..., None, :]
+    each = np.sinc(off * coherent_s)[..., :, None] * correlation(lag, band_hz, GPS_L1_CA)[..., None, :]
     return np.asarray(np.sum(np.asarray(amplitude, np.complex128)[..., None, None] * each, axis=-3))
 
 

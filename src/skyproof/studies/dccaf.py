@@ -11,6 +11,7 @@ import numpy as np
 from skyproof.arrays import Complexes, Reals
 from skyproof.decomposition.correlation import correlation
 from skyproof.decomposition.fit import Dictionary, decompose
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.report.chart import Axes
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
 from skyproof.studies.dccaf_exclusion import STUDIES_OF_EXCLUSION
@@ -145,7 +146,9 @@ def _grid(
 ) -> Complexes:
     """Grids (n, bins, taps) of signals at zero Doppler, with noise correlated over both."""
     n = len(delay)
-    along = np.sum(amplitude[..., None] * correlation(delays.points - delay[..., None], delays.band_hz), axis=1)
+    along = np.sum(
+        amplitude[..., None] * correlation(delays.points - delay[..., None], delays.band_hz, GPS_L1_CA), axis=1
+    )
     noise = simulate_taps(
         np.zeros((n, bins_hz.size, 1)),
         np.zeros((n, bins_hz.size, 1)),

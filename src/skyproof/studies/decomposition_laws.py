@@ -47,7 +47,7 @@ def delay_dictionary(
     band = rate_hz if band_hz is None else band_hz
     side = int(reach_chips * rate_hz / GPS_L1_CA.chip_rate_hz)
     taps = np.arange(-side, side + 1) * (GPS_L1_CA.chip_rate_hz / rate_hz)
-    return taps_dictionary(tuple(taps.tolist()), band, window_chips=window_chips)
+    return taps_dictionary(tuple(taps.tolist()), band, GPS_L1_CA, window_chips=window_chips)
 
 
 def blocks_dictionary(coherent_s: float, blocks: int, *, within_hz: float) -> Dictionary:
@@ -100,7 +100,7 @@ def _outer(time: NDArray[np.inexact], space: NDArray[np.inexact]) -> NDArray[np.
 def noise_variance(cn0_dbhz: ArrayLike, coherent_s: ArrayLike, band_hz: float) -> Reals:
     """s^2 = E|v|^2 of one point of the grid beside a signal of amplitude one: 1 / (C/N0 T eta)."""
     cn0_hz = 10.0 ** (0.1 * np.asarray(cn0_dbhz, np.float64))
-    return np.asarray(1.0 / (cn0_hz * np.asarray(coherent_s, np.float64) * band_share(band_hz)))
+    return np.asarray(1.0 / (cn0_hz * np.asarray(coherent_s, np.float64) * band_share(band_hz, GPS_L1_CA)))
 
 
 def simulate_taps(
@@ -112,8 +112,10 @@ def simulate_taps(
 ) -> Complexes:
     """Taps (..., m) of signals (..., n) at the known Doppler, with noise of the front end's own correlation."""
     lag = delays.points - np.asarray(delay_chips, np.float64)[..., None]
-    clean = np.sum(np.asarray(amplitude, np.complex128)[..., None] * correlation(lag, delays.band_hz), axis=-2)
-    values, vectors = linalg.eigh(correlation(delays.points[:, None] - delays.points, delays.band_hz))
+    clean = np.sum(
+        np.asarray(amplitude, np.complex128)[..., None] * correlation(lag, delays.band_hz, GPS_L1_CA), axis=-2
+    )
+    values, vectors = linalg.eigh(correlation(delays.points[:, None] - delays.points, delays.band_hz, GPS_L1_CA))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     white = rng.standard_normal((2, *clean.shape)) * np.sqrt(0.5 * np.asarray(noise_variance))[..., None]
     return np.asarray(clean + (white[0] + 1j * white[1]) @ root.T)

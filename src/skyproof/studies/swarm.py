@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Complexes, Reals
 from skyproof.compiled import compiled
 from skyproof.decomposition.correlation import correlation
+from skyproof.gnss.signals import GPS_L1_CA
 
 __all__ = ["SwarmFit", "SwarmSettings", "swarm_decompose"]
 
@@ -159,7 +160,7 @@ def swarm_decompose(
     per = len(one)
     low, high = np.array(one * signals).T.copy()
     half = round(_TABLE_REACH_CHIPS / _TABLE_CHIPS)
-    table = correlation(np.arange(-half, half + 2) * _TABLE_CHIPS, band_hz)
+    table = correlation(np.arange(-half, half + 2) * _TABLE_CHIPS, band_hz, GPS_L1_CA)
     flat = z.reshape(-1, *z.shape[-2:])
     found, cost = np.empty((len(flat), per * signals)), np.empty(len(flat))
     for t, data in enumerate(flat):

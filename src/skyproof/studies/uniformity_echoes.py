@@ -7,6 +7,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
 from skyproof.detectors.second_signals.policy import POLICY as SECOND_SIGNALS
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.statistics.many_small import many_small
 
 __all__ = ["drawn_seconds", "echo_delays_m", "echoes_of_ten"]
@@ -36,7 +37,7 @@ def drawn_seconds(
     sat, late_m = np.append(sat, odd), np.append(late_m, reach_m * rng.uniform(-1.0, 1.0, odd.size))
     over_db = np.append(over_db, rng.uniform(-12.0, 30.0, odd.size))
     apart_hz = np.append(apart_hz, rng.choice(_APART_HZ, odd.size, p=(0.7, 0.15, 0.15)))
-    seen = np.flatnonzero((late_m > model.least_delay_m) & (over_db > -model.most_weaker_db))
+    seen = np.flatnonzero((late_m > model.least_delay_chips * GPS_L1_CA.chip_m) & (over_db > -model.most_weaker_db))
     return [
         (
             int(sat[k]),
@@ -45,6 +46,7 @@ def drawn_seconds(
                 float(over_db[k]),
                 float(apart_hz[k]),
                 float(below_db[sat[k]]),
+                GPS_L1_CA.chip_m,
                 float(np.radians(elevation_deg[sat[k]])),
             ),
         )
@@ -78,7 +80,7 @@ def echoes_of_ten(rng: np.random.Generator, n: int) -> Reals:
     p_values = np.ones(n * _SATS)
     for sat, second in drawn_seconds(rng, model, below_db, elevation_deg):
         ratio = false_over_echo(model, second)
-        own = echo_p_value(model, ratio, second.below_db, second.elevation_rad)
+        own = echo_p_value(model, ratio, second)
         p_values[sat] = min(p_values[sat], own)
     return np.array(
         [

@@ -37,6 +37,27 @@ def test_a_sky_shown_two_hundred_metres_off_in_overlapping_signals_is_an_attack(
     assert any("sky_satellites" in finding.data for finding in reported)
 
 
+def test_grids_of_a_signal_whose_code_is_not_known_say_nothing():
+    """They were held against the C/A code of the satellite's number, which is another shape."""
+    rng = np.random.default_rng(2)
+    records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)
+    (grid,) = records.ccaf
+    (o,) = records.observations
+    records = replace(
+        records,
+        observations=(replace(o, signals=tuple(replace(s, band="L5", code="Q") for s in o.signals)),),
+        ccaf=(replace(grid, signals=tuple(replace(s, band="L5", code="Q") for s in grid.signals)),),
+    )
+    found, _ = Dccaf(DccafSettings(false_alarm_probability=1e-6)).examine(records)
+    assert {finding.says for finding in found} == {"undecided"}
+    assert not np.isfinite(delays_of(*_last(records), DccafSettings()).p_value).any()
+
+
+def _last(records):
+    (grid,) = records.ccaf
+    return grid, last_burst(grid)
+
+
 @pytest.mark.parametrize("pushed_m", [100.0, -100.0])
 def test_a_push_of_the_clock_alone_is_an_attack_whichever_way(pushed_m):
     """The false signals are 1 dB stronger, all later by one delay or all earlier."""

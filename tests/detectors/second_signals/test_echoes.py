@@ -8,14 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.studies.uniformity_echoes import drawn_seconds
 
-MODEL = EchoModel()
-LIKE_AN_ECHO = Second(late_m=500.0, over_db=-9.0, apart_hz=1.0, below_db=2.0, elevation_rad=np.radians(20.0))
+MODEL, CHIP_M = EchoModel(), GPS_L1_CA.chip_m
+LIKE_AN_ECHO = Second(
+    late_m=500.0, over_db=-9.0, apart_hz=1.0, below_db=2.0, chip_m=CHIP_M, elevation_rad=np.radians(20.0)
+)
 
 
 def p_value(second, model=MODEL):
-    return echo_p_value(model, false_over_echo(model, second), second.below_db, second.elevation_rad)
+    return echo_p_value(model, false_over_echo(model, second), second)
 
 
 @pytest.mark.parametrize(
@@ -42,7 +45,7 @@ def test_an_echo_over_a_direct_signal_is_likelier_where_that_may_be_blocked():
     elevation_deg=st.floats(0.0, 90.0),
 )
 def test_ratios_and_p_values_stay_within_what_is_stated(late_m, over_db, apart_hz, below_db, elevation_deg):
-    second = Second(late_m, over_db, apart_hz, below_db, np.radians(elevation_deg))
+    second = Second(late_m, over_db, apart_hz, below_db, CHIP_M, np.radians(elevation_deg))
     with np.errstate(over="raise", invalid="raise"):
         assert 0.0 < false_over_echo(MODEL, second) <= 1.0 / MODEL.unexplained_probability
         assert 0.0 < p_value(second) < 0.25
@@ -64,5 +67,11 @@ def test_satellites_p_values_are_uniform_below_the_chance_of_any_echo(below_db, 
     ratios = np.array([false_over_echo(MODEL, second) for _, second in drawn])
     for level in (0.001, 0.003, 0.01):
         rare = np.quantile(ratios, 1.0 - min(1.0, level * n / len(drawn)))
-        of_law = echo_p_value(MODEL, rare, below_db, np.radians(elevation_deg))
+        of_law = echo_p_value(MODEL, rare, drawn[0][1])
         assert of_law == pytest.approx(min(level, len(drawn) / n), rel=0.35)
+
+
+def test_shorter_chips_show_more_echoes_apart():
+    """Second signals count from one and a half chips on, so a tenth of the chip lets nearer and more echoes count."""
+    nearer = LIKE_AN_ECHO._replace(chip_m=0.1 * CHIP_M)
+    assert p_value(LIKE_AN_ECHO) < p_value(nearer) <= 1.0

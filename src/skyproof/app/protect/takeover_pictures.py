@@ -84,11 +84,11 @@ def _parts(ccaf: Ccaf, epoch: int, row: int, found: Delays, settings: DccafSetti
     taps = np.asarray(ccaf.delays_chips, np.float64)
     middle = int(np.argmin(np.abs(ccaf.dopplers_hz)))
     value = np.asarray(ccaf.value[epoch, row, middle], np.complex128) / np.sqrt(ccaf.noise_variance[epoch, row])
-    prn = prn_of(ccaf.signals[row].sat)
-    own = shapes(prn, tuple(taps.tolist()), ccaf.band_hz, settings.window_chips)
+    signal, prn = ccaf.signals[row].plan, prn_of(ccaf.signals[row].sat)
+    own = shapes(signal, prn, tuple(taps.tolist()), ccaf.band_hz, settings.window_chips)
 
     def read(at: Reals, from_: Reals) -> Reals:
-        return own_correlation(prn, at[:, None] - from_, ccaf.band_hz)
+        return own_correlation(signal, prn, at[:, None] - from_, ccaf.band_hz)
 
     delay = found.delay_chips[row]
     size = amplitudes(value, own, read(taps, delay))

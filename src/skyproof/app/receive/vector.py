@@ -189,7 +189,7 @@ def _channels(
         if (row := row_of.get(one.arc)) is None:
             continue
         table = measured.table[row]
-        whole_ms = _whole_ms(guiding.label, elapsed_s, sent_ms[i] + int(table[m.PERIODS]))
+        whole_ms = _whole_ms(guiding.label, elapsed_s, sent_ms[i] + int(table[m.PERIODS]) * receiver.signal.period_ms)
         pseudorange_m[i] = SPEED_OF_LIGHT_M_S * (whole_ms * 1e-3 - table[m.FRACTION_S])
         doppler_hz[i], doppler_sigma_hz[i] = table[m.DOPPLER_HZ], table[m.DOPPLER_SIGMA_HZ]
         range_sigma_m[i] = SPEED_OF_LIGHT_M_S * table[m.CODE_SIGMA_S]

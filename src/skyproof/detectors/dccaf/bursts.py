@@ -8,7 +8,7 @@ explain is
 
 as in `decomposition.fit` for one interval; nothing but the sums of the products b1* b2 is needed to search all pairs.
 
-Each satellite's own code is used: its side lobes, up to 65/1023 from one chip on, are no second signals.
+Each satellite's own code is used: its side lobes, of C/A up to 0.06 from one chip on, are no second signals.
 
 A reflection comes after its signal and is weaker. `BurstComponents` therefore holds two statistics: what any second
 signal explains more than none, and what it explains more than the best pair whose later signal is weaker by
@@ -25,7 +25,7 @@ from scipy import special
 from skyproof.arrays import Booleans, Complexes, Reals
 from skyproof.compiled import compiled
 from skyproof.detectors.dccaf.policy import POLICY
-from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.gnss.signals import SignalPlan
 
 __all__ = [
     "BurstComponents",
@@ -53,6 +53,7 @@ class Shapes:
     """What one satellite's signal looks like in white noise, by delay.
 
     whiten : (d, m) from taps to coordinates in which noise is white. grid : (g,) chips. value, slope : (g, d).
+    band_cycles : highest frequency that passes, in cycles per chip.
     path : length that the direction of a second signal goes as its delay runs over the window.
     """
 
@@ -60,22 +61,30 @@ class Shapes:
     grid: Reals
     value: Reals
     slope: Reals
+    band_cycles: float
     path: float
 
 
 @lru_cache(maxsize=64)
-def shapes(prn: int, taps_chips: tuple[float, ...], band_hz: float, window_chips: float) -> Shapes:
-    """Of the C/A code `prn` in an ideal band of two-sided width `band_hz`, delays within `window_chips`."""
+def shapes(signal: SignalPlan, prn: int, taps_chips: tuple[float, ...], band_hz: float, window_chips: float) -> Shapes:
+    """Of a signal's code `prn` in an ideal band of two-sided width `band_hz`, delays within `window_chips`."""
     taps = np.array(taps_chips)
     count = round(window_chips / _STEP_CHIPS)
     grid = np.arange(-count, count + 1.0) * _STEP_CHIPS
-    table, slopes = _period(prn, band_hz)
+    table, slopes = _period(signal, prn, band_hz)
     values, vectors = np.linalg.eigh(_read(table, taps[:, None] - taps))
     kept = values > _CODE_NULLS * values[-1]
     whiten = (vectors[:, kept] / np.sqrt(values[kept])).T
     lag = taps[:, None] - grid
     value, slope = (whiten @ _read(table, lag)).T.copy(), -(whiten @ _read(slopes, lag)).T
-    return Shapes(whiten=whiten, grid=grid, value=value, slope=np.ascontiguousarray(slope), path=_path(value, slope))
+    return Shapes(
+        whiten=whiten,
+        grid=grid,
+        value=value,
+        slope=np.ascontiguousarray(slope),
+        band_cycles=0.5 * band_hz / signal.chip_rate_hz,
+        path=_path(value, slope),
+    )
 
 
 def amplitudes(taps: Complexes, own: Shapes, seen: Reals) -> Complexes:
@@ -90,19 +99,19 @@ def between_taps(taps: Complexes, own: Shapes, read: Reals) -> Complexes:
     return np.asarray(read @ (own.whiten.T @ (own.whiten @ taps)))
 
 
-def own_correlation(prn: int, lag_chips: ArrayLike, band_hz: float) -> Reals:
-    """Of the C/A code `prn` with itself in a band at lags (...), side lobes included."""
-    return _read(_period(prn, band_hz)[0], np.asarray(lag_chips, np.float64))
+def own_correlation(signal: SignalPlan, prn: int, lag_chips: ArrayLike, band_hz: float) -> Reals:
+    """Of a signal's code `prn` with itself in a band at lags (...), side lobes included."""
+    return _read(_period(signal, prn, band_hz)[0], np.asarray(lag_chips, np.float64))
 
 
 @lru_cache(maxsize=2)  # 8 MB each, and `shapes` of a satellite are made once
-def _period(prn: int, band_hz: float) -> tuple[Reals, Reals]:
+def _period(signal: SignalPlan, prn: int, band_hz: float) -> tuple[Reals, Reals]:
     """The whole of it and its derivative a chip, `_POINTS` a chip."""
-    code = GPS_L1_CA.code(prn).astype(np.float64)
+    code = signal.code(prn).astype(np.float64)
     lines = np.arange(code.size * _POINTS // 2 + 1)
     cycles = lines / code.size
     power = np.abs(np.fft.fft(code))[lines % code.size] ** 2 * np.sinc(cycles) ** 2
-    power *= cycles <= 0.5 * band_hz / GPS_L1_CA.chip_rate_hz
+    power *= cycles <= 0.5 * band_hz / signal.chip_rate_hz
     whole = np.fft.irfft(power, code.size * _POINTS)
     slope = np.fft.irfft(power * 2j * np.pi * cycles, code.size * _POINTS)
     return whole / whole[0], slope / whole[0]
@@ -169,12 +178,11 @@ class BurstComponents:
     unlike: Reals
 
 
-def components(taps: Complexes, own: Shapes, noise_variance: Reals, band_hz: float) -> BurstComponents:
+def components(taps: Complexes, own: Shapes, noise_variance: Reals) -> BurstComponents:
     """Of bursts (n, intervals, m) of one satellite at the tracked Doppler; `noise_variance` (n, intervals)."""
     n = len(taps)
     white = np.asarray(taps, np.complex128) @ own.whiten.T / np.sqrt(noise_variance)[..., None]
-    cycles = 0.5 * band_hz / GPS_L1_CA.chip_rate_hz
-    step = max(round(min(0.1 / cycles, 0.08) / _STEP_CHIPS), 1)
+    step = max(round(min(0.1 / own.band_cycles, 0.08) / _STEP_CHIPS), 1)
     out = np.empty((n, _N_OUT))
     _all_components(
         np.ascontiguousarray(white),

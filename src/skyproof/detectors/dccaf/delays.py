@@ -96,8 +96,9 @@ def _whole(ccaf: Ccaf) -> Booleans:
 
 
 def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
-    """One or two delays of each channel over a burst, from the reference of its last epoch."""
+    """One or two delays of each channel over a burst, from the reference of its last epoch; of known codes only."""
     n, whole = len(ccaf.signals), _whole(ccaf)[epochs].all(axis=0)
+    whole = whole & np.array([signal.plan.has_code for signal in ccaf.signals], np.bool_)
     delay, sigma = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
     p_value, unlike, weaker_db = np.full((3, n), np.nan)
     apart = np.zeros(n, np.bool_)
@@ -134,16 +135,16 @@ def second_signals(found: Delays, others: Sequence[Delays], settings: DccafSetti
 
 def _taken_apart(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings) -> tuple[BurstComponents, Shapes]:
     """One channel over a burst, and what its signal looks like."""
-    points = tuple(float(x) for x in ccaf.delays_chips)
+    points, signal = tuple(float(x) for x in ccaf.delays_chips), ccaf.signals[row]
     grid = np.asarray(ccaf.value[epochs, row], np.complex128)
     noise = np.asarray(ccaf.noise_variance[epochs, row], np.float64)
     taps = grid[:, 0]
     if ccaf.dopplers_hz.size > 1:
-        table = taps_dictionary(points, ccaf.band_hz, window_chips=settings.window_chips)
+        table = taps_dictionary(points, ccaf.band_hz, signal.plan, window_chips=settings.window_chips)
         taps, factor, _ = at_strongest_doppler(grid, table, ccaf.dopplers_hz, ccaf.coherent_s)
         noise = factor * noise
-    own = shapes(prn_of(ccaf.signals[row].sat), points, ccaf.band_hz, settings.window_chips)
-    return components(taps[None], own, noise[None], ccaf.band_hz), own
+    own = shapes(signal.plan, prn_of(signal.sat), points, ccaf.band_hz, settings.window_chips)
+    return components(taps[None], own, noise[None]), own
 
 
 def _moved_chips(ccaf: Ccaf, epochs: Integers) -> Reals:

@@ -446,16 +446,12 @@ class _Window:
         return None if found is None else (found[0], found[0] / found[1])
 
     def _strong(self) -> list[_Test]:
-        """Return a test of signals over `most_cn0_dbhz` for most of the window, if there are any.
+        """Return a test of signals over what satellites send at most for most of the window, if there are any.
 
         The mean of n epochs is known to 1 dB / sqrt(n) or better, so that noise alone never takes it 1 dB over.
         """
         enough = np.isfinite(self.o.cn0_dbhz).sum(axis=0) >= max(4, 0.5 * self.o.gpst.size)
-        most_db = (
-            POLICY.most_cn0_dbhz
-            + 1.0
-            + np.where([k == ("G", "L1", "CA") for k in self.kinds], 0.0, POLICY.others_stronger_db)
-        )
+        most_db = POLICY.most_cn0_over_dbw + 1.0 + np.array([s.plan.strongest_dbw for s in self.o.signals])
         loud = np.flatnonzero(enough & (np.where(self.known, self.levels_db, -np.inf) > most_db))
         if not loud.size:
             return []

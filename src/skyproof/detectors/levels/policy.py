@@ -13,14 +13,10 @@ class LevelsPolicy:
     """Numbers by which the test of levels decides, each with its reason."""
 
     least_satellites: int = number(4, "1", "A median of four outvotes one that changes by itself.")
-    most_cn0_dbhz: float = number(
-        63.0,
-        "dB-Hz",
-        "C/A at -153 dBW in an antenna of 0 dBi, 7 dBi towards the zenith, a system of 100 K (-208.6 dBW/Hz).",
-        "IS-GPS-200N, 6.3.1",
-    )
-    others_stronger_db: float = number(
-        5.0, "dB", "Signals other than C/A are stronger by so much at most: -148 dBW, of Galileo's E5 and of L5."
+    most_cn0_over_dbw: float = number(
+        216.0,
+        "dB",
+        "C/N0 over what `SignalPlan.strongest_dbw` states: 7 dBi to the zenith, a system of 100 K (-208.6 dBW/Hz).",
     )
     remembered_windows: int = number(
         6, "1", "At 10 s a window a satellite's own course follows elevation and slow drifts, and no step."

@@ -248,7 +248,7 @@ def _beside(
         beside_dbhz = best_dbhz - POLICY.blocked_db if direct is None else level_dbhz[direct]
         over_db = level_dbhz[signal] - beside_dbhz
         if not (
-            abs(late) > rates.echoes.least_delay_m
+            abs(late) > rates.echoes.least_delay_chips * signal.plan.chip_m
             and over_db >= -rates.echoes.most_weaker_db
             and level_dbhz[signal] >= POLICY.credible_cn0_dbhz
             and _is_steady(o, signal)
@@ -256,7 +256,8 @@ def _beside(
             continue
         apart_hz = 0.0 if direct is None else _apart_hz(o, signal, direct)
         elevation = elevation_rad(records.navigation, (chosen,), signal.sat)
-        second = Second(float(late), float(over_db), apart_hz, float(best_dbhz - beside_dbhz), elevation)
+        below_db, chip_m = float(best_dbhz - beside_dbhz), signal.plan.chip_m
+        second = Second(float(late), float(over_db), apart_hz, below_db, chip_m, elevation)
         found.append(_Beside(SignalRef(o.receiver, signal), float(late), float(np.sqrt(variance)), second, direct))
     return found
 
@@ -305,7 +306,7 @@ class _Tested:
         own: dict[_Place, list[tuple[float, _Beside]]] = {}
         for b in beside:
             ratio = false_over_echo(model, b.second)
-            p_value = echo_p_value(model, ratio, b.second.below_db, b.second.elevation_rad)
+            p_value = echo_p_value(model, ratio, b.second)
             own.setdefault((b.ref.receiver, b.ref.signal.sat), []).append((p_value, b))
         least = sorted(min(p for p, _ in signals) for signals in own.values())
         n = len(places | set(own))

@@ -24,7 +24,6 @@ from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_v
 from skyproof.detectors.second_signals.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.records import (
     Cause,
@@ -85,7 +84,7 @@ class SecondSignalsSettings:
         return EchoModel(
             echoes_per_satellite=self.echoes_per_satellite,
             unexplained_probability=self.unexplained_probability,
-            least_delay_m=self.min_separation_chips * GPS_L1_CA.chip_m,
+            least_delay_chips=self.min_separation_chips,
             most_weaker_db=self.max_weaker_db,
         )
 
@@ -214,7 +213,7 @@ def _beside(
         if late or abs(apart_hz) > settings.min_separation_hz:
             below_db = float(best_dbhz - level_dbhz[direct])
             over_db = float(level_dbhz[other] - level_dbhz[direct])
-            found.append(Second(late_m if late else np.nan, over_db, apart_hz, below_db))
+            found.append(Second(late_m if late else np.nan, over_db, apart_hz, below_db, chip_m))
     return found, known or bool(found)
 
 
@@ -314,7 +313,7 @@ class SecondSignals:
 
 
 def _p_value(model: EchoModel, second: Second) -> float:
-    return echo_p_value(model, false_over_echo(model, second), second.below_db, second.elevation_rad)
+    return echo_p_value(model, false_over_echo(model, second), second)
 
 
 def _signals(observations: Observations, sats: tuple[str, ...]) -> tuple[SignalRef, ...]:

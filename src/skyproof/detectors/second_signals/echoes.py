@@ -33,7 +33,6 @@ from scipy import special
 
 from skyproof.arrays import Reals
 from skyproof.detectors.second_signals.policy import POLICY
-from skyproof.gnss.signals import GPS_L1_CA
 
 __all__ = ["EchoModel", "Second", "echo_p_value", "false_over_echo"]
 
@@ -53,7 +52,7 @@ class EchoModel:
     far_share : of echoes as likely late by anything up to 15 us.
     unexplained_probability : that a satellite has a second signal that is none of these.
     early_share : of echoes that were taken for the direct signal, which is then the second one, and early.
-    least_delay_m, most_weaker_db : of second signals that are looked at.
+    least_delay_chips, most_weaker_db : of second signals that are looked at.
     """
 
     echoes_per_satellite: float = 1.0
@@ -65,7 +64,7 @@ class EchoModel:
     far_share: float = 0.01
     unexplained_probability: float = 1e-3
     early_share: float = 0.0
-    least_delay_m: float = 1.5 * GPS_L1_CA.chip_m
+    least_delay_chips: float = 1.5
     most_weaker_db: float = 12.0
 
 
@@ -73,13 +72,15 @@ class Second(NamedTuple):
     """A satellite's second signal beside the direct one.
 
     late_m : after it; negative if before. over_db : over its C/N0. apart_hz : of their Dopplers. below_db : of the
-    direct one under the receiver's strongest direct signal. elevation_rad : of the satellite; NaN if not known.
+    direct one under the receiver's strongest direct signal. chip_m : of their code. elevation_rad : of the satellite;
+    NaN if not known.
     """
 
     late_m: float
     over_db: float
     apart_hz: float
     below_db: float
+    chip_m: float
     elevation_rad: float = float("nan")
 
 
@@ -102,11 +103,10 @@ def false_over_echo(model: EchoModel, second: Second) -> float:
     return float(_ratio(model, echo, false, kind)[0, 0])
 
 
-def echo_p_value(model: EchoModel, ratio: float, below_db: float, elevation_rad: float = float("nan")) -> float:
+def echo_p_value(model: EchoModel, ratio: float, second: Second) -> float:
     """P(a satellite of this direct signal and elevation has a second signal of this `false_over_echo` or more)."""
-    ratios, survival = _law(
-        model, int(np.ceil(np.clip(below_db, 0.0, POLICY.headroom_db))), _elevation_class(elevation_rad)
-    )
+    below_db = int(np.ceil(np.clip(second.below_db, 0.0, POLICY.headroom_db)))
+    ratios, survival = _law(model, second.chip_m, below_db, _elevation_class(second.elevation_rad))
     place = int(np.searchsorted(ratios, ratio * (1.0 - 1e-9)))
     return float(survival[max(place - 1, 0)])  # of the cell that it lies in
 
@@ -180,9 +180,9 @@ def _false_level(over_db: Reals) -> Reals:
 
 
 @lru_cache(maxsize=512)
-def _law(model: EchoModel, below_db: int, elevation: int) -> tuple[Reals, Reals]:
+def _law(model: EchoModel, chip_m: float, below_db: int, elevation: int) -> tuple[Reals, Reals]:
     """Likelihood ratios of cells of delay, level and Doppler, ascending, and the chance of each or a larger one."""
-    edges_m = np.geomspace(model.least_delay_m, POLICY.false_anywhere_m, 121)
+    edges_m = np.geomspace(model.least_delay_chips * chip_m, POLICY.false_anywhere_m, 121)
     late_m, width_m = np.sqrt(edges_m[1:] * edges_m[:-1]), np.diff(edges_m)
     if model.early_share > 0.0:
         late_m, width_m = np.concatenate([-late_m[::-1], late_m]), np.concatenate([width_m[::-1], width_m])

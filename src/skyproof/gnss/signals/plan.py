@@ -6,13 +6,37 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans, Integers
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.lnav import How, Subframe
 
-__all__ = ["SignalPlan"]
+__all__ = ["MessageDecoder", "SignalPlan"]
+
+Bits = NDArray[np.int8]
 
 
 def _no_code(prn: int) -> NDArray[np.int8]:
     raise ValueError(f"the code of PRN {prn} is not known: the signal is not received from samples")
+
+
+@dataclass(frozen=True, kw_only=True)
+class MessageDecoder:
+    """Read a message from a channel's bits, 0 or 1, of either polarity.
+
+    frame_bits, head_bits, word_bits : of what is whole by itself, of what states its time, of what parity covers.
+    find_frames : bits (n,) to where frames start. read_time, read_frame : the head or the whole of a frame to what it
+        states, None where it does not hold. keeps : whether a frame's fields are of use to the receiver.
+    sign_words : as `gnss.lnav.word_signs`.
+    """
+
+    frame_bits: int
+    head_bits: int
+    word_bits: int
+    find_frames: Callable[[Bits], list[int]]
+    read_time: Callable[[Bits], How | None]
+    read_frame: Callable[[Bits], Subframe | None]
+    keeps: Callable[[Subframe], bool]
+    sign_words: Callable[[Bits, int], tuple[Integers, Booleans, Bits]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,8 +51,11 @@ class SignalPlan:
     code_length : chips of the primary code; 0 of a code without a short period. secondary_length : primary periods of
         the longest secondary code; 1 without one.
     symbol_s : of the symbols that are sent; 0 of a signal whose message is not open. message : its name.
+        decoder : of its bits; None where no samples of the signal are received.
     code : one period of the primary code of a PRN, int8 of shape (code_length,), +-1. It raises ValueError for a PRN
         without a code, and for all where no samples of the signal are received.
+    strongest_dbw : received in an antenna of 0 dBi at most; of signals of which it is not stated that of the strongest,
+        Galileo's E5 and GPS's L5.
     highest_side_lobe : of the primary codes with each other, and of one with itself beyond a chip, as a share of the
         peak's amplitude; NaN where not known.
     """
@@ -44,8 +71,15 @@ class SignalPlan:
     secondary_length: int = 1
     symbol_s: float = 0.0
     message: str = ""
+    decoder: MessageDecoder | None = None
     code: Callable[[int], NDArray[np.int8]] = _no_code
+    strongest_dbw: float = -148.0
     highest_side_lobe: float = float("nan")
+
+    @property
+    def has_code(self) -> bool:
+        """Whether the chips of its codes are known."""
+        return self.code is not _no_code
 
     @property
     def chip_m(self) -> float:
@@ -56,6 +90,11 @@ class SignalPlan:
     def period_s(self) -> float:
         """Duration of one period of the primary code."""
         return self.code_length / self.chip_rate_hz
+
+    @property
+    def period_ms(self) -> int:
+        """Duration of one period of the primary code in the milliseconds by which times of week are counted."""
+        return round(1000.0 * self.period_s)
 
     @property
     def periods_per_symbol(self) -> int:

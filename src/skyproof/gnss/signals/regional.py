@@ -14,7 +14,7 @@ from skyproof.gnss.signals.plan import SignalPlan
 __all__ = ["NAVIC", "QZSS", "SBAS"]
 
 QZSS: Final = (
-    replace(GPS_L1_CA, name="QZSS L1 C/A", systems="J"),
+    replace(GPS_L1_CA, name="QZSS L1 C/A", systems="J", strongest_dbw=L1C.strongest_dbw),
     replace(L1C, name="QZSS L1C", systems="J"),
     replace(L2C, name="QZSS L2C", systems="J"),
     replace(L5, name="QZSS L5", systems="J"),
