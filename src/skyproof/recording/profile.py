@@ -46,9 +46,11 @@ def delay_profiles(
     start_s, duration_s : the stretch, from the first sample on; whole periods of it are used.
 
     Returns delays, chips (D,), and powers (K, D).
-    Raises ValueError if the stretch holds no code period.
+    Raises ValueError if the stretch holds no code period, or no noise: zeros alone.
     """
     periods, first = _periods(samples, carrier_hz, start_s, duration_s, signal)
+    if not periods.any():
+        raise ValueError(f"nothing but zeros within {duration_s:g} s from {start_s:g} s on")
     reach = periods.shape[1] // 2
     lines = np.arange(-reach, reach + 1)
     fine = signal.code_length * _STEPS

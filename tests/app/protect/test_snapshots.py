@@ -6,6 +6,7 @@ import tomli_w
 from tests.app import kit
 
 from skyproof.app.protect import protect
+from skyproof.app.protect.pictures import pictures_of
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.recording import open_recording
 from skyproof.simulator.scenario import FrontEnd
@@ -153,11 +154,13 @@ def test_a_dead_file_among_those_of_the_antennas_is_left_out_and_reported(snapsh
         (tmp_path / path.name).write_bytes(path.read_bytes())
     dead = tmp_path / "array.1.bin"
     dead.write_bytes(bytes(dead.stat().st_size))
-    result = protect(platform=tmp_path / "platform.toml", nav=folder / "nav.rnx")
+    result = protect(platform=tmp_path / "platform.toml", nav=folder / "nav.rnx", out=tmp_path / "out")
     assert result.verdict.verdict == "spoofed"
     labels = labels_of(result)
     assert {copy for (_, copy), label in labels.items() if label == "spoofed"} == {"a"}
     assert {copy for (_, copy), label in labels.items() if label == "authentic"} == {"b"}
+    assert (tmp_path / "out" / "report.html").is_file()
+    assert pictures_of(result.outcome).profiles  # of antenna 2
     assert "Antenna 1 of array gives no phases, and is left out" in result.verdict.summary
     remarks = [remark for note in result.verdict.inputs for remark in note.all_remarks]
     assert any("antenna 1: nothing comes from it" in r and "all samples are" in r for r in remarks)

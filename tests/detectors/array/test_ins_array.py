@@ -232,6 +232,26 @@ def test_attitude_and_lines_that_are_not_known_come_from_the_sky_itself():
     assert words == {"spoofed": set(SIGNALS[2:4]), "authentic": {*SIGNALS[:2], *SIGNALS[4:]}}
 
 
+def two_skies(seed):
+    """Every satellite and, as copy b, one transmitter's signal of each, with lines and attitude not known."""
+    beam = np.broadcast_to(direction_cosines(np.radians(40.0), np.radians(-25.0)), TRUE.shape)
+    records, false = (array_records(np.random.default_rng(seed), direction) for direction in (TRUE, beam))
+    one, two = (at_first(made.array_phases[0], calibrated=False) for made in (records, false))
+    both = {name: np.concatenate([getattr(one, name), getattr(two, name)], 1) for name in ("phase_cyc", "sigma_cyc")}
+    signals = (*one.signals, *(replace(signal, copy="b") for signal in two.signals))
+    phases = replace(one, signals=signals, carrier_hz=np.tile(one.carrier_hz, 2), **both)
+    return replace(records, array_phases=(phases,), nav_state={}, sets=(sky(*range(len(SIGNALS))),))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rare_alarms_let_no_false_signal_into_the_fit(seed):
+    """A gate of one in 10^9 is so wide that some of the transmitter's signals are within it by chance."""
+    words, _ = said_of(two_skies(seed), false_alarm_probability=1e-8)
+    copies = {word: {signal.copy for signal in words[word]} for word in ("spoofed", "authentic")}
+    assert copies == {"spoofed": {"b"}, "authentic": {"a"}}
+    assert min(len(words["authentic"]), len(words["spoofed"])) > 5
+
+
 def test_without_an_ephemeris_of_any_satellite_it_says_so():
     records = array_records(np.random.default_rng(10))
     late = nominal_constellation(START + np.timedelta64(40, "D"))

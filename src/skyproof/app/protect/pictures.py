@@ -257,7 +257,7 @@ def _profiles(observed: Sequence[ReceiverOutcome], outcome: Outcome, zero: np.da
     """
     for several in (True, False):
         for r in observed:
-            o, samples = r.reception.observations, r.reception.samples
+            o, samples = r.reception.observations, r.reception.measured_samples
             if o is None or samples is None or not (labels := _labels_of(o, outcome)):
                 continue
             if (epoch := _telling_epoch(o, labels, several)) is not None:

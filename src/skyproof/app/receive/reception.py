@@ -49,8 +49,9 @@ class Reception(ShortRepr):
     same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
     messages_differ : where signals of one satellite carry different messages, in words; among the remarks as well.
     taps, ccaf : correlators beside the observations, if they were asked for. vector_taps : of vector tracking.
-    antennas : the same signals at the same epochs on each antenna, where the receiver has several; `observations` are
-        those of the first, or if that has clearly fewer those of the antenna that has most.
+    antennas : the same signals at the same epochs on each antenna, where the receiver has several.
+    measured_on : number, from 0, of the antenna whose measurements `observations` are: the first, or if that has
+        clearly fewer the one that has most. Of a snapshot they are of all together, and it is the first of these.
     array_phases : the carrier's phases on all of them, if it is known where they are.
     evidence : what already shows while it is received.
     """
@@ -68,6 +69,7 @@ class Reception(ShortRepr):
     vector_taps: Stretched[Taps] | None = None
     ccaf: Stretched[Ccaf] | None = None
     antennas: tuple[ObservationLog, ...] = ()
+    measured_on: int = 0
     array_phases: Stretched[ArrayPhases] | None = None
     evidence: tuple[Finding, ...] = ()
 
@@ -75,6 +77,12 @@ class Reception(ShortRepr):
     def samples(self) -> Samples | None:
         """The recording, where the source is one."""
         return self.source if isinstance(self.source, Samples) else None
+
+    @property
+    def measured_samples(self) -> Samples | None:
+        """The samples that `observations` are measured in, where the source is a recording."""
+        samples = self.samples
+        return samples if samples is None else (samples, *samples.others)[self.measured_on]
 
 
 def observe(
@@ -102,6 +110,7 @@ def observe(
     decoded = navigation_of(tracker.arcs, week, samples.path or samples.name)
     orbits = navigation if navigation is not None else decoded
     antennas: tuple[ObservationLog, ...] = ()
+    best = 0
     observations = phases = taps = vector_taps = ccaf = None
     if label is not None:
         best = _best(tracker.measured.counts(tracker.arcs))
@@ -150,6 +159,7 @@ def observe(
         vector_taps=vector_taps,
         ccaf=ccaf,
         antennas=antennas if len(antennas) > 1 else (),
+        measured_on=best,
         array_phases=phases,
     )
 

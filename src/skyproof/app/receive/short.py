@@ -120,9 +120,11 @@ def observe_short(
         words += (Remark(some, RemarkKind.BEARS),)
     words += (f"too short to follow signals: {examined_s:.3g} s were summed up at once",)
     phases = None if phases is None else replace(phases, gpst=measured.gpst)
+    heard = [k for k, one in enumerate((samples, *samples.others)) if not one.dead and k not in lost]
     return replace(
         reception,
         observations=measured,
+        measured_on=min(heard, default=0),
         array_phases=phases,
         evidence=_changes(found, measured),
         remarks=(*remarks, *words),

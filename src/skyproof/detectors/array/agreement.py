@@ -126,7 +126,8 @@ class Agreement:
 
     members : rows. residual_cyc : (members, d) about the frame, without whole cycles. p_value : that all signals agree;
     p_values : (n,) of each given the (other) members. cost : the members' joint statistic, and for each other signal
-    what it may have at most. doubtful : rows that other frames as good would have in or out. lone : there are none.
+    what it may have at most. doubtful : rows that would raise no alarm, or that other frames as good would have in or
+    out. lone : no other frame is as good.
     """
 
     frame: ArrayFrame
@@ -172,7 +173,11 @@ def shared_given(residual_cyc: Reals, covariance: Reals, members: Indices, other
 
 
 def agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probability: float) -> Agreement:
-    """The signals that agree with a frame whose rest is small against half a cycle."""
+    """The signals that agree with a frame whose rest is small against half a cycle.
+
+    Where not all do, those agree that true signals are seldom beyond, however rare alarms are to be; who is beyond
+    that, and would raise no alarm, is doubtful.
+    """
     n, d = measured.cycles.shape
     covariance = covariance_of(measured, frame)
     tight = covariance_of(measured, _tightened(frame))
@@ -180,9 +185,10 @@ def agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probability: 
     p_value = float(sky_p_value(residual, covariance, wrapped=False))
     if p_value >= false_alarm_probability:
         return _agreed(frame, residual, covariance, np.arange(n), p_value, np.ones(n), false_alarm_probability)
+    missed = max(false_alarm_probability, POLICY.fitted_missed_probability)
     # Few are enough to show what all share; who stands far off alone must not.
-    members = np.flatnonzero(chi_square_survival(least, d) >= false_alarm_probability / n)
-    members = _without_strangers(residual, covariance, members, false_alarm_probability)
+    members = np.flatnonzero(chi_square_survival(least, d) >= missed / n)
+    members = _without_strangers(residual, covariance, members, missed)
     p_values = np.ones(n)
     while True:
         others = np.setdiff1d(np.arange(n), members)
@@ -192,15 +198,17 @@ def agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probability: 
         off, statistic = nearest_whole(residual[others] - mean, left)
         p_values[others] = chi_square_survival(statistic, d)
         best = int(p_values[others].argmax())
-        if not members.size or p_values[others[best]] < false_alarm_probability / n:
+        if not members.size or p_values[others[best]] < missed / n:
             break
         residual[others[best]] = off[best] + mean[best]
         more = np.sort(np.append(members, others[best]))
-        kept = _without_strangers(residual, covariance, more, false_alarm_probability)
+        kept = _without_strangers(residual, covariance, more, missed)
         if kept.size <= members.size:
             break
         members = kept
-    return _agreed(frame, residual, covariance, members, p_value, p_values, false_alarm_probability)
+    agreed = _agreed(frame, residual, covariance, members, p_value, p_values, missed)
+    near = np.setdiff1d(np.flatnonzero(p_values >= false_alarm_probability / n), members)
+    return replace(agreed, doubtful=near)
 
 
 def frames(measured: MeanPhases, frame: ArrayFrame) -> Iterator[ArrayFrame]:
@@ -219,7 +227,7 @@ def best_agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probabil
     """Of all candidates of `frames` the agreement that costs least, and what others nearly as good say otherwise."""
     found = [agreement(measured, one, false_alarm_probability) for one in frames(measured, frame)]
     best = min(found, key=lambda one: one.cost)
-    doubtful, lone = np.zeros(0, np.intp), True
+    doubtful, lone = best.doubtful, True
     for other in found:
         if other.cost - best.cost < POLICY.as_good_cost:
             doubtful = np.union1d(doubtful, np.setxor1d(best.members, other.members))

@@ -59,6 +59,9 @@ class ArrayPolicy:
         3.0, "1", "Noise so many times that of the signal's strength is of the antenna or its line."
     )
     one_place_satellites: int = number(3, "1", "Two signals from one place may be reflected by one thing.")
+    fitted_missed_probability: float = number(
+        1e-3, "1", "Chosen: a true signal is no part of a fit so rarely. Wider gates let in false ones by chance."
+    )
     gates_missed_probability: tuple[float, ...] = number(
         (0.03, 0.5, 0.9),
         "1",
