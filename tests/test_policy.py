@@ -24,6 +24,7 @@ SUFFIX = {
     "dB": "_db",
     "dB/m": "_db_m",
     "dB-Hz": "_dbhz",
+    "dBW/Hz": "_dbw_hz",
     "deg": "_deg",
     "rad": "_rad",
     "rad/s": "_rad_s",

@@ -36,6 +36,7 @@ __all__ = [
     "Source",
     "Verdict",
     "VerdictWord",
+    "WeakCarrier",
     "clock_words",
     "instant_words",
     "moment_words",
@@ -395,6 +396,25 @@ class InterferenceSpell(_Model):
     may_also_be: tuple[Cause, ...] = Field(description="What else would do the same: shade, or nothing.")
 
 
+class WeakCarrier(_Model):
+    """Signals weaker from a receiver's first window on than satellites under an open sky are."""
+
+    receiver: str
+    carrier: str = Field(description="By GPS's name where systems share one.")
+    since_gpst: Gpst = Field(description="First epoch, GPS time.")
+    cn0_dbhz: float = Field(description="Median of the satellites' C/N0, dB-Hz.")
+    open_sky_dbhz: float = Field(description="Least that an open sky gives a plain antenna, dB-Hz.")
+
+    @property
+    def words(self) -> str:
+        """How weak, and that C/N0 alone does not tell why."""
+        return (
+            f"C/N0 of satellites on {self.carrier} in {self.receiver} is {self.cn0_dbhz:.0f} dB-Hz from the first "
+            f"epoch on, and an open sky gives {self.open_sky_dbhz:.0f} or more: noise from before, shade and a "
+            "poor antenna do so alike, and C/N0 alone does not tell which; the front end's level of a quiet hour would"
+        )
+
+
 class InterferenceResult(_Model):
     """Whether noise of others came in. It is no part of the verdict: a jammer shows no false position."""
 
@@ -402,6 +422,9 @@ class InterferenceResult(_Model):
         description="not_tested: the inputs hold no C/N0 of enough satellites over enough time."
     )
     spells: tuple[InterferenceSpell, ...] = ()
+    weak_starts: tuple[WeakCarrier, ...] = Field(
+        default=(), description="What may be interference from the first epoch on, or shade, or a poor antenna."
+    )
 
     @model_validator(mode="after")
     def _state_fits(self) -> Self:
@@ -411,8 +434,9 @@ class InterferenceResult(_Model):
 
     @property
     def words(self) -> str:
-        """What interfered, since when, how much and with whom; empty where nothing did."""
-        return "; ".join(_spell_words(spell) for spell in self.spells[:MOST_NAMED])
+        """What interfered, since when, how much and with whom, or may have; empty where nothing did."""
+        found = [_spell_words(spell) for spell in self.spells] + [weak.words for weak in self.weak_starts]
+        return "; ".join(found[:MOST_NAMED])
 
 
 def _spell_words(spell: InterferenceSpell) -> str:

@@ -10,7 +10,7 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 from skyproof.records.correlations import Asked, Ccaf, CcafAsked, Stretched, Taps, TapsAsked
-from skyproof.records.estimates import Baseline, Direction, InterferenceSign, NoiseRise, OverlappingSkies
+from skyproof.records.estimates import Baseline, Direction, InterferenceSign, NoiseRise, OverlappingSkies, WeakStart
 from skyproof.records.findings import (
     AnyFinding,
     Cause,
@@ -95,6 +95,7 @@ __all__ = [
     "Taps",
     "TapsAsked",
     "UtcParameters",
+    "WeakStart",
     "WrongStatement",
     "freeze",
 ]

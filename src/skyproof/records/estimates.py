@@ -16,6 +16,7 @@ __all__ = [
     "InterferenceSign",
     "NoiseRise",
     "OverlappingSkies",
+    "WeakStart",
 ]
 
 
@@ -106,3 +107,18 @@ class NoiseRise(ShortRepr):
     lost: int
     signs: tuple[InterferenceSign, ...]
     may_be_shade: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)
+class WeakStart(ShortRepr):
+    """Signals that are weaker from a log's first window on than satellites under an open sky are.
+
+    Noise from outside, shade and a poor antenna do so alike. carrier : by GPS's name where systems share one.
+    from_gpst : first epoch. cn0_dbhz : median of the satellites. least_dbhz : what an open sky gives at least.
+    """
+
+    receiver: str
+    carrier: str
+    from_gpst: np.datetime64
+    cn0_dbhz: float
+    least_dbhz: float

@@ -7,7 +7,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from skyproof.records.estimates import Baseline, Direction, NoiseRise, OverlappingSkies
+from skyproof.records.estimates import Baseline, Direction, NoiseRise, OverlappingSkies, WeakStart
 from skyproof.records.signals import SignalRef
 from skyproof.records.window import Need
 from skyproof.short_repr import ShortRepr
@@ -268,6 +268,11 @@ class Finding(ShortRepr):
         """Return the interference that the window shows, a carrier each; None of a test that does not look for it."""
         found: tuple[NoiseRise, ...] | None = self.estimates.get("interference")
         return found
+
+    @property
+    def weak_start(self) -> tuple[WeakStart, ...]:
+        """Return the carriers that are weak from a receiver's first window on."""
+        return tuple(self.estimates.get("weak_start", ()))
 
     @property
     def statement(self) -> StatementTest | None:

@@ -174,6 +174,40 @@ def test_one_satellite_in_shade_is_neither() -> None:
     assert not falls(found)
 
 
+@pytest.mark.parametrize("share", [False, True])
+def test_interference_from_the_start_shows_when_it_ends(share) -> None:
+    """Noise that is there from the first epoch on, and leaves: C/N0 rises and less power comes in."""
+    jammed_db = drowned(sky(), 10.0, epochs=slice(0, ONSET))
+    found = examine(jammed_db, chains=front_end(-11.0, share=share))
+    assert not failed(found)
+    (rise,) = falls(found)
+    assert (rise.from_gpst, rise.to_gpst) == (EXACT.gpst[0], EXACT.gpst[ONSET - 1])
+    assert rise.fall_db == pytest.approx(10.0, abs=1.5)
+    assert (rise.signs, rise.may_be_shade) == (("cn0", "level"), False)
+    assert rise.level_db is None if share else rise.level_db == pytest.approx(11.0, abs=1.0)
+
+
+def test_signals_that_rise_at_the_level_of_before_still_fail() -> None:
+    jammed_db = drowned(sky(), 10.0, epochs=slice(0, ONSET))
+    assert failed(examine(jammed_db))
+    assert failed(examine(jammed_db, chains=front_end(0.0)))
+    assert not falls(examine(jammed_db, chains=front_end(0.0)))
+
+
+@pytest.mark.parametrize("shared_db", [-14.0, 0.0])
+def test_weak_signals_from_the_start_are_told_and_not_accused(shared_db) -> None:
+    """A jammer, a roof and a poor antenna scale C/N0 of all alike: it is said that it is open which."""
+    found = examine(sky() + shared_db)
+    assert not failed(found)
+    assert not falls(found)
+    weak = [one for e in found for one in e.weak_start]
+    assert len(weak) == (shared_db < 0.0)
+    if weak:
+        assert (weak[0].carrier, weak[0].from_gpst) == ("L1", EXACT.gpst[0])
+        assert weak[0].cn0_dbhz < weak[0].least_dbhz == pytest.approx(36.0)
+        assert weak[0].cn0_dbhz == pytest.approx(43.0 + shared_db, abs=4.0)
+
+
 def test_shade_is_named_unless_something_excludes_it() -> None:
     dark = drowned(sky(), 10.0)
     assert falls(examine(dark))[0].may_be_shade

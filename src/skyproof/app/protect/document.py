@@ -54,6 +54,7 @@ from skyproof.verdict import (
     SourceDirection,
     SourcePlace,
     Verdict,
+    WeakCarrier,
     clock_words,
 )
 from skyproof.verdict import Source as SourceModel
@@ -161,7 +162,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
         wrong_statements=_wrong_statements(outcome.evidence),
-        interference=_interference(decision),
+        interference=_interference(outcome),
         assumed=_assumed(outcome),
         receivers=receivers,
         signals=tuple(_signals(outcome)),
@@ -229,10 +230,22 @@ def _assumed(outcome: Outcome) -> str | None:
     return f"{said} {alone}"
 
 
-def _interference(decision: Decision) -> InterferenceResult:
-    """Return what interfered with the receivers."""
+def _interference(outcome: Outcome) -> InterferenceResult:
+    """Return what interfered with the receivers, and which were weak from the first epoch on."""
+    decision = outcome.decision
+    weak_starts = tuple(
+        WeakCarrier(
+            receiver=weak.receiver,
+            carrier=weak.carrier,
+            since_gpst=iso(weak.from_gpst, DIGITS),
+            cn0_dbhz=weak.cn0_dbhz,
+            open_sky_dbhz=weak.least_dbhz,
+        )
+        for e in outcome.evidence
+        for weak in e.weak_start
+    )
     if decision.interference is None:
-        return InterferenceResult(state="not_tested")
+        return InterferenceResult(state="not_tested", weak_starts=weak_starts)
     spells = tuple(
         InterferenceSpell(
             receiver=spell.receiver,
@@ -248,7 +261,7 @@ def _interference(decision: Decision) -> InterferenceResult:
         )
         for spell in decision.interference
     )
-    return InterferenceResult(state="present" if spells else "none", spells=spells)
+    return InterferenceResult(state="present" if spells else "none", spells=spells, weak_starts=weak_starts)
 
 
 def _wrong_statements(evidence: Sequence[Finding]) -> tuple[DoubtfulStatement, ...]:

@@ -16,6 +16,8 @@ Four tests, of which each may fail; a failed one makes *suspect* at most:
 A **fall** that all satellites on a carrier share is no sign of false signals. It is reported as interference
 (`Finding.interference`): since which epoch, by how much, on which carrier, by C/N0, by lost signals or by the level.
 So is one that lasts for a part of a window (`laws.find_dip`).
+One that was there before the log began shows when it ends: C/N0 rises and the front end takes in less power. Until then
+nothing tells it from shade or a poor antenna, which scale C/N0 alike: see `_Window._weak_start`.
 Shade of the whole sky weakens all signals too. It is named beside unless the level rises, another carrier keeps its
 levels, or the receiver is known to stand.
 """
@@ -42,6 +44,7 @@ from skyproof.detectors.levels.laws import (
 )
 from skyproof.detectors.levels.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
+from skyproof.gnss.received_power import LEAST_RECEIVED_DBW
 from skyproof.records import (
     Cause,
     Datum,
@@ -55,6 +58,7 @@ from skyproof.records import (
     Records,
     SignalId,
     SignalRef,
+    WeakStart,
 )
 
 __all__ = ["SignalLevels", "SignalLevelsSettings"]
@@ -118,9 +122,13 @@ class _Series(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class _Past:
-    """What is remembered of a receiver: a number a signal, a unit and a chain, and the series of one window."""
+    """What is remembered of a receiver: a number a signal, a unit and a chain, and the series of one window.
+
+    began_gpst : first epoch, or that at which interference ended that was there before.
+    """
 
     end_s: float
+    began_gpst: np.datetime64
     references: Mapping[SignalId, _Reference] = field(default_factory=dict)
     floors_db: Mapping[Unit, float] = field(default_factory=dict)
     scales: Mapping[Unit, OwnScale] = field(default_factory=dict)
@@ -172,13 +180,17 @@ class _Change(NamedTuple):
 
 
 class _GaugeChange(NamedTuple):
-    """How far a chain's level is over its own past: in sigmas, in dB where that is known, and the chance of it."""
+    """How far a chain's level is over its own past: in sigmas, in dB where that is known, and the chances of it.
+
+    rise, fall : chance of a level so far up or down.
+    """
 
     chain: str
     kind: str
     statistic: float
     rise_db: float
     rise: float
+    fall: float
 
 
 class _Test(NamedTuple):
@@ -224,7 +236,8 @@ class _Window:
 
     def __init__(self, report: Reporter, settings: SignalLevelsSettings, o: Observations, past: _Past | None) -> None:
         self.report, self.settings, self.o = report, settings, o
-        self.past = past or _Past(end_s=float(o.elapsed_s[-1]))
+        self.first = past is None
+        self.past = past or _Past(end_s=float(o.elapsed_s[-1]), began_gpst=o.gpst[0])
         self.levels_db = _medians(o.cn0_dbhz)
         self.known = np.isfinite(o.cn0_dbhz).mean(axis=0) >= 0.5
         self.kinds: list[Unit] = [(s.sat[0], s.band, s.code) for s in o.signals]
@@ -236,15 +249,21 @@ class _Window:
         carriers, kinds = ([c for c in changes if len(c.unit) == n] for n in (1, 3))
         gauges, gauges_after = self._gauges()
         interfered = {c.unit[0]: c for c in carriers if self._is_interference(c, gauges, len(carriers))}
-        tests = [*self._rises(kinds), *self._patterns(kinds, interfered), *self._strong()]
+        ended = {c.unit[0]: c for c in carriers if self._ends_interference(c, gauges, len(carriers))}
+        tests = [
+            *self._rises([c for c in kinds if self._carrier(c.unit) not in ended]),
+            *self._patterns(kinds, interfered),
+            *self._strong(),
+        ]
         tests += self._level_alone(carriers, gauges)
         failed = min(tests, key=lambda test: test.p_value, default=None)
         count = len(tests)
         odd = failed is not None and count * failed.p_value < self.settings.false_alarm_probability
         noise = [self._noise_rise(c, carriers, interfered, gauges) for c in interfered.values()]
         noise += [rest for c in carriers if c.unit[0] not in interfered and (rest := self._last_of(c))]
+        noise += [self._end_of(c, gauges) for c in ended.values()]
         finding = self._report_worst(changes, failed, count, tuple(noise))
-        return finding, self._remember(changes, interfered, gauges_after, odd=odd)
+        return finding, self._remember(changes, interfered, ended, gauges_after, odd=odd)
 
     # ------------------------------------------------------------------ common changes
 
@@ -376,16 +395,80 @@ class _Window:
             may_be_shade=True,
         )
 
+    def _ends_interference(self, change: _Change, gauges: list[_GaugeChange], n_carriers: int) -> bool:
+        """Tell whether C/N0 rises while less power comes in: what made noise is there no more."""
+        fallen = change.rise < POLICY.confirming_p_value and bool(self._fallen(change, gauges))
+        return fallen and change.unit[0] not in self.past.interfered
+
+    def _fallen(self, change: _Change, gauges: list[_GaugeChange]) -> list[_GaugeChange]:
+        """Return the gauges of a unit's carrier that fell significantly."""
+        carrier, asked = self._carrier(change.unit), self.settings.interference_probability
+        return [g for g in gauges if chain_covers(g.chain, carrier) and len(gauges) * g.fall < asked]
+
+    def _end_of(self, change: _Change, gauges: list[_GaugeChange]) -> NoiseRise:
+        """Return interference that was there since the receiver's first epoch, now that it has ended."""
+        (carrier,) = change.unit
+        levels_db = [-g.rise_db for g in self._fallen(change, gauges) if np.isfinite(g.rise_db)]
+        return NoiseRise(
+            receiver=self.o.receiver,
+            carrier=carrier,
+            from_gpst=self.past.began_gpst,
+            to_gpst=self._until(change),
+            fall_db=max(change.common.change_db, 0.0),
+            sigma_db=self._sigma_db(change),
+            level_db=max(levels_db, default=None),
+            lost=0,
+            signs=("cn0", "level"),
+            may_be_shade=False,
+        )
+
+    def _weak_start(self) -> tuple[WeakStart, ...]:
+        """Return the carriers of a first window whose satellites are weaker than an open sky's.
+
+        C/N0 is P G / (k T + J): it shows the antenna's gain G over the noise, and never the gain and J by themselves.
+        """
+        found = []
+        for kind, least_dbw in LEAST_RECEIVED_DBW.items() if self.first else ():
+            columns = [k for k, own in enumerate(self.kinds) if own == kind and self.known[k]]
+            if len(columns) < POLICY.least_satellites:
+                continue
+            least_dbhz = least_dbw - POLICY.noise_dbw_hz - POLICY.open_sky_loss_db
+            cn0_dbhz = float(np.median(self.levels_db[columns]))
+            if cn0_dbhz < least_dbhz:
+                carrier = self._carrier(kind)
+                found.append(
+                    WeakStart(
+                        receiver=self.o.receiver,
+                        carrier=carrier,
+                        from_gpst=self.o.gpst[0],
+                        cn0_dbhz=cn0_dbhz,
+                        least_dbhz=least_dbhz,
+                    )
+                )
+        worst = sorted(found, key=lambda weak: weak.cn0_dbhz - weak.least_dbhz, reverse=True)
+        return tuple({weak.carrier: weak for weak in worst}.values())
+
     def _sigma_db(self, change: _Change) -> float:
         return change.common.sigma_db * self.past.scales.get(change.unit, OwnScale()).sigma
 
     def _begun(self, change: _Change) -> np.datetime64:
         """Return the epoch from which on a unit's levels are other than before."""
+        gpst, row = self._split(change)
+        begun: np.datetime64 = gpst[row]
+        return begun
+
+    def _until(self, change: _Change) -> np.datetime64:
+        """Return the last epoch at which a unit's levels are as before."""
+        gpst, row = self._split(change)
+        until: np.datetime64 = gpst[max(row - 1, 0)]
+        return until
+
+    def _split(self, change: _Change) -> tuple[Instants, int]:
+        """Return the epochs of this window and the one before, and the row at which a unit's levels change."""
         before = self.past.series.get(change.unit)
         parts = [change.series] if before is None else [before, change.series]
         gpst = np.concatenate([part.gpst for part in parts])
-        begun: np.datetime64 = gpst[split_in_two(np.concatenate([part.change_db for part in parts]))]
-        return begun
+        return gpst, split_in_two(np.concatenate([part.change_db for part in parts]))
 
     # ------------------------------------------------------------------ tests that may fail
 
@@ -493,10 +576,10 @@ class _Window:
                 after[chain, kind] = _Gauge(value, 1.0, OwnScale())
                 continue
             statistic = (value - own.level) / np.sqrt(1.0 + 1.0 / own.windows)
-            rise = own.scale.above(statistic)
+            rise, fall = own.scale.above(statistic), own.scale.below(statistic)
             in_db = self.settings.gain_db if kind != "share" else np.nan
-            changes.append(_GaugeChange(chain, kind, float(statistic), (value - own.level) * in_db, rise))
-            if min(rise, 1.0 - rise) * len(after) > self.settings.interference_probability:
+            changes.append(_GaugeChange(chain, kind, float(statistic), (value - own.level) * in_db, rise, fall))
+            if min(rise, fall) * len(after) > self.settings.interference_probability:
                 windows = min(own.windows + 1.0, POLICY.remembered_windows)
                 level = own.level + (value - own.level) / windows
                 after[chain, kind] = _Gauge(level, windows, own.scale.after(statistic))
@@ -512,7 +595,10 @@ class _Window:
         columns = sorted(lost | set(np.flatnonzero(self.known).tolist()))
         if worst is None:
             signals = tuple(SignalRef(receiver, self.o.signals[k]) for k in columns)
-            return self.report.pass_over(signals, self._explain_untested())
+            if noise:
+                return self.report.find(signals, "interfered", {}, estimates={"interference": noise})
+            why = self._explain_untested()
+            return self.report.find(signals, why.code, {}, data=why.data, estimates={"weak_start": self._weak_start()})
         p_value = min(1.0, count * worst.p_value)
         failed = p_value < self.settings.false_alarm_probability
         data: dict[str, Datum] = {"test": worst.name, "statistic": float(worst.statistic)}
@@ -538,11 +624,15 @@ class _Window:
         self,
         changes: list[_Change],
         interfered: Mapping[str, _Change],
+        ended: Mapping[str, _Change],
         gauges: Mapping[tuple[str, str], _Gauge],
         *,
         odd: bool,
     ) -> _Past:
-        """Return what is kept: own courses follow what is each signal's, and the common part while nothing is odd."""
+        """Return what is kept: own courses follow what is each signal's, and the common part while nothing is odd.
+
+        Where interference ended that was there before, carriers and chains begin anew.
+        """
         shared_db = self._held_back(changes, interfered, odd=odd)
         end_s = float(self.o.elapsed_s[-1])
         references = {
@@ -557,6 +647,7 @@ class _Window:
             windows = 1.0 if own is None else min(own.windows + 1.0, POLICY.remembered_windows)
             before_db = level_db if own is None else own.level_db
             references[signal] = _Reference(before_db + (level_db - before_db) / windows, windows, end_s)
+        references = {signal: own for signal, own in references.items() if carrier_name(signal) not in ended}
         scales, slopes, rates = dict(self.past.scales), dict(self.past.slopes), dict(self.past.rates)
         dips = dict(self.past.dips)
         for change in changes:
@@ -569,6 +660,7 @@ class _Window:
                 slopes[change.unit] = slopes.get(change.unit, OwnScale()).after(found[1])
         return _Past(
             end_s=end_s,
+            began_gpst=max((self._begun(change) for change in ended.values()), default=self.past.began_gpst),
             references=references,
             floors_db=self.floors_db,
             scales=scales,
@@ -576,7 +668,11 @@ class _Window:
             slopes=slopes,
             rates=rates,
             series={change.unit: change.series for change in changes},
-            gauges=gauges,
+            gauges={
+                name: gauge
+                for name, gauge in gauges.items()
+                if not any(chain_covers(name[0], carrier) for carrier in ended)
+            },
             interfered={
                 carrier: change.lasting_db
                 for carrier, change in interfered.items()

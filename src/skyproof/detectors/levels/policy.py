@@ -18,6 +18,14 @@ class LevelsPolicy:
         "dB",
         "C/N0 over what `SignalPlan.strongest_dbw` states: 7 dBi to the zenith, a system of 100 K (-208.6 dBW/Hz).",
     )
+    noise_dbw_hz: float = number(
+        -201.5,
+        "dBW/Hz",
+        "Thermal noise k T of a system of 513 K: 290 K of ground and antenna, and an amplifier of 2.5 dB.",
+    )
+    open_sky_loss_db: float = number(
+        7.0, "dB", "A patch loses 5 dB at low elevations against 0 dBi, and the receiver's bits and filters 2 dB."
+    )
     remembered_windows: int = number(
         6, "1", "At 10 s a window a satellite's own course follows elevation and slow drifts, and no step."
     )
