@@ -10,7 +10,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.known import Known, known
-from skyproof.navigation.prediction import choose, standing_still
+from skyproof.navigation.prediction import choose, fit_p_value, standing_still
 from skyproof.simulator.clocks import clock
 
 HOME = np.array([3.8e6, 7.9e5, 5.0e6])
@@ -153,3 +153,14 @@ def test_a_standing_receiver_stays_and_what_was_unknown_stays_so():
     assert np.diag(found.covariance)[:3] == pytest.approx(1.0)
     assert list(found.there) == [0, 1, 2, 3, 4, 5]
     assert found.mean[3:6] == pytest.approx(0.0)
+
+
+def test_one_fix_is_tested_as_the_only_one_of_a_choice_is():
+    """In all that both know: a fix with velocity against a prediction without one is tested in place alone."""
+    rng = np.random.default_rng(11)
+    prediction = a_fix(np.zeros(3), 3.0)
+    for fix in (a_fix(np.zeros(3), 2.0, rng), a_fix(np.array([5.0, 0.0, 0.0]), 2.0, rng, velocity=np.full(3, 0.1))):
+        assert fit_p_value(prediction, fix) == choose(prediction, [fix]).fits[0]
+    clock_only = known(GPS_EPOCH, clock_m=np.zeros(2), clock_m2=np.eye(2))
+    with pytest.raises(ValueError, match="nothing to compare"):
+        fit_p_value(prediction, clock_only)

@@ -43,7 +43,7 @@ from skyproof.fusion.timeline import Onset
 from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.known import Known
-from skyproof.navigation.prediction import Choice, choose, parted_unseen
+from skyproof.navigation.prediction import Choice, choose, fit_p_value, parted_unseen
 from skyproof.records import (
     ConsistentSet,
     Datum,
@@ -350,7 +350,7 @@ def _goes_on(expected: Known, fix: Known) -> bool:
     """Whether a fix is no farther from what was expected than chance allows; also where nothing of it was."""
     if not set(expected.there).intersection(fix.there):
         return True
-    return float(choose(expected, [fix]).fits[0]) >= POLICY.goes_on_probability
+    return fit_p_value(expected, fix) >= POLICY.goes_on_probability
 
 
 def _spans(windows: Sequence[Rivals]) -> list[tuple[Rivals, np.datetime64]]:

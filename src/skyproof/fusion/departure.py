@@ -29,7 +29,7 @@ from skyproof.gnss.time import seconds_between
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
-from skyproof.navigation.prediction import choose
+from skyproof.navigation.prediction import fit_p_value
 from skyproof.records import Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef
 from skyproof.statistics.leave_out import largest_p_value_without
 
@@ -128,7 +128,7 @@ class _Walk:
         if expected is None:
             return None
         expected = without(expected, _CLOCK)
-        return _Shown(sky, fix, moving[-1], expected, float(choose(expected, [moving[-1]]).fits[0]))
+        return _Shown(sky, fix, moving[-1], expected, fit_p_value(expected, moving[-1]))
 
     def _looked(self, fix: SkyFix) -> list[_Look]:
         """At both velocities through a window."""
@@ -191,7 +191,7 @@ class _Walk:
                 if fix is None or expected is None:
                     yield 1.0
                 else:
-                    yield choose(without(expected, _CLOCK), [fix]).fits[0]
+                    yield fit_p_value(without(expected, _CLOCK), fix)
 
         sats = sorted({signal.sat for signal in shown.sky.signals})
         return largest_p_value_without(sats, p_values, least=POLICY.least_satellites, enough=self.alpha)

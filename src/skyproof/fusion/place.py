@@ -30,7 +30,7 @@ from skyproof.gnss.slips import HEIGHT, UNLISTED, position_slips
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix, Standing
 from skyproof.navigation.known import KNOWN, Known, without
-from skyproof.navigation.prediction import choose
+from skyproof.navigation.prediction import fit_p_value
 from skyproof.records import Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef, WrongStatement
 from skyproof.statistics.leave_out import largest_p_value_without
 
@@ -113,7 +113,7 @@ class _Watch:
         if self.foresight.surveyed:
             datum_m2 = POLICY.datum_sigma_m**2 * np.diag(np.arange(KNOWN) < 3)
             place = replace(place, covariance=place.covariance + datum_m2)
-        return _Shown(sky, fix, place, float(choose(place, [fix]).fits[0]))
+        return _Shown(sky, fix, place, fit_p_value(place, fix))
 
     def _report(self, window: Rivals, shown: _Shown) -> Finding:
         """Return the window's finding: an attack where no benign cause remains."""
@@ -171,7 +171,7 @@ class _Watch:
             mean[:3] = slip.position_ecef_m
             covariance[:3, :3] += slip.covariance_m2
             meant = replace(shown.expected, mean=mean, covariance=covariance)
-            if choose(meant, [shown.fix]).fits[0] >= POLICY.slip_p_value:
+            if fit_p_value(meant, shown.fix) >= POLICY.slip_p_value:
                 value = height if slip.code == HEIGHT else slip.value
                 found.append(WrongStatement(code=slip.code, about=about, words=slip.words, value=value))
         if found:
@@ -185,7 +185,7 @@ class _Watch:
             return None, None
         if self.seen_there is None:
             return "never_there", None
-        if choose(without(self.seen_there, _ALL_BUT_PLACE), [shown.fix]).fits[0] >= self.alpha:
+        if fit_p_value(without(self.seen_there, _ALL_BUT_PLACE), shown.fix) >= self.alpha:
             return "as_before", None
         if not self._fits_all(window, shown.sky):
             return "others_misfit", None
@@ -207,7 +207,7 @@ class _Watch:
         def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
             for pair in pairs:
                 fix = self.maker.at_end(window, shown.sky, pair)
-                yield 1.0 if fix is None else choose(shown.expected, [fix]).fits[0]
+                yield 1.0 if fix is None else fit_p_value(shown.expected, fix)
 
         sats = sorted({signal.sat for signal in shown.sky.signals})
         return largest_p_value_without(sats, p_values, least=POLICY.least_satellites, enough=self.alpha)

@@ -37,7 +37,7 @@ from skyproof.gnss.time import seconds_between
 from skyproof.navigation.known import KNOWN, Known
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["Choice", "choose", "parted_unseen", "standing_still"]
+__all__ = ["Choice", "choose", "fit_p_value", "parted_unseen", "standing_still"]
 
 _PLACE, _SPEED, _CLOCK = slice(0, 3), slice(3, 6), slice(6, 8)
 
@@ -105,9 +105,8 @@ def choose(
     both = np.ix_(used, used)
     logs, fits = np.empty(len(candidates)), np.empty(len(candidates))
     for number, candidate in enumerate(candidates):
-        off = candidate.mean[used] - prediction.mean[used]
         spread = prediction.covariance[both] + candidate.covariance[both]
-        distance2 = float(off @ np.linalg.solve(spread, off))
+        distance2 = _squared_distance(prediction, candidate, used)
         logs[number] = -0.5 * (distance2 + np.linalg.slogdet(2.0 * np.pi * spread)[1])
         fits[number] = chi_square_survival(distance2, used.size)
     probabilities = special.softmax(logs)
@@ -125,6 +124,17 @@ def choose(
     )
 
 
+def fit_p_value(prediction: Known, fix: Known) -> float:
+    """Return the chance that a true fix is as far from what was predicted for its time, in all that both know.
+
+    Raises ValueError where they have nothing in common.
+    """
+    used = np.intersect1d(prediction.there, fix.there)
+    if not used.size:
+        raise ValueError("prediction and fix have nothing to compare; give a fix with position or clock")
+    return _alike(prediction, fix, used)
+
+
 def parted_unseen(one: Known, other: Known, used: Sequence[int], *, probability: float) -> bool:
     """Whether two fixes are farther apart in place or clock than noise has it with `probability`, in what was not
     `used` to choose.
@@ -139,8 +149,13 @@ def parted_unseen(one: Known, other: Known, used: Sequence[int], *, probability:
     return False
 
 
+def _squared_distance(one: Known, other: Known, used: Indices) -> float:
+    """Return the squared distance of two independent ones over the sum of their covariances."""
+    off = other.mean[used] - one.mean[used]
+    both = np.ix_(used, used)
+    return float(off @ np.linalg.solve(one.covariance[both] + other.covariance[both], off))
+
+
 def _alike(one: Known, other: Known, used: Indices) -> float:
     """The chance that two fixes of one sky are as far apart as these."""
-    both, apart = np.ix_(used, used), (one.mean - other.mean)[used]
-    spread = one.covariance[both] + other.covariance[both]
-    return float(chi_square_survival(apart @ np.linalg.solve(spread, apart), used.size))
+    return float(chi_square_survival(_squared_distance(one, other, used), used.size))
