@@ -82,6 +82,57 @@ def test_an_arrow_in_the_code_that_the_page_does_not_show_is_seen(tmp_path, monk
     assert stated == {"__init__": {"attic"}, "attic": set(), "cellar": set()}
 
 
+OF_A_SIGNAL = {1023, 1.023e6, 2.046e6, 1575.42, 1575.42e6}
+"""Chips, chip rate, main lobe and carrier of GPS L1 C/A, which a signal's plan states."""
+NOT_OF_A_SIGNAL = {
+    ("gnss/constants.py", 1575.42e6): "the interface's constants, of which plans are made",
+    ("gnss/constants.py", 1.023e6): "the interface's constants, of which plans are made",
+    ("gnss/constants.py", 1023): "the interface's constants, of which plans are made",
+    ("app/inspect/guess.py", 2.046e6): "a rate that recorders use",
+    ("gnss/thermal_noise.py", 0.02): "the loop of a receiver of common design, whatever the signal",
+    ("detectors/correlators/sqm_detector.py", 0.02): "how often a receiver is asked for correlators, before any signal",
+    ("records/correlations.py", 0.02): "how long a grid is asked to be, before any signal",
+}
+
+
+def literals_of_a_signal(tree):
+    """Numbers that are those of GPS L1 C/A, and durations of 20 ms, its bit, by the names that they are given."""
+    durations = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and type(node.value) in (int, float) and node.value in OF_A_SIGNAL:
+            yield node.value
+        if isinstance(node, ast.Assign):
+            durations += [(target, node.value) for target in node.targets]
+        elif isinstance(node, ast.AnnAssign):
+            durations.append((node.target, node.value))
+        elif isinstance(node, ast.keyword):
+            durations.append((node, node.value))
+        elif isinstance(node, ast.arguments):
+            durations += zip(node.args[::-1], node.defaults[::-1], strict=False)
+            durations += zip(node.kwonlyargs, node.kw_defaults, strict=True)
+    for named, value in durations:
+        name = next((getattr(named, key) for key in ("id", "attr", "arg") if getattr(named, key, None)), "").lower()
+        is_duration = name.endswith("_s") and not name.endswith(("_m_s", "_hz_s", "_chips_s"))
+        if is_duration and isinstance(value, ast.Constant) and value.value == 0.02:
+            yield value.value
+
+
+def test_only_plans_know_the_numbers_of_a_signal():
+    """A detector, decoder or decision that needs a chip, a carrier or a bit asks `SignalPlan`; the simulator sends."""
+    found = {
+        (str(path.relative_to(PACKAGE)), number)
+        for path in PACKAGE.rglob("*.py")
+        if not str(path.relative_to(PACKAGE)).startswith(("simulator/", "studies/", "gnss/signals/"))
+        for number in literals_of_a_signal(ast.parse(path.read_text(encoding="utf-8")))
+    }
+    assert found == NOT_OF_A_SIGNAL.keys()
+
+
+@pytest.mark.parametrize("line", ["M = C / 1.023e6", "def f(bit_s=0.02): ...", "x = 65 / 1023", "f(symbol_s=0.02)"])
+def test_a_number_of_a_signal_is_found(line):
+    assert [*literals_of_a_signal(ast.parse(line))]
+
+
 def test_no_two_public_classes_share_a_name():
     found = [
         (name, path.relative_to(PACKAGE).as_posix())

@@ -8,6 +8,7 @@ from tests.navigation import sky
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, coarse_fix
 from skyproof.records import NavigationData
 
@@ -40,6 +41,7 @@ class Shot:
             rough,
             rough_sigma_s,
             self.navigation,
+            signal=GPS_L1_CA,
             **options,
         )
 

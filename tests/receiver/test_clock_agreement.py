@@ -128,7 +128,12 @@ def test_carriers_that_are_off_are_told_from_a_rate_that_is_off(share, sign, off
     """An oscillator off by half a ppm beside it; a carrier given too high makes all signals appear low."""
     share *= sign
     rate = Disagreement(
-        code_minus_carrier=share, sigma=1e-9, oscillator_hz=off_hz, oscillator_sigma_hz=300.0, certain=True
+        code_minus_carrier=share,
+        sigma=1e-9,
+        oscillator_hz=off_hz,
+        oscillator_sigma_hz=300.0,
+        certain=True,
+        carrier_hz=L1_HZ,
     )
     carrier = replace(rate, oscillator_hz=off_hz - share * L1_HZ)
     assert not rate.of_carrier

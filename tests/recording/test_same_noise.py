@@ -47,8 +47,12 @@ def quantised(wave, bits):
     return (np.sign(planes) * size).astype(np.float32)
 
 
+def seen(first, second):
+    return shared_noise(first, second, period_s=GPS_L1_CA.period_s)
+
+
 def found(first, second, carrier_cycles=0.0):
-    return shared_noise(rows_of(first, carrier_cycles, CELLS), rows_of(second, carrier_cycles, CELLS))
+    return seen(rows_of(first, carrier_cycles, CELLS), rows_of(second, carrier_cycles, CELLS))
 
 
 @pytest.mark.parametrize("bits", [1, 2, None])
@@ -90,7 +94,7 @@ def test_a_recording_of_another_rate_and_kind_is_compared_as_well():
     wide[middle - N // 2 : middle - N // 2 + N] = antenna
     real = np.fft.ifft(np.fft.ifftshift(wide)).real
     first = quantised(np.fft.ifft(np.fft.ifftshift(antenna)), 1)
-    reported = shared_noise(
+    reported = seen(
         rows_of(first, 0.0, CELLS), rows_of(np.stack([np.sign(real), 0.0 * real]).astype(np.float32), 0.7 / 4.0, CELLS)
     )
     assert reported.coefficient > 0.6
@@ -120,7 +124,7 @@ def test_no_strength_of_common_signals_is_taken_for_common_noise(sats, bits):
         first, second = sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
         rows = [rows_of(quantised(one + noise(rng), bits), 0.0, CELLS) for one in (first, second)]
         left = [without_repetition(one)[0] for one in rows]
-        reported = shared_noise(*rows)
+        reported = seen(*rows)
         repeats = max(1.0 - np.sum(np.abs(b) ** 2) / np.sum(np.abs(a) ** 2) for a, b in zip(rows, left, strict=True))
         assert reported.p_value == 1.0
         assert reported.coefficient < 0.5 * explained(float(repeats))
@@ -131,7 +135,7 @@ def test_independent_noise_shares_nothing():
     rng = np.random.default_rng(7)
     for _ in range(30):
         one, other = (noise(rng, N_ROWS * 512).reshape(N_ROWS, 512).astype(np.complex64) for _ in range(2))
-        reported = shared_noise(one, other)
+        reported = seen(one, other)
         assert reported.p_value == 1.0
         assert reported.coefficient < 0.5 * EXPLAINED
 
@@ -144,7 +148,7 @@ def test_what_is_explained_is_called_common_noise_no_oftener_than_stated():
     for _ in range(60):
         common, one, other = (noise(rng, N_ROWS * cells).reshape(N_ROWS, cells) for _ in range(3))
         own = np.sqrt(1.0 / EXPLAINED - 1.0)
-        reported = shared_noise((common + own * one).astype(np.complex64), (common + own * other).astype(np.complex64))
+        reported = seen((common + own * one).astype(np.complex64), (common + own * other).astype(np.complex64))
         alarms += reported.p_value < wanted
         coefficients.append(reported.coefficient)
     assert alarms <= 20  # 12 are stated; twice the sigma more

@@ -32,6 +32,7 @@ from skyproof.formats.documents import read_toml
 from skyproof.formats.layout import FITTING_BITS, BitOrder, ByteOrder, Chunk, Encoding, Kind, PackedSamples, Packing
 from skyproof.formats.levels import channels_of, check_levels, without_dead
 from skyproof.formats.signatures import head_of, other_than_samples
+from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.time import GPS_EPOCH, iso, parse_iso
 from skyproof.records import Samples
 from skyproof.remarks import Remark, RemarkKind
@@ -76,7 +77,7 @@ class SampleLayout(BaseModel):
         description="the bits of one number: 1, 2, 4, 8, 12, 16, 32 or 64; of 12, two fill three bytes"
     )
     centre_hz: float = Field(
-        1575.42e6, ge=1e8, le=1e11, description="the radio frequency that lies at if_hz, in hertz: 1575420000.0 is L1"
+        L1_HZ, ge=1e8, le=1e11, description="the radio frequency that lies at if_hz, in hertz: 1575420000.0 is L1"
     )
     if_hz: float = Field(0.0, description="where centre_hz lies in the samples, in hertz")
     bit_order: BitOrder = Field("msb-first", description='"msb-first" or "lsb-first"')

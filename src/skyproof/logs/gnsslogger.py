@@ -8,6 +8,7 @@ Columns are found by their names in the header, whatever the version.
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from functools import cache
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -55,16 +56,8 @@ _FIX_REALS: Final = (
 
 _SYSTEMS: Final = "?GSRJCEI"  # by ConstellationType
 _FIRST_SVID: Final = {"S": 100, "J": 192}  # what is taken off a number
-_BANDS_MHZ: Final = {
-    "G": {"1": 1575.42, "2": 1227.60, "5": 1176.45},
-    "S": {"1": 1575.42, "5": 1176.45},
-    "R": {"1": 1602.0, "2": 1246.0},
-    "J": {"1": 1575.42, "2": 1227.60, "5": 1176.45, "6": 1278.75},
-    "C": {"2": 1561.098, "1": 1575.42, "5": 1176.45, "6": 1268.52, "7": 1207.14},
-    "E": {"1": 1575.42, "5": 1176.45, "6": 1278.75, "7": 1207.14},
-    "I": {"5": 1176.45, "9": 2492.028},
-}
-"""By RINEX's digit, the first where the phone states no carrier."""
+_DIGITS: Final = {"G": "125", "S": "15", "R": "12", "J": "1256", "C": "21567", "E": "1567", "I": "59"}
+"""RINEX's digits of a system's carriers, the first where the phone states no carrier."""
 _NEAR_MHZ: Final = 6.0  # GLONASS reaches 7 channels of 0.5625 MHz to either side
 _USUAL_CODES: Final = {
     "G": {"1": "C", "2": "L", "5": "Q"},
@@ -557,11 +550,19 @@ def _positive(values: Reals) -> Reals:
 
 def _digit_of(system: str, mhz: float) -> str | None:
     """Return RINEX's digit of a carrier, the usual one where it is not stated; None for one that no satellite sends."""
-    bands = _BANDS_MHZ.get(system, {})
+    digits = _DIGITS.get(system, "")
     if mhz <= 0.0:
-        return next(iter(bands), None)
-    nearest = min(bands, key=lambda digit: abs(bands[digit] - mhz), default=None)
-    return nearest if nearest is not None and abs(bands[nearest] - mhz) < _NEAR_MHZ else None
+        return digits[:1] or None
+    off_mhz = {digit: abs(_carrier_mhz(system, digit) - mhz) for digit in digits}
+    nearest = min(off_mhz, key=off_mhz.__getitem__, default=None)
+    return nearest if nearest is not None and off_mhz[nearest] < _NEAR_MHZ else None
+
+
+@cache
+def _carrier_mhz(system: str, digit: str) -> float:
+    """Return the carrier of one of a system's digits; of GLONASS that of frequency number 0."""
+    signal = rinex_signal(system, digit + _USUAL_CODES[system][digit])
+    return np.nan if signal is None else 1e-6 * carrier_hz_of(signal[0], 0)
 
 
 def _band_of(system: str, mhz: float) -> str:

@@ -24,7 +24,7 @@ from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, MU_M3_S2, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.gnss.signals import SignalPlan
 from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import timedelta_from_s, week_and_tow
 from skyproof.navigation.least_squares import line_of_sight, spd_inverse
@@ -186,7 +186,8 @@ def coarse_fix(
     *,
     place_ecef_m: Reals | None = None,
     place_sigma_m: float = 100e3,
-    period_s: Reals | float = GPS_L1_CA.period_s,
+    signal: SignalPlan,
+    period_s: Reals | float | None = None,
     settings: CoarseSettings | None = None,
 ) -> CoarseFix:
     """Position, velocity and time from one instant's code phases and Dopplers.
@@ -195,10 +196,11 @@ def coarse_fix(
     ----------
     sats : one a measurement; those without a healthy ephemeris (at most 7500 s away) are not used.
     code_s, code_sigma_s : (n_sats,) time that the received code shows, modulo `period_s`; NaN: not used.
-    doppler_hz, doppler_sigma_hz : (n_sats,) L1 carrier, apparent minus nominal; contains the clock drift. May be NaN.
+    doppler_hz, doppler_sigma_hz : (n_sats,) apparent minus nominal carrier; contains the clock drift. May be NaN.
     rough_gpst, rough_sigma_s : the instant of reception, and one sigma of its error.
     place_ecef_m, place_sigma_m : (3,) rough place and one sigma of each coordinate; without one the Dopplers give it.
-    period_s : of the code phases, for all or each: 1 ms, or 20 ms where the edges of the bits are known.
+    signal : that was received. period_s : of the code phases, for all or each: that of the code, or of the bits where
+        their edges are known; the former if not given.
 
     Returns
     -------
@@ -212,7 +214,7 @@ def coarse_fix(
     settings = settings or CoarseSettings()
     columns = [
         np.broadcast_to(np.asarray(a, np.float64), (len(sats),))
-        for a in (code_s, code_sigma_s, doppler_hz, doppler_sigma_hz, period_s)
+        for a in (code_s, code_sigma_s, doppler_hz, doppler_sigma_hz, signal.period_s if period_s is None else period_s)
     ]
     if len(set(sats)) != len(sats):
         raise ValueError(f"a satellite appears twice in {', '.join(sats)}; give one signal of each")
@@ -224,7 +226,7 @@ def coarse_fix(
     code, code_sigma, doppler, doppler_sigma, period = (column[used] for column in columns)
     week, tow_s = week_and_tow(rough_gpst)
     there = np.isfinite(doppler) & (doppler_sigma > 0.0)
-    wavelength_m = SPEED_OF_LIGHT_M_S / GPS_L1_CA.carrier_hz
+    wavelength_m = SPEED_OF_LIGHT_M_S / signal.carrier_hz
     problem = _Problem(
         ephemerides=tuple(e for k in used if isinstance(e := found[k], Ephemeris)),
         navigation=navigation,

@@ -22,7 +22,7 @@ def whole_ranges_m(
     navigation: NavigationData,
     *,
     shows: Sequence[bool],
-    period_s: float = 1e-3,
+    period_s: float,
 ) -> Reals:
     """Pseudoranges (n_epochs, n_signals): c times label minus what the code shows, with the whole code periods that lie
     nearest to what the position predicts; NaN without an ephemeris.
@@ -34,6 +34,7 @@ def whole_ranges_m(
     ----------
     code_s : (n_epochs, n_signals) what each code shows at the epochs, modulo its period. gpst : (n_epochs,) labels.
     position_ecef_m : (3,). shows : which signals it was found from: by them the receiver's clock is set.
+    period_s : of the codes.
     """
     period_ns = round(period_s * 1e9)
     label_s = (gpst.astype("datetime64[ns]").astype(np.int64) % period_ns) * 1e-9

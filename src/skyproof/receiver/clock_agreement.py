@@ -40,7 +40,7 @@ class Disagreement:
     """How much faster all codes run than their carriers say, as a share of the rate, with one sigma.
 
     oscillator_hz : the Doppler common to all carriers, with one sigma. certain : whether it is there and worth a
-        correction.
+        correction. carrier_hz : nominal.
     """
 
     code_minus_carrier: float
@@ -48,21 +48,24 @@ class Disagreement:
     oscillator_hz: float
     oscillator_sigma_hz: float
     certain: bool
+    carrier_hz: float
 
     @property
     def of_carrier(self) -> bool:
         """Whether the carriers are off rather than the codes: by more than oscillators are, and these clearly less."""
-        codes_hz = self.oscillator_hz + self.code_minus_carrier * GPS_L1_CA.carrier_hz
+        codes_hz = self.oscillator_hz + self.code_minus_carrier * self.carrier_hz
         least_hz = max(abs(codes_hz), _OSCILLATOR_HZ) + 2.0 * self.oscillator_sigma_hz
         return least_hz < abs(self.oscillator_hz)
 
 
-def in_survey(survey: Survey, dopplers_hz: Mapping[str, float]) -> Disagreement | None:
+def in_survey(
+    survey: Survey, dopplers_hz: Mapping[str, float], *, signal: SignalPlan = GPS_L1_CA
+) -> Disagreement | None:
     """By a survey of the first half second; `dopplers_hz`, one a satellite. None if it does not show it."""
     if len(dopplers_hz) < LEAST_SATS or not math.isfinite(survey.clock_minus_lo_ppm):
         return None
     share, sigma = -1e-6 * survey.clock_minus_lo_ppm, 1e-6 * survey.clock_minus_lo_sigma_ppm
-    return _disagreement(share, sigma, list(dopplers_hz.values()), _LEAST_SURVEYED)
+    return _disagreement(share, sigma, list(dopplers_hz.values()), _LEAST_SURVEYED, signal)
 
 
 def in_tracks(
@@ -98,10 +101,12 @@ def in_tracks(
     middle = float(np.median(slopes))
     scatter = 1.4826 * float(np.median(np.abs(slopes - middle)))
     sigma = math.sqrt(math.pi / 2.0 / slopes.size) * max(scatter, float(np.median(sigmas)))
-    return _disagreement(middle, sigma, dopplers_hz, LEAST)
+    return _disagreement(middle, sigma, dopplers_hz, LEAST, signal)
 
 
-def _disagreement(share: float, sigma: float, dopplers_hz: Sequence[float] | Reals, least: float) -> Disagreement:
+def _disagreement(
+    share: float, sigma: float, dopplers_hz: Sequence[float] | Reals, least: float, signal: SignalPlan
+) -> Disagreement:
     oscillator = oscillator_error(dopplers_hz)
     return Disagreement(
         code_minus_carrier=share,
@@ -109,6 +114,7 @@ def _disagreement(share: float, sigma: float, dopplers_hz: Sequence[float] | Rea
         oscillator_hz=oscillator.doppler_hz,
         oscillator_sigma_hz=oscillator.sigma_hz,
         certain=abs(share) > max(least, CERTAIN_SIGMAS * sigma),
+        carrier_hz=signal.carrier_hz,
     )
 
 

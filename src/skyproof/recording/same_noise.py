@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from skyproof.arrays import ComplexFloats, Floats, Reals
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.statistics.distributions import noncentral_chi_square_tail
 
 __all__ = [
@@ -43,7 +44,7 @@ EXPLAINED: Final = 0.1
 that is found with `N_ROWS` rows of N cells has a power of 1 / sqrt(N_ROWS N) or more, so that ten that are not make
 0.03."""
 _LEAST_LEFT: Final = 0.25  # of the rows: where less is left, nearly all that was received repeats
-_BAND_HZ: Final = 2.046e6  # the main lobe; noise beyond it adds nothing to noise within it
+_BAND_HZ: Final = 2.0 * GPS_L1_CA.chip_rate_hz  # the main lobe; noise beyond it adds nothing to noise within it
 _LEVELS: Final = 64
 _FINE: Final = 4
 """Lags a cell: between two of them the correlation loses 2.5 %."""
@@ -124,7 +125,7 @@ def explained(repeating: float) -> float:
     return max(EXPLAINED, (math.asin(rho) / (0.5 * math.pi) - repeating) / (1.0 - repeating))
 
 
-def shared_noise(first: ComplexFloats, second: ComplexFloats, *, period_s: float = 1e-3) -> SharedNoise:
+def shared_noise(first: ComplexFloats, second: ComplexFloats, *, period_s: float) -> SharedNoise:
     """Correlate what two stretches hold besides what repeats; the second was cut to begin within half a period.
 
     first, second : (n_rows, cells) as `rows_of` gives them, of the same shape.

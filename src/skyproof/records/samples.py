@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from skyproof.arrays import Floats
+from skyproof.gnss.constants import L1_HZ
 from skyproof.short_repr import ShortRepr
 
 __all__ = [
@@ -81,7 +82,7 @@ class Samples(ShortRepr):
     rate_hz: float
     n_samples: int
     read: Callable[[int, int], Floats]
-    centre_hz: float = 1575.42e6
+    centre_hz: float = L1_HZ
     if_hz: float = 0.0
     start_gpst: np.datetime64 | None = None  # rough, by the recorder's clock
     antenna: str = "1"

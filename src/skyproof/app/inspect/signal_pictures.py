@@ -9,6 +9,7 @@ import numpy as np
 from skyproof.app.common.folder import require_free
 from skyproof.errors import OutputError
 from skyproof.formats.atomic_write import write_lines
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.recording.conditioning import conditioned
 from skyproof.recording.lobes import CELLS_PER_CHIP, correlation_power
 from skyproof.report.signal import Lobe, Mark, correlation_svg, levels_svg, spectrum_svg
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["write_pictures"]
 
-_CORRELATED_S: Final = 0.02
+_CORRELATED_S: Final = 20.0 * GPS_L1_CA.period_s
 _PICTURES: Final = ("levels", "spectrum", "correlation")
 
 

@@ -182,7 +182,9 @@ def _stretch(first: Samples, second: Samples, lags: _Lags, at: int) -> SharedNoi
     if cells < POLICY.noise_cells:
         return None
     noise = shared_noise(
-        rows_of(planes_a, carrier_a_hz / first.rate_hz, cells), rows_of(planes_b, carrier_b_hz / second.rate_hz, cells)
+        rows_of(planes_a, carrier_a_hz / first.rate_hz, cells),
+        rows_of(planes_b, carrier_b_hz / second.rate_hz, cells),
+        period_s=GPS_L1_CA.period_s,
     )
     return replace(noise, lag_s=noise.lag_s + start_b / second.rate_hz - start_a / first.rate_hz)
 

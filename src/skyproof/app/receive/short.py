@@ -322,6 +322,7 @@ def _ranged(
         coarse.position_ecef_m,
         navigation,
         shows=shows,
+        period_s=PERIOD_S,
     )
     there = np.isfinite(range_m)
     return replace(

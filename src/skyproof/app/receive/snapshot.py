@@ -20,7 +20,8 @@ from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["CROSS_DB", "SEARCHED_S", "RoughKnowledge", "Snapshot", "searched", "snapshot", "solved"]
 
-SEARCHED_S = 0.02  # added non-coherently; twice as much found cross-correlations before it found more satellites
+SEARCHED_S = 20.0 * GPS_L1_CA.period_s
+"""Added non-coherently; twice as much found cross-correlations before it found more satellites."""
 CROSS_DB = 18.0  # cross-correlations stand 21.6 dB and more below the signal that makes them, and noise lifts some
 _MIN_LEFT = 7
 _DOPPLER_STEP_HZ = 500.0
@@ -142,6 +143,7 @@ def solved(
             navigation,
             place_ecef_m=known.place_ecef_m,
             place_sigma_m=known.place_sigma_m,
+            signal=GPS_L1_CA,
             settings=settings,
         )
 
