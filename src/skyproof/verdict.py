@@ -27,6 +27,8 @@ __all__ = [
     "InterferenceSpell",
     "Label",
     "Method",
+    "NoticedKind",
+    "NoticedSize",
     "OwnFix",
     "OwnState",
     "Place",
@@ -66,6 +68,7 @@ Cause = Literal[
     "orbits",
     "statement",
     "missing_samples",
+    "joined",
 ]
 CAUSES: Final[dict[Cause, str]] = {
     "reflections": "reflections",
@@ -77,9 +80,11 @@ CAUSES: Final[dict[Cause, str]] = {
     "fault": "a fault of a satellite or of the receiver",
     "orbits": "orbits or clocks that are wrong",
     "statement": "something that was stated and is not true",
-    "missing_samples": "missing samples, or a recording that was cut and joined",
+    "missing_samples": "missing samples",
+    "joined": "a recording that was joined from several",
 }
 """Each cause as people read it."""
+NoticedKind = Literal["position_jump", "clock_jump", "code_drag", "motion"]
 InterferenceSign = Literal["cn0", "lost", "level"]
 MOST_NAMED: Final = 10
 """Remarks on inputs that stand beside the word; the others are counted."""
@@ -451,6 +456,39 @@ def _spell_words(spell: InterferenceSpell) -> str:
     )
 
 
+class NoticedSize(_Model):
+    """From which size on an attack on one receiver would have been noticed, with a probability of 0.99.
+
+    It is an attack on all signals of the receiver at once, while they are received without a break.
+    """
+
+    receiver: str
+    kind: NoticedKind = Field(
+        description="position_jump and clock_jump: the position or the time jumps; code_drag: codes drag the position "
+        "off while carriers stay; motion: carriers move a receiver that is stated to stand."
+    )
+    size: Sigma = Field(description="In the window in which the tests see least.")
+    unit: str = Field(description="Of the size: m, s or m/s.")
+    detector: str = Field(description="Whose test sees it best in that window.")
+    share_of_windows: Probability = Field(description="Of the receiver's windows, how many were tested for it.")
+
+    @property
+    def words(self) -> str:
+        """What would have been noticed, in words."""
+        what, scale, unit = _NOTICED[self.kind]
+        where = "" if self.share_of_windows > 0.995 else f" (in {100.0 * self.share_of_windows:.0f} % of the windows)"
+        return f"{what} of {self.size * scale:.3g} {unit} or more{where}"
+
+
+_NOTICED: Final[dict[NoticedKind, tuple[str, float, str]]] = {
+    "position_jump": ("a jump of the position", 1.0, "m"),
+    "clock_jump": ("a jump of the time", 1e9, "ns"),
+    "code_drag": ("codes that drag the position off while carriers stay, by", 1.0, "m/s"),
+    "motion": ("a motion of what is stated to stand,", 1.0, "m/s"),
+}
+"""Each kind in words, with the factor from its SI unit to the unit that is shown."""
+
+
 class Verdict(_Model):
     """Whether satellite-navigation signals were spoofed, how sure that is, and the positions that can be trusted."""
 
@@ -492,6 +530,9 @@ class Verdict(_Model):
     interference: InterferenceResult = Field(
         default=InterferenceResult(state="not_tested"),
         description="Noise of others that came in; it says nothing of false signals, and excludes none.",
+    )
+    noticed: tuple[NoticedSize, ...] = Field(
+        default=(), description="What the tests would have noticed with a probability of 0.99, by receiver and kind."
     )
     assumed: str | None = Field(
         description="Under what the word and the trusted positions hold; null if nothing is assumed."
@@ -547,11 +588,20 @@ class Verdict(_Model):
             ("Not decided:", self.reason if self.verdict == "spoofed" else None),
             ("May also be:", ", or ".join(CAUSES[cause] for cause in self.may_also_be)),
             ("Not excluded:", "; ".join(self.not_excluded)),
+            ("Would be noticed:", self._noticed_words),
             ("To resolve:", self.remedy),
             ("Cut:", _few(f"{given.path}: {text}" for given in self.inputs for text in given.cut)),
             ("Left out:", _few(f"{given.path}: {text}" for given in self.inputs for text in given.left_out)),
         )
         return tuple((heading, words) for heading, words in parts if words)
+
+    @property
+    def _noticed_words(self) -> str:
+        """What would have been noticed, beside a word that nothing was."""
+        if self.verdict not in ("authentic", "no_attack_seen"):
+            return ""
+        several = len({size.receiver for size in self.noticed}) > 1
+        return _few(f"{f'{size.receiver}: ' if several else ''}{size.words}" for size in self.noticed)
 
     @property
     def _own_words(self) -> str:

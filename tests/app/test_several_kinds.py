@@ -277,7 +277,7 @@ def test_a_false_constellation_that_shows_the_true_place_is_trusted_in_no_receiv
     false = (("G", "L1", "CA"),)
     for distance_m in (10.0, 200.0):  # the receivers' places are within a receiver's noise of each other, or are not
         _, decision = attacked(THREE_SYSTEMS, false, attack=spoofer(0.0, 0.0), distance_m=distance_m)
-        assert decision.verdict == ("spoofed" if distance_m > 100.0 else "suspect")
+        assert decision.verdict == ("spoofed" if distance_m > 100.0 else "no_attack_seen")
         assert {s.label for s in decision.labels} == {"unknown"}
 
 

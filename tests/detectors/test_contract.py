@@ -146,7 +146,6 @@ CASES = (
         CLEAN.records,
         80,
         2000,
-        ("undecided",),
     ),
     Case(
         "unrelated second signals",

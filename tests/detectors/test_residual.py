@@ -1,9 +1,12 @@
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
+from scipy import stats
 
-from skyproof.detectors.residual import Residual, ResidualSettings
+from skyproof.detectors.residual import Residual, ResidualSettings, plain_fixes
+from skyproof.detectors.residual_causes import find_reflected
 from skyproof.detectors.second_signals.detector import elevation_rad
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError
@@ -11,7 +14,7 @@ from skyproof.navigation.chance import chance_p_value
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import window_mean
-from skyproof.records import OBSERVABLES
+from skyproof.records import OBSERVABLES, Cause
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 ERRORS = TrackErrors(sigma_m=1.0, constant_m=1.0)
@@ -35,13 +38,34 @@ def test_a_clean_sky_fits_one_position():
     assert (evidence.says, evidence.code) == ("clean", "fits")
 
 
-@pytest.mark.parametrize("metres", [60.0, -1.7e6])
+@pytest.mark.parametrize("metres", [-60.0, 900.0, -1.7e6])
 def test_a_single_fault_is_named_and_nothing_else(metres):
+    """What comes early, or later than any street makes it, is no reflection."""
     records = scene().records(np.random.default_rng(0))
-    (evidence,) = Residual().examine(shifted(records, 4, metres))[0]
-    assert (evidence.says, evidence.code) == ("undecided", "single_misfit")
-    assert evidence.data["excluded"] == str(records.observations[0].signals[4])
-    assert evidence.may_also_be == ("fault", "orbits", "reflections")
+    (finding,) = Residual().examine(shifted(records, 4, metres))[0]
+    assert (finding.says, finding.code) == ("undecided", "single_misfit")
+    assert finding.data["excluded"] == str(records.observations[0].signals[4])
+    assert {"fault", "orbits"} <= set(finding.may_also_be)
+    assert "reflections" not in finding.may_also_be or metres == -60.0
+
+
+@pytest.mark.parametrize("late_m", [(60.0,), (60.0, 140.0)])
+def test_satellites_that_come_late_are_reflected(late_m):
+    records = scene().records(np.random.default_rng(0))
+    for column, metres in enumerate(late_m, 3):
+        records = shifted(records, column, metres)
+    (reflected,) = Residual().examine(records)[0]
+    (o,) = records.observations
+    assert {ref.signal for ref in reflected.signals} == set(o.signals[3 : 3 + len(late_m)])
+    assert (reflected.says, reflected.code) == ("multipath", "reflected")
+    assert reflected.p[Cause.REFLECTIONS] > 1e-3 > reflected.p[Cause.CLEAN]
+
+
+def test_misfits_of_seven_satellites_are_reflections_of_one():
+    records = scene(max_satellites=7).records(np.random.default_rng(0))
+    both = shifted(shifted(records, 3, 60.0), 4, 140.0)
+    (finding,) = Residual().examine(both)[0]
+    assert finding.code == "misfit"
 
 
 def lowest(records):
@@ -57,9 +81,9 @@ def test_no_satellite_below_the_mask_makes_the_word(mask_deg):
     column, elevation_deg = lowest(records)
     assert elevation_deg.min() < 10.0
     moved = shifted(records, column, 60.0)
-    (all_,) = Residual(ResidualSettings(elevation_mask_deg=0.0)).examine(moved)[0]
+    (low,) = Residual(ResidualSettings(elevation_mask_deg=0.0)).examine(moved)[0]
     (high,) = Residual(ResidualSettings(elevation_mask_deg=mask_deg)).examine(moved)[0]
-    assert (all_.says, high.says) == ("undecided", "clean")
+    assert (low.says, high.says) == ("multipath", "clean")
     assert {ref.signal for ref in high.subject} == {
         signal
         for signal, at_deg in zip(records.observations[0].signals, elevation_deg, strict=True)
@@ -206,3 +230,62 @@ def test_four_satellites_are_too_few_to_be_clean():
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(SettingsError, match=next(iter(wrong))):
         ResidualSettings(**wrong)
+
+
+# p-values by cause ----------------------------------------------------------------------------------------------------
+
+
+@cache
+def clean_skies(draws=100):
+    rng = np.random.default_rng(5)
+    return [scene(epochs=4).records(rng) for _ in range(draws)]
+
+
+def fits(errors, seed=6):
+    """The fit of each of several clean skies with errors (n,) of ranges beside noise."""
+    rng, settings, found = np.random.default_rng(seed), ResidualSettings(false_alarm_probability=0.5), []
+    for records in clean_skies():
+        (o,) = records.observations
+        moved = replace(o, pseudorange_m=o.pseudorange_m + errors(rng, len(o.signals)))
+        found.append(max(plain_fixes(moved, records.navigation, settings), key=lambda fix: len(fix.signals)).fit)
+    return found
+
+
+def two_by_any_amount(rng, n):
+    errors_m = np.zeros(n)
+    errors_m[rng.choice(n, 2, replace=False)] = rng.normal(0.0, 500.0, 2)
+    return errors_m
+
+
+CAUSES = {
+    "two faults": (two_by_any_amount, lambda fit, rate: fit.p_value_without_two(rate)),
+    "all late": (lambda rng, n: rng.uniform(0.0, 300.0, n), lambda fit, rate: fit.p_value_with_errors(0.0, 300.0)),
+    "all drawn off": (
+        lambda rng, n: rng.uniform(-300.0, 300.0, n),
+        lambda fit, rate: fit.p_value_with_errors(-300.0, 300.0),
+    ),
+    "two late": (
+        lambda rng, n: np.where(np.arange(n) < 2, rng.uniform(0.0, 300.0, n), 0.0),
+        lambda fit, rate: find_reflected(fit, spread_m=300.0, alpha=rate).p_value,
+    ),
+}
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_no_cause_is_rejected_more_often_than_stated(cause):
+    errors, p_value = CAUSES[cause]
+    drawn = fits(errors)
+    for rate in (0.1, 0.02):
+        rejected = sum(p_value(fit, rate) < rate for fit in drawn)
+        assert stats.binomtest(rejected, len(drawn), rate, alternative="greater").pvalue > 1e-3
+
+
+def test_a_mixture_of_skies_far_apart_is_none_of_the_causes():
+    """Five of ten satellites show a place 4 km away: the orbits alone remain."""
+    records = scene().records(np.random.default_rng(0))
+    (o,) = records.observations
+    _, geometry = fix_and_geometry(o, records.navigation)
+    codes_m = o.pseudorange_m.copy()
+    codes_m[:, :5] += geometry.design[:, :5, :3] @ np.array([3000.0, 2600.0, 0.0])
+    (finding,) = Residual().examine(replace(records, observations=(replace(o, pseudorange_m=codes_m),)))[0]
+    assert finding.may_also_be == ("orbits",)

@@ -19,6 +19,7 @@ from skyproof.records import (
 
 __all__ = [
     "NEEDS",
+    "NOTICED",
     "UNTESTED",
     "Detector",
     "NotTested",
@@ -79,6 +80,8 @@ class Detector(Protocol):
     def examine(self, records: Records, state: Any = None) -> tuple[Sequence[AnyFinding], Any]: ...
 
 
+NOTICED: Final = 0.99
+"""Probability with which an attack of the size that a finding gives is noticed."""
 UNTESTED: Final = 1.0
 """p-value under a cause that may have spoilt everything that a test looks at: nothing is left to test."""
 

@@ -13,16 +13,16 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Indices, Reals
+from skyproof.arrays import Indices
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
+from skyproof.detectors.residual_causes import Fit, find_reflected, fit_groups
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.elevation_mask import RECEIVED_FROM_DEG, find_low
-from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.raim import GlobalTest, exclude_one, global_test
-from skyproof.navigation.search import WindowRanges, below, misfits, solve
+from skyproof.navigation.search import WindowRanges, misfits
 from skyproof.navigation.sets import window_measurements
 from skyproof.navigation.skies import Kind, by_kind
 from skyproof.records import (
@@ -88,15 +88,20 @@ class ResidualSettings:
 class PlainFix(NamedTuple):
     """What a receiver without protection makes of a window.
 
-    signals : the first-found one of each transmission, at most one per satellite. test : of all of them together.
-    excluded : the one that has to go to make the others fit, None if none does or none has to. p_value : of the test,
-    by the union bound over the window's fits.
+    signals : the first-found one of each transmission, at most one per satellite, in the order of the fit's rows.
+    test : of all of them together. excluded : the one that has to go to make the others fit, None if none does or none
+    has to. p_value : of the test, by the union bound over the window's fits.
     """
 
     signals: tuple[SignalId, ...]
+    fit: Fit
     test: GlobalTest
     excluded: SignalId | None
     p_value: float
+
+    def signals_of(self, rows: Sequence[int]) -> tuple[SignalId, ...]:
+        """Return the signals of these rows of the window's measurements."""
+        return tuple(signal for signal, row in zip(self.signals, self.fit.rows, strict=True) if row in rows)
 
 
 def plain_fixes(window: Observations, navigation: NavigationData, settings: ResidualSettings) -> tuple[PlainFix, ...]:
@@ -119,14 +124,9 @@ def plain_fixes(window: Observations, navigation: NavigationData, settings: Resi
             first.setdefault(mean.signals[row].sat, int(row))
         layers.setdefault(len(of_scale), []).append(np.array(list(first.values()), np.intp))
         of_scale.append(kind)
-    fitted = [groups for groups in layers.values() if _spare(groups) > 0]
+    fitted = [groups for groups in layers.values() if fit_groups(measurements, groups).spare > 0]
     fixes = [_fit_plain(mean.signals, measurements, groups, len(fitted), settings) for groups in fitted]
     return tuple(fix for fix in fixes if fix is not None)
-
-
-def _spare(groups: Sequence[Indices]) -> int:
-    """How many satellites are beyond those that a position and a clock for each group need."""
-    return sum(rows.size for rows in groups) - len(groups) - 3
 
 
 def _fit_plain(
@@ -140,48 +140,26 @@ def _fit_plain(
 
     tests : fits of the window, which share the false-alarm probability.
     """
-    state_m, alpha = _state(measurements, groups), settings.false_alarm_probability / tests
-    if np.all(np.isfinite(state_m)):
-        low = find_low(state_m[:3], measurements.satellite_ecef_m, settings.elevation_mask_deg)
-        groups = [high for rows in groups if (high := rows[~low[rows]]).size]
-        if _spare(groups) <= 0:
-            return None
-        state_m = _state(measurements, groups)
-    if not np.all(np.isfinite(state_m)):
+    fit, alpha = fit_groups(measurements, groups, tests), settings.false_alarm_probability / tests
+    if np.all(np.isfinite(fit.state_m)):
+        low = find_low(fit.state_m[:3], measurements.satellite_ecef_m, settings.elevation_mask_deg)
+        fit = fit_groups(measurements, [high for rows in groups if (high := rows[~low[rows]]).size], tests)
+    if fit.spare <= 0 or not np.all(np.isfinite(fit.state_m)):
         return None
-    rows = np.concatenate(groups)
-    test, worst = _tested(measurements, groups, state_m, alpha)
-    used, p_value = tuple(signals[row] for row in rows), min(1.0, tests * float(test.p_value))
+    test, worst = _tested(fit, alpha)
+    used, p_value = tuple(signals[row] for row in fit.rows), min(1.0, tests * float(test.p_value))
     if test.consistent or worst < 0:
-        return PlainFix(used, test, None, p_value)
+        return PlainFix(used, fit, test, None, p_value)
     # Solved anew: from a fit that a fault drew off by kilometres, what one row would change is not linear.
-    others = [left for group in groups if (left := group[group != rows[worst]]).size]
-    fits = bool(_tested(measurements, others, _state(measurements, others), alpha)[0].consistent)
-    return PlainFix(used, test, used[worst] if fits else None, p_value)
+    fits = bool(_tested(fit.without([int(fit.rows[worst])]), alpha)[0].consistent)
+    return PlainFix(used, fit, test, used[worst] if fits else None, p_value)
 
 
-def _tested(
-    measurements: WindowRanges, groups: Sequence[Indices], state_m: Reals, alpha: float
-) -> tuple[GlobalTest, int]:
-    """Test the residuals of rows in groups, and find the row that fits worst, -1 where none can be left out."""
-    rows, clocks = np.concatenate(groups), _clocks(groups)
-    misfit_m, sigma_m, unit = misfits(measurements, rows, np.append(state_m[:3], 0.0))
-    misfit_m = misfit_m - clocks @ state_m[3:]
-    test = global_test(misfit_m, sigma_m, false_alarm_probability=alpha, unknowns=3 + len(groups))
-    exclusion = exclude_one(design_matrix(unit, clocks), misfit_m, sigma_m, false_alarm_probability=alpha)
-    return test, int(exclusion.excluded)
-
-
-def _state(measurements: WindowRanges, groups: Sequence[Indices]) -> Reals:
-    """Solve for the position and a clock for each group of rows, (3 + groups,)."""
-    rows = np.concatenate(groups)
-    start_m = np.concatenate((below(measurements, rows), np.zeros(len(groups))))
-    return np.asarray(solve(measurements, rows[None], start_m[None], rounds=3, clocks=_clocks(groups)).state_m[0])
-
-
-def _clocks(groups: Sequence[Indices]) -> Reals:
-    """Say which clock is whose: (rows, groups), ones and zeros."""
-    return np.repeat(np.eye(len(groups)), [own.size for own in groups], axis=0)
+def _tested(fit: Fit, alpha: float) -> tuple[GlobalTest, int]:
+    """Test the residuals of a fit, and find the row that fits worst, -1 where none can be left out."""
+    misfit_m, sigma_m, design = fit.misfits()
+    test = global_test(misfit_m, sigma_m, false_alarm_probability=alpha, unknowns=fit.state_m.size)
+    return test, int(exclude_one(design, misfit_m, sigma_m, false_alarm_probability=alpha).excluded)
 
 
 class Residual:
@@ -240,16 +218,55 @@ class Residual:
 
     def _test_one_sky(self, report: Reporter, o: Observations, plain: Sequence[PlainFix]) -> Finding:
         worst = min(plain, key=lambda fix: float(fix.test.p_value))
-        fits = bool(worst.test.consistent)
-        code, causes, data = ("fits", (), {}) if fits else _explain_misfit(report.records, o, worst, self.settings)
-        signals = [signal for fix in (plain if fits else [worst]) for signal in fix.signals]
-        statistic = {"statistic": float(worst.test.statistic), "threshold": float(worst.test.threshold)}
-        return report.find(
-            tuple(SignalRef(o.receiver, signal) for signal in signals),
-            code,
-            {Cause.CLEAN: worst.p_value, **leave_open(causes)},
-            data={**data, **statistic},
-        )
+        data: dict[str, Datum] = {"statistic": float(worst.test.statistic), "threshold": float(worst.test.threshold)}
+        if worst.test.consistent:
+            signals = [signal for fix in plain for signal in fix.signals]
+            return report.find(_refs(o, signals), "fits", {Cause.CLEAN: worst.p_value}, data=data)
+        if far := _far_off(report.records, o, self.settings):
+            data |= {"far": tuple(sat for sat, _ in far), "least_m": min(abs(m) for _, m in far)}
+            p = {Cause.CLEAN: worst.p_value, **leave_open((Cause.ORBITS, Cause.FAULT))}
+            return report.find(_refs(o, worst.signals), "orbits_off", p, data=data)
+        doubled = _doubled(o)
+        reflected = None if doubled else self._find_reflected(report, o, worst, data)
+        return reflected or self._explain_misfit(report, o, worst, doubled, data)
+
+    def _find_reflected(
+        self, report: Reporter, o: Observations, plain: PlainFix, data: dict[str, Datum]
+    ) -> Finding | None:
+        """Return that one or two satellites are received by reflections, and that the others fit; None if they do not.
+
+        Their signals are no sign of an attack, and none of a clean sky.
+        """
+        alpha = self.settings.false_alarm_probability
+        late = find_reflected(plain.fit, spread_m=self.settings.unrelated_spread_m, alpha=alpha)
+        if late.p_value < alpha:
+            return None
+        signals = plain.signals_of(late.rows)
+        p = {Cause.CLEAN: plain.p_value, Cause.REFLECTIONS: late.p_value}
+        return report.find(_refs(o, signals), "reflected", p, singled_out=True, data=data)
+
+    def _explain_misfit(
+        self, report: Reporter, o: Observations, plain: PlainFix, doubled: int, data: dict[str, Datum]
+    ) -> Finding:
+        """Return a misfit. A single signal is to blame only if nothing speaks for more."""
+        fit, spread_m = plain.fit, self.settings.unrelated_spread_m
+        p = {
+            Cause.CLEAN: plain.p_value,
+            Cause.FAULT: fit.p_value_without_two(self.settings.false_alarm_probability),
+            Cause.REFLECTIONS: fit.p_value_with_errors(0.0, spread_m),
+            Cause.INTERFERENCE: fit.p_value_with_errors(-spread_m, spread_m),
+            **leave_open((Cause.ORBITS,)),
+        }
+        code = "misfit_with_second_signals" if doubled else "misfit"
+        data |= {"doubled": doubled} if doubled else {}
+        if not doubled and plain.excluded is not None:
+            code, data["excluded"] = "single_misfit", str(plain.excluded)
+        ranked = dict(sorted(p.items(), key=lambda each: -each[1]))
+        return report.find(_refs(o, plain.signals), code, ranked, data=data)
+
+
+def _refs(o: Observations, signals: Sequence[SignalId]) -> tuple[SignalRef, ...]:
+    return tuple(SignalRef(o.receiver, signal) for signal in signals)
 
 
 def _explain_no_fit(observations: Observations, navigation: NavigationData, settings: ResidualSettings) -> NotTested:
@@ -264,22 +281,6 @@ def _explain_no_fit(observations: Observations, navigation: NavigationData, sett
     if plain_fixes(observations, navigation, replace(settings, elevation_mask_deg=RECEIVED_FROM_DEG)):
         return NotTested("few_above_mask", {"known": len(known), "mask_deg": settings.elevation_mask_deg})
     return NotTested("no_position", {"known": len(known)})
-
-
-def _explain_misfit(
-    records: Records, observations: Observations, plain: PlainFix, settings: ResidualSettings
-) -> tuple[str, tuple[Cause, ...], dict[str, Datum]]:
-    """Return the code of a misfit, its benign causes and data. A single signal is to blame only if nothing speaks for
-    more."""
-    if far := _far_off(records, observations, settings):
-        data: dict[str, Datum] = {"far": tuple(sat for sat, _ in far), "least_m": min(abs(m) for _, m in far)}
-        return "orbits_off", (Cause.ORBITS, Cause.FAULT), data
-    causes = Cause.FAULT, Cause.ORBITS, Cause.REFLECTIONS
-    if doubled := _doubled(observations):
-        return "misfit_with_second_signals", causes, {"doubled": doubled}
-    if plain.excluded is not None:
-        return "single_misfit", causes, {"excluded": str(plain.excluded)}
-    return "misfit", causes, {}
 
 
 def _far_off(records: Records, observations: Observations, settings: ResidualSettings) -> tuple[tuple[str, float], ...]:

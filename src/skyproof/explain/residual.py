@@ -71,6 +71,9 @@ ENTRIES: Final[Mapping[str, Entry]] = {
     ),
     "several_skies": Entry(_describe_skies),
     "fits": Entry("{n_satellites} satellites in {receiver} fit one position"),
+    "reflected": Entry(
+        "{n_satellites} satellites in {receiver} come late, as by reflections; the others fit one position"
+    ),
     "orbits_off": Entry(_describe_orbits, _REMEDY),
     "misfit_with_second_signals": Entry(_describe_second_signals, _REMEDY),
     "single_misfit": Entry(

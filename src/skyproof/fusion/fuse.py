@@ -85,7 +85,7 @@ def fuse(
         trusted = {o.receiver for o in observations if _always_authentic(o, labels, observations)}
         trusted -= {ref.receiver for e in evidence if e.overrules and e.failed for ref in e.subject}
         # What neither the sky nor an echo explains leaves the whole open, though the rest is authentic.
-        odd = {u.ref.receiver for u in left if u.kind in ODD}
+        odd = {u.ref.receiver for u in left if u.kind in ODD} | set(_reflected_alone(labels))
         settled = bool(observations) and trusted == everyone and not odd
         suspicion = None if settled else suspicion_of(evidence, left, observations)
         verdict = "authentic" if settled else "no_attack_seen" if suspicion is None else "suspect"
@@ -157,6 +157,14 @@ def _without_fix(
         seconds = float(apart_s[apart_s > _moment_s(interval_s(o.elapsed_s))].sum())
         if seconds > 0.0:
             yield o.receiver, seconds
+
+
+def _reflected_alone(labels: Sequence[LabelledSignal]) -> Iterator[str]:
+    """Yield receivers of which a satellite is received by a reflection only: a false signal may look the same."""
+    direct = {(s.ref.receiver, s.ref.signal.transmission) for s in labels if s.label == "authentic"}
+    for s in labels:
+        if s.label == "multipath" and (s.ref.receiver, s.ref.signal.transmission) not in direct:
+            yield s.ref.receiver
 
 
 def _fixed(o: ObservationLog, labels: Sequence[LabelledSignal]) -> Booleans:

@@ -10,7 +10,16 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
 from skyproof.records.correlations import Asked, Ccaf, CcafAsked, Stretched, Taps, TapsAsked
-from skyproof.records.estimates import Baseline, Direction, InterferenceSign, NoiseRise, OverlappingSkies, WeakStart
+from skyproof.records.estimates import (
+    Baseline,
+    Direction,
+    InterferenceSign,
+    NoiseRise,
+    NoticedAttack,
+    NoticedKind,
+    OverlappingSkies,
+    WeakStart,
+)
 from skyproof.records.findings import (
     AnyFinding,
     Cause,
@@ -75,6 +84,8 @@ __all__ = [
     "NavigationData",
     "Need",
     "NoiseRise",
+    "NoticedAttack",
+    "NoticedKind",
     "Null",
     "ObservationLog",
     "Observations",

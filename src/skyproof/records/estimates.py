@@ -15,9 +15,27 @@ __all__ = [
     "Direction",
     "InterferenceSign",
     "NoiseRise",
+    "NoticedAttack",
+    "NoticedKind",
     "OverlappingSkies",
     "WeakStart",
 ]
+
+
+NoticedKind = Literal["position_jump", "clock_jump", "code_drag", "motion"]
+"""What an attack may do to the fix of a receiver, and what it is measured in.
+
+position_jump : the position jumps, m. clock_jump : the time jumps, s. code_drag : codes drag the position off while
+carriers stay, m/s. motion : carriers move a receiver that is stated to stand, m/s.
+"""
+
+
+@dataclass(frozen=True)
+class NoticedAttack:
+    """The size from which on a test would have noticed an attack of a kind with probability 0.99, in its SI unit."""
+
+    kind: NoticedKind
+    size: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

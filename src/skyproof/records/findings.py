@@ -7,7 +7,14 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from skyproof.records.estimates import Baseline, Direction, NoiseRise, OverlappingSkies, WeakStart
+from skyproof.records.estimates import (
+    Baseline,
+    Direction,
+    NoiseRise,
+    NoticedAttack,
+    OverlappingSkies,
+    WeakStart,
+)
 from skyproof.records.signals import SignalRef
 from skyproof.records.window import Need
 from skyproof.short_repr import ShortRepr
@@ -93,6 +100,7 @@ class Cause(StrEnum):
     ORBITS = "orbits"
     STATEMENT = "statement"
     MISSING_SAMPLES = "missing_samples"
+    JOINED = "joined"
     FALSE_SKY = "false_sky"
 
 
@@ -107,6 +115,7 @@ CauseName = Literal[
     "orbits",
     "statement",
     "missing_samples",
+    "joined",
 ]
 """A benign cause as `Evidence` names it."""
 
@@ -273,6 +282,11 @@ class Finding(ShortRepr):
     def weak_start(self) -> tuple[WeakStart, ...]:
         """Return the carriers that are weak from a receiver's first window on."""
         return tuple(self.estimates.get("weak_start", ()))
+
+    @property
+    def noticed(self) -> tuple[NoticedAttack, ...]:
+        """Return what the test would have noticed of attacks, each kind by its size."""
+        return tuple(self.estimates.get("noticed", ()))
 
     @property
     def statement(self) -> StatementTest | None:

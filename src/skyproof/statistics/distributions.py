@@ -23,6 +23,7 @@ __all__ = [
     "noncentral_chi_square_survival",
     "noncentral_chi_square_tail",
     "noncentral_f_survival",
+    "noncentrality_for_power",
     "normal_two_sided",
 ]
 
@@ -35,6 +36,11 @@ def chi_square_survival(statistic: ArrayLike, dof: ArrayLike) -> Reals:
 def chi_square_threshold(probability: ArrayLike, dof: ArrayLike) -> Reals:
     """The value that chi-square with `dof` degrees exceeds with `probability`."""
     return np.asarray(special.chdtri(dof, np.asarray(probability, float)), float)
+
+
+def noncentrality_for_power(threshold: ArrayLike, dof: ArrayLike, *, power: float) -> Reals:
+    """Return the noncentrality at which noncentral chi-square exceeds `threshold` with probability `power`."""
+    return np.asarray(special.chndtrinc(np.asarray(threshold, float), dof, 1.0 - power), float)
 
 
 def noncentral_chi_square_survival(statistic: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike) -> Reals:

@@ -9,14 +9,14 @@ from scipy import stats
 
 from skyproof.app.common.windows import cut
 from skyproof.detectors.base import NotTested
-from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings, step_causes
-from skyproof.detectors.continuity.steps import Limits, Step, jumps, p_values, series_of, sides_of
+from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
+from skyproof.detectors.continuity.steps import Limits, jumps, p_values, series_of, sides_of
 from skyproof.detectors.continuity.untested import explain_few_epochs, explain_no_step
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.navigation.rates import with_dopplers
-from skyproof.records import OBSERVABLES, ConsistentSet, Records
+from skyproof.records import OBSERVABLES, Cause, ConsistentSet, Records
 from skyproof.simulator.measurement_errors import FieldErrors
 from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
 from skyproof.simulator.scenario import parse_scenario
@@ -292,9 +292,10 @@ def test_a_label_that_moves_with_the_pseudoranges_is_no_step():
 @pytest.mark.parametrize("row", [70, 99, 100, 101, 140])
 @pytest.mark.parametrize("slip", [True, False], ids=["slips marked", "carriers glued"])
 def test_halves_of_two_receivers_joined_are_reported(row, slip):
-    found = said(spliced(observed(1, noise=WHITE), observed(2, noise=WHITE, place=(40.0, 46.0)), row, slip=slip))
+    other = observed(2, noise=WHITE, place=(40.0, 46.0), lo_ppm=0.8)
+    found = said(spliced(observed(1, noise=WHITE), other, row, slip=slip))
     first = failed(found)[0]
-    assert (first.says, first.overrules) == ("undecided", True)
+    assert (first.says, first.overrules, first.may_also_be) == ("undecided", True, ("joined",))
     assert first.p_value < first.false_alarm_probability
     assert {ref.signal for ref in first.subject} == set(observed(1, noise=WHITE).signals)
     assert "position" in first.data["kinds"]
@@ -303,6 +304,22 @@ def test_halves_of_two_receivers_joined_are_reported(row, slip):
     assert first.data["broke"] is slip or not slip
     assert {(e.code, e.dated_gpst) for e in failed(found)} == {("step", first.dated_gpst)}  # found once, and kept
     assert any(e.overrules and e.dated_gpst == first.dated_gpst for e in found[-1])
+
+
+@pytest.mark.parametrize("slip", [True, False], ids=["carriers break", "carriers go on"])
+def test_a_jump_of_one_receiver_by_its_clock_is_an_attack(slip):
+    """The clock's rate goes on, as that of no other receiver does."""
+    found = said(spliced(observed(1, noise=WHITE), observed(2, noise=WHITE, place=(40.0, 46.0)), 70, slip=slip))
+    first = failed(found)[0]
+    assert (first.says, first.code) == ("attack", "step")
+    assert first.p[Cause.JOINED] < 1e-7
+    assert max(first.p.values()) < first.alpha
+
+
+def test_a_jump_of_a_steered_clock_may_be_another_receiver():
+    there = observed(2, noise=WHITE, place=(40.0, 46.0), lo_ppm=0.0)
+    first = failed(said(spliced(observed(1, noise=WHITE, lo_ppm=0.0), there, 70)))[0]
+    assert first.may_also_be == ("joined",)
 
 
 def test_a_step_smaller_than_errors_is_not_reported():
@@ -363,47 +380,15 @@ def test_missing_samples_are_reported_and_are_no_failure(motion):
 
 
 def test_a_jump_that_no_platform_makes_in_an_outage_is_reported_and_a_speed_limit_finds_more():
-    far = spliced(observed(1), observed(2, place=(900.0, 0.0)), 80)
+    far = spliced(observed(1), observed(2, place=(900.0, 0.0), lo_ppm=0.8), 80)
     near = spliced(observed(1), observed(2, place=(90.0, 0.0)), 80)
     reported = failed(said(without_rows(far, 70, 85)))[0]
     assert reported.data["outage_s"] == pytest.approx(3.2)
     assert reported.data["position_m"] == pytest.approx(900.0, abs=10.0)
-    assert reported.may_also_be == ("missing_samples",)  # reflections do not reach so far
+    assert "joined" in reported.may_also_be
     assert not failed(said(without_rows(near, 70, 85)))
     limited = failed(said(without_rows(near, 70, 85), speed_max_m_s=5.0))[0]
     assert limited.data["position_m"] == pytest.approx(90.0, abs=10.0)
-
-
-@pytest.mark.parametrize(
-    ("changes", "reflections", "on_l5"),
-    [
-        ({}, True, False),
-        ({"kinds": ("position", "velocity")}, True, False),
-        ({"kinds": ("position", "clock"), "clock_s": 1e-6}, False, False),
-        ({"broke": True}, False, False),
-        ({"position_m": 400.0}, False, False),
-        ({"position_m": 10.0}, True, True),
-    ],
-)
-def test_reflections_stand_among_the_causes_where_they_may_be_one(changes, reflections, on_l5):
-    """A reflection draws a code off by half a chip of its signal: 147 m of C/A, 15 m on L5."""
-    o = observed()
-    l5 = replace(o, signals=tuple(replace(s, band="L5", code="Q") for s in o.signals))
-    step = Step(
-        row=5,
-        p_value=1e-9,
-        kinds=("position",),
-        position_m=22.0,
-        clock_s=0.0,
-        speed_m_s=4.0,
-        rate=0.0,
-        broke=False,
-        outage_s=0.0,
-        missing_s=0.0,
-        statistic=90.0,
-    )
-    assert ("reflections" in step_causes(o, replace(step, **changes))) is reflections
-    assert ("reflections" in step_causes(l5, replace(step, **changes))) is on_l5
 
 
 def test_signals_found_again_under_other_names_are_the_same_sky():

@@ -13,6 +13,7 @@ import numpy as np
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.bearings import Bearing, bearings_of, ellipse_95
 from skyproof.app.protect.methods import of_detectors
+from skyproof.app.protect.noticed import noticed_sizes
 from skyproof.app.protect.own_words import own_fix_of, own_states_of, own_words_of
 from skyproof.app.protect.positions import KINDS, Positions, Track
 from skyproof.app.receive.observed import ObservedFile
@@ -163,6 +164,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
         wrong_statements=_wrong_statements(outcome.evidence),
         interference=_interference(outcome),
+        noticed=tuple(noticed_sizes(outcome.evidence)),
         assumed=_assumed(outcome),
         receivers=receivers,
         signals=tuple(_signals(outcome)),

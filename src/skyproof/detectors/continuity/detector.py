@@ -22,7 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.base import NotTested, Reporter, leave_open
+from skyproof.detectors.base import NotTested, Reporter
+from skyproof.detectors.continuity.causes import p_values_by_cause
 from skyproof.detectors.continuity.drawn_off import drawn_off_of
 from skyproof.detectors.continuity.one_sky import (
     Transmission,
@@ -49,13 +50,15 @@ from skyproof.records import (
     Hypothesis,
     NavigationData,
     Need,
+    NoticedAttack,
+    NoticedKind,
     Observations,
     Records,
     SignalId,
     SignalRef,
 )
 
-__all__ = ["Continuity", "ContinuitySettings", "step_causes"]
+__all__ = ["Continuity", "ContinuitySettings"]
 
 Kind = tuple[str, str, str]
 _SHARES = 3  # of the false alarms: steps, motion by carriers, by codes alone
@@ -256,10 +259,15 @@ class _Window:
         found: list[tuple[frozenset[Kind], Step]] = []
         rows = [(series, np.flatnonzero(own.elapsed_s > since_s)) for own, series in groups]
         steps = largest_steps(rows, self.limits, alpha=self.alpha / max(len(groups), 1))
-        for (own, _), step in zip(groups, steps, strict=True):
+        for (own, series), step in zip(groups, steps, strict=True):
             if step is not None:
-                row = int(np.searchsorted(stretch.elapsed_s, own.elapsed_s[step.row]))
-                step = replace(step, row=row, p_value=min(1.0, len(groups) * step.p_value))
+                row, number = int(np.searchsorted(stretch.elapsed_s, own.elapsed_s[step.row])), len(groups)
+                whole = replace(step, p_value=min(1.0, number * step.p_value), tests=number * step.tests)
+                if whole.p_value < self.alpha:
+                    looked_s = float(stretch.elapsed_s[-1] - since_s)
+                    causes = p_values_by_cause(series, step.row, whole, self.limits, span_s=looked_s)
+                    whole = replace(whole, causes=tuple(causes.items()))
+                step = replace(whole, row=row)
                 found.append((frozenset(signal.kind for signal in own.signals), step))
         return tuple(found)
 
@@ -307,7 +315,12 @@ class _Window:
             data: dict[str, Datum] = {"at": iso(look.stretch.gpst[step.row], 1), "missing_s": step.missing_s}
             return self.report.pass_over(signals, NotTested("time_ahead", data))
         statistic: dict[str, Datum] = {"statistic": step.statistic}
-        return self.report.find(signals, "goes_on", {Cause.CLEAN: step.p_value}, alpha=self.alpha, data=statistic)
+        noticed = (
+            NoticedAttack("position_jump", min(step.noticed_m for step in steps)),
+            NoticedAttack("clock_jump", min(step.noticed_s for step in steps)),
+        )
+        p = {Cause.CLEAN: step.p_value}
+        return self.report.find(signals, "goes_on", p, alpha=self.alpha, estimates={"noticed": noticed}, data=statistic)
 
     def _broken(self, signals: tuple[SignalRef, ...], why: _Break) -> Finding:
         step = why.step
@@ -326,7 +339,7 @@ class _Window:
         return self.report.find(
             signals,
             "step",
-            {Cause.CLEAN: step.p_value, **leave_open(step_causes(self.o, step))},
+            {Cause.CLEAN: step.p_value, **dict(step.causes)},
             alpha=self.alpha,
             data=data,
             dated_gpst=why.gpst,
@@ -336,17 +349,18 @@ class _Window:
         """Return what carriers show of a receiver that is stated to stand."""
         if look.moved is None:
             return []
-        return [self._of_motion(look, look.moved, ("stands", "moves_by_some", "moves"), ("receiver_stands",))]
+        codes = ("stands", "moves_by_some", "moves")
+        return [self._of_motion(look, look.moved, "motion", codes, ("receiver_stands",))]
 
     def _together(self, look: _Look) -> list[Finding]:
         """Return whether codes and carriers show one motion."""
         motion = look.drawn_off
         if motion is None or (motion.whole_sky_p_value >= self.alpha > motion.p_value and self._broke(look)):
             return []  # a step, which is said
-        return [self._of_motion(look, motion, ("one_motion", "dragged_by_some", "dragged"), ())]
+        return [self._of_motion(look, motion, "code_drag", ("one_motion", "dragged_by_some", "dragged"), ())]
 
     def _of_motion(
-        self, look: _Look, motion: SkyMotion, codes: tuple[str, str, str], assumes: tuple[str, ...]
+        self, look: _Look, motion: SkyMotion, kind: NoticedKind, codes: tuple[str, str, str], assumes: tuple[str, ...]
     ) -> Finding:
         """Return a motion of the whole sky, or of some satellites, which reflections may draw off.
 
@@ -366,6 +380,7 @@ class _Window:
             codes[number],
             {Cause.CLEAN: motion.p_value, Cause.REFLECTIONS: motion.whole_sky_p_value},
             alpha=self.alpha,
+            estimates={"noticed": (NoticedAttack(kind, motion.noticed_m_s),)},
             data=data,
         )
 
@@ -396,16 +411,6 @@ class _Window:
             attacked=(self.past is not None and self.past.attacked)
             or any(one is not None and one.whole_sky_p_value < self.alpha for one in (look.moved, look.drawn_off)),
         )
-
-
-def step_causes(o: Observations, step: Step) -> tuple[Cause, ...]:
-    """Return what else than an exchange of signals makes such a step.
-
-    Reflections draw a position off, or a velocity; not what all signals have in common, and they break no carriers.
-    """
-    most_m = POLICY.reflected_step_chips * max(signal.plan.chip_m for signal in o.signals)
-    reflected = set(step.kinds) <= {"position", "velocity"} and not step.broke and step.position_m <= most_m
-    return (Cause.MISSING_SAMPLES, Cause.REFLECTIONS) if reflected else (Cause.MISSING_SAMPLES,)
 
 
 def _largest(sets: Sequence[ConsistentSet]) -> Sequence[ConsistentSet]:

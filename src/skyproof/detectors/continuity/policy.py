@@ -50,12 +50,10 @@ class ContinuityPolicy:
     misfit_probability: float = number(
         0.01, "1", "Chosen: errors are called larger than stated by chance so rarely, and then nothing is said."
     )
-    reflected_step_chips: float = number(
-        0.5,
-        "chip",
-        "An equal reflection draws a code loop of half a chip off by no more than that half.",
-        "Kaplan & Hegarty, 9.5",
+    unrelated_spread_m: float = number(
+        300.0, "m", "Unrelated errors of ranges spread over this much, as reflections in a street do."
     )
+    joined_per_hour: float = number(1e-3, "1/h", "A recording is joined from those of several receivers no more often.")
 
 
 POLICY: Final = ContinuityPolicy()

@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Integers, Reals
+from skyproof.detectors.base import NOTICED
 from skyproof.detectors.continuity.one_sky import columns_of
 from skyproof.detectors.continuity.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -34,8 +35,13 @@ from skyproof.navigation.least_squares import design_matrix, line_of_sight, spd_
 from skyproof.navigation.raim import exclude_several, whitened_fit
 from skyproof.navigation.ranges import corrected_ranges
 from skyproof.navigation.window import fill_gaps
-from skyproof.records import CellStatus, NavigationData, Observations
-from skyproof.statistics.distributions import chi_square_survival, f_survival
+from skyproof.records import Cause, CellStatus, NavigationData, Observations
+from skyproof.statistics.distributions import (
+    chi_square_survival,
+    chi_square_threshold,
+    f_survival,
+    noncentrality_for_power,
+)
 from skyproof.statistics.medians import medians
 
 __all__ = [
@@ -49,10 +55,13 @@ __all__ = [
     "fitted_jump",
     "jumps",
     "largest_steps",
+    "mean_rates",
+    "motion_slack_m",
     "p_values",
     "series_of",
     "series_of_groups",
     "sides_of",
+    "sigma_of_fitting",
 ]
 
 KINDS = ("position", "clock", "velocity", "rate")
@@ -109,7 +118,9 @@ class Step:
     p_value : at least that of all tests that were made together. broke : all carriers broke there. outage_s : how long
     nothing was measured before. missing_s : samples that are missing, if that explains the clock's step.
     clock_s : positive where the signals' time goes back against the counter of samples.
-    kinds : those of KINDS that cannot go on.
+    kinds : those of KINDS that cannot go on. tests : that were made together, which the p-value is multiplied by.
+    causes : p-value under each benign cause, of a step that fails. noticed_m, noticed_s : jumps of the position and of
+    the clock that would have been noticed at any of the epochs.
     """
 
     row: int
@@ -123,6 +134,10 @@ class Step:
     outage_s: float
     missing_s: float
     statistic: float
+    tests: int
+    noticed_m: float
+    noticed_s: float
+    causes: tuple[tuple[Cause, float], ...] = ()
 
 
 class Jump(NamedTuple):
@@ -259,6 +274,7 @@ def largest_steps(groups: Sequence[tuple[Series, Indices]], limits: Limits, *, a
     count = np.bincount(group, minlength=len(groups))[group]
     missing_s = _missing(sides, jump, limits, alpha / count)
     chances = p_values(sides, jump, rate, missing_s, limits)
+    noticed_m, noticed_s = _noticed(sides, jump, limits, alpha / (len(KINDS) * count))
     together = np.minimum(1.0, (chances.shape[1] * count)[:, None] * chances)
     steps: list[Step | None] = []
     for number, (series, _) in enumerate(groups):
@@ -281,6 +297,9 @@ def largest_steps(groups: Sequence[tuple[Series, Indices]], limits: Limits, *, a
                 outage_s=gap_s if gap_s > POLICY.outage_intervals * _usual(series) else 0.0,
                 missing_s=float(missing_s[best]),
                 statistic=float(_quadratic(jump.jump[[best]], jump.covariance[[best]])[0]),
+                tests=int(chances.shape[1] * count[best]),
+                noticed_m=float(noticed_m[own].max()),
+                noticed_s=float(noticed_s[own].max()),
             )
         )
     return steps
@@ -353,8 +372,10 @@ def p_values(sides: Sides, jump: Jump, rate: Jump, missing_s: Reals, limits: Lim
     """(K, 4) of "goes on", by `KINDS`."""
     unseen_s = np.where(sides.divides, sides.gap_s, 0.0) + missing_s
     apart_s = sides.gap_s + missing_s
-    moved_m = jump.jump[:, :3] - _velocity(sides) * missing_s[:, None] if missing_s.any() else jump.jump[:, :3]
-    slack_m = np.minimum(0.25 * limits.acceleration_m_s2 * unseen_s, 2.0 * limits.speed_m_s) * unseen_s
+    moved_m = jump.jump[:, :3]
+    if missing_s.any():
+        moved_m = moved_m - mean_rates(sides)[:, :3] * missing_s[:, None]
+    slack_m = motion_slack_m(unseen_s, limits)
     clock_m = _clock_slack_m(unseen_s, limits)
     stepped_m = np.where(missing_s > 0.0, 0.0, jump.jump[:, 3])
     pace_m_s = SPEED_OF_LIGHT_M_S * (limits.clock_jump + limits.clock_pace_s * apart_s)
@@ -369,6 +390,18 @@ def p_values(sides: Sides, jump: Jump, rate: Jump, missing_s: Reals, limits: Lim
     )
 
 
+def _noticed(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> tuple[Reals, Reals]:
+    """Return the jumps (K,) of position and of clock, metres and seconds, that a test at `alpha` (K,) notices."""
+    unseen_s = np.where(sides.divides, sides.gap_s, 0.0)
+    variances = (np.linalg.eigvalsh(np.nan_to_num(jump.covariance[:, :3, :3]))[:, -1], jump.covariance[:, 3, 3])
+    sigmas_m = [
+        np.sqrt(variance * noncentrality_for_power(chi_square_threshold(alpha, dof), dof, power=NOTICED))
+        for variance, dof in zip(variances, (3, 1), strict=True)
+    ]
+    clock_m = _clock_slack_m(unseen_s, limits) + sigmas_m[1]
+    return motion_slack_m(unseen_s, limits) + sigmas_m[0], clock_m / SPEED_OF_LIGHT_M_S
+
+
 def _missing(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> Reals:
     """(K,) time that the signals are ahead by where all carriers break, if noise and oscillator do not show it; else
     zero. alpha : (K,)."""
@@ -377,6 +410,12 @@ def _missing(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> Reals:
     with np.errstate(invalid="ignore"):
         real = (beyond_m > 0.0) & (chi_square_survival(beyond_m**2 / jump.covariance[:, 3, 3], 1) < alpha)
     return np.where(sides.broke & real, ahead_m / SPEED_OF_LIGHT_M_S, 0.0)
+
+
+def motion_slack_m(unseen_s: Reals, limits: Limits) -> Reals:
+    """Return by how much a platform may part from the mean of its velocities before and after, metres."""
+    slack_m: Reals = np.minimum(0.25 * limits.acceleration_m_s2 * unseen_s, 2.0 * limits.speed_m_s) * unseen_s
+    return slack_m
 
 
 def _clock_slack_m(unseen_s: Reals, limits: Limits) -> Reals:
@@ -414,30 +453,38 @@ def fitted_jump(unit: Reals, difference: Reals, variance: Reals) -> Jump:
 
     unit : (K, m, 3) to the satellites. variance : (K, m) of the differences; what is not finite is left out.
     """
-    design, sigma = design_matrix(unit), np.sqrt(variance)
-    sigma = np.where(np.isfinite(difference) & np.isfinite(sigma), sigma, np.nan)
-    enough = np.isfinite(sigma).sum(axis=1) >= POLICY.one_sky_satellites
-    sigma = np.where(enough[:, None], sigma, np.nan)
-    design = np.nan_to_num(design)
-    excluded = np.zeros(sigma.shape, np.bool_)
+    design = np.nan_to_num(design_matrix(unit))
+    sigma = sigma_of_fitting(unit, difference, variance)
     residual, _, _ = whitened_fit(design, difference, sigma)
     misfit, dof = np.nansum(residual**2, axis=1), np.isfinite(sigma).sum(axis=1) - 4
-    faulty = np.flatnonzero(
-        enough & (chi_square_survival(misfit, np.maximum(dof, 1)) < POLICY.faulty_channel_probability)
-    )
-    if faulty.size:
-        excluded[faulty], _ = exclude_several(
-            design[faulty], difference[faulty], sigma[faulty], false_alarm_probability=POLICY.faulty_channel_probability
-        )
-        sigma = np.where(excluded, np.nan, sigma)
-        residual, _, _ = whitened_fit(design, difference, sigma)
-        misfit, dof = np.nansum(residual**2, axis=1), np.isfinite(sigma).sum(axis=1) - 4
     weight = np.where(np.isfinite(sigma), 1.0 / np.where(np.isfinite(sigma), sigma, 1.0) ** 2, 0.0)
     weighted = np.swapaxes(design, -1, -2) * weight[:, None, :]
     with np.errstate(invalid="ignore", divide="ignore"):
         covariance = spd_inverse(weighted @ design)
     jump = (covariance @ (weighted @ np.nan_to_num(difference)[..., None]))[..., 0]
     return Jump(jump, covariance, misfit, np.maximum(dof, 0))
+
+
+def sigma_of_fitting(unit: Reals, difference: Reals, variance: Reals) -> Reals:
+    """Return the sigma (K, m) of differences, NaN where a channel jumps by itself, or where too few are known.
+
+    Arguments as of `fitted_jump`.
+    """
+    design, sigma = np.nan_to_num(design_matrix(unit)), np.sqrt(variance)
+    sigma = np.where(np.isfinite(difference) & np.isfinite(sigma), sigma, np.nan)
+    enough = np.isfinite(sigma).sum(axis=1) >= POLICY.one_sky_satellites
+    sigma = np.where(enough[:, None], sigma, np.nan)
+    residual, _, _ = whitened_fit(design, difference, sigma)
+    misfit, dof = np.nansum(residual**2, axis=1), np.isfinite(sigma).sum(axis=1) - 4
+    faulty = np.flatnonzero(
+        enough & (chi_square_survival(misfit, np.maximum(dof, 1)) < POLICY.faulty_channel_probability)
+    )
+    if faulty.size:
+        excluded, _ = exclude_several(
+            design[faulty], difference[faulty], sigma[faulty], false_alarm_probability=POLICY.faulty_channel_probability
+        )
+        sigma[faulty] = np.where(excluded, np.nan, sigma[faulty])
+    return sigma
 
 
 def _contrast(series: Series, values: Reals, variance: Reals, rows: Indices, span_s: float) -> tuple[Reals, Reals]:
@@ -481,19 +528,22 @@ def _unit_at(series: Series, rows: Indices) -> Reals:
     return np.asarray(series.unit[nearest, np.arange(known.shape[1])[None]])
 
 
-def _velocity(sides: Sides) -> Reals:
-    """(K, 3) mean of the velocities just before and after, zero where Dopplers do not give it."""
-    found = []
-    for rate_m_s, rate_m2_s2 in ((sides.before_m_s, sides.before_m2_s2), (sides.after_m_s, sides.after_m2_s2)):
-        sigma = np.sqrt(rate_m2_s2)
-        known = np.isfinite(rate_m_s) & np.isfinite(sigma)
-        weight = np.where(known, 1.0 / np.where(known, sigma, 1.0) ** 2, 0.0)
-        design = np.nan_to_num(design_matrix(sides.unit))
-        weighted = np.swapaxes(design, -1, -2) * weight[:, None, :]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            solved = spd_inverse(weighted @ design) @ (weighted @ np.nan_to_num(rate_m_s)[..., None])
-        found.append(np.nan_to_num(solved[:, :3, 0]))
-    return np.asarray(0.5 * (found[0] + found[1]))
+def mean_rates(sides: Sides) -> Reals:
+    """Return the mean velocity and clock rate of the two sides, (K, 4) in m/s; zero where Dopplers give none."""
+    sides_of_epoch = (sides.before_m_s, sides.before_m2_s2), (sides.after_m_s, sides.after_m2_s2)
+    rates: Reals = 0.5 * sum(_rates(sides.unit, rate_m_s, rate_m2_s2) for rate_m_s, rate_m2_s2 in sides_of_epoch)
+    return rates
+
+
+def _rates(unit: Reals, rate_m_s: Reals, rate_m2_s2: Reals) -> Reals:
+    sigma = np.sqrt(rate_m2_s2)
+    known = np.isfinite(rate_m_s) & np.isfinite(sigma)
+    weight = np.where(known, 1.0 / np.where(known, sigma, 1.0) ** 2, 0.0)
+    design = np.nan_to_num(design_matrix(unit))
+    weighted = np.swapaxes(design, -1, -2) * weight[:, None, :]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        solved = spd_inverse(weighted @ design) @ (weighted @ np.nan_to_num(rate_m_s)[..., None])
+    return np.asarray(np.nan_to_num(solved[..., 0]))
 
 
 def _broke_at_once(broke: Booleans, there: Booleans) -> Booleans:

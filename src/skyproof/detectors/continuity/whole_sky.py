@@ -21,9 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Reals
+from skyproof.detectors.base import NOTICED
 from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.steps import Jump, chance, fitted_jump
-from skyproof.statistics.distributions import chi_square_survival
+from skyproof.statistics.distributions import (
+    chi_square_survival,
+    chi_square_threshold,
+    noncentrality_for_power,
+)
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["SkyChange", "SkyMotion", "least_likely", "motion_of", "motions_of"]
@@ -32,7 +37,7 @@ __all__ = ["SkyChange", "SkyMotion", "least_likely", "motion_of", "motions_of"]
 class SkyMotion(NamedTuple):
     """metres : of `moved`, within a time. satellites : that show it. p_value : of "nothing moves", by all satellites.
     whole_sky_p_value : the largest one without any two of them; 1 with fewer than seven satellites, and where motion
-    and clock leave residuals that are larger than stated.
+    and clock leave residuals that are larger than stated. noticed_m_s : the least speed that the tests notice.
     """
 
     metres: float
@@ -40,6 +45,7 @@ class SkyMotion(NamedTuple):
     satellites: int
     p_value: float
     whole_sky_p_value: float
+    noticed_m_s: float
 
 
 def least_likely(motions: Iterable[SkyMotion | None]) -> SkyMotion | None:
@@ -51,6 +57,7 @@ def least_likely(motions: Iterable[SkyMotion | None]) -> SkyMotion | None:
     return worst._replace(
         p_value=min(1.0, len(found) * min(one.p_value for one in found)),
         whole_sky_p_value=min(1.0, len(found) * worst.whole_sky_p_value),
+        noticed_m_s=min(one.noticed_m_s for one in found),
     )
 
 
@@ -105,7 +112,14 @@ def _motion(one: SkyChange, fitted: Jump, p_value: float, alpha: float) -> SkyMo
     whole = 1.0
     if p_value < alpha and _as_stated(fitted, int(known.sum())):
         whole = largest_p_value_without(used, without, least=POLICY.one_sky_satellites)
-    return SkyMotion(float(np.linalg.norm(fitted.jump[0, :3])), one.time_s, len(used), p_value, whole)
+    moved_m = float(np.linalg.norm(fitted.jump[0, :3]))
+    return SkyMotion(moved_m, one.time_s, len(used), p_value, whole, _noticed_m(fitted, alpha) / one.time_s)
+
+
+def _noticed_m(fitted: Jump, alpha: float) -> float:
+    """Return the motion that is noticed at `alpha`, in the direction in which it shows least, metres."""
+    variance_m2 = np.linalg.eigvalsh(fitted.covariance[0, :3, :3])[-1]
+    return float(np.sqrt(variance_m2 * noncentrality_for_power(chi_square_threshold(alpha, 3), 3, power=NOTICED)))
 
 
 def _as_stated(fitted: Jump, changes: int) -> bool:

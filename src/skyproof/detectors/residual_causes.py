@@ -1,0 +1,156 @@
+"""What else than false signals makes pseudoranges fit no one position: the largest p-value under each benign cause.
+
+Each cause is a set of errors; what the closest of them leaves of the misfit, over its sigma, is chi-square at most:
+
+- reflections of a street come late, by up to `unrelated_spread_m`: of one or two satellites at any time (`Reflected`),
+  and of all of them where no direct signal is received;
+- interference draws each code loop to either side, no farther than that;
+- two channels or satellites fail, by any amount;
+- orbits are wrong, by any amount, of satellites that did not fit by the same orbit minutes before.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from skyproof.arrays import Indices, Reals
+from skyproof.navigation.least_squares import design_matrix
+from skyproof.navigation.search import WindowRanges, below, misfits, solve
+from skyproof.statistics.distributions import chi_square_survival
+from skyproof.statistics.leave_out import largest_p_value_without
+
+__all__ = ["Fit", "Reflected", "find_reflected", "fit_groups"]
+
+_FAULTS = (1, 2)
+_ROUNDS = 2
+"""From a fit that faults drew off by kilometres the first is not linear."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Rows of a window's measurements, in groups with a clock each, with the position and clocks that fit them best.
+
+    state_m : (3 + groups,). statistic : sum of squared residuals over their sigmas. tests : fits of the window, which
+    share the false-alarm probability.
+    """
+
+    measurements: WindowRanges
+    groups: tuple[Indices, ...]
+    state_m: Reals
+    statistic: float
+    tests: int
+
+    @property
+    def rows(self) -> Indices:
+        """Return the rows of all groups."""
+        return np.concatenate(self.groups)
+
+    @property
+    def clocks(self) -> Reals:
+        """Return whose clock is whose: (rows, groups), ones and zeros."""
+        return np.repeat(np.eye(len(self.groups)), [own.size for own in self.groups], axis=0)
+
+    @property
+    def spare(self) -> int:
+        """Return how many satellites are beyond those that a position and the clocks need."""
+        return self.rows.size - len(self.groups) - 3
+
+    def misfits(self, state_m: Reals | None = None) -> tuple[Reals, Reals, Reals]:
+        """Return what a state, the fitted one if None, misses (n,), its sigma (n,) and the design (n, 3 + groups)."""
+        at_m = self.state_m if state_m is None else state_m
+        misfit_m, sigma_m, unit = misfits(self.measurements, self.rows, np.append(at_m[:3], 0.0))
+        return misfit_m - self.clocks @ at_m[3:], sigma_m, design_matrix(unit, self.clocks)
+
+    def without(self, rows: Iterable[int]) -> "Fit":
+        """Return the fit without some rows, found anew; no fit with a satellite to spare has `spare` of 0 or less."""
+        gone = list(rows)
+        fewer = [own for group in self.groups if (own := group[~np.isin(group, gone)]).size]
+        return fit_groups(self.measurements, fewer, self.tests)
+
+    @property
+    def p_value(self) -> float:
+        """Return the p-value of the misfit by noise, for all fits of the window together; 1 where nothing is tested."""
+        return self._chance(self.statistic) if self.spare > 0 and np.isfinite(self.statistic) else 1.0
+
+    def p_value_with_errors(self, low_m: Reals | float, high_m: Reals | float) -> float:
+        """Return the p-value of the misfit if each row errs by between `low_m` and `high_m` (n,) beside its noise."""
+        free = np.broadcast_to(np.asarray(high_m) > np.asarray(low_m), self.rows.shape)
+        state_m, n = self.state_m, self.state_m.size
+        low, high = (np.broadcast_to(each, self.rows.shape)[free] for each in (low_m, high_m))
+        bounds = np.append(np.full(n, -np.inf), low), np.append(np.full(n, np.inf), high)
+        for _ in range(_ROUNDS):
+            misfit_m, sigma_m, design = self.misfits(state_m)
+            columns = np.hstack((design, np.eye(self.rows.size)[:, free])) / sigma_m[:, None]
+            solved = lsq_linear(columns, misfit_m / sigma_m, bounds)
+            state_m = state_m + solved.x[:n]
+        return self._chance(2.0 * float(solved.cost))
+
+    def p_value_without_two(self, alpha: float) -> float:
+        """Return the largest p-value without any one or two rows; alpha : from where on the answer does not matter."""
+
+        def p_values(sets: Iterable[tuple[int, ...]]) -> Iterator[float]:
+            for rows in sets:
+                yield self.without(rows).p_value
+
+        least = 4 + len(self.groups)
+        return largest_p_value_without(self._by_misfit(), p_values, counts=_FAULTS, least=least, enough=alpha)
+
+    def p_values_without(self, number: int) -> list[tuple[tuple[int, ...], float]]:
+        """Return choices of so many rows, and bounds of the p-value if they err by any amount, the largest first.
+
+        By the linear fit: what it is lower without rows S is w_S' P_SS^-1 w_S, w being its residuals and P their
+        covariance, in sigmas.
+        """
+        misfit_m, sigma_m, design = self.misfits()
+        basis, _ = np.linalg.qr(design / sigma_m[:, None])
+        covariance = np.eye(self.rows.size) - basis @ basis.T
+        residual = covariance @ (misfit_m / sigma_m)
+        chosen = np.array(list(combinations(range(self.rows.size), number)))
+        parts, blocks = residual[chosen], covariance[chosen[:, :, None], chosen[:, None, :]]
+        lower = np.einsum("ki,kij,kj->k", parts, np.linalg.pinv(blocks, hermitian=True), parts)
+        statistics = np.maximum(residual @ residual - lower, 0.0)
+        order = np.argsort(statistics)
+        return [(tuple(self.rows[chosen[k]].tolist()), self._chance(float(statistics[k]))) for k in order]
+
+    def _chance(self, statistic: float) -> float:
+        return min(1.0, self.tests * float(chi_square_survival(statistic, self.spare)))
+
+    def _by_misfit(self) -> list[int]:
+        """Return the rows, those that fit worst first: they are the likeliest to be left out."""
+        return [row for (row,), _ in self.p_values_without(1)]
+
+
+def fit_groups(measurements: WindowRanges, groups: Sequence[Indices], tests: int = 1) -> Fit:
+    """Fit a position, and a clock for each group of rows; with NaN where none comes out."""
+    fit = Fit(measurements, tuple(groups), np.full(3 + len(groups), np.nan), np.nan, tests)
+    if not fit.groups or fit.spare < 0:
+        return fit
+    start_m = np.concatenate((below(measurements, fit.rows), np.zeros(len(groups))))
+    found = solve(measurements, fit.rows[None], start_m[None], rounds=3, clocks=fit.clocks)
+    return replace(fit, state_m=np.asarray(found.state_m[0]), statistic=float(found.statistic[0]))
+
+
+@dataclass(frozen=True)
+class Reflected:
+    """One or two rows that reflections explain, and the p-value of the misfit if they do; none and 0 if they do not."""
+
+    rows: tuple[int, ...]
+    p_value: float
+
+
+def find_reflected(fit: Fit, *, spread_m: float, alpha: float) -> Reflected:
+    """Return the fewest rows of which signals late by up to `spread_m` explain a misfit at `alpha`.
+
+    The others have more satellites to spare than are left out: fewer fit whatever is left out.
+    """
+    for number in (number for number in _FAULTS if fit.spare > 2 * number):
+        for rows, at_most in fit.p_values_without(number):
+            if at_most < alpha:
+                break
+            p_value = fit.p_value_with_errors(0.0, np.where(np.isin(fit.rows, rows), spread_m, 0.0))
+            if p_value >= alpha:
+                return Reflected(rows, p_value)
+    return Reflected((), 0.0)

@@ -1,0 +1,88 @@
+"""Attacks of just the size that a finding gives are noticed as often as it says."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from tests.detectors.continuity.test_detector import (
+    LIGHT_M_S,
+    NAVIGATION,
+    PLACE_ECEF_M,
+    WHITE,
+    changed,
+    observed,
+    windows,
+)
+
+from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
+from skyproof.detectors.continuity.steps import Limits, series_of
+from skyproof.statistics.distributions import noncentrality_for_power
+
+LIMITS = Limits()
+
+
+def findings(o):
+    detector, state, found = Continuity(ContinuitySettings(false_alarm_probability=1e-6)), None, []
+    for records in windows(o):
+        evidence, state = detector.examine(records, state)
+        found += evidence
+    return found
+
+
+def size_of(found, kind):
+    """The size in the window in which the tests see least."""
+    return max(attack.size for finding in found for attack in finding.noticed if attack.kind == kind)
+
+
+def shifted(o, change_m, *, row=None):
+    """Pseudoranges changed by so much, (n, m); at a row at which all carriers break."""
+    status = o.status.copy()
+    if row is not None:
+        status[row] = 3
+    return changed(o, pseudorange_m=o.pseudorange_m + change_m, status=status)
+
+
+def jumped(o, rng, size_m):
+    """The position of the attacked receiver jumps in any direction."""
+    row = int(rng.integers(30, o.gpst.size - 30))
+    direction = rng.normal(size=3)
+    direction *= size_m / np.linalg.norm(direction)
+    unit = series_of(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit
+    return shifted(o, np.where(np.arange(o.gpst.size)[:, None] >= row, -unit @ direction, 0.0), row=row)
+
+
+def late(o, rng, size_s):
+    """Its time jumps back: ahead, missing samples would do the same."""
+    row = int(rng.integers(30, o.gpst.size - 30))
+    change_m = np.where(np.arange(o.gpst.size) >= row, LIGHT_M_S * size_s, 0.0)
+    return shifted(o, np.broadcast_to(change_m[:, None], o.pseudorange_m.shape), row=row)
+
+
+def dragged(o, rng, size_m_s):
+    """Codes drag the position off, carriers stay."""
+    direction = rng.normal(size=3)
+    direction *= size_m_s / np.linalg.norm(direction)
+    unit = series_of(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit
+    return shifted(o, -(unit @ direction) * np.maximum(o.elapsed_s - 8.0, 0.0)[:, None])
+
+
+@pytest.mark.parametrize(
+    ("kind", "attack", "small"),
+    # A drag adds up from window to window: the first one sees least of it.
+    [("position_jump", jumped, 0.4), ("clock_jump", late, 0.4), ("code_drag", dragged, 0.1)],
+)
+@pytest.mark.parametrize("draws", [25, pytest.param(300, marks=pytest.mark.long)])
+def test_attacks_of_the_size_that_is_stated_are_noticed(kind, attack, small, draws):
+    rng, noticed, few = np.random.default_rng(17), 0, 0
+    for draw in range(draws):
+        o = observed(draw, noise=WHITE, duration_s=42.0)
+        size = size_of(findings(o), kind)
+        noticed += any(finding.failed or finding.says == "attack" for finding in findings(attack(o, rng, size)))
+        few += any(finding.failed or finding.says == "attack" for finding in findings(attack(o, rng, small * size)))
+    assert stats.binomtest(noticed, draws, 0.97, alternative="less").pvalue > 1e-3
+    assert few < 0.5 * draws
+
+
+def test_power_is_that_of_the_noncentral_chi_square():
+    rng, noncentrality = np.random.default_rng(1), noncentrality_for_power(35.4, 3, power=0.9)
+    drawn = (rng.normal(size=(4000, 3)) + np.sqrt(noncentrality / 3.0)) ** 2
+    assert stats.binomtest(int((drawn.sum(axis=1) > 35.4).sum()), 4000, 0.9).pvalue > 1e-3
