@@ -34,6 +34,7 @@ SUFFIX = {
     "sigma^2": "_squared_sigmas",
     "looks, sigma": "_branches",
     "1": "",
+    "1/h": "_per_hour",
 }
 """By which a name shows its unit."""
 COMPUTING = {
@@ -64,10 +65,11 @@ COMPUTING = {
     "array/agreement": {"_CANDIDATES", "_CELL_RAD", "_MOST_ROTATIONS"},
     "array/arrivals": {"_CELL_RAD", "_MOST_CELLS", "_ROUNDS", "_STARTS", "_STEP_LEAST_RAD", "_STEP_MOST_RAD"},
     "array/failing": {"_MEDIAN_OF_SQUARE"},
-    "base": {"UNTESTED"},
+    "base": {"NOTICED", "UNTESTED"},
     "code_motion/detector": {"_DOF_LEFT", "_TAIL", "_TESTS"},
     "code_motion/laws": {"_MS_M"},
     "common_change/detector": {"_SHARES"},
+    "continuity/causes": {"_HOUR_S", "_UNKNOWNS"},
     "continuity/detector": {"_SHARES"},
     "continuity/drawn_off": {"_QUARTERS"},
     "continuity/standing": {"_FAR_M"},
@@ -101,6 +103,7 @@ COMPUTING = {
     "multi_receiver/runs": {"_BEGINS", "_ENDS", "_IN", "_OUT"},
     "own_fixes/detector": {"_TAIL"},
     "registry": {"_LONGEST"},
+    "residual_causes": {"_ROUNDS"},
     "second_signals/echoes": {"_BLOCKED_DB", "_NEVER_LOG", "_OVER_DB"},
     "torn/detector": {"_OPEN_M_S"},
 }

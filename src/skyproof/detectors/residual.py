@@ -9,13 +9,13 @@ agree on another position or time is a sign: echoes and false correlation peaks 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Indices
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
-from skyproof.detectors.residual_causes import Fit, find_reflected, fit_groups
+from skyproof.detectors.residual_causes import POLICY, RangeFit, find_reflected, fit_groups
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
@@ -38,26 +38,8 @@ from skyproof.records import (
     SignalId,
     SignalRef,
 )
-from skyproof.records.policy import number
 
-__all__ = ["PlainFix", "Residual", "ResidualPolicy", "ResidualSettings", "plain_fixes"]
-
-
-@dataclass(frozen=True)
-class ResidualPolicy:
-    """Numbers by which the residual test decides, each with its reason."""
-
-    no_echo_m: float = number(
-        1e4, "m", "No reflection is so late: what comes a detour of ten kilometres is far below what is tracked."
-    )
-    one_orbit_m: float = number(
-        200.0,
-        "m",
-        "All signals of a satellite with a wrong orbit miss a place alike, but for ionosphere and group delays.",
-    )
-
-
-POLICY: Final = ResidualPolicy()
+__all__ = ["PlainFix", "Residual", "ResidualSettings", "plain_fixes"]
 
 
 @dataclass(frozen=True)
@@ -94,7 +76,7 @@ class PlainFix(NamedTuple):
     """
 
     signals: tuple[SignalId, ...]
-    fit: Fit
+    fit: RangeFit
     test: GlobalTest
     excluded: SignalId | None
     p_value: float
@@ -105,7 +87,7 @@ class PlainFix(NamedTuple):
 
 
 def plain_fixes(window: Observations, navigation: NavigationData, settings: ResidualSettings) -> tuple[PlainFix, ...]:
-    """Fit one position, with a clock for each kind of signal, to the first-found signals of the first kind of each
+    """RangeFit one position, with a clock for each kind of signal, to the first-found signals of the first kind of each
     system, then to those of the second, and so on; those left out that have no signal to spare.
 
     Under the null (one sky, errors as in `settings`) each statistic is chi-square with as many degrees as there are
@@ -136,7 +118,7 @@ def _fit_plain(
     tests: int,
     settings: ResidualSettings,
 ) -> PlainFix | None:
-    """Fit rows in groups with a clock each; None where no position comes out, or too few stand above the mask.
+    """RangeFit rows in groups with a clock each; None where no position comes out, or too few stand above the mask.
 
     tests : fits of the window, which share the false-alarm probability.
     """
@@ -155,7 +137,7 @@ def _fit_plain(
     return PlainFix(used, fit, test, used[worst] if fits else None, p_value)
 
 
-def _tested(fit: Fit, alpha: float) -> tuple[GlobalTest, int]:
+def _tested(fit: RangeFit, alpha: float) -> tuple[GlobalTest, int]:
     """Test the residuals of a fit, and find the row that fits worst, -1 where none can be left out."""
     misfit_m, sigma_m, design = fit.misfits()
     test = global_test(misfit_m, sigma_m, false_alarm_probability=alpha, unknowns=fit.state_m.size)

@@ -6,12 +6,13 @@ Each cause is a set of errors; what the closest of them leaves of the misfit, ov
   and of all of them where no direct signal is received;
 - interference draws each code loop to either side, no farther than that;
 - two channels or satellites fail, by any amount;
-- orbits are wrong, by any amount, of satellites that did not fit by the same orbit minutes before.
+- orbits may be wrong by any amount, of all satellites: nothing is left to test.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Final
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -19,18 +20,38 @@ from scipy.optimize import lsq_linear
 from skyproof.arrays import Indices, Reals
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.search import WindowRanges, below, misfits, solve
+from skyproof.records.policy import number
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.leave_out import largest_p_value_without
 
-__all__ = ["Fit", "Reflected", "find_reflected", "fit_groups"]
+__all__ = ["POLICY", "RangeFit", "Reflected", "ResidualPolicy", "find_reflected", "fit_groups"]
 
-_FAULTS = (1, 2)
 _ROUNDS = 2
 """From a fit that faults drew off by kilometres the first is not linear."""
 
 
+@dataclass(frozen=True)
+class ResidualPolicy:
+    """Numbers by which the residual test decides, each with its reason."""
+
+    no_echo_m: float = number(
+        1e4, "m", "No reflection is so late: what comes a detour of ten kilometres is far below what is tracked."
+    )
+    one_orbit_m: float = number(
+        200.0,
+        "m",
+        "All signals of a satellite with a wrong orbit miss a place alike, but for ionosphere and group delays.",
+    )
+    faulty_satellites: int = number(
+        2, "1", "Satellites that fail, or are received by a reflection, at the same time; more is no accident."
+    )
+
+
+POLICY: Final = ResidualPolicy()
+
+
 @dataclass(frozen=True, eq=False)
-class Fit:
+class RangeFit:
     """Rows of a window's measurements, in groups with a clock each, with the position and clocks that fit them best.
 
     state_m : (3 + groups,). statistic : sum of squared residuals over their sigmas. tests : fits of the window, which
@@ -64,7 +85,7 @@ class Fit:
         misfit_m, sigma_m, unit = misfits(self.measurements, self.rows, np.append(at_m[:3], 0.0))
         return misfit_m - self.clocks @ at_m[3:], sigma_m, design_matrix(unit, self.clocks)
 
-    def without(self, rows: Iterable[int]) -> "Fit":
+    def without(self, rows: Iterable[int]) -> "RangeFit":
         """Return the fit without some rows, found anew; no fit with a satellite to spare has `spare` of 0 or less."""
         gone = list(rows)
         fewer = [own for group in self.groups if (own := group[~np.isin(group, gone)]).size]
@@ -96,9 +117,9 @@ class Fit:
                 yield self.without(rows).p_value
 
         least = 4 + len(self.groups)
-        return largest_p_value_without(self._by_misfit(), p_values, counts=_FAULTS, least=least, enough=alpha)
+        return largest_p_value_without(self._by_misfit(), p_values, counts=_numbers(), least=least, enough=alpha)
 
-    def p_values_without(self, number: int) -> list[tuple[tuple[int, ...], float]]:
+    def p_values_without(self, count: int) -> list[tuple[tuple[int, ...], float]]:
         """Return choices of so many rows, and bounds of the p-value if they err by any amount, the largest first.
 
         By the linear fit: what it is lower without rows S is w_S' P_SS^-1 w_S, w being its residuals and P their
@@ -108,7 +129,7 @@ class Fit:
         basis, _ = np.linalg.qr(design / sigma_m[:, None])
         covariance = np.eye(self.rows.size) - basis @ basis.T
         residual = covariance @ (misfit_m / sigma_m)
-        chosen = np.array(list(combinations(range(self.rows.size), number)))
+        chosen = np.array(list(combinations(range(self.rows.size), count)))
         parts, blocks = residual[chosen], covariance[chosen[:, :, None], chosen[:, None, :]]
         lower = np.einsum("ki,kij,kj->k", parts, np.linalg.pinv(blocks, hermitian=True), parts)
         statistics = np.maximum(residual @ residual - lower, 0.0)
@@ -123,9 +144,14 @@ class Fit:
         return [row for (row,), _ in self.p_values_without(1)]
 
 
-def fit_groups(measurements: WindowRanges, groups: Sequence[Indices], tests: int = 1) -> Fit:
-    """Fit a position, and a clock for each group of rows; with NaN where none comes out."""
-    fit = Fit(measurements, tuple(groups), np.full(3 + len(groups), np.nan), np.nan, tests)
+def _numbers() -> tuple[int, ...]:
+    """Return how many satellites may fail at once, the fewest first."""
+    return tuple(range(1, POLICY.faulty_satellites + 1))
+
+
+def fit_groups(measurements: WindowRanges, groups: Sequence[Indices], tests: int = 1) -> RangeFit:
+    """RangeFit a position, and a clock for each group of rows; with NaN where none comes out."""
+    fit = RangeFit(measurements, tuple(groups), np.full(3 + len(groups), np.nan), np.nan, tests)
     if not fit.groups or fit.spare < 0:
         return fit
     start_m = np.concatenate((below(measurements, fit.rows), np.zeros(len(groups))))
@@ -141,13 +167,13 @@ class Reflected:
     p_value: float
 
 
-def find_reflected(fit: Fit, *, spread_m: float, alpha: float) -> Reflected:
+def find_reflected(fit: RangeFit, *, spread_m: float, alpha: float) -> Reflected:
     """Return the fewest rows of which signals late by up to `spread_m` explain a misfit at `alpha`.
 
     The others have more satellites to spare than are left out: fewer fit whatever is left out.
     """
-    for number in (number for number in _FAULTS if fit.spare > 2 * number):
-        for rows, at_most in fit.p_values_without(number):
+    for count in (count for count in _numbers() if fit.spare > 2 * count):
+        for rows, at_most in fit.p_values_without(count):
             if at_most < alpha:
                 break
             p_value = fit.p_value_with_errors(0.0, np.where(np.isin(fit.rows, rows), spread_m, 0.0))

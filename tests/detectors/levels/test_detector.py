@@ -255,7 +255,7 @@ def test_satellites_of_equal_power_are_suspect() -> None:
 
 def test_signals_stronger_than_any_from_space_are_suspect() -> None:
     loud = sky()
-    loud[:, 3] = GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_dbw + 4.0
+    loud[:, 3] = GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + 4.0
     first, *_ = failed(examine(loud))
     assert [ref.signal for ref in first.subject] == [EXACT.signals[3]]
     assert (first.data["test"], first.data["strong"]) == ("strong", 1)
@@ -265,7 +265,7 @@ def test_signals_stronger_than_any_from_space_are_suspect() -> None:
 @pytest.mark.parametrize(("code", "over_db", "says"), [("CA", 4.0, 1), ("Q", 4.0, 0), ("Q", 9.0, 1)])
 def test_what_is_too_strong_is_asked_of_the_signals_plan(code: str, over_db: float, says: int) -> None:
     """L5 may arrive 5 dB stronger than C/A (IS-GPS-705J, IS-GPS-200N, 6.3.1)."""
-    loud_db = np.full_like(sky(), GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_dbw + over_db)
+    loud_db = np.full_like(sky(), GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + over_db)
     found = examine(loud_db) if code == "CA" else examine(sky(), second_db=loud_db)
     assert any(f.data.get("test") == "strong" for f in failed(found)) == bool(says)
 

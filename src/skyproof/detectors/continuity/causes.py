@@ -15,6 +15,7 @@ The clock is left free in all of them, so that any two together explain no more 
 
 from collections.abc import Iterable
 from math import comb
+from typing import Final
 
 import numpy as np
 
@@ -41,8 +42,8 @@ from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["p_values_by_cause"]
 
-_UNKNOWNS = 4
-_HOUR_S = 3600.0
+_UNKNOWNS: Final = 4
+_HOUR_S: Final = 3600.0
 
 
 def p_values_by_cause(series: Series, row: int, step: Step, limits: Limits, *, span_s: float) -> dict[Cause, float]:

@@ -534,7 +534,7 @@ class _Window:
         The mean of n epochs is known to 1 dB / sqrt(n) or better, so that noise alone never takes it 1 dB over.
         """
         enough = np.isfinite(self.o.cn0_dbhz).sum(axis=0) >= max(4, 0.5 * self.o.gpst.size)
-        most_db = POLICY.most_cn0_over_dbw + 1.0 + np.array([s.plan.strongest_dbw for s in self.o.signals])
+        most_db = POLICY.most_cn0_over_power_db + 1.0 + np.array([s.plan.strongest_dbw for s in self.o.signals])
         loud = np.flatnonzero(enough & (np.where(self.known, self.levels_db, -np.inf) > most_db))
         if not loud.size:
             return []

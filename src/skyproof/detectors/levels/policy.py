@@ -13,7 +13,7 @@ class LevelsPolicy:
     """Numbers by which the test of levels decides, each with its reason."""
 
     least_satellites: int = number(4, "1", "A median of four outvotes one that changes by itself.")
-    most_cn0_over_dbw: float = number(
+    most_cn0_over_power_db: float = number(
         216.0,
         "dB",
         "C/N0 over what `SignalPlan.strongest_dbw` states: 7 dBi to the zenith, a system of 100 K (-208.6 dBW/Hz).",
