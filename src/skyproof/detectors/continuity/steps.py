@@ -530,9 +530,8 @@ def _unit_at(series: Series, rows: Indices) -> Reals:
 
 def mean_rates(sides: Sides) -> Reals:
     """Return the mean velocity and clock rate of the two sides, (K, 4) in m/s; zero where Dopplers give none."""
-    sides_of_epoch = (sides.before_m_s, sides.before_m2_s2), (sides.after_m_s, sides.after_m2_s2)
-    rates: Reals = 0.5 * sum(_rates(sides.unit, rate_m_s, rate_m2_s2) for rate_m_s, rate_m2_s2 in sides_of_epoch)
-    return rates
+    before = _rates(sides.unit, sides.before_m_s, sides.before_m2_s2)
+    return np.asarray(0.5 * (before + _rates(sides.unit, sides.after_m_s, sides.after_m2_s2)))
 
 
 def _rates(unit: Reals, rate_m_s: Reals, rate_m2_s2: Reals) -> Reals:
