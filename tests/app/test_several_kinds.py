@@ -278,7 +278,7 @@ def test_a_false_constellation_that_shows_the_true_place_is_trusted_in_no_receiv
     for distance_m in (10.0, 200.0):  # the receivers' places are within a receiver's noise of each other, or are not
         _, decision = attacked(THREE_SYSTEMS, false, attack=spoofer(0.0, 0.0), distance_m=distance_m)
         assert decision.verdict == ("spoofed" if distance_m > 100.0 else "no_attack_seen")
-        assert {s.label for s in decision.labels} == {"unknown"}
+        assert {s.label for s in decision.labels} <= {"unknown", "multipath"}
 
 
 def test_a_false_time_of_one_constellation_beyond_what_receivers_make_is_an_attack():
