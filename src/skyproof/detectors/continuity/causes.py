@@ -4,9 +4,9 @@ The clock is left free in all of them, so that any two together explain no more 
 
 - an oscillator steps the clock and its rate, and nothing else;
 - samples that are missing, or stand there twice, step the clock by their length, and the platform moves meanwhile;
-- a recording that is joined from those of several receivers is as rare as the policy says, and its clock goes on at
-  the same rate by chance only. Each oscillator has a rate of its own: if rates spread about zero with one peak, the
-  density at a rate r is at most 1 / (2 |r|);
+- a recording that is joined from those of several receivers is as rare as the policy says, and its clock goes on with
+  the same time and rate by chance only. Each receiver's clock has an error and a rate of its own: if they spread about
+  zero with one peak, the density at x is at most 1 / (2 |x|);
 - two channels or satellites fail by any amount: the step is there without any two of them;
 - reflections, interference and orbits change ranges by up to `unrelated_spread_m`, each by an amount of its own. They
   move a position no farther than the largest sum of such changes, and fit one jump by chance only
@@ -29,6 +29,7 @@ from skyproof.detectors.continuity.steps import (
     Sides,
     Step,
     chance,
+    contrast,
     fitted_jump,
     mean_rates,
     motion_slack_m,
@@ -39,6 +40,7 @@ from skyproof.navigation.chance import chance_p_value
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.records import Cause
 from skyproof.statistics.leave_out import largest_p_value_without
+from skyproof.statistics.medians import medians
 
 __all__ = ["p_values_by_cause"]
 
@@ -65,7 +67,11 @@ def p_values_by_cause(series: Series, row: int, step: Step, limits: Limits, *, s
     unrelated = _unrelated_p_value(sides, jump, unseen_s, limits) / len(KINDS)
     p |= dict.fromkeys((Cause.REFLECTIONS, Cause.INTERFERENCE, Cause.ORBITS), unrelated)
     p = {cause: min(1.0, step.tests * value) for cause, value in p.items()}
-    p[Cause.JOINED] = POLICY.joined_per_hour * span_s / _HOUR_S * _same_rate_chance(sides, rate)
+    mean_rate = fitted_jump(
+        sides.unit, *contrast(series, series.rate_m_s, series.rate_m2_s2, np.array([row]), limits.span_s)
+    )
+    same_clock = _same_chance(_clock_m(series, row), jump) * _same_chance(float(mean_rates(sides)[0, 3]), mean_rate)
+    p[Cause.JOINED] = min(1.0, POLICY.joined_per_hour * span_s / _HOUR_S * same_clock)
     return dict(sorted(p.items(), key=lambda each: -each[1]))
 
 
@@ -89,11 +95,15 @@ def _missing_samples_p_value(
     return min(position, _speed_p_value(rate, float(sides.gap_s[0]) + abs(ahead_s), limits))
 
 
-def _same_rate_chance(sides: Sides, rate: Jump) -> float:
-    """Return the probability that another receiver's clock has so nearly the same rate."""
-    usual_m_s = abs(float(mean_rates(sides)[0, 3]))
-    apart_m_s = abs(float(rate.jump[0, 3])) + POLICY.sure_sigmas * float(np.sqrt(rate.covariance[0, 3, 3]))
-    return apart_m_s / (usual_m_s - apart_m_s) if 2.0 * apart_m_s < usual_m_s else 1.0
+def _clock_m(series: Series, row: int) -> float:
+    """Return what the receiver's clock is off before a row, times the speed of light; the place may be off by less."""
+    return float(medians(series.offset_m[row - 1] + series.move_m[row - 1]))
+
+
+def _same_chance(usual: float, jump: Jump) -> float:
+    """Return the probability that another receiver's clock has so nearly the same error, or rate, as before a jump."""
+    apart = abs(float(jump.jump[0, 3])) + POLICY.sure_sigmas * float(np.sqrt(jump.covariance[0, 3, 3]))
+    return apart / (abs(usual) - apart) if 2.0 * apart < abs(usual) else 1.0
 
 
 def _fault_p_value(sides: Sides, unseen_s: float, limits: Limits) -> float:

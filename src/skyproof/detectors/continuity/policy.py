@@ -53,7 +53,7 @@ class ContinuityPolicy:
     unrelated_spread_m: float = number(
         300.0, "m", "Unrelated errors of ranges spread over this much, as reflections in a street do."
     )
-    joined_per_hour: float = number(1e-3, "1/h", "A recording is joined from those of several receivers no more often.")
+    joined_per_hour: float = number(1.0, "1/h", "A recording is joined from those of several receivers no more often.")
 
 
 POLICY: Final = ContinuityPolicy()

@@ -52,6 +52,7 @@ __all__ = [
     "Sides",
     "Step",
     "chance",
+    "contrast",
     "fitted_jump",
     "jumps",
     "largest_steps",
@@ -331,9 +332,9 @@ class Sides(NamedTuple):
 
 def sides_of(series: Series, rows: Indices, limits: Limits) -> Sides:
     """What lies on the two sides of each of `rows` (K,), the first epochs after them."""
-    level_m, level_m2 = _contrast(series, series.offset_m, series.variance_m2, rows, limits.span_s)
+    level_m, level_m2 = contrast(series, series.offset_m, series.variance_m2, rows, limits.span_s)
     bridged_m2 = _between(series, rows, limits.span_s)
-    rate, rate_m2 = _contrast(series, series.rate_m_s, series.rate_m2_s2, rows, 0.0)  # one epoch: speeds change
+    rate, rate_m2 = contrast(series, series.rate_m_s, series.rate_m2_s2, rows, 0.0)  # one epoch: speeds change
     return Sides(
         level_m=level_m,
         level_m2=level_m2 + bridged_m2 + 2.0 * limits.multipath_sigma_m**2,
@@ -487,8 +488,8 @@ def sigma_of_fitting(unit: Reals, difference: Reals, variance: Reals) -> Reals:
     return sigma
 
 
-def _contrast(series: Series, values: Reals, variance: Reals, rows: Indices, span_s: float) -> tuple[Reals, Reals]:
-    """Mean over `span_s` from each row on less that over `span_s` up to the row before, (K, m), and its variance."""
+def contrast(series: Series, values: Reals, variance: Reals, rows: Indices, span_s: float) -> tuple[Reals, Reals]:
+    """Return the mean over `span_s` from each row on less that up to the row before, (K, m), and its variance."""
     known = np.isfinite(values) & np.isfinite(variance) & (variance > 0.0)
     weight = np.where(known, 1.0 / np.where(known, variance, 1.0), 0.0)
     first = np.take_along_axis(values, known.argmax(axis=0)[None], axis=0)  # sums of small numbers keep their digits
