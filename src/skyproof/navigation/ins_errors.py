@@ -22,7 +22,6 @@ from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
@@ -90,22 +89,30 @@ def error_covariance(
     extra : (n - 1, 2) variances of an axis of velocity and of attitude that each step has beyond the model's.
     further : transition and noise (k, k) over a time in s of k more states, which the navigator's do not drive.
     """
-    step, added = transitions(path, grade, most_s=most_s)
-    steps_s = seconds_between(path.gpst[1:], path.gpst[:-1])
+    moves, noises = transitions(path, grade, most_s=most_s)
+    if further is not None and len(moves):
+        # Readings come evenly: few lengths of a step are different ones.
+        lengths_s, number = np.unique(seconds_between(path.gpst[1:], path.gpst[:-1]), return_inverse=True)
+        each = [further(float(length_s)) for length_s in lengths_s]
+        moves = _joined(moves, np.stack([more for more, _ in each])[number])
+        noises = _joined(noises, np.stack([more for _, more in each])[number])
     start = np.asarray(start, np.float64)
     covariance = np.empty((path.gpst.size, *start.shape))
     covariance[0] = start
-    for k in range(len(step)):
-        moves, noises = step[k], added[k]
-        if further is not None:
-            moves, noises = (
-                scipy.linalg.block_diag(*pair) for pair in zip((moves, noises), further(steps_s[k]), strict=True)
-            )
-        after = moves @ covariance[k] @ moves.T + noises
+    for k in range(len(moves)):
+        after = moves[k] @ covariance[k] @ moves[k].T + noises[k]
         if extra is not None:
             after[_VELOCITY_AND_TILT, _VELOCITY_AND_TILT] += np.repeat(np.asarray(extra)[k], 3)
         covariance[k + 1] = 0.5 * (after + after.T)
     return covariance
+
+
+def _joined(first: Reals, second: Reals) -> Reals:
+    """Join matrices (n, m, m) and (n, k, k) to blocks on the diagonal of (n, m + k, m + k)."""
+    m, size = first.shape[-1], first.shape[-1] + second.shape[-1]
+    joined = np.zeros((len(first), size, size))
+    joined[:, :m, :m], joined[:, m:, m:] = first, second
+    return joined
 
 
 def transitions(path: NavState, grade: ImuGrade, *, most_s: float = 1.0) -> tuple[Reals, Reals]:

@@ -171,6 +171,15 @@ def test_a_window_ends_where_a_receivers_time_breaks():
     assert [window.observations[0].gpst.size for window in plain] == [10, 10, 10, 10]
 
 
+@pytest.mark.parametrize(("more", "windows"), [(0, 6), (1, 6), (2, 7)])
+def test_one_epoch_of_one_receiver_alone_makes_no_window(more, windows):
+    both = (epochs_every(30.0, 30), replace(epochs_every(30.0, 30 + more), receiver="rx2"))
+    settings = following_epochs(Settings(), both)
+    made = list(windows_of(both, NavigationData(ephemerides=()), settings))
+    assert len(made) == windows
+    assert all(records.observations for records in made)
+
+
 def test_short_windows_share_the_false_alarms_of_an_hour():
     bare = Records(start_gpst=START, end_gpst=START)
     usual, halved = (detectors_for(Settings(), bare, mean_s=s)[0].settings for s in (20.0, 5.0))

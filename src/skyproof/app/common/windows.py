@@ -100,7 +100,7 @@ def window_edges(
 
     Where a receiver's time breaks one window ends and another begins: ranges before and after it have nothing in
     common, and a mean over both is of neither. So it is where all receivers begin, and where the first of them ends:
-    what all measured says nothing of what one of them measured without the others.
+    what all measured says nothing of what one of them measured without the others. A single epoch makes no window.
     """
     if not observations:
         return [NO_TIME, NO_TIME]
@@ -109,7 +109,7 @@ def window_edges(
     # Between epochs: those of receivers that do not steer their clocks come some milliseconds early or late.
     early = timedelta_from_s(0.5 * max(interval_s(o.elapsed_s) for o in observations))
     all_from, all_to = max(o.gpst[0] for o in observations), min(o.gpst[-1] for o in observations)
-    most = timedelta_from_s(POLICY.ends_together_s)
+    most = max(timedelta_from_s(POLICY.ends_together_s), 3 * early)  # of one epoch nothing can be said
     alone = [at for at, by in ((all_from, all_from - first), (all_to + 2 * early, last - all_to)) if by > most]
     breaks = np.unique(np.concatenate([*(time_breaks(o) for o in observations), np.array(alone, "M8[ns]")]))
     epochs = np.unique(np.concatenate([o.gpst for o in observations]))
