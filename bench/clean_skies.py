@@ -19,7 +19,7 @@ import numpy as np
 import tomli_w
 from clean_grids import CHIP_M, SURROUNDINGS, Sky
 
-from skyproof.app.protect.document import Outcome
+from skyproof.app.protect.outcome import Outcome
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, SceneReceiver

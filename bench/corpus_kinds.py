@@ -35,7 +35,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs
 from skyproof.app.inspect.run import inspect
 from skyproof.app.protect import judge, protect
-from skyproof.app.protect.document import Outcome
+from skyproof.app.protect.outcome import Outcome
 from skyproof.detectors.array.spin import Spin, SpinSettings
 from skyproof.errors import SkyproofError
 from skyproof.fusion.fuse import fuse

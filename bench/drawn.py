@@ -27,7 +27,8 @@ from rows import parser_of, rows_of, run
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge, protect
-from skyproof.app.protect.document import Outcome, ReceiverOutcome, document
+from skyproof.app.protect.document import document
+from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.explain import explain
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.simulator.files import write_samples

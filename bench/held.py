@@ -23,7 +23,7 @@ import tomli_w
 
 from skyproof.app.protect import protect
 from skyproof.app.protect.coasting import trusted_and_coasted
-from skyproof.app.protect.document import Outcome
+from skyproof.app.protect.outcome import Outcome
 from skyproof.app.scenes.simulate import scenario_of
 from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav

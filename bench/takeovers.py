@@ -29,7 +29,7 @@ from rows import parser_of, rows_of
 
 from skyproof.app.protect import protect
 from skyproof.app.protect.coasting import trusted_and_coasted
-from skyproof.app.protect.document import Outcome
+from skyproof.app.protect.outcome import Outcome
 from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skyproof.app.protect.document import ReceiverOutcome
+from skyproof.app.protect.outcome import ReceiverOutcome
 from skyproof.app.protect.pictures import kinds_of
 from skyproof.app.protect.positions import Track
 from skyproof.app.receive import ReceiveResult

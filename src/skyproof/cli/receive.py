@@ -67,7 +67,7 @@ def _show(result: "ReceiveResult", *, as_json: bool) -> None:
         console = Console()
         for reception in result.receptions:
             console.print(words(f"{reception.source.name}: {reception.n_signals} signals"))
-            for remark in reception.remarks:
+            for remark in reception.noted:
                 console.print(words(f"  {remark}", style="dim"))
         if result.folder is not None:
             print_path("files in", result.folder)

@@ -10,13 +10,14 @@ from typing import Any
 from skyproof.report import evidence, methods, summary
 from skyproof.report import pictures as draw
 from skyproof.report.figures import Pictures, map_figures, signal_figures
-from skyproof.report.positions import away_words
+from skyproof.report.positions import away_m, away_words
 from skyproof.report.template import environment
 from skyproof.report.words import distance_words, in_minutes, leap_words, p_value_words, place_words
 from skyproof.verdict import Position, ReceiverResult, Signal, Verdict, word_shown
 
 __all__ = ["report_html"]
 
+_SAME_M = 0.05  # is 0.0 m in words
 MOST_OPEN = 80  # signals whose tables are unfolded at first
 
 
@@ -56,7 +57,7 @@ def _positions(verdict: Verdict) -> list[tuple[ReceiverResult, str, Position, st
         ):
             if fix is not None:
                 away = "" if kind == "trusted" else away_words(receiver, fix)
-                rows.append((receiver, kind, fix, "the same" if away.startswith("0.0 m") else away))
+                rows.append((receiver, kind, fix, "the same" if away and away_m(receiver, fix) < _SAME_M else away))
     return rows
 
 

@@ -5,7 +5,7 @@ import math
 from skyproof.report.words import offset_m, offset_words
 from skyproof.verdict import Position, ReceiverResult
 
-__all__ = ["away_words", "led_away_m", "radius_95_m", "within_m"]
+__all__ = ["away_m", "away_words", "led_away_m", "radius_95_m", "within_m"]
 
 _SIGMAS_95 = 1.96  # of a normal distribution on a line
 
@@ -24,13 +24,19 @@ def led_away_m(receiver: ReceiverResult) -> float:
     one, other = receiver.trusted_fix, receiver.unprotected_fix
     if one is None or other is None:
         return 0.0
-    apart_m = math.hypot(*offset_m((one.lat_deg, one.lon_deg), (other.lat_deg, other.lon_deg)))
+    apart_m = away_m(receiver, other)
     return apart_m if apart_m > within_m(one) + within_m(other) else 0.0
 
 
 def within_m(fix: Position) -> float:
     """`radius_95_m` of a fix."""
     return radius_95_m(fix.sigma_east_m, fix.sigma_north_m)
+
+
+def away_m(receiver: ReceiverResult, fix: Position) -> float:
+    """Return how far a fix lies from the receiver's trusted one, horizontally, metres; NaN without one."""
+    true = receiver.trusted_fix
+    return math.nan if true is None else math.hypot(*offset_m((true.lat_deg, true.lon_deg), (fix.lat_deg, fix.lon_deg)))
 
 
 def away_words(receiver: ReceiverResult, fix: Position) -> str:

@@ -5,7 +5,8 @@ import json
 import pytest
 
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.app.protect.document import Outcome, document
+from skyproof.app.protect.document import document
+from skyproof.app.protect.outcome import Outcome
 from skyproof.errors import SettingsError
 from skyproof.formats.verdict import verdict_json
 from skyproof.fusion.fuse import fuse

@@ -10,8 +10,9 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
 from skyproof.app.protect.coasting import trusted_and_coasted
-from skyproof.app.protect.document import Outcome, document
+from skyproof.app.protect.document import document
 from skyproof.app.protect.foresights import InertialUnit, foresights_of
+from skyproof.app.protect.outcome import Outcome
 from skyproof.fusion.choice_findings import CHOSEN
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES

@@ -260,7 +260,7 @@ def guess(path: str | Path) -> Guess:
         again = [replace(look, what=_repetition(look.samples, _SECOND_LENGTH)) for look in doubtful]
         proposals += [trials.search(look) for look in again if look.repeats]
     if not any(proposal.satellites for proposal in proposals):
-        proposals += [trials.search(look) for look in _blind(looks, hints, wav)]
+        proposals += [trials.search(look) for look in _blind(looks)]
     ranked = sorted(proposals, key=lambda one: (-one.power, one.log10_chance))
     if ranked and ranked[0].convincing:
         ranked[0] = replace(ranked[0], woven=_woven(octets, ranked[0]))
@@ -336,6 +336,12 @@ class _Look:
         return _samples(self.octets, self.header_bytes, self.packing)
 
     @property
+    def stated_rates(self) -> dict[str, float]:
+        """By what states them."""
+        stated = {"the file's name": self.hints.rate_hz, "the WAV header": self.wav.rate_hz if self.wav else None}
+        return {source: rate for source, rate in stated.items() if rate is not None}
+
+    @property
     def repeats(self) -> bool:
         return self.what.log10_chance < _REPEATS
 
@@ -396,12 +402,11 @@ def _repetition(samples: PackedSamples, most: int) -> Repetition:
     return repetition(planes[0] if samples.packing.kind == "real" else planes[0] + np.complex64(1j) * planes[1])
 
 
-def _blind(looks: Sequence[_Look], hints: NameHints, wav: WavHeader | None) -> Iterator[_Look]:
+def _blind(looks: Sequence[_Look]) -> Iterator[_Look]:
     """Nothing repeats that a search confirms: the rates that are stated, or usual ones, in the likeliest readings."""
-    stated = [rate for rate in (hints.rate_hz, wav.rate_hz if wav else None) if rate is not None and rate >= 1e6]
     likely = sorted(looks, key=lambda look: (look._contradicted, look.rank))[:2]
     for look in likely:
-        for rate_hz in stated or _TRIED_BLIND:
+        for rate_hz in [rate for rate in look.stated_rates.values() if rate >= 1e6] or _TRIED_BLIND:
             yield replace(look, rate_hz=rate_hz)
 
 
@@ -433,10 +438,7 @@ class _Trials:
         return Proposal(
             layout=_layout(look, rate_hz, if_hz),
             sources=_sources(look, rate_source, if_source),
-            round_rate=rate_hz in USUAL_RATES_HZ
-            or rate_hz % 1e3 == 0.0
-            or "name" in rate_source
-            or "WAV" in rate_source,
+            round_rate=rate_hz in USUAL_RATES_HZ or rate_hz % 1e3 == 0.0 or rate_hz in look.stated_rates.values(),
             satellites=cn0s,
             log10_chance=min(0.0, log10_chance + math.log10(max(self.count, 1))) if found else 0.0,
             power=sum(10.0 ** (float(cn0) / 10.0) for cn0 in cn0s.values()) * (1.0 - unlikely),
@@ -480,14 +482,14 @@ def _holds(look: _Look, rate_hz: float, carrier_hz: float) -> bool:
 
 def _rate_of(look: _Look) -> tuple[float, str]:
     """The rate and where it comes from: what is stated or usual, if what repeats agrees with it."""
-    stated = [(look.hints.rate_hz, "the file's name"), (look.wav.rate_hz if look.wav else None, "the WAV header")]
+    stated = look.stated_rates
     if look.rate_hz is not None:
-        source = next((source for rate, source in stated if rate == look.rate_hz), "guessed: a usual rate")
+        source = next((source for source, rate in stated.items() if rate == look.rate_hz), "guessed: a usual rate")
         return look.rate_hz, source
     measured_hz = look.what.period_samples / GPS_L1_CA.period_s
     within_hz = max(4.0 * look.what.period_sigma / GPS_L1_CA.period_s, 1e-6 * measured_hz)
-    for rate_hz, source in stated:
-        if rate_hz is not None and abs(rate_hz - measured_hz) < within_hz:
+    for source, rate_hz in stated.items():
+        if abs(rate_hz - measured_hz) < within_hz:
             return rate_hz, f"{source}; code period agrees"
     usual = [*USUAL_RATES_HZ, round(measured_hz, -3), round(_NICE_HZ / round(_NICE_HZ / measured_hz))]
     nearest_hz = min(usual, key=lambda rate_hz: abs(rate_hz - measured_hz))

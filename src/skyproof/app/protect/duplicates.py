@@ -21,7 +21,6 @@ from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
 from skyproof.recording.same_noise import N_ROWS, SharedNoise, rows_of, shared_noise, usable_hz
 from skyproof.records import ObservationLog, Observations, Samples
-from skyproof.remarks import Remark, RemarkKind
 from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = ["one_receiver_each", "same_noise"]
@@ -59,7 +58,6 @@ def _left_out(reception: Reception, other: Reception, found: SharedNoise) -> Rec
         observations=None,
         left_out=why,
         same_as=other.source.name,
-        remarks=(*reception.remarks, Remark(f"left out: {why}", RemarkKind.BEARS)),
     )
 
 

@@ -17,7 +17,8 @@ from skyproof.app.common.progress import Progress
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.coasting import trusted_and_coasted
-from skyproof.app.protect.document import Outcome, ReceiverOutcome, versions
+from skyproof.app.protect.document import versions
+from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.app.protect.own_words import own_words_of, with_a_place
 from skyproof.app.protect.pictures import kinds_of, pictures_of
 from skyproof.app.protect.positions import KINDS, Track

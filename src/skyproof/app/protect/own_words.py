@@ -5,6 +5,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 
+from skyproof.app.protect.outcome import DIGITS
 from skyproof.app.protect.positions import Track
 from skyproof.app.receive.observed import ObservedFile, OwnWords
 from skyproof.app.receive.reception import Reception
@@ -20,7 +21,6 @@ __all__ = ["own_fix_of", "own_states_of", "own_words_of", "with_a_place"]
 
 _MOST_STATES: Final = 20
 """Spells of a subject that are listed: those that alarm first."""
-_DIGITS: Final = 6
 
 
 def own_words_of(reception: Reception) -> OwnWords:
@@ -54,8 +54,8 @@ def _spells(states: ReceiverStates, subject: str) -> Iterator[OwnState]:
             subject=cast(Any, subject),
             state=str(words[begin]),
             alarm=bool(alarms[begin]),
-            since_gpst=iso(states.gpst[rows[begin]], _DIGITS),
-            until_gpst=iso(states.gpst[rows[end]], _DIGITS),
+            since_gpst=iso(states.gpst[rows[begin]], DIGITS),
+            until_gpst=iso(states.gpst[rows[end]], DIGITS),
         )
 
 
@@ -70,14 +70,14 @@ def own_fix_of(fixes: ReceiverFixes | None, trusted: Track | None) -> OwnFix | N
     away_m, epochs = _away_m(fixes, rows, trusted)
     most = int(np.argmax(away_m)) if away_m.size else None
     return OwnFix(
-        gpst=iso(fixes.gpst[last], _DIGITS),
+        gpst=iso(fixes.gpst[last], DIGITS),
         lat_deg=float(np.degrees(lat)),
         lon_deg=float(np.degrees(lon)),
         height_m=height_m,
         horizontal_sigma_m=sigma_m if np.isfinite(sigma_m) else None,
         from_trusted_m=float(away_m[-1]) if away_m.size else None,
         most_from_trusted_m=None if most is None else float(away_m[most]),
-        most_from_trusted_gpst=None if most is None else iso(fixes.gpst[epochs[most]], _DIGITS),
+        most_from_trusted_gpst=None if most is None else iso(fixes.gpst[epochs[most]], DIGITS),
     )
 
 

@@ -13,10 +13,10 @@ from typing import Any, Final, cast
 import numpy as np
 
 from skyproof.app.common.windows import cut
-from skyproof.app.protect.document import Outcome, ReceiverOutcome, place_of
 from skyproof.app.protect.methods import of_detectors
+from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.app.protect.own_words import own_words_of, with_a_place
-from skyproof.app.protect.positions import KINDS
+from skyproof.app.protect.positions import KINDS, place_of
 from skyproof.app.protect.takeover_pictures import compared_skies, correlations, origins
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Reals

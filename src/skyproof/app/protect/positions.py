@@ -12,12 +12,14 @@ from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.trusted import carries, fix_of, masked, of_signals
 from skyproof.fusion.unprotected import followed
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.foresight import Foresight
 from skyproof.navigation.known import Known
 from skyproof.navigation.smooth import smooth
 from skyproof.records import Fix, FixStatus, NavigationData, ObservationLog, SignalId
+from skyproof.verdict import Place
 
-__all__ = ["KINDS", "STRETCH_EPOCHS", "Positions", "Track", "positions_of"]
+__all__ = ["KINDS", "STRETCH_EPOCHS", "Positions", "Track", "place_of", "positions_of", "sigmas_enu_m"]
 
 KINDS: Final = ("trusted", "false", "unprotected")
 """Of a receiver's fixes. Others are named as the sources of false signals, or as skies of which one may be true."""
@@ -165,3 +167,18 @@ def positions_of(
     return Positions(
         log=log, orbits=orbits, settings=settings, masks=masks, foresight=foresight, overlapping=overlapping
     )
+
+
+def place_of(ecef_m: Reals) -> Place:
+    """Return a point on the Earth in degrees."""
+    lat, lon, height = geodetic_from_ecef(ecef_m)
+    return Place(lat_deg=float(np.degrees(lat)), lon_deg=float(np.degrees(lon)), height_m=float(height))
+
+
+def sigmas_enu_m(fix: Fix) -> tuple[float, float, float]:
+    """Return one sigma of a fix's first epoch to the east, to the north and up."""
+    lat, lon, _ = geodetic_from_ecef(fix.position_ecef_m[0])
+    rot = rot_enu_ecef(lat, lon)
+    variances = np.diag(rot @ fix.covariance_m2[0, :3, :3] @ rot.T)
+    east, north, up = (float(s) for s in np.sqrt(variances))
+    return east, north, up

@@ -21,10 +21,12 @@ from skyproof.app.common.platform_use import described, inputs_of, settings_of
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, detectors_for, examine_all, following_epochs, windows_of
-from skyproof.app.protect.document import InputNote, Outcome, ReceiverOutcome, document, why_untested
+from skyproof.app.protect.document import document
 from skyproof.app.protect.duplicates import one_receiver_each
+from skyproof.app.protect.explanation import why_untested
 from skyproof.app.protect.foresights import antenna_units, foresights_of, surveyed_positions, unit_of
 from skyproof.app.protect.orbits import lacking_orbits, require_same_day
+from skyproof.app.protect.outcome import InputNote, Outcome, ReceiverOutcome
 from skyproof.app.protect.outputs import evidence_line, require_outputs_free, write_outputs
 from skyproof.app.protect.positions import positions_of
 from skyproof.app.receive.inputs import antennas_of, following_antennas, list_paths, open_inputs
@@ -579,7 +581,7 @@ def _notes(reception: Reception, interrupted: bool, sums: Mapping[str, str | Non
         InputNote(path=path, format=source.format or "raw", sha256=sums.get(path), remarks=file.changes())
         for path, file in files.items()
     ] or [InputNote(path=source.path or source.name, format=source.format or "raw", sha256=None, remarks=())]
-    remarks = (*source.remarks, *reception.remarks, *notes[0].remarks, *((read,) if interrupted else ()))
+    remarks = (*source.remarks, *reception.noted, *notes[0].remarks, *((read,) if interrupted else ()))
     return [replace(notes[0], remarks=remarks), *notes[1:]]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.app.protect.coasting import stands, trusted_and_coasted
-from skyproof.app.protect.document import Outcome, ReceiverOutcome
+from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.app.protect.positions import Track
 from skyproof.arrays import Instants, Integers, Reals
 from skyproof.detectors.dccaf.bursts import amplitudes, between_taps, own_correlation, shapes

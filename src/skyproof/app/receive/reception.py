@@ -44,7 +44,7 @@ TIME_OF_WEEK_S = 12.0  # by then a signal has sent its time of week: it does so 
 class Reception(ShortRepr):
     """What one receiver received: its recording after tracking, or its own measurements.
 
-    observations : None if there are none; `left_out` then says why.
+    observations : None if there are none; `left_out` then says why. remarks : beside that and those of the source.
     examined_s : how much of the recording was processed.
     same_as : the receiver whose noise it holds too, where the two are taken as one; its observations are then left out.
     messages_differ : where signals of one satellite carry different messages, in words; among the remarks as well.
@@ -72,6 +72,12 @@ class Reception(ShortRepr):
     measured_on: int = 0
     array_phases: Stretched[ArrayPhases] | None = None
     evidence: tuple[Finding, ...] = ()
+
+    @property
+    def noted(self) -> tuple[str, ...]:
+        """The remarks, and why there are no observations."""
+        why = () if self.left_out is None else (Remark(f"left out: {self.left_out}", RemarkKind.BEARS),)
+        return (*self.remarks, *why)
 
     @property
     def samples(self) -> Samples | None:
@@ -143,7 +149,6 @@ def observe(
     if observations is None:
         left_out = _no_time(tracker, len(received)) if received else _nothing_received(tracker, found)
         left_out += "" if found is None else f"; {found.cure}"
-        remarks.append(Remark(f"left out: {left_out}", RemarkKind.BEARS))
     elif found is not None:
         remarks.append(Remark(f"few signals as it was read, or none for long: {found.cure}", RemarkKind.BEARS))
     return Reception(

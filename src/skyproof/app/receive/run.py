@@ -245,7 +245,7 @@ def _receiver(reception: Reception, signals: tuple[dict[str, Any], ...], files: 
         "signals": list(signals),
         "messages_differ": list(reception.messages_differ),
         "satellites_with_orbits": sorted({ephemeris.sat for ephemeris in reception.decoded.ephemerides}),
-        "remarks": [*source.remarks, *reception.remarks],
+        "remarks": [*source.remarks, *reception.noted],
         "files": list(files),
     }
 

@@ -112,7 +112,7 @@ def observe_short(
     if not found:
         why = nothing_found(samples, examined_s)
         why += f"; {diagnosis(samples, settings.doppler_max_hz, lambda: inspect_recording(samples)).cure}"
-        return replace(reception, left_out=why, remarks=(*remarks, Remark(f"left out: {why}", RemarkKind.BEARS)))
+        return replace(reception, left_out=why)
     measured, phases = _records(found, blocks, whole, array, lost)
     measured, words = _with_ranges(measured, found, whole, navigation, settings)
     if examined_s < 0.9 * whole.duration_s:

@@ -10,8 +10,9 @@ from skyproof.app.common.platform_use import described, settings_of
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, following_epochs
-from skyproof.app.protect.document import Outcome, document
+from skyproof.app.protect.document import document
 from skyproof.app.protect.foresights import antenna_units, foresights_of, unit_of
+from skyproof.app.protect.outcome import Outcome
 from skyproof.app.protect.run import judge
 from skyproof.app.receive.measured import MeasurementLog, RowLog
 from skyproof.app.receive.reception import Reception, observe

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.app.protect.coasting import trusted_and_coasted
-from skyproof.app.protect.document import Outcome, ReceiverOutcome
+from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Observations

@@ -1,0 +1,178 @@
+"""Why the word of a run is no stronger, what would have passed unseen, and what to give."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from skyproof.app.protect.outcome import Outcome
+from skyproof.app.receive.observed import ObservedFile
+from skyproof.detectors.base import NEEDS
+from skyproof.explain import explain
+from skyproof.fusion.unexplained import Kind, Unexplained
+from skyproof.records import (
+    CauseName,
+    Need,
+)
+
+__all__ = ["Explanation", "describe_unexplained", "explain_word", "why_untested"]
+
+
+_UNSEEN: dict[Need, str] = {
+    Need.NAVIGATION: "any false position and time: without orbits none was computed",
+    Need.SETS: "a false position: too few satellites to hold their ranges against each other",
+    Need.CCAF: "a second signal within a chip of the true one, which measurements without samples do not show",
+}
+"""Attacks that pass unseen where records are lacking."""
+
+
+UNRANGED = "any false place and time that goes on from fix to fix: the log holds no ranges to hold it against"
+
+
+RANGES = "the receiver's measurements with ranges (UBX-RXM-RAWX, SBF MeasEpoch, RTCM MSM7)"
+"""What a log of fixes and C/N0 alone does not show, and what would."""
+
+
+GIVEN = (Need.NAVIGATION, Need.TWO_RECEIVERS, Need.SETS, Need.ARRAY_PHASES, Need.NAV_STATE, Need.SPIN_ARMS)
+"""Records that users can bring, the easiest first; the others are the receiver's own affair."""
+
+
+MOST_CURES = 2
+
+
+PREDICTS = (
+    'where the receiver is or how it moves, in a platform file: that it stands (motion = "static"), its surveyed '
+    "position, its oscillator, or an inertial unit"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """Why the word is no stronger, and what belongs to that, as the document's keys have it.
+
+    of_unexplained : the reason tells of the signals that stay unexplained.
+    """
+
+    reason: str | None
+    of_unexplained: bool = False
+    may_also_be: tuple[CauseName, ...] = ()
+    not_excluded: tuple[str, ...] = ()
+    remedy: str | None = None
+
+
+def explain_word(outcome: Outcome) -> Explanation:
+    """Return why the word of a run is no stronger, from the finding that matters most."""
+    decision = outcome.decision
+    left = describe_unexplained(decision.unexplained)
+    if decision.suspicion is not None:
+        found = decision.suspicion
+        words = None if found.finding is None else explain(found.finding)
+        to_do = (words and words.remedy) or _cure(outcome) or "a longer recording"
+        causes: Any = tuple(str(cause) for cause in found.may_also_be)
+        reason = words.sentence if words else left
+        return Explanation(reason=reason, of_unexplained=words is None, may_also_be=causes, remedy=to_do)
+    question = decision.open
+    if question is None:
+        return Explanation(reason=None)
+    about = f"which signals of {', '.join(question.receivers)} are true"
+    why = left or "none of the tests that this input allows could decide"
+    remedy = _cure(outcome) or ("a longer recording" if left else None)
+    if question.finding is not None:
+        words = explain(question.finding)
+        why, remedy = words.sentence, words.remedy or _cure(outcome) or None
+        why += f"; the same holds for {', '.join(question.also)}" if question.also else ""
+        if remedy is not None and question.distance_m is not None:
+            distance_m, sigma_m = question.distance_m
+            remedy += (
+                f"; these signals come from the sky if the antennas stand {distance_m:.1f} ± {sigma_m:.1f} m apart"
+            )
+    if decision.verdict == "spoofed":
+        return Explanation(reason=f"{about}: {why}", remedy=remedy)
+    return Explanation(
+        reason=f"it is not shown {about}: {why}",
+        of_unexplained=question.finding is None,
+        not_excluded=_not_excluded(outcome),
+        remedy=remedy,
+    )
+
+
+def _not_excluded(outcome: Outcome) -> tuple[str, ...]:
+    """Attacks that the tests of a run in which all passed would not see, by what was received and what was lacking."""
+    ran = {e.detector for e in outcome.evidence if e.p_value is not None}
+    lacking = {need for e in outcome.evidence if e.detector not in ran for need in e.lacking}
+    found = [words for need, words in _UNSEEN.items() if need in lacking]
+    if _unranged(outcome):
+        found = [UNRANGED, _UNSEEN[Need.CCAF]]
+    receivers = [r for r in outcome.receivers if r.reception.left_out is None]
+    by_directions = not {Need.ARRAY_PHASES, Need.SPIN_ARMS} <= lacking
+    if len(receivers) > 1:
+        found.append("a false sky that reaches one of the receivers alone")
+    elif not by_directions:
+        found.append("a consistent false sky from the first moment on, which one antenna cannot tell from a true one")
+    idle = {e.detector for e in outcome.evidence} - ran - {e.detector for e in outcome.evidence if e.lacking}
+    found += [f"what {', '.join(sorted(idle))} would show, with enough to test"] if idle else []
+    return (*found, "a takeover that draws position and time off by less than the tests can see")
+
+
+def why_untested(outcome: Outcome) -> str | None:
+    """Say why no test at all could run, and what to give; None if any did."""
+    if outcome.decision.verdict == "spoofed" or any(e.p_value is not None for e in outcome.evidence):
+        return None
+    receptions = [r.reception for r in outcome.receivers]
+    reasons: list[str] = [
+        f"{r.source.path or r.source.name}: {r.left_out}" for r in receptions if r.left_out is not None
+    ]
+    if len(reasons) < len(receptions):
+        names = [r.source.path or r.source.name for r in receptions if r.left_out is None]
+        reasons.append(
+            f"{', '.join(names)}: no test could run on what was received; give {_cure(outcome) or 'a longer recording'}"
+        )
+    return "; ".join([*reasons, *(words for r in receptions for words in (*r.source.remarks, *r.remarks))])
+
+
+def _cure(outcome: Outcome) -> str:
+    """What the user could bring that was lacking; of skies one of which is true, first what says where he is."""
+    lacking = {need for e in outcome.evidence for need in e.lacking}
+    remedies = (explain(e).remedy for e in outcome.evidence if e.says in ("spoofed", "attack"))
+    said = [remedy for remedy in remedies if remedy is not None]
+    cures = [*dict.fromkeys(said), *(NEEDS[need] for need in GIVEN if need in lacking)]
+    if _unranged(outcome):
+        cures.insert(0, RANGES)
+    if outcome.decision.skies and Need.NAVIGATION not in lacking:
+        cures.insert(0, PREDICTS)
+    return ", or ".join(cures[:MOST_CURES])
+
+
+def _unranged(outcome: Outcome) -> bool:
+    """Whether no receiver gave ranges."""
+    sources = [r.reception.source for r in outcome.receivers]
+    return all(isinstance(source, ObservedFile) and not source.ranged for source in sources)
+
+
+_EXPLAINS: dict[Kind, str] = {
+    "double": "beside another one of its satellite: an echo or a false signal would explain it",
+    "rival": "earlier or stronger than a true one of its satellite: a false signal would explain it",
+    "misfit": "not fitting what the others show: a fault, an echo alone or a false signal would explain it",
+    "echo": "later and weaker than a true one of its satellite: an echo would explain it",
+    "untested": "without a comparison that tells: received by one receiver only, too shortly, or too much alike",
+}
+
+
+def describe_unexplained(left: Sequence[Unexplained]) -> str:
+    """Return how many signals stay unknown, how strong, and what would explain them; empty if there are none."""
+    words_of_kinds = []
+    for kind, words in _EXPLAINS.items():
+        own = [u for u in left if u.kind == kind]
+        if not own:
+            continue
+        over = [u.over_db for u in own if u.over_db is not None and np.isfinite(u.over_db)]
+        levels = [u.cn0_dbhz for u in own if np.isfinite(u.cn0_dbhz)]
+        strong = f"up to {max(levels):.0f} dB-Hz" if levels else "of unknown strength"
+        if over:
+            strong += f", {abs(max(over)):.0f} dB {'above' if max(over) > 0.0 else 'below'} the other"
+        words_of_kinds.append(f"{len(own)} {words} ({strong})")
+    if not words_of_kinds:
+        return ""
+    n = len(left)
+    return f"{n} further signal{'s stay' if n > 1 else ' stays'} unexplained: {'; '.join(words_of_kinds)}"

@@ -1,0 +1,97 @@
+"""Everything that a run found out, and its inputs as they were read."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final
+
+from skyproof.app.protect.bearings import Bearing, bearings_of
+from skyproof.app.protect.positions import KINDS, Positions, Track
+from skyproof.app.receive.reception import Reception
+from skyproof.fusion.choice import Compared
+from skyproof.fusion.fuse import Decision
+from skyproof.records import (
+    ConsistentSet,
+    Finding,
+    Fix,
+    NavigationData,
+)
+from skyproof.remarks import Remark, RemarkKind
+from skyproof.short_repr import ShortRepr
+from skyproof.verdict import (
+    InputFile,
+)
+
+__all__ = ["DIGITS", "InputNote", "Outcome", "ReceiverOutcome"]
+
+
+DIGITS: Final = 6
+"""Of a second in instants."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class InputNote:
+    """One input as it was read. remarks : of any kind (`records.Remark`)."""
+
+    path: str
+    format: str
+    sha256: str | None
+    remarks: tuple[str, ...]
+
+    def of_kind(self, kind: RemarkKind) -> tuple[str, ...]:
+        """Select the remarks of a kind, as plain text."""
+        return tuple(str(remark) for remark in self.remarks if Remark.kind_of(remark) is kind)
+
+    def file(self) -> InputFile:
+        """Make the row of the document."""
+        return InputFile(
+            path=self.path,
+            format=self.format,
+            sha256=self.sha256,
+            cut=self.of_kind(RemarkKind.CUT),
+            left_out=self.of_kind(RemarkKind.BEARS),
+            remarks=self.of_kind(RemarkKind.NOTE),
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class ReceiverOutcome(ShortRepr):
+    """One receiver's positions by kind (`positions.KINDS`, or the name of a source or of one of two open skies).
+
+    tracks : those that have a fix.
+    """
+
+    reception: Reception
+    positions: Positions | None = None
+    tracks: Mapping[str, Track] = field(default_factory=dict)
+
+    @property
+    def shown(self) -> dict[str, Track]:
+        """By the name of what shows it, whether a source of false signals or one of two open skies."""
+        return {name: track for name, track in self.tracks.items() if name not in KINDS}
+
+    @cached_property
+    def trusted(self) -> Fix | None:
+        """All fixes from authentic signals; None if there is none."""
+        return None if self.positions is None else self.positions.whole("trusted")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Outcome(ShortRepr):
+    """Everything that a run found out.
+
+    sets : in the order of their windows. compared : skies beside what was expected, of receivers that had two.
+    """
+
+    receivers: tuple[ReceiverOutcome, ...]
+    decision: Decision
+    evidence: Sequence[Finding]
+    sets: Sequence[ConsistentSet]
+    navigation: NavigationData
+    compared: tuple[Compared, ...] = ()
+
+    @cached_property
+    def bearings(self) -> Mapping[str, Bearing]:
+        """Of the sources that are seen from trusted places, by their names."""
+        trusted = {r.reception.source.name: r.tracks["trusted"] for r in self.receivers if "trusted" in r.tracks}
+        return {one.source.name: one for one in bearings_of(self.decision.sources, self.evidence, trusted)}

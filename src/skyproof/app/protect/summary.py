@@ -1,0 +1,164 @@
+"""What a run comes to, in some sentences."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from skyproof.app.protect.explanation import Explanation, describe_unexplained
+from skyproof.app.protect.outcome import Outcome
+from skyproof.app.protect.positions import sigmas_enu_m
+from skyproof.app.protect.sources import describe_direction, describe_distance, see_from
+from skyproof.explain import explain, stands_beside
+from skyproof.fusion.fuse import Decision
+from skyproof.fusion.labels import FalseSource
+from skyproof.gnss.time import iso
+from skyproof.records import (
+    Finding,
+)
+from skyproof.report.positions import radius_95_m
+from skyproof.verdict import (
+    clock_words,
+)
+
+__all__ = ["summarize"]
+
+
+def summarize(outcome: Outcome, why: Explanation) -> str:
+    """Return what a run comes to, why the word is no stronger, and what stands beside it."""
+    words = _summary(outcome, why) + _noted(outcome) + _left_out(outcome)
+    return words[:1].upper() + words[1:]
+
+
+def _summary(outcome: Outcome, why: Explanation) -> str:
+    decision = outcome.decision
+    left = f" {words}." if (words := describe_unexplained(decision.unexplained)) else ""
+    if decision.verdict == "authentic":
+        n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
+        kept = f" The {within}." if (within := _kept(outcome)) else ""
+        sign = (f".{left}" if left else "; no sign of spoofing.") + _without_fix(outcome) + _alone(outcome)
+        return f"The signals of {n} satellites come from the sky{sign}{_repeated(outcome)}{kept}"
+    if decision.verdict in ("suspect", "no_attack_seen"):
+        rest = "" if why.of_unexplained else left
+        passed = "" if decision.verdict == "suspect" else "every test that this input allows passed; "
+        return f"{passed}{why.reason or ''}.{rest}{_without_fix(outcome)}{_repeated(outcome)}"
+    return _attack_words(outcome) + left + _without_fix(outcome) + _repeated(outcome)
+
+
+def _attack_words(outcome: Outcome) -> str:
+    decision = outcome.decision
+    since = _since(decision)
+    if decision.sources:
+        sats = {s.signal.sat for source in decision.sources for s in source.signals}
+        n = _least_transmitters(decision.sources)
+        by = "one transmitter" if n == 1 else f"{n} transmitters" if n else "a second sky beside the true one"
+        if n < len([source for source in decision.sources if source.one_antenna]):
+            by += " or more"
+        if n == 1 and len(decision.sources) == 1:
+            by += describe_direction(see_from(decision.sources[0], outcome))
+            by += describe_distance(outcome.bearings.get(decision.sources[0].name))
+        kept = _kept(outcome)
+        were = "satellite was" if len(sats) == 1 else "satellites were"
+        return f"{since}{len(sats)} {were} imitated by {by}{f'; the {kept}' if kept else ''}."
+    if decision.skies:
+        return (
+            f"{since}two or more skies are received, each consistent with a position and time of its own; "
+            "which of them is true is not decided."
+        )
+    return f"{since}signals are received that no true sky gives; which of them are true is not decided."
+
+
+def _least_transmitters(sources: Sequence[FalseSource]) -> int:
+    """How many there are at least: signals of different kinds are told apart from true ones by themselves, and may come
+    from one transmitter all the same."""
+    kinds = Counter(
+        kind for source in sources if source.one_antenna for kind in {ref.signal.kind for ref in source.signals}
+    )
+    return max(kinds.values(), default=0)
+
+
+def _without_fix(outcome: Outcome) -> str:
+    """For how long the word is of receivers that nobody could have misled, as they had no fix."""
+    together: dict[str, list[str]] = {}
+    for receiver, seconds in outcome.decision.without_fix_s:
+        together.setdefault(f"{seconds:.0f}", []).append(receiver)
+    return "".join(
+        f" For {seconds} s {' and '.join(receivers)} received too few signals for a position."
+        for seconds, receivers in together.items()
+    )
+
+
+def _alone(outcome: Outcome) -> str:
+    """For how long the word is not of receivers that were recorded without the others."""
+    return "".join(
+        f" Nothing is said of {seconds:.0f} s in which {receiver} was recorded and another receiver was not."
+        for receiver, seconds in outcome.decision.alone_s
+    )
+
+
+MOST_NOTED = 2
+
+
+def _noted(outcome: Outcome) -> str:
+    """What stands beside the verdict, whatever it is: each sentence once, what names signals first."""
+    noted: dict[tuple[Any, ...], Finding] = {}
+    for e in outcome.evidence:
+        if stands_beside(e):
+            key = (e.detector, e.code, *sorted({ref.receiver for ref in e.subject}))
+            noted.setdefault(key, e)
+    in_order = sorted(noted.values(), key=lambda e: e.says == "attack")
+    said = list(dict.fromkeys(explain(e).sentence for e in in_order))
+    more = f" {len(said) - MOST_NOTED} more such moments stand in the evidence." if len(said) > MOST_NOTED else ""
+    return "".join(f" {text[:1].upper()}{text[1:]}." for text in said[:MOST_NOTED]) + more
+
+
+def _repeated(outcome: Outcome) -> str:
+    """Late copies of a whole sky, named for what they are."""
+    words = []
+    for r in outcome.receivers:
+        name = r.reception.source.name
+        late = {s.ref.signal.sat for s in outcome.decision.labels if s.ref.receiver == name and s.label == "multipath"}
+        if late:
+            words.append(f"{len(late)} satellites in {name}")
+    if not words:
+        return ""
+    return (
+        f" The signals of {' and '.join(words)} are received again, late and weaker: a repeater or a reflector, which "
+        "shows no other place."
+    )
+
+
+def _left_out(outcome: Outcome) -> str:
+    """Which receivers had no part in the decision, where others had."""
+    receptions = [r.reception for r in outcome.receivers if r.reception.left_out is not None]
+    if len(receptions) == len(outcome.receivers):
+        return ""
+    words = "".join(
+        f" {r.source.name} holds the same noise as {r.same_as}: one antenna or one file recorded twice; taken as one "
+        "receiver."
+        for r in receptions
+        if r.same_as is not None
+    )
+    names = [r.source.name for r in receptions if r.same_as is None]
+    if names:
+        words += f" Without {' and '.join(names)}, which gave no measurements (the remarks on the inputs say why)."
+    return words
+
+
+def _since(decision: Decision) -> str:
+    onset = decision.onset
+    if onset is None:
+        return ""
+    clock = clock_words(iso(onset.seen if onset.earliest is None else onset.gpst, 0))
+    if onset.from_start:
+        return f"From the start on, {clock}, "
+    return f"From {clock} on, " if onset.earliest is not None else f"Seen since {clock}, begun then or earlier: "
+
+
+def _kept(outcome: Outcome) -> str:
+    """Return how far the trusted positions can be relied on: the largest 95 % horizontal radius of the last fixes."""
+    radii = []
+    for r in outcome.receivers:
+        if (track := r.tracks.get("trusted")) is not None:
+            east, north, _ = sigmas_enu_m(track.last)
+            radii.append(radius_95_m(east, north))
+    return f"true position is known to within {max(radii):.1f} m horizontally (95 %)" if radii else ""
