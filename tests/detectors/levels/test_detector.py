@@ -39,13 +39,14 @@ def drowned(levels_db: np.ndarray, fall_db: float, *, epochs=slice(ONSET, None),
     return np.where(changed_db < floor_db, np.nan, changed_db)
 
 
-def examine(levels_db, *, chains: FrontEndLevels | None = None, second_db=None, **settings) -> list:
+def examine(levels_db, *, chains: FrontEndLevels | None = None, second_db=None, signals=None, **settings) -> list:
     """Return the findings of each window. second_db : of the same satellites on L5, after those on L1."""
     detector = SignalLevels(SignalLevelsSettings(**{"false_alarm_probability": RATE, **settings}))
     o = replace(
         EXACT,
         cn0_dbhz=levels_db,
         status=np.where(np.isnan(levels_db), CellStatus.NOT_TRACKED, 0).astype(np.uint8),
+        signals=signals or EXACT.signals,
     )
     if second_db is not None:
         cells = {name: np.hstack([getattr(o, name)] * 2) for name in CELLS}
@@ -268,6 +269,25 @@ def test_what_is_too_strong_is_asked_of_the_signals_plan(code: str, over_db: flo
     loud_db = np.full_like(sky(), GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + over_db)
     found = examine(loud_db) if code == "CA" else examine(sky(), second_db=loud_db)
     assert any(f.data.get("test") == "strong" for f in failed(found)) == bool(says)
+
+
+@pytest.mark.parametrize(("over_db", "fails"), [(1.0, False), (4.0, True)])
+def test_a_reading_over_the_bound_has_its_chance(over_db: float, fails: bool) -> None:
+    loud = sky()
+    loud[:, 3] = GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + over_db
+    found = examine(loud)[1:]
+    assert bool(failed(found)) == fails
+    assert min(e.p_value for e in found) > 0.0
+
+
+def test_interference_is_told_where_no_kind_has_enough_signals() -> None:
+    """Three satellites of each system share a carrier that all of them fall on."""
+    kinds = (("G", "L1", "CA"), ("E", "E1", "C"), ("C", "B1C", "1P"), ("J", "L1", "CA"), ("I", "L1", "D"))
+    few = tuple(SignalId(f"{kinds[k // 3][0]}{k + 1:02d}", *kinds[k // 3][1:]) for k in range(N))
+    found = examine(drowned(sky(), 12.0), signals=few)
+    assert falls(found)[0].carrier == "L1"
+    assert [e.p_value for e in found] == [None] * WINDOWS
+    assert {e.code for e in found} == {"nothing_before", "few_satellites", "interfered"}
 
 
 def test_falls_are_reported_at_the_rate_that_is_asked() -> None:

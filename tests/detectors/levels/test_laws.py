@@ -7,6 +7,7 @@ from scipy import stats
 from skyproof.detectors.levels.laws import (
     OwnRate,
     OwnScale,
+    chance_of_excess,
     estimate_shared_change,
     pattern_slope,
     split_in_two,
@@ -120,3 +121,15 @@ def test_a_step_is_dated_to_its_row() -> None:
     values[[2, 9]] = np.nan
     assert split_in_two(values) == 7
     assert split_in_two(np.array([np.nan, 1.0])) == 1
+
+
+@pytest.mark.parametrize("seconds", [5, 10, 30])
+def test_an_excess_of_noise_alone_has_the_chance_that_is_said(seconds: int) -> None:
+    """At the highest level that a satellite's can have; the median of few readings is surer than its law."""
+    readings_db = POLICY.reading_sigma_db * np.random.default_rng(seconds).standard_normal((20_000, seconds))
+    p_values = [chance_of_excess([over], [seconds], signals=1) for over in np.median(readings_db, axis=1)]
+    for asked in (0.1, 0.01):
+        below = int(np.sum(np.array(p_values) < asked))
+        assert stats.binomtest(below, len(p_values), asked, alternative="greater").pvalue > 1e-4
+        assert stats.binomtest(below, len(p_values), 0.5 * asked, alternative="less").pvalue > 1e-4
+    assert chance_of_excess([0.0], [seconds], signals=8) == 1.0

@@ -20,7 +20,6 @@ from skyproof.app.protect.summary import summarize
 from skyproof.arrays import Reals
 from skyproof.detectors.entries import of_others
 from skyproof.explain import explain, stands_beside
-from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.records import (

@@ -36,6 +36,7 @@ from skyproof.detectors.levels.laws import (
     OwnRate,
     OwnScale,
     SharedChange,
+    chance_of_excess,
     estimate_shared_change,
     find_dip,
     mean_by_group,
@@ -529,18 +530,17 @@ class _Window:
         return None if found is None else (found[0], found[0] / found[1])
 
     def _strong(self) -> list[_Test]:
-        """Return a test of signals over what satellites send at most for most of the window, if there are any.
-
-        The mean of n epochs is known to 1 dB / sqrt(n) or better, so that noise alone never takes it 1 dB over.
-        """
-        enough = np.isfinite(self.o.cn0_dbhz).sum(axis=0) >= max(4, 0.5 * self.o.gpst.size)
-        most_db = POLICY.most_cn0_over_power_db + 1.0 + np.array([s.plan.strongest_dbw for s in self.o.signals])
-        loud = np.flatnonzero(enough & (np.where(self.known, self.levels_db, -np.inf) > most_db))
+        """Return a test of signals over what satellites send at most, if there are any."""
+        most_db = POLICY.most_cn0_over_power_db + np.array([s.plan.strongest_dbw for s in self.o.signals])
+        over_db = np.where(self.known, self.levels_db - most_db, -np.inf)
+        loud = np.flatnonzero(over_db > 0.0)
         if not loud.size:
             return []
+        seconds = [np.unique(np.floor(self.o.elapsed_s[rows])).size for rows in np.isfinite(self.o.cn0_dbhz[:, loud]).T]
+        p_value = chance_of_excess(over_db[loud], seconds, signals=int(self.known.sum()))
         strongest_db = float(self.levels_db[loud].max())
         data: dict[str, Datum] = {"strong": int(loud.size), "strongest_dbhz": strongest_db}
-        return [_Test("strong", 0.0, data, (Cause.GAIN,), tuple(loud.tolist()), strongest_db)]
+        return [_Test("strong", p_value, data, (Cause.GAIN,), tuple(loud.tolist()), strongest_db)]
 
     def _level_alone(self, changes: list[_Change], gauges: list[_GaugeChange]) -> list[_Test]:
         """Return tests of chains whose level rises while C/N0 of no carrier in them falls."""

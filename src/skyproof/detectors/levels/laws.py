@@ -16,6 +16,9 @@ scale of the receiver's own parts; its chance is that of one part times their nu
 **The losses.** Each signal is lost within a window independently, at a rate with a beta law that its past sharpens. The
 number of lost ones is beta-binomial (`OwnRate`; Gelman et al., 3.1 and 5.3).
 
+**The excess.** Readings of C/N0 err by one sigma `reading_sigma_db`, and those of one second alike. The median over t
+seconds has the variance `pi/2 reading_sigma_db^2 / t` about a level that is at most what a satellite's can be.
+
 **The pattern.** Levels of satellites differ by their elevation and by what they send. A transmitter that gives all its
 signals one power flattens the pattern. The slope of the change over the reference is then -1 (`pattern_slope`).
 """
@@ -36,6 +39,7 @@ __all__ = [
     "OwnRate",
     "OwnScale",
     "SharedChange",
+    "chance_of_excess",
     "estimate_shared_change",
     "find_dip",
     "mean_by_group",
@@ -74,6 +78,15 @@ class Dip(NamedTuple):
     stop: int
     parts: int
     scatter: float
+
+
+def chance_of_excess(over_db: ArrayLike, seconds: ArrayLike, *, signals: int) -> float:
+    """Return the chance that medians of readings over so many seconds exceed the highest true level by so much.
+
+    over_db, seconds : (n,) of those that do, of so many signals (union bound).
+    """
+    sigma_db = POLICY.reading_sigma_db * np.sqrt(0.5 * np.pi / np.asarray(seconds, np.float64))
+    return min(1.0, signals * float(special.ndtr(-np.asarray(over_db, np.float64) / sigma_db).min()))
 
 
 def find_dip(change_db: Reals, satellite: Indices, *, fading_db: float, common_db: float) -> Dip:

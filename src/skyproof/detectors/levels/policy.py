@@ -26,6 +26,11 @@ class LevelsPolicy:
     open_sky_loss_db: float = number(
         7.0, "dB", "A patch loses 5 dB at low elevations against 0 dBi, and the receiver's bits and filters 2 dB."
     )
+    reading_sigma_db: float = number(
+        1.0,
+        "dB",
+        "Readings to whole decibels err by 0.3 dB, and estimates over a second by less at 63 dB-Hz.",
+    )
     remembered_windows: int = number(
         6, "1", "At 10 s a window a satellite's own course follows elevation and slow drifts, and no step."
     )
