@@ -142,7 +142,7 @@ def attacked(draws: int, antennas: int) -> Iterator[str]:
         records, source = sky.drawn(rng)
         false = {s for s, is_false in zip(sky.o.signals, sky.false, strict=True) if is_false}
         for e in ins.examine(records)[0]:
-            subject = {ref.signal for ref in e.subject}
+            subject = {ref.signal for ref in e.signals}
             if stands_beside(e):
                 continue
             count[f"{e.says}, {'false' if subject <= false else 'true' if not subject & false else 'both'}"] += 1

@@ -202,7 +202,7 @@ def counted(scenes: Iterator[Drawn]) -> tuple[Counter[str], list[float], list[st
         count["attitude noted"] += any(stands_beside(e) for e in evidence)
         for e in evidence:
             if e.directions and e.says == "spoofed" and e.directions[0].frame == "enu":
-                of = scene.place[signals.index(e.subject[0].signal)]
+                of = scene.place[signals.index(e.signals[0].signal)]
                 if of >= 0:
                     off.append(min(off_sigma(d, scene.directions[of]) for d in e.directions))
                     count["directions given"] += len(e.directions)
@@ -258,7 +258,7 @@ def main() -> None:
     evidence, labels = judged(scene)
     print(scene.words)
     for e in evidence:
-        print(e.detector, e.says, explain(e).sentence, e.p_value, [f"{r.signal.sat}{r.signal.copy}" for r in e.subject])
+        print(e.detector, e.says, explain(e).sentence, e.p_value, [f"{r.signal.sat}{r.signal.copy}" for r in e.signals])
         print("   ", [np.degrees([d.azimuth_rad, d.elevation_rad]).round(1).tolist() for d in e.directions])
     for signal, label in labels.items():
         print(signal, label)

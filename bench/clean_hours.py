@@ -76,7 +76,7 @@ def _from_rates(evidence: Iterable[Evidence], rate: float) -> dict[str, float]:
     """By window, from which rate asked an hour on some of these tests reject."""
     found: dict[str, float] = {}
     for e in evidence:
-        share = e.false_alarm_probability or 1.0
+        share = e.alpha or 1.0
         window = str(e.start_gpst)
         found[window] = min(found.get(window, np.inf), rate * (e.p_value or 0.0) / share)
     return found

@@ -89,7 +89,7 @@ def _row(name: str, counts: NDArray[np.int64]) -> str:
 def _group_decision(records: Records) -> tuple[int, int]:
     """False and true signals called authentic; copy a is the true one here."""
     evidence, _ = MultiReceiver().examine(records)
-    kept = {ref for e in evidence if e.says == "authentic" for ref in e.subject}
+    kept = {ref for e in evidence if e.says == "authentic" for ref in e.signals}
     return sum(ref.signal.copy != "a" for ref in kept), sum(ref.signal.copy == "a" for ref in kept)
 
 

@@ -343,7 +343,7 @@ def reported(name: str) -> Iterator[str]:
     yield from wrong_labels(heard, outcome)
     for e in outcome.evidence:
         if e.p_value is not None or e.detector == "multi_receiver":
-            subject = " ".join(sorted(f"{ref.receiver}:{ref.signal.sat}{ref.signal.copy}" for ref in e.subject))
+            subject = " ".join(sorted(f"{ref.receiver}:{ref.signal.sat}{ref.signal.copy}" for ref in e.signals))
             yield f"{e.start_gpst} {e.detector} {e.says} p={e.p_value} group={e.group} {subject}: {explain(e).sentence}"
     for s in outcome.decision.labels:
         yield f"{s.ref} {s.label} {s.first_epoch}-{s.last_epoch} {s.because}"

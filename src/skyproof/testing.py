@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Reals
+from skyproof.detectors.adapter import get_alpha, get_signals
 from skyproof.detectors.base import Detector
 from skyproof.detectors.registry import evidence_fault, made_with
 from skyproof.explain import explain
@@ -268,8 +269,9 @@ def check_false_alarms(
     for records in windows:
         evidence, state = detector.examine(records, state)
         for said in evidence:
-            assert said.false_alarm_probability is not None, f"{detector.name} states no false alarm probability"
-            rates.append(said.false_alarm_probability)
+            alpha = get_alpha(said)
+            assert alpha is not None, f"{detector.name} states no false alarm probability"
+            rates.append(alpha)
             count += _is_alarm(said, alarms)
             words.add(said.says)
             p_values += [] if said.p_value is None else [said.p_value]
@@ -322,7 +324,7 @@ def _said(evidence: AnyFinding) -> tuple[str, ...]:
 
 
 def _key(evidence: AnyFinding) -> tuple[str, tuple[str, ...], str]:
-    return evidence.says, tuple(sorted(map(str, evidence.subject))), evidence.code
+    return evidence.says, tuple(sorted(map(str, get_signals(evidence)))), evidence.code
 
 
 def _numbers(evidence: AnyFinding) -> list[float]:

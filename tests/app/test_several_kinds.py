@@ -199,8 +199,8 @@ def test_what_one_kind_steps_by_leaves_the_others_as_they_were(clean):
     )
     said, _ = Continuity(ContinuitySettings(false_alarm_probability=1e-6)).examine(records)
     broken = [e for e in said if e.overrules]
-    assert {ref.signal.sat[0] for e in broken for ref in e.subject} == {"G"}
-    assert {ref.signal.sat[0] for e in said if e.says == "clean" for ref in e.subject} >= {"E"}
+    assert {ref.signal.sat[0] for e in broken for ref in e.signals} == {"G"}
+    assert {ref.signal.sat[0] for e in said if e.says == "clean" for ref in e.signals} >= {"E"}
 
 
 def test_a_fix_goes_over_to_the_band_that_is_left():

@@ -64,7 +64,7 @@ class App:
         reception = SimpleNamespace(
             source=samples,
             n_signals=12,
-            remarks=("a [dim] remark",),
+            noted=("a [dim] remark",),
             observations=None,
             examined_s=4.0,
             left_out="no time",

@@ -84,7 +84,7 @@ def test_no_satellite_below_the_mask_makes_the_word(mask_deg):
     (low,) = Residual(ResidualSettings(elevation_mask_deg=0.0)).examine(moved)[0]
     (high,) = Residual(ResidualSettings(elevation_mask_deg=mask_deg)).examine(moved)[0]
     assert (low.says, high.says) == ("multipath", "clean")
-    assert {ref.signal for ref in high.subject} == {
+    assert {ref.signal for ref in high.signals} == {
         signal
         for signal, at_deg in zip(records.observations[0].signals, elevation_deg, strict=True)
         if at_deg >= mask_deg
@@ -134,7 +134,7 @@ def test_two_skies_are_an_attack():
     (evidence,) = Residual().examine(replace(records, sets=found))[0]
     assert evidence.says == "attack"
     assert evidence.p_value < 1e-9
-    assert {ref.signal.copy for ref in evidence.subject} == {"a", "b"}
+    assert {ref.signal.copy for ref in evidence.signals} == {"a", "b"}
 
 
 def test_a_false_sky_at_the_true_place_shows_by_its_time():

@@ -1,8 +1,11 @@
 """Invented records: what detectors might say of receivers that might have measured."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from skyproof.detectors.adapter import adapt
 from skyproof.records import OBSERVABLES, ConsistentSet, Evidence, Observations, SignalId, SignalRef
 
 START = np.datetime64("2024-05-14T10:00:00", "ns")
@@ -72,22 +75,29 @@ class Invented:
         detector="one",
         p_value=1e-9,
         asked=1e-6,
-        because="why",
-        would_need=None,
+        code="",
+        **more,
     ):
         """What a detector says of the same signals in all of these receivers, in a window."""
-        return Evidence(
-            detector=detector,
-            start_gpst=at(window * WINDOW_S),
-            end_gpst=at((window + 1) * WINDOW_S),
-            subject=tuple(ref(name, receiver) for receiver in receivers for name in names),
-            says=says,
-            because=because,
-            p_value=p_value,
-            false_alarm_probability=asked,
-            would_need=would_need,
-            code=would_need or detector,
+        return adapt(
+            Evidence(
+                detector=detector,
+                start_gpst=at(window * WINDOW_S),
+                end_gpst=at((window + 1) * WINDOW_S),
+                subject=tuple(ref(name, receiver) for receiver in receivers for name in names),
+                says=says,
+                because="why",
+                p_value=p_value,
+                false_alarm_probability=asked,
+                code=code or detector,
+                **more,
+            )
         )
+
+    @staticmethod
+    def restated(finding, **changes):
+        """The same but for these fields of what the detector says."""
+        return adapt(replace(finding.estimates["evidence"], **changes))
 
     @staticmethod
     def sky(window: int, *names: str, receiver="rx1"):

@@ -87,7 +87,7 @@ def after(taken, found, says):
     """Names by window of what is said once there are two skies."""
     return {
         int((e.start_gpst - taken.invented.at(0)) / np.timedelta64(10, "s")): {
-            s.signal.sat + s.signal.copy for s in e.subject
+            s.signal.sat + s.signal.copy for s in e.signals
         }
         for e in found
         if e.says == says and e.start_gpst >= taken.invented.at(10.0 * taken.first)
@@ -127,9 +127,9 @@ def test_what_was_received_while_the_attack_may_have_been_hidden_is_not_taken_fo
 def test_the_start_is_not_clean_where_that_of_a_receiver_nearby_is_not(led_away):
     taken = led_away()
     nearby = replace(taken.observations, receiver="rx2")
-    subject = tuple(replace(ref, receiver="rx2") for ref in taken.evidence[0].subject)
+    subject = tuple(replace(ref, receiver="rx2") for ref in taken.evidence[0].signals)
     for window, believed in ((0, False), (3, True)):
-        doubted = replace(taken.evidence[window], subject=subject, says="attack")
+        doubted = taken.invented.restated(taken.evidence[window], subject=subject, says="attack")
         evidence = sorted([*taken.evidence, doubted], key=lambda e: e.start_gpst)
         both = [taken.observations, nearby]
         decision = fuse(evidence, both, taken.sets)
@@ -212,7 +212,7 @@ def test_a_push_of_the_clock_is_recognized_by_an_oscillator_whether_or_not_it_st
 
 def test_without_an_alarm_two_skies_are_left_alone(led_away):
     taken = led_away()
-    taken.evidence = [replace(e, says="clean") for e in taken.evidence]
+    taken.evidence = [taken.invented.restated(e, says="clean") for e in taken.evidence]
     assert not after(taken, taken.chosen(standing()), "spoofed")
 
 
@@ -220,7 +220,8 @@ def test_while_skies_have_not_parted_the_first_windows_are_true_and_nothing_else
     taken = led_away(away=1.0 * EAST)
     assert taken.first is None
     taken.evidence = [
-        replace(e, says="attack") if e.start_gpst >= taken.invented.at(80.0) else e for e in taken.evidence
+        taken.invented.restated(e, says="attack") if e.start_gpst >= taken.invented.at(80.0) else e
+        for e in taken.evidence
     ]
     decision = taken.decided(standing())
     assert [(s.label, s.first_epoch, s.last_epoch) for s in decision.labels[:2]] == [
@@ -299,7 +300,7 @@ def outcomes(invented, draws, kind):
             continue
         chose += 1
         predicted += 1.0 / (1.0 + np.exp(first.log_likelihood_ratio))
-        if {s.signal.copy for s in first.subject} == {"a"}:
+        if {s.signal.copy for s in first.signals} == {"a"}:
             wrong += 1
             worst_m = max(worst_m, float(np.abs(taken.away).max()) * (taken.found_s - taken.onset_s + 10.0))
     print(f"{kind}: {chose} of {draws} chose, predicted wrong {predicted:.3f}, wrong {wrong}, of {worst_m:.0f} m")
@@ -356,7 +357,7 @@ def overlapping(taken, apart_m, doubt=3.2e-4, reflected=(1e-6, 1.0), sigma_m=3.0
         order = int(rng.choice([-1, 1]))
         skies = (OverlappingSkies(sets=tuple(shown[::order]), doubt=doubt, reflected=reflected[::order]),)
         says = "attack" if window == 9 else "clean"
-        evidence.append(replace(one, says=says, overlapping=skies if window >= 6 else ()))
+        evidence.append(taken.invented.restated(one, says=says, overlapping=skies if window >= 6 else ()))
     return evidence
 
 
@@ -400,6 +401,6 @@ def test_of_skies_that_have_not_parted_or_are_in_doubt_none_is_chosen(led_away, 
 
 def test_skies_that_overlap_where_no_test_shows_an_attack_are_not_compared(led_away):
     taken = led_away()
-    calm = [replace(e, says="clean") for e in overlapping(taken, 100.0)]
+    calm = [taken.invented.restated(e, says="clean") for e in overlapping(taken, 100.0)]
     found = chosen_of(taken, calm, standing())
     assert (found.evidence, found.fixes) == ([], {})

@@ -158,29 +158,25 @@ def test_time_without_any_epoch_is_time_without_signals(invented):
 
 def test_a_failed_test_that_overrules_is_the_first_reason(invented, pair):
     evidence = [invented.evidence(window, "authentic", *SKY, receivers=BOTH) for window in range(4)]
-    evidence += [invented.evidence(window, "undecided", *SKY, p_value=None, because="often") for window in range(4)]
+    evidence += [invented.evidence(window, "undecided", *SKY, p_value=None, code="often") for window in range(4)]
     assert fuse(evidence, pair, []).verdict == "authentic"
-    broken = replace(invented.evidence(1, "undecided", "G05a", because="it jumps"), overrules=True)
+    broken = invented.evidence(1, "undecided", "G05a", code="jumps", overrules=True)
     decision = fuse([*evidence, broken], pair, [])
     assert decision.verdict == "suspect"
     assert decision.open.receivers == decision.suspicion.receivers == ("rx1",)
-    assert decision.suspicion.finding.because == "it jumps"
+    assert decision.suspicion.finding.code == "jumps"
 
 
 def test_the_reason_of_most_windows_is_given_with_its_remedy_and_no_other(invented, pair):
-    said = [
-        invented.evidence(w, "undecided", *SKY, p_value=0.5, because=f"{w} m too near", would_need="a longer mast")
-        for w in range(3)
-    ]
-    said.append(invented.evidence(3, "undecided", *SKY, p_value=0.5, because="too few", would_need="more satellites"))
-    question = fuse(said, pair, []).open
-    assert question.finding.because == "2 m too near"
+    said = [invented.evidence(w, "undecided", *SKY, p_value=0.5, code="near", null="one antenna") for w in range(3)]
+    said.append(invented.evidence(3, "undecided", *SKY, p_value=0.5, code="few", null="one antenna"))
+    assert fuse(said, pair, []).open.finding is said[2]
 
 
 def test_a_test_that_could_not_run_is_no_reason_beside_one_that_did(invented, pair):
-    could_not = [invented.evidence(w, "undecided", *SKY, because="too few", p_value=None) for w in range(3)]
-    ran = invented.evidence(3, "undecided", *SKY, p_value=0.5, because="too near", would_need="a longer mast")
-    assert fuse([*could_not, ran], pair, []).open.finding.because == "too near"
+    could_not = [invented.evidence(w, "undecided", *SKY, code="few", p_value=None) for w in range(3)]
+    ran = invented.evidence(3, "undecided", *SKY, p_value=0.5, code="near", null="one antenna")
+    assert fuse([*could_not, ran], pair, []).open.finding is ran
     assert fuse(could_not, pair, []).open.finding is None
 
 
@@ -190,12 +186,11 @@ def test_a_test_that_could_not_run_is_no_reason_beside_one_that_did(invented, pa
 def test_a_test_that_fails_in_one_window_makes_the_run_suspect(invented, pair):
     said = [invented.evidence(w, "clean", *SKY, receivers=BOTH, p_value=0.4) for w in range(4)]
     assert fuse(said, pair, []).verdict == "no_attack_seen"
-    failed = invented.evidence(2, "undecided", *SKY, because="it parts", would_need="more", detector="two")
-    failed = replace(failed, may_also_be=("oscillator",))
+    failed = invented.evidence(2, "undecided", *SKY, detector="two", may_also_be=("oscillator",))
     decision = fuse([*said, failed], pair, [])
     assert decision.verdict == "suspect"
     found = decision.suspicion
-    assert (found.receivers, found.finding.because) == (("rx1",), "it parts")
+    assert (found.receivers, found.finding) == (("rx1",), failed)
     assert found.may_also_be == ("oscillator",)
     assert (decision.onset.seen, decision.onset.earliest) == (failed.end_gpst, None)
 
@@ -206,25 +201,24 @@ def test_a_test_that_fails_in_one_window_makes_the_run_suspect(invented, pair):
 def test_only_a_rejected_sky_is_a_suspicion(invented, pair, changes):
     failed = invented.evidence(2, "undecided", *SKY)
     assert fuse([failed], pair, []).verdict == "suspect"
-    assert fuse([replace(failed, **changes)], pair, []).verdict == "no_attack_seen"
+    assert fuse([invented.restated(failed, **changes)], pair, []).verdict == "no_attack_seen"
 
 
 def test_a_suspicion_is_dated_by_the_test_that_dates_it(invented, pair):
     late = invented.evidence(1, "undecided", *SKY, detector="two")
-    dated = replace(invented.evidence(2, "undecided", *SKY, p_value=1e-20), dated_gpst=invented.at(14.0))
+    dated = invented.evidence(2, "undecided", *SKY, p_value=1e-20, dated_gpst=invented.at(14.0))
     decision = fuse([late, dated], pair, [])
     assert (decision.onset.gpst, decision.onset.sigma_s) == (invented.at(14.0), None)
 
 
 def test_a_suspicion_gives_its_worst_window_and_all_causes(invented, pair):
     def failed(window, p_value, detector, *causes):
-        e = invented.evidence(window, "undecided", *SKY, p_value=p_value, because=f"{p_value}", detector=detector)
-        return replace(e, may_also_be=causes)
+        return invented.evidence(window, "undecided", *SKY, p_value=p_value, detector=detector, may_also_be=causes)
 
     said = [failed(w, p, "two", "shade", "gain") for w, p in enumerate((1e-7, 1e-30, 1e-9))]
     said.append(failed(3, 1e-60, "three", "fault", "shade"))
     found = fuse(said, pair, []).suspicion
-    assert (found.finding.because, found.may_also_be) == ("1e-30", ("shade", "gain", "fault"))
+    assert (found.finding, found.may_also_be) == (said[1], ("shade", "gain", "fault"))
 
 
 def test_a_rival_signal_is_suspect_since_it_was_found(invented):
@@ -243,7 +237,7 @@ def test_a_rival_signal_is_suspect_since_it_was_found(invented):
 
 def test_an_attack_is_dated_by_a_test_that_failed_in_its_window(invented, pair):
     attack = invented.evidence(1, "attack", *SKY)
-    failed = replace(invented.evidence(1, "undecided", *SKY, detector="two"), dated_gpst=invented.at(10.5))
+    failed = invented.evidence(1, "undecided", *SKY, detector="two", dated_gpst=invented.at(10.5))
     assert fuse([attack], pair, []).onset.seen == attack.end_gpst
     assert fuse([attack, failed], pair, []).onset.seen == invented.at(10.5)
     before = replace(failed, dated_gpst=invented.at(3.0))
@@ -252,9 +246,9 @@ def test_an_attack_is_dated_by_a_test_that_failed_in_its_window(invented, pair):
 
 def test_an_attack_is_dated_by_what_overruled_just_before(invented, pair):
     attack = invented.evidence(2, "attack", *SKY)
-    failed = replace(invented.evidence(1, "undecided", *SKY, detector="two"), dated_gpst=invented.at(16.5))
+    failed = invented.evidence(1, "undecided", *SKY, detector="two", dated_gpst=invented.at(16.5))
     assert fuse([failed, attack], pair, []).onset.seen == invented.at(30.0)
-    overruled = replace(failed, overrules=True)
+    overruled = invented.restated(failed, overrules=True)
     assert fuse([overruled, attack], pair, []).onset.seen == invented.at(16.5)
     long_ago = replace(overruled, dated_gpst=invented.at(4.0))
     assert fuse([long_ago, attack], pair, []).onset.seen == invented.at(30.0)
@@ -412,10 +406,10 @@ def test_an_attack_that_ends_is_reported(invented):
 def test_two_skies_are_shown_while_it_is_open_which_is_true(invented):
     (observed, _) = attacked_pair(invented)
     sets = [invented.sky(0, *SKY)] + [invented.sky(w, *names) for w in (1, 2, 3) for names in (SKY, FALSE)]
-    evidence = [invented.evidence(w, "attack", *SKY, *FALSE, would_need="a second receiver") for w in (1, 2, 3)]
+    evidence = [invented.evidence(w, "attack", *SKY, *FALSE) for w in (1, 2, 3)]
     decision = fuse(evidence, [observed], sets)
     assert decision.verdict == "spoofed"
-    assert decision.open.finding.would_need == "a second receiver"
+    assert decision.open.finding is evidence[-1]
     assert {s.label for s in decision.labels} == {"unknown"}
     assert decision.sources == ()
     assert [{r.signal.copy for r in sky.signals} for sky in decision.skies] == [{"a"}, {"b"}]

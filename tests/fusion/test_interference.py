@@ -4,23 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 
+from skyproof.detectors.adapter import adapt
 from skyproof.fusion.interference import spells_of
-from skyproof.records import Evidence, NoiseRise
+from skyproof.records import Evidence, Finding, NoiseRise
 from skyproof.testing import MeasuredScene
 
 (RX,) = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=60).records(np.random.default_rng(0)).observations
 SECOND = np.timedelta64(1, "s")
 
 
-def window(number: int, *rises: NoiseRise) -> Evidence:
-    return Evidence(
-        detector="levels",
-        start_gpst=RX.gpst[10 * number],
-        end_gpst=RX.gpst[10 * number] + 10 * SECOND,
-        subject=(),
-        says="clean",
-        because="",
-        interference=rises,
+def window(number: int, *rises: NoiseRise) -> Finding:
+    return adapt(
+        Evidence(
+            detector="levels",
+            start_gpst=RX.gpst[10 * number],
+            end_gpst=RX.gpst[10 * number] + 10 * SECOND,
+            subject=(),
+            says="clean",
+            because="",
+            interference=rises,
+        )
     )
 
 
@@ -60,4 +63,4 @@ def test_a_spell_at_the_end_lasts() -> None:
 
 def test_nothing_looked_for_is_not_nothing() -> None:
     assert spells_of([window(0)], [RX]) == ()
-    assert spells_of([replace(window(0), interference=None)], [RX]) is None
+    assert spells_of([replace(window(0), estimates={})], [RX]) is None

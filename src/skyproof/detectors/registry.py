@@ -8,7 +8,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from skyproof.detectors.adapter import adapt, restore
+from skyproof.detectors.adapter import adapt, get_signals, restore
 from skyproof.detectors.base import Detector, NotTested, Reporter, signals_of
 from skyproof.detectors.entries import OURS, package_of, registered
 from skyproof.errors import SettingsError, readable, shortened
@@ -213,7 +213,7 @@ def _review_fault(detector: Detector, evidence: Sequence[AnyFinding], after: Seq
     if len(after) != len(evidence):
         return f"it gave {len(after)} of {len(evidence)} pieces of evidence, expected each once, in their order"
     own = [(old, new) for old, new in zip(evidence, after, strict=True) if old.detector == detector.name]
-    return next((fault for old, new in own if (fault := _evidence_fault(detector, new, set(old.subject)))), None)
+    return next((fault for old, new in own if (fault := _evidence_fault(detector, new, set(get_signals(old))))), None)
 
 
 def _words(error: Exception) -> str:

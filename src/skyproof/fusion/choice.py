@@ -133,7 +133,7 @@ def choices(
     navigation : orbits, for a foresight that learns from the fixes of epochs.
     """
     named = {s.ref.receiver for s in decision.labels if s.label in ("authentic", "spoofed")}
-    attacked = {ref.receiver for e in evidence if e.says == "attack" for ref in e.subject} - named
+    attacked = {ref.receiver for e in evidence if e.says == "attack" for ref in e.signals} - named
     asked = attacked & foresights.keys()
     every = {o.receiver: list(rivals_of(o, evidence, sets)) for o in observations} if asked else {}
     # Whoever attacks one receiver is within reach of the others: the start of none is clean where that of one is not.
@@ -365,9 +365,9 @@ def _at_home(found: Sequence[Finding]) -> Iterator[Finding]:
     """
     count: Counter[SignalRef] = Counter()
     for e in found:
-        count.update(dict.fromkeys(e.subject, _SIDES.get(e.says, 0)))
+        count.update(dict.fromkeys(e.signals, _SIDES.get(e.says, 0)))
     for e in found:
         side = _SIDES.get(e.says)
-        own = tuple(ref for ref in e.subject if side is None or side * count[ref] > 0)
+        own = tuple(ref for ref in e.signals if side is None or side * count[ref] > 0)
         if own:
             yield replace(e, signals=own)

@@ -83,7 +83,7 @@ def fuse(
         settled = trusted == everyone
     else:
         trusted = {o.receiver for o in observations if _always_authentic(o, labels, observations)}
-        trusted -= {ref.receiver for e in evidence if e.overrules and e.failed for ref in e.subject}
+        trusted -= {ref.receiver for e in evidence if e.overrules and e.failed for ref in e.signals}
         # What neither the sky nor an echo explains leaves the whole open, though the rest is authentic.
         odd = {u.ref.receiver for u in left if u.kind in ODD} | set(_reflected_alone(labels))
         settled = bool(observations) and trusted == everyone and not odd
@@ -114,7 +114,7 @@ def _vouched_for(
     """Receivers with authentic signals; those before the first evidence of an attack on the receiver do not count."""
     since: dict[str, np.datetime64] = {}
     for e in evidence:
-        for receiver in {ref.receiver for ref in e.subject} if e.says == "attack" else ():
+        for receiver in {ref.receiver for ref in e.signals} if e.says == "attack" else ():
             since[receiver] = min(e.start_gpst, since.get(receiver, e.start_gpst))
     gpst_of = {o.receiver: o.gpst for o in observations}
     return {

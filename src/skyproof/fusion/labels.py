@@ -108,10 +108,10 @@ def _votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[SignalRef, li
             continue
         said = list(of_window)
         # Where false signals are named beside the true ones it is no wonder that what is received does not go on.
-        false = {ref for e in said if e.says == "spoofed" for ref in e.subject if ref.receiver == o.receiver}
+        false = {ref for e in said if e.says == "spoofed" for ref in e.signals if ref.receiver == o.receiver}
         attacked = bool(false)
         tests = [
-            (e, {r for r in e.subject if r.receiver == o.receiver})
+            (e, {r for r in e.signals if r.receiver == o.receiver})
             for e in said
             if e.failed and not (e.overrules and attacked)
         ]
@@ -119,7 +119,7 @@ def _votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[SignalRef, li
         overruled = set[SignalRef]().union(*(own for e, own in tests if e.overrules))
         spoken: set[SignalRef] = set()
         for e in said:
-            own = {ref for ref in e.subject if ref.receiver == o.receiver}
+            own = {ref for ref in e.signals if ref.receiver == o.receiver}
             label: Label = e.says if e.says in ("authentic", "spoofed", "multipath") else "unknown"
             if label == "authentic" and any(len((own | false) & f) < POLICY.nearly_all_share * len(f) for f in failed):
                 label = "unknown"
@@ -148,7 +148,7 @@ def sources_of(evidence: Sequence[Finding]) -> tuple[FalseSource, ...]:
     groups: dict[tuple[SignalRef, ...], bool] = {}
     for e in evidence:
         if e.says == "spoofed":
-            groups[e.subject] = groups.get(e.subject, False) or not e.whole_sky
+            groups[e.signals] = groups.get(e.signals, False) or not e.whole_sky
     from_one = {ref for subject, one in groups.items() if one for ref in subject}
     return tuple(
         FalseSource(name=f"S{number}", signals=tuple(sorted(signals)), one_antenna=bool(signals & from_one))

@@ -86,7 +86,7 @@ class _Reason:
 
 def _kinds(evidence: Sequence[Finding]) -> set[str]:
     """The kinds of signal that were tested: system, band and code."""
-    return {f"{ref.signal.sat[0]} {ref.signal.band} {ref.signal.code}" for e in evidence for ref in e.subject}
+    return {f"{ref.signal.sat[0]} {ref.signal.band} {ref.signal.code}" for e in evidence for ref in e.signals}
 
 
 def _distance_m(distances: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
@@ -101,4 +101,4 @@ def _distance_m(distances: Sequence[tuple[float, float]]) -> tuple[float, float]
 
 def _compared(e: Finding) -> bool:
     """Whether the test had something to look at: it gives a p-value, or compared signals of several receivers."""
-    return e.p_value is not None or (not e.lacking and len({ref.receiver for ref in e.subject}) > 1)
+    return e.p_value is not None or (not e.lacking and len({ref.receiver for ref in e.signals}) > 1)

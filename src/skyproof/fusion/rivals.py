@@ -53,7 +53,7 @@ def rivals_of(o: ObservationLog, evidence: Sequence[Finding], sets: Iterable[Con
     """
     said: dict[tuple[np.datetime64, np.datetime64], _Said] = {}
     for e in evidence:
-        own = {ref.signal for ref in e.subject if ref.receiver == o.receiver}
+        own = {ref.signal for ref in e.signals if ref.receiver == o.receiver}
         if own:
             said.setdefault((e.start_gpst, e.end_gpst), _Said(set())).add(e, own)
     mine = (s for s in sets if s.receiver == o.receiver)

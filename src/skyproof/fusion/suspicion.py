@@ -47,7 +47,7 @@ def suspicion_of(
         if e.failed:
             key = reason_key(e)
             failures[key] = failures[key].and_of(e) if key in failures else _Failure(1, e)
-            receivers |= {ref.receiver for ref in e.subject}
+            receivers |= {ref.receiver for ref in e.signals}
             since = e.end_gpst if e.dated_gpst is None else e.dated_gpst
             seen = since if seen is None else min(seen, since)
     odd = [u for u in unexplained if u.kind in ODD]

@@ -48,7 +48,7 @@ def unexplained(
     than the longest window, though something is known of them at other times.
     """
     # A failed test of one receiver's signals says that they do not fit each other; one of several, that they differ.
-    failed = {ref for e in evidence if e.failed and len({ref.receiver for ref in e.subject}) == 1 for ref in e.subject}
+    failed = {ref for e in evidence if e.failed and len({ref.receiver for ref in e.signals}) == 1 for ref in e.signals}
     window_s = max(((e.end_gpst - e.start_gpst) / np.timedelta64(1, "s") for e in evidence), default=0.0)
     found: list[Unexplained] = []
     for o in observations:

@@ -379,16 +379,6 @@ class Finding(ShortRepr):
         """Return that of what is rejected against its opposite, natural logarithm, where there is a model for both."""
         return self._number("log_likelihood_ratio")
 
-    @property
-    def subject(self) -> tuple[SignalRef, ...]:
-        """Return `signals`."""
-        return self.signals
-
-    @property
-    def false_alarm_probability(self) -> float | None:
-        """Return `alpha`."""
-        return self.alpha
-
     def _number(self, name: str) -> float | None:
         value: Any = self.data.get(name)
         return None if value is None else float(value)

@@ -13,13 +13,14 @@ from skyproof.app.protect.coasting import trusted_and_coasted
 from skyproof.app.protect.document import document
 from skyproof.app.protect.foresights import InertialUnit, foresights_of
 from skyproof.app.protect.outcome import Outcome
+from skyproof.detectors.adapter import adapt
 from skyproof.fusion.choice_findings import CHOSEN
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.ins import InsSettings
-from skyproof.records import Attitude, Evidence, FixStatus, Records, SignalId, SignalRef
+from skyproof.records import Attitude, Evidence, Finding, FixStatus, Records, SignalId, SignalRef
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver, Sky, Takeover
 from skyproof.simulator.sky import scene_of
@@ -69,16 +70,18 @@ def led_away(
     return scene_of(scenario, NAVIGATION)
 
 
-def nothing_found(windows: Sequence[Records], signals: Sequence[SignalId]) -> list[Evidence]:
+def nothing_found(windows: Sequence[Records], signals: Sequence[SignalId]) -> list[Finding]:
     """Evidence of no detector in particular that every window is clean."""
     return [
-        Evidence(
-            detector="none",
-            start_gpst=w.start_gpst,
-            end_gpst=w.end_gpst,
-            subject=tuple(SignalRef("bow", signal) for signal in signals),
-            says="clean",
-            because="",
+        adapt(
+            Evidence(
+                detector="none",
+                start_gpst=w.start_gpst,
+                end_gpst=w.end_gpst,
+                subject=tuple(SignalRef("bow", signal) for signal in signals),
+                says="clean",
+                because="",
+            )
         )
         for w in windows
     ]
@@ -158,7 +161,7 @@ def _wrong_sky(heard, outcome: Outcome) -> bool | None:
         return None
     o = heard.reception.observations
     rows = slice(*np.searchsorted(o.gpst, np.array([first.start_gpst, first.end_gpst])))
-    shares = heard.false_share[rows][:, [o.signals.index(ref.signal) for ref in first.subject]]
+    shares = heard.false_share[rows][:, [o.signals.index(ref.signal) for ref in first.signals]]
     return bool(np.nanmean(shares > 0.5) > 0.5)
 
 

@@ -44,12 +44,12 @@ def spoofer(**given):
 def test_a_clean_sky_comes_from_several_directions(array_files, tmp_path):
     result = protect(platform=described(tmp_path, [array_files.sigmf]), nav=array_files.nav)
     (said,) = said_by(result, "array_common")
-    assert (said.says, {ref.receiver for ref in said.subject}) == ("authentic", {"array"})
-    assert len(said.subject) > 7
+    assert (said.says, {ref.receiver for ref in said.signals}) == ("authentic", {"array"})
+    assert len(said.signals) > 7
     assert explain(said).assumptions[0] in result.verdict.assumed
     (said,) = said_by(result, "ins_array")  # by the attitude and the lines that the sky itself shows
-    assert (said.says, {ref.receiver for ref in said.subject}) == ("authentic", {"array"})
-    assert len(said.subject) > 7
+    assert (said.says, {ref.receiver for ref in said.signals}) == ("authentic", {"array"})
+    assert len(said.signals) > 7
     assert explain(said).assumptions[0] in result.verdict.assumed
     assert not any(signal.label == "spoofed" for signal in result.verdict.signals)
 
@@ -89,7 +89,7 @@ def test_an_antenna_that_fails_is_left_out_and_reported(array_files, tmp_path, f
     assert "spoofed" not in labels
     (said,) = said_by(result, "array_common")
     assert said.says == "authentic"
-    assert len(said.subject) > 7
+    assert len(said.signals) > 7
     assert (f"Antenna 2 of array {how}, and is left out" in result.verdict.summary) == (how is not None)
     late = f"leave out the first {LATE_SAMPLES} samples of the others"
     assert (late in " ".join(result.verdict.inputs[0].all_remarks)) == (how == LATE)

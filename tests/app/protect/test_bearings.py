@@ -5,6 +5,7 @@ import pytest
 
 from skyproof.app.protect.bearings import bearings_of, ellipse_95
 from skyproof.app.protect.positions import Track
+from skyproof.detectors.adapter import adapt
 from skyproof.fusion.labels import FalseSource
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Direction, Evidence, Fix, FixStatus, SignalId, SignalRef
@@ -50,15 +51,17 @@ def seen(track, rng, *, several=False):
             frame="enu",
         )
         said.append(
-            Evidence(
-                detector="ins_array",
-                start_gpst=track.gpst[first],
-                end_gpst=track.gpst[first] + np.timedelta64(10, "s"),
-                subject=REFS,
-                says="spoofed",
-                because="signals of 3 satellites come to array from one direction",
-                p_value=1e-9,
-                directions=(one, one) if several else (one,),
+            adapt(
+                Evidence(
+                    detector="ins_array",
+                    start_gpst=track.gpst[first],
+                    end_gpst=track.gpst[first] + np.timedelta64(10, "s"),
+                    subject=REFS,
+                    says="spoofed",
+                    because="signals of 3 satellites come to array from one direction",
+                    p_value=1e-9,
+                    directions=(one, one) if several else (one,),
+                )
             )
         )
     return said

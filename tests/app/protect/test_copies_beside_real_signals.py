@@ -119,8 +119,8 @@ def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, 
     state, spoofed = None, []
     for records in windows:
         evidence, state = detector.examine(records, state)
-        spoofed.append({ref for e in evidence if e.says in ("spoofed", "attack") for ref in e.subject})
-        true = {ref for e in evidence if e.says == "authentic" for ref in e.subject}
+        spoofed.append({ref for e in evidence if e.says in ("spoofed", "attack") for ref in e.signals})
+        true = {ref for e in evidence if e.says == "authentic" for ref in e.signals}
         assert true
         assert {ref.signal.copy for ref in true} == {"a"}
     named = [{(ref.receiver, ref.signal.sat, ref.signal.copy) for ref in refs} for refs in spoofed]

@@ -80,7 +80,7 @@ def said_of(records, *, rate_sigma_hz=0.0, alpha=1e-4):
         rate_sigma_rad_s=2.0 * np.pi * rate_sigma_hz,
     )
     evidence, _ = Spin(SpinSettings(false_alarm_probability=alpha)).examine(replace(records, spin_arms=(arm,)))
-    words = {e.says: {ref.signal for ref in e.subject} for e in evidence}
+    words = {e.says: {ref.signal for ref in e.signals} for e in evidence}
     return words, evidence
 
 

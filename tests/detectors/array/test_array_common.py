@@ -132,7 +132,7 @@ def test_signals_of_one_antenna_are_named_and_a_true_one_among_them_is_not():
     evidence, _ = ArrayCommon().examine(window(array_phases(rng, direction)))
     (said,) = evidence
     assert said.says == "spoofed"
-    assert [ref.signal.sat for ref in said.subject] == ["G02", "G03", "G04", "G05", "G06"]
+    assert [ref.signal.sat for ref in said.signals] == ["G02", "G03", "G04", "G05", "G06"]
     assert said.p_value < 1e-3
 
 
@@ -146,7 +146,7 @@ def test_of_two_signals_of_one_satellite_from_the_transmitter_neither_is_named()
     (said,) = evidence
     assert (said.says, said.code) == ("spoofed", "one_direction")
     assert (said.data["size"], said.data["of"]) == (5, 5)
-    assert sorted(ref.signal.sat for ref in said.subject) == ["G01", "G03", "G04", "G05"]
+    assert sorted(ref.signal.sat for ref in said.signals) == ["G01", "G03", "G04", "G05"]
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5])
@@ -157,13 +157,13 @@ def test_what_a_channel_follows_that_has_lost_its_signal_is_not_compared(share):
     phase_cyc[round(share * 20) :, 2] = np.nan
     evidence, _ = ArrayCommon().examine(window(replace(phases, phase_cyc=phase_cyc)))
     (said,) = evidence
-    assert len(said.subject) == (5 if share < 0.2 else 6)
+    assert len(said.signals) == (5 if share < 0.2 else 6)
 
 
 def test_a_sky_of_eight_is_authentic():
     evidence, _ = ArrayCommon().examine(window(array_phases(np.random.default_rng(12), SKY)))
     assert [e.says for e in evidence] == ["authentic"]
-    assert len(evidence[0].subject) == 8
+    assert len(evidence[0].signals) == 8
 
 
 def test_two_signals_from_one_place_are_too_few_to_tell():
@@ -181,5 +181,5 @@ def test_missing_antennas_cost_the_cells_that_they_are_missing_in():
     made = {name: getattr(phases, name) for name in ("receiver", "signals", "gpst", "elapsed_s", "elements_m")}
     (said,), _ = ArrayCommon().examine(window(ArrayPhases(**made, phase_cyc=holed, sigma_cyc=phases.sigma_cyc)))
     assert said.says == "authentic"
-    assert "G04" not in {ref.signal.sat for ref in said.subject}
-    assert len(said.subject) == 7
+    assert "G04" not in {ref.signal.sat for ref in said.signals}
+    assert len(said.signals) == 7

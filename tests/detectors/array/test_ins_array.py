@@ -51,7 +51,7 @@ def said_of(records, **settings):
     """What is said of the signals: of each word the signals."""
     evidence, _ = InsArray(InsArraySettings(**settings)).examine(records)
     assert len({e.says for e in evidence}) == len(evidence)
-    return {e.says: {ref.signal for ref in e.subject} for e in evidence}, evidence
+    return {e.says: {ref.signal for ref in e.signals} for e in evidence}, evidence
 
 
 def with_two_elsewhere():
@@ -157,7 +157,7 @@ def test_an_attitude_that_is_wrong_is_reported_and_no_true_signal_is_called_spoo
     assert noted.code == "attitude_unused"
     # Fewer signals leave several attitudes open, one cycle of phase apart.
     assert noted.data == ({} if false else {"off_deg": pytest.approx(20.0, abs=1.0)})
-    spoofed = {ref.signal for e in evidence if e.says == "spoofed" for ref in e.subject}
+    spoofed = {ref.signal for e in evidence if e.says == "spoofed" for ref in e.signals}
     assert spoofed == (set(SIGNALS[2:4]) if false else set())
 
 
@@ -168,7 +168,7 @@ def test_lines_that_are_not_what_was_given_are_reported_and_no_true_signal_is_ca
     moved = replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2]))
     evidence, _ = InsArray().examine(replace(records, array_phases=(moved,)))
     assert [e.code for e in evidence if stands_beside(e)] == ["lines_unused"]
-    spoofed = {ref.signal for e in evidence if e.says == "spoofed" for ref in e.subject}
+    spoofed = {ref.signal for e in evidence if e.says == "spoofed" for ref in e.signals}
     assert spoofed == (set(SIGNALS[2:4]) if false else set())
 
 
@@ -207,7 +207,7 @@ def test_waves_that_are_sums_of_true_and_false_ones_are_of_no_sky_though_their_d
     differing, _ = ArrayCommon().examine(records)
     assert "authentic" in {e.says for e in differing}
     said, _ = InsArray().examine(records)
-    assert [(e.says, e.failed, e.overrules, len(e.subject)) for e in said] == [("undecided", True, True, len(SIGNALS))]
+    assert [(e.says, e.failed, e.overrules, len(e.signals)) for e in said] == [("undecided", True, True, len(SIGNALS))]
 
 
 def test_signals_of_one_transmitter_alone_say_the_same_wherever_antennas_are_stated_while_lines_are_not_known():

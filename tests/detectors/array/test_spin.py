@@ -453,7 +453,7 @@ def test_false_signals_are_named_although_one_slips(slip):
     evidence, _ = Spin().examine(spin_records(np.random.default_rng(13), directions, slip=slip))
     (said,) = evidence
     assert said.says == "spoofed"
-    assert [ref.signal.sat for ref in said.subject] == ["G05", "G06", "G07", "G08"]
+    assert [ref.signal.sat for ref in said.signals] == ["G05", "G06", "G07", "G08"]
 
 
 def test_a_sky_is_authentic_also_where_the_rate_is_known_roughly():
@@ -485,7 +485,7 @@ def test_signals_that_tell_no_time_are_no_false_ones_beside_others_that_do(timed
     if not timed:
         range_m[:] = np.nan
     evidence, _ = Spin().examine(replace(records, observations=(replace(o, pseudorange_m=range_m),)))
-    named = {ref.signal for one in evidence if one.says == "spoofed" for ref in one.subject}
+    named = {ref.signal for one in evidence if one.says == "spoofed" for ref in one.signals}
     assert named == (set() if timed else set(o.signals[:3]))
 
 

@@ -72,7 +72,7 @@ def test_a_false_place_on_one_band_shows() -> None:
     shift_m = np.linspace(-700.0, 700.0, len(SCENE._exact[0].signals))
     evidence = examine(two_bands(np.random.default_rng(1), shift_m))
     assert evidence.failed
-    assert len({ref.signal.sat for ref in evidence.subject}) >= 3
+    assert len({ref.signal.sat for ref in evidence.signals}) >= 3
 
 
 def test_a_delay_that_all_share_is_the_receivers() -> None:

@@ -177,7 +177,7 @@ def test_a_jump_between_bands_is_seen() -> None:
     both = with_second_band(pulled(records(0, replace(SCENE, epochs=30)), 20, (9e4, 0.0, 0.0)))
     lost = on_band(both, "L1", slice(10, 20), np.nan)
     windows = [replace(lost, observations=(lost.observations[0].read(k, k + 10),)) for k in (0, 10, 20)]
-    found = [e for e in examine(*windows) if len({ref.signal.band for ref in e.subject}) == 1]
+    found = [e for e in examine(*windows) if len({ref.signal.band for ref in e.signals}) == 1]
     assert "attack" in [e.says for e in found]
 
 
@@ -186,7 +186,7 @@ def test_a_second_band_that_jumps_alone_leaves_the_cause_open() -> None:
     jump_m = pulled(clean, 8, (900.0, 400.0, 0.0)).observations[0].pseudorange_m - clean.observations[0].pseudorange_m
     found = examine(on_band(with_second_band(clean), "L2", slice(8, None), jump_m[8:]))
     assert [e.says for e in found] == ["clean", "clean", "undecided", "clean"]
-    assert {ref.signal.band for ref in found[2].subject} == {"L2"}
+    assert {ref.signal.band for ref in found[2].signals} == {"L2"}
     assert found[2].may_also_be == (Cause.ORBITS, Cause.FAULT)
     assert (found[2].code, found[2].data["alone"]) == ("jumps", ("G L2",))
     assert found[2].overrules

@@ -296,8 +296,8 @@ def test_halves_of_two_receivers_joined_are_reported(row, slip):
     found = said(spliced(observed(1, noise=WHITE), other, row, slip=slip))
     first = failed(found)[0]
     assert (first.says, first.overrules, first.may_also_be) == ("undecided", True, ("joined",))
-    assert first.p_value < first.false_alarm_probability
-    assert {ref.signal for ref in first.subject} == set(observed(1, noise=WHITE).signals)
+    assert first.p_value < first.alpha
+    assert {ref.signal for ref in first.signals} == set(observed(1, noise=WHITE).signals)
     assert "position" in first.data["kinds"]
     assert first.data["position_m"] == pytest.approx(61.0, abs=5.0)
     assert abs(first.dated_gpst - observed(1, noise=WHITE).gpst[row]) <= np.timedelta64(300, "ms")

@@ -25,13 +25,13 @@ def said(seed, seconds, detector=RARE):
 
 
 def sats(evidence):
-    return [ref.signal.sat for ref in evidence.subject]
+    return [ref.signal.sat for ref in evidence.signals]
 
 
 def test_signals_alone_are_clean():
     evidence = said(1, {})
     assert evidence.says == "clean"
-    assert len(evidence.subject) == len(TAPS_SIGNALS)
+    assert len(evidence.signals) == len(TAPS_SIGNALS)
 
 
 @pytest.mark.parametrize("ray", [LATE, EARLY])
@@ -84,7 +84,7 @@ def test_gaps_shorten_what_is_looked_at():
     value[90:92, :7] = np.nan  # 408 looks are left
     value[::90, 7:] = np.nan
     (evidence,), _ = RARE.examine(replace(records, taps=(replace(taps, value=value),)))
-    assert len(evidence.subject) == 7
+    assert len(evidence.signals) == 7
 
 
 @pytest.mark.parametrize("least", [4, 11])

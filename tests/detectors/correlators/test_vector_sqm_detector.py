@@ -98,7 +98,7 @@ def test_channels_below_the_mask_are_not_tested():
     assert every.all()
     assert 4 <= high.sum() < every.sum()
     (evidence,) = VectorSqm(VectorSqmSettings(elevation_mask_deg=25.0)).examine(records)[0]
-    assert {ref.signal for ref in evidence.subject} == {s for s, kept in zip(taps.signals, high, strict=True) if kept}
+    assert {ref.signal for ref in evidence.signals} == {s for s, kept in zip(taps.signals, high, strict=True) if kept}
 
 
 def test_without_the_right_taps_nothing_is_said():

@@ -258,7 +258,7 @@ def test_signals_stronger_than_any_from_space_are_suspect() -> None:
     loud = sky()
     loud[:, 3] = GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + 4.0
     first, *_ = failed(examine(loud))
-    assert [ref.signal for ref in first.subject] == [EXACT.signals[3]]
+    assert [ref.signal for ref in first.signals] == [EXACT.signals[3]]
     assert (first.data["test"], first.data["strong"]) == ("strong", 1)
     assert first.may_also_be == (Cause.GAIN,)
 

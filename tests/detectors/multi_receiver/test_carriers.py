@@ -104,7 +104,7 @@ def examine(records, **settings):
 
 
 def named(evidence, says):
-    return {(ref.receiver, ref.signal.copy) for e in evidence if e.says == says for ref in e.subject}
+    return {(ref.receiver, ref.signal.copy) for e in evidence if e.says == says for ref in e.signals}
 
 
 def test_carriers_without_errors_fit_the_sky_whatever_the_epochs_the_distance_and_the_heights():

@@ -34,7 +34,7 @@ def examine(records, **settings):
 
 def named(evidence, says):
     """{(receiver, copy)} of the signals of which this is said."""
-    return {(ref.receiver, ref.signal.copy) for e in evidence if e.says == says for ref in e.subject}
+    return {(ref.receiver, ref.signal.copy) for e in evidence if e.says == says for ref in e.signals}
 
 
 def placed(receivers=2):
@@ -56,8 +56,8 @@ def rng(seed=0):
 def test_a_clean_sky_over_antennas_whose_places_are_known_is_named_authentic(receivers, seed):
     evidence = examine(scene(receivers).records(rng(seed)), **placed(receivers))
     assert [e.says for e in evidence] == ["authentic"]
-    assert len({ref.receiver for ref in evidence[0].subject}) == receivers
-    assert evidence[0].p_value < evidence[0].false_alarm_probability
+    assert len({ref.receiver for ref in evidence[0].signals}) == receivers
+    assert evidence[0].p_value < evidence[0].alpha
     assert evidence[0].statistic > evidence[0].threshold
 
 
@@ -117,7 +117,7 @@ def test_a_clean_sky_over_antennas_too_near_to_tell_is_undecided():
     assert (open_.code, open_.data["carriers"], open_.data["antennas_known"]) == ("one_antenna_or_sky", "missing", True)
     evidence = examine(records, antenna_separation_m=2.0)
     assert [(e.says, e.code) for e in evidence] == [("undecided", "one_antenna_or_sky")]
-    assert evidence[0].p_value > evidence[0].false_alarm_probability  # of one antenna: the test was made
+    assert evidence[0].p_value > evidence[0].alpha  # of one antenna: the test was made
 
 
 def test_antennas_farther_apart_than_was_allowed_are_reported_where_that_is_set():
@@ -131,7 +131,7 @@ def test_antennas_farther_apart_than_was_allowed_are_reported_where_that_is_set(
 def test_the_reason_of_a_run_names_all_kinds_of_signal_that_have_it():
     records = scene().records(rng())
     (of_one,) = examine(records)
-    others = [SignalRef(ref.receiver, replace(ref.signal, band="L2", code="L")) for ref in of_one.subject]
+    others = [SignalRef(ref.receiver, replace(ref.signal, band="L2", code="L")) for ref in of_one.signals]
     reason = open_question([replace(of_one, signals=tuple(others)), of_one], records.observations, set())
     assert (reason.finding, reason.also) == (of_one, ("G L2 L",))
     earlier = replace(of_one, signals=tuple(others), start_gpst=of_one.start_gpst - np.timedelta64(10, "s"))
@@ -318,7 +318,7 @@ def test_a_false_sky_that_shows_the_first_receiver_where_it_is_makes_no_true_sig
 def test_two_false_skies_are_two_groups():
     second = FalseSky(antenna_enu_m=(-500.0, 100.0, 20.0), shows_enu_m=(-900.0, 300.0, 5.0), delay_m=700.0)
     evidence = examine(scene(false=(MEACONER, second)).records(rng()))
-    groups = {e.group: {ref.signal.copy for ref in e.subject} for e in evidence}
+    groups = {e.group: {ref.signal.copy for ref in e.signals} for e in evidence}
     assert sorted(map(sorted, groups.values())) == [["a"], ["b"], ["c"]]
     assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
 
@@ -342,7 +342,7 @@ def test_of_signals_that_one_receiver_lacks_the_false_ones_are_named_alone():
     cut = [replace(s, signals=s.signals[2:]) if s.receiver == "rx2" else s for s in records.sets]
     evidence = examine(replace(records, sets=tuple(cut)))
     gone = {s.sat for s in records.sets[0].signals[:2]}
-    said = {(e.says, ref.signal.copy) for e in evidence for ref in e.subject if ref.signal.sat in gone}
+    said = {(e.says, ref.signal.copy) for e in evidence for ref in e.signals if ref.signal.sat in gone}
     assert said == {("spoofed", "b")}
     assert {e.says for e in evidence} == {"authentic", "spoofed"}
 

@@ -44,7 +44,7 @@ def said(made, **given):
 
 
 def subjects(evidence):
-    return sorted(sorted({ref.signal.sat for ref in e.subject}) for e in evidence)
+    return sorted(sorted({ref.signal.sat for ref in e.signals}) for e in evidence)
 
 
 @pytest.mark.parametrize("receivers", [2, 3])
@@ -53,7 +53,7 @@ def test_few_signals_are_named_in_every_receiver_by_the_antenna_they_come_from(r
     spoofed, authentic = said(made)
     assert len(authentic) == 1
     assert subjects(spoofed) == sorted([sorted([sats[0], sats[2]]), sorted([sats[4], sats[7]])])
-    assert all({ref.receiver for ref in e.subject} == set(list(PLACES)[:receivers]) for e in spoofed)
+    assert all({ref.receiver for ref in e.signals} == set(list(PLACES)[:receivers]) for e in spoofed)
     assert not any(e.whole_sky for e in spoofed)
     assert {e.code for e in spoofed} == {"unlike_echoes_of_one_antenna"}
 
@@ -85,7 +85,7 @@ def test_signals_as_late_and_weak_as_echoes_are_not_named():
 def test_early_signals_are_named_however_weak():
     made, sats = records(([0, 2, 5], [4]), over_db=-8.0, late_m=-700.0)
     spoofed, _ = said(made)
-    assert {ref.signal.sat for e in spoofed for ref in e.subject} == {sats[k] for k in (0, 2, 4, 5)}
+    assert {ref.signal.sat for e in spoofed for ref in e.signals} == {sats[k] for k in (0, 2, 4, 5)}
 
 
 def moved(made, by_m):
@@ -112,7 +112,7 @@ def test_signals_equally_off_in_all_receivers_may_have_wrong_orbits(apart_m, nam
     by_m = {("rx1", k): m for k, m in off_m.items()} | {("rx2", k): m + apart_m for k, m in off_m.items()}
     spoofed, authentic = said(moved(made, by_m))
     assert authentic
-    assert ({ref.signal.sat for e in spoofed for ref in e.subject} == {sats[k] for k in off_m}) == named
+    assert ({ref.signal.sat for e in spoofed for ref in e.signals} == {sats[k] for k in off_m}) == named
     assert bool(spoofed) == named
 
 
@@ -158,4 +158,4 @@ def test_a_sky_over_near_antennas_is_not_taken_for_one_antenna_for_want_of_anoth
     evidence, _ = MultiReceiver(MultiReceiverSettings(false_alarm_probability=1e-6)).examine(
         replace(made, sets=tuple(sets))
     )
-    assert not any(ref.signal.copy == "a" for e in evidence if e.says == "spoofed" for ref in e.subject)
+    assert not any(ref.signal.copy == "a" for e in evidence if e.says == "spoofed" for ref in e.signals)

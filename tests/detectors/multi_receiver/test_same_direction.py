@@ -39,7 +39,7 @@ def said(records, sky, imitated, **data):
     false = [SignalRef(r, s) for r in sky.receivers for s in records.sets[1].signals if s.sat in imitated]
     window = {"detector": "multi_receiver", "start_gpst": records.start_gpst, "end_gpst": records.end_gpst}
     window |= {"hypothesis": Hypothesis.ONE_ANTENNA, "alpha": 1e-3, "singled_out": True}
-    true = Finding(**window, signals=sky.subject, code="beside_false_sky", p={Cause.FALSE_SKY: 1e-9}, data={"group": 1})
+    true = Finding(**window, signals=sky.signals, code="beside_false_sky", p={Cause.FALSE_SKY: 1e-9}, data={"group": 1})
     imitated = Finding(**window, signals=tuple(false), code="least_contrast", p={Cause.CLEAN: 1e-9}, data=data)
     return [true, imitated]
 
@@ -48,7 +48,7 @@ def test_a_satellite_behind_the_antenna_is_left_out_unless_its_false_signal_is_k
     records, sky, sat = behind
     others = [s for s in sky.ranges.sats if s != sat]
     kept, spoofed = without_doubtful(records, [sky], said(records, sky, others))
-    assert {ref.signal.sat for ref in sky.subject} - {ref.signal.sat for ref in kept.subject} == {sat}
+    assert {ref.signal.sat for ref in sky.signals} - {ref.signal.sat for ref in kept.signals} == {sat}
     assert (kept.says, kept.data["doubtful"]) == ("authentic", 1)
     assert spoofed.says == "spoofed"
     whole = said(records, sky, sky.ranges.sats)
@@ -65,7 +65,7 @@ def test_three_satellites_that_are_left_are_not_authentic(behind):
     records, sky, sat = behind
     others = [s for s in sky.ranges.sats if s != sat]
     true, false = said(records, sky, others)
-    few = replace(true, signals=tuple(ref for ref in true.subject if ref.signal.sat in (sat, *others[:3])))
+    few = replace(true, signals=tuple(ref for ref in true.signals if ref.signal.sat in (sat, *others[:3])))
     kept, _ = without_doubtful(records, [sky], [few, false])
     assert (kept.says, kept.code, kept.group) == ("undecided", "few_without_doubtful", None)
     assert kept.data["found"] == "beside_false_sky"
@@ -84,5 +84,5 @@ def test_a_false_signal_of_the_antenna_is_doubtful_with_the_stated_probability()
         )
         wrong = pair_up(records, mixed, sky.noise, min_satellites=5)
         (true, _) = without_doubtful(records, [wrong], said(records, wrong, [s for s in sky.ranges.sats if s != sat]))
-        kept += sat in {ref.signal.sat for ref in true.subject}
+        kept += sat in {ref.signal.sat for ref in true.signals}
     assert kept == 0

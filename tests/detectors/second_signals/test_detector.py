@@ -47,7 +47,7 @@ def test_many_second_signals_are_an_attack_and_one_is_an_echo():
     (many,), (one,) = examine(observations(range(8))), examine(observations([3]))
     assert many.says == "attack"
     assert many.p_value < 1e-12
-    assert {ref.signal.sat for ref in many.subject} == {f"G{k + 1:02d}" for k in range(8)}
+    assert {ref.signal.sat for ref in many.signals} == {f"G{k + 1:02d}" for k in range(8)}
     assert one.says == "clean"
     assert one.p_value == 1.0
     assert (many.code, one.code) == ("unlike_echoes", "like_echoes")
@@ -114,7 +114,7 @@ def test_a_late_copy_of_the_whole_sky_is_named_and_no_attack():
     count, late = examine(copied)
     assert (count.says, late.says, late.code) == ("clean", "multipath", "late_copy")
     assert late.p["clean"] < 1e-12
-    assert {(ref.signal.sat, ref.signal.copy) for ref in late.subject} == {(f"G{k + 1:02d}", "b") for k in range(8)}
+    assert {(ref.signal.sat, ref.signal.copy) for ref in late.signals} == {(f"G{k + 1:02d}", "b") for k in range(8)}
 
 
 def test_delays_that_are_coarse_agree_by_chance_and_show_no_late_copy():
@@ -158,7 +158,7 @@ def test_too_few_satellites_are_not_called_clean():
 def test_every_receiver_has_its_own_evidence():
     evidence = examine(observations(range(8)), replace(observations(), receiver="rx2"))
     assert [e.says for e in evidence] == ["attack", "clean"]
-    assert evidence[1].subject[0].receiver == "rx2"
+    assert evidence[1].signals[0].receiver == "rx2"
 
 
 def test_a_channel_that_is_there_for_one_epoch_does_not_count():

@@ -396,7 +396,7 @@ class _Kept:
         """The evidence of one more window."""
         lacking = set()
         for one in said:
-            subject = self._once(tuple(self._once(ref) for ref in one.subject))
+            subject = self._once(tuple(self._once(ref) for ref in one.signals))
             if one.lacking:
                 key = one.detector, subject, one.lacking
                 lacking.add(key)

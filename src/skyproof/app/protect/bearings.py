@@ -99,9 +99,9 @@ def _rays(
     signals = frozenset(source.signals)
     rays = []
     for e in evidence:
-        if e.says != "spoofed" or len(e.directions) != 1 or not signals.issuperset(e.subject):
+        if e.says != "spoofed" or len(e.directions) != 1 or not signals.issuperset(e.signals):
             continue
-        receiver, direction = e.subject[0].receiver, e.directions[0]
+        receiver, direction = e.signals[0].receiver, e.directions[0]
         if direction.frame == "enu" and receiver in trusted:
             middle = e.start_gpst + (e.end_gpst - e.start_gpst) // 2
             half_s = 0.5 * seconds_between(e.end_gpst, e.start_gpst)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.protect.explanation import Explanation, explain_word
+from skyproof.app.protect.explanation import WordReason, explain_word
 from skyproof.app.protect.methods import of_detectors
 from skyproof.app.protect.noticed import noticed_sizes
 from skyproof.app.protect.outcome import DIGITS, InputNote, Outcome, ReceiverOutcome
@@ -54,7 +54,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
     if ended is not None:
         summary = f"{ended.what} {ended.when}; up to then: {summary}"
         if word == "authentic":  # an attack can begin after what was read
-            word, why = "no_attack_seen", Explanation(reason=ended.reason, remedy=ended.remedy)
+            word, why = "no_attack_seen", WordReason(reason=ended.reason, remedy=ended.remedy)
         if word == "no_attack_seen":
             why = replace(why, not_excluded=(f"what comes {ended.when}", *why.not_excluded))
     return Verdict(

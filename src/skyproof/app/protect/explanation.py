@@ -16,7 +16,7 @@ from skyproof.records import (
     Need,
 )
 
-__all__ = ["Explanation", "describe_unexplained", "explain_word", "why_untested"]
+__all__ = ["WordReason", "describe_unexplained", "explain_word", "why_untested"]
 
 
 _UNSEEN: dict[Need, str] = {
@@ -48,7 +48,7 @@ PREDICTS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Explanation:
+class WordReason:
     """Why the word is no stronger, and what belongs to that, as the document's keys have it.
 
     of_unexplained : the reason tells of the signals that stay unexplained.
@@ -61,7 +61,7 @@ class Explanation:
     remedy: str | None = None
 
 
-def explain_word(outcome: Outcome) -> Explanation:
+def explain_word(outcome: Outcome) -> WordReason:
     """Return why the word of a run is no stronger, from the finding that matters most."""
     decision = outcome.decision
     left = describe_unexplained(decision.unexplained)
@@ -71,10 +71,10 @@ def explain_word(outcome: Outcome) -> Explanation:
         to_do = (words and words.remedy) or _cure(outcome) or "a longer recording"
         causes: Any = tuple(str(cause) for cause in found.may_also_be)
         reason = words.sentence if words else left
-        return Explanation(reason=reason, of_unexplained=words is None, may_also_be=causes, remedy=to_do)
+        return WordReason(reason=reason, of_unexplained=words is None, may_also_be=causes, remedy=to_do)
     question = decision.open
     if question is None:
-        return Explanation(reason=None)
+        return WordReason(reason=None)
     about = f"which signals of {', '.join(question.receivers)} are true"
     why = left or "none of the tests that this input allows could decide"
     remedy = _cure(outcome) or ("a longer recording" if left else None)
@@ -88,8 +88,8 @@ def explain_word(outcome: Outcome) -> Explanation:
                 f"; these signals come from the sky if the antennas stand {distance_m:.1f} ± {sigma_m:.1f} m apart"
             )
     if decision.verdict == "spoofed":
-        return Explanation(reason=f"{about}: {why}", remedy=remedy)
-    return Explanation(
+        return WordReason(reason=f"{about}: {why}", remedy=remedy)
+    return WordReason(
         reason=f"it is not shown {about}: {why}",
         of_unexplained=question.finding is None,
         not_excluded=_not_excluded(outcome),

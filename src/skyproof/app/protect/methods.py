@@ -77,7 +77,7 @@ class OfDetector:
             statistic=None if telling is None else telling.statistic,
             threshold=None if telling is None else telling.threshold,
             p_value=None if telling is None else telling.p_value,
-            false_alarm_probability=asked.false_alarm_probability,
+            false_alarm_probability=asked.alpha,
         )
 
     def _would_need(self) -> str | None:

@@ -243,7 +243,7 @@ def _evidence_columns(evidence: Sequence[Finding]) -> dict[str, Any]:
         "start_gpst": instants("start_gpst"),
         "end_gpst": instants("end_gpst"),
         "says": words("says"),
-        "subject": np.array([", ".join(map(str, e.subject)) for e in evidence], dtype=str),
+        "subject": np.array([", ".join(map(str, e.signals)) for e in evidence], dtype=str),
         "statistic": numbers("statistic"),
         "threshold": numbers("threshold"),
         "p_value": numbers("p_value"),

@@ -73,7 +73,7 @@ def describe_distance(bearing: Bearing | None) -> str:
 def see_from(source: FalseSource, outcome: Outcome) -> dict[str, Any]:
     """From where a source's signals come, by the window that shows it best: what windows share does not average."""
     signals = frozenset(source.signals)
-    shown = [e.directions for e in outcome.evidence if e.directions and signals.issuperset(e.subject)]
+    shown = [e.directions for e in outcome.evidence if e.directions and signals.issuperset(e.signals)]
     best = min(shown, key=lambda directions: directions[0].sigma_rad, default=())
     directions = tuple(_source_direction(one) for one in best)
     keys = dict.fromkeys(("azimuth_deg", "elevation_deg", "direction_sigma_deg"))

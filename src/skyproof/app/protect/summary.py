@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from skyproof.app.protect.explanation import Explanation, describe_unexplained
+from skyproof.app.protect.explanation import WordReason, describe_unexplained
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.protect.positions import sigmas_enu_m
 from skyproof.app.protect.sources import describe_direction, describe_distance, see_from
@@ -23,13 +23,13 @@ from skyproof.verdict import (
 __all__ = ["summarize"]
 
 
-def summarize(outcome: Outcome, why: Explanation) -> str:
+def summarize(outcome: Outcome, why: WordReason) -> str:
     """Return what a run comes to, why the word is no stronger, and what stands beside it."""
     words = _summary(outcome, why) + _noted(outcome) + _left_out(outcome)
     return words[:1].upper() + words[1:]
 
 
-def _summary(outcome: Outcome, why: Explanation) -> str:
+def _summary(outcome: Outcome, why: WordReason) -> str:
     decision = outcome.decision
     left = f" {words}." if (words := describe_unexplained(decision.unexplained)) else ""
     if decision.verdict == "authentic":
@@ -103,7 +103,7 @@ def _noted(outcome: Outcome) -> str:
     noted: dict[tuple[Any, ...], Finding] = {}
     for e in outcome.evidence:
         if stands_beside(e):
-            key = (e.detector, e.code, *sorted({ref.receiver for ref in e.subject}))
+            key = (e.detector, e.code, *sorted({ref.receiver for ref in e.signals}))
             noted.setdefault(key, e)
     in_order = sorted(noted.values(), key=lambda e: e.says == "attack")
     said = list(dict.fromkeys(explain(e).sentence for e in in_order))

@@ -46,7 +46,7 @@ def correlations(outcome: Outcome, zero: np.datetime64) -> list[CorrelationParts
     found = _most_telling(outcome)
     if found is None:
         return []
-    name = found.subject[0].receiver
+    name = found.signals[0].receiver
     reception = next(r.reception for r in outcome.receivers if r.reception.source.name == name)
     o, grids = reception.observations, reception.ccaf
     if o is None or grids is None:
@@ -62,7 +62,7 @@ def _most_telling(outcome: Outcome) -> Finding | None:
     """The last of the least p-value among the pieces that are not of a clean sky."""
     best: Finding | None = None
     for e in outcome.evidence:
-        if e.detector != Dccaf.name or e.says == "clean" or e.p_value is None or e.lacking or not e.subject:
+        if e.detector != Dccaf.name or e.says == "clean" or e.p_value is None or e.lacking or not e.signals:
             continue
         if best is None or best.p_value is None or e.p_value <= best.p_value:
             best = e

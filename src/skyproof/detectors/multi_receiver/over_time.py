@@ -35,13 +35,13 @@ def _followed(
     geometry = window.geometry(pairing)
     refs = set(pairing.subject)
     doubts = ("spoofed", "attack") if window.one_choice else ("spoofed",)  # of several skies one is false anyway
-    doubted = any(refs & set(e.subject) for e in said if e.says in doubts)
+    doubted = any(refs & set(e.signals) for e in said if e.says in doubts)
     doubted |= window.one_choice and any(
         pairing.kinds & p.kinds and refs & set(p.subject) and _disagrees(window, p) for p in window.pairings
     )
     if geometry is None or doubted:
         return None
-    authentic = {ref for e in said if e.says == "authentic" for ref in e.subject}
+    authentic = {ref for e in said if e.says == "authentic" for ref in e.signals}
     run = prolonged(runs, pairing, still_open=not refs <= authentic, least=window.settings.min_satellites)
     return _Followed(window, pairing, run, geometry)
 

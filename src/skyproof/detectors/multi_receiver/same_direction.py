@@ -24,7 +24,7 @@ __all__ = ["without_doubtful"]
 
 def without_doubtful(records: Records, skies: Sequence[Pairing], said: Sequence[Finding]) -> list[Finding]:
     """Leave out of what is authentic in a window what an antenna of the false signals could have sent."""
-    groups = [e.subject for e in said if e.says == "spoofed" and not e.whole_sky]
+    groups = [e.signals for e in said if e.says == "spoofed" and not e.whole_sky]
     doubtful = {ref for sky in skies for group in groups for ref in _doubtful(records, sky, group)}
     return [_without(e, doubtful) if e.says == "authentic" else e for e in said]
 
