@@ -39,7 +39,7 @@ def said(records, sky, imitated, **data):
     false = [SignalRef(r, s) for r in sky.receivers for s in records.sets[1].signals if s.sat in imitated]
     window = {"detector": "multi_receiver", "start_gpst": records.start_gpst, "end_gpst": records.end_gpst}
     window |= {"hypothesis": Hypothesis.ONE_ANTENNA, "alpha": 1e-3, "singled_out": True}
-    true = Finding(**window, signals=sky.signals, code="beside_false_sky", p={Cause.FALSE_SKY: 1e-9}, data={"group": 1})
+    true = Finding(**window, signals=sky.subject, code="beside_false_sky", p={Cause.FALSE_SKY: 1e-9}, data={"group": 1})
     imitated = Finding(**window, signals=tuple(false), code="least_contrast", p={Cause.CLEAN: 1e-9}, data=data)
     return [true, imitated]
 
@@ -48,7 +48,7 @@ def test_a_satellite_behind_the_antenna_is_left_out_unless_its_false_signal_is_k
     records, sky, sat = behind
     others = [s for s in sky.ranges.sats if s != sat]
     kept, spoofed = without_doubtful(records, [sky], said(records, sky, others))
-    assert {ref.signal.sat for ref in sky.signals} - {ref.signal.sat for ref in kept.signals} == {sat}
+    assert {ref.signal.sat for ref in sky.subject} - {ref.signal.sat for ref in kept.signals} == {sat}
     assert (kept.says, kept.data["doubtful"]) == ("authentic", 1)
     assert spoofed.says == "spoofed"
     whole = said(records, sky, sky.ranges.sats)
