@@ -247,7 +247,7 @@ def _evidence_columns(evidence: Sequence[Finding]) -> dict[str, Any]:
         "statistic": numbers("statistic"),
         "threshold": numbers("threshold"),
         "p_value": numbers("p_value"),
-        "false_alarm_probability": numbers("false_alarm_probability"),
+        "false_alarm_probability": numbers("alpha"),
         "log_likelihood_ratio": numbers("log_likelihood_ratio"),
         "code": words("code"),
         "because": np.array([one.sentence for one in explained], dtype=str),
