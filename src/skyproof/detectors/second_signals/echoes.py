@@ -159,6 +159,8 @@ def _of_level(model: EchoModel, over_db: Reals, late_m: Reals, below_db: float) 
 def _echo_density(model: EchoModel, late_m: Reals, over_db: Reals, below_db: float, elevation: int) -> Reals:
     """(n, m) over delay and level."""
     late = _of_delay(model, late_m, elevation)[:, None] * _of_level(model, over_db, np.abs(late_m), below_db)
+    if model.early_share == 0.0:
+        return late
     turned = _of_delay(model, -late_m, elevation)[:, None] * _of_level(
         model, -over_db, np.abs(late_m), POLICY.headroom_db
     )
