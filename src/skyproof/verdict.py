@@ -477,14 +477,14 @@ class NoticedSize(_Model):
         """What would have been noticed, in words."""
         what, scale, unit = _NOTICED[self.kind]
         where = "" if self.share_of_windows > 0.995 else f" (in {100.0 * self.share_of_windows:.0f} % of the windows)"
-        return f"{what} of {self.size * scale:.3g} {unit} or more{where}"
+        return f"{what} {self.size * scale:.2g} {unit} or more{where}"
 
 
 _NOTICED: Final[dict[NoticedKind, tuple[str, float, str]]] = {
-    "position_jump": ("a jump of the position", 1.0, "m"),
-    "clock_jump": ("a jump of the time", 1e9, "ns"),
-    "code_drag": ("codes that drag the position off while carriers stay, by", 1.0, "m/s"),
-    "motion": ("a motion of what is stated to stand,", 1.0, "m/s"),
+    "position_jump": ("a jump of the position by", 1.0, "m"),
+    "clock_jump": ("a jump of the time by", 1e9, "ns"),
+    "code_drag": ("codes that drag the position off without their carriers at", 1.0, "m/s"),
+    "motion": ("carriers that move a receiver at rest at", 1.0, "m/s"),
 }
 """Each kind in words, with the factor from its SI unit to the unit that is shown."""
 

@@ -11,6 +11,7 @@ from skyproof.verdict import NoticedSize
 __all__ = ["noticed_sizes"]
 
 _UNITS: Final[dict[NoticedKind, str]] = {"position_jump": "m", "clock_jump": "s", "code_drag": "m/s", "motion": "m/s"}
+_KINDS: Final = tuple(_UNITS)
 
 
 def noticed_sizes(findings: Sequence[Finding]) -> Iterator[NoticedSize]:
@@ -27,7 +28,7 @@ def noticed_sizes(findings: Sequence[Finding]) -> Iterator[NoticedSize]:
                 of_kind = best.setdefault((receiver, attack.kind), {})
                 found = attack.size, finding.detector
                 of_kind[finding.start_gpst] = min(found, of_kind.get(finding.start_gpst, found))
-    for (receiver, kind), of_kind in sorted(best.items()):
+    for (receiver, kind), of_kind in sorted(best.items(), key=lambda each: (each[0][0], _KINDS.index(each[0][1]))):
         size, detector = max(of_kind.values())
         share = len(of_kind) / len(windows[receiver])
         yield NoticedSize(
