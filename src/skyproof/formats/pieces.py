@@ -43,6 +43,9 @@ NAME/as-given/*.npz: the same as the file gives them, before they are made ready
     "grids": """\
 NAME/grids/*.npz: powers of correlators over code delay and Doppler, as skyproof.receiver.grids describes them.
 """,
+    "inertial": """\
+inertial/*.npz: readings of the inertial unit in body axes, (n, 3), and `time_ns`, the ends of their intervals.
+""",
     "evidence.jsonl": """\
 evidence.jsonl: what the detectors said, a line each.
 """,

@@ -201,7 +201,7 @@ class _Walk:
         readings, state = self.foresight.readings, self.foresight.state
         start = window.start if state is None else state.gpst
         rows = slice(*np.searchsorted(readings.gpst, np.array([start, window.end])))
-        force = readings.specific_force_m_s2[rows]
+        force = readings.select(rows).specific_force_m_s2
         if len(force) < 3:
             return np.inf
         alone = force[1:-1] - 0.5 * (force[2:] + force[:-2])

@@ -38,7 +38,7 @@ from skyproof.navigation.ins_errors import STATES, transitions
 from skyproof.navigation.ins_updates import by_fix
 from skyproof.navigation.known import Known, known
 from skyproof.navigation.strapdown import strapdown, strapdown_paths
-from skyproof.records import ImuSeries, NavState
+from skyproof.records import ImuSeries, InertialReadings, NavState
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.kalman import kalman_update
 
@@ -73,7 +73,11 @@ def heading_sigma_rad(state: InsState) -> float:
 
 
 def align_moving(
-    readings: ImuSeries, fixes: Sequence[Known], settings: InsSettings, *, heading_most_rad: float = np.radians(10.0)
+    readings: InertialReadings,
+    fixes: Sequence[Known],
+    settings: InsSettings,
+    *,
+    heading_most_rad: float = np.radians(10.0),
 ) -> Alignment:
     """Align by fixes with velocity of a body that speeds up, brakes or turns on its way; the state is at the last
     reading before the last fix.

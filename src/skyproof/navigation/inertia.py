@@ -28,7 +28,7 @@ from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.ins_errors import error_covariance, start_covariance, with_covariance
 from skyproof.navigation.nav_state import state_at
 from skyproof.navigation.strapdown import strapdown_paths
-from skyproof.records import ImuSeries, NavState
+from skyproof.records import ImuSeries, InertialReadings, NavState
 
 __all__ = [
     "GAP_S",
@@ -228,6 +228,6 @@ def apparent_tilt_rad(state: NavState, specific_force_m_s2: ArrayLike) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(felt, up)), felt @ up))
 
 
-def readings_between(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
+def readings_between(readings: InertialReadings, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
     """Those later than one instant and no later than the other."""
     return readings.select(slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right")))

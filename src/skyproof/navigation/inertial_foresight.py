@@ -20,7 +20,7 @@ from skyproof.navigation.inertia import begin_free_run as begin_free
 from skyproof.navigation.ins import InsSettings, InsState, begin, correct, step
 from skyproof.navigation.ins_updates import antenna_of, by_fix, expect_fix
 from skyproof.navigation.known import Known, without
-from skyproof.records import Attitude, ImuSeries, NavState
+from skyproof.records import Attitude, InertialReadings, NavState
 
 __all__ = ["Inertial", "begun", "noise_of"]
 
@@ -42,7 +42,7 @@ class Inertial:
     after it ended; waiting : the fixes for the next alignment.
     """
 
-    readings: ImuSeries
+    readings: InertialReadings
     settings: InsSettings
     initial: Attitude | None
     clock: bool
@@ -129,7 +129,7 @@ def noise_of(fix: Known) -> Known:
     return replace(fix, covariance=_NOISE_SHARE * fix.covariance)
 
 
-def begun(readings: ImuSeries, initial: Attitude, fix: Known, settings: InsSettings) -> InsState | None:
+def begun(readings: InertialReadings, initial: Attitude, fix: Known, settings: InsSettings) -> InsState | None:
     """A navigator at the last reading before a fix with velocity, its attitude carried by the gyros from the first
     reading on, of which it is stated; None where that does not reach so far.
 

@@ -20,7 +20,7 @@ from skyproof.navigation.ins import InsSettings, InsState, step
 from skyproof.navigation.ins_updates import antenna_of
 from skyproof.navigation.known import Known
 from skyproof.navigation.vector_filter import VectorState
-from skyproof.records import Attitude, ImuSeries
+from skyproof.records import Attitude, InertialReadings
 
 __all__ = ["LASTS_S", "AntennaUnit", "FreeMotion", "Moved", "carried", "carrying"]
 
@@ -34,7 +34,7 @@ class AntennaUnit:
     """readings : of the whole run. initial : the attitude at the first of them. settings : with the lever arm to the
     antenna."""
 
-    readings: ImuSeries
+    readings: InertialReadings
     initial: Attitude
     settings: InsSettings
 

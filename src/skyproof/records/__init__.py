@@ -42,7 +42,7 @@ from skyproof.records.measurements import (
     ObservationLog,
     Observations,
 )
-from skyproof.records.platform import AntennaArray, Attitude, ImuSeries, NavState, SpinArm
+from skyproof.records.platform import AntennaArray, Attitude, ImuSeries, InertialReadings, NavState, SpinArm
 from skyproof.records.receiver_words import FrontEndLevels, ReceivedMessages, ReceiverFixes
 from skyproof.records.samples import MeasurementSource, OpenFile, SampleGap, Samples
 from skyproof.records.shapes import Selectable, freeze
@@ -77,6 +77,7 @@ __all__ = [
     "Holding",
     "Hypothesis",
     "ImuSeries",
+    "InertialReadings",
     "InterferenceSign",
     "Klobuchar",
     "MeasurementSource",

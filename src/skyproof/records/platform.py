@@ -1,6 +1,7 @@
 """Describe how antennas stand on the body that carries them, and how that body moves."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 from skyproof.arrays import Instants, Reals
 from skyproof.records.shapes import Selectable, freeze
@@ -10,6 +11,7 @@ __all__ = [
     "AntennaArray",
     "Attitude",
     "ImuSeries",
+    "InertialReadings",
     "NavState",
     "SpinArm",
 ]
@@ -66,6 +68,21 @@ class ImuSeries(ShortRepr, Selectable):
 
     def __post_init__(self) -> None:
         freeze(self, {"gpst": ("n",), "specific_force_m_s2": ("n", "3"), "angular_rate_rad_s": ("n", "3")})
+
+
+class InertialReadings(Protocol):
+    """Readings of one unit over a run, whose values may be on a disk: `ImuSeries` of a slice of them."""
+
+    @property
+    def gpst(self) -> Instants:
+        """(n,) ends of the intervals, rising."""
+
+    @property
+    def interval_s(self) -> float:
+        """Length of each interval."""
+
+    def select(self, rows: slice, /) -> ImuSeries:
+        """Return those of a slice without a step."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from tests.written import write_table
 
-from skyproof.app.common.body import Body, Carried, body_of, body_states, open_body, with_imu
+from skyproof.app.common.body import Body, Carried, body_of, body_states, open_body, with_imu, with_stored_readings
 from skyproof.app.common.platform import Platform
 from skyproof.app.common.platform_use import described
 from skyproof.app.common.settings import Settings
@@ -20,6 +20,8 @@ from skyproof.app.common.windows import windows_of
 from skyproof.errors import InputError, SettingsError
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.imu import COLUMNS
+from skyproof.formats.imu_pieces import StoredImuFile
+from skyproof.formats.pieces import Workspace
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, heading_pitch_roll_rad, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.navigation.attitude import interpolation_sigma_rad
@@ -254,6 +256,21 @@ def test_cuts_of_the_run_change_nothing(tmp_path):
     assert fine[-1].gpst[-1] == coarse[-1].gpst[-1]
     assert off_rad(fine[-1], coarse[-1].attitude[-1]) < 1e-7
     np.testing.assert_allclose(sigma_rad(fine[-1]), sigma_rad(coarse[-1]), rtol=1e-3)
+
+
+@pytest.mark.parametrize("each", [377, 5000])
+def test_readings_on_a_disk_give_the_same_states(tmp_path, monkeypatch, each):
+    carrier = platform(imu=imu(tmp_path))
+    files = open_body(carrier)
+    monkeypatch.setattr("skyproof.formats.imu_pieces.HELD_READINGS", 100)
+    monkeypatch.setattr("skyproof.formats.imu_pieces.PIECE_READINGS", each)
+    stored = with_stored_readings(files, Workspace(tmp_path))
+    assert isinstance(stored.imu, StoredImuFile)
+    names = ("one",)
+    held, read = (body_of(carrier, one, names, described(carrier, names), START, 300.0) for one in (files, stored))
+    for in_memory, from_disk in zip(*(through(one, [0.0, 10.0, 30.0], HOME)[0] for one in (held, read)), strict=True):
+        np.testing.assert_array_equal(from_disk.attitude, in_memory.attitude)
+        np.testing.assert_array_equal(from_disk.covariance, in_memory.covariance)
 
 
 def test_an_attack_that_begins_later_does_not_move_the_attitude_nor_one_from_the_start_its_truth(tmp_path):

@@ -28,6 +28,8 @@ from skyproof.errors import SettingsError
 from skyproof.formats.attitude import AttitudeFile, read_attitude
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.imu import ImuFile, imu_of, read_imu
+from skyproof.formats.imu_pieces import StoredImuFile, store_readings
+from skyproof.formats.pieces import Workspace
 from skyproof.formats.timed_rows import TimedRows
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic
@@ -36,7 +38,7 @@ from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.logs.content import InertialRows
 from skyproof.navigation.attitude import direction_off_rad, interpolation_sigma_rad, stated_state, stood
 from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin_free_run, coast
-from skyproof.records import Attitude, ImuSeries, NavState, Records
+from skyproof.records import Attitude, ImuSeries, InertialReadings, NavState, Records
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
@@ -62,13 +64,13 @@ class BodyFiles:
     initial : the attitude at the first inertial reading. sums : SHA-256 of each file as it was read, by its name.
     """
 
-    imu: ImuFile | None = None
+    imu: ImuFile | StoredImuFile | None = None
     attitude: AttitudeFile | None = None
     initial: Attitude | None = None
     sums: Mapping[str, str] = field(default_factory=dict)
 
     def remarks(
-        self, body: "Body | None", run: Records, readings: ImuSeries | None = None
+        self, body: "Body | None", run: Records, readings: InertialReadings | None = None
     ) -> Iterator[tuple[str, str, tuple[str, ...]]]:
         """Name, kind and remarks of each file, once its part in a run is known. readings : in GPS time."""
         stated = None if body is None else body.stated
@@ -87,7 +89,12 @@ _UNALIGNED: Final = (
 )
 
 
-def _coverage(series: ImuSeries | Attitude | None, run: Records) -> tuple[str, ...]:
+def with_stored_readings(files: BodyFiles, workspace: Workspace) -> BodyFiles:
+    """Return the files with the values of many inertial readings on a disk, read back by window."""
+    return replace(files, imu=store_readings(files.imu, workspace)) if isinstance(files.imu, ImuFile) else files
+
+
+def _coverage(series: InertialReadings | Attitude | None, run: Records) -> tuple[str, ...]:
     """What of a run a series leaves out; nothing where no signal told the time, which is said by itself."""
     if series is None or series.gpst.size == 1 or np.isnat(run.start_gpst):  # one alone holds at all times
         return ()
@@ -195,7 +202,7 @@ def _require_upright(imu: ImuFile, initial: Attitude, where: str) -> None:
         )
 
 
-def _start(readings: ImuSeries, initial: Attitude, place_ecef_m: Reals) -> NavState:
+def _start(readings: InertialReadings, initial: Attitude, place_ecef_m: Reals) -> NavState:
     """At the first reading, at rest: what moves it does not turn it."""
     return NavState(
         gpst=readings.gpst[:1],
@@ -222,7 +229,7 @@ class Body:
     """
 
     stated: Attitude | None = None
-    readings: ImuSeries | None = None
+    readings: InertialReadings | None = None
     initial: Attitude | None = None
     grade: ImuGrade | None = None
     places: Mapping[str, KnownPlace] = field(default_factory=dict)
@@ -354,7 +361,7 @@ def _turned(body: Body, records: Records, carried: Carried, places: list[Reals])
     return (_joined(paths, records.start_gpst) if paths else None), Carried(run, begun)
 
 
-def _between(readings: ImuSeries, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
+def _between(readings: InertialReadings, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
     """The readings later than an instant, up to the first that is not before the other."""
     first = int(np.searchsorted(readings.gpst, start_gpst, side="right"))
     stop = int(np.searchsorted(readings.gpst, end_gpst)) + 1

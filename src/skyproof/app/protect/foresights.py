@@ -15,7 +15,7 @@ from skyproof.navigation.foresight import Foresight, Standing, surveyed
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.ins import InsSettings
 from skyproof.navigation.vector_inertia import AntennaUnit
-from skyproof.records import Attitude, ImuSeries
+from skyproof.records import Attitude, InertialReadings
 
 __all__ = ["InertialUnit", "antenna_units", "foresights_of", "surveyed_positions", "unit_of"]
 
@@ -25,7 +25,7 @@ class InertialUnit:
     """A run's inertial unit. settings : but for oscillator and lever arm. levers_m : (3,) to the antenna of each
     receiver of which it is known. initial : the attitude at the first reading, if stated."""
 
-    readings: ImuSeries
+    readings: InertialReadings
     settings: InsSettings
     levers_m: Mapping[str, Reals]
     initial: Attitude | None

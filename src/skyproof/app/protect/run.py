@@ -10,7 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from skyproof.app.common.body import Body, BodyFiles, body_of, open_body, with_imu, with_logged_imu
+from skyproof.app.common.body import (
+    Body,
+    BodyFiles,
+    body_of,
+    open_body,
+    with_imu,
+    with_logged_imu,
+    with_stored_readings,
+)
 from skyproof.app.common.folder import ClaimedFolder, claim
 from skyproof.app.common.kernels import JUDGING, RECEIVING, make_ready
 from skyproof.app.common.memory import give_back
@@ -162,6 +170,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
         with heard():  # nothing is decided yet
             sources = open_inputs(paths, settings, navigation, called, workspace)
             carrier, body_files = _logged_imu(carrier, body_files, sources, str(platform or given.imu))
+            body_files = with_stored_readings(body_files, workspace)
             stated = _stated_sums(sources)
             names = [source.name for source in sources]
             if out is not None:
@@ -264,6 +273,8 @@ def _logged_imu(
     """
     first = sources[0]
     rows = first.inertial if isinstance(first, ObservedFile) else None
+    if isinstance(first, ObservedFile):
+        sources[0] = first = replace(first, inertial=None)  # they are not held twice
     try:
         return with_logged_imu(carrier, files, first.path or first.name, rows, where)
     except InputError as error:
