@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from scipy import stats
+from tests.app.kit import START
 from tests.app.protect.choosing import choice_of, inertia_of, judged, led_away
 
 from skyproof.app.common.settings import Settings
@@ -20,10 +21,11 @@ def pushed():
 
 def test_the_place_where_it_stood_chooses_and_the_trusted_position_never_leaves(pushed):
     assert pushed.verdict.verdict == "spoofed"
-    assert "imitated by a second sky beside the true one" in pushed.verdict.summary
-    assert "the probability that this is the wrong choice is 1e-12 or less" in pushed.verdict.summary
-    assert "bow does not move" in pushed.verdict.assumed
-    assert "were true until 10:00:28" in pushed.verdict.assumed
+    assert [source.one_antenna for source in pushed.outcome.decision.sources] == [False]
+    taken = choice_of(pushed).data
+    assert taken["wrong"] == 1e-12
+    assert {"receiver_stands", "clean_start"} <= set(taken["assumes"])
+    assert taken["clean_until"].startswith("10:00:28")
     assert not pushed.wrong
     assert pushed.off_m.max() < 6.0
     assert (pushed.off_m < 4.0 * pushed.sigma_m).all()
@@ -56,20 +58,19 @@ def test_the_report_draws_what_was_expected_both_skies_and_where_positions_come_
 def test_of_a_receiver_of_which_nothing_is_known_nothing_is_chosen():
     found = judged(led_away(), Settings())
     assert found.verdict.verdict == "spoofed"
-    assert "which of them is true is not decided" in found.verdict.summary
+    assert len(found.outcome.decision.skies) >= 2
     assert (found.verdict.assumed, choice_of(found), found.off_m.size) == (None, None, 0)
 
 
 def test_a_push_of_the_clock_is_recognized_by_an_oscillator_and_by_nothing_else():
     scene = led_away(speed_m_s=0.0, clock_m_s=12.0)
     found = judged(scene, Settings(speed_max_m_s=0.0, oscillator="ocxo"))
-    assert choice_of(found) is not None
+    assert "oscillator_ocxo" in choice_of(found).data["assumes"]
     assert not found.wrong
-    assert "oscillator of the class ocxo" in found.verdict.assumed
     assert found.off_m.max() < 6.0
     alone = judged(scene, STANDS)
     assert choice_of(alone) is None
-    assert "none is chosen" in alone.verdict.reason
+    assert alone.outcome.decision.open.finding.detector == "prediction"
     assert set(alone.source[alone.at_s > 31.0]) == {"inertia"}
     assert alone.off_m.max() < 6.0
 
@@ -106,8 +107,8 @@ def test_a_car_with_an_inertial_unit_chooses_and_is_carried_on_meanwhile():
     found = moving(DRIVE, "tactical", onset_s=35.0, duration_s=110.0)
     assert found.wrong_sky is False
     assert not found.wrong
-    assert "chosen from 10:01:" in found.verdict.summary
-    assert "the inertial unit errs no more than is stated of it" in found.verdict.assumed
+    assert (choice_of(found).start_gpst - START) / np.timedelta64(1, "s") >= 60.0
+    assert "inertial_as_stated" in choice_of(found).data["assumes"]
     source = found.source[np.argsort(found.at_s)]
     changes = np.flatnonzero(source[1:] != source[:-1])
     assert [str(word) for word in (*source[changes], source[-1])] == ["satellites", "inertia", "satellites"]

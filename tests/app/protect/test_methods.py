@@ -63,7 +63,7 @@ def test_a_failed_test_outranks_passed_ones(order):
     found = method(*(pieces[k] for k in order))
     assert (found.decision, found.p_value, found.tests) == ("failed", 6.6e-236, 4)
     assert (found.from_gpst, found.to_gpst) == ("2022-01-01T10:00:20.000", "2022-01-01T10:00:30.000")
-    assert found.would_need == "a second receiver"
+    assert found.would_need == explain(FAILED).remedy
 
 
 def test_of_failed_tests_the_least_p_stands_with_its_window():
@@ -93,14 +93,16 @@ def test_a_test_that_never_ran_gives_its_most_frequent_reason():
     ]
     found = method(early, *often)
     assert (found.ran, found.decision, found.p_value) == (False, None, None)
-    assert (found.why_not, found.would_need) == ("1 satellites", "five satellites")
+    reason = explain(often[0])
+    assert (found.why_not, found.would_need) == (reason.sentence, reason.remedy)
     assert (found.from_gpst, found.to_gpst) == (None, None)
 
 
 def test_a_remark_alone_is_no_test():
-    found = method(piece("clean", noted=True), piece("undecided", code="few_satellites", because="two satellites"))
-    assert (found.ran, found.decision, found.tests, found.why_not) == (False, None, 0, "two satellites")
-    assert method(piece("clean", noted=True, because="an antenna is left out")).why_not == "an antenna is left out"
+    remark, reason = piece("clean", noted=True), piece("undecided", code="few_satellites", because="two satellites")
+    found = method(remark, reason)
+    assert (found.ran, found.decision, found.tests, found.why_not) == (False, None, 0, explain(reason).sentence)
+    assert method(remark).why_not == explain(remark).sentence
 
 
 def test_what_has_no_p_value_shows_none_of_another_test():

@@ -36,6 +36,5 @@ def test_what_both_received_is_tested_and_of_the_rest_nothing_is_said(recorded, 
     ((alone, seconds),) = decision.alone_s
     assert alone == other
     assert seconds == pytest.approx(SECONDS - (to_s - from_s), abs=1.0)
-    assert f"Nothing is said of {seconds:.0f} s in which {other} was recorded" in result.verdict.summary
     unvouched = [s for s in decision.labels if s.ref.receiver == other and s.label == "unknown"]
     assert unvouched
