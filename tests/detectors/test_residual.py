@@ -8,7 +8,7 @@ from scipy import stats
 from skyproof.detectors.residual import Residual, ResidualSettings, plain_fixes
 from skyproof.detectors.residual_causes import find_reflected
 from skyproof.detectors.second_signals.detector import elevation_rad
-from skyproof.detectors.second_signals.second_sky import second_sky_p_value
+from skyproof.detectors.second_signals.second_sky import echoes_p_value, second_sky_p_value
 from skyproof.errors import SettingsError
 from skyproof.navigation.chance import chance_p_value
 from skyproof.navigation.fix import fix_and_geometry
@@ -188,20 +188,62 @@ def test_the_chance_counts_the_sets_that_second_signals_could_form_and_no_others
 @pytest.mark.parametrize(("of", "least", "most"), [(5, 1e-2, 1.0), (10, 0.0, 1e-7)])
 def test_few_satellites_of_another_kind_fit_elsewhere_by_chance(of, least, most):
     """As where their orbits or clocks are wrong by some hundred metres, each by its own: no second sky."""
+    o, sky, there = beside_galileo("E1")
+    other = elsewhere(sky, there["E1"][:of], 400.0)
+    assert least <= second_sky_p_value(o, (sky, other), unrelated_spread_m=300.0) <= most
+
+
+def beside_galileo(*bands):
+    """Return a sky's observations with as many satellites of Galileo in each band, its set, and signals by band."""
     records = scene().records(np.random.default_rng(0))
-    (sky,) = records.sets
-    (o,) = records.observations
-    there = tuple(
-        replace(signal, sat=f"E{number:02d}", band="E1", code="C") for number, signal in enumerate(o.signals, 1)
-    )
-    both = replace(
+    (sky,), (o,) = records.sets, records.observations
+    there = {
+        band: tuple(replace(s, sat=f"E{number:02d}", band=band, code="C") for number, s in enumerate(o.signals, 1))
+        for band in bands
+    }
+    times = 1 + len(bands)
+    every = replace(
         o,
-        signals=o.signals + there,
-        **{name: np.tile(getattr(o, name), (1, 2)) for name in (*OBSERVABLES, "status", "half_cycle_open")},
-        **{name: np.tile(getattr(o, name), 2) for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")},
+        signals=sum(there.values(), o.signals),
+        **{name: np.tile(getattr(o, name), (1, times)) for name in (*OBSERVABLES, "status", "half_cycle_open")},
+        **{name: np.tile(getattr(o, name), times) for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")},
     )
-    other = replace(sky, signals=there[:of], position_ecef_m=sky.position_ecef_m + 400.0, statistic=1.0, dof=of - 4)
-    assert least <= second_sky_p_value(both, (sky, other), unrelated_spread_m=300.0) <= most
+    return every, sky, there
+
+
+def elsewhere(sky, signals, off_m):
+    dof = len(signals) - 4
+    return replace(sky, signals=signals, position_ecef_m=sky.position_ecef_m + off_m, statistic=1.0, dof=dof)
+
+
+def test_bands_of_the_same_satellites_form_no_more_sets():
+    """Signals of a satellite take one way: three bands of eight satellites are eight paths and no 6561 sets."""
+    bands = ("E1", "E5a", "E5b")
+    o, sky, there = beside_galileo(*bands)
+    alone, every = (
+        echoes_p_value(o, elsewhere(sky, sum((there[band][:8] for band in own), ()), 400.0), unrelated_spread_m=300.0)
+        for own in (bands[:1], bands)
+    )
+    # Of several kinds the statistic of each is not known, and that which fits once in 10^4 stands for it.
+    assert alone < every < 1e3 * alone
+
+
+def test_what_is_kilometres_off_had_kilometres_to_be_in():
+    o, sky, there = beside_galileo("E1")
+    near, far = (
+        second_sky_p_value(o, (sky, elsewhere(sky, there["E1"][:8], off_m)), unrelated_spread_m=300.0)
+        for off_m in (100.0, 8000.0)
+    )
+    assert 0.0 < far < 1e-4 * near
+
+
+def test_a_signal_of_the_other_skys_kind_hides_no_sky():
+    """A false band beside which one signal of the true band fits by chance."""
+    o, sky, there = beside_galileo("E1")
+    pure = elsewhere(sky, there["E1"][:9], 400.0)
+    mixed = replace(pure, signals=(*pure.signals, sky.signals[-1]))
+    true = replace(sky, signals=sky.signals[:-1])
+    assert second_sky_p_value(o, (true, mixed), unrelated_spread_m=300.0) < 1e-6
 
 
 def test_the_chance_of_a_second_set_falls_with_its_size_and_is_one_without():

@@ -1,7 +1,8 @@
 """How improbable a consistent set is, if a receiver's signals, or its second ones, are echoes of one path each."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,12 +30,16 @@ def echoes_p_value(
 
     True signals pin a position down where they are four or more; so all that is beyond four has to fit by chance, as in
     `second_sky_p_value`, among all sets of so many satellites that the receiver could form. A satellite's signals of
-    several kinds take one way: they count once, and each further time scale takes one satellite for its clock.
+    several kinds take one way: they count once, also among the sets that could be formed, and each further time scale
+    takes one satellite for its clock.
     """
     mean = window_mean(observations)
     sigma_m = dict(zip(mean.signals, np.hypot(mean.sigma_m, multipath_sigma_m), strict=True))
     kinds = {signal.kind for signal in chosen.signals}
-    copies = Counter(signal.sat for signal in observations.signals if signal.kind in kinds)
+    sent = Counter((signal.sat, signal.kind) for signal in observations.signals if signal.kind in kinds)
+    copies: dict[str, int] = {}
+    for (sat, _), count in sent.items():
+        copies[sat] = max(count, copies.get(sat, 0))
     each_m: dict[str, float] = {}
     for signal in chosen.signals:
         each_m[signal.sat] = max(each_m.get(signal.sat, 0.0), float(sigma_m.get(signal, multipath_sigma_m)))
@@ -68,9 +73,10 @@ def second_sky_p_value(
     runs over all sets of this size that they could form, over the kinds (all have to fit, the least likely counts), and
     over the sets that were found.
 
-    A set of other kinds altogether (all of GPS show one place, all of Galileo another) needs no second signal. It is of
+    Kinds that the largest has not (GPS shows one place, Galileo another) need no second signal. They are of
     the same sky unless the places are farther apart than errors explain (`skies.apart_p_value`). And few satellites fit
-    one by chance, whose orbits, clocks or numbers are wrong, each by an amount of its own.
+    one by chance, whose orbits, clocks or numbers are wrong, each by an amount of its own: delays that spread at least
+    as far as its ranges are off at the other place (`_spread_m`).
     """
     ordered = sorted(sets, key=lambda s: (-len(s.signals), s.statistic))
     if len(ordered) < 2:
@@ -81,21 +87,23 @@ def second_sky_p_value(
     known = {signal.kind for signal in first.signals}
     p_values = []
     for chosen in ordered[1:]:
-        shared = sorted({signal.kind for signal in chosen.signals} & known)
-        if not shared:
-            both_m = [sigma_m.get(s, multipath_sigma_m) for s in (*first.signals, *chosen.signals)]
-            apart = _another_place(first, chosen, float(np.sqrt(np.mean(np.square(both_m)))))
-            by_chance = echoes_p_value(
-                observations, chosen, unrelated_spread_m=unrelated_spread_m, multipath_sigma_m=multipath_sigma_m
-            )
-            p_values.append(max(apart, by_chance))
-            continue
         chances = []
-        for kind in shared:
+        for kind in sorted({signal.kind for signal in chosen.signals} & known):
             own = [signal for signal in chosen.signals if signal.kind == kind]
             beside = [s for s in observations.signals if s.kind == kind and s not in first.signals]
             own_sigma_m = np.array([sigma_m.get(signal, multipath_sigma_m) for signal in own])
             chances.append(_by_chance(chosen, own, own_sigma_m, beside, unrelated_spread_m))
+        others = tuple(signal for signal in chosen.signals if signal.kind not in known)
+        if others:
+            both_m = [sigma_m.get(s, multipath_sigma_m) for s in (*first.signals, *chosen.signals)]
+            apart = _another_place(first, chosen, float(np.sqrt(np.mean(np.square(both_m)))))
+            by_chance = echoes_p_value(
+                observations,
+                replace(chosen, signals=others),
+                unrelated_spread_m=max(unrelated_spread_m, _spread_m(first, chosen, sigma_m)),
+                multipath_sigma_m=multipath_sigma_m,
+            )
+            chances.append(max(apart, by_chance))
         p_values.append(min(1.0, len(chances) * min(chances)))
     return min(1.0, len(p_values) * min(p_values))
 
@@ -123,3 +131,16 @@ def _another_place(one: ConsistentSet, other: ConsistentSet, sigma_m: float) -> 
         dof=one.dof + other.dof,
         sigma_m=sigma_m,
     )
+
+
+def _spread_m(first: ConsistentSet, chosen: ConsistentSet, sigma_m: Mapping[SignalId, float]) -> float:
+    """Return over how much the ranges of a set spread at least, as they are off at the place of another one, metres.
+
+    With weights w of the ranges and P the covariance of its position, whatever its clock, the weighted variance of what
+    a step changes the ranges by is step' P^-1 step / sum w. No values spread over less than twice its root.
+    """
+    step_m = first.position_ecef_m - chosen.position_ecef_m
+    weights = sum(sigma_m[signal] ** -2.0 for signal in chosen.signals if signal in sigma_m)
+    if not weights > 0.0:
+        return 0.0
+    return 2.0 * float(np.sqrt(step_m @ np.linalg.solve(chosen.covariance_m2[:3, :3], step_m) / weights))
