@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from skyproof.detectors.bands.detector import Bands, BandsSettings
+from skyproof.detectors.bands.laws import chance_of_common_change
 from skyproof.records import Cause, Observations, Records, SignalId
 from skyproof.testing import MeasuredScene, TrackErrors
 
@@ -16,9 +18,11 @@ SCENE = MeasuredScene(
 L5_HZ = 1176.45e6
 
 
-def two_bands(rng: np.random.Generator, shift_m=None, ionosphere_m: float = 15.0) -> Records:
+def two_bands(
+    rng: np.random.Generator, shift_m=None, ionosphere_m: float = 15.0, scene: MeasuredScene = SCENE
+) -> Records:
     """Return a clean sky on L1 and L5: each satellite with an ionosphere and a group delay, `shift_m` added to L1."""
-    records = SCENE.records(rng)
+    records = scene.records(rng)
     (o,) = records.observations
     n = len(o.signals)
     slant_m = rng.uniform(0.3, 1.0, n) * ionosphere_m
@@ -82,3 +86,63 @@ def test_a_delay_that_all_share_is_the_receivers() -> None:
 def test_one_band_alone_cannot_be_tested() -> None:
     found = examine(SCENE.records(np.random.default_rng(0)))
     assert (found.says, found.code, found.p_value) == ("undecided", "one_band", None)
+
+
+def windows_of(records: Records, epochs: int = 10) -> list[Records]:
+    (o,) = records.observations
+    cuts = range(0, o.gpst.size, epochs)
+    return [replace(records, observations=(o.read(first, first + epochs),)) for first in cuts]
+
+
+def long_sky(seed: int, change_m=None) -> Records:
+    """Return two bands over eight windows, `change_m` (n_epochs,) added to all codes of the first."""
+    rng = np.random.default_rng(seed)
+    shift_m = None if change_m is None else change_m[:, None]
+    return two_bands(rng, shift_m, scene=replace(SCENE, epochs=80))
+
+
+def follow(records: Records, **settings):
+    """Return the findings of what all satellites do together, window by window."""
+    detector, state = Bands(BandsSettings(**{"false_alarm_probability": RATE, **settings})), None
+    found = []
+    for window in windows_of(records):
+        findings, state = detector.examine(window, state)
+        found += [e for e in findings if e.code.endswith("together") and e.code != "together"]
+    return found
+
+
+def test_bands_of_a_clean_sky_stay_apart_as_they_were() -> None:
+    found = [e for seed in range(4) for e in follow(long_sky(seed))]
+    assert len(found) == 4 * 7  # the first window has none before
+    assert {e.code for e in found} == {"go_on_together"}
+
+
+@pytest.mark.parametrize("step_m", [-12.0, 40.0])
+def test_a_clock_step_of_one_band_is_found_at_its_epoch(step_m) -> None:
+    """The place that the band shows stays where it was: only the time of its signals moves."""
+    first = next(e for e in follow(long_sky(1, np.where(np.arange(80) >= 33, step_m, 0.0))) if e.failed)
+    (o,) = long_sky(1).observations
+    assert (first.code, first.says, first.may_also_be) == ("part_together", "undecided", (Cause.FAULT,))
+    assert first.dated_gpst == o.gpst[33]
+    assert len({ref.signal.sat for ref in first.signals}) == first.data["satellites"]
+
+
+def test_a_clock_push_of_one_band_is_no_oscillators() -> None:
+    push_m = 0.36 * np.maximum(np.arange(80) - 15.0, 0.0)
+    codes = [e.code for e in follow(long_sky(2, push_m))]
+    assert codes[-1] == "part_together"
+    assert codes[0] == "go_on_together"
+
+
+def test_one_satellite_that_steps_is_not_all() -> None:
+    change_m = np.zeros((80, len(SCENE._exact[0].signals)))
+    change_m[33:, 2] = 60.0
+    records = two_bands(np.random.default_rng(1), change_m, scene=replace(SCENE, epochs=80))
+    assert {e.code for e in follow(records)} == {"go_on_together"}
+
+
+@pytest.mark.parametrize("scatter_m", [1.0, 6.0])
+def test_the_chance_of_a_common_change_is_uniform(scatter_m) -> None:
+    rng = np.random.default_rng(5)
+    chances = [chance_of_common_change(rng.normal(0.0, scatter_m, 8), np.ones(8), 0.0)[1] for _ in range(1500)]
+    assert stats.kstest(chances, "uniform").pvalue > 1e-3

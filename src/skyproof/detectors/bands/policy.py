@@ -31,6 +31,16 @@ class BandsPolicy:
         "Kaplan & Hegarty, 9.5",
     )
     least_satellites: int = number(3, "1", "The median of three satellites outvotes one that is wrong.")
+    step_satellites: int = number(4, "1", "Of three satellites two that reflections change alike look like all.")
+    ionosphere_pace_m_s: float = number(
+        0.06,
+        "m/s",
+        "The delay of L1 changes by no more in storms: 20 TECU a minute.",
+    )
+    misfit_probability: float = number(
+        0.01, "1", "Chosen: changes scatter by more than their model so rarely; then the scatter gives their scale."
+    )
+    remembered_windows: int = number(6, "1", "At 10 s a window a minute: a slow push is metres by then.")
 
 
 POLICY: Final = BandsPolicy()
