@@ -261,6 +261,14 @@ def test_a_sky_that_is_drawn_off_at_the_end_of_a_window_is_not_authentic(axis):
     assert "motion" in open_.may_also_be
 
 
+def stated(records, thermal_m):
+    """The records with another thermal noise than the errors have."""
+    observed = [
+        replace(o, pseudorange_sigma_m=np.full_like(o.pseudorange_sigma_m, thermal_m)) for o in records.observations
+    ]
+    return replace(records, observations=tuple(observed))
+
+
 @pytest.mark.parametrize("correlation", [0.0, 0.9, 0.98])
 def test_errors_within_their_bound_fail_no_more_often_than_stated(correlation):
     """They swing as far as one sigma of 3 m makes them, which is the bound."""
@@ -268,15 +276,29 @@ def test_errors_within_their_bound_fail_no_more_often_than_stated(correlation):
     noise = TrackNoise(bound_m=3.0)
     p_values = []
     for _ in range(150):
-        records = made.records(numbers)
+        records = stated(made.records(numbers), 0.1)
         p_values.append(pair_up(records, records.sets, noise, min_satellites=5).swing_p_value)
     assert np.mean(np.array(p_values) < 0.05) < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 150)
     assert correlation or min(p_values) < 0.3  # of white noise it is no idle bound
 
 
-def test_errors_beyond_their_bound_fail():
-    records = scene(errors=TrackErrors(8.0, 0.5, 0.0)).records(rng())
-    assert pair_up(records, records.sets, TrackNoise(bound_m=3.0), min_satellites=5).swing_p_value < 1e-20
+@pytest.mark.parametrize(("thermal_m", "fails"), [(0.5, True), (8.0, False)])
+def test_errors_beyond_their_bound_fail_unless_noise_is_stated_so(thermal_m, fails):
+    records = stated(scene(errors=TrackErrors(8.0, 0.5, 0.0)).records(rng()), thermal_m)
+    pairing = pair_up(records, records.sets, TrackNoise(bound_m=3.0), min_satellites=5)
+    assert (pairing.swing_p_value < 1e-20) is fails
+
+
+def test_a_jammer_beside_receivers_makes_no_suspicion():
+    """Half of the window is jammed: C/N0 states the noise of 6 m, which is beyond the bound of slow errors."""
+    records = scene(errors=TrackErrors(1.0), step_s=0.5).records(rng())
+    numbers, jammed = rng(3), []
+    for o in records.observations:
+        late = np.arange(o.gpst.size)[:, None] >= o.gpst.size // 2
+        noise_m = np.where(late, numbers.normal(0.0, 6.0, o.pseudorange_m.shape), 0.0)
+        sigma_m = np.where(late, 6.0, o.pseudorange_sigma_m)
+        jammed.append(replace(o, pseudorange_m=o.pseudorange_m + noise_m, pseudorange_sigma_m=sigma_m))
+    assert not any(e.failed for e in examine(replace(records, observations=tuple(jammed)), **placed()))
 
 
 def test_a_known_baseline_settles_what_one_set_each_leaves_open():

@@ -68,7 +68,8 @@ class TrackNoise:
     multipath_sigma_m : error that stays constant over the window, one sigma.
     correlation_max : largest coefficient of AR(1) noise from epoch to epoch; 0 if the noise is white.
     miss_probability : chance, added to every p-value, that the confidence set of the coefficient misses it.
-    bound_m : no track's AR(1) error has a larger sigma than this, however slow it is; infinite if nothing is known.
+    bound_m : no track's AR(1) error has a larger sigma than this, however slow it is, thermal noise in it; infinite if
+        nothing is known.
     carrier_multipath_sigma_m : error of a carrier that stays constant over the window, one sigma.
     """
 

@@ -68,7 +68,7 @@ def _hold_against(window: Window, pairing: Pairing, geometry: AntennaGeometry, p
     if window.agrees(pairing, geometry):
         return [_report_agreeing(window, pairing, geometry, p_one)]
     p_known = pairing.survival(geometry)
-    steady = pairing.noise_m <= window.settings.error_bound_m
+    steady = pairing.noise_m <= pairing.noise.bound_m
     learnt = isinstance(geometry, LearntDistance)  # antennas may have moved apart since
     found = _find_agreeing_pairs(window, pairing) if len(pairing.sets) > 2 else []
     vouched = {ref for finding in found for ref in finding.signals}

@@ -316,10 +316,12 @@ def pair_up(
         noise = replace(
             noise, multipath_sigma_m=float(np.hypot(noise.multipath_sigma_m, POLICY.glonass_channel_sigma_m))
         )
+    # Interference raises thermal noise beyond any bound of slow errors; the receivers state it by their C/N0.
+    thermal_m = float(np.sqrt(np.mean(ranges.sigma_m**2))) if ranges.sigma_m.size else 0.0
     return Pairing(
         sets=sets,
         ranges=ranges,
-        noise=noise,
+        noise=replace(noise, bound_m=float(np.hypot(noise.bound_m, thermal_m))),
         navigation=records.navigation,
         start_gpst=records.start_gpst,
         end_gpst=records.end_gpst,

@@ -25,7 +25,7 @@ class MultiReceiverSettings:
     multipath_sigma_m : error of a track that stays constant over the window, one sigma.
     carrier_multipath_sigma_m : the same of a carrier. Between two receivers under open sky 1 to 6 mm were measured.
     correlation_max : largest AR(1) coefficient of the noise from epoch to epoch; 0 if it is known to be white.
-    error_bound_m : no track's slow error has a larger sigma; infinite if that is not known.
+    error_bound_m : no track's slow error has a larger sigma, beside thermal noise; infinite if that is not known.
     antenna_separation_m : the antennas stand at least this far from the first one, horizontally; 0 if they may share
         one, or nobody said.
     max_separation_m : they stand at most this far from it. It catches pairings of one receiver's true with another's

@@ -124,13 +124,13 @@ class Window:
         the noise goes beyond the bound of any track's error, that it does.
         """
         p_parts = agreement(geometry, pairing.baselines) if pairing.baselines else 1.0
-        if pairing.noise_m > self.settings.error_bound_m:
+        if pairing.noise_m > pairing.noise.bound_m:
             p_parts = pairing.swing_p_value
         return min(1.0, 2.0 * min(pairing.survival(geometry), p_parts))
 
     def believed(self, pairing: Pairing) -> tuple[Baseline, ...]:
         """Its baselines; none where the noise goes beyond the bound of any track's error."""
-        return pairing.baselines if pairing.noise_m <= self.settings.error_bound_m else ()
+        return pairing.baselines if pairing.noise_m <= pairing.noise.bound_m else ()
 
     def p_one(self, pairing: Pairing) -> float:
         """Of "one antenna", for all tests of the window together."""
