@@ -40,7 +40,6 @@ SUFFIX = {
 COMPUTING = {
     "adapter": {"_UNTESTED"},
     "app/common/body": {"_EQUATOR", "_PIECE_S"},
-    "app/common/folder": {"NAMED"},
     "app/common/packed_log": {"HELD_BYTES", "PACKED"},
     "app/common/platform_tables": {"AXES", "Metres", "ROTATION_ERROR", "SigmaDeg"},
     "app/common/platform_use": {"_ENU_FROM_NED"},

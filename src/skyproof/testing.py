@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Reals
-from skyproof.detectors.adapter import get_alpha, get_signals
+from skyproof.detectors.adapter import get_signals
 from skyproof.detectors.base import Detector
 from skyproof.detectors.registry import evidence_fault, made_with
 from skyproof.explain import explain
@@ -269,7 +269,7 @@ def check_false_alarms(
     for records in windows:
         evidence, state = detector.examine(records, state)
         for said in evidence:
-            alpha = get_alpha(said)
+            alpha = said.alpha if isinstance(said, Finding) else said.false_alarm_probability
             assert alpha is not None, f"{detector.name} states no false alarm probability"
             rates.append(alpha)
             count += _is_alarm(said, alarms)

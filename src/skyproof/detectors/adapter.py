@@ -9,7 +9,7 @@ from typing import Any
 
 from skyproof.records import AnyFinding, Cause, Evidence, Finding, Hypothesis, SignalRef
 
-__all__ = ["adapt", "get_alpha", "get_signals", "restore"]
+__all__ = ["adapt", "get_signals", "restore"]
 
 _UNTESTED = 1.0
 _FAILED: tuple[Cause, ...] = (Cause.FAULT,)
@@ -65,11 +65,6 @@ def restore(findings: Sequence[AnyFinding], detector: str) -> list[AnyFinding]:
 def get_signals(finding: AnyFinding) -> tuple[SignalRef, ...]:
     """Return the signals of a finding, or of evidence."""
     return finding.signals if isinstance(finding, Finding) else finding.subject
-
-
-def get_alpha(finding: AnyFinding) -> float | None:
-    """Return the false-alarm probability of a finding, or of evidence."""
-    return finding.alpha if isinstance(finding, Finding) else finding.false_alarm_probability
 
 
 def _find_p_values(evidence: Evidence) -> tuple[Hypothesis, dict[Cause, float], float | None]:

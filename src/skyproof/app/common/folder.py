@@ -7,17 +7,14 @@ from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from skyproof.errors import OutputError
+from skyproof.formats.bounds import listed
 
-__all__ = ["ClaimedFolder", "Stamps", "claim", "listed", "require_free", "stamps", "written_since"]
+__all__ = ["ClaimedFolder", "Stamps", "claim", "require_free", "stamps", "written_since"]
 
 Stamps = dict[str, tuple[int, int]]
 """What shows that a file is another one now: by name, its number on the disk and its time."""
-
-NAMED: Final = 5
-"""Files that a message names."""
 
 
 @dataclass(frozen=True)
@@ -106,12 +103,6 @@ def require_free(folder: Path, taken: Collection[str], earlier: Collection[str],
             f"{folder} holds {what}: {listed(sorted(earlier))}; name another folder with --out, or give --overwrite "
             "to replace them"
         )
-
-
-def listed(names: list[str]) -> str:
-    """The first names, and how many more there are."""
-    more = len(names) - NAMED
-    return ", ".join(names[:NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def stamps(folder: Path) -> Stamps:

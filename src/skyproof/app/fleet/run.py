@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-from skyproof.app.common.folder import claim, listed, require_free
+from skyproof.app.common.folder import claim, require_free
 from skyproof.app.common.kernels import RECEIVING, make_ready
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.fleet.catalogue import CatalogueItem, read_catalogue
@@ -17,6 +17,7 @@ from skyproof.batch import ITEMS, Item, Processes, Runner, Store, run
 from skyproof.compiled import threads
 from skyproof.errors import OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
+from skyproof.formats.bounds import listed
 from skyproof.report.fleet import fleet_html
 
 __all__ = ["PAGE", "TABLE", "FleetResult", "fleet"]
