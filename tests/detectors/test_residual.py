@@ -97,6 +97,13 @@ def test_where_too_few_satellites_stand_above_the_mask_that_is_the_reason():
     assert (evidence.says, evidence.code) == ("undecided", "few_above_mask")
 
 
+def test_where_no_satellite_stands_above_the_mask_nothing_is_tested():
+    """Such a window ended the run."""
+    records = scene().records(np.random.default_rng(1))
+    (finding,), _ = Residual(ResidualSettings(elevation_mask_deg=89.9)).examine(records)
+    assert finding.says == "undecided"
+
+
 @pytest.mark.parametrize("columns", [(4,), (4, 7), (1, 4, 7)])
 def test_satellites_farther_off_than_any_echo_have_wrong_orbits(columns):
     records = scene().records(np.random.default_rng(0))

@@ -66,8 +66,8 @@ class RangeFit:
 
     @property
     def rows(self) -> Indices:
-        """Return the rows of all groups."""
-        return np.concatenate(self.groups)
+        """Return the rows of all groups; none of a fit without any."""
+        return np.concatenate([np.empty(0, np.intp), *self.groups])
 
     @property
     def clocks(self) -> Reals:
