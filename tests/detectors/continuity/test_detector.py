@@ -379,6 +379,29 @@ def test_missing_samples_are_reported_and_are_no_failure(motion):
     assert only.data["missing_s"] == pytest.approx(0.4, abs=1e-6)
 
 
+def with_second_kind(o):
+    """The same satellites by another code too."""
+    second = tuple(replace(signal, code="W") for signal in o.signals)
+    twice = {name: np.tile(getattr(o, name), (1, 2)) for name in (*OBSERVABLES, "status")}
+    lives = {name: np.tile(getattr(o, name), 2) for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")}
+    return replace(o, signals=o.signals + second, half_cycle_open=np.array(False), **twice, **lives)
+
+
+@pytest.mark.parametrize("only_one", [True, False], ids=["one kind", "both kinds"])
+def test_samples_are_missing_in_all_kinds_or_in_none(only_one):
+    """A kind that is ahead while the other goes on is no gap of a recording."""
+    o, row = with_second_kind(observed(noise=WHITE)), 77
+    late = ahead(o, row, 5e-7)
+    if only_one:
+        n = len(o.signals) // 2
+        cells = {
+            name: np.hstack((getattr(late, name)[:, :n], getattr(o, name)[:, n:])) for name in (*OBSERVABLES, "status")
+        }
+        late = replace(late, **cells)
+    codes = {e.code for e in failed(said(late))}
+    assert codes == ({"step"} if only_one else {"time_ahead"})
+
+
 def test_a_jump_that_no_platform_makes_in_an_outage_is_reported_and_a_speed_limit_finds_more():
     far = spliced(observed(1), observed(2, place=(900.0, 0.0), lo_ppm=0.8), 80)
     near = spliced(observed(1), observed(2, place=(90.0, 0.0)), 80)

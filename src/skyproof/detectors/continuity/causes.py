@@ -60,7 +60,7 @@ def p_values_by_cause(series: Series, row: int, step: Step, limits: Limits, *, s
     position = _moved_p_value(jump.jump[:, :3], jump, motion_slack_m(np.array([unseen_s]), limits))
     speed = _speed_p_value(rate, float(sides.gap_s[0]), limits)
     p = {Cause.OSCILLATOR: min(position, speed)}
-    if step.broke:
+    if sides.all_broke[0]:
         p[Cause.MISSING_SAMPLES] = _missing_samples_p_value(sides, jump, rate, step, unseen_s, limits)
     p[Cause.FAULT] = _fault_p_value(sides, unseen_s, limits)
     # At each epoch all four kinds of step are tested; unrelated changes make one of position and clock together.

@@ -19,7 +19,7 @@ explains, which errs to the safe side.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -97,7 +97,8 @@ class Series:
     show, -u . p + c clock from the first epoch on. bridge_m2 : accumulated variance of bridges by Doppler.
     rate_m_s, rate_m2_s2 : -u . v + c drift, and its variance.
     divides : (n_epochs,) nothing was measured for a while before, or nearly all carriers broke: what lies on the two
-    sides is compared at this epoch only. broke : (n_epochs,) that it was the carriers.
+    sides is compared at this epoch only. broke : (n_epochs,) that it was the carriers. all_broke : (n_epochs,) that
+    those of all kinds of signals did, as where samples are missing.
     """
 
     elapsed_s: Reals
@@ -109,6 +110,7 @@ class Series:
     rate_m2_s2: Reals
     divides: Booleans
     broke: Booleans
+    all_broke: Booleans
     unit: Reals
 
 
@@ -180,7 +182,8 @@ def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, 
     Gaps of a signal beside others are bridged by its Dopplers on both sides, with the variance that the largest
     acceleration gives.
     """
-    return _series(o.elapsed_s, _columns_of(o, navigation, place_ecef_m, limits))
+    columns = _columns_of(o, navigation, place_ecef_m, limits)
+    return _series(o.elapsed_s, columns, _broke_at_once(columns.broke, columns.there))
 
 
 def series_of_groups(
@@ -191,13 +194,15 @@ def series_of_groups(
     What holds for each signal by itself is found once for all.
     """
     whole = _columns_of(o, navigation, place_ecef_m, limits)
+    all_broke = _broke_at_once(whole.broke, whole.there)
     found = []
     for columns in groups:
         own = columns_of(o, columns)
         if own.gpst.size == o.gpst.size:
-            found.append((own, _series(o.elapsed_s, whole.take(columns))))
+            found.append((own, _series(o.elapsed_s, whole.take(columns), all_broke)))
         elif own.gpst.size > 2:
-            found.append((own, series_of(own, navigation, place_ecef_m, limits)))
+            rows = np.searchsorted(o.elapsed_s, own.elapsed_s)
+            found.append((own, replace(series_of(own, navigation, place_ecef_m, limits), all_broke=all_broke[rows])))
     return found
 
 
@@ -238,8 +243,8 @@ def _columns_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals
     )
 
 
-def _series(elapsed_s: Reals, columns: _Columns) -> Series:
-    """The series of signals that are looked at together."""
+def _series(elapsed_s: Reals, columns: _Columns, all_broke: Booleans) -> Series:
+    """The series of signals that are looked at together. all_broke : as of `Series`."""
     broke = _broke_at_once(columns.broke, columns.there)
     dt_s = np.diff(elapsed_s)
     gap = np.concatenate(([False], dt_s > POLICY.outage_intervals * np.median(dt_s)))
@@ -253,6 +258,7 @@ def _series(elapsed_s: Reals, columns: _Columns) -> Series:
         rate_m2_s2=columns.rate_m2_s2,
         divides=broke | gap,
         broke=broke,
+        all_broke=all_broke,
         unit=columns.unit,
     )
 
@@ -310,7 +316,7 @@ class Sides(NamedTuple):
     """What lies on the two sides of K epochs of a series: (K, m), but for unit (K, m, 3) and what is of the epoch (K,).
 
     level, rate : the contrasts of offsets and of rates, and their variances. before, after : the rates at the epochs
-    next to it, and their variances. gap_s : between those. divides, broke : as of `Series`.
+    next to it, and their variances. gap_s : between those. divides, broke, all_broke : as of `Series`.
     """
 
     level_m: Reals
@@ -325,6 +331,7 @@ class Sides(NamedTuple):
     gap_s: Reals
     divides: Booleans
     broke: Booleans
+    all_broke: Booleans
 
     def take(self, rows: Booleans | Indices) -> "Sides":
         return Sides(*(np.asarray(getattr(self, name))[rows] for name in self._fields))
@@ -348,6 +355,7 @@ def sides_of(series: Series, rows: Indices, limits: Limits) -> Sides:
         gap_s=series.elapsed_s[rows] - series.elapsed_s[rows - 1],
         divides=series.divides[rows],
         broke=series.broke[rows],
+        all_broke=series.all_broke[rows],
     )
 
 
@@ -404,13 +412,13 @@ def _noticed(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> tuple[Re
 
 
 def _missing(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> Reals:
-    """(K,) time that the signals are ahead by where all carriers break, if noise and oscillator do not show it; else
-    zero. alpha : (K,)."""
+    """(K,) time that the signals are ahead by where carriers of all kinds break, if noise and oscillator do not show
+    it; else zero. alpha : (K,)."""
     ahead_m = -jump.jump[:, 3]
     beyond_m = ahead_m - _clock_slack_m(sides.gap_s, limits)
     with np.errstate(invalid="ignore"):
         real = (beyond_m > 0.0) & (chi_square_survival(beyond_m**2 / jump.covariance[:, 3, 3], 1) < alpha)
-    return np.where(sides.broke & real, ahead_m / SPEED_OF_LIGHT_M_S, 0.0)
+    return np.where(sides.broke & sides.all_broke & real, ahead_m / SPEED_OF_LIGHT_M_S, 0.0)
 
 
 def motion_slack_m(unseen_s: Reals, limits: Limits) -> Reals:
