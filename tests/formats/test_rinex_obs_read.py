@@ -12,6 +12,7 @@ from skyproof.formats.crinex import expanded
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.formats.rinex_obs_read import parse_obs, read_obs
 from skyproof.records import Observations, SignalId
+from skyproof.remarks import Remark, RemarkKind
 
 
 def line(text, label):
@@ -348,6 +349,14 @@ def test_no_damage_ends_in_anything_but_data_or_a_message(data):
     assert (np.diff(file.observations.elapsed_s) > 0).all()
 
 
+@pytest.mark.parametrize("which", [0, 1])
+def test_an_epoch_that_the_file_ends_within_is_left_out(which):
+    """Its other satellites were not lost."""
+    file = parse_obs("\n".join(FILES[which][:-1]).encode() + b"\n")
+    assert file.observations.gpst.size == 3
+    assert [Remark.kind_of(remark) for remark in file.remarks].count(RemarkKind.CUT) == 1
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 1), st.floats(0.0, 1.0))
 def test_a_cut_costs_only_what_is_cut(which, share):
@@ -429,7 +438,7 @@ REAL = {
     "rinex-variety/KOSG0010.95O": (3, 18, 8),
     "rinex-variety/aopr0010.17o": (3, 19, 11),
     "rinex-variety/barq071q.19o": (1, 15, 15),
-    "rinex-variety/rovn0010.21o": (6, 34, 25),
+    "rinex-variety/rovn0010.21o": (5, 34, 25),  # of six epochs the last is cut
     "rinex-variety/zegv0010.21o": (19, 24, 24),
     "rinex-variety/AJAC3550.21O": (2, 26, 26),
     "rinex-variety/DUTH0630.22O": (3, 20, 18),

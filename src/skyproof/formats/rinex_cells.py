@@ -221,9 +221,8 @@ class _Walk:
         cut: list[str] = []
         if self.cut is not None:
             number = self.lines.first_number + self.cut
-            cut.append(
-                Remark(f"the file is cut: it ends within the epoch that begins in line {number}", RemarkKind.CUT)
-            )
+            ends = f"it ends within the epoch that begins in line {number}, which is left out"
+            cut.append(Remark(f"the file is cut: {ends}", RemarkKind.CUT))
         others = damaged.words("further places with damaged epochs left out")
         remarks = (*cut, *self.remarks, *self._event_remarks(), *others)
         layout = np.array(self.layout, np.int64)
@@ -307,7 +306,7 @@ def rows_3(lines: Lines, layout: Layout, restate: Restate, *, to_end: bool = Tru
                 walk.event(flag, [lines[j] for j in range(k + 1, first)])
             elif flag > 6:
                 raise ValueError(text)
-            elif walk.is_readable:
+            elif walk.is_readable and walk.cut != k:  # of half an epoch the other signals would seem lost
                 walk.begin(walk.instant(text[2:12], text[13:29]), flag)
                 begun = True
         except (ValueError, KeyError):
@@ -393,15 +392,16 @@ def rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, to_en
             walk.damaged.append(k)  # a line is missing: nothing says whose
             k = following
             continue
+        if to_end and end > total:
+            walk.cut = k  # of half an epoch the other signals would seem lost
+            break
         walk.begin(instant_ns, flag)
         whole = min(count, max(following - data, 0) // each)
         kept = [j for j in range(whole) if codes[j]]
         sat += [codes[j] for j in kept]
         epoch += [len(walk.flag) - 1] * len(kept)
         first += [data + j * each for j in kept]
-        if to_end and end > total:
-            walk.cut = k
-        elif whole < count or len(kept) < whole:
+        if whole < count or len(kept) < whole:
             walk.damaged.append(k)
         k = end
     return walk.rows(np.array(sat, np.int64), np.array(epoch, np.int64), np.array(first, np.int64))
