@@ -30,6 +30,7 @@ def test_every_record_that_holds_arrays_is_shown_short():
     assert plain == {
         "Asked",
         "CcafAsked",
+        "NoticedAttack",
         "SampleGap",
         "SignalId",
         "SignalRef",
