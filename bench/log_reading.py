@@ -1,7 +1,8 @@
 """Reading receivers' logs: bytes a second of UBX and SBF beside pyubx2 and pysbf2, of GnssLogger beside pandas,
-of flight logs beside pyulog and pymavlink.
+of flight logs beside pyulog and pymavlink; and an hour of log through `protect`, beside the same as RINEX.
 
 The logs are made here: epochs of so many signals once a second, whole frames with checksums.
+`python bench/memory.py ubx 24` is a day of two receivers.
 """
 
 import io
@@ -14,6 +15,7 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
+import memory
 import numpy as np
 import pandas
 from pymavlink.DFReader import DFReader_binary
@@ -64,6 +66,7 @@ def report() -> Iterator[str]:
         yield line(f"{name}, to observations", whole, "s", f"{size_mb / whole.median:.0f} MB/s, {beside}")
     yield from _flights()
     yield from _phone()
+    yield from memory.hour_by_format()
 
 
 def _flights() -> Iterator[str]:

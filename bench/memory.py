@@ -1,9 +1,10 @@
-"""Peak memory of the main job on runs of different lengths: two receivers' samples, rendered as they are read, and
-observation files of 1 Hz. Memory should not grow with the run.
+"""Peak memory and processor time of the main job on runs of different lengths: samples of two receivers, rendered as
+they are read, and measurements of 1 Hz, as observation files and as UBX logs. Memory should not grow with the run.
 
-Each run is a process of its own: `python memory.py samples MINUTES` or `python memory.py rinex HOURS` is one. What is
-rendered grows with the scene: `python memory.py rendering MINUTES` does that alone, and what it takes more than for the
-shortest run is taken off.
+Each run is a process of its own: `python memory.py samples MINUTES` is one, `python memory.py rinex HOURS` and
+`python memory.py ubx HOURS` are, and with a number behind the hours, for so many receivers. What is rendered grows with
+the scene: `python memory.py rendering MINUTES` does that alone, and what it takes more than for the shortest run is
+taken off.
 """
 
 import json
@@ -33,7 +34,8 @@ from skyproof.gnss.constants import (
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.time import gpst, week_and_tow
-from skyproof.records import NavigationData, Samples
+from skyproof.logs.ubx_write import ubx_log
+from skyproof.records import NavigationData, Observations, Samples
 from skyproof.simulator.kinds import Kind
 from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
 from skyproof.simulator.nominal_systems import nominal_systems
@@ -52,7 +54,7 @@ WHOLE_MINUTES, WHOLE_HOURS = (1, 10, 60), (1, 24)
 
 def report(minutes: tuple[int, ...] = MINUTES, hours: tuple[int, ...] = HOURS) -> Iterator[str]:
     """Rows of the table."""
-    for kind, lengths, unit in (("samples", minutes, "min"), ("rinex", hours, "h")):
+    for kind, lengths, unit in (("samples", minutes, "min"), ("rinex", hours, "h"), ("ubx", hours, "h")):
         first: float | None = None
         least: float | None = None
         for length in lengths:
@@ -73,22 +75,34 @@ def whole() -> Iterator[str]:
     return report(WHOLE_MINUTES, WHOLE_HOURS)
 
 
-def _run_of_its_own(kind: str, length: int) -> dict[str, float]:
-    done = subprocess.run([sys.executable, __file__, kind, str(length)], capture_output=True, text=True, check=True)
+def hour_by_format() -> Iterator[str]:
+    """Rows of an hour of the same measurements by each format, of one receiver and of two."""
+    for receivers in (1, 2):
+        for kind in ("rinex", "ubx"):
+            run = _run_of_its_own(kind, 1, receivers)
+            yield (
+                f"  protect, an hour of {receivers} at 1 Hz by {kind:<5} {run['processor_s']:6.3g} s of processor, "
+                f"peak {run['peak_mb']:.0f} MB, files of {run['files_mb']:.1f} MB, {run['verdict']}"
+            )
+
+
+def _run_of_its_own(kind: str, *numbers: int) -> dict[str, float]:
+    command = [sys.executable, __file__, kind, *map(str, numbers)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 
-def _receivers(oscillator: str) -> tuple[SceneReceiver, ...]:
+def _receivers(oscillator: str, number: int = 2) -> tuple[SceneReceiver, ...]:
     return tuple(
         SceneReceiver(
-            name=f"rx{number + 1}",
+            name=f"rx{k + 1}",
             lat_deg=LAT_DEG,
-            lon_deg=LON_DEG + number * APART_DEG,
+            lon_deg=LON_DEG + k * APART_DEG,
             height_m=50.0,
-            clock_offset_s=1e-5 * (number + 1),
+            clock_offset_s=1e-5 * (k + 1),
             oscillator=oscillator,
         )
-        for number in range(2)
+        for k in range(number)
     )
 
 
@@ -121,31 +135,32 @@ def samples(minutes: int, folder: Path) -> str:
         return protect(["rendered"], nav=folder / "nav.rnx", out=folder / "out").verdict.verdict
 
 
-def rinex(hours: int, folder: Path) -> str:
-    """The verdict on observation files of 1 Hz."""
-    paths = [folder / f"rx{number}.obs" for number in (1, 2)]
+def measurements(kind: str, hours: int, folder: Path, receivers: int = 2) -> None:
+    """Print the verdict on measurements of 1 Hz, as observation files or as UBX logs that hold the messages of GPS."""
+    paths = [folder / f"rx{number}.{kind}" for number in range(1, receivers + 1)]
     nominal = nominal_systems(START + np.timedelta64(30, "m"), "GEC")
     # BeiDou's geostationary satellites turn in a frame of their own, where one orbit has no second set.
     first = replace(nominal, ephemerides=tuple(e for e in nominal.ephemerides if e.sat not in GEOSTATIONARY))
+    # What is believed of the ionosphere is not what it is.
+    believed = replace(first.ionosphere, alpha=tuple(0.8 * a for a in first.ionosphere.alpha))
     sets: list[Ephemeris] = []
     for hour in range(hours):
         start = START + np.timedelta64(hour, "h")
         truth = replace(first, ephemerides=tuple(_hours_later(e, hour) for e in first.ephemerides))
-        scenario = Scenario(seed=1, start_gpst=start, duration_s=3600.0, mask_deg=8.0, receivers=_receivers("rubidium"))
+        scenario = Scenario(
+            seed=1, start_gpst=start, duration_s=3600.0, mask_deg=8.0, receivers=_receivers("rubidium", receivers)
+        )
         scene = scene_of(scenario, truth, sats=[e.sat for e in truth.ephemerides])
         kinds = [Kind(*kind, {"rx1": 1.0, "rx2": 2.0}) for kind in KINDS]
         noise = NoiseModel(sigma_m=0.5, constant_m=0.5)
         observed, _ = draw(
             ideal_measurements_of(scene, interval_s=1.0, kinds=kinds), rng=np.random.default_rng(hour), noise=noise
         )
+        sent = replace(truth, ionosphere=believed)
         for path, o in zip(paths, observed, strict=True):
-            lines = list(obs_lines(o, signals=o.signals, holds="truth", marker=o.receiver, version="bench"))
-            body = next(row for row, text in enumerate(lines) if "END OF HEADER" in text) + 1
-            with path.open("a") as file:
-                file.write("\n".join(lines[body if hour else 0 :]) + "\n")
+            with path.open("ab") as file:
+                file.writelines(_rinex(o, hour) if kind == "rinex" else ubx_log(o, sent))
         sets += truth.ephemerides
-    # What is believed of the ionosphere is not what it is.
-    believed = replace(first.ionosphere, alpha=tuple(0.8 * a for a in first.ionosphere.alpha))
     write_nav(folder / "nav.rnx", NavigationData(ephemerides=tuple(sets), ionosphere=believed))
     # Making the files takes memory of its own: the run is another process.
     done = subprocess.run(
@@ -154,8 +169,15 @@ def rinex(hours: int, folder: Path) -> str:
         text=True,
         check=True,
     )
-    print(done.stdout.strip())
-    return ""
+    files_mb = sum(path.stat().st_size for path in paths) / 1e6
+    print(json.dumps(json.loads(done.stdout) | {"files_mb": files_mb}))
+
+
+def _rinex(o: Observations, hour: int) -> Iterator[bytes]:
+    """Give the lines of a file; those of the header at the first hour alone."""
+    lines = list(obs_lines(o, signals=o.signals, holds="truth", marker=o.receiver, version="bench"))
+    body = next(row for row, text in enumerate(lines) if "END OF HEADER" in text) + 1
+    return (f"{text}\n".encode() for text in lines[body if hour else 0 :])
 
 
 def _hours_later(e: Ephemeris, hours: int) -> Ephemeris:
@@ -196,8 +218,9 @@ def main(kind: str, *rest: str) -> None:
             print(_measured(samples(int(rest[0]), Path(folder)), begin))
         elif kind == "rendering":
             print(_measured(rendering(int(rest[0])), begin))
-        elif kind == "rinex":
-            rinex(int(rest[0]), Path(folder))
+        elif kind in ("rinex", "ubx"):
+            hours, *receivers = map(int, rest)
+            measurements(kind, hours, Path(folder), *receivers)
         else:
             *paths, nav, out = rest
             print(_measured(protect(paths, nav=nav, out=out).verdict.verdict, begin))
