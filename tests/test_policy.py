@@ -11,10 +11,11 @@ import pytest
 
 import skyproof
 from skyproof import detectors, fusion
+from skyproof.app import inspect, receive
 from skyproof.records.policy import numbers_of
 
 SRC = Path(skyproof.__file__).parent
-ROOMS = ("detectors", "fusion", "app/common", "app/protect")
+ROOMS = ("detectors", "fusion", "app/common", "app/inspect", "app/protect", "app/receive")
 SUFFIX = {
     "m": "_m",
     "s": "_s",
@@ -29,6 +30,7 @@ SUFFIX = {
     "rad": "_rad",
     "rad/s": "_rad_s",
     "cycle": "_cyc",
+    "ppm": "_ppm",
     "chip": "_chips",
     "sigma": "_sigmas",
     "sigma^2": "_squared_sigmas",
@@ -38,12 +40,28 @@ SUFFIX = {
 }
 """By which a name shows its unit."""
 COMPUTING = {
-    "adapter": {"_UNTESTED"},
     "app/common/body": {"_EQUATOR", "_PIECE_S"},
     "app/common/packed_log": {"HELD_BYTES", "PACKED"},
     "app/common/platform_tables": {"AXES", "Metres", "ROTATION_ERROR", "SigmaDeg"},
     "app/common/platform_use": {"_ENU_FROM_NED"},
     "app/common/settings": {"_Latitude", "_Longitude", "_Metres"},
+    "app/inspect/guess": {
+        "USUAL_IFS_HZ",
+        "USUAL_RATES_HZ",
+        "_FIRST_LENGTH",
+        "_LOOKED_AGAIN",
+        "_LOOKED_AT",
+        "_MOST_READINGS",
+        "_MOST_WIDE",
+        "_NICE_HZ",
+        "_PERIODS",
+        "_SECOND_LENGTH",
+        "_STEP_HZ",
+        "_TRIED_BLIND",
+    },
+    "app/inspect/inspection": {"_LEVELS_LISTED"},
+    "app/inspect/log": {"_HEAD"},
+    "app/inspect/signal_pictures": {"_CORRELATED_S"},
     "app/protect/bearings": {"_EDGE_SIGMAS", "_FAR_M", "_RADIUS_95", "_RING"},
     "app/protect/duplicates": {"_MARGIN", "_PLACES", "_PLACE_EPOCHS"},
     "app/protect/explanation": {"MOST_CURES"},
@@ -63,11 +81,22 @@ COMPUTING = {
     "app/protect/positions": {"STRETCH_EPOCHS"},
     "app/protect/summary": {"MOST_NOTED"},
     "app/protect/takeover_pictures": {"_CLOCK", "_NS_A_M", "_PLACE", "_RECEIVERS", "_SATELLITES", "_STEP_CHIPS"},
+    "app/receive/assembled": {"STRETCH_EPOCHS"},
+    "app/receive/diagnosis": {"_MOST_GAPS", "_REACH_STEP_HZ"},
+    "app/receive/inputs": {"LONGEST_NAME", "SAME_SAMPLES"},
+    "app/receive/logged": {"_HEAD", "_NAMED"},
+    "app/receive/measured": {"PIECE_S"},
+    "app/receive/observed": {"MOST_TIMES_TOLD", "STRETCH_EPOCHS"},
+    "app/receive/run": {"DIGITS", "HEADER_FIXES"},
+    "app/receive/short_signals": {"_BLOCK_S", "_MOST_BLOCKS", "_NOTHING_NEW"},
+    "app/receive/snapshot": {"_DOPPLER_STEP_HZ"},
+    "app/receive/tracker": {"BLOCK_S"},
+    "app/receive/vector": {"AHEAD_EPOCHS", "DECODE_S"},
     "array/agreement": {"_CANDIDATES", "_CELL_RAD", "_MOST_ROTATIONS"},
     "array/arrivals": {"_CELL_RAD", "_MOST_CELLS", "_ROUNDS", "_STARTS", "_STEP_LEAST_RAD", "_STEP_MOST_RAD"},
     "array/failing": {"_MEDIAN_OF_SQUARE"},
     "bands/detector": {"_TESTS"},
-    "base": {"NOTICED", "UNTESTED"},
+    "base": {"NOTICED"},
     "code_motion/detector": {"_DOF_LEFT", "_TAIL", "_TESTS"},
     "code_motion/laws": {"_MS_M"},
     "common_change/detector": {"_SHARES"},
@@ -91,10 +120,9 @@ COMPUTING = {
     "dccaf/detector": {"GRIDS"},
     "dccaf/inverse_raim": {"_UNKNOWNS"},
     "fusion/choice": {"_SIDES"},
-    "fusion/choice_findings": {"_UNTESTED"},
-    "fusion/departure": {"_CLOCK", "_UNTESTED"},
+    "fusion/departure": {"_CLOCK"},
     "fusion/labels": {"SILENT"},
-    "fusion/place": {"_ALL_BUT_PLACE", "_UNTESTED"},
+    "fusion/place": {"_ALL_BUT_PLACE"},
     "fusion/rivals": {"_MS_M"},
     "levels/laws": {"DIP_PARTS"},
     "messages/detector": {"_EARTH_M"},
@@ -114,7 +142,7 @@ read, and what is only shown."""
 
 
 def policies() -> list[object]:
-    rooms = (detectors, fusion)
+    rooms = (detectors, fusion, inspect, receive)
     found = [one for room in rooms for one in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")]
     records = [(module, vars(module).get("POLICY")) for module in map(importlib.import_module, (m.name for m in found))]
     return [record for module, record in records if type(record).__module__ == module.__name__]

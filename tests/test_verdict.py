@@ -105,7 +105,7 @@ def test_no_attack_seen_is_shown_with_blanks_and_its_limits() -> None:
 
 
 def test_words_and_causes_are_those_of_the_records_and_the_decision() -> None:
-    assert get_args(verdict.Cause) == get_args(records.CauseName) == tuple(verdict.CAUSES)
+    assert get_args(records.CauseName) == tuple(verdict.CAUSES)
     assert get_args(fuse.VerdictWord) == verdict.WORDS
 
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from skyproof import detectors, fusion
+from skyproof.app import inspect, receive
 from skyproof.app.init.text import one_line
 from skyproof.cli import app
 from skyproof.records.policy import numbers_of
@@ -190,7 +191,7 @@ def table_of(word: str, what: str, scene_link: str) -> str | None:
 
 def policies() -> str:
     """Every number that decides, room by room."""
-    rooms = (fusion, detectors)
+    rooms = (fusion, detectors, receive, inspect)
     walks = [pkgutil.walk_packages(room.__path__, f"{room.__name__}.") for room in rooms]
     found = [importlib.import_module(one.name) for walk in walks for one in walk]
     parts = []

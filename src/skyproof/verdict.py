@@ -16,18 +16,17 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 from skyproof.gnss.time import iso, utc_from_gpst
+from skyproof.records import CauseName, InterferenceSign, NoticedKind
 
 __all__ = [
     "VERDICT_FORMAT",
     "WORDS",
     "Because",
-    "Cause",
     "InputFile",
     "InterferenceResult",
     "InterferenceSpell",
     "Label",
     "Method",
-    "NoticedKind",
     "NoticedSize",
     "OwnFix",
     "OwnState",
@@ -57,20 +56,7 @@ suspect : a test failed, and what else than an attack may be the reason is not e
 spoofed : there is an attack.
 """
 WORDS: Final[tuple[VerdictWord, ...]] = get_args(VerdictWord)
-Cause = Literal[
-    "reflections",
-    "interference",
-    "gain",
-    "shade",
-    "oscillator",
-    "motion",
-    "fault",
-    "orbits",
-    "statement",
-    "missing_samples",
-    "joined",
-]
-CAUSES: Final[dict[Cause, str]] = {
+CAUSES: Final[dict[CauseName, str]] = {
     "reflections": "reflections",
     "interference": "a jammer or other noise",
     "gain": "a change of gain, or an antenna with much of it",
@@ -84,8 +70,6 @@ CAUSES: Final[dict[Cause, str]] = {
     "joined": "a recording that was joined from several",
 }
 """Each cause as people read it."""
-NoticedKind = Literal["position_jump", "clock_jump", "code_drag", "motion"]
-InterferenceSign = Literal["cn0", "lost", "level"]
 MOST_NAMED: Final = 10
 """Remarks on inputs that stand beside the word; the others are counted."""
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
@@ -398,7 +382,7 @@ class InterferenceSpell(_Model):
     signs: tuple[InterferenceSign, ...] = Field(
         description="What shows it: cn0 (C/N0 falls), lost (most signals are lost), level (more power comes in)."
     )
-    may_also_be: tuple[Cause, ...] = Field(description="What else would do the same: shade, or nothing.")
+    may_also_be: tuple[CauseName, ...] = Field(description="What else would do the same: shade, or nothing.")
 
 
 class WeakCarrier(_Model):
@@ -499,7 +483,7 @@ class Verdict(_Model):
         description="Why the word is no stronger: the test that failed (suspect), why the signals are not shown to be "
         "true (no_attack_seen), which of them stay open and why (spoofed); null if nothing is open."
     )
-    may_also_be: tuple[Cause, ...] = Field(
+    may_also_be: tuple[CauseName, ...] = Field(
         description="What else than an attack would explain a suspicion, the likeliest first; empty for other words."
     )
     not_excluded: tuple[str, ...] = Field(

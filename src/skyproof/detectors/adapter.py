@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from math import nextafter
 from typing import Any
 
-from skyproof.records import AnyFinding, Cause, Evidence, Finding, Hypothesis, SignalRef
+from skyproof.records import UNTESTED, AnyFinding, Cause, Evidence, Finding, Hypothesis, SignalRef
 
 __all__ = ["adapt", "get_signals", "restore"]
 
-_UNTESTED = 1.0
 _FAILED: tuple[Cause, ...] = (Cause.FAULT,)
 """Benign cause of a failed test that names none."""
 
@@ -78,12 +77,12 @@ def _find_p_values(evidence: Evidence) -> tuple[Hypothesis, dict[Cause, float], 
     if evidence.says in ("spoofed", "attack"):
         return sky, {Cause.CLEAN: below}, alpha
     if evidence.says == "multipath":
-        return sky, {Cause.CLEAN: below, Cause.REFLECTIONS: _UNTESTED}, alpha
+        return sky, {Cause.CLEAN: below, Cause.REFLECTIONS: UNTESTED}, alpha
     if p_value is None:
         return sky, {}, stated
     if evidence.null == "one antenna":
         return Hypothesis.ONE_ANTENNA, {Cause.FALSE_SKY: max(p_value, alpha)}, alpha
     if evidence.failed:
         causes = tuple(Cause(name) for name in evidence.may_also_be) or _FAILED
-        return sky, {Cause.CLEAN: p_value, **dict.fromkeys(causes, _UNTESTED)}, alpha
+        return sky, {Cause.CLEAN: p_value, **dict.fromkeys(causes, UNTESTED)}, alpha
     return sky, {Cause.CLEAN: p_value if stated is None else max(p_value, stated)}, stated

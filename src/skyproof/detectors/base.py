@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, Protocol, runtime_checkable
 
 from skyproof.records import (
+    UNTESTED,
     AnyFinding,
     Cause,
     Datum,
@@ -20,7 +21,6 @@ from skyproof.records import (
 __all__ = [
     "NEEDS",
     "NOTICED",
-    "UNTESTED",
     "Detector",
     "NotTested",
     "Reporter",
@@ -82,8 +82,6 @@ class Detector(Protocol):
 
 NOTICED: Final = 0.99
 """Probability with which an attack of the size that a finding gives is noticed."""
-UNTESTED: Final = 1.0
-"""p-value under a cause that may have spoilt everything that a test looks at: nothing is left to test."""
 
 
 def leave_open(causes: Iterable[Cause]) -> dict[Cause, float]:

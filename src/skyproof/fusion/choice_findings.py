@@ -11,6 +11,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.prediction import Choice
 from skyproof.records import (
+    UNTESTED,
     Cause,
     ConsistentSet,
     Datum,
@@ -26,7 +27,6 @@ __all__ = ["CHOSEN", "DETECTOR", "chosen", "chosen_overlapping", "not_chosen", "
 DETECTOR: Final = "prediction"
 CHOSEN: Final = ("chosen_first", "chosen_overlapping")
 """Codes of the findings in which a true sky was chosen first."""
-_UNTESTED: Final = 1.0
 
 
 def taken_for_true(
@@ -134,11 +134,11 @@ def not_chosen(
     fit = float(np.max(choice.fits))
     wrong = choice.wrong_probability
     # Skies that do not differ, or of which both may be false, leave nothing to test by.
-    p, alpha = {Cause.FALSE_SKY: _UNTESTED}, most_wrong
+    p, alpha = {Cause.FALSE_SKY: UNTESTED}, most_wrong
     hypothesis = Hypothesis.FALSE_SKY
     if fit < POLICY.refused_probability:
         code, hypothesis, alpha = "none_fits", Hypothesis.ONE_OF_SKIES, POLICY.refused_probability
-        p = {Cause.CLEAN: fit, Cause.STATEMENT: _UNTESTED}
+        p = {Cause.CLEAN: fit, Cause.STATEMENT: UNTESTED}
     elif wrong > most_wrong:
         code, p = "too_uncertain", {Cause.FALSE_SKY: wrong}
     elif wrong + doubt > most_wrong:

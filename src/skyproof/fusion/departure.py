@@ -30,14 +30,13 @@ from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
 from skyproof.navigation.prediction import fit_p_value
-from skyproof.records import Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef
+from skyproof.records import UNTESTED, Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "departures"]
 
 DETECTOR: Final = "inertia"
 _CLOCK: Final = np.array([6, 7])
-_UNTESTED: Final = 1.0  # p-value of a cause that leaves nothing to test
 
 
 def departures(
@@ -150,7 +149,7 @@ class _Walk:
         data: dict[str, Datum] = {"statistic": off_m, "off_m_s": float(np.linalg.norm(off[3:6]))}
         p = {Cause.CLEAN: shown.p_value}
         if why is not None:
-            p |= dict.fromkeys((Cause.STATEMENT, Cause.FAULT, Cause.REFLECTIONS), _UNTESTED)
+            p |= dict.fromkeys((Cause.STATEMENT, Cause.FAULT, Cause.REFLECTIONS), UNTESTED)
         else:
             p |= {} if without_two is None else {Cause.REFLECTIONS: without_two}
             data["assumes"] = self.foresight.assumes

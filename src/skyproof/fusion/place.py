@@ -31,14 +31,13 @@ from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix, Standing
 from skyproof.navigation.known import KNOWN, Known, without
 from skyproof.navigation.prediction import fit_p_value
-from skyproof.records import Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef, WrongStatement
+from skyproof.records import UNTESTED, Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef, WrongStatement
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "displacements"]
 
 DETECTOR: Final = "place"
 _ALL_BUT_PLACE: Final = np.arange(3, 8)
-_UNTESTED: Final = 1.0  # p-value of a cause that leaves nothing to test
 
 
 def displacements(
@@ -126,7 +125,7 @@ class _Watch:
             "surveyed": self.foresight.surveyed,
         }
         if why is not None:
-            p |= dict.fromkeys((Cause.STATEMENT, Cause.REFLECTIONS), _UNTESTED)
+            p |= dict.fromkeys((Cause.STATEMENT, Cause.REFLECTIONS), UNTESTED)
         else:
             p |= {} if without_two is None else {Cause.REFLECTIONS: without_two}
             data["assumes"] = self.foresight.assumes

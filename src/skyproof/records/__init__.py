@@ -21,6 +21,7 @@ from skyproof.records.estimates import (
     WeakStart,
 )
 from skyproof.records.findings import (
+    UNTESTED,
     AnyFinding,
     Cause,
     CauseName,
@@ -54,6 +55,7 @@ __all__ = [
     "CELL_STATUS",
     "FIX_STATUS",
     "OBSERVABLES",
+    "UNTESTED",
     "AntennaArray",
     "AnyFinding",
     "ArrayPhases",

@@ -20,6 +20,7 @@ from skyproof.records.window import Need
 from skyproof.short_repr import ShortRepr
 
 __all__ = [
+    "UNTESTED",
     "AnyFinding",
     "Cause",
     "CauseName",
@@ -104,6 +105,8 @@ class Cause(StrEnum):
     FALSE_SKY = "false_sky"
 
 
+UNTESTED: Final = 1.0
+"""p-value under a cause that may have spoilt everything that a test looks at: nothing is left to test."""
 CauseName = Literal[
     "reflections",
     "interference",

@@ -1,24 +1,15 @@
 """An inspection in words: what a recording is, what is odd about it, what `skyproof protect` can do with it."""
 
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import Protocol
 
+from skyproof.app.inspect.policy import POLICY
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.recording.conditioning import MeasuredFrontEnd
 from skyproof.recording.survey import OscillatorError, Survey
 from skyproof.records import Samples
 
 __all__ = ["FoundSatellite", "advice", "correction_remark", "oscillator_remarks", "signal_remarks", "summary"]
-
-_FIX_SATS: Final = 4
-_TEST_SATS: Final = 5
-"""From five on, positions can be tested for consistency."""
-_EPHEMERIS_S: Final = 36.0
-"""Three subframes of 6 s, which come every 30 s, begun anywhere."""
-_SUBFRAME_S: Final = 12.0
-"""A whole subframe of 6 s, begun anywhere."""
-_TRACKED_S: Final = 2.0  # `Settings.window_s` has no less
-_REACH_HZ: Final = 7000.0
 
 
 class FoundSatellite(Protocol):
@@ -48,26 +39,26 @@ def advice(samples: Samples, satellites: Sequence[FoundSatellite], *, gaps: int,
     needs = []
     if mirrored:
         needs.append("conjugate = true where its layout is described")
-    if samples.duration_s < _TRACKED_S:
-        needs.append(f"{_EPHEMERIS_S:.0f} s of recording (with --nav {_SUBFRAME_S:.0f} s)")
+    if samples.duration_s < POLICY.tracked_s:
+        needs.append(f"{POLICY.ephemeris_s:.0f} s of recording (with --nav {POLICY.subframe_s:.0f} s)")
         can = "is too short for `protect`, which follows signals for seconds"
         can += "; that several signals of one satellite are received suggests false ones already" if several else ""
         return f"It {can}; what it needs: {_listed(needs)}."
-    if n < _FIX_SATS:
+    if n < POLICY.fix_satellites:
         can = "can look for second signals of a satellite, but give no position"
         needs.append("a better view of the sky")
-    elif n < _TEST_SATS:
+    elif n < POLICY.test_satellites:
         can = "can give a position, but not test it"
         needs.append("a better view of the sky")
     else:
         can = "can label its signals, test their consistency and give a position"
-    if samples.duration_s < _SUBFRAME_S:
-        needs.append(f"{_SUBFRAME_S:.0f} s or more, for the time in the messages")
-    if samples.duration_s < _EPHEMERIS_S:
+    if samples.duration_s < POLICY.subframe_s:
+        needs.append(f"{POLICY.subframe_s:.0f} s or more, for the time in the messages")
+    if samples.duration_s < POLICY.ephemeris_s:
         needs.append("--nav, for it is too short to hold all orbits")
     if samples.start_gpst is None:
         needs.append("start_gpst, for the week")
-    if any(abs(satellite.doppler_hz) > _REACH_HZ for satellite in satellites):
+    if any(abs(satellite.doppler_hz) > POLICY.reach_hz for satellite in satellites):
         farthest_hz = max(abs(satellite.doppler_hz) for satellite in satellites)
         needs.append(f"--doppler-max-hz {1e3 * (farthest_hz // 1e3 + 2.0):.0f}")
     if gaps:
@@ -157,7 +148,7 @@ def summary(
     if front.notched:
         hurting = len(front.notched)
         but.append("a narrow-band line hurts" if hurting == 1 else f"{hurting} narrow-band lines hurt")
-    if n and n < _FIX_SATS:
+    if n and n < POLICY.fix_satellites:
         but.append("fewer than four satellites give no position")
     return text + (f"; but {', '.join(but[:-1])}{' and ' if but[:-1] else ''}{but[-1]}." if but else ".")
 

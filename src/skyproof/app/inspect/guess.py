@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from skyproof.app.inspect.policy import POLICY
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.byte_io import FileBytes, size_of
 from skyproof.formats.layout import Chunk, Kind, PackedSamples, Packing
@@ -26,32 +27,16 @@ from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.recording.interleaving import InterleavedSignal, turns
 from skyproof.recording.repetition import LEAST_SAMPLES, Repetition, repetition, usual_length
 
-__all__ = ["CONVINCING", "Guess", "Proposal", "guess"]
+__all__ = ["Guess", "Proposal", "guess"]
 
-CONVINCING: Final = 1e-6
-"""Chance, by noise alone, of what was found in all that was tried: below it a sidecar is written."""
 
 _LOOKED_AT: Final = 1 << 20  # bytes, for their statistics
-_REPEATS: Final = -3.0
-"""Decimal logarithm of the chance below which something repeats: what it says is then searched first."""
-_CLEAR: Final = -10.0  # and below this there is no need of more samples
 _FIRST_LENGTH, _SECOND_LENGTH, _LOOKED_AGAIN = 1 << 19, 1 << 21, 3  # samples, and in how many readings
 _MOST_READINGS: Final = 6
-_IMAGED: Final = 0.02
-"""Share of images in what repeats, above which complex samples are real ones; imbalance of I and Q makes less."""
-_IMAGE_COSTS: Final = 0.5
-_FAR_COSTS: Final = 0.1
-"""Of the power found in complex samples whose carrier lies beyond a quarter of the rate: nobody samples so, and real
-samples read as complex look so, with all but the same power."""
 _NICE_HZ: Final = 100e6  # clocks that rates are whole parts of
-_FEW_SATS: Final = 4
 _PERIODS: Final = 10
 _STEP_HZ: Final = 500.0
-_NEAR_HZ, _WIDE_HZ = 8e3, 60e3
-"""Reach of the first search, for satellites and a good oscillator; and of one around the carrier that was measured."""
 _MOST_WIDE: Final = 3  # searches of that kind, which take as long as ten others
-_CARRIER_OFF_HZ: Final = 120e3  # how far the measured carrier may be off
-_FALSE_ALARM_PROBABILITY: Final = 1e-4
 
 USUAL_RATES_HZ: Final = (
     2.046e6,
@@ -167,7 +152,7 @@ class Proposal:
 
     @property
     def convincing(self) -> bool:
-        return self.log10_chance < math.log10(CONVINCING) and self.woven is None
+        return self.log10_chance < math.log10(POLICY.convincing_probability) and self.woven is None
 
     def document(self) -> dict[str, Any]:
         """For --json."""
@@ -256,7 +241,8 @@ def guess(path: str | Path) -> Guess:
     trials = _Trials()
     proposals = [trials.search(look) for look in [look for look in looks if look.repeats][:_MOST_READINGS]]
     if not trials.certain:
-        doubtful = [look for look in looks if look.what.log10_chance > _CLEAR][:_LOOKED_AGAIN]
+        clear = math.log10(POLICY.clear_probability)
+        doubtful = [look for look in looks if look.what.log10_chance > clear][:_LOOKED_AGAIN]
         again = [replace(look, what=_repetition(look.samples, _SECOND_LENGTH)) for look in doubtful]
         proposals += [trials.search(look) for look in again if look.repeats]
     if not any(proposal.satellites for proposal in proposals):
@@ -343,7 +329,7 @@ class _Look:
 
     @property
     def repeats(self) -> bool:
-        return self.what.log10_chance < _REPEATS
+        return self.what.log10_chance < math.log10(POLICY.repeats_probability)
 
     @property
     def order(self) -> tuple[bool, float]:
@@ -353,7 +339,7 @@ class _Look:
     @property
     def imaged(self) -> bool:
         """Whether complex samples show each signal twice, as real ones read so do."""
-        return self.repeats and self.what.mirrored_share > _IMAGED
+        return self.repeats and self.what.mirrored_share > POLICY.imaged_share
 
     @property
     def _contradicted(self) -> bool:
@@ -426,15 +412,17 @@ class _Trials:
         rate_hz, rate_source = _rate_of(look)
         measured_hz = look.what.carrier_cycles * rate_hz if look.rate_hz is None else None
         carriers = _carriers(look, rate_hz, measured_hz)
-        found = self._peaks(look, rate_hz, carriers, _NEAR_HZ)
-        if measured_hz is not None and len(found) < _FEW_SATS and not self.certain and self.wide < _MOST_WIDE:
+        found = self._peaks(look, rate_hz, carriers, POLICY.near_hz)
+        few = len(found) < POLICY.fix_satellites
+        if measured_hz is not None and few and not self.certain and self.wide < _MOST_WIDE:
             self.wide += 1
-            found = max(found, self._peaks(look, rate_hz, [round(measured_hz, -3)], _WIDE_HZ), key=len)
+            found = max(found, self._peaks(look, rate_hz, [round(measured_hz, -3)], POLICY.wide_hz), key=len)
         if_hz, if_source = _if_of(look, rate_hz, measured_hz, carriers, [hz for hz, _ in found.values()])
         cn0s = {sat: peak.cn0_dbhz for sat, (_, peak) in sorted(found.items())}
         log10_chance = sum(math.log10(max(peak.p_value, 1e-300)) for _, peak in found.values())
-        self.certain = self.certain or len(found) >= _FEW_SATS
-        unlikely = look.imaged * _IMAGE_COSTS + (not look.real and abs(if_hz) > 0.25 * rate_hz) * _FAR_COSTS
+        self.certain = self.certain or len(found) >= POLICY.fix_satellites
+        far = not look.real and abs(if_hz) > 0.25 * rate_hz
+        unlikely = look.imaged * POLICY.image_costs_share + far * POLICY.far_carrier_costs_share
         return Proposal(
             layout=_layout(look, rate_hz, if_hz),
             sources=_sources(look, rate_source, if_source),
@@ -460,7 +448,7 @@ class _Trials:
         grids = [steps + round((hz - centre_hz) / _STEP_HZ) for hz in inside]
         dopplers_hz = np.unique(np.concatenate(grids)).astype(np.float64) * _STEP_HZ
         settings = SearchSettings(
-            false_alarm_probability=_FALSE_ALARM_PROBABILITY, n_sums=min(_PERIODS, n_periods), max_peaks=1
+            false_alarm_probability=POLICY.alarm_probability, n_sums=min(_PERIODS, n_periods), max_peaks=1
         )
         searcher = Searcher(GPS_L1_CA, rate_hz, settings)
         planes = samples.read(0, searcher.n_samples)
@@ -506,7 +494,7 @@ def _carriers(look: _Look, rate_hz: float, measured_hz: float | None) -> list[fl
         return likely[: len(stated) + 2] if look.real else likely[: max(1, len(stated))]
     apart: list[float] = []
     for hz in likely:
-        if abs(hz - measured_hz) < _CARRIER_OFF_HZ and all(abs(hz - other) > _NEAR_HZ for other in apart):
+        if abs(hz - measured_hz) < POLICY.carrier_off_hz and all(abs(hz - other) > POLICY.near_hz for other in apart):
             apart.append(hz)
     return sorted(apart, key=lambda hz: abs(hz - measured_hz))[:2] or [round(measured_hz, -4)]
 

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.app.inspect.inspection import plain
+from skyproof.app.inspect.policy import POLICY
 from skyproof.arrays import Integers
 from skyproof.formats.bounds import limited
 from skyproof.formats.byte_io import FileBytes, reading, size_of
@@ -25,9 +26,6 @@ from skyproof.verdict import notebook_html
 __all__ = ["LogInspection", "LoggedSignals", "holds_measurements", "inspect_log"]
 
 _HEAD: Final = 1 << 16
-_TEST_SATS: Final = 5
-_LEAST_S: Final = 60.0
-"""Two windows or more of a minute's past, which most tests of one receiver need."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,10 +96,10 @@ class LogInspection(ShortRepr):
             needs = ["measurements with ranges (UBX-RXM-RAWX, SBF MeasEpoch, RTCM MSM7): without, only jumps show"]
         else:
             needs = [] if self.orbits else ["--nav, for it holds no orbits"]
-        if max((s.most_at_once for s in self.signals), default=0) < _TEST_SATS:
+        if max((s.most_at_once for s in self.signals), default=0) < POLICY.test_satellites:
             needs.append("a better view of the sky")
-        if self.duration_s < _LEAST_S:
-            needs.append(f"{_LEAST_S:.0f} s or more")
+        if self.duration_s < POLICY.log_s:
+            needs.append(f"{POLICY.log_s:.0f} s or more")
         if not np.isfinite([s.cn0_dbhz for s in self.signals]).any():
             needs.append("C/N0, which shows interference")
         needs += [f"{wanted.name} ({wanted.gives})" for wanted in self.missing]

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
 from skyproof.app.inspect.advice import advice, correction_remark, signal_remarks, summary
 from skyproof.app.inspect.inspection import Inspection, Satellite
+from skyproof.app.inspect.policy import POLICY
 from skyproof.arrays import Floats
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
@@ -18,17 +18,7 @@ from skyproof.recording.conditioning import MeasuredFrontEnd, conditioned, measu
 from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, oscillator_error, survey
 from skyproof.records import Samples
 
-__all__ = ["FALSE_ALARM_PROBABILITY", "inspect_recording", "inspect_samples", "inspection_of"]
-FALSE_ALARM_PROBABILITY: Final = 1e-4
-"""Of each search, of the lines, and of the gaps."""
-_ENOUGH_SATS: Final = 4
-_ATTEMPTS: Final = ((20, 7e3), (100, 20e3))
-"""Code periods and reach in Doppler of the first looks: short and near, then long and wide."""
-_LONGEST_PERIODS: Final = 100
-"""Of a search: finds 34 dB-Hz. Five times as many find cross-correlations of what cannot be taken out well enough."""
-_LEAST_PERIODS: Final = 2
-_OTHER_RATES_PPM: Final = (-50.0, 50.0, -100.0, 100.0)
-"""Off the rate given, where that shows too few satellites: a search of 20 ms reaches 25 to either side."""
+__all__ = ["inspect_recording", "inspect_samples", "inspection_of"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,7 +53,7 @@ def inspect_recording(samples: Samples) -> Inspection:
     Raises NotEnoughData for fewer than two code periods.
     """
     first = inspect_samples(samples)
-    near = first if len(first.satellites) >= _ENOUGH_SATS else _at_another_rate(first)
+    near = first if len(first.satellites) >= POLICY.fix_satellites else _at_another_rate(first)
     apart = in_survey(near.survey, {one.sat: one.doppler_hz for one in near.satellites})
     if apart is None or not apart.certain or near.conjugate:
         return first
@@ -81,12 +71,12 @@ def _at_another_rate(first: Inspection) -> Inspection:
     """The inspection at the nearest rate that shows enough satellites; that at the rate given if none does."""
     if abs(first.front_end.carrier_hz) > 0.5 * first.samples.rate_hz:
         return first
-    for ppm in _OTHER_RATES_PPM:
+    for ppm in POLICY.other_rates_ppm:
         other = replace(first.samples, rate_hz=first.samples.rate_hz * (1.0 + 1e-6 * ppm))
         view = _View(samples=conditioned(other, first.front_end), carrier_hz=first.front_end.carrier_hz)
-        periods, reach_hz = _ATTEMPTS[0]
+        periods, reach_hz = POLICY.first_periods, POLICY.reach_hz
         peaks = _search(view, 0, min(periods, _periods(other, other.n_samples)), 0.0, reach_hz)
-        if len({peak.sat for peak in peaks}) >= _ENOUGH_SATS:
+        if len({peak.sat for peak in peaks}) >= POLICY.fix_satellites:
             return inspect_samples(other)
     return first
 
@@ -98,22 +88,22 @@ def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspecti
 
     Raises NotEnoughData for fewer than two code periods.
     """
-    if samples.duration_s < _LEAST_PERIODS * GPS_L1_CA.period_s:
+    if samples.duration_s < POLICY.least_periods * GPS_L1_CA.period_s:
         raise NotEnoughData(
             f"{samples.path or samples.name}: {samples.duration_s * 1e3:.2g} ms of samples; a search needs "
-            f"{_LEAST_PERIODS} ms at least: give a longer recording, or check rate_hz and bits"
+            f"{POLICY.least_periods} ms at least: give a longer recording, or check rate_hz and bits"
         )
-    front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+    front = measure_front_end(samples, false_alarm_probability=POLICY.alarm_probability)
     view = _View(samples=conditioned(samples, front), carrier_hz=front.carrier_hz)
     if abs(front.carrier_hz) > 0.5 * samples.rate_hz:
         away = f"the band recorded, around {samples.centre_hz / 1e6:.3f} MHz, does not hold {GPS_L1_CA.name}"
         return inspection_of(samples, front, (), Survey(), None, (0, 0), (f"{away}; nothing was looked for",))
-    found = [peak for peak in peaks if abs(peak.doppler_hz) < _ATTEMPTS[-1][1]]
-    if len(found) < _ENOUGH_SATS:
+    found = [peak for peak in peaks if abs(peak.doppler_hz) < POLICY.second_reach_hz]
+    if len(found) < POLICY.fix_satellites:
         view, found = _first_looks(view, front.real)
     if not found:
         return inspection_of(samples, front, (), Survey(), None, (0, samples.n_samples))
-    measured = survey(view.samples, view.carrier_hz, found, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+    measured = survey(view.samples, view.carrier_hz, found, false_alarm_probability=POLICY.alarm_probability)
     conjugate = None if _readings(view, front.real) == 1 else view.mirrored
     if measured.conjugate is not None:
         conjugate = view.mirrored != measured.conjugate
@@ -131,7 +121,7 @@ def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspecti
 
 def _periods(samples: Samples, n_samples: int) -> int:
     """Whole code periods in so many samples, up to the most that are searched."""
-    return min(math.floor(n_samples / samples.rate_hz / GPS_L1_CA.period_s + 1e-6), _LONGEST_PERIODS)
+    return min(math.floor(n_samples / samples.rate_hz / GPS_L1_CA.period_s + 1e-6), POLICY.second_periods)
 
 
 def _readings(view: _View, real: bool) -> int:
@@ -144,20 +134,20 @@ def _first_looks(view: _View, real: bool) -> tuple[_View, list[Peak]]:
     shows most."""
     views = [view, view.flipped(carrier_too=False)][: _readings(view, real)]
     best: tuple[int, _View, list[Peak]] = (0, view, [])
-    for periods, reach_hz in _ATTEMPTS:
+    for periods, reach_hz in ((POLICY.first_periods, POLICY.reach_hz), (POLICY.second_periods, POLICY.second_reach_hz)):
         for one in views:
             length = min(periods, _periods(one.samples, one.samples.n_samples))
             peaks = _search(one, 0, length, 0.0, reach_hz)
             n_sats = len({peak.sat for peak in peaks})
             if n_sats > best[0]:
                 best = (n_sats, one, peaks)
-        if best[0] >= _ENOUGH_SATS:
+        if best[0] >= POLICY.fix_satellites:
             break
     return best[1], best[2]
 
 
 def _search(view: _View, start: int, periods: int, middle_hz: float, reach_hz: float) -> list[Peak]:
-    settings = SearchSettings(false_alarm_probability=FALSE_ALARM_PROBABILITY, n_sums=periods)
+    settings = SearchSettings(false_alarm_probability=POLICY.alarm_probability, n_sums=periods)
     searcher = Searcher(GPS_L1_CA, view.samples.rate_hz, settings)
     step_hz = settings.doppler_step_hz
     steps = np.arange(math.floor((middle_hz - reach_hz) / step_hz), math.ceil((middle_hz + reach_hz) / step_hz) + 1)

@@ -9,7 +9,8 @@ from typing import Any
 from skyproof.app.inspect.guess import Guess, guess
 from skyproof.app.inspect.inspection import Inspection, plain
 from skyproof.app.inspect.opening import read_as
-from skyproof.app.inspect.signals import FALSE_ALARM_PROBABILITY, inspect_samples, inspection_of
+from skyproof.app.inspect.policy import POLICY
+from skyproof.app.inspect.signals import inspect_samples, inspection_of
 from skyproof.errors import InputError, OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.raw import SampleLayout, sidecar_text
@@ -46,7 +47,7 @@ class NotUnderstood(InputError):
         Raises InputError if the samples do not change.
         """
         samples = read_as(self.guess.path, self.guess.proposals[0].layout, "proposal.toml")
-        front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+        front = measure_front_end(samples, false_alarm_probability=POLICY.alarm_probability)
         return inspection_of(samples, front, (), Survey(), None, (0, samples.n_samples))
 
 
@@ -126,7 +127,7 @@ def _righted(layout: SampleLayout, sources: Mapping[str, str]) -> tuple[SampleLa
 
 def _inspection_righted(inspection: Inspection, samples: Samples) -> Inspection:
     """The same inspection of the recording read the other way round: its Dopplers are right already."""
-    front = measure_front_end(samples, false_alarm_probability=FALSE_ALARM_PROBABILITY)
+    front = measure_front_end(samples, false_alarm_probability=POLICY.alarm_probability)
     ratio = -inspection.survey.doppler_ratio if inspection.survey.conjugate else inspection.survey.doppler_ratio
     right = replace(inspection.survey, conjugate=False, doppler_ratio=ratio)
     return inspection_of(samples, front, inspection.satellites, right, False, inspection.stretch)

@@ -1,31 +1,28 @@
 """Samples that were never recorded, as zeros in their place: receiver time goes on, and with it every signal's code."""
 
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
+from skyproof.app.receive.policy import POLICY
 from skyproof.arrays import Floats
 from skyproof.records import Samples
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["LONGEST_S", "bridged"]
-
-LONGEST_S: Final = 10.0
-"""Of all gaps together. Signals then come back with a Doppler and a delay that the search near them still reaches."""
+__all__ = ["bridged"]
 
 
 def bridged(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[str, ...]]:
     """The recording with its known gaps filled with zeros, and what was done in words; itself if it has none.
 
-    It ends before the gap that would make more than `LONGEST_S` of zeros; a remark says how to go on behind it.
+    It ends before the gap that would make more zeros than the policy allows; a remark says how to go on behind it.
 
     begun_s : how much of the file lies before the recording's first sample, for that remark.
     """
     if not samples.gaps:
         return samples, ()
     zeros = np.cumsum([gap.missing_samples for gap in samples.gaps])
-    n_kept = int(np.searchsorted(zeros, LONGEST_S * samples.rate_hz, side="right"))
+    n_kept = int(np.searchsorted(zeros, POLICY.bridged_s * samples.rate_hz, side="right"))
     kept, rest = samples.gaps[:n_kept], samples.gaps[n_kept:]
     n_zeros = int(zeros[n_kept - 1]) if kept else 0
     n_recorded = rest[0].at_sample if rest else samples.n_samples
@@ -54,8 +51,8 @@ def bridged(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[s
         start_s = begun_s + gap.at_sample / samples.rate_hz
         remarks.append(
             Remark(
-                f"used up to the gap of {gap.missing_samples / samples.rate_hz:.6g} s only, for {LONGEST_S:g} s of "
-                f"gaps are bridged at most; for what comes after it give start_s = {start_s:.9g}",
+                f"used up to the gap of {gap.missing_samples / samples.rate_hz:.6g} s only, for {POLICY.bridged_s:g} s "
+                f"of gaps are bridged at most; for what comes after it give start_s = {start_s:.9g}",
                 RemarkKind.CUT,
             )
         )

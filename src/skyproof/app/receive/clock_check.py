@@ -4,7 +4,6 @@ The loops show it at no cost and to 0.001 ppm, as long as they hold; where they 
 """
 
 from collections.abc import Callable, Mapping
-from typing import Final
 
 from skyproof.app.inspect import Inspection
 from skyproof.errors import InputError, NotEnoughData
@@ -13,12 +12,7 @@ from skyproof.receiver.clock_agreement import Disagreement, correct_samples, in_
 from skyproof.receiver.measurement import Measurements
 from skyproof.records import Samples
 
-__all__ = ["CHECKED_S", "MOST_CHECKS", "agreeing"]
-
-CHECKED_S: Final = 3.0
-"""Of tracking: a second for loops to settle, and two for the drift."""
-MOST_CHECKS: Final = 3
-"""A first correction by an inspection, a second by what is then tracked, and whether that holds."""
+__all__ = ["agreeing"]
 
 
 def agreeing(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from skyproof.app.inspect import Inspection, oscillator_remarks
+from skyproof.app.receive.policy import POLICY
 from skyproof.errors import NotEnoughData
 from skyproof.receiver.channels import Gap
 from skyproof.recording.survey import oscillator_error
@@ -15,8 +16,6 @@ from skyproof.remarks import Remark, RemarkKind
 __all__ = ["Diagnosis", "diagnosis", "gap_remarks", "oscillator_remarks_of"]
 
 _REACH_STEP_HZ: Final = 1e3
-_ONE_EVENT_S: Final = 3.0
-"""Jumps of the carriers, and signals that come back shifted, are the same gap within this time."""
 _MOST_GAPS: Final = 4
 
 
@@ -63,7 +62,7 @@ def gap_remarks(gaps: Sequence[Gap], period_s: float) -> tuple[str, ...]:
     """Where samples are missing unmarked, as the receiver noticed it."""
     events: list[Gap] = []
     for gap in sorted(gaps, key=lambda gap: gap.elapsed_s):
-        if events and gap.elapsed_s - events[-1].elapsed_s < _ONE_EVENT_S:
+        if events and gap.elapsed_s - events[-1].elapsed_s < POLICY.one_event_s:
             if events[-1].shift_s == 0.0:
                 events[-1] = gap
         else:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from skyproof.app.receive.policy import POLICY
 from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Instants
 from skyproof.errors import InputError
@@ -41,7 +42,6 @@ NO_SAMPLES = (
     "noise cannot be looked for"
 )
 MOST_TIMES_TOLD = 3
-_NEAR_UTC_S = 0.5
 STRETCH_EPOCHS = 1024
 SYSTEMS = "GECRJ"
 
@@ -297,7 +297,7 @@ class _Clock:
             )
         offset_s, stray = self.tags.offset_s, self.tags.stray
         if offset_s:
-            as_utc = abs(offset_s + leap_seconds(self.gpst[0])) < _NEAR_UTC_S
+            as_utc = abs(offset_s + leap_seconds(self.gpst[0])) < POLICY.near_utc_s
             yield Remark(
                 f"the times of its epochs are {abs(offset_s):.3f} s {'ahead of' if offset_s > 0.0 else 'behind'} the "
                 f"time at which its ranges fit the orbits{', as UTC is behind GPS time' if as_utc else ''}; they are "

@@ -7,8 +7,9 @@ import numpy as np
 
 from skyproof.app.receive.assembled import Assembled
 from skyproof.app.receive.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_remarks_of
+from skyproof.app.receive.policy import POLICY
 from skyproof.app.receive.time_tag import clock_biases_s, near_date, shown_by, time_tag, timed_by_others, week_of
-from skyproof.app.receive.tracker import ENOUGH_SATS, Tracker, carrier_at_hz
+from skyproof.app.receive.tracker import Tracker, carrier_at_hz
 from skyproof.arrays import Reals
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.pieces import Workspace
@@ -31,13 +32,6 @@ from skyproof.remarks import Remark, RemarkKind
 from skyproof.short_repr import ShortRepr
 
 __all__ = ["Reception", "nothing_found", "observe", "overlap_s", "require_signals"]
-
-NEARLY_ALL = 0.9
-_LATE_CHIPS = 1.0  # what is nearer is received with the others
-MANY_ARCS = 5  # a satellite; whoever reads the spectrum mirrored has ten times as many
-FOLLOWED_S = 2.0  # shorter, a signal that is there may not have proved itself
-AT_ONCE_S = 0.9  # of an array's: shorter than what is followed (`short`)
-TIME_OF_WEEK_S = 12.0  # by then a signal has sent its time of week: it does so every 6 s, once its bits can be read
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -174,7 +168,7 @@ def _best(counts: Sequence[int]) -> int:
 
     counts : of measurements on each.
     """
-    return 0 if counts[0] >= NEARLY_ALL * max(counts) else int(np.argmax(counts))
+    return 0 if counts[0] >= POLICY.nearly_all_share * max(counts) else int(np.argmax(counts))
 
 
 def _late_remarks(antennas: Sequence[ObservationLog], best: int, rate_hz: float) -> list[str]:
@@ -183,11 +177,11 @@ def _late_remarks(antennas: Sequence[ObservationLog], best: int, rate_hz: float)
     said: list[str] = []
     for number, one in enumerate(antennas):
         apart_m = _apart_m(antennas[best], one)
-        if number == best or len(apart_m) < ENOUGH_SATS:
+        if number == best or len(apart_m) < POLICY.fix_satellites:
             continue
         middle_m = float(np.median(apart_m))
         late_s = -middle_m / SPEED_OF_LIGHT_M_S
-        late_m = _LATE_CHIPS * one.signals[0].plan.chip_m
+        late_m = POLICY.late_chips * one.signals[0].plan.chip_m
         if abs(middle_m) > late_m and np.median(np.abs(apart_m - middle_m)) < late_m:
             whose = f"antenna {number + 1}" if late_s < 0.0 else "the others"
             late = (
@@ -230,7 +224,7 @@ def require_signals(trackers: Sequence[Tracker]) -> None:
 def _is_doubtful(tracker: Tracker) -> bool:
     """Whether what was received looks as if the recording was not read as it should be."""
     n_sats = len({arc.signal.sat for arc in tracker.arcs.values()})
-    return n_sats < ENOUGH_SATS or len(tracker.arcs) > MANY_ARCS * n_sats
+    return n_sats < POLICY.fix_satellites or len(tracker.arcs) > POLICY.many_arcs * n_sats
 
 
 def _diagnosed(tracker: Tracker) -> Diagnosis | None:
@@ -251,10 +245,10 @@ def _dopplers_hz(tracker: Tracker) -> list[float]:
 def _nothing_received(tracker: Tracker, found: Diagnosis | None) -> str:
     """What to check if no satellite was followed, in the order of likelihood."""
     samples = tracker.samples
-    if found is not None and found.n_sats and samples.duration_s < FOLLOWED_S:
+    if found is not None and found.n_sats and samples.duration_s < POLICY.followed_s:
         return (
             f"it holds {found.n_sats} satellites, read as it is described, but lasts {samples.duration_s:.3g} s, and "
-            f"signals have to be followed for seconds: give {TIME_OF_WEEK_S:g} s or more{_at_once(samples)}"
+            f"signals have to be followed for seconds: give {POLICY.time_of_week_s:g} s or more{_at_once(samples)}"
         )
     return nothing_found(samples, tracker.examined_s)
 
@@ -273,8 +267,8 @@ def nothing_found(samples: Samples, examined_s: float) -> str:
 def _no_time(tracker: Tracker, n_signals: int) -> str:
     """Why signals without a time of week are of no use, and what would give it."""
     cure = (
-        f"give {TIME_OF_WEEK_S:g} s of signal or more"
-        if tracker.examined_s < TIME_OF_WEEK_S
+        f"give {POLICY.time_of_week_s:g} s of signal or more"
+        if tracker.examined_s < POLICY.time_of_week_s
         else "the signals are too weak or too often interrupted to read their messages"
     )
     cure += _at_once(tracker.samples)
@@ -286,7 +280,8 @@ def _at_once(samples: Samples) -> str:
     if not samples.others:
         return ""
     return (
-        f"; or have part of it judged by its directions alone, which takes no time of week: duration_s = {AT_ONCE_S:g}"
+        "; or have part of it judged by its directions alone, which takes no time of week: "
+        f"duration_s = {POLICY.advised_snapshot_s:g}"
     )
 
 

@@ -7,7 +7,6 @@ the same.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.inspect import inspect_recording
 from skyproof.app.receive.bridge import bridged
 from skyproof.app.receive.diagnosis import diagnosis
+from skyproof.app.receive.policy import POLICY
 from skyproof.app.receive.reception import Reception, nothing_found
 from skyproof.app.receive.short_signals import (
     PERIOD_S,
@@ -58,13 +58,10 @@ from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["is_short", "observe_short", "require_some"]
 
-_LONGEST_S: Final = 1.0
-"""A longer recording is followed, though no time of week is read in less than some ten seconds."""
-
 
 def is_short(source: MeasurementSource) -> bool:
     """Whether a source is a recording too short for a signal to be followed."""
-    return isinstance(source, Samples) and source.duration_s < _LONGEST_S
+    return isinstance(source, Samples) and source.duration_s < POLICY.snapshot_s
 
 
 def observe_short(

@@ -8,7 +8,8 @@ import numpy as np
 from scipy import special
 
 from skyproof.app.common.progress import Stage
-from skyproof.app.receive.snapshot import CROSS_DB, SEARCHED_S, searched
+from skyproof.app.receive.policy import POLICY
+from skyproof.app.receive.snapshot import searched
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Booleans, Complexes, Floats, Indices
 from skyproof.gnss.signals import GPS_L1_CA
@@ -22,20 +23,10 @@ from skyproof.remarks import Remark, RemarkKind
 __all__ = ["PERIOD_S", "Found", "credible", "divided", "late_antennas", "of_all", "signals_in", "stretches"]
 
 PERIOD_S: Final = GPS_L1_CA.period_s
-_LEAST_S: Final = 0.004
 _BLOCK_S: Final = 0.1
-"""Summed up at once, at most; a recording up to `_WHOLE_S` is one block."""
-_WHOLE_S: Final = 0.15
+"""Summed up at once, at most, of a recording that is not summed whole."""
 _MOST_BLOCKS: Final = 4
-_NOISE: Final = 1e-12
-"""Chance that noise has a signal's energy, at one delay, Doppler and message; thousands of those are tried."""
 _NOTHING_NEW: Final = 2
-_LEAST_TO_VOTE: Final = 3
-_APART_CHIPS: Final = 0.5
-_OVERLAP_CHIPS: Final = 1.2  # two codes, and what the front end adds to the flanks of their peaks
-_APART_HZ: Final = 300.0
-_LATE: Final = 25.0
-"""Logarithmic likelihood by which an antenna's data bits fit those of the others later: chance, once in e^25."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,7 +69,7 @@ class Found:
         if other is self or other.signal.sat != self.signal.sat or not (self.there & other.there).any():
             return False
         apart_s = _wrapped_s(self.code_at(0.0).code_s - other.code_at(0.0).code_s)
-        return abs(apart_s) * GPS_L1_CA.chip_rate_hz < _OVERLAP_CHIPS
+        return abs(apart_s) * GPS_L1_CA.chip_rate_hz < POLICY.overlap_chips
 
     def code_at(self, elapsed_s: float) -> CodePhase:
         """Its code at another instant."""
@@ -87,9 +78,9 @@ class Found:
 
 def stretches(samples: Samples) -> list[tuple[int, int]]:
     """First sample and number of samples of each stretch that is summed up at once."""
-    if samples.duration_s < _LEAST_S:
+    if samples.duration_s < POLICY.least_s:
         return []
-    if samples.duration_s <= _WHOLE_S:
+    if samples.duration_s <= POLICY.one_block_s:
         return [(0, samples.n_samples)]
     count = round(_BLOCK_S * samples.rate_hz)
     number = min(_MOST_BLOCKS, samples.n_samples // count)
@@ -105,7 +96,7 @@ def signals_in(samples: Samples, blocks: Sequence[tuple[int, int]], doppler_max_
         at = _measurer(planes, samples, first)
         for sat, seen in known:
             seen.append(at(sat, seen[-1].code if _is_sound(seen[-1]) else _best(seen).code))
-        tail = max(count - round(SEARCHED_S * samples.rate_hz), 0)
+        tail = max(count - round(POLICY.searched_s * samples.rate_hz), 0)
         looks = sorted({0, tail} if number == len(blocks) - 1 else {0})
         fresh: list[tuple[str, SnapshotSignal]] = []
         for peak in _peaks(planes, samples, looks, doppler_max_hz):
@@ -156,7 +147,7 @@ def _at(code: CodePhase, elapsed_s: float) -> CodePhase:
 
 
 def _is_sound(one: SnapshotSignal) -> bool:
-    return one.code.found and one.energy > float(special.gammainccinv(one.sums.shape[1], _NOISE))
+    return one.code.found and one.energy > float(special.gammainccinv(one.sums.shape[1], POLICY.noise_probability))
 
 
 def _best(seen: Sequence[SnapshotSignal]) -> SnapshotSignal:
@@ -199,14 +190,14 @@ def _spread(count: int) -> list[int]:
 
 
 def _is_one(one: Peak, other: Peak) -> bool:
-    near = abs(_wrapped_s(one.delay_s - other.delay_s)) * GPS_L1_CA.chip_rate_hz < _APART_CHIPS
-    return one.sat == other.sat and near and abs(one.doppler_hz - other.doppler_hz) < _APART_HZ
+    near = abs(_wrapped_s(one.delay_s - other.delay_s)) * GPS_L1_CA.chip_rate_hz < POLICY.same_signal_chips
+    return one.sat == other.sat and near and abs(one.doppler_hz - other.doppler_hz) < POLICY.same_signal_hz
 
 
 def _is_same(one: SnapshotSignal, other: SnapshotSignal) -> bool:
     """Of one block."""
-    near = abs(_wrapped_s(one.code.code_s - other.code.code_s)) * GPS_L1_CA.chip_rate_hz < _APART_CHIPS
-    return near and abs(one.code.doppler_hz - other.code.doppler_hz) < _APART_HZ
+    near = abs(_wrapped_s(one.code.code_s - other.code.code_s)) * GPS_L1_CA.chip_rate_hz < POLICY.same_signal_chips
+    return near and abs(one.code.doppler_hz - other.code.doppler_hz) < POLICY.same_signal_hz
 
 
 def _wrapped_s(apart_s: float) -> float:
@@ -249,7 +240,7 @@ def credible(found: Sequence[Found], remarks: list[str]) -> list[Found]:
     kept = []
     for one in found:
         below_db = strongest_dbhz - one.cn0_dbhz
-        if below_db > CROSS_DB:
+        if below_db > POLICY.cross_db:
             weak = f"{one.signal}: {below_db:.1f} dB below the strongest, as its cross-correlation would be; left out"
             remarks.append(Remark(weak, RemarkKind.BEARS))
         else:
@@ -260,7 +251,7 @@ def credible(found: Sequence[Found], remarks: list[str]) -> list[Found]:
 def of_all(found: Sequence[Found]) -> tuple[list[Found], list[int]]:
     """The signals, and which antennas have fewer than half of those that most antennas have; without signals that only
     such antennas have."""
-    if not found or found[0].first.cn0_dbhz.size < _LEAST_TO_VOTE:
+    if not found or found[0].first.cn0_dbhz.size < POLICY.vote_antennas:
         return list(found), []
     there = np.array([one.first.there for one in found])
     common = there.mean(axis=1) > 0.5
@@ -279,7 +270,7 @@ def late_antennas(found: Sequence[Found]) -> dict[int, int]:
         return {}
     better = np.sum([block.later for block in blocks], axis=0)
     ahead = better.argmax(axis=1)
-    return {k: int(ahead[k]) - MOST_LATE for k in np.flatnonzero(better.max(axis=1) > _LATE).tolist()}
+    return {k: int(ahead[k]) - MOST_LATE for k in np.flatnonzero(better.max(axis=1) > POLICY.late_likelihood).tolist()}
 
 
 # ---------------------------------------------------------------------- changes

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skyproof.app.receive.policy import POLICY
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Floats, Reals
 from skyproof.errors import NotEnoughData
@@ -18,12 +19,8 @@ from skyproof.receiver.snapshot import CodePhase, code_phase
 from skyproof.records import Fix, FixStatus, NavigationData, Samples, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["CROSS_DB", "SEARCHED_S", "RoughKnowledge", "Snapshot", "searched", "snapshot", "solved"]
+__all__ = ["RoughKnowledge", "Snapshot", "searched", "snapshot", "solved"]
 
-SEARCHED_S = 20.0 * GPS_L1_CA.period_s
-"""Added non-coherently; twice as much found cross-correlations before it found more satellites."""
-CROSS_DB = 18.0  # cross-correlations stand 21.6 dB and more below the signal that makes them, and noise lifts some
-_MIN_LEFT = 7
 _DOPPLER_STEP_HZ = 500.0
 
 
@@ -100,7 +97,7 @@ def snapshot(
 
 def searched(planes: Floats, rate_hz: float, if_hz: float, doppler_max_hz: float) -> list[Peak]:
     """All signals that a search of one antenna's samples (2, n) finds."""
-    periods = int((min(planes.shape[1] / rate_hz, SEARCHED_S) - 2.0 / rate_hz) / GPS_L1_CA.period_s)
+    periods = int((min(planes.shape[1] / rate_hz, POLICY.searched_s) - 2.0 / rate_hz) / GPS_L1_CA.period_s)
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings(n_sums=periods, doppler_step_hz=_DOPPLER_STEP_HZ))
     reach = int(np.ceil(doppler_max_hz / _DOPPLER_STEP_HZ))
     grid_hz = _DOPPLER_STEP_HZ * np.arange(-reach, reach + 1, dtype=np.float64)
@@ -149,7 +146,7 @@ def solved(
 
     coarse, used = solve(phases), list(phases)
     # A false peak is a weak one. So the weakest goes first, while enough are left to catch a wrong set.
-    least = max(_MIN_LEFT, int(np.ceil(2 * len(phases) / 3)))
+    least = max(POLICY.least_left, int(np.ceil(2 * len(phases) / 3)))
     while coarse.status == 4 and len(used) > least:
         weakest = min(used, key=lambda p: p.cn0_dbhz)
         used = [p for p in used if p is not weakest]
@@ -185,7 +182,7 @@ def _credible(phases: list[CodePhase], remarks: list[str]) -> list[CodePhase]:
         if not phase.found:
             unmeasured = f"{phase.sat}: found by the search, but its delay could not be measured; left out"
             remarks.append(Remark(unmeasured, RemarkKind.BEARS))
-        elif phase.cn0_dbhz < strongest_dbhz - CROSS_DB:
+        elif phase.cn0_dbhz < strongest_dbhz - POLICY.cross_db:
             weak = (
                 f"{phase.sat}: {strongest_dbhz - phase.cn0_dbhz:.1f} dB below the strongest, as its "
                 "cross-correlation would be; left out"

@@ -10,8 +10,9 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.inspect import Inspection, inspect_recording
 from skyproof.app.inspect.advice import correction_remark
 from skyproof.app.receive.bridge import bridged
-from skyproof.app.receive.clock_check import CHECKED_S, MOST_CHECKS, agreeing
+from skyproof.app.receive.clock_check import agreeing
 from skyproof.app.receive.measured import MeasurementLog, RowLog
+from skyproof.app.receive.policy import POLICY
 from skyproof.app.receive.vector import Guiding, guided
 from skyproof.arrays import Floats
 from skyproof.errors import InputError
@@ -28,10 +29,9 @@ from skyproof.recording.conditioning import conditioned, measure_front_end
 from skyproof.records import Asked, NavigationData, Samples
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["ENOUGH_SATS", "Tracker", "carrier_at_hz", "cleaned", "guiding_of", "receiver_settings", "track"]
+__all__ = ["Tracker", "carrier_at_hz", "cleaned", "guiding_of", "receiver_settings", "track"]
 
 BLOCK_S = 0.5
-ENOUGH_SATS = 4
 
 
 @dataclass(kw_only=True)
@@ -53,7 +53,7 @@ class Tracker:
     broken: str = ""
     given: Samples | None = None
     vector: Guiding | None = None
-    checks: int = MOST_CHECKS
+    checks: int = POLICY.most_checks
     state: ReceiverState = field(default_factory=ReceiverState)
     position: int = 0
     arcs: dict[int, Arc] = field(default_factory=dict)
@@ -75,7 +75,7 @@ class Tracker:
         for part in self._parts(planes):
             self._step(part)
         self.position += count
-        if self.checks and (self.examined_s >= CHECKED_S or self.ended):
+        if self.checks and (self.examined_s >= POLICY.checked_s or self.ended):
             self._check_clock()
         return True
 
@@ -271,7 +271,7 @@ def _sats(
     lat_rad, lon_rad = np.radians(settings.place_deg)
     end = samples.start_gpst + timedelta_from_s(samples.duration_s)
     above = sats_above(navigation, GPS_SATS, float(lat_rad), float(lon_rad), samples.start_gpst, end)
-    if len(above) < ENOUGH_SATS:
+    if len(above) < POLICY.fix_satellites:
         return GPS_SATS, (
             f"every satellite was looked for: at place_deg only {len(above)} stood above the horizon; check it and the "
             "recording's date",

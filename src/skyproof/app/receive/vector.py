@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from skyproof.app.receive.policy import POLICY
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import gpst
@@ -42,22 +43,6 @@ __all__ = ["Guiding", "guided"]
 
 AHEAD_EPOCHS: Final = 24
 """For which orbits are computed at once: 5 s."""
-LAPSE_EPOCHS: Final = 2
-"""A guide that is not renewed lapses: scalar loops take over within half a second."""
-AGREED_EPOCHS: Final = 3
-"""In a row, before the loops follow a filter that has just begun."""
-WORST_START_M: Final = 150.0
-"""Root mean square of what a fit may leave with which a filter begins: half a chip."""
-FURTHEST_M: Final = 8e6
-"""From the Earth's centre."""
-OUT_CHIPS, OUT_HZ = 0.25, 150.0
-"""Further off what is predicted a channel goes by itself: the discriminator then is past its straight part, and the
-carrier's at half a radian."""
-COMES, COMES_BACK = 2.5, 0.5
-"""Times that: so far off a channel that has not driven the filter yet may be to do so, and one that went off it."""
-OUT_S: Final = 1.0
-SURE_M, SURE_M_S = 75.0, 10.0
-"""One sigma of a prediction that still leads a loop to its signal: a quarter of a chip, and 50 Hz."""
 DECODE_S: Final = 6.0
 """How often orbits are looked for in the messages, where none are given."""
 
@@ -227,7 +212,7 @@ def _begun(guiding: Guiding, channels: _Channels, elapsed_s: float, receiver: Re
     rough = gauss_newton(ranges.satellite_ecef_m[0], ranges.range_m[0], np.where(used, 1.0, np.nan), np.zeros(4))
     misfit_m = float(np.sqrt(np.mean(rough.residual_m[used] ** 2)))
     place_m = rough.state_m[:3]
-    if not misfit_m < WORST_START_M or not np.linalg.norm(place_m) < FURTHEST_M:
+    if not misfit_m < POLICY.worst_start_m or not np.linalg.norm(place_m) < POLICY.farthest_m:
         return replace(guiding, misfit_m=misfit_m)
     guiding, sky = _sky(guiding, receiver, channels, place_m, elapsed_s)
     began = start_state(_epoch(channels, sky, receiver, guiding.settings), sky, place_m, elapsed_s)
@@ -303,7 +288,9 @@ def _followed(
     epoch = _epoch(channels, sky, receiver, guiding.settings)
     waits = np.array([guiding.out.get(signal, -np.inf) > elapsed_s for signal in channels.signals])
     drove = np.array([signal in guiding.driving for signal in channels.signals])
-    limit = np.where([signal in guiding.out for signal in channels.signals], COMES_BACK, COMES)
+    limit = np.where(
+        [signal in guiding.out for signal in channels.signals], POLICY.comes_back_limits, POLICY.comes_limits
+    )
     predicted = predict_measurements(before.mean, sky)
     off_m, off_m_s = epoch.range_m - predicted.range_m, epoch.rate_m_s - predicted.rate_m_s
     comes = ~waits & (_away(off_m, off_m_s, receiver) < limit)
@@ -323,12 +310,12 @@ def _followed(
         filter=found.state,
         agreed=agreed,
         driving=frozenset(channels.signals[i] for i in np.flatnonzero(stays)),
-        out={**guiding.out, **{channels.signals[i]: elapsed_s + OUT_S for i in left}},
+        out={**guiding.out, **{channels.signals[i]: elapsed_s + POLICY.out_s for i in left}},
     )
     guides = {channels.arcs[i]: g.no_guide() for i in left}
-    if guiding.began_s is not None or agreed >= AGREED_EPOCHS:
+    if guiding.began_s is not None or agreed >= POLICY.agreed_epochs:
         guiding = replace(guiding, began_s=elapsed_s if guiding.began_s is None else guiding.began_s)
-    if agreed >= AGREED_EPOCHS:
+    if agreed >= POLICY.agreed_epochs:
         guides |= _guides(guiding, receiver, channels, found, sky, stays, elapsed_s)
     return guiding, receiver.guided(state, guides)
 
@@ -338,7 +325,7 @@ def _away(misfit_m: Reals, rate_left_m_s: Reals, receiver: Receiver) -> Reals:
     signal = receiver.signal
     chips = np.abs(misfit_m) * signal.chip_rate_hz / SPEED_OF_LIGHT_M_S
     hz = np.abs(rate_left_m_s) * signal.carrier_hz / SPEED_OF_LIGHT_M_S
-    return np.fmax(chips / OUT_CHIPS, hz / OUT_HZ)
+    return np.fmax(chips / POLICY.out_chips, hz / POLICY.out_hz)
 
 
 def _guides(
@@ -357,11 +344,11 @@ def _guides(
         np.sqrt(np.einsum("ki,ij,kj->k", found.design, found.state.covariance[np.ix_(places, places)], found.design))
         for places in ([0, 1, 2, 6], [3, 4, 5, 7])
     )
-    sure = stays & (sigma_m < SURE_M) & (sigma_m_s < SURE_M_S)
+    sure = stays & (sigma_m < POLICY.sure_m) & (sigma_m_s < POLICY.sure_m_s)
     doppler_hz = dopplers_hz(sky, found.rate_m_s, signal.carrier_hz)
     correction_hz = np.nan_to_num(found.rate_left_m_s) * signal.carrier_hz / SPEED_OF_LIGHT_M_S
     delay_s = (found.range_m - sky.offset_m) / SPEED_OF_LIGHT_M_S
-    until_s = elapsed_s + (LAPSE_EPOCHS + 0.5) * MEASURE_FRAMES * settings.frame_s
+    until_s = elapsed_s + (POLICY.lapse_epochs + 0.5) * MEASURE_FRAMES * settings.frame_s
     guides = {}
     for i in np.flatnonzero(sure).tolist():
         guide = np.full(g.N_GUIDE, np.nan)
