@@ -4,10 +4,12 @@ Two skies within one receiver cannot both be true, so that one is false is evide
 says (`navigation.foresight`), by `navigation.prediction.choose`. It rests on an assumption that no measurement shows:
 that the signals were true until a certain time.
 
-- Where the second sky was seen from its first moment on, farther from the first than a search can hide: until then, if
-  no two transmitters act in concert, one that leads the receiver away unseen and one that is seen from afar. Every
-  window before has to go on from those before it as the foresight expects, and a place that stays is learned of in the
-  first ones only.
+- Where an inertial unit carries the antenna: in every window that its navigator was corrected by (`departure`), as long
+  as no test fails and each goes on as inertia expects.
+- Else, where the second sky was seen from its first moment on, farther from the first than a search can hide: until
+  then, if no two transmitters act in concert, one that leads the receiver away unseen and one that is seen from afar.
+  Every window before has to go on from those before it as the foresight expects, and a place that stays is learned of
+  in the first ones only.
 - Where it may have been hidden in the first one for any time, or still is, or a window does not go on so: for the first
   `clean_start_s` seconds of the run only. What was received in between may have been led away by a false sky already,
   and no prediction learns of it.
@@ -25,15 +27,16 @@ whether or not that window alone shows that the second one is no reflection. Not
 chosen sky are trusted, and the foresight follows them.
 """
 
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from skyproof.fusion.choice_findings import DETECTOR, chosen, chosen_overlapping, not_chosen, taken_for_true
+from skyproof.fusion.departure import CorrectedNavigator
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.policy import POLICY
@@ -126,11 +129,13 @@ def choices(
     foresights: Mapping[str, Foresight],
     rules: ChoiceRules,
     navigation: NavigationData | None = None,
+    navigators: Mapping[str, CorrectedNavigator] | None = None,
 ) -> Chosen:
     """What prediction says of the receivers that are attacked, of which nothing is named as true or false, and of which
     there is a foresight.
 
-    navigation : orbits, for a foresight that learns from the fixes of epochs.
+    navigation : orbits, for a foresight that learns from the fixes of epochs. navigators : of receivers with an
+        inertial unit.
     """
     named = {s.ref.receiver for s in decision.labels if s.label in ("authentic", "spoofed")}
     attacked = {ref.receiver for e in evidence if e.says == "attack" for ref in e.signals} - named
@@ -148,7 +153,7 @@ def choices(
                 multipath_sigma_m=rules.multipath_sigma_m,
                 elevation_mask_deg=rules.elevation_mask_deg,
             )
-            chooser = _Chooser(maker, rules, _second_onset(own, o))
+            chooser = _Chooser(maker, rules, _second_onset(own, o), (navigators or {}).get(o.receiver))
             said, last = chooser.of_windows(every[o.receiver], foresights[o.receiver], doubted)
             found += said
             compared += [last.compared] if last.compared is not None else []
@@ -164,11 +169,12 @@ def _second_onset(skies: Sequence[FalseSource], o: ObservationLog) -> Onset | No
 
 @dataclass(frozen=True, eq=False)
 class _Chooser:
-    """Of one receiver. onset : of its second sky."""
+    """Of one receiver. onset : of its second sky. navigator : of its inertial unit."""
 
     maker: FixMaker
     rules: ChoiceRules
     onset: Onset | None
+    navigator: CorrectedNavigator | None = None
 
     @property
     def log(self) -> ObservationLog:
@@ -186,14 +192,27 @@ class _Chooser:
 
         doubted : when windows begin in which the signals of any receiver are.
         """
+        if self.navigator is not None:
+            return self._by_inertia(every, self.navigator)
         until = min([self._latest(), *doubted])
         for last in (until, min(until, self.clean_start)):
             before = [w for w in every if w.sets and w.end <= last]
             learned = self._learned(_State(foresight), before)
             if learned is not None:
                 after = [w for w in every if (w.sets or w.overlapping) and w.end > last]
-                return self._walked(learned, before, after)
+                return self._walked(learned, before, after, every)
         return [], _State(foresight)
+
+    def _by_inertia(self, every: Sequence[Rivals], navigator: CorrectedNavigator) -> tuple[list[Finding], _State]:
+        """By what was true while inertia went on with it."""
+        from_start = self.onset is not None and self.onset.from_start
+        starts = set() if from_start or not self.rules.clean_start_s else set(navigator.starts)
+        before = [w for w in every if w.start in starts]
+        if not before:
+            return [], _State(navigator.foresight)
+        state = _State(navigator.foresight, kind=reference_kind(before[0].sets[0]), bias_s=navigator.bias_s)
+        after = [w for w in every if (w.sets or w.overlapping) and w.end > before[-1].end]
+        return self._walked(state, before, after, every)
 
     def _latest(self) -> np.datetime64:
         """Until when the signals may be taken for true."""
@@ -223,7 +242,7 @@ class _Chooser:
         return state
 
     def _walked(
-        self, state: _State, before: Sequence[Rivals], windows: Sequence[Rivals]
+        self, state: _State, before: Sequence[Rivals], windows: Sequence[Rivals], every: Sequence[Rivals]
     ) -> tuple[list[Finding], _State]:
         rests_on = self._rest_on(before, state.foresight.assumes)
         found: list[Finding] = []
@@ -233,7 +252,8 @@ class _Chooser:
             if not said:
                 said, state = self._overlapping(window, state, rests_on)
             found += said
-        clean = [taken_for_true(self.log, window, end, "only_sky", rests_on) for window, end in _spans(before)]
+        spans = zip(before, _ends(before, every), strict=True)
+        clean = [taken_for_true(self.log, window, end, "only_sky", rests_on) for window, end in spans]
         return [*clean, *_at_home(found)], state
 
     def _rest_on(self, before: Sequence[Rivals], assumes: tuple[str, ...]) -> dict[str, Datum]:
@@ -353,9 +373,12 @@ def _goes_on(expected: Known, fix: Known) -> bool:
     return fit_p_value(expected, fix) >= POLICY.goes_on_probability
 
 
-def _spans(windows: Sequence[Rivals]) -> list[tuple[Rivals, np.datetime64]]:
-    """Each window with the start of the next one, up to which it speaks: of a long run not every window is kept."""
-    return [*((one, two.start) for one, two in pairwise(windows)), *((w, w.end) for w in windows[-1:])]
+def _ends(windows: Sequence[Rivals], every: Sequence[Rivals]) -> list[np.datetime64]:
+    """Return up to when each window speaks: to the start of the next one, for of a long run not every one is kept."""
+    starts = sorted(window.start for window in every)
+    following = [bisect_right(starts, window.start) for window in windows]
+    last = windows[-1].end if windows else None
+    return [starts[k] if k < len(starts) and starts[k] < last else last for k in following]
 
 
 def _at_home(found: Sequence[Finding]) -> Iterator[Finding]:

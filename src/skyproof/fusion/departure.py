@@ -1,9 +1,10 @@
 """Does what a receiver shows leave what its inertial unit lets expect?
 
-The navigator is corrected by the fixes of every window that goes on as it expects, and at the end of each the next
-fix, position and velocity, is held against it: the squared distance over both covariances is chi-square if the signals
-are true and the unit errs no more than is stated of it (`navigation.inertial_foresight`). From the first window on that
-does not go on the unit runs free. The clock is not looked at here.
+The navigator is corrected by the fixes of every window that goes on as it expects and in which no other test fails, and
+at the end of each the next fix, position and velocity, is held against it: the squared distance over both covariances
+is chi-square if the signals are true and the unit errs no more than is stated of it (`navigation.inertial_foresight`).
+From the first window on that does not go on, or in which any receiver is attacked, the unit runs free. Clocks are not
+compared here, and correct the navigator for the first `clean_start_s` only: inertia does not see one that is pushed.
 
 What leaves it may be false signals, reflections or the unit. It is an attack only where
 
@@ -25,7 +26,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.fusion.policy import POLICY
 from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_of
-from skyproof.gnss.time import seconds_between
+from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
@@ -33,10 +34,22 @@ from skyproof.navigation.prediction import fit_p_value
 from skyproof.records import UNTESTED, Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef
 from skyproof.statistics.leave_out import largest_p_value_without
 
-__all__ = ["DETECTOR", "departures"]
+__all__ = ["DETECTOR", "CorrectedNavigator", "departures"]
 
 DETECTOR: Final = "inertia"
 _CLOCK: Final = np.array([6, 7])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CorrectedNavigator:
+    """A receiver's navigator, and the windows whose fixes corrected it, in order.
+
+    starts : of those windows. bias_s : the receiver's clock in the last of them.
+    """
+
+    foresight: Inertial
+    starts: tuple[np.datetime64, ...]
+    bias_s: float
 
 
 def departures(
@@ -45,17 +58,35 @@ def departures(
     makers: Sequence[FixMaker],
     foresights: Mapping[str, Foresight],
     alpha: float,
-) -> list[Finding]:
-    """Evidence on the receivers whose antenna an inertial unit carries, one piece for each window that leaves it.
+    clean_start_s: float,
+) -> tuple[list[Finding], dict[str, CorrectedNavigator]]:
+    """Test the receivers whose antenna an inertial unit carries: a finding for each window that leaves it.
 
-    alpha : probability of a false alarm in a window.
+    alpha : probability of a false alarm in a window. clean_start_s : for so long clocks correct the navigator.
+
+    Returns the findings, and by receiver its navigator.
     """
-    found: list[Finding] = []
+    found, navigators = list[Finding](), dict[str, CorrectedNavigator]()
+    # Whoever attacks one receiver is within reach of the others.
+    attacked = min((_date(e) for e in evidence if e.says in ("attack", "spoofed")), default=None)
     for maker in makers:
-        foresight = foresights.get(maker.log.receiver)
+        receiver = maker.log.receiver
+        foresight = foresights.get(receiver)
         if isinstance(foresight, Inertial):
-            found += _Walk(maker, foresight, alpha).through(rivals_of(maker.log, evidence, sets))
-    return found
+            walk = _Walk(maker, foresight, alpha, clean_start_s, attacked, _failed_spans(evidence, receiver))
+            found += walk.through(rivals_of(maker.log, evidence, sets))
+            navigators[receiver] = walk.navigator
+    return found, navigators
+
+
+def _date(e: Finding) -> np.datetime64:
+    """Return from when on a finding doubts the signals."""
+    return e.start_gpst if e.dated_gpst is None else min(e.start_gpst, e.dated_gpst)
+
+
+def _failed_spans(evidence: Sequence[Finding], receiver: str) -> list[tuple[np.datetime64, np.datetime64]]:
+    """Return when tests of a receiver fail, by what dates them."""
+    return [(_date(e), e.end_gpst) for e in evidence if e.failed and any(ref.receiver == receiver for ref in e.signals)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +112,20 @@ class _Look:
 class _Walk:
     """Of one receiver, window by window."""
 
-    def __init__(self, maker: FixMaker, foresight: Inertial, alpha: float) -> None:
+    def __init__(
+        self,
+        maker: FixMaker,
+        foresight: Inertial,
+        alpha: float,
+        clean_start_s: float,
+        attacked: np.datetime64 | None,
+        failed: Sequence[tuple[np.datetime64, np.datetime64]],
+    ) -> None:
+        """attacked : since when any receiver is. failed : when tests of this one fail."""
         self.maker, self.foresight, self.alpha = maker, foresight, alpha
+        self.clock_until = maker.log.gpst[0] + timedelta_from_s(clean_start_s)
+        self.attacked, self.failed = attacked, failed
+        self.starts: list[np.datetime64] = []
         self.bias_s = 0.0
         self.went_on, self.tried_m_s = 0, 0.0
         self.looks: list[_Look] = []  # since they part
@@ -100,20 +143,33 @@ class _Walk:
                 self.looks += self._looked(best.fix)
                 found.append(self._report(window, best))
                 self.named |= found[-1].says == "attack"
-            elif not self.looks:
-                self._learn(best.fix, best.sky)
+            elif self._is_clean(window):
+                self._learn(window, best.fix, best.sky)
                 self.went_on += 1
         return found
 
+    @property
+    def navigator(self) -> CorrectedNavigator:
+        return CorrectedNavigator(foresight=self.foresight, starts=tuple(self.starts), bias_s=self.bias_s)
+
+    def _is_clean(self, window: Rivals) -> bool:
+        """Tell whether nothing speaks against the window's only sky."""
+        if self.looks or window.doubted or (self.attacked is not None and window.end > self.attacked):
+            return False
+        return not any(begin < window.end and window.start < end for begin, end in self.failed)
+
     def _begin(self, window: Rivals) -> None:
         """Before the unit is aligned there is nothing to hold a window against."""
-        if not self.looks and len(window.sets) == 1:
+        if len(window.sets) == 1 and self._is_clean(window):
             (sky,) = window.sets
-            self._learn(self._fix(window, sky), sky)
+            self._learn(window, self._fix(window, sky), sky)
 
-    def _learn(self, fix: SkyFix, sky: ConsistentSet) -> None:
+    def _learn(self, window: Rivals, fix: SkyFix, sky: ConsistentSet) -> None:
         self.tried_m_s = max(self.tried_m_s, _change_m_s(self._looked(fix)))
+        if window.end > self.clock_until:
+            fix = SkyFix(whole=without(fix.whole, _CLOCK), each=tuple(without(one, _CLOCK) for one in fix.each))
         self.foresight, self.bias_s = self.foresight.learned(fix), sky.clock_bias_s
+        self.starts.append(window.start)
 
     def _fix(self, window: Rivals, sky: ConsistentSet) -> SkyFix:
         return self.maker.shown(window, sky, kind=reference_kind(sky), bias_s=self.bias_s, epochs=True)

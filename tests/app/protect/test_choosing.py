@@ -80,6 +80,11 @@ DRIVE = {
     "points_enu_m": [[0, 0, 0], [200, 100, 0], [300, 400, 0], [0, 600, 0], [-300, 300, 0], [0, 0, 0], [900, 0, 0]],
     "speed_m_s": 12.0,
 }
+ZIGZAG = {
+    "kind": "way-points",
+    "points_enu_m": [[250 * k, 150 * (k % 2), 0] for k in range(12)],
+    "speed_m_s": 12.0,
+}
 WALK = {
     "kind": "way-points",
     "points_enu_m": [
@@ -116,6 +121,20 @@ def test_a_car_with_an_inertial_unit_chooses_and_is_carried_on_meanwhile():
     free = found.source == "inertia"
     assert np.ptp(found.sigma_m[free]) > 5.0  # grows as long as nothing corrects it
     assert found.off_m[~free].max() < 10.0
+
+
+def test_inertia_is_corrected_until_a_test_fails():
+    """Of a pull after minutes the navigator knows more than that of a clean start of 30 s, which is 250 m off."""
+    onset_s = 157.0
+    scene = led_away(
+        path=ZIGZAG, imu={"grade": "tactical", "rate_hz": 50.0}, onset_s=onset_s, duration_s=200.0, speed_m_s=5.0
+    )
+    settings = Settings(oscillator="ocxo")
+    found = judged(scene, settings, foresights=inertia_of(scene, settings, "tactical"))
+    assert found.verdict.verdict == "spoofed"
+    assert found.at_s[found.source == "satellites"].max() > onset_s - 10.0
+    assert found.off_m.max() < 25.0
+    assert (found.off_m < 4.0 * found.sigma_m).all()
 
 
 @dataclass

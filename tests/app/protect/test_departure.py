@@ -45,7 +45,7 @@ def said(found, change=lambda readings: readings, shown=None):
     sets = [s for w in windows for s in w.sets]
     maker = FixMaker(log=o, navigation=NAVIGATION, multipath_sigma_m=1.0, elevation_mask_deg=5.0)
     unit = replace(foresight, readings=change(foresight.readings))
-    return departures(nothing_found(windows, o.signals), sets, [maker], {"bow": unit}, ALPHA)
+    return departures(nothing_found(windows, o.signals), sets, [maker], {"bow": unit}, ALPHA, 30.0)[0]
 
 
 def later(readings, since_s):

@@ -85,8 +85,9 @@ class Settings(BaseModel):
         ge=0.0,
         le=1e5,
         description="For so long from the start of the run the signals are taken as true, unless there is a sign "
-        "against it: where a receiver later gets two skies, what is predicted from then on says which is true. 0 takes "
-        "nothing for true. Tests of whether a receiver goes on begin with its first window, whatever this is.",
+        "against it: where a receiver later gets two skies, what is predicted from then on says which is true. An "
+        "inertial unit is corrected for longer: as long as no test fails. 0 takes nothing for true. Tests of whether a "
+        "receiver goes on begin with its first window, whatever this is.",
     )
     wrong_choice_probability: Number = Field(
         default=1e-3,

@@ -409,7 +409,7 @@ def judge(
         for o in observed
     ]
     alpha = max(detector.settings.false_alarm_probability for detector in detectors)
-    left = departures(evidence, sets, makers, foresights, alpha)
+    left, navigators = departures(evidence, sets, makers, foresights, alpha, settings.clean_start_s)
     left += displacements(evidence, sets, makers, foresights, alpha)
     left += [e for r in received for e in r.evidence]
     if left:
@@ -423,7 +423,7 @@ def judge(
         multipath_sigma_m=settings.multipath_sigma_m,
         elevation_mask_deg=settings.elevation_mask_deg,
     )
-    chosen = choices(decision, evidence, observed, sets, foresights, rules, orbits)
+    chosen = choices(decision, evidence, observed, sets, foresights, rules, orbits, navigators)
     if chosen.evidence:
         report(chosen.evidence)
         evidence = PackedLog(merge(evidence, chosen.evidence, key=_window))
