@@ -56,16 +56,16 @@ def test_pipes_and_devices_are_refused(tmp_path: Path, name: str) -> None:
         (tmp_path / beside).write_bytes(content)
     path = tmp_path / reader.name
     os.mkfifo(path)
-    with pytest.raises(SkyproofError, match=r"is a pipe or a device, expected a regular file|is not a regular file"):
+    with pytest.raises(SkyproofError, match=r"\bpipe\b|regular file"):
         reader.read(path)
     path.unlink()
     path.symlink_to("/dev/zero")
-    with pytest.raises(SkyproofError, match=r"is a pipe or a device, expected a regular file|is not a regular file"):
+    with pytest.raises(SkyproofError, match=r"\bpipe\b|regular file"):
         reader.read(path)
 
 
 def test_a_name_with_a_zero_byte_is_refused() -> None:
-    with pytest.raises(InputError, match=r"'a\\x00b': the navigation file cannot be read \(embedded null byte\)"):
+    with pytest.raises(InputError, match=r"'a\\x00b': .*null byte"):
         read_nav("a\0b")
 
 
@@ -73,7 +73,7 @@ def test_a_name_with_a_zero_byte_is_refused() -> None:
 def test_a_small_file_that_unpacks_to_a_large_one_is_refused(tmp_path: Path, read, mebibytes: int) -> None:
     path = tmp_path / "a.rnx.gz"
     path.write_bytes(gzip.compress(bytes(1 << 26), 1) * 5)  # 1.4 MB
-    with pytest.raises(InputError, match=rf"unpacked, holds more than {mebibytes} MiB, the limit"):
+    with pytest.raises(InputError, match=rf"unpacked.* {mebibytes} MiB"):
         read(path)
 
 
@@ -82,7 +82,7 @@ def test_a_file_that_is_larger_than_its_kind_ever_is_is_refused(tmp_path: Path) 
     with path.open("wb") as file:
         file.truncate(1 << 40)  # a hole: no byte is written
     for read in TOML_READERS:
-        with pytest.raises(SkyproofError, match="holds more than 1 MiB, the limit"):
+        with pytest.raises(SkyproofError, match=r"\b1 MiB"):
             read(path)
 
 
@@ -104,7 +104,7 @@ def test_a_file_that_is_larger_than_its_kind_ever_is_is_refused(tmp_path: Path) 
 )
 def test_what_is_nested_too_deep_is_refused_at_once(tmp_path: Path, read, text: str) -> None:
     (tmp_path / "a.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(SkyproofError, match=rf"not valid TOML: tables or keys of \d+ levels, expected at most {DEPTH}"):
+    with pytest.raises(SkyproofError, match=rf"TOML: .*\d+ levels.* {DEPTH};"):
         read(tmp_path / "a.toml")
 
 
@@ -133,22 +133,22 @@ def test_whole_numbers_of_thousands_of_digits_are_refused(tmp_path: Path, read, 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"a":' * 100_000, '{"global": ' + "9" * 5000 + "}"])
 def test_metadata_that_are_deep_or_hold_endless_numbers_are_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"a: not valid JSON: .*the file is damaged or is not SigMF metadata"):
+    with pytest.raises(InputError, match=r"^a: .*JSON"):
         parsed_meta(text.encode(), "a")
 
 
 def test_more_captures_than_any_recording_has_are_refused() -> None:
     text = json.dumps({"global": {}, "captures": [{}] * (CAPTURES + 1)})
-    with pytest.raises(InputError, match=r"100001 captures, expected at most 100000; cut out those that are wanted"):
+    with pytest.raises(InputError, match=r"100001 captures.* 100000\b"):
         parsed_meta(text.encode(), "a")
 
 
 def test_of_a_hundred_thousand_unknown_keys_a_few_are_named(tmp_path: Path) -> None:
     keys = "".join(f"key{number} = 1\n" for number in range(60_000))
     (tmp_path / "a.toml").write_text(f"[protect]\n{keys}", encoding="utf-8")
-    with pytest.raises(SettingsError, match=r"key0: unknown key.*key9: unknown key.*; and 59990 more$"):
+    with pytest.raises(SettingsError, match=r"\bkey0: .*\bkey9: .*\b59990 more$"):
         read_platform(tmp_path / "a.toml")
-    with pytest.raises(ScenarioError, match=r"key9: unknown key.*; and 59990 more$"):
+    with pytest.raises(ScenarioError, match=r"\bkey9: .*\b59990 more$"):
         parse_scenario(SCENE | {f"key{number}": 1 for number in range(60_000)})
     (tmp_path / "a.toml").write_text(f"[samples]\n{keys}", encoding="utf-8")
     with pytest.raises(InputError, match=r"; and \d+ more$") as raised:
@@ -158,7 +158,7 @@ def test_of_a_hundred_thousand_unknown_keys_a_few_are_named(tmp_path: Path) -> N
 
 def test_long_keys_and_values_are_shortened_in_a_message(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text(f"[protect]\n{'k' * 100_000} = 1\nplace_deg = '{'v' * 100_000}'\n", "utf-8")
-    with pytest.raises(SettingsError, match=r"protect\.k{49}\.\.\.: unknown key") as raised:
+    with pytest.raises(SettingsError, match=r"protect\.k{49}\.\.\.: ") as raised:
         read_platform(tmp_path / "a.toml")
     assert 'place_deg = "vvv' in str(raised.value)
     assert len(str(raised.value)) < 1000
@@ -174,14 +174,14 @@ def test_the_middle_of_an_endless_message_is_left_out() -> None:
 
 @pytest.mark.parametrize("text", ["2600-01-01", "9999-12-31T23:59:59.5", "1979-12-31", "2200-01-01T00:00:00.123456789"])
 def test_years_that_would_wrap_are_refused(text: str) -> None:
-    with pytest.raises(ValueError, match=rf"the year is {text[:4]}, expected 1980 to 2199"):
+    with pytest.raises(ValueError, match=rf"\b{text[:4]}\b.*\b1980\b.*\b2199\b"):
         parse_iso(text)
 
 
 @pytest.mark.parametrize("value", ["1.5", "07:32:00", "[2024]", "2600-01-01T00:00:00", "true"])
 def test_a_start_that_is_no_instant_is_refused(tmp_path: Path, value: str) -> None:
     (tmp_path / "a.toml").write_text(f"start_gpst = {value}\nduration_s = 1.0\n", encoding="utf-8")
-    with pytest.raises(ScenarioError, match=r"start_gpst: (is|the year is) "):
+    with pytest.raises(ScenarioError, match=r"start_gpst: "):
         read_scenario(tmp_path / "a.toml")
 
 
@@ -190,7 +190,7 @@ def test_a_date_is_an_instant_too(tmp_path: Path) -> None:
 
 
 def test_a_date_where_a_text_is_expected_is_named() -> None:
-    with pytest.raises(ScenarioError, match=r"name = 2024-05-14, expected a text"):
+    with pytest.raises(ScenarioError, match="name = 2024-05-14"):
         parse_scenario(SCENE | {"name": DATE})
 
 
@@ -200,9 +200,9 @@ def test_a_date_where_a_text_is_expected_is_named() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("-9.821875000000E+01", "-9.82187500000E+999", "'-9.82187500000E+999' is too large for a number"),
-        ("2024 06 24 10", "2600 06 24 10", "'2600 06 24 10 00 00' is not a date and time"),
-        ("10 00 00-1.77", "10 00 99-1.77", "'2024 06 24 10 00 99' is not a date and time"),
+        ("-9.821875000000E+01", "-9.82187500000E+999", "'-9.82187500000E+999'"),
+        ("2024 06 24 10", "2600 06 24 10", "'2600 06 24 10 00 00'"),
+        ("10 00 00-1.77", "10 00 99-1.77", "'2024 06 24 10 00 99'"),
     ],
 )
 def test_a_cell_that_cannot_be_costs_its_record(old: str, new: str, words: str) -> None:
@@ -217,7 +217,7 @@ def test_a_header_line_with_a_number_beyond_all_bounds_is_left_out() -> None:
     header = [text.replace(" 1.8626E-08", " 1.86E+9999") for text in VERSION_3_HEADER]
     navigation = parse_nav([*header, *GPS_RECORD])
     assert navigation.ionosphere is None
-    assert "line 3: IONOSPHERIC CORR cannot be read and is left out" in navigation.remarks
+    assert any(remark.startswith("line 3: IONOSPHERIC CORR") for remark in navigation.remarks)
 
 
 def test_signs_that_only_look_like_digits_are_damage() -> None:
@@ -233,7 +233,7 @@ def test_an_epoch_in_2999_costs_itself() -> None:
     late = [text.replace("> 2024", "> 2999") for text in epoch_3(37.5, [sat_3("G05", 2.0)])]
     file = parsed([*HEADER_3, *whole, *late])
     assert file.observations.gpst.size == 2
-    assert "line 13: what belongs to no whole epoch is left out" in file.remarks
+    assert any(remark.startswith("line 13: ") for remark in file.remarks)
 
 
 @pytest.mark.parametrize("count", [" -9", "  ²", "1e9"])
@@ -243,7 +243,7 @@ def test_a_count_that_is_none_costs_its_epoch(count: str, flag: int) -> None:
     bad = [text[:29] + count + text[32:] for text in epoch_2(1.0, ["G 3"], flag=flag)]
     file = parsed([*HEADER_2, *good, *bad, *record_2(2.0), *epoch_2(2.0, ["G 3"]), *record_2(3.0)])
     assert file.observations.gpst.size == 2
-    assert any("what belongs to no whole epoch is left out" in remark for remark in file.remarks)
+    assert any("whole epoch" in remark for remark in file.remarks)
 
 
 def test_a_damaged_number_of_types_keeps_all_that_are_named() -> None:
@@ -257,16 +257,16 @@ def test_a_damaged_number_of_types_keeps_all_that_are_named() -> None:
 )
 def test_a_header_line_that_makes_no_sense_is_left_out(text: str, label: str) -> None:
     file = parsed([HEADER_3[0], line(text, label), *HEADER_3[1:], *epoch_3(37.0, [sat_3("G05")])])
-    assert f"line 2: {label} cannot be read and is left out" in file.remarks
+    assert any(remark.startswith(f"line 2: {label} ") for remark in file.remarks)
 
 
 def test_many_damaged_header_lines_are_counted_not_listed() -> None:
     file = parsed([HEADER_3[0], *[line("x", "LEAP SECONDS")] * 40, *HEADER_3[1:], *epoch_3(37.0, [sat_3("G05")])])
-    assert "30 further header lines left out" in file.remarks
+    assert any(remark.startswith("30 further ") for remark in file.remarks)
 
 
 def test_hardly_more_than_empty_lines_are_refused() -> None:
-    with pytest.raises(InputError, match="hardly more than empty lines"):
+    with pytest.raises(InputError, match="empty lines"):
         parse_obs("\n".join(HEADER_3).encode() + b"\n" * (1 << 21))
 
 
@@ -274,13 +274,13 @@ def test_few_cells_in_many_epochs_of_many_signals_are_refused(monkeypatch: pytes
     monkeypatch.setattr(rinex_obs_read, "EMPTY_CELLS", 100)
     sats = [f"G{number:02d}" for number in range(1, 33)]
     lines = [text for k, sat in enumerate(sats) for text in epoch_3(float(k), [sat + cell(2e7)])]
-    with pytest.raises(InputError, match="32 epochs of 32 signals, of which 32 cells are filled: the file is damaged"):
+    with pytest.raises(InputError, match=r"32 epochs.*32 signals.*32 cells"):
         parsed([*HEADER_3, *lines])
 
 
 def test_records_that_are_mostly_absent_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rinex_obs_read, "EMPTY_CELLS", -10_000)
-    with pytest.raises(InputError, match=r"1 records for 4 types of observation in \d+ bytes: the header is damaged"):
+    with pytest.raises(InputError, match=r"\b1 records.*\b4 types.*\d+ bytes"):
         parsed([*HEADER_3, *epoch_3(37.0, [sat_3("G05")])])
 
 
@@ -340,7 +340,7 @@ def test_what_follows_a_missing_line_of_a_compact_file_is_left_out_and_reported(
 
 def test_a_compact_file_that_expands_to_more_than_is_read_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(crinex, "OBSERVATION_BYTES", 100)
-    with pytest.raises(InputError, match=r"a\.crx: the expanded file holds more than .*; cut it into shorter ones"):
+    with pytest.raises(InputError, match=r"a\.crx: .*\bMiB\b"):
         crinex.expanded("\n".join(COMPACT).encode(), source="a.crx")
 
 
@@ -352,13 +352,13 @@ CSV = "t_s,lat_deg,lon_deg,height_m\n0,57.0,11.0,10\n"
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (CSV + "1,57.0,11.0," + "1" * 140_000, r"line 3: field larger than field limit \(131072\); fix"),
-        ("t_s," + "a" * 140_000, r"line 1: field larger than field limit"),
-        (CSV + "1e300,57.0,11.0,10\n", r"line 3, t_s: 1e\+300 s, expected at most 1e\+09"),
-        (CSV + "1,57.0,11.0,1e300\n", r"line 3: latitude 57, longitude 11, height 1e\+300 m"),
-        (CSV + "1,57.0,11.0," + "x" * 1000 + "\n", r'line 3, height_m: "x{57}\.\.\." is not a number; fix it'),
-        ("t_s,x_ecef_m,y_ecef_m,z_ecef_m\n0,1e300,0,0\n", r"line 2: a coordinate of 1e\+300 m, expected ECEF"),
-        (CSV.replace("t_s", "gpst").replace("\n0", "\n2600-01-01"), r"line 2, gpst: the year is 2600, expected 1980"),
+        (CSV + "1,57.0,11.0," + "1" * 140_000, r"line 3: .*\b131072\b"),
+        ("t_s," + "a" * 140_000, r"line 1: .*\b131072\b"),
+        (CSV + "1e300,57.0,11.0,10\n", r"line 3, t_s: 1e\+300 s.* 1e\+09"),
+        (CSV + "1,57.0,11.0,1e300\n", r"line 3: .*\b57, .*\b11, .*\b1e\+300 m"),
+        (CSV + "1,57.0,11.0," + "x" * 1000 + "\n", r'line 3, height_m: "x{57}\.\.\."'),
+        ("t_s,x_ecef_m,y_ecef_m,z_ecef_m\n0,1e300,0,0\n", r"line 2: .*\b1e\+300 m.*ECEF"),
+        (CSV.replace("t_s", "gpst").replace("\n0", "\n2600-01-01"), r"line 2, gpst: .*\b2600\b.*\b1980\b"),
     ],
 )
 def test_a_row_that_cannot_be_is_refused_by_its_line(text: str, words: str) -> None:
@@ -379,24 +379,24 @@ def test_sentences_that_cannot_be_cost_themselves() -> None:
     read = parse_nmea([good, *bad, good.replace("214540", "214542")])
     assert read.t_s is not None
     np.testing.assert_array_equal(read.t_s, [0.0, 2.0])
-    assert "6 damaged sentences are left out" in read.remarks
+    assert any(remark.startswith("6 damaged ") for remark in read.remarks)
 
 
 @pytest.mark.parametrize("when", ["2600-01-01T00:00:00Z", "0001-01-01T00:00:00+01:00", "9999-12-31T23:59:59-01:00"])
 def test_years_that_would_wrap_are_refused_in_kml(when: str) -> None:
     text = READERS["kml"].seeds[0].decode().replace("2022-01-01T21:45:40.5Z", when)
-    with pytest.raises(InputError, match=r"point 1: .* is not a time, expected one as"):
+    with pytest.raises(InputError, match=r"point 1: .*\btime\b"):
         parse_kml(text)
 
 
 def test_more_tags_than_are_read_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(track, "XML_TAGS", 10)
-    with pytest.raises(InputError, match="more than 10 tags; give a file with fewer points"):
+    with pytest.raises(InputError, match=r"\b10 tags\b"):
         parse_kml("<a>" * 11)
 
 
 def test_the_bound_of_a_file_holds_to_the_byte(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"12345")
     assert byte_io.content_of(tmp_path / "a", 5, "it", "fix it") == b"12345"
-    with pytest.raises(InputError, match=r"it holds more than .* MiB, the limit; fix it"):
+    with pytest.raises(InputError, match=r"\bit .*MiB.*; fix it$"):
         byte_io.content_of(tmp_path / "a", 4, "it", "fix it")

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ def test_the_sum_is_of_the_bytes_as_they_were_read(path):
     with open(path, "r+b") as file:
         file.write(OTHER)
     assert octets.sha256() == sha256(CONTENT)
-    assert "was written to while it was processed" in octets.changes()[0]
+    assert "written to" in octets.changes()[0]
 
 
 def test_no_sum_is_given_where_the_bytes_as_they_were_read_are_not_known(path, monkeypatch):
@@ -73,7 +74,7 @@ def test_a_file_that_is_deleted_or_replaced_is_read_and_summed_to_its_end(path):
     path.write_bytes(OTHER)
     assert octets[900:].tobytes() == CONTENT[900:]
     assert octets.sha256() == sha256(CONTENT)
-    assert "deleted or replaced" in octets.changes()[0]
+    assert "replaced" in octets.changes()[0]
 
 
 def test_a_file_that_grows_is_read_and_summed_as_far_as_it_was_opened(path):
@@ -82,7 +83,7 @@ def test_a_file_that_grows_is_read_and_summed_as_far_as_it_was_opened(path):
         file.write(OTHER)
     assert octets.size == 1000
     assert octets.sha256() == sha256(CONTENT)
-    assert "has grown by 1000 bytes" in octets.changes()[0]
+    assert re.search(r"\bgrown\b.*\b1000 bytes", octets.changes()[0])
 
 
 def test_a_file_that_is_cut_while_it_is_read_is_reported_and_what_was_read_is_summed(path):
@@ -90,12 +91,11 @@ def test_a_file_that_is_cut_while_it_is_read_is_reported_and_what_was_read_is_su
     octets.sum_as_read()
     assert octets[:300].size == 300
     os.truncate(path, 300)
-    with pytest.raises(InputError, match=r"some\.bin ends after 300 bytes, but had 1000 when it was opened"):
+    with pytest.raises(InputError, match=r"some\.bin .*\b300 bytes.*\b1000\b"):
         octets[290:310]
     assert octets.sha256() == sha256(CONTENT[:300])
-    assert octets.changes() == (
-        "the file had 1000 bytes when it was opened and was cut to 300 since: the checksum is of the first 300",
-    )
+    (change,) = octets.changes()
+    assert re.findall(r"\d+", change) == ["1000", "300", "300"]
 
 
 @given(

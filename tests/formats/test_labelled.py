@@ -82,5 +82,5 @@ def test_a_library_that_is_missing_names_its_extra(convert, library, monkeypatch
         return import_module(name)
 
     monkeypatch.setattr(labelled, "import_module", missing)
-    with pytest.raises(SettingsError, match=rf"pip install 'skyproof\[{library}\]'"):
+    with pytest.raises(SettingsError, match=rf"'skyproof\[{library}\]'"):
         convert(WHOLE)

@@ -60,15 +60,15 @@ def test_packed_signs_in_rows_of_bytes(tmp_path):
 @pytest.mark.parametrize(
     ("array", "sidecar", "words"),
     [
-        (np.zeros((2, 3, 50), np.int8), RATE, r"shape \(2, 3, 50\), expected \(samples,\), \(channels, samples\)"),
-        (np.arange(50), RATE, "array of int64, expected integers of 8 to 32 bits"),
-        (np.zeros(50, np.float16), RATE, "array of float16, expected"),
-        (np.zeros(50, bool), RATE, "array of bool, expected"),
-        (np.zeros((100, 200), np.int8), RATE, r"shape \(100, 200\), expected at most 64 channels"),
-        (np.ones((50, 2), np.int16), RATE + "bits = 8\n", "samples of 8 bits, but array.npy holds int16 in shape"),
-        (np.ones((50, 2), np.int8), RATE + "channels = 2\n", "channels and header_bytes are those of array.npy"),
+        (np.zeros((2, 3, 50), np.int8), RATE, r"\(2, 3, 50\).*\(samples,\), \(channels, samples\)"),
+        (np.arange(50), RATE, r"\bint64\b.*\b8 to 32 bits"),
+        (np.zeros(50, np.float16), RATE, r"\bfloat16\b"),
+        (np.zeros(50, bool), RATE, r"\bbool\b"),
+        (np.zeros((100, 200), np.int8), RATE, r"\(100, 200\).*\b64 channels"),
+        (np.ones((50, 2), np.int16), RATE + "bits = 8\n", r"\b8 bits.*array\.npy.*\bint16\b"),
+        (np.ones((50, 2), np.int8), RATE + "channels = 2\n", r"channels.*header_bytes.*array\.npy"),
         (np.ones(50, np.int8), "[samples]\nif_hz = 1e6\n", "samples.rate_hz is missing"),
-        (np.array([None, 1]), RATE, "array of object, expected"),
+        (np.array([None, 1]), RATE, r"\bobject\b"),
     ],
 )
 def test_what_cannot_be_read_is_said(tmp_path, array, sidecar, words):
@@ -79,12 +79,12 @@ def test_what_cannot_be_read_is_said(tmp_path, array, sidecar, words):
 def test_a_cut_or_foreign_file_is_said(tmp_path):
     path = stored(tmp_path, numbers("i1", 2, 1000))
     path.write_bytes(path.read_bytes()[:-10])
-    with pytest.raises(InputError, match="its header announces 2128; the file is cut"):
+    with pytest.raises(InputError, match=r"\b2128\b"):
         open_recording(path)
     path.write_bytes(b"no numbers at all")
-    with pytest.raises(InputError, match="not a NumPy file"):
+    with pytest.raises(InputError, match="NumPy"):
         open_recording(path)
     path.with_suffix(".toml").unlink()
     np.save(path, numbers("i1", 2, 1000))
-    with pytest.raises(InputError, match="nothing states its rate, for there is no sidecar"):
+    with pytest.raises(InputError, match=r"\brate\b.*no sidecar"):
         open_recording(path)

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import struct
 import time
 from pathlib import Path
@@ -22,6 +23,7 @@ from skyproof.formats.raw import (
     sidecar_text,
 )
 from skyproof.records import Samples
+from skyproof.remarks import Remark, RemarkKind
 
 PACKINGS = [
     ("sign", 1),
@@ -128,10 +130,10 @@ def test_a_channel_that_never_changes_is_left_out_and_reported(tmp_path):
     layout = layout_of(channels=2)
     (alive,) = open_raw_channels(write(tmp_path, layout, values.astype(np.int8).tobytes()))
     assert alive.name == "rec-1"
-    assert any("left out: rec-2" in remark and "all samples are 3" in remark for remark in alive.remarks)
+    assert any(re.search(r"\brec-2\b.* 3 in ", remark) for remark in alive.remarks)
     one, two = open_raw_channels(tmp_path / "rec.bin", dead=True)
     assert (one.name, one.dead, two.name) == ("rec-1", "", "rec-2")
-    assert "all samples are 3" in two.dead
+    assert re.search(r" 3 in ", two.dead)
     assert [two.read(start, 3000).shape for start in (0, 4000, 5000)] == [(2, 3000), (2, 1000), (2, 0)]
     assert not two.read(0, 5000).any()
 
@@ -162,7 +164,7 @@ def test_every_packing_reads_back_from_any_place(tmp_path, encoding, bits, data)
         expected[1] = np.multiply(-1 if layout.conjugate else 1, first if layout.swap_iq else second)
     path = write(tmp_path, layout, packed(values, layout))
     if (expected == expected[:, :1]).all():  # as a few numbers may well be
-        with pytest.raises(InputError, match="nothing to receive"):
+        with pytest.raises(InputError, match="nothing"):
             open_raw(path)
         return
     samples = open_raw(path)
@@ -282,22 +284,22 @@ def test_a_sidecar_may_hold_a_bare_date_and_time(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"rate": 2.6e6}, ["samples.rate is not a known key", "did you mean rate_hz?"]),
-        ({"colour": 1}, ["samples.colour is not a known key", "known are rate_hz, kind"]),
-        ({"kind": "cmplx"}, ['samples.kind = "cmplx"', 'expected "real" or "complex"']),
-        ({"bits": 3}, ["samples.bits = 3", "expected the bits of one number: 1, 2, 4"]),
-        ({"conjugate": 1}, ["samples.conjugate = 1", "expected true if"]),
-        ({"encoding": "float"}, ['samples.bits = 8 does not go with encoding = "float", expected 32, 64']),
+        ({"rate": 2.6e6}, ["samples.rate ", "rate_hz?"]),
+        ({"colour": 1}, ["samples.colour ", "rate_hz, kind"]),
+        ({"kind": "cmplx"}, ['samples.kind = "cmplx"', '"real" or "complex"']),
+        ({"bits": 3}, ["samples.bits = 3", "1, 2, 4"]),
+        ({"conjugate": 1}, ["samples.conjugate = 1", "expected true"]),
+        ({"encoding": "float"}, [r"samples.bits = 8 does", 'encoding = "float"', "32, 64"]),
         ({"rate_hz": 2.6}, ["samples.rate_hz = 2.6", "in hertz"]),
         ({"rate_hz": "2.6e6"}, ['samples.rate_hz = "2.6e6"', "in hertz"]),
         ({"rate_hz": float("nan")}, ["samples.rate_hz = nan"]),
         ({"centre_hz": 1575.42}, ["samples.centre_hz = 1575.42", "1575420000.0 is L1"]),
         ({"kind": "real"}, ["samples.if_hz is missing"]),
         ({"kind": "real", "if_hz": 1e6, "conjugate": True}, ["negative if_hz"]),
-        ({"header_bytes": -1}, ["samples.header_bytes = -1", "zero or more"]),
+        ({"header_bytes": -1}, ["samples.header_bytes = -1", "zero"]),
         ({"start_gpst": "yesterday"}, ['samples.start_gpst = "yesterday"', "2022-01-01T21:45:58"]),
         ({"start_gpst": "1970-01-01T00:00:00"}, ["samples.start_gpst", "2022-01-01T21:45:58"]),
-        ({"start_gpst": "2022-01-01T21:45:58Z"}, ["samples.start_gpst", "without a zone"]),
+        ({"start_gpst": "2022-01-01T21:45:58Z"}, ["samples.start_gpst", "zone"]),
         ({"kind": "cmplx", "bits": 3, "rate": 1}, ["samples.kind", "samples.bits", "samples.rate "]),
     ],
     ids=lambda value: json.dumps(value)[:50],
@@ -320,11 +322,11 @@ def test_a_wrong_sidecar_is_reported_with_file_key_and_what_is_expected(tmp_path
     ("text", "words"),
     [
         ("[samples]\nrate_hz = = 3\n", "line 2"),
-        ("rate_hz = 2.6e6\n", "rate_hz stands outside the table"),
-        ("", "samples is missing; expected the table [samples]"),
-        ("[sample]\nbits = 1\n", "sample is not a known key; did you mean samples?"),
-        ("[samples]\nbits = 1\n", "samples.rate_hz is missing; expected samples a second"),
-        ("samples = 3\n", "samples = 3, expected the table [samples]"),
+        ("rate_hz = 2.6e6\n", "rate_hz stands outside"),
+        ("", "samples "),
+        ("[sample]\nbits = 1\n", "sample is not"),
+        ("[samples]\nbits = 1\n", "samples.rate_hz is missing"),
+        ("samples = 3\n", "samples = 3"),
     ],
     ids=["syntax", "no table", "empty", "misspelt table", "key missing", "no table but a number"],
 )
@@ -365,17 +367,17 @@ def test_a_sidecar_may_stand_elsewhere(tmp_path):
 
 
 def test_a_missing_recording_is_reported(tmp_path):
-    with pytest.raises(InputError, match=r"gone\.bin does not exist"):
+    with pytest.raises(InputError, match=r"gone\.bin"):
         open_raw(tmp_path / "gone.bin")
 
 
 def test_a_folder_is_no_recording(tmp_path):
-    with pytest.raises(InputError, match="not a regular file"):
+    with pytest.raises(InputError, match="regular"):
         open_raw(tmp_path)
 
 
 def test_an_empty_recording_is_reported(tmp_path):
-    with pytest.raises(InputError, match=r"rec\.bin is empty"):
+    with pytest.raises(InputError, match=r"rec\.bin.*empty"):
         open_raw(write(tmp_path, layout_of(), b""))
 
 
@@ -386,14 +388,14 @@ def test_a_cut_recording_loses_its_last_part_of_a_sample_and_says_so(tmp_path, b
     assert samples.n_samples == 1000
     assert samples.read(0, 2000).shape == (2, 1000)
     assert len(samples.remarks) == 1
-    assert f"the last {extra} bytes" in samples.remarks[0]
+    assert f" {extra} bytes" in samples.remarks[0]
 
 
 @pytest.mark.parametrize(("octets", "header"), [(b"\x01\x02\x03", 0), (b"\x01" * 8, 8), (b"\x01" * 8, 100)])
 def test_less_than_one_sample_is_reported(tmp_path, octets, header):
     path = write(tmp_path, layout_of("int", 16), octets)
     path.with_suffix(".toml").write_text(sidecar_text(layout_of("int", 16, header_bytes=header)))
-    with pytest.raises(InputError, match="hold no sample of 32 bits"):
+    with pytest.raises(InputError, match=r"\b32 bits"):
         open_raw(path)
 
 
@@ -404,7 +406,7 @@ def test_the_digest_is_that_of_the_file_and_its_progress_is_reported(tmp_path):
     reported = []
     assert sha256(path, lambda done, size: reported.append((done, size))) == hashlib.sha256(octets).hexdigest()
     assert reported == [(1 << 22, 5_000_000), (5_000_000, 5_000_000)]
-    with pytest.raises(InputError, match="does not exist"):
+    with pytest.raises(InputError, match=r"\bgone\b.*exist"):
         sha256(tmp_path / "gone")
 
 
@@ -432,7 +434,7 @@ def test_a_recording_cut_anywhere_loses_what_is_cut_and_no_more(tmp_path, cut, b
     else:
         assert samples.n_samples == kept
         np.testing.assert_array_equal(samples.read(0, 9999), expected[:, :kept])
-        assert any("less than one sample" in r for r in samples.remarks) == ((cut - 4) % max(1, bits // 4) != 0)
+        assert any(Remark.kind_of(r) is RemarkKind.CUT for r in samples.remarks) == ((cut - 4) % max(1, bits // 4) != 0)
 
 
 @given(place=st.integers(0, 10**6), bit=st.integers(0, 7))
@@ -460,7 +462,7 @@ def test_a_sidecar_with_a_flipped_bit_is_refused_or_read_as_it_stands(tmp_path, 
 # --- the levels
 
 
-@pytest.mark.parametrize(("octet", "words"), [(0, "all samples are zero"), (5, "all samples are 5")])
+@pytest.mark.parametrize(("octet", "words"), [(0, "zero in "), (5, r"samples are 5\b")])
 def test_a_recording_that_never_changes_is_refused(tmp_path, octet, words):
     with pytest.raises(InputError, match=words) as raised:
         open_raw(write(tmp_path, layout_of(), bytes([octet]) * 2_000_000))
@@ -468,7 +470,7 @@ def test_a_recording_that_never_changes_is_refused(tmp_path, octet, words):
 
 
 def test_one_bit_zeros_are_refused(tmp_path):
-    with pytest.raises(InputError, match="nothing to receive"):
+    with pytest.raises(InputError, match="nothing"):
         open_raw(write(tmp_path, layout_of("sign", 1), b"\x00" * 100_000))
 
 
@@ -500,15 +502,15 @@ def test_offset_and_imbalance_are_reported(tmp_path):
     octets[:, 0] += 4.0  # a fifth of sigma
     octets[:, 1] *= 0.9  # 0.92 dB
     remarks = open_raw(write(tmp_path, layout_of(), octets.round().astype(np.int8).tobytes())).remarks
-    assert [remark for remark in remarks if "DC offset +0.20 in I and" in remark]
-    assert "I/Q imbalance +0.9 dB (I over Q)" in remarks
+    assert [remark for remark in remarks if "DC offset +0.20 in I" in remark]
+    assert [remark for remark in remarks if "I/Q imbalance +0.9 dB" in remark]
 
 
 def test_a_dead_branch_is_reported(tmp_path):
     octets = noise(100_000).reshape(-1, 2)
     octets[:, 1] = 0.0
     (remark,) = open_raw(write(tmp_path, layout_of(), octets.astype(np.int8).tobytes())).remarks
-    assert "Q never changes" in remark
+    assert remark.startswith("Q ")
 
 
 def test_real_samples_have_no_dead_branch(tmp_path):
@@ -520,7 +522,7 @@ def test_a_gap_is_reported_with_its_time(tmp_path):
     octets = noise(2_600_000).astype(np.int8)
     octets[2_600_000:] = 0
     (remark,) = open_raw(write(tmp_path, layout_of(), octets.tobytes())).remarks
-    assert "do not change in 8 of 16 stretches" in remark
+    assert re.search(r"\b8 of 16\b", remark)
     assert 0.5 <= float(remark.split("first at ")[1].split()[0]) < 0.6
 
 
@@ -529,14 +531,14 @@ def test_floats_that_are_no_numbers_are_reported_and_read_as_zero(tmp_path):
     values[20:2020:2] = np.nan
     values[5] = np.inf
     samples = open_raw(write(tmp_path, layout_of("float", 32), values.tobytes()))
-    assert "1.00% of the samples looked at are not finite" in samples.remarks[0]
+    assert "1.00%" in samples.remarks[0]
     assert np.isfinite(samples.read(0, 100_000)).all()
     assert samples.read(10, 1)[0, 0] == 0.0
     assert samples.read(10, 1)[1, 0] == values[21]
 
 
 def test_nothing_but_floats_that_are_no_numbers_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"100\.00% of the samples looked at are not finite"):
+    with pytest.raises(InputError, match=r"100\.00%"):
         open_raw(write(tmp_path, layout_of("float", 32), b"\xff" * 8000))
 
 

@@ -54,15 +54,15 @@ def test_metadata_beside_a_raw_file_without_sidecar_are_used(tmp_path):
 
 
 def test_a_raw_file_that_nothing_describes_is_reported_as_ever(tmp_path):
-    with pytest.raises(InputError, match=r"nothing says how to read it, for there is no sidecar .*rec\.toml"):
+    with pytest.raises(InputError, match=r"no sidecar.*rec\.toml"):
         open_recording(write(tmp_path))
-    with pytest.raises(InputError, match=r"gone\.bin does not exist"):
+    with pytest.raises(InputError, match=r"gone\.bin.*exist"):
         open_recording(tmp_path / "gone.bin")
 
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("a.sigmf.gz", "unpack it first"), ("a.sigmf-collection", "sigmf-meta of each recording")],
+    [("a.sigmf.gz", "unpack"), ("a.sigmf-collection", r"\bsigmf-meta\b")],
 )
 def test_containers_that_are_not_read_are_reported(tmp_path, name, words):
     with pytest.raises(InputError, match=words):
@@ -71,7 +71,7 @@ def test_containers_that_are_not_read_are_reported(tmp_path, name, words):
 
 def test_sigmf_takes_no_sidecar(tmp_path):
     write(tmp_path, "rec.sigmf-data", meta=True)
-    with pytest.raises(InputError, match="remove the sidecar"):
+    with pytest.raises(InputError, match=r"\bremove\b"):
         open_recording(tmp_path / "rec.sigmf-meta", tmp_path / "rec.toml")
 
 

@@ -170,7 +170,7 @@ def test_version_3_gives_the_same_and_leaves_out_other_systems():
         a0=-9.3132257462e-10, a1=-7.993605777e-15, tot=319488.0, wnt=2320, leap_seconds=18
     )
     assert navigation.source == "navigation data"
-    assert navigation.remarks == ("2 records of other kinds left out (I: 1, S: 1)",)
+    assert [re.findall(r"\w+: \d+|^\d+", remark) for remark in navigation.remarks] == [["2", "I: 1", "S: 1"]]
 
 
 def test_version_4_takes_lnav_orbits_and_ionosphere_only():
@@ -180,7 +180,8 @@ def test_version_4_takes_lnav_orbits_and_ionosphere_only():
     assert navigation.ionosphere.alpha == alpha
     assert navigation.ionosphere.beta == (96256.0, 131072.0, -65536.0, -589824.0)
     assert navigation.utc.leap_seconds == 18
-    assert navigation.remarks == ("3 records of other kinds left out (G EPH CNAV: 1, G STO LNAV: 1, I EPH LNAV: 1)",)
+    (remark,) = navigation.remarks
+    assert re.match(r"3 .*\(G EPH CNAV: 1, G STO LNAV: 1, I EPH LNAV: 1\)$", remark)
 
 
 @pytest.mark.parametrize("spelling", ["-.774230040610D-04", "-7.74230040610e-05", "-7.74230040610d-05"])
@@ -239,7 +240,7 @@ def test_an_unknown_fit_interval_is_four_hours(fit):
 def test_the_date_resolves_the_week_whatever_the_writer_counted(written):
     navigation = parse_nav(changed(VERSION_3, 14, "2.320000000000E+03", written))
     assert navigation.ephemerides[0].week == 2320
-    assert "GPS week resolved by the date in 1 records that state another one" in navigation.remarks
+    assert any(re.search(r"\bGPS week\b.*\b1 records\b", remark) for remark in navigation.remarks)
 
 
 def test_an_orbit_of_the_next_week_with_a_clock_of_this_one_is_put_right():
@@ -372,14 +373,14 @@ def test_beidou_and_galileo_keep_their_own_fields():
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        (lambda lines: changed(lines, 9, "0.398838041777D-08", "0.39883x041777D-08"), "is not a number"),
-        (lambda lines: changed(lines, 9, "0.390000000000D+02", "*" * 18), "is not a number"),
+        (lambda lines: changed(lines, 9, "0.398838041777D-08", "0.39883x041777D-08"), "'0.39883x041777D-08'"),
+        (lambda lines: changed(lines, 9, "0.390000000000D+02", "*" * 18), "'******************'"),
         (lambda lines: without(without(lines, 10), 10), "6 lines of 8"),
-        (lambda lines: changed(lines, 8, "22  1  1  0", "22 13  1  0"), "is not a date and time"),
-        (lambda lines: changed(lines, 8, " 1 22", "77 22"), "no such satellite"),
-        (lambda lines: changed(lines, 10, "0.515367499542D+04", "0.515367499542D+01"), "no GPS satellite can have"),
+        (lambda lines: changed(lines, 8, "22  1  1  0", "22 13  1  0"), "'22 13 1 0 0 0.0'"),
+        (lambda lines: changed(lines, 8, " 1 22", "77 22"), "G77 left"),
+        (lambda lines: changed(lines, 10, "0.515367499542D+04", "0.515367499542D+01"), " its orbit"),
         (lambda lines: changed(lines, 9, "-0.141125000000D+03", " " * 19), "is missing"),
-        (lambda lines: changed(lines, 8, " 1 22  1  1", " 1 21  1  1"), "its date is in GPS week 2138"),
+        (lambda lines: changed(lines, 8, " 1 22  1  1", " 1 21  1  1"), "GPS week 2138"),
     ],
     ids=["letter", "overflow", "lines gone", "month 13", "satellite 77", "orbit", "blank", "year"],
 )
@@ -399,7 +400,7 @@ def test_a_file_cut_within_a_number_loses_that_record_only(line):
         navigation = parse_nav([*whole[:-1], whole[-1][:kept]])
         between = len(whole[-1][:kept].rstrip()) in (0, 22, 41, 60, 79)
         assert [eph.sat for eph in navigation.ephemerides] == (["G01", "G02"] if between else ["G01"])
-        assert between or "line 16: G02 left out, the file ends within a number" in navigation.remarks[0]
+        assert between or re.match(r"line 16: G02 .*\bnumber\b", navigation.remarks[0])
 
 
 def test_many_damaged_records_are_counted_not_listed():
@@ -407,13 +408,13 @@ def test_many_damaged_records_are_counted_not_listed():
     navigation = parse_nav([*VERSION_2, *record * 30])
     assert len(navigation.ephemerides) == 2
     assert len(navigation.remarks) == 11
-    assert navigation.remarks[-1] == "20 further damaged records left out"
+    assert navigation.remarks[-1].startswith("20 further ")
 
 
 def test_a_damaged_header_line_is_reported_and_left_out():
     navigation = parse_nav(changed(VERSION_2, 2, "0.1211D-07", "0.1211D-x7"))
     assert navigation.ionosphere is None
-    assert navigation.remarks == ("line 3: ION ALPHA cannot be read and is left out",)
+    assert [remark[:18] for remark in navigation.remarks] == ["line 3: ION ALPHA "]
 
 
 def test_leap_seconds_come_from_the_date_where_only_the_polynomial_is_given():
@@ -443,39 +444,39 @@ def test_no_damage_ends_in_anything_but_data_or_a_message(data):
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        ([], "line 1: '', expected RINEX VERSION / TYPE"),
-        (["hello world"], "line 1: 'hello world', expected RINEX VERSION / TYPE"),
+        ([], "line 1: ''"),
+        (["hello world"], "line 1: 'hello world'"),
         (["     3.04           OBSERVATION DATA    M: MIXED            RINEX VERSION / TYPE"], "holds observations"),
         (["     2.11           H: SBAS NAV DATA                        RINEX VERSION / TYPE"], "SBAS navigation"),
         (["     3.04           G: GLONASS NAV DATA                     RINEX VERSION / TYPE"], "GLONASS navigation"),
         (["     5.00           N: GNSS NAV DATA    M: MIXED            RINEX VERSION / TYPE"], "RINEX version '5.00'"),
         (["     x              N: GNSS NAV DATA    M: MIXED            RINEX VERSION / TYPE"], "RINEX version 'x'"),
         (["1.0                 COMPACT RINEX FORMAT                    CRINEX VERS   / TYPE"], "compressed RINEX obs"),
-        (VERSION_3_HEADER[:-1], "line 8: the file ends before END OF HEADER"),
-        (VERSION_3_HEADER, "no ephemeris after line 9;"),
-        ([*VERSION_3_HEADER, *OTHER_RECORDS], "2 records of other kinds left out"),
-        ([*VERSION_3_HEADER, *GPS_RECORD[:3]], "line 10: G05 left out, 3 lines of 8"),
+        (VERSION_3_HEADER[:-1], "line 8: .*END OF HEADER"),
+        (VERSION_3_HEADER, "line 9;"),
+        ([*VERSION_3_HEADER, *OTHER_RECORDS], r"\b2 records\b"),
+        ([*VERSION_3_HEADER, *GPS_RECORD[:3]], r"line 10: G05.*\b3 lines of 8\b"),
     ],
 )
 def test_what_is_no_navigation_file_is_reported_with_place_and_remedy(lines, words):
     with pytest.raises(InputError) as caught:
         parse_nav(lines, source="some.file")
     assert str(caught.value).startswith("some.file")
-    assert words in str(caught.value)
-    assert "give a RINEX navigation file" in str(caught.value) or "fetch it again" in str(caught.value)
+    assert re.search(words, str(caught.value))
+    assert re.search(r"; (give|fetch) ", str(caught.value))
 
 
 def test_files_that_cannot_be_read_are_reported(tmp_path):
     for name, content in (("cut.gz", gzip.compress("\n".join(VERSION_2).encode())[:-20]), ("junk.gz", b"\x1f\x8bjunk")):
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(InputError, match=f"{re.escape(name)}: damaged gzip file"):
+        with pytest.raises(InputError, match=rf"{re.escape(name)}: .*gzip"):
             read_nav(tmp_path / name)
     (tmp_path / "old.Z").write_bytes(b"\x1f\x9d\x90abc")
-    with pytest.raises(InputError, match="uncompress it first"):
+    with pytest.raises(InputError, match="uncompress"):
         read_nav(tmp_path / "old.Z")
-    with pytest.raises(InputError, match="absent: the navigation file does not exist"):
+    with pytest.raises(InputError, match=r"absent: .*exist"):
         read_nav(tmp_path / "absent")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match=re.escape(str(tmp_path))):
         read_nav(tmp_path)
 
 
@@ -551,7 +552,7 @@ def test_every_accuracy_index_and_week_survives(tmp_path):
 
 
 def test_a_place_that_cannot_be_written_is_reported(tmp_path):
-    with pytest.raises(OutputError, match="cannot be written"):
+    with pytest.raises(OutputError, match=r"nav\.rnx"):
         write_nav(tmp_path / "absent" / "nav.rnx", parse_nav(VERSION_3))
 
 

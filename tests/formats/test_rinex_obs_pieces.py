@@ -2,6 +2,7 @@
 
 import gzip
 import itertools
+import re
 import zlib
 from dataclasses import fields
 
@@ -15,6 +16,7 @@ from skyproof.formats import rinex_obs_pieces
 from skyproof.formats.rinex_obs_pieces import following, obs_pieces
 from skyproof.formats.rinex_obs_read import parse_obs
 from skyproof.records import Observations
+from skyproof.remarks import Remark, RemarkKind
 
 TYPES_3 = f"{'G    4 C1C L1C D1C S1C':60}SYS / # / OBS TYPES"
 VERSION_3 = [
@@ -114,8 +116,8 @@ def test_no_piece_is_larger_than_was_asked_for():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (gzip.compress(file_3())[:-8] + b"xxxxxxxx", "damaged gzip file .*; fetch or compress it again"),
-        (b"\n".join(VERSION_3[i].encode() for i in (0, 1)), "the file ends before END OF HEADER; fetch it again"),
+        (gzip.compress(file_3())[:-8] + b"xxxxxxxx", r"a\.obs: .*gzip"),
+        (b"\n".join(VERSION_3[i].encode() for i in (0, 1)), r"a\.obs, line 2: .*END OF HEADER"),
         (b"", "expected RINEX VERSION / TYPE"),
     ],
 )
@@ -159,7 +161,7 @@ def test_a_gzip_bomb_is_refused_before_it_is_read(monkeypatch, head, filling):
 
 def test_what_is_unpacked_has_a_bound(monkeypatch):
     monkeypatch.setattr(rinex_obs_pieces, "STREAM_BYTES", 2000)
-    with pytest.raises(InputError, match="unpacked, holds more"):
+    with pytest.raises(InputError, match=r"unpacked.*MiB"):
         list(obs_pieces([gzip.compress(file_3())]))
 
 
@@ -176,8 +178,8 @@ def test_remarks_on_a_compact_file_and_a_header_come_through():
     epochs = ["> 2024 05 14 10 00 01.0000000  0  1      G05", "", "3&20000000000   ", f"{'':24}x"]
     pieces = list(obs_pieces(["\n".join([content, *epochs, ""]).encode()]))
     remarks = " ".join(pieces[-1].remarks)
-    assert "states 6 observation types of G and names 4" in remarks
-    assert "the compact RINEX is cut" in remarks
+    assert re.search(r"\b6 \w+ types of G .*\b4\b", remarks)
+    assert any(Remark.kind_of(remark) is RemarkKind.CUT for remark in pieces[-1].remarks)
 
 
 REAL = [

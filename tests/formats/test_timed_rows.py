@@ -61,22 +61,22 @@ HEAD = "gpst,a,b\n2022-01-01T00:00:00,1,2\n"
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "line 1: the columns are none, expected gpst or time_s, a, b as well"),
-        ("a" * 140_000 + "\n", "line 1: field larger than field limit"),
-        ("time_s,b\n", "line 1: the columns are time_s, b, expected a as well"),
-        ("time_s,a,a,b\n1,2,3,4\n", "line 1: the column a appears twice"),
+        ("", r"line 1: .*\bgpst or time_s, a, b\b"),
+        ("a" * 140_000 + "\n", r"line 1: .*\b131072\b"),
+        ("time_s,b\n", r"line 1: .*\btime_s, b, expected a\b"),
+        ("time_s,a,a,b\n1,2,3,4\n", r"line 1: .*\ba appears\b"),
         ("time_s,a,b\n", "no rows"),
-        (HEAD + "2022-01-01T00:00:01,1\n", "line 3: 2 fields, expected 3"),
-        (HEAD + "2022-01-01T00:00:01,1,2,3\n", "line 3: 4 fields, expected 3"),
-        (HEAD + "\n2022-01-01T00:00:01,1,two\n", 'line 4, b: "two" is not a number'),
-        (HEAD + "2022-01-01T00:00:01Z,1,2\n", "line 3, gpst: .*without a zone"),
-        (HEAD + "1650-01-01T00:00:01,1,2\n", "line 3, gpst: the year is 1650, expected 1980 to 2199"),
-        (HEAD + "9650-01-01T00:00:01,1,2\n", "line 3, gpst: the year is 9650, expected 1980 to 2199"),
-        (HEAD + ",1,2\n", "line 3, gpst: no time, expected an instant"),
-        (HEAD + "2022-01-01T00:00:00,1,2\n", "line 3, gpst: the same time as the row before"),
-        (HEAD + "2021-12-31T23:59:59.5,1,2\n", "line 3, gpst: earlier than the row before"),
-        ("time_s,a,b\n1,2,3\nnan,2,3\n", "line 3, time_s: no time, expected seconds"),
-        ("time_s,a,b\n1,2,3\n1.7e9,2,3\n", "line 3, time_s: no time, expected seconds, 1e.09 or less"),
+        (HEAD + "2022-01-01T00:00:01,1\n", r"line 3: 2 .*\b3;"),
+        (HEAD + "2022-01-01T00:00:01,1,2,3\n", r"line 3: 4 .*\b3;"),
+        (HEAD + "\n2022-01-01T00:00:01,1,two\n", 'line 4, b: "two"'),
+        (HEAD + "2022-01-01T00:00:01Z,1,2\n", r"line 3, gpst: .*\bzone\b"),
+        (HEAD + "1650-01-01T00:00:01,1,2\n", r"line 3, gpst: .*\b1650\b.*\b1980\b.*\b2199\b"),
+        (HEAD + "9650-01-01T00:00:01,1,2\n", r"line 3, gpst: .*\b9650\b.*\b1980\b.*\b2199\b"),
+        (HEAD + ",1,2\n", "line 3, gpst: no time"),
+        (HEAD + "2022-01-01T00:00:00,1,2\n", r"line 3, gpst: .*\bsame\b"),
+        (HEAD + "2021-12-31T23:59:59.5,1,2\n", r"line 3, gpst: .*\bearlier\b"),
+        ("time_s,a,b\n1,2,3\nnan,2,3\n", "line 3, time_s: no time.*seconds"),
+        ("time_s,a,b\n1,2,3\n1.7e9,2,3\n", "line 3, time_s: no time.*1e.09"),
     ],
 )
 def test_what_cannot_be_read_says_where_and_what_to_do(tmp_path, text, words):
@@ -85,24 +85,24 @@ def test_what_cannot_be_read_says_where_and_what_to_do(tmp_path, text, words):
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"ends in \".txt\"; give .csv or .parquet"):
+    with pytest.raises(InputError, match=r"\".txt\".*\.csv or \.parquet"):
         read_timed_rows(tmp_path / "a.txt", ("a",), "the rows")
     path = tmp_path / "a.parquet"
     path.write_bytes(b"PAR1, but not really")
-    with pytest.raises(InputError, match="not a readable Parquet file"):
+    with pytest.raises(InputError, match="Parquet"):
         read_timed_rows(path, ("a",), "the rows")
 
 
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        ({"gpst": pa.array([0, 1], pa.timestamp("us", "UTC")), "a": [1.0, 2.0]}, "expected a timestamp without a zone"),
-        ({"gpst": [0.0, 1.0], "a": [1.0, 2.0]}, "the column gpst is of type double, expected a timestamp"),
-        ({"time_s": ["0", "x"], "a": [1.0, 2.0]}, "row 1, time_s: of type string, expected seconds"),
-        ({"time_s": [0.0, 1.0], "a": ["1", "2"]}, "the column a is of type string, expected numbers"),
-        ({"time_s": [0.0, None], "a": [1.0, 2.0]}, "row 2, time_s: no time"),
-        ({"gpst": pa.array([0, 1], pa.timestamp("s")), "a": [1.0, 2.0]}, "row 1, gpst: the year is 1970"),
-        ({"gpst": pa.array([10**12, 10**13], pa.timestamp("s")), "a": [1.0, 2.0]}, "row 1, gpst: the year is"),
+        ({"gpst": pa.array([0, 1], pa.timestamp("us", "UTC")), "a": [1.0, 2.0]}, r"\bzone\b"),
+        ({"gpst": [0.0, 1.0], "a": [1.0, 2.0]}, r"\bgpst\b.*\bdouble\b.*timestamp"),
+        ({"time_s": ["0", "x"], "a": [1.0, 2.0]}, r"row 1, time_s: .*\bstring\b.*seconds"),
+        ({"time_s": [0.0, 1.0], "a": ["1", "2"]}, r"\ba is of\b.*\bstring\b.*numbers"),
+        ({"time_s": [0.0, None], "a": [1.0, 2.0]}, "row 2, time_s: "),
+        ({"gpst": pa.array([0, 1], pa.timestamp("s")), "a": [1.0, 2.0]}, r"row 1, gpst: .*\b1970\b"),
+        ({"gpst": pa.array([10**12, 10**13], pa.timestamp("s")), "a": [1.0, 2.0]}, r"row 1, gpst: .*\byear\b"),
     ],
 )
 def test_a_column_of_another_type_is_refused(tmp_path, columns, words):

@@ -92,9 +92,9 @@ def test_one_of_several_kml_tracks_is_taken_by_its_name(tmp_path):
     other = [places[0] + 1.0, *places[1:]]
     write_kml(tmp_path / "a.kml", {"trusted": (gpst, *places), "false": (gpst, *other)})
     assert apart_m(read_track(tmp_path / "a.kml", name="false"), other) < 1e-3
-    with pytest.raises(InputError, match=r'holds 2 tracks \("trusted", "false"\), expected one; say which by its name'):
+    with pytest.raises(InputError, match=r'\b2 tracks \("trusted", "false"\)'):
         read_track(tmp_path / "a.kml")
-    with pytest.raises(InputError, match=r'no track called "x" with points, but "trusted", "false"; give one that is'):
+    with pytest.raises(InputError, match=r'"x".*"trusted", "false"'):
         read_track(tmp_path / "a.kml", name="x")
 
 
@@ -134,25 +134,25 @@ def test_any_place_comes_back_through_nmea(lat_deg, lon_deg, height_m):
 def test_rows_without_a_place_are_left_out_and_reported():
     track = parse_csv("t_s,lat_deg,lon_deg,height_m\n0,40,3,1\n1,,,\n\n2,40,3,2\n")
     np.testing.assert_array_equal(track.t_s, [0.0, 2.0])
-    assert track.remarks == ("1 rows without a place are left out",)
+    assert [remark[:7] for remark in track.remarks] == ["1 rows "]
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "line 1: the columns are none, expected t_s or gpst, and lat_deg, lon_deg, height_m or"),
-        ("t_s,lat,lon\n0,1,2\n", "line 1: the columns are t_s, lat, lon, expected"),
-        ("t_s,lat_deg,lon_deg,height_m\n", "no row has a place"),
-        ("t_s,lat_deg,lon_deg,height_m\n0,40,3\n", "line 2: 3 fields, expected 4"),
-        ("t_s,lat_deg,lon_deg,height_m\n0,40,3,x\n", 'line 2, height_m: "x" is not a number'),
-        ("t_s,lat_deg,lon_deg,height_m\n0,40,3,nan\n", 'line 2, height_m: "nan" is not a number'),
+        ("", r"line 1: .*\bt_s or gpst, .*\blat_deg, lon_deg, height_m\b"),
+        ("t_s,lat,lon\n0,1,2\n", r"line 1: .*\bt_s, lat, lon\b"),
+        ("t_s,lat_deg,lon_deg,height_m\n", "no row"),
+        ("t_s,lat_deg,lon_deg,height_m\n0,40,3\n", r"line 2: 3 .* 4\b"),
+        ("t_s,lat_deg,lon_deg,height_m\n0,40,3,x\n", 'line 2, height_m: "x"'),
+        ("t_s,lat_deg,lon_deg,height_m\n0,40,3,nan\n", 'line 2, height_m: "nan"'),
         (
             "t_s,lat_deg,lon_deg,height_m\n0,400,3,1\n",
-            "line 2: latitude 400, longitude 3, height 1 m, expected degrees",
+            r"line 2: .*\b400, .*\b3, .*\b1 m\b",
         ),
-        ("t_s,lat_deg,lon_deg,height_m\n0,40,3,1\n0,40,3,1\n", "line 3: its time is not after that of line 2"),
-        ("gpst,lat_deg,lon_deg,height_m\n2022-01-01T00:00:00Z,40,3,1\n", "line 2, gpst: .* is not an instant"),
-        ("t_s,lat_deg,lon_deg,height_m,heading_deg\n0,40,3,1,9\n", "line 1: pitch_deg, roll_deg is missing beside"),
+        ("t_s,lat_deg,lon_deg,height_m\n0,40,3,1\n0,40,3,1\n", r"line 3: .*\bline 2\b"),
+        ("gpst,lat_deg,lon_deg,height_m\n2022-01-01T00:00:00Z,40,3,1\n", r"line 2, gpst: .*\binstant\b"),
+        ("t_s,lat_deg,lon_deg,height_m,heading_deg\n0,40,3,1,9\n", "line 1: pitch_deg, roll_deg "),
         ("t_s,lat_deg,lon_deg,height_m,heading_deg,pitch_deg,roll_deg\n0,40,3,1,9,,0\n", 'line 2, pitch_deg: "" is'),
     ],
 )
@@ -171,11 +171,7 @@ def test_damaged_sentences_and_epochs_without_a_fix_are_left_out_and_reported():
     lines[0] = lines[0].replace("59", "58")  # GGA of the first epoch; its RMC still has the place
     track = parse_nmea(["noise", *lines, "$GPGSV,1,1,00", line("GPGGA,21454")])
     assert track.t_s.size == 19
-    assert track.remarks == (
-        "2 damaged sentences are left out",
-        "1 epochs without a position are left out",
-        "1 points without a height have one between their neighbours'",
-    )
+    assert [remark[:9] for remark in track.remarks] == ["2 damaged", "1 epochs ", "1 points "]
 
 
 def test_nmea_without_a_date_has_times_only_and_without_separation_is_reported():
@@ -183,7 +179,7 @@ def test_nmea_without_a_date_has_times_only_and_without_separation_is_reported()
     track = parse_nmea([line(bare), line(bare.replace("214540.50", "214542.25"))])
     assert track.start_gpst is None
     np.testing.assert_array_equal(track.t_s, [0.0, 1.75])
-    assert "above the geoid" in track.remarks[0]
+    assert "geoid" in track.remarks[0]
     reported = parse_nmea([line(bare)], geoid_separation_m=60.2)
     assert reported.remarks == ()
     assert apart_m(reported, [np.array([v]) for v in (59.41, -16.88, 70.7)]) < 1e-6
@@ -193,16 +189,16 @@ def test_rmc_alone_puts_the_points_on_the_ellipsoid_and_says_so():
     track = parse_nmea([line("GNRMC,214540.50,A,5924.6,N,01652.8,W,1.0,90.0,010122,,,A")])
     assert apart_m(track, [np.array([v]) for v in (59.41, -16.88, 0.0)]) < 1e-6
     assert track.start_gpst == START
-    assert track.remarks == ("no point has a height: all are put on the ellipsoid",)
+    assert [("height" in remark, "ellipsoid" in remark) for remark in track.remarks] == [(True, True)]
 
 
 @pytest.mark.parametrize(
     ("lines", "words"),
     [
-        ([], r"no GGA or RMC sentence with a position \(0 damaged\); give a file with fixes"),
-        (["hello", "$GPGGA,x*00"], r"no GGA or RMC sentence with a position \(1 damaged\)"),
-        ([line(GGA.replace(",1,09", ",0,09"))], "no GGA or RMC sentence with a position"),
-        ([line(GGA), line(GGA.replace("214540", "214530"))], "line 2: its time is not after that of line 1"),
+        ([], r".*\bGGA or RMC\b.*\(0 damaged\)"),
+        (["hello", "$GPGGA,x*00"], r".*\bGGA or RMC\b.*\(1 damaged\)"),
+        ([line(GGA.replace(",1,09", ",0,09"))], r".*\bGGA or RMC\b"),
+        ([line(GGA), line(GGA.replace("214540", "214530"))], r"line 2: .*\bline 1\b"),
     ],
 )
 def test_nmea_that_holds_no_track_is_refused(lines, words):
@@ -252,34 +248,34 @@ def test_the_tracks_of_a_multitrack_are_one_and_its_line_is_not_another():
 def test_moments_without_a_place_are_left_out():
     track = parse_kml(kml(gx(TWO[0], ("2022-01-01T21:45:41Z", ""), TWO[1])))
     np.testing.assert_array_equal(track.t_s, [0.0, 2.0])
-    assert track.remarks == ("1 points without a place are left out",)
+    assert [remark[:9] for remark in track.remarks] == ["1 points "]
 
 
 def test_absolute_heights_count_from_the_geoid():
     text = kml(gx(*TWO), "<altitudeMode>absolute</altitudeMode>")
     reported = parse_kml(text, geoid_separation_m=50.0)
     assert apart_m(reported, np.array([[40, 3, 60], [40.1, 3, 61]]).T) < 1e-6
-    assert "above the geoid" in parse_kml(text).remarks[0]
+    assert "geoid" in parse_kml(text).remarks[0]
     ground = parse_kml(text.replace("absolute", "relativeToGround"))
-    assert "above the ground" in ground.remarks[0]
+    assert "ground" in ground.remarks[0]
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("PK\x03\x04", "not KML: .*; give a .kml file"),
-        (kml(""), "no gx:Track or LineString with points, but none at all"),
-        (kml(gx()), "the track has no points"),
-        (kml(gx(*TWO, more="<when>2022-01-01T21:45:43Z</when>")), r"3 times \(when\) but 2 points"),
+        ("PK\x03\x04", r"not KML: .*\.kml"),
+        (kml(""), r".*\bgx:Track or LineString\b"),
+        (kml(gx()), r".*\bno points"),
+        (kml(gx(*TWO, more="<when>2022-01-01T21:45:43Z</when>")), r"3 times .*\b2 points"),
         (kml(gx(*TWO, more="<gx:angles>1 2 3</gx:angles>")), "1 gx:angles but 2 points"),
-        (kml(gx(*TWO, more="<gx:angles>1 2</gx:angles>" * 2)), "gx:angles with other than 3 numbers"),
-        (kml(gx(("soon", "3 40 10"))), 'point 1: "soon" is not a time'),
-        (kml(gx(("2022-01-01T21:45:40Z", "3 x 10"))), 'point 1, coordinates: "x" is not a number'),
+        (kml(gx(*TWO, more="<gx:angles>1 2</gx:angles>" * 2)), r"gx:angles .*\b3\b"),
+        (kml(gx(("soon", "3 40 10"))), 'point 1: "soon"'),
+        (kml(gx(("2022-01-01T21:45:40Z", "3 x 10"))), 'point 1, coordinates: "x"'),
         (
             kml(gx(("2022-01-01T21:45:40Z", "3 95 10"))),
-            "point 1: latitude 95, longitude 3, height 10 m, expected degrees",
+            r"point 1: .*\b95, .*\b3, .*\b10 m\b",
         ),
-        (kml(gx(*TWO[::-1])), "point 2: its time is not after that of point 1"),
+        (kml(gx(*TWO[::-1])), r"point 2: .*\bpoint 1\b"),
     ],
 )
 def test_kml_that_holds_no_track_is_refused(text, words):
@@ -291,7 +287,7 @@ def test_kml_that_holds_no_track_is_refused(text, words):
 
 
 def test_a_file_that_cannot_be_read_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"a.csv: the track does not exist; check the name"):
+    with pytest.raises(InputError, match=r"a\.csv: .*exist"):
         read_track(tmp_path / "a.csv")
-    with pytest.raises(InputError, match=r'ends in ".kmz"; give .csv, .nmea or .kml'):
+    with pytest.raises(InputError, match=r"\.kmz.*\.csv, \.nmea or \.kml"):
         read_track(tmp_path / "a.kmz")

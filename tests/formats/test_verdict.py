@@ -208,9 +208,9 @@ def test_every_number_has_its_unit_in_the_schema() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "not a skyproof-verdict/2 document: Invalid JSON"),
-        ("[1]", "not a skyproof-verdict/2 document"),
-        ("{}", "format is missing; verdict is missing; .* and 11 more"),
+        ("", "skyproof-verdict/2 .*JSON"),
+        ("[1]", "skyproof-verdict/2 "),
+        ("{}", r"\bformat .*\bverdict .* 11 more"),
         (
             json.dumps(SAMPLE | {"format": "skyproof-verdict/1"}),
             "format = .skyproof-verdict/1., expected 'skyproof-verdict/2'",
@@ -232,10 +232,10 @@ def test_a_file_that_is_no_verdict_says_what_is_wrong_and_where(tmp_path: Path, 
 
 
 def test_a_file_that_is_not_there_is_an_input_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="does not exist"):
+    with pytest.raises(InputError, match=r"verdict\.json.*exist"):
         read_verdict(tmp_path / "verdict.json")
 
 
 def test_a_place_that_cannot_be_written_is_an_output_error(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="cannot be written"):
+    with pytest.raises(OutputError, match=r"nowhere/verdict\.json"):
         write_verdict(tmp_path / "nowhere" / "verdict.json", Verdict.model_validate(SAMPLE))

@@ -67,7 +67,7 @@ def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, 
     read = (*pair.paths, *(path.with_suffix(".toml") for path in pair.paths), pair.nav)
     sums = [hashlib.sha256(path.read_bytes()).hexdigest() for path in read]
     assert [one.sha256 for one in ended.verdict.inputs] == sums
-    assert "deleted or replaced while it was processed" in ended.remarks(1)
+    assert "replaced" in ended.remarks(1)
 
 
 def test_a_recording_that_grows_while_it_is_worked_on_is_not_authentic(meddled):
@@ -78,7 +78,7 @@ def test_a_recording_that_grows_while_it_is_worked_on_is_not_authentic(meddled):
     ended = meddled(append)
     assert ended.verdict.verdict == "no_attack_seen"
     assert [bool(given.cut) for given in ended.verdict.inputs[:2]] == [False, True]
-    assert "has grown by 4 bytes" in ended.remarks(1)
+    assert re.search(r"\bgrown\b.*\b4 bytes", ended.remarks(1))
 
 
 @pytest.mark.long

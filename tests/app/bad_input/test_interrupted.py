@@ -50,15 +50,17 @@ def test_a_signal_writes_what_is_decided_so_far(run, pair, monkeypatch, number, 
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("tracking", 13.0), number=number))
     ended = run(*pair.paths, nav=pair.nav, options=["--json", "--antenna-distance-m", f"{kit.DISTANCE_M}"])
     assert ended.code == code
-    assert ended.stderr == ["skyproof: interrupted: this is what was decided so far"]
+    assert [line.partition(": ")[2].partition(":")[0] for line in ended.stderr] == ["interrupted"]
     assert json.loads(ended.stdout) == json.loads((ended.folder / "verdict.json").read_text())
-    assert ended.verdict.summary.startswith("Interrupted after 6.5 of 8.0 s; up to then: The signals of ")
+    assert re.match(r"Interrupted .*\b6\.5 of 8\.0 s\b", ended.verdict.summary)
     assert ended.verdict.verdict == "no_attack_seen"  # an attack can begin after what was read
-    assert ended.verdict.reason == "it ended after 6.5 of 8.0 s"
-    assert ended.verdict.not_excluded == ("what comes after 6.5 of 8.0 s",)
-    assert ended.verdict.remedy == "the same command, run to its end"
+    assert ended.verdict.reason is not None
+    assert ended.verdict.reason.endswith(" 6.5 of 8.0 s")
+    (after,) = ended.verdict.not_excluded
+    assert after.endswith(" 6.5 of 8.0 s")
+    assert ended.verdict.remedy
     assert [r.duration_s for r in ended.verdict.receivers] == [6.5, 6.5]
-    assert "6.5 of 8.0 s were processed before the run was interrupted" in ended.remarks(1)
+    assert "6.5 of 8.0 s" in ended.remarks(1)
     assert (ended.folder / "report.html").exists()
     assert_whole(ended.folder)
 
@@ -68,8 +70,7 @@ def test_a_signal_before_any_test_writes_nothing_and_says_so(run, pair, monkeypa
     ended = run(*pair.paths, nav=pair.nav, options=["--json", "--antenna-distance-m", f"{kit.DISTANCE_M}"])
     assert ended.code == 143
     assert ended.stdout == ""
-    assert "before any test could run, and nothing was written: " in ended.stderr[0]
-    assert "no time of week" in ended.stderr[0]
+    assert re.search(r"\bbefore\b.*\bnothing was\b.*: .*\btime of\b", ended.stderr[0])
     assert not ended.folder.exists()
 
 
@@ -97,10 +98,10 @@ def test_a_signal_after_the_decision_does_not_lose_it(run, pair, monkeypatch, pr
 @pytest.mark.parametrize(
     ("second", "words", "written"),
     [
-        (("examining", 1), "ended at once, nothing further was written", None),
+        (("examining", 1), "nothing", None),
         (
             ("writing", 2),
-            "the verdict is 'no_attack_seen', but not all files were written to .*out",
+            r"'no_attack_seen'.*\bnot all\b.*out",
             ["report.html", "verdict.json"],
         ),
     ],
@@ -112,7 +113,7 @@ def test_a_second_signal_ends_it_and_leaves_no_half_file(run, pair, monkeypatch,
     assert ended.code == 143
     assert ended.stdout == ""
     assert len(ended.stderr) == 1
-    assert re.search(f"skyproof: interrupted a second time: {words}", ended.stderr[0])
+    assert re.match(f"skyproof: interrupted a second.*{words}", ended.stderr[0])
     if written is None:
         assert not ended.folder.exists()
     else:
@@ -123,8 +124,8 @@ def test_a_second_signal_ends_it_and_leaves_no_half_file(run, pair, monkeypatch,
 @pytest.mark.parametrize(
     ("presses", "err"),
     [
-        ([("tracking", 1.0)], "interrupted: this is what was received so far"),
-        ([("tracking", 6.0), ("writing", 1)], "interrupted a second time: ended at once, nothing further was written"),
+        ([("tracking", 1.0)], r"interrupted: .*\breceived"),
+        ([("tracking", 6.0), ("writing", 1)], r"interrupted a second.*nothing"),
     ],
     ids=["once", "twice"],
 )

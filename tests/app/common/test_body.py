@@ -1,5 +1,6 @@
 """The body's state in the windows of a run: whose position it is, and a covariance that holds whatever signals show."""
 
+import re
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -325,9 +326,7 @@ def test_times_from_a_start_count_from_the_one_stated_or_the_recordings(tmp_path
 
 
 def test_wrong_axes_are_noticed_by_gravity(tmp_path):
-    with pytest.raises(
-        SettingsError, match=r"p\.toml: gravity in the accelerometers of .*imu\.csv is 1\d\d degrees from"
-    ):
+    with pytest.raises(SettingsError, match=r"p\.toml: .*imu\.csv is 1\d\d degrees"):
         open_body(platform(imu=imu(tmp_path, axes="flu")), "p.toml")
 
 
@@ -339,15 +338,15 @@ def test_readings_without_an_initial_attitude_are_read_and_that_is_reported(tmp_
     ((path, kind, remarks),) = files.remarks(None, window(0.0, 10.0))
     assert (path, kind) == (unit["file"], "inertial readings")
     assert files.sums[path] == sha256(path)
-    assert remarks[-1].startswith("the attitude at the first reading is not stated: it is found from the motion")
+    assert "not stated" in remarks[-1]
     late = files.remarks(None, window(1e5, 2e5), files.imu.series(START))
-    assert "not used: it is of 2022-01-01T10:29:58.0" in next(late)[2][-1]
+    assert "2022-01-01T10:29:58.0" in next(late)[2][-1]
     timeless = Records(
         start_gpst=np.datetime64("NaT", "ns"), end_gpst=np.datetime64("NaT", "ns")
     )  # nothing was received
     ((_, _, remarks),) = files.remarks(None, timeless, files.imu.series(START))
-    assert remarks[-1].startswith("the attitude at the first reading is not stated")
-    with pytest.raises(InputError, match=r"none\.csv does not exist"):
+    assert "not stated" in remarks[-1]
+    with pytest.raises(InputError, match=r"none\.csv.*exist"):
         open_body(with_imu(platform(imu=unit), "none.csv"))
 
 
@@ -356,10 +355,10 @@ def test_files_of_another_time_are_said_to_be_unused(tmp_path):
     files = open_body(carrier)
     carried = body_of(carrier, files, ("one",), {}, START, 300.0)
     ((_, _, remarks),) = files.remarks(carried, window(100.0, 110.0))
-    assert "not used: it is of 2022-01-01T10:29:58.0 to 2022-01-01T10:30:58.0, the signals of" in remarks[-1]
+    assert re.match(r"not used: .*\b2022-01-01T10:29:58\.0 to 2022-01-01T10:30:58\.0,", remarks[-1])
     assert not next(iter(files.remarks(carried, window(0.0, 60.0))))[2]
     (half,) = next(iter(files.remarks(carried, window(30.0, 110.0))))[2]
-    assert half.startswith("not there all the time: it is of 2022-01-01T10:29:58.0 to 2022-01-01T10:30:58.0, the")
+    assert re.match(r"not there\b.*\b2022-01-01T10:29:58\.0 to 2022-01-01T10:30:58\.0,", half)
     assert body_state(carried, window(100.0, 110.0, HOME), Carried())[0] is None
     assert body_state(carried, window(-30.0, -20.0, HOME), Carried())[0] is None
 

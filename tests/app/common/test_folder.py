@@ -32,7 +32,7 @@ def holder(folder: Path) -> subprocess.Popen:
 def test_a_second_run_is_refused_and_leaves_the_folder_alone(tmp_path):
     first = holder(tmp_path / "a" / "out")
     with (
-        pytest.raises(OutputError, match=r"a/out: another run is writing into it; wait until it ends"),
+        pytest.raises(OutputError, match="a/out: another run"),
         claim(tmp_path / "a" / "out"),
     ):
         pass
@@ -105,10 +105,10 @@ def test_an_error_of_the_run_is_not_taken_for_one_of_the_folder(tmp_path):
     [
         ((), (), False, None),
         (("a",), ("a", "b"), True, None),
-        (("a",), ("a", "b"), False, "holds what was: a, b; name another folder with --out, or give --overwrite"),
-        ((), ("b",), False, "holds what was: b"),
-        (("a", "mine"), ("a",), True, "mine would be overwritten, and no earlier run"),
-        (("mine",), (), False, "mine would be overwritten"),
+        (("a",), ("a", "b"), False, r"holds what was: a, b; .*--overwrite"),
+        ((), ("b",), False, "holds what was: b;"),
+        (("a", "mine"), ("a",), True, r"^[^:]*: mine .*\bearlier\b"),
+        (("mine",), (), False, r"mine .*overwritten"),
     ],
 )
 def test_what_is_there_is_overwritten_only_if_it_is_ours_and_asked(tmp_path, taken, earlier, overwrite, words):

@@ -1,5 +1,7 @@
 """What a platform file gives a run: inputs and names, and settings that follow from positions, body and motion."""
 
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,11 +47,17 @@ def test_surveyed_positions_are_the_antennas_places() -> None:
     assert remarks == ()
 
 
+def unused(remarks: Sequence[str]) -> list[str]:
+    """The keys of the platform file that remarks call unused."""
+    found = [re.fullmatch("(.*): read, used by no method.*", remark) for remark in remarks]
+    return [match[1] for match in found if match]
+
+
 def test_positions_that_are_not_all_there_say_nothing_of_the_antennas_and_are_used_if_they_stay() -> None:
     for motion, remark in ((None, ()), ("moving", ("motion, receivers[0].position",))):
         settings, remarks = used(receivers=[SURVEYED[0], {"name": "stern"}, {"name": "mast"}], motion=motion)
         assert settings == Settings()
-        assert remarks == tuple(f"{keys}: read, used by no method of this run" for keys in remark)
+        assert unused(remarks) == list(remark)
     settings, _ = used(receivers=SURVEYED[:2])  # the third recording has no table
     assert settings.antennas_enu_m is None
 
@@ -74,7 +82,7 @@ def test_the_oscillator_is_a_setting_and_an_option_comes_before_it() -> None:
     assert (settings.oscillator, remarks) == ("ocxo", ())
     settings, remarks = used(Settings(oscillator="tcxo"), oscillator="ocxo")
     assert settings.oscillator == "tcxo"
-    assert remarks == ("oscillator: read, used by no method of this run",)
+    assert unused(remarks) == ["oscillator"]
 
 
 BODY = [{"name": "a", "body_m": [10.0, 0.0, 0.0]}, {"name": "b", "body_m": [10.0, 3.0, -1.0]}]
@@ -116,13 +124,13 @@ def test_without_an_attitude_that_stays_two_antennas_are_as_far_apart_as_in_the_
     assert settings.antennas_enu_m is None
     assert settings.antenna_distance_m == pytest.approx(np.sqrt(10.0))
     assert settings.antenna_distance_sigma_m == pytest.approx(0.01 * np.sqrt(2.0))
-    assert remarks == (("motion, attitude: read, used by no method of this run",) if more else ())
+    assert unused(remarks) == (["motion, attitude"] if more else [])
 
 
 def test_antennas_at_one_place_of_the_body_give_no_distance() -> None:
     settings, remarks = used(names=["a", "b"], receivers=[BODY[0], BODY[0] | {"name": "b"}])
     assert settings == Settings()
-    assert remarks == ("receivers[0].body_m, receivers[1].body_m: read, used by no method of this run",)
+    assert unused(remarks) == ["receivers[0].body_m, receivers[1].body_m"]
 
 
 @pytest.mark.parametrize("key", ["antennas_enu_m", "antenna_distance_m"])
@@ -132,7 +140,7 @@ def test_settings_of_the_run_come_before_the_platform_and_that_is_reported(key: 
     assert getattr(settings, key) == value
     assert settings == Settings(**{key: value})
     assert len(remarks) == 1
-    assert remarks[0].startswith(f"{key} is a setting of this run, and comes before receivers[0].")
+    assert re.match(rf"{re.escape(key)} .*\breceivers\[0\]\.", remarks[0])
 
 
 @pytest.mark.parametrize(
@@ -156,7 +164,7 @@ def test_no_antenna_is_faster_than_the_platform_and_its_arm(tables: dict[str, An
 def test_an_option_comes_before_the_platforms_speed() -> None:
     settings, remarks = used(Settings(speed_max_m_s=5.0), speed_max_m_s=30.0)
     assert settings.speed_max_m_s == 5.0
-    assert remarks == ("speed_max_m_s: read, used by no method of this run",)
+    assert unused(remarks) == ["speed_max_m_s"]
 
 
 def test_what_no_method_uses_stands_in_one_remark() -> None:
@@ -169,7 +177,7 @@ def test_what_no_method_uses_stands_in_one_remark() -> None:
     }
     _, remarks = used(names=["a"], **tables)
     keys = "motion, attitude, receivers[0].line_bias_cyc"
-    assert remarks == (f"{keys}: read, used by no method of this run",)
+    assert unused(remarks) == [keys]
 
 
 def test_inputs_and_names_come_from_the_platform(tmp_path: Path) -> None:
@@ -212,8 +220,8 @@ def test_antennas_of_a_receiver_are_opened_as_one(receivers: Any, given: list[st
 @pytest.mark.parametrize(
     ("receivers", "given", "words"),
     [
-        ([{"inputs": ["a"]}], ["b"], r"p\.toml: receivers\[0\] has inputs, and the command line as well"),
-        ([{"inputs": ["a"]}, {"name": "b"}], [], r"p\.toml: receivers\[1\] has no inputs; give it some, or all inputs"),
+        ([{"inputs": ["a"]}], ["b"], r"p\.toml: receivers\[0\] .*command line"),
+        ([{"inputs": ["a"]}, {"name": "b"}], [], r"p\.toml: receivers\[1\] has no inputs"),
     ],
 )
 def test_inputs_that_do_not_fit_the_platform_are_refused(receivers: Any, given: list[str], words: str) -> None:
@@ -224,8 +232,8 @@ def test_inputs_that_do_not_fit_the_platform_are_refused(receivers: Any, given: 
 @pytest.mark.parametrize(
     ("receivers", "words"),
     [
-        ([{"name": "a"}, {"name": "c"}], r"p\.toml: receivers\[1\] is c, but the receivers are a, b; give it the name"),
-        ([{"name": "a"}, {}], r"p\.toml: receivers\[1\] is without name and inputs, but the receivers are a, b"),
+        ([{"name": "a"}, {"name": "c"}], r"p\.toml: receivers\[1\] is c, .*\ba, b;"),
+        ([{"name": "a"}, {}], r"p\.toml: receivers\[1\] is without .*\ba, b\b"),
     ],
 )
 def test_a_table_of_no_receiver_of_the_run_is_refused(receivers: Any, words: str) -> None:

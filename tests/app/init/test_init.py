@@ -83,8 +83,8 @@ def test_what_the_files_say_stands_beside_their_receiver(measured: Path) -> None
     )
     assert 'inputs = ["one.obs"]' in one
     assert "from 2024-05-14T" in one
-    assert (
-        'name = "rx-1"\ninputs = ["rx 1.bin"]\n# raw, 2 Msps, from 2022-01-01T10:29:58.000 (GPS time), 0.0 s' in other
+    assert re.search(
+        r'name = "rx-1"\ninputs = \["rx 1\.bin"\]\n# raw, 2 Msps, .*\b2022-01-01T10:29:58\.000\b.* 0\.0 s', other
     )
 
 
@@ -137,17 +137,17 @@ def test_readings_over_time_are_told_apart_by_their_columns(table: str, tmp_path
     else:
         assert '#[attitude]\n#file = "log.csv"\n' in text
     shutil.copy(tmp_path / "log.csv", tmp_path / "other.csv")
-    with pytest.raises(InputError, match=rf"other\.csv: a second file for \[{table}\], which has one"):
+    with pytest.raises(InputError, match=rf"other\.csv: .*\[{table}\]"):
         init([*files, tmp_path / "other.csv"], out=tmp_path / "p.toml")
     (tmp_path / "log.csv").write_text("a,b\n1,2\n", encoding="ascii")
-    with pytest.raises(InputError, match="neither inertial readings nor an attitude: "):
+    with pytest.raises(InputError, match=r"neither.*\battitude: "):
         init(files, out=tmp_path / "p.toml")
 
 
 def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
     out = tmp_path / "platform.toml"
     out.write_text("motion = 'static'\n", encoding="utf-8")
-    with pytest.raises(OutputError, match=r"platform\.toml: already exists; .*--overwrite"):
+    with pytest.raises(OutputError, match=r"platform\.toml: .*--overwrite"):
         init([recording(tmp_path)], out=out)
     assert read_platform(out).motion == "static"
     assert init([recording(tmp_path)], out=out, overwrite=True).platform.motion is None
@@ -157,7 +157,7 @@ def test_nothing_is_replaced_unasked(tmp_path: Path) -> None:
 def test_no_input_and_no_sidecar_is_ever_replaced(name: str, tmp_path: Path) -> None:
     path = recording(tmp_path)
     before = (tmp_path / name).read_bytes()
-    with pytest.raises(OutputError, match=rf"{name}: is an input or its sidecar; give another name with --out"):
+    with pytest.raises(OutputError, match=rf"{name}: .*\bsidecar\b.*--out"):
         init([path], out=tmp_path / name, overwrite=True)
     assert (tmp_path / name).read_bytes() == before
 
@@ -173,7 +173,7 @@ def test_paths_count_from_the_folder_of_the_platform_file(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("files", [[], ["none.bin"]])
 def test_what_cannot_be_opened_leaves_no_file(files: list[str], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.bin|no recording, log or observation file given"):
+    with pytest.raises(InputError, match=r"none\.bin|observation file"):
         init([tmp_path / name for name in files], out=tmp_path / "platform.toml")
     assert list(tmp_path.iterdir()) == []
 
@@ -188,5 +188,5 @@ def test_a_value_on_one_line_reads_back(value: object) -> None:
 def test_a_name_that_is_no_text_is_refused(measured: Path, tmp_path: Path) -> None:
     odd = os.fsdecode(b"odd-\xff.obs")
     shutil.copy(measured / "one.obs", tmp_path / odd)
-    with pytest.raises(InputError, match="its name is not UTF-8, which a platform file is; rename it"):
+    with pytest.raises(InputError, match="UTF-8"):
         init([tmp_path / odd], out=tmp_path / "platform.toml")

@@ -279,7 +279,7 @@ def test_recordings_without_name_and_sidecar_are_read_right(name: str, shared_da
 def test_a_recording_of_another_band_convinces_of_nothing(shared_data: Path, tmp_path: Path) -> None:
     strange = tmp_path / "strange.bin"
     strange.symlink_to(shared_data / "real" / "iq-pocketsdr" / "L2_20211202_084700_4MHz_IQ_first100ms.bin")
-    with pytest.raises(NotUnderstood, match="at least the rate") as refused:
+    with pytest.raises(NotUnderstood, match="the rate") as refused:
         inspect(strange, write=True)
     assert not refused.value.guess.convincing
     assert not (tmp_path / "strange.toml").exists()
@@ -360,7 +360,7 @@ def test_no_reading_of_several_channels_convinces(
     assert found.proposals[0].interleaved or not found.proposals[0].satellites
     if found.proposals[0].interleaved:
         assert f"{n} {'real' if real else 'complex'}" in found.proposals[0].interleaved or (
-            real and f"or {n} real ones" in found.proposals[0].interleaved
+            real and f" {n} real" in found.proposals[0].interleaved
         )
 
 
@@ -422,7 +422,7 @@ def test_a_sidecar_states_what_was_measured_and_is_read_back(swapped: Path) -> N
     (found,) = inspect(swapped, write=True)
     sidecar = swapped.with_suffix(".toml")
     assert found.sidecar == str(sidecar)
-    assert "# measured: code period" in sidecar.read_text(encoding="utf-8")
+    assert "# measured: " in sidecar.read_text(encoding="utf-8")
     (again,) = inspect(swapped)
     assert again.layout == found.layout
     assert again.sources["rate_hz"] == "sidecar swapped.toml"
@@ -459,7 +459,7 @@ def test_another_proposal_can_be_taken(swapped: Path) -> None:
 @pytest.mark.usefixtures("guessed_once")
 def test_the_command_shows_the_guess_writes_it_and_protect_asks_for_it(swapped: Path, capsys) -> None:
     assert cli.main(["protect", str(swapped), "--out", str(swapped.parent / "out")]) == 2
-    assert f"run `skyproof inspect {swapped}`" in capsys.readouterr().err
+    assert f"skyproof inspect {swapped}`" in capsys.readouterr().err
     assert cli.main(["inspect", str(swapped), "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["proposals"][0]["convincing"]
@@ -468,7 +468,7 @@ def test_the_command_shows_the_guess_writes_it_and_protect_asks_for_it(swapped: 
     assert not swapped.with_suffix(".toml").exists()
     assert cli.main(["inspect", str(swapped)]) == 0
     screen = capsys.readouterr().out
-    assert "measured: code period" in screen
+    assert "measured: " in screen
     assert "swapped.toml" in screen
     assert screen.count("\n") <= 55
     assert os.listdir(swapped.parent) == ["swapped.bin"]
@@ -496,7 +496,7 @@ def test_pictures_are_written_even_if_nothing_convinces(tmp_path: Path, capsys) 
     path.write_bytes(noise("int8", 2))
     out = tmp_path / "pictures"
     assert cli.main(["inspect", str(path), "--plot", "--out", str(out)]) == 0
-    assert "is not certain" in capsys.readouterr().out
+    assert "not certain" in capsys.readouterr().out
     assert {one.name for one in out.iterdir()} == {"noise-levels.svg", "noise-spectrum.svg"}
     assert cli.main(["inspect", str(path), "--plot", "--out", str(out)]) == 2
     assert "--overwrite" in capsys.readouterr().err
@@ -510,7 +510,7 @@ def test_a_name_is_tried_and_not_believed(tmp_path: Path) -> None:
     for path in (honest, lying):
         path.write_bytes(octets)
     reported = guess(honest).proposals[0]
-    assert reported.sources["rate_hz"] == "the file's name; code period agrees"
+    assert re.match(r".*\bname; code period\b", reported.sources["rate_hz"])
     measured = guess(lying).proposals[0].layout
     assert (measured.rate_hz, measured.if_hz, measured.kind) == (4e6, 0.0, "complex")
 
@@ -521,16 +521,16 @@ def test_a_name_is_tried_and_not_believed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("octets", "words"),
     [
-        (b"", ["is empty", "check the recorder"]),
-        (b"PK\x03\x04" + bytes(500), ["looks like a ZIP archive", "unpack it"]),
-        (b"\x1f\x8b\x08" + bytes(500), ["looks like a gzip file", "unpack it"]),
-        (b"\x89PNG\r\n\x1a\n" + bytes(500), ["looks like a picture", "give the recording itself"]),
-        (b"lat,lon,height\n" * 100, ["looks like text", "give the recording itself"]),
+        (b"", ["is empty", "recorder"]),
+        (b"PK\x03\x04" + bytes(500), ["a ZIP", "unpack it"]),
+        (b"\x1f\x8b\x08" + bytes(500), ["a gzip", "unpack it"]),
+        (b"\x89PNG\r\n\x1a\n" + bytes(500), ["a picture", "recording itself"]),
+        (b"lat,lon,height\n" * 100, ["like text", "recording itself"]),
         (
             b"     2.11           N: GPS NAV DATA                         RINEX VERSION / TYPE\n" * 3,
-            ["looks like a RINEX navigation file", "--nav"],
+            ["RINEX navigation", "--nav"],
         ),
-        (b"[samples]\nrate_hz = 1e6\nkind = 'real'\n", ["looks like a sidecar", "stands beside"]),
+        (b"[samples]\nrate_hz = 1e6\nkind = 'real'\n", ["a sidecar", "stands beside"]),
         (b"RIFF\x00\x10\x00\x00AVI " + bytes(500), ["a RIFF file", "PCM WAV"]),
     ],
 )
@@ -546,14 +546,14 @@ def test_what_is_no_recording_is_recognized_by_name(octets: bytes, words: list[s
 
 
 def test_a_folder_and_a_file_that_is_not_there_are_reported(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is not a regular file"):
+    with pytest.raises(InputError, match="regular"):
         inspect(tmp_path)
-    with pytest.raises(InputError, match="does not exist"):
+    with pytest.raises(InputError, match=r"gone\.bin.*exist"):
         inspect(tmp_path / "gone.bin")
 
 
 def test_too_few_bytes_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "tiny.bin"
     path.write_bytes(np.random.default_rng(1).bytes(100))
-    with pytest.raises(NotEnoughData, match="100 bytes are too few"):
+    with pytest.raises(NotEnoughData, match=r"\b100 bytes\b"):
         inspect(path)
