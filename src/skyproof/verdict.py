@@ -38,6 +38,7 @@ __all__ = [
     "Verdict",
     "VerdictWord",
     "WeakCarrier",
+    "WindowResult",
     "clock_words",
     "instant_words",
     "moment_words",
@@ -194,6 +195,9 @@ class ReceiverResult(_Model):
     """One receiver: what it recorded, and the three positions that its signals give."""
 
     name: str = Field(description="Name by which the other parts of this document refer to the receiver.")
+    word: VerdictWord | None = Field(
+        default=None, description="The worst of its words over time; null if no window could be tested."
+    )
     input: str = Field(description="File or stream that the receiver's signals came from.")
     start_gpst: Gpst | None = Field(description="Start of the stretch examined, GPS time; null if no time is known.")
     duration_s: Sigma = Field(description="Length of the stretch examined, seconds.")
@@ -205,6 +209,19 @@ class ReceiverResult(_Model):
     )
     own_states: tuple[OwnState, ...] = Field(
         default=(), description="What the receiver says of jamming and spoofing in its log; never evidence."
+    )
+
+
+class WindowResult(_Model):
+    """The word of one receiver over consecutive windows that have the same one."""
+
+    receiver: str
+    word: VerdictWord
+    from_gpst: Gpst = Field(description="Start of the first window, GPS time.")
+    to_gpst: Gpst = Field(description="End of the last window, GPS time.")
+    may_also_be: tuple[Cause, ...] = Field(
+        description="Of suspect: what else than an attack explains all tests that failed in a window, alone or with "
+        "another of them, the likeliest first; empty where nothing failed in these windows themselves."
     )
 
 
@@ -514,6 +531,9 @@ class Verdict(_Model):
     interference: InterferenceResult = Field(
         default=InterferenceResult(state="not_tested"),
         description="Noise of others that came in; it says nothing of false signals, and excludes none.",
+    )
+    windows: tuple[WindowResult, ...] = Field(
+        default=(), description="The word over time: of each receiver in order, none worse than the verdict."
     )
     noticed: tuple[NoticedSize, ...] = Field(
         default=(), description="What the tests would have noticed with a probability of 0.99, by receiver and kind."

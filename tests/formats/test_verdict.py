@@ -25,14 +25,15 @@ FIX = (
 KEYS = {
     "": "format verdict summary reason may_also_be not_excluded remedy "
     "since_gpst since_sigma_s since_earliest_gpst since_latest_gpst until_gpst "
-    "false_alarm_probability_per_hour wrong_statements interference noticed assumed receivers signals sources methods "
+    "false_alarm_probability_per_hour wrong_statements interference windows noticed assumed receivers signals sources methods "
     "inputs settings versions",
     "interference": "state spells weak_starts",
     "interference.weak_starts": "receiver carrier since_gpst cn0_dbhz open_sky_dbhz",
     "interference.spells": "receiver carriers since_gpst until_gpst fall_db fall_sigma_db level_db lost_signals signs "
     "may_also_be",
+    "windows": "receiver word from_gpst to_gpst may_also_be",
     "noticed": "receiver kind size unit detector share_of_windows",
-    "receivers": "name input start_gpst duration_s trusted_fix false_fix unprotected_fix own_fix own_states",
+    "receivers": "name word input start_gpst duration_s trusted_fix false_fix unprotected_fix own_fix own_states",
     "receivers.own_fix": "gpst lat_deg lon_deg height_m horizontal_sigma_m from_trusted_m most_from_trusted_m "
     "most_from_trusted_gpst",
     "receivers.own_states": "subject state alarm since_gpst until_gpst",

@@ -134,7 +134,7 @@ def test_what_comes_from_outside_is_escaped_everywhere() -> None:
     evil = "</style><script>alert('x')</script>\"<b>&"
 
     def poison(value: Any) -> Any:
-        fixed = ("format", "verdict", "label", "gpst", "frame", "state", "subject")
+        fixed = ("format", "verdict", "label", "gpst", "frame", "state", "subject", "word")
         if isinstance(value, dict):
             return {
                 key: item

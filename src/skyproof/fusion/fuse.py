@@ -7,13 +7,13 @@ window, or signals stay that only a fault or a false one would explain (`suspici
 that could run passed, with what would show more (`open_question`). Nothing here knows a particular detector.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from skyproof.arrays import Booleans
+from skyproof.fusion.decide import VerdictWord, WindowWord, decide_all
 from skyproof.fusion.interference import Spell, spells_of
 from skyproof.fusion.labels import FalseSource, LabelledSignal, label_signals, sources_of
 from skyproof.fusion.open_question import OpenQuestion, open_question
@@ -27,8 +27,6 @@ from skyproof.navigation.window import interval_s
 from skyproof.records import ConsistentSet, Finding, ObservationLog
 
 __all__ = ["Decision", "fuse"]
-
-VerdictWord = Literal["authentic", "no_attack_seen", "suspect", "spoofed"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,6 +43,8 @@ class Decision:
     interference : of all receivers, in the order of its onset; None if no test looked for it.
     skies : under an attack that leaves open which signals of a receiver are true, its consistent sets of signals,
         linked over the windows; each is one position and time. None of a receiver of which false signals are named.
+    windows : the word of each receiver over time; none is worse than the verdict. together : what findings of a window
+        show that none of them shows by itself.
     """
 
     verdict: VerdictWord
@@ -59,12 +59,16 @@ class Decision:
     without_fix_s: tuple[tuple[str, float], ...] = ()
     alone_s: tuple[tuple[str, float], ...] = ()
     interference: tuple[Spell, ...] | None = None
+    windows: tuple[WindowWord, ...] = ()
+    together: tuple[Finding, ...] = ()
 
 
 def fuse(
     evidence: Sequence[Finding], observations: Sequence[ObservationLog], sets: Sequence[ConsistentSet]
 ) -> Decision:
     """The decision that the evidence of all windows bears."""
+    state, together = decide_all(evidence, observations)
+    evidence = [*evidence, *together] if together else evidence
     labels = label_signals(evidence, observations)
     sources = sources_of(evidence)
     attacked = any(e.says in ("spoofed", "attack") for e in evidence)
@@ -105,7 +109,44 @@ def fuse(
         open=None if settled else open_question(evidence, observations, trusted),
         suspicion=suspicion,
         interference=spells_of(evidence, observations),
+        windows=_smooth_words(state.words, verdict, onset, suspicion),
+        together=tuple(together),
     )
+
+
+def _smooth_words(
+    words: Sequence[WindowWord], verdict: VerdictWord, onset: Onset | None, suspicion: Suspicion | None
+) -> tuple[WindowWord, ...]:
+    """Return the words of windows with what only the whole run shows.
+
+    A silent window between two that vouch for the same signals is authentic as they are. Odd signals that no test of a
+    window tells make a receiver suspect from when they came.
+    """
+    if verdict == "authentic":
+        return _join(replace(word, word=verdict, causes=()) for word in words)
+    if suspicion is None or any(word.word == "suspect" for word in words):
+        return tuple(words)
+    seen = words[0].start_gpst if onset is None else onset.seen
+    found = list[WindowWord]()
+    for word in words:
+        if word.receiver not in suspicion.receivers or word.end_gpst <= seen:
+            found.append(word)
+            continue
+        found += [replace(word, end_gpst=seen)] if word.start_gpst < seen else []
+        found.append(replace(word, start_gpst=max(seen, word.start_gpst), word="suspect"))
+    return _join(found)
+
+
+def _join(words: Iterable[WindowWord]) -> tuple[WindowWord, ...]:
+    """Return words of each receiver that follow each other and are the same as one."""
+    joined: dict[str, list[WindowWord]] = {}
+    for word in words:
+        before = joined.setdefault(word.receiver, [])
+        if before and before[-1].word == word.word:
+            before[-1] = replace(before[-1], end_gpst=word.end_gpst)
+        else:
+            before.append(word)
+    return tuple(word for each in joined.values() for word in each)
 
 
 def _vouched_for(

@@ -85,6 +85,8 @@ class Hypothesis(StrEnum):
     """Signals come from one transmit antenna; rejected, they come from the sky."""
     FALSE_SKY = "false_sky"
     """The sky is a false one; rejected, it is the true one under the stated assumptions."""
+    ONE_CAUSE = "one_cause"
+    """One benign cause, or two together, explain all that failed in a window."""
 
 
 class Cause(StrEnum):

@@ -13,11 +13,12 @@ from skyproof.report.figures import Pictures, map_figures, signal_figures
 from skyproof.report.positions import away_m, away_words
 from skyproof.report.template import environment
 from skyproof.report.words import distance_words, in_minutes, leap_words, p_value_words, place_words
-from skyproof.verdict import Position, ReceiverResult, Signal, Verdict, word_shown
+from skyproof.verdict import CAUSES, Position, ReceiverResult, Signal, Verdict, word_shown
 
 __all__ = ["report_html"]
 
 _SAME_M = 0.05  # is 0.0 m in words
+MOST_WINDOWS = 40  # rows of the word over time
 MOST_OPEN = 80  # signals whose tables are unfolded at first
 
 
@@ -33,6 +34,8 @@ def report_html(verdict: Verdict, pictures: Pictures) -> str:
         how_sure=summary.how_sure(verdict),
         positions=_positions(verdict),
         own=_own(verdict),
+        windows=_windows(verdict),
+        more_windows=max(len(verdict.windows) - MOST_WINDOWS, 0),
         maps=map_figures(pictures, minutes=in_minutes(verdict)),
         minutes=in_minutes(verdict),
         leap=_leap(verdict),
@@ -59,6 +62,14 @@ def _positions(verdict: Verdict) -> list[tuple[ReceiverResult, str, Position, st
                 away = "" if kind == "trusted" else away_words(receiver, fix)
                 rows.append((receiver, kind, fix, "the same" if away and away_m(receiver, fix) < _SAME_M else away))
     return rows
+
+
+def _windows(verdict: Verdict) -> list[tuple[str, str, str, str, str]]:
+    """Receiver, word, from when and to when, and what else may explain it."""
+    return [
+        (w.receiver, word_shown(w.word), w.from_gpst, w.to_gpst, ", or ".join(CAUSES[cause] for cause in w.may_also_be))
+        for w in verdict.windows[:MOST_WINDOWS]
+    ]
 
 
 def _own(verdict: Verdict) -> list[tuple[str, str, str, str, str]]:

@@ -359,11 +359,11 @@ def examine_all(
     windows: Windows,
     detectors: Sequence[Detector],
     progress: Progress,
-    report: Callable[[Sequence[Finding]], None] | None = None,
+    take: Callable[[Records, Sequence[Finding]], None] | None = None,
 ) -> tuple[Sequence[Finding], Sequence[ConsistentSet], bool]:
     """The evidence of all detectors and windows, the sets found in them, and whether a signal left windows out.
 
-    report : is called with the evidence of each window as it comes.
+    take : is called with each window and what was found in it, as it comes.
     """
     evidence, sets = _Kept(), PackedLog[ConsistentSet]()
     states: States = {}
@@ -372,8 +372,8 @@ def examine_all(
         for number, records in enumerate(windows, 1):
             said, states = examine(detectors, records, states)
             evidence.take(said)
-            if report is not None:
-                report(said)
+            if take is not None:
+                take(records, said)
             sets.extend(records.sets)
             stage.advance(number)
             if interrupted() and number < len(windows):

@@ -5,6 +5,7 @@ import platform as machine
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from skyproof.app.protect.summary import summarize
 from skyproof.arrays import Reals
 from skyproof.detectors.entries import of_others
 from skyproof.explain import explain, stands_beside
+from skyproof.fusion.decide import WindowWord, worst_of
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.records import (
@@ -30,6 +32,7 @@ from skyproof.remarks import RemarkKind
 from skyproof.verdict import (
     VERDICT_FORMAT,
     Because,
+    Cause,
     DoubtfulStatement,
     InterferenceResult,
     InterferenceSpell,
@@ -38,6 +41,7 @@ from skyproof.verdict import (
     Signal,
     Verdict,
     WeakCarrier,
+    WindowResult,
 )
 
 __all__ = ["document", "versions"]
@@ -46,7 +50,8 @@ __all__ = ["document", "versions"]
 def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *, interrupted: bool = False) -> Verdict:
     """Make the verdict document of an outcome."""
     decision = outcome.decision
-    receivers = tuple(_receiver(r) for r in outcome.receivers)
+    windows = tuple(_window(one) for one in decision.windows)
+    receivers = tuple(_receiver(r, windows) for r in outcome.receivers)
     onset = decision.onset
     word, why = decision.verdict, explain_word(outcome)
     summary = summarize(outcome, why)
@@ -73,6 +78,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
         wrong_statements=_wrong_statements(outcome.evidence),
         interference=_interference(outcome),
+        windows=windows,
         noticed=tuple(noticed_sizes(outcome.evidence)),
         assumed=_assumed(outcome),
         receivers=receivers,
@@ -182,12 +188,23 @@ def _wrong_statements(evidence: Sequence[Finding]) -> tuple[DoubtfulStatement, .
     )
 
 
-def _receiver(r: ReceiverOutcome) -> ReceiverResult:
+def _window(word: WindowWord) -> WindowResult:
+    return WindowResult(
+        receiver=word.receiver,
+        word=word.word,
+        from_gpst=iso(word.start_gpst, DIGITS),
+        to_gpst=iso(word.end_gpst, DIGITS),
+        may_also_be=cast("tuple[Cause, ...]", word.causes),
+    )
+
+
+def _receiver(r: ReceiverOutcome, windows: Sequence[WindowResult]) -> ReceiverResult:
     source, own = r.reception.source, own_words_of(r.reception)
     o = r.reception.observations
     start = source.start_gpst if o is None or o.gpst.size == 0 else _start(o)
     return ReceiverResult(
         name=source.name,
+        word=worst_of(window.word for window in windows if window.receiver == source.name),
         input=source.path or source.name,
         start_gpst=None if start is None else iso(start, DIGITS),
         duration_s=r.reception.examined_s,

@@ -35,8 +35,9 @@ from skyproof.app.protect.explanation import why_untested
 from skyproof.app.protect.foresights import antenna_units, foresights_of, surveyed_positions, unit_of
 from skyproof.app.protect.orbits import lacking_orbits, require_same_day
 from skyproof.app.protect.outcome import InputNote, Outcome, ReceiverOutcome
-from skyproof.app.protect.outputs import evidence_line, require_outputs_free, write_outputs
+from skyproof.app.protect.outputs import require_outputs_free, write_outputs
 from skyproof.app.protect.positions import positions_of
+from skyproof.app.protect.so_far import NOTES, WordsSoFar
 from skyproof.app.receive.inputs import antennas_of, following_antennas, list_paths, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
@@ -76,8 +77,6 @@ from skyproof.short_repr import ShortRepr
 from skyproof.verdict import Verdict
 
 __all__ = ["ProtectResult", "protect", "verdict_of"]
-
-_NOTES = "evidence.jsonl"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -226,7 +225,8 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
                 InputNote(path=readable(str(platform)), format="platform", sha256=given.platform_sum, remarks=remarks)
             )
         verdict = document(outcome, notes, settings, interrupted=interrupted)
-        workspace.drop_notes(_NOTES)
+        for name in NOTES:
+            workspace.drop_notes(name)
         unwritten = () if out is None else _write(out, verdict, outcome, settings, progress)
         return ProtectResult(verdict=verdict, outcome=outcome, folder=out, interrupted=came()), unwritten
 
@@ -382,10 +382,7 @@ def judge(
         own_fixes=_own_fixes_of(received),
     )
 
-    def report(said: Sequence[Finding]) -> None:
-        if workspace is not None:
-            workspace.note(_NOTES, [evidence_line(one) for one in said])
-
+    so_far = WordsSoFar(progress, workspace)
     if foresights is None:
         foresights = foresights_of([o.receiver for o in observed], settings)
     moving = any(isinstance(one, Inertial) for one in foresights.values())
@@ -397,7 +394,7 @@ def judge(
         mean_s=windows.mean_s,
         positions_ecef_m=surveyed_positions(foresights),
     )
-    evidence, sets, interrupted = examine_all(windows, detectors, progress, report)
+    evidence, sets, interrupted = examine_all(windows, detectors, progress, so_far.take)
     give_back()
     makers = [
         FixMaker(
@@ -414,9 +411,12 @@ def judge(
     left += [e for r in received for e in r.evidence]
     if left:
         left.sort(key=_window)
-        report(left)
+        so_far.note(left)
         evidence = PackedLog(merge(evidence, left, key=_window))
     decision = fuse(evidence, observed, sets)
+    if decision.together:
+        so_far.note(decision.together)
+        evidence = PackedLog(merge(evidence, decision.together, key=_window))
     rules = ChoiceRules(
         most_wrong=settings.wrong_choice_probability,
         clean_start_s=settings.clean_start_s,
@@ -425,7 +425,7 @@ def judge(
     )
     chosen = choices(decision, evidence, observed, sets, foresights, rules, orbits, navigators)
     if chosen.evidence:
-        report(chosen.evidence)
+        so_far.note(chosen.evidence)
         evidence = PackedLog(merge(evidence, chosen.evidence, key=_window))
         decision = fuse(evidence, observed, sets)
     outcomes = [_receiver_outcome(r, decision, orbits, settings, foresights, chosen.fixes) for r in receptions]
