@@ -25,8 +25,8 @@ FIX = (
 KEYS = {
     "": "format verdict summary reason may_also_be not_excluded remedy "
     "since_gpst since_sigma_s since_earliest_gpst since_latest_gpst until_gpst "
-    "false_alarm_probability_per_hour wrong_statements interference windows noticed assumed receivers signals sources methods "
-    "inputs settings versions",
+    "false_alarm_probability_per_hour wrong_statements interference windows noticed assumed receivers signals sources "
+    "methods inputs settings versions",
     "interference": "state spells weak_starts",
     "interference.weak_starts": "receiver carrier since_gpst cn0_dbhz open_sky_dbhz",
     "interference.spells": "receiver carriers since_gpst until_gpst fall_db fall_sigma_db level_db lost_signals signs "

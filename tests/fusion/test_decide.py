@@ -90,14 +90,24 @@ def test_one_cause_that_explains_all_leaves_it_open():
 
 
 def test_two_causes_together_leave_it_open():
-    both = [finding(OPEN), finding({Cause.CLEAN: 1e-9, Cause.OSCILLATOR: 1.0})]
+    both = [
+        finding(OPEN | {Cause.OSCILLATOR: 1e-9}),
+        finding({Cause.CLEAN: 1e-9, Cause.OSCILLATOR: 1.0, Cause.REFLECTIONS: 1e-9}),
+    ]
     assert weigh(both, "rx1") is None
     state, _ = decide(Deciding(), both, ("rx1",), T0, T0 + np.timedelta64(10, "s"))
     assert set(state.words[-1].causes) == {Cause.REFLECTIONS, Cause.OSCILLATOR}
 
 
+THREE = (Cause.OSCILLATOR, Cause.FAULT, Cause.REFLECTIONS)
+
+
+def test_a_cause_that_a_test_does_not_list_stays_open():
+    assert weigh([finding({Cause.CLEAN: 1e-30, cause: 1.0}) for cause in THREE], "rx1") is None
+
+
 def test_what_no_two_causes_explain_is_an_attack():
-    three = [finding({Cause.CLEAN: 1e-30, cause: 1.0}) for cause in (Cause.OSCILLATOR, Cause.FAULT, Cause.REFLECTIONS)]
+    three = [finding(dict.fromkeys((Cause.CLEAN, *THREE), 1e-30) | {cause: 1.0}) for cause in THREE]
     found = weigh(three, "rx1")
     assert found.says == "attack"
     assert found.alpha == pytest.approx(3 * ALPHA)
@@ -108,8 +118,8 @@ def test_what_no_two_causes_explain_is_an_attack():
 
 
 def test_findings_of_different_windows_are_not_weighed_together(invented):
-    causes = (Cause.OSCILLATOR, Cause.FAULT, Cause.REFLECTIONS)
-    apart = [finding({Cause.CLEAN: 1e-30, cause: 1.0}, window=n) for n, cause in enumerate(causes)]
+    every = dict.fromkeys((Cause.CLEAN, *THREE), 1e-30)
+    apart = [finding(every | {cause: 1.0}, window=n) for n, cause in enumerate(THREE)]
     _, together = decide_all(apart, [invented.observations()])
     assert together == []
 

@@ -237,6 +237,7 @@ class Residual:
             Cause.FAULT: fit.p_value_without_two(self.settings.false_alarm_probability),
             Cause.REFLECTIONS: fit.p_value_with_errors(0.0, spread_m),
             Cause.INTERFERENCE: fit.p_value_with_errors(-spread_m, spread_m),
+            **dict.fromkeys((Cause.OSCILLATOR, Cause.MISSING_SAMPLES), plain.p_value),  # the clock is free
             **leave_open((Cause.ORBITS,)),
         }
         code = "misfit_with_second_signals" if doubled else "misfit"

@@ -150,12 +150,12 @@ def weigh(findings: Sequence[Finding], receiver: str) -> Finding | None:
 
     A cause explains what failed if no test rejects it. Under one of them, or a pair, each test rejects it with its own
     probability at most, so that all do with their sum: an intersection–union test takes no more of the budget than the
-    tests do by themselves (Berger, Technometrics 24(4), 1982). A test that does not list a cause cannot see it: it has
-    the p-value of a clean sky there. Late copies of one or two satellites are ordinary, and ask for no cause.
+    tests do by themselves (Berger, Technometrics 24(4), 1982). A test that does not list a cause excludes it in nothing.
+    Late copies of one or two satellites are ordinary, and ask for no cause.
     """
     own = [e for e in findings if e.p and Cause.CLEAN in e.p and {ref.receiver for ref in e.signals} == {receiver}]
     failed = [e for e in own if e.failed]
-    if len(failed) < _LEAST_TESTS or any(e.says in ("spoofed", "attack") for e in own):
+    if not failed or any(e.says in ("spoofed", "attack") for e in own):
         return None
     alpha = sum(e.alpha or 0.0 for e in failed)
     causes = sorted({cause for e in failed for cause in e.p} - {Cause.CLEAN})
@@ -184,20 +184,16 @@ def weigh(findings: Sequence[Finding], receiver: str) -> Finding | None:
     )
 
 
-_LEAST_TESTS: Final = 2
-"""One test that failed names the causes that are left itself."""
-
-
 def _largest(e: Finding, causes: tuple[Cause, ...]) -> float:
     """Return a test's largest p-value under any of some causes: at least that of a clean sky."""
-    return max((e.p.get(cause, 0.0) for cause in (Cause.CLEAN, *causes)), default=0.0)
+    return max(e.p[Cause.CLEAN], *(e.p.get(cause, 1.0) for cause in causes)) if causes else e.p[Cause.CLEAN]
 
 
 def _list_causes(about: Sequence[Finding]) -> tuple[Cause, ...]:
-    """Return the causes that explain all that failed, the likeliest first; where none does, those of pairs that do."""
+    """Return the causes that tests name of all that failed, the likeliest first; else those of pairs that all name."""
     failed = [e for e in about if e.failed]
     causes = list(dict.fromkeys(cause for e in failed for cause in e.may_also_be))
-    likeliest = sorted(causes, key=lambda cause: -min(e.p.get(cause, 0.0) for e in failed))
+    likeliest = sorted(causes, key=lambda cause: -min(e.p.get(cause, 1.0) for e in failed))
     for number in (1, 2):
         explain = [own for own in combinations(likeliest, number) if all(set(own) & set(e.may_also_be) for e in failed)]
         if explain:

@@ -7,6 +7,7 @@ _ABOUT = {
     "common_change": ("What changes alike", "Do all satellites change together as neither sky nor receiver does?"),
     "continuity": ("What goes on", "Do position, velocity, clock and time go on as a platform and an oscillator can?"),
     "dccaf": ("Two skies in the correlation", "Do overlapping signals hold two consistent sets of ranges?"),
+    "decision": ("What failed together", "Does a benign cause, or two, explain every test that failed in a window?"),
     "ins_array": ("Directions against attitude", "Does each signal come from where its satellite stands?"),
     "multi_receiver": (
         "Receivers compared",

@@ -248,6 +248,7 @@ class CodeMotion:
             elif not jumps:
                 p |= leave_open((Cause.FAULT,))
             else:
+                p |= dict.fromkeys((Cause.OSCILLATOR, Cause.MISSING_SAMPLES), p[Cause.CLEAN])  # the clock is free
                 p[Cause.FAULT] = min(1.0, n_new * self._chance_by_two(series, motion.row[k] - np.arange(3)))
                 code = "jumps_by_two" if p[Cause.FAULT] >= alpha else "jumps_by_all"
             at = series.gpst[motion.row[k]] if jumps else None
