@@ -219,7 +219,7 @@ class WindowResult(_Model):
     word: VerdictWord
     from_gpst: Gpst = Field(description="Start of the first window, GPS time.")
     to_gpst: Gpst = Field(description="End of the last window, GPS time.")
-    may_also_be: tuple[Cause, ...] = Field(
+    may_also_be: tuple[CauseName, ...] = Field(
         description="Of suspect: what else than an attack explains all tests that failed in a window, alone or with "
         "another of them, the likeliest first; empty where nothing failed in these windows themselves."
     )

@@ -60,6 +60,7 @@ from skyproof.records import (
 __all__ = ["DETECTOR", "ChoiceRules", "Chosen", "Compared", "choices"]
 
 _Data = Mapping[str, Datum]
+_NO_TIME: Final = np.datetime64("NaT", "ns")
 _SIDES: Final = {"authentic": 1, "spoofed": -1}
 
 
@@ -377,8 +378,8 @@ def _ends(windows: Sequence[Rivals], every: Sequence[Rivals]) -> list[np.datetim
     """Return up to when each window speaks: to the start of the next one, for of a long run not every one is kept."""
     starts = sorted(window.start for window in every)
     following = [bisect_right(starts, window.start) for window in windows]
-    last = windows[-1].end if windows else None
-    return [starts[k] if k < len(starts) and starts[k] < last else last for k in following]
+    last = max((window.end for window in windows), default=_NO_TIME)
+    return [min(starts[k], last) if k < len(starts) else last for k in following]
 
 
 def _at_home(found: Sequence[Finding]) -> Iterator[Finding]:

@@ -150,7 +150,7 @@ def weigh(findings: Sequence[Finding], receiver: str) -> Finding | None:
 
     A cause explains what failed if no test rejects it. Under one of them, or a pair, each test rejects it with its own
     probability at most, so that all do with their sum: an intersection–union test takes no more of the budget than the
-    tests do by themselves (Berger, Technometrics 24(4), 1982). A test that does not list a cause excludes it in nothing.
+    tests do by themselves (Berger, Technometrics 24(4), 1982). A test that does not list a cause does not exclude it.
     Late copies of one or two satellites are ordinary, and ask for no cause.
     """
     own = [e for e in findings if e.p and Cause.CLEAN in e.p and {ref.receiver for ref in e.signals} == {receiver}]

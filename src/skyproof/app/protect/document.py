@@ -24,15 +24,11 @@ from skyproof.explain import explain, stands_beside
 from skyproof.fusion.decide import WindowWord, worst_of
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.gnss.time import iso, timedelta_from_s
-from skyproof.records import (
-    Finding,
-    ObservationLog,
-)
+from skyproof.records import CauseName, Finding, ObservationLog
 from skyproof.remarks import RemarkKind
 from skyproof.verdict import (
     VERDICT_FORMAT,
     Because,
-    Cause,
     DoubtfulStatement,
     InterferenceResult,
     InterferenceSpell,
@@ -194,7 +190,7 @@ def _window(word: WindowWord) -> WindowResult:
         word=word.word,
         from_gpst=iso(word.start_gpst, DIGITS),
         to_gpst=iso(word.end_gpst, DIGITS),
-        may_also_be=cast("tuple[Cause, ...]", word.causes),
+        may_also_be=cast("tuple[CauseName, ...]", word.causes),
     )
 
 
