@@ -23,7 +23,7 @@ import numpy as np
 
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.formats.rinex_obs import obs_lines
+from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.constants import (
     BEIDOU_EARTH_ROTATION_RAD_S,
     EARTH_ROTATION_RAD_S,
@@ -175,7 +175,10 @@ def measurements(kind: str, hours: int, folder: Path, receivers: int = 2) -> Non
 
 def _rinex(o: Observations, hour: int) -> Iterator[bytes]:
     """Give the lines of a file; those of the header at the first hour alone."""
-    lines = list(obs_lines(o, signals=o.signals, holds="truth", marker=o.receiver, version="bench"))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "one.obs"
+        write_obs(path, o, signals=o.signals, holds="truth", marker=o.receiver, version="bench")
+        lines = path.read_text("ascii").splitlines()
     body = next(row for row, text in enumerate(lines) if "END OF HEADER" in text) + 1
     return (f"{text}\n".encode() for text in lines[body if hour else 0 :])
 

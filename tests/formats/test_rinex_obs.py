@@ -2,12 +2,14 @@
 
 import itertools
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 
 from skyproof.errors import OutputError
-from skyproof.formats.rinex_obs import obs_lines, write_obs
+from skyproof.formats.rinex_obs import write_obs
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.signals import carrier_hz_of, rinex_attribute, rinex_signal
 from skyproof.records import Observations, SignalId
@@ -93,6 +95,12 @@ def missing(observations, cells):
 
 def signals_of(*names):
     return [SignalId(name[:3], copy=name[3]) for name in names]
+
+
+def obs_lines(observations, **given):
+    with TemporaryDirectory() as folder:
+        write_obs(path := Path(folder) / "one.obs", observations, **given)
+        return path.read_text("ascii").splitlines()
 
 
 def parsed_from(observations, *names, **more):

@@ -37,6 +37,7 @@ from skyproof.records import (
     Records,
     SignalId,
     SignalRef,
+    list_refs,
 )
 
 __all__ = ["PlainFix", "Residual", "ResidualSettings", "plain_fixes"]
@@ -203,11 +204,11 @@ class Residual:
         data: dict[str, Datum] = {"statistic": float(worst.test.statistic), "threshold": float(worst.test.threshold)}
         if worst.test.consistent:
             signals = [signal for fix in plain for signal in fix.signals]
-            return report.find(_refs(o, signals), "fits", {Cause.CLEAN: worst.p_value}, data=data)
+            return report.find(list_refs(o.receiver, signals), "fits", {Cause.CLEAN: worst.p_value}, data=data)
         if far := _far_off(report.records, o, self.settings):
             data |= {"far": tuple(sat for sat, _ in far), "least_m": min(abs(m) for _, m in far)}
             p = {Cause.CLEAN: worst.p_value, **leave_open((Cause.ORBITS, Cause.FAULT))}
-            return report.find(_refs(o, worst.signals), "orbits_off", p, data=data)
+            return report.find(list_refs(o.receiver, worst.signals), "orbits_off", p, data=data)
         doubled = _doubled(o)
         reflected = None if doubled else self._find_reflected(report, o, worst, data)
         return reflected or self._explain_misfit(report, o, worst, doubled, data)
@@ -225,7 +226,7 @@ class Residual:
             return None
         signals = plain.signals_of(late.rows)
         p = {Cause.CLEAN: plain.p_value, Cause.REFLECTIONS: late.p_value}
-        return report.find(_refs(o, signals), "reflected", p, singled_out=True, data=data)
+        return report.find(list_refs(o.receiver, signals), "reflected", p, singled_out=True, data=data)
 
     def _explain_misfit(
         self, report: Reporter, o: Observations, plain: PlainFix, doubled: int, data: dict[str, Datum]
@@ -245,11 +246,7 @@ class Residual:
         if not doubled and plain.excluded is not None:
             code, data["excluded"] = "single_misfit", str(plain.excluded)
         ranked = dict(sorted(p.items(), key=lambda each: -each[1]))
-        return report.find(_refs(o, plain.signals), code, ranked, data=data)
-
-
-def _refs(o: Observations, signals: Sequence[SignalId]) -> tuple[SignalRef, ...]:
-    return tuple(SignalRef(o.receiver, signal) for signal in signals)
+        return report.find(list_refs(o.receiver, plain.signals), code, ranked, data=data)
 
 
 def _explain_no_fit(observations: Observations, navigation: NavigationData, settings: ResidualSettings) -> NotTested:

@@ -1,7 +1,10 @@
-"""TOML and JSON as tables, within the bounds of what is read."""
+"""TOML, JSON and CSV as tables, within the bounds of what is read."""
 
+import csv
+import io
 import json
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +12,22 @@ from skyproof.errors import InputError
 from skyproof.formats.bounds import METADATA_BYTES, SETTINGS_BYTES, require_toml_depth
 from skyproof.formats.byte_io import content_of, text_of, without_mark
 
-__all__ = ["json_of", "read_json", "read_toml"]
+__all__ = ["json_of", "read_json", "read_rows", "read_toml"]
+
+
+def read_rows(
+    text: str, source: str, to_do: str = "fix the line or leave it out", *, delimiter: str = ",", strict: bool = False
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield each row of a table of text with the number of its last line; empty lines are empty rows.
+
+    Raises InputError for what is no such table, as a field of more than 131072 characters is none.
+    """
+    rows = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=strict)
+    try:
+        for row in rows:
+            yield rows.line_num, row
+    except csv.Error as error:
+        raise InputError(f"{source}: line {rows.line_num}: {error}; {to_do}") from error
 
 
 def read_toml(path: Path, what: str, no_toml: str, to_do: str) -> dict[str, Any]:

@@ -4,7 +4,6 @@ Tables A2 (header), A3 (records) and 4 to 10 (names of signals) of "RINEX: The R
 version 3.05" (IGS and RTCM SC-104, 2020-12-01).
 """
 
-import itertools
 import os
 import textwrap
 from collections import Counter
@@ -22,7 +21,7 @@ from skyproof.gnss.signals import frequency_number_of, rinex_attribute
 from skyproof.gnss.time import leap_seconds, rinex_date, utc_from_gpst
 from skyproof.records import ObservationLog, Observations, SignalId
 
-__all__ = ["obs_lines", "write_obs"]
+__all__ = ["write_obs"]
 
 _STRETCH_EPOCHS: Final = 1024  # formatted at once, so that memory does not grow with the run
 _TICK_NS: Final = 100  # an epoch's last digit: seconds are F11.7
@@ -48,42 +47,7 @@ def write_obs(
     comments: Sequence[str] = (),
     created_utc: np.datetime64 | None = None,
 ) -> None:
-    """Write the named channels of `observations` to `path`, as `obs_lines` says.
-
-    Raises
-    ------
-    ValueError : as `obs_lines` does; nothing is written then.
-    OutputError : the file cannot be written.
-    """
-    header, blocks = _header_and_blocks(
-        observations,
-        signals=signals,
-        holds=holds,
-        marker=marker,
-        version=version,
-        mask=mask,
-        position_ecef_m=position_ecef_m,
-        comments=comments,
-        created_utc=created_utc,
-    )
-    with writing(path) as file:
-        file.writelines((line + "\n").encode("ascii", "replace") for line in header)
-        file.writelines(blocks)
-
-
-def obs_lines(
-    observations: ObservationLog,
-    *,
-    signals: Sequence[SignalId],
-    holds: str,
-    marker: str,
-    version: str,
-    mask: Booleans | None = None,
-    position_ecef_m: ArrayLike | None = None,
-    comments: Sequence[str] = (),
-    created_utc: np.datetime64 | None = None,
-) -> Iterator[str]:
-    """The lines of a RINEX 3.05 observation file, without their ends.
+    """Write the named channels of `observations` to `path`, as a RINEX 3.05 observation file.
 
     Epochs are the receiver's own (`observations.gpst`, to 100 ns) and its clock bias is not taken off. The phase has
     the sign of the range, and Doppler is positive for an approaching satellite, as in the record. An epoch without a
@@ -104,35 +68,9 @@ def obs_lines(
     Raises
     ------
     ValueError : a signal is not in the observations or has no name in RINEX, two channels have one transmission at
-        one epoch, or nothing was measured on any of them.
+        one epoch, or nothing was measured on any of them; nothing is written then.
+    OutputError : the file cannot be written.
     """
-    header, blocks = _header_and_blocks(
-        observations,
-        signals=signals,
-        holds=holds,
-        marker=marker,
-        version=version,
-        mask=mask,
-        position_ecef_m=position_ecef_m,
-        comments=comments,
-        created_utc=created_utc,
-    )
-    return itertools.chain(header, (line for block in blocks for line in block.decode("ascii").splitlines()))
-
-
-def _header_and_blocks(
-    observations: ObservationLog,
-    *,
-    signals: Sequence[SignalId],
-    holds: str,
-    marker: str,
-    version: str,
-    mask: Booleans | None,
-    position_ecef_m: ArrayLike | None,
-    comments: Sequence[str],
-    created_utc: np.datetime64 | None,
-) -> tuple[Iterator[str], Iterator[bytes]]:
-    """The lines of the header, and the records in blocks of bytes; arguments and errors as of `obs_lines`."""
     channels = _channels(observations, signals)
     sent = [(observations.signals[k].sat, _name_of(observations.signals[k])) for k in channels]
 
@@ -167,7 +105,9 @@ def _header_and_blocks(
         types=types,
         slots=_slots(observations, channels),
     )
-    return header, _blocks(stretches(), sent, types)
+    with writing(path) as file:
+        file.writelines((line + "\n").encode("ascii", "replace") for line in header)
+        file.writelines(_blocks(stretches(), sent, types))
 
 
 @dataclass(frozen=True, eq=False)

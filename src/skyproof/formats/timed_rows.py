@@ -6,12 +6,12 @@ and infinity are a number that is missing.
 """
 
 import csv
-import io
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
@@ -22,6 +22,7 @@ from skyproof.arrays import Integers, Reals
 from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import SECONDS, SERIES_BYTES, SERIES_ROWS
 from skyproof.formats.byte_io import content_of, text_of
+from skyproof.formats.documents import read_rows
 from skyproof.gnss.time import FIRST_YEAR, LAST_YEAR, parse_iso
 from skyproof.remarks import Remark, RemarkKind
 
@@ -163,15 +164,9 @@ def _unlike(names: Sequence[str]) -> list[str]:
     return [name if name and name not in names[:k] else f"{k}: {name}" for k, name in enumerate(names)]
 
 
-def _rows(content: bytes, source: str) -> Any:
-    """Each row after the first with its last line; empty lines are empty rows."""
-    rows = csv.reader(io.TextIOWrapper(io.BytesIO(content), "utf-8", errors="replace", newline=""))
-    try:
-        next(rows, None)
-        for row in rows:
-            yield rows.line_num, row
-    except csv.Error as error:  # a field of more than 131072 characters
-        raise InputError(f"{source}: line {rows.line_num}: {error}; fix the line or leave it out") from error
+def _rows(content: bytes, source: str) -> Iterator[tuple[int, list[str]]]:
+    """Each row after the first with its last line."""
+    return islice(read_rows(content.decode("utf-8", errors="replace"), source), 1, None)
 
 
 def _row_by_row(

@@ -10,8 +10,6 @@ A damaged sentence of NMEA costs itself, a point without a place too, which is r
 leaves no point is refused.
 """
 
-import csv
-import io
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,6 +25,7 @@ from skyproof.arrays import Reals
 from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, SECONDS, TRACK_BYTES, XML_TAGS
 from skyproof.formats.byte_io import text_of
+from skyproof.formats.documents import read_rows
 from skyproof.formats.nmea_read import fields_of, read_sentence
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.time import gpst_from_utc, parse_iso, require_year
@@ -101,7 +100,7 @@ def read_track(
 
 def parse_csv(text: str, *, source: str = "CSV") -> RecordedTrack:
     """The points of a table, see above. Rows without a place are left out. Raises InputError as `read_track` does."""
-    rows = _rows(text, source)
+    rows = read_rows(text, source)
     names = [name.strip() for name in next(rows, (1, list[str]()))[1]]
     time = next((name for name in ("t_s", "gpst") if name in names), None)
     place = next((group for group in (_PLACE, _ECEF) if set(group) <= set(names)), None)
@@ -144,16 +143,6 @@ def parse_csv(text: str, *, source: str = "CSV") -> RecordedTrack:
         attitude_rad=np.radians(table[:, 3:]) if angles else None,
         remarks=remarks,
     )
-
-
-def _rows(text: str, source: str) -> Iterator[tuple[int, list[str]]]:
-    """Rows with the number of their last line."""
-    rows = csv.reader(io.StringIO(text))
-    try:
-        for row in rows:
-            yield rows.line_num, row
-    except csv.Error as error:  # a field of more than 131072 characters, a zero byte
-        raise InputError(f"{source}: line {rows.line_num}: {error}; fix the line or leave it out") from error
 
 
 def _instant_ns(text: str, column: str, where: str) -> int:

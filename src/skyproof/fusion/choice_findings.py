@@ -19,7 +19,7 @@ from skyproof.records import (
     Hypothesis,
     ObservationLog,
     OverlappingSkies,
-    SignalRef,
+    list_refs,
 )
 
 __all__ = ["CHOSEN", "DETECTOR", "chosen", "chosen_overlapping", "not_chosen", "taken_for_true"]
@@ -37,7 +37,7 @@ def taken_for_true(
         detector=DETECTOR,
         start_gpst=window.start,
         end_gpst=end_gpst,
-        signals=_refs(o, window.sets[0]),
+        signals=list_refs(o.receiver, window.sets[0].signals),
         hypothesis=Hypothesis.FALSE_SKY,
         code=code,
         data=data,
@@ -67,7 +67,7 @@ def chosen(
     }
     about = _compare(shown, choice, by) | {"log_likelihood_ratio": float(np.log1p(-wrong) - np.log(wrong))}
     true = Finding(
-        signals=_refs(o, window.sets[choice.chosen]),
+        signals=list_refs(o.receiver, window.sets[choice.chosen].signals),
         hypothesis=Hypothesis.FALSE_SKY,
         code="chosen_first" if first else "chosen",
         p={Cause.FALSE_SKY: wrong},
@@ -76,7 +76,7 @@ def chosen(
     )
     false = [
         Finding(
-            signals=_refs(o, window.sets[number]),
+            signals=list_refs(o.receiver, window.sets[number].signals),
             hypothesis=Hypothesis.ONE_OF_SKIES,
             code="refused",
             p={Cause.CLEAN: wrong},
@@ -110,7 +110,7 @@ def chosen_overlapping(
         detector=DETECTOR,
         start_gpst=window.start,
         end_gpst=window.end,
-        signals=_refs(o, skies.sets[0]),
+        signals=list_refs(o.receiver, skies.sets[0].signals),
         hypothesis=Hypothesis.ONE_OF_SKIES,
         code="chosen_overlapping",
         data=about | {"satellites": len(skies.sets[0].signals), "assumes": (*data["assumes"], "one_of_overlapping")},
@@ -149,7 +149,7 @@ def not_chosen(
         detector=DETECTOR,
         start_gpst=window.start,
         end_gpst=window.end,
-        signals=tuple(dict.fromkeys(ref for s in skies for ref in _refs(o, s))),
+        signals=tuple(dict.fromkeys(ref for s in skies for ref in list_refs(o.receiver, s.signals))),
         hypothesis=hypothesis,
         code=code,
         p=p,
@@ -172,7 +172,3 @@ def _compare(shown: Sequence[SkyFix], choice: Choice, by: tuple[str, ...], doubt
         "apart_ns": float(abs(off[6]) / SPEED_OF_LIGHT_M_S * 1e9),
         "wrong": float(max(choice.wrong_probability + doubt, POLICY.least_wrong_probability)),
     }
-
-
-def _refs(o: ObservationLog, s: ConsistentSet) -> tuple[SignalRef, ...]:
-    return tuple(SignalRef(o.receiver, signal) for signal in s.signals)

@@ -31,7 +31,7 @@ from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
 from skyproof.navigation.prediction import fit_p_value
-from skyproof.records import UNTESTED, Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef
+from skyproof.records import UNTESTED, Cause, ConsistentSet, Datum, Finding, Hypothesis, list_refs
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "CorrectedNavigator", "departures"]
@@ -213,7 +213,7 @@ class _Walk:
             detector=DETECTOR,
             start_gpst=window.start,
             end_gpst=window.end,
-            signals=tuple(SignalRef(self.maker.log.receiver, signal) for signal in shown.sky.signals),
+            signals=list_refs(self.maker.log.receiver, shown.sky.signals),
             hypothesis=Hypothesis.PREDICTED,
             code=why or "departs",
             p=p,

@@ -31,7 +31,7 @@ from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix, Standing
 from skyproof.navigation.known import KNOWN, Known, without
 from skyproof.navigation.prediction import fit_p_value
-from skyproof.records import UNTESTED, Cause, ConsistentSet, Datum, Finding, Hypothesis, SignalRef, WrongStatement
+from skyproof.records import UNTESTED, Cause, ConsistentSet, Datum, Finding, Hypothesis, WrongStatement, list_refs
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "displacements"]
@@ -133,7 +133,7 @@ class _Watch:
             detector=DETECTOR,
             start_gpst=window.start,
             end_gpst=window.end,
-            signals=tuple(SignalRef(self.maker.log.receiver, signal) for signal in shown.sky.signals),
+            signals=list_refs(self.maker.log.receiver, shown.sky.signals),
             hypothesis=Hypothesis.AS_STATED,
             code=why or "elsewhere",
             p=p,

@@ -47,7 +47,7 @@ from skyproof.records.platform import AntennaArray, Attitude, ImuSeries, Inertia
 from skyproof.records.receiver_words import FrontEndLevels, ReceivedMessages, ReceiverFixes
 from skyproof.records.samples import MeasurementSource, OpenFile, SampleGap, Samples
 from skyproof.records.shapes import Selectable, freeze
-from skyproof.records.signals import BY_NAME, SignalId, SignalRef
+from skyproof.records.signals import BY_NAME, SignalId, SignalRef, list_refs
 from skyproof.records.window import Holding, Need, Records
 
 __all__ = [
@@ -112,4 +112,5 @@ __all__ = [
     "WeakStart",
     "WrongStatement",
     "freeze",
+    "list_refs",
 ]

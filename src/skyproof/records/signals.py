@@ -1,5 +1,6 @@
 """Name a signal, and a signal in one receiver."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final
@@ -10,6 +11,7 @@ __all__ = [
     "BY_NAME",
     "SignalId",
     "SignalRef",
+    "list_refs",
 ]
 
 
@@ -54,3 +56,8 @@ class SignalRef:
 
     def __str__(self) -> str:
         return f"{self.receiver}:{self.signal}"
+
+
+def list_refs(receiver: str, signals: Iterable[SignalId]) -> tuple[SignalRef, ...]:
+    """Return signals as those of one receiver, in their order."""
+    return tuple(SignalRef(receiver, signal) for signal in signals)

@@ -21,6 +21,7 @@ __all__ = [
     "Scale",
     "Tag",
     "circle",
+    "columns",
     "extent",
     "grid",
     "line",
@@ -205,6 +206,27 @@ def grid(
         yield text(left - 5.0, y + 4.0, number(tick), anchor="end")
     yield _frame(left, right, top, bottom)
     yield from _axis_names(left, right, top, bottom, names)
+
+
+def columns(
+    across: Scale,
+    top: float,
+    bottom: float,
+    *,
+    unit: float = 1.0,
+    below: float = 14.0,
+    zero: str = "grid",
+    css: str = "",
+) -> list[Markup]:
+    """Draw lines from top to bottom at round values, with their numbers `below` them. zero : style of that at zero."""
+    parts: list[Markup] = []
+    for tick in nice_ticks(across.low / unit, across.high / unit):
+        x = across(tick * unit)
+        parts += [
+            line(x, top, x, bottom, zero if tick == 0.0 else "grid"),
+            text(x, bottom + below, number(tick), anchor="middle", css=css),
+        ]
+    return parts
 
 
 def log_grid(across: Scale, up: Scale, names: tuple[str, str]) -> Iterator[Markup]:

@@ -335,11 +335,7 @@ def time_line(
     if onset_s is not None and onset_sigma_s is not None and time.low <= onset_s <= time.high:
         edges = [min(max(time(onset_s + sign * 2.0 * onset_sigma_s), left), right) for sign in (-1.0, 1.0)]
         parts.append(draw.rect(edges[0], top, edges[1], bottom, "onset-band"))
-    for tick in draw.nice_ticks(time.low / scale, time.high / scale):
-        parts += [
-            draw.line(time(tick * scale), top, time(tick * scale), bottom, "grid"),
-            draw.text(time(tick * scale), bottom + 15.0, draw.number(tick), anchor="middle"),
-        ]
+    parts += draw.columns(time, top, bottom, unit=scale, below=15.0)
     parts += [
         draw.text((left + right) / 2.0, bottom + 32.0, f"time since {zero}, {unit}", anchor="middle", css="axis"),
         draw.text(

@@ -84,12 +84,7 @@ def difference_plot(differences: Sequence[RangeDifference], *, title: str) -> Ma
     across = draw.Scale(-reach, reach, left, right)
     height = {sat: top + step * (index + 0.5) + 2.0 for index, sat in enumerate(order)}
 
-    parts: list[Markup] = []
-    for tick in draw.nice_ticks(-reach, reach):
-        parts += [
-            draw.line(across(tick), top, across(tick), bottom, "limit" if tick == 0.0 else "grid"),
-            draw.text(across(tick), bottom + 14.0, draw.number(tick), anchor="middle"),
-        ]
+    parts = draw.columns(across, top, bottom, zero="limit")
     parts += [draw.text(left - 4.0, y + 4.0, sat, anchor="end") for sat, y in height.items()]
     for (_, label), group in groupby(sorted(differences, key=_group), key=lambda d: (d.group, d.label)):
         ordered = sorted(group, key=lambda d: height[d.sat])

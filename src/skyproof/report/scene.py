@@ -1,8 +1,8 @@
 """A simulated scene to one offline page: the map, antennas, the sky, levels, false codes, and what is switched when."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -385,12 +385,7 @@ def switching_plot(rows: Sequence[Switching], span_s: tuple[float, float], *, ti
     bottom = top + height * len(rows)
     unit, scale = draw.time_unit(span_s[1] - span_s[0])
     across = draw.Scale(*span_s, left, right)
-    parts: list[Markup] = []
-    for tick in draw.nice_ticks(span_s[0] / scale, span_s[1] / scale):
-        parts += [
-            draw.line(across(tick * scale), top, across(tick * scale), bottom, "grid"),
-            draw.text(across(tick * scale), bottom + 15.0, draw.number(tick), anchor="middle"),
-        ]
+    parts = draw.columns(across, top, bottom, unit=scale, below=15.0)
     for index, row in enumerate(rows):
         base = top + height * (index + 1) - 5.0
         on = np.isfinite(row.power_db)
@@ -444,17 +439,7 @@ def _switching(page: ScenePage) -> list[Figure]:
 def _signals(page: ScenePage) -> list[Figure]:
     """Receiver by receiver."""
     names = list(dict.fromkeys(series.receiver for series in page.levels))
-    return [
-        figure
-        for name in names
-        for figure in (
-            *_skies(page, name),
-            _level(page, name),
-            *_offsets(page, name),
-            *_disturbance(page, name),
-            *_reflections(page, name),
-        )
-    ]
+    return [figure for name in names for figure in (*_skies(page, name), _level(page, name), *_over_time(page, name))]
 
 
 def _level(page: ScenePage, name: str) -> Figure:
@@ -472,58 +457,51 @@ def _level(page: ScenePage, name: str) -> Figure:
     )
 
 
-def _disturbance(page: ScenePage, name: str) -> list[Figure]:
-    return [
-        Figure(
-            f"Disturbance at {name}",
-            line_plot(
-                lines,
-                title=f"Power of noise and interference at {name} over time",
-                zero=page.zero,
-                quantity="power over the receiver’s noise, dB",
-            ),
-            "Power of what is no signal, in the whole band sampled.",
-        )
-        for receiver, lines in page.disturbance
-        if receiver == name
-    ]
+class _OverTime(NamedTuple):
+    """A figure of each receiver: the field of the page that holds its lines, and its words."""
+
+    lines: Literal["offsets", "disturbance", "reflections"]
+    heading: str
+    title: str
+    quantity: str
+    caption: str
+    metres: bool = True
 
 
-def _reflections(page: ScenePage, name: str) -> list[Figure]:
-    return [
-        Figure(
-            f"Reflections at {name}",
-            line_plot(
-                lines,
-                title=f"Longer way of the reflections of true signals at {name} over time",
-                zero=page.zero,
-                quantity="longer way",
-                metres=True,
-            ),
-            "By how much the way of each reflection is longer than that of the signal itself.",
-        )
-        for receiver, lines in page.reflections
-        if receiver == name
-    ]
+_OVER_TIME: Final = (
+    _OverTime(
+        "offsets",
+        "False codes",
+        "Code of false signals behind that of the true ones",
+        "behind the true code",
+        "By how much the code of each false signal is later than that of the true signal of the same satellite at the "
+        "same antenna. What all have in common looks like an error of the clock; what differs moves the fix.",
+    ),
+    _OverTime(
+        "disturbance",
+        "Disturbance",
+        "Power of noise and interference",
+        "power over the receiver’s noise, dB",
+        "Power of what is no signal, in the whole band sampled.",
+        metres=False,
+    ),
+    _OverTime(
+        "reflections",
+        "Reflections",
+        "Longer way of the reflections of true signals",
+        "longer way",
+        "By how much the way of each reflection is longer than that of the signal itself.",
+    ),
+)
 
 
-def _offsets(page: ScenePage, name: str) -> list[Figure]:
-    return [
-        Figure(
-            f"False codes at {name}",
-            line_plot(
-                lines,
-                title=f"Code of false signals behind that of the true ones at {name} over time",
-                zero=page.zero,
-                quantity="behind the true code",
-                metres=True,
-            ),
-            "By how much the code of each false signal is later than that of the true signal of the same satellite at "
-            "the same antenna. What all have in common looks like an error of the clock; what differs moves the fix.",
-        )
-        for receiver, lines in page.offsets
-        if receiver == name
-    ]
+def _over_time(page: ScenePage, name: str) -> Iterator[Figure]:
+    for kind in _OVER_TIME:
+        every: tuple[tuple[str, tuple[PlotLine, ...]], ...] = getattr(page, kind.lines)
+        for lines in (own for receiver, own in every if receiver == name):
+            title = f"{kind.title} at {name} over time"
+            plot = line_plot(lines, title=title, zero=page.zero, quantity=kind.quantity, metres=kind.metres)
+            yield Figure(f"{kind.heading} at {name}", plot, kind.caption)
 
 
 def _skies(page: ScenePage, name: str) -> list[Figure]:

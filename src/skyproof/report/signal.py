@@ -132,12 +132,7 @@ def correlation_svg(lobes: Sequence[Lobe]) -> Markup:
         return Markup("")
     bottom = _TOP + _ROW * len(lobes)
     across = draw.Scale(0.0, GPS_L1_CA.code_length, _LEFT, _RIGHT)
-    parts: list[Markup] = []
-    for tick in draw.nice_ticks(0.0, GPS_L1_CA.code_length):
-        parts += [
-            draw.line(across(tick), _TOP, across(tick), bottom, "grid"),
-            draw.text(across(tick), bottom + 14.0, draw.number(tick), anchor="middle", css="small"),
-        ]
+    parts = draw.columns(across, _TOP, bottom, css="small")
     for index, lobe in enumerate(lobes):
         parts += _row(lobe, across, _TOP + _ROW * (index + 1))
     parts += [

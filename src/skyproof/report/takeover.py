@@ -205,12 +205,7 @@ def clock_plot(compared: ComparedSkies, *, title: str) -> Markup:
     bottom = top + step * len(compared.offsets)
     reach = 1.15 * max(*(abs(one.ns) + 2.0 * one.sigma_ns for one in compared.offsets), _LEAST_NS)
     across = draw.Scale(-reach, reach, left, right)
-    parts: list[Markup] = []
-    for tick in draw.nice_ticks(-reach, reach):
-        parts += [
-            draw.line(across(tick), top, across(tick), bottom, "limit" if tick == 0.0 else "grid"),
-            draw.text(across(tick), bottom + 14.0, draw.number(tick), anchor="middle"),
-        ]
+    parts = draw.columns(across, top, bottom, zero="limit")
     for row, one in enumerate(compared.offsets):
         y = top + step * (row + 0.5)
         ends = np.array([across(one.ns + side * one.sigma_ns) for side in (-2.0, 2.0)])

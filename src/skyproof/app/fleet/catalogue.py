@@ -10,7 +10,6 @@ empty is not given. Paths are relative to the catalogue. Spreadsheets of some co
 first line shows which, and several inputs then stand in quotes.
 """
 
-import csv
 import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,6 +21,7 @@ from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.errors import InputError, SettingsError, shortened
 from skyproof.formats.bounds import METADATA_BYTES
 from skyproof.formats.byte_io import text_of
+from skyproof.formats.documents import read_rows
 
 __all__ = ["CatalogueItem", "read_catalogue"]
 
@@ -99,13 +99,8 @@ def _delimiter_of(text: str) -> str:
 
 def _rows(text: str, path: Path, delimiter: str) -> Iterator[tuple[int, list[str]]]:
     """Number and cells of each line that holds any."""
-    rows = csv.reader(text.splitlines(keepends=True), delimiter=delimiter, strict=True)
-    try:
-        for cells in rows:
-            if any(cell.strip() for cell in cells):
-                yield rows.line_num, cells
-    except csv.Error as error:
-        raise InputError(f"{path}: line {rows.line_num}: {error}; save the table as CSV again") from error
+    rows = read_rows(text, str(path), "save the table as CSV again", delimiter=delimiter, strict=True)
+    return ((number, cells) for number, cells in rows if any(cell.strip() for cell in cells))
 
 
 def _require_columns(names: list[str], where: str) -> None:

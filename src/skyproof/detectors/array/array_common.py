@@ -22,7 +22,7 @@ from skyproof.detectors.array.failing import find_failing, leave_out
 from skyproof.detectors.base import NotTested, Reporter
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import ArrayPhases, Cause, Datum, Finding, Hypothesis, Need, Records, SignalRef
+from skyproof.records import ArrayPhases, Cause, Datum, Finding, Hypothesis, Need, Records, SignalRef, list_refs
 from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
@@ -176,7 +176,7 @@ class ArrayCommon:
         """Compare the directions of one array's signals."""
         phases = leave_out(phases, find_failing(phases))
         if len(phases.elements_m) < 2:
-            every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
+            every = list_refs(phases.receiver, phases.signals)
             return [report.pass_over(every, NotTested("few_antennas", {"receiver": phases.receiver}))]
         mean = mean_differences(phases)
         channels = of_one_carrier(phases.carrier_hz)

@@ -42,6 +42,7 @@ from skyproof.records import (
     Observations,
     Records,
     SignalRef,
+    list_refs,
 )
 from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
@@ -122,7 +123,7 @@ class InsArray:
 
     def _test_array(self, report: Reporter, phases: ArrayPhases, navigation: NavigationData) -> list[Finding]:
         """Return what fails or is not as stated in one array, and what its signals show."""
-        every = tuple(SignalRef(phases.receiver, s) for s in phases.signals)
+        every = list_refs(phases.receiver, phases.signals)
         lost = find_failing(phases)
         notes = [NotTested(f"antennas_{fault}", _name_antennas(lost, fault)) for fault in dict.fromkeys(lost.values())]
         phases = leave_out(phases, lost)

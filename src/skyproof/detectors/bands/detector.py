@@ -28,7 +28,18 @@ from skyproof.detectors.bands.policy import POLICY
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import L1_HZ
-from skyproof.records import Cause, Datum, Finding, Hypothesis, Need, Observations, Records, SignalId, SignalRef
+from skyproof.records import (
+    Cause,
+    Datum,
+    Finding,
+    Hypothesis,
+    Need,
+    Observations,
+    Records,
+    SignalId,
+    SignalRef,
+    list_refs,
+)
 from skyproof.statistics.distributions import normal_two_sided
 from skyproof.statistics.medians import medians
 
@@ -143,7 +154,7 @@ class Bands:
         alpha = self.settings.false_alarm_probability / _TESTS
         pairs = [apart for difference in differences.values() for apart in _compare(o, difference)]
         if not pairs:
-            every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+            every = list_refs(o.receiver, o.signals)
             return report.pass_over(every, NotTested("one_band", {"needed": POLICY.least_satellites}))
         worst = min(pairs, key=lambda apart: apart.p_value)
         failed = [apart for apart in pairs if len(pairs) * apart.p_value < alpha]
@@ -157,7 +168,7 @@ class Bands:
         }
         signals = dict.fromkeys(signal for apart in chosen for signal in (apart.first, apart.second))
         return report.find(
-            tuple(SignalRef(o.receiver, signal) for signal in signals),
+            list_refs(o.receiver, signals),
             "parted" if failed else "together",
             {Cause.CLEAN: min(1.0, len(pairs) * worst.p_value), **leave_open((Cause.REFLECTIONS, Cause.FAULT))},
             alpha=alpha,

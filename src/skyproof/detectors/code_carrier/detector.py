@@ -21,7 +21,18 @@ from skyproof.detectors.code_carrier.divergence import (
 )
 from skyproof.detectors.code_carrier.policy import POLICY
 from skyproof.errors import require_probability
-from skyproof.records import Cause, CellStatus, Datum, Finding, Hypothesis, Need, Observations, Records, SignalRef
+from skyproof.records import (
+    Cause,
+    CellStatus,
+    Datum,
+    Finding,
+    Hypothesis,
+    Need,
+    Observations,
+    Records,
+    SignalRef,
+    list_refs,
+)
 
 __all__ = ["CodeCarrier", "CodeCarrierSettings"]
 
@@ -94,7 +105,7 @@ class CodeCarrier:
             if known:
                 tested.append((SignalRef(o.receiver, signal), min(known, key=lambda look: look.p_value)))
         if not tested:
-            every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+            every = list_refs(o.receiver, o.signals)
             return report.pass_over(
                 every, NotTested("no_carrier", {"needed": POLICY.least_signals, "epochs": POLICY.least_epochs})
             )

@@ -51,6 +51,7 @@ from skyproof.records import (
     Records,
     SignalId,
     SignalRef,
+    list_refs,
 )
 from skyproof.statistics.distributions import chi_square_survival
 
@@ -149,7 +150,7 @@ class CodeMotion:
         """Test position and clock of all signals and of each part; return the epochs that are remembered of them."""
         signals = primary_signals(o)
         if signals is None:
-            every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+            every = list_refs(o.receiver, o.signals)
             return [report.pass_over(every, NotTested("received_twice"))], tails
         parts = _parts_of(o, signals)
         after = dict(tails)
@@ -161,7 +162,7 @@ class CodeMotion:
             begin = joined.gpst.size - now.gpst.size
             series = self._series(joined, navigation, begin)
             after[part] = _tail_of(joined, series)
-            refs = tuple(SignalRef(o.receiver, signal) for signal in chosen)
+            refs = list_refs(o.receiver, chosen)
             if series is None or series.elapsed_s.size <= _TAIL:
                 why = NotTested("few_fixes", {"receiver": o.receiver, "needed": _TAIL + 1})
                 found += [] if part != _WHOLE else [report.pass_over(refs, why)]

@@ -56,6 +56,7 @@ from skyproof.records import (
     Records,
     SignalId,
     SignalRef,
+    list_refs,
 )
 
 __all__ = ["Continuity", "ContinuitySettings"]
@@ -387,13 +388,13 @@ class _Window:
     def _untested(self, look: _Look | None) -> Finding:
         """Return why the signals of a candidate could not be tested, or that none is there."""
         why = NotTested("no_set") if look is None else look.untested or explain_no_step(look.stretch)
-        return self.report.pass_over(tuple(SignalRef(self.o.receiver, s) for s in self.o.signals), why)
+        return self.report.pass_over(list_refs(self.o.receiver, self.o.signals), why)
 
     def _subject(self, look: _Look) -> tuple[SignalRef, ...]:
         measured = np.isfinite(self.o.pseudorange_m).any(axis=0)
         there = {self.o.signals[k] for k in np.flatnonzero(measured)}
         chosen = sorted((set(look.members) | set(look.sources.values())) & there, key=BY_NAME)
-        return tuple(SignalRef(self.o.receiver, signal) for signal in chosen)
+        return list_refs(self.o.receiver, chosen)
 
     def _remembered(self, look: _Look) -> _Past:
         stretch = look.stretch

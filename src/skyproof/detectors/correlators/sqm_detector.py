@@ -34,6 +34,7 @@ from skyproof.records import (
     SignalRef,
     Taps,
     TapsAsked,
+    list_refs,
 )
 from skyproof.statistics.distributions import binomial_survival
 
@@ -99,7 +100,7 @@ class Sqm:
         settings, signals = self.settings, _examined(taps, self.settings.multipath_sigma_m)
         n = len(signals)
         if n < settings.min_signals:
-            refs = tuple(SignalRef(taps.receiver, signal) for signal in taps.signals)
+            refs = list_refs(taps.receiver, taps.signals)
             return report.pass_over(refs, _explain_few(taps, n, settings.min_signals))
         distorted = [s for s in signals if s.distorted.p_value < POLICY.signal_probability]
         early = [s for s in signals if s.early.p_value < POLICY.signal_probability]

@@ -41,8 +41,8 @@ from skyproof.records import (
     Observations,
     Records,
     SignalId,
-    SignalRef,
     Taps,
+    list_refs,
 )
 
 __all__ = ["VectorSqm", "VectorSqmSettings"]
@@ -152,7 +152,7 @@ class VectorSqm:
             if isinstance(looks, _Looks):
                 finding, banks[taps.receiver] = self._test_looks(report, looks, taps, before.get(taps.receiver))
             else:
-                finding = report.pass_over(tuple(SignalRef(taps.receiver, s) for s in taps.signals), looks)
+                finding = report.pass_over(list_refs(taps.receiver, taps.signals), looks)
             found.append(finding)
         return found, banks
 
@@ -225,7 +225,7 @@ class VectorSqm:
                 **_date_in_recording(bank, looks),
             }
         finding = report.find(
-            tuple(SignalRef(taps.receiver, signal) for signal in looks.signals),
+            list_refs(taps.receiver, looks.signals),
             "does_not_fit" if failed else "fits",
             {Cause.CLEAN: p_value, **leave_open((Cause.REFLECTIONS, Cause.FAULT))},
             data=data,

@@ -48,7 +48,7 @@ from skyproof.records import (
     Need,
     OverlappingSkies,
     Records,
-    SignalRef,
+    list_refs,
 )
 from skyproof.statistics.distributions import binomial_survival, chi_square_survival, chi_square_threshold
 
@@ -95,7 +95,7 @@ class Dccaf:
 
     def _test_receiver(self, report: Reporter, navigation: NavigationData, ccaf: Ccaf) -> Finding:
         """Count the second signals that no reflection explains, and search them for a second sky."""
-        every = tuple(SignalRef(ccaf.receiver, signal) for signal in sorted(ccaf.signals))
+        every = list_refs(ccaf.receiver, sorted(ccaf.signals))
         epochs = last_burst(ccaf)
         bursts = [(int(run[-1]), delays_of(ccaf, run, self.settings)) for run in bursts_of(ccaf)] if epochs.size else []
         found = next((own for epoch, own in bursts if epoch == epochs[-1]), None)

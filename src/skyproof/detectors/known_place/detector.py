@@ -23,7 +23,7 @@ from skyproof.detectors.known_place.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.navigation.search import misfits
 from skyproof.navigation.sets import window_measurements
-from skyproof.records import Cause, Finding, Hypothesis, NavigationData, Need, Observations, Records, SignalRef
+from skyproof.records import Cause, Finding, Hypothesis, NavigationData, Need, Observations, Records, list_refs
 
 __all__ = ["CodesAtPlace", "CodesAtPlaceSettings"]
 
@@ -85,7 +85,7 @@ class CodesAtPlace:
     def _test_receiver(
         self, report: Reporter, navigation: NavigationData, o: Observations, fixed: bool, place: _Place | None
     ) -> Finding:
-        signals = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+        signals = list_refs(o.receiver, o.signals)
         primary = primary_signals(o)
         if place is None:
             return report.pass_over(signals, NotTested("no_place"))

@@ -32,7 +32,18 @@ from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.ranges import corrected_ranges
-from skyproof.records import Cause, Datum, Finding, Hypothesis, Need, Observations, ReceivedMessages, Records, SignalRef
+from skyproof.records import (
+    Cause,
+    Datum,
+    Finding,
+    Hypothesis,
+    Need,
+    Observations,
+    ReceivedMessages,
+    Records,
+    SignalRef,
+    list_refs,
+)
 from skyproof.statistics.distributions import binomial_survival
 
 __all__ = ["BroadcastMessages", "BroadcastMessagesSettings"]
@@ -97,7 +108,7 @@ class BroadcastMessages:
             came = () if messages is None else zip(messages.gpst, messages.ephemerides, strict=True)
             filed = _by_key(e for e in records.navigation.ephemerides if isinstance(e, Ephemeris))
             if messages is None and not any(s.receiver == o.receiver for s in records.sets):
-                every = tuple(SignalRef(o.receiver, signal) for signal in o.signals)
+                every = list_refs(o.receiver, o.signals)
                 found.append(report.pass_over(every, NotTested("no_message")))
                 continue
             odd = dict(_below_horizon(records, o)) | _mistimed(messages)

@@ -37,6 +37,7 @@ from skyproof.records import (
     Records,
     SignalId,
     SignalRef,
+    list_refs,
 )
 from skyproof.statistics.many_small import many_small
 
@@ -255,7 +256,7 @@ class SecondSignals:
     def _report_late_copy(self, report: Reporter, o: Observations, found: FoundSecondSignals) -> Finding:
         """Return a late copy of the sky: nothing but a reflector or a repeater makes echoes whose delays agree."""
         return report.find(
-            tuple(SignalRef(o.receiver, signal) for signal in found.repeated),
+            list_refs(o.receiver, found.repeated),
             "late_copy",
             {Cause.CLEAN: found.repeated_by_chance, **leave_open((Cause.REFLECTIONS,))},
             alpha=POLICY.delays_agree_probability,

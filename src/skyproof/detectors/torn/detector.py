@@ -40,7 +40,7 @@ from skyproof.records import (
     Observations,
     Records,
     SignalId,
-    SignalRef,
+    list_refs,
 )
 from skyproof.statistics.distributions import binomial_survival
 
@@ -149,7 +149,7 @@ class Torn:
         if strays is not None or p_value < self.settings.false_alarm_probability:
             return self._report_tests(report, o, strays, exchange, p_value), past
         why = NotTested("received_twice") if signals is None else NotTested("no_good_fix")
-        return report.pass_over(tuple(SignalRef(o.receiver, signal) for signal in o.signals), why), past
+        return report.pass_over(list_refs(o.receiver, o.signals), why), past
 
     def _strays_of(
         self, o: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], before: _Anchor | None
@@ -259,7 +259,7 @@ class Torn:
             causes, since = (Cause.SHADE, *causes), exchange.began
             signals = tuple(s for s in signals if s.sat in exchange.satellites) if failed else signals
         return report.find(
-            tuple(SignalRef(o.receiver, signal) for signal in signals),
+            list_refs(o.receiver, signals),
             "torn" if failed else "whole",
             {Cause.CLEAN: p_value, **leave_open(causes)},
             data=data,
