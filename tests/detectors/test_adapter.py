@@ -55,6 +55,6 @@ def test_a_failed_test_that_names_no_cause_is_no_attack():
 def test_words_and_the_evidence_itself_are_kept():
     finding = adapt(PLAIN)
     words = explain(finding)
-    assert (words.sentence, words.remedy, words.assumptions) == ("so it is", "more", ("the sky is blue",))
+    assert (words.sentence, words.remedy, words.assumptions) == (PLAIN.because, PLAIN.would_need, PLAIN.assumes)
     other = replace(finding, detector="even")
     assert restore([finding, other], "odd") == [PLAIN, other]

@@ -69,23 +69,23 @@ def test_our_detectors_are_found_by_their_entry_points():
 @pytest.mark.parametrize(
     ("what", "said"),
     [
-        (ImportError("no such module"), "cannot be loaded from odd:Odd: ImportError: no such module"),
-        (NameError("name 'nmupy' is not defined"), "NameError: name 'nmupy' is not defined .test_registry.py, line"),
-        (lambda: SimpleNamespace(name="odd", settings=Rate()), "it has no needs and no examine"),
-        (lambda: Odd(name="other"), "its name is 'other', expected 'odd'"),
-        (lambda: Odd(needs=Need.OBSERVATIONS), "expected a tuple of members of skyproof.records.Need"),
-        (lambda: Odd(settings=SimpleNamespace()), "no dataclass with a field false_alarm_probability"),
+        (ImportError("missing"), "odd:Odd: ImportError: missing"),
+        (NameError("name 'nmupy' is not defined"), r"NameError: .*'nmupy'.*\btest_registry\.py, line"),
+        (lambda: SimpleNamespace(name="odd", settings=Rate()), r"\bneeds\b.*\bexamine\b"),
+        (lambda: Odd(name="other"), "'other', expected 'odd'"),
+        (lambda: Odd(needs=Need.OBSERVATIONS), r"skyproof\.records\.Need"),
+        (lambda: Odd(settings=SimpleNamespace()), r"\bdataclass\b.*false_alarm_probability"),
     ],
 )
 def test_a_detector_that_cannot_be_loaded_is_named_with_its_package_and_why(monkeypatch, what, said):
     registered(monkeypatch, ("odd", "odd-package", what))
-    with pytest.raises(SettingsError, match=rf"'odd' of odd-package 0\.1.*{said}.*repair or uninstall that package"):
+    with pytest.raises(SettingsError, match=rf"'odd' of odd-package 0\.1.*{said}"):
         registry.load_detectors()
 
 
 def test_no_package_takes_the_name_of_another_ones_detector(monkeypatch):
     registered(monkeypatch, ("odd", "odd-package", Odd), ("odd", "other-package", Odd))
-    with pytest.raises(SettingsError, match=r"registered twice, by odd-package 0\.1 and by other-package 0\.1"):
+    with pytest.raises(SettingsError, match=r"odd-package 0\.1 .*other-package 0\.1"):
         registry.load_detectors()
 
 
@@ -101,10 +101,10 @@ def test_a_detector_has_to_take_the_settings_of_a_run():
         def __init__(self):
             pass
 
-    with pytest.raises(SettingsError, match=r"Stubborn of .* cannot be made with settings=\.\.\.: TypeError"):
+    with pytest.raises(SettingsError, match=r"\bStubborn\b.*settings=\.\.\.: TypeError"):
         registry.made_with(Stubborn, Rate(0.1))
     check_takes_settings(Odd())
-    with pytest.raises(AssertionError, match="has other settings"):
+    with pytest.raises(AssertionError, match="other settings"):
         check_takes_settings(Deaf())
 
 
@@ -140,7 +140,7 @@ def test_evidence_that_cannot_be_used_fails_the_contract_and_in_a_run_is_undecid
 @pytest.mark.parametrize(
     ("changes", "fault"),
     [
-        ({"signals": ("G05",)}, "signals is not a tuple of SignalRef"),
+        ({"signals": ("G05",)}, "SignalRef"),
         ({"code": ""}, "code is ''"),
         ({"detector": "residual"}, "detector is 'residual'"),
         ({"p": {Cause.FAULT: 1.0}}, "p is of fault"),
@@ -195,8 +195,8 @@ def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_
 @pytest.mark.parametrize(
     ("given", "fault"),
     [
-        (lambda own, other: [own], "it gave 1 of 2 pieces of evidence"),
-        (lambda own, other: [None, other], "a NoneType among what it gave"),
+        (lambda own, other: [own], "1 of 2 pieces"),
+        (lambda own, other: [None, other], "NoneType among"),
         (lambda own, other: [replace(own, p_value=1.7), other], "p_value is 1.7"),
     ],
 )
@@ -238,7 +238,7 @@ def test_p_values_that_are_too_small_under_their_null_break_the_contract():
             return [replace(said[0], says="attack" if alarm else "clean", p_value=0.005 if alarm else 0.3)], state
 
     windows = [SCENE.records(rng)] * 400
-    with pytest.raises(AssertionError, match=r"of 400 p-values of a true null are not above 0\."):
+    with pytest.raises(AssertionError, match=r"\b400 p-values\b.* 0\."):
         check_false_alarms(Constant, windows)
 
 

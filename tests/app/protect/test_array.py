@@ -1,5 +1,6 @@
 """One receiver with several antennas, from samples to the verdict."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -57,13 +58,13 @@ def test_a_clean_sky_comes_from_several_directions(array_files, tmp_path):
 @pytest.mark.long
 def test_other_antennas_than_the_inputs_have_are_refused(array_files, tmp_path):
     three = described(tmp_path, [array_files.woven], antennas_m=[list(place) for place in kit.ELEMENTS_M[:3]])
-    with pytest.raises(SettingsError, match=r"antennas_m of receiver array is of 3 antennas, but its inputs have 4"):
+    with pytest.raises(SettingsError, match=r"antennas_m of receiver array .*\b3 antennas\b.* 4"):
         protect(platform=three, nav=array_files.nav)
 
 
-SILENT = "gives no phases"
-JUMPS = "has a phase that jumps"
-LATE, LATE_SAMPLES = "receives none of the signals that the others do", 20_000
+SILENT = "antennas_silent"
+JUMPS = "antennas_jumping"
+LATE, LATE_SAMPLES = "antennas_deaf", 20_000
 FAILURES = {
     "dead": (lambda iq, rng: np.zeros_like(iq), SILENT),
     "constant": (lambda iq, rng: np.full_like(iq, 7), SILENT),
@@ -90,8 +91,9 @@ def test_an_antenna_that_fails_is_left_out_and_reported(array_files, tmp_path, f
     (said,) = said_by(result, "array_common")
     assert said.says == "authentic"
     assert len(said.signals) > 7
-    assert (f"Antenna 2 of array {how}, and is left out" in result.verdict.summary) == (how is not None)
-    late = f"leave out the first {LATE_SAMPLES} samples of the others"
+    left_out = [(e.code, *e.data["antennas"]) for e in result.outcome.evidence if "antennas" in e.data]
+    assert set(left_out) == ({(how, "2")} if how is not None else set())
+    late = f" {LATE_SAMPLES} samples of the others"
     assert (late in " ".join(result.verdict.inputs[0].all_remarks)) == (how == LATE)
 
 
@@ -103,7 +105,7 @@ def test_a_first_antenna_that_is_begun_late_does_not_stand_for_the_receiver(arra
     (tmp_path / "woven.toml").write_text(array_files.woven.with_suffix(".toml").read_text())
     result = protect(platform=described(tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
     assert result.verdict.verdict == "authentic"
-    assert "antenna 1 begins 12.5 ms after antenna 2" in " ".join(result.verdict.inputs[0].all_remarks)
+    assert re.search(r"\bantenna 1 .*\b12\.5 ms after antenna 2\b", " ".join(result.verdict.inputs[0].all_remarks))
 
 
 @pytest.mark.long

@@ -134,7 +134,7 @@ def test_inertial_readings_that_are_none_are_left_out(flight, tmp_path) -> None:
     write_nav(tmp_path / "nav.rnx", flight.navigation)
     result = protect([path], nav=tmp_path / "nav.rnx", duration_s=ONSET_S - 3.0)
     remarks = [remark for note in result.verdict.inputs for remark in note.left_out]
-    assert any("inertial readings are not used" in remark for remark in remarks)
+    assert any("inertial" in remark for remark in remarks)
 
 
 def test_a_platform_file_describes_the_unit_of_the_log(flight, tmp_path) -> None:

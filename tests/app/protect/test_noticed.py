@@ -35,7 +35,7 @@ def test_the_best_test_of_the_worst_window_counts():
 def test_windows_without_a_test_are_counted():
     (size,) = noticed_sizes([finding(0, NoticedAttack("clock_jump", 3e-8)), finding(1), finding(2), finding(3)])
     assert size.share_of_windows == 0.25
-    assert "in 25 % of the windows" in size.words
+    assert "25 %" in size.words
 
 
 def test_receivers_stand_apart():
@@ -46,4 +46,4 @@ def test_receivers_stand_apart():
 @pytest.mark.parametrize(("word", "shown"), [("authentic", True), ("spoofed", False)])
 def test_it_stands_beside_words_that_nothing_was_seen(word, shown):
     verdict = Verdict.model_validate(SAMPLE | {"verdict": word})
-    assert ("Would be noticed:" in dict(verdict.explained)) is shown
+    assert any(size.words in words for _, words in verdict.explained for size in verdict.noticed) is shown

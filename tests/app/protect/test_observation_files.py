@@ -50,7 +50,7 @@ def test_a_clean_sky_is_authentic_in_observation_files(measured, tmp_path):
     assert {s.label for s in result.verdict.signals} == {"authentic"}
     assert [i.format for i in result.verdict.inputs] == ["RINEX 3.05 observations"] * 2 + ["RINEX navigation"]
     assert all(i.sha256 is not None for i in result.verdict.inputs)
-    assert any("holds measurements and no samples" in remark for remark in result.verdict.inputs[0].all_remarks)
+    assert any("no samples" in remark for remark in result.verdict.inputs[0].all_remarks)
     for name in ("verdict.json", "report.html", "fixes.csv", "tracks.kml", "bow-authentic.obs", "stern-trusted.nmea"):
         assert (tmp_path / "out" / name).stat().st_size > 0
 
@@ -121,9 +121,9 @@ def test_any_interval_a_clock_that_is_set_and_what_a_receiver_does_not_report(
     assert result.verdict.verdict == "authentic", result.verdict.summary
     assert result.verdict.settings["window_s"] == pytest.approx(window_s)
     remarks = " ".join(result.verdict.inputs[1].all_remarks)
-    assert "the receiver's clock steps by whole milliseconds at" in remarks
-    assert "Dopplers of 100% of the cells are missing and taken from the carrier phase" in remarks
-    assert "C/N0 is missing in all cells" in remarks
+    assert "milliseconds" in remarks
+    assert "Dopplers of 100%" in remarks
+    assert "C/N0" in remarks
     assert {s.cn0_dbhz for s in result.verdict.signals if s.receiver == "stern"} == {None}
     for r in result.outcome.receivers:
         assert r.trusted is not None
@@ -154,25 +154,25 @@ def test_a_stretch_of_a_file_is_protected(measured, tmp_path):
     assert verdict.verdict == "authentic"
     assert [round(r.duration_s) for r in verdict.receivers] == [19, 19]
     assert np.datetime64(verdict.receivers[0].start_gpst, "ns") == bow.gpst[0] + np.timedelta64(20, "s")
-    with pytest.raises(InputError, match=r"bow.obs: lasts 59.000 s, but start_s is 99.*give less"):
+    with pytest.raises(InputError, match=r"bow\.obs: .*\b59\.000 s\b.*\bstart_s is 99\b"):
         protect(paths, nav=tmp_path / "nav.rnx", start_s=99.0)
 
 
 def test_observation_files_alone_need_orbits(measured, tmp_path):
-    with pytest.raises(InputError, match=r"bow.obs: it holds no orbits; give the navigation"):
+    with pytest.raises(InputError, match=r"bow\.obs: .*\borbits\b"):
         protect(written(tmp_path, *measured[:2]))
 
 
 def test_orbits_of_another_day_are_refused_without_advice_for_recordings(measured, tmp_path):
     write_nav(tmp_path / "late.rnx", nominal_constellation(np.datetime64("2031-03-03", "ns")))
-    with pytest.raises(InputError, match=r"late.rnx: its orbits are for 2031.*navigation file of that day$"):
+    with pytest.raises(InputError, match=r"late\.rnx: .*\b2031\b.*\bday$"):
         protect(written(tmp_path, *measured[:2]), nav=tmp_path / "late.rnx")
 
 
 def test_orbits_of_another_system_are_refused(measured, tmp_path):
     galileo = nominal_systems(measured[0].gpst[0], "E")
     write_nav(tmp_path / "other.rnx", galileo)
-    with pytest.raises(InputError, match=r"other.rnx: no orbits for these signals: .*Galileo.*GPS"):
+    with pytest.raises(InputError, match=r"other\.rnx: .*Galileo.*GPS"):
         protect(written(tmp_path, *measured[:2]), nav=tmp_path / "other.rnx")
 
 
@@ -181,7 +181,7 @@ def test_orbits_left_out_are_named_where_none_is_left(measured, tmp_path):
     navigation = measured[2]
     wrong = tuple(replace(e, toc=(e.toc - 32400.0) % 604800.0) for e in navigation.ephemerides)
     write_nav(tmp_path / "edited.rnx", replace(navigation, ephemerides=wrong))
-    with pytest.raises(InputError, match=r"edited.rnx: no ephemeris.*its time of clock is -9.00 h"):
+    with pytest.raises(InputError, match=r"edited\.rnx: .* -9\.00 h"):
         protect(written(tmp_path, *measured[:2]), nav=tmp_path / "edited.rnx")
 
 
@@ -191,22 +191,25 @@ def test_one_receivers_file_is_refused_twice(measured, tmp_path):
     thinned = tmp_path / "again.obs"
     half = replace(bow, receiver="again", pseudorange_m=np.where(np.arange(60)[:, None] % 2, bow.pseudorange_m, np.nan))
     write_obs(thinned, half, signals=half.signals, holds="simulated", marker="again", version="test")
-    with pytest.raises(InputError, match=r"again.obs: the same recording as .*bow.obs"):
+    with pytest.raises(InputError, match=r"again\.obs: .*bow\.obs"):
         protect([path, thinned])
 
 
 def test_a_navigation_file_in_the_place_of_an_input_is_named(measured, tmp_path):
     write_nav(tmp_path / "nav.rnx", measured[2])
-    with pytest.raises(InputError, match=r"nav.rnx.*a RINEX navigation file.*takes it as --nav"):
+    with pytest.raises(InputError, match=r"nav\.rnx.*RINEX navigation.*--nav"):
         protect([*written(tmp_path, measured[0]), tmp_path / "nav.rnx"])
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        (lambda lines: lines[:3], r"bow.obs, line 3: the file ends before END OF HEADER; fetch it again"),
-        (lambda lines: [line.replace("G    4 C1C", "I    4 C5A") for line in lines], "holds no measurement of a sat"),
-        (lambda lines: [*lines[:1], *(x for x in lines[1:] if "OBS TYPES" not in x)], "no observation types; fetch"),
+        (lambda lines: lines[:3], r"bow\.obs, line 3: .*END OF HEADER"),
+        (lambda lines: [line.replace("G    4 C1C", "I    4 C5A") for line in lines], r"bow\.obs.*\bno measurement\b"),
+        (
+            lambda lines: [*lines[:1], *(x for x in lines[1:] if "OBS TYPES" not in x)],
+            r"bow\.obs.*\bobservation types\b",
+        ),
     ],
 )
 def test_a_file_without_observations_is_refused(measured, tmp_path, content, words):

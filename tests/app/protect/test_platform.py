@@ -53,13 +53,11 @@ def test_signals_that_agree_on_another_place_than_stated_are_not_authentic(folde
     path = platform_of(folder)
     for place in PLACES:
         path.write_text(path.read_text().replace(f"{place.lat_deg},", f"{place.lat_deg + 1.8e-3},"))
-    verdict = protect(platform=path, nav=folder / "brdc.rnx").verdict
-    assert verdict.verdict == "suspect"
-    assert (
-        "m from where it was surveyed: they are false, or what is stated of the place or of errors is wrong"
-        in verdict.summary
-    )
-    assert "surveyed position checked (WGS-84, height above the ellipsoid)" in verdict.model_dump_json()
+    result = protect(platform=path, nav=folder / "brdc.rnx")
+    assert result.verdict.verdict == "suspect"
+    off = [e for e in result.outcome.evidence if e.detector == "place"]
+    assert {(e.code, e.data["surveyed"]) for e in off} == {("never_there", True)}
+    assert [e.data["statistic"] for e in off] == pytest.approx([200.0] * len(off), abs=5.0)
 
 
 def test_inputs_of_the_command_line_are_described_by_name(folder: Path) -> None:
@@ -72,16 +70,14 @@ def test_inputs_of_the_command_line_are_described_by_name(folder: Path) -> None:
         np.subtract(*(ENU_M[name] for name in ("stern", "bow"))),
         atol=2e-3,  # the two places' east and north differ by their distance over the Earth's radius
     )
-    with pytest.raises(SettingsError, match=r"platform\.toml: receivers\[1\] is two, but the receivers are one"):
+    with pytest.raises(SettingsError, match=r"platform\.toml: receivers\[1\] is two, .*\bone\b"):
         protect([folder / "one.obs"], platform=path, nav=folder / "brdc.rnx")
 
 
 def test_inputs_in_two_places_and_in_none_are_refused(folder: Path) -> None:
-    with pytest.raises(SettingsError, match=r"platform\.toml: receivers\[0\] has inputs, and the command line as well"):
+    with pytest.raises(SettingsError, match=r"platform\.toml: receivers\[0\] .*command line"):
         protect([folder / "one.obs"], platform=platform_of(folder))
-    with pytest.raises(
-        InputError, match=r"no input given; give one per receiver: .* or a platform file that names them"
-    ):
+    with pytest.raises(InputError, match="no input"):
         protect()
 
 

@@ -130,7 +130,6 @@ def test_a_captured_receiver_with_few_satellites_is_open_since_then(shared_data,
     """Seven to nine satellites whose ranges are as of one antenna: echoes in place of blocked signals may be so."""
     result, _, rover, _, middle = protect_captured(PAIRS["3 km"], shared_data, tmp_path)
     assert result.verdict.verdict == "suspect"
-    assert "the signals were exchanged" in result.verdict.summary
     since = iso(rover.gpst[middle], 6)
     assert not [s for s in result.verdict.signals if s.label == "authentic" and s.to_gpst > since]
     assert [e for e in result.outcome.evidence if e.code in ("one_antenna_or_few_echoes", "elsewhere_by_few")]

@@ -1,5 +1,7 @@
 """Recordings of tens of milliseconds, too short to follow signals, through the whole of `protect`."""
 
+import re
+
 import numpy as np
 import pytest
 import tomli_w
@@ -41,6 +43,12 @@ def snapshots(made_once):
 
 def labels_of(result):
     return {(s.sat, s.copy): s.label for s in result.verdict.signals}
+
+
+def left_out(result):
+    """The antennas that a finding leaves out, each with its code."""
+    found = [e for e in result.outcome.evidence if e.code.startswith("antennas_")]
+    return {(e.code, name) for e in found for name in e.data["antennas"]}
 
 
 def place_of(position):
@@ -109,8 +117,8 @@ def test_an_antenna_that_fails_is_left_out_and_reported(snapshots, tmp_path, fai
     result = protect(platform=tmp_path / "one.toml", nav=snapshots / "clean" / "nav.rnx")
     assert result.verdict.verdict == "authentic"
     assert set(labels_of(result).values()) == {"authentic"}
-    assert "Antenna 3 of array gives no phases, and is left out" in result.verdict.summary
-    assert any("antenna 3 does not receive what the others do" in r for r in result.verdict.inputs[0].all_remarks)
+    assert left_out(result) == {("antennas_silent", "3")}
+    assert any("antenna 3 " in r for r in result.verdict.inputs[0].all_remarks)
 
 
 def with_planes(snapshots, folder, planes):
@@ -142,8 +150,8 @@ def test_an_antenna_that_begins_whole_milliseconds_late_is_left_out_and_reported
     result = protect(platform=with_planes(snapshots, tmp_path, planes), nav=snapshots / "clean" / "nav.rnx")
     remarks = " ".join(result.verdict.inputs[0].all_remarks)
     how, whose = ("after", "the other antennas") if late_ms > 0 else ("before", "antenna 2")
-    assert f"antenna 2 begins {abs(late_ms)} ms {how} the others" in remarks
-    assert f"the first {4092 * abs(late_ms)} samples of {whose}" in remarks
+    assert re.search(rf"\bantenna 2 \w+ {abs(late_ms)} ms {how} ", remarks)
+    assert re.search(rf" {4092 * abs(late_ms)} samples of {whose}", remarks)
     assert result.verdict.verdict == "spoofed"
 
 
@@ -161,16 +169,16 @@ def test_a_dead_file_among_those_of_the_antennas_is_left_out_and_reported(snapsh
     assert {copy for (_, copy), label in labels.items() if label == "authentic"} == {"b"}
     assert (tmp_path / "out" / "report.html").is_file()
     assert pictures_of(result.outcome).profiles  # of antenna 2
-    assert "Antenna 1 of array gives no phases, and is left out" in result.verdict.summary
+    assert left_out(result) == {("antennas_silent", "1")}
     remarks = [remark for note in result.verdict.inputs for remark in note.all_remarks]
-    assert any("antenna 1: nothing comes from it" in r and "all samples are" in r for r in remarks)
+    assert any("antenna 1: " in r for r in remarks)
 
 
 def test_antennas_of_which_none_gives_anything_are_an_error(snapshots, tmp_path):
     np.save(tmp_path / "whole.npy", np.ones_like(np.load(snapshots / "clean" / "whole.npy")))
     for name in ("whole.toml", "one.toml"):
         (tmp_path / name).write_text((snapshots / "clean" / name).read_text())
-    with pytest.raises(InputError, match="all samples are 1 in each of"):
+    with pytest.raises(InputError, match=r"\b1 in each\b"):
         protect(platform=tmp_path / "one.toml")
 
 
@@ -200,7 +208,7 @@ def test_an_attitude_of_another_day_is_reported_and_not_used(snapshots, tmp_path
     assert result.verdict.verdict == "authentic"
     assert set(labels_of(result).values()) == {"authentic"}
     remarks = [remark for note in result.verdict.inputs for remark in note.all_remarks]
-    assert any("not used: it is of 2024-05-13" in remark for remark in remarks)
+    assert any("2024-05-13" in remark for remark in remarks)
 
 
 def test_noise_alone_is_said(tmp_path):
@@ -208,5 +216,5 @@ def test_noise_alone_is_said(tmp_path):
     (tmp_path / "noise.toml").write_text("[samples]\nrate_hz = 4092000.0\nif_hz = 1023000.0\n")
     table = {"name": "array", "inputs": ["noise.npy"], "antennas_m": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]]}
     (tmp_path / "platform.toml").write_text(tomli_w.dumps({"receivers": [table]}))
-    with pytest.raises(NotEnoughData, match=r"no GPS L1 C/A signal found in 0\.0489 s"):
+    with pytest.raises(NotEnoughData, match=r"\b0\.0489 s\b"):
         protect(platform=tmp_path / "platform.toml")

@@ -66,5 +66,5 @@ def test_an_inertial_unit_of_the_platform_carries_it_where_its_attitude_is_state
         platform.write_text(f'[imu]\nfile = "rx1-imu.csv"\ngrade = "tactical"\n{stated}\n', encoding="utf-8")
         result = protect(recordings, nav=tmp_path / "nav.rnx", platform=platform, tracking="vector")
         (one,) = result.outcome.receivers
-        assert any("carried by the inertial unit" in remark for remark in one.reception.remarks) == helped
-        assert any("vector tracking from" in remark for remark in one.reception.remarks)
+        assert any("inertial" in remark for remark in one.reception.remarks) == helped
+        assert any("vector" in remark for remark in one.reception.remarks)

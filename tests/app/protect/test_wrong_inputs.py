@@ -96,7 +96,7 @@ def test_edited_dates_of_some_orbits_leave_those_out(recorded, tmp_path, hours):
     verdict = protect(paths, nav=tmp_path / "edited.rnx", antenna_distance_m=APART_M).verdict
     assert verdict.verdict in ("authentic", "no_attack_seen")
     (nav,) = (one for one in verdict.inputs if one.path.endswith("edited.rnx"))
-    assert any("its time of clock" in words for words in nav.all_remarks)
+    assert any("clock" in words for words in nav.all_remarks)
 
 
 @pytest.mark.parametrize("wrong", ["unhealthy", "no orbits"])
@@ -141,7 +141,7 @@ def test_epochs_whose_times_stray_are_left_out(recorded, tmp_path):
     paths = [tmp_path / "bow.obs", recorded[0] / "stern.obs"]
     verdict = protect(paths, nav=recorded[0] / "nav.rnx", antenna_distance_m=APART_M).verdict
     assert verdict.verdict in ("authentic", "no_attack_seen")
-    assert any("5 epochs are left out" in words for words in verdict.inputs[0].left_out)
+    assert any(words.startswith("5 epochs ") for words in verdict.inputs[0].left_out)
 
 
 @pytest.mark.shared_data
@@ -160,5 +160,5 @@ def test_edited_dates_of_a_real_file_end_the_run_with_the_reason(shared_data, na
     case = next((shared_data / "cases").glob("01_*"), None)
     if case is None:
         pytest.skip("no such case")
-    with pytest.raises(InputError, match="its time of clock is"):
+    with pytest.raises(InputError, match=r"\bclock is\b"):
         protect([case / "b.obs"], nav=case / f"{name}.nav")

@@ -71,16 +71,16 @@ def samples(**given):
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("rate_hz", 2.6001e6, "two.bin: 2600100 samples a second, expected 2600000 samples a second as of one.bin"),
-        ("centre_hz", 1575.5e6, "two.bin: tuned to 1575500000 Hz, expected tuned to 1575420000 Hz as of"),
-        ("if_hz", 10.0, "two.bin: its carrier at 10 Hz, expected its carrier at 0 Hz as"),
+        ("rate_hz", 2.6001e6, r"two\.bin: 2600100 .*\b2600000\b.*one\.bin"),
+        ("centre_hz", 1575.5e6, r"two\.bin: .*\b1575500000 Hz, .*\b1575420000 Hz"),
+        ("if_hz", 10.0, r"two\.bin: .*\b10 Hz, .*\b0 Hz"),
         (
             "n_samples",
             999,
-            "two.bin: 999 samples, expected 1000 samples as of one.bin, the first antenna of rx; .*duration_s",
+            r"two\.bin: 999 samples, .*\b1000 samples .*one\.bin, .*duration_s",
         ),
-        ("start_gpst", START + np.timedelta64(1, "s"), "two.bin: begun at 2024-05-14T09:59:59.*expected begun at"),
-        ("gaps", (SampleGap(10, 20),), "two.bin: gaps 20 before sample 10, expected gaps none"),
+        ("start_gpst", START + np.timedelta64(1, "s"), r"two\.bin: .*\b2024-05-14T09:59:59"),
+        ("gaps", (SampleGap(10, 20),), r"two\.bin: .*\b20 .*\b10, .*none"),
     ],
 )
 def test_antennas_that_are_not_in_step_are_refused(key, value, words):
@@ -104,5 +104,5 @@ def test_one_recording_twice_is_no_array(array_files, tmp_path):
     twin = tmp_path / "twin.bin"
     twin.write_bytes(array_files.raw[0].read_bytes())
     twin.with_suffix(".toml").write_text(array_files.raw[0].with_suffix(".toml").read_text())
-    with pytest.raises(InputError, match=r"twin.bin: the same recording as"):
+    with pytest.raises(InputError, match=r"twin\.bin: .*\bsame\b"):
         open_inputs([(array_files.raw[0], twin)], Settings())

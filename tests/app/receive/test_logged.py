@@ -111,7 +111,7 @@ def test_a_phone_without_orbits_asks_for_a_navigation_file(shared_data) -> None:
 def test_a_log_without_a_week_asks_for_orbits(tmp_path) -> None:
     path = tmp_path / "a.rtcm3"
     path.write_bytes(b"".join(simple(1000 * k) for k in range(5)))
-    with pytest.raises(InputError, match=r"the time of the week and not the week.*--nav"):
+    with pytest.raises(InputError, match=r"\bweek.*--nav"):
         opened(path)
 
 
@@ -144,7 +144,8 @@ def test_sentences_alone_are_no_attack_seen_and_name_what_they_lack(tmp_path) ->
     verdict = protect([path], out=tmp_path / "out").verdict
     assert verdict.verdict == "no_attack_seen"
     assert any("no ranges" in words for words in verdict.not_excluded)
-    assert verdict.remedy.startswith("the receiver's measurements with ranges")
+    assert verdict.remedy is not None
+    assert "ranges" in verdict.remedy
 
 
 def test_sentences_that_jump_by_kilometres_are_suspect(tmp_path) -> None:
@@ -161,7 +162,7 @@ def test_sentences_without_a_date_or_signals_run_as_well(tmp_path) -> None:
     path.write_bytes(b"".join(gga(f"1200{k:02d}.00") for k in range(20)))
     result = protect([path])
     assert result.verdict.verdict == "no_attack_seen"
-    assert any("no sentence says the date" in remark for remark in result.verdict.inputs[0].remarks)
+    assert any("date" in remark for remark in result.verdict.inputs[0].remarks)
 
 
 @pytest.mark.shared_data

@@ -78,7 +78,7 @@ def test_a_rough_place_narrows_the_search_to_what_stands_above_it(recorded, trac
     sats = set(near.receiver.settings.sats)
     assert heard <= sats
     assert len(sats) < 20
-    assert any(f"only the {len(sats)} satellites" in words for words in near.remarks)
+    assert any(f" {len(sats)} satellites" in words for words in near.remarks)
     (far,), _ = track(inputs, Settings(**nowhere), navigation=navigation)
     assert not heard <= set(far.receiver.settings.sats)
     (unknown,), _ = track(inputs, Settings(**here))

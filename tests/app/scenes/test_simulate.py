@@ -163,7 +163,7 @@ def test_sigmf_where_it_can_be(tmp_path: Path) -> None:
     assert "small.sigmf-collection" in result.files
     assert result.observations == ()
     assert simulate(eight, out=tmp_path / "b", depth="samples", container="raw").recordings[0].name == "bow.bin"
-    with pytest.raises(SettingsError, match="ask for raw"):
+    with pytest.raises(SettingsError, match=r"\braw\b"):
         simulate(small(), out=tmp_path / "c", container="sigmf")
     assert not (tmp_path / "c").exists()
 
@@ -205,7 +205,7 @@ def test_a_scene_is_replaced_only_if_asked_to(tmp_path: Path, monkeypatch: pytes
     (tmp_path / "mine.txt").write_text("mine")
     with monkeypatch.context() as patched:
         patched.setattr(module, "navigation_of", lambda _: pytest.fail("the work began before the check"))
-        with pytest.raises(OutputError, match=r"holds an earlier scene: .*--overwrite"):
+        with pytest.raises(OutputError, match=r"\bearlier\b.*--overwrite"):
             make(tmp_path, seed=9)
     assert octets_in(tmp_path) == before | {"mine.txt": b"mine"}
     make(tmp_path, seed=9, overwrite=True)
@@ -218,7 +218,7 @@ def test_a_scene_is_replaced_only_if_asked_to(tmp_path: Path, monkeypatch: pytes
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_a_file_of_somebody_else_is_not_overwritten(tmp_path: Path, overwrite: bool) -> None:
     (tmp_path / "broadcast.rnx").write_text("mine")
-    with pytest.raises(OutputError, match=r"broadcast.rnx would be overwritten"):
+    with pytest.raises(OutputError, match=r"broadcast\.rnx .*overwritten"):
         make(tmp_path, overwrite=overwrite)
     assert octets_in(tmp_path) == {"broadcast.rnx": b"mine"}
 
@@ -258,7 +258,7 @@ def test_too_little_room_is_reported_before_anything_is_written(
 ) -> None:
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(module.shutil, "disk_usage", lambda _: usage._replace(free=1_500_000))
-    with pytest.raises(OutputError, match=r"\d MB would be written, but there is room for 1\.5 MB only; free space"):
+    with pytest.raises(OutputError, match=r"\d MB .*\b1\.5 MB\b"):
         simulate(small(), out=tmp_path)
     assert octets_in(tmp_path) == {}
     simulate(small(), out=tmp_path, depth="measurements")
@@ -266,19 +266,19 @@ def test_too_little_room_is_reported_before_anything_is_written(
 
 def test_names_that_would_meet_in_one_file_are_reported(tmp_path: Path) -> None:
     one, two = small().receivers
-    with pytest.raises(ScenarioError, match=r"two files would have the name scenario\.toml"):
+    with pytest.raises(ScenarioError, match=r"scenario\.toml"):
         simulate(small(receivers=(one, two.model_copy(update={"name": "scenario"}))), out=tmp_path)
     assert octets_in(tmp_path) == {}
 
 
 def test_measurements_of_a_moment_are_refused_or_left_out(tmp_path: Path) -> None:
     short = small(duration_s=1.5)
-    with pytest.raises(ScenarioError, match=r"duration_s: 1\.5 s; measurements are means over 1 s and need 2 s"):
+    with pytest.raises(ScenarioError, match=r"duration_s: 1\.5 s; .*\b2 s"):
         simulate(short, out=tmp_path, depth="measurements")
     watch = Watch()
     result = simulate(short, out=tmp_path, progress=watch)
     assert result.observations == ()
-    assert any("there are none" in said for said in watch.said)
+    assert any("none" in said for said in watch.said)
 
 
 def test_every_ready_made_scene_has_a_sentence_and_can_be_asked_for() -> None:
@@ -292,10 +292,10 @@ def test_every_ready_made_scene_has_a_sentence_and_can_be_asked_for() -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("takover", "did you mean 'takeover'"),
+        ("takover", "'takeover'"),
         ("xyzzy", "simulate --list"),
-        ("no/where", "does not exist"),
-        ("none.toml", "does not exist"),
+        ("no/where", r"no/where.*exist"),
+        ("none.toml", r"none\.toml.*exist"),
     ],
 )
 def test_a_scene_that_is_not_there_is_reported(name: str, words: str) -> None:

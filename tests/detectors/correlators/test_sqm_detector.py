@@ -104,9 +104,9 @@ def test_without_taps_it_says_so_as_data():
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(SettingsError, match="above 0 and below 1"):
+    with pytest.raises(SettingsError, match="above 0"):
         SqmSettings(false_alarm_probability=1.0)
-    with pytest.raises(SettingsError, match="above 0 and below 1"):
+    with pytest.raises(SettingsError, match="above 0"):
         SqmSettings(reflection_probability=0.0)
     with pytest.raises(SettingsError, match="0 or more"):
         SqmSettings(multipath_sigma_m=-0.1)

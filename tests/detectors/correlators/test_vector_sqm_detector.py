@@ -139,9 +139,9 @@ def test_the_law_of_t_squared_is_that_of_means_over_estimated_covariances():
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(SettingsError, match="four always fit"):
+    with pytest.raises(SettingsError, match="always fit"):
         VectorSqmSettings(min_satellites=4)
-    with pytest.raises(SettingsError, match="above 0 and below 1"):
+    with pytest.raises(SettingsError, match="above 0"):
         VectorSqmSettings(false_alarm_probability=0.0)
-    with pytest.raises(SettingsError, match="expected 0 or more"):
+    with pytest.raises(SettingsError, match="0 or more"):
         VectorSqmSettings(multipath_sigma_m=-1.0)
