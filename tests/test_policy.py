@@ -104,7 +104,7 @@ COMPUTING = {
     "continuity/detector": {"_SHARES"},
     "continuity/drawn_off": {"_QUARTERS"},
     "continuity/standing": {"_FAR_M"},
-    "continuity/steps": {"_STEERED_M"},
+    "continuity/series": {"_STEERED_M"},
     "correlators/correlator_laws": {"CODE_SPACING_CHIPS", "HALF_PI", "REACH", "_LAST_SCORE"},
     "correlators/second_component": {"EARLY_CHIPS", "OTHER_CHIPS", "TWO_REFLECTIONS"},
     "correlators/vector_sqm_detector": {"MOST_NAMED"},

@@ -19,7 +19,8 @@ from skyproof.formats.bounds import EPOCH_BYTES, OBSERVATION_BYTES, STREAM_BYTES
 from skyproof.formats.byte_io import require_size, without_mark
 from skyproof.formats.crinex import Expander, is_compact
 from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
-from skyproof.formats.rinex_obs_read import Header, ObservationFile, file_of, header_of, require_text
+from skyproof.formats.rinex_obs_header import Header, header_of
+from skyproof.formats.rinex_obs_read import ObservationFile, file_of, require_text
 from skyproof.records import CellStatus, Observations, SignalId
 from skyproof.remarks import Remark, RemarkKind
 

@@ -9,18 +9,18 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from functools import cache
-from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Instants, Integers, Octets, Reals
-from skyproof.gnss.constants import FASTEST_M_S, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.lnav import words_hold
+from skyproof.arrays import Integers, Octets, Reals
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import carrier_hz_of, frequency_number_of, rinex_signal
-from skyproof.gnss.time import GPS_EPOCH, gpst_from_utc, leap_seconds
-from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind
+from skyproof.gnss.time import gpst_from_utc, leap_seconds
+from skyproof.logs.content import BroadcastFrames, LogPiece, MessageKind
 from skyproof.logs.locks import CarrierLocks
+from skyproof.logs.phone_clock import EPOCH_NS, FIRST_NS, LAST_NS, MS_NS, PhoneClock, or_zero
+from skyproof.logs.phone_frames import FRAMES, frame_bits, record_frames
 from skyproof.logs.rows import SignalRows, epochs_without_signals, observations_from_rows
 from skyproof.logs.text import MISSING, Fields, TextStretch, read_fields, split_lines
 from skyproof.records import FrontEndLevels, Observations, ReceiverFixes, SignalId
@@ -79,26 +79,9 @@ _ADR_VALID, _ADR_BROKEN, _ADR_HALF_RESOLVED = 1, 2 | 4, 8
 _S: Final = 1_000_000_000
 _WEEK_NS, _DAY_NS, _E1C_NS = 604_800 * _S, 86_400 * _S, _S // 10
 _LEAST_E1C_NS: Final = 27_000_000  # a range of 77 ms within half a secondary code, clock included
-_MS_NS: Final = 1_000_000
-_EPOCH_NS: Final = int(GPS_EPOCH.astype(np.int64))
 _BDT_NS: Final = 14 * _S
-_FIRST_NS, _LAST_NS = (int(np.datetime64(f"{year}-01-01", "ns").astype(np.int64)) for year in (2000, 2200))
 _LONGEST_LOCK_MS: Final = 1 << 40
-_MS_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S
-_JOINED_S: Final = 600.0  # after which any oscillator may be off by a millisecond
 
-_FRAMES: Final[dict[int, tuple[MessageKind, str, str, int]]] = {
-    0x0101: ("LNAV", "G", "1C", 40),
-    0x0102: ("CNAV", "G", "2L", 38),
-    0x0103: ("CNAV", "G", "5I", 38),
-    0x0301: ("GLONASS", "R", "1C", 11),
-    0x0401: ("LNAV", "J", "1C", 40),
-    0x0501: ("D1", "C", "2I", 40),
-    0x0502: ("D2", "C", "2I", 40),
-    0x0601: ("INAV", "E", "1B", 29),
-    0x0602: ("FNAV", "E", "5I", 30),
-}
-"""Kind, system, RINEX signal and bytes of each Type of a Nav row."""
 _FRAME_BYTES: Final = 40
 _DATA: Final = "Data(Bytes)"  # the first of them, and the others in the fields after it
 _CHECKED: Final = (1, 2)  # Status: the parity held, or was mended; 0 is not known
@@ -123,7 +106,7 @@ class _GnssLogger:
     bias of each epoch. The phone estimates that bias anew each second: codes would step by its errors, carriers and
     Dopplers would not. When the bias has moved by more than a millisecond the clock is set by whole ones, as other
     receivers do, for which whatever reads observations is prepared. Where the hardware clock stops, as between the
-    measurements of a phone that saves power, nothing tells how long: there the ranges are joined (`_PhoneClock.join`).
+    measurements of a phone that saves power, nothing tells how long: there the ranges are joined (`PhoneClock.join`).
     """
 
     def __init__(self, source: str) -> None:
@@ -134,7 +117,7 @@ class _GnssLogger:
         self._signals: dict[SignalId, int] = {}
         self._names: list[SignalId] = []
         self._slots: dict[str, int] = {}
-        self._clock = _PhoneClock()
+        self._clock = PhoneClock()
         self._locks = CarrierLocks()
         self._last_ns: int | None = None  # the last epoch of the stretch before, for rows without a time
 
@@ -240,7 +223,7 @@ class _GnssLogger:
         stated_hz = raw.reals["CarrierFrequencyHz"]
         per_m = np.where(stated_hz > 0.0, stated_hz, usual_hz) / SPEED_OF_LIGHT_M_S
         state = raw.wholes["State"]
-        later_s = _or_zero(raw.reals["TimeOffsetNanos"]) * 1e-9
+        later_s = or_zero(raw.reals["TimeOffsetNanos"]) * 1e-9
         moved_m = np.where(later_s == 0.0, 0.0, rate_m_s * later_s)  # from the epoch to the moment of measurement
         adr_state = raw.wholes["AccumulatedDeltaRangeState"]
         adr_state = np.where(adr_state == MISSING, 0, adr_state)
@@ -279,7 +262,7 @@ class _GnssLogger:
         """Return the number of each row's signal, -1 for what no satellite sends."""
         system, svid = raw.wholes["ConstellationType"], raw.wholes["Svid"]
         system = np.where(system == MISSING, 1, system)
-        hertz = _or_zero(raw.reals["CarrierFrequencyHz"])
+        hertz = or_zero(raw.reals["CarrierFrequencyHz"])
         steps = np.clip(np.rint(hertz / 62_500.0), 0, 65_535).astype(np.int64)  # a ninth of GLONASS's steps
         code = octets[np.maximum(raw.places["CodeType"], 0)].astype(np.int64)
         named = raw.places["CodeType"] >= 0
@@ -328,14 +311,14 @@ class _GnssLogger:
         columns = self._columns.get("Fix", {})
         fix = read_fields(stretch, lines, columns, reals=_FIX_REALS, wholes=("UnixTimeMillis",), places=("Provider",))
         utc_ms, at = fix.wholes["UnixTimeMillis"], fix.places["Provider"]
-        good = (utc_ms > _FIRST_NS // _MS_NS) & (utc_ms < _LAST_NS // _MS_NS)
+        good = (utc_ms > FIRST_NS // MS_NS) & (utc_ms < LAST_NS // MS_NS)
         good &= (np.abs(fix.reals["LatitudeDegrees"]) <= 90.0) & (np.abs(fix.reals["LongitudeDegrees"]) <= 360.0)
         if "Provider" in columns:
             good &= (at >= 0) & (stretch.octets[np.maximum(at, 0)] | 0x20 == ord("g"))  # GPS, gps
         fix = fix.select(good)
         if not good.any():
             return None
-        utc = (utc_ms[good] * _MS_NS).astype("datetime64[ns]")
+        utc = (utc_ms[good] * MS_NS).astype("datetime64[ns]")
         return ReceiverFixes.from_geodetic(
             utc + (gpst_from_utc(utc[0]) - utc[0]),
             np.radians(fix.reals["LatitudeDegrees"]),
@@ -356,14 +339,14 @@ class _GnssLogger:
         )
         timed = (agc.wholes["TimeNanos"] != MISSING) & (agc.wholes["FullBiasNanos"] != MISSING)
         agc = agc.select(timed)
-        instant_ns = _EPOCH_NS + agc.wholes["TimeNanos"] - agc.wholes["FullBiasNanos"]
+        instant_ns = EPOCH_NS + agc.wholes["TimeNanos"] - agc.wholes["FullBiasNanos"]
         if not instant_ns.size:
             agc, instant_ns = raw, label_ns
         gain_db, system = agc.reals["AgcDb"], agc.wholes["ConstellationType"]
         system = np.where(system == MISSING, 1, system)
-        hertz = _or_zero(agc.reals["CarrierFrequencyHz"])
+        hertz = or_zero(agc.reals["CarrierFrequencyHz"])
         good = np.isfinite(gain_db) & (system > 0) & (system < len(_SYSTEMS))
-        good &= (instant_ns > _FIRST_NS) & (instant_ns < _LAST_NS)
+        good &= (instant_ns > FIRST_NS) & (instant_ns < LAST_NS)
         key = np.rint(np.clip(hertz[good], 0.0, 4e9) / 1e6).astype(np.int64) << 8 | system[good]
         distinct, number = np.unique(key, return_inverse=True)
         bands = [_band_of(_SYSTEMS[value & 0xFF], float(value >> 8)) for value in distinct.tolist()]
@@ -402,9 +385,9 @@ class _GnssLogger:
         after = np.append(label_ns, MISSING)[place + 1]
         found: dict[MessageKind, list[tuple[Integers, SignalId, Octets]]] = {}
         for number in np.unique(kind).tolist():
-            if number not in _FRAMES:
+            if number not in FRAMES:
                 continue
-            name, system, attribute, n_bytes = _FRAMES[number]
+            name, system, attribute, n_bytes = FRAMES[number]
             octets = data[:, :n_bytes]
             good = (kind == number) & (before != MISSING) & (np.abs(octets) <= 255).all(axis=1)
             good &= np.isin(status, _CHECKED) | (name == "LNAV")
@@ -414,9 +397,9 @@ class _GnssLogger:
                 if signal is None or not 1 <= prn <= (24 if system == "R" else 63):
                     continue
                 rows = np.flatnonzero(good & (svid == sv))
-                bits, holds = _frame_bits(name, np.unpackbits((octets[rows] & 0xFF).astype(np.uint8), axis=1))
+                bits, holds = frame_bits(name, np.unpackbits((octets[rows] & 0xFF).astype(np.uint8), axis=1))
                 found.setdefault(name, []).append((rows[holds], SignalId(f"{system}{prn:02d}", *signal), bits[holds]))
-        return tuple(_record(name, parts, before, after) for name, parts in sorted(found.items()))
+        return tuple(record_frames(name, parts, before, after) for name, parts in sorted(found.items()))
 
 
 class _Ranges(NamedTuple):
@@ -425,97 +408,6 @@ class _Ranges(NamedTuple):
     code_m: Reals
     rate_m_s: Reals
     carrier_m: Reals
-
-
-class _PhoneClock:
-    """What the phone's hardware clock shows, set to GPS time.
-
-    A part is what it runs without a stop; parts are counted from 0. breaks : stops that the phone counted.
-    """
-
-    def __init__(self) -> None:
-        self.breaks = 0
-        self._time_ns: int | None = None
-        self._count = 0
-        self._bias_ns: int | None = None
-        self._since_ns: list[int] = []  # the first label of each part
-        self._shifts = np.empty((0, 3))  # `_shift` of each part
-        self._last = np.empty((0, 4))  # time (s), part, code (m) and rate (m/s) of the last row of each signal
-
-    def label(self, raw: Fields) -> tuple[Integers, Integers]:
-        """Return what the clock shows at each row (n,), and the number of the part; -1 where it has no time."""
-        time_ns, full_ns, count = (raw.wholes[name] for name in _RAW_WHOLES[:3])
-        first = np.flatnonzero(np.append(True, np.diff(time_ns) != 0)) if time_ns.size else np.empty(0, np.int64)
-        sizes = np.diff(np.append(first, time_ns.size))
-        sub_ns = _or_zero(raw.reals["BiasNanos"])
-        columns = [values[first].tolist() for values in (time_ns, full_ns, sub_ns, count)]
-        labels = [self._label(*epoch) for epoch in zip(*columns, strict=True)]
-        label_ns, part = np.array(labels, np.int64).reshape(-1, 2).repeat(sizes, axis=0).T
-        return label_ns, part
-
-    def _label(self, time_ns: int, full_ns: int, sub_ns: float, count: int) -> tuple[int, int]:
-        bias_ns = full_ns + round(sub_ns)
-        if full_ns in (MISSING, 0) or not _FIRST_NS < _EPOCH_NS + time_ns - bias_ns < _LAST_NS:
-            return 0, -1  # the phone does not know the time
-        stopped = self._time_ns is not None and (count != self._count or time_ns < self._time_ns)
-        self.breaks += stopped
-        if self._bias_ns is None or stopped:
-            self._bias_ns = bias_ns
-            self._since_ns.append(_EPOCH_NS + time_ns - bias_ns)
-        elif abs(bias_ns - self._bias_ns) > _MS_NS:
-            self._bias_ns += round((bias_ns - self._bias_ns) / _MS_NS) * _MS_NS
-        self._time_ns, self._count = time_ns, count
-        return _EPOCH_NS + time_ns - self._bias_ns, len(self._since_ns) - 1
-
-    def run_ms(self, label_ns: Integers, part: Integers) -> Integers:
-        """Return for how long the clock has run at rows without a stop."""
-        return np.asarray(label_ns - np.array(self._since_ns)[part]) // _MS_NS
-
-    def join(
-        self, label_ns: Integers, part: Integers, signal: Integers, code_m: Reals, rate_m_s: Reals
-    ) -> tuple[Integers, Reals]:
-        """Return what a clock that goes on over the stops shows less at rows (n,), ns, and its rate, m/s.
-
-        A stop of unknown length, after which the oscillator has another rate, adds the same to all codes and to all
-        their rates: the median of what the signals show beyond their last measurement is taken off. What satellites do
-        differently stays as it is. The phone's own bias counts where no signal is left. Whole milliseconds are given
-        back.
-        """
-        more = max(int(signal.max(initial=-1)) + 1 - len(self._last), 0)
-        self._last = np.vstack([self._last, np.full((more, 4), np.nan)])
-        kept = np.flatnonzero((signal >= 0) & np.isfinite(code_m) & (np.abs(rate_m_s) <= FASTEST_M_S))
-        order = kept[np.argsort(signal[kept], kind="stable")]
-        since_s = (label_ns - (self._since_ns[0] if self._since_ns else 0)) * 1e-9
-        rows = np.stack([since_s, part, code_m, rate_m_s], axis=1)[order]
-        leads = np.append(True, np.diff(signal[order]) != 0)[: order.size]
-        before = np.roll(rows, 1, axis=0)
-        before[leads] = self._last[signal[order[leads]]]
-        ends = np.append(leads[1:], True)[: order.size]
-        self._last[signal[order[ends]]] = rows[ends]
-        gap_s = rows[:, 0] - before[:, 0]
-        over = np.flatnonzero((gap_s > 0.0) & (gap_s < _JOINED_S) & (before[:, 1] < rows[:, 1]))
-        over = over[np.argsort(rows[over, 1], kind="stable")]
-        begin = np.searchsorted(rows[over, 1], np.arange(len(self._shifts), len(self._since_ns) + 1))
-        for number, (first, stop) in enumerate(pairwise(begin.tolist()), len(self._shifts)):
-            chosen = over[first:stop]
-            self._shifts = np.vstack([self._shifts, self._shift(number, rows[chosen], before[chosen])])
-        began_s, shift_m, drift_m_s = self._shifts[part].T
-        moved_m = shift_m + drift_m_s * (since_s - began_s)
-        return np.rint(moved_m / SPEED_OF_LIGHT_M_S * 1e9).astype(np.int64), drift_m_s
-
-    def _shift(self, part: int, rows: Reals, before: Reals) -> list[float]:
-        """Return when a part began (s), what is taken off its codes then (m) and off their rates (m/s)."""
-        began_s = (self._since_ns[part] - self._since_ns[0]) * 1e-9
-        if not len(rows):
-            return [began_s, 0.0, 0.0]
-        then_s, shift_m, drift_m_s = self._shifts[before[:, 1].astype(np.int64)].T
-        rate_m_s = before[:, 3] - drift_m_s
-        new_m_s = float(np.median(rows[:, 3] - rate_m_s))
-        code_m = before[:, 2] - shift_m - drift_m_s * (before[:, 0] - then_s)
-        gap_s = rows[:, 0] - before[:, 0]
-        over_m = rows[:, 2] - code_m - 0.5 * gap_s * (rate_m_s + rows[:, 3] - new_m_s)
-        new_m = float(np.median(over_m - new_m_s * (rows[:, 0] - began_s)))
-        return [began_s, new_m - round(new_m / _MS_M) * _MS_M, new_m_s]
 
 
 def _range_m(raw: Fields, label_ns: Integers, systems: Any) -> Reals:
@@ -536,12 +428,8 @@ def _range_m(raw: Fields, label_ns: Integers, systems: Any) -> Reals:
     modulus_ns = np.where(secondary, _E1C_NS, np.where(glonass, _DAY_NS, _WEEK_NS))
     least_ns = np.where(secondary, _LEAST_E1C_NS, -modulus_ns // 2)
     good = (full | secondary) & (sent_ns >= 0) & (sent_ns <= _WEEK_NS)
-    travel_ns = (label_ns - _EPOCH_NS + ahead_ns - np.where(good, sent_ns, 0) - least_ns) % modulus_ns + least_ns
+    travel_ns = (label_ns - EPOCH_NS + ahead_ns - np.where(good, sent_ns, 0) - least_ns) % modulus_ns + least_ns
     return np.where(good, travel_ns * 1e-9 * SPEED_OF_LIGHT_M_S, np.nan)
-
-
-def _or_zero(values: Reals) -> Reals:
-    return np.where(np.isnan(values), 0.0, values)
 
 
 def _positive(values: Reals) -> Reals:
@@ -569,58 +457,3 @@ def _band_of(system: str, mhz: float) -> str:
     digit = _digit_of(system, mhz)
     kind = None if digit is None else rinex_signal(system, digit + _USUAL_CODES[system][digit])
     return "" if kind is None else kind[0]
-
-
-def _frame_bits(kind: MessageKind, bits: Octets) -> tuple[Octets, Booleans]:
-    """Return the bits (n, FRAME_BITS) of a kind of frame from those of a row's bytes, and which frames hold."""
-    n = len(bits)
-    if kind == "LNAV":
-        return _lnav_bits(bits.reshape(n, 10, 32)[:, :, 2:].astype(np.int8))
-    holds = np.ones(n, np.bool_)
-    if kind in ("D1", "D2"):
-        return bits.reshape(n, 10, 32)[:, :, 2:].reshape(n, 300), holds
-    if kind == "INAV":  # the halves of a page without their tails of six zeros
-        return np.pad(bits[:, :228].reshape(n, 2, 114), ((0, 0), (0, 0), (0, 6))).reshape(n, 240), holds
-    whole = np.zeros((n, FRAME_BITS[kind]), np.uint8)
-    used = min(bits.shape[1], 238 if kind == "FNAV" else FRAME_BITS[kind])
-    whole[:, :used] = bits[:, :used]
-    return whole, holds
-
-
-def _lnav_bits(words: Any) -> tuple[Octets, Booleans]:
-    """Return source bits (n, 240) of ten words (n, 10, 30), and whether all parities hold.
-
-    Phones give the words as they were sent, upright or not, or with the data as before encoding.
-    """
-    upright = words ^ (1 - words[:, :1, :1])  # the preamble begins with a one
-    encoded = words.copy()
-    encoded[:, 1:, :24] ^= words[:, :-1, 29:]
-    bits, holds = np.zeros((len(words), 240), np.uint8), np.zeros(len(words), np.bool_)
-    for candidate in (upright, encoded):
-        data, right = words_hold(candidate.reshape(len(words), 300))
-        fits = right.all(axis=1) & ~holds
-        bits[fits], holds = data[fits].reshape(-1, 240), holds | fits
-    return bits, holds
-
-
-def _record(
-    kind: MessageKind, parts: list[tuple[Integers, SignalId, Octets]], before: Integers, after: Integers
-) -> BroadcastFrames:
-    rows = np.concatenate([rows for rows, _, _ in parts])
-    order = np.argsort(rows, kind="stable")
-    names = [
-        np.concatenate([np.full(rows.size, getattr(signal, name)) for rows, signal, _ in parts])[order]
-        for name in ("sat", "band", "code")
-    ]
-    bits = np.concatenate([bits for _, _, bits in parts])[order]
-    gpst: Instants = before[rows[order]].astype("datetime64[ns]")
-    until: Instants = after[rows[order]].astype("datetime64[ns]")
-    return BroadcastFrames(
-        kind=kind,
-        gpst=gpst,
-        until_gpst=until,
-        sat=names[0],
-        band=names[1],
-        code=names[2],
-        bits=np.packbits(bits, axis=1),
-    )

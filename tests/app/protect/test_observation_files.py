@@ -12,7 +12,7 @@ from tests.app.kit import ENU_M, scenario_of
 from tests.app.protect.captured import captured
 
 from skyproof.app.protect import protect
-from skyproof.detectors.continuity.steps import Limits, series_of
+from skyproof.detectors.continuity.series import Limits, series_of
 from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs

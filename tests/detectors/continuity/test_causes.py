@@ -17,7 +17,8 @@ from tests.detectors.continuity.test_detector import (
 )
 
 from skyproof.detectors.continuity.causes import p_values_by_cause
-from skyproof.detectors.continuity.steps import Limits, largest_steps, series_of
+from skyproof.detectors.continuity.series import Limits, series_of
+from skyproof.detectors.continuity.steps import largest_steps
 from skyproof.records import Cause
 
 ROW, DRAWS = 100, 80

@@ -18,7 +18,7 @@ from tests.detectors.continuity.test_detector import (
 )
 
 from skyproof.detectors.continuity.drawn_off import drawn_off_of
-from skyproof.detectors.continuity.steps import Limits, series_of
+from skyproof.detectors.continuity.series import Limits, series_of
 
 ONSET_S = 25.0
 CODES = ("one_motion", "dragged", "dragged_by_some")

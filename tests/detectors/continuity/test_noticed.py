@@ -14,7 +14,7 @@ from tests.detectors.continuity.test_detector import (
 )
 
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
-from skyproof.detectors.continuity.steps import Limits, series_of
+from skyproof.detectors.continuity.series import Limits, series_of
 from skyproof.statistics.distributions import noncentrality_for_power
 
 LIMITS = Limits()

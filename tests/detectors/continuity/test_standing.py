@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 from tests.detectors.continuity.test_detector import FIELD, NAVIGATION, PLACE_ECEF_M, WHITE, changed, observed, said
 
+from skyproof.detectors.continuity.series import Limits, series_of
 from skyproof.detectors.continuity.standing import moved_of
-from skyproof.detectors.continuity.steps import Limits, series_of
 
 WAVE_M = 299_792_458.0 / 1575.42e6
 ERROR_M = 0.04

@@ -21,11 +21,10 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.continuity.policy import POLICY
+from skyproof.detectors.continuity.series import Limits, Series
 from skyproof.detectors.continuity.steps import (
     KINDS,
     Jump,
-    Limits,
-    Series,
     Sides,
     Step,
     chance,

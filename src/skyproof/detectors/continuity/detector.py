@@ -25,19 +25,12 @@ from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter
 from skyproof.detectors.continuity.causes import p_values_by_cause
 from skyproof.detectors.continuity.drawn_off import drawn_off_of
-from skyproof.detectors.continuity.one_sky import (
-    Transmission,
-    followed_by,
-    groups_of,
-    one_signal_a_transmission,
-)
+from skyproof.detectors.continuity.one_sky import Transmission, followed_by, groups_of, one_signal_a_transmission
 from skyproof.detectors.continuity.policy import POLICY
+from skyproof.detectors.continuity.series import Limits, Series, series_of_groups
 from skyproof.detectors.continuity.standing import moved_of
-from skyproof.detectors.continuity.steps import Limits, Series, Step, largest_steps, series_of_groups
-from skyproof.detectors.continuity.untested import (
-    explain_few_epochs,
-    explain_no_step,
-)
+from skyproof.detectors.continuity.steps import Step, largest_steps
+from skyproof.detectors.continuity.untested import explain_few_epochs, explain_no_step
 from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.time import iso

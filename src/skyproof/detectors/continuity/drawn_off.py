@@ -23,7 +23,8 @@ import numpy as np
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.continuity.policy import POLICY
-from skyproof.detectors.continuity.steps import Series, fitted_jump
+from skyproof.detectors.continuity.series import Series
+from skyproof.detectors.continuity.steps import fitted_jump
 from skyproof.detectors.continuity.whole_sky import SkyChange, SkyMotion, least_likely, motions_of
 from skyproof.records import Observations
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.continuity.policy import POLICY
-from skyproof.detectors.continuity.steps import Series
+from skyproof.detectors.continuity.series import Series
 from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely, motion_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import atmosphere

@@ -23,19 +23,18 @@ levels, or the receiver is known to stand.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Instants, Reals
+from skyproof.arrays import Instants, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.levels.bands import carrier_name, chain_covers
+from skyproof.detectors.levels.front_end import Gauge, GaugeChange, follow_gauges
 from skyproof.detectors.levels.laws import (
-    Dip,
     OwnRate,
     OwnScale,
-    SharedChange,
     chance_of_excess,
     estimate_shared_change,
     find_dip,
@@ -43,6 +42,7 @@ from skyproof.detectors.levels.laws import (
     pattern_slope,
     split_in_two,
 )
+from skyproof.detectors.levels.past import LevelsPast, OwnLevel, SharedSeries, Unit, UnitChange
 from skyproof.detectors.levels.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.received_power import LEAST_RECEIVED_DBW
@@ -50,7 +50,6 @@ from skyproof.records import (
     Cause,
     Datum,
     Finding,
-    FrontEndLevels,
     Hypothesis,
     InterferenceSign,
     Need,
@@ -63,9 +62,6 @@ from skyproof.records import (
 )
 
 __all__ = ["SignalLevels", "SignalLevelsSettings"]
-
-Unit = tuple[str, ...]
-"""What is tested together: a carrier of all systems, or system, band and code."""
 
 
 @dataclass(frozen=True)
@@ -97,103 +93,6 @@ class SignalLevelsSettings:
                 raise SettingsError(f"levels: {name} is {getattr(self, name)}, expected more than 0")
 
 
-class _Reference(NamedTuple):
-    """Own level of a signal: mean of so many windows, when it was seen last, and whether in the window before."""
-
-    level_db: float
-    windows: float
-    seen_s: float
-    fresh: bool = True
-
-
-class _Gauge(NamedTuple):
-    """Own level of a front end's chain, in sigmas of the settings: mean of so many windows, and its scale."""
-
-    level: float
-    windows: float
-    scale: OwnScale
-
-
-class _Series(NamedTuple):
-    """What satellites share, epoch by epoch, dB."""
-
-    gpst: Instants
-    change_db: Reals
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Past:
-    """What is remembered of a receiver: a number a signal, a unit and a chain, and the series of one window.
-
-    began_gpst : first epoch, or that at which interference ended that was there before.
-    """
-
-    end_s: float
-    began_gpst: np.datetime64
-    references: Mapping[SignalId, _Reference] = field(default_factory=dict)
-    floors_db: Mapping[Unit, float] = field(default_factory=dict)
-    scales: Mapping[Unit, OwnScale] = field(default_factory=dict)
-    dips: Mapping[Unit, OwnScale] = field(default_factory=dict)
-    slopes: Mapping[Unit, OwnScale] = field(default_factory=dict)
-    rates: Mapping[Unit, OwnRate] = field(default_factory=dict)
-    series: Mapping[Unit, _Series] = field(default_factory=dict)
-    gauges: Mapping[tuple[str, str], _Gauge] = field(default_factory=dict)
-    interfered: Mapping[str, float] = field(default_factory=dict)
-    odd: bool = False
-
-
-class _Change(NamedTuple):
-    """What a unit's satellites share, its statistic over its sigma, and how many signals were lost.
-
-    fall, rise : chance of a change so far down or up. losses : of so many lost signals. fall_db : estimated without
-    what is lost, where enough is left. dip : the lowest part of the window; fall_in_part : the chance of it;
-    lost_in_dip : signals that it takes.
-    """
-
-    unit: Unit
-    columns: tuple[int, ...]
-    common: SharedChange
-    statistic: float
-    fall: float
-    rise: float
-    losses: float
-    lost: int
-    fall_db: float
-    series: _Series
-    dip: Dip
-    fall_in_part: float
-    lost_in_dip: int
-
-    @property
-    def noise(self) -> float:
-        """Return the chance of falls and losses together as they are (union bound, a twentieth of it for parts)."""
-        return min(1.0, 2.1 * min(self.fall, self.losses), 21.0 * self.fall_in_part)
-
-    @property
-    def short(self) -> bool:
-        """Tell whether a part of the window is less probable than the whole of it."""
-        return 10.0 * self.fall_in_part < min(self.fall, self.losses)
-
-    @property
-    def lasting_db(self) -> float:
-        """Return the fall, dB."""
-        return -self.dip.change_db if self.short else -self.common.change_db
-
-
-class _GaugeChange(NamedTuple):
-    """How far a chain's level is over its own past: in sigmas, in dB where that is known, and the chances of it.
-
-    rise, fall : chance of a level so far up or down.
-    """
-
-    chain: str
-    kind: str
-    statistic: float
-    rise_db: float
-    rise: float
-    fall: float
-
-
 class _Test(NamedTuple):
     """One test: what it is called, its p-value, its numbers, what else explains it, its columns, since when."""
 
@@ -221,7 +120,7 @@ class SignalLevels:
         report = Reporter(self, records, Hypothesis.STEADY_LEVELS)
         if lacking := report.name_missing():
             return lacking, state
-        pasts: dict[str, _Past] = dict(state or {})
+        pasts: dict[str, LevelsPast] = dict(state or {})
         found = []
         for o in records.observations:
             before = pasts.get(o.receiver)
@@ -235,20 +134,28 @@ class SignalLevels:
 class _Window:
     """One receiver in one window, after what came before."""
 
-    def __init__(self, report: Reporter, settings: SignalLevelsSettings, o: Observations, past: _Past | None) -> None:
+    def __init__(
+        self, report: Reporter, settings: SignalLevelsSettings, o: Observations, past: LevelsPast | None
+    ) -> None:
         self.report, self.settings, self.o = report, settings, o
         self.first = past is None
-        self.past = past or _Past(end_s=float(o.elapsed_s[-1]), began_gpst=o.gpst[0])
+        self.past = past or LevelsPast(end_s=float(o.elapsed_s[-1]), began_gpst=o.gpst[0])
         self.levels_db = _medians(o.cn0_dbhz)
         self.known = np.isfinite(o.cn0_dbhz).mean(axis=0) >= 0.5
         self.kinds: list[Unit] = [(s.sat[0], s.band, s.code) for s in o.signals]
         self.floors_db = self._lowest()
 
-    def examine(self) -> tuple[Finding, _Past]:
+    def examine(self) -> tuple[Finding, LevelsPast]:
         """Return the finding and what is remembered."""
         changes = [change for unit, columns in self._units().items() if (change := self._change(unit, columns))]
         carriers, kinds = ([c for c in changes if len(c.unit) == n] for n in (1, 3))
-        gauges, gauges_after = self._gauges()
+        gauges, gauges_after = follow_gauges(
+            self.report.records.levels.get(self.o.receiver),
+            self.past.gauges,
+            gain_db=self.settings.gain_db,
+            gain_share=self.settings.gain_share,
+            steady_probability=self.settings.interference_probability,
+        )
         interfered = {c.unit[0]: c for c in carriers if self._is_interference(c, gauges, len(carriers))}
         ended = {c.unit[0]: c for c in carriers if self._ends_interference(c, gauges, len(carriers))}
         tests = [
@@ -284,7 +191,7 @@ class _Window:
             floors[self.kinds[column]] = min(lowest, floors.get(self.kinds[column], np.inf))
         return floors
 
-    def _change(self, unit: Unit, columns: list[int]) -> _Change | None:
+    def _change(self, unit: Unit, columns: list[int]) -> UnitChange | None:
         """Return what the satellites of a unit share against their own past; None with too few."""
         signals, references = self.o.signals, self.past.references
         used = [k for k in columns if (ref := references.get(signals[k])) is not None and self._counts(k, ref, unit)]
@@ -308,7 +215,7 @@ class _Window:
         scale, rate = self.past.scales.get(unit, OwnScale()), self.past.rates.get(unit, OwnRate())
         lost, left = int((~self.known[used]).sum()), self.known[used]
         tracked_db = -float(np.median(change_db[left])) if left.sum() >= POLICY.least_satellites else -np.inf
-        return _Change(
+        return UnitChange(
             unit=unit,
             columns=tuple(used),
             common=common,
@@ -318,32 +225,36 @@ class _Window:
             losses=rate.above(lost, len(used)),
             lost=lost,
             fall_db=max(-common.change_db, tracked_db),
-            series=_Series(self.o.gpst, np.median(cells_db, axis=1)),
+            series=SharedSeries(self.o.gpst, np.median(cells_db, axis=1)),
             dip=dip,
             fall_in_part=min(1.0, in_part),
             lost_in_dip=int(np.isnan(self.o.cn0_dbhz[dip.first : dip.stop, used]).all(axis=0).sum()),
         )
 
-    def _counts(self, column: int, reference: _Reference, unit: Unit) -> bool:
+    def _counts(self, column: int, reference: OwnLevel, unit: Unit) -> bool:
         """Tell whether a signal is there, or was until the window before or until interference began."""
         fresh = reference.fresh or self._carrier(unit) in self.past.interfered
         return self.o.elapsed_s[0] - reference.seen_s < POLICY.forgotten_s and (bool(self.known[column]) or fresh)
 
     # ------------------------------------------------------------------ interference
 
-    def _is_interference(self, change: _Change, gauges: list[_GaugeChange], n_carriers: int) -> bool:
+    def _is_interference(self, change: UnitChange, gauges: list[GaugeChange], n_carriers: int) -> bool:
         asked = self.settings.interference_probability
         supported = change.unit[0] in self.past.interfered or bool(self._risen(change, gauges))
         return n_carriers * change.noise < asked or (supported and change.noise < POLICY.confirming_p_value)
 
-    def _risen(self, change: _Change, gauges: list[_GaugeChange]) -> list[_GaugeChange]:
+    def _risen(self, change: UnitChange, gauges: list[GaugeChange]) -> list[GaugeChange]:
         """Return the gauges of a unit's carrier that rose significantly."""
         carrier = self._carrier(change.unit)
         asked = self.settings.interference_probability
         return [g for g in gauges if chain_covers(g.chain, carrier) and len(gauges) * g.rise < asked]
 
     def _noise_rise(
-        self, change: _Change, carriers: list[_Change], interfered: Mapping[str, _Change], gauges: list[_GaugeChange]
+        self,
+        change: UnitChange,
+        carriers: list[UnitChange],
+        interfered: Mapping[str, UnitChange],
+        gauges: list[GaugeChange],
     ) -> NoiseRise:
         (carrier,) = change.unit
         risen = self._risen(change, gauges)
@@ -375,7 +286,7 @@ class _Window:
             may_be_shade=not (risen or uneven or stands),
         )
 
-    def _last_of(self, change: _Change) -> NoiseRise | None:
+    def _last_of(self, change: UnitChange) -> NoiseRise | None:
         """Return the end of interference that lasts no longer than into the first half of this window."""
         (carrier,) = change.unit
         fall_db = self.past.interfered.get(carrier, np.inf)
@@ -396,17 +307,17 @@ class _Window:
             may_be_shade=True,
         )
 
-    def _ends_interference(self, change: _Change, gauges: list[_GaugeChange], n_carriers: int) -> bool:
+    def _ends_interference(self, change: UnitChange, gauges: list[GaugeChange], n_carriers: int) -> bool:
         """Tell whether C/N0 rises while less power comes in: what made noise is there no more."""
         fallen = change.rise < POLICY.confirming_p_value and bool(self._fallen(change, gauges))
         return fallen and change.unit[0] not in self.past.interfered
 
-    def _fallen(self, change: _Change, gauges: list[_GaugeChange]) -> list[_GaugeChange]:
+    def _fallen(self, change: UnitChange, gauges: list[GaugeChange]) -> list[GaugeChange]:
         """Return the gauges of a unit's carrier that fell significantly."""
         carrier, asked = self._carrier(change.unit), self.settings.interference_probability
         return [g for g in gauges if chain_covers(g.chain, carrier) and len(gauges) * g.fall < asked]
 
-    def _end_of(self, change: _Change, gauges: list[_GaugeChange]) -> NoiseRise:
+    def _end_of(self, change: UnitChange, gauges: list[GaugeChange]) -> NoiseRise:
         """Return interference that was there since the receiver's first epoch, now that it has ended."""
         (carrier,) = change.unit
         levels_db = [-g.rise_db for g in self._fallen(change, gauges) if np.isfinite(g.rise_db)]
@@ -449,22 +360,22 @@ class _Window:
         worst = sorted(found, key=lambda weak: weak.cn0_dbhz - weak.least_dbhz, reverse=True)
         return tuple({weak.carrier: weak for weak in worst}.values())
 
-    def _sigma_db(self, change: _Change) -> float:
+    def _sigma_db(self, change: UnitChange) -> float:
         return change.common.sigma_db * self.past.scales.get(change.unit, OwnScale()).sigma
 
-    def _begun(self, change: _Change) -> np.datetime64:
+    def _begun(self, change: UnitChange) -> np.datetime64:
         """Return the epoch from which on a unit's levels are other than before."""
         gpst, row = self._split(change)
         begun: np.datetime64 = gpst[row]
         return begun
 
-    def _until(self, change: _Change) -> np.datetime64:
+    def _until(self, change: UnitChange) -> np.datetime64:
         """Return the last epoch at which a unit's levels are as before."""
         gpst, row = self._split(change)
         until: np.datetime64 = gpst[max(row - 1, 0)]
         return until
 
-    def _split(self, change: _Change) -> tuple[Instants, int]:
+    def _split(self, change: UnitChange) -> tuple[Instants, int]:
         """Return the epochs of this window and the one before, and the row at which a unit's levels change."""
         before = self.past.series.get(change.unit)
         parts = [change.series] if before is None else [before, change.series]
@@ -473,7 +384,7 @@ class _Window:
 
     # ------------------------------------------------------------------ tests that may fail
 
-    def _rises(self, changes: list[_Change]) -> list[_Test]:
+    def _rises(self, changes: list[UnitChange]) -> list[_Test]:
         return [
             _Test(
                 "rise",
@@ -491,7 +402,7 @@ class _Window:
             for change in changes
         ]
 
-    def _patterns(self, changes: list[_Change], interfered: Mapping[str, _Change]) -> list[_Test]:
+    def _patterns(self, changes: list[UnitChange], interfered: Mapping[str, UnitChange]) -> list[_Test]:
         disturbed = interfered.keys() | self.past.interfered.keys()
         tests = []
         for change in changes:
@@ -514,7 +425,7 @@ class _Window:
                 )
         return tests
 
-    def _slope(self, change: _Change) -> tuple[float, float] | None:
+    def _slope(self, change: UnitChange) -> tuple[float, float] | None:
         """Return the slope of changes over own levels, and the same over its sigma."""
         there = [k for k in change.columns if self.known[k]]
         if len(there) < POLICY.least_satellites:
@@ -542,7 +453,7 @@ class _Window:
         data: dict[str, Datum] = {"strong": int(loud.size), "strongest_dbhz": strongest_db}
         return [_Test("strong", p_value, data, (Cause.GAIN,), tuple(loud.tolist()), strongest_db)]
 
-    def _level_alone(self, changes: list[_Change], gauges: list[_GaugeChange]) -> list[_Test]:
+    def _level_alone(self, changes: list[UnitChange], gauges: list[GaugeChange]) -> list[_Test]:
         """Return tests of chains whose level rises while C/N0 of no carrier in them falls."""
         tests = []
         for gauge in gauges:
@@ -563,32 +474,10 @@ class _Window:
             )
         return tests
 
-    # ------------------------------------------------------------------ the front end
-
-    def _gauges(self) -> tuple[list[_GaugeChange], dict[tuple[str, str], _Gauge]]:
-        """Return what the front end's levels are over their own past, and what is remembered of them."""
-        levels = self.report.records.levels.get(self.o.receiver)
-        after = dict(self.past.gauges)
-        changes = []
-        for (chain, kind), value in _readings(levels, self.settings).items():
-            own = after.get((chain, kind))
-            if own is None:
-                after[chain, kind] = _Gauge(value, 1.0, OwnScale())
-                continue
-            statistic = (value - own.level) / np.sqrt(1.0 + 1.0 / own.windows)
-            rise, fall = own.scale.above(statistic), own.scale.below(statistic)
-            in_db = self.settings.gain_db if kind != "share" else np.nan
-            changes.append(_GaugeChange(chain, kind, float(statistic), (value - own.level) * in_db, rise, fall))
-            if min(rise, fall) * len(after) > self.settings.interference_probability:
-                windows = min(own.windows + 1.0, POLICY.remembered_windows)
-                level = own.level + (value - own.level) / windows
-                after[chain, kind] = _Gauge(level, windows, own.scale.after(statistic))
-        return changes, after
-
     # ------------------------------------------------------------------ what is said and remembered
 
     def _report_worst(
-        self, changes: list[_Change], worst: _Test | None, count: int, noise: tuple[NoiseRise, ...]
+        self, changes: list[UnitChange], worst: _Test | None, count: int, noise: tuple[NoiseRise, ...]
     ) -> Finding:
         """Return the finding of the least probable of so many tests, with the interference that was found."""
         receiver, lost = self.o.receiver, {k for change in changes for k in change.columns}
@@ -622,13 +511,13 @@ class _Window:
 
     def _remember(
         self,
-        changes: list[_Change],
-        interfered: Mapping[str, _Change],
-        ended: Mapping[str, _Change],
-        gauges: Mapping[tuple[str, str], _Gauge],
+        changes: list[UnitChange],
+        interfered: Mapping[str, UnitChange],
+        ended: Mapping[str, UnitChange],
+        gauges: Mapping[tuple[str, str], Gauge],
         *,
         odd: bool,
-    ) -> _Past:
+    ) -> LevelsPast:
         """Return what is kept: own courses follow what is each signal's, and the common part while nothing is odd.
 
         Where interference ended that was there before, carriers and chains begin anew.
@@ -646,7 +535,7 @@ class _Window:
             own = references.get(signal)
             windows = 1.0 if own is None else min(own.windows + 1.0, POLICY.remembered_windows)
             before_db = level_db if own is None else own.level_db
-            references[signal] = _Reference(before_db + (level_db - before_db) / windows, windows, end_s)
+            references[signal] = OwnLevel(before_db + (level_db - before_db) / windows, windows, end_s)
         references = {signal: own for signal, own in references.items() if carrier_name(signal) not in ended}
         scales, slopes, rates = dict(self.past.scales), dict(self.past.slopes), dict(self.past.rates)
         dips = dict(self.past.dips)
@@ -658,7 +547,7 @@ class _Window:
             rates[change.unit] = rates.get(change.unit, OwnRate()).after(change.lost, len(change.columns))
             if (found := self._slope(change)) is not None:
                 slopes[change.unit] = slopes.get(change.unit, OwnScale()).after(found[1])
-        return _Past(
+        return LevelsPast(
             end_s=end_s,
             began_gpst=max((self._begun(change) for change in ended.values()), default=self.past.began_gpst),
             references=references,
@@ -681,33 +570,15 @@ class _Window:
             odd=odd,
         )
 
-    def _held_back(self, changes: list[_Change], interfered: Mapping[str, _Change], *, odd: bool) -> dict[str, float]:
+    def _held_back(
+        self, changes: list[UnitChange], interfered: Mapping[str, UnitChange], *, odd: bool
+    ) -> dict[str, float]:
         """Return what is no signal's own, by carrier, dB: of carriers with interference, of all while a test fails."""
         return {c.unit[0]: c.common.change_db for c in changes if len(c.unit) == 1 and (odd or c.unit[0] in interfered)}
 
     @staticmethod
     def _carrier(unit: Unit) -> str:
         return unit[0] if len(unit) == 1 else carrier_name(SignalId(f"{unit[0]}01", unit[1], unit[2]))
-
-
-def _readings(levels: FrontEndLevels | None, settings: SignalLevelsSettings) -> dict[tuple[str, str], float]:
-    """Return what each chain takes in, by chain and kind of reading, in sigmas: the mean of the window."""
-    if levels is None:
-        return {}
-    gain_db = levels.agc_db
-    readings: dict[str, Reals] = {
-        "input": (np.nan_to_num(levels.noise_db) - gain_db) / settings.gain_db,
-        "share": np.where(np.isfinite(gain_db), np.nan, -levels.agc_share) / settings.gain_share,
-        "noise": np.where(np.isfinite(gain_db), np.nan, levels.noise_db) / settings.gain_db,
-    }
-    found: dict[tuple[str, str], float] = {}
-    for chain in np.unique(levels.band).tolist():
-        rows = levels.band == chain
-        for kind, values in readings.items():
-            known: Booleans = rows & np.isfinite(values)
-            if known.any():
-                found[chain, kind] = float(np.median(values[known]))
-    return found
 
 
 def _medians(values: Reals) -> Reals:

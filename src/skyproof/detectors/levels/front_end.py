@@ -1,0 +1,86 @@
+"""Hold what a front end's chains take in against their own past."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from skyproof.arrays import Booleans, Reals
+from skyproof.detectors.levels.laws import OwnScale
+from skyproof.detectors.levels.policy import POLICY
+from skyproof.records import FrontEndLevels
+
+__all__ = ["Gauge", "GaugeChange", "follow_gauges"]
+
+
+class Gauge(NamedTuple):
+    """Own level of a front end's chain, in sigmas of the settings: mean of so many windows, and its scale."""
+
+    level: float
+    windows: float
+    scale: OwnScale
+
+
+class GaugeChange(NamedTuple):
+    """How far a chain's level is over its own past: in sigmas, in dB where that is known, and the chances of it.
+
+    rise, fall : chance of a level so far up or down.
+    """
+
+    chain: str
+    kind: str
+    statistic: float
+    rise_db: float
+    rise: float
+    fall: float
+
+
+def follow_gauges(
+    levels: FrontEndLevels | None,
+    before: Mapping[tuple[str, str], Gauge],
+    *,
+    gain_db: float,
+    gain_share: float,
+    steady_probability: float,
+) -> tuple[list[GaugeChange], dict[tuple[str, str], Gauge]]:
+    """Return what the front end's levels are over their own past, and what is remembered of them.
+
+    gain_db, gain_share : by which the gain wanders, one sigma, dB or a share of the full scale. steady_probability : a
+    level that is less probable than this over their number is no part of the past.
+    """
+    after = dict(before)
+    changes = []
+    for (chain, kind), value in _readings(levels, gain_db, gain_share).items():
+        own = after.get((chain, kind))
+        if own is None:
+            after[chain, kind] = Gauge(value, 1.0, OwnScale())
+            continue
+        statistic = (value - own.level) / np.sqrt(1.0 + 1.0 / own.windows)
+        rise, fall = own.scale.above(statistic), own.scale.below(statistic)
+        in_db = gain_db if kind != "share" else np.nan
+        changes.append(GaugeChange(chain, kind, float(statistic), (value - own.level) * in_db, rise, fall))
+        if min(rise, fall) * len(after) > steady_probability:
+            windows = min(own.windows + 1.0, POLICY.remembered_windows)
+            level = own.level + (value - own.level) / windows
+            after[chain, kind] = Gauge(level, windows, own.scale.after(statistic))
+    return changes, after
+
+
+def _readings(levels: FrontEndLevels | None, gain_db: float, gain_share: float) -> dict[tuple[str, str], float]:
+    """Return what each chain takes in, by chain and kind of reading, in sigmas: the mean of the window."""
+    if levels is None:
+        return {}
+    agc_db = levels.agc_db
+    readings: dict[str, Reals] = {
+        "input": (np.nan_to_num(levels.noise_db) - agc_db) / gain_db,
+        "share": np.where(np.isfinite(agc_db), np.nan, -levels.agc_share) / gain_share,
+        "noise": np.where(np.isfinite(agc_db), np.nan, levels.noise_db) / gain_db,
+    }
+    found: dict[tuple[str, str], float] = {}
+    for chain in np.unique(levels.band).tolist():
+        rows = levels.band == chain
+        for kind, values in readings.items():
+            known: Booleans = rows & np.isfinite(values)
+            if known.any():
+                found[chain, kind] = float(np.median(values[known]))
+    return found
