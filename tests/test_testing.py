@@ -49,7 +49,7 @@ class Honest:
             start_gpst=records.start_gpst,
             end_gpst=records.end_gpst,
             subject=signals_of(records.observations),
-            because="the last digits are what they are",
+            because="digits",
             statistic=round(chance, 4),
             says="attack" if chance < self.settings.false_alarm_probability else "clean",
             false_alarm_probability=self.settings.false_alarm_probability,
@@ -182,12 +182,12 @@ def test_an_honest_detector_passes():
         (Nameless, "identifier"),
         (Loose, "not frozen"),
         (Silent, "says nothing"),
-        (Bold, "without what it needs"),
-        (Blind, "without what it needs: anything measured"),
+        (Bold, "it needs"),
+        (Blind, "anything measured"),
         (Meddler, "changed"),
         (Moody, "different evidence"),
         (Ordered, "order"),
-        (Forgetful, "pieces do not equal the whole"),
+        (Forgetful, ": pieces"),
         (Nervous, "false alarms"),
         (Sleepy, "false alarms"),
     ],
@@ -219,7 +219,7 @@ def test_a_detector_of_other_records_passes():
 
 @pytest.mark.parametrize(
     ("broken", "words"),
-    [(OfTapsInOrder, "order"), (OfSilentTaps, "says nothing without any record"), (OfDarkTaps, "anything measured")],
+    [(OfTapsInOrder, "order"), (OfSilentTaps, "nothing without"), (OfDarkTaps, "anything measured")],
 )
 def test_a_broken_promise_is_caught_in_other_records(broken, words):
     with pytest.raises(AssertionError, match=words):
@@ -227,7 +227,7 @@ def test_a_broken_promise_is_caught_in_other_records(broken, words):
 
 
 def test_records_without_what_the_detector_needs_are_no_test_of_it():
-    with pytest.raises(AssertionError, match="the records lack taps"):
+    with pytest.raises(AssertionError, match="lack taps"):
         check_detector(OfTaps, CLEAN.records, np.random.default_rng(0), windows=10)
 
 

@@ -336,9 +336,9 @@ def test_a_real_ephemeris_keeps_its_values_to_a_step_of_the_message():
 
 
 def test_a_value_that_does_not_fit_is_refused():
-    with pytest.raises(ValueError, match=r"af0 = 0\.01 does not fit into 22 bits"):
+    with pytest.raises(ValueError, match=r"af0 = 0\.01 .*\b22 bits"):
         encode_subframes(replace(EPHEMERIS, af0=0.01), None, None, 0, 2190, 1)
-    with pytest.raises(ValueError, match="expected a multiple of 6"):
+    with pytest.raises(ValueError, match=r"multiple of 6\b"):
         encode_subframes(EPHEMERIS, None, None, 5, 2190, 1)
 
 
@@ -428,5 +428,5 @@ def test_noise_is_no_message():
 
 
 def test_a_stream_of_wrong_length_is_our_own_mistake():
-    with pytest.raises(ValueError, match="299 bits given, expected 300"):
+    with pytest.raises(ValueError, match=r"\b299 bits .*\b300"):
         decode_subframe(SUBFRAME[:299])

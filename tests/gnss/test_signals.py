@@ -85,7 +85,7 @@ def test_a_signal_knows_its_chip(signal: SignalId, chip_m: float):
 def test_a_code_without_a_plan_has_the_chips_of_its_band():
     assert plan_of("E", "E6", "Z").chip_m == plan_of("E", "E6", "C").chip_m
     assert plan_of("E", "E6", "Z").codes == ("Z",)
-    with pytest.raises(ValueError, match=r"'L9' is not a band; expected one of B1, "):
+    with pytest.raises(ValueError, match=r"'L9' .*\bB1, "):
         plan_of("G", "L9", "X")
 
 
@@ -98,7 +98,7 @@ def test_names_and_numbers_of_satellites_agree():
 
 @pytest.mark.parametrize("sat", ["G00", "G33", "E37", "S19", "J11", "5", "", "G005", "g05", "X01"])
 def test_a_name_that_is_no_satellite_is_refused(sat):
-    with pytest.raises(ValueError, match="is not a satellite; expected G01 to G32, "):
+    with pytest.raises(ValueError, match=r"\bG01 to G32, "):
         prn_of(sat)
 
 

@@ -50,7 +50,7 @@ def test_a_drifting_clock_steps_by_a_millisecond_with_code_and_carrier_together(
 def test_a_bias_that_is_no_number_or_does_not_fit_is_refused(bias_s):
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=5).observations
-    with pytest.raises(ValueError, match="clock_bias_s must be finite"):
+    with pytest.raises(ValueError, match="clock_bias_s"):
         anchored(seen, bias_s)
 
 

@@ -95,7 +95,7 @@ def test_two_signals_of_a_satellite_at_once_are_refused_but_one_after_the_other_
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     sats = sky.visible(nav, position)
     seen = sky.scene(nav, [(sats, position, 0.0), (sats[:1], position, 1e-6)], n=4).observations
-    with pytest.raises(ValueError, match=f"several signals of {sats[0]}"):
+    with pytest.raises(ValueError, match=rf"\b{sats[0]}\b"):
         fix(seen, nav)
     with pytest.raises(ValueError, match="no signal G32"):
         fix(seen, nav, signals=(SignalId("G32"),))

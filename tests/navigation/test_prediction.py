@@ -98,7 +98,7 @@ def test_only_what_all_have_is_compared():
     )
     assert choose(prediction, [a_fix(0.0, 1.0, velocity=np.zeros(3))]).used == (0, 1, 2)
     only_clock = known(GPS_EPOCH, clock_m=np.zeros(2), clock_m2=np.eye(2))
-    with pytest.raises(ValueError, match="nothing to compare"):
+    with pytest.raises(ValueError, match="nothing to"):
         choose(only_clock, [a_fix(0.0, 1.0)])
 
 
@@ -162,5 +162,5 @@ def test_one_fix_is_tested_as_the_only_one_of_a_choice_is():
     for fix in (a_fix(np.zeros(3), 2.0, rng), a_fix(np.array([5.0, 0.0, 0.0]), 2.0, rng, velocity=np.full(3, 0.1))):
         assert fit_p_value(prediction, fix) == choose(prediction, [fix]).fits[0]
     clock_only = known(GPS_EPOCH, clock_m=np.zeros(2), clock_m2=np.eye(2))
-    with pytest.raises(ValueError, match="nothing to compare"):
+    with pytest.raises(ValueError, match="nothing to"):
         fit_p_value(prediction, clock_only)

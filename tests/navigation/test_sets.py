@@ -156,7 +156,7 @@ def test_four_satellites_make_no_set_and_five_do(nav, here, twelve):
     for count, sets in ((4, 0), (5, 1)):
         seen = sky.scene(nav, [(twelve[:count], here, 0.0)], noise_m=1.0).observations
         assert len(consistent_sets(seen, nav)) == sets
-    with pytest.raises(ValueError, match="four signals always fit"):
+    with pytest.raises(ValueError, match="always fit"):
         consistent_sets(seen, nav, min_satellites=4)
 
 

@@ -67,5 +67,5 @@ def test_noise_alone_has_no_strong_signal():
 @pytest.mark.parametrize("duration_s", [0.001, 0.2])
 def test_a_stretch_too_short_or_too_long_is_refused(duration_s):
     samples = np.zeros((2, round(duration_s * RATE_HZ)), np.float32)
-    with pytest.raises(ValueError, match="of samples; expected"):
+    with pytest.raises(ValueError, match=r"\bsamples; "):
         code_phase(samples, RATE_HZ, 0.0, "G07", 0.0, 0.0)

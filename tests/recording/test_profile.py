@@ -72,11 +72,11 @@ def test_points_are_no_more_than_asked_for() -> None:
 
 
 def test_a_stretch_without_a_code_period_is_refused() -> None:
-    with pytest.raises(ValueError, match="no code period"):
+    with pytest.raises(ValueError, match="code period"):
         delay_profiles(recording([], 0.0, 0.002), IF_HZ, [One("G05", 0.0, 0.0)], -1.0, 1.0, start_s=0.0015)
 
 
 def test_zeros_alone_have_no_profile() -> None:
     samples = Samples(name="rx", rate_hz=RATE_HZ, n_samples=245_520, read=lambda start, count: np.zeros((2, count)))
-    with pytest.raises(ValueError, match="nothing but zeros"):
+    with pytest.raises(ValueError, match="zeros"):
         delay_profiles(samples, IF_HZ, [One("G05", 0.3e-3, 3200.0)], -3.0, 8.0)

@@ -10,6 +10,7 @@ import pytest
 from tests.report.sample import EMPTY, SAMPLE, VERDICT, pictures
 
 from skyproof.report import evidence
+from skyproof.report.evidence import by_chance
 from skyproof.report.figures import Pictures
 from skyproof.report.page import report_html
 from skyproof.report.pictures import (
@@ -23,7 +24,8 @@ from skyproof.report.pictures import (
     TruePlace,
 )
 from skyproof.report.summary import how_sure
-from skyproof.verdict import Verdict
+from skyproof.report.words import p_value_words
+from skyproof.verdict import CAUSES, Verdict, clock_words
 
 
 class Reader(HTMLParser):
@@ -230,14 +232,9 @@ def test_a_page_without_pictures_or_signals_says_so() -> None:
 
 
 @pytest.mark.parametrize(
-    ("verdict", "decision", "words"),
-    [
-        ("spoofed", "attack", "in a clean sky, chance alone gives as much once in 1\u202f000 cases"),
-        ("suspect", "failed", "in a clean sky, chance alone gives as much once in 1\u202f000 cases"),
-        ("authentic", "authentic", "were the signals false, chance alone gives as much once in 1\u202f000 cases"),
-    ],
+    ("verdict", "decision"), [("spoofed", "attack"), ("suspect", "failed"), ("authentic", "authentic")]
 )
-def test_how_sure_names_the_strongest_evidence_for_the_verdict(verdict: str, decision: str, words: str) -> None:
+def test_how_sure_names_the_strongest_evidence_for_the_verdict(verdict: str, decision: str) -> None:
     document = copy.deepcopy(SAMPLE)
     other = document["methods"][0]
     methods = [
@@ -247,15 +244,15 @@ def test_how_sure_names_the_strongest_evidence_for_the_verdict(verdict: str, dec
     ]
     document |= {"verdict": verdict, "methods": methods, "reason": "a test failed" if verdict == "suspect" else None}
     reported = " ".join(how_sure(Verdict.model_validate(document)))
-    assert f"that of d2: {words}" in reported
+    assert f" d2: {by_chance(decision, 1e-3)}" in reported
 
 
 def test_a_test_that_did_not_decide_rejects_no_clean_sky() -> None:
     document = copy.deepcopy(SAMPLE)
     document["methods"] = [document["methods"][0] | {"decision": "undecided", "p_value": 1e-9}]
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
-    assert "It did not decide (p\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}1.0·10⁻⁹)." in text
-    assert "in a clean sky, chance alone" not in text
+    assert f"({p_value_words(1e-9)})" in text
+    assert by_chance("undecided", 1e-9) not in text
 
 
 def test_a_failed_test_stands_first_with_its_window() -> None:
@@ -272,7 +269,7 @@ def test_a_failed_test_stands_first_with_its_window() -> None:
 def test_a_signal_that_changes_its_label_is_one_signal() -> None:
     signals = [SAMPLE["signals"][0], SAMPLE["signals"][0] | {"label": "unknown"}]
     reported = how_sure(Verdict.model_validate(SAMPLE | {"signals": signals}))[-1]
-    assert reported == "1 signal received: 1 authentic, 1 unknown; 1 with one label after another."
+    assert re.findall(r"\d \w+", reported) == ["1 signal", "1 authentic", "1 unknown", "1 with"]
 
 
 def facts_of(**changes: Any) -> dict[str, str]:
@@ -288,28 +285,27 @@ def test_the_top_answers_since_when_where_and_how_sure() -> None:
     assert reported["Spoofed since"] == "10:00:24 ± 0.5 s (one sigma), 2022-01-01, GPS time; 2022-01-01 10:00:06 UTC"
     shown = "59.41210° N, 16.88370° E rx1, at 10:00:59.9 GPS time (10:00:41.9 UTC), within "
     assert reported["True position"].startswith(shown)
-    assert "rx1 seems" in reported["The false signals show"]
-    assert reported["The false signals show"].endswith("at 10:00:59.9 GPS time (10:00:41.9 UTC)")
+    (false,) = (answer for asked, answer in reported.items() if "false signals" in asked)
+    assert "rx1 seems" in false
+    assert false.endswith(f" {clock_words('2022-01-01T10:00:59.9')}")
     assert "How sure" not in reported
 
 
 def test_an_attack_from_the_start_is_described_as_such() -> None:
     reported = facts_of(since_gpst="2022-01-01T10:00:00.0", since_sigma_s=None)
-    assert (
-        reported["Spoofed since"]
-        == "10:00:00 or before there when the recording begins, 2022-01-01, GPS time; 2022-01-01 09:59:42 UTC"
-    )
+    times = r"10:00:00 or before\b.*, 2022-01-01, GPS time; 2022-01-01 09:59:42 UTC"
+    assert re.fullmatch(times, reported["Spoofed since"])
 
 
 def test_without_true_signals_the_true_position_is_not_known() -> None:
     receivers = [receiver | {"trusted_fix": None} for receiver in SAMPLE["receivers"]]
-    assert facts_of(receivers=receivers)["True position"].startswith("Not known no signals were shown to be true")
+    assert facts_of(receivers=receivers)["True position"].startswith("Not known")
 
 
 def test_a_suspicion_says_since_when() -> None:
     suspicion = {"verdict": "suspect", "reason": "it jumps", "since_sigma_s": None}
     reported = facts_of(**suspicion)
-    assert reported["Suspect since"].startswith("10:00:24 or before first seen then, begun then or earlier, 2022-01-01")
+    assert re.match(r"10:00:24 or before\b.*, 2022-01-01,", reported["Suspect since"])
     assert "Spoofed since" not in reported
 
 
@@ -325,7 +321,8 @@ def test_an_open_page_gives_the_possible_positions() -> None:
     place = {"lat_deg": 59.0, "lon_deg": 16.0, "height_m": 1.0}
     sources = [SAMPLE["sources"][0] | {"name": name, "shows": place} for name in ("S1", "S2")]
     reported = facts_of(reason="two skies", receivers=receivers, sources=sources)
-    assert reported["True position: one of"].count("59.00000° N, 16.00000° E") == 2
+    (places,) = (answer for asked, answer in reported.items() if asked.startswith("True position:"))
+    assert places.count("59.00000° N, 16.00000° E") == 2
 
 
 def test_skies_that_differ_are_drawn_each() -> None:
@@ -339,11 +336,11 @@ def test_skies_that_differ_are_drawn_each() -> None:
 def test_what_belongs_to_the_word_stands_apart() -> None:
     document = SAMPLE | {"reason": "which signals of rx1 are true", "remedy": "a second receiver"}
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
-    assert "Not decided: which signals of rx1 are true. To resolve: a second receiver." in text
+    assert f"Not decided: {document['reason']}. To resolve: {document['remedy']}." in text
     document |= {"verdict": "suspect", "may_also_be": ["shade", "gain"]}
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
     assert "Not decided:" not in text  # the summary of a suspicion is its reason
-    assert "May also be: shade, or a change of gain, or an antenna with much of it. To resolve:" in text
+    assert f"May also be: {CAUSES['shade']}, or {CAUSES['gain']}. To resolve:" in text
 
 
 def top_of(page: str) -> str:
@@ -351,12 +348,12 @@ def top_of(page: str) -> str:
 
 
 def test_what_is_cut_or_left_out_of_inputs_stands_at_the_top() -> None:
-    inputs = [SAMPLE["inputs"][0] | {"cut": ["it ends early"], "left_out": ["3 epochs are left out"]}]
+    inputs = [SAMPLE["inputs"][0] | {"cut": ["after 7 s"], "left_out": ["3 epochs"]}]
     page = report_html(Verdict.model_validate(SAMPLE | {"inputs": inputs}), EMPTY)
-    assert "it ends early" in top_of(page)
-    assert "3 epochs are left out" in top_of(page)
+    assert "after 7 s" in top_of(page)
+    assert "3 epochs" in top_of(page)
     assert "I/Q imbalance" not in top_of(page)
-    assert all(page.count(words) >= 2 for words in ("it ends early", "3 epochs are left out"))
+    assert all(page.count(words) >= 2 for words in ("after 7 s", "3 epochs"))
 
 
 def test_places_are_written_in_degrees_and_minutes_on_the_whole_page() -> None:

@@ -231,9 +231,9 @@ def test_the_time_line_shows_labels_rows_units_and_onset() -> None:
         series("G05", "spoofed", 30, 61, 46, "b"),
         series("G07", "unknown", 0, 61, 42),
     ]
-    root = parsed(time_line(lines, title="time", zero="ten o'clock", onset_s=30.0))
+    root = parsed(time_line(lines, title="time", zero="noon", onset_s=30.0))
     found = texts(root)
-    assert {"G05", "G07", "onset", "time since ten o'clock, s", "C/N₀, each row 40 to 50 dB-Hz"} <= set(found)
+    assert {"G05", "G07", "onset", "time since noon, s", "C/N₀, each row 40 to 50 dB-Hz"} <= set(found)
     (onset,) = of_class(root, "onset")
     (authentic,), (spoofed,), _ = (of_class(root, "series", label) for label in ("authentic", "spoofed", "unknown"))
     x = corners(authentic)[:, 0]
@@ -339,7 +339,7 @@ def test_names_from_outside_are_escaped() -> None:
 
 
 def test_records_of_pictures_are_checked_and_frozen() -> None:
-    with pytest.raises(ValueError, match="but epoch is 2 elsewhere"):
+    with pytest.raises(ValueError, match=r"\bepoch is 2\b"):
         SignalSeries(receiver="r", signal="G01 L1 CA a", label="unknown", seconds=np.zeros(2), cn0_dbhz=np.zeros(3))
     with pytest.raises(ValueError, match="covariance_m2"):
         track("trusted", 0.0, 0.0, covariance_m2=np.eye(3))

@@ -82,7 +82,7 @@ def test_both_skies_stand_beside_what_was_expected():
     root = parsed(clock_plot(skies(), title="x"))
     expected, true, false = (float(e.get("cx")) for e in root.iter("circle"))
     assert (false - expected) / (true - expected) == pytest.approx(50.0, rel=0.05)
-    assert "time less the expected one, ns" in texts(root)
+    assert any(text.endswith(", ns") for text in texts(root))
     assert not clock_plot(skies(offsets=()), title="x")
     assert not skies_map(skies(tracks=()), title="x")
 

@@ -89,6 +89,7 @@ def test_no_more_is_claimed_of_evidence_than_was_counted() -> None:
     assert evidence_words(1e-5) == chance_words(1e-5)
     assert "1e-30" not in by_chance("spoofed", 1e-30)
     assert evidence_words(1e-30) in by_chance("spoofed", 1e-30)
+    assert by_chance("authentic", 1e-3) != by_chance("attack", 1e-3)  # under another hypothesis
 
 
 @pytest.mark.parametrize(

@@ -86,17 +86,17 @@ def test_they_move_as_gps_satellites_do() -> None:
 
 def test_a_direction_where_no_gps_satellite_comes_is_refused() -> None:
     table = scenario(60.0, directions=[{"sat": "G01", "az_deg": 0.0, "el_deg": 40.0}])
-    with pytest.raises(ScenarioError, match=r"sky\.directions\[0\]: G01 would stand over latitude 8\d"):
+    with pytest.raises(ScenarioError, match=r"sky\.directions\[0\]: G01 .*\b8\d"):
         navigation_of(table)
 
 
 @pytest.mark.parametrize(
     ("sky", "words"),
     [
-        ({"directions": [{"sat": "G01", "az_deg": 1.0, "el_deg": 40.0}] * 2}, "sky: directions: .* in two places"),
+        ({"directions": [{"sat": "G01", "az_deg": 1.0, "el_deg": 40.0}] * 2}, r"sky: directions: .*\btwo places"),
         ({"directions": [{"sat": "G01", "az_deg": 1.0, "el_deg": -4.0}]}, r"sky\.directions\[0\]\.el_deg"),
-        ({"directions": [{"sat": "G01", "az_deg": 1.0, "el": 4.0}]}, r"sky\.directions\[0\]\.el: unknown key"),
-        ({"sats": ["G05"]}, "sky: sats 'G05' is not known"),
+        ({"directions": [{"sat": "G01", "az_deg": 1.0, "el": 4.0}]}, r"sky\.directions\[0\]\.el: "),
+        ({"sats": ["G05"]}, "sky: sats 'G05'"),
     ],
 )
 def test_mistakes_are_refused_with_their_key(sky: dict[str, Any], words: str) -> None:
@@ -106,5 +106,5 @@ def test_mistakes_are_refused_with_their_key(sky: dict[str, Any], words: str) ->
 
 def test_directions_and_a_navigation_file_together_are_refused() -> None:
     table = scenario().model_dump(mode="json", exclude_none=True) | {"navigation": "brdc.rnx"}
-    with pytest.raises(ScenarioError, match=r"sky\.directions and navigation"):
+    with pytest.raises(ScenarioError, match=r"sky\.directions and navigation\b"):
         parse_scenario(table)

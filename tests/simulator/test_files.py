@@ -121,7 +121,7 @@ def test_sigmf_is_the_default_where_it_can_hold_the_samples(front_end: FrontEnd)
     assert container_of(front_end) == ("sigmf" if fits(front_end) else "raw")
     assert container_of(front_end, "raw") == "raw"
     if not fits(front_end):
-        with pytest.raises(SettingsError, match='ask for raw, or set encoding = "int"'):
+        with pytest.raises(SettingsError, match='encoding = "int"'):
             container_of(front_end, "sigmf")
 
 
@@ -217,7 +217,7 @@ def test_progress_ends_with_all_samples(scenario: Scenario, navigation: Navigati
 def test_a_folder_that_is_a_file_is_reported(scenario: Scenario, navigation: NavigationData, tmp_path: Path) -> None:
     place = tmp_path / "taken"
     place.write_text("")
-    with pytest.raises(OutputError, match="taken: cannot be written"):
+    with pytest.raises(OutputError, match=r"\btaken: "):
         write(scenario, navigation, place)
 
 
@@ -242,7 +242,7 @@ def test_a_full_disk_is_reported(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(files, "_packed_block", full)
-    with pytest.raises(OutputError, match=r"one\.bin cannot be written .*the disk is full; free space"):
+    with pytest.raises(OutputError, match=r"one\.bin .*\bdisk\b"):
         write(scenario, navigation, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["truth.json"]
 

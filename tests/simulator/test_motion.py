@@ -291,19 +291,19 @@ def test_any_way_is_smooth_and_keeps_its_limits_and_ends(legs, speed_m_s, latera
 @pytest.mark.parametrize(
     ("points", "more", "words"),
     [
-        ([[0, 0, 0]], {}, r"1 given, expected 2 or more; give more, or a static place"),
-        ([[0, 0, 0], [0, 0, 0], [9, 9, 9]], {}, r"way points\[1\]: the same place as the one before"),
-        ([[0, 0, 0], [0, 500, 0], [0, 1, 0]], {}, r"way points\[1\]: the way turns back by 180.0 degrees"),
-        ([[0, 0, 0], [0, 500, 0], [30, 500, 0]], {}, r"way points\[1\] to \[2\]: 30.0 m apart, but their turns need"),
-        ([[0, 0, 0], [0, 50, 0]], {}, r"takes 109.4 m, but the way is 50.0 m long; lower the speed"),
-        ([[0, 0, 0], [0, np.nan, 0]], {}, r"way points\[1\]: not a number"),
-        ([[0, 0, 0], [0, 4e5, 0]], {}, r"way points\[\d\]: 200 km from the middle"),
-        ([[0, 0, 0], [0, 10, 500]], {}, r"climbs or falls by 89 degrees, .* give a fixed heading, pitch and roll"),
-        (WAY, {"speed_m_s": 0.0}, r"speed_m_s 0: expected a number above zero"),
-        (WAY, {"speed_m_s": np.nan}, r"speed_m_s nan: expected a number above zero"),
-        (WAY, {"acceleration_m_s2": -1.0}, r"acceleration_m_s2 -1: expected a number above zero"),
+        ([[0, 0, 0]], {}, r"\b1 given, .*\b2 or more"),
+        ([[0, 0, 0], [0, 0, 0], [9, 9, 9]], {}, r"way points\[1\]: .*\bsame\b"),
+        ([[0, 0, 0], [0, 500, 0], [0, 1, 0]], {}, r"way points\[1\]: .*\b180\.0 degrees"),
+        ([[0, 0, 0], [0, 500, 0], [30, 500, 0]], {}, r"way points\[1\] to \[2\]: 30\.0 m\b"),
+        ([[0, 0, 0], [0, 50, 0]], {}, r"\b109\.4 m, .*\b50\.0 m\b"),
+        ([[0, 0, 0], [0, np.nan, 0]], {}, r"way points\[1\]: .*\bnumber"),
+        ([[0, 0, 0], [0, 4e5, 0]], {}, r"way points\[\d\]: 200 km\b"),
+        ([[0, 0, 0], [0, 10, 500]], {}, r"\b89 degrees, .*\bheading, pitch and roll"),
+        (WAY, {"speed_m_s": 0.0}, "speed_m_s 0: "),
+        (WAY, {"speed_m_s": np.nan}, "speed_m_s nan: "),
+        (WAY, {"acceleration_m_s2": -1.0}, "acceleration_m_s2 -1: "),
         (WAY, {"lateral_m_s2": 0.0}, r"lateral_m_s2 0: expected"),
-        (WAY, {"radius_m": 0.999}, r"radius_m 0.999: at 10 m/s it needs 100 m/s\^2"),
+        (WAY, {"radius_m": 0.999}, r"radius_m 0\.999: .*\b10 m/s .*\b100 m/s\^2"),
     ],
 )
 def test_a_way_that_cannot_be_gone_is_refused_with_the_place_and_a_remedy(points, more, words):
@@ -334,9 +334,9 @@ def test_a_circle_is_the_closed_form(clockwise):
 @pytest.mark.parametrize(
     ("radius_m", "speed_m_s", "words"),
     [
-        (0.0, 5.0, "radius_m 0: expected a number above zero"),
-        (5.0, 0.0, "speed_m_s 0: expected a number above zero"),
-        (5.0, 60.0, r"radius_m 5: at 60 m/s it needs 720 m/s\^2, expected at most 100; turn with at least 36.0 m"),
+        (0.0, 5.0, "radius_m 0: "),
+        (5.0, 0.0, "speed_m_s 0: "),
+        (5.0, 60.0, r"radius_m 5: .*\b60 m/s .*\b720 m/s\^2, .*\b100; .*\b36\.0 m"),
     ],
 )
 def test_a_circle_that_cannot_be_is_refused(radius_m, speed_m_s, words):
@@ -463,14 +463,14 @@ def test_knots_apart_take_errors_out_of_the_motion():
 @pytest.mark.parametrize(
     ("t_s", "places", "more", "words"),
     [
-        ([0.0], [HOME], {}, "1 given, expected at least 2"),
-        ([0.0, 1.0, 1.0], [HOME] * 3, {}, r"samples\[2\]: time 1 s is not after 1 s; put the samples in order"),
-        ([0.0, np.nan], [HOME] * 2, {}, r"samples\[1\]: not a number"),
-        ([0.0, 1.0], [HOME] * 3, {}, r"times \(2,\) and places \(3, 3\)"),
-        ([0.0, 1.0], [HOME] * 2, {"attitude": np.eye(3)}, r"attitude: shape \(3, 3\), expected \(2, 3, 3\)"),
-        ([0.0, 1.0], [HOME] * 2, {"knot_s": 5.0}, "knot_s 5: expected a time that many samples fill"),
-        (np.arange(9.0), [HOME] * 9, {"knot_s": 0.1}, "knot_s 0.1: expected a time that many samples fill"),
-        ([0.0, 1.0], ecef_from_enu([[0, 0, 0], [0, 0, 9]], HOME), {}, "too steep to have a heading"),
+        ([0.0], [HOME], {}, r"\b1 given, .*\b2\b"),
+        ([0.0, 1.0, 1.0], [HOME] * 3, {}, r"samples\[2\]: .*\b1 s .*\b1 s;"),
+        ([0.0, np.nan], [HOME] * 2, {}, r"samples\[1\]: .*\bnumber"),
+        ([0.0, 1.0], [HOME] * 3, {}, r"\(2,\) .*\(3, 3\)"),
+        ([0.0, 1.0], [HOME] * 2, {"attitude": np.eye(3)}, r"attitude: .*\(3, 3\), .*\(2, 3, 3\)"),
+        ([0.0, 1.0], [HOME] * 2, {"knot_s": 5.0}, "knot_s 5: "),
+        (np.arange(9.0), [HOME] * 9, {"knot_s": 0.1}, r"knot_s 0\.1: "),
+        ([0.0, 1.0], ecef_from_enu([[0, 0, 0], [0, 0, 9]], HOME), {}, "too steep"),
     ],
 )
 def test_samples_that_make_no_motion_are_refused(t_s, places, more, words):
@@ -487,7 +487,7 @@ def test_a_files_points_make_a_motion_from_the_time_asked_for():
     assert found.span_s == (10.0, 69.0)
     np.testing.assert_allclose(found.at(10.0 + t_s).position_ecef_m, truth.position_ecef_m, atol=1e-7)
     np.testing.assert_allclose(found.at(10.0 + t_s).attitude, truth.attitude, atol=1e-9)
-    with pytest.raises(ScenarioError, match=r"a.csv: speed_m_s 3: the file has times of its own"):
+    with pytest.raises(ScenarioError, match=r"a\.csv: speed_m_s 3: .*\btimes\b"):
         from_track(track, speed_m_s=3.0)
 
 
@@ -495,10 +495,10 @@ def test_a_file_without_times_is_gone_at_the_speed_asked_for():
     track = RecordedTrack(source="a.kml", position_ecef_m=ecef_from_enu([[0, 100 * k, 0] for k in range(8)], HOME))
     motion = from_track(track, speed_m_s=5.0).at([0.0, 70.0, 140.0])
     np.testing.assert_allclose(enu(motion.position_ecef_m), [[0, 0, 0], [0, 350, 0], [0, 700, 0]], atol=1e-6)
-    with pytest.raises(ScenarioError, match=r"a.kml: speed_m_s: the file has no times, expected a speed above zero"):
+    with pytest.raises(ScenarioError, match=r"a\.kml: speed_m_s: .*\btimes\b"):
         from_track(track)
     twice = RecordedTrack(source="a.kml", position_ecef_m=np.stack([HOME, HOME]))
-    with pytest.raises(ScenarioError, match=r"points\[1\]: the same place as the one before"):
+    with pytest.raises(ScenarioError, match=r"points\[1\]: .*\bsame\b"):
         from_track(twice, speed_m_s=5.0)
 
 
@@ -544,9 +544,9 @@ def test_a_spinning_arm_turns_clockwise_from_forward_once_a_period():
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        ({"axis_body": (0.0, 0.0, 0.0)}, "axis_body .*: expected a direction"),
+        ({"axis_body": (0.0, 0.0, 0.0)}, r"axis_body .*: .*\bdirection"),
         ({"radius_m": 0.0}, "radius_m 0: expected"),
-        ({"rate_rad_s": np.inf}, "rate_rad_s inf: expected a number"),
+        ({"rate_rad_s": np.inf}, "rate_rad_s inf: "),
     ],
 )
 def test_an_arm_that_cannot_be_is_refused(more, words):
@@ -555,5 +555,5 @@ def test_an_arm_that_cannot_be_is_refused(more, words):
 
 
 def test_a_place_that_is_none_is_refused():
-    with pytest.raises(ScenarioError, match=r"position_ecef_m: \[1.0, 2.0\], expected three numbers"):
+    with pytest.raises(ScenarioError, match=r"position_ecef_m: \[1\.0, 2\.0\], .*\bthree\b"):
         static([1.0, 2.0])

@@ -50,16 +50,16 @@ def test_a_scenario_written_and_read_again_is_the_same() -> None:
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        ("colour", "red", ["colour: unknown key", "receivers"]),
+        ("colour", "red", ["colour: unknown", "receivers"]),
         ("receivers.1.hight_m", 3.0, ["receivers[1].hight_m: unknown key", "height_m"]),
         ("receivers.0.height_m", -3000.0, ["receivers[0].height_m", "-500"]),
         ("receivers.0.lat_deg", 91.0, ["receivers[0].lat_deg", "90"]),
-        ("receivers.1.name", "one", ["two receivers have one name"]),
+        ("receivers.1.name", "one", ["one name"]),
         ("receivers", [], ["receivers"]),
         ("front_end.rate_hz", -4e6, ["front_end.rate_hz"]),
         ("front_end.rate_hz", 4e6 + 0.5, ["front_end.rate_hz", "multiple of 1"]),
-        ("front_end.bits", 3, ["front_end", "8 or 16 bits, not 3"]),
-        ("front_end.if_hz", 0.0, ["front_end", "real samples need"]),
+        ("front_end.bits", 3, ["front_end", "8 or 16 bits", "3"]),
+        ("front_end.if_hz", 0.0, ["front_end", "real samples"]),
         ("attacks.0.delay", 1e-6, ["attacks[0].delay: unknown key", "delay_s"]),
         ("attacks.0.delay_s", -1e-6, ["attacks[0].delay_s"]),
         ("attacks.0.onset_s", 10.0, ["attacks[0].onset_s", "10"]),
@@ -82,14 +82,14 @@ def test_a_mistake_is_refused_with_the_path_of_its_key(path: str, value: Any, wo
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"phase": "random"}, ["seamless_s needs phase = \"aligned\", not 'random'"]),
-        ({"onset_s": 3.0}, ["seamless_s begins at 2 s, before onset_s 3", "begin at the onset or later"]),
-        ({"seamless_s": [4.0, 4.0]}, ["seamless_s[1] is at 4 s, not after 4 s"]),
+        ({"phase": "random"}, [r"seamless_s ", 'phase = "aligned"', "'random'"]),
+        ({"onset_s": 3.0}, ["seamless_s begins at 2 s, before onset_s 3", "onset"]),
+        ({"seamless_s": [4.0, 4.0]}, ["seamless_s[1] is at 4 s"]),
         (
             {"amplitude_points": [[4.0, 1.0], [5.0, 0.0]]},
-            ["attacks[0].amplitude_points[1][1] = 0.0, expected more than 0"],
+            ["attacks[0].amplitude_points[1][1] = 0.0"],
         ),
-        ({"amplitude_points": [[5.0, 1.0], [4.0, 1.0]]}, ["amplitude_points[1] is at 4 s, not after 5 s"]),
+        ({"amplitude_points": [[5.0, 1.0], [4.0, 1.0]]}, ["amplitude_points[1] is at 4 s"]),
         ({"guess_s": 0.02}, ["attacks[0].guess_s", "less than 0.02"]),
         ({"clock_corner_s": -1.0}, ["attacks[0].clock_corner_s"]),
     ],
@@ -119,22 +119,22 @@ def test_a_file_that_is_no_toml_is_refused_with_its_line(tmp_path: Path) -> None
 def test_a_spoofed_satellite_that_cannot_be_seen_is_refused(navigation: NavigationData) -> None:
     seen = {heard.id.sat for heard in scene_of(parse_scenario(TABLE | {"attacks": []}), navigation).skies[0].signals}
     hidden = next(eph.sat for eph in navigation.ephemerides if eph.sat not in seen)
-    with pytest.raises(ScenarioError, match=rf"attacks\[1\]\.sats: {hidden} cannot be seen above 5 degrees"):
+    with pytest.raises(ScenarioError, match=rf"attacks\[1\]\.sats: {hidden} .*\b5 degrees"):
         scene_of(parse_scenario(changed("attacks.1.sats", [hidden])), navigation)
 
 
 def test_navigation_data_of_another_day_are_refused(navigation: NavigationData) -> None:
-    with pytest.raises(ScenarioError, match=r"start_gpst: .* no healthy satellite for 2023-03-14"):
+    with pytest.raises(ScenarioError, match=r"start_gpst: .*\b2023-03-14"):
         scene_of(parse_scenario(changed("start_gpst", "2023-03-14T05:06:07")), navigation)
 
 
 def test_a_transmit_antenna_inside_a_receiver_is_refused(navigation: NavigationData) -> None:
     table = changed("attacks.1.sats", None)
     table["attacks"][0]["transmit"] = PLACE
-    with pytest.raises(ScenarioError, match=r"attacks\[0\]\.transmit: 0\.00 m from receiver one"):
+    with pytest.raises(ScenarioError, match=r"attacks\[0\]\.transmit: 0\.00 m .*\bone\b"):
         scene_of(parse_scenario(table), navigation)
 
 
 def test_a_mask_above_every_satellite_is_refused(navigation: NavigationData) -> None:
-    with pytest.raises(ScenarioError, match=r"mask_deg: nothing stands above 89\.9 degrees"):
+    with pytest.raises(ScenarioError, match=r"mask_deg: .*\b89\.9 degrees"):
         scene_of(parse_scenario(TABLE | {"attacks": [], "mask_deg": 89.9}), navigation)

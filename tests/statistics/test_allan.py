@@ -37,7 +37,7 @@ def test_leading_axes_are_free():
 
 @pytest.mark.parametrize("factors", [[], [0], [50], [1, 60]])
 def test_a_factor_that_does_not_fit_is_refused(factors):
-    with pytest.raises(ValueError, match="factors must be from 1 to 49 for 100 phases"):
+    with pytest.raises(ValueError, match=r"\b1 to 49\b.*\b100 phases"):
         allan_deviation(np.zeros(100), 1.0, factors)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Iterable, Iterator
 from datetime import date
 from itertools import pairwise
@@ -89,7 +90,7 @@ def page(*claims: Claim, **changes: Any) -> str:
 
 
 def test_the_page_names_version_date_and_seed() -> None:
-    assert ", 2026-01-02, seed 5, quick counts." in page(claim())
+    assert re.search(r"\b2026-01-02, seed 5, quick\b", page(claim()))
 
 
 def test_a_figure_that_agrees_and_one_that_does_not_are_told_apart() -> None:

@@ -58,7 +58,7 @@ def test_a_platform_file_gives_the_geometry(tmp_path: Path, capsys: pytest.Captu
     assert study("geometry.array", platform=path, quick=True, plot=True, out=tmp_path) == 0
     assert "mast" in capsys.readouterr().out
     assert "mast" in (tmp_path / "geometry.array.svg").read_text()
-    with pytest.raises(SettingsError, match=r"no receiver has spin, of which geometry\.arm is; give it there"):
+    with pytest.raises(SettingsError, match=r"\bspin, .*\bgeometry\.arm\b"):
         study("geometry.arm", platform=path)
-    with pytest.raises(SettingsError, match=r"spin\.roc takes no --platform; geometry\.array and geometry\.arm do"):
+    with pytest.raises(SettingsError, match=r"spin\.roc .*--platform; .*geometry\.array .*geometry\.arm\b"):
         study("spin.roc", platform=path)

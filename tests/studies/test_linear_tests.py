@@ -44,7 +44,7 @@ def test_the_statistic_is_twice_the_log_likelihood_ratio_where_the_variance_is_k
 
 
 def test_columns_that_depend_on_each_other_are_refused():
-    with pytest.raises(ValueError, match="depend on each other"):
+    with pytest.raises(ValueError, match="each other"):
         linear_model(np.column_stack([T, 2.0 * T]), B)
-    with pytest.raises(ValueError, match="depend on each other"):
+    with pytest.raises(ValueError, match="each other"):
         linear_model(B, np.column_stack([B, T]))

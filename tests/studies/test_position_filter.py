@@ -213,7 +213,7 @@ def test_epochs_without_measurements_have_no_numbers_and_the_filter_goes_on():
 def test_what_makes_no_sense_is_refused():
     seen, nav, _ = clean(n=6)
     _, state = step(None, seen, nav)
-    with pytest.raises(ValueError, match="order of time"):
+    with pytest.raises(ValueError, match=r"\border\b"):
         step(state, seen, nav)
-    with pytest.raises(SettingsError, match="expected 'static' or 'kinematic'"):
+    with pytest.raises(SettingsError, match="'static' or 'kinematic'"):
         FilterSettings(mode="flying")

@@ -199,7 +199,7 @@ def test_the_first_antenna_of_an_array_is_what_a_single_one_receives(tmp_path):
 
 def test_equipment_with_an_antenna_that_none_else_has_needs_samples_of_its_own(tmp_path, monkeypatch):
     monkeypatch.setattr(cell, "write_samples", lambda scene, folder, container: [folder] * len(scene.skies))
-    with pytest.raises(ValueError, match="second receiver at 20 m: has an antenna that no other equipment"):
+    with pytest.raises(ValueError, match=r"at 20 m: .*\bantenna\b"):
         rows_of(quick_scenario(), ("second receiver at 20 m", "three antennas"), tmp_path)
 
 

@@ -132,9 +132,9 @@ def test_what_cannot_be_filtered_is_said():
     rng = np.random.default_rng(8)
     with pytest.raises(ValueError, match="one antenna"):
         filtered(_recording(_random(rng, 1, 100)))
-    with pytest.raises(ValueError, match="2 sources cannot be taken out of the samples of 2 antennas"):
+    with pytest.raises(ValueError, match=r"\b2 sources .*\b2 antennas"):
         filter_of(np.eye(2), _random(rng, 2, 2))
     dead = np.diag([1.0, 1.0, 0.0])  # one of three antennas, two sources
-    with pytest.raises(ValueError, match="samples of 2 antennas"):
+    with pytest.raises(ValueError, match=r"\b2 antennas"):
         filter_of(dead, _random(rng, 3, 2))
     assert not filter_of(dead, _random(rng, 3, 1))[2].any()

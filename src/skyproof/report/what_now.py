@@ -1,32 +1,46 @@
 """What whoever relies on these receivers should do now, by what the verdict says."""
 
+from enum import StrEnum
+
 from skyproof.report.positions import away_words, led_away_m
 from skyproof.report.words import seconds_apart, seconds_words
 from skyproof.verdict import ReceiverResult, Verdict, clock_words
 
-__all__ = ["LATE_S", "ended", "what_now"]
+__all__ = ["LATE_S", "Advice", "ended", "what_now"]
 
 LATE_S = 3.0  # between a receiver's last trusted fix and its last of all, from which on it is said
 OTHER_MEANS = "go by what needs no satellites: inertia, radar, landmarks, a clock of your own"
 
 
-def what_now(verdict: Verdict) -> tuple[tuple[str, str], ...]:
+class Advice(StrEnum):
+    """What to do, as the page prints it."""
+
+    NOTHING = "Nothing"
+    GO_ON = "Go on"
+    RELY_ON_NOTHING = "Do not rely on position or time"
+    USE_TRUSTED = "Use the trusted position"
+    USE_NOTHING = "Use no position or time from satellites"
+    DO_NOT_WAIT = "Do not wait"
+    IGNORE_OTHERS = "Ignore what ordinary receivers show"
+
+
+def what_now(verdict: Verdict) -> tuple[tuple[Advice, str], ...]:
     """Lines of (what to do, why or with what), the most urgent first."""
     if verdict.verdict == "authentic":
-        return (("Nothing", "use positions and time as they are, as long as what the verdict assumes holds"),)
+        return ((Advice.NOTHING, "use positions and time as they are, as long as what the verdict assumes holds"),)
     if verdict.verdict == "no_attack_seen":
-        return (("Go on", "and know the limits: what is not excluded stands above"),)
+        return ((Advice.GO_ON, "and know the limits: what is not excluded stands above"),)
     if verdict.verdict == "suspect":
-        return (("Do not rely on position or time", f"until this is resolved; {OTHER_MEANS}"),)
+        return ((Advice.RELY_ON_NOTHING, f"until this is resolved; {OTHER_MEANS}"),)
     trusted = [r for r in verdict.receivers if r.trusted_fix is not None]
     lasting = [r for r in trusted if not ended(r)]
     lines = [_ignore(trusted, verdict)] if trusted else []
     if lasting:
         files = " and ".join(f"{r.name}-trusted.nmea" for r in lasting)
-        lines.insert(0, ("Use the trusted position", f"below; its track is in fixes.csv, tracks.kml and {files}"))
+        lines.insert(0, (Advice.USE_TRUSTED, f"below; its track is in fixes.csv, tracks.kml and {files}"))
     if not lasting:
         since = f" since {clock_words(verdict.since_gpst)}" if verdict.since_gpst is not None else ""
-        lines.insert(0, ("Use no position or time from satellites", f"under attack{since}; {OTHER_MEANS}"))
+        lines.insert(0, (Advice.USE_NOTHING, f"under attack{since}; {OTHER_MEANS}"))
     return tuple(lines)
 
 
@@ -36,13 +50,13 @@ def ended(receiver: ReceiverResult) -> bool:
     return fix is not None and any(o is not None and seconds_apart(o.gpst, fix.gpst) > LATE_S for o in others)
 
 
-def _ignore(trusted: list[ReceiverResult], verdict: Verdict) -> tuple[str, str]:
+def _ignore(trusted: list[ReceiverResult], verdict: Verdict) -> tuple[Advice, str]:
     """Whether an ordinary receiver is led away: by the one that is led farthest."""
     r = max(trusted, key=led_away_m)
     if not led_away_m(r) or r.unprotected_fix is None:
-        return "Do not wait", "an ordinary receiver is still right here; it can be taken over at any time"
+        return Advice.DO_NOT_WAIT, "an ordinary receiver is still right here; it can be taken over at any time"
     words = f"{r.name} without protection is off by {away_words(r, r.unprotected_fix)}"
     offsets_s = [source.time_offset_s for source in verdict.sources if source.time_offset_s]
     if len(offsets_s) == 1:
         words += f"; the false time is {seconds_words(abs(offsets_s[0]))} {'behind' if offsets_s[0] > 0.0 else 'ahead'}"
-    return "Ignore what ordinary receivers show", words
+    return Advice.IGNORE_OTHERS, words
