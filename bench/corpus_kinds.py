@@ -179,15 +179,19 @@ def _several(number: str) -> Row:
     return {drawn.given: keep_outcome(outcome, _truth(drawn, counts), counts)}
 
 
+TAKEOVER_FROM_S = 14.0
+"""Early, so that a row takes seconds, and stated: later ones, of which nothing is stated, are `takeovers.py`'s."""
+
+
 def _takeover(rest: str) -> Row:
     number, _, tracking = rest.partition("-")
-    drawn = takeovers.draw(int(number))
+    drawn = replace(takeovers.draw(int(number)), onset_s=TAKEOVER_FROM_S, grade="tactical")
     _, scene = takeovers.made(drawn)
     with TemporaryDirectory(prefix="corpus") as name:
         folder = Path(name)
         if drawn.given == "imu":
             write_series(scene, folder)
-        platform = takeovers.platform_of(drawn, folder, tracking or "scalar")
+        platform = takeovers.platform_of(drawn, folder, tracking or "scalar", clean_start_s=TAKEOVER_FROM_S)
         navigation = nominal_constellation(drawn.start_gpst)
         _, outcome = protect_scene(scene, navigation, platform, drawn.seed)
     fixes = takeovers.fixes_of(drawn, scene, outcome)

@@ -1,15 +1,16 @@
 """Takeovers drawn at random, of one receiver with one antenna, through the whole of `protect`.
 
-    python bench/takeovers.py --scenes 300 --out drawn.jsonl                     behind drawn correlators, seconds each
-    python bench/takeovers.py --samples --scenes 30 --out takeovers.jsonl        through samples, a minute each and more
+    python bench/takeovers.py --scenes 300 --out drawn.jsonl                     behind drawn correlators, a minute each
+    python bench/takeovers.py --level measurements --scenes 300 --out m.jsonl    of drawn measurements, half a minute
+    python bench/takeovers.py --level samples --longest-s 20 --scenes 30 --out s.jsonl    through samples, minutes
     python bench/takeovers.py --only 17                                         one scene, its row
     python bench/takeovers.py --tracking vector --scenes 30 --out vector.jsonl  the same, loops closed by one filter
     python bench/takeovers.py --table takeovers.jsonl                           the counts alone
 
-Both go on where they were stopped. False signals grow on the true ones, are held there, and drawn off in position, time
-or both. A trusted fix is wrong if it is off horizontally by more than three times its stated 95 % bound. The word comes
-at the end of the first window after the pull's start in which a test says spoofed or attack; the run's verdict is its
-last word.
+All go on where they were stopped. False signals begin between 15 s and `--longest-s` after the start, which the run is
+not told, grow on the true ones, are held there, and drawn off in position, time or both. A trusted fix is wrong if it is
+off horizontally by more than three times its stated 95 % bound. The word comes at the end of the first window after the
+pull's start in which a test says spoofed or attack; the run's verdict is its last word.
 """
 
 import json
@@ -30,6 +31,7 @@ from rows import parser_of, rows_of
 from skyproof.app.protect import protect
 from skyproof.app.protect.coasting import trusted_and_coasted
 from skyproof.app.protect.outcome import Outcome
+from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -44,12 +46,13 @@ from skyproof.simulator.sites import Site, WayPoints
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.correlator_model import protect_scene
 from skyproof.studies.protection.errors import fix_errors
+from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 from skyproof.verdict import WORDS, Verdict, word_shown
 
 SEED = 7
 WRONG_BOUNDS = 3.0
-CLEAN_S = 14.0
-"""Before the onset, which the run may take as true: shorter than by default, as samples cost time."""
+EARLIEST_S, LONGEST_S = 15.0, 3600.0
+"""Between which the attack begins, early ones drawn more often: every ratio of times is as likely."""
 RATES_HZ = (4e6, 5e6, 8e6, 25e6)
 RATE_SHARES = (0.45, 0.4, 0.1, 0.05)
 AFTER_S = 6.0
@@ -59,7 +62,8 @@ MOST_SATS = 8
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """All that a scene is made of. push : which of position and time is drawn off. given : what the user states."""
+    """All that a scene is made of. push : which of position and time is drawn off. given : what the user states.
+    onset_s : of the false signals. grade : of the inertial unit."""
 
     number: int
     seed: int
@@ -82,18 +86,29 @@ class Drawn:
     bearing_rad: float
     phase: Literal["aligned", "random"]
     carrier: Literal["follows", "locked"]
+    onset_s: float
+    grade: Literal["tactical", "navigation"]
 
     @property
     def pull_from_s(self) -> float:
-        return CLEAN_S + self.rise_s + self.held_s
+        return self.onset_s + self.rise_s + self.held_s
 
     @property
     def duration_s(self) -> float:
         return math.ceil(self.pull_from_s + self.pull_s + AFTER_S)
 
 
-def draw(number: int) -> Drawn:
-    """The scene of a number, whatever others are drawn."""
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """How scenes are judged. level : what is drawn. longest_s : to the latest onset."""
+
+    level: str
+    tracking: str
+    longest_s: float
+
+
+def draw(number: int, longest_s: float = LONGEST_S) -> Drawn:
+    """Draw the scene of a number, whatever others are drawn."""
     rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(number,)))
     motion = str(rng.choice(["standing", "walking", "driving"], p=[0.5, 0.2, 0.3]))
     helped = "static" if motion == "standing" else "imu"
@@ -120,6 +135,8 @@ def draw(number: int) -> Drawn:
         bearing_rad=float(rng.uniform(0.0, 2.0 * np.pi)),
         phase=str(rng.choice(["aligned", "random"])),
         carrier=str(rng.choice(["follows", "locked"], p=[0.7, 0.3])),
+        onset_s=float(math.exp(rng.uniform(math.log(EARLIEST_S), math.log(longest_s)))),
+        grade=str(rng.choice(["tactical", "navigation"])),
     )  # type: ignore[arg-type]
 
 
@@ -145,8 +162,8 @@ def _scenario(drawn: Drawn, sats: tuple[str, ...] | None) -> Scenario:
         transmit=Site(lat_deg=drawn.lat_deg + 1e-3, lon_deg=drawn.lon_deg, height_m=60.0, **moving),
         target="rx",
         power_db=drawn.power_db,
-        power_points_db=((CLEAN_S, -24.0), (CLEAN_S + drawn.rise_s, 0.0)) if drawn.rise_s else (),
-        onset_s=CLEAN_S,
+        power_points_db=((drawn.onset_s, -24.0), (drawn.onset_s + drawn.rise_s, 0.0)) if drawn.rise_s else (),
+        onset_s=drawn.onset_s,
         away_points_enu_m=away,
         clock_points_s=late,
         phase=drawn.phase,
@@ -159,7 +176,7 @@ def _scenario(drawn: Drawn, sats: tuple[str, ...] | None) -> Scenario:
         lon_deg=drawn.lon_deg,
         height_m=50.0,
         oscillator="tcxo-good",
-        imu=SceneImu(grade="tactical", rate_hz=100.0) if drawn.given == "imu" else None,
+        imu=SceneImu(grade=drawn.grade, rate_hz=100.0) if drawn.given == "imu" else None,
         **moving,
     )
     return Scenario(
@@ -192,38 +209,38 @@ def _way(drawn: Drawn) -> WayPoints:
     return WayPoints(points_enu_m=tuple(places), speed_m_s=speed_m_s, start_s=-10.0, from_rest=False, to_rest=False)
 
 
-def platform_of(drawn: Drawn, folder: Path, tracking: str = "scalar") -> Path:
-    """What the user states, as a platform file."""
-    chosen = {"clean_start_s": CLEAN_S, "tracking": tracking}
+def platform_of(drawn: Drawn, folder: Path, tracking: str = "scalar", **settings: Any) -> Path:
+    """Write what the user states as a platform file. settings : beside the default ones."""
+    chosen = {"tracking": tracking} | settings
     stated: dict[str, Any] = {"receivers": [{"name": "rx"}], "protect": chosen}
     if drawn.given == "static":
         stated |= {"motion": "static", "oscillator": "tcxo"}
     elif drawn.given == "imu":
-        stated |= {"motion": "moving", "imu": {"file": "rx-imu.csv", "grade": "tactical"}}
+        stated |= {"motion": "moving", "imu": {"file": "rx-imu.csv", "grade": drawn.grade}}
     path = folder / "platform.toml"
     path.write_text(tomli_w.dumps(stated), encoding="utf-8")
     return path
 
 
-def row_of(number: int, *, samples: bool = False, tracking: str = "scalar") -> dict[str, Any]:
-    """The row of `examined`, or what it failed with."""
+def row_of(number: int, way: Way) -> dict[str, Any]:
+    """Return the row of `examine`, or what it failed with."""
     try:
-        return examined(number, samples=samples, tracking=tracking)
+        return examine(number, way)
     except Exception as error:  # whatever it is, it is counted
         return {"number": number, "verdict": "crashed", "error": f"{type(error).__name__}: {error}"}
 
 
-def examined(number: int, *, samples: bool = False, tracking: str = "scalar") -> dict[str, Any]:
-    """One row of the result: what was drawn, said and wrong. samples : else behind drawn correlators."""
+def examine(number: int, way: Way) -> dict[str, Any]:
+    """Return a row of the result: what was drawn, said and wrong."""
     begin = process_time()
-    drawn = draw(number)
+    drawn = draw(number, way.longest_s)
     _, scene = made(drawn)
     with TemporaryDirectory(prefix="takeover") as name:
         folder = Path(name)
         if drawn.given == "imu":
             write_series(scene, folder)
-        platform = platform_of(drawn, folder, tracking)
-        verdict, outcome = (_by_samples if samples else _by_correlators)(drawn, scene, folder, platform)
+        platform = platform_of(drawn, folder, way.tracking)
+        verdict, outcome = LEVELS[way.level](drawn, scene, folder, platform)
     row = vars(drawn) | {
         "start_gpst": str(drawn.start_gpst),
         "duration_s": drawn.duration_s,
@@ -246,13 +263,23 @@ def _by_correlators(drawn: Drawn, scene: Scene, folder: Path, platform: Path) ->
     return protect_scene(scene, nominal_constellation(drawn.start_gpst), platform, drawn.seed)
 
 
+def _by_measurements(drawn: Drawn, scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
+    def receive(scene: Scene, index: int, settings: Any, navigation: Any, rng: Any, unit: Any = None) -> Reception:
+        return model_receptions(scene, ChannelNoise(code_m=0.5), rng=rng)[index].reception
+
+    return protect_scene(scene, nominal_constellation(drawn.start_gpst), platform, drawn.seed, receive)
+
+
+LEVELS = {"correlators": _by_correlators, "measurements": _by_measurements, "samples": _by_samples}
+
+
 def _words(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
     """When a test said that there is an attack, and what was chosen."""
     start = scene.scenario.start_gpst
     saying = [e for e in outcome.evidence if e.says in ("spoofed", "attack")]
     ends_s = sorted(float(seconds_between(e.end_gpst, start)) for e in saying)
-    early = [s for s in ends_s if s < CLEAN_S]
-    later = [s for s in ends_s if s >= CLEAN_S]
+    early = [s for s in ends_s if s < drawn.onset_s]
+    later = [s for s in ends_s if s >= drawn.onset_s]
     word_s = later[0] - drawn.pull_from_s if later else None
     doubting = [e for e in outcome.evidence if e.says == "undecided" and e.overrules]
     open_s = [float(seconds_between(e.end_gpst, start)) for e in doubting]
@@ -269,7 +296,14 @@ def _words(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
 def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
     """Trusted fixes against the truth; how long an ordinary receiver had a fix, and how far off it ended."""
     sky, (r,) = scene.skies[0], outcome.receivers
-    row: dict[str, Any] = {"wrong": 0, "fixes": 0, "beyond": 0, "worst_m": None, "worst_bounds": None}
+    row: dict[str, Any] = {
+        "wrong": 0,
+        "fixes": 0,
+        "beyond": 0,
+        "worst_m": None,
+        "worst_bound_m": None,
+        "worst_bounds": None,
+    }
     row |= {"ordinary": 0.0, "ordinary_off_m": None, "trusted_s": 0.0, "inertia_s": 0.0, "time_off_s": None}
     o = r.reception.observations
     if o is None or r.positions is None:
@@ -283,7 +317,7 @@ def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
         bounds.append(errors.horizontal_m / errors.bound_m)
         row["trusted_s" if source == "satellites" else "inertia_s"] += interval_s * good.size
         if source == "satellites":
-            off_s.append(_time_off_s(scene, o, fix, good))
+            off_s.append(_time_off_s(scene, o, fix, good, drawn.onset_s))
     if level and (every := np.concatenate(level)).size:
         times = np.concatenate(bounds)
         row |= {
@@ -291,6 +325,7 @@ def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
             "wrong": int(np.sum(times > WRONG_BOUNDS)),
             "beyond": int(np.sum(times > 1.0)),
             "worst_m": float(every.max()),
+            "worst_bound_m": float(every.max() / times[np.argmax(every)]),
             "worst_bounds": float(times.max()),
         }
     if off_s and (late := np.concatenate(off_s)).size:
@@ -310,12 +345,12 @@ def _true_s(scene: Scene, fix: Fix, good: Any) -> Reals:
     return np.asarray(seconds_between(fix.gpst[good], scene.scenario.start_gpst), np.float64)
 
 
-def _time_off_s(scene: Scene, o: Any, fix: Fix, good: Any) -> Reals:
+def _time_off_s(scene: Scene, o: Any, fix: Fix, good: Any, onset_s: float) -> Reals:
     """Time given less true time: epochs are evenly spaced by the receiver's clock, whose error before the attack and
     its drift then are its own."""
     t = _true_s(scene, fix, good)
     bias = fix.clock_bias_s[good]
-    clean = t < CLEAN_S
+    clean = t < onset_s
     if clean.sum() < 10:
         return np.empty(0)
     line = np.polyfit(t[clean], bias[clean], 1)
@@ -373,16 +408,17 @@ def main() -> None:
     options.add_argument("--scenes", type=int, default=0)
     options.add_argument("--first", type=int, default=0)
     options.add_argument("--only", type=int, nargs="*")
-    options.add_argument("--samples", action="store_true")
+    options.add_argument("--level", choices=tuple(LEVELS), default="correlators")
+    options.add_argument("--longest-s", type=float, default=LONGEST_S)
     options.add_argument("--tracking", choices=("scalar", "vector"), default="scalar")
     chosen = options.parse_args()
+    way = Way(level=chosen.level, tracking=chosen.tracking, longest_s=chosen.longest_s)
     if chosen.only is not None:
-        rows = [examined(number, samples=chosen.samples, tracking=chosen.tracking) for number in chosen.only]
+        rows = [examine(number, way) for number in chosen.only]
         print(json.dumps(rows, default=str, indent=1))
     else:
         numbers = range(chosen.first, chosen.first + chosen.scenes)
-        way = partial(row_of, samples=chosen.samples, tracking=chosen.tracking)
-        rows = rows_of(chosen, numbers, way, key="number")
+        rows = rows_of(chosen, numbers, partial(row_of, way=way), key="number")
     print("\n".join(table(rows)))
 
 

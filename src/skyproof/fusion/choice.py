@@ -60,7 +60,6 @@ from skyproof.records import (
 __all__ = ["DETECTOR", "ChoiceRules", "Chosen", "Compared", "choices"]
 
 _Data = Mapping[str, Datum]
-_NO_TIME: Final = np.datetime64("NaT", "ns")
 _SIDES: Final = {"authentic": 1, "spoofed": -1}
 
 
@@ -377,9 +376,8 @@ def _goes_on(expected: Known, fix: Known) -> bool:
 def _ends(windows: Sequence[Rivals], every: Sequence[Rivals]) -> list[np.datetime64]:
     """Return up to when each window speaks: to the start of the next one, for of a long run not every one is kept."""
     starts = sorted(window.start for window in every)
-    following = [bisect_right(starts, window.start) for window in windows]
-    last = max((window.end for window in windows), default=_NO_TIME)
-    return [min(starts[k], last) if k < len(starts) else last for k in following]
+    ends = [starts[bisect_right(starts, window.start)] for window in windows[:-1]]
+    return [*ends, *(window.end for window in windows[-1:])]
 
 
 def _at_home(found: Sequence[Finding]) -> Iterator[Finding]:

@@ -6,10 +6,12 @@ is chi-square if the signals are true and the unit errs no more than is stated o
 From the first window on that does not go on, or in which any receiver is attacked, the unit runs free. Clocks are not
 compared here, and correct the navigator for the first `clean_start_s` only: inertia does not see one that is pushed.
 
-What leaves it may be false signals, reflections or the unit. It is an attack only where
+What leaves it may be false signals, reflections or the unit. It is an attack only where the rest shows it too without
+any two of the satellites, for reflections are some satellites', and the unit is not to blame. Whatever a unit errs by
+stands in position and velocity alike: positions part by what velocities part by, added up over time. Codes that are
+drawn off alone break that, for velocities go on. Else the unit is not to blame only where
 
-- without any two of the satellites the rest shows it too: reflections are some satellites';
-- the unit has gone on with the signals before, through changes of velocity at least half as large as those that it
+- it has gone on with the signals before, through changes of velocity at least half as large as those that it
   shows while they part: a log with wrong axes, units, times or gains errs where it is moved;
 - the velocities part within two seconds and stay so for four: what a unit errs by adds up for as long as it errs;
 - no single reading is to blame.
@@ -32,6 +34,7 @@ from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
 from skyproof.navigation.prediction import fit_p_value
 from skyproof.records import UNTESTED, Cause, ConsistentSet, Datum, Finding, Hypothesis, list_refs
+from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "CorrectedNavigator", "departures"]
@@ -102,11 +105,15 @@ class _Shown:
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """At one instant: velocity by the unit (3,), and what that of the signals is more."""
+    """At one instant: velocity by the unit (3,), and what position and velocity by the signals are more (6,).
+
+    covariance : (6, 6) of those of the signals.
+    """
 
     gpst: np.datetime64
     speed_m_s: Reals
-    apart_m_s: Reals
+    apart: Reals
+    covariance: Reals
 
 
 class _Walk:
@@ -194,20 +201,17 @@ class _Walk:
                 continue
             ahead = ahead.until(one.gpst)
             if (expected := ahead.at(one.gpst)) is not None:
-                found.append(_Look(one.gpst, expected.mean[3:6], one.mean[3:6] - expected.mean[3:6]))
+                apart = one.mean[:6] - expected.mean[:6]
+                found.append(_Look(one.gpst, expected.mean[3:6], apart, one.covariance[:6, :6]))
         return found
 
     def _report(self, window: Rivals, shown: _Shown) -> Finding:
         """Return the window's finding: an attack where no benign cause remains."""
         off = shown.last.mean - shown.expected.mean
-        why, without_two = self._find_benign(window, shown)
+        why, benign = self._find_benign(window, shown)
         off_m = float(np.linalg.norm(off[:3]))
         data: dict[str, Datum] = {"statistic": off_m, "off_m_s": float(np.linalg.norm(off[3:6]))}
-        p = {Cause.CLEAN: shown.p_value}
-        if why is not None:
-            p |= dict.fromkeys((Cause.STATEMENT, Cause.FAULT, Cause.REFLECTIONS), UNTESTED)
-        else:
-            p |= {} if without_two is None else {Cause.REFLECTIONS: without_two}
+        if why is None:
             data["assumes"] = self.foresight.assumes
         return Finding(
             detector=DETECTOR,
@@ -216,25 +220,33 @@ class _Walk:
             signals=list_refs(self.maker.log.receiver, shown.sky.signals),
             hypothesis=Hypothesis.PREDICTED,
             code=why or "departs",
-            p=p,
+            p={Cause.CLEAN: shown.p_value} | benign,
             alpha=self.alpha,
             data=data,
         )
 
-    def _find_benign(self, window: Rivals, shown: _Shown) -> tuple[str | None, float | None]:
-        """Return the code of why a benign cause may have done it, None if none may; and the p-value without two."""
+    def _find_benign(self, window: Rivals, shown: _Shown) -> tuple[str | None, dict[Cause, float]]:
+        """Return the code of why a benign cause may have done it, None if none may; and p-values of benign causes."""
         if self.named:
-            return None, None
-        if self.went_on < POLICY.tried_windows:
-            return "not_tried", None
-        if _change_m_s(self.looks) > max(POLICY.tried_ratio * self.tried_m_s, POLICY.quiet_m_s):
-            return "moved_more", None
-        if not _at_once(self.looks):
-            return "parts_slowly", None
-        if self._blow_m_s(window) > POLICY.blow_m_s:
-            return "blow", None
+            return None, {}
+        by_unit = _find_unit_p_value(self.looks)
+        if by_unit >= self.alpha and (why := self._find_unit_error(window)) is not None:
+            return why, dict.fromkeys((Cause.STATEMENT, Cause.FAULT, Cause.REFLECTIONS), UNTESTED)
         without_two = self._without_two(window, shown)
-        return ("by_some", None) if without_two >= self.alpha else (None, without_two)
+        benign = {Cause.REFLECTIONS: without_two}
+        if by_unit < self.alpha:
+            benign |= {Cause.STATEMENT: by_unit, Cause.FAULT: by_unit}
+        return "by_some" if without_two >= self.alpha else None, benign
+
+    def _find_unit_error(self, window: Rivals) -> str | None:
+        """Return the code of why the unit may be to blame, None if it is not."""
+        if self.went_on < POLICY.tried_windows:
+            return "not_tried"
+        if _change_m_s(self.looks) > max(POLICY.tried_ratio * self.tried_m_s, POLICY.quiet_m_s):
+            return "moved_more"
+        if not _at_once(self.looks):
+            return "parts_slowly"
+        return "blow" if self._blow_m_s(window) > POLICY.blow_m_s else None
 
     def _without_two(self, window: Rivals, shown: _Shown) -> float:
         """Return the largest p-value without any two satellites; 1 where too few are left."""
@@ -268,12 +280,27 @@ def _change_m_s(looks: Sequence[_Look]) -> float:
     return float(np.linalg.norm(np.ptp([one.speed_m_s for one in looks], axis=0))) if looks else 0.0
 
 
+def _find_unit_p_value(looks: Sequence[_Look]) -> float:
+    """Return the largest p-value of how positions part, whatever the unit errs by: as velocities add up to.
+
+    Errors of the signals' velocities are taken to last, as reflections may.
+    """
+    if len(looks) < POLICY.least_looks:
+        return UNTESTED
+    first, last = looks[0], looks[-1]
+    t = np.asarray(seconds_between(np.array([one.gpst for one in looks]), first.gpst), np.float64)
+    added_m = np.trapezoid(np.array([one.apart[3:] for one in looks]), t, axis=0)
+    off_m = last.apart[:3] - first.apart[:3] - added_m
+    spread = first.covariance[:3, :3] + last.covariance[:3, :3] + t[-1] ** 2 * last.covariance[3:, 3:]
+    return float(chi_square_survival(off_m @ np.linalg.solve(spread, off_m), off_m.size))
+
+
 def _at_once(looks: Sequence[_Look]) -> bool:
     """Whether velocities part within moments and stay so."""
     if len(looks) < POLICY.least_looks:
         return False
     t = np.asarray(seconds_between(np.array([one.gpst for one in looks]), looks[0].gpst), np.float64)
-    apart = np.array([one.apart_m_s for one in looks])
+    apart = np.array([one.apart[3:] for one in looks])
     late = apart[t >= t[-1] - POLICY.parts_within_s].mean(axis=0)
     size = float(np.linalg.norm(late))
     if not size:

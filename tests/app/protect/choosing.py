@@ -43,6 +43,7 @@ def led_away(
     heading_deg: float = 90.0,
     seed: int = 1,
     zenith_cn0_dbhz: float = 50.0,
+    carrier: str = "follows",
     **receiver: object,
 ) -> Scene:
     """A receiver whose signals are taken over at the onset, aligned, and drawn off from 3 s later on to the end."""
@@ -55,6 +56,7 @@ def led_away(
         transmit=TRANSMIT,
         power_db=power_db,
         onset_s=onset_s,
+        carrier=carrier,
         away_points_enu_m=((begin_s, 0.0, 0.0, 0.0), (duration_s, far_m * east, far_m * north, 0.0)),
         clock_points_s=((begin_s, 0.0), (duration_s, late_s)),
     )

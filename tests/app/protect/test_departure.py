@@ -14,6 +14,7 @@ from skyproof.app.common.windows import windows_of
 from skyproof.fusion import departure
 from skyproof.fusion.departure import departures
 from skyproof.fusion.rivals import FixMaker
+from skyproof.records import Cause
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
@@ -22,12 +23,18 @@ PULL_S = 45.0
 
 
 @cache
-def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0):
+def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier="follows"):
     """A scene's measurements, its windows with their sets, and what its unit lets expect; an attack if it is fast."""
     way = {"drive": DRIVE, "walk": WALK}[path]
     unit = {"grade": "tactical", "rate_hz": 50.0}
     scene = led_away(
-        path=way, imu=unit, seed=seed, duration_s=duration_s, onset_s=PULL_S - 3.0, speed_m_s=speed_m_s or 1.0
+        path=way,
+        imu=unit,
+        seed=seed,
+        duration_s=duration_s,
+        onset_s=PULL_S - 3.0,
+        speed_m_s=speed_m_s or 1.0,
+        carrier=carrier,
     )
     if not speed_m_s:
         scene = scene_of(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
@@ -60,6 +67,15 @@ def test_a_position_that_is_drawn_off_is_an_attack_in_the_window_in_which_it_beg
     assert PULL_S < float((first.end_gpst - start) / np.timedelta64(1, "s")) <= PULL_S + 10.0
     assert first.data["assumes"][0] == "inertial_as_stated"
     assert {e.code for e in (first, *rest)} == {"departs"}
+
+
+def test_codes_drawn_off_alone_are_no_error_of_the_unit():
+    """Velocities go on, and those of a unit that errs part as positions do."""
+    found = said(heard(speed_m_s=3.0, carrier="locked"))
+    assert found[-1].code == "departs"
+    named = next(e for e in found if e.says == "attack")
+    assert named.data["off_m_s"] < 0.2 < named.data["statistic"]
+    assert max(named.p[cause] for cause in (Cause.STATEMENT, Cause.FAULT, Cause.REFLECTIONS)) < ALPHA
 
 
 def test_a_clean_drive_says_nothing():

@@ -1,5 +1,6 @@
 """From a scene to the verdict of `protect`, behind drawn correlators."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -82,8 +83,17 @@ def track_scene(
     return observe(tracker, navigation, None, workspace), tracker
 
 
-def protect_scene(scene: Scene, navigation: NavigationData, platform_path: Path, seed: int) -> tuple[Verdict, Outcome]:
-    """As `protect` with the scene's recordings, the navigation file and the platform file."""
+def protect_scene(
+    scene: Scene,
+    navigation: NavigationData,
+    platform_path: Path,
+    seed: int,
+    receive: Callable[..., Reception] = receive_antenna,
+) -> tuple[Verdict, Outcome]:
+    """As `protect` with the scene's recordings, the navigation file and the platform file.
+
+    receive : with the arguments of `receive_antenna`, what a receiver receives.
+    """
     platform = read_platform(platform_path)
     names = [sky.name for sky in scene.skies]
     tables = described(platform, names, str(platform_path))
@@ -93,7 +103,7 @@ def protect_scene(scene: Scene, navigation: NavigationData, platform_path: Path,
     unit = unit_of(platform, files, names, tables, start_gpst)
     carrying = antenna_units(unit)
     receptions = [
-        receive_antenna(scene, index, settings, navigation, rng, carrying.get(name)) for index, name in enumerate(names)
+        receive(scene, index, settings, navigation, rng, carrying.get(name)) for index, name in enumerate(names)
     ]
     observed = [r.observations for r in receptions if r.observations is not None]
     settings = following_epochs(settings, observed)
