@@ -8,9 +8,9 @@
     python bench/takeovers.py --table takeovers.jsonl                           the counts alone
 
 All go on where they were stopped. False signals begin between 15 s and `--longest-s` after the start, which the run is
-not told, grow on the true ones, are held there, and drawn off in position, time or both. A trusted fix is wrong if it is
-off horizontally by more than three times its stated 95 % bound. The word comes at the end of the first window after the
-pull's start in which a test says spoofed or attack; the run's verdict is its last word.
+not told, grow on the true ones, are held there, and drawn off in position, time or both. A trusted fix is wrong if it
+is off horizontally by more than three times its stated 95 % bound. The word comes at the end of the first window after
+the pull's start in which a test says spoofed or attack; the run's verdict is its last word.
 """
 
 import json
