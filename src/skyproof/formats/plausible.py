@@ -29,7 +29,7 @@ __all__ = ["LETTERS", "Implausible", "impossible_remarks", "leave_out_impossible
 _GEOSYNCHRONOUS_KM: Final = 41_900.0, 42_500.0
 _ORBITS_KM: Final = {
     "G": (25_700.0, 27_400.0),  # semi-major axis 26,560 km, eccentricity up to 0.03; IS-GPS-200N, table 20-IV
-    "R": (25_200.0, 25_800.0),  # 25,508 km, up to 0.01; GLONASS ICD 5.1, 2.1
+    "R": (25_200.0, 25_800.0),  # 25,508 km, up to 0.01; GLONASS ICD 5.1, 1.2
     "E": (23_300.0, 32_700.0),  # 29,600 km; two in orbits of 27,977 km and 0.166; OS SIS ICD 2.1
     "C": (27_600.0, 43_100.0),  # 27,906 km, and inclined geosynchronous ones to 0.02; BDS-SIS-ICD-B1I-3.0, 3.1
     "J": (38_300.0, 46_100.0),  # 42,164 km, up to 0.09; IS-QZSS-PNT-005, 3.1

@@ -55,7 +55,7 @@ _ORBITS: Final = {
 }
 """Bounds of sqrt_a, e and i0; two Galileo satellites missed their orbit (e 0.17), i0 of GEOs is small."""
 _GLONASS_AXIS_M: Final = (25_000e3, 26_000e3)
-"""About the nominal 25 508 km (ICD 5.1, 3.1): the sun and the moon move it by some kilometres."""
+"""About the nominal 25 508 km (ICD 5.1, 1.2): the sun and the moon move it by some kilometres."""
 _GLONASS_TAU_S, _GLONASS_GAMMA, _GLONASS_ACCELERATION_M_S2 = 2.0**-9, 2.0**-30, 2.0**-26 * 1e3
 _KLOBUCHAR: Final = {
     "alpha": (2.0**-23, 2.0**-20, 2.0**-17, 2.0**-17),

@@ -1,4 +1,4 @@
-"""Thermal noise of code, carrier and Doppler that a tracking loop of common design leaves (Kaplan & Hegarty, 8.3)."""
+"""Thermal noise of code, carrier and Doppler that a tracking loop of common design leaves (Kaplan & Hegarty, 8.9)."""
 
 from typing import Final
 

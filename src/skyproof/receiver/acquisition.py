@@ -38,7 +38,7 @@ __all__ = ["KnownSignal", "Peak", "SearchSettings", "Searcher"]
 
 _CROSS: Final = 0.02
 """Power over the strongest's of what may be its cross-correlation: -23.9 dB at most without Doppler, -21.6 dB with a
-difference of whole kilohertz, -19 dB with a margin and the noise on it (Kaplan and Hegarty, 4.3.4)."""
+difference of whole kilohertz, -19 dB with a margin and the noise on it (Kaplan and Hegarty, 2nd edition, 4.3.4)."""
 _ADDING: Final = 4.0
 """Strong signals whose cross-correlations may add in phase in one cell: so many times the sum of their powers."""
 _ROUNDS: Final = 8

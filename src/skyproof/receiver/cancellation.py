@@ -96,7 +96,7 @@ def measure(
     """Delay, Doppler and C/N0 of a signal found within half a chip and `doppler_reach_hz` (at most 500 Hz).
 
     Doppler: spectrum of the squared correlations of half code periods, which are free of data bits. Delay: late minus
-    early along the prompt (Kaplan and Hegarty, 8.4.2.1, dot product), the triangle's slope.
+    early along the prompt (Kaplan and Hegarty, 8.7, dot product), the triangle's slope.
     """
     one, code = rough, _code_of(signal, sat)
     taps = np.linspace(-0.5, 0.5, 5)

@@ -19,7 +19,7 @@ _LINES = 4000
 class Discriminator:
     """Of (E - L)/P, in phase, with early and late `early_late_chips` apart.
 
-    gain : change of (E - L)/P for one chip of error; 2 for sharp chips (Kaplan & Hegarty, 8.7.3).
+    gain : change of (E - L)/P for one chip of error; 2 for sharp chips (Kaplan & Hegarty, 8.7).
     noise_chips2 : variance of the error found is this over C/N0 and the time of integration. d/4 for sharp chips: their
         eq. 8.81 with B = 1/(2 T) and without squaring loss. C/N0 is that of the prompt correlator.
     """

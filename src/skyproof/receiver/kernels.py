@@ -80,7 +80,7 @@ def steer(
     """Close the loops with the sums: third-order Costas PLL with FLL assistance, carrier-aided first-order DLL.
 
     Loop coefficients after Kaplan & Hegarty, table 8.23 (third-order PLL: w0 = B/0.7845, a3 = 1.1, b3 = 2.4;
-    second-order FLL: w0 = B/0.53, a2 = 1.414). The code discriminator is the normalised dot product (8.7.3). Early
+    second-order FLL: w0 = B/0.53, a2 = 1.414). The code discriminator is the normalised dot product (8.7). Early
     means ahead in code phase: positive when the signal is ahead of the replica.
     """
     periods = state[SUM_PERIODS]

@@ -144,7 +144,7 @@ def measure(
 
     Phase and frequency come from a parabola through the phases of the groups (so a constant acceleration biases
     neither); their sigmas are the Cramer-Rao bound of that model times the squaring loss of a group, 1 + 1/(2 C/N0 T)
-    (Kaplan & Hegarty, 8.6.1). The code's sigma is that of a coherent early-minus-late discriminator over the block.
+    (Kaplan & Hegarty, 8.9). The code's sigma is that of a coherent early-minus-late discriminator over the block.
     """
     n_taps = (before[0].shape[2] - k.OUT_TAPS) // 2
     table = np.full((states.shape[0], N_COLUMNS), np.nan)

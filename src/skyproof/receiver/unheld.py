@@ -18,7 +18,7 @@ C/N0 T = s and m bits, from the moments of |signal + noise|^2, at x = 0:
 with r = 2 (1 + 0.81 s) / (0.66 s^2 m) the variance of the ratio's denominator over its square (the mean of 1/D^2 is
 1 + 3 r times the squared inverse of the mean, to second order: at 20 dB-Hz and 10 bits 29 % of the sigma), and v the
 variance of the coherent discriminator (`discriminator`): E. D. Kaplan and C. J. Hegarty, "Understanding GPS/GNSS",
-8.6.1, squaring loss of the dot product.
+8.9, squaring loss of the dot product.
 """
 
 from typing import Final, NamedTuple

@@ -1,7 +1,7 @@
 """Galileo, BeiDou and GLONASS beside the nominal GPS: Walker constellations for any date, each slot filled.
 
 Orbits are circles of the published size and inclination. Galileo: 24/3/1, OS SDD 1.3, annex D. BeiDou: the 24/3/1 of
-its medium orbits, BDS-SIS-ICD-B1I-3.0, 3.1. GLONASS: 24/3/1, ICD L1, L2 5.1, 3.1. Clocks and group delays differ from
+its medium orbits, BDS-SIS-ICD-B1I-3.0, 3.1. GLONASS: 24/3/1, ICD L1, L2 5.1, 1.2. Clocks and group delays differ from
 satellite to satellite, within what is usual.
 """
 

@@ -59,6 +59,7 @@ class ReceivePolicy:
         18.0,
         "dB",
         "Cross-correlations at other Dopplers stand 21.6 dB below what makes them; noise lifts some.",
+        "Kaplan & Hegarty, 2nd edition, 4.3.4",
     )
     least_left: int = number(7, "1", "Five unknowns with the time, and two more that show a wrong set.")
     fix_satellites: int = number(4, "1", "Three coordinates and a clock take four ranges.", "Kaplan & Hegarty, 2.5.2")

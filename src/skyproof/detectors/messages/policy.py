@@ -16,7 +16,7 @@ class MessagesPolicy:
         2.0,
         "deg",
         "Refraction lifts signals by 0.6 degrees at most, and orbits of an old data set err by less.",
-        "ITU-R P.834",
+        "ITU-R P.834-9, equation (14)",
     )
     remembered_data_sets: int = number(
         4, "1", "Of a satellite and message, each sent for two hours: eight hours.", "IS-GPS-200N, 20.3.4.4"

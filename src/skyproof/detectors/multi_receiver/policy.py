@@ -109,7 +109,7 @@ class MultiReceiverPolicy:
         "Normal errors exceed it once in two million: farther above, no slip of the point explains a distance.",
     )
     least_range_m: float = number(
-        19_000e3, "m", "GLONASS satellites are the nearest, 19 100 km above the ground.", "GLONASS ICD, edition 5.1"
+        19_000e3, "m", "GLONASS satellites are the nearest, 19 100 km above the ground.", "GLONASS ICD L1, L2 5.1, 1.2"
     )
 
 

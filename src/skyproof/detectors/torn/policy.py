@@ -15,8 +15,8 @@ class TornPolicy:
     stray_m: float = number(
         1000.0,
         "m",
-        "Beyond any reflection: of 19 900 in cities none was later than 500 m; and the atmosphere.",
-        "ITU-R P.681-11, 6.3",
+        "At the horizon one echo in a hundred is later, at 37 degrees one in 3600.",
+        "doi 10.1186/s43020-020-00027-7, table 1",
     )
     most_drift: float = number(
         1e-6, "s/s", "A plain quartz parts from its rate at the last fix by no more, as its temperature changes."
@@ -27,8 +27,7 @@ class TornPolicy:
     most_exchanged_share: float = number(
         0.1,
         "1",
-        "Of tracked satellites, an epoch: in shade one of ten is lost while another is found, at full strength.",
-        "Kaplan & Hegarty, 8.12",
+        "Chosen, of tracked satellites an epoch: in shade one of ten is lost while another is found, at full strength.",
     )
     weak_dbhz: float = number(
         30.0,
