@@ -22,7 +22,7 @@ import numpy as np
 import tomli_w
 
 from skyproof.app.protect import protect
-from skyproof.app.protect.coasting import trusted_and_coasted
+from skyproof.app.protect.coasting import usable_fixes
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.scenes.simulate import scenario_of
 from skyproof.arrays import Reals
@@ -191,7 +191,7 @@ def _fixes(scene: Scene, outcome: Outcome) -> dict[str, Any]:
     (r,) = outcome.receivers
     if r.positions is None:
         return {"trusted": 0}
-    trusted = [_errors_m(scene, fix) for _, fix in trusted_and_coasted(r.positions)]
+    trusted = [_errors_m(scene, fix) for kind, fix in usable_fixes(r.positions) if kind != "consistent"]
     whole = r.positions.whole("unprotected")
     ordinary = np.empty((0, 3)) if whole is None else _errors_m(scene, whole)
     rows = np.concatenate(trusted) if trusted else np.empty((0, 3))

@@ -29,7 +29,7 @@ import tomli_w
 from rows import parser_of, rows_of
 
 from skyproof.app.protect import protect
-from skyproof.app.protect.coasting import trusted_and_coasted
+from skyproof.app.protect.coasting import usable_fixes
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
@@ -304,19 +304,20 @@ def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
         "worst_bound_m": None,
         "worst_bounds": None,
     }
-    row |= {"ordinary": 0.0, "ordinary_off_m": None, "trusted_s": 0.0, "inertia_s": 0.0, "time_off_s": None}
+    row |= {"ordinary": 0.0, "ordinary_off_m": None, "trusted_s": 0.0, "consistent_s": 0.0, "inertia_s": 0.0}
+    row["time_off_s"] = None
     o = r.reception.observations
     if o is None or r.positions is None:
         return row
     interval_s = float(np.median(np.diff(o.elapsed_s)))
     level, bounds, off_s = [], [], []
-    for source, fix in trusted_and_coasted(r.positions):
+    for kind, fix in usable_fixes(r.positions):
         good = np.flatnonzero(fix.status == FixStatus.OK)
         errors = fix_errors(scene, sky, fix)
         level.append(errors.horizontal_m)
-        bounds.append(errors.horizontal_m / errors.bound_m)
-        row["trusted_s" if source == "satellites" else "inertia_s"] += interval_s * good.size
-        if source == "satellites":
+        bounds.append(errors.horizontal_m / (errors.bound_m + np.nan_to_num(errors.hidden_m)))
+        row["inertia_s" if kind in ("inertial", "held") else f"{kind}_s"] += interval_s * good.size
+        if kind in ("trusted", "consistent"):
             off_s.append(_time_off_s(scene, o, fix, good, drawn.onset_s))
     if level and (every := np.concatenate(level)).size:
         times = np.concatenate(bounds)

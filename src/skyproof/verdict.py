@@ -7,6 +7,7 @@ Building a model checks it (`pydantic.ValidationError`, a ValueError): unknown k
 probabilities outside 0 to 1, and names that point nowhere are refused.
 """
 
+import math
 import warnings
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -19,6 +20,7 @@ from skyproof.gnss.time import iso, utc_from_gpst
 from skyproof.records import CauseName, InterferenceSign, NoticedKind
 
 __all__ = [
+    "USABLE",
     "VERDICT_FORMAT",
     "WORDS",
     "Because",
@@ -35,6 +37,7 @@ __all__ = [
     "ReceiverResult",
     "Signal",
     "Source",
+    "UsableKind",
     "Verdict",
     "VerdictWord",
     "WeakCarrier",
@@ -44,6 +47,7 @@ __all__ = [
     "moment_words",
     "notebook_html",
     "possible_places",
+    "radius_95_m",
     "utc_words",
     "word_shown",
 ]
@@ -71,6 +75,14 @@ CAUSES: Final[dict[CauseName, str]] = {
     "joined": "a recording that was joined from several",
 }
 """Each cause as people read it."""
+UsableKind = Literal["trusted", "consistent", "inertial", "held"]
+USABLE: Final[tuple[UsableKind, ...]] = get_args(UsableKind)
+"""Positions that a user may use, one an epoch, the first that there is.
+
+trusted : from signals that are shown to be true. consistent : from all signals, but for false ones and reflections,
+while no test of them has failed: not proven. inertial : carried on from those by an inertial unit. held : where they
+were, of a receiver that is stated to stand.
+"""
 MOST_NAMED: Final = 10
 """Remarks on inputs that stand beside the word; the others are counted."""
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
@@ -160,10 +172,15 @@ class Position(_Model):
     sigma_up_m: Sigma = Field(description="Standard deviation upwards, metres.")
     horizontal_protection_m: Sigma | None = Field(
         default=None,
-        description="Protection level, metres: a trusted fix is off by more, horizontally, with a probability of "
-        "`integrity_risk` of the settings at most, whatever one satellite is wrong by; null where none is promised.",
+        description="Protection level, metres: a fix that may be used is off by more, horizontally, with a probability "
+        "of `integrity_risk` of the settings at most, whatever one satellite is wrong by; null where none is promised.",
     )
     vertical_protection_m: Sigma | None = Field(default=None, description="The same vertically, metres.")
+    hidden_m: Sigma | None = Field(
+        default=None,
+        description="By how much more an attack may have moved it that no test of the run would have noticed, if the "
+        "signals were true at the start, metres; 0 of a trusted fix, null where nothing bounds it.",
+    )
 
 
 class OwnState(_Model):
@@ -192,7 +209,7 @@ class OwnFix(_Model):
 
 
 class ReceiverResult(_Model):
-    """One receiver: what it recorded, and the three positions that its signals give."""
+    """One receiver: what it recorded, and the positions that its signals give, each the last one of its kind."""
 
     name: str = Field(description="Name by which the other parts of this document refer to the receiver.")
     word: VerdictWord | None = Field(
@@ -202,6 +219,17 @@ class ReceiverResult(_Model):
     start_gpst: Gpst | None = Field(description="Start of the stretch examined, GPS time; null if no time is known.")
     duration_s: Sigma = Field(description="Length of the stretch examined, seconds.")
     trusted_fix: Position | None = Field(description="From authentic signals only; null if none are known to be so.")
+    consistent_fix: Position | None = Field(
+        default=None,
+        description="From all signals, but for false ones and reflections, while no test of them has failed: it is not "
+        "proven; null if there is none, or a trusted one at each epoch.",
+    )
+    inertial_fix: Position | None = Field(
+        default=None, description="Carried on from those by an inertial unit, where satellites give none of them."
+    )
+    held_fix: Position | None = Field(
+        default=None, description="Where those were, of a receiver stated to stand, where satellites give none of them."
+    )
     false_fix: Position | None = Field(description="What the false signals show; null if there are none.")
     unprotected_fix: Position | None = Field(description="What a receiver without protection shows.")
     own_fix: OwnFix | None = Field(
@@ -210,6 +238,18 @@ class ReceiverResult(_Model):
     own_states: tuple[OwnState, ...] = Field(
         default=(), description="What the receiver says of jamming and spoofing in its log; never evidence."
     )
+
+    @property
+    def fixes(self) -> tuple[tuple[str, Position], ...]:
+        """The last fix of each kind that there is, with the kind: what may be used, and then what may not."""
+        kinds = (*USABLE, "false", "unprotected")
+        return tuple((kind, fix) for kind in kinds if (fix := getattr(self, f"{kind}_fix")) is not None)
+
+    @property
+    def usable(self) -> tuple[UsableKind, Position] | None:
+        """The last fix that may be used, with its kind; None without any."""
+        found = [(kind, fix) for kind, fix in self.fixes if kind in USABLE]
+        return max(found, key=lambda each: (each[1].gpst, -USABLE.index(each[0])), default=None)
 
 
 class WindowResult(_Model):
@@ -481,6 +521,14 @@ class NoticedSize(_Model):
         return f"{what} {self.size * scale:.2g} {unit} or more{where}"
 
 
+_HOW: Final[dict[UsableKind, str]] = {
+    "trusted": "is trusted",
+    "consistent": "is consistent, not proven",
+    "inertial": "is carried on by inertia",
+    "held": "is held where it was",
+}
+"""What a position comes from, in words."""
+
 _NOTICED: Final[dict[NoticedKind, tuple[str, float, str]]] = {
     "position_jump": ("a jump of the position by", 1.0, "m"),
     "clock_jump": ("a jump of the time by", 1e9, "ns"),
@@ -592,6 +640,7 @@ class Verdict(_Model):
             ("Not decided:", self.reason if self.verdict == "spoofed" else None),
             ("May also be:", ", or ".join(CAUSES[cause] for cause in self.may_also_be)),
             ("Not excluded:", "; ".join(self.not_excluded)),
+            ("Position:", self._position_words),
             ("Would be noticed:", self._noticed_words),
             ("To resolve:", self.remedy),
             ("Cut:", _few(f"{given.path}: {text}" for given in self.inputs for text in given.cut)),
@@ -606,6 +655,23 @@ class Verdict(_Model):
             return ""
         several = len({size.receiver for size in self.noticed}) > 1
         return _few(f"{f'{size.receiver}: ' if several else ''}{size.words}" for size in self.noticed)
+
+    @property
+    def _position_words(self) -> str:
+        """How far the last positions that may be used hold, where they are not proven."""
+        found = [(r, *r.usable) for r in self.receivers if r.usable is not None and r.usable[0] != "trusted"]
+        return _few(self._usable_words(r, kind, fix) for r, kind, fix in found)
+
+    def _usable_words(self, receiver: ReceiverResult, kind: UsableKind, fix: Position) -> str:
+        within_m = radius_95_m(fix.sigma_east_m, fix.sigma_north_m)
+        said = f"{receiver.name} {_HOW[kind]}, within {within_m:.1f} m horizontally (95 %) at {clock_words(fix.gpst)}"
+        if fix.hidden_m == 0.0:
+            return said
+        if fix.hidden_m is None:
+            return f"{said}; how far an attack may have moved it unnoticed is not bounded"
+        stands = any(size.kind == "motion" and size.receiver == receiver.name for size in self.noticed)
+        together = "" if stands else ", unless it dragged codes and carriers together"
+        return f"{said}, and by {fix.hidden_m:.0f} m more at most by an attack too slow to be noticed{together}"
 
     @property
     def _own_words(self) -> str:
@@ -635,11 +701,7 @@ class Verdict(_Model):
         sentences += [f"{heading} {words}." for heading, words in self.explained]
         if self.assumed is not None:
             sentences.append(self.assumed)
-        kinds = [
-            (r.name, kind, fix)
-            for r in self.receivers
-            for kind, fix in (("trusted", r.trusted_fix), ("false", r.false_fix), ("unprotected", r.unprotected_fix))
-        ]
+        kinds = [(r.name, kind, fix) for r in self.receivers for kind, fix in r.fixes]
         positions = [
             (
                 name,
@@ -649,9 +711,9 @@ class Verdict(_Model):
                 f"{fix.lon_deg:.7f}",
                 f"{fix.height_m:.1f}",
                 f"{fix.sigma_east_m:.1f}, {fix.sigma_north_m:.1f}, {fix.sigma_up_m:.1f}",
+                "" if fix.hidden_m is None else f"{fix.hidden_m:.1f}",
             )
             for name, kind, fix in kinds
-            if fix is not None
         ]
         positions += [
             (
@@ -663,6 +725,7 @@ class Verdict(_Model):
                 f"{place.lat_deg:.7f}",
                 f"{place.lon_deg:.7f}",
                 f"{place.height_m:.1f}",
+                "",
                 "",
             )
             for names, source, place in possible_places(self)
@@ -683,11 +746,24 @@ class Verdict(_Model):
                     "longitude, °",
                     "height, m",
                     "σ east, north, up, m",
+                    "hidden, m",
                 ),
                 positions,
             ),
             (("receiver", "label", "satellites"), [(*key, " ".join(own)) for key, own in sats.items()]),
         )
+
+
+_SIGMAS_95: Final = 1.96  # of a normal distribution on a line
+
+
+def radius_95_m(sigma_east_m: float, sigma_north_m: float) -> float:
+    """Return a radius that holds 95 % or more of the horizontal errors, metres.
+
+    Of normal errors whose variances sum to s², the circle of radius 1.96 s holds 95 % where they lie on a line, and
+    97.9 % where they are as large in every direction: the correlation of east and north does not matter.
+    """
+    return _SIGMAS_95 * math.hypot(sigma_east_m, sigma_north_m)
 
 
 def possible_places(verdict: Verdict) -> list[tuple[str, Source, Place]]:

@@ -32,7 +32,7 @@ def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.Captu
     assert len(lines) < 27
     for line in (
         "Since 2022-01-01 10:00:24 GPS time (10:00:06 UTC) ± 0.5 s",
-        "rx1 trusted 59.4121000 16.8837000 31.0 0.8/1.1/2.3 10:00:59 10:00:41",
+        "rx1 trusted 59.4121000 16.8837000 31.0 0.8/1.1/2.3 0 10:00:59 10:00:41",
         "rx1 false 59.4064892 16.8951443 43.1 0.8/1.1/2.3 10:00:59 10:00:41",
         "rx1 1 authentic G05",
         "rx1 1 spoofed G05",

@@ -62,7 +62,7 @@ def test_names_of_any_kind_stay_valid_xml():
 
 def test_a_track_of_no_kind_is_refused(tmp_path):
     path = tmp_path / "a.kml"
-    with pytest.raises(ValueError, match="trusted, false, unprotected"):
+    with pytest.raises(ValueError, match="trusted, consistent, inertial, held, false, unprotected"):
         write_kml(path, {"trusted rx1": track()})
     assert not path.exists()
 

@@ -136,8 +136,8 @@ def fix_of(receiver="rx1", lat_deg=59.41, lon_deg=16.88, status=(0, 0, 2), sigma
 
 def test_fixes_have_the_columns_of_the_design():
     assert ",".join(FIXES_COLUMNS) == (
-        "receiver,gpst,kind,lat_deg,lon_deg,height_m,sigma_east_m,sigma_north_m,sigma_up_m,clock_bias_m,satellites,from,"
-        "horizontal_protection_m,vertical_protection_m"
+        "receiver,gpst,kind,lat_deg,lon_deg,height_m,sigma_east_m,sigma_north_m,sigma_up_m,clock_bias_m,satellites,"
+        "horizontal_protection_m,vertical_protection_m,hidden_m"
     )
     assert tuple(fixes_columns([("trusted", fix_of())])) == FIXES_COLUMNS
 
@@ -154,8 +154,6 @@ def test_an_epoch_with_a_fix_is_a_row():
     np.testing.assert_allclose(table["height_m"], 52.0, atol=1e-6)
     np.testing.assert_allclose(table["clock_bias_m"], 299792.458, rtol=1e-12)
     assert table["satellites"].tolist() == [5, 4, 4, 5]
-    assert table["from"].tolist() == ["satellites"] * 4
-    assert fixes_columns([("trusted", fix_of())], "inertia")["from"].tolist() == ["inertia"] * 2
 
 
 def test_sigmas_are_east_north_up():

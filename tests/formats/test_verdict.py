@@ -20,7 +20,8 @@ SAMPLE = json.loads(SAMPLE_PATH.read_text(encoding="utf-8"))
 
 # The keys of the documented format, in order; what reads these files elsewhere relies on them.
 FIX = (
-    "gpst lat_deg lon_deg height_m sigma_east_m sigma_north_m sigma_up_m horizontal_protection_m vertical_protection_m"
+    "gpst lat_deg lon_deg height_m sigma_east_m sigma_north_m sigma_up_m horizontal_protection_m vertical_protection_m "
+    "hidden_m"
 )
 KEYS = {
     "": "format verdict summary reason may_also_be not_excluded remedy "
@@ -33,7 +34,8 @@ KEYS = {
     "may_also_be",
     "windows": "receiver word from_gpst to_gpst may_also_be",
     "noticed": "receiver kind size unit detector share_of_windows",
-    "receivers": "name word input start_gpst duration_s trusted_fix false_fix unprotected_fix own_fix own_states",
+    "receivers": "name word input start_gpst duration_s trusted_fix consistent_fix inertial_fix held_fix false_fix "
+    "unprotected_fix own_fix own_states",
     "receivers.own_fix": "gpst lat_deg lon_deg height_m horizontal_sigma_m from_trusted_m most_from_trusted_m "
     "most_from_trusted_gpst",
     "receivers.own_states": "subject state alarm since_gpst until_gpst",

@@ -86,9 +86,9 @@ def pictures(receivers: int = 2, sats: int = 3, epochs: int = 50) -> Pictures:
         origins=(
             FixOrigins(
                 receiver="rx1",
-                trusted=(
-                    OriginSpan("satellites", 0.0, 20.0),
-                    OriginSpan("inertia", 20.0, 30.0),
+                usable=(
+                    OriginSpan("trusted", 0.0, 20.0),
+                    OriginSpan("inertial", 20.0, 30.0),
                     OriginSpan("held", 30.0, 49.0),
                 ),
                 seconds=np.arange(50.0),

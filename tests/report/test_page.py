@@ -109,7 +109,7 @@ def test_the_page_draws_what_it_was_given() -> None:
         "Signals of rx2",
         "Two peaks where there should be one: rx1",
         "The way to rx2 against the way to rx1",
-        "What the trusted position of rx1 came from",
+        "What the position of rx1 came from",
         "Which sky of rx1 is true: position",
         "Which sky of rx1 is true: time",
         "Two signals in one peak: rx1",

@@ -88,13 +88,13 @@ def test_both_skies_stand_beside_what_was_expected():
 
 
 def test_bars_are_as_long_as_positions_came_from_there():
-    stretches = (OriginSpan("satellites", 0.0, 40.0), OriginSpan("held", 40.0, 100.0))
+    stretches = (OriginSpan("trusted", 0.0, 40.0), OriginSpan("held", 40.0, 100.0))
     seconds = np.arange(0.0, 101.0)
-    origins = FixOrigins(receiver="rx1", trusted=stretches, seconds=seconds, away_m=np.maximum(seconds - 50.0, 0.0))
+    origins = FixOrigins(receiver="rx1", usable=stretches, seconds=seconds, away_m=np.maximum(seconds - 50.0, 0.0))
     root = parsed(origins_plot(origins, title="x", zero="then", onset_s=30.0))
-    (sky,), (held,) = of_class(root, "from", "satellites"), of_class(root, "from", "held")
+    (sky,), (held,) = of_class(root, "from", "trusted"), of_class(root, "from", "held")
     assert float(held.get("width")) == pytest.approx(1.5 * float(sky.get("width")), rel=0.01)
     assert "onset" in texts(root)
     assert "time since then, s" in texts(root)
-    nothing = FixOrigins(receiver="rx1", trusted=(), seconds=np.empty(0), away_m=np.empty(0))
+    nothing = FixOrigins(receiver="rx1", usable=(), seconds=np.empty(0), away_m=np.empty(0))
     assert not origins_plot(nothing, title="x", zero="then")

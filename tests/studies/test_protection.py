@@ -107,6 +107,7 @@ def test_errors_are_in_space_and_bounds_level(measured):
         position_ecef_m=at.position_ecef_m + 30.0 * up,
         covariance_m2=np.eye(4)[None],
         protection_m=np.array([[5.0, 20.0]]),
+        hidden_m=np.array([4.0]),
     )
     found = fix_errors(scene, sky, fix)
     assert found.space_m[0] == pytest.approx(30.0, abs=0.01)
@@ -118,7 +119,7 @@ def test_errors_are_in_space_and_bounds_level(measured):
 def test_what_has_no_level_is_not_beyond_it_and_every_fix_with_one_is_in_the_diagram():
     off_enu_m = np.array([[3.0, 4.0, 1.0], [0.0, 0.0, -8.0], [50.0, 0.0, 0.0], [0.3, 0.4, 0.0]])
     levels_m = np.array([[4.9, 7.0], [5.1, 7.9], [np.nan, np.nan], [5.1, 7.0]])
-    found = FixErrors(off_enu_m=off_enu_m, sigma_enu_m=np.ones((4, 3)), protection_m=levels_m)
+    found = FixErrors(off_enu_m=off_enu_m, sigma_enu_m=np.ones((4, 3)), protection_m=levels_m, hidden_m=np.zeros(4))
     assert protection_columns([found]) == {
         "protection_share": 0.75,
         "protection_p50_m": 5.1,

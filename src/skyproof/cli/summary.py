@@ -8,7 +8,7 @@ from rich.table import Table
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.formats.verdict import verdict_json
 from skyproof.report.words import angle_words, in_minutes, leap_words
-from skyproof.verdict import Position, Verdict, possible_places, utc_words, word_shown
+from skyproof.verdict import Verdict, possible_places, utc_words, word_shown
 
 if TYPE_CHECKING:
     from skyproof.app.protect import ProtectResult
@@ -18,6 +18,7 @@ __all__ = ["print_result"]
 STYLES = {
     "authentic": "bold blue",
     "trusted": "blue",
+    "consistent": "cyan",
     "suspect": "bold yellow",
     "spoofed": "bold dark_orange",
     "false": "dark_orange",
@@ -73,33 +74,29 @@ def _positions(verdict: Verdict) -> Table:
         f"longitude{unit}",
         "height m",
         "± E/N/U m",
+        "hidden m",
         "GPS time",
         "UTC",
-        numbers=6,
+        numbers=7,
     )
     for receiver in verdict.receivers:
-        kinds: tuple[tuple[str, Position | None], ...] = (
-            ("trusted", receiver.trusted_fix),
-            ("false", receiver.false_fix),
-            ("unprotected", receiver.unprotected_fix),
-        )
-        for kind, fix in kinds:
-            if fix is not None:
-                sigmas = f"{fix.sigma_east_m:.1f}/{fix.sigma_north_m:.1f}/{fix.sigma_up_m:.1f}"
-                rows.add_row(
-                    words(receiver.name),
-                    words(kind, style=STYLES.get(kind, "")),
-                    *_angles(verdict, fix.lat_deg, fix.lon_deg),
-                    f"{fix.height_m:.1f}",
-                    sigmas,
-                    *_clocks(fix.gpst),
-                )
+        for kind, fix in receiver.fixes:
+            rows.add_row(
+                words(receiver.name),
+                words(kind, style=STYLES.get(kind, "")),
+                *_angles(verdict, fix.lat_deg, fix.lon_deg),
+                f"{fix.height_m:.1f}",
+                f"{fix.sigma_east_m:.1f}/{fix.sigma_north_m:.1f}/{fix.sigma_up_m:.1f}",
+                "" if fix.hidden_m is None else f"{fix.hidden_m:.0f}",
+                *_clocks(fix.gpst),
+            )
     for names, source, place in possible_places(verdict):
         rows.add_row(
             words(names),
             words(source.name),
             *_angles(verdict, place.lat_deg, place.lon_deg),
             f"{place.height_m:.1f}",
+            "",
             "",
             *_clocks(source.shows_gpst),
         )

@@ -22,6 +22,9 @@ Shape = tuple[ArrayLike, ArrayLike]
 
 _STYLES: Final = {  # kind: colour as aabbggrr, width in pixels
     "trusted": ("ff4bb33c", 4),  # green
+    "consistent": ("ff9ed08f", 4),  # pale green
+    "inertial": ("ff4bb33c", 2),
+    "held": ("ff4bb33c", 2),
     "false": ("ff2b2be0", 4),  # red
     "unprotected": ("ffa0a0a0", 2),  # grey
     "possible": ("ffc08000", 4),  # blue
@@ -53,8 +56,9 @@ def kml_lines(
 
     Parameters
     ----------
-    tracks : each with a name whose last word is its kind, "trusted", "false", "unprotected", "possible" or
-        "receiver": "rx1 trusted". The kind gives the colour. A track without a point is left out.
+    tracks : each with a name whose last word is its kind, "trusted", "consistent", "inertial", "held", "false",
+        "unprotected", "possible" or "receiver": "rx1 trusted". The kind gives the colour. A track without a point is
+        left out.
 
     shapes : points, lines and areas on the ground, each with its name: where sources of signals are seen.
 

@@ -15,7 +15,7 @@ __all__ = ["to_dataframe", "to_xarray"]
 
 _UNITS: Final = {"m": "m", "cyc": "cycle", "hz": "Hz", "dbhz": "dB-Hz", "s": "s", "deg": "degree"}
 """By the end of a name."""
-_OF_RUN: Final = ("receiver", "kind", "from")
+_OF_RUN: Final = ("receiver", "kind")
 """Columns of the table of fixes that one `Fix` has no rows for: they are one value, or not known to it."""
 
 

@@ -49,9 +49,9 @@ FIXES_COLUMNS: Final = (
     "sigma_up_m",
     "clock_bias_m",
     "satellites",
-    "from",
     "horizontal_protection_m",
     "vertical_protection_m",
+    "hidden_m",
 )
 _CSV_ROWS: Final = 8192  # turned to text at once, so that memory does not grow with the table
 
@@ -119,30 +119,29 @@ def _taker(
     return take_parquet if ending == ".parquet" else take_csv
 
 
-def fixes_columns(fixes: Iterable[tuple[str, Fix]], source: str = "satellites") -> dict[str, NDArray[Any]]:
+def fixes_columns(fixes: Iterable[tuple[str, Fix]]) -> dict[str, NDArray[Any]]:
     """The table of fixes, `FIXES_COLUMNS`, of any number of (kind, Fix): one row per receiver, kind and epoch.
 
-    `kind` is "trusted", "false", "unprotected" or the name of a sky that may be the true one. `gpst` is the time that
-    the signals of the fix give: the receiver's clock less the clock bias. An epoch without a fix (status not 0) has no
-    row. Sigmas are the roots of the diagonal of the covariance, turned from ECEF to east, north, up at the fix itself;
-    `clock_bias_m` is c times the clock bias; `satellites` counts those used; `from` is `source`:
-    "satellites", or "inertia" for what is carried on from an earlier fix. The protection levels are NaN where none is
-    promised. Rows stand in the order given.
+    `kind` is "trusted", "consistent", "inertial", "held", "false", "unprotected" or the name of a sky that may be the
+    true one. `gpst` is the time that the signals of the fix give: the receiver's clock less the clock bias. An epoch
+    without a fix (status not 0) has no row. Sigmas are the roots of the diagonal of the covariance, turned from ECEF to
+    east, north, up at the fix itself; `clock_bias_m` is c times the clock bias; `satellites` counts those used. The
+    protection levels are NaN where none is promised, and `hidden_m` where nothing bounds it. Rows stand in the order
+    given.
     """
-    parts = [_fix_columns(kind, fix, source) for kind, fix in fixes]
+    parts = [_fix_columns(kind, fix) for kind, fix in fixes]
     empty = {name: np.empty(0) for name in FIXES_COLUMNS}
     empty |= {
         "receiver": np.empty(0, "U1"),
         "kind": np.empty(0, "U1"),
         "gpst": np.empty(0, "datetime64[ns]"),
         "satellites": np.empty(0, np.int64),
-        "from": np.empty(0, "U1"),
     }
     return {name: np.concatenate([empty[name], *(part[name] for part in parts)]) for name in FIXES_COLUMNS}
 
 
 def own_fixes_columns(receiver: str, fixes: ReceiverFixes, rows: Integers) -> dict[str, NDArray[Any]]:
-    """Return rows of the table of fixes that a receiver computed itself; `kind` and `from` are "receiver".
+    """Return rows of the table of fixes that a receiver computed itself; `kind` is "receiver".
 
     Its accuracy to the east and the north is what it states horizontally over the root of two.
     """
@@ -161,14 +160,14 @@ def own_fixes_columns(receiver: str, fixes: ReceiverFixes, rows: Integers) -> di
         fixes.vertical_sigma_m[rows],
         SPEED_OF_LIGHT_M_S * fixes.clock_bias_s[rows],
         np.maximum(fixes.satellites[rows], 0),
-        np.full(rows.size, "receiver"),
+        none,
         none,
         none,
     )
     return dict(zip(FIXES_COLUMNS, values, strict=True))
 
 
-def _fix_columns(kind: str, fix: Fix, source: str) -> dict[str, NDArray[Any]]:
+def _fix_columns(kind: str, fix: Fix) -> dict[str, NDArray[Any]]:
     good = np.asarray(fix.status == FixStatus.OK)
     lat_rad, lon_rad, height_m = geodetic_from_ecef(fix.position_ecef_m[good])
     rot_enu = rot_enu_ecef(lat_rad, lon_rad)
@@ -188,8 +187,8 @@ def _fix_columns(kind: str, fix: Fix, source: str) -> dict[str, NDArray[Any]]:
         *sigma_m.T,
         SPEED_OF_LIGHT_M_S * fix.clock_bias_s[good],
         satellites,
-        np.full(lat_rad.size, source),
         *fix.protection_m[good].T,
+        fix.hidden_m[good],
     )
     return dict(zip(FIXES_COLUMNS, values, strict=True))
 

@@ -4,19 +4,30 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from skyproof.arrays import Booleans
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.navigation.fix import FixGeometry
 from skyproof.records import Fix, FixStatus
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["screened"]
+__all__ = ["empty_epochs", "screened"]
 
 MISFIT_PROBABILITY = 1e-6
 """Of rejecting a good fix: rare at ten fixes a second for a day."""
 HEIGHT_M = (-1e3, 40e3)
 """Where a fix without redundancy is believed: from the Dead Sea to a balloon."""
-NUMBERS = ("position_ecef_m", "velocity_ecef_m_s", "clock_bias_s", "clock_drift", "covariance_m2", "residual_m")
+NUMBERS = (
+    "position_ecef_m",
+    "velocity_ecef_m_s",
+    "clock_bias_s",
+    "clock_drift",
+    "covariance_m2",
+    "residual_m",
+    "protection_m",
+    "hidden_m",
+)
 
 
 def screened(fix: Fix, geometry: FixGeometry, *, with_misfits: bool = False) -> Fix:
@@ -39,7 +50,11 @@ def screened(fix: Fix, geometry: FixGeometry, *, with_misfits: bool = False) -> 
     height_m = geodetic_from_ecef(np.where(good[:, None], fix.position_ecef_m, 6.4e6))[2]
     off = good & ~redundant & ((height_m < HEIGHT_M[0]) | (height_m > HEIGHT_M[1]))
     status = np.where(misfit, FixStatus.MISFIT, np.where(off, FixStatus.OFF_EARTH, fix.status)).astype(np.uint8)
-    bad = misfit | off
+    return empty_epochs(fix, misfit | off, status)
+
+
+def empty_epochs(fix: Fix, bad: Booleans, status: NDArray[np.uint8]) -> Fix:
+    """Return the fix without the numbers of some epochs, (n,), and with the status of all, (n,)."""
     if not bad.any():
         return fix
     emptied: dict[str, Any] = {}

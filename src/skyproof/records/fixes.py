@@ -56,6 +56,8 @@ class Fix(ShortRepr, Selectable):
         that is there. Empty from sources that do not state it.
     protection_m : (n_epochs, 2) horizontal and vertical protection level, see `navigation.protection`; NaN where none
         is promised. By default none is at any epoch.
+    hidden_m : (n_epochs,) by how much more an attack may have moved the position that the tests would have missed; NaN
+        where nothing bounds that. By default nothing does at any epoch.
     """
 
     BY_ROW = (
@@ -69,6 +71,7 @@ class Fix(ShortRepr, Selectable):
         "status",
         "inter_system_s",
         "protection_m",
+        "hidden_m",
     )
 
     receiver: str
@@ -83,10 +86,13 @@ class Fix(ShortRepr, Selectable):
     status: NDArray[np.uint8]
     inter_system_s: Mapping[str, Reals] = field(default_factory=dict)
     protection_m: Reals = field(default_factory=lambda: np.full(2, np.nan))
+    hidden_m: Reals = field(default_factory=lambda: np.array(np.nan))
 
     def __post_init__(self) -> None:
         if self.protection_m.ndim == 1:  # the same at every epoch
             object.__setattr__(self, "protection_m", np.broadcast_to(self.protection_m, (len(self.gpst), 2)))
+        if self.hidden_m.ndim == 0:
+            object.__setattr__(self, "hidden_m", np.broadcast_to(self.hidden_m, (len(self.gpst),)))
         freeze(
             self,
             {
@@ -99,6 +105,7 @@ class Fix(ShortRepr, Selectable):
                 "residual_m": ("epoch", "signal"),
                 "status": ("epoch",),
                 "protection_m": ("epoch", "2"),
+                "hidden_m": ("epoch",),
             },
         )
 

@@ -18,7 +18,7 @@ from skyproof.report.pictures import (
 from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins
 from skyproof.report.template import Figure
 from skyproof.report.words import chance_words, distance_words, number_words, place_words
-from skyproof.verdict import Label, Place, Verdict, clock_words
+from skyproof.verdict import USABLE, Label, Place, Verdict, clock_words
 
 __all__ = ["Pictures", "map_figures", "signal_figures"]
 
@@ -68,13 +68,16 @@ def signal_figures(verdict: Verdict, pictures: Pictures) -> list[Figure]:
 
 
 def _maps(pictures: Pictures, minutes: bool) -> list[Figure]:
-    """All fixes, then the trusted ones of each receiver close up, where the large map is too coarse for them."""
+    """All fixes, then those of satellites of each receiver close up, where the large map is too coarse for them."""
     overview = draw.local_map(pictures.tracks, pictures.truth, title="Map of all fixes")
     if pictures.origin is None or not overview:
         return []
     kinds = {track.kind for track in pictures.tracks if len(track.points())}
     keys = {
         "trusted": "disc: last trusted fix with its 95 % ellipse",
+        "consistent": "open disc: last consistent fix, not proven, with its 95 % ellipse",
+        "inertial": "filled square: carried on by inertia",
+        "held": "open square: held, as the receiver stands",
         "false": "diamond: what the false signals show",
         "unprotected": "ring: what a receiver without protection shows",
         "receiver": "large ring, dotted line: what the receiver itself computed",
@@ -88,7 +91,7 @@ def _maps(pictures: Pictures, minutes: bool) -> list[Figure]:
     close = [
         track
         for track in pictures.tracks
-        if track.kind == "trusted"
+        if track.kind in ("trusted", "consistent")
         and len(track.points())
         and draw.extent_m([track]) < 0.1 * draw.extent_m(pictures.tracks)
     ][:MOST_CLOSE]
@@ -104,25 +107,28 @@ def _maps(pictures: Pictures, minutes: bool) -> list[Figure]:
     ]
     for track in close:
         truth = [place for place in pictures.truth if place.receiver == track.receiver]
-        svg = draw.local_map([track], truth, title=f"Trusted fixes of {track.receiver}", least_m=4.0, names=False)
-        caption = "Trusted fixes on the map’s axes, the last one marked, with its 95 % ellipse."
+        kind = track.kind.capitalize()
+        svg = draw.local_map([track], truth, title=f"{kind} fixes of {track.receiver}", least_m=4.0, names=False)
+        caption = f"{kind} fixes on the map’s axes, the last one marked, with its 95 % ellipse."
         figures.append(Figure(f"{track.receiver} close up", svg, caption + _off_truth(track, pictures)))
     return figures
 
 
 def _off_truth(track: FixTrack, pictures: Pictures) -> str:
-    """How far the last trusted fix lies from the truth; empty where that is not known."""
+    """How far the last fix of the first kind that may be used lies from the truth; empty where that is not known."""
     place = next((place for place in pictures.truth if place.receiver == track.receiver), None)
-    if track.kind != "trusted" or place is None or not len(track.points()):
+    first = next((one for one in pictures.tracks if one.receiver == track.receiver and len(one.points())), None)
+    if place is None or track is not first or track.kind not in USABLE:
         return ""
     east_m, north_m = track.points()[-1]
     off_m = math.hypot(float(east_m) - place.east_m, float(north_m) - place.north_m)
-    return f" The last trusted fix of {track.receiver} lies {distance_words(off_m)} from the truth, horizontally."
+    return f" The last {track.kind} fix of {track.receiver} lies {distance_words(off_m)} from the truth, horizontally."
 
 
 ORIGINS = {
-    "satellites": "filled: satellites",
-    "inertia": "light: inertia, since the last trusted fix",
+    "trusted": "filled: satellites that are shown to be true",
+    "consistent": "half filled: satellites while no test had failed",
+    "inertial": "light: inertia, since the last of those",
     "held": "dashed: held, as the receiver stands",
 }
 
@@ -131,16 +137,16 @@ def _origins(pictures: Pictures) -> list[Figure]:
     zero = clock_words(pictures.zero_gpst)
     return [
         Figure(
-            f"What the trusted position of {one.receiver} came from",
+            f"What the position of {one.receiver} came from",
             takeover.origins_plot(
                 one,
-                title=f"Origin of the trusted position of {one.receiver} and error of an ordinary receiver over time",
+                title=f"Origin of the position of {one.receiver} and error of an ordinary receiver over time",
                 zero=zero,
                 onset_s=pictures.onset_s,
                 until_s=pictures.until_s,
             ),
-            "Line: distance between what a receiver without protection shows and the trusted position. Bar: what the "
-            f"trusted position came from ({'; '.join(ORIGINS[kind] for kind in ORIGINS if kind in _kinds(one))}); "
+            "Line: distance between what a receiver without protection shows and the position that may be used. Bar: "
+            f"what that came from ({'; '.join(ORIGINS[kind] for kind in ORIGINS if kind in _kinds(one))}); "
             "nothing where there is none.",
         )
         for one in pictures.origins
@@ -148,7 +154,7 @@ def _origins(pictures: Pictures) -> list[Figure]:
 
 
 def _kinds(origins: FixOrigins) -> set[str]:
-    return {one.origin for one in origins.trusted}
+    return {one.origin for one in origins.usable}
 
 
 def _compared(pictures: Pictures) -> list[Figure]:

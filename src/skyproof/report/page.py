@@ -53,14 +53,9 @@ def _positions(verdict: Verdict) -> list[tuple[ReceiverResult, str, Position, st
     """Receiver, kind, fix, and how far from the trusted one."""
     rows = []
     for receiver in verdict.receivers:
-        for kind, fix in (
-            ("trusted", receiver.trusted_fix),
-            ("false", receiver.false_fix),
-            ("unprotected", receiver.unprotected_fix),
-        ):
-            if fix is not None:
-                away = "" if kind == "trusted" else away_words(receiver, fix)
-                rows.append((receiver, kind, fix, "the same" if away and away_m(receiver, fix) < _SAME_M else away))
+        for kind, fix in receiver.fixes:
+            away = "" if kind == "trusted" else away_words(receiver, fix)
+            rows.append((receiver, kind, fix, "the same" if away and away_m(receiver, fix) < _SAME_M else away))
     return rows
 
 

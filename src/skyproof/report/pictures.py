@@ -11,7 +11,7 @@ from markupsafe import Markup
 from skyproof.arrays import Reals
 from skyproof.records import freeze
 from skyproof.report import drawing as draw
-from skyproof.verdict import Label
+from skyproof.verdict import USABLE, Label, UsableKind
 
 __all__ = [
     "LABELS",
@@ -31,12 +31,12 @@ __all__ = [
     "time_line",
 ]
 
-Kind = Literal["trusted", "false", "unprotected", "possible", "expected", "receiver"]
+Kind = Literal[UsableKind, "false", "unprotected", "possible", "expected", "receiver"]
 """What a position comes from; possible: from a consistent sky of which it is open whether it is the true one;
 expected: from what was known before; receiver: computed by the receiver itself."""
 
 KINDS: tuple[Kind, ...] = (
-    "trusted",
+    *USABLE,
     "false",
     "possible",
     "expected",
@@ -189,11 +189,14 @@ def _ellipse(track: FixTrack) -> Reals:
 
 
 def _mark(x: float, y: float, kind: Spot) -> Markup:
-    """One shape a kind, so that colour is not needed: disc, diamond, triangle, square, ring, cross."""
+    """One shape a kind, so that colour is not needed: disc, open disc, filled and open square, diamond, triangle, large
+    square, ring, cross."""
     if kind == "truth":
         return Markup('<path class="true-place" d="M{:.1f} {:.1f}h14m-7 -7v14"/>').format(x - 7.0, y)
-    if kind == "trusted":
-        return draw.circle(x, y, 4.5, "mark trusted")
+    if kind in ("trusted", "consistent"):
+        return draw.circle(x, y, 4.5, f"mark {kind}")
+    if kind in ("inertial", "held"):
+        return draw.rect(x - 4.0, y - 4.0, x + 4.0, y + 4.0, f"mark {kind}")
     if kind == "false":
         return Markup('<path class="mark false" d="M{:.1f} {:.1f}l6 6l-6 6l-6 -6z"/>').format(x, y - 6.0)
     if kind == "possible":

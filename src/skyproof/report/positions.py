@@ -3,20 +3,9 @@
 import math
 
 from skyproof.report.words import offset_m, offset_words
-from skyproof.verdict import Position, ReceiverResult
+from skyproof.verdict import Position, ReceiverResult, radius_95_m
 
-__all__ = ["away_m", "away_words", "led_away_m", "radius_95_m", "within_m"]
-
-_SIGMAS_95 = 1.96  # of a normal distribution on a line
-
-
-def radius_95_m(sigma_east_m: float, sigma_north_m: float) -> float:
-    """A radius that holds 95 % or more of the horizontal errors, metres.
-
-    Of normal errors whose variances sum to s², the circle of radius 1.96 s holds 95 % where they lie on a line, and
-    97.9 % where they are as large in every direction: the correlation of east and north does not matter.
-    """
-    return _SIGMAS_95 * math.hypot(sigma_east_m, sigma_north_m)
+__all__ = ["away_m", "away_words", "led_away_m", "within_m"]
 
 
 def led_away_m(receiver: ReceiverResult) -> float:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 from markupsafe import Markup
@@ -16,8 +15,9 @@ from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.records import freeze
 from skyproof.report import drawing as draw
 from skyproof.report.pictures import FixTrack, Kind, local_map
+from skyproof.verdict import UsableKind
 
-__all__ = ["ComparedSkies", "CorrelationParts", "FixOrigins", "Origin", "OriginSpan", "TimeOffset"]
+__all__ = ["ComparedSkies", "CorrelationParts", "FixOrigins", "OriginSpan", "TimeOffset"]
 __all__ += ["clock_plot", "correlation_plot", "origins_plot", "skies_map"]
 
 _PHASES = 12  # colours round the circle
@@ -25,8 +25,6 @@ _COLUMNS = 2
 _PANEL = 116.0  # units, the height of one
 _POINTS = 240  # of a line over time
 _LEAST_NS = 1.0
-
-Origin = Literal["satellites", "inertia", "held"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -84,20 +82,20 @@ class ComparedSkies:
 class OriginSpan:
     """So long positions came from there, in seconds of the pictures' time."""
 
-    origin: Origin
+    origin: UsableKind
     from_s: float
     to_s: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FixOrigins:
-    """What a receiver's trusted positions came from, and how far an ordinary receiver's position was from them.
+    """What the usable positions of a receiver came from, and how far an ordinary receiver's position was from them.
 
     seconds, away_m : (n,) ascending; NaN where there is not both.
     """
 
     receiver: str
-    trusted: tuple[OriginSpan, ...]
+    usable: tuple[OriginSpan, ...]
     seconds: Reals
     away_m: Reals
 
@@ -228,8 +226,8 @@ def clock_plot(compared: ComparedSkies, *, title: str) -> Markup:
 def origins_plot(
     origins: FixOrigins, *, title: str, zero: str, onset_s: float | None = None, until_s: float | None = None
 ) -> Markup:
-    """How far an ordinary receiver's position was from the trusted one, and below it what the trusted one came from."""
-    spans = [s for one in origins.trusted for s in (one.from_s, one.to_s)]
+    """How far an ordinary receiver's position was from the one that may be used, and below it what that came from."""
+    spans = [s for one in origins.usable for s in (one.from_s, one.to_s)]
     start_s = min([*spans, *origins.seconds[:1].tolist()], default=0.0)
     end_s = max([*spans, *origins.seconds[-1:].tolist()], default=0.0)
     if end_s <= start_s:
@@ -247,7 +245,7 @@ def origins_plot(
         draw.text(left - 5.0, low + 9.0, "from", anchor="end", css="small axis"),
         *(
             draw.rect(across(one.from_s), low, max(across(one.to_s), across(one.from_s) + 1.0), low + 11.0, css)
-            for one in origins.trusted
+            for one in origins.usable
             for css in (f"from {one.origin}",)
         ),
     ]

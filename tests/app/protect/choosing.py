@@ -9,7 +9,7 @@ from tests.app.kit import PLACES, START, TRANSMIT
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
-from skyproof.app.protect.coasting import trusted_and_coasted
+from skyproof.app.protect.coasting import usable_fixes
 from skyproof.app.protect.document import document
 from skyproof.app.protect.foresights import InertialUnit, foresights_of
 from skyproof.app.protect.outcome import Outcome
@@ -91,7 +91,7 @@ def nothing_found(windows: Sequence[Records], signals: Sequence[SignalId]) -> li
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """off_m, sigma_m (n,) of all trusted fixes in space; source (n,) where each comes from; at_s (n,) since the start.
+    """off_m, sigma_m (n,) of all fixes that may be used, in space; kind (n,) of each; at_s (n,) since the start.
     wrong : whether a signal was called what it is not for a second and more. wrong_sky : whether most signals of the
     sky that was chosen first were false; None where nothing was chosen."""
 
@@ -99,7 +99,7 @@ class Judged:
     verdict: Verdict
     off_m: np.ndarray
     sigma_m: np.ndarray
-    source: np.ndarray
+    kind: np.ndarray
     at_s: np.ndarray
     wrong: bool
     wrong_sky: bool | None
@@ -109,15 +109,15 @@ def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0
     noise = ChannelNoise(code_m=code_m)
     (heard,) = model_receptions(scene, noise, rng=np.random.default_rng(seed))
     outcome, _ = judge([heard.reception], scene.navigation, settings, Silent(), **judging)
-    off_m, sigma_m, source, at_s = [], [], [], []
+    off_m, sigma_m, kind, at_s = [], [], [], []
     positions = outcome.receivers[0].positions
-    for name, fix in trusted_and_coasted(positions) if positions is not None else ():
+    for name, fix in usable_fixes(positions) if positions is not None else ():
         good = fix.status == FixStatus.OK
         true_s = (fix.gpst[good] - START) / np.timedelta64(1, "s")
         rows = np.clip(np.searchsorted(heard.true_s, true_s - 0.25), 0, heard.true_s.size - 1)
         off_m.append(np.linalg.norm(fix.position_ecef_m[good] - heard.position_ecef_m[rows], axis=1))
         sigma_m.append(np.sqrt(np.trace(fix.covariance_m2[good, :3, :3], axis1=1, axis2=2)))
-        source.append(np.repeat(name, good.sum()))
+        kind.append(np.repeat(name, good.sum()))
         at_s.append(true_s)
     o = heard.reception.observations
     faults = False
@@ -131,7 +131,7 @@ def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0
         document(outcome, [], settings),
         np.concatenate(off_m or empty),
         np.concatenate(sigma_m or empty),
-        np.concatenate(source or empty),
+        np.concatenate(kind or empty),
         np.concatenate(at_s or empty),
         bool(faults),
         _wrong_sky(heard, outcome),

@@ -31,11 +31,11 @@ def test_the_place_where_it_stood_chooses_and_the_trusted_position_never_leaves(
     assert (pushed.off_m < 4.0 * pushed.sigma_m).all()
 
 
-def test_fixes_come_from_satellites_then_inertia_then_satellites(pushed):
+def test_fixes_are_trusted_then_held_then_trusted(pushed):
     order = np.argsort(pushed.at_s)
-    source = pushed.source[order]
-    changes = np.flatnonzero(source[1:] != source[:-1])
-    assert [str(word) for word in (*source[changes], source[-1])] == ["satellites", "inertia", "satellites"]
+    kind = pushed.kind[order]
+    changes = np.flatnonzero(kind[1:] != kind[:-1])
+    assert [str(word) for word in (*kind[changes], kind[-1])] == ["trusted", "held", "trusted"]
     assert np.diff(pushed.at_s[order]).max() < 0.6
 
 
@@ -48,10 +48,10 @@ def test_the_report_draws_what_was_expected_both_skies_and_where_positions_come_
     assert compared.chosen
     assert compared.wrong <= 1e-3
     (came,) = origins(pushed.outcome, zero)
-    assert [one.origin for one in came.trusted] == ["satellites", "held", "satellites"]
-    held = pushed.at_s[pushed.source == "inertia"]
-    assert came.trusted[1].from_s == pytest.approx(held.min(), abs=0.6)
-    assert came.trusted[1].to_s == pytest.approx(held.max(), abs=0.6)
+    assert [one.origin for one in came.usable] == ["trusted", "held", "trusted"]
+    held = pushed.at_s[pushed.kind == "held"]
+    assert came.usable[1].from_s == pytest.approx(held.min(), abs=0.6)
+    assert came.usable[1].to_s == pytest.approx(held.max(), abs=0.6)
     assert np.nanmax(came.away_m) > 100.0
 
 
@@ -59,7 +59,15 @@ def test_of_a_receiver_of_which_nothing_is_known_nothing_is_chosen():
     found = judged(led_away(), Settings())
     assert found.verdict.verdict == "spoofed"
     assert len(found.outcome.decision.skies) >= 2
-    assert (found.verdict.assumed, choice_of(found), found.off_m.size) == (None, None, 0)
+    assert (found.verdict.assumed, choice_of(found)) == (None, None)
+
+
+def test_positions_are_consistent_until_a_test_fails_and_inside_what_they_state():
+    """With nothing known of the receiver nothing carries them on."""
+    found = judged(led_away(), Settings())
+    assert set(found.kind) == {"consistent"}
+    assert 25.0 < found.at_s.max() < 35.0  # the onset
+    assert (found.off_m < 4.0 * found.sigma_m).all()
 
 
 def test_a_push_of_the_clock_is_recognized_by_an_oscillator_and_by_nothing_else():
@@ -71,7 +79,7 @@ def test_a_push_of_the_clock_is_recognized_by_an_oscillator_and_by_nothing_else(
     alone = judged(scene, STANDS)
     assert choice_of(alone) is None
     assert alone.outcome.decision.open.finding.detector == "prediction"
-    assert set(alone.source[alone.at_s > 31.0]) == {"inertia"}
+    assert [set(alone.kind[alone.at_s > at_s]) for at_s in (31.0, 41.0)] == [{"consistent", "held"}, {"held"}]
     assert alone.off_m.max() < 6.0
 
 
@@ -114,11 +122,11 @@ def test_a_car_with_an_inertial_unit_chooses_and_is_carried_on_meanwhile():
     assert not found.wrong
     assert (choice_of(found).start_gpst - START) / np.timedelta64(1, "s") >= 60.0
     assert "inertial_as_stated" in choice_of(found).data["assumes"]
-    source = found.source[np.argsort(found.at_s)]
-    changes = np.flatnonzero(source[1:] != source[:-1])
-    assert [str(word) for word in (*source[changes], source[-1])] == ["satellites", "inertia", "satellites"]
+    kind = found.kind[np.argsort(found.at_s)]
+    changes = np.flatnonzero(kind[1:] != kind[:-1])
+    assert [str(word) for word in (*kind[changes], kind[-1])] == ["trusted", "inertial", "trusted"]
     assert (found.off_m < 4.0 * found.sigma_m).all()
-    free = found.source == "inertia"
+    free = found.kind == "inertial"
     assert np.ptp(found.sigma_m[free]) > 5.0  # grows as long as nothing corrects it
     assert found.off_m[~free].max() < 10.0
 
@@ -132,7 +140,7 @@ def test_inertia_is_corrected_until_a_test_fails():
     settings = Settings(oscillator="ocxo")
     found = judged(scene, settings, foresights=inertia_of(scene, settings, "tactical"))
     assert found.verdict.verdict == "spoofed"
-    assert found.at_s[found.source == "satellites"].max() > onset_s - 10.0
+    assert found.at_s[found.kind != "inertial"].max() > onset_s - 10.0
     assert found.off_m.max() < 25.0
     assert (found.off_m < 4.0 * found.sigma_m).all()
 
@@ -161,7 +169,7 @@ class Count:
         self.spoofed += found.verdict.verdict == "spoofed"
         self.labels += found.wrong
         self.off_m += list(found.off_m)
-        self.by_inertia_m += list(found.off_m[found.source == "inertia"])
+        self.by_inertia_m += list(found.off_m[found.kind == "inertial"])
         self.over = max(self.over, float((found.off_m / found.sigma_m).max(initial=0.0)))
 
     def check(self, words):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tests.app.protect.test_positions import RECORDS, WHOLE, decision
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.protect.coasting import Flown, flown_on, step, trusted_and_coasted
+from skyproof.app.protect.coasting import Flown, flown_on, step, usable_fixes
 from skyproof.app.protect.positions import positions_of
 from skyproof.navigation.known import known
 from skyproof.records import Fix
@@ -30,6 +30,7 @@ def fix_at(good) -> Fix:
         residual_m=np.empty((n, 0)),
         status=np.where(good, 0, 1).astype(np.uint8),
         protection_m=10.0 + np.arange(n)[:, None] + np.array([0.0, 0.5]),
+        hidden_m=1.0 * np.arange(n),
     )
 
 
@@ -39,6 +40,7 @@ def test_epochs_without_a_fix_have_the_last_ones_position_and_sigma():
     assert found.position_ecef_m[:, 0] - 6.4e6 == pytest.approx([2.0, 2.0, 5.0])
     assert found.covariance_m2[:, :3, :3] == pytest.approx(np.tile(4.0 * np.eye(3), (3, 1, 1)))
     assert found.protection_m == pytest.approx(np.array([[12.0, 12.5], [12.0, 12.5], [15.0, 15.5]]))
+    assert found.hidden_m.tolist() == [2.0, 2.0, 5.0]
     assert found.clock_bias_s == pytest.approx(1e-3 + 1e-6 * np.array([3.0, 4.0, 6.0]))
     assert np.abs(found.gpst - (LABELS[[3, 4, 6]] - np.timedelta64(1_000_000, "ns"))).max() < np.timedelta64(10, "us")
     assert last.gpst == LABELS[5]
@@ -62,10 +64,11 @@ def test_pieces_give_what_the_whole_gives(good, cut):
 
 @pytest.mark.parametrize("speed_m_s", [0.0, None])
 def test_a_run_goes_on_where_its_receiver_stands_and_only_there(speed_m_s):
-    positions = positions_of(WHOLE, decision(), RECORDS.navigation, Settings(smoothing_s=20.0, speed_max_m_s=speed_m_s))
-    found = list(trusted_and_coasted(positions))
-    trusted = [fix for source, fix in found if source == "satellites"]
-    carried = [fix for source, fix in found if source == "inertia"]
+    settings = Settings(smoothing_s=20.0, speed_max_m_s=speed_m_s)
+    positions = positions_of(WHOLE, decision(), RECORDS.navigation, settings)
+    found = list(usable_fixes(positions))
+    trusted = [fix for kind, fix in found if kind == "trusted"]
+    carried = [fix for kind, fix in found if kind == "held"]
     assert len(trusted) == 1
     if speed_m_s is None:
         assert not carried

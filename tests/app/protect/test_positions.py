@@ -7,11 +7,15 @@ import pytest
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import positions
+from skyproof.app.protect.coasting import usable_fixes
+from skyproof.app.protect.hidden import HiddenDrag
 from skyproof.app.protect.positions import positions_of
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.spool import ObservationSpool
+from skyproof.fusion.decide import WindowWord
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource, LabelledSignal
+from skyproof.fusion.timeline import Onset
 from skyproof.records import Fix, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene
 
@@ -20,6 +24,7 @@ SCENE = MeasuredScene(
 )
 RECORDS = SCENE.records(np.random.default_rng(5))
 (WHOLE,) = RECORDS.observations
+CLEAN = WHOLE.select_channels([k for k, signal in enumerate(WHOLE.signals) if signal.copy == "a"])
 
 
 def decision():
@@ -30,11 +35,20 @@ def decision():
         for label, first, last in [("authentic", 0, 59) if signal.copy == "a" else ("spoofed", 30, 89)]
     )
     false = FalseSource(name="S1", signals=tuple(s.ref for s in labels if s.label == "spoofed"))
-    return Decision(verdict="spoofed", labels=labels, sources=(false,), skies=(), onset=None, until=None, open=None)
+    return Decision(
+        verdict="spoofed",
+        labels=labels,
+        sources=(false,),
+        skies=(),
+        onset=Onset(seen=WHOLE.gpst[30], earliest=None),
+        until=None,
+        open=None,
+    )
 
 
 def positions_in(log, smoothing_s=20.0):
-    return positions_of(log, decision(), RECORDS.navigation, Settings(smoothing_s=smoothing_s))
+    settings = Settings(smoothing_s=smoothing_s)
+    return positions_of(log, decision(), RECORDS.navigation, settings)
 
 
 @pytest.fixture
@@ -90,3 +104,75 @@ def test_what_there_is_no_fix_of_is_none():
     assert found.track("trusted") is None
     assert found.whole("trusted") is None
     assert found.track("false") is not None
+
+
+def clean_positions(labels=(), *, suspect_from=None, hidden=None, **settings):
+    windows = () if suspect_from is None else (word("suspect", suspect_from, CLEAN.gpst[-1]),)
+    decided = replace(decision(), verdict="no_attack_seen", labels=tuple(labels), sources=(), windows=windows)
+    return positions_of(CLEAN, decided, RECORDS.navigation, Settings(smoothing_s=20.0, **settings), hidden=hidden)
+
+
+def word(name, start, end):
+    return WindowWord(receiver="rx1", start_gpst=start, end_gpst=end, word=name)
+
+
+def of_clean(label, first, last):
+    return [
+        LabelledSignal(ref=SignalRef("rx1", signal), label=label, first_epoch=first, last_epoch=last, because=())
+        for signal in CLEAN.signals
+    ]
+
+
+def kinds_by_epoch(found):
+    """The kinds of each epoch that has a fix, by its row of the log."""
+    kinds = [[] for _ in range(CLEAN.gpst.size)]
+    for kind, fix in usable_fixes(found):
+        for at in fix.gpst[fix.status == 0]:
+            kinds[int(np.argmin(np.abs(CLEAN.gpst - at)))].append(kind)
+    return kinds
+
+
+def test_while_no_test_fails_every_epoch_has_a_consistent_fix():
+    fix = clean_positions().whole("consistent")
+    assert (fix.status == 0).all()
+    assert np.isfinite(fix.protection_m).all()
+    assert np.isnan(fix.hidden_m).all()  # no test says what it would have missed
+
+
+def test_no_epoch_has_two_fixes_and_the_trusted_one_is_first():
+    found = clean_positions(of_clean("authentic", 20, 49), suspect_from=CLEAN.gpst[70], speed_max_m_s=0.0)
+    kinds = kinds_by_epoch(found)
+    assert kinds == [["consistent"]] * 20 + [["trusted"]] * 30 + [["consistent"]] * 20 + [["held"]] * 20
+
+
+@pytest.mark.parametrize("epochs", [7, 31, 89])
+def test_stretches_of_any_length_give_the_same_consistent_fixes(monkeypatch, epochs):
+    labels = of_clean("authentic", 20, 49)
+    expected = clean_positions(labels).whole("consistent")
+    monkeypatch.setattr(positions, "STRETCH_EPOCHS", epochs)
+    found = clean_positions(labels).whole("consistent")
+    good = expected.status == 0
+    assert np.array_equal(found.status == 0, good)
+    np.testing.assert_allclose(found.position_ecef_m[good], expected.position_ecef_m[good], atol=1e-6)
+    assert kinds_by_epoch(clean_positions(labels)) == [
+        ["trusted"] if 20 <= k < 50 else ["consistent"] for k in range(90)
+    ]
+
+
+@pytest.mark.parametrize("label", ["spoofed", "multipath"])
+def test_false_signals_and_reflections_make_no_consistent_fix(label):
+    found = clean_positions(of_clean(label, 30, 59)).whole("consistent")
+    assert np.array_equal(np.flatnonzero(found.status != 0), np.arange(30, 60))
+
+
+def test_what_may_be_hidden_grows_from_the_last_evidence_on():
+    drag = HiddenDrag(
+        zero=CLEAN.gpst[0], edges_s=np.array([0.0, 50.0, 90.0]), rate_m_s=np.array([1.0, 0.5]), jump_m=np.full(2, 7.0)
+    )
+    hidden_m = np.full(90, np.nan)
+    for kind, fix in usable_fixes(clean_positions(of_clean("authentic", 20, 29), hidden=drag)):
+        good = np.flatnonzero(fix.status == 0)
+        hidden_m[good] = fix.hidden_m[good]
+        assert (kind == "trusted") == (fix.hidden_m[good] == 0.0)[-1]
+    assert hidden_m[[0, 10, 25]] == pytest.approx([0.0, 17.0, 0.0])
+    assert hidden_m[[30, 50, 80]] == pytest.approx([8.0, 28.0, 43.0])

@@ -1,21 +1,26 @@
-"""Where a receiver is while nothing is trusted: carried on from its trusted fixes. A false signal does not move it.
+"""Where a receiver is while no fix of satellites may be used: carried on from those before. A false signal does not
+move it.
 
-A receiver that is known to stand is where it was, as well known as it was, for as long as it takes. Its clock runs on
-with the last drift; how far that is off is not stated. What is carried from stretch to stretch is the last trusted fix
-and nothing else. Its error is that of the last fix, so the protection level of that fix holds for as long.
+A receiver that is known to stand is *held* where it was, as well known as it was, for as long as it takes. Its clock
+runs on with the last drift; how far that is off is not stated. What is carried from stretch to stretch is the last
+trusted or consistent fix and nothing else. Its error is that of the last fix, so the protection level of that fix and
+what an attack may have moved it by (`hidden`) hold for as long.
 
-One that has an inertial unit is where its navigator is, which all trusted fixes corrected, as well known as that says;
-also those of a true sky that overlaps with a false one, which stand in no row of measurements.
+One that has an inertial unit is where its navigator is, which all trusted and consistent fixes corrected, as well known
+as that says; also those of a true sky that overlaps with a false one, which stand in no row of measurements. A drag
+that no test noticed has also moved the velocity, by which what it may have moved the position by grows on.
 No protection level is promised of it: what becomes of a bias that one satellite had in all those fixes is not bounded.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any, get_args
 
 import numpy as np
 
-from skyproof.app.protect.positions import STRETCH_EPOCHS, Positions
+from skyproof.app.protect.hidden import HiddenDrag
+from skyproof.app.protect.positions import Positions, SatelliteKind, Track
 from skyproof.arrays import Instants, Reals
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -24,14 +29,15 @@ from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.inertial_foresight import Inertial, noise_of
 from skyproof.navigation.known import Known, known_of
 from skyproof.records import Fix, FixStatus
+from skyproof.verdict import UsableKind
 
-__all__ = ["Flown", "Last", "flown_on", "stands", "step", "trusted_and_coasted"]
+__all__ = ["Flown", "Last", "carried_track", "flown_on", "join_fixes", "stands", "step", "usable_fixes"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Last:
-    """The last trusted fix: its label by the receiver's clock, position (3,), covariance (4, 4), clock bias, drift, and
-    protection levels (2,)."""
+    """The last trusted or consistent fix: its label by the receiver's clock, position (3,), covariance (4, 4), clock
+    bias, drift, protection levels (2,), and by how much more an attack may have moved it, and how fast."""
 
     gpst: np.datetime64
     position_ecef_m: Reals
@@ -39,6 +45,8 @@ class Last:
     clock_bias_s: float
     clock_drift: float
     protection_m: Reals
+    hidden_m: float
+    hidden_m_s: float = 0.0
 
 
 def stands(positions: Positions) -> bool:
@@ -49,7 +57,7 @@ def stands(positions: Positions) -> bool:
 def step(last: Last | None, receiver: str, gpst: Instants, fix: Fix | None) -> tuple[Fix | None, Last | None]:
     """Fixes of a receiver that stands at those of its epochs (n,) that have none, and the last fix after them.
 
-    gpst : labels by the receiver's clock. fix : the trusted ones at the same epochs, None if there are none.
+    gpst : labels by the receiver's clock. fix : those of satellites at the same epochs, None if there are none.
     """
     good = np.zeros(gpst.size, np.bool_) if fix is None else np.asarray(fix.status == FixStatus.OK)
     known = [] if last is None else [last]
@@ -80,43 +88,50 @@ def step(last: Last | None, receiver: str, gpst: Instants, fix: Fix | None) -> t
         residual_m=np.empty((rows.size, 0)),
         status=np.full(rows.size, FixStatus.OK, np.uint8),
         protection_m=np.stack([one.protection_m for one in carried]),
+        hidden_m=np.array([one.hidden_m for one in carried]),
     ), after
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flown:
-    """What is carried of a receiver that moves: what is expected of it, and its last trusted fix.
+    """What is carried of a receiver that moves: what is expected of it, and its last trusted or consistent fix.
 
-    coming : those of `Positions.overlapping` that are later.
+    coming : those of `Positions.overlapping` that are later. hidden : as of `Positions`.
     """
 
     foresight: Inertial
     last: Last | None = None
     coming: tuple[Known, ...] = ()
+    hidden: HiddenDrag | None = None
 
 
 def flown_on(flown: Flown, receiver: str, gpst: Instants, fix: Fix | None) -> tuple[Fix | None, Flown]:
     """Fixes by inertia at those of a receiver's epochs (n,) that have none, and what is carried on after them.
 
-    gpst : labels by the receiver's clock. fix : the trusted ones at the same epochs, None if there are none.
+    gpst : labels by the receiver's clock. fix : those of satellites at the same epochs, None if there are none.
     """
     good = np.zeros(gpst.size, np.bool_) if fix is None else np.asarray(fix.status == FixStatus.OK)
-    foresight, last, coming, found = flown.foresight, flown.last, flown.coming, list[Known]()
+    foresight, last, coming = flown.foresight, flown.last, flown.coming
+    found: list[tuple[Known, float]] = []
     for first, stop in pairwise([0, *(np.flatnonzero(good[1:] != good[:-1]) + 1), gpst.size]):
         if fix is not None and good[first:stop].all():
             own = list(known_of(fix.select(slice(first, stop)), every_s=POLICY.learned_interval_s))
             foresight = foresight.learned(SkyFix(whole=own[0], each=tuple(map(noise_of, own))))
             last = _of(fix, gpst, stop - 1)
+            if flown.hidden is not None and last.hidden_m != 0.0:
+                last = replace(last, hidden_m_s=flown.hidden.rate_at(last.gpst))
             continue
         if last is not None:
             foresight, coming = _free(foresight, coming, last, gpst[first:stop], found)
-    return (_fixes(receiver, found) if found else None), Flown(foresight=foresight, last=last, coming=coming)
+    after = replace(flown, foresight=foresight, last=last, coming=coming)
+    return (_fixes(receiver, found) if found else None), after
 
 
 def _free(
-    foresight: Inertial, coming: tuple[Known, ...], last: Last, gpst: Instants, found: list[Known]
+    foresight: Inertial, coming: tuple[Known, ...], last: Last, gpst: Instants, found: list[tuple[Known, float]]
 ) -> tuple[Inertial, tuple[Known, ...]]:
-    """Carried on over epochs, what is true at which is added to `found`; a clock that is not known runs on."""
+    """Carried on over epochs, what is true at which is added to `found` with what is hidden; a clock that is not known
+    runs on."""
     for label in gpst:
         bias_s = _bias_s(last, label)
         at = label - timedelta_from_s(bias_s)
@@ -128,7 +143,8 @@ def _free(
         if (true := foresight.truth_at(at)) is not None:
             clock_m = SPEED_OF_LIGHT_M_S * np.array([bias_s, last.clock_drift])
             known = np.isfinite(np.diag(true.covariance))
-            found.append(replace(true, mean=np.where(known, true.mean, np.append(np.zeros(6), clock_m))))
+            hidden_m = last.hidden_m + last.hidden_m_s * float(seconds_between(label, last.gpst))
+            found.append((replace(true, mean=np.where(known, true.mean, np.append(np.zeros(6), clock_m))), hidden_m))
     return foresight, coming
 
 
@@ -137,13 +153,13 @@ def _bias_s(last: Last, gpst: np.datetime64) -> float:
     return last.clock_bias_s + float(seconds_between(gpst, last.gpst)) * float(np.nan_to_num(last.clock_drift))
 
 
-def _fixes(receiver: str, found: Sequence[Known]) -> Fix:
-    means, spreads = (np.stack([getattr(one, name) for one in found]) for name in ("mean", "covariance"))
+def _fixes(receiver: str, found: Sequence[tuple[Known, float]]) -> Fix:
+    means, spreads = (np.stack([getattr(one, name) for one, _ in found]) for name in ("mean", "covariance"))
     rows = np.array([0, 1, 2, 6])
     return Fix(
         receiver=receiver,
         signals=(),
-        gpst=np.array([one.gpst for one in found]),
+        gpst=np.array([one.gpst for one, _ in found]),
         position_ecef_m=means[:, :3],
         velocity_ecef_m_s=means[:, 3:6],
         clock_bias_s=means[:, 6] / SPEED_OF_LIGHT_M_S,
@@ -151,6 +167,7 @@ def _fixes(receiver: str, found: Sequence[Known]) -> Fix:
         covariance_m2=spreads[:, rows[:, None], rows],
         residual_m=np.empty((len(found), 0)),
         status=np.full(len(found), FixStatus.OK, np.uint8),
+        hidden_m=np.array([hidden_m for _, hidden_m in found]),
     )
 
 
@@ -162,38 +179,65 @@ def _of(fix: Fix, gpst: Instants, row: int) -> Last:
         clock_bias_s=float(fix.clock_bias_s[row]),
         clock_drift=float(fix.clock_drift[row]),
         protection_m=fix.protection_m[row],
+        hidden_m=float(fix.hidden_m[row]),
     )
 
 
-def trusted_and_coasted(positions: Positions) -> Iterator[tuple[str, Fix]]:
-    """The trusted fixes of a run, stretch by stretch, each with where it comes from: "satellites" or "inertia"."""
+def usable_fixes(positions: Positions) -> Iterator[tuple[UsableKind, Fix]]:
+    """Yield the fixes of a run that a user may use, stretch by stretch, one an epoch, each with its kind."""
     log, last = positions.log, None
     flown: Flown | None = None
     if isinstance(positions.foresight, Inertial):
-        flown = Flown(foresight=positions.foresight, coming=positions.overlapping)
-    for rows, fix in _stretches(positions):
-        if fix is not None:
-            yield "satellites", fix
+        flown = Flown(foresight=positions.foresight, coming=positions.overlapping, hidden=positions.hidden)
+    for rows, found in _stretches(positions):
+        yield from found.items()
+        fix = join_fixes(tuple(found.values()))
         if flown is not None:
             between, flown = flown_on(flown, log.receiver, log.gpst[rows], fix)
             if between is not None:
-                yield "inertia", between
+                yield "inertial", between
         elif stands(positions):
             between, last = step(last, log.receiver, log.gpst[rows], fix)
             if between is not None:
-                yield "inertia", between
+                yield "held", between
 
 
-def _stretches(positions: Positions) -> Iterator[tuple[slice, Fix | None]]:
-    """All epochs of the run in stretches, with their trusted fixes; None where a stretch has none."""
-    done, n = 0, positions.log.gpst.size
-    for first, fix in positions.stretches("trusted"):
-        yield from ((rows, None) for rows in _cut(done, first))
-        done = first + fix.gpst.size
-        yield slice(first, done), fix
-    yield from ((rows, None) for rows in _cut(done, n))
+def carried_track(positions: Positions) -> tuple[UsableKind, Track] | None:
+    """Return the kind of fixes that are carried on, and what stays at hand of them; None without any."""
+    parts = [(kind, fix) for kind, fix in usable_fixes(positions) if kind in ("inertial", "held")]
+    if not parts:
+        return None
+    fixes = [fix for _, fix in parts]
+    gpst, place_m, bias_s = (
+        np.concatenate([getattr(fix, name) for fix in fixes]) for name in ("gpst", "position_ecef_m", "clock_bias_s")
+    )
+    last = fixes[-1].select(slice(fixes[-1].gpst.size - 1, None))
+    return parts[0][0], Track(gpst=gpst, position_ecef_m=place_m, clock_bias_s=bias_s, last=last)
 
 
-def _cut(begin: int, stop: int) -> Iterator[slice]:
-    for first in range(begin, stop, STRETCH_EPOCHS):
-        yield slice(first, min(first + STRETCH_EPOCHS, stop))
+def join_fixes(fixes: Sequence[Fix]) -> Fix | None:
+    """Return fixes of the same epochs, none of which has an epoch with another, as one that names no signals; None
+    without any."""
+    if not fixes:
+        return None
+    names = [name for name in Fix.BY_ROW if name not in ("residual_m", "inter_system_s")]
+    values: dict[str, Any] = {name: np.array(getattr(fixes[0], name)) for name in names}
+    for fix in fixes[1:]:
+        good = fix.status == FixStatus.OK
+        for name in names:
+            values[name][good] = getattr(fix, name)[good]
+    return Fix(receiver=fixes[0].receiver, signals=(), residual_m=np.empty((len(values["gpst"]), 0)), **values)
+
+
+def _stretches(positions: Positions) -> Iterator[tuple[slice, dict[SatelliteKind, Fix]]]:
+    """All epochs of the run in stretches, each with those of its fixes of satellites that there are."""
+    kinds = get_args(SatelliteKind)
+    coming = {kind: positions.stretches(kind) for kind in kinds if kind in positions.masks}
+    ahead = {kind: next(stretches, None) for kind, stretches in coming.items()}
+    for rows in positions.cut():
+        here: dict[SatelliteKind, Fix] = {}
+        for kind, one in ahead.items():
+            if one is not None and one[0] == rows.start:
+                here[kind] = one[1]
+        ahead |= {kind: next(coming[kind], None) for kind in here}
+        yield rows, here

@@ -15,7 +15,7 @@ from skyproof.app.protect.methods import of_detectors
 from skyproof.app.protect.noticed import noticed_sizes
 from skyproof.app.protect.outcome import DIGITS, InputNote, Outcome, ReceiverOutcome
 from skyproof.app.protect.own_words import own_fix_of, own_states_of, own_words_of
-from skyproof.app.protect.positions import Track, place_of, sigmas_enu_m
+from skyproof.app.protect.positions import KINDS, Track, place_of, sigmas_enu_m
 from skyproof.app.protect.sources import list_sources
 from skyproof.app.protect.summary import summarize
 from skyproof.arrays import Reals
@@ -204,9 +204,7 @@ def _receiver(r: ReceiverOutcome, windows: Sequence[WindowResult]) -> ReceiverRe
         input=source.path or source.name,
         start_gpst=None if start is None else iso(start, DIGITS),
         duration_s=r.reception.examined_s,
-        trusted_fix=_position(r.tracks.get("trusted")),
-        false_fix=_position(r.tracks.get("false")),
-        unprotected_fix=_position(r.tracks.get("unprotected")),
+        **{f"{kind}_fix": _position(r.tracks.get(kind)) for kind in KINDS},
         own_fix=own_fix_of(own.fixes, r.tracks.get("trusted")),
         own_states=own_states_of(own.states),
     )
@@ -234,6 +232,7 @@ def _position(track: Track | None) -> Position | None:
         sigma_up_m=up,
         horizontal_protection_m=horizontal,
         vertical_protection_m=vertical,
+        hidden_m=float(fix.hidden_m[0]) if np.isfinite(fix.hidden_m[0]) else None,
     )
 
 

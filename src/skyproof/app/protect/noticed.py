@@ -1,6 +1,7 @@
 """What the tests of a run would have noticed: of each kind of attack, the size from which on."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -8,29 +9,45 @@ import numpy as np
 from skyproof.records import Finding, NoticedKind
 from skyproof.verdict import NoticedSize
 
-__all__ = ["noticed_sizes"]
+__all__ = ["TestedWindows", "noticed_sizes", "tested_windows"]
 
 _UNITS: Final[dict[NoticedKind, str]] = {"position_jump": "m", "clock_jump": "s", "code_drag": "m/s", "motion": "m/s"}
 _KINDS: Final = tuple(_UNITS)
 
 
-def noticed_sizes(findings: Sequence[Finding]) -> Iterator[NoticedSize]:
+@dataclass(frozen=True, eq=False)
+class TestedWindows:
+    """Windows of each receiver, start to end; and of each receiver and kind of attack the size that the best test of a
+    window would have noticed, with the test's detector, by the window's start."""
+
+    ends: dict[str, dict[np.datetime64, np.datetime64]]
+    best: dict[tuple[str, NoticedKind], dict[np.datetime64, tuple[float, str]]]
+
+
+def tested_windows(findings: Iterable[Finding]) -> TestedWindows:
+    """Collect what the tests of all windows would have noticed."""
+    found = TestedWindows({}, {})
+    for finding in findings:
+        start, end = finding.start_gpst, finding.end_gpst
+        for receiver in {ref.receiver for ref in finding.signals}:
+            ends = found.ends.setdefault(receiver, {})
+            ends[start] = max(end, ends.get(start, end))
+            for attack in finding.noticed:
+                best = found.best.setdefault((receiver, attack.kind), {})
+                size = attack.size, finding.detector
+                best[start] = min(size, best.get(start, size))
+    return found
+
+
+def noticed_sizes(findings: Iterable[Finding]) -> Iterator[NoticedSize]:
     """Yield of each receiver and kind of attack the size that the best test of any window would have noticed.
 
     A window of which no test gives a size counts as one in which the attack would have passed.
     """
-    best: dict[tuple[str, NoticedKind], dict[np.datetime64, tuple[float, str]]] = {}
-    windows: dict[str, set[np.datetime64]] = {}
-    for finding in findings:
-        for receiver in {ref.receiver for ref in finding.signals}:
-            windows.setdefault(receiver, set()).add(finding.start_gpst)
-            for attack in finding.noticed:
-                of_kind = best.setdefault((receiver, attack.kind), {})
-                found = attack.size, finding.detector
-                of_kind[finding.start_gpst] = min(found, of_kind.get(finding.start_gpst, found))
-    for (receiver, kind), of_kind in sorted(best.items(), key=lambda each: (each[0][0], _KINDS.index(each[0][1]))):
-        size, detector = max(of_kind.values())
-        share = len(of_kind) / len(windows[receiver])
+    windows = tested_windows(findings)
+    for (receiver, kind), best in sorted(windows.best.items(), key=lambda each: (each[0][0], _KINDS.index(each[0][1]))):
+        size, detector = max(best.values())
+        share = len(best) / len(windows.ends[receiver])
         yield NoticedSize(
             receiver=receiver, kind=kind, size=size, unit=_UNITS[kind], detector=detector, share_of_windows=share
         )

@@ -18,9 +18,7 @@ from skyproof.records import (
 )
 from skyproof.remarks import Remark, RemarkKind
 from skyproof.short_repr import ShortRepr
-from skyproof.verdict import (
-    InputFile,
-)
+from skyproof.verdict import USABLE, InputFile
 
 __all__ = ["DIGITS", "InputNote", "Outcome", "ReceiverOutcome"]
 
@@ -58,7 +56,7 @@ class InputNote:
 class ReceiverOutcome(ShortRepr):
     """One receiver's positions by kind (`positions.KINDS`, or the name of a source or of one of two open skies).
 
-    tracks : those that have a fix.
+    tracks : those that have a fix, in the order of `KINDS`.
     """
 
     reception: Reception
@@ -69,6 +67,11 @@ class ReceiverOutcome(ShortRepr):
     def shown(self) -> dict[str, Track]:
         """By the name of what shows it, whether a source of false signals or one of two open skies."""
         return {name: track for name, track in self.tracks.items() if name not in KINDS}
+
+    @property
+    def usable(self) -> Track | None:
+        """The fixes of the first kind that a user may use; None if there are none."""
+        return next((self.tracks[kind] for kind in USABLE if kind in self.tracks), None)
 
     @cached_property
     def trusted(self) -> Fix | None:

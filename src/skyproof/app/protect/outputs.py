@@ -16,7 +16,7 @@ from skyproof.app.common.memory import give_back
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
 from skyproof.app.common.settings import Settings
-from skyproof.app.protect.coasting import trusted_and_coasted
+from skyproof.app.protect.coasting import usable_fixes
 from skyproof.app.protect.document import versions
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.app.protect.own_words import own_words_of, with_a_place
@@ -52,7 +52,7 @@ from skyproof.records import (
     SignalId,
 )
 from skyproof.report.page import report_html
-from skyproof.verdict import Verdict
+from skyproof.verdict import USABLE, Verdict
 
 __all__ = ["evidence_line", "require_outputs_free", "write_outputs"]
 
@@ -153,9 +153,8 @@ def _write_fixes(outcome: Outcome, folder: Path) -> None:
     with growing_tables([folder / name for name in TABLES[:2]]) as take:
         take(fixes_columns([]))
         for r in outcome.receivers:
-            for kind in kinds_of(r):
-                for source, fix in _fixes(r, kind):
-                    take(fixes_columns([(kind, fix)], source))
+            for kind, fix in _fixes(r):
+                take(fixes_columns([(kind, fix)]))
             own = own_words_of(r.reception).fixes
             rows = with_a_place(own)
             for first in range(0, rows.size, _TABLE_CELLS):
@@ -180,11 +179,13 @@ def _write_signals(outcome: Outcome, folder: Path) -> None:
             take({})
 
 
-def _fixes(r: ReceiverOutcome, kind: str) -> Iterator[tuple[str, Fix]]:
-    """All fixes of a kind, each with where it comes from."""
-    if r.positions is not None and kind == "trusted":
-        return trusted_and_coasted(r.positions)
-    return (("satellites", fix) for _, fix in _stretches(r, kind))
+def _fixes(r: ReceiverOutcome) -> Iterator[tuple[str, Fix]]:
+    """All fixes that are given out, each with its kind: those that may be used in order of time, then the others."""
+    if r.positions is not None and r.usable is not None:
+        yield from usable_fixes(r.positions)
+    for kind in kinds_of(r):
+        if kind not in USABLE:
+            yield from ((kind, fix) for _, fix in _stretches(r, kind))
 
 
 def _stretches(r: ReceiverOutcome, kind: str) -> Iterator[tuple[int, Fix]]:

@@ -47,7 +47,7 @@ from skyproof.report.pictures import (
     SkyPosition,
     TruePlace,
 )
-from skyproof.verdict import Label
+from skyproof.verdict import USABLE, Label
 
 __all__ = ["kinds_of", "pictures_of"]
 
@@ -101,8 +101,8 @@ def pictures_of(outcome: Outcome) -> Pictures:
 
 
 def _origin(outcome: Outcome) -> Any:
-    """The first trusted place; without one, the first of any kind."""
-    for kind in ("trusted", "unprotected", "false"):
+    """The first place that may be used; without one, the first of any kind."""
+    for kind in (*USABLE, "unprotected", "false"):
         for r in outcome.receivers:
             if kind in r.tracks:
                 return r.tracks[kind].last.position_ecef_m[0]
@@ -214,7 +214,7 @@ def _labels_of(o: ObservationLog, outcome: Outcome) -> list[LabelledSignal]:
 
 def _sky(r: ReceiverOutcome, outcome: Outcome) -> list[SkyPosition]:
     o = r.reception.observations
-    track = r.tracks.get("trusted") or r.tracks.get("unprotected")
+    track = r.usable or r.tracks.get("unprotected")
     if o is None or track is None:
         return []
     place = track.last.position_ecef_m[0]

@@ -1,27 +1,42 @@
 """A receiver's positions of each kind, computed stretch by stretch, so that memory does not grow with the run."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from skyproof.app.common.settings import Settings
-from skyproof.arrays import Booleans, Instants, Reals
+from skyproof.app.protect.hidden import HiddenDrag
+from skyproof.arrays import Booleans, Indices, Instants, Reals
+from skyproof.fusion.consistent import consistent_cells
 from skyproof.fusion.fuse import Decision
+from skyproof.fusion.policy import POLICY
 from skyproof.fusion.trusted import carries, fix_of, masked, of_signals
 from skyproof.fusion.unprotected import followed
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.foresight import Foresight
 from skyproof.navigation.known import Known
+from skyproof.navigation.screen import empty_epochs
 from skyproof.navigation.smooth import smooth
 from skyproof.records import Fix, FixStatus, NavigationData, ObservationLog, SignalId
-from skyproof.verdict import Place
+from skyproof.verdict import USABLE, Place
 
-__all__ = ["KINDS", "STRETCH_EPOCHS", "Positions", "Track", "place_of", "positions_of", "sigmas_enu_m"]
+__all__ = [
+    "KINDS",
+    "STRETCH_EPOCHS",
+    "Positions",
+    "SatelliteKind",
+    "Track",
+    "place_of",
+    "positions_of",
+    "sigmas_enu_m",
+]
 
-KINDS: Final = ("trusted", "false", "unprotected")
+SatelliteKind = Literal["trusted", "consistent"]
+"""Of fixes that may be used, those of satellites."""
+KINDS: Final = (*USABLE, "false", "unprotected")
 """Of a receiver's fixes. Others are named as the sources of false signals, or as skies of which one may be true."""
 STRETCH_EPOCHS: Final = 1024
 
@@ -48,7 +63,7 @@ class Track:
 class Positions:
     """masks : by kind, which cells (n_epochs, n_channels) of the log its fixes are made of. foresight : what is to be
     expected of the receiver, before anything was learned. overlapping : fixes of a true sky that was taken apart from a
-    false one, in order."""
+    false one, in order. hidden : how far an attack may have moved it unnoticed; None where no test says."""
 
     log: ObservationLog
     orbits: NavigationData
@@ -56,40 +71,85 @@ class Positions:
     masks: Mapping[str, Callable[[], Booleans]]
     foresight: Foresight | None = None
     overlapping: tuple[Known, ...] = ()
+    hidden: HiddenDrag | None = None
+
+    def cut(self) -> Iterator[slice]:
+        """Yield the epochs of the run in stretches."""
+        n = self.log.gpst.size
+        yield from (slice(first, min(first + STRETCH_EPOCHS, n)) for first in range(0, n, STRETCH_EPOCHS))
 
     def stretches(self, kind: str) -> Iterator[tuple[int, Fix]]:
         """The fixes of a kind as stretches, each with the epoch that it begins at; those without any are left out.
 
         Smoothed after the choice of signals: what a channel followed before or after it was captured does not leak.
+        Epochs with a trusted fix have no consistent one.
         """
         if (kept := self._kept.get(kind)) is not None:
             yield kept
             return
-        mask, elapsed_s = self.masks[kind](), self.log.elapsed_s
-        reach_s = 0.5 * self.settings.smoothing_s * (1.0 + 1e-6)
-        for first in range(0, elapsed_s.size, STRETCH_EPOCHS):
-            stop = min(first + STRETCH_EPOCHS, elapsed_s.size)
-            if not mask[first:stop].any():
-                continue
-            rim_s = [elapsed_s[first] - reach_s, elapsed_s[stop - 1] + reach_s]
-            begin, end = (int(row) for row in np.searchsorted(elapsed_s, rim_s))
-            smoothed = smooth(masked(self.log.read(begin, end), mask[begin:end]), window_s=self.settings.smoothing_s)
-            found = fix_of(
-                smoothed.read(first - begin, stop - begin),
-                self.orbits,
-                multipath_sigma_m=self.settings.multipath_sigma_m,
-                elevation_mask_deg=self.settings.elevation_mask_deg,
-                ordinary=kind == "unprotected",
-                integrity_risk=self.settings.integrity_risk if kind == "trusted" else None,
-            )
+        mask = self.masks[kind]()
+        trusted = self.masks["trusted"]() if kind == "consistent" else None
+        since = self._evidence_epochs() if kind == "consistent" else None
+        for rows in self.cut():
+            first, stop = rows.start, rows.stop
+            wanted: Booleans = np.asarray(mask[first:stop].any(axis=1))
+            if trusted is not None and wanted.any():
+                wanted &= ~self._is_trusted(trusted, first, stop)
+            found = self._fix(kind, mask, first, stop) if wanted.any() else None
             if found is None:
                 continue
-            if elapsed_s.size <= STRETCH_EPOCHS:  # a short run is not computed again
+            if since is not None:
+                found = self._with_hidden(_only(found, wanted), since[first:stop], first)
+            elif kind == "trusted":
+                self._trusted[first] = _good(found)
+                found = replace(found, hidden_m=np.where(_good(found), 0.0, np.nan))
+            if len(mask) <= STRETCH_EPOCHS:  # a short run is not computed again
                 self._kept[kind] = first, found
             yield first, found
 
+    def _fix(self, kind: str, mask: Booleans, first: int, stop: int) -> Fix | None:
+        """The fixes of epochs `first` to before `stop`, from the cells of a mask of the whole run."""
+        elapsed_s, reach_s = self.log.elapsed_s, 0.5 * self.settings.smoothing_s * (1.0 + 1e-6)
+        rim_s = [elapsed_s[first] - reach_s, elapsed_s[stop - 1] + reach_s]
+        begin, end = (int(row) for row in np.searchsorted(elapsed_s, rim_s))
+        smoothed = smooth(masked(self.log.read(begin, end), mask[begin:end]), window_s=self.settings.smoothing_s)
+        return fix_of(
+            smoothed.read(first - begin, stop - begin),
+            self.orbits,
+            multipath_sigma_m=self.settings.multipath_sigma_m,
+            elevation_mask_deg=self.settings.elevation_mask_deg,
+            ordinary=kind == "unprotected",
+            integrity_risk=self.settings.integrity_risk if kind in ("trusted", "consistent") else None,
+        )
+
+    def _is_trusted(self, mask: Booleans, first: int, stop: int) -> Booleans:
+        """(stop - first,) at which epochs there is a trusted fix."""
+        if first not in self._trusted:
+            found = self._fix("trusted", mask, first, stop) if mask[first:stop].any() else None
+            self._trusted[first] = np.zeros(stop - first, np.bool_) if found is None else _good(found)
+        return self._trusted[first]
+
+    def _evidence_epochs(self) -> Indices:
+        """(n_epochs,) the last epoch until then with enough signals for a fix that are shown to be true, or the first
+        one."""
+        shown = self.masks["trusted"]().sum(axis=1) >= POLICY.fix_signals
+        return np.asarray(np.maximum.accumulate(np.where(shown, np.arange(shown.size), 0)))
+
+    def _with_hidden(self, fix: Fix, since: Indices, first: int) -> Fix:
+        """The fix with what an attack may have moved it by since these epochs."""
+        if self.hidden is None:
+            return fix
+        gpst = self.log.gpst
+        hidden_m = self.hidden.between(gpst[since], gpst[first : first + since.size])
+        return replace(fix, hidden_m=np.where(_good(fix), hidden_m, np.nan))
+
     @cached_property
     def _kept(self) -> dict[str, tuple[int, Fix]]:
+        return {}
+
+    @cached_property
+    def _trusted(self) -> dict[int, Booleans]:
+        """Epochs with a trusted fix, by the first epoch of their stretch."""
         return {}
 
     def track(self, kind: str) -> Track | None:
@@ -98,7 +158,7 @@ class Positions:
         gpst, bias_s, place_m = self.log.gpst.copy(), np.full(n, np.nan), np.full((n, 3), np.nan)
         last: Fix | None = None
         for first, fix in self.stretches(kind):
-            good = np.flatnonzero(fix.status == FixStatus.OK)
+            good = np.flatnonzero(_good(fix))
             gpst[first + good], bias_s[first + good] = fix.gpst[good], fix.clock_bias_s[good]
             place_m[first + good] = fix.position_ecef_m[good]
             last = fix.select(good[-1:]) if good.size else last
@@ -121,6 +181,7 @@ class Positions:
             "covariance_m2": (4, 4),
             "residual_m": (len(signals),),
             "protection_m": (2,),
+            "hidden_m": (),
         }
         values: dict[str, Any] = {name: np.full((n, *shape), np.nan) for name, shape in shapes.items()}
         values["gpst"] = self.log.gpst.copy()
@@ -137,6 +198,17 @@ class Positions:
         return Fix(receiver=self.log.receiver, signals=signals, inter_system_s=offsets, **values)
 
 
+def _good(fix: Fix) -> Booleans:
+    """(n,)"""
+    return np.asarray(fix.status == FixStatus.OK)
+
+
+def _only(fix: Fix, wanted: Booleans) -> Fix:
+    """The fix of some epochs, (n,)."""
+    status = np.where(wanted | ~_good(fix), fix.status, FixStatus.TOO_FEW).astype(np.uint8)
+    return empty_epochs(fix, ~wanted, status)
+
+
 def positions_of(
     log: ObservationLog,
     decision: Decision,
@@ -144,13 +216,14 @@ def positions_of(
     settings: Settings,
     foresight: Foresight | None = None,
     overlapping: tuple[Known, ...] = (),
+    hidden: HiddenDrag | None = None,
 ) -> Positions:
-    """Of a receiver: from authentic signals, from spoofed ones, as a receiver without protection has them, and what
-    each source of false signals shows, or each sky where it is open which is true.
-    """
+    """Of a receiver: from authentic signals, from consistent and from spoofed ones, as a receiver without protection
+    has them, and what each source of false signals shows, or each sky where it is open which is true."""
     labels = decision.labels
     masks: dict[str, Callable[[], Booleans]] = {
         "trusted": lambda: carries(log, labels, "authentic"),
+        "consistent": lambda: consistent_cells(log, decision),
         "false": lambda: carries(log, labels, "spoofed"),
         "unprotected": lambda: followed(log),
     }
@@ -165,7 +238,13 @@ def positions_of(
             own = tuple(ref.signal for ref in source.signals if ref.receiver == log.receiver)
             masks[source.name] = showing(own, decided)
     return Positions(
-        log=log, orbits=orbits, settings=settings, masks=masks, foresight=foresight, overlapping=overlapping
+        log=log,
+        orbits=orbits,
+        settings=settings,
+        masks=masks,
+        foresight=foresight,
+        overlapping=overlapping,
+        hidden=hidden,
     )
 
 

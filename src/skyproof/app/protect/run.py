@@ -29,14 +29,16 @@ from skyproof.app.common.platform_use import described, inputs_of, settings_of
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, detectors_for, examine_all, following_epochs, windows_of
+from skyproof.app.protect.coasting import carried_track
 from skyproof.app.protect.document import document
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.explanation import why_untested
 from skyproof.app.protect.foresights import antenna_units, foresights_of, surveyed_positions, unit_of
+from skyproof.app.protect.hidden import hidden_drags
 from skyproof.app.protect.orbits import lacking_orbits, require_same_day
 from skyproof.app.protect.outcome import InputNote, Outcome, ReceiverOutcome
 from skyproof.app.protect.outputs import require_outputs_free, write_outputs
-from skyproof.app.protect.positions import positions_of
+from skyproof.app.protect.positions import KINDS, Track, positions_of
 from skyproof.app.protect.so_far import NOTES, WordsSoFar
 from skyproof.app.receive.inputs import antennas_of, following_antennas, list_paths, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
@@ -58,7 +60,6 @@ from skyproof.gnss.time import iso, seconds_between, timedelta_from_s
 from skyproof.interruption import Stopped, came, deferred, heard
 from skyproof.navigation.foresight import Foresight, Standing
 from skyproof.navigation.inertial_foresight import Inertial
-from skyproof.navigation.known import Known
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
@@ -428,7 +429,22 @@ def judge(
         so_far.note(chosen.evidence)
         evidence = PackedLog(merge(evidence, chosen.evidence, key=_window))
         decision = fuse(evidence, observed, sets)
-    outcomes = [_receiver_outcome(r, decision, orbits, settings, foresights, chosen.fixes) for r in receptions]
+    standing_still = [o.receiver for o in observed] if settings.speed_max_m_s == 0.0 else []
+    hidden = hidden_drags(evidence, standing=standing_still)
+
+    def place(reception: Reception) -> ReceiverOutcome:
+        name = reception.observations.receiver if reception.observations is not None else ""
+        return _receiver_outcome(
+            reception,
+            decision,
+            orbits,
+            settings,
+            foresight=foresights.get(name),
+            overlapping=chosen.fixes.get(name, ()),
+            hidden=hidden.get(name),
+        )
+
+    outcomes = [place(r) for r in receptions]
     outcome = Outcome(
         receivers=tuple(outcomes),
         decision=decision,
@@ -463,24 +479,23 @@ def _window(one: Finding) -> tuple[np.datetime64, np.datetime64]:
 
 
 def _receiver_outcome(
-    reception: Reception,
-    decision: Decision,
-    orbits: NavigationData,
-    settings: Settings,
-    foresights: Mapping[str, Foresight],
-    overlapping: Mapping[str, tuple[Known, ...]],
+    reception: Reception, decision: Decision, orbits: NavigationData, settings: Settings, **of_receiver: Any
 ) -> ReceiverOutcome:
+    """of_receiver : the other arguments of `positions_of`."""
     o = reception.observations
     if o is None or not orbits.ephemerides:
         return ReceiverOutcome(reception=reception)
-    own = overlapping.get(o.receiver, ())
-    positions = positions_of(o, decision, orbits, settings, foresights.get(o.receiver), own)
-    tracks = {kind: positions.track(kind) for kind in positions.masks}
+    positions = positions_of(o, decision, orbits, settings, **of_receiver)
+    tracks: dict[str, Track | None] = {kind: positions.track(kind) for kind in positions.masks}
+    if (carried := carried_track(positions)) is not None:
+        tracks |= [carried]
     give_back()
+    order = [kind for kind in KINDS if kind in tracks]
+    found = {kind: tracks[kind] for kind in dict.fromkeys([*order, *tracks])}
     return ReceiverOutcome(
         reception=reception,
         positions=positions,
-        tracks={kind: track for kind, track in tracks.items() if track is not None},
+        tracks={kind: track for kind, track in found.items() if track is not None},
     )
 
 

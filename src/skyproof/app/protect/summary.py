@@ -15,10 +15,7 @@ from skyproof.gnss.time import iso
 from skyproof.records import (
     Finding,
 )
-from skyproof.report.positions import radius_95_m
-from skyproof.verdict import (
-    clock_words,
-)
+from skyproof.verdict import clock_words, radius_95_m
 
 __all__ = ["summarize"]
 

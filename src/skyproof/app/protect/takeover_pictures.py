@@ -9,10 +9,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.app.protect.coasting import stands, trusted_and_coasted
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.app.protect.positions import Track
-from skyproof.arrays import Instants, Integers, Reals
+from skyproof.arrays import Integers, Reals
 from skyproof.detectors.dccaf.bursts import amplitudes, between_taps, own_correlation, shapes
 from skyproof.detectors.dccaf.delays import DccafSettings, Delays, delays_of, last_burst
 from skyproof.detectors.dccaf.detector import Dccaf
@@ -22,11 +21,11 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.signals import prn_of
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known
 from skyproof.records import Ccaf, Finding
 from skyproof.report.pictures import FixTrack, Kind
-from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins, Origin, OriginSpan, TimeOffset
+from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins, OriginSpan, TimeOffset
+from skyproof.verdict import USABLE, UsableKind
 
 __all__ = ["compared_skies", "correlations", "origins"]
 
@@ -166,41 +165,31 @@ def _offset(name: str, kind: Kind, known: Known, expected: Known) -> TimeOffset:
 
 
 def origins(outcome: Outcome, zero: np.datetime64) -> list[FixOrigins]:
-    """Of receivers with trusted positions, where there is an attack or something else than satellites gave some."""
+    """Of receivers with positions that may be used, where there is an attack or these are of several kinds."""
     found = [one for r in outcome.receivers if (one := _origins(r, zero)) is not None]
     attacked = outcome.decision.verdict == "spoofed"
-    return [one for one in found if attacked or {s.origin for s in one.trusted} != {"satellites"}][:_RECEIVERS]
+    return [one for one in found if attacked or len({s.origin for s in one.usable}) > 1][:_RECEIVERS]
 
 
 def _origins(r: ReceiverOutcome, zero: np.datetime64) -> FixOrigins | None:
-    trusted, ordinary = r.tracks.get("trusted"), r.tracks.get("unprotected")
-    if trusted is None or r.positions is None:
+    if r.usable is None or r.positions is None:
         return None
-    place_m, origin = trusted.position_ecef_m.copy(), np.where(trusted.fixed, "satellites", "")
-    if isinstance(r.positions.foresight, Inertial):
-        for at, carried_m in _flown(r):
-            rows = np.clip(np.searchsorted(trusted.gpst, at), 0, origin.size - 1)
+    gpst = r.positions.log.gpst
+    place_m, origin = np.full((gpst.size, 3), np.nan), np.full(gpst.size, "", "U10")
+    for kind in USABLE:
+        if (track := r.tracks.get(kind)) is not None:
+            fixed = np.flatnonzero(track.fixed)
+            rows = np.clip(np.searchsorted(gpst, track.gpst[fixed]), 0, gpst.size - 1)
+            rows = fixed if track.gpst.size == gpst.size else rows
             free = origin[rows] == ""
-            place_m[rows[free]], origin[rows[free]] = carried_m[free], "inertia"
-    elif stands(r.positions):
-        number = np.cumsum(trusted.fixed)
-        held = (number > 0) & ~trusted.fixed
-        place_m[held], origin[held] = trusted.position_ecef_m[trusted.fixed][number[held] - 1], "held"
-    seconds = np.asarray(seconds_between(trusted.gpst, zero), np.float64)
+            place_m[rows[free]], origin[rows[free]] = track.position_ecef_m[fixed[free]], kind
+    seconds = np.asarray(seconds_between(gpst, zero), np.float64)
     return FixOrigins(
         receiver=r.reception.source.name,
-        trusted=tuple(_stretches(origin, seconds)),
+        usable=tuple(_stretches(origin, seconds)),
         seconds=seconds,
-        away_m=_away_m(place_m, ordinary),
+        away_m=_away_m(place_m, r.tracks.get("unprotected")),
     )
-
-
-def _flown(r: ReceiverOutcome) -> Iterator[tuple[Instants, Reals]]:
-    """Times and positions by inertia, stretch by stretch."""
-    assert r.positions is not None
-    for source, fix in trusted_and_coasted(r.positions):
-        if source == "inertia":
-            yield fix.gpst, fix.position_ecef_m
 
 
 def _away_m(place_m: Reals, ordinary: Track | None) -> Reals:
@@ -214,5 +203,5 @@ def _stretches(origin: NDArray[np.str_], seconds: Reals) -> Iterator[OriginSpan]
     edges = [0, *(np.flatnonzero(origin[1:] != origin[:-1]) + 1).tolist(), origin.size]
     for first, stop in pairwise(edges):
         if origin[first]:
-            name: Origin = origin[first].item()
+            name: UsableKind = origin[first].item()
             yield OriginSpan(name, float(seconds[first]), float(seconds[min(stop, origin.size - 1)]))

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyproof.arrays import Indices, Reals
+from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, FixStatus
@@ -28,12 +28,13 @@ class FixErrors:
     """Of the epochs that have a fix.
 
     off_enu_m : (n, 3) fix minus truth. sigma_enu_m : (n, 3) that it states. protection_m : (n, 2) its levels, NaN where
-        none is promised.
+        none is promised. hidden_m : (n,) by how much more an attack may have moved it, NaN where nothing bounds that.
     """
 
     off_enu_m: Reals
     sigma_enu_m: Reals
     protection_m: Reals
+    hidden_m: Reals
 
     @property
     def bound_m(self) -> Reals:
@@ -55,6 +56,11 @@ class FixErrors:
         """(n,)"""
         return np.asarray(np.linalg.norm(self.off_enu_m, axis=1))
 
+    def beyond(self, bounds: float) -> Booleans:
+        """Return which fixes, (n,), are off, level, by more than so many bounds and what is hidden; none of those of
+        which nothing bounds that."""
+        return np.asarray(self.horizontal_m > bounds * self.bound_m + self.hidden_m)
+
     @property
     def sizes_m(self) -> Reals:
         """(n, 2) of what the levels are of: horizontally, vertically."""
@@ -71,12 +77,14 @@ def fix_errors(scene: Scene, sky: ReceiverSky, fix: Fix) -> FixErrors:
 def compare_with_truth(fix: Fix, epochs: Indices, truth_ecef_m: Reals) -> FixErrors:
     """Compare some epochs of a fix with where the antenna was, (n, 3)."""
     if not epochs.size:
-        return FixErrors(off_enu_m=np.empty((0, 3)), sigma_enu_m=np.empty((0, 3)), protection_m=np.empty((0, 2)))
+        empty = np.empty((0, 3))
+        return FixErrors(off_enu_m=empty, sigma_enu_m=empty, protection_m=empty[:, :2], hidden_m=empty[:, 0])
     rot = rot_enu_ecef(*geodetic_from_ecef(truth_ecef_m[0])[:2])
     return FixErrors(
         off_enu_m=(fix.position_ecef_m[epochs] - truth_ecef_m) @ rot.T,
         sigma_enu_m=np.sqrt(np.einsum("ij,njk,ik->ni", rot, fix.covariance_m2[epochs, :3, :3], rot)),
         protection_m=fix.protection_m[epochs],
+        hidden_m=fix.hidden_m[epochs],
     )
 
 

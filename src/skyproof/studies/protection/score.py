@@ -6,7 +6,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.app.protect.coasting import trusted_and_coasted
+from skyproof.app.protect.coasting import usable_fixes
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
@@ -20,7 +20,7 @@ __all__ = ["NEAR_M", "WRONG_BOUNDS", "false_labels", "onset_s", "score", "true_l
 NEAR_M: Final = 100.0
 """A signal whose delay is no nearer than this to any that is there is none of them."""
 WRONG_BOUNDS: Final = 3.0
-"""A trusted fix that is off by so many of its 95 % bounds is a false position that was trusted."""
+"""A fix that is off by so many of its 95 % bounds is a false position that was given out."""
 _WRONGLY_S: Final = 1.0
 
 
@@ -31,19 +31,21 @@ def score(scene: Scene, verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
         which a test says so; None if none does. onset_error_s : of the onset that the verdict states.
     false_alarms : windows that end before the onset, or any without one, in which a test says so.
     wrong_labels : signals called authentic or spoofed that are not, for a second or more.
-    trusted_* : errors in space of trusted fixes; wrong_fixes : how many of them are off by more than `WRONG_BOUNDS`
-        bounds, level. trusted_share : of all epochs of all receivers.
+    trusted_* : errors in space of fixes that may be used, but for consistent ones; trusted_share : of all epochs of all
+        receivers; consistent_share : that of consistent ones. wrong_fixes : how many of all these are off, level, by
+        more than `WRONG_BOUNDS` bounds and what an attack may have moved them by unnoticed.
     protection_*, beyond_* : of their protection levels, as `protection_columns` has them; the bins of a Stanford
         diagram, `stanford_rows`, stand under `STANFORD`.
     """
     began_s = onset_s(scene)
-    trusted, epochs, ordinary = list[FixErrors](), 0, 0.0
+    trusted, consistent, epochs, ordinary = list[FixErrors](), list[FixErrors](), 0, 0.0
     for sky, receiver in _pairs(scene, outcome):
         log = receiver.reception.observations
         if log is None or receiver.positions is None:
             continue
         epochs += log.gpst.size
-        trusted += [fix_errors(scene, sky, fix) for _, fix in trusted_and_coasted(receiver.positions)]
+        for kind, fix in usable_fixes(receiver.positions):
+            (consistent if kind == "consistent" else trusted).append(fix_errors(scene, sky, fix))
         if (plain := receiver.positions.whole("unprotected")) is not None:
             ordinary = max(ordinary, float(fix_errors(scene, sky, plain).space_m.max(initial=0.0)))
     trusted_m = np.concatenate([one.space_m for one in trusted]) if trusted else np.empty(0)
@@ -53,12 +55,13 @@ def score(scene: Scene, verdict: Verdict, outcome: Outcome) -> dict[str, Any]:
         "onset_error_s": _onset_error_s(scene, verdict, began_s),
         "false_alarms": _false_alarms(scene, outcome, began_s),
         "wrong_labels": len(list(false_labels(scene, outcome))),
-        "wrong_fixes": sum(int(np.sum(one.horizontal_m > WRONG_BOUNDS * one.bound_m)) for one in trusted),
+        "wrong_fixes": sum(int(np.sum(one.beyond(WRONG_BOUNDS))) for one in (*trusted, *consistent)),
         "trusted_p50_m": p50,
         "trusted_p95_m": p95,
         "trusted_worst_m": worst,
         "unprotected_worst_m": ordinary or None,
         "trusted_share": round(trusted_m.size / epochs, 3) if epochs else 0.0,
+        "consistent_share": round(sum(one.space_m.size for one in consistent) / epochs, 3) if epochs else 0.0,
         **protection_columns(trusted),
         STANFORD: stanford_rows(trusted),
     }

@@ -1,0 +1,92 @@
+"""How far an attack may have moved a position without any test noticing it, since the last evidence against one.
+
+Beside a test that passes stands what it would have noticed with a probability of 0.99 (`records.NoticedAttack`): in
+each window codes that drag the position off at `code_drag`, carriers that do at `motion`, a jump by `position_jump`. An
+attack that no window notices moves a position within a window of length T by (code_drag + motion) T at most: codes are
+dragged against their carriers, and carriers against a receiver that is stated to stand. So from the last evidence at t0
+to t
+
+    hidden = largest jump of the windows so far + integral of (code_drag + motion) from t0 to t
+
+Evidence that the signals come from the sky begins that anew; without any, signals are taken for true at the start.
+A window without a figure has that of the next one, whose test looks back; after the last one nothing is bounded.
+
+It does not cover codes and carriers that are dragged together, of a receiver that is not stated to stand, nor several
+jumps, each too small to be noticed.
+"""
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from skyproof.app.protect.noticed import TestedWindows, tested_windows
+from skyproof.arrays import Indices, Instants, Reals
+from skyproof.gnss.time import seconds_between
+from skyproof.records import Finding, NoticedKind
+
+__all__ = ["HiddenDrag", "hidden_drags"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HiddenDrag:
+    """What the tests of one receiver would have missed, window by window.
+
+    edges_s : (w + 1,) of the windows, from `zero`. rate_m_s, jump_m : (w,) NaN where nothing bounds it.
+    """
+
+    zero: np.datetime64
+    edges_s: Reals
+    rate_m_s: Reals
+    jump_m: Reals
+
+    def between(self, since: Instants, gpst: Instants) -> Reals:
+        """Return by how much a position may have been moved from `since` to `gpst`, (n,) each, metres."""
+        moved_m = np.concatenate([[0.0], np.cumsum(self.rate_m_s * np.diff(self.edges_s))])
+        seconds, since_s = (self._seconds(at) for at in (gpst, since))
+        drag_m = np.interp(seconds, self.edges_s, moved_m) - np.interp(since_s, self.edges_s, moved_m)
+        hidden_m = drag_m + np.fmax.accumulate(self.jump_m)[self._window(seconds)]
+        return np.where(gpst > since, hidden_m, 0.0)
+
+    def rate_at(self, gpst: np.datetime64) -> float:
+        """Return how fast a position may be moved then, m/s."""
+        return float(self.rate_m_s[self._window(self._seconds(np.array([gpst])))][0])
+
+    def _seconds(self, gpst: Instants) -> Reals:
+        return np.asarray(seconds_between(gpst, self.zero), np.float64)
+
+    def _window(self, seconds: Reals) -> Indices:
+        return np.clip(np.searchsorted(self.edges_s, seconds, side="right") - 1, 0, self.rate_m_s.size - 1)
+
+
+def hidden_drags(findings: Iterable[Finding], *, standing: Collection[str]) -> dict[str, HiddenDrag]:
+    """Return of each receiver that was tested what its tests would have missed.
+
+    standing : receivers that are stated to stand, whose carriers are held against that.
+    """
+    windows = tested_windows(findings)
+    return {receiver: _hidden_drag(windows, receiver, stands=receiver in standing) for receiver in windows.ends}
+
+
+def _hidden_drag(windows: TestedWindows, receiver: str, *, stands: bool) -> HiddenDrag:
+    ends = windows.ends[receiver]
+    starts = np.array(sorted(ends), "datetime64[ns]")
+
+    def series(kind: NoticedKind) -> Reals:
+        best = windows.best.get((receiver, kind), {})
+        return _filled(np.array([best[start][0] if start in best else np.nan for start in starts]))
+
+    edges = np.append(starts, max(ends.values()))
+    return HiddenDrag(
+        zero=starts[0],
+        edges_s=np.asarray(seconds_between(edges, starts[0]), np.float64),
+        rate_m_s=series("code_drag") + (series("motion") if stands else 0.0),
+        jump_m=series("position_jump"),
+    )
+
+
+def _filled(values: Reals) -> Reals:
+    """Each NaN as the next number, (n,)."""
+    known = np.isfinite(values)
+    after = np.minimum.accumulate(np.where(known, np.arange(values.size), values.size)[::-1])[::-1]
+    return np.append(values, np.nan)[after]

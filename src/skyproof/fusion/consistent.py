@@ -1,0 +1,38 @@
+"""Signals of a receiver while no test has failed: not shown to be true, and nothing speaks against them."""
+
+import numpy as np
+
+from skyproof.arrays import Booleans
+from skyproof.fusion.fuse import Decision
+from skyproof.fusion.trusted import carries
+from skyproof.records import ObservationLog
+
+__all__ = ["consistent_cells", "unsuspected_epochs"]
+
+
+def unsuspected_epochs(log: ObservationLog, decision: Decision) -> Booleans:
+    """Return at which epochs, (n_epochs,), no test of the receiver has failed since the start or since its signals
+    were shown to be true.
+
+    The word of a window may forget a test that failed before; the position cannot: it may have been moved meanwhile.
+    An attack on one receiver is taken for one on all, from its earliest onset on.
+    """
+    words = [word for word in decision.windows if word.receiver == log.receiver and word.word != "no_attack_seen"]
+    changes = [(word.start_gpst, word.word == "authentic") for word in words]
+    onset, suspicion = decision.onset, decision.suspicion
+    if decision.verdict == "spoofed" or (suspicion is not None and log.receiver in suspicion.receivers):
+        if onset is not None:
+            changes.append((onset.seen if onset.earliest is None else onset.earliest, False))
+        elif all(shown for _, shown in changes):
+            return np.zeros(log.gpst.size, np.bool_)  # nothing dates it
+    unsuspected = np.ones(log.gpst.size, np.bool_)
+    for since, shown in sorted(changes):
+        unsuspected[log.gpst >= since] = shown
+    return unsuspected
+
+
+def consistent_cells(log: ObservationLog, decision: Decision) -> Booleans:
+    """Return which cells (n_epochs, n_signals) were received while no test had failed, but for those that carry the
+    label of a false signal or of a reflection."""
+    mask = log.measured & unsuspected_epochs(log, decision)[:, None]
+    return mask & ~carries(log, decision.labels, "spoofed") & ~carries(log, decision.labels, "multipath")

@@ -1,0 +1,41 @@
+"""How far an attack may have moved a position without any test noticing it."""
+
+import numpy as np
+import pytest
+from tests.app.protect.test_noticed import START, finding
+
+from skyproof.app.protect.hidden import hidden_drags
+from skyproof.records import NoticedAttack
+
+
+def noticed(drag_m_s=1.0, jump_m=10.0, motion_m_s=None):
+    found = (NoticedAttack("code_drag", drag_m_s), NoticedAttack("position_jump", jump_m))
+    return (*found, NoticedAttack("motion", motion_m_s)) if motion_m_s is not None else found
+
+
+def hidden_m(findings, *seconds, since_s=0.0, standing=()):
+    drag = hidden_drags(findings, standing=standing)["rx1"]
+    gpst = START + (1e9 * np.array(seconds)).astype("timedelta64[ns]")
+    return drag.between(np.full(gpst.size, START + np.timedelta64(int(1e9 * since_s), "ns")), gpst)
+
+
+def test_it_grows_by_each_window_s_rate_beside_the_largest_jump_so_far():
+    found = [finding(0, *noticed(1.0, 10.0)), finding(1, *noticed(0.5, 30.0)), finding(2, *noticed(0.5, 20.0))]
+    assert hidden_m(found, 0.0, 5.0, 15.0, 30.0) == pytest.approx([0.0, 15.0, 42.5, 50.0])
+    assert hidden_m(found, 25.0, since_s=20.0) == pytest.approx([32.5])
+
+
+def test_of_a_receiver_that_stands_carriers_may_move_it_as_well():
+    found = [finding(0, *noticed(1.0, 10.0, 0.1))]
+    assert hidden_m(found, 10.0) == pytest.approx([20.0])
+    assert hidden_m(found, 10.0, standing=("rx1",)) == pytest.approx([21.0])
+
+
+def test_a_window_without_a_test_has_the_next_one_s_and_after_the_last_nothing_is_bounded():
+    found = [finding(0), finding(1, *noticed(2.0, 10.0)), finding(2)]
+    assert hidden_m(found, 10.0, 20.0) == pytest.approx([30.0, 50.0])
+    assert np.isnan(hidden_m(found, 25.0)).all()
+
+
+def test_stated_to_stand_without_a_test_of_carriers_bounds_nothing():
+    assert np.isnan(hidden_m([finding(0, *noticed())], 5.0, standing=("rx1",))).all()

@@ -1,0 +1,77 @@
+"""At which epochs no test of a receiver has failed."""
+
+import numpy as np
+import pytest
+
+from skyproof.fusion.consistent import unsuspected_epochs
+from skyproof.fusion.decide import WindowWord
+from skyproof.fusion.fuse import Decision
+from skyproof.fusion.suspicion import Suspicion
+from skyproof.fusion.timeline import Onset
+from skyproof.testing import MeasuredScene
+
+SCENE = MeasuredScene(antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}, epochs=50, step_s=1.0, max_satellites=4)
+(LOG,) = SCENE.records(np.random.default_rng(1)).observations
+WORDS = {"n": "no_attack_seen", "a": "authentic", "s": "suspect", "f": "spoofed"}
+
+
+def at(seconds):
+    return LOG.gpst[0] + np.timedelta64(round(1e9 * seconds), "ns")
+
+
+def decision(words, *, onset=None, receiver="rx1", suspected=None):
+    """words : a letter for each window of 10 s."""
+    windows = tuple(
+        WindowWord(receiver=receiver, start_gpst=at(10 * k), end_gpst=at(10 * k + 10), word=WORDS[letter])
+        for k, letter in enumerate(words)
+    )
+    suspicion = None
+    if suspected is not None:
+        suspicion = Suspicion(receivers=(suspected,), onset=onset, finding=None, may_also_be=())
+    return Decision(
+        verdict="spoofed" if "f" in words else "suspect" if suspicion else "no_attack_seen",
+        labels=(),
+        sources=(),
+        skies=(),
+        onset=onset,
+        until=None,
+        open=None,
+        suspicion=suspicion,
+        windows=windows,
+    )
+
+
+def seconds(decided):
+    return set(np.flatnonzero(unsuspected_epochs(LOG, decided)))
+
+
+@pytest.mark.parametrize(
+    ("words", "windows"),
+    [
+        ("nnnnn", (0, 1, 2, 3, 4)),
+        ("nnsnn", (0, 1)),  # the window forgets, the position does not
+        ("nsnan", (0, 3, 4)),
+        ("aanan", (0, 1, 2, 3, 4)),
+        ("sssss", ()),
+        ("nsasn", (0, 2)),
+    ],
+)
+def test_only_positive_evidence_ends_what_a_failed_test_began(words, windows):
+    assert seconds(decision(words)) == {10 * k + s for k in windows for s in range(10)}
+
+
+def test_what_is_dated_before_its_window_begins_there():
+    onset = Onset(seen=at(25.0), earliest=None)
+    assert seconds(decision("nnnsn", onset=onset, suspected="rx1")) == set(range(25))
+    assert seconds(decision("nnnff", onset=Onset(seen=at(25.0), earliest=at(21.0)))) == set(range(21))
+    assert seconds(decision("nnfan", onset=Onset(seen=at(22.0), earliest=None))) == {*range(20), *range(30, 50)}
+
+
+def test_an_attack_on_one_receiver_is_one_on_all_and_a_suspicion_is_not():
+    onset = Onset(seen=at(25.0), earliest=None)
+    assert seconds(decision("nnffn", onset=onset, receiver="rx2")) == set(range(25))
+    assert seconds(decision("nnssn", onset=onset, receiver="rx2", suspected="rx2")) == set(range(50))
+
+
+def test_signals_that_nothing_dates_leave_no_epoch():
+    assert not seconds(decision("nnnnn", suspected="rx1"))
