@@ -8,7 +8,6 @@ taken off.
 """
 
 import json
-import math
 import resource
 import subprocess
 import sys
@@ -24,16 +23,8 @@ import numpy as np
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
-from skyproof.gnss.constants import (
-    BEIDOU_EARTH_ROTATION_RAD_S,
-    EARTH_ROTATION_RAD_S,
-    GALILEO_MU_M3_S2,
-    MU_M3_S2,
-    SECONDS_PER_WEEK,
-)
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.time import gpst, week_and_tow
 from skyproof.logs.ubx_write import ubx_log
 from skyproof.records import NavigationData, Observations, Samples
 from skyproof.simulator.kinds import Kind
@@ -42,6 +33,9 @@ from skyproof.simulator.nominal_systems import nominal_systems
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver
 from skyproof.simulator.sky import scene_of
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from tests.gnss.later import hours_later
 
 START = np.datetime64("2022-01-01T10:30:00", "ns")
 LAT_DEG, LON_DEG, APART_DEG = 57.7, 11.94, 6.7e-4  # 40 m
@@ -146,7 +140,7 @@ def measurements(kind: str, hours: int, folder: Path, receivers: int = 2) -> Non
     sets: list[Ephemeris] = []
     for hour in range(hours):
         start = START + np.timedelta64(hour, "h")
-        truth = replace(first, ephemerides=tuple(_hours_later(e, hour) for e in first.ephemerides))
+        truth = replace(first, ephemerides=tuple(hours_later(e, hour) for e in first.ephemerides))
         scenario = Scenario(
             seed=1, start_gpst=start, duration_s=3600.0, mask_deg=8.0, receivers=_receivers("rubidium", receivers)
         )
@@ -181,30 +175,6 @@ def _rinex(o: Observations, hour: int) -> Iterator[bytes]:
         lines = path.read_text("ascii").splitlines()
     body = next(row for row, text in enumerate(lines) if "END OF HEADER" in text) + 1
     return (f"{text}\n".encode() for text in lines[body if hour else 0 :])
-
-
-def _hours_later(e: Ephemeris, hours: int) -> Ephemeris:
-    """The same orbit and clock by a set that counts from so many hours later: IS-GPS-200N, table 20-IV, with tk."""
-    later_s = 3600.0 * hours
-    week, toe_s = week_and_tow(gpst(e.week, e.toe + later_s))
-    gravity_m3_s2 = MU_M3_S2 if e.sat[0] == "G" else GALILEO_MU_M3_S2  # BeiDou's is Galileo's
-    earth_rad_s = BEIDOU_EARTH_ROTATION_RAD_S if e.sat[0] == "C" else EARTH_ROTATION_RAD_S
-    motion_rad_s = gravity_m3_s2**0.5 / e.sqrt_a**3 + e.delta_n
-    # The node counts from Greenwich at the week's beginning.
-    node_rad = e.omega0 + e.omega_dot * later_s - earth_rad_s * SECONDS_PER_WEEK * (week - e.week)
-    return replace(
-        e,
-        week=week,
-        toe=toe_s,
-        toc_week=week,
-        toc=toe_s,
-        iode=(e.iode + hours) % 128,
-        iodc=(e.iodc + hours) % 128,
-        af0=e.af0 + e.af1 * later_s,
-        m0=math.remainder(e.m0 + motion_rad_s * later_s, math.tau),
-        omega0=math.remainder(node_rad, math.tau),
-        i0=e.i0 + e.idot * later_s,
-    )
 
 
 def _measured(verdict: str, begin: float) -> str:

@@ -37,6 +37,7 @@ SUFFIX = {
     "looks, sigma": "_branches",
     "1": "",
     "1/h": "_per_hour",
+    "1/s^2": "_per_s2",
 }
 """By which a name shows its unit."""
 COMPUTING = {
@@ -125,7 +126,8 @@ COMPUTING = {
     "fusion/place": {"_ALL_BUT_PLACE"},
     "fusion/rivals": {"_MS_M"},
     "levels/laws": {"DIP_PARTS"},
-    "messages/detector": {"_EARTH_M"},
+    "messages/detector": {"_EARTH_M", "_TESTS"},
+    "messages/last_day": {"_TESTS"},
     "multi_receiver/carriers": {"_MOST_WAYS", "_NEVER", "_UNKNOWN"},
     "multi_receiver/known_geometry": {"_LEAST_M", "_ROUNDS"},
     "multi_receiver/one_antenna": {"WHITE"},

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.constants import GPS_PI, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.ephemeris import NavigationData, group_delay_s
+from skyproof.gnss.ephemeris import NavigationData, UtcParameters, group_delay_s
 from skyproof.gnss.lnav import encode_subframes, words_hold
-from skyproof.gnss.messages.beidou import _D2_PAGES, _DIVIDED, d2_ephemeris, d2_page
-from skyproof.gnss.messages.bit_fields import BitField
+from skyproof.gnss.messages.beidou import _D1, _D2_PAGES, _DIVIDED, d1_utc, d2_ephemeris, d2_page
+from skyproof.gnss.messages.bit_fields import BitField, read_fields
+from skyproof.gnss.messages.galileo import _INAV, inav_utc
 from skyproof.gnss.messages.glonass import _STRINGS, glonass_ephemeris, glonass_string
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state
@@ -234,3 +235,81 @@ def test_the_orbits_of_modern_messages_alone_give_the_fix(walk) -> None:
     found = fix(piece.observations, NavigationData(ephemerides=modern), signals=signals, elevation_mask_deg=10.0)
     apart_m = np.linalg.norm(found.position_ecef_m - piece.fixes.position_ecef_m, axis=1)
     assert np.nanmedian(apart_m) < 15.0  # no ionosphere
+
+
+def lnav_frames(sat: str, bits: np.ndarray, gpst: np.datetime64) -> BroadcastFrames:
+    """Return subframes (n, 300 bits) that came at one time."""
+    source = words_hold(bits)[0].reshape(-1, 240)
+    n = len(source)
+    return BroadcastFrames(
+        kind="LNAV",
+        gpst=np.array([gpst] * n),
+        until_gpst=np.array([gpst] * n),
+        sat=np.array([sat] * n),
+        band=np.array(["L1"] * n),
+        code=np.array(["CA"] * n),
+        bits=packed(source),
+    )
+
+
+def test_what_a_satellite_says_of_utc_is_kept_once() -> None:
+    sent = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
+    utc = UtcParameters(a0=3.0 * 2.0**-30, a1=0.0, tot=147456.0, wnt=2190, leap_seconds=18)
+    begin_s = 750 * 700 + 30 * 17 + 18  # page 18 of subframe 4
+    bits = encode_subframes(sent, None, utc, begin_s, 2190, 1).reshape(1, 300)
+    collector = OrbitCollector()
+    for times in (0, 1):
+        gpst = gpst_of(2190, begin_s + 6.0 + 750.0 * times)
+        collector.take([lnav_frames(sent.sat, bits, gpst)], {})
+    received = collector.received()
+    (stated,) = received.utc
+    assert (stated.sat, stated.utc) == (sent.sat, utc)
+    assert received.utc_gpst[0] == gpst_of(2190, begin_s + 6.0)
+    assert stated.leap_seconds_at(received.utc_gpst[0]) == 18
+    assert stated.off_s(received.utc_gpst[0]) == utc.a0
+    assert len(received.between(gpst_of(2190, begin_s + 7.0), gpst_of(2191, 0.0)).utc) == 0
+
+
+def test_leap_seconds_stand_in_a_page_without_utc() -> None:
+    navigation = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns"))
+    sent, begin_s = navigation.ephemerides[0], 750 * 700 + 30 * 17 + 18
+    bits = encode_subframes(sent, navigation.ionosphere, None, begin_s, 2190, 1).reshape(1, 300)
+    collector = OrbitCollector()
+    collector.take([lnav_frames(sent.sat, bits, gpst_of(2190, begin_s + 6.0))], {})
+    assert collector.received().utc[0].utc.leap_seconds == 18
+
+
+UTC_VALUES = {"a0": -2.5e-9, "a1": 3e-15, "leap_seconds": 17, "leap_seconds_future": 18}
+UTC_VALUES |= {"tot": 7200.0, "dn": 3, "page": 10}
+
+
+@pytest.mark.parametrize(
+    ("fields", "n_bits", "read", "behind_s", "week_0", "day"),
+    [(_INAV[6], 128, inav_utc, 0, 1024, 3), (_D1[5], 300, d1_utc, 14, 1356, 4)],
+    ids=["I/NAV", "D1"],
+)
+def test_a_change_of_leap_seconds_comes_with_its_day(fields, n_bits, read, behind_s, week_0, day) -> None:
+    """BeiDou's leap seconds count from 2006, and its days from 0."""
+    values = {name: value - behind_s * name.startswith("leap") for name, value in UTC_VALUES.items()}
+    values |= {"wnt_mod_256": (2190 - week_0) % 256, "wn_lsf_mod_256": (2191 - week_0) % 256}
+    frame = sum(put(field, values[field.name], n_bits) for field in fields)
+    stated = read(read_fields(fields, frame, n_bits), "E11", 2190)
+    change = gpst_of(2191, 86_400.0 * day + 17.0)
+    assert (stated.utc.leap_seconds, stated.later_leap_seconds, stated.later_from_gpst) == (17, 18, change)
+    assert stated.utc.a0 == pytest.approx(UTC_VALUES["a0"], abs=2.0**-30)
+    assert stated.leap_seconds_at(change - np.timedelta64(1, "s")) == 17
+    assert stated.leap_seconds_at(change) == 18
+
+
+def test_other_pages_of_beidou_say_nothing_of_utc() -> None:
+    assert d1_utc({"page": 9.0}, "C11", 2190) is None
+
+
+@pytest.mark.shared_data
+def test_galileo_says_the_utc_that_is_known(walk) -> None:
+    collector = OrbitCollector()
+    collector.take(walk[0].frames, {})
+    received = collector.received()
+    assert {stated.sat[0] for stated in received.utc} == {"E"}
+    assert {stated.leap_seconds_at(at) for at, stated in zip(received.utc_gpst, received.utc, strict=True)} == {18}
+    assert max(abs(stated.off_s(received.gpst[0])) for stated in received.utc) < 1e-8

@@ -9,6 +9,9 @@ from skyproof.records import Finding
 __all__ = ["ENTRIES"]
 
 
+_REMEDY: Final = "the orbits of the day (--nav), or another receiver"
+
+
 def _count_odd(finding: Finding) -> str:
     """Say how many satellites are odd."""
     data: Mapping[str, Any] = finding.data
@@ -26,6 +29,9 @@ def _describe_odd(finding: Finding) -> str:
         "other_time": f"sends an orbit of {abs(amount):.1f} h {'before' if amount > 0.0 else 'after'}",
         "goes_back": "goes back to an orbit of before",
         "mistimed": "sends another time of week",
+        "utc": f"sends a UTC that is {amount:.3g} s off",
+        "orbit_of_day": f"sends an orbit {amount:.0f} m of range from one of the last day that is carried on",
+        "clock_of_day": f"sends a clock {amount:.0f} m from one of the last day that is carried on",
         "below_horizon": f"stands {amount:.0f} degrees below the horizon",
     }[data["how"]]
     return f"{_count_odd(finding)} ({name_first(data['odd'])}); {data['odd'][0]} {how}"
@@ -37,5 +43,7 @@ ENTRIES: Final[Mapping[str, Entry]] = {
         "a log with broadcast messages (UBX-RXM-SFRBX), or five satellites with pseudoranges",
     ),
     "expected": Entry(_count_odd),
-    "odd": Entry(_describe_odd, "the orbits of the day (--nav), or another receiver"),
+    "odd": Entry(_describe_odd, _REMEDY),
+    "of_day_expected": Entry(_count_odd),
+    "of_day_odd": Entry(_describe_odd, _REMEDY),
 }

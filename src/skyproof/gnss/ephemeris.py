@@ -247,6 +247,28 @@ class UtcParameters:
     leap_seconds: int
 
 
+@dataclass(frozen=True, kw_only=True)
+class UtcStatement:
+    """What one satellite says of UTC, with a change of leap seconds that was made or is announced.
+
+    utc : leap seconds are those of GPS minus UTC, whatever the system. later_leap_seconds : from `later_from_gpst` on.
+    """
+
+    sat: str
+    utc: UtcParameters
+    later_leap_seconds: int
+    later_from_gpst: np.datetime64
+
+    def leap_seconds_at(self, gpst: np.datetime64) -> int:
+        """Return GPS minus UTC in whole seconds at an instant (IS-GPS-200N, 20.3.3.5.2.4)."""
+        return self.utc.leap_seconds if gpst < self.later_from_gpst else self.later_leap_seconds
+
+    def off_s(self, gpst: np.datetime64) -> float:
+        """Return by how much the system's time and UTC differ beside whole seconds."""
+        since_s = float(seconds_between(gpst, instant(self.utc.wnt, self.utc.tot)))
+        return self.utc.a0 + self.utc.a1 * since_s
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class NavigationData(ShortRepr):
     """Everything a navigation file or the signals themselves give of orbits, clocks and the ionosphere."""

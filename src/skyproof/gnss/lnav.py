@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Integers
-from skyproof.gnss.constants import GPS_PI, SECONDS_PER_WEEK
-from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, UtcParameters
+from skyproof.gnss.constants import GPS_PI, SECONDS_PER_DAY, SECONDS_PER_WEEK
+from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, UtcParameters, UtcStatement
 from skyproof.gnss.orbit_faults import orbit_fault
-from skyproof.gnss.time import nearest_week
+from skyproof.gnss.time import gpst, leap_seconds, nearest_week
 
 __all__ = [
     "BITS_PER_SUBFRAME",
@@ -34,6 +34,7 @@ __all__ = [
     "ionosphere_and_utc",
     "quantised",
     "subframe_from_source",
+    "utc_statement",
     "word_signs",
     "words_hold",
 ]
@@ -430,6 +431,21 @@ def ionosphere_and_utc(sub4: Subframe, week_near: int) -> tuple[Klobuchar, UtcPa
     return klobuchar, utc
 
 
+def utc_statement(sub4: Subframe, sat: str, week_near: int) -> UtcStatement | None:
+    """What page 18 of subframe 4 says of UTC, and of a change of leap seconds; None for any other subframe or page."""
+    found = ionosphere_and_utc(sub4, week_near)
+    if found is None:
+        return None
+    values, utc = sub4.fields, found[1]
+    week = nearest_week(int(values["wn_lsf_mod_256"]), week_near, 256)
+    return UtcStatement(
+        sat=sat,
+        utc=utc,
+        later_leap_seconds=int(values["leap_seconds_future"]),
+        later_from_gpst=gpst(week, SECONDS_PER_DAY * values["dn"] + utc.leap_seconds),  # at the end of day DN of UTC
+    )
+
+
 def fit_interval_h(iodc: int) -> float:
     """Return the hours of fit of a data set whose flag says that they are not four (IS-GPS-200N, table 20-XII)."""
     return next((hours for iodcs, hours in _FIT_HOURS if iodc in iodcs), 6.0)
@@ -449,8 +465,9 @@ def encode_subframes(
     """Bits (count * 300,) that the satellite sends from second `tow_of_start` (a multiple of 6) of full week `week`.
 
     Subframes 1 to 5 in turn, pages of 4 and 5 by the time as in a superframe that starts with the week. Page 18 of
-    subframe 4 carries ionosphere and UTC (zeros for the one that is None, a dummy page without both); every other
-    page is a dummy of satellite 0, as sent when there is no almanac (IS-GPS-200N, 20.3.3.5.1).
+    subframe 4 carries ionosphere and UTC (without one of them zeros, and the leap seconds of the time; a dummy page
+    without both); every other page is a dummy of satellite 0, as sent when there is no almanac (IS-GPS-200N,
+    20.3.3.5.1).
     Raises ValueError if a value does not fit into its field, or for a time between subframes.
     """
     if tow_of_start % SUBFRAME_S:
@@ -494,7 +511,7 @@ def _body(
         return _put(_FIELDS[sub_id], values)
     if (sub_id, page) == (4, _IONOSPHERE_PAGE) and (klobuchar or utc):
         return _put(_PAGE, {"data_id": 1, "sv_id": _IONOSPHERE_SV_ID}) | _put(
-            _IONOSPHERE_AND_UTC, _ionosphere_and_utc_values(klobuchar, utc)
+            _IONOSPHERE_AND_UTC, _ionosphere_and_utc_values(klobuchar, utc, week)
         )
     filler = sum(_Field("", ((first, length),)).put(0xAAAAAA >> 24 - length) for first, length in _DUMMY_RUNS)
     return _put(_PAGE, {"data_id": 1, "sv_id": 0}) | filler
@@ -503,9 +520,9 @@ def _body(
 _DUMMY_RUNS: Final = ((69, 16), *((first, 24) for first in range(91, 271, 30)), (271, 22))
 
 
-def _ionosphere_and_utc_values(klobuchar: Klobuchar | None, utc: UtcParameters | None) -> dict[str, float]:
+def _ionosphere_and_utc_values(klobuchar: Klobuchar | None, utc: UtcParameters | None, week: int) -> dict[str, float]:
     klobuchar = klobuchar or Klobuchar(alpha=(0.0,) * 4, beta=(0.0,) * 4)
-    utc = utc or UtcParameters(a0=0.0, a1=0.0, tot=0.0, wnt=0, leap_seconds=0)
+    utc = utc or UtcParameters(a0=0.0, a1=0.0, tot=0.0, wnt=week, leap_seconds=leap_seconds(gpst(week, 0.0)))
     values = {f"alpha{k}": value for k, value in enumerate(klobuchar.alpha)}
     values |= {f"beta{k}": value for k, value in enumerate(klobuchar.beta)}
     return values | {

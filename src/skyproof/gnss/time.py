@@ -14,6 +14,7 @@ from skyproof.gnss.constants import SECONDS_PER_WEEK
 
 __all__ = [
     "GPS_EPOCH",
+    "LEAPS_KNOWN_UNTIL",
     "gpst",
     "gpst_from_utc",
     "iso",
@@ -58,6 +59,8 @@ _LEAPS_AT_UTC: Final = np.array(
     dtype="datetime64[ns]",
 )
 """When GPS minus UTC became 1, 2, ... 18 s: IERS Bulletin C (none announced from 2017 to the end of 2026)."""
+LEAPS_KNOWN_UNTIL: Final = np.datetime64("2027-01-01", "ns")
+"""Before which no leap second comes that is not in the table."""
 _LEAPS_AT_GPST: Final = _LEAPS_AT_UTC + np.arange(1, _LEAPS_AT_UTC.size + 1) * np.timedelta64(1, "s")
 _ISO: Final = re.compile(r"\d{4}-\d{2}-\d{2}([T ]\d{2}:\d{2}(:\d{2}(\.\d{1,9})?)?)?", re.ASCII)
 

@@ -6,10 +6,17 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.gnss.constants import SECONDS_PER_WEEK
-from skyproof.gnss.ephemeris import BroadcastEphemeris, Klobuchar, UtcParameters
-from skyproof.gnss.lnav import SUBFRAME_S, Subframe, ephemeris_from_subframes, ionosphere_and_utc, subframe_from_source
-from skyproof.gnss.messages.beidou import d1_ephemeris, d1_subframe, d2_ephemeris, d2_page
-from skyproof.gnss.messages.galileo import fnav_ephemeris, fnav_page, inav_ephemeris, inav_word
+from skyproof.gnss.ephemeris import BroadcastEphemeris, Klobuchar, UtcParameters, UtcStatement
+from skyproof.gnss.lnav import (
+    SUBFRAME_S,
+    Subframe,
+    ephemeris_from_subframes,
+    ionosphere_and_utc,
+    subframe_from_source,
+    utc_statement,
+)
+from skyproof.gnss.messages.beidou import d1_ephemeris, d1_subframe, d1_utc, d2_ephemeris, d2_page
+from skyproof.gnss.messages.galileo import fnav_ephemeris, fnav_page, inav_ephemeris, inav_utc, inav_word
 from skyproof.gnss.messages.glonass import glonass_ephemeris, glonass_string
 from skyproof.gnss.messages.modern import (
     bcnav1_ephemeris,
@@ -45,7 +52,8 @@ _MADE: Final[dict[MessageKind, Callable[[_Parts, str, int], BroadcastEphemeris |
     "BCNAV1": bcnav1_ephemeris,
     "BCNAV2": bcnav2_ephemeris,
 }
-_TIMED_WORD: Final = 5  # of I/NAV
+_TIMED_WORD, _UTC_WORD = 5, 6  # of I/NAV
+_UTC_SUBFRAME: Final = 5  # of D1
 _INAV_PAGE_S: Final = 2.0  # by which a word's time of week is that of its beginning
 _TIME_OFF_S: Final = 4.0
 """A frame's end is known to a second or two, and messages of LNAV are 6 s apart."""
@@ -57,7 +65,8 @@ class OrbitCollector:
 
     Of each satellite and message the latest part of each number is kept; whenever they make a data set that was not
     there before it is added. Times of week count to the nearest week of when the frame came. What a satellite sends
-    anew is kept with when it came, and so are frames whose time of week is not that of the receiver.
+    anew, of its orbit and of UTC, is kept with when it came, and so are frames whose time of week is not that of the
+    receiver.
     """
 
     def __init__(self) -> None:
@@ -69,6 +78,8 @@ class OrbitCollector:
         self._last: dict[tuple[str, str], BroadcastEphemeris] = {}
         self._received: list[tuple[np.datetime64, BroadcastEphemeris]] = []
         self._mistimed: list[tuple[np.datetime64, str]] = []
+        self._last_utc: dict[tuple[str, str], UtcStatement] = {}
+        self._stated: list[tuple[np.datetime64, UtcStatement]] = []
 
     def take(self, frames: Iterable[BroadcastFrames], frequency_numbers: Mapping[str, int]) -> None:
         """Take the frames of a stretch; `frequency_numbers` of GLONASS's satellites, by name."""
@@ -93,6 +104,7 @@ class OrbitCollector:
         week, tow_s = week_and_tow(gpst)
         parts = self._parts.setdefault((kind, sat), {})
         made: BroadcastEphemeris | None = None
+        stated: UtcStatement | None = None
         if kind == "LNAV":
             subframe = subframe_from_source(frame)
             if subframe is None:
@@ -100,6 +112,7 @@ class OrbitCollector:
             parts[subframe.id] = subframe
             self._time(sat, gpst, subframe.tow_s + SUBFRAME_S - float(tow_s), open_s)
             self._ionosphere_of(subframe, week)
+            stated = utc_statement(subframe, sat, week) if subframe.id == 4 else None
             if subframe.id <= 3 and all(number in parts for number in (1, 2, 3)):
                 made = ephemeris_from_subframes(parts[1], parts[2], parts[3], sat, week)
         elif kind in _READ:
@@ -109,11 +122,18 @@ class OrbitCollector:
             parts[read[0]] = read[1]
             if kind == "INAV" and read[0] == _TIMED_WORD:
                 self._time(sat, gpst, read[1]["tow_s"] + _INAV_PAGE_S - float(tow_s), open_s)
+            if kind == "INAV" and read[0] == _UTC_WORD:
+                stated = inav_utc(read[1], sat, week)
+            if kind == "D1" and read[0] == _UTC_SUBFRAME:
+                stated = d1_utc(read[1], sat, week)
             if kind == "GLONASS":
                 if read[0] <= 4 and sat in self._slots:
                     made = glonass_ephemeris(parts, sat, gpst, self._slots[sat])
             else:
                 made = _MADE[kind](parts, sat, week)
+        if stated is not None and stated != self._last_utc.get((kind, sat)) and len(self._stated) < _MOST_KEPT:
+            self._last_utc[kind, sat] = stated
+            self._stated.append((gpst, stated))
         if made is not None:
             self._keep(kind, made)
             if made != self._last.get((kind, sat)) and len(self._received) < _MOST_KEPT:
@@ -137,13 +157,15 @@ class OrbitCollector:
 
     def received(self) -> ReceivedMessages | None:
         """Return what came when; None without any."""
-        if not self._received and not self._mistimed:
+        if not self._received and not self._mistimed and not self._stated:
             return None
         return ReceivedMessages(
             gpst=np.array([gpst for gpst, _ in self._received], "M8[ns]"),
             ephemerides=tuple(made for _, made in self._received),
             mistimed_gpst=np.array([gpst for gpst, _ in self._mistimed], "M8[ns]"),
             mistimed_sat=tuple(sat for _, sat in self._mistimed),
+            utc_gpst=np.array([gpst for gpst, _ in self._stated], "M8[ns]"),
+            utc=tuple(stated for _, stated in self._stated),
         )
 
     def navigation(self, source: str) -> NavigationData:

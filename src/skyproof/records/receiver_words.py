@@ -1,13 +1,13 @@
 """Hold what a receiver says beside its measurements: levels, its own fixes, broadcast messages."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Instants, Integers, Reals
-from skyproof.gnss.ephemeris import BroadcastEphemeris
+from skyproof.gnss.ephemeris import BroadcastEphemeris, UtcStatement
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.records.shapes import Selectable, freeze
 from skyproof.short_repr import ShortRepr
@@ -101,21 +101,27 @@ class ReceivedMessages(ShortRepr):
 
     gpst : (n,) when each of the data sets was whole, by the receiver's clock; ephemerides : n of them, without those
     that repeat the last one of their satellite and message. mistimed_gpst : (m,) when a message said another time of
-    week than the receiver's clock; mistimed_sat : m satellites that sent them.
+    week than the receiver's clock; mistimed_sat : m satellites that sent them. utc_gpst : (k,) when a satellite said
+    what of UTC; utc : k of these, without those that repeat its last one.
     """
 
     gpst: Instants
     ephemerides: tuple[BroadcastEphemeris, ...]
     mistimed_gpst: Instants
     mistimed_sat: tuple[str, ...]
+    utc_gpst: Instants = field(default_factory=lambda: np.empty(0, "M8[ns]"))
+    utc: tuple[UtcStatement, ...] = ()
 
     def between(self, start_gpst: np.datetime64, end_gpst: np.datetime64) -> "ReceivedMessages":
         """Return what has start <= time < end."""
         rows = np.flatnonzero((self.gpst >= start_gpst) & (self.gpst < end_gpst))
         times = np.flatnonzero((self.mistimed_gpst >= start_gpst) & (self.mistimed_gpst < end_gpst))
+        stated = np.flatnonzero((self.utc_gpst >= start_gpst) & (self.utc_gpst < end_gpst))
         return ReceivedMessages(
             gpst=self.gpst[rows],
             ephemerides=tuple(self.ephemerides[k] for k in rows),
             mistimed_gpst=self.mistimed_gpst[times],
             mistimed_sat=tuple(self.mistimed_sat[k] for k in times),
+            utc_gpst=self.utc_gpst[stated],
+            utc=tuple(self.utc[k] for k in stated),
         )

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.gnss.later import hours_later
 
 from skyproof.detectors.messages.detector import BroadcastMessages, BroadcastMessagesSettings
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.records import Cause, Ephemeris, ReceivedMessages, Records
+from skyproof.gnss.ephemeris import UtcStatement
+from skyproof.records import Cause, Ephemeris, ReceivedMessages, Records, UtcParameters
 from skyproof.testing import MeasuredScene, TrackErrors
 
 RATE = 1e-7
@@ -26,13 +28,15 @@ def sent(records: Records, count: int, **changes) -> tuple[Ephemeris, ...]:
     return tuple(replace(e, **{name: change(e) for name, change in changes.items()}) for e in own[:count])
 
 
-def with_messages(records: Records, ephemerides=(), mistimed=()) -> Records:
+def with_messages(records: Records, ephemerides=(), mistimed=(), utc=()) -> Records:
     start = records.start_gpst
     messages = ReceivedMessages(
         gpst=np.full(len(ephemerides), start, "M8[ns]"),
         ephemerides=tuple(ephemerides),
         mistimed_gpst=np.full(len(mistimed), start, "M8[ns]"),
         mistimed_sat=tuple(mistimed),
+        utc_gpst=np.full(len(utc), start, "M8[ns]"),
+        utc=tuple(utc),
     )
     return replace(records, messages={"rx1": messages})
 
@@ -139,3 +143,78 @@ def test_satellites_below_the_horizon_are_odd() -> None:
     (sky,) = records.sets
     found = examine(replace(records, sets=(replace(sky, position_ecef_m=-sky.position_ecef_m),)))
     assert (found.failed, found.data["how"]) == (True, "below_horizon")
+
+
+def of_yesterday(records: Records, hours: float = 24.0) -> Records:
+    """Return the window with the navigation file of so many hours before."""
+    before = tuple(hours_later(e, -hours) for e in records.navigation.ephemerides)
+    return replace(records, navigation=replace(records.navigation, ephemerides=before))
+
+
+def test_messages_that_go_on_from_yesterdays_file_are_expected() -> None:
+    records = clean()
+    today, of_day = examine_all(with_messages(of_yesterday(records), sent(records, 9)))
+    assert (today.code, of_day.code, of_day.statistic) == ("expected", "of_day_expected", 0.0)
+    assert (of_day.data["satellites"], of_day.p[Cause.CLEAN]) == (9, 1.0)
+
+
+@pytest.mark.parametrize(("count", "failed"), [(2, False), (6, True)])
+def test_clocks_that_leave_yesterdays_file_are_odd(count, failed) -> None:
+    records = clean()
+    changed = sent(records, count, af0=late) + sent(records, 9)[count:]
+    today, of_day = examine_all(with_messages(of_yesterday(records, 12.0), changed))
+    assert not today.failed
+    assert (of_day.failed, of_day.statistic, of_day.says) == (failed, count, "undecided" if failed else "clean")
+    assert of_day.data.get("how") == ("clock_of_day" if failed else None)
+    assert of_day.may_also_be == ((Cause.ORBITS, Cause.FAULT) if failed else ())
+    if failed:
+        assert of_day.data["amount"] == pytest.approx(300.0, abs=1.0)
+
+
+def test_yesterdays_messages_with_todays_times_are_odd() -> None:
+    records = clean()
+    yesterday = of_yesterday(records)
+    again = sent(yesterday, 9, **{name: lambda e, name=name: 86_400.0 + getattr(e, name) for name in ("toe", "toc")})
+    _, of_day = examine_all(with_messages(yesterday, again))
+    assert (of_day.failed, of_day.data["how"], of_day.statistic) == (True, "orbit_of_day", 9.0)
+
+
+def saying(records: Records, count: int, leap_seconds: int, system: str = "G") -> list[UtcStatement]:
+    """Return what so many satellites say of UTC."""
+    names = sorted({signal.sat for signal in records.observations[0].signals})[:count]
+    utc = UtcParameters(a0=0.0, a1=0.0, tot=0.0, wnt=2190, leap_seconds=leap_seconds)
+    later = {"later_leap_seconds": leap_seconds, "later_from_gpst": records.start_gpst}
+    return [UtcStatement(sat=system + name[1:], utc=utc, **later) for name in names]
+
+
+@pytest.mark.parametrize(("count", "leaps", "failed"), [(9, 18, False), (2, 17, False), (6, 17, True)])
+def test_satellites_that_say_other_leap_seconds_are_odd(count, leaps, failed) -> None:
+    records = clean()
+    found = examine(with_messages(records, utc=saying(records, count, leaps)))
+    assert (found.failed, found.statistic) == (failed, count if leaps != 18 else 0.0)
+    if failed:
+        assert (found.data["how"], found.data["amount"]) == ("utc", -1.0)
+
+
+def test_what_most_satellites_of_a_system_say_counts_beyond_the_table() -> None:
+    """What was said in earlier windows is remembered; another system has its own."""
+    records = replace(clean(), start_gpst=np.datetime64("2031-05-14T10:00:00", "ns"))
+    records = replace(records, navigation=replace(records.navigation, utc=None))
+    first = with_messages(records, utc=saying(records, 9, 19)[2:] + saying(records, 2, 18, "E"))
+    second = with_messages(records, utc=saying(records, 2, 18))
+    assert examine(first).statistic == 0.0
+    assert examine(first, second).statistic == 2.0
+
+
+def test_a_satellite_that_rises_again_is_held_against_its_own_past() -> None:
+    """Without a file, when the orbits are those of the log itself."""
+    records = clean()
+    again = tuple(hours_later(e, 7.0) for e in sent(records, 9))
+    moved = tuple(replace(e, af0=late(e)) for e in again)
+    for sets, failed in ((again, False), (moved, True)):
+        own = replace(records, navigation=replace(records.navigation, ephemerides=(*sent(records, 9), *sets)))
+        seen = with_messages(own, sent(records, 9))
+        since = replace(own, start_gpst=own.start_gpst + np.timedelta64(7, "h"))
+        detector = BroadcastMessages(BroadcastMessagesSettings(false_alarm_probability=RATE))
+        _, of_day = detector.examine(with_messages(since, sets), detector.examine(seen)[1])[0]
+        assert (of_day.failed, of_day.data["satellites"]) == (failed, 9)

@@ -7,7 +7,11 @@ Whoever makes signals makes messages too, from orbits of some time and place. A 
 - it sends another orbit under one issue of data;
 - it sends a data set whose time has passed, or goes back to one of before: a record that is played again;
 - its message says another time of week than the receiver's clock;
+- it says of UTC what cannot be (`utc`);
 - it stands below the horizon of where the receiver is.
+
+Where no other data set serves together with one that came, one of the day around is carried on to its time, and both
+are compared by what an orbit and an atomic clock do within hours (`last_day`): a test of its own.
 
 A satellite, its channel, its message or a data set of the file is so by a fault with a small probability, each
 independently: the number of odd satellites is binomial, and the chance of so many is the p-value. One that repeats
@@ -15,7 +19,7 @@ an issue of data, or a data set that was put together from two, does not fail th
 does. What fails leaves the cause open: nothing here tells who sent it.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any, Final, NamedTuple
@@ -24,10 +28,12 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
+from skyproof.detectors.messages.last_day import difference_over_hours, is_of_last_day
 from skyproof.detectors.messages.laws import chance_of_difference, range_difference_m, served_together
 from skyproof.detectors.messages.policy import POLICY
+from skyproof.detectors.messages.utc import leap_seconds_expected, seconds_beyond_utc
 from skyproof.errors import require_probability
-from skyproof.gnss.ephemeris import MAX_AGE_S, Ephemeris
+from skyproof.gnss.ephemeris import MAX_AGE_S, Ephemeris, UtcStatement
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import seconds_between
@@ -37,6 +43,7 @@ from skyproof.records import (
     Datum,
     Finding,
     Hypothesis,
+    NavigationData,
     Need,
     Observations,
     ReceivedMessages,
@@ -49,6 +56,7 @@ from skyproof.statistics.distributions import binomial_survival
 __all__ = ["BroadcastMessages", "BroadcastMessagesSettings"]
 
 _EARTH_M: Final = 6.371e6
+_TESTS: Final = 2  # of what is odd now, and against the day around
 
 
 @dataclass(frozen=True)
@@ -71,17 +79,22 @@ _Key = tuple[str, str]
 
 
 class _Oddity(NamedTuple):
-    """How a satellite is odd, a code, and by how much: metres, hours or degrees."""
+    """How a satellite is odd, a code, and by how much: metres, hours, seconds or degrees."""
 
     code: str
     amount: float = 0.0
 
 
 class _Past(NamedTuple):
-    """What is remembered: data sets, and the latest time of those that each receiver had of a satellite and message."""
+    """What is remembered.
+
+    sent : data sets. latest : the latest time of those that each receiver had of a satellite and message. utc : what
+    each satellite said last of UTC.
+    """
 
     sent: dict[_Key, tuple[Ephemeris, ...]]
     latest: dict[tuple[str, _Key], np.datetime64]
+    utc: dict[str, UtcStatement]
 
 
 class BroadcastMessages:
@@ -100,8 +113,8 @@ class BroadcastMessages:
         lacking = report.name_missing()
         if lacking or records.navigation is None:
             return lacking, state
-        past = _Past({}, {}) if state is None else _Past(dict(state.sent), dict(state.latest))
-        sent, latest = past
+        past = _Past({}, {}, {}) if state is None else _Past(*(dict(part) for part in state))
+        sent, latest, utc = past
         found = []
         for o in records.observations:
             messages = records.messages.get(o.receiver)
@@ -111,7 +124,10 @@ class BroadcastMessages:
                 every = list_refs(o.receiver, o.signals)
                 found.append(report.pass_over(every, NotTested("no_message")))
                 continue
-            odd = dict(_below_horizon(records, o)) | _mistimed(messages)
+            odd = (
+                dict(_below_horizon(records, o)) | _mistimed(messages) | _beside_utc(messages, records.navigation, utc)
+            )
+            of_day: dict[str, _Oddity | None] = {}
             for gpst, e in came:
                 if not isinstance(e, Ephemeris):
                     continue
@@ -121,8 +137,13 @@ class BroadcastMessages:
                 latest[o.receiver, key] = max(newest, e.reference_gpst)
                 why = _outdated(e, gpst, newest) or self._contradicted(e, before)
                 odd |= {} if why is None else {e.sat: why}
+                of_day |= self._compare_with_day(e, before) if why is None else {}
                 sent[key] = (*(other for other in sent.get(key, ()) if other != e), e)[-POLICY.remembered_data_sets :]
-            found.append(self._test_number(report, o, odd))
+            measured = {o.signals[k].sat for k in np.flatnonzero(np.isfinite(o.pseudorange_m).any(axis=0))}
+            found.append(self._test_number(report, o, measured | odd.keys(), odd))
+            if of_day:
+                differ = {sat: why for sat, why in of_day.items() if why is not None}
+                found.append(self._test_number(report, o, of_day.keys(), differ, of_day=True))
         return found, past
 
     def _contradicted(self, e: Ephemeris, before: Sequence[Ephemeris]) -> _Oddity | None:
@@ -138,12 +159,29 @@ class BroadcastMessages:
             return None
         return _Oddity("other_orbit", range_difference_m(e, other))
 
-    def _test_number(self, report: Reporter, o: Observations, odd: Mapping[str, _Oddity]) -> Finding:
-        """Test the number of odd satellites."""
-        measured = np.isfinite(o.pseudorange_m).any(axis=0)
-        sats = {o.signals[k].sat for k in np.flatnonzero(measured)} | odd.keys()
-        p_value = float(binomial_survival(len(odd), max(len(sats), 1), self.settings.fault_probability))
-        failed = p_value < self.settings.false_alarm_probability
+    def _compare_with_day(self, e: Ephemeris, before: Sequence[Ephemeris]) -> dict[str, _Oddity | None]:
+        """Return how a data set differs from the nearest one of the day around, None if not.
+
+        Empty without any, and where another one serves together with it, which says more.
+        """
+        others = [other for other in before if other.healthy and is_of_last_day(e, other)]
+        if not e.healthy or not others or any(other != e and served_together(e, other) for other in before):
+            return {}
+        nearest = min(others, key=lambda other: abs(float(seconds_between(e.reference_gpst, other.reference_gpst))))
+        difference = difference_over_hours(e, nearest)
+        if difference is None:
+            return {}
+        is_odd = difference.chance < self.settings.false_alarm_probability
+        return {e.sat: _Oddity(f"{difference.what}_of_day", difference.amount_m) if is_odd else None}
+
+    def _test_number(
+        self, report: Reporter, o: Observations, sats: Collection[str], odd: Mapping[str, _Oddity], of_day: bool = False
+    ) -> Finding:
+        """Test the number of odd ones among satellites; of_day : by data sets of the day around."""
+        alpha = self.settings.false_alarm_probability / _TESTS
+        probability = POLICY.day_fault_probability if of_day else self.settings.fault_probability
+        p_value = float(binomial_survival(len(odd), max(len(sats), 1), probability))
+        failed = p_value < alpha
         names = tuple(sorted(odd))
         data: dict[str, Datum] = {"receiver": o.receiver, "odd": names, "satellites": len(sats)}
         data["statistic"] = float(len(odd))
@@ -152,8 +190,9 @@ class BroadcastMessages:
         chosen = odd.keys() if failed else sats
         return report.find(
             tuple(SignalRef(o.receiver, signal) for signal in o.signals if signal.sat in chosen),
-            "odd" if failed else "expected",
+            f"{'of_day_' if of_day else ''}{'odd' if failed else 'expected'}",
             {Cause.CLEAN: p_value, **leave_open((Cause.ORBITS, Cause.FAULT))},
+            alpha=alpha,
             data=data,
         )
 
@@ -187,6 +226,21 @@ def _other_orbit(e: Ephemeris, other: Ephemeris) -> bool:
 def _mistimed(messages: ReceivedMessages | None) -> dict[str, _Oddity]:
     """Return the satellites whose messages say another time."""
     return {} if messages is None else dict.fromkeys(messages.mistimed_sat, _Oddity("mistimed"))
+
+
+def _beside_utc(
+    messages: ReceivedMessages | None, navigation: NavigationData, utc: dict[str, UtcStatement]
+) -> dict[str, _Oddity]:
+    """Return the satellites that say of UTC what cannot be; `utc` takes what each says."""
+    found: dict[str, _Oddity] = {}
+    if messages is None:
+        return found
+    utc |= {stated.sat: stated for stated in messages.utc}
+    for gpst, stated in zip(messages.utc_gpst, messages.utc, strict=True):
+        heard = (other for sat, other in utc.items() if sat[0] == stated.sat[0])
+        beyond_s = seconds_beyond_utc(stated, gpst, leap_seconds_expected(gpst, navigation.utc, heard))
+        found |= {stated.sat: _Oddity("utc", beyond_s)} if beyond_s else {}
+    return found
 
 
 def _below_horizon(records: Records, o: Observations) -> Iterator[tuple[str, _Oddity]]:

@@ -22,7 +22,7 @@ from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.time import seconds_between
 from skyproof.statistics.distributions import normal_two_sided
 
-__all__ = ["chance_of_difference", "range_difference_m", "served_together"]
+__all__ = ["chance_of_difference", "differences_m", "range_difference_m", "served_together", "stated_sigma_m"]
 
 
 def served_together(first: Ephemeris, second: Ephemeris) -> bool:
@@ -34,19 +34,28 @@ def served_together(first: Ephemeris, second: Ephemeris) -> bool:
 def range_difference_m(first: Ephemeris, second: Ephemeris) -> float:
     """Return by how much ranges differ that are made of two data sets, in the middle between their times, metres."""
     begin, end = first.reference_gpst, second.reference_gpst
-    at = begin + (end - begin) // 2
-    one, other = (satellite_state(each, at) for each in (first, second))
-    apart_m = one.position_ecef_m - other.position_ecef_m
-    up = one.position_ecef_m / np.linalg.norm(one.position_ecef_m)
+    radial_m, sideways_m, clock_m = differences_m(first, second, begin + (end - begin) // 2)
+    return math.hypot(radial_m - clock_m, POLICY.sideways_share * sideways_m)
+
+
+def differences_m(first: Ephemeris, second: Ephemeris, gpst: np.datetime64) -> tuple[float, float, float]:
+    """Return by how much two data sets differ at an instant: upwards, along and across together, and by the clock."""
+    state, other = (satellite_state(each, gpst) for each in (first, second))
+    apart_m = state.position_ecef_m - other.position_ecef_m
+    up = state.position_ecef_m / np.linalg.norm(state.position_ecef_m)
     radial_m = float(apart_m @ up)
     sideways_m = float(np.linalg.norm(apart_m - radial_m * up))
-    clock_m = SPEED_OF_LIGHT_M_S * float(one.clock_s - other.clock_s)
-    return float(np.hypot(radial_m - clock_m, POLICY.sideways_share * sideways_m))
+    return radial_m, sideways_m, SPEED_OF_LIGHT_M_S * float(state.clock_s - other.clock_s)
 
 
 def chance_of_difference(first: Ephemeris, second: Ephemeris) -> float | None:
     """Return the chance of data sets that differ at least so; None where one of them promises no accuracy."""
+    sigma_m = stated_sigma_m(first, second)
+    return None if sigma_m is None else float(normal_two_sided(range_difference_m(first, second) / sigma_m))
+
+
+def stated_sigma_m(first: Ephemeris, second: Ephemeris) -> float | None:
+    """Return the deviation of a difference by what two data sets state; None where one of them promises nothing."""
     if not all(0 <= e.ura_index < len(URA_M) for e in (first, second)):
         return None
-    sigma_m = math.hypot(URA_M[first.ura_index], URA_M[second.ura_index])
-    return float(normal_two_sided(range_difference_m(first, second) / sigma_m))
+    return math.hypot(URA_M[first.ura_index], URA_M[second.ura_index])

@@ -7,11 +7,12 @@ in the first word, 22 and 8 in the nine others.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from skyproof.gnss.ephemeris import Ephemeris
+from skyproof.gnss.constants import BDT_BEHIND_GPST_S, SECONDS_PER_DAY
+from skyproof.gnss.ephemeris import Ephemeris, UtcParameters, UtcStatement
 from skyproof.gnss.messages.bit_fields import EPHEMERIS_NAMES, BitField, Words, read_fields
-from skyproof.gnss.time import nearest_week
+from skyproof.gnss.time import gpst, nearest_week
 
-__all__ = ["d1_ephemeris", "d1_subframe", "d2_ephemeris", "d2_page"]
+__all__ = ["d1_ephemeris", "d1_subframe", "d1_utc", "d2_ephemeris", "d2_page"]
 
 _BITS: Final = 300
 _PREAMBLE: Final = 0b11100010010
@@ -53,8 +54,18 @@ _D1: Final[dict[int, tuple[BitField, ...]]] = {
         BitField("omega0", ((211, 21), (240, 11)), 2.0**-31, signed=True, angle=True),
         BitField("omega", ((251, 11), (270, 21)), 2.0**-31, signed=True, angle=True),
     ),
+    5: (
+        BitField("page", ((43, 7),)),
+        BitField("leap_seconds", ((50, 2), (60, 6)), signed=True),
+        BitField("leap_seconds_future", ((66, 8),), signed=True),
+        BitField("wn_lsf_mod_256", ((74, 8),)),
+        BitField("a0", ((90, 22), (120, 10)), 2.0**-30, signed=True),
+        BitField("a1", ((130, 12), (150, 12)), 2.0**-50, signed=True),
+        BitField("dn", ((162, 8),)),
+    ),
 }
-"""Of subframes 1 to 3 of D1 (figures 5-8 to 5-10)."""
+"""Of subframes 1 to 3 and of page 10 of subframe 5 of D1 (figures 5-8 to 5-10 and 5-11-9)."""
+_UTC_PAGE: Final = 10
 
 
 def d1_subframe(frame: int) -> tuple[int, Mapping[str, float]] | None:
@@ -64,6 +75,24 @@ def d1_subframe(frame: int) -> tuple[int, Mapping[str, float]] | None:
     number = frame >> 282 & 7
     fields = (_SECOND, *_D1.get(number, ()))
     return number, read_fields(fields, frame, _BITS)
+
+
+def d1_utc(subframe: Mapping[str, float], sat: str, week_near: int) -> UtcStatement | None:
+    """Return what page 10 of subframe 5 says of UTC (5.2.4.18); None for other pages.
+
+    week_near : a full GPS week within two years of the truth.
+    """
+    if subframe.get("page") != _UTC_PAGE:
+        return None
+    week = nearest_week(int(subframe["wn_lsf_mod_256"]) + _WEEK_0, week_near, 256)
+    leap_seconds, later = (int(subframe[name] + BDT_BEHIND_GPST_S) for name in ("leap_seconds", "leap_seconds_future"))
+    # Its parameters count from the beginning of the week.
+    return UtcStatement(
+        sat=sat,
+        utc=UtcParameters(a0=subframe["a0"], a1=subframe["a1"], tot=0.0, wnt=week_near, leap_seconds=leap_seconds),
+        later_leap_seconds=later,
+        later_from_gpst=gpst(week, SECONDS_PER_DAY * (subframe["dn"] + 1) + leap_seconds),  # days count from 0
+    )
 
 
 def d1_ephemeris(subframes: Words, sat: str, week_near: int) -> Ephemeris | None:

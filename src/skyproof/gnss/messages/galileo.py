@@ -4,12 +4,13 @@ import bisect
 from collections.abc import Mapping
 from typing import Any, Final
 
-from skyproof.gnss.ephemeris import Ephemeris
+from skyproof.gnss.constants import SECONDS_PER_DAY
+from skyproof.gnss.ephemeris import Ephemeris, UtcParameters, UtcStatement
 from skyproof.gnss.lnav import URA_M
 from skyproof.gnss.messages.bit_fields import EPHEMERIS_NAMES, BitField, Words, crc_24q, read_fields
-from skyproof.gnss.time import nearest_week
+from skyproof.gnss.time import gpst, nearest_week
 
-__all__ = ["fnav_ephemeris", "fnav_page", "inav_ephemeris", "inav_word", "sisa_m"]
+__all__ = ["fnav_ephemeris", "fnav_page", "inav_ephemeris", "inav_utc", "inav_word", "sisa_m"]
 
 _GST_WEEK_0: Final = 1024  # the GPS week in which Galileo's time began; its week counts modulo 4096 (5.1.2)
 _INAV_BITS, _WORD_BITS, _FNAV_BITS = 240, 128, 244
@@ -68,8 +69,18 @@ _INAV: Final[dict[int, tuple[BitField, ...]]] = {
         BitField("week_mod_4096", ((73, 12),)),
         BitField("tow_s", ((85, 20),)),
     ),
+    6: (
+        BitField("a0", ((6, 32),), 2.0**-30, signed=True),
+        BitField("a1", ((38, 24),), 2.0**-50, signed=True),
+        BitField("leap_seconds", ((62, 8),), signed=True),
+        BitField("tot", ((70, 8),), 3600.0),
+        BitField("wnt_mod_256", ((78, 8),)),
+        BitField("wn_lsf_mod_256", ((86, 8),)),
+        BitField("dn", ((94, 3),)),
+        BitField("leap_seconds_future", ((97, 8),), signed=True),
+    ),
 }
-"""Of the words of I/NAV (tables 42 to 46)."""
+"""Of the words of I/NAV (tables 42 to 47)."""
 _FNAV: Final[dict[int, tuple[BitField, ...]]] = {
     1: (
         BitField("svid", ((6, 6),)),
@@ -183,6 +194,19 @@ def _ephemeris(
         ura_index=bisect.bisect_left(URA_M, sisa_m(int(merged["sisa"]))),
         message=message,
         **{name: merged[name] for name in EPHEMERIS_NAMES},
+    )
+
+
+def inav_utc(word: Mapping[str, float], sat: str, week_near: int) -> UtcStatement:
+    """Return what word 6 says of UTC (5.1.7). week_near : a full GPS week within two years of the truth."""
+    week = nearest_week(int(word["wnt_mod_256"]) + _GST_WEEK_0, week_near, 256)
+    later_week = nearest_week(int(word["wn_lsf_mod_256"]) + _GST_WEEK_0, week_near, 256)
+    leap_seconds = int(word["leap_seconds"])
+    return UtcStatement(
+        sat=sat,
+        utc=UtcParameters(a0=word["a0"], a1=word["a1"], tot=word["tot"], wnt=week, leap_seconds=leap_seconds),
+        later_leap_seconds=int(word["leap_seconds_future"]),
+        later_from_gpst=gpst(later_week, SECONDS_PER_DAY * word["dn"] + leap_seconds),
     )
 
 
