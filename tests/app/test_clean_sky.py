@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.progress import Silent
+from skyproof.app.common.session import examine_all, session_of
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import asked, detectors_for, examine_all, windows_of
+from skyproof.app.common.windows import asked
 from skyproof.app.protect import judge
 from skyproof.app.receive.reception import Reception, observe
 from skyproof.app.receive.tracker import track
@@ -49,10 +51,10 @@ def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, in
         navigation = nominal_constellation(start)
         noise = NoiseModel(sigma_m=0.7, ar1=float(rng.choice([0.0, 0.9])), constant_m=1.0)
         observed, _ = observations_of(scenario, navigation, rng=rng, noise=noise)
-        windows = windows_of(observed, navigation, settings)
-        evidence, sets, _ = examine_all(windows, detectors_for(settings, windows.run), Silent())
+        session = session_of([WholeSource(o) for o in observed], navigation, settings)
+        evidence, sets, _ = examine_all(session, Silent())
         decision = fuse(evidence, observed, sets)
-        windows_seen += len(windows)
+        windows_seen += len(session.windows)
         false_labels += sum(s.label == "spoofed" for s in decision.labels)
         false_verdicts += decision.verdict == "spoofed"
     return windows_seen, false_labels, false_verdicts

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.progress import Silent
+from skyproof.app.common.session import examine_all, session_of
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import detectors_for, examine_all, windows_of
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
 from skyproof.fusion.fuse import fuse
 from skyproof.fusion.trusted import fix_of
@@ -99,8 +100,8 @@ def one_of_two(o, labels, false):
 def judged(observed, navigation, **options):
     """Evidence and decision of all windows, as `protect` makes them."""
     settings = Settings(**options)
-    windows = windows_of(observed, navigation, settings)
-    evidence, sets, _ = examine_all(windows, detectors_for(settings, windows.run), Silent())
+    session = session_of([WholeSource(o) for o in observed], navigation, settings)
+    evidence, sets, _ = examine_all(session, Silent())
     return evidence, sets, fuse(evidence, observed, sets)
 
 

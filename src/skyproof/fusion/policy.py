@@ -27,6 +27,9 @@ class FusionPolicy:
         5.0, "sigma", "Stated places that differ by more contradict each other: chance does it once in two million."
     )
     least_window_epochs: int = number(5, "1", "A median of five epochs outvotes two that are wrong.")
+    interval_epochs: int = number(
+        8, "1", "First epochs of a receiver, by which its usual interval is known: three of seven may be missing."
+    )
     ends_together_s: float = number(
         2.0, "s", "Receivers that begin or end so nearly together lose a fifth of a usual window, which stays one."
     )

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Instants, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
-from skyproof.records import ObservationLog, Observations
+from skyproof.records import ObservationLog, Observations, SignalId
 
-__all__ = ["ClockStep", "ClockSteps", "anchored", "clock_steps", "time_breaks", "unstepped"]
+__all__ = ["ClockStep", "ClockSteps", "TimeBreaks", "anchored", "clock_steps", "time_breaks", "unstepped"]
 
 _MS_M: Final = SPEED_OF_LIGHT_M_S * 1e-3
 _WITHIN_M: Final = 150.0
@@ -119,30 +119,59 @@ def unstepped(observations: Observations, steps: ClockSteps, first: int = 0) -> 
     )
 
 
-def time_breaks(log: ObservationLog, stretch_epochs: int = 1024) -> Instants:
-    """Labels of the epochs before which a receiver's time broke, (n_breaks,): samples are missing there, or all signals
-    became others.
+class TimeBreaks:
+    """Find where a receiver's time breaks, as its epochs come: samples are missing there, or all signals became others.
 
     The time that the signals tell goes on as `elapsed_s` does, but for their Dopplers and the clock's drift. It broke
     where it leaps, for the median of three channels or more, by more than 150 m and what a platform's acceleration may
     do since each was there before. Channels that come back one by one after it are none of the next break's.
     """
-    found: list[np.datetime64] = []
-    last: tuple[Reals, Reals, Reals] | None = None
-    for first in range(0, log.gpst.size, stretch_epochs):
-        o = log.read(first, first + stretch_epochs)
-        ahead_m = SPEED_OF_LIGHT_M_S * (seconds_between(o.gpst, log.gpst[0]) - o.elapsed_s)
+
+    def __init__(self) -> None:
+        self._labels: list[np.datetime64] = []
+        self._zero: np.datetime64 | None = None
+        self._signals: tuple[SignalId, ...] = ()
+        self._last: tuple[Reals, Reals, Reals] | None = None
+
+    @property
+    def gpst(self) -> Instants:
+        """Return the labels of the epochs before which the time broke, (n_breaks,)."""
+        return np.array(self._labels, "datetime64[ns]")
+
+    def take(self, o: Observations) -> None:
+        """Look at epochs that follow those before them; signals may be others."""
+        if not o.gpst.size:
+            return
+        self._zero = o.gpst[0] if self._zero is None else self._zero
+        self._follow(o.signals)
+        ahead_m = SPEED_OF_LIGHT_M_S * (seconds_between(o.gpst, self._zero) - o.elapsed_s)
         range_m = o.pseudorange_m - ahead_m[:, None]
         rate_m_s = -SPEED_OF_LIGHT_M_S / o.carrier_hz * o.doppler_hz
         begin = 0
         while begin < o.gpst.size:
             known = range_m[begin:], rate_m_s[begin:], np.broadcast_to(o.elapsed_s[begin:, None], range_m[begin:].shape)
-            row, last = _first_break(known, last)
+            row, self._last = _first_break(known, self._last)
             if row is None:
                 break
-            found.append(o.gpst[begin + row])
-            begin, last = begin + row, None
-    return np.array(found, "datetime64[ns]")
+            self._labels.append(o.gpst[begin + row])
+            begin, self._last = begin + row, None
+
+    def _follow(self, signals: tuple[SignalId, ...]) -> None:
+        """Keep what each signal had last in the order of the signals that come."""
+        if self._last is not None and signals != self._signals:
+            column_of = {signal: column for column, signal in enumerate(self._signals)}
+            columns = np.array([column_of.get(signal, -1) for signal in signals], np.intp)
+            one, other, third = (np.append(values, np.nan)[columns] for values in self._last)
+            self._last = one, other, third
+        self._signals = signals
+
+
+def time_breaks(log: ObservationLog, stretch_epochs: int = 1024) -> Instants:
+    """Return the labels of the epochs before which a receiver's time broke, (n_breaks,): see `TimeBreaks`."""
+    breaks = TimeBreaks()
+    for first in range(0, log.gpst.size, stretch_epochs):
+        breaks.take(log.read(first, first + stretch_epochs))
+    return breaks.gpst
 
 
 def _first_break(

@@ -1,16 +1,15 @@
 from dataclasses import replace
-from types import SimpleNamespace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from skyproof.app.common.progress import Silent
+from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import RECEIVED, asked, detectors_for, examine_all, following_epochs, windows_of
+from skyproof.app.common.windows import RECEIVED, asked, detectors_for, following_epochs, windows_of
 from skyproof.detectors.registry import load_detectors
 from skyproof.records import (
     OBSERVABLES,
-    ConsistentSet,
     NavigationData,
     Need,
     Observations,
@@ -78,7 +77,7 @@ def test_windows_hold_five_epochs_or_more_whatever_lies_between_them(step_s, win
     fast, slow = epochs_every(0.1, 10), epochs_every(step_s, 41, late_s=0.002 * step_s)
     settings = following_epochs(Settings(), [fast, slow])
     assert settings.window_s == pytest.approx(window_s, rel=1e-3)
-    windows = windows_of([slow], NavigationData(ephemerides=()), settings)
+    windows = windows_of([WholeSource(slow)], NavigationData(ephemerides=()), settings)
     counts = [window.observations[0].gpst.size for window in windows if window.observations]
     assert min(counts) >= 5
     assert sum(counts) == 41
@@ -107,7 +106,7 @@ def test_each_window_has_the_correlators_of_its_epochs_and_every_look_is_in_one(
         dopplers_hz=np.zeros(1),
         value=value.astype(np.complex64),
     )
-    windows = windows_of([observations], NavigationData(ephemerides=()), Settings(window_s=12.0), [taps])
+    windows = windows_of([WholeSource(observations)], NavigationData(ephemerides=()), Settings(window_s=12.0), [taps])
     seen = []
     for records in windows:
         (part,), (own,) = records.taps, records.observations
@@ -142,32 +141,14 @@ def test_a_run_with_correlators_shares_the_false_alarms_with_sqm():
     assert share(run) == pytest.approx(of_a_window / (usual_shares() + 1))
 
 
-def test_the_sets_of_every_window_are_kept_however_long_the_run():
-    one = ConsistentSet(
-        receiver="rx1",
-        signals=(SignalId("G05"),),
-        gpst=START,
-        position_ecef_m=np.zeros(3),
-        clock_bias_s=0.0,
-        covariance_m2=np.eye(4),
-        statistic=0.0,
-        dof=0,
-        p_value=1.0,
-    )
-    windows = [SimpleNamespace(sets=(replace(one, clock_bias_s=number),)) for number in range(700)]
-    _, sets, _ = examine_all(windows, [], Silent())
-    assert [s.clock_bias_s for s in sets] == list(range(700))
-
-
 def test_a_window_ends_where_a_receivers_time_breaks():
     rng = np.random.default_rng(1)
     (whole,) = MeasuredScene(epochs=40, antennas_enu_m={"rx1": (0.0, 0.0, 0.0)}).records(rng).observations
     later = np.arange(40) >= 4
     broken = replace(whole, pseudorange_m=whole.pseudorange_m - np.where(later, 99_000.0, 0.0)[:, None])
-    windows = windows_of([broken], NavigationData(ephemerides=()), Settings(window_s=10.0))
+    windows = windows_of([WholeSource(broken)], NavigationData(ephemerides=()), Settings(window_s=10.0))
     assert [window.observations[0].gpst.size for window in windows] == [4, 10, 10, 10, 6]
-    assert windows.mean_s == pytest.approx(7.8, abs=0.01)
-    plain = windows_of([whole], NavigationData(ephemerides=()), Settings(window_s=10.0))
+    plain = windows_of([WholeSource(whole)], NavigationData(ephemerides=()), Settings(window_s=10.0))
     assert [window.observations[0].gpst.size for window in plain] == [10, 10, 10, 10]
 
 
@@ -175,15 +156,9 @@ def test_a_window_ends_where_a_receivers_time_breaks():
 def test_one_epoch_of_one_receiver_alone_makes_no_window(more, windows):
     both = (epochs_every(30.0, 30), replace(epochs_every(30.0, 30 + more), receiver="rx2"))
     settings = following_epochs(Settings(), both)
-    made = list(windows_of(both, NavigationData(ephemerides=()), settings))
+    made = list(windows_of([WholeSource(o) for o in both], NavigationData(ephemerides=()), settings))
     assert len(made) == windows
     assert all(records.observations for records in made)
-
-
-def test_short_windows_share_the_false_alarms_of_an_hour():
-    bare = Records(start_gpst=START, end_gpst=START)
-    usual, halved = (detectors_for(Settings(), bare, mean_s=s)[0].settings for s in (20.0, 5.0))
-    assert halved.false_alarm_probability == pytest.approx(0.5 * usual.false_alarm_probability)
 
 
 @pytest.mark.parametrize("pause", [np.timedelta64(95, "s"), np.timedelta64(17 * 365, "D")])
@@ -192,12 +167,8 @@ def test_a_pause_of_years_is_one_window(pause):
     gpst = np.concatenate([before.gpst, before.gpst[-1] + pause + np.arange(40) * np.timedelta64(1, "s")])
     both = epochs_every(1.0, 100)
     log = replace(both, gpst=gpst, elapsed_s=(gpst - gpst[0]) / np.timedelta64(1, "s"))
-    windows = windows_of([log], NavigationData(ephemerides=()), Settings())
-    held = [
-        int(((gpst >= start) & (gpst < end)).sum())
-        for start, end in zip(windows.edges, windows.edges[1:], strict=False)
-    ]
+    windows = windows_of([WholeSource(log)], NavigationData(ephemerides=()), Settings())
+    held = [int(((gpst >= start) & (gpst < end)).sum()) for start, end in pairwise(windows.edges())]
     assert sum(held) == 100
     assert sum(count == 0 for count in held) == 1
     assert len(windows) <= 12
-    assert 8.0 < windows.mean_s <= 10.5

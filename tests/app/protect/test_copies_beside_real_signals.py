@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.app.protect.captured import captured
 
+from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import detectors_for, following_epochs, windows_of
 from skyproof.app.receive.observed import observed, open_observations
@@ -114,7 +115,7 @@ def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, 
     sky = false_sky(base, navigation, place_ecef_m)
     both = (beside(base, sky, sats), beside(rover, captured(rover, sky, 0, rng=rng), sats))
     settings = following_epochs(Settings(**given), both)
-    windows = windows_of(both, navigation, settings)
+    windows = windows_of([WholeSource(o) for o in both], navigation, settings)
     (detector,) = (d for d in detectors_for(settings, windows.run) if d.name == "multi_receiver")
     state, spoofed = None, []
     for records in windows:

@@ -9,6 +9,7 @@ from scipy import stats
 from tests.app.protect.choosing import NAVIGATION, inertia_of, led_away, nothing_found
 from tests.app.protect.test_choosing import DRIVE, WALK
 
+from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
 from skyproof.fusion import departure
@@ -40,7 +41,7 @@ def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier="follows
         scene = scene_of(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
     (one,) = model_receptions(scene, ChannelNoise(code_m=0.5), rng=np.random.default_rng(seed))
     o = one.reception.observations
-    windows = list(windows_of([o], NAVIGATION, Settings()))
+    windows = list(windows_of([WholeSource(o)], NAVIGATION, Settings()))
     settings = Settings(oscillator="ocxo")
     return o, windows, inertia_of(scene, settings, "tactical", seed=seed)["bow"]
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.app.protect.choosing import NAVIGATION, led_away, nothing_found
 
+from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
 from skyproof.fusion.place import displacements
@@ -30,7 +31,7 @@ def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, consta
     noise = ChannelNoise(code_m=code_m, ar1=ar1, constant_m=constant_m)
     (one,) = model_receptions(scene, noise, rng=np.random.default_rng(seed))
     o = one.reception.observations
-    return o, list(windows_of([o], NAVIGATION, Settings())), one.position_ecef_m[0]
+    return o, list(windows_of([WholeSource(o)], NAVIGATION, Settings())), one.position_ecef_m[0]
 
 
 def said(found, foresight):

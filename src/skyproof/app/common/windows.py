@@ -1,7 +1,6 @@
 """From whole observations to windows of records, and what every detector says of each."""
 
-import math
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -9,16 +8,14 @@ from typing import Any, TypeVar
 import numpy as np
 
 from skyproof.app.common.body import Body, Carried, body_states
-from skyproof.app.common.packed_log import PACKED, PackedLog
-from skyproof.app.common.progress import Progress
+from skyproof.app.common.epoch_source import EpochSource
 from skyproof.app.common.settings import Settings
 from skyproof.arrays import Instants, Reals
 from skyproof.detectors.base import Detector
-from skyproof.detectors.registry import examined, load_detectors, made_with, review_of
+from skyproof.detectors.registry import load_detectors, made_with
 from skyproof.fusion.policy import POLICY
-from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.interruption import watch
-from skyproof.navigation.clock import time_breaks
+from skyproof.gnss.time import timedelta_from_s
+from skyproof.navigation.clock import TimeBreaks
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
 from skyproof.records import (
@@ -26,8 +23,8 @@ from skyproof.records import (
     Asked,
     Ccaf,
     CcafAsked,
+    CellStatus,
     ConsistentSet,
-    Finding,
     FrontEndLevels,
     Holding,
     NavigationData,
@@ -37,7 +34,6 @@ from skyproof.records import (
     ReceivedMessages,
     ReceiverFixes,
     Records,
-    SignalRef,
     SpinArm,
     Stretched,
     Taps,
@@ -50,24 +46,24 @@ __all__ = [
     "asked",
     "cut",
     "detectors_for",
-    "examine",
-    "examine_all",
     "following_epochs",
-    "reviewed",
     "windows_of",
 ]
 
 H = TypeVar("H", bound=Hashable)
 
 NO_TIME = np.datetime64("NaT", "ns")
+STRETCH_EPOCHS = 1024
 RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAVIGATION})
 """What any detector may need that every receiver makes, sooner or later; the rest is of special equipment."""
 
 
 def cut(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Observations:
-    """The epochs with start <= label < end."""
+    """The epochs with start <= label < end, and the signals that are received in them."""
     first, stop = np.searchsorted(observations.gpst, [start_gpst, end_gpst])
-    return observations.read(int(first), int(stop))
+    o = observations.read(int(first), int(stop))
+    received = (o.status != CellStatus.NOT_TRACKED).any(axis=0)
+    return o if received.all() or not o.gpst.size else o.select_channels(np.flatnonzero(received))
 
 
 def span_s(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> tuple[float, float]:
@@ -90,9 +86,20 @@ def following_epochs(settings: Settings, observations: Sequence[ObservationLog])
     return settings if needed_s <= settings.window_s else settings.model_copy(update={"window_s": needed_s})
 
 
-def window_edges(
-    observations: Sequence[ObservationLog], window_s: float, *, keep_pauses: bool = False
-) -> list[np.datetime64]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Arrived:
+    """What came of one receiver's epochs: their labels (n,), the usual time between them, and breaks of its time (m,).
+
+    until_gpst : up to when nothing more can come.
+    """
+
+    gpst: Instants
+    interval_s: float
+    breaks: Instants
+    until_gpst: np.datetime64
+
+
+def window_edges(received: Sequence[Arrived], window_s: float, *, keep_pauses: bool = False) -> list[np.datetime64]:
     """Edges of the windows, common to all receivers: from the first epoch of any to past the last.
 
     Windows in a row that hold no epoch are one, for a log may pause for years. Not so with `keep_pauses`: correlators
@@ -101,18 +108,18 @@ def window_edges(
     Where a receiver's time breaks one window ends and another begins: ranges before and after it have nothing in
     common, and a mean over both is of neither. So it is where all receivers begin, and where the first of them ends:
     what all measured says nothing of what one of them measured without the others. A single epoch makes no window.
+
+    More epochs move no edge but the last, so that edges are the same however the epochs come.
     """
-    if not observations:
-        return [NO_TIME, NO_TIME]
-    first = min(o.gpst[0] for o in observations)
-    last = max(o.gpst[-1] for o in observations) + np.timedelta64(1, "ms")
+    first = min(one.gpst[0] for one in received)
+    last = max(one.until_gpst for one in received) + np.timedelta64(1, "ms")
     # Between epochs: those of receivers that do not steer their clocks come some milliseconds early or late.
-    early = timedelta_from_s(0.5 * max(interval_s(o.elapsed_s) for o in observations))
-    all_from, all_to = max(o.gpst[0] for o in observations), min(o.gpst[-1] for o in observations)
+    early = timedelta_from_s(0.5 * max(one.interval_s for one in received))
+    all_from, all_to = max(one.gpst[0] for one in received), min(one.until_gpst for one in received)
     most = max(timedelta_from_s(POLICY.ends_together_s), 3 * early)  # of one epoch nothing can be said
     alone = [at for at, by in ((all_from, all_from - first), (all_to + 2 * early, last - all_to)) if by > most]
-    breaks = np.unique(np.concatenate([*(time_breaks(o) for o in observations), np.array(alone, "M8[ns]")]))
-    epochs = np.unique(np.concatenate([o.gpst for o in observations]))
+    breaks = np.unique(np.concatenate([*(one.breaks for one in received), np.array(alone, "M8[ns]")]))
+    epochs = np.unique(np.concatenate([one.gpst for one in received]))
     edges = [first]
     for begin, end in pairwise([first, *breaks, last]):
         if end - begin > early or end == last:  # not at the break that another receiver saw at its own epoch
@@ -159,36 +166,78 @@ class Run(Holding):
         return self.body
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(eq=False, kw_only=True)
 class Windows:
-    """A run cut into windows, which are made one by one as they are asked for.
+    """Cut what comes of a run into windows; each is given once, as soon as all its epochs are there.
 
-    edges : of the windows, common to all receivers; (n + 1,).
+    A window is complete half a window after its end, or at a break or the end of all sources: a last window of less
+    than half joins the one before.
     """
 
     run: Run
-    edges: tuple[np.datetime64, ...]
+    sources: tuple[EpochSource, ...]
+    window_s: float
     multipath_sigma_m: float
+    keep_pauses: bool = False
+    _breaks: tuple[TimeBreaks, ...] = ()
+    _looked: list[int] = field(default_factory=list)
+    _given: np.datetime64 | None = None
+    _carried: Carried = field(default_factory=Carried)
+
+    def __post_init__(self) -> None:
+        self._breaks = tuple(TimeBreaks() for _ in self.sources)
+        self._looked = [0] * len(self.sources)
+
+    def edges(self) -> list[np.datetime64]:
+        """Return the edges, common to all receivers, that further epochs do not move; (n + 1,)."""
+        if not self.sources:
+            return [NO_TIME, NO_TIME]
+        logs = [source.log for source in self.sources]
+        if any(log.gpst.size < POLICY.interval_epochs and not source.ended for log, source in self._each(logs)):
+            return []
+        last = [log.gpst[-1] for log in logs]
+        horizon = min((at for at, source in zip(last, self.sources, strict=True) if not source.ended), default=None)
+        received = []
+        for k, (log, source) in enumerate(self._each(logs)):
+            self._look_for_breaks(k, log)
+            until = last[k] if horizon is None or (source.ended and last[k] < horizon) else horizon
+            known = log.gpst[: int(np.searchsorted(log.gpst, until, side="right"))]
+            if not known.size:
+                return []
+            breaks = self._breaks[k].gpst
+            received.append(
+                Arrived(
+                    gpst=known,
+                    interval_s=interval_s(log.elapsed_s[: POLICY.interval_epochs]),
+                    breaks=breaks[breaks <= until],
+                    until_gpst=until,
+                )
+            )
+        edges = window_edges(received, self.window_s, keep_pauses=self.keep_pauses)
+        return edges if horizon is None else edges[:-1]
 
     def __len__(self) -> int:
-        return len(self.edges) - 1
+        return max(len(self.edges()) - 1, 0)
 
-    @property
-    def mean_s(self) -> float:
-        """Mean length of the windows that hold epochs, s: less than asked where breaks cut them; NaN without any."""
-        if not self.run.observations:
-            return math.nan
-        edges = np.array(self.edges)
-        inside = [np.searchsorted(edges, o.gpst, side="right") - 1 for o in self.run.observations]
-        occupied = np.unique(np.clip(np.concatenate(inside), 0, len(self) - 1))
-        return float(np.mean(seconds_between(edges[occupied + 1], edges[occupied])))
+    def _each(self, logs: Sequence[ObservationLog]) -> Iterator[tuple[ObservationLog, EpochSource]]:
+        return zip(logs, self.sources, strict=True)
+
+    def _look_for_breaks(self, k: int, log: ObservationLog) -> None:
+        """Look at the epochs that came since."""
+        stop = log.gpst.size
+        for first in range(self._looked[k], stop, STRETCH_EPOCHS):
+            self._breaks[k].take(log.read(first, min(first + STRETCH_EPOCHS, stop)))
+        self._looked[k] = stop
 
     def __iter__(self) -> Iterator[Records]:
-        carried = Carried()
-        for start, end in pairwise(self.edges):
+        """Yield the windows that are complete and were not given before."""
+        for start, end in pairwise(self.edges()):
+            if self._given is not None and start < self._given:
+                continue
+            self._given = end
             records = self._window(start, end)
             if self.run.body is not None:
-                states, carried = body_states(self.run.body, records, carried)
+                states, self._carried = body_states(self.run.body, records, self._carried)
                 records = replace(records, nav_state=states)
             yield records
 
@@ -225,7 +274,7 @@ class Windows:
 
 
 def windows_of(
-    observations: Sequence[ObservationLog],
+    sources: Sequence[EpochSource],
     navigation: NavigationData,
     settings: Settings,
     taps: Sequence[Stretched[Taps]] = (),
@@ -241,7 +290,7 @@ def windows_of(
 ) -> Windows:
     """The windows of a run. Without observations it is one empty window, in which every detector says what it lacks."""
     run = Run(
-        observations=tuple(observations),
+        observations=tuple(source.log for source in sources),
         navigation=navigation if navigation.ephemerides else None,
         taps=tuple(taps),
         vector_taps=tuple(vector_taps),
@@ -253,8 +302,13 @@ def windows_of(
         messages=messages or {},
         own_fixes=own_fixes or {},
     )
-    edges = window_edges(observations, settings.window_s, keep_pauses=bool(taps or vector_taps or ccaf or array_phases))
-    return Windows(run=run, edges=tuple(edges), multipath_sigma_m=settings.multipath_sigma_m)
+    return Windows(
+        run=run,
+        sources=tuple(sources),
+        window_s=settings.window_s,
+        multipath_sigma_m=settings.multipath_sigma_m,
+        keep_pauses=bool(taps or vector_taps or ccaf or array_phases),
+    )
 
 
 def detectors_for(
@@ -262,7 +316,6 @@ def detectors_for(
     run: Holding,
     *,
     further: int = 0,
-    mean_s: float = float("inf"),
     positions_ecef_m: Mapping[str, Reals] | None = None,
 ) -> list[Detector]:
     """Every installed detector with the run's settings.
@@ -273,15 +326,15 @@ def detectors_for(
     (`share = 0`), cannot raise an alarm: they take nothing from the others. The latter test at a whole share's rate,
     which makes a run *suspect* at most.
 
-    further : tests beside the detectors, of each receiver, that are left a share. mean_s : length of the windows, where
-        breaks of time make more of them than the settings do. positions_ecef_m : (3,) of each surveyed receiver.
+    further : tests beside the detectors, of each receiver, that are left a share. positions_ecef_m : (3,) of each
+        surveyed receiver.
     """
     classes = load_detectors()
     n_receivers = len(run.observations)
     shares = {name: _share_of(cls) for name, cls in classes.items()}
     equipped = sum(shares[name] for name, cls in classes.items() if _equipped(cls(), run))
     tests = max(equipped + further, 1.0) * max(n_receivers, 1)
-    alpha = settings.false_alarm_probability_per_hour * min(settings.window_s, mean_s) / 3600.0 / tests
+    alpha = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0 / tests
     shared: dict[str, Any] = settings.model_dump()
     shared |= {"positions_ecef_m": positions_ecef_m}
     detectors = []
@@ -330,83 +383,3 @@ def _grids_together(grids: Sequence[CcafAsked]) -> CcafAsked:
 def _equipped(detector: Detector, run: Holding) -> bool:
     """Whether the run has what special equipment gives and this detector needs."""
     return all(run.has(need) for need in detector.needs if need not in RECEIVED)
-
-
-States = Mapping[str, Any]
-"""What each detector remembers from window to window, by its name."""
-
-
-def examine(detectors: Sequence[Detector], records: Records, states: States) -> tuple[list[Finding], States]:
-    """All that all detectors say of one window, and what they remember of it."""
-    evidence: list[Finding] = []
-    remembered = dict(states)
-    for detector in detectors:
-        said, remembered[detector.name] = examined(detector, records, states.get(detector.name))
-        evidence += said
-    return evidence, remembered
-
-
-def reviewed(detectors: Sequence[Detector], evidence: Sequence[Finding]) -> Sequence[Finding]:
-    """The evidence of all windows, after each detector that has a method `review` looked at it once more."""
-    seen = evidence
-    for detector in detectors:
-        if (after := review_of(detector, seen)) is not seen:
-            seen = PackedLog(after)
-    return seen
-
-
-def examine_all(
-    windows: Windows,
-    detectors: Sequence[Detector],
-    progress: Progress,
-    take: Callable[[Records, Sequence[Finding]], None] | None = None,
-) -> tuple[Sequence[Finding], Sequence[ConsistentSet], bool]:
-    """The evidence of all detectors and windows, the sets found in them, and whether a signal left windows out.
-
-    take : is called with each window and what was found in it, as it comes.
-    """
-    evidence, sets = _Kept(), PackedLog[ConsistentSet]()
-    states: States = {}
-    interrupted, cut_short = watch(), False
-    with progress.stage("examining the signals, window by window", len(windows)) as stage:
-        for number, records in enumerate(windows, 1):
-            said, states = examine(detectors, records, states)
-            evidence.take(said)
-            if take is not None:
-                take(records, said)
-            sets.extend(records.sets)
-            stage.advance(number)
-            if interrupted() and number < len(windows):
-                cut_short = True
-                break
-    return reviewed(detectors, evidence.all), sets, cut_short
-
-
-class _Kept:
-    """Evidence in little memory: what is equal in windows that follow each other is kept once, and that a test cannot
-    run is said once in a row.
-    """
-
-    def __init__(self) -> None:
-        self.all = PackedLog[Finding]()
-        self._same: dict[Hashable, Any] = {}
-        self._lacking: set[tuple[str, tuple[SignalRef, ...], tuple[Need, ...]]] = set()
-
-    def take(self, said: Sequence[Finding]) -> None:
-        """The evidence of one more window."""
-        lacking = set()
-        for one in said:
-            subject = self._once(tuple(self._once(ref) for ref in one.signals))
-            if one.lacking:
-                key = one.detector, subject, one.lacking
-                lacking.add(key)
-                if key in self._lacking:
-                    continue
-            self.all.extend((replace(one, signals=subject),))
-        self._lacking = lacking
-        if len(self._same) > PACKED:  # words with figures in them hardly ever come again
-            self._same.clear()
-
-    def _once(self, value: H) -> H:
-        kept: H = self._same.setdefault(value, value)
-        return kept

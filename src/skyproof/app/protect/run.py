@@ -19,6 +19,7 @@ from skyproof.app.common.body import (
     with_logged_imu,
     with_stored_readings,
 )
+from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.folder import ClaimedFolder, claim
 from skyproof.app.common.kernels import JUDGING, RECEIVING, make_ready
 from skyproof.app.common.memory import give_back
@@ -27,8 +28,9 @@ from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
 from skyproof.app.common.platform_use import described, inputs_of, settings_of
 from skyproof.app.common.progress import Progress, Silent, Stage
+from skyproof.app.common.session import Session, examine_all
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.app.common.windows import asked, detectors_for, examine_all, following_epochs, windows_of
+from skyproof.app.common.windows import asked, detectors_for, following_epochs, windows_of
 from skyproof.app.protect.coasting import carried_track
 from skyproof.app.protect.document import document
 from skyproof.app.protect.duplicates import one_receiver_each
@@ -369,7 +371,7 @@ def judge(
     received = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
     observed = [r.observations for r in received if r.observations is not None]
     windows = windows_of(
-        observed,
+        [WholeSource(o) for o in observed],
         orbits,
         settings,
         taps=[r.taps for r in received if r.taps is not None],
@@ -392,10 +394,9 @@ def judge(
         settings,
         windows.run,
         further=moving + standing,
-        mean_s=windows.mean_s,
         positions_ecef_m=surveyed_positions(foresights),
     )
-    evidence, sets, interrupted = examine_all(windows, detectors, progress, so_far.take)
+    evidence, sets, interrupted = examine_all(Session(windows, detectors), progress, so_far.take)
     give_back()
     makers = [
         FixMaker(

@@ -1,0 +1,140 @@
+"""The one loop, of files and of what comes live: windows in, what the tests find and the words so far out."""
+
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+from skyproof.app.common.epoch_source import EpochSource
+from skyproof.app.common.packed_log import PACKED, PackedLog
+from skyproof.app.common.progress import Progress
+from skyproof.app.common.settings import Settings
+from skyproof.app.common.windows import Windows, detectors_for, windows_of
+from skyproof.detectors.base import Detector
+from skyproof.detectors.registry import examined, made_with, review_of
+from skyproof.fusion.decide import Deciding, decide
+from skyproof.gnss.time import seconds_between
+from skyproof.interruption import watch
+from skyproof.records import ConsistentSet, Finding, NavigationData, Need, Records, SignalRef
+
+__all__ = ["Session", "Step", "examine_all", "reviewed", "session_of"]
+
+H = TypeVar("H", bound=Hashable)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Step:
+    """One window: its records, what was found in it, and what is decided so far."""
+
+    records: Records
+    findings: tuple[Finding, ...]
+    deciding: Deciding
+
+
+@dataclass(eq=False)
+class Session:
+    """Examine and decide windows in order of time, in bounded state.
+
+    windows : of a run, as they become complete. detectors : with the error rate of a whole window; a shorter one gets
+    less, so that the budget is paid by time.
+    """
+
+    windows: Windows
+    detectors: Sequence[Detector]
+    _states: Mapping[str, Any] = field(default_factory=dict)
+    _deciding: Deciding = field(default_factory=Deciding)
+
+    def steps(self) -> Iterator[Step]:
+        """Yield each window that is complete and was not given before."""
+        for records in self.windows:
+            share = seconds_between(records.end_gpst, records.start_gpst) / self.windows.window_s
+            findings = list[Finding]()
+            states = dict(self._states)
+            for detector in _with_share(self.detectors, float(share)):
+                found, states[detector.name] = examined(detector, records, states.get(detector.name))
+                findings += found
+            self._states = states
+            receivers = [o.receiver for o in records.observations]
+            self._deciding, _ = decide(self._deciding, findings, receivers, records.start_gpst, records.end_gpst)
+            yield Step(records=records, findings=tuple(findings), deciding=self._deciding)
+
+
+def _with_share(detectors: Sequence[Detector], share: float) -> Sequence[Detector]:
+    """Return the detectors with a share of their false-alarm probability; a whole one at most."""
+    if not share < 1.0:
+        return detectors
+    rates = [share * detector.settings.false_alarm_probability for detector in detectors]
+    return [
+        made_with(type(detector), replace(detector.settings, false_alarm_probability=rate))
+        for detector, rate in zip(detectors, rates, strict=True)
+    ]
+
+
+def session_of(sources: Sequence[EpochSource], navigation: NavigationData, settings: Settings) -> Session:
+    """Return a session of receivers whose epochs come in, with every installed detector.
+
+    sources : one a receiver. navigation : orbits that hold while the session lasts.
+    """
+    windows = windows_of(sources, navigation, settings)
+    return Session(windows, detectors_for(settings, windows.run))
+
+
+def reviewed(detectors: Sequence[Detector], evidence: Sequence[Finding]) -> Sequence[Finding]:
+    """The evidence of all windows, after each detector that has a method `review` looked at it once more."""
+    seen = evidence
+    for detector in detectors:
+        if (after := review_of(detector, seen)) is not seen:
+            seen = PackedLog(after)
+    return seen
+
+
+def examine_all(
+    session: Session, progress: Progress, take: Callable[[Step], None] | None = None
+) -> tuple[Sequence[Finding], Sequence[ConsistentSet], bool]:
+    """The evidence of all windows, the sets found in them, and whether a signal left windows out.
+
+    take : is called with each window as it comes.
+    """
+    evidence, sets = _Kept(), PackedLog[ConsistentSet]()
+    interrupted, cut_short = watch(), False
+    total = len(session.windows)
+    with progress.stage("examining the signals, window by window", total) as stage:
+        for number, step in enumerate(session.steps(), 1):
+            evidence.take(step.findings)
+            if take is not None:
+                take(step)
+            sets.extend(step.records.sets)
+            stage.advance(number)
+            if interrupted() and number < total:
+                cut_short = True
+                break
+    return reviewed(session.detectors, evidence.all), sets, cut_short
+
+
+class _Kept:
+    """Evidence in little memory: what is equal in windows that follow each other is kept once, and that a test cannot
+    run is said once in a row.
+    """
+
+    def __init__(self) -> None:
+        self.all = PackedLog[Finding]()
+        self._same: dict[Hashable, Any] = {}
+        self._lacking: set[tuple[str, tuple[SignalRef, ...], tuple[Need, ...]]] = set()
+
+    def take(self, said: Sequence[Finding]) -> None:
+        """The evidence of one more window."""
+        lacking = set()
+        for one in said:
+            subject = self._once(tuple(self._once(ref) for ref in one.signals))
+            if one.lacking:
+                key = one.detector, subject, one.lacking
+                lacking.add(key)
+                if key in self._lacking:
+                    continue
+            self.all.extend((replace(one, signals=subject),))
+        self._lacking = lacking
+        if len(self._same) > PACKED:  # words with figures in them hardly ever come again
+            self._same.clear()
+
+    def _once(self, value: H) -> H:
+        kept: H = self._same.setdefault(value, value)
+        return kept

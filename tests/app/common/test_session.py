@@ -1,0 +1,131 @@
+"""One loop: what is fed in pieces of any size gives what the whole gives, window by window."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skyproof.app.common.epoch_source import FedSource, WholeSource
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.session import Session, examine_all, session_of
+from skyproof.app.common.settings import Settings
+from skyproof.records import ConsistentSet, Observations, Records, SignalId
+from skyproof.testing import MeasuredScene
+
+PLACES = {"rx1": (0.0, 0.0, 0.0), "rx2": (12.0, 16.0, 0.0)}
+START = np.datetime64("2024-05-14T10:00:00", "ns")
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return MeasuredScene(epochs=47, antennas_enu_m=PLACES).records(np.random.default_rng(3))
+
+
+class Cut(list):
+    """Windows that are made already."""
+
+    window_s = 10.0
+
+
+def gist(step):
+    """What of a window has to be the same."""
+    records, word = step.records, step.deciding
+    found = [(e.detector, e.code, e.signals, dict(e.p), e.alpha, e.dated_gpst, str(e.data)) for e in step.findings]
+    return records.start_gpst, records.end_gpst, found, word.words, word.word
+
+
+def fed(scene, sizes):
+    """Steps of a session whose receivers' epochs come in pieces of such sizes, in turn."""
+    sources = [FedSource(o.receiver) for o in scene.observations]
+    session = session_of(sources, scene.navigation, Settings())
+    given_to, steps = [0] * len(sources), []
+    n = scene.observations[0].gpst.size
+    turn = 0
+    while min(given_to) < n:
+        k = turn % len(sources)
+        size = sizes[turn % len(sizes)]
+        sources[k].feed(scene.observations[k].read(given_to[k], given_to[k] + size))
+        given_to[k] = min(given_to[k] + size, n)
+        steps += session.steps()
+        turn += 1
+    for source in sources:
+        source.end()
+    return steps, [*steps, *session.steps()]
+
+
+@settings(max_examples=3, deadline=None)
+@given(sizes=st.lists(st.integers(1, 30), min_size=1, max_size=5))
+def test_pieces_of_any_size_give_what_the_whole_gives(scene, sizes):
+    whole = session_of([WholeSource(o) for o in scene.observations], scene.navigation, Settings())
+    assert [gist(step) for step in fed(scene, sizes)[1]] == [gist(step) for step in whole.steps()]
+
+
+def test_windows_come_before_the_end():
+    one = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
+    before, steps = fed(one, [1])
+    assert (len(before), len(steps)) == (4, 5)
+
+
+def test_the_first_window_comes_half_a_window_after_its_end():
+    one = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
+    source = FedSource("rx1")
+    session = session_of([source], one.navigation, Settings())
+    seen = []
+    for row in range(20):
+        source.feed(one.observations[0].read(row, row + 1))
+        seen.append(len(list(session.steps())))
+    assert seen.index(1) == 15
+
+
+def test_signals_that_come_later_change_no_window_before(scene):
+    (o, *_), late = scene.observations, 25
+    part = o.select_channels(np.arange(1, len(o.signals)))
+    pieces = [part.read(0, late), o.read(late, o.gpst.size)]
+    source = FedSource(o.receiver)
+    for piece in pieces:
+        source.feed(piece)
+    source.end()
+    session = session_of([source], scene.navigation, Settings())
+    whole = session_of([WholeSource(Observations.joined(pieces))], scene.navigation, Settings())
+    assert [gist(step) for step in session.steps()] == [gist(step) for step in whole.steps()]
+
+
+def test_nothing_is_fed_after_the_end(scene):
+    source = FedSource("rx1")
+    source.end()
+    with pytest.raises(ValueError, match="rx1"):
+        source.feed(scene.observations[0])
+
+
+def test_a_short_window_has_its_share_of_the_false_alarms():
+    one = MeasuredScene(epochs=40, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(1))
+    (o,) = one.observations
+    later = np.arange(40) >= 4
+    broken = replace(o, pseudorange_m=o.pseudorange_m - np.where(later, 99_000.0, 0.0)[:, None])
+    session = session_of([WholeSource(broken)], one.navigation, Settings())
+    alphas = [
+        {e.detector: e.alpha for e in step.findings if e.alpha is not None}.get("residual") for step in session.steps()
+    ]
+    assert alphas[0] == pytest.approx(0.35 * alphas[1])
+    assert alphas[1] == alphas[2]
+
+
+def test_the_sets_of_every_window_are_kept_however_long_the_run():
+    one = ConsistentSet(
+        receiver="rx1",
+        signals=(SignalId("G05"),),
+        gpst=START,
+        position_ecef_m=np.zeros(3),
+        clock_bias_s=0.0,
+        covariance_m2=np.eye(4),
+        statistic=0.0,
+        dof=0,
+        p_value=1.0,
+    )
+    windows = [
+        Records(start_gpst=START, end_gpst=START, sets=(replace(one, clock_bias_s=number),)) for number in range(700)
+    ]
+    _, sets, _ = examine_all(Session(Cut(windows), []), Silent())
+    assert [s.clock_bias_s for s in sets] == list(range(700))
