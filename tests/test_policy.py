@@ -46,6 +46,7 @@ COMPUTING = {
     "app/common/platform_tables": {"AXES", "Metres", "ROTATION_ERROR", "SigmaDeg"},
     "app/common/platform_use": {"_ENU_FROM_NED"},
     "app/common/settings": {"_Latitude", "_Longitude", "_Metres"},
+    "app/common/windows": {"STRETCH_EPOCHS"},
     "app/inspect/guess": {
         "USUAL_IFS_HZ",
         "USUAL_RATES_HZ",

@@ -16,13 +16,13 @@ from skyproof.gnss.time import seconds_between
 from skyproof.interruption import watch
 from skyproof.records import ConsistentSet, Finding, NavigationData, Need, Records, SignalRef
 
-__all__ = ["Session", "Step", "examine_all", "reviewed", "session_of"]
+__all__ = ["DecidedWindow", "Session", "examine_all", "reviewed", "session_of"]
 
 H = TypeVar("H", bound=Hashable)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Step:
+class DecidedWindow:
     """One window: its records, what was found in it, and what is decided so far."""
 
     records: Records
@@ -43,7 +43,7 @@ class Session:
     _states: Mapping[str, Any] = field(default_factory=dict)
     _deciding: Deciding = field(default_factory=Deciding)
 
-    def steps(self) -> Iterator[Step]:
+    def steps(self) -> Iterator[DecidedWindow]:
         """Yield each window that is complete and was not given before."""
         for records in self.windows:
             share = seconds_between(records.end_gpst, records.start_gpst) / self.windows.window_s
@@ -55,12 +55,12 @@ class Session:
             self._states = states
             receivers = [o.receiver for o in records.observations]
             self._deciding, _ = decide(self._deciding, findings, receivers, records.start_gpst, records.end_gpst)
-            yield Step(records=records, findings=tuple(findings), deciding=self._deciding)
+            yield DecidedWindow(records=records, findings=tuple(findings), deciding=self._deciding)
 
 
 def _with_share(detectors: Sequence[Detector], share: float) -> Sequence[Detector]:
     """Return the detectors with a share of their false-alarm probability; a whole one at most."""
-    if not share < 1.0:
+    if not 0.0 < share < 1.0:  # a run without epochs has one window without times
         return detectors
     rates = [share * detector.settings.false_alarm_probability for detector in detectors]
     return [
@@ -88,7 +88,7 @@ def reviewed(detectors: Sequence[Detector], evidence: Sequence[Finding]) -> Sequ
 
 
 def examine_all(
-    session: Session, progress: Progress, take: Callable[[Step], None] | None = None
+    session: Session, progress: Progress, take: Callable[[DecidedWindow], None] | None = None
 ) -> tuple[Sequence[Finding], Sequence[ConsistentSet], bool]:
     """The evidence of all windows, the sets found in them, and whether a signal left windows out.
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.app.common.progress import Progress
-from skyproof.app.common.session import Step
+from skyproof.app.common.session import DecidedWindow
 from skyproof.app.protect.outputs import evidence_line
 from skyproof.formats.pieces import Workspace
 from skyproof.fusion.decide import Deciding, VerdictWord
@@ -33,7 +33,7 @@ class WordsSoFar:
         self._progress, self._workspace = progress, workspace
         self._word: VerdictWord | None = None
 
-    def take(self, step: Step) -> None:
+    def take(self, step: DecidedWindow) -> None:
         """Note what was found in a window and decided, and tell the run's word where it is another one."""
         end = step.records.end_gpst
         self.note(step.findings)
