@@ -45,12 +45,12 @@ def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> Non
     o = observations("bow")
     heard = Reception(source=samples("bow"), observations=o, decoded=NOBODY, n_signals=2, examined_s=3.0)
     deaf = Reception(
-        source=samples("<stern>"), observations=None, decoded=NOBODY, n_signals=0, examined_s=3.0, left_out="no signal"
+        source=samples("<stern>"), observations=None, decoded=NOBODY, n_signals=0, examined_s=3.0, left_out="deaf"
     )
     shown = ReceiveResult(receptions=(heard, deaf), signals=(signals_of(heard.observations), ()))._repr_html_()
     for reported in (
         "bow: 2 signals in 3.0 s",
-        "&lt;stern&gt;: 0 signals in 3.0 s; left out: no signal",
+        "&lt;stern&gt;: 0 signals in 3.0 s; left out: deaf",
         "G05 L1 CA a",
         "G05 L1 CA b",
         "44.4",

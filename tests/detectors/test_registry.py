@@ -72,7 +72,7 @@ def test_our_detectors_are_found_by_their_entry_points():
         (ImportError("missing"), "odd:Odd: ImportError: missing"),
         (NameError("name 'nmupy' is not defined"), r"NameError: .*'nmupy'.*\btest_registry\.py, line"),
         (lambda: SimpleNamespace(name="odd", settings=Rate()), r"\bneeds\b.*\bexamine\b"),
-        (lambda: Odd(name="other"), "'other', expected 'odd'"),
+        (lambda: Odd(name="other"), "'other', .*'odd'"),
         (lambda: Odd(needs=Need.OBSERVATIONS), r"skyproof\.records\.Need"),
         (lambda: Odd(settings=SimpleNamespace()), r"\bdataclass\b.*false_alarm_probability"),
     ],
@@ -142,11 +142,11 @@ def test_evidence_that_cannot_be_used_fails_the_contract_and_in_a_run_is_undecid
     [
         ({"signals": ("G05",)}, "SignalRef"),
         ({"code": ""}, "code is ''"),
-        ({"detector": "residual"}, "detector is 'residual'"),
-        ({"p": {Cause.FAULT: 1.0}}, "p is of fault"),
-        ({"p": {Cause.CLEAN: 1.7}}, "p of clean is 1.7"),
-        ({"p": {Cause.CLEAN: float("nan")}}, "p of clean is nan"),
-        ({"alpha": None}, "alpha is None"),
+        ({"detector": "residual"}, "'residual'"),
+        ({"p": {Cause.FAULT: 1.0}}, "of fault"),
+        ({"p": {Cause.CLEAN: 1.7}}, "clean is 1.7"),
+        ({"p": {Cause.CLEAN: float("nan")}}, "clean is nan"),
+        ({"alpha": None}, "alpha "),
     ],
 )
 def test_a_finding_that_cannot_be_used_fails_the_contract(changes, fault):
@@ -215,11 +215,11 @@ def test_a_review_that_cannot_be_used_is_said_and_changes_nothing(given, fault):
 def test_a_review_changes_its_own_evidence_and_no_others():
     class Reviewing(Odd):
         def review(self, evidence):
-            return (replace(one, because="on second thoughts", says="clean") for one in evidence)
+            return (replace(one, because="reviewed", says="clean") for one in evidence)
 
     own, other = _said_by_odd_and_another()
     changed, kept = registry.review_of(Reviewing(), [own, other])
-    assert (changed.code, changed.data["because"]) == ("clean", "on second thoughts")
+    assert (changed.code, changed.data["because"]) == ("clean", "reviewed")
     assert kept is other
 
 

@@ -324,7 +324,7 @@ def test_a_wrong_sidecar_is_reported_with_file_key_and_what_is_expected(tmp_path
         ("[samples]\nrate_hz = = 3\n", "line 2"),
         ("rate_hz = 2.6e6\n", "rate_hz stands outside"),
         ("", "samples "),
-        ("[sample]\nbits = 1\n", "sample is not"),
+        ("[sample]\nbits = 1\n", "sample "),
         ("[samples]\nbits = 1\n", "samples.rate_hz is missing"),
         ("samples = 3\n", "samples = 3"),
     ],

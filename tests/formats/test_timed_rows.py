@@ -72,7 +72,7 @@ HEAD = "gpst,a,b\n2022-01-01T00:00:00,1,2\n"
         (HEAD + "2022-01-01T00:00:01Z,1,2\n", r"line 3, gpst: .*\bzone\b"),
         (HEAD + "1650-01-01T00:00:01,1,2\n", r"line 3, gpst: .*\b1650\b.*\b1980\b.*\b2199\b"),
         (HEAD + "9650-01-01T00:00:01,1,2\n", r"line 3, gpst: .*\b9650\b.*\b1980\b.*\b2199\b"),
-        (HEAD + ",1,2\n", "line 3, gpst: no time"),
+        (HEAD + ",1,2\n", "line 3, gpst: no"),
         (HEAD + "2022-01-01T00:00:00,1,2\n", r"line 3, gpst: .*\bsame\b"),
         (HEAD + "2021-12-31T23:59:59.5,1,2\n", r"line 3, gpst: .*\bearlier\b"),
         ("time_s,a,b\n1,2,3\nnan,2,3\n", "line 3, time_s: no time.*seconds"),

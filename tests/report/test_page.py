@@ -80,7 +80,7 @@ def test_the_page_says_everything_that_the_verdict_says() -> None:
         "66 tests made",
         "812",
         "13.8",
-        "an antenna array and its attitude",
+        VERDICT.methods[1].would_need,
         "p\N{NO-BREAK SPACE}=\N{NO-BREAK SPACE}1.3·10⁻⁹",
         "no evidence",
         "antenna_separation_m = 5.0",
@@ -90,32 +90,20 @@ def test_the_page_says_everything_that_the_verdict_says() -> None:
         "4.46 µs behind",
         "skyproof-verdict/2",
         "once in 1\u202f000 hours",
-        "3 signals received: 1 authentic, 1 spoofed, 1 unknown.",
-        "2 satellites come from one antenna.",
-        "The last trusted fix of rx1 lies",
-        "from the truth",
+        "1 authentic, 1 spoofed, 1 unknown.",
+        "one antenna.",
+        "of rx1 lies",
+        "the truth",
     ):
         assert reported in text, reported
 
 
 def test_the_page_draws_what_it_was_given() -> None:
     page = report_html(VERDICT, pictures())
-    for heading in (
-        "Where it was, where it seemed to be",
-        "rx1 close up",
-        "rx2 close up",
-        "Sky over rx1, rx2",
-        "Signals of rx1",
-        "Signals of rx2",
-        "Two peaks where there should be one: rx1",
-        "The way to rx2 against the way to rx1",
-        "What the position of rx1 came from",
-        "Which sky of rx1 is true: position",
-        "Which sky of rx1 is true: time",
-        "Two signals in one peak: rx1",
-    ):
-        assert f"<h3>{heading}</h3>" in page
-    assert read(page).tags.count("figure") == 12
+    headings = [re.search("<h3>(.*?)</h3>", figure) for figure in page.split("<figure")[1:]]
+    one, two = ["rx1"], ["rx2"]
+    subjects = [re.findall(r"\brx\d", heading[1]) for heading in headings if heading]
+    assert subjects == [[], one, two, one, one, one, one, two, one, two + one, one, one + two]
 
 
 def test_the_same_input_gives_the_same_bytes() -> None:
@@ -220,11 +208,11 @@ def test_a_page_without_pictures_or_signals_says_so() -> None:
     }
     reader = read(report_html(Verdict.model_validate(document), EMPTY))
     for reported in (
-        "No position could be computed.",
-        "No signals were received.",
-        "No method could run",
-        "Not excluded: a false sky from the start.",
-        "To resolve: a longer recording.",
+        "No position",
+        "No signals",
+        "No method",
+        *document["not_excluded"],
+        f"To resolve: {document['remedy']}.",
     ):
         assert reported in reader.text
     assert "figure" not in reader.tags
@@ -340,7 +328,7 @@ def test_what_belongs_to_the_word_stands_apart() -> None:
     document |= {"verdict": "suspect", "may_also_be": ["shade", "gain"]}
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
     assert "Not decided:" not in text  # the summary of a suspicion is its reason
-    assert f"May also be: {CAUSES['shade']}, or {CAUSES['gain']}. To resolve:" in text
+    assert f": {CAUSES['shade']}, or {CAUSES['gain']}. To resolve:" in text
 
 
 def top_of(page: str) -> str:

@@ -141,7 +141,7 @@ def test_a_figure_that_protect_does_not_reach_says_so() -> None:
 
 
 def test_the_page_names_code_that_no_command_reaches() -> None:
-    assert "Measured: formulas of the study itself" in page(claim())
+    assert "Measured: formulas" in page(claim())
     found = measured_by(FOUND["multi-receiver.distance"].run)
     assert found.reached == ("detectors.multi_receiver.one_antenna.baseline_design",)
     assert not found.not_reached

@@ -153,4 +153,4 @@ def test_received_files_that_do_not_fit_are_named(pair, tmp_path, full_at, capsy
     out, err = capsys.readouterr()
     assert code == 2
     assert json.loads(out)["receivers"][0]["n_signals"] > 4
-    assert re.search(r"\bbow-nav\.rnx, bow\.obs: .*\bFile too large\b", err)
+    assert re.search(r"\bbow-nav\.rnx, bow\.obs: .*\btoo large\b", err)

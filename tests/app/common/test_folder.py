@@ -105,8 +105,8 @@ def test_an_error_of_the_run_is_not_taken_for_one_of_the_folder(tmp_path):
     [
         ((), (), False, None),
         (("a",), ("a", "b"), True, None),
-        (("a",), ("a", "b"), False, r"holds what was: a, b; .*--overwrite"),
-        ((), ("b",), False, "holds what was: b;"),
+        (("a",), ("a", "b"), False, r"what was: a, b; .*--overwrite"),
+        ((), ("b",), False, "what was: b;"),
         (("a", "mine"), ("a",), True, r"^[^:]*: mine .*\bearlier\b"),
         (("mine",), (), False, r"mine .*overwritten"),
     ],

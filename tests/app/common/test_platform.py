@@ -213,7 +213,7 @@ WRONG = [
     (f"{ATTITUDE}heading_deg = 400", "attitude.heading_deg = 400 … 360"),
     (f"{ATTITUDE}heading_deg = 0\npitch_deg = 91", "attitude.pitch_deg = 91 … 90"),
     (f"{ATTITUDE}heading_deg = 0\nroll_deg = 181", "attitude.roll_deg = 181 … 180"),
-    (f'{ATTITUDE}file = "a"\nroll_deg = 1', "attitude: roll_deg and file both"),
+    (f'{ATTITUDE}file = "a"\nroll_deg = 1', "attitude: roll_deg … file both"),
     (f"{ATTITUDE}file = 3", "attitude.file = 3 … text"),
     (f"{ATTITUDE}yaw_deg = 3", "attitude.yaw_deg: … ?"),
     (f"{IMU}start_gpst = 2022-01-01T10:29:58Z", "imu.start_gpst: … zone"),
@@ -222,7 +222,7 @@ WRONG = [
     (f'{IMU}grade = "toy"', "imu.grade = \"toy\" … 'consumer', 'industrial', 'tactical'"),
     (
         f'{IMU}grade = "tactical"\naccel_bias_ug = 3',
-        "imu: grade and accel_bias_ug both",
+        "imu: grade … accel_bias_ug both",
     ),
     (
         f"{IMU}gyro_bias_deg_h = 3\naccel_bias_ug = 3",

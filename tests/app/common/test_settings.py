@@ -44,7 +44,7 @@ def test_every_setting_stands_in_the_verdict():
         ({"antennas_enu_m": {"a": (0.0, float("inf"), 0.0)}}, r"antennas_enu_m\.a\[1\] = inf, "),
         ({"antenna_separation_m": 400.0}, r"\[protect\]"),
         ({"antenna_distance_m": "60"}, r'antenna_distance_m = "60", .*: 60$'),
-        ({"antenna_distance_m": "sixty"}, r'antenna_distance_m = "sixty", expected a number$'),
+        ({"antenna_distance_m": "sixty"}, r'antenna_distance_m = "sixty", .*number$'),
         ({"antenna_distance_m": True}, "antenna_distance_m = true, "),
         ({"place_deg": ("57.7", 11.9)}, r'place_deg\[0\] = "57.7", .*: 57\.7$'),
         ({"window_s": 1e300}, r"window_s = 1e\+300, .*\b100000\b"),
