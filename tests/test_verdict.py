@@ -11,7 +11,8 @@ from pydantic import ValidationError
 
 from skyproof import records, verdict
 from skyproof.fusion import fuse
-from skyproof.verdict import CAUSES, Verdict, notebook_html, word_shown
+from skyproof.short_repr import notebook_html
+from skyproof.verdict import CAUSES, Verdict, word_shown
 
 SAMPLE = json.loads((Path(__file__).parent / "formats" / "verdict-sample.json").read_text(encoding="utf-8"))
 Document = dict[str, Any]

@@ -1,14 +1,15 @@
-"""How a record of arrays shows itself at a prompt or in a log: in a line or two, whatever is in its arrays."""
+"""How a record of arrays shows itself at a prompt or in a log, in a line or two, and a result in a notebook."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+from html import escape
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ShortRepr", "summarize"]
+__all__ = ["ShortRepr", "notebook_html", "summarize"]
 
 _TIMES: Final = ("gpst", "elapsed_s")
 _LISTED: Final = 6
@@ -83,3 +84,17 @@ def _short_items(items: Sequence[Any]) -> str:
 def _named(items: Sequence[Any]) -> str:
     names = [name if len(name := str(item)) <= _LONGEST else f"{name[: _LONGEST - 3]}..." for item in items[:_LISTED]]
     return ", ".join(names + ["..."] * (len(items) > _LISTED))
+
+
+def notebook_html(title: str, sentences: Iterable[str], *tables: tuple[Sequence[str], Iterable[Sequence[str]]]) -> str:
+    """What a result shows of itself in a notebook: words and tables (names of columns, rows), all of it escaped."""
+
+    def row(cells: Sequence[str], tag: str) -> str:
+        return "<tr>" + "".join(f'<{tag} style="text-align:left">{escape(cell)}</{tag}>' for cell in cells) + "</tr>"
+
+    parts = [f"<p><strong>{escape(title)}</strong></p>", *(f"<p>{escape(sentence)}</p>" for sentence in sentences)]
+    for head, body in tables:
+        rows = "".join(row(cells, "td") for cells in body)
+        if rows:
+            parts.append(f"<table><thead>{row(head, 'th')}</thead><tbody>{rows}</tbody></table>")
+    return f"<div>{''.join(parts)}</div>"

@@ -9,15 +9,14 @@ probabilities outside 0 to 1, and names that point nowhere are refused.
 
 import math
 import warnings
-from collections.abc import Iterable, Sequence
-from html import escape
+from collections.abc import Iterable
 from typing import Annotated, Final, Literal, Self, get_args
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
-from skyproof.gnss.time import iso, utc_from_gpst
+from skyproof.gnss.time import clock_words, instant_words, moment_words, utc_words
 from skyproof.records import CauseName, InterferenceSign, NoticedKind
+from skyproof.short_repr import notebook_html
 
 __all__ = [
     "USABLE",
@@ -42,13 +41,8 @@ __all__ = [
     "VerdictWord",
     "WeakCarrier",
     "WindowResult",
-    "clock_words",
-    "instant_words",
-    "moment_words",
-    "notebook_html",
     "possible_places",
     "radius_95_m",
-    "utc_words",
     "word_shown",
 ]
 
@@ -95,20 +89,6 @@ LonDeg = Annotated[float, Field(ge=-180.0, le=180.0, description="Longitude, WGS
 HeightM = Annotated[float, Field(description="Height above the WGS-84 ellipsoid, metres.")]
 
 
-def notebook_html(title: str, sentences: Iterable[str], *tables: tuple[Sequence[str], Iterable[Sequence[str]]]) -> str:
-    """What a result shows of itself in a notebook: words and tables (names of columns, rows), all of it escaped."""
-
-    def row(cells: Sequence[str], tag: str) -> str:
-        return "<tr>" + "".join(f'<{tag} style="text-align:left">{escape(cell)}</{tag}>' for cell in cells) + "</tr>"
-
-    parts = [f"<p><strong>{escape(title)}</strong></p>", *(f"<p>{escape(sentence)}</p>" for sentence in sentences)]
-    for head, body in tables:
-        rows = "".join(row(cells, "td") for cells in body)
-        if rows:
-            parts.append(f"<table><thead>{row(head, 'th')}</thead><tbody>{rows}</tbody></table>")
-    return f"<div>{''.join(parts)}</div>"
-
-
 def word_shown(word: str) -> str:
     """A word of the answer as people read it: no attack seen."""
     return word.replace("_", " ")
@@ -119,33 +99,6 @@ def _few(texts: Iterable[str]) -> str:
     named = list(texts)
     more = [f"and {len(named) - MOST_NAMED} more, among the remarks on the inputs"] if len(named) > MOST_NAMED else []
     return "; ".join([*named[:MOST_NAMED], *more])
-
-
-def instant_words(instant: str) -> str:
-    """An instant as a person writes it: date, space, time, to the millisecond, no idle zeros."""
-    whole, _, fraction = instant.replace("T", " ").partition(".")
-    fraction = fraction[:3].rstrip("0")
-    return f"{whole}.{fraction}" if fraction else whole
-
-
-def utc_words(gpst: str) -> str:
-    """UTC of an instant in GPS time, as `instant_words`."""
-    return instant_words(iso(utc_from_gpst(np.datetime64(gpst, "ns")), 9))
-
-
-def moment_words(gpst: str) -> str:
-    """An instant by both clocks: 2024-05-14 10:00:06.5 GPS time (09:59:48.5 UTC)."""
-    return f"{instant_words(gpst)} GPS time ({_on_day(utc_words(gpst), gpst[:10])} UTC)"
-
-
-def clock_words(gpst: str) -> str:
-    """An instant by both clocks without its day: 10:00:06.5 GPS time (09:59:48.5 UTC)."""
-    return f"{instant_words(gpst)[11:]} GPS time ({_on_day(utc_words(gpst), gpst[:10])} UTC)"
-
-
-def _on_day(utc: str, day: str) -> str:
-    """UTC without its date where that is the day of GPS time."""
-    return utc.removeprefix(f"{day} ")
 
 
 class _Model(BaseModel):

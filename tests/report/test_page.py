@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from tests.report.sample import EMPTY, SAMPLE, VERDICT, pictures
 
+from skyproof.gnss.time import clock_words
 from skyproof.report import evidence
 from skyproof.report.evidence import by_chance
 from skyproof.report.figures import Pictures
@@ -25,7 +26,7 @@ from skyproof.report.pictures import (
 )
 from skyproof.report.summary import how_sure
 from skyproof.report.words import p_value_words
-from skyproof.verdict import CAUSES, Verdict, clock_words
+from skyproof.verdict import CAUSES, Verdict
 
 
 class Reader(HTMLParser):

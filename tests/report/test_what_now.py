@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from tests.report.sample import SAMPLE
 
+from skyproof.gnss.time import clock_words
 from skyproof.report.positions import radius_95_m
 from skyproof.report.what_now import Advice, what_now
-from skyproof.verdict import Verdict, clock_words
+from skyproof.verdict import Verdict
 
 FIX = SAMPLE["receivers"][0]["trusted_fix"]
 FALSE = SAMPLE["receivers"][0]["false_fix"]

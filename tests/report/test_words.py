@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skyproof.gnss.time import clock_words, instant_words, moment_words
 from skyproof.report.evidence import by_chance
 from skyproof.report.words import (
     angle_words,
@@ -17,7 +18,6 @@ from skyproof.report.words import (
     seconds_words,
     span_words,
 )
-from skyproof.verdict import clock_words, instant_words, moment_words
 
 
 @pytest.mark.parametrize(

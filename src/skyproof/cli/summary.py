@@ -7,8 +7,9 @@ from rich.table import Table
 
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.formats.verdict import verdict_json
+from skyproof.gnss.time import utc_words
 from skyproof.report.words import angle_words, in_minutes, leap_words
-from skyproof.verdict import Verdict, possible_places, utc_words, word_shown
+from skyproof.verdict import Verdict, possible_places, word_shown
 
 if TYPE_CHECKING:
     from skyproof.app.protect import ProtectResult

@@ -15,10 +15,13 @@ from skyproof.gnss.constants import SECONDS_PER_WEEK
 __all__ = [
     "GPS_EPOCH",
     "LEAPS_KNOWN_UNTIL",
+    "clock_words",
     "gpst",
     "gpst_from_utc",
+    "instant_words",
     "iso",
     "leap_seconds",
+    "moment_words",
     "parse_iso",
     "require_year",
     "resolve_week",
@@ -26,6 +29,7 @@ __all__ = [
     "seconds_between",
     "timedelta_from_s",
     "utc_from_gpst",
+    "utc_words",
     "week_and_tow",
 ]
 
@@ -180,3 +184,30 @@ def _instant(t: np.datetime64) -> np.datetime64:
 def _ns_since(later: Any, earlier: Any) -> Any:
     difference = np.asarray(later, dtype="datetime64[ns]") - np.asarray(earlier, dtype="datetime64[ns]")
     return difference.astype(np.int64)
+
+
+def instant_words(instant: str) -> str:
+    """An instant as a person writes it: date, space, time, to the millisecond, no idle zeros."""
+    whole, _, fraction = instant.replace("T", " ").partition(".")
+    fraction = fraction[:3].rstrip("0")
+    return f"{whole}.{fraction}" if fraction else whole
+
+
+def utc_words(gpst: str) -> str:
+    """UTC of an instant in GPS time, as `instant_words`."""
+    return instant_words(iso(utc_from_gpst(np.datetime64(gpst, "ns")), 9))
+
+
+def moment_words(gpst: str) -> str:
+    """An instant by both clocks: 2024-05-14 10:00:06.5 GPS time (09:59:48.5 UTC)."""
+    return f"{instant_words(gpst)} GPS time ({_on_day(utc_words(gpst), gpst[:10])} UTC)"
+
+
+def clock_words(gpst: str) -> str:
+    """An instant by both clocks without its day: 10:00:06.5 GPS time (09:59:48.5 UTC)."""
+    return f"{instant_words(gpst)[11:]} GPS time ({_on_day(utc_words(gpst), gpst[:10])} UTC)"
+
+
+def _on_day(utc: str, day: str) -> str:
+    """UTC without its date where that is the day of GPS time."""
+    return utc.removeprefix(f"{day} ")

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from skyproof.gnss.time import clock_words
 from skyproof.report import pictures as draw
 from skyproof.report import proof, takeover
 from skyproof.report.pictures import (
@@ -18,7 +19,7 @@ from skyproof.report.pictures import (
 from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins
 from skyproof.report.template import Figure
 from skyproof.report.words import chance_words, distance_words, number_words, place_words
-from skyproof.verdict import USABLE, Label, Place, Verdict, clock_words
+from skyproof.verdict import USABLE, Label, Place, Verdict
 
 __all__ = ["Pictures", "map_figures", "signal_figures"]
 

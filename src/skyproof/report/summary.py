@@ -2,23 +2,13 @@
 
 from dataclasses import dataclass
 
+from skyproof.gnss.time import clock_words, instant_words, moment_words, utc_words
 from skyproof.report import pictures as draw
 from skyproof.report.evidence import by_chance, quoted, strongest
 from skyproof.report.positions import away_words, within_m
 from skyproof.report.what_now import ended, what_now
 from skyproof.report.words import distance_words, in_minutes, number_words, place_words, rate_words
-from skyproof.verdict import (
-    InterferenceSpell,
-    Place,
-    Position,
-    ReceiverResult,
-    Signal,
-    Verdict,
-    clock_words,
-    instant_words,
-    moment_words,
-    utc_words,
-)
+from skyproof.verdict import InterferenceSpell, Place, Position, ReceiverResult, Signal, Verdict
 
 __all__ = ["Fact", "counts", "explained", "facts", "how_sure", "scope"]
 

@@ -6,8 +6,8 @@ from functools import cache
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from skyproof.gnss.time import instant_words, moment_words, utc_words
 from skyproof.report.words import angle_words, p_value_words, place_words, seconds_words, span_words
-from skyproof.verdict import instant_words, moment_words, utc_words
 
 __all__ = ["Figure", "environment"]
 

@@ -2,9 +2,10 @@
 
 from enum import StrEnum
 
+from skyproof.gnss.time import clock_words
 from skyproof.report.positions import away_words, led_away_m
 from skyproof.report.words import seconds_apart, seconds_words
-from skyproof.verdict import ReceiverResult, Verdict, clock_words
+from skyproof.verdict import ReceiverResult, Verdict
 
 __all__ = ["LATE_S", "Advice", "ended", "what_now"]
 

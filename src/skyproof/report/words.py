@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.gnss.time import leap_seconds
-from skyproof.verdict import Verdict, instant_words
+from skyproof.gnss.time import instant_words, leap_seconds
+from skyproof.verdict import Verdict
 
 __all__ = [
     "angle_words",

@@ -16,8 +16,7 @@ from skyproof.receiver.clock_agreement import Disagreement
 from skyproof.recording.conditioning import MeasuredFrontEnd
 from skyproof.recording.survey import OscillatorError, Survey
 from skyproof.records import Samples
-from skyproof.short_repr import ShortRepr
-from skyproof.verdict import notebook_html
+from skyproof.short_repr import ShortRepr, notebook_html
 
 __all__ = ["Inspection", "Satellite", "document_json", "plain"]
 _LEVELS_LISTED: Final = 16

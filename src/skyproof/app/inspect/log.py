@@ -20,8 +20,7 @@ from skyproof.logs.kinds import kind_of_log
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.wanted import WantedMessage, configure, missing_messages, protocol_of
 from skyproof.records import Observations
-from skyproof.short_repr import ShortRepr
-from skyproof.verdict import notebook_html
+from skyproof.short_repr import ShortRepr, notebook_html
 
 __all__ = ["LogInspection", "LoggedSignals", "holds_measurements", "inspect_log"]
 

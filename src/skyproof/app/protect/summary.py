@@ -11,11 +11,9 @@ from skyproof.app.protect.sources import describe_direction, describe_distance, 
 from skyproof.explain import explain, stands_beside
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
-from skyproof.gnss.time import iso
-from skyproof.records import (
-    Finding,
-)
-from skyproof.verdict import clock_words, radius_95_m
+from skyproof.gnss.time import clock_words, iso
+from skyproof.records import Finding
+from skyproof.verdict import radius_95_m
 
 __all__ = ["summarize"]
 

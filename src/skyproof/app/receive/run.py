@@ -28,8 +28,7 @@ from skyproof.gnss.time import iso
 from skyproof.interruption import came, deferred
 from skyproof.navigation.fix import fix
 from skyproof.records import FixStatus, NavigationData, ObservationLog, Observations, SignalId
-from skyproof.short_repr import ShortRepr
-from skyproof.verdict import notebook_html
+from skyproof.short_repr import ShortRepr, notebook_html
 
 __all__ = ["ReceiveResult", "document_json", "receive", "signals_of"]
 

@@ -14,7 +14,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.sky import azimuth_elevation
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import instant_words, iso
 from skyproof.report.pictures import SignalSeries, SkyPosition, SkySource
 from skyproof.report.scene import (
     Element,
@@ -33,7 +33,6 @@ from skyproof.simulator.received import ReceivedSignal, ReceiverSky, Scene
 from skyproof.simulator.scenario import Antenna, Attack, Scenario, SceneReceiver
 from skyproof.simulator.sites import Site
 from skyproof.simulator.sky import scene_of
-from skyproof.verdict import instant_words
 
 __all__ = ["PAGE", "scene_page", "write_page"]
 

@@ -23,7 +23,7 @@ from skyproof.gnss.time import utc_from_gpst
 from skyproof.logs.ubx_write import ubx_log
 from skyproof.navigation.fix import fix
 from skyproof.records import NavigationData, Observations, ReceiverFixes, SignalId
-from skyproof.short_repr import ShortRepr
+from skyproof.short_repr import ShortRepr, notebook_html
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.files import (
     Container,
@@ -44,7 +44,6 @@ from skyproof.simulator.scenes import ready, ready_made
 from skyproof.simulator.sky import scene_of
 from skyproof.simulator.standalone import NAVIGATION, Standalone, overridden, standalone
 from skyproof.simulator.truth_document import FORMAT, truth_of
-from skyproof.verdict import notebook_html
 
 __all__ = [
     "Depth",
