@@ -34,6 +34,7 @@ from skyproof.records import (
     ReceivedMessages,
     ReceiverFixes,
     Records,
+    SignalId,
     SpinArm,
     Stretched,
     Taps,
@@ -59,11 +60,9 @@ RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAV
 
 
 def cut(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Observations:
-    """The epochs with start <= label < end, and the signals that are received in them."""
+    """The epochs with start <= label < end."""
     first, stop = np.searchsorted(observations.gpst, [start_gpst, end_gpst])
-    o = observations.read(int(first), int(stop))
-    received = (o.status != CellStatus.NOT_TRACKED).any(axis=0)
-    return o if received.all() or not o.gpst.size else o.select_channels(np.flatnonzero(received))
+    return observations.read(int(first), int(stop))
 
 
 def span_s(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> tuple[float, float]:
@@ -181,6 +180,7 @@ class Windows:
     keep_pauses: bool = False
     _breaks: tuple[TimeBreaks, ...] = ()
     _looked: list[int] = field(default_factory=list)
+    _known: dict[str, set[SignalId]] = field(default_factory=dict)
     _given: np.datetime64 | None = None
     _carried: Carried = field(default_factory=Carried)
 
@@ -241,10 +241,19 @@ class Windows:
                 records = replace(records, nav_state=states)
             yield records
 
+    def _without_later(self, o: Observations) -> Observations:
+        """Return epochs without the signals that come after them alone: of what is fed these are not known yet."""
+        known = self._known.setdefault(o.receiver, set())
+        tracked = np.flatnonzero((o.status != CellStatus.NOT_TRACKED).any(axis=0))
+        known.update(o.signals[k] for k in tracked)
+        columns = [k for k, signal in enumerate(o.signals) if signal in known]
+        return o if len(columns) == len(o.signals) else o.select_channels(np.array(columns, np.intp))
+
     def _window(self, start: np.datetime64, end: np.datetime64) -> Records:
         """Each receiver's epochs in a window, and the consistent sets that they hold."""
         run = self.run
-        cuts = tuple(c for c in (cut(o, start, end) for o in run.observations) if c.gpst.size > 1)
+        received = (self._without_later(cut(o, start, end)) for o in run.observations)
+        cuts = tuple(o for o in received if o.gpst.size > 1)
         sets: list[ConsistentSet] = []
         if run.navigation is not None:
             for window in cuts:
