@@ -252,7 +252,9 @@ class _Chooser:
             if not said:
                 said, state = self._overlapping(window, state, rests_on)
             found += said
-        spans = zip(before, _ends(before, every), strict=True)
+        # Later than that inertia alone says that they go on, which a slow drag gets past.
+        early = [w for w in before if self.navigator is None or w.end <= self.clean_start]
+        spans = zip(early, _ends(early, every), strict=True)
         clean = [taken_for_true(self.log, window, end, "only_sky", rests_on) for window, end in spans]
         return [*clean, *_at_home(found)], state
 
