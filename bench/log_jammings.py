@@ -22,8 +22,8 @@ from rows import Row, parser_of, rows_of
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs, windows_of
 from skyproof.app.receive.observed import observed
-from skyproof.detectors.levels.bands import carrier_name
 from skyproof.detectors.levels.detector import SignalLevels, SignalLevelsSettings
+from skyproof.detectors.levels.front_end import carrier_name
 from skyproof.errors import SkyproofError
 from skyproof.explain import explain
 from skyproof.fusion.interference import Spell, spells_of

@@ -10,9 +10,9 @@ import pytest
 import skyproof
 from skyproof.detectors.base import NEEDS
 from skyproof.explain import explain, list_entries, stands_beside
-from skyproof.explain.assumptions import ASSUMPTIONS
 from skyproof.explain.bases import name_bases
 from skyproof.explain.entry import Entry
+from skyproof.explain.table import ASSUMPTIONS
 from skyproof.explain.units import metres, seconds
 from skyproof.records import Cause, Finding, Hypothesis, Need, SignalId, SignalRef
 from skyproof.verdict import CAUSES

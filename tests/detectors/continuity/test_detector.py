@@ -9,10 +9,9 @@ from scipy import stats
 
 from skyproof.app.common.windows import cut
 from skyproof.detectors.base import NotTested
-from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
+from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings, explain_few_epochs, explain_no_step
 from skyproof.detectors.continuity.series import Limits, series_of
 from skyproof.detectors.continuity.steps import jumps, p_values, sides_of
-from skyproof.detectors.continuity.untested import explain_few_epochs, explain_no_step
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation

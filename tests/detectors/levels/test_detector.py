@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.detectors.levels.bands import carrier_name, chain_covers
 from skyproof.detectors.levels.detector import SignalLevels, SignalLevelsSettings
+from skyproof.detectors.levels.front_end import carrier_name, chain_covers
 from skyproof.detectors.levels.policy import POLICY
 from skyproof.errors import SettingsError
 from skyproof.gnss.signals import GPS_L1_CA

@@ -30,8 +30,7 @@ import numpy as np
 
 from skyproof.arrays import Instants, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
-from skyproof.detectors.levels.bands import carrier_name, chain_covers
-from skyproof.detectors.levels.front_end import Gauge, GaugeChange, follow_gauges
+from skyproof.detectors.levels.front_end import Gauge, GaugeChange, carrier_name, chain_covers, follow_gauges
 from skyproof.detectors.levels.laws import (
     OwnRate,
     OwnScale,

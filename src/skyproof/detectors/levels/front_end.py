@@ -1,16 +1,36 @@
 """Hold what a front end's chains take in against their own past."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.levels.laws import OwnScale
 from skyproof.detectors.levels.policy import POLICY
-from skyproof.records import FrontEndLevels
+from skyproof.records import FrontEndLevels, SignalId
 
-__all__ = ["Gauge", "GaugeChange", "follow_gauges"]
+__all__ = ["Gauge", "GaugeChange", "carrier_name", "chain_covers", "follow_gauges"]
+
+_CARRIERS: Final = {
+    "L1": "L1",
+    "E1": "L1",
+    "B1C": "L1",
+    "L5": "L5",
+    "E5a": "L5",
+    "B2a": "L5",
+    "E5b": "E5b",
+    "B2": "E5b",
+    "B2b": "E5b",
+    "E5": "E5",
+    "B2ab": "E5",
+    "E6": "E6",
+    "L6": "E6",
+}
+_UPPER: Final = frozenset({"L1", "B1", "G1", "G1a"})
+"""Carriers from 1559 to 1610 MHz; the others lie from 1164 to 1300 MHz."""
+_UPPER_NAMES: Final = ("L1", "E1", "B1", "G1")
+_LOWER_NAMES: Final = ("L2", "L5", "L6", "E5", "E6", "B2", "B3", "G2", "G3")
 
 
 class Gauge(NamedTuple):
@@ -84,3 +104,16 @@ def _readings(levels: FrontEndLevels | None, gain_db: float, gain_share: float) 
             if known.any():
                 found[chain, kind] = float(np.median(values[known]))
     return found
+
+
+def carrier_name(signal: SignalId) -> str:
+    """Name the carrier of a signal: by GPS's name where other systems share it."""
+    return _CARRIERS.get(signal.band, signal.band)
+
+
+def chain_covers(chain: str, carrier: str) -> bool:
+    """Tell whether a front end's chain, named as `FrontEndLevels.band`, may receive a carrier; yes where not known."""
+    upper, lower = (any(name in chain for name in names) for names in (_UPPER_NAMES, _LOWER_NAMES))
+    if not (upper or lower):
+        return True
+    return upper if carrier in _UPPER else lower
