@@ -4,6 +4,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from tests.logs.frames import ubx_frame
+from tests.logs.test_ubx import gps, rawx
 
 from skyproof.gnss.constants import GPS_PI, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData, UtcParameters, group_delay_s
@@ -79,6 +81,7 @@ def test_lnav_frames_give_what_was_encoded() -> None:
         kind="LNAV",
         gpst=np.array([sent.reference_gpst] * 5),
         until_gpst=np.array([sent.reference_gpst] * 5),
+        since_gpst=np.array([sent.reference_gpst] * 5),
         sat=np.array([sent.sat] * 5),
         band=np.array(["L1"] * 5),
         code=np.array(["CA"] * 5),
@@ -92,27 +95,37 @@ def test_lnav_frames_give_what_was_encoded() -> None:
 
 
 @pytest.mark.parametrize(
-    ("early_s", "open_s", "mistimed"),
+    ("early_s", "late_s", "open_s", "mistimed"),
     [
-        (0.0, 0.0, 0),
-        (60.0, 0.0, 1),
-        (60.0, 80.0, 0),
-        (60.0, np.nan, 0),
-        (-60.0, 0.0, 1),
-        (-60.0, 80.0, 1),
-        (60.0, -9.0, 0),
+        (0.0, 0.0, 0.0, 0),
+        (60.0, 0.0, 0.0, 1),
+        (60.0, 0.0, 80.0, 0),
+        (60.0, 0.0, np.nan, 0),
+        (-60.0, 0.0, 0.0, 1),
+        (-60.0, 0.0, 80.0, 1),
+        (60.0, 0.0, -9.0, 0),
+        (-5.0, 5.0, 5.0, 0),
+        (-5.0, 1.0, 5.0, 0),
+        (-60.0, 5.0, 5.0, 1),
+        (60.0, 5.0, 5.0, 1),
+        (-60.0, np.nan, 5.0, 0),
+        (-60.0, -9.0, 5.0, 0),
     ],
 )
-def test_a_frame_is_mistimed_only_where_its_time_is_known(early_s: float, open_s: float, mistimed: int) -> None:
-    """As where a log has lost the epochs beside a frame."""
+def test_a_frame_is_mistimed_only_where_its_time_is_known(early_s, late_s, open_s, mistimed) -> None:
+    """As where a log has lost the epochs beside a frame, or the receiver writes it behind its next epoch."""
     sent = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
     tow_s = int(sent.toe) // 30 * 30
     source = words_hold(encode_subframes(sent, None, None, tow_s, sent.week, 5).reshape(5, 300))[0].reshape(5, 240)
     gpst = gpst_of(sent.week, tow_s + 6.0) - timedelta_from_s(early_s)
+    since, until = (
+        np.array([gpst + timedelta_from_s(s) if s == s else np.datetime64("NaT", "ns")]) for s in (-late_s, open_s)
+    )
     frames = BroadcastFrames(
         kind="LNAV",
         gpst=np.array([gpst]),
-        until_gpst=np.array([gpst + timedelta_from_s(open_s) if open_s == open_s else np.datetime64("NaT", "ns")]),
+        until_gpst=until,
+        since_gpst=since,
         sat=np.array([sent.sat]),
         band=np.array(["L1"]),
         code=np.array(["CA"]),
@@ -200,6 +213,7 @@ def test_unknown_satellites_and_damage_give_no_orbit() -> None:
         kind="INAV",
         gpst=np.array(["2022-03-01"] * 3, "M8[ns]"),
         until_gpst=np.array(["2022-03-01"] * 3, "M8[ns]"),
+        since_gpst=np.array(["2022-03-01"] * 3, "M8[ns]"),
         sat=np.array(["E01"] * 3),
         band=np.array(["E1"] * 3),
         code=np.array(["B"] * 3),
@@ -245,6 +259,7 @@ def lnav_frames(sat: str, bits: np.ndarray, gpst: np.datetime64) -> BroadcastFra
         kind="LNAV",
         gpst=np.array([gpst] * n),
         until_gpst=np.array([gpst] * n),
+        since_gpst=np.array([gpst] * n),
         sat=np.array([sat] * n),
         band=np.array(["L1"] * n),
         code=np.array(["CA"] * n),
@@ -313,3 +328,33 @@ def test_galileo_says_the_utc_that_is_known(walk) -> None:
     assert {stated.sat[0] for stated in received.utc} == {"E"}
     assert {stated.leap_seconds_at(at) for at, stated in zip(received.utc_gpst, received.utc, strict=True)} == {18}
     assert max(abs(stated.off_s(received.gpst[0])) for stated in received.utc) < 1e-8
+
+
+def written_late(interval_s: int, off_s: int) -> list[bytes]:
+    """Return epochs of a log, each followed by the subframes that ended since the last one, of another time."""
+    sent = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
+    begin_s = int(sent.toe) // 30 * 30
+    bits = encode_subframes(sent, None, None, begin_s + off_s, sent.week, 50).reshape(50, 300)
+    head = bytes([0, int(sent.sat[1:]), 0, 0, 10, 0, 2, 0])
+    epochs = []
+    for second in range(interval_s, 300, interval_s):
+        epoch = rawx(begin_s + second + 1e-3, sent.week, [gps(1000)])
+        for k in range((second - interval_s) // 6, second // 6):
+            words = words_hold(bits[k])[0].astype(np.int64) @ (1 << np.arange(23, -1, -1)) << 6
+            epoch += ubx_frame(0x02, 0x13, head + words.astype("<u4").tobytes())
+        epochs.append(epoch)
+    return epochs
+
+
+@pytest.mark.parametrize("at_once", [1, 7, 1000])
+@pytest.mark.parametrize("interval_s", [1, 5, 30])
+@pytest.mark.parametrize("off_s", [0, 90, -90])
+def test_frames_behind_the_next_epoch_are_in_time_at_any_rate(interval_s, off_s, at_once) -> None:
+    epochs = written_late(interval_s, off_s)
+    blocks = [b"".join(epochs[k : k + at_once]) for k in range(0, len(epochs), at_once)]
+    collector = OrbitCollector()
+    for piece in read_log(blocks, "rx"):
+        collector.take(piece.frames, {})
+    received = collector.received()
+    assert bool(received.mistimed_sat) == bool(off_s)
+    assert len(received.ephemerides) == 1

@@ -73,14 +73,17 @@ class ReceiverStates:
 class BroadcastFrames:
     """Frames of one kind of broadcast message whose parity or checksum holds, in order of arrival.
 
-    gpst, until_gpst : (n,) between which the frame ended, to a second or two: the last instant that the log says before
-    it, and the next one; NaT where that is not known. sat : (n,) "G05". band, code : (n,) the signal that carried
-    it, as `SignalId` names them. bits : (n, ceil(FRAME_BITS[kind] / 8)) packed, first bit first.
+    gpst, until_gpst : (n,) the last instant that the log says before the frame, and the next one; NaT where that is not
+    known. since_gpst : (n,) the instant before `gpst`, or `gpst` itself where frames are written when they come. The
+    frame ended between since and until, to a second or two: some receivers write it behind their next epoch.
+    sat : (n,) "G05". band, code : (n,) the signal that carried it, as `SignalId` names them. bits :
+    (n, ceil(FRAME_BITS[kind] / 8)) packed, first bit first.
     """
 
     kind: MessageKind
     gpst: Instants
     until_gpst: Instants
+    since_gpst: Instants
     sat: NDArray[np.str_]
     band: NDArray[np.str_]
     code: NDArray[np.str_]
@@ -90,7 +93,8 @@ class BroadcastFrames:
         n_bytes = str(-(-FRAME_BITS[self.kind] // 8))
         freeze(
             self,
-            dict.fromkeys(("gpst", "until_gpst", "sat", "band", "code"), ("frame",)) | {"bits": ("frame", n_bytes)},
+            dict.fromkeys(("gpst", "until_gpst", "since_gpst", "sat", "band", "code"), ("frame",))
+            | {"bits": ("frame", n_bytes)},
         )
 
 

@@ -88,8 +88,11 @@ class OrbitCollector:
             n_bytes = record.bits.shape[1]
             unused = 8 * n_bytes - FRAME_BITS[record.kind]
             open_s = (record.until_gpst - record.gpst) / np.timedelta64(1, "s")
-            of_each = zip(record.gpst, open_s.tolist(), record.sat.tolist(), record.bits, strict=True)
-            for gpst, within_s, sat, octets in of_each:
+            late_s = (record.gpst - record.since_gpst) / np.timedelta64(1, "s")
+            around_s = zip(late_s.tolist(), open_s.tolist(), strict=True)
+            for gpst, within_s, sat, octets in zip(
+                record.gpst, around_s, record.sat.tolist(), record.bits, strict=True
+            ):
                 self._frame(record.kind, sat, int.from_bytes(octets.tobytes(), "big") >> unused, gpst, within_s)
 
     def add(self, ephemerides: Iterable[BroadcastEphemeris]) -> None:
@@ -100,7 +103,9 @@ class OrbitCollector:
     def _keep(self, kind: str, made: BroadcastEphemeris) -> None:
         self._found.setdefault((kind, made.sat, made.week, made.toe, getattr(made, "iodc", 0)), made)
 
-    def _frame(self, kind: MessageKind, sat: str, frame: int, gpst: np.datetime64, open_s: float) -> None:
+    def _frame(
+        self, kind: MessageKind, sat: str, frame: int, gpst: np.datetime64, around_s: tuple[float, float]
+    ) -> None:
         week, tow_s = week_and_tow(gpst)
         parts = self._parts.setdefault((kind, sat), {})
         made: BroadcastEphemeris | None = None
@@ -110,7 +115,7 @@ class OrbitCollector:
             if subframe is None:
                 return
             parts[subframe.id] = subframe
-            self._time(sat, gpst, subframe.tow_s + SUBFRAME_S - float(tow_s), open_s)
+            self._time(sat, gpst, subframe.tow_s + SUBFRAME_S - float(tow_s), around_s)
             self._ionosphere_of(subframe, week)
             stated = utc_statement(subframe, sat, week) if subframe.id == 4 else None
             if subframe.id <= 3 and all(number in parts for number in (1, 2, 3)):
@@ -121,7 +126,7 @@ class OrbitCollector:
                 return
             parts[read[0]] = read[1]
             if kind == "INAV" and read[0] == _TIMED_WORD:
-                self._time(sat, gpst, read[1]["tow_s"] + _INAV_PAGE_S - float(tow_s), open_s)
+                self._time(sat, gpst, read[1]["tow_s"] + _INAV_PAGE_S - float(tow_s), around_s)
             if kind == "INAV" and read[0] == _UTC_WORD:
                 stated = inav_utc(read[1], sat, week)
             if kind == "D1" and read[0] == _UTC_SUBFRAME:
@@ -140,14 +145,17 @@ class OrbitCollector:
                 self._last[kind, sat] = made
                 self._received.append((gpst, made))
 
-    def _time(self, sat: str, gpst: np.datetime64, ahead_s: float, open_s: float) -> None:
-        """Keep a frame whose time of week is not that of its end by the receiver, which is `open_s` wide or not known.
+    def _time(self, sat: str, gpst: np.datetime64, ahead_s: float, around_s: tuple[float, float]) -> None:
+        """Keep a frame whose time of week is not that of its end by the receiver.
 
-        Where a log has lost the epochs beside a frame, minutes may lie between the last time before it and its own.
+        around_s : how long before and after `gpst` the frame may have ended; not known where that is NaN or negative,
+        at the end of what was read, or where parts of a log were put out of order.
         """
         off_s = (ahead_s + 0.5 * SECONDS_PER_WEEK) % SECONDS_PER_WEEK - 0.5 * SECONDS_PER_WEEK
-        is_known = open_s >= 0.0  # neither at the end of what was read, nor where parts of a log were put out of order
-        if is_known and not -_TIME_OFF_S <= off_s <= open_s + _TIME_OFF_S and len(self._mistimed) < _MOST_KEPT:
+        late_s, open_s = around_s
+        is_known = late_s >= 0.0 and open_s >= 0.0
+        fits = -late_s - _TIME_OFF_S <= off_s <= open_s + _TIME_OFF_S
+        if is_known and not fits and len(self._mistimed) < _MOST_KEPT:
             self._mistimed.append((gpst, sat))
 
     def _ionosphere_of(self, subframe: Subframe, week: int) -> None:

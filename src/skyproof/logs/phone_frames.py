@@ -73,6 +73,7 @@ def record_frames(
         kind=kind,
         gpst=gpst,
         until_gpst=until,
+        since_gpst=gpst,
         sat=names[0],
         band=names[1],
         code=names[2],

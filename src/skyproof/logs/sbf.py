@@ -533,6 +533,7 @@ def _broadcast(
                 kind=name,
                 gpst=instant_ns[rows].astype("datetime64[ns]"),
                 until_gpst=instant_ns[rows].astype("datetime64[ns]"),
+                since_gpst=instant_ns[rows].astype("datetime64[ns]"),
                 sat=np.array([sats[k] for k in rows]),
                 band=np.array([(kinds[k] or ("", ""))[0] for k in rows]),
                 code=np.array([(kinds[k] or ("", ""))[1] for k in rows]),

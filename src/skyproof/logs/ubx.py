@@ -136,6 +136,7 @@ Payloads = Callable[[int, int], tuple[Integers, Integers]]
 
 
 _NEVER: Final = np.iinfo(np.int64).min
+_ONE_EPOCH_NS: Final = 20_000_000  # messages of one epoch differ by what the clock is off; 25 epochs a second are most
 _LONGEST_LOCK_MS: Final = 64_000  # lock times count to 64.5 s
 
 
@@ -346,6 +347,15 @@ class _Timeline:
         first_ns = self.instant_ns[0] if self.before_ns is None else self.before_ns
         return np.where(place >= 0, self.instant_ns[np.maximum(place, 0)], first_ns), known
 
+    def since_ns(self, octet: Integers) -> Integers:
+        """Return the instants of the epochs before those of `at`; the least number where there is none."""
+        before_ns = _NEVER if self.before_ns is None else self.before_ns
+        labels_ns = np.concatenate([[_NEVER, before_ns], self.instant_ns])
+        begins = np.abs(np.diff(labels_ns)) > _ONE_EPOCH_NS
+        begin = np.maximum.accumulate(np.where(begins, np.arange(1, labels_ns.size), 1))
+        place = np.searchsorted(self.octet, octet, side="right")
+        return np.asarray(labels_ns[begin[place] - 1])
+
     def next_ns(self, octet: Integers) -> Integers:
         """Return the instants of the timed frames after these octets, ns; the least number where there is none."""
         place = np.searchsorted(self.octet, octet, side="right")
@@ -433,6 +443,7 @@ def _frames_of(
         kind=kind,
         gpst=instant_ns[order].astype("datetime64[ns]"),
         until_gpst=clock.next_ns(octet[order]).astype("datetime64[ns]"),
+        since_gpst=clock.since_ns(octet[order]).astype("datetime64[ns]"),
         sat=names[0][order],
         band=names[1][order],
         code=names[2][order],
