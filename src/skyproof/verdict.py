@@ -458,11 +458,12 @@ class NoticedSize(_Model):
 
     receiver: str
     kind: NoticedKind = Field(
-        description="position_jump and clock_jump: the position or the time jumps; code_drag: codes drag the position "
+        description="position_jump and clock_jump: the position or the time jumps; velocity_jump and clock_push: codes "
+        "and carriers begin at once to drag the position off or to push the time; code_drag: codes drag the position "
         "off while carriers stay; motion: carriers move a receiver that is stated to stand."
     )
     size: Sigma = Field(description="In the window in which the tests see least.")
-    unit: str = Field(description="Of the size: m, s or m/s.")
+    unit: str = Field(description="Of the size: m, s, m/s or s/s.")
     detector: str = Field(description="Whose test sees it best in that window.")
     share_of_windows: Probability = Field(description="Of the receiver's windows, how many were tested for it.")
 
@@ -485,6 +486,8 @@ _HOW: Final[dict[UsableKind, str]] = {
 _NOTICED: Final[dict[NoticedKind, tuple[str, float, str]]] = {
     "position_jump": ("a jump of the position by", 1.0, "m"),
     "clock_jump": ("a jump of the time by", 1e9, "ns"),
+    "velocity_jump": ("a drag of the position that begins at", 1.0, "m/s"),
+    "clock_push": ("a push of the time that begins at", 1e9, "ns/s"),
     "code_drag": ("codes that drag the position off without their carriers at", 1.0, "m/s"),
     "motion": ("carriers that move a receiver at rest at", 1.0, "m/s"),
 }

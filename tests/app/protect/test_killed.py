@@ -12,6 +12,7 @@ import pytest
 from tests.app import kit
 
 from skyproof.formats.pieces import UNFINISHED_RUN
+from skyproof.verdict import WORDS
 
 COMMAND = "from skyproof.cli import main; main()"
 MOMENTS = 20
@@ -42,6 +43,9 @@ def read(left: Path) -> tuple[int, int]:
     lines = left / "evidence.jsonl"
     said = [json.loads(line) for line in lines.read_text().splitlines()] if lines.exists() else []
     assert all(one["detector"] and one["because"] for one in said)
+    words = left / "words.jsonl"
+    decided = [json.loads(line) for line in words.read_text().splitlines()] if words.exists() else []
+    assert all(one["word"] in WORDS and one["run"] in WORDS for one in decided)
     return rows, len(said)
 
 

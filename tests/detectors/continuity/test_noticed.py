@@ -65,10 +65,42 @@ def dragged(o, rng, size_m_s):
     return shifted(o, -(unit @ direction) * np.maximum(o.elapsed_s - 8.0, 0.0)[:, None])
 
 
+def along(o, begins_m_s, row):
+    """Codes and carriers change at such rates from a row on, (m,), unbroken."""
+    since_s = np.maximum(o.elapsed_s - o.elapsed_s[row - 1], 0.0)[:, None]
+    wavelength_m = LIGHT_M_S / o.carrier_hz
+    return changed(
+        o,
+        pseudorange_m=o.pseudorange_m + begins_m_s * since_s,
+        carrier_cyc=o.carrier_cyc + begins_m_s * since_s / wavelength_m,
+        doppler_hz=o.doppler_hz - np.where(since_s > 0.0, begins_m_s / wavelength_m, 0.0),
+    )
+
+
+def pulled(o, rng, size_m_s):
+    """The position begins to be dragged off at once, codes and carriers together."""
+    row = int(rng.integers(30, o.gpst.size - 30))
+    direction = rng.normal(size=3)
+    direction *= size_m_s / np.linalg.norm(direction)
+    return along(o, -series_of(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit[row] @ direction, row)
+
+
+def pushed(o, rng, size_s_s):
+    """The time begins to be pushed at once."""
+    row = int(rng.integers(30, o.gpst.size - 30))
+    return along(o, np.full(len(o.signals), LIGHT_M_S * size_s_s * rng.choice([-1.0, 1.0])), row)
+
+
 @pytest.mark.parametrize(
     ("kind", "attack", "small"),
     # A drag adds up from window to window: the first one sees least of it.
-    [("position_jump", jumped, 0.4), ("clock_jump", late, 0.4), ("code_drag", dragged, 0.1)],
+    [
+        ("position_jump", jumped, 0.4),
+        ("clock_jump", late, 0.4),
+        ("velocity_jump", pulled, 0.4),
+        ("clock_push", pushed, 0.4),
+        ("code_drag", dragged, 0.1),
+    ],
 )
 @pytest.mark.parametrize("draws", [25, pytest.param(300, marks=pytest.mark.long)])
 def test_attacks_of_the_size_that_is_stated_are_noticed(kind, attack, small, draws):

@@ -11,7 +11,14 @@ from skyproof.verdict import NoticedSize
 
 __all__ = ["TestedWindows", "noticed_sizes", "tested_windows"]
 
-_UNITS: Final[dict[NoticedKind, str]] = {"position_jump": "m", "clock_jump": "s", "code_drag": "m/s", "motion": "m/s"}
+_UNITS: Final[dict[NoticedKind, str]] = {
+    "position_jump": "m",
+    "clock_jump": "s",
+    "velocity_jump": "m/s",
+    "clock_push": "s/s",
+    "code_drag": "m/s",
+    "motion": "m/s",
+}
 _KINDS: Final = tuple(_UNITS)
 
 

@@ -17,7 +17,7 @@ was before.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -96,6 +96,10 @@ class ContinuitySettings:
             clock_jump=self.clock_jump,
             clock_pace_s=self.clock_pace_s,
         )
+
+
+_NOTICED: Final[tuple[NoticedKind, ...]] = ("position_jump", "clock_jump", "velocity_jump", "clock_push")
+"""What each of the steps' KINDS is as an attack."""
 
 
 class _Break(NamedTuple):
@@ -309,9 +313,9 @@ class _Window:
             data: dict[str, Datum] = {"at": iso(look.stretch.gpst[step.row], 1), "missing_s": step.missing_s}
             return self.report.pass_over(signals, NotTested("time_ahead", data))
         statistic: dict[str, Datum] = {"statistic": step.statistic}
-        noticed = (
-            NoticedAttack("position_jump", min(step.noticed_m for step in steps)),
-            NoticedAttack("clock_jump", min(step.noticed_s for step in steps)),
+        noticed = tuple(
+            NoticedAttack(kind, min(sizes))
+            for kind, sizes in zip(_NOTICED, zip(*(step.noticed for step in steps), strict=True), strict=True)
         )
         p = {Cause.CLEAN: step.p_value}
         return self.report.find(signals, "goes_on", p, alpha=self.alpha, estimates={"noticed": noticed}, data=statistic)

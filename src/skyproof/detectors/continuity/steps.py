@@ -68,8 +68,8 @@ class Step:
     nothing was measured before. missing_s : samples that are missing, if that explains the clock's step.
     clock_s : positive where the signals' time goes back against the counter of samples.
     kinds : those of KINDS that cannot go on. tests : that were made together, which the p-value is multiplied by.
-    causes : p-value under each benign cause, of a step that fails. noticed_m, noticed_s : jumps of the position and of
-    the clock that would have been noticed at any of the epochs.
+    causes : p-value under each benign cause, of a step that fails. noticed : of each of KINDS, in m, s, m/s and s/s,
+    what would have been noticed at any of the epochs.
     """
 
     row: int
@@ -84,8 +84,7 @@ class Step:
     missing_s: float
     statistic: float
     tests: int
-    noticed_m: float
-    noticed_s: float
+    noticed: tuple[float, ...]
     causes: tuple[tuple[Cause, float], ...] = ()
 
 
@@ -120,7 +119,7 @@ def largest_steps(groups: Sequence[tuple[Series, Indices]], limits: Limits, *, a
     count = np.bincount(group, minlength=len(groups))[group]
     missing_s = _missing(sides, jump, limits, alpha / count)
     chances = p_values(sides, jump, rate, missing_s, limits)
-    noticed_m, noticed_s = _noticed(sides, jump, limits, alpha / (len(KINDS) * count))
+    noticed = _noticed(sides, jump, rate, limits, alpha / (len(KINDS) * count))
     together = np.minimum(1.0, (chances.shape[1] * count)[:, None] * chances)
     steps: list[Step | None] = []
     for number, (series, _) in enumerate(groups):
@@ -144,8 +143,7 @@ def largest_steps(groups: Sequence[tuple[Series, Indices]], limits: Limits, *, a
                 missing_s=float(missing_s[best]),
                 statistic=float(_quadratic(jump.jump[[best]], jump.covariance[[best]])[0]),
                 tests=int(chances.shape[1] * count[best]),
-                noticed_m=float(noticed_m[own].max()),
-                noticed_s=float(noticed_s[own].max()),
+                noticed=tuple(noticed[own].max(axis=0).tolist()),
             )
         )
     return steps
@@ -226,7 +224,7 @@ def p_values(sides: Sides, jump: Jump, rate: Jump, missing_s: Reals, limits: Lim
     slack_m = motion_slack_m(unseen_s, limits)
     clock_m = _clock_slack_m(unseen_s, limits)
     stepped_m = np.where(missing_s > 0.0, 0.0, jump.jump[:, 3])
-    pace_m_s = SPEED_OF_LIGHT_M_S * (limits.clock_jump + limits.clock_pace_s * apart_s)
+    pace_m_s = _pace_slack_m_s(apart_s, limits)
     return np.stack(
         [
             chance(moved_m, jump.covariance[:, :3, :3], slack_m, jump),
@@ -238,16 +236,29 @@ def p_values(sides: Sides, jump: Jump, rate: Jump, missing_s: Reals, limits: Lim
     )
 
 
-def _noticed(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> tuple[Reals, Reals]:
-    """Return the jumps (K,) of position and of clock, metres and seconds, that a test at `alpha` (K,) notices."""
+def _noticed(sides: Sides, jump: Jump, rate: Jump, limits: Limits, alpha: Reals) -> Reals:
+    """Return the steps (K, 4) of each of KINDS, in m, s, m/s and s/s, that a test at `alpha` (K,) notices.
+
+    Platform and oscillator may do what they can against the attack: what they are allowed counts twice.
+    """
     unseen_s = np.where(sides.divides, sides.gap_s, 0.0)
-    variances = (np.linalg.eigvalsh(np.nan_to_num(jump.covariance[:, :3, :3]))[:, -1], jump.covariance[:, 3, 3])
-    sigmas_m = [
-        np.sqrt(variance * noncentrality_for_power(chi_square_threshold(alpha, dof), dof, power=NOTICED))
-        for variance, dof in zip(variances, (3, 1), strict=True)
-    ]
-    clock_m = _clock_slack_m(unseen_s, limits) + sigmas_m[1]
-    return motion_slack_m(unseen_s, limits) + sigmas_m[0], clock_m / SPEED_OF_LIGHT_M_S
+
+    def sigma(fitted: Jump, of_clock: bool) -> Reals:
+        covariance = np.nan_to_num(fitted.covariance)
+        variance = covariance[:, 3, 3] if of_clock else np.linalg.eigvalsh(covariance[:, :3, :3])[:, -1]
+        dof = 1 if of_clock else 3
+        return np.sqrt(variance * noncentrality_for_power(chi_square_threshold(alpha, dof), dof, power=NOTICED))
+
+    clock_m, pace_m_s = _clock_slack_m(unseen_s, limits), _pace_slack_m_s(sides.gap_s, limits)
+    return np.stack(
+        [
+            2.0 * motion_slack_m(unseen_s, limits) + sigma(jump, False),
+            (2.0 * clock_m + sigma(jump, True)) / SPEED_OF_LIGHT_M_S,
+            2.0 * limits.acceleration_m_s2 * sides.gap_s + sigma(rate, False),
+            (2.0 * pace_m_s + sigma(rate, True)) / SPEED_OF_LIGHT_M_S,
+        ],
+        axis=1,
+    )
 
 
 def _missing(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> Reals:
@@ -269,6 +280,11 @@ def motion_slack_m(unseen_s: Reals, limits: Limits) -> Reals:
 def _clock_slack_m(unseen_s: Reals, limits: Limits) -> Reals:
     """By how much an oscillator may part from the mean of its rates before and after."""
     return SPEED_OF_LIGHT_M_S * (0.5 * limits.clock_jump + 0.25 * limits.clock_pace_s * unseen_s) * unseen_s
+
+
+def _pace_slack_m_s(apart_s: Reals, limits: Limits) -> Reals:
+    """Return by how much an oscillator's rate may part from what it was."""
+    return SPEED_OF_LIGHT_M_S * (limits.clock_jump + limits.clock_pace_s * apart_s)
 
 
 def chance(jump: Reals, covariance: Reals, slack: Reals, fitted: Jump) -> Reals:
