@@ -235,7 +235,7 @@ def at_sea(seed=0, sway_m_s2=0.3):
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        (at_sea(), "rad/s.* pi / 180"),
+        (at_sea(), "gyros .*rad/s.* pi / 180"),
         (
             table(readings(road(), duration_s=30.0)),
             r"\d turns.*rad/s.* pi / 180",

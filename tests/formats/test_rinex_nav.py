@@ -476,7 +476,7 @@ def test_files_that_cannot_be_read_are_reported(tmp_path):
         read_nav(tmp_path / "old.Z")
     with pytest.raises(InputError, match=r"absent: .*exist"):
         read_nav(tmp_path / "absent")
-    with pytest.raises(InputError, match=re.escape(str(tmp_path))):
+    with pytest.raises(InputError, match=r"\bdirectory\b"):
         read_nav(tmp_path)
 
 

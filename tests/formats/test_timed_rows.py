@@ -96,7 +96,7 @@ def test_a_file_of_another_kind_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
-        ({"gpst": pa.array([0, 1], pa.timestamp("us", "UTC")), "a": [1.0, 2.0]}, r"\bzone\b"),
+        ({"gpst": pa.array([0, 1], pa.timestamp("us", "UTC")), "a": [1.0, 2.0]}, r"\btz=UTC\b.*\bzone\b"),
         ({"gpst": [0.0, 1.0], "a": [1.0, 2.0]}, r"\bgpst\b.*\bdouble\b.*timestamp"),
         ({"time_s": ["0", "x"], "a": [1.0, 2.0]}, r"row 1, time_s: .*\bstring\b.*seconds"),
         ({"time_s": [0.0, 1.0], "a": ["1", "2"]}, r"\ba is of\b.*\bstring\b.*numbers"),
