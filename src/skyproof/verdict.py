@@ -620,14 +620,15 @@ class Verdict(_Model):
 
     def _usable_words(self, receiver: ReceiverResult, kind: UsableKind, fix: Position) -> str:
         within_m = radius_95_m(fix.sigma_east_m, fix.sigma_north_m)
-        said = f"{receiver.name} {_HOW[kind]}, within {within_m:.1f} m horizontally (95 %) at {clock_words(fix.gpst)}"
+        said = f"{receiver.name} {_HOW[kind]}: within {within_m:.1f} m horizontally (95 %) at {clock_words(fix.gpst)}"
         if fix.hidden_m == 0.0:
             return said
         if fix.hidden_m is None:
             return f"{said}; how far an attack may have moved it unnoticed is not bounded"
         stands = any(size.kind == "motion" and size.receiver == receiver.name for size in self.noticed)
         together = "" if stands else ", unless it dragged codes and carriers together"
-        return f"{said}, and by {fix.hidden_m:.0f} m more at most by an attack too slow to be noticed{together}"
+        moved = f"an attack since the start that no test would have noticed moved it by {fix.hidden_m:.0f} m at most"
+        return f"{said}; {moved}{together}"
 
     @property
     def _own_words(self) -> str:

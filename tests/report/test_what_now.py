@@ -17,7 +17,8 @@ FALSE = SAMPLE["receivers"][0]["false_fix"]
 
 
 def verdict_of(word: str = "spoofed", **fixes: object) -> Verdict:
-    receiver = SAMPLE["receivers"][0] | {"trusted_fix": None, "false_fix": None, "unprotected_fix": None} | fixes
+    kinds = ("trusted", "consistent", "inertial", "held", "false", "unprotected")
+    receiver = SAMPLE["receivers"][0] | {f"{kind}_fix": None for kind in kinds} | fixes
     why = {"reason": "why", "not_excluded": ["a slow drag"]} if word != "spoofed" else {}
     return Verdict.model_validate(SAMPLE | {"verdict": word, "receivers": [receiver], "signals": []} | why)
 
@@ -44,6 +45,26 @@ def test_without_a_trusted_position_no_satellite_is_to_be_used() -> None:
 def test_a_trusted_position_that_has_ended_is_none_for_now() -> None:
     old = FIX | {"gpst": "2022-01-01T10:00:30"}
     assert what_now(verdict_of(trusted_fix=old, unprotected_fix=FALSE))[0][0] is Advice.USE_NOTHING
+
+
+@pytest.mark.parametrize("kind", ["inertial", "held"])
+@pytest.mark.parametrize("word", ["spoofed", "suspect"])
+def test_a_position_that_no_signal_moves_may_be_used(kind: str, word: str) -> None:
+    old = FIX | {"gpst": "2022-01-01T10:00:30", "hidden_m": 40.0}
+    fixes = {"consistent_fix": old, f"{kind}_fix": FIX | {"hidden_m": 40.0}, "unprotected_fix": FALSE}
+    verdict = verdict_of(word, **fixes)
+    assert verdict.receivers[0].usable[0] == kind
+    assert what_now(verdict)[0][0] is Advice.USE_CARRIED
+    alone = verdict_of(word, consistent_fix=old, unprotected_fix=FALSE)
+    assert what_now(alone)[0][0] in (Advice.USE_NOTHING, Advice.RELY_ON_NOTHING)
+
+
+def test_a_consistent_position_is_for_going_on_with_and_not_proven() -> None:
+    verdict = verdict_of("no_attack_seen", consistent_fix=FIX | {"hidden_m": 40.0}, unprotected_fix=FIX)
+    ((what, why),) = what_now(verdict)
+    assert (what, "rx1-consistent.nmea" in why) == (Advice.GO_ON, True)
+    (words,) = (words for heading, words in verdict.explained if heading == "Position:")
+    assert re.search(r"^rx1 is consistent, not proven: within 2\.\d m .* by 40 m at most", words)
 
 
 @pytest.mark.parametrize(

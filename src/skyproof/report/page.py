@@ -50,11 +50,11 @@ def report_html(verdict: Verdict, pictures: Pictures) -> str:
 
 
 def _positions(verdict: Verdict) -> list[tuple[ReceiverResult, str, Position, str]]:
-    """Receiver, kind, fix, and how far from the trusted one."""
+    """Receiver, kind, fix, and how far from the last one that may be used."""
     rows = []
     for receiver in verdict.receivers:
         for kind, fix in receiver.fixes:
-            away = "" if kind == "trusted" else away_words(receiver, fix)
+            away = "" if receiver.usable == (kind, fix) else away_words(receiver, fix)
             rows.append((receiver, kind, fix, "the same" if away and away_m(receiver, fix) < _SAME_M else away))
     return rows
 

@@ -9,12 +9,12 @@ __all__ = ["away_m", "away_words", "led_away_m", "within_m"]
 
 
 def led_away_m(receiver: ReceiverResult) -> float:
-    """How far the unprotected fix lies from the trusted one, horizontally; 0 where their errors explain it."""
-    one, other = receiver.trusted_fix, receiver.unprotected_fix
-    if one is None or other is None:
+    """How far the unprotected fix lies from the one that may be used, horizontally; 0 where their errors explain it."""
+    usable, other = receiver.usable, receiver.unprotected_fix
+    if usable is None or other is None:
         return 0.0
     apart_m = away_m(receiver, other)
-    return apart_m if apart_m > within_m(one) + within_m(other) else 0.0
+    return apart_m if apart_m > within_m(usable[1]) + within_m(other) + (usable[1].hidden_m or 0.0) else 0.0
 
 
 def within_m(fix: Position) -> float:
@@ -23,12 +23,16 @@ def within_m(fix: Position) -> float:
 
 
 def away_m(receiver: ReceiverResult, fix: Position) -> float:
-    """Return how far a fix lies from the receiver's trusted one, horizontally, metres; NaN without one."""
-    true = receiver.trusted_fix
-    return math.nan if true is None else math.hypot(*offset_m((true.lat_deg, true.lon_deg), (fix.lat_deg, fix.lon_deg)))
+    """Return how far a fix lies from the last one that may be used, horizontally, metres; NaN without one."""
+    if receiver.usable is None:
+        return math.nan
+    true = receiver.usable[1]
+    return math.hypot(*offset_m((true.lat_deg, true.lon_deg), (fix.lat_deg, fix.lon_deg)))
 
 
 def away_words(receiver: ReceiverResult, fix: Position) -> str:
-    """How far a fix lies from the receiver's trusted one, and in which direction; empty without one."""
-    true = receiver.trusted_fix
-    return "" if true is None else offset_words((true.lat_deg, true.lon_deg), (fix.lat_deg, fix.lon_deg))
+    """How far a fix lies from the last one that may be used, and in which direction; empty without one."""
+    if receiver.usable is None:
+        return ""
+    true = receiver.usable[1]
+    return offset_words((true.lat_deg, true.lon_deg), (fix.lat_deg, fix.lon_deg))

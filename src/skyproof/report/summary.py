@@ -8,12 +8,18 @@ from skyproof.report.evidence import by_chance, quoted, strongest
 from skyproof.report.positions import away_words, within_m
 from skyproof.report.what_now import ended, what_now
 from skyproof.report.words import distance_words, in_minutes, number_words, place_words, rate_words
-from skyproof.verdict import InterferenceSpell, Place, Position, ReceiverResult, Signal, Verdict
+from skyproof.verdict import InterferenceSpell, Place, Position, ReceiverResult, Signal, UsableKind, Verdict
 
 __all__ = ["Fact", "counts", "explained", "facts", "how_sure", "scope"]
 
 MOST_NAMED_ABOVE = 3  # receivers at the top of the page; the table below has all
 SURE = "95\N{NO-BREAK SPACE}%"
+SHORT_OF: dict[UsableKind, str] = {
+    "trusted": "trusted",
+    "consistent": "consistent, not proven",
+    "inertial": "by inertia",
+    "held": "held where it was",
+}
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,7 @@ def facts(verdict: Verdict) -> list[Fact]:
     found = [_when(verdict)] if verdict.verdict in ("spoofed", "suspect") else []
     if verdict.interference.spells:
         found.append(Fact("Interference", _few([_interference(spell) for spell in verdict.interference.spells])))
-    trusted = [(r, r.trusted_fix) for r in verdict.receivers if r.trusted_fix is not None]
+    usable = [(r, *r.usable) for r in verdict.receivers if r.usable is not None]
     false = [(r, r.false_fix) for r in verdict.receivers if r.false_fix is not None]
     skies = [
         (_place(verdict, source.shows), _at(f"{source.name}, {len(source.sats)} satellites", source.shows_gpst))
@@ -55,10 +61,13 @@ def facts(verdict: Verdict) -> list[Fact]:
         if source.shows is not None
     ]
     open_still = len(skies) > 1 and not false
-    if trusted:
-        found.append(Fact("True position", _few([_trusted(verdict, r, fix) for r, fix in trusted]), "authentic"))
+    if usable:
+        proven = all(kind == "trusted" for _, kind, _ in usable)
+        lines = [_usable(verdict, r, kind, fix) for r, kind, fix in usable]
+        name = "True position" if proven else "Position that may be used"
+        found.append(Fact(name, _few(lines), "authentic" if proven else ""))
         if open_still:
-            found.append(Fact("Consistent skies show", _few(skies)))
+            found.append(Fact("Skies, one of which is true, show", _few(skies)))
     elif open_still:
         found.append(Fact("True position: one of", _few(skies)))
     elif false:
@@ -88,11 +97,13 @@ def _at(words: str, gpst: str | None) -> str:
     return words if gpst is None else f"{words}, at {clock_words(gpst)}"
 
 
-def _trusted(verdict: Verdict, receiver: ReceiverResult, fix: Position) -> tuple[str, str]:
-    """A receiver's last trusted fix; that it is not later where others are."""
+def _usable(verdict: Verdict, receiver: ReceiverResult, kind: UsableKind, fix: Position) -> tuple[str, str]:
+    """A receiver's last fix that may be used; that it is not later where others are."""
     later = ", not later" if ended(receiver) else ""
+    how = "" if kind == "trusted" else f", {SHORT_OF[kind]}"
     within = f"within {distance_words(within_m(fix))} horizontally ({SURE})"
-    return _place(verdict, fix), f"{_at(receiver.name, fix.gpst)}{later}, {within}"
+    hidden = f", and {distance_words(fix.hidden_m)} that an attack may hide" if fix.hidden_m else ""
+    return _place(verdict, fix), f"{_at(receiver.name, fix.gpst)}{later}{how}, {within}{hidden}"
 
 
 def _false_words(receiver: ReceiverResult, fix: Position) -> str:

@@ -5,11 +5,11 @@ from enum import StrEnum
 from skyproof.gnss.time import clock_words
 from skyproof.report.positions import away_words, led_away_m
 from skyproof.report.words import seconds_apart, seconds_words
-from skyproof.verdict import ReceiverResult, Verdict
+from skyproof.verdict import USABLE, ReceiverResult, Verdict
 
 __all__ = ["LATE_S", "Advice", "ended", "what_now"]
 
-LATE_S = 3.0  # between a receiver's last trusted fix and its last of all, from which on it is said
+LATE_S = 3.0  # between a receiver's last fix that may be used and its last of all, from which on it is said
 OTHER_MEANS = "go by what needs no satellites: inertia, radar, landmarks, a clock of your own"
 
 
@@ -20,6 +20,7 @@ class Advice(StrEnum):
     GO_ON = "Go on"
     RELY_ON_NOTHING = "Do not rely on position or time"
     USE_TRUSTED = "Use the trusted position"
+    USE_CARRIED = "Use the position that is carried on"
     USE_NOTHING = "Use no position or time from satellites"
     DO_NOT_WAIT = "Do not wait"
     IGNORE_OTHERS = "Ignore what ordinary receivers show"
@@ -29,31 +30,42 @@ def what_now(verdict: Verdict) -> tuple[tuple[Advice, str], ...]:
     """Lines of (what to do, why or with what), the most urgent first."""
     if verdict.verdict == "authentic":
         return ((Advice.NOTHING, "use positions and time as they are, as long as what the verdict assumes holds"),)
+    lasting = {
+        kind: [r for r in verdict.receivers if r.usable and r.usable[0] == kind and not ended(r)] for kind in USABLE
+    }
     if verdict.verdict == "no_attack_seen":
-        return ((Advice.GO_ON, "and know the limits: what is not excluded stands above"),)
+        files = " and ".join(f"{r.name}-consistent.nmea" for r in lasting["consistent"])
+        use = f"with the consistent position below, which is not proven; its track is in {files}; " if files else ""
+        return ((Advice.GO_ON, f"{use}know the limits: what is not excluded stands above"),)
+    carried = [*lasting["inertial"], *lasting["held"]]
+    lines = (
+        [(Advice.USE_CARRIED, "below, which no signal moves; its track is in fixes.csv and tracks.kml")]
+        if carried
+        else []
+    )
     if verdict.verdict == "suspect":
-        return ((Advice.RELY_ON_NOTHING, f"until this is resolved; {OTHER_MEANS}"),)
-    trusted = [r for r in verdict.receivers if r.trusted_fix is not None]
-    lasting = [r for r in trusted if not ended(r)]
-    lines = [_ignore(trusted, verdict)] if trusted else []
-    if lasting:
-        files = " and ".join(f"{r.name}-trusted.nmea" for r in lasting)
+        return (*lines, (Advice.RELY_ON_NOTHING, f"until this is resolved; {OTHER_MEANS}"))
+    if lasting["trusted"]:
+        files = " and ".join(f"{r.name}-trusted.nmea" for r in lasting["trusted"])
         lines.insert(0, (Advice.USE_TRUSTED, f"below; its track is in fixes.csv, tracks.kml and {files}"))
-    if not lasting:
+    if not lines:
         since = f" since {clock_words(verdict.since_gpst)}" if verdict.since_gpst is not None else ""
-        lines.insert(0, (Advice.USE_NOTHING, f"under attack{since}; {OTHER_MEANS}"))
-    return tuple(lines)
+        lines.append((Advice.USE_NOTHING, f"under attack{since}; {OTHER_MEANS}"))
+    usable = [r for r in verdict.receivers if r.usable is not None]
+    return (*lines, _ignore(usable, verdict)) if usable else tuple(lines)
 
 
 def ended(receiver: ReceiverResult) -> bool:
-    """Whether a receiver has later fixes than its last trusted one."""
-    fix, others = receiver.trusted_fix, (receiver.false_fix, receiver.unprotected_fix)
-    return fix is not None and any(o is not None and seconds_apart(o.gpst, fix.gpst) > LATE_S for o in others)
+    """Whether a receiver has later fixes than its last one that may be used."""
+    if receiver.usable is None:
+        return False
+    fix, others = receiver.usable[1], (receiver.false_fix, receiver.unprotected_fix)
+    return any(o is not None and seconds_apart(o.gpst, fix.gpst) > LATE_S for o in others)
 
 
-def _ignore(trusted: list[ReceiverResult], verdict: Verdict) -> tuple[Advice, str]:
+def _ignore(usable: list[ReceiverResult], verdict: Verdict) -> tuple[Advice, str]:
     """Whether an ordinary receiver is led away: by the one that is led farthest."""
-    r = max(trusted, key=led_away_m)
+    r = max(usable, key=led_away_m)
     if not led_away_m(r) or r.unprotected_fix is None:
         return Advice.DO_NOT_WAIT, "an ordinary receiver is still right here; it can be taken over at any time"
     words = f"{r.name} without protection is off by {away_words(r, r.unprotected_fix)}"

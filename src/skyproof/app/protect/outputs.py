@@ -21,7 +21,7 @@ from skyproof.app.protect.document import versions
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.app.protect.own_words import own_words_of, with_a_place
 from skyproof.app.protect.pictures import kinds_of, pictures_of
-from skyproof.app.protect.positions import KINDS, Track
+from skyproof.app.protect.positions import KINDS, SatelliteKind, Track
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.errors import InputError
 from skyproof.explain import explain
@@ -96,7 +96,9 @@ def _earlier(folder: Path) -> tuple[str, list[str]]:
 def _output(receivers: str) -> re.Pattern[str]:
     """What a run writes: files of such names. receivers : their names, as a pattern."""
     whole = "|".join(re.escape(name) for name in (VERDICT, REPORT, SETTINGS, *TABLES, NAVIGATION, TRACKS, CHECKSUMS))
-    return re.compile(rf"{whole}|({receivers})-((authentic|other|unknown)(-\d+)?\.obs|trusted\.nmea)", re.DOTALL)
+    return re.compile(
+        rf"{whole}|({receivers})-((authentic|other|unknown)(-\d+)?\.obs|(trusted|consistent)\.nmea)", re.DOTALL
+    )
 
 
 def write_outputs(
@@ -307,9 +309,10 @@ def _write_signals_of(
 def _track_steps(outcome: Outcome) -> list[OutputStep]:
     steps = [OutputStep((TRACKS,), partial(_write_tracks, outcome))]
     for r in outcome.receivers:
-        if "trusted" in r.tracks:
-            name = f"{r.reception.source.name}-trusted.nmea"
-            steps.append(OutputStep((name,), partial(_write_sentences, outcome, r, name)))
+        for kind in get_args(SatelliteKind):
+            if kind in r.tracks:
+                name = f"{r.reception.source.name}-{kind}.nmea"
+                steps.append(OutputStep((name,), partial(_write_sentences, outcome, r, kind, name)))
     return steps
 
 
@@ -334,8 +337,8 @@ def _own_tracks(outcome: Outcome) -> dict[str, Any]:
     return tracks
 
 
-def _write_sentences(outcome: Outcome, r: ReceiverOutcome, name: str, folder: Path) -> None:
-    fixes = (fix for _, fix in _stretches(r, "trusted"))
+def _write_sentences(outcome: Outcome, r: ReceiverOutcome, kind: str, name: str, folder: Path) -> None:
+    fixes = (fix for _, fix in _stretches(r, kind))
     write_nmea(folder / name, (line for fix in fixes for line in _sentences(fix, outcome.navigation)))
 
 
