@@ -446,7 +446,7 @@ def test_missing_files_are_reported(tmp_path):
         open_sigmf(tmp_path / "gone.sigmf-meta")
     path = write(tmp_path, meta_of(), noise(100).tobytes())
     path.unlink()
-    with pytest.raises(InputError, match=r"^no .*rec\.sigmf-meta"):
+    with pytest.raises(InputError, match=r"\bno /.*rec\.sigmf-meta beside"):
         open_sigmf(tmp_path / "rec.sigmf-data")
     path.write_text(json.dumps(meta_of(metadata_only=True)))
     (tmp_path / "rec.sigmf-data").unlink()
