@@ -30,7 +30,9 @@ from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, 
 from skyproof.verdict import WORDS, word_shown
 
 CLEAN: Final = ("plain", "reflections", "jammed")
-GROUPS: Final = ("captured", "not captured", *CLEAN)
+FAR_M: Final = 100.0
+OF_CAPTURED: Final = ("from the start", f"{FAR_M:.0f} m off or more", "nearer")
+GROUPS: Final = ("captured", *(f"captured, {how}" for how in OF_CAPTURED), "not captured", *CLEAN)
 EQUIPMENT: Final = ("one receiver", "one that stands", "two", "two, their distance", "two, their places")
 METRES_PER_DEG: Final = 111e3
 
@@ -51,7 +53,13 @@ def row_of(name: str) -> Row:
         by[equipment] = sorted({e.detector for e in outcome.evidence if e.failed})
         each = [of_receiver(made, h, r) for h, r in pairs_of(used, outcome)]
         captured[equipment] = any(one["captured_s"] >= FOLLOWED_S for one in each)
-    return {"name": name, "words": words, "captured": captured, "failed": by}
+    how = None if drawn.attack is None else _how(drawn.attack.onset_s, float(np.linalg.norm(drawn.attack.away_enu_m)))
+    return {"name": name, "words": words, "captured": captured, "failed": by, "how": how}
+
+
+def _how(onset_s: float, away_m: float) -> str:
+    """Say which of the captured an attack would be of."""
+    return OF_CAPTURED[0] if onset_s <= 0.0 else OF_CAPTURED[1 if away_m >= FAR_M else 2]
 
 
 def equipment_of(made: BuiltScene) -> dict[str, Settings]:
@@ -95,14 +103,16 @@ def table(rows: Sequence[Row]) -> Iterator[str]:
     yield f"|---|---|---{'|---' * len(WORDS)}|---|"
     for equipment in EQUIPMENT:
         for group in GROUPS:
-            own = [row for row in rows if equipment in row["words"] and _group(row, equipment) == group]
+            own = [row for row in rows if equipment in row["words"] and group in _groups(row, equipment)]
             if own:
                 yield f"| {equipment} | {group} | {_cells(own, equipment)} |"
 
 
-def _group(row: Mapping[str, Any], equipment: str) -> str:
+def _groups(row: Mapping[str, Any], equipment: str) -> tuple[str, ...]:
     kind = str(row["name"]).partition("-")[0]
-    return kind if kind in CLEAN else "captured" if row["captured"][equipment] else "not captured"
+    if kind in CLEAN:
+        return (kind,)
+    return ("captured", f"captured, {row['how']}") if row["captured"][equipment] else ("not captured",)
 
 
 def _cells(rows: Sequence[Row], equipment: str) -> str:
