@@ -59,6 +59,7 @@ class FleetRow:
     trusted_sigma_up_m: float | None = None
     trusted_horizontal_protection_m: float | None = None
     trusted_vertical_protection_m: float | None = None
+    trusted_hidden_m: float | None = None
 
 
 def row_of(item: CatalogueItem, results: Path, error: str | None) -> FleetRow:
