@@ -35,15 +35,17 @@ class ResidualPolicy:
     """Numbers by which the residual test decides, each with its reason."""
 
     no_echo_m: float = number(
-        1e4, "m", "No reflection is so late: what comes a detour of ten kilometres is far below what is tracked."
+        1e4,
+        "m",
+        "Assumed: no reflection is so late: what comes a detour of ten kilometres is far below what is tracked.",
     )
     one_orbit_m: float = number(
         200.0,
         "m",
-        "All signals of a satellite with a wrong orbit miss a place alike, but for ionosphere and group delays.",
+        "Assumed: signals of a satellite with a wrong orbit miss a place alike, but for ionosphere and group delays.",
     )
     faulty_satellites: int = number(
-        2, "1", "Satellites that fail, or are received by a reflection, at the same time; more is no accident."
+        2, "1", "Assumed: satellites that fail, or are received by a reflection, at the same time; more is no accident."
     )
 
 

@@ -22,7 +22,9 @@ class InspectPolicy:
     reach_hz: float = number(
         7e3, "Hz", "Satellites give 5 kHz to a receiver at rest; the rest is an oscillator 1.3 ppm off."
     )
-    log_s: float = number(60.0, "s", "Two windows, or a minute of the past, which most tests of one receiver need.")
+    log_s: float = number(
+        60.0, "s", "Chosen: two windows, or a minute of the past, which most tests of one receiver need."
+    )
     alarm_probability: float = number(1e-4, "1", "Chosen: noise makes a satellite, a line or a gap of it so rarely.")
     first_periods: int = number(20, "1", "A bit: a first search that is quick finds all but weak satellites.")
     second_periods: int = number(
@@ -37,9 +39,9 @@ class InspectPolicy:
         1e-6, "1", "Chosen: noise gives what was found, in all that was tried, so rarely when a sidecar is written."
     )
     repeats_probability: float = number(1e-3, "1", "Chosen: what repeats by chance so rarely is searched first.")
-    clear_probability: float = number(1e-10, "1", "What repeats by chance so rarely needs no more samples.")
+    clear_probability: float = number(1e-10, "1", "Chosen: what repeats by chance so rarely needs no more samples.")
     imaged_share: float = number(
-        0.02, "1", "Of images in what repeats: imbalance of I and Q makes less, and real samples make as much."
+        0.02, "1", "Assumed: of images in what repeats: imbalance of I and Q makes less, and real samples make as much."
     )
     image_costs_share: float = number(0.5, "1", "Real samples read as complex have half their power in images.")
     far_carrier_costs_share: float = number(

@@ -20,17 +20,19 @@ class ReceivePolicy:
         3, "1", "A first correction by an inspection, a second by what is then tracked, and whether that holds."
     )
     one_event_s: float = number(
-        3.0, "s", "Jumps of carriers and signals that come back are one gap within six searches of half a second."
+        3.0,
+        "s",
+        "Chosen: jumps of carriers and signals that come back are one gap within six searches of half a second.",
     )
     near_utc_s: float = number(0.5, "s", "Labels off by leap seconds and less than half a second are of UTC.")
     nearly_all_share: float = number(
-        0.9, "1", "The first antenna stands for the receiver unless another has measured a tenth more."
+        0.9, "1", "Chosen: the first antenna stands for the receiver unless another has measured a tenth more."
     )
     late_chips: float = number(1.0, "chip", "Codes nearer than a chip overlap: the antennas receive the same signals.")
     many_arcs: int = number(
-        5, "1", "A satellite; a spectrum that is read mirrored gives ten times as many, as no loop holds."
+        5, "1", "Chosen: a satellite; a spectrum that is read mirrored gives ten times as many, as no loop holds."
     )
-    followed_s: float = number(2.0, "s", "In less time a signal that is there may not have proved itself.")
+    followed_s: float = number(2.0, "s", "Assumed: in less time a signal that is there may not have proved itself.")
     time_of_week_s: float = number(
         12.0, "s", "A time of week comes every 6 s: one is whole in twice that.", "IS-GPS-200N, 20.3.3.2"
     )
@@ -64,7 +66,7 @@ class ReceivePolicy:
     least_left: int = number(7, "1", "Five unknowns with the time, and two more that show a wrong set.")
     fix_satellites: int = number(4, "1", "Three coordinates and a clock take four ranges.", "Kaplan & Hegarty, 2.5.2")
     lapse_epochs: int = number(2, "1", "A guide not renewed lapses: scalar loops take over within half a second.")
-    agreed_epochs: int = number(3, "1", "In a row, before loops follow a filter that has just begun.")
+    agreed_epochs: int = number(3, "1", "Chosen: in a row, before loops follow a filter that has just begun.")
     worst_start_m: float = number(150.0, "m", "Half a chip: with a worse fit, predictions miss the signal's peak.")
     farthest_m: float = number(
         8e6, "m", "From the Earth's centre: 1600 km of height, where no receiver of this kind is."
@@ -72,10 +74,10 @@ class ReceivePolicy:
     out_chips: float = number(0.25, "chip", "Farther off, the discriminator of half a chip is past its straight part.")
     out_hz: float = number(150.0, "Hz", "A carrier so far off turns by a radian in the millisecond of a sum.")
     comes_limits: float = number(
-        2.5, "1", "So many limits off, a channel that has not yet driven the filter may begin to."
+        2.5, "1", "Chosen: so many limits off, a channel that has not yet driven the filter may begin to."
     )
     comes_back_limits: float = number(
-        0.5, "1", "Of the limit that it has broken: a channel comes back from well within."
+        0.5, "1", "Chosen: of the limit that it has broken: a channel comes back from well within."
     )
     out_s: float = number(
         1.0, "s", "A loop settles within a second: only then a channel that went off may drive again."

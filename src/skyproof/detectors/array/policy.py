@@ -21,7 +21,9 @@ class ArrayPolicy:
         1.0, "cycle", "A whole cycle, in which any line delay lies once whole cycles are taken off."
     )
     first_gate_cyc: float = number(
-        0.2, "cycle", "A component this near a candidate attitude counts for it at first, beside noise and reflections."
+        0.2,
+        "cycle",
+        "Chosen: a component this near a candidate attitude counts for it at first, beside noise and reflections.",
     )
     most_tilt_rad: float = number(
         np.radians(60.0), "rad", "A level turn banked by so much pulls 2 g: bodies that carry antennas tilt less."
@@ -29,7 +31,7 @@ class ArrayPolicy:
     as_good_cost: float = number(
         20.0, "1", "Twice a log likelihood ratio of 10: an attitude that much worse is not the true one."
     )
-    alike_rad: float = number(np.radians(3.0), "rad", "Attitudes that differ by less are one.")
+    alike_rad: float = number(np.radians(3.0), "rad", "Chosen: attitudes that differ by less are one.")
     missed_direction_probability: float = number(
         1e-3, "1", "Chosen: the true direction is none of those given once in a thousand windows."
     )
@@ -56,7 +58,7 @@ class ArrayPolicy:
         "Normal noise exceeds it once in 5e8: in a day of ten epochs a second, for a hundred signals, hardly ever.",
     )
     noise_excess: float = number(
-        3.0, "1", "Noise so many times that of the signal's strength is of the antenna or its line."
+        3.0, "1", "Chosen: noise so many times that of the signal's strength is of the antenna or its line."
     )
     one_place_satellites: int = number(3, "1", "Two signals from one place may be reflected by one thing.")
     fitted_missed_probability: float = number(

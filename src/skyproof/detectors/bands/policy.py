@@ -35,7 +35,7 @@ class BandsPolicy:
     ionosphere_pace_m_s: float = number(
         0.06,
         "m/s",
-        "The delay of L1 changes by no more in storms: 20 TECU a minute.",
+        "Assumed: the delay of L1 changes by no more in storms: 20 TECU a minute.",
     )
     misfit_probability: float = number(
         0.01, "1", "Chosen: changes scatter by more than their model so rarely; then the scatter gives their scale."

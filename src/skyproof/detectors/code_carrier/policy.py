@@ -23,7 +23,7 @@ class CodeCarrierPolicy:
     broken_intervals: float = number(2.5, "1", "Two epochs that are missing make three intervals, and break a stretch.")
     least_signals: int = number(4, "1", "A median of four outvotes one signal that is wrong.")
     ionosphere_sigma_m_s: float = number(
-        0.06, "m/s", "The ionosphere parts code from carrier no faster, storms included."
+        0.06, "m/s", "Assumed: the ionosphere parts code from carrier no faster, storms included."
     )
     least_epochs: int = number(
         8, "1", "Two epochs a quarter of a stretch, so that each quarter has a mean and a scatter."

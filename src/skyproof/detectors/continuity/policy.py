@@ -23,7 +23,7 @@ class ContinuityPolicy:
     ionosphere_sigma_m_s: float = number(
         0.06,
         "m/s",
-        "The ionosphere parts code from carrier of one satellite more than of another by so much, storms included.",
+        "Assumed: the ionosphere parts code from carrier of one satellite more than of another by so much, in storms.",
     )
     sure_sigmas: float = number(
         3.1, "sigma", "A third of the motion points along the whole of it by chance once in a thousand."
@@ -35,12 +35,12 @@ class ContinuityPolicy:
     span_late_share: float = number(
         0.1, "1", "A span's first epoch may come so much of the span late: epochs do not fall on its edge."
     )
-    air_share: float = number(0.25, "1", "Models leave so much of the change of the air's delay.")
+    air_share: float = number(0.25, "1", "Assumed: models leave so much of the change of the air's delay.")
     outage_intervals: float = number(
         1.5, "1", "Halfway to one epoch that is missing: over a longer pause no step is tested."
     )
     broken_together_share: float = number(
-        0.75, "1", "Where carriers of so many channels break at once, the receiver broke them, or another sky."
+        0.75, "1", "Chosen: where carriers of so many channels break at once, the receiver broke them, or another sky."
     )
     faulty_channel_probability: float = number(1e-4, "1", "Chosen: a channel is called faulty by chance so rarely.")
     steered_within_m: float = number(
@@ -51,9 +51,11 @@ class ContinuityPolicy:
         0.01, "1", "Chosen: errors are called larger than stated by chance so rarely, and then nothing is said."
     )
     unrelated_spread_m: float = number(
-        300.0, "m", "Unrelated errors of ranges spread over this much, as reflections in a street do."
+        300.0, "m", "Assumed: unrelated errors of ranges spread over this much, as reflections in a street do."
     )
-    joined_per_hour: float = number(1.0, "1/h", "A recording is joined from those of several receivers no more often.")
+    joined_per_hour: float = number(
+        1.0, "1/h", "Assumed: a recording is joined from those of several receivers no more often."
+    )
 
 
 POLICY: Final = ContinuityPolicy()

@@ -17,9 +17,11 @@ class CorrelatorPolicy:
         "Hz",
         "Twice the bandwidth of a usual code loop, which does not follow faster beats: the signal stays in its taps.",
     )
-    line_half_width_hz: float = number(1.0, "Hz", "A line may spread so far to either side of a bin.")
+    line_half_width_hz: float = number(1.0, "Hz", "Assumed: a line may spread so far to either side of a bin.")
     shape_error_share: float = number(
-        0.1, "1", "Triangles may miss so much of the power of a line, where a front end rounds the correlation."
+        0.1,
+        "1",
+        "Assumed: triangles may miss so much of the power of a line, where a front end rounds the correlation.",
     )
     longest_line_s: float = number(
         10.0, "s", "The beat of two signals drifts: a line is looked for over no more at once."
@@ -45,7 +47,7 @@ class CorrelatorPolicy:
     bent_share: float = number(
         0.05,
         "1",
-        "Of a code's offset, one sigma, by which its discriminator is not straight: noise and front ends round it.",
+        "Assumed: of a code's offset, one sigma: its discriminator is not straight, as noise and front ends round it.",
     )
 
 

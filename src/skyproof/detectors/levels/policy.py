@@ -41,9 +41,9 @@ class LevelsPolicy:
         0.01, "1", "Of a fall that a significant rise of the level confirms, or that goes on from the window before."
     )
     prior_degrees: float = number(
-        10.0, "1", "The stated scale weighs as much as so many earlier windows of the receiver's own."
+        10.0, "1", "Chosen: the stated scale weighs as much as so many earlier windows of the receiver's own."
     )
-    most_degrees: float = number(60.0, "1", "A scale rests on no more earlier windows; older ones fade.")
+    most_degrees: float = number(60.0, "1", "Chosen: a scale rests on no more earlier windows; older ones fade.")
     prior_lost: float = number(1.0, "1", "With the next number: as if one signal of ten had been lost before.")
     prior_stayed: float = number(9.0, "1", "With the number before: as if nine signals of ten had stayed.")
 

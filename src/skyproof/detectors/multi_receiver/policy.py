@@ -49,7 +49,9 @@ class MultiReceiverPolicy:
         3, "1", "A parabola follows a range over a window: its rate changes by less than 0.2 m/s in a second."
     )
     unsteady_m: float = number(
-        10.0, "m", "A code that a loop follows scatters less about a smooth course; damaged numbers scatter more."
+        10.0,
+        "m",
+        "Assumed: a code that a loop follows scatters less about a smooth course; damaged numbers scatter more.",
     )
     blocked_db: float = number(
         20.0, "dB", "A satellite without a true signal may be blocked by anything: so weak its own is taken to be."
@@ -63,7 +65,7 @@ class MultiReceiverPolicy:
         5.0, "sigma", "Normal errors exceed it once in two million: farther off a statement is wrong, not inexact."
     )
     least_distance_sigma_m: float = number(
-        0.01, "m", "A tape's error over some metres: nobody states a distance better than a centimetre."
+        0.01, "m", "Assumed: a tape's error over some metres: nobody states a distance better than a centimetre."
     )
     unknown_height_sigma_m: float = number(1e4, "m", "Above any mountain, and as far as most aircraft fly.")
     learnt_windows: int = number(3, "1", "The least that have a middle and a scatter.")
@@ -79,7 +81,9 @@ class MultiReceiverPolicy:
     )
     part_epochs: int = number(4, "1", "So many epochs show a scatter besides the mean.")
     glonass_channel_sigma_m: float = number(
-        3.0, "m", "A delay of 10 ns: GLONASS satellites differ in frequency, and filters delay each by another amount."
+        3.0,
+        "m",
+        "Assumed: a delay of 10 ns: GLONASS satellites differ in frequency, and filters delay each by another amount.",
     )
     longest_run_windows: int = number(
         12, "1", "Two minutes of usual windows: longer, satellites turn by a degree and errors are not as stated."

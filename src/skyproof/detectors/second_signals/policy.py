@@ -12,7 +12,9 @@ __all__ = ["POLICY", "SecondSignalsPolicy"]
 class SecondSignalsPolicy:
     """Numbers by which the test for second signals decides, each with its reason."""
 
-    late_copy_hz: float = number(10.0, "Hz", "The carrier of a late copy differs by no more: it is not sent anew.")
+    late_copy_hz: float = number(
+        10.0, "Hz", "Assumed: the carrier of a late copy differs by no more: it is not sent anew."
+    )
     same_delay_sigmas: float = number(
         4.0,
         "sigma",
@@ -26,9 +28,11 @@ class SecondSignalsPolicy:
         0.05, "1", "The share of satellites with an echo: a larger p-value tells no more than that."
     )
     most_late_m: float = number(
-        3000.0, "m", "A delay of 10 us: no reflector that counts is farther off, nor a repeater's cable longer."
+        3000.0,
+        "m",
+        "Assumed: a delay of 10 us: no reflector that counts is farther off, nor a repeater's cable longer.",
     )
-    copy_weaker_db: float = number(1.0, "dB", "A copy that is as strong is no reflection.")
+    copy_weaker_db: float = number(1.0, "dB", "Chosen: a copy that is as strong is no reflection.")
     same_place_probability: float = number(
         1e-3, "1", "Chosen: a late copy is missed so rarely for its place, which differs by the errors of both."
     )

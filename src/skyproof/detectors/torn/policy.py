@@ -19,7 +19,9 @@ class TornPolicy:
         "doi 10.1186/s43020-020-00027-7, table 1",
     )
     most_drift: float = number(
-        1e-6, "s/s", "A plain quartz parts from its rate at the last fix by no more, as its temperature changes."
+        1e-6,
+        "s/s",
+        "Assumed: a plain quartz parts from its rate at the last fix by no more, as its temperature changes.",
     )
     fault_probability: float = number(1e-4, "1", "Chosen: a good measurement is left out of the fix so rarely.")
     least_dof: int = number(2, "1", "Of two measurements beyond the unknowns one may be wrong, and the other shows it.")
@@ -36,15 +38,17 @@ class TornPolicy:
         "Kaplan & Hegarty, 8.9",
     )
     prior_cells: float = number(
-        40.0, "1", "The stated bound weighs as much as so many cells of the receiver's own past."
+        40.0, "1", "Chosen: the stated bound weighs as much as so many cells of the receiver's own past."
     )
-    most_cells: float = number(400.0, "1", "A rate rests on no more cells of the past; older ones fade.")
+    most_cells: float = number(400.0, "1", "Chosen: a rate rests on no more cells of the past; older ones fade.")
     most_score: float = number(60.0, "1", "Chances below 1e-26 are alike, and what ended shall end.")
     long_intervals: float = number(
         1.5, "1", "Halfway to one epoch that is missing: epochs farther apart do not follow each other."
     )
     whole_system_satellites: int = number(
-        3, "1", "Satellites of a system that come or go all at once are written by turns, or the system is lost."
+        3,
+        "1",
+        "Chosen: satellites of a system that come or go all at once are written by turns, or the system is lost.",
     )
 
 
