@@ -121,5 +121,5 @@ def test_no_archive_is_reported(tmp_path):
         open_sigmf(tmp_path / "a.sigmf")
     other = tmp_path / "b.txt"
     other.write_text("hello")
-    with pytest.raises(InputError, match=r"b\.sigmf: holds no \.sigmf-meta"):
+    with pytest.raises(InputError, match=r"b\.sigmf: .*no \.sigmf-meta"):
         open_sigmf(archive(tmp_path / "b.sigmf", [other]))

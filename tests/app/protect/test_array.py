@@ -105,7 +105,7 @@ def test_a_first_antenna_that_is_begun_late_does_not_stand_for_the_receiver(arra
     (tmp_path / "woven.toml").write_text(array_files.woven.with_suffix(".toml").read_text())
     result = protect(platform=described(tmp_path, [tmp_path / "woven.bin"]), nav=array_files.nav)
     assert result.verdict.verdict == "authentic"
-    assert re.search(r"\bantenna 1 .*\b12\.5 ms after antenna 2\b", " ".join(result.verdict.inputs[0].all_remarks))
+    assert re.search(r"\bantenna 1 .*\b12\.5 ms after .*2\b", " ".join(result.verdict.inputs[0].all_remarks))
 
 
 @pytest.mark.long
