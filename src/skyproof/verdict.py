@@ -472,7 +472,7 @@ class NoticedSize(_Model):
         """What would have been noticed, in words."""
         what, scale, unit = _NOTICED[self.kind]
         where = "" if self.share_of_windows > 0.995 else f" (in {100.0 * self.share_of_windows:.0f} % of the windows)"
-        return f"{what} {self.size * scale:.2g} {unit} or more{where}"
+        return f"{what} {float(f'{self.size * scale:.2g}'):g} {unit} or more{where}"
 
 
 _HOW: Final[dict[UsableKind, str]] = {
