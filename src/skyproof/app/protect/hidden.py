@@ -8,6 +8,7 @@ to t
 
     hidden = largest jump of the windows so far + integral of (code_drag + motion) from t0 to t
 
+where t is the middle of what a fix is smoothed over, if that is later than the fix itself, as it is near t0.
 Evidence that the signals come from the sky begins that anew; without any, signals are taken for true at the start.
 A window without a figure has that of the next one, whose test looks back; after the last one nothing is bounded.
 
@@ -40,13 +41,17 @@ class HiddenDrag:
     rate_m_s: Reals
     jump_m: Reals
 
-    def between(self, since: Instants, gpst: Instants) -> Reals:
-        """Return by how much a position may have been moved from `since` to `gpst`, (n,) each, metres."""
+    def between(self, since: Instants, gpst: Instants, *, reach_s: float = 0.0) -> Reals:
+        """Return by how much a position may have been moved from `since` to `gpst`, (n,) each, metres.
+
+        reach_s : by which it is smoothed to either side; a steady drag over what of that is there has moved it by as
+            much as it has at the middle.
+        """
         moved_m = np.concatenate([[0.0], np.cumsum(self.rate_m_s * np.diff(self.edges_s))])
-        seconds, since_s = (self._seconds(at) for at in (gpst, since))
+        at_s, since_s = (self._seconds(at) for at in (gpst, since))
+        seconds = np.maximum(at_s, np.minimum(0.5 * (since_s + at_s + reach_s), self.edges_s[-1]))
         drag_m = np.interp(seconds, self.edges_s, moved_m) - np.interp(since_s, self.edges_s, moved_m)
-        hidden_m = drag_m + np.fmax.accumulate(self.jump_m)[self._window(seconds)]
-        return np.where(gpst > since, hidden_m, 0.0)
+        return np.asarray(drag_m + np.fmax.accumulate(self.jump_m)[self._window(seconds)])
 
     def rate_at(self, gpst: np.datetime64) -> float:
         """Return how fast a position may be moved then, m/s."""

@@ -140,7 +140,8 @@ class Positions:
         if self.hidden is None:
             return fix
         gpst = self.log.gpst
-        hidden_m = self.hidden.between(gpst[since], gpst[first : first + since.size])
+        reach_s = 0.5 * self.settings.smoothing_s
+        hidden_m = self.hidden.between(gpst[since], gpst[first : first + since.size], reach_s=reach_s)
         return replace(fix, hidden_m=np.where(_good(fix), hidden_m, np.nan))
 
     @cached_property
