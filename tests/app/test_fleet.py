@@ -126,9 +126,10 @@ def test_an_item_is_one_row_of_the_table(tmp_path: Path) -> None:
     assert [row["verdict"] for row in table] == [found[0].verdict, None, None]
     shares = [table[0][f"share_{label}"] for label in ("authentic", "spoofed", "multipath", "unknown")]
     assert sum(shares) == pytest.approx(1.0)
-    assert table[0]["trusted_lat_deg"] == found[0].trusted_lat_deg is not None
+    assert table[0]["position_lat_deg"] == found[0].position_lat_deg is not None
     assert table[1]["error"] == "a.obs: absent & more"
-    assert table[1]["trusted_lat_deg"] is None
+    assert (table[0]["position_kind"], table[0]["position_hidden_m"]) == ("trusted", 0.0)
+    assert table[1]["position_lat_deg"] is None
     assert "seconds" not in table[0]
 
 

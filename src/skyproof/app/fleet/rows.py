@@ -23,7 +23,8 @@ class FleetRow:
 
     state : done, failed or not run. may_also_be : with ";" between several. interference_... : onset of the first
         spell, and the largest fall of C/N0. share_... : of its signals by label.
-        trusted_... : position of the first receiver that has one, of its last epoch. What is not there is None.
+        position_... : the last fix that may be used of the first receiver that has one, with its kind. What is not
+        there is None.
     """
 
     name: str
@@ -49,17 +50,18 @@ class FleetRow:
     share_spoofed: float | None = None
     share_multipath: float | None = None
     share_unknown: float | None = None
-    trusted_receiver: str | None = None
-    trusted_gpst: str | None = None
-    trusted_lat_deg: float | None = None
-    trusted_lon_deg: float | None = None
-    trusted_height_m: float | None = None
-    trusted_sigma_east_m: float | None = None
-    trusted_sigma_north_m: float | None = None
-    trusted_sigma_up_m: float | None = None
-    trusted_horizontal_protection_m: float | None = None
-    trusted_vertical_protection_m: float | None = None
-    trusted_hidden_m: float | None = None
+    position_receiver: str | None = None
+    position_kind: str | None = None
+    position_gpst: str | None = None
+    position_lat_deg: float | None = None
+    position_lon_deg: float | None = None
+    position_height_m: float | None = None
+    position_sigma_east_m: float | None = None
+    position_sigma_north_m: float | None = None
+    position_sigma_up_m: float | None = None
+    position_horizontal_protection_m: float | None = None
+    position_vertical_protection_m: float | None = None
+    position_hidden_m: float | None = None
 
 
 def row_of(item: CatalogueItem, results: Path, error: str | None) -> FleetRow:
@@ -91,9 +93,10 @@ def _of_verdict(verdict: Verdict) -> dict[str, Any]:
     if labels:
         found |= {f"share_{label}": labels.count(label) / len(labels) for label in LABELS}
     for receiver in verdict.receivers:
-        if receiver.trusted_fix is not None:
-            fix = receiver.trusted_fix.model_dump()
-            return found | {"trusted_receiver": receiver.name} | {f"trusted_{key}": fix[key] for key in fix}
+        if receiver.usable is not None:
+            kind, fix = receiver.usable
+            found |= {"position_receiver": receiver.name, "position_kind": kind}
+            return found | {f"position_{key}": value for key, value in fix.model_dump().items()}
     return found
 
 
