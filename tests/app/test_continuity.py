@@ -87,6 +87,6 @@ def test_a_file_joined_to_itself_is_not_authentic(tmp_path):
     result = protect(recorded.paths, nav=recorded.nav)
     assert result.verdict.verdict == "suspect"
     steps = [e for e in result.outcome.evidence if e.detector == "continuity" and e.code == "step"]
-    assert {round(e.data["clock_s"], 3) for e in steps} == {16.0}
+    assert any(e.data["clock_s"] == pytest.approx(16.0, abs=0.1) for e in steps)
     for r in result.outcome.receivers:
         assert (np.diff(r.reception.observations.gpst) > np.timedelta64(0)).all()

@@ -419,7 +419,7 @@ def test_the_part_before_the_onset_is_authentic(protected, truth):
 def test_the_part_that_begins_under_attack_is_judged_as_well(protected):
     run = protected("after", "--start-s", "27")
     assert run.verdict.verdict == "spoofed"
-    assert run.outcome.decision.onset.from_start
+    assert run.verdict.from_start
     assert run.verdict.since_sigma_s is None
     assert_no_false_label(run)
     assert_named(run, "authentic", 10)
