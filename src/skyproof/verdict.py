@@ -15,7 +15,7 @@ from typing import Annotated, Final, Literal, Self, get_args
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
 from skyproof.gnss.time import clock_words, instant_words, moment_words, utc_words
-from skyproof.records import CauseName, InterferenceSign, NoticedKind
+from skyproof.records import WORDS, CauseName, InterferenceSign, Label, NoticedKind, VerdictWord
 from skyproof.short_repr import notebook_html
 
 __all__ = [
@@ -48,13 +48,6 @@ __all__ = [
 
 VERDICT_FORMAT: Literal["skyproof-verdict/2"] = "skyproof-verdict/2"
 
-VerdictWord = Literal["authentic", "no_attack_seen", "suspect", "spoofed"]
-"""authentic : positive evidence that the signals come from the sky, for every receiver, all the time.
-no_attack_seen : every test that could run passed.
-suspect : a test failed, and what else than an attack may be the reason is not excluded.
-spoofed : there is an attack.
-"""
-WORDS: Final[tuple[VerdictWord, ...]] = get_args(VerdictWord)
 CAUSES: Final[dict[CauseName, str]] = {
     "reflections": "reflections",
     "interference": "a jammer or other noise",
@@ -79,7 +72,6 @@ were, of a receiver that is stated to stand.
 """
 MOST_NAMED: Final = 10
 """Remarks on inputs that stand beside the word; the others are counted."""
-Label = Literal["authentic", "spoofed", "multipath", "unknown"]
 
 Gpst = Annotated[str, Field(pattern=r"^\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?$")]
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]

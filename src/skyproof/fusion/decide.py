@@ -18,18 +18,16 @@ that. A run's word is the worst of its receivers' words so far.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import Final, Literal, get_args
+from typing import Final
 
 import numpy as np
 
 from skyproof.fusion.policy import POLICY
-from skyproof.records import Cause, Finding, Hypothesis, ObservationLog, SignalRef
+from skyproof.records import WORDS, Cause, Finding, Hypothesis, ObservationLog, SignalRef, VerdictWord
 
-__all__ = ["DETECTOR", "Deciding", "VerdictWord", "WindowWord", "decide", "decide_all", "weigh", "worst_of"]
+__all__ = ["DETECTOR", "Deciding", "WindowWord", "decide", "decide_all", "weigh", "worst_of"]
 
 DETECTOR: Final = "decision"
-VerdictWord = Literal["authentic", "no_attack_seen", "suspect", "spoofed"]
-_WORDS: Final[tuple[VerdictWord, ...]] = get_args(VerdictWord)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +64,7 @@ class Deciding:
 
 def worst_of(words: Iterable[VerdictWord]) -> VerdictWord | None:
     """Return the word that promises least; None without any."""
-    return max(words, key=_WORDS.index, default=None)
+    return max(words, key=WORDS.index, default=None)
 
 
 def decide(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skyproof.arrays import Booleans
-from skyproof.fusion.decide import VerdictWord, WindowWord, decide_all
+from skyproof.fusion.decide import WindowWord, decide_all
 from skyproof.fusion.interference import Spell, spells_of
 from skyproof.fusion.labels import FalseSource, LabelledSignal, label_signals, sources_of
 from skyproof.fusion.open_question import OpenQuestion, open_question
@@ -24,7 +24,7 @@ from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.fusion.unexplained import Unexplained, unexplained
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.window import interval_s
-from skyproof.records import ConsistentSet, Finding, ObservationLog
+from skyproof.records import ConsistentSet, Finding, ObservationLog, VerdictWord
 
 __all__ = ["Decision", "fuse"]
 

@@ -15,18 +15,17 @@ false. Not even that helps where the test overrules the others, unless false sig
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
 from skyproof.arrays import Integers, Reals
 from skyproof.fusion.policy import POLICY
 from skyproof.navigation.window import interval_s
-from skyproof.records import Finding, ObservationLog, SignalRef
+from skyproof.records import Finding, Label, ObservationLog, SignalRef
 
-__all__ = ["FalseSource", "Label", "LabelledSignal", "label_signals", "sources_of", "usual_window_s"]
+__all__ = ["FalseSource", "LabelledSignal", "label_signals", "sources_of", "usual_window_s"]
 
-Label = Literal["authentic", "spoofed", "multipath", "unknown"]
 LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
 SILENT = -1
 Node = TypeVar("Node", bound=Hashable)

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from skyproof.arrays import Booleans
-from skyproof.fusion.labels import Label, LabelledSignal
+from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.policy import POLICY
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.protection import protected
 from skyproof.navigation.screen import screened
-from skyproof.records import OBSERVABLES, CellStatus, Fix, NavigationData, ObservationLog, Observations, SignalId
+from skyproof.records import OBSERVABLES, CellStatus, Fix, Label, NavigationData, ObservationLog, Observations, SignalId
 
 __all__ = ["carries", "fix_of", "masked", "of_signals"]
 

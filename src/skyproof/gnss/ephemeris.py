@@ -201,12 +201,6 @@ def ahead_of_system_s(sat: str) -> float:
     return BDT_BEHIND_GPST_S if sat.startswith("C") else 0.0
 
 
-def age_s(ephemeris: BroadcastEphemeris, gpst: np.datetime64) -> float:
-    """Seconds between the time of ephemeris and the instant, either way."""
-    since_week_s = float(seconds_between(gpst, instant(ephemeris.week, 0.0)))
-    return abs(since_week_s - ephemeris.toe - ahead_of_system_s(ephemeris.sat))
-
-
 def group_delay_s(ephemeris: BroadcastEphemeris, band: str, code: str) -> float:
     """What the user of this signal alone takes off the satellite's clock, in seconds; NaN where the message gives none.
 

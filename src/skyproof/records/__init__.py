@@ -9,6 +9,7 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 """
 
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
+from skyproof.records.answer import WORDS, Label, VerdictWord
 from skyproof.records.correlations import Asked, Ccaf, CcafAsked, Stretched, Taps, TapsAsked
 from skyproof.records.estimates import (
     Baseline,
@@ -56,6 +57,7 @@ __all__ = [
     "FIX_STATUS",
     "OBSERVABLES",
     "UNTESTED",
+    "WORDS",
     "AntennaArray",
     "AnyFinding",
     "ArrayPhases",
@@ -82,6 +84,7 @@ __all__ = [
     "InertialReadings",
     "InterferenceSign",
     "Klobuchar",
+    "Label",
     "MeasurementSource",
     "NavState",
     "NavigationData",
@@ -109,6 +112,7 @@ __all__ = [
     "Taps",
     "TapsAsked",
     "UtcParameters",
+    "VerdictWord",
     "WeakStart",
     "WrongStatement",
     "freeze",

@@ -34,7 +34,7 @@ from skyproof.formats.pieces import UNFINISHED_RUN, is_unfinished
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.tables import Words, fixes_columns, growing_tables, own_fixes_columns
 from skyproof.formats.verdict import write_verdict
-from skyproof.fusion.labels import Label, LabelledSignal
+from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.trusted import carries
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.geoid import GEOID_SIGMA_M, geoid_separation_m
@@ -46,6 +46,7 @@ from skyproof.records import (
     Finding,
     Fix,
     FixStatus,
+    Label,
     NavigationData,
     ObservationLog,
     Observations,

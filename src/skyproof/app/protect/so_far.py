@@ -10,9 +10,9 @@ from skyproof.app.common.progress import Progress
 from skyproof.app.common.session import DecidedWindow
 from skyproof.app.protect.outputs import evidence_line
 from skyproof.formats.pieces import Workspace
-from skyproof.fusion.decide import Deciding, VerdictWord
+from skyproof.fusion.decide import Deciding
 from skyproof.gnss.time import clock_words, iso
-from skyproof.records import Finding
+from skyproof.records import Finding, VerdictWord
 from skyproof.verdict import word_shown
 
 __all__ = ["NOTES", "WordsSoFar"]
