@@ -8,12 +8,12 @@ from skyproof.app.protect.hidden import hidden_drags
 from skyproof.records import NoticedAttack
 
 
-def noticed(drag_m_s=1.0, jump_m=10.0, motion_m_s=None):
+def noticed(drag_m_s=1.0, jump_m=10.0, motion_m_s=0.0):
     found = (NoticedAttack("code_drag", drag_m_s), NoticedAttack("position_jump", jump_m))
     return (*found, NoticedAttack("motion", motion_m_s)) if motion_m_s is not None else found
 
 
-def hidden_m(findings, *seconds, since_s=0.0, standing=(), reach_s=0.0):
+def hidden_m(findings, *seconds, since_s=0.0, standing=("rx1",), reach_s=0.0):
     drag = hidden_drags(findings, standing=standing)["rx1"]
     gpst = START + (1e9 * np.array(seconds)).astype("timedelta64[ns]")
     return drag.between(np.full(gpst.size, START + np.timedelta64(int(1e9 * since_s), "ns")), gpst, reach_s=reach_s)
@@ -32,9 +32,11 @@ def test_what_a_fix_is_smoothed_over_counts_where_it_is_later():
 
 
 def test_of_a_receiver_that_stands_carriers_may_move_it_as_well():
-    found = [finding(0, *noticed(1.0, 10.0, 0.1))]
-    assert hidden_m(found, 10.0) == pytest.approx([20.0])
-    assert hidden_m(found, 10.0, standing=("rx1",)) == pytest.approx([21.0])
+    assert hidden_m([finding(0, *noticed(1.0, 10.0, 0.1))], 10.0) == pytest.approx([21.0])
+
+
+def test_what_may_move_is_dragged_with_its_carriers_unbounded():
+    assert np.isnan(hidden_m([finding(0, *noticed())], 5.0, standing=())).all()
 
 
 def test_a_window_without_a_test_has_the_next_one_s_and_after_the_last_nothing_is_bounded():
@@ -44,4 +46,4 @@ def test_a_window_without_a_test_has_the_next_one_s_and_after_the_last_nothing_i
 
 
 def test_stated_to_stand_without_a_test_of_carriers_bounds_nothing():
-    assert np.isnan(hidden_m([finding(0, *noticed())], 5.0, standing=("rx1",))).all()
+    assert np.isnan(hidden_m([finding(0, *noticed(motion_m_s=None))], 5.0)).all()

@@ -12,8 +12,8 @@ where t is the middle of what a fix is smoothed over, if that is later than the 
 Evidence that the signals come from the sky begins that anew; without any, signals are taken for true at the start.
 A window without a figure has that of the next one, whose test looks back; after the last one nothing is bounded.
 
-It does not cover codes and carriers that are dragged together, of a receiver that is not stated to stand, nor several
-jumps, each too small to be noticed.
+Of a receiver that is not stated to stand nothing bounds codes and carriers that are dragged together, as a takeover does.
+It does not cover several jumps, each too small to be noticed.
 """
 
 from collections.abc import Collection, Iterable
@@ -85,7 +85,7 @@ def _hidden_drag(windows: TestedWindows, receiver: str, *, stands: bool) -> Hidd
     return HiddenDrag(
         zero=starts[0],
         edges_s=np.asarray(seconds_between(edges, starts[0]), np.float64),
-        rate_m_s=series("code_drag") + (series("motion") if stands else 0.0),
+        rate_m_s=series("code_drag") + (series("motion") if stands else np.nan),
         jump_m=series("position_jump"),
     )
 
