@@ -11,7 +11,8 @@ from skyproof.app.common.epoch_source import FedSource, WholeSource
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.session import Session, examine_all, session_of
 from skyproof.app.common.settings import Settings
-from skyproof.records import ConsistentSet, Observations, Records, SignalId
+from skyproof.app.common.windows import following_epochs, windows_of
+from skyproof.records import OBSERVABLES, ConsistentSet, NavigationData, Observations, Records, SignalId
 from skyproof.testing import MeasuredScene
 
 PLACES = {"rx1": (0.0, 0.0, 0.0), "rx2": (12.0, 16.0, 0.0)}
@@ -60,6 +61,47 @@ def fed(scene, sizes):
 def test_pieces_of_any_size_give_what_the_whole_gives(scene, sizes):
     whole = session_of([WholeSource(o) for o in scene.observations], scene.navigation, Settings())
     assert [gist(step) for step in fed(scene, sizes)[1]] == [gist(step) for step in whole.steps()]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_gaps_rates_and_starts_move_no_window_that_was_given(seed):
+    rng = np.random.default_rng(seed)
+    logs = [drawn_epochs(f"rx{k}", rng) for k in range(int(rng.integers(1, 4)))]
+    chosen, nothing = following_epochs(Settings(), logs), NavigationData(ephemerides=())
+    sources = [FedSource(o.receiver) for o in logs]
+    windows, found, given_to = windows_of(sources, nothing, chosen), [], [0] * len(logs)
+    while left := [k for k, o in enumerate(logs) if given_to[k] < o.gpst.size]:
+        k, size = int(rng.choice(left)), int(rng.integers(1, 25))
+        sources[k].feed(logs[k].read(given_to[k], given_to[k] + size))
+        given_to[k] += size
+        if given_to[k] >= logs[k].gpst.size:
+            sources[k].end()
+        found += [(window.start_gpst, window.end_gpst) for window in windows]
+    whole = windows_of([WholeSource(o) for o in logs], nothing, chosen)
+    assert found == [(window.start_gpst, window.end_gpst) for window in whole]
+
+
+def drawn_epochs(receiver, rng):
+    """Epochs of one signal at some interval, with gaps, from some time on, with or without a break of its time."""
+    n = int(rng.integers(20, 150))
+    elapsed_s = float(rng.choice([0.2, 1.0, 5.0, 30.0])) * np.arange(n)
+    kept = np.ones(n, bool)
+    for _ in range(int(rng.integers(0, 4))):
+        first = int(rng.integers(1, n - 1))
+        kept[first : first + int(rng.integers(1, 30))] = False
+    kept[-1] = True
+    start = START + np.timedelta64(int(1e9 * rng.choice([0.0, rng.uniform(0.0, 15.0)])), "ns")
+    whole = Observations(
+        receiver=receiver,
+        signals=(SignalId("G05"),),
+        gpst=start + np.round(elapsed_s * 1e9).astype("timedelta64[ns]"),
+        elapsed_s=elapsed_s,
+        status=np.zeros((n, 1), np.uint8),
+        found_elapsed_s=np.zeros(1),
+        missed_elapsed_s=np.full(1, np.nan),
+        **dict.fromkeys(OBSERVABLES, np.ones((n, 1))),
+    )
+    return whole.select(np.flatnonzero(kept))
 
 
 def test_windows_come_before_the_end():

@@ -72,7 +72,8 @@ def _with_share(detectors: Sequence[Detector], share: float) -> Sequence[Detecto
 def session_of(sources: Sequence[EpochSource], navigation: NavigationData, settings: Settings) -> Session:
     """Return a session of receivers whose epochs come in, with every installed detector.
 
-    sources : one a receiver. navigation : orbits that hold while the session lasts.
+    sources : one a receiver. navigation : orbits that hold while the session lasts. settings : a window (`window_s`)
+        holds five epochs or more of each receiver.
     """
     windows = windows_of(sources, navigation, settings)
     return Session(windows, detectors_for(settings, windows.run))

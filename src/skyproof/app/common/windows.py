@@ -98,7 +98,9 @@ class Arrived:
     until_gpst: np.datetime64
 
 
-def window_edges(received: Sequence[Arrived], window_s: float, *, keep_pauses: bool = False) -> list[np.datetime64]:
+def window_edges(
+    received: Sequence[Arrived], window_s: float, *, keep_pauses: bool = False, ended: bool = True
+) -> list[np.datetime64]:
     """Edges of the windows, common to all receivers: from the first epoch of any to past the last.
 
     Windows in a row that hold no epoch are one, for a log may pause for years. Not so with `keep_pauses`: correlators
@@ -108,12 +110,13 @@ def window_edges(received: Sequence[Arrived], window_s: float, *, keep_pauses: b
     common, and a mean over both is of neither. So it is where all receivers begin, and where the first of them ends:
     what all measured says nothing of what one of them measured without the others. A single epoch makes no window.
 
-    More epochs move no edge but the last, so that edges are the same however the epochs come.
+    ended : whether nothing more comes; if not, edges are those that no further epoch moves.
     """
     first = min(one.gpst[0] for one in received)
     last = max(one.until_gpst for one in received) + np.timedelta64(1, "ms")
     # Between epochs: those of receivers that do not steer their clocks come some milliseconds early or late.
-    early = timedelta_from_s(0.5 * max(one.interval_s for one in received))
+    longest_s = min(max(one.interval_s for one in received), window_s / POLICY.least_window_epochs)
+    early = timedelta_from_s(0.5 * longest_s)
     all_from, all_to = max(one.gpst[0] for one in received), min(one.until_gpst for one in received)
     most = max(timedelta_from_s(POLICY.ends_together_s), 3 * early)  # of one epoch nothing can be said
     alone = [at for at, by in ((all_from, all_from - first), (all_to + 2 * early, last - all_to)) if by > most]
@@ -123,21 +126,35 @@ def window_edges(received: Sequence[Arrived], window_s: float, *, keep_pauses: b
     for begin, end in pairwise([first, *breaks, last]):
         if end - begin > early or end == last:  # not at the break that another receiver saw at its own epoch
             within = None if keep_pauses else epochs[slice(*np.searchsorted(epochs, [begin - early, end]))]
-            edges += [*_evenly(begin, end, window_s, early, within), end if end == last else end - early]
-    return edges
+            goes_on = end == last and not ended
+            edges += [*_evenly(begin, end, window_s, early, within, goes_on), end if end == last else end - early]
+    return edges if ended else edges[:-1]
 
 
 def _evenly(
-    begin: np.datetime64, end: np.datetime64, window_s: float, early: np.timedelta64, epochs: Instants | None
+    begin: np.datetime64,
+    end: np.datetime64,
+    window_s: float,
+    early: np.timedelta64,
+    epochs: Instants | None,
+    goes_on: bool,
 ) -> list[np.datetime64]:
-    """Edges between two instants, every so often, without those that part nothing from nothing."""
+    """Edges between two instants, every so often, without those that part nothing from nothing.
+
+    goes_on : there may be more epochs after the end, which those edges hold with as well.
+    """
     step = timedelta_from_s(window_s)
     count = max(int((end - begin) / step + (1.0 - POLICY.last_window_share)), 1)
     if epochs is None:
         return [begin + k * step - early for k in range(1, count)]
-    occupied = np.clip((epochs - begin + early) // step, 0, count - 1)
-    edges = np.unique(np.concatenate([occupied, occupied + 1]))
-    return [begin + int(k) * step - early for k in edges[(edges > 0) & (edges < count)]]
+    occupied = (epochs - begin + early) // step
+
+    def edges(last: int) -> set[int]:
+        of_last = np.clip(occupied, 0, last)
+        return {int(k) for k in np.concatenate([of_last, of_last + 1]) if 0 < k <= last}
+
+    found = edges(count - 1) & edges(int(occupied.max(initial=0)) + 1) if goes_on else edges(count - 1)
+    return [begin + k * step - early for k in sorted(found)]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -213,8 +230,7 @@ class Windows:
                     until_gpst=until,
                 )
             )
-        edges = window_edges(received, self.window_s, keep_pauses=self.keep_pauses)
-        return edges if horizon is None else edges[:-1]
+        return window_edges(received, self.window_s, keep_pauses=self.keep_pauses, ended=horizon is None)
 
     def __len__(self) -> int:
         return max(len(self.edges()) - 1, 0)
