@@ -134,6 +134,17 @@ def test_signals_that_come_later_change_no_window_before(scene):
     assert [gist(step) for step in session.steps()] == [gist(step) for step in whole.steps()]
 
 
+def test_a_break_of_time_cuts_what_is_fed_as_it_cuts_the_whole():
+    one = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
+    (o,) = one.observations
+    later = np.arange(47) >= 23
+    broken = replace(one, observations=(replace(o, pseudorange_m=o.pseudorange_m - 99e3 * later[:, None]),))
+    whole = session_of([WholeSource(broken.observations[0])], one.navigation, Settings())
+    steps = [gist(step) for step in whole.steps()]
+    assert any(start == o.gpst[23] - np.timedelta64(500, "ms") for start, *_ in steps)
+    assert [gist(step) for step in fed(broken, [1])[1]] == steps
+
+
 def test_nothing_is_fed_after_the_end(scene):
     source = FedSource("rx1")
     source.end()

@@ -12,8 +12,8 @@ where t is the middle of what a fix is smoothed over, if that is later than the 
 Evidence that the signals come from the sky begins that anew; without any, signals are taken for true at the start.
 A window without a figure has that of the next one, whose test looks back; after the last one nothing is bounded.
 
-Of a receiver that is not stated to stand nothing bounds codes and carriers that are dragged together, as a takeover does.
-It does not cover several jumps, each too small to be noticed.
+Of a receiver that is not stated to stand nothing bounds codes and carriers that are dragged together, as a takeover
+does. It does not cover several jumps, each too small to be noticed.
 """
 
 from collections.abc import Collection, Iterable
