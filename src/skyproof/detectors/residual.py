@@ -24,13 +24,14 @@ from skyproof.navigation.elevation_mask import RECEIVED_FROM_DEG, find_low
 from skyproof.navigation.raim import GlobalTest, exclude_one, global_test
 from skyproof.navigation.search import WindowRanges, misfits
 from skyproof.navigation.sets import window_measurements
-from skyproof.navigation.skies import Kind, by_kind
+from skyproof.navigation.skies import by_kind
 from skyproof.records import (
     Cause,
     ConsistentSet,
     Datum,
     Finding,
     Hypothesis,
+    Kind,
     NavigationData,
     Need,
     Observations,

@@ -22,6 +22,7 @@ from skyproof.formats.bounds import NAVIGATION_BYTES, Remarks
 from skyproof.formats.byte_io import unpacked
 from skyproof.gnss.constants import SECONDS_PER_DAY, SECONDS_PER_WEEK
 from skyproof.gnss.ephemeris import (
+    GEOSTATIONARY,
     SYSTEM_NAMES,
     BroadcastEphemeris,
     Ephemeris,
@@ -61,7 +62,6 @@ _READ: Final = {
 }
 _MOST_SATS: Final = {"G": 32, "J": 10, "E": 36, "C": 63, "R": 28}
 _BDT_WEEK_0: Final = 1356  # the GPS week in which BDT began
-_D2_SATS: Final = frozenset((*(f"C{n:02d}" for n in range(1, 6)), *(f"C{n:02d}" for n in range(59, 64))))
 _MOST_LEAPS_OFF: Final = 2
 """Leap seconds that a file may have and the table built in has not: since 1999 there was one in two years at most."""
 _NOMINAL_URA_M: Final = (2.0, 2.8, 4.0, 5.7, 8.0, 11.3, *(2.0 ** (k - 2) for k in range(6, 16)))
@@ -389,7 +389,7 @@ def _message(record: _Record, sources: float) -> str:
         bits = _whole(sources, 0)
         return "FNAV" if bits & 1 << 8 or (bits & 0b010 and not bits & 0b101) else "INAV"
     if record.sat[0] == "C":
-        return "D2" if record.sat in _D2_SATS else "D1"
+        return "D2" if record.sat in GEOSTATIONARY else "D1"
     return "LNAV"
 
 

@@ -40,22 +40,14 @@ from skyproof.fusion.departure import CorrectedNavigator
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.policy import POLICY
-from skyproof.fusion.rivals import FixMaker, Kind, Rivals, reference_kind, rivals_of, with_clock_near
+from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_of, with_clock_near
 from skyproof.fusion.skies import sky_onset
 from skyproof.fusion.timeline import Onset
 from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.known import Known
 from skyproof.navigation.prediction import Choice, choose, fit_p_value, parted_unseen
-from skyproof.records import (
-    ConsistentSet,
-    Datum,
-    Finding,
-    NavigationData,
-    ObservationLog,
-    SignalId,
-    SignalRef,
-)
+from skyproof.records import ConsistentSet, Datum, Finding, Kind, NavigationData, ObservationLog, SignalId, SignalRef
 
 __all__ = ["DETECTOR", "ChoiceRules", "Chosen", "Compared", "choices"]
 

@@ -22,11 +22,10 @@ import numpy as np
 from skyproof.arrays import Integers, Reals
 from skyproof.fusion.policy import POLICY
 from skyproof.navigation.window import interval_s
-from skyproof.records import Finding, Label, ObservationLog, SignalRef
+from skyproof.records import LABELS, Finding, Label, ObservationLog, SignalRef
 
 __all__ = ["FalseSource", "LabelledSignal", "label_signals", "sources_of", "usual_window_s"]
 
-LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
 SILENT = -1
 Node = TypeVar("Node", bound=Hashable)
 

@@ -2,32 +2,21 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, TypeAlias
 
 import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.fusion.policy import POLICY
 from skyproof.fusion.trusted import fix_of, masked, of_signals
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.inertial_foresight import noise_of
 from skyproof.navigation.known import KNOWN, Known, known_of
 from skyproof.navigation.smooth import smooth
-from skyproof.records import (
-    ConsistentSet,
-    Finding,
-    NavigationData,
-    ObservationLog,
-    OverlappingSkies,
-    SignalId,
-)
+from skyproof.records import ConsistentSet, Finding, Kind, NavigationData, ObservationLog, OverlappingSkies, SignalId
 
-__all__ = ["FixMaker", "Kind", "Rivals", "reference_kind", "rivals_of", "with_clock_near"]
-
-Kind: TypeAlias = tuple[str, str, str]
-_MS_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S
+__all__ = ["FixMaker", "Rivals", "reference_kind", "rivals_of", "with_clock_near"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -168,6 +157,7 @@ def with_clock_near(shown: SkyFix, expected: Known) -> SkyFix:
     """With its clock within half a millisecond of the expected one: receivers set theirs by whole ones."""
     if 6 not in expected.there:
         return shown
-    by_m: Reals = _MS_M * np.rint((shown.whole.mean[6] - expected.mean[6]) / _MS_M) * (np.arange(KNOWN) == 6)
+    steps = np.rint((shown.whole.mean[6] - expected.mean[6]) / MILLISECOND_M)
+    by_m: Reals = MILLISECOND_M * steps * (np.arange(KNOWN) == 6)
     whole, *each = (replace(one, mean=one.mean - by_m) for one in (shown.whole, *shown.each))
     return SkyFix(whole=whole, each=tuple(each))

@@ -18,6 +18,7 @@ __all__ = [
     "GLONASS_MU_M3_S2",
     "GPS_PI",
     "L1_HZ",
+    "MILLISECOND_M",
     "MU_M3_S2",
     "RELATIVITY_F_S_SQRT_M",
     "SECONDS_PER_DAY",
@@ -28,6 +29,7 @@ __all__ = [
 ]
 
 SPEED_OF_LIGHT_M_S: Final = 299_792_458.0  # IS-GPS-200N, 20.3.4.3 (and the SI)
+MILLISECOND_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S  # by whole ones receivers steer their clocks
 FASTEST_M_S: Final = 4e4
 """By which a range changes at most: satellite and receiver in orbit, 10 km/s, and a clock of 100 ppm."""
 L1_HZ: Final = 1575.42e6  # IS-GPS-200N, 3.3.1.1

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyproof.arrays import Reals
-from skyproof.gnss.constants import WGS84_A_M, WGS84_F
+from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, WGS84_A_M, WGS84_F
 
 __all__ = [
+    "EARTH_RAD_S",
+    "ROT_ENU_NED",
     "attitude_ecef",
     "ecef_from_geodetic",
     "geodetic_from_ecef",
@@ -23,7 +25,9 @@ __all__ = [
 _E2 = WGS84_F * (2.0 - WGS84_F)  # first eccentricity squared
 _EP2 = _E2 / (1.0 - _E2)  # second eccentricity squared
 _B_M = WGS84_A_M * (1.0 - WGS84_F)  # semi-minor axis
-_ROT_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # its own inverse
+EARTH_RAD_S = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
+"""The Earth's turn as a vector of ECEF."""
+ROT_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # its own inverse
 
 
 def ecef_from_geodetic(lat_rad: ArrayLike, lon_rad: ArrayLike, height_m: ArrayLike) -> Reals:
@@ -81,13 +85,13 @@ def attitude_ecef(
 ) -> Reals:
     """Rotations (..., 3, 3) from body to ECEF at positions (..., 3); angles broadcast with (...)."""
     rot_ecef_enu = np.swapaxes(rot_enu_ecef(*geodetic_from_ecef(position_ecef_m)[:2]), -1, -2)
-    return np.asarray(rot_ecef_enu @ _ROT_ENU_NED @ rot_ned_body(heading_rad, pitch_rad, roll_rad))
+    return np.asarray(rot_ecef_enu @ ROT_ENU_NED @ rot_ned_body(heading_rad, pitch_rad, roll_rad))
 
 
 def heading_pitch_roll_rad(position_ecef_m: ArrayLike, attitude: ArrayLike) -> tuple[Reals, Reals, Reals]:
     """The angles (...) of rotations (..., 3, 3) from body to ECEF: heading from 0 to 2 pi, roll from -pi to pi."""
     rot_enu = rot_enu_ecef(*geodetic_from_ecef(position_ecef_m)[:2])
-    rot = _ROT_ENU_NED @ rot_enu @ np.asarray(attitude, np.float64)
+    rot = ROT_ENU_NED @ rot_enu @ np.asarray(attitude, np.float64)
     heading_rad = np.arctan2(rot[..., 1, 0], rot[..., 0, 0]) % (2.0 * np.pi)
     pitch_rad = np.arcsin(np.clip(-rot[..., 2, 0], -1.0, 1.0))
     return heading_rad, pitch_rad, np.arctan2(rot[..., 2, 1], rot[..., 2, 2])

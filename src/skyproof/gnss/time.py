@@ -14,6 +14,7 @@ from skyproof.gnss.constants import SECONDS_PER_WEEK
 
 __all__ = [
     "GPS_EPOCH",
+    "GPS_EPOCH_NS",
     "LEAPS_KNOWN_UNTIL",
     "clock_words",
     "gpst",
@@ -36,6 +37,7 @@ __all__ = [
 FIRST_YEAR, LAST_YEAR = 1980, 2199
 """Of every instant that is read: labels of nanoseconds wrap silently in 2262, so that 2600 would become 2015."""
 GPS_EPOCH: Final = np.datetime64("1980-01-06T00:00:00", "ns")  # IS-GPS-200N, 3.3.4
+GPS_EPOCH_NS: Final = int(GPS_EPOCH.astype(np.int64))  # since 1970
 
 _NS: Final = 1_000_000_000
 _NS_PER_WEEK: Final = SECONDS_PER_WEEK * _NS

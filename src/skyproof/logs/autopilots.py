@@ -14,7 +14,7 @@ from typing import Any, Final, Protocol
 import numpy as np
 
 from skyproof.arrays import Booleans, Instants, Integers, Octets, Reals
-from skyproof.gnss.time import GPS_EPOCH, gpst_from_utc
+from skyproof.gnss.time import GPS_EPOCH_NS, gpst_from_utc
 from skyproof.logs.content import Beside, InertialRows, LogPiece, ReceiverStates, join_rows
 from skyproof.logs.dataflash import MAGIC as DATAFLASH_MAGIC
 from skyproof.logs.dataflash import DataFlashTables
@@ -30,7 +30,6 @@ from skyproof.records import FrontEndLevels, ReceiverFixes
 __all__ = ["is_ardupilot", "is_px4", "read_ardupilot", "read_px4"]
 
 _FIRST_NS, _LAST_NS = (int(np.datetime64(f"{year}-01-01", "ns").astype(np.int64)) for year in (2000, 2200))
-_EPOCH_NS: Final = int(GPS_EPOCH.astype(np.int64))
 _WEEK_NS: Final = 604_800 * 10**9
 _AGC: Final = 8191.0
 _JAMMING: Final = np.array(("unknown", "none", "warning", "critical"))
@@ -220,7 +219,7 @@ class _ArduPilot:
         messages = {f"ArduPilot {name}": table.rows.size for (name, _), table in stretch.tables.items()}
         piece = LogPiece(messages=messages, damaged_frames=stretch.damaged, cut=stretch.cut)
         if gps is not None:
-            instant_ns = _EPOCH_NS + gps.whole("GWk") * _WEEK_NS + gps.whole("GMS") * 1_000_000
+            instant_ns = GPS_EPOCH_NS + gps.whole("GWk") * _WEEK_NS + gps.whole("GMS") * 1_000_000
             dated = (instant_ns > _FIRST_NS) & (instant_ns < _LAST_NS) & (gps.whole("GWk") > 0)
             self._clock.set(gps.whole("TimeUS")[dated], instant_ns[dated])
             good = dated & (gps.whole("Status") >= 2)

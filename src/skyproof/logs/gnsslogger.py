@@ -16,10 +16,10 @@ import numpy as np
 from skyproof.arrays import Integers, Octets, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import carrier_hz_of, frequency_number_of, rinex_signal
-from skyproof.gnss.time import gpst_from_utc, leap_seconds
+from skyproof.gnss.time import GPS_EPOCH_NS, gpst_from_utc, leap_seconds
 from skyproof.logs.content import BroadcastFrames, LogPiece, MessageKind
 from skyproof.logs.locks import CarrierLocks
-from skyproof.logs.phone_clock import EPOCH_NS, FIRST_NS, LAST_NS, MS_NS, PhoneClock, or_zero
+from skyproof.logs.phone_clock import FIRST_NS, LAST_NS, MS_NS, PhoneClock, or_zero
 from skyproof.logs.phone_frames import FRAMES, frame_bits, record_frames
 from skyproof.logs.rows import SignalRows, epochs_without_signals, observations_from_rows
 from skyproof.logs.text import MISSING, Fields, TextStretch, read_fields, split_lines
@@ -339,7 +339,7 @@ class _GnssLogger:
         )
         timed = (agc.wholes["TimeNanos"] != MISSING) & (agc.wholes["FullBiasNanos"] != MISSING)
         agc = agc.select(timed)
-        instant_ns = EPOCH_NS + agc.wholes["TimeNanos"] - agc.wholes["FullBiasNanos"]
+        instant_ns = GPS_EPOCH_NS + agc.wholes["TimeNanos"] - agc.wholes["FullBiasNanos"]
         if not instant_ns.size:
             agc, instant_ns = raw, label_ns
         gain_db, system = agc.reals["AgcDb"], agc.wholes["ConstellationType"]
@@ -428,7 +428,7 @@ def _range_m(raw: Fields, label_ns: Integers, systems: Any) -> Reals:
     modulus_ns = np.where(secondary, _E1C_NS, np.where(glonass, _DAY_NS, _WEEK_NS))
     least_ns = np.where(secondary, _LEAST_E1C_NS, -modulus_ns // 2)
     good = (full | secondary) & (sent_ns >= 0) & (sent_ns <= _WEEK_NS)
-    travel_ns = (label_ns - EPOCH_NS + ahead_ns - np.where(good, sent_ns, 0) - least_ns) % modulus_ns + least_ns
+    travel_ns = (label_ns - GPS_EPOCH_NS + ahead_ns - np.where(good, sent_ns, 0) - least_ns) % modulus_ns + least_ns
     return np.where(good, travel_ns * 1e-9 * SPEED_OF_LIGHT_M_S, np.nan)
 
 

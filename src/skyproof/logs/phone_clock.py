@@ -6,16 +6,14 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Integers, Reals
-from skyproof.gnss.constants import FASTEST_M_S, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.time import GPS_EPOCH
+from skyproof.gnss.constants import FASTEST_M_S, MILLISECOND_M, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.time import GPS_EPOCH_NS
 from skyproof.logs.text import MISSING, Fields
 
-__all__ = ["EPOCH_NS", "FIRST_NS", "LAST_NS", "MS_NS", "PhoneClock", "or_zero"]
+__all__ = ["FIRST_NS", "LAST_NS", "MS_NS", "PhoneClock", "or_zero"]
 
 MS_NS: Final = 1_000_000
-EPOCH_NS: Final = int(GPS_EPOCH.astype(np.int64))
 FIRST_NS, LAST_NS = (int(np.datetime64(f"{year}-01-01", "ns").astype(np.int64)) for year in (2000, 2200))
-_MS_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S
 _JOINED_S: Final = 600.0  # after which any oscillator may be off by a millisecond
 
 
@@ -49,17 +47,17 @@ class PhoneClock:
 
     def _label(self, time_ns: int, full_ns: int, sub_ns: float, count: int) -> tuple[int, int]:
         bias_ns = full_ns + round(sub_ns)
-        if full_ns in (MISSING, 0) or not FIRST_NS < EPOCH_NS + time_ns - bias_ns < LAST_NS:
+        if full_ns in (MISSING, 0) or not FIRST_NS < GPS_EPOCH_NS + time_ns - bias_ns < LAST_NS:
             return 0, -1  # the phone does not know the time
         stopped = self._time_ns is not None and (count != self._count or time_ns < self._time_ns)
         self.breaks += stopped
         if self._bias_ns is None or stopped:
             self._bias_ns = bias_ns
-            self._since_ns.append(EPOCH_NS + time_ns - bias_ns)
+            self._since_ns.append(GPS_EPOCH_NS + time_ns - bias_ns)
         elif abs(bias_ns - self._bias_ns) > MS_NS:
             self._bias_ns += round((bias_ns - self._bias_ns) / MS_NS) * MS_NS
         self._time_ns, self._count = time_ns, count
-        return EPOCH_NS + time_ns - self._bias_ns, len(self._since_ns) - 1
+        return GPS_EPOCH_NS + time_ns - self._bias_ns, len(self._since_ns) - 1
 
     def run_ms(self, label_ns: Integers, part: Integers) -> Integers:
         """Return for how long the clock has run at rows without a stop."""
@@ -109,7 +107,7 @@ class PhoneClock:
         gap_s = rows[:, 0] - before[:, 0]
         over_m = rows[:, 2] - code_m - 0.5 * gap_s * (rate_m_s + rows[:, 3] - new_m_s)
         new_m = float(np.median(over_m - new_m_s * (rows[:, 0] - began_s)))
-        return [began_s, new_m - round(new_m / _MS_M) * _MS_M, new_m_s]
+        return [began_s, new_m - round(new_m / MILLISECOND_M) * MILLISECOND_M, new_m_s]
 
 
 def or_zero(values: Reals) -> Reals:

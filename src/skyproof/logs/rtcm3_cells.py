@@ -10,7 +10,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Integers, Octets, Reals
 from skyproof.compiled import compiled
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import carrier_hz_of, rinex_signal
 from skyproof.records import SignalId
 
@@ -20,7 +20,6 @@ NO_CHANNEL: Final = -99
 """In place of a frequency number that is not known."""
 SYSTEMS: Final = "GRESJCI"
 """In the order of the message numbers: 107x, 108x, 109x and so on."""
-_MS_M: Final = 1e-3 * SPEED_OF_LIGHT_M_S
 _SIGNALS: Final = {
     "G": "2:1C 3:1P 4:1W 8:2C 9:2P 10:2W 15:2S 16:2L 17:2X 22:5I 23:5Q 24:5X 30:1S 31:1L 32:1X",
     "R": "2:1C 3:1P 8:2C 9:2P",
@@ -215,9 +214,9 @@ def _walk_msm(
             code = _signed_at(octets, code_at + cell * code_bits, code_bits)
             phase = _signed_at(octets, phase_at + cell * phase_bits, phase_bits)
             unknown = -(1 << (code_bits - 1))
-            reals[0, n] = np.nan if code == unknown else (rough_ms[s] + code * code_ms) * _MS_M
+            reals[0, n] = np.nan if code == unknown else (rough_ms[s] + code * code_ms) * MILLISECOND_M
             unknown = -(1 << (phase_bits - 1))
-            reals[1, n] = np.nan if phase == unknown else (rough_ms[s] + phase * phase_ms) * _MS_M
+            reals[1, n] = np.nan if phase == unknown else (rough_ms[s] + phase * phase_ms) * MILLISECOND_M
             reals[2, n] = np.nan
             if with_rates:
                 rate = _signed_at(octets, rate_at + cell * 15, 15)
@@ -306,9 +305,9 @@ def _walk_legacy(
             k = at + header + s * of_sat
             sv, code = _bits_at(octets, k, 6), _bits_at(octets, k + 6, 1)
             k += 7
-            system, hz_1, hz_2, unit_m = 0, hz_of_gps[0], hz_of_gps[1], _MS_M
+            system, hz_1, hz_2, unit_m = 0, hz_of_gps[0], hz_of_gps[1], MILLISECOND_M
             if glonass:
-                system, unit_m = 1, 2.0 * _MS_M
+                system, unit_m = 1, 2.0 * MILLISECOND_M
                 channel = _bits_at(octets, k, 5)
                 k += 5
                 if channel > 20:

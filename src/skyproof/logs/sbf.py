@@ -13,17 +13,11 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Integers, Octets, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.ephemeris import GEOSTATIONARY
 from skyproof.gnss.lnav import words_hold
 from skyproof.gnss.signals import carrier_hz_of, rinex_signal
-from skyproof.gnss.time import GPS_EPOCH
-from skyproof.logs.content import (
-    FRAME_BITS,
-    BroadcastFrames,
-    LogPiece,
-    MessageKind,
-    ReceiverStates,
-    untimed_remark,
-)
+from skyproof.gnss.time import GPS_EPOCH_NS
+from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind, ReceiverStates, untimed_remark
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
@@ -115,11 +109,9 @@ _FRAME_KINDS: Final[dict[int, tuple[MessageKind, int]]] = {
     4068: ("CNAV", 10),
     4219: ("BCNAV2", 18),
 }
-_D2_SATS: Final = frozenset((*(f"C{n:02d}" for n in range(1, 6)), *(f"C{n:02d}" for n in range(59, 64))))
 _NO_WEEK, _NO_TOW_MS = 65_535, 4_294_967_295
 _NO_FLOAT: Final = -2e10
 _NO_SHORT: Final = 65_535
-_EPOCH_NS: Final = int(GPS_EPOCH.astype(np.int64))
 _WEEK_NS: Final = 604_800_000_000_000
 _HEADER: Final = 14  # octets to the first field behind the time
 _ELSEWHERE: Final = 31  # signal numbers from 32 on stand in ObsInfo
@@ -199,7 +191,7 @@ class SbfReader:
         tow_ms = read_field(octets, begin, 8, "<u4").astype(np.int64)
         week = read_field(octets, begin, 12, "<u2").astype(np.int64)
         timed = (tow_ms != _NO_TOW_MS) & (week != _NO_WEEK) & (tow_ms < 604_800_000)
-        instant_ns = _EPOCH_NS + np.where(timed, week, 0) * _WEEK_NS + np.where(timed, tow_ms, 0) * 1_000_000
+        instant_ns = GPS_EPOCH_NS + np.where(timed, week, 0) * _WEEK_NS + np.where(timed, tow_ms, 0) * 1_000_000
         messages = Counter(
             {BLOCKS.get(value, f"SBF {value}"): int((number == value).sum()) for value in np.unique(number).tolist()}
         )
@@ -523,7 +515,7 @@ def _broadcast(
         whole = np.ones(begin.size, np.bool_)
     else:
         bits, whole = bits[:, : FRAME_BITS[message]], np.ones(begin.size, np.bool_)
-    second = np.array([message == "D1" and sat in _D2_SATS for sat in sats])
+    second = np.array([message == "D1" and sat in GEOSTATIONARY for sat in sats])
     known = np.array([bool(sat) and name is not None for sat, name in zip(sats, kinds, strict=True)]) & whole
     both: tuple[tuple[MessageKind, Booleans], ...] = ((message, known & ~second), ("D2", known & second))
     for name, chosen in both:

@@ -14,15 +14,8 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Integers, Octets, Reals
 from skyproof.gnss.signals import rinex_signal
-from skyproof.gnss.time import GPS_EPOCH
-from skyproof.logs.content import (
-    FRAME_BITS,
-    BroadcastFrames,
-    LogPiece,
-    MessageKind,
-    ReceiverStates,
-    untimed_remark,
-)
+from skyproof.gnss.time import GPS_EPOCH_NS
+from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind, ReceiverStates, untimed_remark
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
 from skyproof.logs.locks import CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
@@ -90,7 +83,6 @@ _FIRST_WEEK, _LAST_WEEK = 1042, 11_500  # 1999-12-26 to the year 2200
 """A receiver that does not know the time yet counts from a week of its own, 0 for one. None logged before 2000."""
 _NS: Final = 1_000_000_000
 _WEEK_NS: Final = 604_800 * _NS
-_EPOCH_NS: Final = int(GPS_EPOCH.astype(np.int64))
 _JAMMING: Final = ("unknown", "none", "warning", "critical")
 _CHAINS: Final = ("L1", "L2L5", "3")  # of the blocks of MON-RF; MON-HW has the first
 _SPOOFING: Final = ("unknown", "none", "indicated", "several indications", "affirmed")
@@ -289,8 +281,8 @@ class UbxReader:
         days = np.where(dated, (year - 1970) * 12 + month - 1, 0).astype("datetime64[M]").astype("datetime64[D]")
         utc_ns = (days + (np.where(dated, day, 1) - 1)).astype("datetime64[ns]").astype(np.int64)
         # The date is of UTC and the time of week of GPS: the week is the one that puts it nearest to the date's noon.
-        week = np.rint((utc_ns + 43_200 * _NS - _EPOCH_NS - tow_ms * 1_000_000) / _WEEK_NS).astype(np.int64)
-        instant_ns = np.where(dated, _EPOCH_NS + week * _WEEK_NS + tow_ms * 1_000_000, unknown)
+        week = np.rint((utc_ns + 43_200 * _NS - GPS_EPOCH_NS - tow_ms * 1_000_000) / _WEEK_NS).astype(np.int64)
+        instant_ns = np.where(dated, GPS_EPOCH_NS + week * _WEEK_NS + tow_ms * 1_000_000, unknown)
         fix_type, flags = octets[pvt + 20], octets[pvt + 21]
         good = dated & (flags & 1 > 0) & ((fix_type == 2) | (fix_type == 3) | (fix_type == 4))
         rows = pvt[good]
@@ -545,7 +537,7 @@ def _instants_ns(week: Integers, tow_s: Reals) -> tuple[Integers, Booleans]:
     known = (week >= _FIRST_WEEK) & (week <= _LAST_WEEK) & (tow_s >= 0.0) & (tow_s < 604_801.0)
     whole_s = np.floor(np.where(known, tow_s, 0.0))
     fraction_ns = np.rint((np.where(known, tow_s, 0.0) - whole_s) * _NS).astype(np.int64)
-    return _EPOCH_NS + np.where(known, week, 0) * _WEEK_NS + whole_s.astype(np.int64) * _NS + fraction_ns, known
+    return GPS_EPOCH_NS + np.where(known, week, 0) * _WEEK_NS + whole_s.astype(np.int64) * _NS + fraction_ns, known
 
 
 def _blocks(octets: Octets, first: Integers, counts: Integers, header: int, dtype: np.dtype[Any]) -> NDArray[Any]:

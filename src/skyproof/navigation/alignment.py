@@ -20,20 +20,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
-from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.frames import EARTH_RAD_S, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.inertia import FreeRun, readings_between
-from skyproof.navigation.ins import (
-    ATTITUDE,
-    SIZE,
-    InsSettings,
-    InsState,
-    begin,
-    put_right,
-    without_errors,
-)
+from skyproof.navigation.ins import ATTITUDE, SIZE, InsSettings, InsState, begin, put_right, without_errors
 from skyproof.navigation.ins_errors import STATES, transitions
 from skyproof.navigation.ins_updates import by_fix
 from skyproof.navigation.known import Known, known
@@ -50,7 +41,6 @@ _OPEN_M_S: Final = 1e2
 _ROUNDS: Final = 3
 _KNOT_S: Final = 0.5  # between covariances
 _HOLE: Final = 1.5  # intervals between readings: more, and one is missing
-_SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -188,7 +178,7 @@ def _by_velocities(readings: ImuSeries, turned: Reals, fixes: Sequence[Known]) -
     pushes = np.einsum("nij,nj->ni", turned[:-1], readings.specific_force_m_s2) * readings.interval_s
     rows = np.searchsorted(readings.gpst, np.array([fix.gpst for fix in fixes]), side="right")
     felt = np.diff(np.concatenate((np.zeros((1, 3)), np.cumsum(pushes, axis=0)))[rows], axis=0)
-    pull = gravity_ecef_m_s2(places[:-1]) - 2.0 * np.cross(_SPIN, speeds[:-1])
+    pull = gravity_ecef_m_s2(places[:-1]) - 2.0 * np.cross(EARTH_RAD_S, speeds[:-1])
     return _rotation(np.diff(speeds, axis=0) - pull * np.diff(at_s)[:, None], felt)
 
 

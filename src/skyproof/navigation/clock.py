@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyproof.arrays import Instants, Integers, Reals
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.records import ObservationLog, Observations, SignalId
 
 __all__ = ["ClockStep", "ClockSteps", "TimeBreaks", "anchored", "clock_steps", "time_breaks", "unstepped"]
 
-_MS_M: Final = SPEED_OF_LIGHT_M_S * 1e-3
 _WITHIN_M: Final = 150.0
 _ACCELERATION_M_S2: Final = 50.0  # of a platform; what it makes of a range within an interval is no step
 _LEAST_CHANNELS: Final = 3
@@ -114,7 +113,7 @@ def unstepped(observations: Observations, steps: ClockSteps, first: int = 0) -> 
         observations,
         gpst=observations.gpst - by_code.astype("timedelta64[ms]"),
         elapsed_s=steps.elapsed_s[rows],
-        pseudorange_m=observations.pseudorange_m - by_code[:, None] * _MS_M,
+        pseudorange_m=observations.pseudorange_m - by_code[:, None] * MILLISECOND_M,
         carrier_cyc=observations.carrier_cyc - by_carrier[:, None] * (observations.carrier_hz * 1e-3),
     )
 
@@ -211,9 +210,9 @@ def _steps_ms(range_m: Reals, rate_m_s: Reals, elapsed_s: Reals) -> Integers:
     by_doppler = 0.5 * dt_s * (rate_m_s[1:] + rate_m_s[:-1])
     expected_m = np.where(np.isfinite(by_doppler), by_doppler, _pace(moved_m / dt_s) * dt_s)
     beyond_m = _median_of_rows(moved_m - expected_m)
-    steps = np.rint(beyond_m / _MS_M)
+    steps = np.rint(beyond_m / MILLISECOND_M)
     slack_m = _WITHIN_M + 0.25 * _ACCELERATION_M_S2 * dt_s[:, 0] ** 2
-    steps[~(np.abs(beyond_m - steps * _MS_M) < np.minimum(slack_m, 0.25 * _MS_M))] = 0.0
+    steps[~(np.abs(beyond_m - steps * MILLISECOND_M) < np.minimum(slack_m, 0.25 * MILLISECOND_M))] = 0.0
     return np.append(0, steps.astype(np.int64))
 
 

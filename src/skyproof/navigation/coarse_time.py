@@ -21,8 +21,8 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, MU_M3_S2, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.constants import MU_M3_S2, SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import EARTH_RAD_S, ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.signals import SignalPlan
 from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
@@ -45,7 +45,6 @@ COARSE_STATUS: Final[Mapping[int, str]] = {
 """Why a `CoarseFix` is as it is; 0 to 3 are those of `FIX_STATUS`. The numbers are NaN unless 0."""
 
 _POSITION, _BIAS, _TIME, _DRIFT, _VELOCITY, _STATES = slice(0, 3), 3, 4, 5, slice(6, 9), 9
-_EARTH_RATE: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 _ATMOSPHERE_RATE_M_S: Final = 0.02  # of ionosphere and troposphere together at 5 to 10 degrees, where both change most
 _ANY_BIAS_M, _ANY_DRIFT_M_S = 1e9, 1e6  # wide enough to say nothing, and to cost nothing
 _GRID_POINTS: Final = 600  # 9 degrees apart: a Doppler fit that starts no further off finds its minimum
@@ -265,9 +264,9 @@ def _sky(problem: _Problem, state: Reals) -> _Sky:
         sent_m = np.stack([o.position_ecef_m for o in orbits], axis=-2)
         satellite, unit, distance = line_of_sight(sent_m, position)
         travel_s = distance / SPEED_OF_LIGHT_M_S
-    sent_m_s = np.stack([o.velocity_ecef_m_s for o in orbits], axis=-2) + np.cross(_EARTH_RATE, sent_m)
+    sent_m_s = np.stack([o.velocity_ecef_m_s for o in orbits], axis=-2) + np.cross(EARTH_RAD_S, sent_m)
     satellite_m_s = rotate_to_reception(sent_m_s, travel_s)
-    earth_m_s = np.cross(_EARTH_RATE, position)[..., None, :]
+    earth_m_s = np.cross(EARTH_RAD_S, position)[..., None, :]
     towards = 1.0 + np.sum(unit * satellite_m_s, axis=-1) / SPEED_OF_LIGHT_M_S  # light takes time to bring the news
     still_m_s = np.sum(unit * (satellite_m_s - earth_m_s), axis=-1) / towards
     velocity = state[..., None, _VELOCITY]
@@ -296,9 +295,9 @@ def _sky(problem: _Problem, state: Reals) -> _Sky:
     across = satellite_m_s - earth_m_s - velocity
     across = across - unit * np.sum(unit * across, axis=-1, keepdims=True)
     fall = -MU_M3_S2 * satellite / np.sum(satellite**2, axis=-1, keepdims=True) ** 1.5
-    turn = np.cross(_EARTH_RATE, earth_m_s)
+    turn = np.cross(EARTH_RAD_S, earth_m_s)
     rate_design = np.zeros_like(range_design)
-    rate_design[..., _POSITION] = -across / distance[..., None] - np.cross(unit, _EARTH_RATE)
+    rate_design[..., _POSITION] = -across / distance[..., None] - np.cross(unit, EARTH_RAD_S)
     rate_design[..., _TIME] = np.sum(across**2, axis=-1) / distance + np.sum(unit * (fall - turn), axis=-1)
     rate_design[..., _DRIFT] = 1.0
     rate_design[..., _VELOCITY] = -unit

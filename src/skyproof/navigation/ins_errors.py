@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Reals
-from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
+from skyproof.gnss.frames import EARTH_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import seconds_between
@@ -48,7 +48,6 @@ _BIASES: Final = slice(9, 12), slice(12, 15)  # of accelerometers and gyros, the
 GAINS: Final = slice(21, 30), slice(30, 39)
 """Of accelerometers and gyros, row by row: of each sensor for what is along each axis."""
 _VELOCITY_AND_TILT: Final = np.arange(3, 9)
-_SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 
 
 def start_covariance(
@@ -161,15 +160,14 @@ class _Felt(NamedTuple):
 def _felt(path: NavState, steps_s: Reals) -> _Felt:
     velocity = 0.5 * (path.velocity_ecef_m_s[1:] + path.velocity_ecef_m_s[:-1])
     place = 0.5 * (path.position_ecef_m[1:] + path.position_ecef_m[:-1])
-    force = (
-        np.diff(path.velocity_ecef_m_s, axis=0) / steps_s + 2.0 * np.cross(_SPIN, velocity) - gravity_ecef_m_s2(place)
-    )
+    pull = gravity_ecef_m_s2(place)
+    force = np.diff(path.velocity_ecef_m_s, axis=0) / steps_s + 2.0 * np.cross(EARTH_RAD_S, velocity) - pull
     turned = Rotation.from_matrix(np.swapaxes(path.attitude[:-1], -1, -2) @ path.attitude[1:]).as_rotvec()
     attitude = path.attitude[:-1] @ Rotation.from_rotvec(0.5 * turned).as_matrix()
     return _Felt(
         attitude=attitude,
         force=np.einsum("nji,nj->ni", attitude, force),
-        rate=turned / steps_s + _SPIN @ attitude,
+        rate=turned / steps_s + EARTH_RAD_S @ attitude,
         force_ecef=force,
         place=place,
     )
@@ -185,9 +183,9 @@ def _rates(path: NavState, felt: _Felt, grade: ImuGrade) -> Reals:
     rates = np.zeros((len(place), _CORE, _CORE))
     rates[:, 0:3, 3:6] = np.eye(3)
     rates[:, 3:6, 0:3] = gradient
-    rates[:, 3:6, 3:6] = -2.0 * skew(_SPIN)
+    rates[:, 3:6, 3:6] = -2.0 * skew(EARTH_RAD_S)
     rates[:, 3:6, 6:9] = -skew(felt.force_ecef)
-    rates[:, 6:9, 6:9] = -skew(_SPIN)
+    rates[:, 6:9, 6:9] = -skew(EARTH_RAD_S)
     for accelerometer in (9, 15):
         rates[:, 3:6, accelerometer : accelerometer + 3] = attitude
         rates[:, 6:9, accelerometer + 3 : accelerometer + 6] = attitude

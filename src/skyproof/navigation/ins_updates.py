@@ -4,12 +4,12 @@ Fixes may be up to a reading's interval later than the state:
 the antenna is carried there along its velocity and acceleration.
 """
 
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
+from skyproof.gnss.frames import EARTH_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.ins import (
@@ -29,8 +29,6 @@ from skyproof.navigation.known import KNOWN, Known
 
 __all__ = ["antenna_of", "by_fix", "expect_fix"]
 
-_SPIN: Final = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
-
 
 class _Antenna(NamedTuple):
     """Position, velocity, c times clock bias and drift (8,), and their sensitivity (8, 45) to the state's errors."""
@@ -44,10 +42,10 @@ def _antenna(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _An
     ahead_s = float(seconds_between(gpst, state.gpst))
     force, rate = state.last
     arm = state.attitude @ settings.lever_m
-    swing = state.attitude @ np.cross(rate - _SPIN @ state.attitude, settings.lever_m)
+    swing = state.attitude @ np.cross(rate - EARTH_RAD_S @ state.attitude, settings.lever_m)
     speed, pull = state.velocity_ecef_m_s + swing, np.zeros(3)
     if state.run.last is not None:
-        pull = state.attitude @ force + gravity_ecef_m_s2(state.position_ecef_m) - 2.0 * np.cross(_SPIN, speed)
+        pull = state.attitude @ force + gravity_ecef_m_s2(state.position_ecef_m) - 2.0 * np.cross(EARTH_RAD_S, speed)
     clock_m = state.clock_m + [ahead_s * state.clock_m[1], 0.0]
     h = np.zeros((KNOWN, SIZE))
     h[0:3, POSITION] = h[3:6, VELOCITY] = np.eye(3)

@@ -18,9 +18,9 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import UNKNOWN_DELAY_SIGMA_M, Ranges, corrected_ranges, space_sigma_m
 from skyproof.navigation.search import SetCandidates, SetSearch, WindowRanges, innovation, plausible, solve
-from skyproof.navigation.skies import ConsistentSky, Kind, Part, by_kind, extended, joined, lone_sky, sky_of, with_few
+from skyproof.navigation.skies import ConsistentSky, Part, by_kind, extended, joined, lone_sky, sky_of, with_few
 from skyproof.navigation.window import WindowMean, window_mean
-from skyproof.records import BY_NAME, ConsistentSet, NavigationData, Observations, SignalId
+from skyproof.records import BY_NAME, ConsistentSet, Kind, NavigationData, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = ["consistent_sets", "window_measurements"]

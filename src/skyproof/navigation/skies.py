@@ -20,13 +20,12 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.search import SetCandidates, WindowRanges, below, misfits, plausible, solve
-from skyproof.records import SignalId
+from skyproof.records import Kind, SignalId
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
     "OFFSET_MAX_S",
     "ConsistentSky",
-    "Kind",
     "Part",
     "apart_p_value",
     "by_kind",
@@ -37,7 +36,6 @@ __all__ = [
     "with_few",
 ]
 
-Kind = tuple[str, str, str]
 
 OFFSET_MAX_S = 1e-6
 """By which the clocks of two kinds differ at most: time scales by 0.1 us, the ways through a receiver by less than the

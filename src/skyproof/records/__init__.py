@@ -9,7 +9,7 @@ Frozen means frozen: `freeze` checks that shapes agree and keeps read-only views
 """
 
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
-from skyproof.records.answer import WORDS, Label, VerdictWord
+from skyproof.records.answer import LABELS, WORDS, Label, VerdictWord
 from skyproof.records.correlations import Asked, Ccaf, CcafAsked, Stretched, Taps, TapsAsked
 from skyproof.records.estimates import (
     Baseline,
@@ -48,13 +48,14 @@ from skyproof.records.platform import AntennaArray, Attitude, ImuSeries, Inertia
 from skyproof.records.receiver_words import FrontEndLevels, ReceivedMessages, ReceiverFixes
 from skyproof.records.samples import MeasurementSource, OpenFile, SampleGap, Samples
 from skyproof.records.shapes import Selectable, freeze
-from skyproof.records.signals import BY_NAME, SignalId, SignalRef, list_refs
+from skyproof.records.signals import BY_NAME, Kind, SignalId, SignalRef, list_refs
 from skyproof.records.window import Holding, Need, Records
 
 __all__ = [
     "BY_NAME",
     "CELL_STATUS",
     "FIX_STATUS",
+    "LABELS",
     "OBSERVABLES",
     "UNTESTED",
     "WORDS",
@@ -83,6 +84,7 @@ __all__ = [
     "ImuSeries",
     "InertialReadings",
     "InterferenceSign",
+    "Kind",
     "Klobuchar",
     "Label",
     "MeasurementSource",

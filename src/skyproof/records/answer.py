@@ -2,7 +2,7 @@
 
 from typing import Final, Literal, get_args
 
-__all__ = ["WORDS", "Label", "VerdictWord"]
+__all__ = ["LABELS", "WORDS", "Label", "VerdictWord"]
 
 VerdictWord = Literal["authentic", "no_attack_seen", "suspect", "spoofed"]
 """authentic : positive evidence that the signals come from the sky, for every receiver, all the time.
@@ -13,3 +13,4 @@ spoofed : there is an attack.
 WORDS: Final[tuple[VerdictWord, ...]] = get_args(VerdictWord)
 Label = Literal["authentic", "spoofed", "multipath", "unknown"]
 """multipath : a late copy of another signal, by a reflector or a repeater. unknown : nothing was shown of it."""
+LABELS: Final[tuple[Label, ...]] = get_args(Label)

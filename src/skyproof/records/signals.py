@@ -9,10 +9,14 @@ from skyproof.gnss.signals import SignalPlan, plan_of, time_scale_of
 
 __all__ = [
     "BY_NAME",
+    "Kind",
     "SignalId",
     "SignalRef",
     "list_refs",
 ]
+
+Kind = tuple[str, str, str]
+"""Time scale, band and code, as `SignalId.kind` gives them."""
 
 
 @dataclass(frozen=True, order=True, slots=True)
@@ -30,7 +34,7 @@ class SignalId:
         return self.sat, self.band, self.code
 
     @property
-    def kind(self) -> tuple[str, str, str]:
+    def kind(self) -> Kind:
         """What takes one way through a receiver: time scale, band, code. All signals of a kind share its delay."""
         return time_scale_of(self.sat), self.band, self.code
 

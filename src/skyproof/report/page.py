@@ -7,8 +7,8 @@ outside is escaped, and the page forbids its reader's browser to load anything.
 import json
 from typing import Any
 
+from skyproof.records import LABELS
 from skyproof.report import evidence, methods, summary
-from skyproof.report import pictures as draw
 from skyproof.report.figures import Pictures, map_figures, signal_figures
 from skyproof.report.positions import away_m, away_words
 from skyproof.report.template import environment
@@ -39,7 +39,7 @@ def report_html(verdict: Verdict, pictures: Pictures) -> str:
         maps=map_figures(pictures, minutes=in_minutes(verdict)),
         minutes=in_minutes(verdict),
         leap=_leap(verdict),
-        labels=[label for label in draw.LABELS if any(s.label == label for s in verdict.signals)],
+        labels=[label for label in LABELS if any(s.label == label for s in verdict.signals)],
         signals=signal_figures(verdict, pictures),
         ran=evidence.ran(verdict, pictures.findings),
         not_run=[(m, methods.title(m.detector)) for m in verdict.methods if not m.ran],

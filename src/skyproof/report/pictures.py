@@ -9,12 +9,11 @@ import numpy as np
 from markupsafe import Markup
 
 from skyproof.arrays import Reals
-from skyproof.records import freeze
+from skyproof.records import LABELS, freeze
 from skyproof.report import drawing as draw
 from skyproof.verdict import USABLE, Label, UsableKind
 
 __all__ = [
-    "LABELS",
     "DelayProfile",
     "DelayTag",
     "FixTrack",
@@ -47,7 +46,6 @@ KINDS: tuple[Kind, ...] = (
 Spot = Literal[Kind, "truth"]
 SPOTS: tuple[Spot, ...] = (*KINDS, "truth")
 
-LABELS: tuple[Label, ...] = ("authentic", "spoofed", "multipath", "unknown")
 MOST_PLACES = 5  # on a map, whose labels name all that is there
 MOST_NAMED = 4  # receivers in one label
 MOST_RIBBONS = 4  # of a satellite; more signals share the last

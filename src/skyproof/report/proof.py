@@ -8,8 +8,9 @@ import numpy as np
 from markupsafe import Markup
 
 from skyproof.gnss.signals import GPS_L1_CA
+from skyproof.records import LABELS
 from skyproof.report import drawing as draw
-from skyproof.report.pictures import LABELS, DelayProfile, RangeDifference
+from skyproof.report.pictures import DelayProfile, RangeDifference
 from skyproof.report.words import power_words
 
 __all__ = ["chance_scale", "difference_plot", "profile_plot"]

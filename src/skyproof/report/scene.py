@@ -8,9 +8,9 @@ import numpy as np
 from markupsafe import Markup
 
 from skyproof.arrays import Reals
-from skyproof.records import freeze
+from skyproof.records import LABELS, freeze
 from skyproof.report import drawing as draw
-from skyproof.report.pictures import LABELS, SignalSeries, SkyPosition, SkySource, sky_plot, time_line
+from skyproof.report.pictures import SignalSeries, SkyPosition, SkySource, sky_plot, time_line
 from skyproof.report.template import Figure, environment
 
 __all__ = [

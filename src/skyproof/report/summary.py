@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from skyproof.gnss.time import clock_words, instant_words, moment_words, utc_words
-from skyproof.report import pictures as draw
+from skyproof.records import LABELS
 from skyproof.report.evidence import by_chance, quoted, strongest
 from skyproof.report.positions import away_words, within_m
 from skyproof.report.what_now import ended, what_now
@@ -162,7 +162,7 @@ def how_sure(verdict: Verdict) -> list[str]:
 def counts(signals: tuple[Signal, ...] | list[Signal]) -> str:
     """How many carry which label; a signal may carry one label after another."""
     labels = _labels(signals)
-    counts = {label: sum(x[-1] == label for x in labels) for label in draw.LABELS}
+    counts = {label: sum(x[-1] == label for x in labels) for label in LABELS}
     return ", ".join(f"{count} {label}" for label, count in counts.items() if count)
 
 

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
-from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
+from skyproof.gnss.frames import EARTH_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.imu_grades import GRADES, ImuGrade
 from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
@@ -55,7 +55,6 @@ _PANEL_S = 0.01
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 _STREAM = 0x696D75  # sets the errors apart from other random numbers of the same seed
 _MAX_RATE_HZ = 10_000.0
-_EARTH_RAD_S = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
 
 
 class MotionLike(Protocol):
@@ -244,9 +243,9 @@ def _means(motion_at: Callable[[Reals], MotionLike], edges_s: Reals, lever_m: Re
     swing = np.cross(rate_rad_s, lever_m)  # of the lever arm, in body axes
     position_m = motion.position_ecef_m + _turned(motion.attitude, lever_m)
     velocity_m_s = motion.velocity_ecef_m_s + _turned(motion.attitude, swing)
-    pull = motion.acceleration_ecef_m_s2 + 2.0 * np.cross(_EARTH_RAD_S, velocity_m_s) - gravity_ecef_m_s2(position_m)
+    pull = motion.acceleration_ecef_m_s2 + 2.0 * np.cross(EARTH_RAD_S, velocity_m_s) - gravity_ecef_m_s2(position_m)
     force = _turned(to_body, pull) + np.cross(rate_rad_s, swing)
-    both = np.stack([force, rate_rad_s + _turned(to_body, _EARTH_RAD_S)], axis=1)
+    both = np.stack([force, rate_rad_s + _turned(to_body, EARTH_RAD_S)], axis=1)
     means = np.einsum("nkaj,k->naj", both.reshape(edges_s.size - 1, shares.size, 2, 3), weights)
     if lever_m.any():
         ends_rad_s = np.asarray(motion_at(edges_s).angular_rate_body_rad_s)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import dist, hypot, pi, radians
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +14,10 @@ from skyproof.app.common.platform_tables import PlatformReceiver, Surveyed
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.arrays import Reals
 from skyproof.errors import SettingsError
-from skyproof.gnss.frames import rot_enu_ecef, rot_ned_body
+from skyproof.gnss.frames import ROT_ENU_NED, rot_enu_ecef, rot_ned_body
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["described", "inputs_of", "settings_of"]
-
-_ENU_FROM_NED: Final = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
 def inputs_of(
@@ -177,7 +175,7 @@ def _geometry(platform: Platform, tables: Mapping[str, PlatformReceiver]) -> _Us
     if (rot := _turn(platform)) is not None and platform.attitude is not None:
         arm_m = max(dist(one, body_m[0]) for one in body_m)
         sigma_m = hypot(sigma_m, arm_m * radians(platform.attitude.sigma_deg))
-        enu_m = (body_m - body_m[0]) @ (_ENU_FROM_NED @ rot).T
+        enu_m = (body_m - body_m[0]) @ (ROT_ENU_NED @ rot).T
         return _Use(_antennas(list(tables), enu_m, sigma_m), bodies | {"attitude"})
     if len(placed) == 2 and (distance_m := dist(*body_m)) > 0.0:
         known = {"antenna_distance_m": distance_m, "antenna_distance_sigma_m": hypot(sigma_m, sigma_m)}

@@ -3,18 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from skyproof.app.fleet.catalogue import CatalogueItem
 from skyproof.formats.tables import Column, growing_tables
 from skyproof.formats.verdict import read_verdict
+from skyproof.records import LABELS
 from skyproof.verdict import Verdict
 
 __all__ = ["FleetRow", "row_of", "write_rows"]
-
-LABELS: Final = ("authentic", "spoofed", "multipath", "unknown")
 
 
 @dataclass(frozen=True, kw_only=True)

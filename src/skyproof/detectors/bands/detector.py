@@ -33,6 +33,7 @@ from skyproof.records import (
     Datum,
     Finding,
     Hypothesis,
+    Kind,
     Need,
     Observations,
     Records,
@@ -46,7 +47,6 @@ from skyproof.statistics.medians import medians
 __all__ = ["Bands", "BandsSettings"]
 
 _TESTS: Final = 2  # of each satellite by itself, and of what all do together
-Kind = tuple[str, str, str]
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import FixGeometry
 from skyproof.navigation.least_squares import spd_inverse
 from skyproof.statistics.distributions import f_survival
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["CodeMotionLimits", "CodeStep", "chance_beyond", "chance_without_two", "clock_beyond", "code_steps"]
-
-_MS_M = SPEED_OF_LIGHT_M_S * 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +108,7 @@ def clock_beyond(motion: CodeStep, limits: CodeMotionLimits, variance_factor: Re
 
     Whole milliseconds, by which receivers set their clocks, are taken off.
     """
-    whole_m = _MS_M * np.rint(motion.clock_m / _MS_M)
+    whole_m = MILLISECOND_M * np.rint(motion.clock_m / MILLISECOND_M)
     pace = limits.clock_jump + 0.5 * limits.clock_pace_s * (motion.gap_s + motion.before_s)
     slack_m = SPEED_OF_LIGHT_M_S * pace * motion.gap_s
     rest_m = (motion.clock_m - whole_m)[:, None]

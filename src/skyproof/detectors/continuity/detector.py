@@ -40,6 +40,7 @@ from skyproof.records import (
     Datum,
     Finding,
     Hypothesis,
+    Kind,
     NavigationData,
     Need,
     NoticedAttack,
@@ -54,7 +55,6 @@ from skyproof.records import (
 __all__ = ["Continuity", "ContinuitySettings", "explain_few_epochs", "explain_no_step"]
 
 
-Kind = tuple[str, str, str]
 _SHARES = 3  # of the false alarms: steps, motion by carriers, by codes alone
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.detectors.continuity.one_sky import columns_of
 from skyproof.detectors.continuity.policy import POLICY
-from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.fix import range_rates
 from skyproof.navigation.least_squares import line_of_sight
@@ -19,8 +19,6 @@ from skyproof.records import CellStatus, NavigationData, Observations
 from skyproof.statistics.medians import medians
 
 __all__ = ["Limits", "Series", "series_of", "series_of_groups", "sum_from_zero"]
-
-_STEERED_M = 1e-3 * SPEED_OF_LIGHT_M_S
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,9 +191,9 @@ def _unsteered(offset_m: Reals) -> Reals:
     """Offsets without the steps of a millisecond by which receivers keep their clocks near GPS time."""
     step_m = np.diff(offset_m, axis=0)
     common_m = np.nan_to_num(medians(step_m, axis=1))
-    whole = np.rint(common_m / _STEERED_M)
-    steered = (np.abs(whole) == 1.0) & (np.abs(common_m - whole * _STEERED_M) < POLICY.steered_within_m)
-    return np.asarray(offset_m - _STEERED_M * sum_from_zero(np.where(steered, whole, 0.0)[:, None]))
+    whole = np.rint(common_m / MILLISECOND_M)
+    steered = (np.abs(whole) == 1.0) & (np.abs(common_m - whole * MILLISECOND_M) < POLICY.steered_within_m)
+    return np.asarray(offset_m - MILLISECOND_M * sum_from_zero(np.where(steered, whole, 0.0)[:, None]))
 
 
 def sum_from_zero(steps: Reals) -> Reals:

@@ -11,11 +11,9 @@ from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import service_of
 from skyproof.gnss.time import seconds_between
-from skyproof.records import BY_NAME, ConsistentSet, Observations, Records, SignalId
+from skyproof.records import BY_NAME, ConsistentSet, Kind, Observations, Records, SignalId
 
-__all__ = ["CommonPhases", "CommonRanges", "Kind", "common_ranges", "shared_kinds"]
-
-Kind = tuple[str, str, str]
+__all__ = ["CommonPhases", "CommonRanges", "common_ranges", "shared_kinds"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -27,7 +27,6 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.detectors.multi_receiver.common_epochs import Kind
 from skyproof.detectors.multi_receiver.pairing import Pairing
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.detectors.second_signals.detector import elevation_rad
@@ -38,7 +37,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.search import WindowRanges, innovation
 from skyproof.navigation.sets import window_measurements
 from skyproof.navigation.skies import by_kind
-from skyproof.records import ConsistentSet, Observations, Records, SignalId, SignalRef
+from skyproof.records import ConsistentSet, Kind, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.clusters import line_clusters
 from skyproof.statistics.many_small import many_small
 from skyproof.statistics.medians import medians

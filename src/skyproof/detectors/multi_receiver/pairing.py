@@ -19,7 +19,7 @@ from skyproof.detectors.multi_receiver.carriers import (
     one_antenna_carriers,
     sky_carriers,
 )
-from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, Kind, common_ranges, shared_kinds
+from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges, shared_kinds
 from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, Fit, survival
 from skyproof.detectors.multi_receiver.one_antenna import (
     ContrastLevels,
@@ -41,7 +41,7 @@ from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_positions_m
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.records import Baseline, ConsistentSet, NavigationData, Records, SignalRef
+from skyproof.records import Baseline, ConsistentSet, Kind, NavigationData, Records, SignalRef
 from skyproof.statistics.autoregression import correlation_grid
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.lines import fit_line, line_columns

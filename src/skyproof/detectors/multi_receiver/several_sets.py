@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 
 from skyproof.detectors.base import NotTested
-from skyproof.detectors.multi_receiver.common_epochs import Kind
 from skyproof.detectors.multi_receiver.known_geometry import AntennaPlaces, agreement
 from skyproof.detectors.multi_receiver.pairing import Pairing, versus
 from skyproof.detectors.multi_receiver.window import Window, collect_estimates, describe_pairing
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
-from skyproof.records import Cause, Datum, Finding
+from skyproof.records import Cause, Datum, Finding, Kind
 
 __all__ = ["BESIDE_FALSE_SKY", "several_sets"]
 
