@@ -1,12 +1,17 @@
 """Two receivers' UBX logs of a scene give what two observation files of the same measurements give."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from tests.gnss.later import hours_later
 
 from skyproof.app.common.rinex import write_channels
 from skyproof.app.protect import protect
+from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.logs.ubx_write import ubx_log
+from skyproof.records import NavigationData
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.measurements import draw, ideal_measurements_of
 from skyproof.simulator.ordinary import follow_strongest
@@ -46,3 +51,34 @@ def test_two_logs_are_as_good_as_two_observation_files(tmp_path, name, word) -> 
                 assert ours.height_m == pytest.approx(
                     theirs.height_m, abs=0.2
                 )  # levels and deviations are rounded in UBX
+
+
+@pytest.fixture(scope="module")
+def log_of_a_scene(tmp_path_factory):
+    """One receiver's log with its messages, and the orbits that they are made of."""
+    made = overridden(ready("clean"), seed=None, duration_s=60.0)
+    navigation = navigation_of(made)
+    observations, _ = draw(ideal_measurements_of(scene_of(made, navigation)), rng=np.random.default_rng(1))
+    path = tmp_path_factory.mktemp("log") / "rx.ubx"
+    path.write_bytes(b"".join(ubx_log(follow_strongest(observations[0]), navigation)))
+    return path, navigation
+
+
+def by_file_of_before(log_of_a_scene, folder, hours: float, late_s: float = 0.0):
+    """Protect the log with a navigation file of so many hours before, whose clocks are late by so much."""
+    path, navigation = log_of_a_scene
+    before = [hours_later(replace(e, af0=e.af0 + late_s), -hours) for e in navigation.ephemerides]
+    write_nav(folder / "nav.rnx", NavigationData(ephemerides=tuple(before)))
+    return protect([path], nav=folder / "nav.rnx")
+
+
+@pytest.mark.parametrize(("late_s", "code"), [(0.0, "of_day_expected"), (2e-6, "of_day_odd")])
+def test_a_log_goes_on_from_a_file_of_the_day_before(log_of_a_scene, tmp_path, late_s, code) -> None:
+    result = by_file_of_before(log_of_a_scene, tmp_path, 12.0, late_s)
+    assert code in {e.code for e in result.outcome.evidence if e.detector == "messages"}
+    assert result.verdict.verdict == ("suspect" if late_s else "no_attack_seen")
+
+
+def test_a_file_of_another_week_is_refused(log_of_a_scene, tmp_path) -> None:
+    with pytest.raises(InputError, match="give the navigation file of that day"):
+        by_file_of_before(log_of_a_scene, tmp_path, 7 * 24.0)

@@ -1,26 +1,54 @@
 """Whether the orbits that were given are of the signals that were received: of their day, and of their systems."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.app.receive.reception import Reception
+from skyproof.detectors.messages.policy import POLICY as MESSAGES
 from skyproof.errors import InputError
 from skyproof.formats.bounds import listed
-from skyproof.gnss.ephemeris import SYSTEM_NAMES
-from skyproof.gnss.time import iso
+from skyproof.gnss.ephemeris import SYSTEM_NAMES, BroadcastEphemeris
+from skyproof.gnss.time import iso, seconds_between
 from skyproof.records import MeasurementSource, NavigationData, ObservationLog, Samples
 
-__all__ = ["lacking_orbits", "require_same_day"]
+__all__ = ["lacking_orbits", "require_same_day", "with_own_orbits"]
 
 _MOST_REMARKS: Final = 3  # of the file, that stand in an error
 
 
+def with_own_orbits(
+    navigation: NavigationData | None, sources: Sequence[Samples | ObservedFile]
+) -> NavigationData | None:
+    """Add logs' own orbits to a file of the day before, none of which holds at a log's time.
+
+    Positions are then by the messages in the log, and the file tells whether these go on from it. A file of any other
+    time is left as it is.
+    """
+    if navigation is None:
+        return None
+    own: list[BroadcastEphemeris] = []
+    for source in sources:
+        if isinstance(source, ObservedFile) and source.start_gpst is not None and source.decoded.ephemerides:
+            ages_s = [abs(seconds_between(source.start_gpst, e.reference_gpst)) for e in navigation.ephemerides]
+            if not _any_holds(navigation, source.start_gpst) and min(ages_s, default=np.inf) <= MESSAGES.last_day_s:
+                own += source.decoded.ephemerides
+    if not own:
+        return navigation
+    remark = "none of its orbits holds at the log's time: those of the log's messages are used, and held against it"
+    return replace(
+        navigation,
+        ephemerides=tuple(dict.fromkeys((*navigation.ephemerides, *own))),
+        remarks=(*navigation.remarks, remark),
+    )
+
+
 def require_same_day(navigation: NavigationData, gpst: np.datetime64, source: MeasurementSource) -> None:
     """Raise InputError if no orbit of the file holds at the input's time."""
-    if any(navigation.best(e.sat, gpst) is not None for e in navigation.ephemerides):
+    if _any_holds(navigation, gpst):
         return
     times = [e.reference_gpst for e in navigation.ephemerides]
     # An observation file holds no messages, and its date is the receiver's own.
@@ -71,6 +99,10 @@ def lacking_orbits(receptions: Sequence[Reception], navigation: NavigationData) 
     if unhealthy:
         words.append(f"unhealthy by their orbits, so that their signals are not tested: {listed(sorted(unhealthy))}")
     return tuple(words)
+
+
+def _any_holds(navigation: NavigationData, gpst: np.datetime64) -> bool:
+    return any(navigation.best(e.sat, gpst) is not None for e in navigation.ephemerides)
 
 
 def _has_orbit(navigation: NavigationData, sat: str, log: ObservationLog) -> bool:

@@ -37,7 +37,7 @@ from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.explanation import why_untested
 from skyproof.app.protect.foresights import antenna_units, foresights_of, surveyed_positions, unit_of
 from skyproof.app.protect.hidden import hidden_drags
-from skyproof.app.protect.orbits import lacking_orbits, require_same_day
+from skyproof.app.protect.orbits import lacking_orbits, require_same_day, with_own_orbits
 from skyproof.app.protect.outcome import InputNote, Outcome, ReceiverOutcome
 from skyproof.app.protect.outputs import require_outputs_free, write_outputs
 from skyproof.app.protect.positions import KINDS, Track, positions_of
@@ -182,6 +182,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
             settings = following_antennas(settings, sources)
             arrays = arrays_of(tables, {source.name: len(antennas_of(source)) for source in sources}, str(platform))
             _require_two(settings, names)
+            navigation = with_own_orbits(navigation, sources)
             _require_orbits(sources, navigation)
             units = antenna_units(unit_of(carrier, body_files, names, tables, _first_sample(sources)))
             recorded = any(isinstance(source, Samples) for source in sources)
