@@ -1,5 +1,6 @@
 """One loop: what is fed in pieces of any size gives what the whole gives, window by window."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -143,6 +144,13 @@ def test_a_break_of_time_cuts_what_is_fed_as_it_cuts_the_whole():
     steps = [gist(step) for step in whole.steps()]
     assert any(start == o.gpst[23] - np.timedelta64(500, "ms") for start, *_ in steps)
     assert [gist(step) for step in fed(broken, [1])[1]] == steps
+
+
+def test_what_is_remembered_stops_growing():
+    one = MeasuredScene(epochs=420, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
+    session = session_of([WholeSource(one.observations[0])], one.navigation, Settings())
+    sizes = [len(pickle.dumps((session._states, session._deciding))) for _ in session.steps()]
+    assert max(sizes[25:]) <= 1.01 * sizes[24]
 
 
 def test_nothing_is_fed_after_the_end(scene):
