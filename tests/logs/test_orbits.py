@@ -358,3 +358,53 @@ def test_frames_behind_the_next_epoch_are_in_time_at_any_rate(interval_s, off_s,
     received = collector.received()
     assert bool(received.mistimed_sat) == bool(off_s)
     assert len(received.ephemerides) == 1
+
+
+def glonass_frames(came: list[tuple[float, int, int]]) -> BroadcastFrames:
+    """Return strings that came so many seconds after noon of Moscow, of a number, of the data of a quarter of an hour.
+
+    What they carry is drawn, another for each quarter.
+    """
+    start = np.datetime64("2022-01-01T09:00:18", "ns")  # noon in Moscow
+    gpst = np.array([start + timedelta_from_s(after_s) for after_s, _, _ in came])
+    octets = []
+    for _, number, quarter in came:
+        values = {"reference_steps": 48 + quarter, "slot": 7, "tau_n": 1e-6 * quarter}
+        values |= {f"{axis}_position_m": 1e7 + 1e6 * quarter for axis in "xyz"}
+        frame = number << 80
+        for field in _STRINGS[number]:
+            frame |= put(field, values.get(field.name, 0), 85)
+        octets.append(np.frombuffer((frame << 3).to_bytes(11, "big"), np.uint8))
+    return BroadcastFrames(
+        kind="GLONASS",
+        gpst=gpst,
+        until_gpst=gpst,
+        since_gpst=gpst,
+        sat=np.array(["R07"] * len(came)),
+        band=np.array(["G1"] * len(came)),
+        code=np.array(["CA"] * len(came)),
+        bits=np.array(octets),
+    )
+
+
+def in_turn(numbers: tuple[int, ...], after_s: float, quarter: int) -> list[tuple[float, int, int]]:
+    return [(after_s + 2.0 * number, number, quarter) for number in numbers]
+
+
+@pytest.mark.parametrize(
+    ("later", "expected"),
+    [
+        (in_turn((1, 2, 3, 4), 30.0, 2), [0, 2]),
+        (in_turn((2, 3, 4), 30.0, 2), [0]),
+        (in_turn((1, 2, 4), 30.0, 2), [0]),
+        (in_turn((1, 2, 3), 30.0, 2), [0]),
+        ([(0.0, number, 2) for number in (1, 2, 3, 4)], [0, 2]),
+    ],
+    ids=["whole", "without 1", "without 3", "without 4", "all at one epoch"],
+)
+def test_strings_of_two_frames_make_no_orbit(later, expected) -> None:
+    """No number tells of which data a string is: at the half hour they change."""
+    collector = OrbitCollector()
+    collector.take([glonass_frames(in_turn((1, 2, 3, 4), 0.0, 0) + later)], {"R07": 5})
+    made = collector.navigation("test").ephemerides
+    assert [(round(e.tau_n * 1e6), e.position_m) for e in made] == [(k, (1e7 + 1e6 * k,) * 3) for k in expected]

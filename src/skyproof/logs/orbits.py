@@ -57,6 +57,8 @@ _UTC_SUBFRAME: Final = 5  # of D1
 _INAV_PAGE_S: Final = 2.0  # by which a word's time of week is that of its beginning
 _TIME_OFF_S: Final = 4.0
 """A frame's end is known to a second or two, and messages of LNAV are 6 s apart."""
+_STRINGS_APART: Final = np.timedelta64(15, "s")
+"""Strings 1 to 4 of a frame of GLONASS come within 6 s, those of the one before 24 s earlier or more (ICD 5.1, 4.3)."""
 _MOST_KEPT: Final = 100_000  # a day of 100 satellites has some 10 000 data sets
 
 
@@ -78,6 +80,7 @@ class OrbitCollector:
         self._last: dict[tuple[str, str], BroadcastEphemeris] = {}
         self._received: list[tuple[np.datetime64, BroadcastEphemeris]] = []
         self._mistimed: list[tuple[np.datetime64, str]] = []
+        self._came: dict[str, dict[int, np.datetime64]] = {}
         self._last_utc: dict[tuple[str, str], UtcStatement] = {}
         self._stated: list[tuple[np.datetime64, UtcStatement]] = []
 
@@ -124,6 +127,8 @@ class OrbitCollector:
             read = _READ[kind](frame)
             if read is None:
                 return
+            if kind == "GLONASS":
+                self._begin_frame(sat, read[0], gpst, parts)
             parts[read[0]] = read[1]
             if kind == "INAV" and read[0] == _TIMED_WORD:
                 self._time(sat, gpst, read[1]["tow_s"] + _INAV_PAGE_S - float(tow_s), around_s)
@@ -144,6 +149,16 @@ class OrbitCollector:
             if made != self._last.get((kind, sat)) and len(self._received) < _MOST_KEPT:
                 self._last[kind, sat] = made
                 self._received.append((gpst, made))
+
+    def _begin_frame(self, sat: str, number: int, gpst: np.datetime64, parts: dict[int, Any]) -> None:
+        """Forget strings of GLONASS that are not of the frame of this one: no number says to which data they belong.
+
+        Strings come in order, and those of a frame within seconds of each other.
+        """
+        came = self._came.setdefault(sat, {})
+        for other in [k for k in parts if k >= number or gpst - came[k] > _STRINGS_APART]:
+            del parts[other]
+        came[number] = gpst
 
     def _time(self, sat: str, gpst: np.datetime64, ahead_s: float, around_s: tuple[float, float]) -> None:
         """Keep a frame whose time of week is not that of its end by the receiver.
