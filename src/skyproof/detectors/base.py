@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from skyproof.records import (
     UNTESTED,
@@ -20,7 +20,6 @@ from skyproof.records import (
 
 __all__ = [
     "NEEDS",
-    "NOTICED",
     "Detector",
     "NotTested",
     "Reporter",
@@ -78,10 +77,6 @@ class Detector(Protocol):
     def settings(self) -> Any: ...
 
     def examine(self, records: Records, state: Any = None) -> tuple[Sequence[AnyFinding], Any]: ...
-
-
-NOTICED: Final = 0.99
-"""Probability with which an attack of the size that a finding gives is noticed."""
 
 
 def leave_open(causes: Iterable[Cause]) -> dict[Cause, float]:

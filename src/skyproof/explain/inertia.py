@@ -14,6 +14,7 @@ _OFF: Final = (
 _REMEDY: Final = "a second receiver, or an inertial unit that is tried by manoeuvres before"
 
 ENTRIES: Final[Mapping[str, Entry]] = {
+    "goes_on": Entry("position and velocity of {receiver} go on as the inertial unit lets expect"),
     "departs": Entry(f"{_OFF}, which had gone on with the signals before", beside=True),
     **{
         code: Entry(f"{_OFF}: {why}", _REMEDY)

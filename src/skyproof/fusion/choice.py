@@ -34,6 +34,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from scipy import special
 
 from skyproof.fusion.choice_findings import DETECTOR, chosen, chosen_overlapping, not_chosen, taken_for_true
 from skyproof.fusion.departure import CorrectedNavigator
@@ -47,11 +48,22 @@ from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.known import Known
 from skyproof.navigation.prediction import Choice, choose, fit_p_value, parted_unseen
-from skyproof.records import ConsistentSet, Datum, Finding, Kind, NavigationData, ObservationLog, SignalId, SignalRef
+from skyproof.records import (
+    NOTICED,
+    ConsistentSet,
+    Datum,
+    Finding,
+    Kind,
+    NavigationData,
+    ObservationLog,
+    SignalId,
+    SignalRef,
+)
 
 __all__ = ["DETECTOR", "ChoiceRules", "Chosen", "Compared", "choices"]
 
 _Data = Mapping[str, Datum]
+_IN_SIGMAS: Final = float(special.ndtri(0.5 + 0.5 * NOTICED))  # a bound that holds with that probability
 _SIDES: Final = {"authentic": 1, "spoofed": -1}
 
 
@@ -202,7 +214,10 @@ class _Chooser:
         before = [w for w in every if w.start in starts]
         if not before:
             return [], _State(navigator.foresight)
-        state = _State(navigator.foresight, kind=reference_kind(before[0].sets[0]), bias_s=navigator.bias_s)
+        hidden = (one / _IN_SIGMAS for one in (navigator.hidden_m, navigator.hidden_m_s))
+        state = _State(
+            navigator.foresight.doubted(*hidden), kind=reference_kind(before[0].sets[0]), bias_s=navigator.bias_s
+        )
         after = [w for w in every if (w.sets or w.overlapping) and w.end > before[-1].end]
         return self._walked(state, before, after, every)
 

@@ -6,6 +6,13 @@ is chi-square if the signals are true and the unit errs no more than is stated o
 From the first window on that does not go on, or in which any receiver is attacked, the unit runs free. Clocks are not
 compared here, and correct the navigator for the first `clean_start_s` only: inertia does not see one that is pushed.
 
+A drag that is slower than what one window notices draws the navigator along. So some navigators run free beside it,
+from before the last windows on: each fix is held against all of them, and as old ones notice slow drags better, up to
+an age at which their drift outweighs it, those are kept that notice slower ones than all younger do. Once the signals
+part, the unit goes back to the youngest navigator that all older ones let expect, one window earlier at least, and that
+dates the parting. The slowest drag that any of them notices stands in each finding: what is slower may have led the
+navigator away all the time (`CorrectedNavigator`).
+
 What leaves it may be false signals, reflections or the unit. It is an attack only where the rest shows it too without
 any two of the satellites, for reflections are some satellites', and the unit is not to blame. Whatever a unit errs by
 stands in position and velocity alike: positions part by what velocities part by, added up over time. Codes that are
@@ -28,13 +35,28 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.fusion.policy import POLICY
 from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_of
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.foresight import Foresight, SkyFix
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
 from skyproof.navigation.prediction import fit_p_value
-from skyproof.records import UNTESTED, Cause, ConsistentSet, Datum, Finding, Hypothesis, list_refs
-from skyproof.statistics.distributions import chi_square_survival
+from skyproof.records import (
+    NOTICED,
+    UNTESTED,
+    Cause,
+    ConsistentSet,
+    Datum,
+    Finding,
+    Hypothesis,
+    NoticedAttack,
+    list_refs,
+)
+from skyproof.statistics.distributions import (
+    chi_square_survival,
+    chi_square_threshold,
+    noncentrality_for_power,
+)
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["DETECTOR", "CorrectedNavigator", "departures"]
@@ -47,12 +69,15 @@ _CLOCK: Final = np.array([6, 7])
 class CorrectedNavigator:
     """A receiver's navigator, and the windows whose fixes corrected it, in order.
 
-    starts : of those windows. bias_s : the receiver's clock in the last of them.
+    starts : of those windows. bias_s : the receiver's clock in the last of them. hidden_m, hidden_m_s : by how much,
+    and how fast, drags that none of them would have noticed may have led it away since the clean start.
     """
 
     foresight: Inertial
     starts: tuple[np.datetime64, ...]
     bias_s: float
+    hidden_m: float = 0.0
+    hidden_m_s: float = 0.0
 
 
 def departures(
@@ -93,14 +118,35 @@ def _failed_spans(evidence: Sequence[Finding], receiver: str) -> list[tuple[np.d
 
 
 @dataclass(frozen=True, eq=False)
+class _Free:
+    """A navigator that no window has corrected since. carried : to the last window. learned : how many windows had
+    corrected it. notices_m_s : the slowest drag that it would have noticed in the last window. hidden_m : see
+    `CorrectedNavigator`."""
+
+    foresight: Inertial
+    carried: Inertial
+    learned: int
+    notices_m_s: float
+    hidden_m: float
+
+
+@dataclass(frozen=True, eq=False)
 class _Shown:
-    """What a window's set shows, its last fix and what was expected then. p_value : of so large a distance."""
+    """What a window's set shows, its last fix, and what navigators let expect then, the youngest first.
+
+    carried : those navigators, then. p_value : of so large a distance from any of them.
+    """
 
     sky: ConsistentSet
     fix: SkyFix
     last: Known
-    expected: Known
-    p_value: float
+    carried: tuple[Inertial, ...]
+    expected: tuple[Known, ...]
+    p_values: tuple[float, ...]
+
+    @property
+    def p_value(self) -> float:
+        return min(1.0, len(self.p_values) * min(self.p_values))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +179,12 @@ class _Walk:
         self.clock_until = maker.log.gpst[0] + timedelta_from_s(clean_start_s)
         self.attacked, self.failed = attacked, failed
         self.starts: list[np.datetime64] = []
-        self.bias_s = 0.0
+        self.bias_s, self.hidden_m, self.hidden_m_s = 0.0, 0.0, 0.0
         self.went_on, self.tried_m_s = 0, 0.0
-        self.looks: list[_Look] = []  # since they part
+        self.free: list[_Free] = []  # from before windows that corrected the navigator, the youngest first
+        self.recent: list[tuple[int, SkyFix]] = []  # those windows' fixes, each with how many were learned before
+        self.parted: np.datetime64 | None = None
+        self.looks: list[_Look] = []  # since then
         self.named = False
 
     def through(self, windows: Iterable[Rivals]) -> list[Finding]:
@@ -147,21 +196,34 @@ class _Walk:
                 continue
             best = max(shown, key=lambda one: one.p_value)
             if best.p_value < self.alpha:
+                self._part(window, best)
                 self.looks += self._looked(best.fix)
                 found.append(self._report(window, best))
                 self.named |= found[-1].says == "attack"
+                continue
+            if self.parted is None:
+                found.append(self._pass(window, best))
+            if self.attacked is not None and window.end > self.attacked:
+                self._part(window, best)
             elif self._is_clean(window):
-                self._learn(window, best.fix, best.sky)
+                self._hide(window, best)
+                self._learn(window, best.fix, best.sky, self._find_free(best))
                 self.went_on += 1
         return found
 
     @property
     def navigator(self) -> CorrectedNavigator:
-        return CorrectedNavigator(foresight=self.foresight, starts=tuple(self.starts), bias_s=self.bias_s)
+        return CorrectedNavigator(
+            foresight=self.foresight,
+            starts=tuple(self.starts),
+            bias_s=self.bias_s,
+            hidden_m=self.hidden_m,
+            hidden_m_s=self.hidden_m_s,
+        )
 
     def _is_clean(self, window: Rivals) -> bool:
         """Tell whether nothing speaks against the window's only sky."""
-        if self.looks or window.doubted or (self.attacked is not None and window.end > self.attacked):
+        if self.parted is not None or window.doubted or (self.attacked is not None and window.end > self.attacked):
             return False
         return not any(begin < window.end and window.start < end for begin, end in self.failed)
 
@@ -169,12 +231,34 @@ class _Walk:
         """Before the unit is aligned there is nothing to hold a window against."""
         if len(window.sets) == 1 and self._is_clean(window):
             (sky,) = window.sets
-            self._learn(window, self._fix(window, sky), sky)
+            self._learn(window, self._fix(window, sky), sky, [])
 
-    def _learn(self, window: Rivals, fix: SkyFix, sky: ConsistentSet) -> None:
+    def _hide(self, window: Rivals, shown: _Shown) -> None:
+        """Add what a drag that this window does not notice may lead the navigator away by."""
+        if window.end > self.clock_until:
+            self.hidden_m_s = self._find_slowest(shown)
+            self.hidden_m += self.hidden_m_s * float(seconds_between(window.end, window.start))
+
+    def _find_free(self, shown: _Shown) -> list[_Free]:
+        """Return the navigators that notice drags best, and that are not corrected by a window's fixes."""
+        before = [
+            (self.foresight, len(self.starts), self.hidden_m),
+            *((one.foresight, one.learned, one.hidden_m) for one in self.free),
+        ]
+        every = [
+            _Free(foresight, carried, learned, self._find_noticed(shown, number), hidden)
+            for number, ((foresight, learned, hidden), carried) in enumerate(zip(before, shown.carried, strict=True))
+        ]
+        return _keep_useful(every, shown.last.gpst)
+
+    def _learn(self, window: Rivals, fix: SkyFix, sky: ConsistentSet, free: list[_Free]) -> None:
+        """Correct the navigator. free : those that run on without."""
         self.tried_m_s = max(self.tried_m_s, _change_m_s(self._looked(fix)))
         if window.end > self.clock_until:
             fix = SkyFix(whole=without(fix.whole, _CLOCK), each=tuple(without(one, _CLOCK) for one in fix.each))
+        self.recent.append((len(self.starts), fix))
+        self.free = free
+        self.recent = [one for one in self.recent if free and one[0] >= free[-1].learned]
         self.foresight, self.bias_s = self.foresight.learned(fix), sky.clock_bias_s
         self.starts.append(window.start)
 
@@ -186,11 +270,44 @@ class _Walk:
             return None
         fix = self._fix(window, sky)
         moving = [one for one in fix.each if one.there.size >= 6]
-        expected = self.foresight.at(moving[-1].gpst) if moving else None
-        if expected is None:
+        if not moving:
             return None
-        expected = without(expected, _CLOCK)
-        return _Shown(sky, fix, moving[-1], expected, fit_p_value(expected, moving[-1]))
+        last = moving[-1]
+        carried = tuple(one.until(last.gpst) for one in (self.foresight, *(free.carried for free in self.free)))
+        expected = tuple(known for one in carried if (known := _expect(one, last.gpst)) is not None)
+        if len(expected) < len(carried):
+            self.free = []  # readings end, or are missing
+            carried, expected = carried[:1], expected[:1]
+        if not expected:
+            return None
+        return _Shown(sky, fix, last, carried, expected, tuple(fit_p_value(one, last) for one in expected))
+
+    def _part(self, window: Rivals, shown: _Shown) -> None:
+        """From now on the unit runs free: from the latest window until which the signals may have been true.
+
+        That is where the youngest navigator was corrected last that all older ones let expect: a drag that began before
+        would have drawn it away from those that it has not touched.
+        """
+        if self.parted is not None:
+            return
+        self.parted = window.start
+        for young, mean in enumerate(shown.expected):
+            older = shown.expected[young + 1 :]
+            certain = Known(
+                gpst=mean.gpst, mean=mean.mean, covariance=np.where(np.isfinite(mean.covariance), 0.0, np.inf)
+            )
+            if all(fit_p_value(one, certain) >= POLICY.refused_probability for one in older):
+                break
+        if young > 0:
+            self.parted = self.starts[self.free[young - 1].learned]
+        # The window before may hold the beginning of what is noticed now.
+        back = max(young, min(len(self.free), 1))
+        if back > 0:
+            free = self.free[back - 1]
+            self.foresight, self.starts, self.hidden_m = free.foresight, self.starts[: free.learned], free.hidden_m
+            for number, fix in self.recent:
+                self.looks += self._looked(fix) if number >= free.learned else []
+        self.free, self.recent = [], []
 
     def _looked(self, fix: SkyFix) -> list[_Look]:
         """At both velocities through a window."""
@@ -207,7 +324,7 @@ class _Walk:
 
     def _report(self, window: Rivals, shown: _Shown) -> Finding:
         """Return the window's finding: an attack where no benign cause remains."""
-        off = shown.last.mean - shown.expected.mean
+        off = shown.last.mean - shown.expected[int(np.argmin(shown.p_values))].mean
         why, benign = self._find_benign(window, shown)
         off_m = float(np.linalg.norm(off[:3]))
         data: dict[str, Datum] = {"statistic": off_m, "off_m_s": float(np.linalg.norm(off[3:6]))}
@@ -223,7 +340,47 @@ class _Walk:
             p={Cause.CLEAN: shown.p_value} | benign,
             alpha=self.alpha,
             data=data,
+            dated_gpst=self.parted,
         )
+
+    def _pass(self, window: Rivals, shown: _Shown) -> Finding:
+        """Return that a window goes on, and what drag would have been noticed in it."""
+        off = shown.last.mean - shown.expected[0].mean
+        noticed_m_s = self._find_slowest(shown)
+        return Finding(
+            detector=DETECTOR,
+            start_gpst=window.start,
+            end_gpst=window.end,
+            signals=list_refs(self.maker.log.receiver, shown.sky.signals),
+            hypothesis=Hypothesis.PREDICTED,
+            code="goes_on",
+            p={Cause.CLEAN: shown.p_value},
+            alpha=self.alpha,
+            estimates={"noticed": (NoticedAttack("motion", noticed_m_s), NoticedAttack("code_drag", noticed_m_s))},
+            data={"statistic": float(np.linalg.norm(off[:3])), "off_m_s": float(np.linalg.norm(off[3:6]))},
+        )
+
+    def _find_slowest(self, shown: _Shown) -> float:
+        """Return the slowest drag that any of the navigators would have noticed, m/s."""
+        return min(self._find_noticed(shown, number) for number in range(len(shown.expected)))
+
+    def _find_noticed(self, shown: _Shown, number: int) -> float:
+        """Return the slowest level drag that one of the navigators would have noticed.
+
+        One that began when the navigator was corrected last has moved the position by its speed times the time since.
+        Where carriers stay least of it shows: they leave the velocity as it is.
+        """
+        free = self.foresight if number == 0 else self.free[number - 1].foresight
+        assert free.state is not None
+        since_s = float(seconds_between(shown.last.gpst, free.state.gpst))
+        rows = np.intersect1d(shown.expected[number].there, shown.last.there)[:6]
+        both = np.ix_(rows, rows)
+        information = np.linalg.inv(shown.expected[number].covariance[both] + shown.last.covariance[both])
+        threshold = chi_square_threshold(self.alpha / len(shown.expected), rows.size)
+        needed = float(noncentrality_for_power(threshold, rows.size, power=NOTICED))
+        level = rot_enu_ecef(*geodetic_from_ecef(shown.last.mean[:3])[:2])[:2]
+        least = float(np.linalg.eigvalsh(level @ information[:3, :3] @ level.T)[0])
+        return float(np.sqrt(needed / least)) / since_s
 
     def _find_benign(self, window: Rivals, shown: _Shown) -> tuple[str | None, dict[Cause, float]]:
         """Return the code of why a benign cause may have done it, None if none may; and p-values of benign causes."""
@@ -254,11 +411,8 @@ class _Walk:
         def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
             for pair in pairs:
                 fix = self.maker.at_end(window, shown.sky, pair)
-                expected = None if fix is None else self.foresight.at(fix.gpst)
-                if fix is None or expected is None:
-                    yield 1.0
-                else:
-                    yield fit_p_value(without(expected, _CLOCK), fix)
+                expected = None if fix is None else _expect(self.foresight, fix.gpst)
+                yield 1.0 if fix is None or expected is None else fit_p_value(expected, fix)
 
         sats = sorted({signal.sat for signal in shown.sky.signals})
         return largest_p_value_without(sats, p_values, least=POLICY.least_satellites, enough=self.alpha)
@@ -273,6 +427,33 @@ class _Walk:
             return np.inf
         alone = force[1:-1] - 0.5 * (force[2:] + force[:-2])
         return float(np.linalg.norm(alone, axis=1).max() * readings.interval_s)
+
+
+def _expect(foresight: Inertial, gpst: np.datetime64) -> Known | None:
+    """Return what a fix would show, but for its clock."""
+    expected = foresight.at(gpst)
+    return None if expected is None else without(expected, _CLOCK)
+
+
+def _keep_useful(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
+    """Return the navigators of which each notices slower drags than the younger ones, two of any age to twice that."""
+    kept = list[_Free]()
+    for one in free:
+        if not kept or one.notices_m_s < kept[-1].notices_m_s:
+            kept.append(one)
+    return _thin_out(kept, gpst)
+
+
+def _thin_out(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
+    """Return two navigators at most of any age to twice that age."""
+    kept = list(free)
+    for number in range(len(kept) - 2, 0, -1):
+        younger, older = (kept[k].foresight.state for k in (number - 1, number + 1))
+        assert younger is not None
+        assert older is not None
+        if seconds_between(gpst, older.gpst) < 2.0 * seconds_between(gpst, younger.gpst):
+            del kept[number]
+    return kept
 
 
 def _change_m_s(looks: Sequence[_Look]) -> float:

@@ -17,7 +17,16 @@ from skyproof.navigation.alignment import align_moving
 from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.inertia import TURN_MOST_RAD, coast, readings_between
 from skyproof.navigation.inertia import begin_free_run as begin_free
-from skyproof.navigation.ins import InsSettings, InsState, begin, correct, step
+from skyproof.navigation.ins import (
+    POSITION,
+    VELOCITY,
+    InsSettings,
+    InsState,
+    begin,
+    correct,
+    put_right,
+    step,
+)
 from skyproof.navigation.ins_updates import antenna_of, by_fix, expect_fix
 from skyproof.navigation.known import Known, without
 from skyproof.records import Attitude, InertialReadings, NavState
@@ -74,6 +83,14 @@ class Inertial:
         if not rows.gpst.size:
             return self
         return replace(self, state=step(self.state, rows, self.settings)[1])
+
+    def doubted(self, sigma_m: float, sigma_m_s: float) -> "Inertial":
+        """Return it with so much more doubt of position and velocity, an axis."""
+        if self.state is None:
+            return self
+        more = np.zeros(self.state.covariance.shape[0])
+        more[POSITION], more[VELOCITY] = sigma_m**2, sigma_m_s**2
+        return replace(self, state=put_right(self.state, np.zeros(more.size), self.state.covariance + np.diag(more)))
 
     def learned(self, shown: SkyFix) -> "Inertial":
         """With the fixes of the window's epochs, a second or more apart."""

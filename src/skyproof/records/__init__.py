@@ -12,6 +12,7 @@ from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcPar
 from skyproof.records.answer import LABELS, WORDS, Label, VerdictWord
 from skyproof.records.correlations import Asked, Ccaf, CcafAsked, Stretched, Taps, TapsAsked
 from skyproof.records.estimates import (
+    NOTICED,
     Baseline,
     Direction,
     InterferenceSign,
@@ -56,6 +57,7 @@ __all__ = [
     "CELL_STATUS",
     "FIX_STATUS",
     "LABELS",
+    "NOTICED",
     "OBSERVABLES",
     "UNTESTED",
     "WORDS",

@@ -1,7 +1,7 @@
 """Hold what detectors estimate beside their tests: directions, baselines, second skies, interference."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from skyproof.records.shapes import freeze
 from skyproof.short_repr import ShortRepr
 
 __all__ = [
+    "NOTICED",
     "Baseline",
     "Direction",
     "InterferenceSign",
@@ -27,13 +28,18 @@ NoticedKind = Literal["position_jump", "clock_jump", "velocity_jump", "clock_pus
 
 position_jump : the position jumps, m. clock_jump : the time jumps, s. velocity_jump : codes and carriers together begin
 to drag the position off at once, m/s. clock_push : they begin to push the time at once, s/s. code_drag : codes drag the
-position off while carriers stay, m/s. motion : carriers move a receiver that is stated to stand, m/s.
+position off while carriers stay, m/s. motion : carriers move a receiver that is stated to stand, or any drag one with
+an inertial unit, m/s.
 """
+
+
+NOTICED: Final = 0.99
+"""Probability with which an attack of the size that a finding gives is noticed."""
 
 
 @dataclass(frozen=True)
 class NoticedAttack:
-    """The size from which on a test would have noticed an attack of a kind with probability 0.99, in its SI unit."""
+    """The size from which on a test would have noticed an attack of a kind, with probability `NOTICED`; SI unit."""
 
     kind: NoticedKind
     size: float

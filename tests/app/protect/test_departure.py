@@ -12,7 +12,6 @@ from tests.app.protect.test_choosing import DRIVE, WALK
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
-from skyproof.fusion import departure
 from skyproof.fusion.departure import departures
 from skyproof.fusion.rivals import FixMaker
 from skyproof.records import Cause
@@ -46,14 +45,20 @@ def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier="follows
     return o, windows, inertia_of(scene, settings, "tactical", seed=seed)["bow"]
 
 
-def said(found, change=lambda readings: readings, shown=None):
-    """Departures of what was heard, with changed readings or measurements."""
+def walked(found, change=lambda readings: readings, shown=None):
+    """Findings of what was heard, with changed readings or measurements, and the navigator."""
     o, windows, foresight = found
     o = o if shown is None else shown(o)
     sets = [s for w in windows for s in w.sets]
     maker = FixMaker(log=o, navigation=NAVIGATION, multipath_sigma_m=1.0, elevation_mask_deg=5.0)
     unit = replace(foresight, readings=change(foresight.readings))
-    return departures(nothing_found(windows, o.signals), sets, [maker], {"bow": unit}, ALPHA, 30.0)[0]
+    findings, navigators = departures(nothing_found(windows, o.signals), sets, [maker], {"bow": unit}, ALPHA, 30.0)
+    return findings, navigators["bow"]
+
+
+def said(found, change=lambda readings: readings, shown=None):
+    """The departures among them."""
+    return [e for e in walked(found, change, shown)[0] if e.says != "clean"]
 
 
 def later(readings, since_s):
@@ -79,8 +84,27 @@ def test_codes_drawn_off_alone_are_no_error_of_the_unit():
     assert max(named.p[cause] for cause in (Cause.STATEMENT, Cause.FAULT, Cause.REFLECTIONS)) < ALPHA
 
 
-def test_a_clean_drive_says_nothing():
-    assert said(heard()) == []
+def test_a_clean_drive_goes_on_and_says_what_would_be_noticed():
+    findings, navigator = walked(heard())
+    assert {(e.says, e.code) for e in findings} == {("clean", "goes_on")}
+    sizes_m_s = [e.noticed[0].size for e in findings]
+    assert [e.noticed[0].kind for e in findings] == ["motion"] * len(findings)
+    assert sizes_m_s[-1] < 0.7 * sizes_m_s[0]  # by navigators that run free for longer
+    assert navigator.hidden_m == pytest.approx(10.0 * sum(sizes_m_s[-4:]), rel=0.3)
+    assert navigator.hidden_m_s == sizes_m_s[-1]
+
+
+def test_of_a_slow_drag_inertia_goes_back_and_says_what_it_may_have_missed():
+    """One that draws the navigator along before it is noticed, by navigators that have run free for a minute."""
+    found = heard(speed_m_s=0.8, duration_s=111.0, carrier="locked")
+    findings, navigator = walked(found)
+    start = found[0].gpst[0]
+    first = next(e for e in findings if e.says != "clean")
+    begun_s, noticed_s, last_s = (
+        (t - start) / np.timedelta64(1, "s") for t in (first.dated_gpst, first.start_gpst, navigator.starts[-1])
+    )
+    assert last_s + 10.0 <= begun_s <= noticed_s - 10.0
+    assert 0.8 * (last_s + 10.0 - PULL_S) < navigator.hidden_m
 
 
 def spiked(readings):
@@ -140,18 +164,13 @@ def test_what_a_few_satellites_alone_show_is_no_attack(satellites):
 
 @pytest.mark.long
 @pytest.mark.parametrize("path", ["drive", "walk"])
-def test_of_clean_ways_no_more_p_values_are_small_than_stated(path, monkeypatch):
-    chances, one = [], departure.choose
-
-    def counted(*given, **more):
-        found = one(*given, **more)
-        chances.append(float(found.fits[0]))
-        return found
-
-    monkeypatch.setattr(departure, "choose", counted)
+def test_of_clean_ways_no_more_p_values_are_small_than_stated(path):
+    p = []
     for seed in range(24):
-        assert said(heard.__wrapped__(path, seed, duration_s=150.0)) == []
-    p = np.array(chances)
+        findings, _ = walked(heard.__wrapped__(path, seed, duration_s=150.0))
+        assert {e.says for e in findings} == {"clean"}
+        p += [e.p_value for e in findings]
+    p = np.array(p)
     print(
         f"{path}: {p.size} windows, below 0.1 {np.mean(p < 0.1):.3f}, below 0.01 {np.mean(p < 0.01):.4f}, {p.min():.2g}"
     )

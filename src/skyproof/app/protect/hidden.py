@@ -3,8 +3,8 @@
 Beside a test that passes stands what it would have noticed with a probability of 0.99 (`records.NoticedAttack`): in
 each window codes that drag the position off at `code_drag`, carriers that do at `motion`, a jump by `position_jump`. An
 attack that no window notices moves a position within a window of length T by (code_drag + motion) T at most: codes are
-dragged against their carriers, and carriers against a receiver that is stated to stand. So from the last evidence at t0
-to t
+dragged against their carriers, and carriers against a receiver that is stated to stand. An inertial unit notices either
+(`motion`), which bounds both. So from the last evidence at t0 to t
 
     hidden = largest jump of the windows so far + integral of (code_drag + motion) from t0 to t
 
@@ -12,11 +12,16 @@ where t is the middle of what a fix is smoothed over, if that is later than the 
 Evidence that the signals come from the sky begins that anew; without any, signals are taken for true at the start.
 A window without a figure has that of the next one, whose test looks back; after the last one nothing is bounded.
 
+<<<<<<< HEAD
 Of a receiver that is not stated to stand nothing bounds codes and carriers that are dragged together, as a takeover
 does. It does not cover several jumps, each too small to be noticed.
+=======
+Of a receiver that neither stands nor has an inertial unit nothing bounds codes and carriers that are dragged together,
+as a takeover does. It does not cover several jumps, each too small to be noticed.
+>>>>>>> 1381deb (Notice slow drags by navigators that run free, and go back before them)
 """
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,16 +69,21 @@ class HiddenDrag:
         return np.clip(np.searchsorted(self.edges_s, seconds, side="right") - 1, 0, self.rate_m_s.size - 1)
 
 
-def hidden_drags(findings: Iterable[Finding], *, standing: Collection[str]) -> dict[str, HiddenDrag]:
+def hidden_drags(
+    findings: Iterable[Finding], *, standing: Collection[str], inertial: Collection[str] = ()
+) -> dict[str, HiddenDrag]:
     """Return of each receiver that was tested what its tests would have missed.
 
-    standing : receivers that are stated to stand, whose carriers are held against that.
+    standing : receivers that are stated to stand, whose carriers are held against that. inertial : with a unit.
     """
     windows = tested_windows(findings)
-    return {receiver: _hidden_drag(windows, receiver, stands=receiver in standing) for receiver in windows.ends}
+    kinds: dict[str, tuple[NoticedKind, ...]] = dict.fromkeys(inertial, ("motion",))
+    kinds |= dict.fromkeys(standing, ("code_drag", "motion"))
+    return {receiver: _hidden_drag(windows, receiver, kinds.get(receiver, ())) for receiver in windows.ends}
 
 
-def _hidden_drag(windows: TestedWindows, receiver: str, *, stands: bool) -> HiddenDrag:
+def _hidden_drag(windows: TestedWindows, receiver: str, kinds: Sequence[NoticedKind]) -> HiddenDrag:
+    """kinds : of drags, of which an attack may use all at once; none where nothing bounds them."""
     ends = windows.ends[receiver]
     starts = np.array(sorted(ends), "datetime64[ns]")
 
@@ -85,7 +95,7 @@ def _hidden_drag(windows: TestedWindows, receiver: str, *, stands: bool) -> Hidd
     return HiddenDrag(
         zero=starts[0],
         edges_s=np.asarray(seconds_between(edges, starts[0]), np.float64),
-        rate_m_s=series("code_drag") + (series("motion") if stands else np.nan),
+        rate_m_s=np.sum([series(kind) for kind in kinds], axis=0) if kinds else np.full(starts.size, np.nan),
         jump_m=series("position_jump"),
     )
 

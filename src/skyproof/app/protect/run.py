@@ -432,7 +432,7 @@ def judge(
         evidence = PackedLog(merge(evidence, chosen.evidence, key=_window))
         decision = fuse(evidence, observed, sets)
     standing_still = [o.receiver for o in observed] if settings.speed_max_m_s == 0.0 else []
-    hidden = hidden_drags(evidence, standing=standing_still)
+    hidden = hidden_drags(evidence, standing=standing_still, inertial=navigators)
 
     def place(reception: Reception) -> ReceiverOutcome:
         name = reception.observations.receiver if reception.observations is not None else ""

@@ -25,13 +25,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Integers, Reals
-from skyproof.detectors.base import NOTICED
 from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.series import Limits, Series, sum_from_zero
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.least_squares import design_matrix, spd_inverse
 from skyproof.navigation.raim import exclude_several, whitened_fit
-from skyproof.records import Cause
+from skyproof.records import NOTICED, Cause
 from skyproof.statistics.distributions import (
     chi_square_survival,
     chi_square_threshold,

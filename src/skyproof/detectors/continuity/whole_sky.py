@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Reals
-from skyproof.detectors.base import NOTICED
 from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.steps import Jump, chance, fitted_jump
+from skyproof.records import NOTICED
 from skyproof.statistics.distributions import (
     chi_square_survival,
     chi_square_threshold,
