@@ -452,7 +452,8 @@ class NoticedSize(_Model):
     kind: NoticedKind = Field(
         description="position_jump and clock_jump: the position or the time jumps; velocity_jump and clock_push: codes "
         "and carriers begin at once to drag the position off or to push the time; code_drag: codes drag the position "
-        "off while carriers stay; motion: carriers move a receiver that is stated to stand."
+        "off while carriers stay; motion: carriers move a receiver that is stated to stand; drag: codes "
+        "drag the position of a receiver with an inertial unit off, alone or with their carriers."
     )
     size: Sigma = Field(description="In the window in which the tests see least.")
     unit: str = Field(description="Of the size: m, s, m/s or s/s.")
@@ -482,6 +483,7 @@ _NOTICED: Final[dict[NoticedKind, tuple[str, float, str]]] = {
     "clock_push": ("a push of the time that begins at", 1e9, "ns/s"),
     "code_drag": ("codes that drag the position off without their carriers at", 1.0, "m/s"),
     "motion": ("carriers that move a receiver at rest at", 1.0, "m/s"),
+    "drag": ("a drag of the position at", 1.0, "m/s"),
 }
 """Each kind in words, with the factor from its SI unit to the unit that is shown."""
 
@@ -617,7 +619,7 @@ class Verdict(_Model):
             return said
         if fix.hidden_m is None:
             return f"{said}; how far an attack may have moved it unnoticed is not bounded"
-        stands = any(size.kind == "motion" and size.receiver == receiver.name for size in self.noticed)
+        stands = any(size.kind in ("motion", "drag") and size.receiver == receiver.name for size in self.noticed)
         together = "" if stands else ", unless it dragged codes and carriers together"
         moved = f"an attack since the start that no test would have noticed moved it by {fix.hidden_m:.0f} m at most"
         return f"{said}; {moved}{together}"

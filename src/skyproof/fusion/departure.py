@@ -346,7 +346,6 @@ class _Walk:
     def _pass(self, window: Rivals, shown: _Shown) -> Finding:
         """Return that a window goes on, and what drag would have been noticed in it."""
         off = shown.last.mean - shown.expected[0].mean
-        noticed_m_s = self._find_slowest(shown)
         return Finding(
             detector=DETECTOR,
             start_gpst=window.start,
@@ -356,7 +355,7 @@ class _Walk:
             code="goes_on",
             p={Cause.CLEAN: shown.p_value},
             alpha=self.alpha,
-            estimates={"noticed": (NoticedAttack("motion", noticed_m_s), NoticedAttack("code_drag", noticed_m_s))},
+            estimates={"noticed": (NoticedAttack("drag", self._find_slowest(shown)),)},
             data={"statistic": float(np.linalg.norm(off[:3])), "off_m_s": float(np.linalg.norm(off[3:6]))},
         )
 

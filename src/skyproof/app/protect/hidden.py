@@ -4,21 +4,16 @@ Beside a test that passes stands what it would have noticed with a probability o
 each window codes that drag the position off at `code_drag`, carriers that do at `motion`, a jump by `position_jump`. An
 attack that no window notices moves a position within a window of length T by (code_drag + motion) T at most: codes are
 dragged against their carriers, and carriers against a receiver that is stated to stand. An inertial unit notices either
-(`motion`), which bounds both. So from the last evidence at t0 to t
+(`drag`), which bounds both. So from the last evidence at t0 to t
 
-    hidden = largest jump of the windows so far + integral of (code_drag + motion) from t0 to t
+    hidden = largest jump of the windows so far + integral of (code_drag + motion), or of drag, from t0 to t
 
 where t is the middle of what a fix is smoothed over, if that is later than the fix itself, as it is near t0.
 Evidence that the signals come from the sky begins that anew; without any, signals are taken for true at the start.
 A window without a figure has that of the next one, whose test looks back; after the last one nothing is bounded.
 
-<<<<<<< HEAD
-Of a receiver that is not stated to stand nothing bounds codes and carriers that are dragged together, as a takeover
-does. It does not cover several jumps, each too small to be noticed.
-=======
 Of a receiver that neither stands nor has an inertial unit nothing bounds codes and carriers that are dragged together,
 as a takeover does. It does not cover several jumps, each too small to be noticed.
->>>>>>> 1381deb (Notice slow drags by navigators that run free, and go back before them)
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -77,7 +72,7 @@ def hidden_drags(
     standing : receivers that are stated to stand, whose carriers are held against that. inertial : with a unit.
     """
     windows = tested_windows(findings)
-    kinds: dict[str, tuple[NoticedKind, ...]] = dict.fromkeys(inertial, ("motion",))
+    kinds: dict[str, tuple[NoticedKind, ...]] = dict.fromkeys(inertial, ("drag",))
     kinds |= dict.fromkeys(standing, ("code_drag", "motion"))
     return {receiver: _hidden_drag(windows, receiver, kinds.get(receiver, ())) for receiver in windows.ends}
 

@@ -18,6 +18,7 @@ _UNITS: Final[dict[NoticedKind, str]] = {
     "clock_push": "s/s",
     "code_drag": "m/s",
     "motion": "m/s",
+    "drag": "m/s",
 }
 _KINDS: Final = tuple(_UNITS)
 
