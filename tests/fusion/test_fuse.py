@@ -425,3 +425,13 @@ def test_skies_that_swap_signals_for_a_window_do_not_become_one(invented):
     decision = fuse(evidence, [observed], sets)
     assert len(decision.skies) == 2
     assert all(len({r.signal.sat for r in sky.signals}) == len(sky.signals) for sky in decision.skies)
+
+
+def test_words_reach_from_the_first_epoch_to_the_last(invented, pair):
+    decision = fuse([invented.evidence(w, "authentic", *SKY, receivers=BOTH) for w in range(4)], pair, [])
+    assert [(word.receiver, word.word) for word in decision.windows] == [("rx1", "authentic"), ("rx2", "authentic")]
+    assert {(word.start_gpst, word.end_gpst) for word in decision.windows} == {(pair[0].gpst[0], pair[0].gpst[-1])}
+
+
+def test_a_suspect_run_without_epochs_has_no_words(invented):
+    assert fuse([invented.evidence(0, "undecided", *SKY, p_value=1e-9)], [], []).windows == ()

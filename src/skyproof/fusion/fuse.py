@@ -109,9 +109,22 @@ def fuse(
         open=None if settled else open_question(evidence, observations, trusted),
         suspicion=suspicion,
         interference=spells_of(evidence, observations),
-        windows=_smooth_words(state.words, verdict, onset, suspicion),
+        windows=_smooth_words(_of_epochs(state.words, observations), verdict, onset, suspicion),
         together=tuple(together),
     )
+
+
+def _of_epochs(words: Sequence[WindowWord], observations: Sequence[ObservationLog]) -> list[WindowWord]:
+    """Return words from the first to the last epoch of each receiver: windows begin and end between epochs."""
+    gpst_of = {o.receiver: o.gpst for o in observations}
+    return [
+        replace(
+            word,
+            start_gpst=max(word.start_gpst, gpst_of[word.receiver][0]),
+            end_gpst=min(word.end_gpst, gpst_of[word.receiver][-1]),
+        )
+        for word in words
+    ]
 
 
 def _smooth_words(
@@ -124,8 +137,8 @@ def _smooth_words(
     """
     if verdict == "authentic":
         return _join(replace(word, word=verdict, causes=()) for word in words)
-    if suspicion is None or any(word.word == "suspect" for word in words):
-        return tuple(words)
+    if suspicion is None or not words or any(word.word == "suspect" for word in words):
+        return _join(words)
     seen = words[0].start_gpst if onset is None else onset.seen
     found = list[WindowWord]()
     for word in words:
