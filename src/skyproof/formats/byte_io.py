@@ -19,6 +19,7 @@ from skyproof.errors import InputError
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
+    "GZIP",
     "FileBytes",
     "beginning",
     "content_of",
@@ -33,7 +34,7 @@ __all__ = [
 ]
 
 _HASH_BLOCK = 1 << 22
-_GZIP = b"\x1f\x8b"
+GZIP = b"\x1f\x8b"
 _UTF_8_MARK = b"\xef\xbb\xbf"
 _OTHER_MARKS = {b"\xff\xfe": "UTF-16", b"\xfe\xff": "UTF-16", b"\0\0\xfe\xff": "UTF-32"}
 _LONGEST_HEADER = 1 << 16
@@ -101,7 +102,7 @@ def unpacked(path: Path, most: int, what: str, to_do: str) -> bytes:
     content = content_of(path, most, what, to_do)
     if content[:2] == b"\x1f\x9d":
         raise InputError(f"{path}: compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
-    if content[:2] != _GZIP:
+    if content[:2] != GZIP:
         return without_mark(content, str(path))
     try:
         content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(most + 1)
@@ -113,7 +114,7 @@ def unpacked(path: Path, most: int, what: str, to_do: str) -> bytes:
 
 def beginning(head: bytes) -> bytes:
     """The first bytes of a file, unpacked where they are those of a gzip file, without a byte order mark of UTF-8."""
-    if head[:2] == _GZIP:
+    if head[:2] == GZIP:
         with contextlib.suppress(zlib.error):
             head = zlib.decompressobj(wbits=31).decompress(head, len(head))
     return head.removeprefix(_UTF_8_MARK)

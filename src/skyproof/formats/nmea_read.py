@@ -12,11 +12,11 @@ import numpy as np
 
 from skyproof.gnss.time import require_year
 
-__all__ = ["Sentence", "fields_of", "read_sentence"]
+__all__ = ["FARTHEST_M", "Sentence", "fields_of", "read_sentence"]
 
 _TIME: Final = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d|60)(\.\d+)?", re.ASCII)
 _ANGLE: Final = re.compile(r"\d{1,3}([0-5]\d)(\.\d*)?", re.ASCII)
-_FARTHEST_M: Final = 1e9
+FARTHEST_M: Final = 1e9
 _SATS_A_SENTENCE: Final = 4
 
 
@@ -155,7 +155,7 @@ def _metres(text: str) -> float:
     """NaN for an empty field."""
     if not text:
         return np.nan
-    if not abs(metres := float(text)) < _FARTHEST_M:
+    if not abs(metres := float(text)) < FARTHEST_M:
         raise ValueError(f"height {text!r}")
     return metres
 

@@ -20,7 +20,7 @@ from skyproof.errors import InputError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.bounds import NAVIGATION_BYTES, Remarks
 from skyproof.formats.byte_io import unpacked
-from skyproof.gnss.constants import SECONDS_PER_DAY, SECONDS_PER_WEEK
+from skyproof.gnss.constants import BDT_WEEK_0, SECONDS_PER_DAY, SECONDS_PER_WEEK
 from skyproof.gnss.ephemeris import (
     GEOSTATIONARY,
     SYSTEM_NAMES,
@@ -61,7 +61,6 @@ _READ: Final = {
     "R": ("EPH", "EPH FDMA"),
 }
 _MOST_SATS: Final = {"G": 32, "J": 10, "E": 36, "C": 63, "R": 28}
-_BDT_WEEK_0: Final = 1356  # the GPS week in which BDT began
 _MOST_LEAPS_OFF: Final = 2
 """Leap seconds that a file may have and the table built in has not: since 1999 there was one in two years at most."""
 _NOMINAL_URA_M: Final = (2.0, 2.8, 4.0, 5.7, 8.0, 11.3, *(2.0 ** (k - 2) for k in range(6, 16)))
@@ -327,8 +326,8 @@ def _ephemeris(record: _Record, version: float) -> tuple[Ephemeris, int]:
     week = toc_week + round((toc - toe) / SECONDS_PER_WEEK)
     system = record.sat[0]
     week_as_written = _whole(orbit[18], week)
-    if system == "C" and week_as_written < week - _BDT_WEEK_0 // 2:
-        week_as_written += _BDT_WEEK_0
+    if system == "C" and week_as_written < week - BDT_WEEK_0 // 2:
+        week_as_written += BDT_WEEK_0
     if abs(nearest_week(week_as_written, week, 1024) - week) > 1:
         raise ValueError(f"its date is in GPS week {week}, but it states week {week_as_written}")
     sent_s, fit_h = orbit[24], orbit[25]
@@ -578,7 +577,7 @@ def _kepler_rows(e: Ephemeris) -> tuple[np.datetime64, _Numbers, tuple[_Numbers,
     sources = {"INAV": 1 << 9 | 0b101, "FNAV": 1 << 8 | 0b010}.get(e.message, 0)
     fifth, after_tgd, last = {
         "E": ((e.idot, sources, e.week), e.tgd2, (sent_s,)),
-        "C": ((e.idot, math.nan, e.week - _BDT_WEEK_0), e.tgd2, (sent_s, e.iodc)),
+        "C": ((e.idot, math.nan, e.week - BDT_WEEK_0), e.tgd2, (sent_s, e.iodc)),
     }.get(system, ((e.idot, e.code_on_l2, e.week, e.l2_p_flag), e.iodc, (sent_s, e.fit_interval_h)))
     rows = (
         (e.iode, e.crs, e.delta_n, e.m0),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from skyproof.errors import InputError
 from skyproof.formats.bounds import EPOCH_BYTES, OBSERVATION_BYTES, STREAM_BYTES
-from skyproof.formats.byte_io import require_size, without_mark
+from skyproof.formats.byte_io import GZIP, require_size, without_mark
 from skyproof.formats.crinex import Expander, is_compact
 from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
 from skyproof.formats.rinex_obs_header import Header, header_of
@@ -27,7 +27,6 @@ from skyproof.remarks import Remark, RemarkKind
 __all__ = ["PIECE_BYTES", "following", "obs_pieces"]
 
 PIECE_BYTES: Final = 1 << 20
-_GZIP: Final = b"\x1f\x8b"
 _DAMAGED: Final = "the observation file is a damaged gzip file"
 _TELLING_BYTES: Final = 100  # whether a file is compact
 _END_OF_HEADER: Final = b"END OF HEADER"
@@ -99,9 +98,9 @@ class _Plain:
 
     def of(self, blocks: Iterable[bytes]) -> Iterator[bytes]:
         """Unpack the blocks. Raises InputError as `obs_pieces` does."""
-        blocks = _from_the_start(iter(blocks), len(_GZIP))
+        blocks = _from_the_start(iter(blocks), len(GZIP))
         first = next(blocks, b"")
-        packed = first.startswith(_GZIP)
+        packed = first.startswith(GZIP)
         blocks = itertools.chain((first,), blocks)
         text = _from_the_start(self._unpacked(blocks) if packed else blocks, _TELLING_BYTES)
         first = without_mark(next(text, b""), self._source)
@@ -121,7 +120,7 @@ class _Plain:
             rest = block
             while rest:
                 if state.eof:  # members follow each other; what else follows is padding
-                    if rest[:1] != _GZIP[:1]:
+                    if rest[:1] != GZIP[:1]:
                         break
                     state = zlib.decompressobj(wbits=31)
                 try:

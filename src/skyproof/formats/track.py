@@ -26,7 +26,7 @@ from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, SECONDS, TRACK_BYTES, XML_TAGS
 from skyproof.formats.byte_io import text_of
 from skyproof.formats.documents import read_rows
-from skyproof.formats.nmea_read import fields_of, read_sentence
+from skyproof.formats.nmea_read import FARTHEST_M, fields_of, read_sentence
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.time import gpst_from_utc, parse_iso, require_year
 from skyproof.records import freeze
@@ -38,7 +38,6 @@ _ECEF: Final = ("x_ecef_m", "y_ecef_m", "z_ecef_m")
 _ANGLES: Final = ("heading_deg", "pitch_deg", "roll_deg")
 _DAY_NS: Final = 86_400 * 10**9
 _HEIGHT: Final = re.compile(r"HAE=(-?\d{1,9}(?:\.\d+)?)", re.ASCII)
-_FARTHEST_M: Final = 1e9
 _FROM_GEOID: Final = "heights are those above the geoid, taken as if above the ellipsoid, up to 100 m off"
 
 
@@ -414,7 +413,7 @@ def _when_ns(text: str, where: str) -> int:
 
 def _ecef(places: Reals, source: str, lines: Sequence[int], word: str = "line") -> Reals:
     """(n, 3) latitude and longitude in degrees and height to ECEF."""
-    beyond = np.abs(places) > (90.0, 360.0, _FARTHEST_M)
+    beyond = np.abs(places) > (90.0, 360.0, FARTHEST_M)
     for row in np.flatnonzero(beyond.any(axis=1)).tolist():
         lat_deg, lon_deg, height_m = places[row]
         raise InputError(
@@ -426,7 +425,7 @@ def _ecef(places: Reals, source: str, lines: Sequence[int], word: str = "line") 
 
 def _within(position_ecef_m: Reals, source: str, lines: Sequence[int]) -> Reals:
     """(n, 3) ECEF as they are. Raises InputError for what is not near the Earth."""
-    for row in np.flatnonzero((np.abs(position_ecef_m) > _FARTHEST_M).any(axis=1)).tolist():
+    for row in np.flatnonzero((np.abs(position_ecef_m) > FARTHEST_M).any(axis=1)).tolist():
         raise InputError(
             f"{source}: line {lines[row]}: a coordinate of {np.abs(position_ecef_m[row]).max():g} m, expected ECEF in "
             "metres; fix it"

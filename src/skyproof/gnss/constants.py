@@ -4,12 +4,14 @@ from typing import Final
 
 __all__ = [
     "BDT_BEHIND_GPST_S",
+    "BDT_WEEK_0",
     "BEIDOU_EARTH_ROTATION_RAD_S",
     "BEIDOU_MU_M3_S2",
     "CA_CHIP_RATE_HZ",
     "CA_CODE_LENGTH",
     "EARTH_ROTATION_RAD_S",
     "FASTEST_M_S",
+    "FOOT_M",
     "GALILEO_MU_M3_S2",
     "GALILEO_RELATIVITY_F_S_SQRT_M",
     "GLONASS_EARTH_RADIUS_M",
@@ -43,11 +45,13 @@ GALILEO_MU_M3_S2: Final = 3.986004418e14  # Galileo OS SIS ICD 2.1, table 67
 GALILEO_RELATIVITY_F_S_SQRT_M: Final = -4.442807309e-10  # Galileo OS SIS ICD 2.1, 5.1.4; BeiDou's F has the same value
 BEIDOU_MU_M3_S2: Final = 3.986004418e14  # BDS-SIS-ICD-B1I-3.0, 5.2.4.12
 BEIDOU_EARTH_ROTATION_RAD_S: Final = 7.2921150e-5  # BDS-SIS-ICD-B1I-3.0, 5.2.4.12
+BDT_WEEK_0: Final = 1356  # the GPS week in which BDT began: BDS-SIS-ICD-B1I-3.0, 3.3
 BDT_BEHIND_GPST_S: Final = 14.0  # BDT began at 2006-01-01 UTC: BDS-SIS-ICD-B1I-3.0, 3.3
 GLONASS_MU_M3_S2: Final = 3.986004418e14  # GLONASS ICD L1, L2 5.1, table 3.2
 GLONASS_EARTH_RADIUS_M: Final = 6_378_136.0  # semi-major axis of PZ-90; GLONASS ICD L1, L2 5.1, table 3.2
 GLONASS_J2: Final = 1082.62575e-6  # GLONASS ICD L1, L2 5.1, table 3.2
 GLONASS_EARTH_ROTATION_RAD_S: Final = 7.292115e-5  # GLONASS ICD L1, L2 5.1, table 3.2
+FOOT_M: Final = 0.3048  # the international one
 SECONDS_PER_DAY: Final = 86_400
 SECONDS_PER_WEEK: Final = 604_800  # IS-GPS-200N, 3.3.4
 WGS84_A_M: Final = 6_378_137.0  # semi-major axis; NGA.STND.0036_1.0.0_WGS84, table 3.1

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
+from skyproof.gnss.constants import FOOT_M
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.geoid import GEOID_SIGMA_M, geoid_separation_m
 
@@ -29,7 +30,6 @@ UNLISTED: Final = "wrong_statement"
 """Code of a statement that is untrue by an amount that no slip gives."""
 HEIGHT: Final = "height"
 """Code of a height that is wrong by any amount, as of a mark on the ground below an antenna."""
-_FOOT_M: Final = 0.3048
 _YARD_M: Final = 0.9144
 _ANY_HEIGHT_M: Final = 1e4
 """One sigma of a height that says nothing."""
@@ -76,7 +76,7 @@ def position_slips(position_ecef_m: Reals) -> tuple[PositionSlip, ...]:
     """
     lat_rad, lon_rad, height = geodetic_from_ecef(position_ecef_m)
     lat, lon, height_m = float(np.degrees(lat_rad)), float(np.degrees(lon_rad)), float(height)
-    feet_m = height_m * _FOOT_M
+    feet_m = height_m * FOOT_M
     heights = (
         ("height_above_sea_level", "its height is above sea level", height_m, 1.0),
         ("height_in_feet", "its height is in feet", feet_m, 0.0),
@@ -148,8 +148,8 @@ def _position(
 
 
 _SCALES: Final = (
-    ("feet", "it is in feet", _FOOT_M),
-    ("made_feet", "it was turned into feet", 1.0 / _FOOT_M),
+    ("feet", "it is in feet", FOOT_M),
+    ("made_feet", "it was turned into feet", 1.0 / FOOT_M),
     ("yards", "it is in yards", _YARD_M),
     ("centimetres", "it is in centimetres", 0.01),
     ("millimetres", "it is in millimetres", 0.001),

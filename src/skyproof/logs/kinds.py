@@ -11,7 +11,10 @@ from skyproof.logs.content import Beside, LogPiece
 from skyproof.logs.gnsslogger import is_gnsslogger, read_gnsslogger
 from skyproof.logs.stream import first_instant, is_log, read_log
 
-__all__ = ["LOG_KINDS", "LogKind", "kind_of_log"]
+__all__ = ["HEAD_BYTES", "LOG_KINDS", "LogKind", "kind_of_log"]
+
+HEAD_BYTES: Final = 1 << 16
+"""In which frames are looked for: those of one epoch take 10 kB at most."""
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import numpy as np
 from skyproof.arrays import Booleans, Integers
 from skyproof.compiled import compiled
 
-__all__ = ["CarrierLocks"]
+__all__ = ["NEVER", "CarrierLocks"]
 
-_NEVER: Final = np.iinfo(np.int64).min
+NEVER: Final = np.iinfo(np.int64).min
 
 
 class CarrierLocks:
@@ -38,7 +38,7 @@ class CarrierLocks:
         """
         if signal.size and int(signal.max()) >= len(self._last):
             more = int(signal.max()) + 1 - len(self._last)
-            self._last = np.vstack([self._last, np.tile([_NEVER, 0, 0], (more, 1))])
+            self._last = np.vstack([self._last, np.tile([NEVER, 0, 0], (more, 1))])
         slipped = np.zeros(signal.size, np.bool_)
         _find_slips(instant_ns, signal, lock_ms, carrier, half_open, longest_ms, step_ms, self._last, slipped)
         return slipped
@@ -60,7 +60,7 @@ def _find_slips(
         if not carrier[k]:
             continue
         last = carriers[signal[k]]
-        if last[0] != _NEVER:
+        if last[0] != NEVER:
             since_ms = min((instant_ns[k] - last[0]) // 1_000_000 - step_ms + 1, longest_ms[k])
             slipped[k] = lock_ms[k] < last[1] or lock_ms[k] < since_ms or half_open[k] != (last[2] == 1)
         last[0], last[1], last[2] = instant_ns[k], lock_ms[k], half_open[k]

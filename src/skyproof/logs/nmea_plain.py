@@ -12,7 +12,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Integers, Octets, Reals
 from skyproof.compiled import compiled
-from skyproof.formats.nmea_read import Sentence, read_sentence
+from skyproof.formats.nmea_read import FARTHEST_M, Sentence, read_sentence
 
 __all__ = ["Addresses", "LevelCells", "read_addresses", "read_levels", "read_plain"]
 
@@ -21,7 +21,6 @@ _COMMA: Final = 44
 _MOST_FIELDS: Final = 24
 _COLUMNS: Final = 11
 _TENS: Final = 10.0 ** np.arange(16)
-_FARTHEST_M: Final = 1e9
 
 
 class Addresses(NamedTuple):
@@ -248,7 +247,7 @@ def _read_gga(octets: Octets, begin: Integers, length: Integers, tens: Reals, ro
             rows[i, 2], high = _decimal(octets, edges[8], edges[9] - 1, tens)
             rows[i, 3], geoid = _decimal(octets, edges[10], edges[11] - 1, tens)
             known = high >= 0 and geoid >= 0 and satellites != -2 and _place(octets, edges, 1, tens, rows[i])
-            if not known or abs(rows[i, 2]) >= _FARTHEST_M or abs(rows[i, 3]) >= _FARTHEST_M:
+            if not known or abs(rows[i, 2]) >= FARTHEST_M or abs(rows[i, 3]) >= FARTHEST_M:
                 continue
             rows[i, 4] = satellites
         times[i, 0] = 1

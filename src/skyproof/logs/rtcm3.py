@@ -21,7 +21,7 @@ from skyproof.gnss.signals import carrier_hz_of
 from skyproof.gnss.time import GPS_EPOCH, leap_seconds, week_and_tow
 from skyproof.logs.content import Beside, LogPiece
 from skyproof.logs.frames import Frames, Protocol
-from skyproof.logs.locks import CarrierLocks
+from skyproof.logs.locks import NEVER, CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
 from skyproof.logs.rtcm3_cells import NO_CHANNEL, ObservedCells, PhaseTurns, legacy_cells, msm_cells, signal_of
 from skyproof.records import Observations, SignalId
@@ -41,7 +41,6 @@ _NO_DAY: Final = 7
 _DAY_MS: Final = 86_400_000
 _WEEK_MS: Final = 7 * _DAY_MS
 _MOSCOW_MS: Final = 3 * 3_600_000
-_NEVER: Final = np.iinfo(np.int64).min
 _EPOCH_MS: Final = int(GPS_EPOCH.astype("datetime64[ms]").astype(np.int64))
 _HALF_ERA: Final = 511  # weeks
 
@@ -61,7 +60,7 @@ class Rtcm3Reader:
         """
         near, channels = beside.near, beside.channels
         self._source = source
-        self._last_ms = _NEVER if near is None else int(near.astype("datetime64[ms]").astype(np.int64))
+        self._last_ms = NEVER if near is None else int(near.astype("datetime64[ms]").astype(np.int64))
         today, _ = week_and_tow(np.datetime64("now") if near is None else near)
         self._week = today - _HALF_ERA if near is None else today
         self._channels = np.full(64, NO_CHANNEL)
@@ -91,15 +90,15 @@ class Rtcm3Reader:
             observed = observed.rows(~foreign)
         found, undated = None, 0
         time_ms, period_ms = _times(observed)
-        if self._last_ms == _NEVER:
+        if self._last_ms == NEVER:
             self._last_ms = _date(orbits, observed.begin, time_ms, period_ms)
-        if self._last_ms == _NEVER:
+        if self._last_ms == NEVER:
             self._waiting = []
             undated = int(np.unique(time_ms).size)
         else:
             found = self._observations(observed, time_ms, period_ms, last=frames.last)
         received = np.datetime64(self._last_ms, "ms").astype("datetime64[ns]")
-        dated = orbits if self._last_ms != _NEVER else []
+        dated = orbits if self._last_ms != NEVER else []
         made = [orbit.ephemeris(received) for _, orbit in dated]
         return LogPiece(
             observations=found,
@@ -366,7 +365,7 @@ def _date(orbits: list[tuple[int, RelayedOrbit]], begin: Integers, time_ms: Inte
         (others if beyond else sure).append(week_ms + sent_ms)
     instants = sure or others
     if not instants:
-        return _NEVER
+        return NEVER
     weeks = Counter((instant - _EPOCH_MS) // _WEEK_MS for instant in instants)
     (week, _), *_ = weeks.most_common(1)
     return next(instant for instant in instants if (instant - _EPOCH_MS) // _WEEK_MS == week)

@@ -17,7 +17,7 @@ from skyproof.gnss.signals import rinex_signal
 from skyproof.gnss.time import GPS_EPOCH_NS
 from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind, ReceiverStates, untimed_remark
 from skyproof.logs.frames import Frames, Protocol, read_blocks, read_field
-from skyproof.logs.locks import CarrierLocks
+from skyproof.logs.locks import NEVER, CarrierLocks
 from skyproof.logs.rows import SignalRows, observations_from_rows
 from skyproof.records import FrontEndLevels, ReceiverFixes, SignalId
 
@@ -127,7 +127,6 @@ Payloads = Callable[[int, int], tuple[Integers, Integers]]
 """First octet and size of the payloads of a message that have so many octets at least."""
 
 
-_NEVER: Final = np.iinfo(np.int64).min
 _ONE_EPOCH_NS: Final = 20_000_000  # messages of one epoch differ by what the clock is off; 25 epochs a second are most
 _LONGEST_LOCK_MS: Final = 64_000  # lock times count to 64.5 s
 
@@ -269,7 +268,7 @@ class UbxReader:
 
     def _fixes(self, octets: Octets, pvt: Integers, clocks: Integers) -> tuple[ReceiverFixes | None, Integers]:
         """Return the fixes of NAV-PVT, and the instant of each frame (ns; the least number where it has none)."""
-        unknown = _NEVER
+        unknown = NEVER
         if not pvt.size:
             return None, np.empty(0, np.int64)
         year, month = read_field(octets, pvt, 4, "<u2").astype(np.int64), octets[pvt + 6].astype(np.int64)
@@ -322,7 +321,7 @@ class _Timeline:
     def of(cls, timed: list[tuple[Integers, Integers]], before_ns: int | None) -> "_Timeline":
         octet = np.concatenate([first for first, _ in timed])
         instant_ns = np.concatenate([instants for _, instants in timed])
-        known = instant_ns > _NEVER
+        known = instant_ns > NEVER
         octet, instant_ns = octet[known], instant_ns[known]
         order = np.argsort(octet)
         octet, instant_ns = octet[order], instant_ns[order]
@@ -341,8 +340,8 @@ class _Timeline:
 
     def since_ns(self, octet: Integers) -> Integers:
         """Return the instants of the epochs before those of `at`; the least number where there is none."""
-        before_ns = _NEVER if self.before_ns is None else self.before_ns
-        labels_ns = np.concatenate([[_NEVER, before_ns], self.instant_ns])
+        before_ns = NEVER if self.before_ns is None else self.before_ns
+        labels_ns = np.concatenate([[NEVER, before_ns], self.instant_ns])
         begins = np.abs(np.diff(labels_ns)) > _ONE_EPOCH_NS
         begin = np.maximum.accumulate(np.where(begins, np.arange(1, labels_ns.size), 1))
         place = np.searchsorted(self.octet, octet, side="right")
@@ -351,7 +350,7 @@ class _Timeline:
     def next_ns(self, octet: Integers) -> Integers:
         """Return the instants of the timed frames after these octets, ns; the least number where there is none."""
         place = np.searchsorted(self.octet, octet, side="right")
-        return np.append(self.instant_ns, _NEVER)[place]
+        return np.append(self.instant_ns, NEVER)[place]
 
 
 # ---------------------------------------------------------------------- broadcast frames

@@ -12,7 +12,7 @@ import numpy as np
 
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.lnav import encode_subframes, words_hold
+from skyproof.gnss.lnav import SUBFRAME_S, encode_subframes, words_hold
 from skyproof.gnss.signals import frequency_number_of, rinex_attribute
 from skyproof.gnss.time import GPS_EPOCH, leap_seconds, seconds_between, utc_from_gpst, week_and_tow
 from skyproof.logs.ubx import SIGNAL_NUMBERS
@@ -20,7 +20,6 @@ from skyproof.records import NavigationData, Observations, ReceiverFixes
 
 __all__ = ["ubx_frame", "ubx_log"]
 
-_SUBFRAME_S: Final = 6
 _LATE_S: Final = 0.1  # after which a subframe has arrived in full: its travel, and what the receiver's clock may be off
 _LONGEST_LOCK_MS: Final = 64_500
 _RAWX_CELL: Final = struct.Struct("<ddfBBBBHBBBBBB")
@@ -137,7 +136,7 @@ def _exponent(sigma: float, unit: float) -> int:
 def _subframes(o: Observations, k: int, navigation: NavigationData, sent: dict[str, int]) -> list[bytes]:
     """Return the subframes of GPS satellites that have arrived since the last epoch; `sent` counts those before."""
     since_s = seconds_between(o.gpst[k], GPS_EPOCH)
-    arrived = int((since_s - _LATE_S) // _SUBFRAME_S)
+    arrived = int((since_s - _LATE_S) // SUBFRAME_S)
     seen = np.isfinite(o.pseudorange_m[k])
     sats = sorted({s.sat for s, there in zip(o.signals, seen, strict=True) if there and s.sat[0] == "G"})
     frames = []
@@ -147,7 +146,7 @@ def _subframes(o: Observations, k: int, navigation: NavigationData, sent: dict[s
         ephemeris = navigation.best(sat, o.gpst[k])
         # What came in before the satellite was seen is not known.
         if sat in sent and sent[sat] == arrived - 1 and isinstance(ephemeris, Ephemeris):
-            week, tow_s = divmod(_SUBFRAME_S * (arrived - 1), 604_800)
+            week, tow_s = divmod(SUBFRAME_S * (arrived - 1), 604_800)
             bits = encode_subframes(ephemeris, navigation.ionosphere, navigation.utc, tow_s, week, 1)
             data, _ = words_hold(bits)
             words = np.concatenate([data.reshape(10, 24), bits.reshape(10, 30)[:, 24:]], axis=1).astype(np.int64)

@@ -36,6 +36,7 @@ __all__ = [
     "ACCELEROMETER",
     "ATTITUDE",
     "CLOCK",
+    "GRAVITY_M_S2",
     "GYRO",
     "LASTING",
     "POSITION",
@@ -58,7 +59,7 @@ ACCELEROMETER, GYRO = (slice(9, 12), slice(15, 18)), (slice(12, 15), slice(18, 2
 CLOCK, LASTING = slice(STATES, STATES + 2), slice(STATES + 2, STATES + 6)
 SIZE: Final = STATES + 6
 _BIASES, _GAINS = slice(9, 21), slice(GAINS[0].start, GAINS[1].stop)
-_GRAVITY_M_S2: Final = 9.81
+GRAVITY_M_S2: Final = 9.81
 _TURNS_S: Final = 5.0  # our choice: what bodies take to turn
 _OPEN_CLOCK: Final = 1e6, 1e4  # m and m/s: nothing is known
 
@@ -242,7 +243,7 @@ def _with_second_order(run: FreeRun, seconds: float) -> FreeRun:
     """What the linear model leaves out of gravity for a tilt and a turn together, g tilt turn / 2, as an acceleration
     that is another one every `_TURNS_S`: white noise of twice its square times that."""
     turn2, tilt2 = turn_and_tilt(run.state, run.covariance[None])
-    density = 0.5 * _GRAVITY_M_S2**2 * float(turn2[0] * tilt2[0]) * _TURNS_S
+    density = 0.5 * GRAVITY_M_S2**2 * float(turn2[0] * tilt2[0]) * _TURNS_S
     covariance = run.covariance.copy()
     walk = density * np.array([[seconds**3 / 3.0, seconds**2 / 2.0], [seconds**2 / 2.0, seconds]])
     for axis in range(3):

@@ -16,7 +16,7 @@ from skyproof.arrays import Reals
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.inertia import readings_between
 from skyproof.navigation.inertial_foresight import begun
-from skyproof.navigation.ins import InsSettings, InsState, step
+from skyproof.navigation.ins import GRAVITY_M_S2, InsSettings, InsState, step
 from skyproof.navigation.ins_updates import antenna_of
 from skyproof.navigation.known import Known
 from skyproof.navigation.vector_filter import VectorState
@@ -26,7 +26,6 @@ __all__ = ["LASTS_S", "AntennaUnit", "FreeMotion", "Moved", "carried", "carrying
 
 LASTS_S: Final = 60.0
 """For so long a channel goes on without a signal."""
-GRAVITY_M_S2: Final = 9.81
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,7 +49,7 @@ from skyproof.records.platform import AntennaArray, Attitude, ImuSeries, Inertia
 from skyproof.records.receiver_words import FrontEndLevels, ReceivedMessages, ReceiverFixes
 from skyproof.records.samples import MeasurementSource, OpenFile, SampleGap, Samples
 from skyproof.records.shapes import Selectable, freeze
-from skyproof.records.signals import BY_NAME, Kind, SignalId, SignalRef, list_refs
+from skyproof.records.signals import BY_NAME, Kind, SignalId, SignalRef, Transmission, list_refs
 from skyproof.records.window import Holding, Need, Records
 
 __all__ = [
@@ -115,6 +115,7 @@ __all__ = [
     "Stretched",
     "Taps",
     "TapsAsked",
+    "Transmission",
     "UtcParameters",
     "VerdictWord",
     "WeakStart",

@@ -12,9 +12,12 @@ __all__ = [
     "Kind",
     "SignalId",
     "SignalRef",
+    "Transmission",
     "list_refs",
 ]
 
+Transmission = tuple[str, str, str]
+"""Satellite, band and code, as `SignalId.transmission` gives them."""
 Kind = tuple[str, str, str]
 """Time scale, band and code, as `SignalId.kind` gives them."""
 
@@ -29,7 +32,7 @@ class SignalId:
     copy: str = "a"
 
     @property
-    def transmission(self) -> tuple[str, str, str]:
+    def transmission(self) -> Transmission:
         """What a satellite sends once and a receiver may receive several times: satellite, band, code."""
         return self.sat, self.band, self.code
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skyproof.arrays import Integers, Reals
 from skyproof.gnss.ephemeris import BroadcastEphemeris, Ephemeris, NavigationData
-from skyproof.gnss.lnav import encode_subframes
+from skyproof.gnss.lnav import SUBFRAME_S, encode_subframes
 from skyproof.gnss.signals import GPS_L1_CA, SignalPlan, prn_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import SignalId, SignalRef
@@ -43,7 +43,6 @@ Delay = Callable[[Reals], tuple[Reals, Reals]]
 """Times of reception (n,) to delays of code and carrier in seconds, (n, n_signals) each."""
 
 _SHORT_S = 0.01  # 0.1 mm/s at 2 g; the delays' own digits leave 1 um/s
-_SUBFRAME_S = 6
 _SPARE_S = 2  # of message before the first sample and after the last
 _MESSAGE_STREAM = 1 << 21  # sets random bits apart from other random numbers of one seed
 _GUESS_STREAM = 1 << 24  # and those that are guessed
@@ -209,8 +208,8 @@ class Scene:
         week, tow_s = week_and_tow(scenario.start_gpst)
         first_s = min(sky.receiver.start_offset_s for sky in self.skies) - _SPARE_S
         last_s = max(float(sky.knots_s[-1]) for sky in self.skies) + _SPARE_S
-        start = int((tow_s + first_s) // _SUBFRAME_S) * _SUBFRAME_S  # may lie before or after this week
-        count = int((tow_s + last_s - start) // _SUBFRAME_S) + 1
+        start = int((tow_s + first_s) // SUBFRAME_S) * SUBFRAME_S  # may lie before or after this week
+        count = int((tow_s + last_s - start) // SUBFRAME_S) + 1
         symbols = []
         for number, (sat, variant) in enumerate(names):
             ephemeris = ephemeris_of(nav, sat, scenario)

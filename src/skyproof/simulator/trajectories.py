@@ -14,16 +14,9 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.formats.track import RecordedTrack
+from skyproof.gnss.constants import FOOT_M
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, heading_pitch_roll_rad
-from skyproof.simulator.motion import (
-    AlongMotion,
-    Held,
-    Motion,
-    Trajectory,
-    axes_of,
-    moments,
-    motion_of,
-)
+from skyproof.simulator.motion import AlongMotion, Held, Motion, Trajectory, axes_of, moments, motion_of
 from skyproof.simulator.paths import Pace, TimedPath, circle_around, frame_at, path_through, turnable
 
 __all__ = [
@@ -44,7 +37,6 @@ __all__ = [
 
 _STEEPEST_LEG_RAD: Final = float(np.radians(80.0))
 _KNOT_M_S: Final = 1852.0 / 3600.0
-_FOOT_M: Final = 0.3048
 _FOREVER: Final = (-np.inf, np.inf)
 _DEGREE: Final = 5  # of splines through samples: four continuous derivatives
 
@@ -243,7 +235,7 @@ def las_vegas(*, attitude: Held | AlongMotion | None = None) -> Travel:
     """
     ends = np.array([[35.939, -115.2447], [36.075463, -115.166788]])
     lat_rad, lon_rad = np.radians(ends.T)
-    points = ecef_from_geodetic(lat_rad, lon_rad, np.array([5100.0, 2230.0]) * _FOOT_M)
+    points = ecef_from_geodetic(lat_rad, lon_rad, np.array([5100.0, 2230.0]) * FOOT_M)
     return way_points(points, 140.0 * _KNOT_M_S, from_rest=False, to_rest=False, level=False, attitude=attitude)
 
 

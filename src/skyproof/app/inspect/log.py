@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -16,15 +16,13 @@ from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, obs_pieces
 from skyproof.formats.rinex_obs_read import holds_observations
 from skyproof.gnss.time import GPS_EPOCH, iso, seconds_between
 from skyproof.logs.content import Beside, LogPiece
-from skyproof.logs.kinds import kind_of_log
+from skyproof.logs.kinds import HEAD_BYTES, kind_of_log
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.wanted import WantedMessage, configure, missing_messages, protocol_of
 from skyproof.records import Observations
 from skyproof.short_repr import ShortRepr, notebook_html
 
 __all__ = ["LogInspection", "LoggedSignals", "holds_measurements", "inspect_log"]
-
-_HEAD: Final = 1 << 16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +145,7 @@ def holds_measurements(path: Path) -> bool:
     if not path.is_file():
         return False
     with reading(path), open(path, "rb") as file:
-        head = file.read(_HEAD)
+        head = file.read(HEAD_BYTES)
     return kind_of_log(head) is not None or holds_observations(path)
 
 
@@ -157,7 +155,7 @@ def inspect_log(path: Path) -> LogInspection:
     Raises InputError if it cannot be read.
     """
     with reading(path), open(path, "rb") as file:
-        kind = kind_of_log(file.read(_HEAD))
+        kind = kind_of_log(file.read(HEAD_BYTES))
     content = FileBytes(path)
 
     def blocks() -> Iterator[bytes]:

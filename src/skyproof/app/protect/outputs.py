@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, get_args
 
 import numpy as np
 import tomli_w
@@ -42,6 +42,7 @@ from skyproof.gnss.time import iso
 from skyproof.navigation.dilution import horizontal_dilution
 from skyproof.records import (
     CELL_STATUS,
+    LABELS,
     OBSERVABLES,
     Finding,
     Fix,
@@ -63,7 +64,6 @@ _LABEL_NAMES: tuple[tuple[Label, str], ...] = (("authentic", "authentic"), ("spo
 """Of labels, and what files of signals are called for them."""
 _TABLE_CELLS = 1 << 15  # made into rows at once, of some 400 bytes each
 _TABLE_EVIDENCE = 1 << 10  # of some kilobytes each
-_LABELS: Final = get_args(Label)
 
 
 def require_outputs_free(folder: Path, receivers: Iterable[str] = (), *, overwrite: bool) -> None:
@@ -216,17 +216,17 @@ def _signal_columns(o: Observations, labels: Any) -> dict[str, Any]:
         | {"receiver_clock": np.repeat(o.gpst, n_signals)}
         | {name: Words(column, each) for name, each in names.items()}
         | {name: getattr(o, name).ravel() for name in (*OBSERVABLES, "half_cycle_open")}
-        | {"status": Words(o.status.ravel(), words), "label": Words(labels.ravel(), _LABELS)}
+        | {"status": Words(o.status.ravel(), words), "label": Words(labels.ravel(), LABELS)}
     )
 
 
 def _label_cells(o: Observations, first: int, labels: Sequence[LabelledSignal]) -> Any:
-    """Labels (n_epochs, n_signals), their places in `_LABELS`, of a stretch that begins at epoch `first` of the run."""
-    cells = np.full(o.pseudorange_m.shape, _LABELS.index("unknown"), np.int8)
+    """Labels (n_epochs, n_signals), their places in `LABELS`, of a stretch that begins at epoch `first` of the run."""
+    cells = np.full(o.pseudorange_m.shape, LABELS.index("unknown"), np.int8)
     for s in labels:
         if s.ref.receiver == o.receiver:
             rows = slice(max(s.first_epoch - first, 0), max(s.last_epoch + 1 - first, 0))
-            cells[rows, o.column_of[s.ref.signal]] = _LABELS.index(s.label)
+            cells[rows, o.column_of[s.ref.signal]] = LABELS.index(s.label)
     return cells
 
 

@@ -47,6 +47,7 @@ from skyproof.report.pictures import (
     SkyPosition,
     TruePlace,
 )
+from skyproof.report.scene import STANDS_M
 from skyproof.verdict import USABLE, Label
 
 __all__ = ["kinds_of", "pictures_of"]
@@ -57,7 +58,6 @@ PROFILE_REACH_CHIPS: Final = 60.0  # between a satellite's first and last signal
 PAIRS: Final = 3  # of receivers, whose range differences are drawn
 SERIES_POINTS: Final = 2048  # of a signal over time: more than a page draws, and a day of all would fill the memory
 COMPARED_WINDOWS: Final = 256  # from which the one to be drawn is chosen
-STANDS_M: Final = 0.5
 PERIOD_NS: Final = 1_000_000
 
 

@@ -20,7 +20,7 @@ from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.gnss.signals import frequency_number_of
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.logs.content import Beside, InertialRows, LogPiece, ReceiverStates, join_rows
-from skyproof.logs.kinds import LogKind, kind_of_log
+from skyproof.logs.kinds import HEAD_BYTES, LogKind, kind_of_log
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.wanted import protocol_of
 from skyproof.records import CellStatus, FrontEndLevels, NavigationData, Observations, ReceiverFixes
@@ -28,7 +28,6 @@ from skyproof.remarks import Remark, RemarkKind
 
 __all__ = ["holds_log", "open_log"]
 
-_HEAD = 1 << 16  # bytes in which frames are looked for: those of one epoch take 10 kB at most
 _NAMED = 12  # messages of a log that a remark lists, the most frequent first
 
 
@@ -40,7 +39,7 @@ def holds_log(path: Path) -> bool:
 def _kind_of(path: Path) -> LogKind | None:
     size_of(path)  # a folder is refused as samples are
     with reading(path), open(path, "rb") as file:
-        return kind_of_log(file.read(_HEAD))
+        return kind_of_log(file.read(HEAD_BYTES))
 
 
 def open_log(

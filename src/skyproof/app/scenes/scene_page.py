@@ -17,6 +17,7 @@ from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import instant_words, iso
 from skyproof.report.pictures import SignalSeries, SkyPosition, SkySource
 from skyproof.report.scene import (
+    STANDS_M,
     Element,
     GroundTrack,
     PlotLine,
@@ -40,7 +41,6 @@ PAGE = "scene.html"
 
 MOMENTS = 201
 _EDGE_S = 1e-6  # before a change, so that it is drawn upright
-_STANDS_M = 0.5  # what moves less is drawn as a point
 _WEAKEST_DBHZ = 20.0  # that is drawn: no receiver tracks less
 _SEVERAL_SKIES = 3  # more receivers share the sky of the first
 
@@ -222,7 +222,7 @@ def _ways(scene: Scene, at_s: Reals, origin: Reals) -> Iterator[GroundTrack]:
 
     def way(name: str, role: Any, point: Point, when_s: Reals) -> GroundTrack:
         enu_m = (point(when_s).position_ecef_m - origin) @ rot_enu.T
-        if np.ptp(enu_m, axis=0).max() < _STANDS_M:
+        if np.ptp(enu_m, axis=0).max() < STANDS_M:
             enu_m = enu_m[:1]
         return GroundTrack(name=name, role=role, east_m=enu_m[:, 0], north_m=enu_m[:, 1])
 
@@ -250,7 +250,7 @@ def _displacements(scene: Scene, firsts: list[ReceiverSky], at_s: Reals) -> Iter
         rot_enu = rot_enu_ecef(*geodetic_from_ecef(here_m)[:2])
         away_m = np.einsum("nij,nj->ni", rot_enu, shown(at_s).position_ecef_m - here_m)
         away_m[~on] = np.nan
-        if np.ptp(away_m[on], axis=0).max(initial=0.0) > _STANDS_M:
+        if np.ptp(away_m[on], axis=0).max(initial=0.0) > STANDS_M:
             lines = tuple(
                 PlotLine(name=axis, kind=kind, seconds=at_s, values=away_m[:, column])
                 for column, (axis, kind) in enumerate(_AXES)

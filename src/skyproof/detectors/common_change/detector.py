@@ -26,12 +26,7 @@ from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, turn_p_value, turn_sigma_m
 from skyproof.detectors.common_change.policy import POLICY
 from skyproof.detectors.common_change.series import rates_of, turn_of
-from skyproof.detectors.continuity.one_sky import (
-    Transmission,
-    columns_of,
-    followed_by,
-    one_signal_a_transmission,
-)
+from skyproof.detectors.continuity.one_sky import columns_of, followed_by, one_signal_a_transmission
 from skyproof.detectors.continuity.policy import POLICY as CONTINUITY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES
@@ -47,6 +42,7 @@ from skyproof.records import (
     Records,
     SignalId,
     SignalRef,
+    Transmission,
 )
 
 __all__ = ["CommonChange", "CommonChangeSettings"]

@@ -25,7 +25,7 @@ from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter
 from skyproof.detectors.continuity.causes import p_values_by_cause
 from skyproof.detectors.continuity.drawn_off import drawn_off_of
-from skyproof.detectors.continuity.one_sky import Transmission, followed_by, groups_of, one_signal_a_transmission
+from skyproof.detectors.continuity.one_sky import followed_by, groups_of, one_signal_a_transmission
 from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.series import Limits, Series, series_of_groups
 from skyproof.detectors.continuity.standing import moved_of
@@ -49,6 +49,7 @@ from skyproof.records import (
     Records,
     SignalId,
     SignalRef,
+    Transmission,
     list_refs,
 )
 

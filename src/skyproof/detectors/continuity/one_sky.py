@@ -9,17 +9,15 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Integers, Reals
 from skyproof.detectors.continuity.policy import POLICY
-from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId
+from skyproof.records import OBSERVABLES, CellStatus, Observations, SignalId, Transmission
 
 __all__ = [
-    "Transmission",
     "columns_of",
     "followed_by",
     "groups_of",
     "one_signal_a_transmission",
 ]
 
-Transmission = tuple[str, str, str]
 
 _WHATEVER = np.array(False)  # half a cycle is 10 cm
 

@@ -37,13 +37,12 @@ from skyproof.records import (
     Records,
     SignalId,
     SignalRef,
+    Transmission,
     list_refs,
 )
 from skyproof.statistics.many_small import many_small
 
 __all__ = ["FoundSecondSignals", "SecondSignals", "SecondSignalsSettings", "elevation_rad", "find_second_signals"]
-
-_Transmission = tuple[str, str, str]
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def find_second_signals(observations: Observations, settings: SecondSignalsSetti
     there = np.isfinite(cn0_dbhz).sum(axis=0) >= settings.min_epochs
     level_dbhz = np.full(len(observations.signals), -np.inf)
     level_dbhz[there] = np.nanmedian(cn0_dbhz[:, there], axis=0)
-    sent: dict[_Transmission, list[int]] = {}
+    sent: dict[Transmission, list[int]] = {}
     for channel in np.flatnonzero(level_dbhz >= settings.min_cn0_dbhz):
         sent.setdefault(observations.signals[channel].transmission, []).append(int(channel))
     ordered = {name: _in_order(observations, channels, level_dbhz, settings) for name, channels in sent.items()}
@@ -140,7 +139,7 @@ def find_second_signals(observations: Observations, settings: SecondSignalsSetti
 
 def _find_repeated(
     observations: Observations,
-    doubled: Mapping[_Transmission, list[int]],
+    doubled: Mapping[Transmission, list[int]],
     level_dbhz: Reals,
     settings: SecondSignalsSettings,
 ) -> tuple[tuple[SignalId, ...], float]:

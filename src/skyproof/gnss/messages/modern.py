@@ -9,7 +9,7 @@ A frame is an integer whose highest bit is the first sent.
 from collections.abc import Mapping
 from typing import Any, Final
 
-from skyproof.gnss.constants import GPS_PI
+from skyproof.gnss.constants import BDT_WEEK_0, GPS_PI
 from skyproof.gnss.ephemeris import GEOSTATIONARY, Ephemeris
 from skyproof.gnss.messages.bit_fields import BitField, Words, angle, chain_fields, crc_24q, read_fields, signed
 from skyproof.gnss.orbit_faults import orbit_fault
@@ -29,7 +29,6 @@ _PREAMBLE: Final = 0b10001011
 _AXIS_M: Final = {"GPS": 26_559_710.0, "MEO": 27_906_100.0, "IGSO": 42_162_200.0}
 """To which the message's difference is added (IS-GPS-200N, 30.3.3.1.3; B1C ICD, 7.4.1)."""
 _OMEGA_DOT: Final = -2.6e-9 * GPS_PI  # of GPS, to which its message's difference is added, rad/s
-_BDT_WEEK_0: Final = 1356
 _GAMMA: Final = (77.0 / 60.0) ** 2
 _UNKNOWN: Final = -(1 << 12)  # a group delay that is not available (30.3.3.3.1.1.1)
 
@@ -228,7 +227,7 @@ def _beidou(
     """Return an ephemeris of BeiDou-3; None of a kind of orbit that sends no B-CNAV."""
     if sat in GEOSTATIONARY or values["kind"] not in (2, 3):
         return None
-    week = nearest_week(int(values["week_bdt"]) + _BDT_WEEK_0, week_near, 8192)
+    week = nearest_week(int(values["week_bdt"]) + BDT_WEEK_0, week_near, 8192)
     return _ephemeris(
         values,
         sat,
