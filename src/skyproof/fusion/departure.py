@@ -236,7 +236,7 @@ class _Walk:
     def _hide(self, window: Rivals, shown: _Shown) -> None:
         """Add what a drag that this window does not notice may lead the navigator away by."""
         if window.end > self.clock_until:
-            self.hidden_m_s = self._find_slowest(shown)
+            _, self.hidden_m_s = self._find_least(shown)
             self.hidden_m += self.hidden_m_s * float(seconds_between(window.end, window.start))
 
     def _find_free(self, shown: _Shown) -> list[_Free]:
@@ -246,7 +246,7 @@ class _Walk:
             *((one.foresight, one.learned, one.hidden_m) for one in self.free),
         ]
         every = [
-            _Free(foresight, carried, learned, self._find_noticed(shown, number), hidden)
+            _Free(foresight, carried, learned, self._find_noticed(shown, number)[1], hidden)
             for number, ((foresight, learned, hidden), carried) in enumerate(zip(before, shown.carried, strict=True))
         ]
         return _keep_useful(every, shown.last.gpst)
@@ -346,6 +346,7 @@ class _Walk:
     def _pass(self, window: Rivals, shown: _Shown) -> Finding:
         """Return that a window goes on, and what drag would have been noticed in it."""
         off = shown.last.mean - shown.expected[0].mean
+        jump_m, drag_m_s = self._find_least(shown)
         return Finding(
             detector=DETECTOR,
             start_gpst=window.start,
@@ -355,23 +356,24 @@ class _Walk:
             code="goes_on",
             p={Cause.CLEAN: shown.p_value},
             alpha=self.alpha,
-            estimates={"noticed": (NoticedAttack("drag", self._find_slowest(shown)),)},
+            estimates={"noticed": (NoticedAttack("position_jump", jump_m), NoticedAttack("drag", drag_m_s))},
             data={"statistic": float(np.linalg.norm(off[:3])), "off_m_s": float(np.linalg.norm(off[3:6]))},
         )
 
-    def _find_slowest(self, shown: _Shown) -> float:
-        """Return the slowest drag that any of the navigators would have noticed, m/s."""
-        return min(self._find_noticed(shown, number) for number in range(len(shown.expected)))
+    def _find_least(self, shown: _Shown) -> tuple[float, float]:
+        """Return the smallest jump, m, and the slowest drag, m/s, that any of the navigators would have noticed."""
+        found = [self._find_noticed(shown, number) for number in range(len(shown.expected))]
+        jump_m, drag_m_s = np.min(found, axis=0)
+        return float(jump_m), float(drag_m_s)
 
-    def _find_noticed(self, shown: _Shown, number: int) -> float:
-        """Return the slowest level drag that one of the navigators would have noticed.
+    def _find_noticed(self, shown: _Shown, number: int) -> tuple[float, float]:
+        """Return the smallest level jump and the slowest level drag that one of the navigators would have noticed.
 
-        One that began when the navigator was corrected last has moved the position by its speed times the time since.
-        Where carriers stay least of it shows: they leave the velocity as it is.
+        A drag that began when the navigator was corrected last has moved the position by its speed times the time
+        since. Where carriers stay least of it shows: they leave the velocity as it is.
         """
         free = self.foresight if number == 0 else self.free[number - 1].foresight
         assert free.state is not None
-        since_s = float(seconds_between(shown.last.gpst, free.state.gpst))
         rows = np.intersect1d(shown.expected[number].there, shown.last.there)[:6]
         both = np.ix_(rows, rows)
         information = np.linalg.inv(shown.expected[number].covariance[both] + shown.last.covariance[both])
@@ -379,7 +381,8 @@ class _Walk:
         needed = float(noncentrality_for_power(threshold, rows.size, power=NOTICED))
         level = rot_enu_ecef(*geodetic_from_ecef(shown.last.mean[:3])[:2])[:2]
         least = float(np.linalg.eigvalsh(level @ information[:3, :3] @ level.T)[0])
-        return float(np.sqrt(needed / least)) / since_s
+        jump_m = float(np.sqrt(needed / least))
+        return jump_m, jump_m / float(seconds_between(shown.last.gpst, free.state.gpst))
 
     def _find_benign(self, window: Rivals, shown: _Shown) -> tuple[str | None, dict[Cause, float]]:
         """Return the code of why a benign cause may have done it, None if none may; and p-values of benign causes."""
