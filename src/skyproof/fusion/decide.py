@@ -25,7 +25,7 @@ import numpy as np
 from skyproof.fusion.policy import POLICY
 from skyproof.records import WORDS, Cause, Finding, Hypothesis, ObservationLog, SignalRef, VerdictWord
 
-__all__ = ["DETECTOR", "Deciding", "WindowWord", "decide", "decide_all", "weigh", "worst_of"]
+__all__ = ["DETECTOR", "Deciding", "WindowWord", "agree_on", "decide", "decide_all", "weigh", "worst_of"]
 
 DETECTOR: Final = "decision"
 
@@ -34,7 +34,8 @@ DETECTOR: Final = "decision"
 class WindowWord:
     """Hold the word of one receiver over windows in a row that have the same one.
 
-    causes : benign causes that explain all that failed in one of them, alone or with another one, the likeliest first.
+    causes : benign causes that explain all that failed, alone or with another one, the likeliest first: in each of
+        them, or in one of them where none does in each.
     """
 
     receiver: str
@@ -106,6 +107,16 @@ def _step(about: Sequence[Finding], receiver: str, state: Deciding) -> tuple[Ver
     return (before, True) if lasting and before is not None else ("no_attack_seen", False)
 
 
+def agree_on(causes: Iterable[tuple[Cause, ...]]) -> tuple[Cause, ...]:
+    """Return the causes that all name that name any; all of them where they have none in common.
+
+    A cause that has to be another one from window to window is a poorer explanation than one that lasts.
+    """
+    each = [own for own in causes if own]
+    every = dict.fromkeys(cause for own in each for cause in own)
+    return tuple(cause for cause in every if all(cause in own for own in each)) or tuple(every)
+
+
 def _is_outweighed(e: Finding, receiver: str, true: set[SignalRef]) -> bool:
     """Return whether nearly all signals that failed a test together are shown to be the sky's."""
     tested = {ref for ref in e.signals if ref.receiver == receiver}
@@ -117,7 +128,7 @@ def _carry(state: Deciding, window: WindowWord, *, lasting: bool) -> Deciding:
     place = state.latest.get(window.receiver)
     words, latest = state.words, state.latest
     if place is not None and words[place].word == window.word:
-        causes = tuple(dict.fromkeys((*words[place].causes, *window.causes)))
+        causes = agree_on((words[place].causes, window.causes))
         longer = replace(words[place], end_gpst=window.end_gpst, causes=causes)
         words = (*words[:place], longer, *words[place + 1 :])
     else:

@@ -91,7 +91,7 @@ def fuse(
         # What neither the sky nor an echo explains leaves the whole open, though the rest is authentic.
         odd = {u.ref.receiver for u in left if u.kind in ODD} | set(_reflected_alone(labels))
         settled = bool(observations) and trusted == everyone and not odd
-        suspicion = None if settled else suspicion_of(evidence, left, observations)
+        suspicion = None if settled else suspicion_of(evidence, left, observations, state.words)
         verdict = "authentic" if settled else "no_attack_seen" if suspicion is None else "suspect"
         trusted -= odd
         sources, skies, until = (), (), None

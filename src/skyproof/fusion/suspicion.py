@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from skyproof.fusion.decide import WindowWord, agree_on
 from skyproof.fusion.open_question import reason_key
 from skyproof.fusion.timeline import Onset, onset_of
 from skyproof.fusion.unexplained import Kind, Unexplained
@@ -22,8 +23,8 @@ class Suspicion:
     """Signals that may be false.
 
     receivers : whose signals; onset : since when at the latest, None if that is not known. finding : of the test that
-    failed; None where signals alone are odd. may_also_be : what else than an attack would explain it, that of the
-    finding first.
+    failed; None where signals alone are odd. may_also_be : what else than an attack would explain it, on which the
+    windows' words agree.
     """
 
     receivers: tuple[str, ...]
@@ -33,7 +34,10 @@ class Suspicion:
 
 
 def suspicion_of(
-    evidence: Sequence[Finding], unexplained: Sequence[Unexplained], observations: Sequence[ObservationLog]
+    evidence: Sequence[Finding],
+    unexplained: Sequence[Unexplained],
+    observations: Sequence[ObservationLog],
+    words: Sequence[WindowWord],
 ) -> Suspicion | None:
     """What the failed tests of all windows and the unexplained signals make suspect; None if that is nothing.
 
@@ -55,7 +59,8 @@ def suspicion_of(
         return None
     ranked = sorted(failures.values(), key=_Failure.weight, reverse=True)
     worst = ranked[0].worst if ranked else None
-    causes: list[str] = [cause for failure in ranked for cause in failure.worst.may_also_be]
+    causes: list[str] = list(agree_on(word.causes for word in words if word.word == "suspect"))
+    causes = causes or [cause for failure in ranked for cause in failure.worst.may_also_be]
     causes += [cause for u in odd for cause in _CAUSES[u.kind]]
     receivers |= {u.ref.receiver for u in odd}
     return Suspicion(
