@@ -24,6 +24,7 @@ from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.ephemeris import Ephemeris
+from skyproof.gnss.lnav import quantised
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.logs.ubx_write import ubx_log
 from skyproof.records import NavigationData, Observations, Samples
@@ -140,7 +141,7 @@ def measurements(kind: str, hours: int, folder: Path, receivers: int = 2) -> Non
     sets: list[Ephemeris] = []
     for hour in range(hours):
         start = START + np.timedelta64(hour, "h")
-        truth = replace(first, ephemerides=tuple(hours_later(e, hour) for e in first.ephemerides))
+        truth = replace(first, ephemerides=tuple(_sent_at(e, hour) for e in first.ephemerides))
         scenario = Scenario(
             seed=1, start_gpst=start, duration_s=3600.0, mask_deg=8.0, receivers=_receivers("rubidium", receivers)
         )
@@ -165,6 +166,12 @@ def measurements(kind: str, hours: int, folder: Path, receivers: int = 2) -> Non
     )
     files_mb = sum(path.stat().st_size for path in paths) / 1e6
     print(json.dumps(json.loads(done.stdout) | {"files_mb": files_mb}))
+
+
+def _sent_at(e: Ephemeris, hour: int) -> Ephemeris:
+    """Return the data set of an hour, whose numbers are those of the message where the logs hold it."""
+    later = hours_later(e, hour)
+    return quantised(later) if e.sat[0] == "G" else later
 
 
 def _rinex(o: Observations, hour: int) -> Iterator[bytes]:
