@@ -141,13 +141,13 @@ def _one_run(folder: Path) -> None:
         while not done.wait(SAMPLE_S):
             shares[_module(sys._current_frames().get(watched))] += 1
 
-    watcher = threading.Thread(target=watch)
+    watcher = threading.Thread(target=watch, daemon=True)  # a run that fails ends
     begin = perf_counter()
     watcher.start()
     inputs = sorted(folder.glob("*.bin"))
     platform = folder / "platform.toml"
     given = {"platform": platform} if platform.is_file() else {"inputs": inputs}
-    result = protect(**given, nav=folder / "broadcast.rnx", out=folder / "result")
+    result = protect(**given, nav=folder / "broadcast.rnx", out=folder / "result", overwrite=True)
     done.set()
     watcher.join()
     seconds = perf_counter() - begin
