@@ -124,7 +124,7 @@ def test_a_car_with_an_inertial_unit_chooses_and_is_carried_on_meanwhile():
     assert "inertial_as_stated" in choice_of(found).data["assumes"]
     kind = found.kind[np.argsort(found.at_s)]
     changes = np.flatnonzero(kind[1:] != kind[:-1])
-    assert [str(word) for word in (*kind[changes], kind[-1])] == ["trusted", "inertial", "trusted"]
+    assert [str(word) for word in (*kind[changes], kind[-1])] == ["trusted", "consistent", "inertial", "trusted"]
     assert (found.off_m < 4.0 * found.sigma_m).all()
     free = found.kind == "inertial"
     assert np.ptp(found.sigma_m[free]) > 5.0  # grows as long as nothing corrects it
