@@ -1,11 +1,14 @@
 """At which epochs no test of a receiver has failed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from skyproof.fusion.consistent import unsuspected_epochs
+from skyproof.fusion.consistent import doubtful_epochs, unsuspected_epochs
 from skyproof.fusion.decide import WindowWord
 from skyproof.fusion.fuse import Decision
+from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.suspicion import Suspicion
 from skyproof.fusion.timeline import Onset
 from skyproof.testing import MeasuredScene
@@ -67,10 +70,22 @@ def test_what_is_dated_before_its_window_begins_there():
     assert seconds(decision("nnfan", onset=Onset(seen=at(22.0), earliest=None))) == {*range(20), *range(30, 50)}
 
 
+def test_skies_of_which_one_is_true_date_nothing():
+    sky = FalseSource(name="S1", signals=())
+    decided = replace(decision("nnsff", onset=Onset(seen=at(0.0), earliest=None, from_start=True)), skies=(sky, sky))
+    assert seconds(decided) == set(range(20))
+
+
 def test_an_attack_on_one_receiver_is_one_on_all_and_a_suspicion_is_not():
     onset = Onset(seen=at(25.0), earliest=None)
     assert seconds(decision("nnffn", onset=onset, receiver="rx2")) == set(range(25))
     assert seconds(decision("nnssn", onset=onset, receiver="rx2", suspected="rx2")) == set(range(50))
+
+
+def test_what_a_failed_test_follows_soon_is_doubtful():
+    doubtful = doubtful_epochs(LOG, decision("nnsan"), within_s=7.0)
+    assert set(np.flatnonzero(doubtful)) == set(range(13, 20))
+    assert not doubtful_epochs(LOG, decision("nnnnn"), within_s=7.0).any()
 
 
 def test_signals_that_nothing_dates_leave_no_epoch():

@@ -7,7 +7,7 @@ from skyproof.fusion.fuse import Decision
 from skyproof.fusion.trusted import carries
 from skyproof.records import ObservationLog
 
-__all__ = ["consistent_cells", "unsuspected_epochs"]
+__all__ = ["consistent_cells", "doubtful_epochs", "unsuspected_epochs"]
 
 
 def unsuspected_epochs(log: ObservationLog, decision: Decision) -> Booleans:
@@ -19,7 +19,8 @@ def unsuspected_epochs(log: ObservationLog, decision: Decision) -> Booleans:
     """
     words = [word for word in decision.windows if word.receiver == log.receiver and word.word != "no_attack_seen"]
     changes = [(word.start_gpst, word.word == "authentic") for word in words]
-    onset, suspicion = decision.onset, decision.suspicion
+    # Of skies of which one is true, when they were found does not date the false one.
+    onset, suspicion = None if decision.skies else decision.onset, decision.suspicion
     if decision.verdict == "spoofed" or (suspicion is not None and log.receiver in suspicion.receivers):
         if onset is not None:
             changes.append((onset.seen if onset.earliest is None else onset.earliest, False))
@@ -29,6 +30,16 @@ def unsuspected_epochs(log: ObservationLog, decision: Decision) -> Booleans:
     for since, shown in sorted(changes):
         unsuspected[log.gpst >= since] = shown
     return unsuspected
+
+
+def doubtful_epochs(log: ObservationLog, decision: Decision, *, within_s: float) -> Booleans:
+    """Return which of the unsuspected epochs, (n_epochs,), are followed by suspected ones within some time: an attack
+    may have been there already, for too short to make a test fail."""
+    unsuspected = unsuspected_epochs(log, decision)
+    row = np.arange(unsuspected.size)
+    after = np.minimum.accumulate(np.where(unsuspected, row.size, row)[::-1])[::-1]
+    ahead_s = np.append(log.elapsed_s, np.inf)[after] - log.elapsed_s
+    return np.asarray(unsuspected & (ahead_s <= within_s))
 
 
 def consistent_cells(log: ObservationLog, decision: Decision) -> Booleans:

@@ -22,7 +22,7 @@ from skyproof.navigation.raim import unknowns_of, whitened_fit
 from skyproof.records import Fix, FixStatus
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["Protection", "protected", "protection_levels"]
+__all__ = ["Protection", "noise_levels", "protected", "protection_levels"]
 
 _UNCONTROLLED = 1e-9  # a share of variance in the residual below this is rounding
 _UNMOVED_M = 1e-6  # a position that a metre of bias moves by less is not touched
@@ -102,13 +102,25 @@ def protection_levels(
 
     statistic = np.where(n > 0, np.max(w, axis=-1), np.nan)
     return Protection(
-        # Of two axes with the larger one's sigma: Rayleigh; of one: Gaussian on both sides.
-        horizontal_m=level(slice(0, 2), float(np.sqrt(-2.0 * np.log(integrity_risk)))),
-        vertical_m=level(slice(2, 3), float(-special.ndtri(0.5 * integrity_risk))),
+        horizontal_m=level(slice(0, 2), _quantiles(integrity_risk)[0]),
+        vertical_m=level(slice(2, 3), _quantiles(integrity_risk)[1]),
         statistic=statistic,
         threshold=np.asarray(threshold),
         alarm=statistic > threshold,
     )
+
+
+def noise_levels(covariance_m2: Reals, rot_enu_ecef: Reals, *, integrity_risk: float) -> Reals:
+    """Return the levels (..., 2), horizontal and vertical, of an ECEF position with Gaussian errors, (..., 3, 3)."""
+    enu_m2 = rot_enu_ecef @ covariance_m2 @ np.swapaxes(rot_enu_ecef, -1, -2)
+    spreads_m = [np.sqrt(_largest_variance(enu_m2[..., axes, axes])) for axes in (slice(0, 2), slice(2, 3))]
+    return np.asarray(np.stack(spreads_m, axis=-1) * np.array(_quantiles(integrity_risk)))
+
+
+def _quantiles(integrity_risk: float) -> tuple[float, float]:
+    """Sigmas that errors exceed with that probability: of two axes with the larger one's sigma, by Rayleigh; of one, on
+    both sides."""
+    return float(np.sqrt(-2.0 * np.log(integrity_risk))), float(-special.ndtri(0.5 * integrity_risk))
 
 
 def protected(fix: Fix, geometry: FixGeometry, *, integrity_risk: float) -> Fix:

@@ -91,7 +91,7 @@ def nothing_found(windows: Sequence[Records], signals: Sequence[SignalId]) -> li
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """off_m, sigma_m (n,) of all fixes that may be used, in space; kind (n,) of each; at_s (n,) since the start.
+    """off_m, sigma_m, level_m, hidden_m (n,) of all fixes that may be used, in space; kind, at_s (n,) of each.
     wrong : whether a signal was called what it is not for a second and more. wrong_sky : whether most signals of the
     sky that was chosen first were false; None where nothing was chosen."""
 
@@ -99,6 +99,8 @@ class Judged:
     verdict: Verdict
     off_m: np.ndarray
     sigma_m: np.ndarray
+    level_m: np.ndarray
+    hidden_m: np.ndarray
     kind: np.ndarray
     at_s: np.ndarray
     wrong: bool
@@ -109,7 +111,7 @@ def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0
     noise = ChannelNoise(code_m=code_m)
     (heard,) = model_receptions(scene, noise, rng=np.random.default_rng(seed))
     outcome, _ = judge([heard.reception], scene.navigation, settings, Silent(), **judging)
-    off_m, sigma_m, kind, at_s = [], [], [], []
+    off_m, sigma_m, level_m, hidden_m, kind, at_s = [], [], [], [], [], []
     positions = outcome.receivers[0].positions
     for name, fix in usable_fixes(positions) if positions is not None else ():
         good = fix.status == FixStatus.OK
@@ -117,6 +119,8 @@ def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0
         rows = np.clip(np.searchsorted(heard.true_s, true_s - 0.25), 0, heard.true_s.size - 1)
         off_m.append(np.linalg.norm(fix.position_ecef_m[good] - heard.position_ecef_m[rows], axis=1))
         sigma_m.append(np.sqrt(np.trace(fix.covariance_m2[good, :3, :3], axis1=1, axis2=2)))
+        level_m.append(np.linalg.norm(fix.protection_m[good], axis=1))
+        hidden_m.append(fix.hidden_m[good])
         kind.append(np.repeat(name, good.sum()))
         at_s.append(true_s)
     o = heard.reception.observations
@@ -131,6 +135,8 @@ def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0
         document(outcome, [], settings),
         np.concatenate(off_m or empty),
         np.concatenate(sigma_m or empty),
+        np.concatenate(level_m or empty),
+        np.concatenate(hidden_m or empty),
         np.concatenate(kind or empty),
         np.concatenate(at_s or empty),
         bool(faults),

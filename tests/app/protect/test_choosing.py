@@ -127,6 +127,7 @@ def test_a_car_with_an_inertial_unit_chooses_and_is_carried_on_meanwhile():
     assert [str(word) for word in (*kind[changes], kind[-1])] == ["trusted", "consistent", "inertial", "trusted"]
     assert (found.off_m < 4.0 * found.sigma_m).all()
     free = found.kind == "inertial"
+    assert (found.off_m < found.level_m).all()
     assert np.ptp(found.sigma_m[free]) > 5.0  # grows as long as nothing corrects it
     assert found.off_m[~free].max() < 10.0
 
@@ -141,6 +142,7 @@ def test_inertia_is_corrected_until_a_test_fails():
     found = judged(scene, settings, foresights=inertia_of(scene, settings, "tactical"))
     assert found.verdict.verdict == "spoofed"
     assert found.at_s[found.kind != "inertial"].max() > onset_s - 10.0
+    assert (found.off_m < found.level_m + found.hidden_m).all()
     assert found.off_m.max() < 25.0
     assert (found.off_m < 4.0 * found.sigma_m).all()
 
@@ -158,6 +160,7 @@ class Count:
     off_m: list = field(default_factory=list)
     by_inertia_m: list = field(default_factory=list)
     over: float = 0.0
+    over_level: int = 0
 
     def add(self, found):
         self.draws += 1
@@ -170,7 +173,9 @@ class Count:
         self.labels += found.wrong
         self.off_m += list(found.off_m)
         self.by_inertia_m += list(found.off_m[found.kind == "inertial"])
-        self.over = max(self.over, float((found.off_m / found.sigma_m).max(initial=0.0)))
+        seen_m = found.off_m - np.nan_to_num(found.hidden_m)
+        self.over = max(self.over, float((seen_m / found.sigma_m).max(initial=0.0)))
+        self.over_level += int((seen_m > found.level_m).sum())
 
     def check(self, words):
         free = self.by_inertia_m or [np.nan]
@@ -183,6 +188,7 @@ class Count:
         assert stats.binom.sf(self.wrong - 1, self.chose, Settings().wrong_choice_probability) > 1e-3
         assert self.labels <= 0.02 * self.draws
         assert self.over < 5.0
+        assert self.over_level == 0
 
 
 def pull(rng, kind):

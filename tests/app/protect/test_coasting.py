@@ -1,13 +1,17 @@
 """While nothing is trusted a receiver that stands is where its last trusted fix was; false signals move nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import special
 from tests.app.protect.test_positions import RECORDS, WHOLE, decision
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.coasting import Flown, flown_on, step, usable_fixes
+from skyproof.app.protect.hidden import HiddenDrag
 from skyproof.app.protect.positions import positions_of
 from skyproof.navigation.known import known
 from skyproof.records import Fix
@@ -118,3 +122,40 @@ def test_fixes_of_a_sky_that_overlaps_with_another_correct_the_unit_in_their_tur
     assert flown.coming == ()
     asked = [gpst for word, gpst in heard.told if word != "learned"]
     assert asked == sorted(asked)
+
+
+def test_doubtful_fixes_correct_no_unit_and_stay_what_they_are():
+    heard, doubtful = Heard(), np.arange(12) >= 6
+    flown_on(Flown(foresight=heard), "rx1", LABELS, fix_at([True] * 9 + [False] * 3), doubtful)
+    bias = np.timedelta64(1_000_000, "ns")
+    assert [gpst for word, gpst in heard.told if word == "learned"] == list(LABELS[:6] - bias)
+    assert [word for word, _ in heard.told].count("until") == 3
+
+
+class Drifts(Heard):
+    """A navigator that stands, of which one sigma grows by a metre a second on each axis."""
+
+    def truth_at(self, gpst):
+        sigma_m = float((gpst - LABELS[3]) / np.timedelta64(1, "s"))
+        place = {"position_ecef_m": np.array([6.4e6, 0.0, 0.0]), "position_m2": sigma_m**2 * np.eye(3)}
+        return known(gpst, **place, velocity_ecef_m_s=np.zeros(3), velocity_m2_s2=np.eye(3))
+
+
+def test_by_inertia_levels_and_what_is_hidden_grow_from_those_of_the_last_fix():
+    fix = fix_at([True] * 4 + [False] * 8)
+    drag = HiddenDrag(zero=LABELS[0], edges_s=np.array([0.0, 20.0]), rate_m_s=np.array([2.0]), jump_m=np.zeros(1))
+    carried, _ = flown_on(Flown(foresight=Drifts(), hidden=drag, integrity_risk=1e-7), "rx1", LABELS, fix)
+    seconds = (carried.gpst - LABELS[3]) / np.timedelta64(1, "s")
+    assert carried.protection_m[:, 0] == pytest.approx(13.0 + seconds * np.sqrt(-2.0 * np.log(1e-7)), rel=1e-6)
+    assert carried.protection_m[:, 1] == pytest.approx(13.5 - seconds * special.ndtri(0.5e-7), rel=1e-6)
+    assert carried.hidden_m == pytest.approx(3.0 + 2.0 * seconds, abs=0.01)
+
+
+def test_by_inertia_nothing_is_hidden_after_a_trusted_fix_and_no_level_after_skies_that_overlap():
+    fix = replace(fix_at([True] * 4 + [False] * 8), hidden_m=np.zeros(12))
+    drag = HiddenDrag(zero=LABELS[0], edges_s=np.array([0.0, 20.0]), rate_m_s=np.array([2.0]), jump_m=np.zeros(1))
+    coming = (known(LABELS[7], position_ecef_m=np.zeros(3), position_m2=np.eye(3)),)
+    flown = Flown(foresight=Drifts(), hidden=drag, integrity_risk=1e-7, coming=coming)
+    carried, _ = flown_on(flown, "rx1", LABELS, fix)
+    assert (carried.hidden_m == 0.0).all()
+    assert np.isfinite(carried.protection_m[:, 0]).tolist() == [True] * 4 + [False] * 4

@@ -6,10 +6,13 @@ runs on with the last drift; how far that is off is not stated. What is carried 
 trusted or consistent fix and nothing else. Its error is that of the last fix, so the protection level of that fix and
 what an attack may have moved it by (`hidden`) hold for as long.
 
-One that has an inertial unit is where its navigator is, which all trusted and consistent fixes corrected, as well known
-as that says; also those of a true sky that overlaps with a false one, which stand in no row of measurements. A drag
+One that has an inertial unit is where its navigator is, which all trusted and consistent fixes corrected, but for those
+of the last window before a test fails, in which an attack may have been there already. It is as well known as that
+says. What corrects it is also a true sky that overlaps with a false one, which stands in no row of measurements. A drag
 that no test noticed has also moved the velocity, by which what it may have moved the position by grows on.
-No protection level is promised of it: what becomes of a bias that one satellite had in all those fixes is not bounded.
+Its protection level is that of the last fix, for a bias of one satellite that stays as it is moves the velocity by
+nothing, and what the navigator's own errors exceed as seldom. A bias that grows while it corrects the unit is not
+bounded.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,13 +24,15 @@ import numpy as np
 
 from skyproof.app.protect.hidden import HiddenDrag
 from skyproof.app.protect.positions import Positions, SatelliteKind, Track
-from skyproof.arrays import Instants, Reals
+from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
+from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.inertial_foresight import Inertial, noise_of
 from skyproof.navigation.known import Known, known_of
+from skyproof.navigation.protection import noise_levels
 from skyproof.records import Fix, FixStatus
 from skyproof.verdict import UsableKind
 
@@ -96,25 +101,34 @@ def step(last: Last | None, receiver: str, gpst: Instants, fix: Fix | None) -> t
 class Flown:
     """What is carried of a receiver that moves: what is expected of it, and its last trusted or consistent fix.
 
-    coming : those of `Positions.overlapping` that are later. hidden : as of `Positions`.
+    coming : those of `Positions.overlapping` that are later. hidden : as of `Positions`. integrity_risk : of the
+    protection levels; None promises none.
     """
 
     foresight: Inertial
     last: Last | None = None
     coming: tuple[Known, ...] = ()
     hidden: HiddenDrag | None = None
+    integrity_risk: float | None = None
 
 
-def flown_on(flown: Flown, receiver: str, gpst: Instants, fix: Fix | None) -> tuple[Fix | None, Flown]:
+def flown_on(
+    flown: Flown, receiver: str, gpst: Instants, fix: Fix | None, doubtful: Booleans | None = None
+) -> tuple[Fix | None, Flown]:
     """Fixes by inertia at those of a receiver's epochs (n,) that have none, and what is carried on after them.
 
     gpst : labels by the receiver's clock. fix : those of satellites at the same epochs, None if there are none.
+    doubtful : (n,) which of them correct nothing.
     """
-    good = np.zeros(gpst.size, np.bool_) if fix is None else np.asarray(fix.status == FixStatus.OK)
+    good = np.zeros(gpst.size, np.int64) if fix is None else (fix.status == FixStatus.OK).astype(np.int64)
+    if doubtful is not None:
+        good = np.where(doubtful, 2 * good, good)
     foresight, last, coming = flown.foresight, flown.last, flown.coming
-    found: list[tuple[Known, float]] = []
+    found: list[tuple[Known, Last]] = []
     for first, stop in pairwise([0, *(np.flatnonzero(good[1:] != good[:-1]) + 1), gpst.size]):
-        if fix is not None and good[first:stop].all():
+        if good[first] == 2:
+            continue
+        if fix is not None and good[first] == 1:
             own = list(known_of(fix.select(slice(first, stop)), every_s=POLICY.learned_interval_s))
             foresight = foresight.learned(SkyFix(whole=own[0], each=tuple(map(noise_of, own))))
             last = _of(fix, gpst, stop - 1)
@@ -122,30 +136,30 @@ def flown_on(flown: Flown, receiver: str, gpst: Instants, fix: Fix | None) -> tu
                 last = replace(last, hidden_m_s=flown.hidden.rate_at(last.gpst))
             continue
         if last is not None:
-            foresight, coming = _free(foresight, coming, last, gpst[first:stop], found)
+            foresight, coming, last = _free(foresight, coming, last, gpst[first:stop], found)
     after = replace(flown, foresight=foresight, last=last, coming=coming)
-    return (_fixes(receiver, found) if found else None), after
+    return (_fixes(receiver, found, flown.integrity_risk) if found else None), after
 
 
 def _free(
-    foresight: Inertial, coming: tuple[Known, ...], last: Last, gpst: Instants, found: list[tuple[Known, float]]
-) -> tuple[Inertial, tuple[Known, ...]]:
-    """Carried on over epochs, what is true at which is added to `found` with what is hidden; a clock that is not known
-    runs on."""
+    foresight: Inertial, coming: tuple[Known, ...], last: Last, gpst: Instants, found: list[tuple[Known, Last]]
+) -> tuple[Inertial, tuple[Known, ...], Last]:
+    """Carried on over epochs, what is true at which is added to `found`; a clock that is not known runs on. What skies
+    that overlap correct has no protection level."""
     for label in gpst:
         bias_s = _bias_s(last, label)
         at = label - timedelta_from_s(bias_s)
         while coming and coming[0].gpst <= at:
             if coming[0].gpst > last.gpst:
                 foresight = foresight.followed(SkyFix(whole=coming[0], each=coming[:1]))
+                last = replace(last, protection_m=np.full(2, np.nan))
             coming = coming[1:]
         foresight = foresight.until(at)
         if (true := foresight.truth_at(at)) is not None:
             clock_m = SPEED_OF_LIGHT_M_S * np.array([bias_s, last.clock_drift])
             known = np.isfinite(np.diag(true.covariance))
-            hidden_m = last.hidden_m + last.hidden_m_s * float(seconds_between(label, last.gpst))
-            found.append((replace(true, mean=np.where(known, true.mean, np.append(np.zeros(6), clock_m))), hidden_m))
-    return foresight, coming
+            found.append((replace(true, mean=np.where(known, true.mean, np.append(np.zeros(6), clock_m))), last))
+    return foresight, coming, last
 
 
 def _bias_s(last: Last, gpst: np.datetime64) -> float:
@@ -153,9 +167,17 @@ def _bias_s(last: Last, gpst: np.datetime64) -> float:
     return last.clock_bias_s + float(seconds_between(gpst, last.gpst)) * float(np.nan_to_num(last.clock_drift))
 
 
-def _fixes(receiver: str, found: Sequence[tuple[Known, float]]) -> Fix:
+def _fixes(receiver: str, found: Sequence[tuple[Known, Last]], integrity_risk: float | None) -> Fix:
+    """Fixes of a navigator, each beside the last one of satellites before it."""
     means, spreads = (np.stack([getattr(one, name) for one, _ in found]) for name in ("mean", "covariance"))
     rows = np.array([0, 1, 2, 6])
+    ahead_s = np.array([float(seconds_between(one.gpst, last.gpst)) + last.clock_bias_s for one, last in found])
+    levels_m = np.full((len(found), 2), np.nan)
+    if integrity_risk is not None:
+        lat_rad, lon_rad, _ = geodetic_from_ecef(means[:, :3])
+        rot = rot_enu_ecef(lat_rad, lon_rad)
+        levels_m = noise_levels(spreads[:, :3, :3], rot, integrity_risk=integrity_risk)
+        levels_m += np.stack([last.protection_m for _, last in found])
     return Fix(
         receiver=receiver,
         signals=(),
@@ -167,7 +189,8 @@ def _fixes(receiver: str, found: Sequence[tuple[Known, float]]) -> Fix:
         covariance_m2=spreads[:, rows[:, None], rows],
         residual_m=np.empty((len(found), 0)),
         status=np.full(len(found), FixStatus.OK, np.uint8),
-        hidden_m=np.array([hidden_m for _, hidden_m in found]),
+        protection_m=levels_m,
+        hidden_m=np.array([last.hidden_m for _, last in found]) + ahead_s * [last.hidden_m_s for _, last in found],
     )
 
 
@@ -188,18 +211,29 @@ def usable_fixes(positions: Positions) -> Iterator[tuple[UsableKind, Fix]]:
     log, last = positions.log, None
     flown: Flown | None = None
     if isinstance(positions.foresight, Inertial):
-        flown = Flown(foresight=positions.foresight, coming=positions.overlapping, hidden=positions.hidden)
+        flown = Flown(
+            foresight=positions.foresight,
+            coming=positions.overlapping,
+            hidden=positions.hidden,
+            integrity_risk=positions.settings.integrity_risk,
+        )
+    doubtful = None if flown is None or positions.doubtful is None else positions.doubtful()
     for rows, found in _stretches(positions):
         yield from found.items()
         fix = join_fixes(tuple(found.values()))
         if flown is not None:
-            between, flown = flown_on(flown, log.receiver, log.gpst[rows], fix)
+            here = None if doubtful is None else doubtful[rows] & ~_is_fixed(found.get("trusted"), rows)
+            between, flown = flown_on(flown, log.receiver, log.gpst[rows], fix, here)
             if between is not None:
                 yield "inertial", between
         elif stands(positions):
             between, last = step(last, log.receiver, log.gpst[rows], fix)
             if between is not None:
                 yield "held", between
+
+
+def _is_fixed(fix: Fix | None, rows: slice) -> Booleans:
+    return np.zeros(rows.stop - rows.start, np.bool_) if fix is None else np.asarray(fix.status == FixStatus.OK)
 
 
 def carried_track(positions: Positions) -> tuple[UsableKind, Track] | None:

@@ -10,7 +10,7 @@ import numpy as np
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.hidden import HiddenDrag
 from skyproof.arrays import Booleans, Indices, Instants, Reals
-from skyproof.fusion.consistent import consistent_cells
+from skyproof.fusion.consistent import consistent_cells, doubtful_epochs
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.policy import POLICY
 from skyproof.fusion.trusted import carries, fix_of, masked, of_signals
@@ -63,7 +63,8 @@ class Track:
 class Positions:
     """masks : by kind, which cells (n_epochs, n_channels) of the log its fixes are made of. foresight : what is to be
     expected of the receiver, before anything was learned. overlapping : fixes of a true sky that was taken apart from a
-    false one, in order. hidden : how far an attack may have moved it unnoticed; None where no test says."""
+    false one, in order. hidden : how far an attack may have moved it unnoticed; None where no test says. doubtful : at
+    which epochs (n_epochs,) a consistent fix may be false already, and corrects no inertial unit."""
 
     log: ObservationLog
     orbits: NavigationData
@@ -72,6 +73,7 @@ class Positions:
     foresight: Foresight | None = None
     overlapping: tuple[Known, ...] = ()
     hidden: HiddenDrag | None = None
+    doubtful: Callable[[], Booleans] | None = None
 
     def cut(self) -> Iterator[slice]:
         """Yield the epochs of the run in stretches."""
@@ -246,6 +248,7 @@ def positions_of(
         foresight=foresight,
         overlapping=overlapping,
         hidden=hidden,
+        doubtful=lambda: doubtful_epochs(log, decision, within_s=settings.window_s),
     )
 
 
