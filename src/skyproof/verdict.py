@@ -618,11 +618,8 @@ class Verdict(_Model):
         if fix.hidden_m == 0.0:
             return said
         if fix.hidden_m is None:
-            return f"{said}; how far an attack may have moved it unnoticed is not bounded"
-        stands = any(size.kind in ("motion", "drag") and size.receiver == receiver.name for size in self.noticed)
-        together = "" if stands else ", unless it dragged codes and carriers together"
-        moved = f"an attack since the start that no test would have noticed moved it by {fix.hidden_m:.0f} m at most"
-        return f"{said}; {moved}{together}"
+            return f"{said}; nothing bounds how far a takeover that looks like motion may have moved it"
+        return f"{said}; an attack since the start that no test noticed has moved it by {fix.hidden_m:.0f} m at most"
 
     @property
     def _own_words(self) -> str:

@@ -12,12 +12,13 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
 from skyproof.app.protect.coasting import usable_fixes
 from skyproof.detectors.continuity.series import Limits, series_of
+from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import CellStatus
 from skyproof.studies.protection.errors import compare_with_truth
 from skyproof.studies.random_scenes import build_scene, draw_scene
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
-KINDS = {"code_drag": (0.2, 3.0), "position_jump": (0.1, 3.0)}
+KINDS = {"code_drag": (0.2, 3.0), "motion": (0.2, 3.0), "position_jump": (0.1, 3.0)}
 """Attacks, with the smallest and the largest share of the size that is noticed in the window that sees least."""
 
 
@@ -55,7 +56,7 @@ def heard_in(made):
 
 
 def attacked(heard, made, rng, kind, size):
-    """The codes are dragged off from some moment on, or they jump while all carriers break."""
+    """Codes, or codes and carriers, are dragged off from some moment on, or codes jump while all carriers break."""
     o = heard.reception.observations
     direction = rng.normal(size=3)
     direction *= size / np.linalg.norm(direction)
@@ -66,14 +67,20 @@ def attacked(heard, made, rng, kind, size):
         row = int(np.argmax(o.elapsed_s >= onset_s))
         status[row][status[row] == CellStatus.OK] = CellStatus.SLIP
         moved = 1.0 * (o.elapsed_s >= onset_s)
-    o = replace(o, pseudorange_m=o.pseudorange_m - (unit @ direction) * moved[:, None], status=status)
+    change_m = -(unit @ direction) * moved[:, None]
+    carrier_cyc = o.carrier_cyc
+    if kind == "motion":
+        carrier_cyc = (
+            carrier_cyc + change_m * np.array([signal.plan.carrier_hz for signal in o.signals]) / SPEED_OF_LIGHT_M_S
+        )
+    o = replace(o, pseudorange_m=o.pseudorange_m + change_m, carrier_cyc=carrier_cyc, status=status)
     return replace(heard, reception=replace(heard.reception, observations=o))
 
 
 @pytest.mark.parametrize("draws", [8, pytest.param(120, marks=pytest.mark.long)])
 def test_fixes_are_inside_their_bound_and_attacks_inside_what_may_be_hidden(draws):
     rng, count, number = np.random.default_rng(11), Counter(), -1
-    while count["attacked"] < draws:
+    while count["attacked"] < draws:  # of receivers that are stated to stand
         number += 1
         made = build_scene(draw_scene(f"clean-{number}", most_receivers=2))
         if made is None:
@@ -88,7 +95,8 @@ def test_fixes_are_inside_their_bound_and_attacks_inside_what_may_be_hidden(draw
         count["over level"] += int((clean.off_m > clean.level_m).any())
         kind = str(rng.choice(list(KINDS)))
         share = float(np.exp(rng.uniform(*np.log(KINDS[kind]))))
-        if not np.isfinite(clean.sizes[kind]):
+        if made.drawn.motion != "still":
+            assert np.isnan(clean.hidden_m).all()  # carriers may drag it as it may move
             continue
         found = found_in(attacked(heard, made, rng, kind, share * clean.sizes[kind]), made)
         count["attacked"] += 1

@@ -16,7 +16,8 @@ def noticed(drag_m_s=1.0, jump_m=10.0, motion_m_s=0.0):
 def hidden_m(findings, *seconds, since_s=0.0, standing=("rx1",), reach_s=0.0):
     drag = hidden_drags(findings, standing=standing)["rx1"]
     gpst = START + (1e9 * np.array(seconds)).astype("timedelta64[ns]")
-    return drag.between(np.full(gpst.size, START + np.timedelta64(int(1e9 * since_s), "ns")), gpst, reach_s=reach_s)
+    since = np.full(gpst.size, START + np.timedelta64(int(1e9 * since_s), "ns"))
+    return drag.between(since, gpst, gpst + np.timedelta64(int(1e9 * reach_s), "ns"))
 
 
 def test_it_grows_by_each_window_s_rate_beside_the_largest_jump_so_far():
@@ -27,8 +28,7 @@ def test_it_grows_by_each_window_s_rate_beside_the_largest_jump_so_far():
 
 def test_what_a_fix_is_smoothed_over_counts_where_it_is_later():
     found = [finding(k, *noticed(1.0, 10.0)) for k in range(10)]
-    at_s = (0.0, 20.0, 50.0, 80.0)
-    assert hidden_m(found, *at_s, reach_s=40.0) == pytest.approx([30.0, 40.0, 60.0, 90.0])
+    assert hidden_m(found, 0.0, 20.0, 50.0, 80.0, reach_s=20.0) == pytest.approx([20.0, 30.0, 60.0, 90.0])
 
 
 def test_of_a_receiver_that_stands_carriers_may_move_it_as_well():

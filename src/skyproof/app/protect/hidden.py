@@ -41,15 +41,15 @@ class HiddenDrag:
     rate_m_s: Reals
     jump_m: Reals
 
-    def between(self, since: Instants, gpst: Instants, *, reach_s: float = 0.0) -> Reals:
+    def between(self, since: Instants, gpst: Instants, latest: Instants) -> Reals:
         """Return by how much a position may have been moved from `since` to `gpst`, (n,) each, metres.
 
-        reach_s : by which it is smoothed to either side; a steady drag over what of that is there has moved it by as
-            much as it has at the middle.
+        latest : of what it is smoothed over, (n,); a steady drag has moved the mean over it by as much as it has at the
+            middle.
         """
         moved_m = np.concatenate([[0.0], np.cumsum(self.rate_m_s * np.diff(self.edges_s))])
-        at_s, since_s = (self._seconds(at) for at in (gpst, since))
-        seconds = np.maximum(at_s, np.minimum(0.5 * (since_s + at_s + reach_s), self.edges_s[-1]))
+        at_s, since_s, latest_s = (self._seconds(at) for at in (gpst, since, latest))
+        seconds = np.maximum(at_s, 0.5 * (since_s + latest_s))
         drag_m = np.interp(seconds, self.edges_s, moved_m) - np.interp(since_s, self.edges_s, moved_m)
         return np.asarray(drag_m + np.fmax.accumulate(self.jump_m)[self._window(seconds)])
 

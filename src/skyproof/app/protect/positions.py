@@ -16,6 +16,7 @@ from skyproof.fusion.policy import POLICY
 from skyproof.fusion.trusted import carries, fix_of, masked, of_signals
 from skyproof.fusion.unprotected import followed
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.foresight import Foresight
 from skyproof.navigation.known import Known
 from skyproof.navigation.screen import empty_epochs
@@ -91,7 +92,7 @@ class Positions:
             return
         mask = self.masks[kind]()
         trusted = self.masks["trusted"]() if kind == "consistent" else None
-        since = self._evidence_epochs() if kind == "consistent" else None
+        since, last = (self._evidence_epochs(), _last_of_runs(mask)) if kind == "consistent" else (None, None)
         for rows in self.cut():
             first, stop = rows.start, rows.stop
             wanted: Booleans = np.asarray(mask[first:stop].any(axis=1))
@@ -100,8 +101,8 @@ class Positions:
             found = self._fix(kind, mask, first, stop) if wanted.any() else None
             if found is None:
                 continue
-            if since is not None:
-                found = self._with_hidden(_only(found, wanted), since[first:stop], first)
+            if since is not None and last is not None:
+                found = self._with_hidden(_only(found, wanted), since, last, first)
             elif kind == "trusted":
                 self._trusted[first] = _good(found)
                 found = replace(found, hidden_m=np.where(_good(found), 0.0, np.nan))
@@ -137,13 +138,14 @@ class Positions:
         shown = self.masks["trusted"]().sum(axis=1) >= POLICY.fix_signals
         return np.asarray(np.maximum.accumulate(np.where(shown, np.arange(shown.size), 0)))
 
-    def _with_hidden(self, fix: Fix, since: Indices, first: int) -> Fix:
-        """The fix with what an attack may have moved it by since these epochs."""
+    def _with_hidden(self, fix: Fix, since: Indices, last: Indices, first: int) -> Fix:
+        """The fix with what an attack may have moved it by since these epochs, (n_epochs,), smoothed up to others."""
         if self.hidden is None:
             return fix
         gpst = self.log.gpst
-        reach_s = 0.5 * self.settings.smoothing_s
-        hidden_m = self.hidden.between(gpst[since], gpst[first : first + since.size], reach_s=reach_s)
+        rows = slice(first, first + since.size)
+        latest = np.minimum(gpst[rows] + timedelta_from_s(0.5 * self.settings.smoothing_s), gpst[last[rows]])
+        hidden_m = self.hidden.between(gpst[since[rows]], gpst[rows], latest)
         return replace(fix, hidden_m=np.where(_good(fix), hidden_m, np.nan))
 
     @cached_property
@@ -199,6 +201,12 @@ class Positions:
             for scale, offset_s in fix.inter_system_s.items():
                 offsets[scale][rows] = offset_s
         return Fix(receiver=self.log.receiver, signals=signals, inter_system_s=offsets, **values)
+
+
+def _last_of_runs(mask: Booleans) -> Indices:
+    """(n_epochs,) the last epoch of the run of epochs with any cell, (n_epochs, n_channels), that each is in."""
+    row = np.arange(len(mask))
+    return np.asarray(np.minimum.accumulate(np.where(mask.any(axis=1), row.size, row)[::-1])[::-1] - 1)
 
 
 def _good(fix: Fix) -> Booleans:
