@@ -52,4 +52,5 @@ def test_stated_to_stand_without_a_test_of_carriers_bounds_nothing():
 def test_of_a_receiver_with_an_inertial_unit_any_drag_is_bounded():
     found = [finding(0, *noticed(1.0, 10.0), NoticedAttack("drag", 0.3))]
     drag = hidden_drags(found, standing=(), inertial=("rx1",))["rx1"]
-    assert drag.between(np.array([START]), np.array([START + np.timedelta64(10, "s")])) == pytest.approx([13.0])
+    gpst = np.array([START + np.timedelta64(10, "s")])
+    assert drag.between(np.array([START]), gpst, gpst) == pytest.approx([13.0])
