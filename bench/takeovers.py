@@ -294,7 +294,10 @@ def _words(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
 
 
 def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
-    """Trusted fixes against the truth; how long an ordinary receiver had a fix, and how far off it ended."""
+    """Compare fixes that may be used with the truth; tell how long an ordinary receiver had one, and how far off.
+
+    unbounded : fixes that say that nothing bounds how far an attack may have moved them; they are beyond no bound.
+    """
     sky, (r,) = scene.skies[0], outcome.receivers
     row: dict[str, Any] = {
         "wrong": 0,
@@ -303,6 +306,7 @@ def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
         "worst_m": None,
         "worst_bound_m": None,
         "worst_bounds": None,
+        "unbounded": 0,
     }
     row |= {"ordinary": 0.0, "ordinary_off_m": None, "trusted_s": 0.0, "consistent_s": 0.0, "inertia_s": 0.0}
     row["time_off_s"] = None
@@ -315,7 +319,8 @@ def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
         good = np.flatnonzero(fix.status == FixStatus.OK)
         errors = fix_errors(scene, sky, fix)
         level.append(errors.horizontal_m)
-        bounds.append(errors.horizontal_m / (errors.bound_m + np.nan_to_num(errors.hidden_m)))
+        bounds.append(errors.horizontal_m / (errors.bound_m + np.nan_to_num(errors.hidden_m, nan=np.inf)))
+        row["unbounded"] += int(np.isnan(errors.hidden_m).sum())
         row["inertia_s" if kind in ("inertial", "held") else f"{kind}_s"] += interval_s * good.size
         if kind in ("trusted", "consistent"):
             off_s.append(_time_off_s(scene, o, fix, good, drawn.onset_s))
@@ -326,7 +331,7 @@ def fixes_of(drawn: Drawn, scene: Scene, outcome: Outcome) -> dict[str, Any]:
             "wrong": int(np.sum(times > WRONG_BOUNDS)),
             "beyond": int(np.sum(times > 1.0)),
             "worst_m": float(every.max()),
-            "worst_bound_m": float(every.max() / times[np.argmax(every)]),
+            "worst_bound_m": float(every.max() / times[np.argmax(every)]) if times[np.argmax(every)] else None,
             "worst_bounds": float(times.max()),
         }
     if off_s and (late := np.concatenate(off_s)).size:

@@ -235,8 +235,6 @@ class _Chooser:
             kind = state.kind or reference_kind(only)
             state = replace(state, kind=kind)
             shown = self._shown(window, only, state)
-            if state.foresight.moves:
-                shown = replace(shown, each=self.maker.smoothed(window, only, kind=kind))
             expected = state.foresight.at(shown.whole.gpst)
             if expected is not None:
                 shown = with_clock_near(shown, expected)

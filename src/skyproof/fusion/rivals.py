@@ -11,9 +11,7 @@ from skyproof.fusion.trusted import fix_of, masked, of_signals
 from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.foresight import SkyFix
-from skyproof.navigation.inertial_foresight import noise_of
 from skyproof.navigation.known import KNOWN, Known, known_of
-from skyproof.navigation.smooth import smooth
 from skyproof.records import ConsistentSet, Finding, Kind, NavigationData, ObservationLog, OverlappingSkies, SignalId
 
 __all__ = ["FixMaker", "Rivals", "reference_kind", "rivals_of", "with_clock_near"]
@@ -119,10 +117,6 @@ class FixMaker:
             covariance[np.ix_(rates, rates)] = middle[0].covariance[np.ix_(rates, rates)]
         return SkyFix(whole=Known(gpst=gpst, mean=mean, covariance=covariance), each=each)
 
-    def smoothed(self, window: Rivals, s: ConsistentSet, *, kind: Kind) -> tuple[Known, ...]:
-        """The fixes of a window's epochs for an inertial unit to learn of, their codes smoothed over it by carriers."""
-        return tuple(noise_of(one) for one in self._each(window, s, kind, smoothed=True))
-
     def at_end(self, window: Rivals, s: ConsistentSet, without: Sequence[str]) -> Known | None:
         """The last fix of a window by its first kind of signals, without some satellites; None if there is none."""
         own = [signal for signal in s.signals if signal.kind == reference_kind(s) and signal.sat not in without]
@@ -130,22 +124,22 @@ class FixMaker:
         found = self._of(own, max(stop - POLICY.at_end_epochs, 0), stop)
         return found[-1] if found else None
 
-    def _each(self, window: Rivals, s: ConsistentSet, kind: Kind, *, smoothed: bool = False) -> tuple[Known, ...]:
+    def _each(self, window: Rivals, s: ConsistentSet, kind: Kind) -> tuple[Known, ...]:
         """Of one kind of signals, of its own where the set has none of that."""
         kinds = (kind, reference_kind(s))
         own = next((same for k in kinds if (same := [signal for signal in s.signals if signal.kind == k])), [])
         edges = np.array([window.start, window.end])
         first, stop = (int(row) for row in np.searchsorted(self.log.gpst, edges))
-        return self._of(own, first, stop, smoothed=smoothed)
+        return self._of(own, first, stop)
 
-    def _of(self, own: Sequence[SignalId], first: int, stop: int, *, smoothed: bool = False) -> tuple[Known, ...]:
+    def _of(self, own: Sequence[SignalId], first: int, stop: int) -> tuple[Known, ...]:
         """The fixes of epochs by some signals."""
         if self.navigation is None:
             return ()
         o = self.log.read(first, stop)
         o = masked(o, of_signals(o, own))
         fix = fix_of(
-            smooth(o) if smoothed else o,
+            o,
             self.navigation,
             multipath_sigma_m=self.multipath_sigma_m,
             elevation_mask_deg=self.elevation_mask_deg,
