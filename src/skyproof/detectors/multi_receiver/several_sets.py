@@ -24,7 +24,8 @@ def several_sets(window: Window) -> list[Finding]:
     false = [p for p in could_be if not _contested(window, p, could_be)]
     skies = _left_over(window, false)
     found = [_test_false_group(window, pairing, false, decided=bool(skies)) for pairing in false]
-    found += [_test_sky_group(window, sky, false) for sky in skies]
+    shown = all(finding is not None for finding in found)
+    found += [_test_sky_group(window, sky, false, shown=shown) for sky in skies]
     return [finding for finding in found if finding is not None] or [_leave_open(window)]
 
 
@@ -105,8 +106,8 @@ def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *,
     )
 
 
-def _test_sky_group(window: Window, sky: Pairing, false: list[Pairing]) -> Finding | None:
-    """Return that a pairing is of the sky, if it is."""
+def _test_sky_group(window: Window, sky: Pairing, false: list[Pairing], *, shown: bool) -> Finding | None:
+    """Return that a pairing is of the sky, if it is. shown : the others are shown to be false."""
     alpha, p_one = window.settings.false_alarm_probability, window.p_each(sky)
     if p_one >= alpha:
         return None
@@ -117,6 +118,8 @@ def _test_sky_group(window: Window, sky: Pairing, false: list[Pairing]) -> Findi
             return None
         statement = window.statement(sky, geometry, agrees=True)
         return window.find_authentic(sky, "as_known", p_one, geometry.assumes, data=geometry.data, statement=statement)
+    if not shown:  # beside what may be the sky's, or echoes, nothing is true for being no such
+        return None
     p_ratio = max((float(versus(sky, pairing).p_value) for pairing in false), default=0.0)
     if p_ratio >= alpha or window.p_possible(sky) < alpha:
         return None
