@@ -8,8 +8,11 @@ from typing import get_args
 
 import pytest
 
-from skyproof.app.protect import methods
+from skyproof.app.common.progress import Silent
+from skyproof.app.common.settings import Settings
+from skyproof.app.protect import judge, methods
 from skyproof.records import Says
+from skyproof.studies.random_scenes import build_scene, draw_scene
 
 BENCH = Path(__file__).parents[2] / "bench"
 
@@ -57,6 +60,15 @@ def test_drawn_clean_skies_are_never_called_spoofed():
 def test_no_drawn_attack_moves_a_trusted_fix():
     rows = rows_of(8, 0, **SHORT)
     assert not names(drawn.wrong_attacks(rows))
+
+
+def test_beside_a_second_sky_that_may_be_echoes_nothing_is_shown_true():
+    """Five satellites of a weak sky 12 m off, received by both receivers of which nothing is stated."""
+    made = build_scene(draw_scene("attack-318", most_receivers=2))
+    heard = drawn.heard_of(made)
+    outcome, _ = judge([h.reception for h in heard], made.navigation, Settings(), Silent())
+    assert outcome.decision.verdict == "no_attack_seen"
+    assert not [s for s in outcome.decision.labels if s.label == "authentic"]
 
 
 @pytest.mark.long
