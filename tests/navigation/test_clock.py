@@ -5,7 +5,7 @@ import pytest
 from tests.navigation import sky
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.clock import anchored, clock_steps, time_breaks, unstepped
+from skyproof.navigation.clock import TimeBreaks, anchored, clock_steps, unstepped
 from skyproof.navigation.fix import fix
 from skyproof.navigation.ranges import corrected_ranges
 
@@ -121,6 +121,14 @@ def with_missing(missing_s, back):
         gpst=before.gpst + np.where(later, labelled_ms, 0).astype("timedelta64[ms]"),
         pseudorange_m=np.where(there, code_m, np.nan),
     )
+
+
+def time_breaks(log, stretch_epochs=1024):
+    """Of a log that comes in stretches."""
+    breaks = TimeBreaks()
+    for first in range(0, log.gpst.size, stretch_epochs):
+        breaks.take(log.read(first, first + stretch_epochs))
+    return breaks.gpst
 
 
 @pytest.mark.parametrize("missing_s", [2e-6, 1e-3, 0.3331, 0.25])

@@ -11,7 +11,7 @@ from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.records import ObservationLog, Observations, SignalId
 
-__all__ = ["ClockStep", "ClockSteps", "TimeBreaks", "anchored", "clock_steps", "time_breaks", "unstepped"]
+__all__ = ["ClockStep", "ClockSteps", "TimeBreaks", "anchored", "clock_steps", "unstepped"]
 
 _WITHIN_M: Final = 150.0
 _ACCELERATION_M_S2: Final = 50.0  # of a platform; what it makes of a range within an interval is no step
@@ -163,14 +163,6 @@ class TimeBreaks:
             one, other, third = (np.append(values, np.nan)[columns] for values in self._last)
             self._last = one, other, third
         self._signals = signals
-
-
-def time_breaks(log: ObservationLog, stretch_epochs: int = 1024) -> Instants:
-    """Return the labels of the epochs before which a receiver's time broke, (n_breaks,): see `TimeBreaks`."""
-    breaks = TimeBreaks()
-    for first in range(0, log.gpst.size, stretch_epochs):
-        breaks.take(log.read(first, first + stretch_epochs))
-    return breaks.gpst
 
 
 def _first_break(
