@@ -26,7 +26,7 @@ def outputs(folder: Path, paths: list[Path], nav: Path, constants: dict) -> dict
     with ExitStack() as stack:
         for name, value in constants.items():
             stack.enter_context(patch(f"skyproof.{name}", value))
-        protect(paths, nav=nav, out=folder, antenna_distance_m=DISTANCE_M, window_s=5.0)
+        protect(paths, nav=nav, out=folder, antenna_distance_m=DISTANCE_M if len(paths) == 2 else None, window_s=5.0)
     files = {path.name: path.read_bytes() for path in folder.iterdir()}
     # Rows come in groups as they were written; the values are text. So sums of the files differ as well.
     for name in ("fixes.parquet", "signals.parquet", "checksums.sha256"):
@@ -71,6 +71,13 @@ def same_in_pieces(observed, folder, stretch, held, piece_bytes):
 @given(stretch=epochs, held=st.integers(0, 60), piece_bytes=st.integers(500, 20_000))
 def test_observation_files_in_any_pieces_give_the_same_bytes(observed, tmp_path_factory, stretch, held, piece_bytes):
     same_in_pieces(observed, tmp_path_factory.mktemp("pieces"), stretch, held, piece_bytes)
+
+
+def test_consistent_fixes_in_stretches_are_those_of_the_whole(observed, tmp_path):
+    (path, _), nav, _ = observed
+    whole = outputs(tmp_path / "whole", [path], nav, {})
+    assert b"consistent" in whole["fixes.csv"]
+    assert outputs(tmp_path / "parts", [path], nav, of_stretches(16, 60))["fixes.csv"] == whole["fixes.csv"]
 
 
 @pytest.mark.long

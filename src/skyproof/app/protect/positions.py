@@ -143,7 +143,7 @@ class Positions:
         if self.hidden is None:
             return fix
         gpst = self.log.gpst
-        rows = slice(first, first + since.size)
+        rows = slice(first, first + fix.gpst.size)
         latest = np.minimum(gpst[rows] + timedelta_from_s(0.5 * self.settings.smoothing_s), gpst[last[rows]])
         hidden_m = self.hidden.between(gpst[since[rows]], gpst[rows], latest)
         return replace(fix, hidden_m=np.where(_good(fix), hidden_m, np.nan))
