@@ -22,54 +22,55 @@ from skyproof.studies import studies
 
 ROOT = Path(__file__).resolve().parents[2]
 NOT_GIVEN = "not given"
+BESIDES = " besides"
 WORDS = {
-    "name": "A name, which files and other tables refer to.",
-    "description": "What it shows, for people.",
-    "seed": "Of all that is random.",
+    "name": "The name that files and other tables refer to.",
+    "description": "A description for readers.",
+    "seed": "Seed of all random numbers.",
     "start_gpst": "GPS time of second zero.",
-    "duration_s": "How long it lasts.",
+    "duration_s": "Duration.",
     "mask_deg": "No signal comes from below this elevation.",
     "lat_deg": "Geodetic latitude, WGS-84.",
     "lon_deg": "Longitude, east positive.",
     "height_m": "Height above the ellipsoid.",
-    "path": "A way, in place of standing still.",
-    "speed_m_s": "Speed along the way.",
-    "radius_m": "From the middle to what moves.",
+    "path": "The route; without one the site stands still.",
+    "speed_m_s": "Speed along the route.",
+    "radius_m": "Radius of the circle.",
     "clockwise": "Seen from above.",
-    "body_m": "Forward, right, down of the receiver's place.",
-    "spin": "An arm that turns it.",
+    "body_m": "Forward, right, down from the receiver's position.",
+    "spin": "A rotating arm that carries it.",
     "multipath": "Reflections.",
     "imu": "An inertial unit.",
-    "receivers": "A table for each.",
-    "signals": "A table for each.",
-    "sources": "A table for each.",
-    "methods": "A table for each detector.",
-    "inputs": "A table for each file.",
+    "receivers": "One table each.",
+    "signals": "One table each.",
+    "sources": "One table each.",
+    "methods": "One table per detector.",
+    "inputs": "One table per file.",
     "front_end": "How all receivers sample.",
     "sky": "The true signals.",
-    "attacks": "A table for each.",
-    "interference": "A table for each.",
-    "antennas": "Further antennas, a table for each.",
-    "message_later_s": "By so much is the time of week later that the message states.",
-    "receive": "The place or way of the antenna that receives the sky.",
-    "delay_s": "By how much later the sky is sent than it is received.",
-    "shows": "The place or way that a receiver is to believe.",
-    "transmit": "The place or way of the transmit antenna.",
-    "power_points_db": "(time, further power), straight between, held beyond the ends.",
-    "onset_s": "The first wave leaves the transmit antenna.",
-    "until_s": "The last wave leaves it; it does not end if absent.",
-    "off_s": "(from, until): silent between.",
-    "offset_hz": "Of the line, off the nominal carrier.",
+    "attacks": "One table each.",
+    "interference": "One table each.",
+    "antennas": "More antennas, one table each.",
+    "message_later_s": "Added to the time of week in the message.",
+    "receive": "Position or route of the antenna that receives the sky.",
+    "delay_s": "Delay between reception and transmission.",
+    "shows": "Position or route that the false signals show.",
+    "transmit": "Position or route of the transmit antenna.",
+    "power_points_db": "(time, additional power): linear in between, constant beyond the ends.",
+    "onset_s": "Start of transmission.",
+    "until_s": "End of transmission; none if absent.",
+    "off_s": "(from, until): pauses.",
+    "offset_hz": "Offset of the line from the nominal carrier.",
     "sweep_hz": "Width of a chirp.",
-    "period_s": "Of a chirp.",
+    "period_s": "Period of a chirp.",
     "zenith_cn0_dbhz": "C/N0 of a signal from the zenith.",
     "horizon_cn0_dbhz": "C/N0 of a signal from the horizon.",
-    "SceneSpin.rate_hz": "Turns a second, clockwise from above if positive.",
-    "SceneImu.rate_hz": "Readings a second.",
-    "FrontEnd.rate_hz": "Samples a second, whole hertz.",
-    "FrontEnd.if_hz": "Where the carrier lies in the samples.",
-    "FrontEnd.bits": "Of one number, I or Q.",
-    "Multipath.height_m": "Of the antenna over a level mirror, which makes the longer way 2 h sin(elevation).",
+    "SceneSpin.rate_hz": "Rotations per second; positive is clockwise seen from above.",
+    "SceneImu.rate_hz": "Readings per second.",
+    "FrontEnd.rate_hz": "Sample rate, whole hertz.",
+    "FrontEnd.if_hz": "Intermediate frequency of the carrier.",
+    "FrontEnd.bits": "Bits of one number, I or Q.",
+    "Multipath.height_m": "Height of the antenna over a level reflector; the extra path is 2 h sin(elevation).",
     "FromFile.path": "The file: CSV, NMEA or KML.",
 }
 """What keys mean that are given nowhere else, by key or by Model.key."""
@@ -91,12 +92,13 @@ def _command(name: str, text: str) -> str:
 
 
 def keys(name: str) -> str:
-    """A table of the keys of a Pydantic model, `module:Model`: type, default, meaning."""
-    module, _, model_name = name.partition(":")
+    """Make a table of the keys of a Pydantic model, `module:Model`; with `besides`, of those that its base lacks."""
+    module, _, model_name = name.removesuffix(BESIDES).partition(":")
     model: type[BaseModel] = getattr(importlib.import_module(module), model_name)
     kinds = [kind for kind in reversed(model.__mro__) if issubclass(kind, BaseModel) and kind is not BaseModel]
     documented = {key: text for kind in kinds for names, text in items_of(kind.__doc__ or "") for key in names}
-    fields = {key: field for key, field in model.model_fields.items() if key not in _of_site(model)}
+    known = set(model.__mro__[1].model_fields) if name.endswith(BESIDES) else _of_site(model)
+    fields = {key: field for key, field in model.model_fields.items() if key not in known}
     rows = []
     for key, field in fields.items():
         default = "needed" if field.is_required() else _toml(field.get_default(call_default_factory=True))

@@ -96,7 +96,7 @@ def test_the_page_names_version_date_and_seed() -> None:
 def test_a_figure_that_agrees_and_one_that_does_not_are_told_apart() -> None:
     assert "| within 0.2 |" in page(claim())
     assert "| **not** within 0.001 |" in page(claim(paper=1.0, tolerance=0.001))
-    assert "| – |\n\n## Functions" in page(claim(tolerance=None))
+    assert "within" not in page(claim(tolerance=None)).partition("###")[2]
 
 
 def test_what_is_right_by_an_independent_check_comes_before_what_the_paper_printed() -> None:
@@ -123,7 +123,7 @@ def test_a_tolerance_may_depend_on_how_many_were_counted() -> None:
 
 def test_a_figure_that_cannot_be_made_again_stands_there_with_its_reason() -> None:
     text = page(claim(what="Figure 7", paper="6 of 8", same=None, tolerance=None, reference="needs a | recording"))
-    assert "| Figure 7 | 6 of 8 | – | – | – | needs a \\| recording | – |" in text
+    assert "| Figure 7 | 6 of 8 | needs a \\| recording |" in text
 
 
 def test_a_figure_that_is_not_found_never_agrees() -> None:
@@ -133,15 +133,13 @@ def test_a_figure_that_is_not_found_never_agrees() -> None:
 
 
 def test_a_figure_that_protect_does_not_reach_says_so() -> None:
-    assert "| – | not reached | " in page(claim())
-    assert "| – | 0.25 | " in page(claim(protect=lambda rows: 0.25))
-    assert "| – | not run | " in page(claim(protect=lambda rows: math.nan))
+    text = page(claim(), claim(protect=lambda rows: 0.25), claim(protect=lambda rows: math.nan))
+    assert [text.count(f"| {words} | within") for words in ("not reached", "0.25", "not run")] == [1, 1, 1]
     (one,) = check(toy(claims=(claim(tolerance=None, protect=lambda rows: 9.0),)), [{"n": 1, "mean": 0.0}])
     assert one.agrees is None
 
 
 def test_the_page_names_code_that_no_command_reaches() -> None:
-    assert "Measured: formulas" in page(claim())
     found = measured_by(FOUND["multi-receiver.distance"].run)
     assert found.reached == ("detectors.multi_receiver.one_antenna.baseline_design",)
     assert not found.not_reached

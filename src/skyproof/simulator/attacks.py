@@ -34,24 +34,26 @@ class TransmitAntenna(Site):
 class _Transmitter(Model):
     """What every attack has.
 
-    transmit : the antenna from which all signals leave that name no other antenna.
-    power_db : of each false signal at the first receiver at the onset, relative to the true signal of the same
-        satellite there; with time and at other receivers it changes with the distance from the transmit antenna.
-    power_points_db : (time, further power), straight between, held beyond the ends.
-    noise_db : of the transmitter's own noise at the first receiver, relative to the receiver's noise.
-    onset_s, until_s : the first and the last wave leave the transmit antenna.
-    off_s : (from, until): silent between.
-    sats : which satellites are imitated; all that stand above the mask at the place shown if absent.
+    transmit : the antenna that sends all signals that no other antenna names.
+    power_db : of each false signal relative to the true signal of the same satellite, at the first receiver at the
+        onset; elsewhere and later it follows the distance from the transmit antenna.
+    power_points_db : (time, additional power): linear in between, constant beyond the ends.
+    noise_db : noise of the transmitter at the first receiver, relative to the receiver's noise.
+    onset_s : start of transmission.
+    until_s : end of transmission; none if absent.
+    off_s : (from, until): pauses.
+    sats : which satellites are imitated; if absent, all above the mask at the position shown.
     sat_db : additional power of single satellites.
-    sat_code_m, sat_code_m_s, sat_doppler_hz : what is added to the code of single satellites, to its rate, and to the
-        carrier: each by itself, so that code and carrier may part.
-    clock_offset_s, clock_drift, clock_points_s : how late the false signals are: constant, growing since the onset, and
-        (time, further offset), straight lines with rounded corners between.
-    clock_corner_s : over which those corners are rounded; 0 for sharp ones.
-    message : "true"; "inverted": every bit; "random": bits without a message. With `message_later_s` it states a time
-        of week that is so much later.
-    guess_s : for so long after each bit begins, its sign is a guess, one for each bit and satellite and as often wrong
-        as right; then the transmitter has read it off the true signal (security code estimation and replay).
+    sat_code_m, sat_code_m_s, sat_doppler_hz : offset of the code, its rate and the carrier of single satellites; each
+        by itself, so code and carrier may diverge.
+    clock_offset_s : constant delay of the false signals.
+    clock_drift : growth of their delay since the onset.
+    clock_points_s : (time, additional delay): linear in between, with rounded corners.
+    clock_corner_s : duration of those corners; 0 for sharp ones.
+    message : "true"; "inverted": every bit; "random": random bits.
+    message_later_s : added to the time of week in the message.
+    guess_s : at the start of each bit the transmitter guesses its sign for this long, wrong in half of the bits; then
+        it knows the sign from the true signal (security code estimation and replay).
     """
 
     name: str = Field(default="", pattern=r"^$|^[A-Za-z0-9][A-Za-z0-9._-]*$")

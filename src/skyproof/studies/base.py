@@ -78,6 +78,7 @@ class Study:
     """name : paper.figure, as on the command line. figure : where in the paper; `run` yields rows as they are ready.
 
     platform : which key of a receiver in a platform file the study takes; None if it takes none.
+    note : what holds for all its figures, for the page of validation.
     """
 
     name: str
@@ -88,6 +89,7 @@ class Study:
     charts: tuple[Axes, ...] = ()
     claims: tuple[Claim, ...] = ()
     platform: Literal["antennas_m", "spin"] | None = None
+    note: str = ""
 
 
 def rows_where(rows: Sequence[Row], **where: Any) -> list[Row]:

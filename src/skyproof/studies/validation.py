@@ -88,21 +88,25 @@ def _lines(
         counts = f"{settings.trials} trials each"
     yield "# Validation"
     yield ""
+    yield ("Every figure of the papers beside ours, and the reason where none can be reproduced. The columns:")
+    yield ""
+    yield "| column | holds |"
+    yield "|---|---|"
+    yield "| paper | what the paper prints |"
+    yield "| ours, same method | the paper's method, corrected where it has errors |"
+    yield "| ours, better | the method that we recommend instead |"
+    yield "| through protect | what the command answers on the same ranges and errors, in four of the skies |"
+    yield "| reference | an independent check |"
+    yield "| agrees | whether ours lies within the tolerance of the reference, or else of the paper |"
+    yield ""
     yield (
-        "Every figure of the papers that a study makes again, and those that none can make, with the reason. *Ours, "
-        "same method*: the paper's own, corrected where it has errors; *ours, better*: what is recommended instead; "
-        "*through protect*: what the command answers on the same ranges and errors, in four of the skies; *reference*: "
-        "an independent check."
+        "A table leaves out columns that would be empty. The columns *ours* measure functions; a study names those "
+        "that no command reaches. [Protection](protection.md) shows what `protect` answers in the papers' own scenes."
     )
     yield ""
     yield (
-        "The columns *ours* measure functions, which a command may not reach: each figure names those that none does. "
-        "What `protect` answers in the papers' own scenes, sample by sample, stands in [protection](protection.md)."
-    )
-    yield ""
-    yield (
-        f"skyproof {version('skyproof')}, {made_on.isoformat()}, seed {settings.seed}, {counts}. One figure with its "
-        "rows: `skyproof study NAME`; this page: `skyproof study --validation docs/validation.md`."
+        f"skyproof {version('skyproof')}, {made_on.isoformat()}, seed {settings.seed}, {counts}. `skyproof study NAME` "
+        "prints the rows of one figure; `skyproof study --validation docs/validation.md` makes this page."
     )
     paper = ""
     for name, study in studies.items():
@@ -111,30 +115,31 @@ def _lines(
         if study.paper != paper:
             paper = study.paper
             yield from ("", f"## {_cell(paper)}")
-        yield from ("", f"### `{name}`: {_cell(study.title)}", "", f"{_cell(study.figure)}.".replace("..", "."))
-        yield from ("", _measured(study))
+        about = (f"{_cell(study.figure)}.".replace("..", "."), study.note, _measured(study))
+        yield from ("", f"### `{name}`: {_cell(study.title)}", "", " ".join(text for text in about if text))
         if not study.claims:
             yield from ("", "No single figure to compare; the rows are the result.")
             continue
         checked = check(study, list(study.run(settings)))
-        yield from ("", _row("what", *COLUMNS, "agrees"), _row(*["---"] * (len(COLUMNS) + 2)))
-        for one in checked:
-            yield _row(one.claim.what, *one.cells())
+        yield from ("", *_figures([(one.claim.what, *one.cells()) for one in checked]))
     yield from ("", "## Functions that no command reaches", "")
     yield "Public functions of the methods that only studies, tests or users' own code call, by module."
     yield ""
     yield from (f"- `{module}`: {', '.join(f'`{name}`' for name in names)}" for module, names in unreached().items())
 
 
+def _figures(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    """Yield the lines of a table, without the columns in which no row holds anything."""
+    heads = ("what", *COLUMNS, "agrees")
+    kept = [column for column in range(len(heads)) if any(row[column] not in (NONE, NOT_REACHED) for row in rows)]
+    for row in (heads, ["---"] * len(heads), *rows):
+        yield _row(*(row[column] for column in kept))
+
+
 def _measured(study: Study) -> str:
-    """Which code a study's figures are of."""
-    found = measured_by(study.run)
-    parts = (
-        ("Measured and reached by commands", found.reached),
-        ("Measured, and no command reaches", found.not_reached),
-    )
-    words = [f"{head}: {', '.join(f'`{name}`' for name in names)}." for head, names in parts if names]
-    return " ".join(words) or "Measured: formulas of the study itself, and the scene."
+    """Name the code of a study that no command reaches."""
+    names = ", ".join(f"`{name}`" for name in measured_by(study.run).not_reached)
+    return f"No command reaches {names}." if names else ""
 
 
 def _row(*cells: str) -> str:
