@@ -1,7 +1,7 @@
 """Correlation grids and their decomposition: processor time for each satellite, and for each second of a recording.
 
 Eight satellites in noise, one core. Grids are those that `dccaf` asks for, of one burst; how often bursts are taken
-depends on what is at stake. What the loops of a channel cost, `joint` prints.
+depends on what is at stake. What the loops of a channel cost, `receiver` prints.
 """
 
 from collections.abc import Iterator

@@ -2,25 +2,21 @@
 
 import math
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from waves import CHIP_M, CHIP_S, SAT, Cell, Wave, add, noise, pair_of
+from waves import CHIP_M, SAT, Cell, Wave, add, noise, pair_of
 
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.signals import GPS_L1_CA, prn_of
-from skyproof.receiver import joint as j
+from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
-from skyproof.receiver.joint_model import JointModel
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 
 BLOCK_S = 0.1
 ALONE_S = 1.5  # at least, before the second signal begins
-BITS_S = 2.5  # likewise with joint channels: the first has its bits by then, without which none begins
 WAIT_S = 4.0  # for a second signal to be found
 TRACKED_S = 2.0  # before errors are taken
 SEEN_S = 1.0  # over which they are
@@ -34,8 +30,7 @@ class Outcome:
     wait_s : from the beginning of the second signal to the search that found it; NaN if not both were followed.
     others : confirmed channels beyond one on each; pulled : arcs that ended as pulled away.
     swapped : whether the first's letter ended elsewhere. followed : (n_epochs,) since both were found, if they are.
-    code_m, doppler_hz : errors of first and second, (2, n_epochs), and their stated sigmas; over_bound : codes' over
-        the Cramer-Rao bound, bound_m, infinite where there is none.
+    code_m, doppler_hz : errors of first and second, (2, n_epochs), and their stated sigmas.
     """
 
     wait_s: float = math.nan
@@ -43,7 +38,6 @@ class Outcome:
     pulled: int
     swapped: bool = False
     followed: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
-    bound_m: Reals = field(default_factory=lambda: np.empty((2, 0)))
     code_m: Reals = field(default_factory=lambda: np.empty((2, 0)))
     code_sigma_m: Reals = field(default_factory=lambda: np.empty((2, 0)))
     doppler_hz: Reals = field(default_factory=lambda: np.empty((2, 0)))
@@ -59,15 +53,14 @@ def trial(rng: np.random.Generator, cell: Cell, settings: ReceiverSettings | Non
     """One pair through the receiver."""
     receiver = Receiver(cell.rate_hz, 0.0, settings or ReceiverSettings(sats=(SAT,)))
     # At any moment between two searches.
-    onset_s = (BITS_S if receiver.settings.joint else ALONE_S) + receiver.settings.near_search_s * rng.random()
+    onset_s = ALONE_S + receiver.settings.near_search_s * rng.random()
     # Code and carrier belong together, so that signals of different Doppler move apart.
     middle_s = onset_s + 0.3 + TRACKED_S + 0.5 * SEEN_S
-    wait_s = max(WAIT_S, receiver.settings.joint_look_s + 0.5 if receiver.settings.joint else 0.0)
-    first, second = pair_of(rng, cell, onset_s, middle_s, onset_s + wait_s + TRACKED_S + SEEN_S)
+    first, second = pair_of(rng, cell, onset_s, middle_s, onset_s + WAIT_S + TRACKED_S + SEEN_S)
     state, parts, arcs = ReceiverState(), [], {}
     n = round(BLOCK_S * cell.rate_hz)
     stop_s = math.inf  # of the epochs that count
-    for block in range(math.floor((onset_s + wait_s + TRACKED_S + SEEN_S) / BLOCK_S)):  # as long as there are bits
+    for block in range(math.floor((onset_s + WAIT_S + TRACKED_S + SEEN_S) / BLOCK_S)):  # as long as there are bits
         planes = noise(rng, n)
         add(first, block * n, planes, cell.rate_hz)
         add(second, block * n, planes, cell.rate_hz)
@@ -77,13 +70,13 @@ def trial(rng: np.random.Generator, cell: Cell, settings: ReceiverSettings | Non
         now_s = (block + 1) * BLOCK_S
         new = [c.found_s for c in state.channels if c.copy is not None and c.found_s > onset_s - 0.05]
         stop_s = min(new) + TRACKED_S + SEEN_S if new else math.inf
-        if now_s > min(stop_s + 0.3, math.inf if new else onset_s + wait_s + 1.0):
+        if now_s > min(stop_s + 0.3, math.inf if new else onset_s + WAIT_S + 1.0):
             break
-    return _outcome(cell, Measurements.joined(parts), arcs, (first, second), onset_s, min(stop_s, now_s))
+    return _outcome(Measurements.joined(parts), arcs, (first, second), onset_s, min(stop_s, now_s))
 
 
 def _outcome(
-    cell: Cell, measured: Measurements, arcs: dict[int, Arc], waves: tuple[Wave, Wave], onset_s: float, stop_s: float
+    measured: Measurements, arcs: dict[int, Arc], waves: tuple[Wave, Wave], onset_s: float, stop_s: float
 ) -> Outcome:
     """Channels given to the signal that each is nearer to, within half a chip, in the last second."""
     t_s = measured.elapsed_s
@@ -116,7 +109,6 @@ def _outcome(
         pulled=pulled,
         swapped=not any(letters[rows[0]] == "a" for rows in numbers[:1]),
         followed=_followed(t_s[since], error_m[:, since], waves),
-        bound_m=bounds_m(cell, waves, t_s[numbers[0]]),
         code_m=np.stack([error_m[i, rows] for i, rows in enumerate(numbers)]),
         code_sigma_m=table[..., m.CODE_SIGMA_S] * SPEED_OF_LIGHT_M_S,
         doppler_hz=table[..., m.DOPPLER_HZ] - np.array([[one.doppler_hz] for one in waves]),
@@ -129,25 +121,3 @@ def _followed(t_s: Reals, error_m: Reals, waves: tuple[Wave, Wave]) -> NDArray[n
     apart_m = SPEED_OF_LIGHT_M_S * np.abs(waves[1].sent_s(t_s) - waves[0].sent_s(t_s))
     near = np.abs(error_m) < np.minimum(NEAR_CHIPS * CHIP_M, 0.5 * apart_m)
     return np.array([near[:, t_s == epoch].any(axis=1).all() for epoch in np.unique(t_s)], np.bool_)
-
-
-def bounds_m(cell: Cell, waves: tuple[Wave, Wave], t_s: Reals) -> Reals:
-    """Cramer-Rao bounds (2, n) of the codes of a pair in rows of measurements about these times; infinite where a row
-    does not determine them.
-    """
-    model = _model(cell.rate_hz)
-    mean = np.zeros((t_s.size, 2, j.N_STATE))
-    for n, (wave, db) in enumerate(zip(waves, (0.0, cell.relative_db), strict=True)):
-        phase = 2.0 * math.pi * (wave.phase_cyc + (wave.doppler_hz * t_s) % 1.0)
-        mean[:, n, j.RE] = math.sqrt(model.energy(cell.cn0_dbhz + db)) * np.cos(phase)
-        mean[:, n, j.IM] = math.sqrt(model.energy(cell.cn0_dbhz + db)) * np.sin(phase)
-        mean[:, n, j.HZ] = wave.doppler_hz - waves[0].doppler_hz
-        mean[:, n, j.CHIPS] = (waves[0].sent_s(t_s) - wave.sent_s(t_s)) / CHIP_S
-    limit = j.bound(mean, model.row_times_s, model.look_s, model.dictionary)
-    variance = np.diagonal(limit, axis1=-2, axis2=-1)[:, j.CHIPS :: j.N_FITTED]
-    return CHIP_M * np.sqrt(variance).T
-
-
-@cache
-def _model(rate_hz: float) -> JointModel:
-    return JointModel(signal=GPS_L1_CA, code=GPS_L1_CA.code(prn_of(SAT)), rate_hz=rate_hz)

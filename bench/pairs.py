@@ -8,12 +8,10 @@ discriminator without noise. Where the tops of the two correlations touch, a loo
 weaker one; `stays` is the share of phases between the carriers for which it has.
 
 `followed` is the share of epochs, from the one at which the second signal was found until errors were taken, that have
-both, each within a quarter of a chip of the truth and nearer to its own than to the other; `over bound` is the rms of
-the codes' errors over the Cramer-Rao bound of a row of 0.2 s in which nothing of the two is known (`receiver.joint`).
+both, each within a quarter of a chip of the truth and nearer to its own than to the other.
 `swapped` counts trials at whose end the letter of the first signal is not on it.
 
-`python bench/pairs.py --trials 20` writes the whole table as markdown; with `--joint` that of a receiver with joint
-channels.
+`python bench/pairs.py --trials 20` writes the whole table as markdown.
 """
 
 import argparse
@@ -27,10 +25,9 @@ import numpy as np
 import second_signals
 from pair_trials import trial
 from pulls import pulls, stays
-from waves import RATE_HZ, SAT, Cell
+from waves import RATE_HZ, Cell
 
 from skyproof.arrays import Reals
-from skyproof.receiver.tracking import ReceiverSettings
 
 SEPARATIONS_CHIPS = (0.5, 0.75, 1.0, 1.5, 2.0, 4.0, 8.0)
 POWERS_DB = (-10.0, -6.0, 0.0, 6.0, 10.0)
@@ -48,8 +45,6 @@ class Row:
     pulled: int
     swapped: int
     followed: float  # share of epochs
-    over_bound: tuple[float, float]
-    bound_m: tuple[float, float]
     wait_s: tuple[float, float]  # median and most
     stays: float
     code_m: tuple[tuple[float, float, float], ...]
@@ -61,7 +56,6 @@ def table(
     separations_chips: Sequence[float] = SEPARATIONS_CHIPS,
     powers_db: Sequence[float] = POWERS_DB,
     differences_hz: Sequence[float] = DIFFERENCES_HZ,
-    settings: ReceiverSettings | None = None,
     rate_hz: float = RATE_HZ,
     cn0_dbhz: float = 45.0,
 ) -> Iterator[Row]:
@@ -70,13 +64,13 @@ def table(
         cell = Cell(
             apart_chips=apart_chips, relative_db=relative_db, apart_hz=apart_hz, cn0_dbhz=cn0_dbhz, rate_hz=rate_hz
         )
-        yield row_of(cell, trials, settings)
+        yield row_of(cell, trials)
 
 
-def row_of(cell: Cell, trials: int, settings: ReceiverSettings | None = None) -> Row:
+def row_of(cell: Cell, trials: int) -> Row:
     """The trials of one cell."""
     rng = np.random.default_rng([round(100 * cell.apart_chips), round(cell.relative_db) + 100, round(cell.apart_hz)])
-    outcomes = [trial(rng, cell, settings) for _ in range(trials)]
+    outcomes = [trial(rng, cell) for _ in range(trials)]
     good = [one for one in outcomes if one.both]
     waits = [one.wait_s for one in good]
     pulls_of = [pulls(cell, of_second) for of_second in (False, True)]
@@ -85,9 +79,6 @@ def row_of(cell: Cell, trials: int, settings: ReceiverSettings | None = None) ->
         values = [getattr(one, errors)[of] for one in good]
         return _rms(np.concatenate(values)) if good else math.nan
 
-    at_best = [np.concatenate([one.bound_m[i] for one in good]) if good else np.empty(0) for i in (0, 1)]
-    errors = [np.concatenate([one.code_m[i] for one in good]) if good else np.empty(0) for i in (0, 1)]
-    known = [np.isfinite(bound) for bound in at_best]
     return Row(
         cell=cell,
         trials=trials,
@@ -96,8 +87,6 @@ def row_of(cell: Cell, trials: int, settings: ReceiverSettings | None = None) ->
         pulled=sum(one.pulled for one in outcomes),
         swapped=sum(one.swapped for one in good),
         followed=float(np.mean(np.concatenate([one.followed for one in good]))) if good else 0.0,
-        over_bound=tuple(_rms((errors[i] / at_best[i])[known[i]]) for i in (0, 1)),
-        bound_m=tuple(_rms(at_best[i][known[i]]) for i in (0, 1)),
         wait_s=(float(np.median(waits)), max(waits)) if good else (math.nan, math.nan),
         stays=min(stays(cell, of_second)[0] for of_second in (False, True)) if cell.apart_chips < 2.0 else 1.0,
         code_m=tuple((rms(i, "code_m"), rms(i, "code_sigma_m"), pulls_of[i][0]) for i in (0, 1)),
@@ -127,18 +116,17 @@ def _markdown(row: Row) -> str:
     cells += [str(row.others), str(row.pulled), str(row.swapped)]
     if row.found:
         cells += ["{:.2f} / {:.2f}".format(*row.wait_s), f"{row.followed:.3f}"]
-        cells += ["{:.2f} / {:.2f}".format(*row.over_bound), "{:.1f} / {:.1f}".format(*row.bound_m)]
         cells += ["{:.1f} ({:.1f}; {:.1f})".format(*one) for one in row.code_m]
         cells += ["{:.2f} ({:.2f}; {:.2f})".format(*one) for one in row.doppler_hz]
     else:
-        cells += ["–"] * 8
+        cells += ["–"] * 6
     return "| " + " | ".join(cells) + " |"
 
 
 MARKDOWN_HEAD = (
     "| Msps | dB-Hz | apart, chips | second, dB | Doppler, Hz | both | stays | others | pulled | swapped "
-    "| wait median / most, s | followed | code over bound | bound, m "
-    "| first, code m | second, code m | first, Doppler Hz | second, Doppler Hz |\n" + "|" + " --- |" * 18
+    "| wait median / most, s | followed | first, code m | second, code m | first, Doppler Hz | second, Doppler Hz |\n"
+    "|" + " --- |" * 16
 )
 
 
@@ -165,11 +153,9 @@ def main() -> None:
     options.add_argument("--hz", type=float, nargs="*", default=DIFFERENCES_HZ, help="between the Dopplers")
     options.add_argument("--cn0", type=float, default=45.0, help="of the first signal, dB-Hz")
     options.add_argument("--rate", type=float, default=RATE_HZ, help="samples a second")
-    options.add_argument("--joint", action="store_true", help="with joint channels")
     chosen = options.parse_args()
-    settings = ReceiverSettings(sats=(SAT,), joint=chosen.joint)
     print(MARKDOWN_HEAD)
-    for row in table(chosen.trials, chosen.apart, chosen.power, chosen.hz, settings, chosen.rate, chosen.cn0):
+    for row in table(chosen.trials, chosen.apart, chosen.power, chosen.hz, chosen.rate, chosen.cn0):
         print(_markdown(row), flush=True)
 
 

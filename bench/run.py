@@ -20,7 +20,6 @@ import drawn
 import fleet
 import grids
 import house
-import joint
 import kernel
 import log_reading
 import many_receivers
@@ -69,7 +68,6 @@ BENCHES = {
     "logs": log_reading,
     "position": position,
     "pairs": pairs,
-    "joint": joint,
     "grids": grids,
     "many-receivers": many_receivers,
     "clean-grids": clean_grids,

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from skyproof.decomposition.correlation import band_share, correlation, correlation_slope
 from skyproof.decomposition.fit import bins_dictionary, decompose, taps_dictionary
@@ -270,3 +272,13 @@ def test_a_wider_band_of_shorter_chips_is_the_same_shape():
     taps = tuple(np.linspace(-1.0, 1.0, 9))
     slow, same = (taps_dictionary(taps, *of) for of in ((5e6, GPS_L1_CA), (50e6, fast)))
     np.testing.assert_allclose(np.abs(same.value), np.abs(slow.value), atol=1e-9)
+
+
+@given(delay=st.floats(-1.3, 1.3))
+def test_a_dictionary_is_read_between_its_points(delay):
+    dictionary = delay_dictionary(10e6)
+    value, slope = dictionary.at(delay)
+    left, right = (dictionary.at(np.clip(delay + step, -1.3, 1.3)) for step in (-1e-5, 1e-5))
+    width = np.clip(delay + 1e-5, -1.3, 1.3) - np.clip(delay - 1e-5, -1.3, 1.3)
+    np.testing.assert_allclose(slope, (right[0] - left[0]) / width, atol=1e-3 * np.linalg.norm(slope) + 1e-6)
+    assert np.linalg.norm(value) == pytest.approx(1.0, abs=0.05)

@@ -147,11 +147,9 @@ def test_the_page_names_code_that_no_command_reaches() -> None:
 
 
 def test_what_no_command_reaches_stands_in_studies() -> None:
-    """But for the joint channels, of which no command has a switch, and the contract until 0.3."""
+    """But for the contract until 0.3."""
     offered = {"detectors.base": ("missing", "undecided")}
-    assert {
-        module: names for module, names in unreached().items() if not module.startswith("receiver.joint")
-    } == offered
+    assert unreached() == offered
 
 
 def test_a_study_without_claims_is_on_the_page() -> None:

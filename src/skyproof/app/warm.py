@@ -33,9 +33,6 @@ from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.fix import fix
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.strapdown import strapdown_paths
-from skyproof.receiver import kernels as k
-from skyproof.receiver.joining import JointReceiver
-from skyproof.receiver.joint import bound, predict
 from skyproof.simulator import scenes
 from skyproof.simulator.attacks import Interference
 from skyproof.simulator.files import write
@@ -71,26 +68,12 @@ def _packed() -> None:
 
 def _overlaps() -> None:
     """What needs more than one signal of a satellite within a chip."""
-    _joint_channels()
     rng, delays = np.random.default_rng(1), taps_dictionary(tuple(np.linspace(-2.0, 2.0, 21)), 5e6, GPS_L1_CA)
     noise = rng.standard_normal((2, 2, 21)) + 1j * rng.standard_normal((2, 2, 21))
     decompose(noise[:, 0], delays)
     decompose(noise, delays, bins_dictionary(0.02, (0.0, 25.0), within_hz=60.0))
     bursts = rng.standard_normal((1, 4, 9)) + 1j * rng.standard_normal((1, 4, 9))
     components(bursts, shapes(GPS_L1_CA, 7, tuple(np.linspace(-1.0, 1.0, 9)), 2e6, 1.0), np.ones((1, 4)))
-
-
-def _joint_channels() -> None:
-    """One over a row of noise, and what it needs where a further signal is born."""
-    rate_hz = 2.6e6
-    loop = np.zeros(k.N_STATE)
-    loop[[k.CODE_RATE, k.CN0_DBHZ]] = GPS_L1_CA.chip_rate_hz, 45.0
-    receiver = JointReceiver(GPS_L1_CA, rate_hz)
-    followed = receiver.begin([], [(0, "G07")], loop[None], np.ones(1, np.bool_), 2.0, 0.0)
-    planes = np.random.default_rng(1).standard_normal((2, round(0.23 * rate_hz)), dtype=np.float32)
-    receiver.step(followed, planes, 0, {})
-    model, joint = receiver.tracker("G07").model, followed[0].state.channel.joint
-    bound(predict(joint, model.bit_s).mean, model.row_times_s, model.look_s, model.dictionary)
 
 
 def _positions() -> None:

@@ -33,7 +33,6 @@ __all__ = [
     "at_strongest_doppler",
     "bins_dictionary",
     "decompose",
-    "dictionary_of",
     "doppler_grid",
     "invert_information",
     "one_doppler",
@@ -96,40 +95,16 @@ def taps_dictionary(
     step = 0.01 if band_hz < _COARSE_BAND * signal.chip_rate_hz else 0.005
     grid = np.asarray(step * np.arange(-round(window_chips / step), round(window_chips / step) + 1), np.float64)
     lag = taps[:, None] - grid
-    return dictionary_of(
-        taps,
-        grid,
-        value=correlation(lag, band_hz, signal),
-        slope=-correlation_slope(lag, band_hz, signal),
-        noise=correlation(taps[:, None] - taps, band_hz, signal),
-        band_hz=band_hz,
-    )
-
-
-def dictionary_of(
-    taps_chips: Reals,
-    grid_chips: Reals,
-    *,
-    value: Reals,
-    slope: Reals,
-    noise: Reals,
-    band_hz: float = 0.0,
-    least: float = _CODE_NULLS,
-) -> Dictionary:
-    """Of any shape: what signals at each delay of the grid give in the taps, (m, g), its derivative by the delay, and
-    the noise's covariance between the taps, (m, m).
-
-    least : of the largest eigenvalue of the noise; directions below are left out.
-    """
-    whiten = _whitening(noise, least)
-    basis, size, _ = np.linalg.svd(whiten @ value, full_matrices=False)
+    whiten = _whitening(correlation(taps[:, None] - taps, band_hz, signal))
+    value, slope = whiten @ correlation(lag, band_hz, signal), -whiten @ correlation_slope(lag, band_hz, signal)
+    basis, size, _ = np.linalg.svd(value, full_matrices=False)
     basis = basis[:, size > 1e-7 * size[0]]
     return Dictionary(
-        points=taps_chips,
+        points=taps,
         whiten=basis.T @ whiten,
-        grid=grid_chips,
-        value=np.ascontiguousarray((basis.T @ (whiten @ value)).T),
-        slope=np.ascontiguousarray((basis.T @ (whiten @ slope)).T),
+        grid=grid,
+        value=np.ascontiguousarray((basis.T @ value).T),
+        slope=np.ascontiguousarray((basis.T @ slope).T),
         band_hz=band_hz,
     )
 
@@ -165,9 +140,9 @@ def sinc_slope(x: Reals) -> Reals:
     return np.asarray(np.where(small, -(np.pi**2) * x / 3.0, (np.cos(np.pi * safe) - np.sinc(safe)) / safe))
 
 
-def _whitening(covariance: Reals, least: float = _CODE_NULLS) -> Reals:
+def _whitening(covariance: Reals) -> Reals:
     values, vectors = linalg.eigh(covariance)
-    kept = values > least * values[-1]
+    kept = values > _CODE_NULLS * values[-1]
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T)
 
 

@@ -28,7 +28,6 @@ from skyproof.receiver.channels import (
 )
 from skyproof.receiver.grids import Grids
 from skyproof.receiver.guidance import is_guided
-from skyproof.receiver.joining import Components
 from skyproof.receiver.lock import lock_threshold
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.settings import LOCK_FRAMES, TELEMETRY_FRAMES, ReceiverSettings
@@ -51,7 +50,6 @@ class Given:
     arcs: dict[int, Arc] = field(default_factory=dict)
     gaps: list[Gap] = field(default_factory=list)
     grids: list[Grids] = field(default_factory=list)
-    components: list[Components] = field(default_factory=list)
     unheld: list[Measurements] = field(default_factory=list)
 
 
@@ -93,17 +91,13 @@ def end_diverged_arcs(
     state: ReceiverState,
     table: Reals,
     good: Booleans,
-    looked_into: Booleans,
     elapsed_s: float,
     settings: ReceiverSettings,
     given: Given,
-) -> tuple[ReceiverState, Booleans]:
+) -> ReceiverState:
     """End the arc of a channel whose code has left its carrier: it was pulled to another signal's peak.
 
     On one signal code minus carrier moves with the ionosphere only, millimetres a second.
-
-    looked_into : (n_channels,) those of which a joint channel has yet to say what there is: their arcs go on, and those
-        whose code has left its carrier (n_channels,) are returned, with slips that a joint channel looks for.
     """
     signal = settings.signal
     loops, channels = state.loops.copy(), list(state.channels)
@@ -113,9 +107,6 @@ def end_diverged_arcs(
     limit_s = np.maximum(settings.pulled_chips / signal.chip_rate_hz, 6.0 * table[:, m.CODE_SIGMA_S])
     new = good & ~np.isfinite(reference)
     pulled = good & (np.abs(apart_s - reference) > limit_s)
-    undecided = pulled & looked_into
-    good, pulled = good & ~undecided, pulled & ~undecided
-    loops[undecided, k.SLIPPED] = 1.0
     loops[good, k.CODE_MINUS_CARRIER] += 0.02 * (apart_s - reference)[good]
     loops[new | pulled, k.CODE_MINUS_CARRIER] = apart_s[new | pulled]
     number = state.next_arc
@@ -123,7 +114,7 @@ def end_diverged_arcs(
         if channels[i].copy is not None:
             channels[i] = _new_arc(channels[i], number, "pulled away", signal, given)
             number += 1
-    return replace(state, loops=loops, channels=tuple(channels), next_arc=number), undecided
+    return replace(state, loops=loops, channels=tuple(channels), next_arc=number)
 
 
 def messages_read(state: ReceiverState, settings: ReceiverSettings, given: Given) -> ReceiverState:
@@ -247,8 +238,7 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
     """Let go of channels that never locked, lost lock, or fell on the signal of another channel.
 
     A confirmed channel whose signal has faded is kept for `coast_s`, and for as long as a lock takes to be judged after
-    that; a guided one for `guided_s`; one that a joint channel leads, or has yet to look into, until that one says what
-    there is.
+    that; a guided one for `guided_s`.
 
     delays_s : (n_channels,) of a code period's start after the frame's end.
     """
@@ -261,7 +251,6 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
     judged = ~np.isnan(state.lock[:, :, 0]).any(axis=1)
     away_s = end_s - state.locked_at[:, 0]
     lasts = ~judged & (away_s < settings.coast_s) | is_guided(state.guides, end_s) & (away_s < settings.guided_s)
-    lasts |= _looked_into(state)
     stay: list[int] = []
     for i, channel in enumerate(state.channels):
         is_young = end_s - channel.began_s < settings.confirm_s - 1e-9
@@ -271,13 +260,6 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
             given.arcs[channel.arc] = arc_of(channel, settings.signal)
             lost = (*lost, lost_of(channel, place_of(state.locked_at[i]), settings.signal))
     return replace(kept(state, stay), lost=lost)
-
-
-def _looked_into(state: ReceiverState) -> Booleans:
-    """Channels (n_channels,) of joint channels that lead them, will from this frame's end on, or have no row yet."""
-    joint = [one for one in state.joint if one.leads or not one.rows or (one.row is not None and one.row.came)]
-    arcs = {arc for one in joint for arc in one.arcs.values()}
-    return np.array([channel.arc in arcs for channel in state.channels], np.bool_)
 
 
 def _doubles(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings) -> set[int]:
@@ -295,9 +277,6 @@ def _doubles(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings) 
             for j in by_right[:place]:
                 apart_s = math.remainder(float(delays_s[i] - delays_s[j]), signal.period_s)
                 same_hz = abs(hz[i] - hz[j]) < MERGE_HZ
-                arcs = {state.channels[i].arc, state.channels[j].arc}
-                if any(one.tells(arcs) for one in state.joint):
-                    continue
                 if same_hz and abs(apart_s) * signal.chip_rate_hz < settings.merge_chips:
                     doubles.add(i)
     return doubles

@@ -36,9 +36,6 @@ class ReceiverSettings:
     looks_per_frame, look_share : all taps are taken in this share of so many equal parts of a frame, and averaged over
         each; 0 takes them all the time and averages over a row of measurements.
     grids : which correlation grids are taken; None takes none.
-    joint : whether several signals of a satellite within a chip and a half of each other are told apart and followed
-        by joint channels (`joining`); of a receiver with one antenna. joint_look_s : how often they are looked for
-        beside each signal.
     least_dbhz : weaker signals are not measured: every third slip of their carriers goes unseen, and so do more and
         more false locks (`false_lock`).
     pull_in, searching_bits, tracking, weak : the loops for `pull_in_s`; until bits are known; then; and below
@@ -63,8 +60,6 @@ class ReceiverSettings:
     looks_per_frame: int = 0
     look_share: float = 1.0
     grids: CcafAsked | None = None
-    joint: bool = False
-    joint_look_s: float = 6.0
     code_phases: int = 32
     # Of 5 ms: a frequency loop of 1 ms shakes by 18 Hz at 35 dB-Hz and loses every other signal.
     pull_in: LoopSettings = LoopSettings(

@@ -15,7 +15,6 @@ from skyproof.receiver.coasting import N_COURSE
 from skyproof.receiver.false_lock import N_TURNS
 from skyproof.receiver.grids import Grids
 from skyproof.receiver.guidance import N_GUIDE
-from skyproof.receiver.joining import Components, JointlyFollowed
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.settings import LOCK_FRAMES
 
@@ -67,7 +66,6 @@ class ReceiverState:
     noise: float = 0.0
     moved: EdgeSums | None = None
     asked_s: float = -np.inf
-    joint: tuple[JointlyFollowed, ...] = ()
     lost: tuple[LostSignal, ...] = ()
     letters: Mapping[str, int] = field(default_factory=dict)
     searched: Mapping[str, Mapping[int, float]] = field(default_factory=dict)  # sat -> Doppler bin -> last time
@@ -77,15 +75,14 @@ class ReceiverState:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StepOutput:
     """What a step gives: measurements, the arcs that were followed as they stand, gaps that were bridged, the
-    correlation grids that were asked for, and what joint channels say. unheld : rows of guided channels by what they
-    show without a phase (`unheld`): for the filter that guides them, and no measurements.
+    correlation grids that were asked for. unheld : rows of guided channels by what they show without a phase
+    (`unheld`): for the filter that guides them, and no measurements.
     """
 
     measurements: Measurements
     arcs: Mapping[int, Arc]
     gaps: tuple[Gap, ...] = ()
     grids: Grids = field(default_factory=Grids.nothing)
-    components: tuple[Components, ...] = ()
     unheld: Measurements = field(default_factory=Measurements.nothing)
 
 

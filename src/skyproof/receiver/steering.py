@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skyproof.arrays import Booleans, Reals
+from skyproof.arrays import Reals
 from skyproof.receiver import coasting
 from skyproof.receiver import kernels as k
 from skyproof.receiver.settings import LoopSettings, ReceiverSettings
@@ -15,11 +15,11 @@ __all__ = ["set_loops", "steered"]
 WEAK_HYSTERESIS_DB = 2.0
 
 
-def steered(state: ReceiverState, settings: ReceiverSettings, now_s: float, led: Booleans) -> ReceiverState:
-    """Integration and bandwidths by what is known of each channel; none where it is `led` (n_channels,)."""
+def steered(state: ReceiverState, settings: ReceiverSettings, now_s: float) -> ReceiverState:
+    """Integration and bandwidths by what is known of each channel."""
     loops = state.loops.copy()
-    for channel, loop, course, is_led in zip(state.channels, loops, state.courses, led.tolist(), strict=True):
-        if is_led or np.isfinite(course[coasting.SINCE_S]):
+    for channel, loop, course in zip(state.channels, loops, state.courses, strict=True):
+        if np.isfinite(course[coasting.SINCE_S]):
             set_loops(loop, replace(_choice(loop, settings), pll_bandwidth_hz=0.0, dll_bandwidth_hz=0.0))
             continue
         pulls_in = now_s - channel.began_s < settings.pull_in_s - 1e-9 or now_s < course[coasting.PULL_UNTIL_S] - 1e-9

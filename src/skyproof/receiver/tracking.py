@@ -30,17 +30,6 @@ from skyproof.receiver.grids import GridCorrelator, Grids, at_stake
 from skyproof.receiver.guidance import DOPPLER_HZ as GUIDED_DOPPLER_HZ
 from skyproof.receiver.guidance import SINCE_S as GUIDED_SINCE_S
 from skyproof.receiver.guidance import guided_loops, is_guided
-from skyproof.receiver.joining import JointReceiver
-from skyproof.receiver.jointly import (
-    followed_jointly,
-    joined,
-    led,
-    led_on,
-    looked_into,
-    measured_jointly,
-    unheard,
-    with_bits_of_the_strongest,
-)
 from skyproof.receiver.keeping import Given, confirmed, dropped, end_diverged_arcs, forget_time, holds, messages_read
 from skyproof.receiver.lock import lock_value
 from skyproof.receiver.looking import Lookout, delay_s
@@ -56,8 +45,6 @@ __all__ = ["MEASURE_FRAMES", "LoopSettings", "Receiver", "ReceiverSettings", "Re
 
 STEER_SHARE = 0.5
 """Of a measured error of code by which it is steered until the next measurement: 0.8 Hz of noise bandwidth."""
-LED_PROMPTS = 20.0
-"""As many a frame count as locked of a channel that a joint channel leads."""
 POWER_STRIDE = 61
 """Every so many samples tell the level of a frame, to a per cent or better."""
 
@@ -91,10 +78,6 @@ class Receiver:
         self.grids: GridCorrelator | None = None
         if self.settings.grids is not None:
             self.grids = GridCorrelator(self.settings.grids, rate_hz, if_hz, self.signal, self.settings.code_phases)
-        self.joint: JointReceiver | None = None
-        if self.settings.joint:
-            epoch_samples = MEASURE_FRAMES * self.settings.frame_s * rate_hz
-            self.joint = JointReceiver(self.signal, rate_hz, if_hz, epoch_samples)
         self._tables: dict[str, NDArray[np.int8]] = {}
         self._stacked: tuple[tuple[str, ...], NDArray[np.int8]] | None = None
 
@@ -132,11 +115,9 @@ class Receiver:
             arcs=arcs,
             gaps=tuple(given.gaps),
             grids=Grids.joined(given.grids),
-            components=tuple(given.components),
             unheld=Measurements.joined([nothing, *given.unheld]),
         )
-        joint = [one.state.replica.start for one in state.joint]
-        keep = int(min([self.frame_start(state.frame), *state.loops[:, k.START].tolist(), *joint]))
+        keep = int(min([self.frame_start(state.frame), *state.loops[:, k.START].tolist()]))
         # A copy of what is left, so that the state does not hold on to the whole block.
         return output, replace(state, tail=state.tail[..., keep - state.tail_start :].copy(), tail_start=keep)
 
@@ -160,7 +141,7 @@ class Receiver:
         unseen = np.isfinite(state.courses[:, SINCE_S]) | ~holds(state, MEASURE_FRAMES, self.settings)
         loops, guides = guided_loops(
             state.loops,
-            np.where(led(state)[:, None], np.nan, state.guides),
+            state.guides,
             unseen,
             now_s,
             frame_s=self.settings.frame_s,
@@ -176,24 +157,16 @@ class Receiver:
         state = self._lookout.look(state, begin, self._rows_shape(state))
         before = state
         state = self._advance(state, begin, end)
-        joint = self._joint(state)
-        if joint is not None:
-            state = followed_jointly(joint, with_bits_of_the_strongest(state), given, end)
         state = self._check_locks(state, end)
         if state.frame > 0 and state.frame % MEASURE_FRAMES == 0:
             state = self._measure(state, before, given)
             if self.grids is not None:
                 given.grids += self._take_grids(self.grids, state, given.measured[-1])
         state = messages_read(state, self.settings, given)
-        state = self._follow_guides(steered(state, self.settings, end_s, led(state)), end_s)
+        state = self._follow_guides(steered(state, self.settings, end_s), end_s)
         state = confirmed(state, self.settings, given)
         state = dropped(state, self._delay_s(state.loops, end), self.settings, given)
-        if joint is not None:
-            state = led_on(joint, state, self.settings, given, end, self._rows_shape(state))
         return replace(state, frame=state.frame + 1)
-
-    def _joint(self, state: ReceiverState) -> JointReceiver | None:
-        return self.joint if state.tail.shape[0] == 1 else None
 
     def _delay_s(self, loops: Reals, begin: int) -> Reals:
         return delay_s(loops, begin, self.rate_hz, self.signal.period_s)
@@ -270,10 +243,8 @@ class Receiver:
         """
         settings, loops = self.settings, state.loops
         end_s = (state.frame + 1) * settings.frame_s
-        is_led = led(state)
-        there = has_power(loops, state.noise, settings.false_return_probability) | is_led
+        there = has_power(loops, state.noise, settings.false_return_probability)
         now = np.stack([lock_value(loops[:, k.LOCK_I], loops[:, k.LOCK_Q]), loops[:, k.LOCK_COUNT]], axis=-1)
-        now[is_led] = 1.0, LED_PROMPTS  # the joint channel says when a signal is lost
         lock = np.concatenate([state.lock[:, 1:], now[:, None]], axis=1)
         coasted = np.isfinite(state.courses[:, SINCE_S])  # in this frame: when its signal is back, its phase is not yet
         nominal = self.signal.chip_rate_hz, self.signal.carrier_hz
@@ -313,11 +284,6 @@ class Receiver:
         table, taps, wipe = m.measure(
             loops, earlier, later, elapsed_s, self.rate_hz, self.if_hz, self.signal, self.discriminator
         )
-        is_led = led(state)
-        if self.joint is not None:
-            loops[is_led] = state.loops[is_led]
-            table = measured_jointly(self.joint, state, table, elapsed_s)
-            error_chips[is_led] = np.nan
         steer = np.where(np.isfinite(error_chips), STEER_SHARE * error_chips, 0.0)
         loops[:, k.CODE_STEER] = steer / (MEASURE_FRAMES * settings.frame_s)
         good = holds(state, MEASURE_FRAMES, settings) & np.isfinite(table[:, m.FRACTION_S])
@@ -326,25 +292,23 @@ class Receiver:
         share = np.where(np.isfinite(loops[:, k.CODE_MINUS_CARRIER]), 0.2, 1.0)
         loops[good, k.CN0_DBHZ] += (share * (table[:, m.CN0_DBHZ] - loops[:, k.CN0_DBHZ]))[good]
         good &= loops[:, k.CN0_DBHZ] > settings.least_dbhz
-        turning, loops, turns = off_false_locks(loops, state.turns, (earlier, later), good & ~is_led, self.signal)
+        turning, loops, turns = off_false_locks(loops, state.turns, (earlier, later), good, self.signal)
         good &= ~turning
         proved = np.array([c.copy is not None for c in state.channels])
         loops[good | ~proved, k.SLIPPED] = 0.0
         courses = measured_course(state.courses, table[:, m.DOPPLER_HZ], good & proved, elapsed_s)
         state = replace(state, loops=loops, courses=courses, turns=turns)
-        told = good & ~unheard(state)
-        look, state = looked_for_gap(state, table, told, (earlier, later), elapsed_s, settings, self.if_hz)
+        look, state = looked_for_gap(state, table, good, (earlier, later), elapsed_s, settings, self.if_hz)
         if look.gap is not None:
             given.gaps.append(look.gap)
         if look.gap is not None or look.untimed:
             return forget_time(state, self.signal, given)
-        told, looked = good & ~joined(state), looked_into(state) & (self._joint(state) is not None)
-        state, undecided = end_diverged_arcs(state, table, told, looked, elapsed_s, settings, given)
+        state = end_diverged_arcs(state, table, good, elapsed_s, settings, given)
         if look.withheld:
             loops = state.loops.copy()
             loops[good, k.SLIPPED] = 1.0
             return replace(state, loops=loops)
-        good &= proved & ~undecided
+        good &= proved
         own, last_phases = self._on_each_antenna(state, earlier, later, taps, wipe, good, elapsed_s)
         numbers = np.array([c.arc for c in state.channels], np.int64)
         looks = taps[:, np.newaxis, : self.n_taps]

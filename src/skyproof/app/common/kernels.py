@@ -20,9 +20,6 @@ JOBS: Final[Mapping[str, tuple[str, ...]]] = {
     "overlaps": (
         "decomposition.kernels",
         "detectors.dccaf.bursts",
-        "receiver.joint_kernels",
-        "receiver.joint_search",
-        "receiver.joint_tracker",
     ),
     "receiver": (
         "formats.layout",

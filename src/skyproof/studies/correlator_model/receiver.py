@@ -35,8 +35,8 @@ class ModelReceiver(Receiver):
     def __init__(self, scene: Scene, index: int, settings: ReceiverSettings, rng: np.random.Generator) -> None:
         front_end = scene.scenario.front_end
         super().__init__(front_end.rate_hz, front_end.if_hz, settings)
-        if self.taps_hz.size > 1 or self.settings.joint:
-            raise ValueError("only one Doppler is drawn, and no joint channel")
+        if self.taps_hz.size > 1:
+            raise ValueError("only one Doppler is drawn")
         self.waves = compute_waves(scene, index)
         self._rng = rng
         self._shape = front_end.rate_hz, front_end.bandwidth_hz
