@@ -51,7 +51,8 @@ class MeanPhases:
 
     cycles : (n, d) measured minus predicted differences, any whole cycles in them. direction : (n, 3) predicted, of
     which the rest follows. sigma_cyc : (n, M). elements_cyc : (M, 3). ratio : (n,) of carriers.
-    position_sigma_cyc : of each antenna along each axis.
+    position_sigma_cyc : of each antenna along each axis. scale_sigma : of the length of all baselines together, as a
+        share of it.
     """
 
     cycles: Reals
@@ -60,6 +61,7 @@ class MeanPhases:
     elements_cyc: Reals
     ratio: Reals
     position_sigma_cyc: float
+    scale_sigma: float = 0.0
 
     def part(self, rows: Indices) -> "MeanPhases":
         """Some of the signals."""
@@ -155,6 +157,7 @@ def covariance_of(measured: MeanPhases, frame: ArrayFrame) -> Reals:
         position_sigma_cyc=measured.position_sigma_cyc,
         attitude_covariance_rad2=frame.attitude_covariance_rad2,
         bias_sigma_cyc=frame.bias_sigma_cyc,
+        scale_sigma=measured.scale_sigma,
         frequency_ratio=measured.ratio,
     )
 

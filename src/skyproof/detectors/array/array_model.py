@@ -73,12 +73,13 @@ def residual_covariance(
     position_sigma_cyc: ArrayLike = 0.0,
     attitude_covariance_rad2: ArrayLike = 0.0,
     bias_sigma_cyc: float = 0.0,
+    scale_sigma: float = 0.0,
     frequency_ratio: ArrayLike = 1.0,
 ) -> Reals:
     """Covariance V (..., n d, n d) of `unexplained`, signals outermost.
 
-    White noise is every signal's own. Position, bias and attitude errors are one draw for all signals, and for all
-    epochs if the n rows are signals at several epochs. The attitude error enters to first order.
+    White noise is every signal's own. Errors of position, scale, bias and attitude are one draw for all signals, and for
+    all epochs if the n rows are signals at several epochs. The attitude error enters to first order.
     A mean over epochs has the covariance of mean directions (then shorter than 1) and white noise less by the number.
 
     Parameters
@@ -88,6 +89,7 @@ def residual_covariance(
     position_sigma_cyc : of each antenna along each axis, one number or (M,).
     attitude_covariance_rad2 : (3, 3) of the small rotation in the elements' frame, or one variance for each axis.
     bias_sigma_cyc : of each antenna's line, the same for all signals.
+    scale_sigma : of the length of all baselines together, as a share of it.
     frequency_ratio : (n,) carrier of each signal over the one whose wavelengths the elements are counted in.
     """
     elements_cyc = np.asarray(elements_cyc, np.float64)
@@ -101,12 +103,15 @@ def residual_covariance(
     tilt = np.asarray(attitude_covariance_rad2, np.float64)
     tilt = tilt if tilt.ndim else tilt * np.eye(3)
     # D A [u x]: how the differences of each signal follow a small rotation.
-    lever = np.cross(array_design(elements_cyc), scaled[..., None, :])
+    design = array_design(elements_cyc)
+    lever = np.cross(design, scaled[..., None, :])
+    longer = scale_sigma * scaled @ design.T
     gram = scaled @ np.swapaxes(scaled, -1, -2)
     common = (
         np.einsum("...ij,ab->...iajb", gram, position)
         + bias[:, None, :]
         + np.einsum("...iax,xy,...jby->...iajb", lever, tilt, lever)
+        + np.einsum("...ia,...jb->...iajb", longer, longer)
     )
     white = white_covariance(sigma_cyc)
     i = np.arange(n)

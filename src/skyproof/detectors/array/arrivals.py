@@ -99,6 +99,7 @@ def _shared(known: MeanPhases, agreed: Agreement, directions: Reals, ratio: floa
         elements_cyc=known.elements_cyc,
         ratio=np.append(known.ratio, np.full(s, ratio)),
         position_sigma_cyc=known.position_sigma_cyc,
+        scale_sigma=known.scale_sigma,
     )
     return shared_given(agreed.residual_cyc, covariance_of(both, agreed.frame), np.arange(n), np.arange(n, n + s))
 

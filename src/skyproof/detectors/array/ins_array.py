@@ -56,6 +56,7 @@ class InsArraySettings:
 
     false_alarm_probability : of each array and window.
     position_sigma_m : of each antenna's phase centre along each axis, where the array does not state it.
+    scale_sigma : of the length of all baselines together, as a share of it.
     bias_sigma_cyc : of what calibration leaves of each antenna's line.
     attitude_sigma_deg : about each axis, where the inertial system gives no covariance.
     min_share : of a signal that is tested, of the epochs of the signal that has most.
@@ -64,6 +65,7 @@ class InsArraySettings:
 
     false_alarm_probability: float = 1e-3
     position_sigma_m: float = 0.003
+    scale_sigma: float = 0.0
     bias_sigma_cyc: float = 0.005
     attitude_sigma_deg: float = 0.05
     min_share: float = 0.2
@@ -154,6 +156,7 @@ class InsArray:
             position_sigma_cyc=(self.settings.position_sigma_m if known_m is None else known_m)
             * L1_HZ
             / SPEED_OF_LIGHT_M_S,
+            scale_sigma=self.settings.scale_sigma,
         )
         refs = tuple(SignalRef(phases.receiver, phases.signals[k]) for k in used)
         stated = ArrayFrame(
@@ -196,8 +199,8 @@ class InsArray:
         d = measured.cycles.shape[1]
         alpha, total = self.settings.false_alarm_probability, np.unique(sats).size
         position = white_covariance(np.full(d + 1, measured.position_sigma_cyc))
-        own = white_covariance(measured.sigma_cyc).mean(axis=0) + position
         design = array_design(measured.elements_cyc)
+        own = white_covariance(measured.sigma_cyc).mean(axis=0) + position + measured.scale_sigma**2 * design @ design.T
         for missed in POLICY.gates_missed_probability:
             size = np.unique(sats[agreed.members[agreed.p_values[agreed.members] >= missed]]).size
             beyond = size - agreed.frame.freed / d

@@ -223,10 +223,10 @@ class Spin:
             POLICY.level_scale_cyc * levels.level * [1.0, -1.0]
         )  # the arm turns clockwise: forward is its start, then right
         shape = (1, channels.size, 3)
-        sigma = POLICY.level_scale_cyc * np.sqrt(np.linalg.eigvalsh(levels.covariance).max())
         carrier_hz = observations.carrier_hz[channels]
         wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz[0]
-        radius_cyc = arm.radius_m / wavelength_m
+        lasting = self.settings.lasting_sigma_cyc * wavelength_m / arm.radius_m
+        sigma = POLICY.level_scale_cyc * np.sqrt(np.linalg.eigvalsh(levels.covariance).max() + lasting**2)
         phases = ArrayPhases(
             receiver=observations.receiver,
             signals=tuple(observations.signals[k] for k in channels),
@@ -236,13 +236,16 @@ class Spin:
             * wavelength_m
             * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
             phase_cyc=np.concatenate([np.zeros((channels.size, 1)), seen], axis=1)[None],
+            # Both are a part of one phase: where they are taken against, nothing has an error.
             sigma_cyc=np.broadcast_to([1e-6, sigma, sigma], shape),
             carrier_hz=carrier_hz,
             calibrated=False,
-            elements_sigma_m=POLICY.level_scale_cyc * wavelength_m * self.settings.radius_sigma_m / arm.radius_m,
-            lasting_sigma_cyc=POLICY.level_scale_cyc * self.settings.lasting_sigma_cyc / radius_cyc,
+            elements_sigma_m=0.0,
         )
-        judge = _ByArm(InsArraySettings(false_alarm_probability=self.settings.false_alarm_probability))
+        scale_sigma = self.settings.radius_sigma_m / arm.radius_m
+        judge = _ByArm(
+            InsArraySettings(false_alarm_probability=self.settings.false_alarm_probability, scale_sigma=scale_sigma)
+        )
         bodies = level_bodies(records, places, float(np.radians(self.settings.tilt_sigma_deg)))
         views = [view for body in bodies if (view := judge.seen(phases, body, records.navigation)) is not None]
         if not views:
