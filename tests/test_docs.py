@@ -262,7 +262,7 @@ def test_every_column_of_fixes_and_every_key_for_sigmf_is_described() -> None:
 
 def test_every_ready_made_scene_is_described() -> None:
     page = text_of(DOCS / "scenarios.md")
-    assert [name for name in ready_made() if f"### {name}\n" not in page] == []
+    assert [name for name in ready_made() if f"\n| [`{name}`]" not in page] == []
     assert f"{len(ready_made())} ready-made scenes" in text_of(ROOT / "README.md")
 
 

@@ -63,7 +63,7 @@ COMMANDS = {
     ),
     "verify": (
         "FOLDER [OPTIONS]",
-        "Check that the results of a run, and what it read, are still the bytes that they were.",
+        "Check that the results and inputs of a run are unchanged since it ended.",
         AFTER_DEMO + "skyproof verify demo",
     ),
     "fleet": (

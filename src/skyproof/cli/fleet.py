@@ -29,12 +29,12 @@ FAILED = 2
 def fleet(
     catalogue: Annotated[
         Path,
-        Parameter(help="CSV, a line an item: inputs (with ; between receivers), nav, imu, platform, name, settings."),
+        Parameter(help="CSV with one line per item: inputs (with ; between receivers), nav, imu, platform, name, settings."),
     ],
     /,
     *,
     out: Annotated[
-        Path, Parameter(help="Folder for what every item leaves and for all together; given again, it is gone on with.")
+        Path, Parameter(help="Folder for the results; an unfinished one is continued.")
     ],
     workers: Annotated[int | None, Parameter(help="Processes at work side by side. Default: one a core.")] = None,
     ray: Annotated[

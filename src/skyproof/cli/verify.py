@@ -25,7 +25,7 @@ def verify(
     ] = None,
     debug: Debug = False,
 ) -> int:
-    """Check that the results of a run, and what it read, are still the bytes that they were."""
+    """Check that the results and inputs of a run are unchanged since it ended."""
     found = app.verify.verify(folder, inputs_in=inputs_in, progress=progress())
     console = Console()
     rows = table("file", "of the run", "bytes")

@@ -17,7 +17,6 @@ from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.scenario import Scenario, ScenePlace, parse_scenario
 
 NAMES = list(scenes.ready_made())
-DOCS = Path(__file__).resolve().parents[3] / "docs"
 
 
 class Reader(HTMLParser):
@@ -189,19 +188,6 @@ def test_the_command_draws_the_page_alone_or_beside_the_data(
     assert "scene.html" in json.loads((tmp_path / "data" / "truth.json").read_text(encoding="utf-8"))["files"]
     assert main(["simulate", "spin", *options, "--overwrite"]) == 0
     assert not (tmp_path / "data" / "scene.html").exists()  # of the run before
-
-
-# The page that a person wrote on them (that its commands parse is tested with all others)
-
-
-def test_every_ready_made_scene_has_its_section_with_source_and_commands() -> None:
-    text = (DOCS / "scenarios.md").read_text(encoding="utf-8")
-    sections = dict(re.findall(r"^### (\S+)\n(.*?)(?=^##|\Z)", text, re.MULTILINE | re.DOTALL))
-    assert sorted(sections) == sorted(NAMES)
-    for name, section in sections.items():
-        assert "\nSource: " in section, name
-        assert f"\nskyproof simulate {name} --out {name}\n" in section
-        assert f"\nskyproof simulate {name} --plot\n" in section
 
 
 def test_every_ready_made_scene_states_its_source() -> None:
