@@ -35,7 +35,7 @@ def unbuilt(word: str, what: str, so_far: str) -> str:
     if word == "figure":
         name, *options = runs.figure_words(what)
         command = f"skyproof study {' '.join([name, *options])} --plot"
-        return f"*{studies()[name].title}: `{command}` draws it, and so does `make docs` in this place.*"
+        return f"*{studies()[name].title}: `{command}`.*"
     return so_far
 
 
