@@ -29,7 +29,7 @@ FAILED = 2
 def fleet(
     catalogue: Annotated[
         Path,
-        Parameter(help="CSV with one line per item: inputs (with ; between receivers), nav, imu, platform, name, settings."),
+        Parameter(help="CSV, one line per item: inputs (; between receivers), nav, imu, platform, name, settings."),
     ],
     /,
     *,
