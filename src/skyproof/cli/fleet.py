@@ -33,9 +33,7 @@ def fleet(
     ],
     /,
     *,
-    out: Annotated[
-        Path, Parameter(help="Folder for the results; an unfinished one is continued.")
-    ],
+    out: Annotated[Path, Parameter(help="Folder for the results; an unfinished one is continued.")],
     workers: Annotated[int | None, Parameter(help="Processes at work side by side. Default: one a core.")] = None,
     ray: Annotated[
         str | None,
