@@ -78,6 +78,12 @@ ENTRIES: Final[Mapping[str, Entry]] = {
     "from_satellites": Entry(_count_true),
     "from_elsewhere": Entry("a signal of {sat} comes to {receiver} from elsewhere than its satellite"),
     "from_one_direction": Entry("signals of {n_satellites} satellites come to {receiver} from one direction"),
+    "from_elsewhere_over_time": Entry(
+        "over {over_s:.0f} s a signal of {sat} comes to {receiver} from elsewhere than its satellite"
+    ),
+    "from_one_direction_over_time": Entry(
+        "over {over_s:.0f} s signals of {n_satellites} satellites come to {receiver} from one direction"
+    ),
     "repeated": Entry(
         "signals of {n_satellites} satellites come to {receiver} from one direction that is none of theirs, later and "
         "weaker than true ones: a repeater, a reflector, or false signals",

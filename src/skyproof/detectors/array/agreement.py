@@ -35,6 +35,7 @@ __all__ = [
     "MeanPhases",
     "agreement",
     "best_agreement",
+    "fitted_frame",
     "frames",
     "residuals",
     "shared_given",
@@ -186,9 +187,10 @@ def agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probability: 
     tight = covariance_of(measured, _tightened(frame))
     residual, least = nearest_whole(residuals(measured, frame), own_blocks(tight, n, d))
     p_value = float(sky_p_value(residual, covariance, wrapped=False))
-    if p_value >= false_alarm_probability:
-        return _agreed(frame, residual, covariance, np.arange(n), p_value, np.ones(n), false_alarm_probability)
     missed = max(false_alarm_probability, POLICY.fitted_missed_probability)
+    if p_value >= false_alarm_probability:
+        agreed = _agreed(frame, residual, covariance, np.arange(n), p_value, np.ones(n), false_alarm_probability)
+        return replace(agreed, doubtful=np.flatnonzero(agreed.p_values < missed / n))
     # Few are enough to show what all share; who stands far off alone must not.
     members = np.flatnonzero(chi_square_survival(least, d) >= missed / n)
     members = _without_strangers(residual, covariance, members, missed)
@@ -218,10 +220,10 @@ def frames(measured: MeanPhases, frame: ArrayFrame) -> Iterator[ArrayFrame]:
     """The frame itself where attitude and lines are known, else candidates for what is not, fitted to most signals."""
     if frame.attitude_free:
         for turn, bias_cyc in _rotations(measured, frame):
-            yield _fitted(measured, replace(frame, turn=turn, bias_cyc=bias_cyc))
+            yield fitted_frame(measured, replace(frame, turn=turn, bias_cyc=bias_cyc))
     elif frame.bias_free:
         for bias_cyc in residuals(measured, frame):
-            yield _fitted(measured, replace(frame, bias_cyc=frame.bias_cyc + bias_cyc))
+            yield fitted_frame(measured, replace(frame, bias_cyc=frame.bias_cyc + bias_cyc))
     else:
         yield frame
 
@@ -296,7 +298,7 @@ def _tightened(frame: ArrayFrame) -> ArrayFrame:
     )
 
 
-def _fitted(measured: MeanPhases, frame: ArrayFrame) -> ArrayFrame:
+def fitted_frame(measured: MeanPhases, frame: ArrayFrame) -> ArrayFrame:
     """A frame of which something is not known, moved to where the signals near it have it."""
     bias_covariance = white_covariance(np.full(frame.bias_cyc.size + 1, frame.bias_sigma_cyc))
     design = array_design(measured.elements_cyc)

@@ -78,8 +78,8 @@ def residual_covariance(
 ) -> Reals:
     """Covariance V (..., n d, n d) of `unexplained`, signals outermost.
 
-    White noise is every signal's own. Errors of position, scale, bias and attitude are one draw for all signals, and for
-    all epochs if the n rows are signals at several epochs. The attitude error enters to first order.
+    White noise is every signal's own. Errors of position, scale, bias and attitude are one draw for all signals, and
+    for all epochs if the n rows are signals at several epochs. The attitude error enters to first order.
     A mean over epochs has the covariance of mean directions (then shorter than 1) and white noise less by the number.
 
     Parameters

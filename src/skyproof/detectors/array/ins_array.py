@@ -4,7 +4,7 @@ The model and its tests are in `array_model`; which signals agree, with what is 
 most of them show, in `agreement`; from where the others come in `arrivals`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
@@ -17,18 +17,23 @@ from skyproof.detectors.array.agreement import (
     Agreement,
     ArrayFrame,
     MeanPhases,
+    agreement,
     best_agreement,
+    fitted_frame,
+    residuals,
 )
 from skyproof.detectors.array.array_common import cluster_chance, of_one_sky, once_each
 from skyproof.detectors.array.array_model import array_design, mean_differences, predicted_directions, white_covariance
 from skyproof.detectors.array.arrivals import Arrival, across, arrivals
 from skyproof.detectors.array.failing import Failing, Fault, find_failing, leave_out
+from skyproof.detectors.array.over_time import Block, Waiting, add_block, alpha_alone, alpha_of_block, kept_share
 from skyproof.detectors.array.policy import POLICY
 from skyproof.detectors.array.reflected import reflections
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef
+from skyproof.gnss.time import seconds_between
 from skyproof.records import (
     ArrayPhases,
     Cause,
@@ -114,28 +119,88 @@ class InsArray:
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
         """Return the findings of one window; never raises for what the data lack."""
-        report = Reporter(self, records, Hypothesis.SKY_DIRECTIONS)
+        alone = self.spending(alpha_alone(self.settings.false_alarm_probability))
+        report = Reporter(alone, records, Hypothesis.SKY_DIRECTIONS)
         lacking = report.name_missing()
         if lacking or records.navigation is None:
             return lacking, state
-        orbits = records.navigation
-        return [
-            finding for phases in records.array_phases for finding in self._test_array(report, phases, orbits)
-        ], state
+        waiting: dict[str, Waiting] = dict(state or {})
+        found = [
+            f for phases in records.array_phases for f in self._test_array(report, phases, records.navigation, waiting)
+        ]
+        return found, waiting
 
-    def _test_array(self, report: Reporter, phases: ArrayPhases, navigation: NavigationData) -> list[Finding]:
-        """Return what fails or is not as stated in one array, and what its signals show."""
+    def _test_array(
+        self, report: Reporter, phases: ArrayPhases, navigation: NavigationData, waiting: dict[str, Waiting]
+    ) -> list[Finding]:
+        """Return what fails or is not as stated in one array, and what its signals show.
+
+        waiting : blocks of windows of each receiver; brought up to date.
+        """
         every = list_refs(phases.receiver, phases.signals)
         lost = find_failing(phases)
         notes = [NotTested(f"antennas_{fault}", _name_antennas(lost, fault)) for fault in dict.fromkeys(lost.values())]
         phases = leave_out(phases, lost)
+        alone = self.spending(alpha_alone(self.settings.false_alarm_probability))
         bodies = _bodies(report.records, phases.receiver) if len(phases.elements_m) > 1 else []
-        views = [view for body in bodies if (view := self.seen(phases, body, navigation)) is not None]
+        views = [view for body in bodies if (view := alone.seen(phases, body, navigation)) is not None]
         if not views:
             return [report.pass_over(every, why) for why in (*notes, _explain_unseen(phases, bodies))]
         view = likeliest(views)
         notes += _list_unused(view)
-        return [*(report.pass_over(every, why) for why in notes), *self.judge(report, view, navigation)]
+        lasting_cyc = np.full(len(phases.elements_m), phases.lasting_sigma_cyc)
+        block = block_of(view, lasting_cyc, report.records)
+        share = kept_share(phases.lasting_sigma_cyc, L1_HZ)
+        own = alone.judge(report, view, navigation)
+        waiting[phases.receiver], found = self.judge_with_blocks(
+            report, own, waiting.get(phases.receiver, Waiting()), block, view, navigation, share
+        )
+        return [*(report.pass_over(every, why) for why in notes), *found]
+
+    def spending(self, false_alarm_probability: float) -> "InsArray":
+        """Return this detector at another error rate."""
+        return type(self)(replace(self.settings, false_alarm_probability=false_alarm_probability))
+
+    def judge_with_blocks(
+        self,
+        report: Reporter,
+        alone: Sequence[Finding],
+        waiting: Waiting,
+        block: Block,
+        view: ArrayView,
+        navigation: NavigationData,
+        kept: float,
+    ) -> tuple[Waiting, list[Finding]]:
+        """Return what waits, and the findings of a window beside those of the longer blocks that it completes.
+
+        alone : findings of the window. block : of the window, of which `view` is. kept : as of `Block.mean_phases`.
+        """
+        if not view.accepted and (view.agreed.frame.attitude_free or view.agreed.frame.bias_free):
+            return waiting, list(alone)  # nothing shows how the body stands
+        waiting, complete = add_block(waiting, block)
+        named = {ref for finding in alone if finding.says == "spoofed" for ref in finding.signals}
+        found = list[Finding]()
+        for joined in complete:
+            judge = self.spending(alpha_of_block(self.settings.false_alarm_probability, joined.windows))
+            over = Reporter(judge, report.records, report.hypothesis)
+            for finding in judge.judge(over, judge.view_of(joined, view, kept), navigation):
+                if finding.says != "spoofed":
+                    continue
+                waiting = waiting.with_false(finding.signals, joined.windows)
+                if not named.issuperset(finding.signals):
+                    named |= set(finding.signals)
+                    data = {**finding.data, "over_s": joined.duration_s}
+                    found.append(replace(finding, code=f"{finding.code}_over_time", data=data))
+        # A window alone sees too little to vouch for what longer blocks have shown to be false.
+        return waiting, [*(f for own in alone if (f := _leave_out_false(own, waiting.false))), *found]
+
+    def view_of(self, block: Block, newest: ArrayView, kept: float) -> ArrayView:
+        """Return what agrees in the mean of a block. newest : of its last window."""
+        measured = block.mean_phases(kept)
+        sats = np.unique([ref.signal.sat for ref in block.refs], return_inverse=True)[1]
+        agreed = agreement(measured, fitted_frame(measured, block.frame), self.settings.false_alarm_probability)
+        accepted = self._is_no_chance(measured, agreed, sats)
+        return newest._replace(refs=block.refs, measured=measured, agreed=agreed, accepted=accepted)
 
     def seen(self, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> ArrayView | None:
         """What agrees as seen from a place; None if no signal can be compared."""
@@ -395,6 +460,32 @@ def _explain_unseen(phases: ArrayPhases, bodies: Sequence[NavState]) -> NotTeste
     if len(phases.elements_m) < 2:
         return NotTested("few_antennas", data)
     return NotTested("no_signal", data) if bodies else NotTested("no_place", data)
+
+
+def block_of(view: ArrayView, lasting_cyc: Reals, records: Records) -> Block:
+    """Return a window's block. lasting_cyc : (M,) of each antenna's phase, what the window's mean keeps."""
+    measured, frame = view.measured, view.agreed.frame
+    off = residuals(measured, frame)
+    return Block(
+        refs=view.refs,
+        residual_cyc=off - np.rint(off),
+        towards=measured.direction @ frame.turn.T,
+        white_cyc2=np.maximum(measured.sigma_cyc**2 - lasting_cyc**2, 0.0),
+        lasting_cyc2=lasting_cyc**2,
+        frame=frame,
+        body=frame.turn @ view.state.attitude[view.state.gpst.size // 2].T,
+        measured=measured,
+        windows=1,
+        duration_s=seconds_between(records.end_gpst, records.start_gpst),
+    )
+
+
+def _leave_out_false(finding: Finding, false: Collection[SignalRef]) -> Finding | None:
+    """Return a finding of true signals without those that are shown to be false elsewhere; None if none stay."""
+    if finding.says != "authentic":
+        return finding
+    kept = tuple(ref for ref in finding.signals if ref not in false)
+    return replace(finding, signals=kept) if kept else None
 
 
 def likeliest(views: Sequence[ArrayView]) -> ArrayView:

@@ -109,6 +109,20 @@ class ArrayPolicy:
         "s",
         "A dragged-off signal shows in half of the windows: for six of them nothing that was bent is authentic.",
     )
+    block_lengths: int = number(
+        8, "1", "Windows are tested alone, and in blocks of 2 to 256: of windows of 10 s, three quarters of an hour."
+    )
+    lasting_forgotten_s: float = number(
+        300.0,
+        "s",
+        "A satellite turns by 1.3e-4 rad/s: the path by a reflector 5 m away changes by a wavelength in 290 s.",
+    )
+    pattern_sigma_m: float = number(
+        0.001,
+        "m",
+        "Phase patterns of antennas of one type differ by a millimetre, and stay.",
+        "igs14.atx, individual calibrations against type means",
+    )
     quadratic_lasts_s: float = number(
         15.0,
         "s",

@@ -18,7 +18,8 @@ from skyproof.detectors.array.arm_phases import (
     repair_slips,
 )
 from skyproof.detectors.array.array_common import compare_directions, of_one_carrier
-from skyproof.detectors.array.ins_array import InsArray, InsArraySettings, level_bodies, likeliest
+from skyproof.detectors.array.ins_array import InsArray, InsArraySettings, block_of, level_bodies, likeliest
+from skyproof.detectors.array.over_time import Block, Waiting, alpha_alone, kept_share
 from skyproof.detectors.array.policy import POLICY
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.errors import require_probability
@@ -141,6 +142,14 @@ class SpinSettings:
             require_probability("spin", name, getattr(self, name))
 
 
+class SpinPast(NamedTuple):
+    """What is kept of each receiver. bent_at : when several of its signals were bent last. waiting : its blocks of
+    windows."""
+
+    bent_at: dict[str, np.datetime64]
+    waiting: dict[str, Waiting]
+
+
 class Spin:
     """The detector: which signals of a receiver on an arm come from one direction.
 
@@ -157,7 +166,8 @@ class Spin:
 
     def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
         """Return the findings of one window; never raises for what the data lack."""
-        report = Reporter(self, records, Hypothesis.SKY_DIRECTIONS)
+        alone = Spin(replace(self.settings, false_alarm_probability=alpha_alone(self.settings.false_alarm_probability)))
+        report = Reporter(alone, records, Hypothesis.SKY_DIRECTIONS)
         lacking = report.name_missing()
         if lacking:
             return lacking, state
@@ -165,17 +175,14 @@ class Spin:
         turning = [o for o in records.observations if o.receiver in arms]
         if not turning:
             return [report.pass_over(signals_of(records.observations), NotTested("no_arm"))], state
-        bent_at: dict[str, np.datetime64] = dict(state or {})
-        found = [f for o in turning for f in self._test_receiver(report, o, arms[o.receiver], bent_at)]
-        return found, bent_at
+        past = state or SpinPast({}, {})
+        past = SpinPast(dict(past.bent_at), dict(past.waiting))
+        return [f for o in turning for f in self._test_receiver(report, o, arms[o.receiver], past)], past
 
     def _test_receiver(
-        self, report: Reporter, observations: Observations, arm: SpinArm, bent_at: dict[str, np.datetime64]
+        self, report: Reporter, observations: Observations, arm: SpinArm, past: "SpinPast"
     ) -> list[Finding]:
-        """Return what directions show of one receiver's signals.
-
-        bent_at : when several signals of a receiver were bent last; brought up to date.
-        """
+        """Return what directions show of one receiver's signals. past : brought up to date."""
         asked = self.settings
         seen = levels_of(
             observations,
@@ -189,7 +196,7 @@ class Spin:
         if seen is None:
             why = _explain_no_levels(observations, asked.min_share)
             return [report.pass_over(signals_of((observations,)), why)]
-        found = self._against_orbits(report, observations, arm, seen)
+        found = self._against_orbits(report, observations, arm, seen, past.waiting)
         if all(finding.says == "undecided" for finding in found):
             refs = [SignalRef(receiver, observations.signals[k]) for k in seen.channels]
             covariances = np.broadcast_to(seen.covariance, (len(refs), 2, 2))
@@ -198,14 +205,21 @@ class Spin:
             found = alike if not found or alike[0].says == "spoofed" else found
         bent = [SignalRef(receiver, observations.signals[k]) for k in seen.bent]
         if len(bent) > 1:
-            bent_at[receiver] = report.records.end_gpst
-        doubt = _doubt(report.records, len(bent), seen.channels.size, bent_at.get(receiver))
+            past.bent_at[receiver] = report.records.end_gpst
+        doubt = _doubt(report.records, len(bent), seen.channels.size, past.bent_at.get(receiver))
         return [_leave_out_bent(report, f, bent, doubt) if f.says == "authentic" else f for f in found]
 
     def _against_orbits(
-        self, report: Reporter, observations: Observations, arm: SpinArm, levels: Levels
+        self,
+        report: Reporter,
+        observations: Observations,
+        arm: SpinArm,
+        levels: Levels,
+        waiting: dict[str, Waiting],
     ) -> list[Finding]:
         """Test level directions against those of the satellites; empty if that shows nothing.
+
+        waiting : blocks of windows of each receiver; brought up to date.
 
         Where most signals are not from there, it stays open why: two equal signals within a chip show a direction
         between them.
@@ -246,12 +260,19 @@ class Spin:
         judge = _ByArm(
             InsArraySettings(false_alarm_probability=self.settings.false_alarm_probability, scale_sigma=scale_sigma)
         )
+        alone = judge.spending(alpha_alone(judge.settings.false_alarm_probability))
         bodies = level_bodies(records, places, float(np.radians(self.settings.tilt_sigma_deg)))
-        views = [view for body in bodies if (view := judge.seen(phases, body, records.navigation)) is not None]
+        views = [view for body in bodies if (view := alone.seen(phases, body, records.navigation)) is not None]
         if not views:
             return []
         view = likeliest(views)
-        found = judge.judge(Reporter(judge, records, report.hypothesis), view, records.navigation)
+        own = Reporter(alone, records, report.hypothesis)
+        found = alone.judge(own, view, records.navigation)
+        block = _to_north(block_of(view, POLICY.level_scale_cyc * lasting * np.array([0.0, 1.0, 1.0]), records))
+        share = kept_share(self.settings.lasting_sigma_cyc, float(carrier_hz[0]))
+        waiting[observations.receiver], found = judge.judge_with_blocks(
+            own, found, waiting.get(observations.receiver, Waiting()), block, view, records.navigation, share
+        )
         if any(finding.says in ("spoofed", "authentic") for finding in found):
             return found
         if all(finding.says == "clean" for finding in found):
@@ -259,6 +280,19 @@ class Spin:
         data: dict[str, Datum] = {"off": len(view.refs) - int(view.agreed.members.size)}
         p = {Cause.CLEAN: view.agreed.p_value, **leave_open((Cause.REFLECTIONS, Cause.STATEMENT))}
         return [report.find(view.refs, "not_from_satellites", p, data=data)]
+
+
+def _to_north(block: Block) -> Block:
+    """Return an arm's block in the axes north and east: where the arm starts is another angle in each window."""
+    turn = block.frame.turn
+    bias_cyc = block.frame.bias_cyc @ turn[:2, :2]
+    return replace(
+        block,
+        residual_cyc=block.residual_cyc @ turn[:2, :2],
+        towards=block.towards @ turn,
+        frame=replace(block.frame, turn=np.eye(3), bias_cyc=bias_cyc),
+        body=np.eye(3),
+    )
 
 
 def _leave_out_bent(
