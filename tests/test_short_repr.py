@@ -34,6 +34,8 @@ def test_every_record_that_holds_arrays_is_shown_short():
         "SampleGap",
         "SignalId",
         "SignalRef",
+        "SnapshotChange",
+        "SnapshotChanges",
         "SpinArm",
         "TapsAsked",
         "WrongStatement",

@@ -28,12 +28,30 @@ from skyproof.detectors.messages.detector import BroadcastMessages, BroadcastMes
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.own_fixes.detector import OwnFixes, OwnFixesSettings
+from skyproof.detectors.prediction.inertia import Inertia, InertiaSettings
+from skyproof.detectors.prediction.place import StatedPlace, StatedPlaceSettings
 from skyproof.detectors.registry import load_detectors
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
+from skyproof.detectors.snapshot.detector import Snapshots
 from skyproof.detectors.torn.detector import Torn, TornSettings
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.records import Cause, Records
+from skyproof.gnss.imu_grades import GRADES
+from skyproof.gnss.oscillators import OSCILLATORS
+from skyproof.gnss.time import GPS_EPOCH
+from skyproof.navigation.foresight import Standing, surveyed
+from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.ins import InsSettings
+from skyproof.records import (
+    Cause,
+    Finding,
+    Hypothesis,
+    ImuSeries,
+    Records,
+    SnapshotChange,
+    SnapshotChanges,
+    list_refs,
+)
 from skyproof.testing import ALARMS, FalseSky, MeasuredScene, TrackErrors, check_detector, check_false_alarms
 
 CAPTURED = MeasuredScene(sky=(), false=(FalseSky(),), epochs=8, errors=TrackErrors(1.0))
@@ -83,6 +101,57 @@ def few_satellites(rng: np.random.Generator) -> Records:
     codes_m = o.pseudorange_m.copy()
     codes_m[:, rng.permutation(codes_m.shape[1])[5:]] = np.nan
     return replace(records, observations=(replace(o, pseudorange_m=codes_m),), sets=())
+
+
+def found_before(records: Records) -> Records:
+    """Return records in which another test found nothing."""
+    (o,) = records.observations
+    nothing = Finding(
+        detector="none",
+        start_gpst=records.start_gpst,
+        end_gpst=records.end_gpst,
+        signals=list_refs(o.receiver, o.signals),
+        hypothesis=Hypothesis.CONTINUOUS,
+        code="nothing",
+    )
+    return replace(records, findings=(nothing,))
+
+
+def standing(rng: np.random.Generator) -> Records:
+    """Draw records of a receiver that stands where it was surveyed."""
+    stands = Standing(stands=True, oscillator=None, by=("standing",), assumes=("receiver_stands",))
+    at_home = surveyed(stands, HOME_ECEF_M["rx1"], 0.01 * np.eye(3))
+    return replace(found_before(ALONE.records(rng)), standing={"rx1": at_home})
+
+
+def carried(rng: np.random.Generator) -> Records:
+    """Draw records of a receiver with an inertial unit, of which no attitude is stated."""
+    readings = ImuSeries(
+        gpst=GPS_EPOCH + np.arange(3) * np.timedelta64(1, "s"),
+        interval_s=1.0,
+        specific_force_m_s2=np.tile([0.0, 0.0, -9.8], (3, 1)),
+        angular_rate_rad_s=np.zeros((3, 3)),
+    )
+    unit = Inertial(
+        readings=readings,
+        settings=InsSettings(grade=GRADES["tactical"], oscillator=OSCILLATORS["tcxo"]),
+        initial=None,
+        clock=False,
+        by=("inertial_unit",),
+    )
+    return replace(found_before(ALONE.records(rng)), inertial={"rx1": unit})
+
+
+def snapshots(rng: np.random.Generator) -> Records:
+    """Draw records of a snapshot of which the receiver reports a change once in ten."""
+    records = ALONE.records(rng)
+    (o,) = records.observations
+    p_value = rng.uniform()
+    change = SnapshotChange(
+        signal=o.signals[0], kind="begins", gpst=o.gpst[1], after_s=1.0, p_value=p_value / len(o.signals)
+    )
+    own = SnapshotChanges(signals=o.signals, changes=(change,) if p_value < 0.1 else (), chance=0.1 / len(o.signals))
+    return replace(records, changes={"rx1": own})
 
 
 class NotOneAntenna(MultiReceiver):
@@ -198,6 +267,31 @@ CASES = (
         400,
         ("undecided",),
         "whichever satellite is left out, and the worst epoch of several that share their errors",
+    ),
+    Case(
+        "a receiver that stands where it was surveyed",
+        lambda: StatedPlace(StatedPlaceSettings(false_alarm_probability=0.3)),
+        standing,
+        40,
+        400,
+        ("undecided",),
+        "the datum of the place is as far off as it may be in none of these records",
+    ),
+    Case(
+        "a unit that is not aligned in the first window",
+        lambda: Inertia(InertiaSettings(false_alarm_probability=0.3)),
+        carried,
+        10,
+        100,
+        conservative="nothing is held against it before; of drives and walks it is counted in `test_inertia`",
+    ),
+    Case(
+        "snapshots that stay what they are",
+        Snapshots,
+        snapshots,
+        40,
+        400,
+        conservative="it never speaks of an attack",
     ),
     Case(
         "satellites above the horizon",

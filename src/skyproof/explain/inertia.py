@@ -14,6 +14,9 @@ _OFF: Final = (
 _REMEDY: Final = "a second receiver, or an inertial unit that is tried by manoeuvres before"
 
 ENTRIES: Final[Mapping[str, Entry]] = {
+    "not_aligned": Entry(
+        "the inertial unit of {receiver} is not aligned yet, or no velocity is measured", "the attitude at its start"
+    ),
     "goes_on": Entry("position and velocity of {receiver} go on as the inertial unit lets expect"),
     "departs": Entry(f"{_OFF}, which had gone on with the signals before", beside=True),
     **{

@@ -28,6 +28,8 @@ def _remedy(finding: Finding) -> str:
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
+    "no_place": Entry("it is not known yet where {receiver} stands, or no position is found", "a longer recording"),
+    "there": Entry("the signals put {receiver} where it stands, {statistic:.1f} m off"),
     "elsewhere": Entry(_say("; until then they had put it there"), beside=True),
     "slip": Entry(_say(": {slip}, or they are false"), "the surveyed position checked"),
     "never_there": Entry(_say(": they are false, or what is stated of the place or of errors is wrong"), _remedy),

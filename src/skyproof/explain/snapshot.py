@@ -25,5 +25,7 @@ def _describe_changes(finding: Finding) -> str:
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
+    "long": Entry("{receiver} is no snapshot: its measurements show whether it goes on", "nothing"),
+    "unchanged": Entry("the signals of {receiver} stay what they are throughout the snapshot", "nothing"),
     "changes": Entry(_describe_changes, "a recording of the time after, or one of ten seconds or more"),
 }

@@ -37,7 +37,7 @@ import numpy as np
 from scipy import special
 
 from skyproof.fusion.choice_findings import DETECTOR, chosen, chosen_overlapping, not_chosen, taken_for_true
-from skyproof.fusion.departure import CorrectedNavigator
+from skyproof.fusion.corrected import CorrectedNavigator
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.policy import POLICY
@@ -204,22 +204,21 @@ class _Chooser:
             learned = self._learned(_State(foresight), before)
             if learned is not None:
                 after = [w for w in every if (w.sets or w.overlapping) and w.end > last]
-                return self._walked(learned, before, after, every)
+                return self._walked(learned, before, before[-1].end if before else None, after, every)
         return [], _State(foresight)
 
     def _by_inertia(self, every: Sequence[Rivals], navigator: CorrectedNavigator) -> tuple[list[Finding], _State]:
         """By what was true while inertia went on with it."""
         from_start = self.onset is not None and self.onset.from_start
-        starts = set() if from_start or not self.rules.clean_start_s else set(navigator.starts)
-        before = [w for w in every if w.start in starts]
-        if not before:
+        until = navigator.until
+        if until is None or from_start or not self.rules.clean_start_s:
             return [], _State(navigator.foresight)
         hidden = (one / _IN_SIGMAS for one in (navigator.hidden_m, navigator.hidden_m_s))
-        state = _State(
-            navigator.foresight.doubted(*hidden), kind=reference_kind(before[0].sets[0]), bias_s=navigator.bias_s
-        )
-        after = [w for w in every if (w.sets or w.overlapping) and w.end > before[-1].end]
-        return self._walked(state, before, after, every)
+        state = _State(navigator.foresight.doubted(*hidden), kind=navigator.kind, bias_s=navigator.bias_s)
+        # Later than the clean start inertia alone says that they go on, which a slow drag gets past.
+        early = [w for w in every if w.start in navigator.early]
+        after = [w for w in every if (w.sets or w.overlapping) and w.end > until]
+        return self._walked(state, early, until, after, every)
 
     def _latest(self) -> np.datetime64:
         """Until when the signals may be taken for true."""
@@ -247,9 +246,15 @@ class _Chooser:
         return state
 
     def _walked(
-        self, state: _State, before: Sequence[Rivals], windows: Sequence[Rivals], every: Sequence[Rivals]
+        self,
+        state: _State,
+        before: Sequence[Rivals],
+        until: np.datetime64 | None,
+        windows: Sequence[Rivals],
+        every: Sequence[Rivals],
     ) -> tuple[list[Finding], _State]:
-        rests_on = self._rest_on(before, state.foresight.assumes)
+        """before : windows whose only sky is taken for true. until : the end of those that the foresight learned of."""
+        rests_on = self._rest_on(until, state.foresight.assumes)
         found: list[Finding] = []
         for window in windows:
             state = replace(state, foresight=state.foresight.until(window.start))
@@ -257,19 +262,16 @@ class _Chooser:
             if not said:
                 said, state = self._overlapping(window, state, rests_on)
             found += said
-        # Later than that inertia alone says that they go on, which a slow drag gets past.
-        early = [w for w in before if self.navigator is None or w.end <= self.clean_start]
-        spans = zip(early, _ends(early, every), strict=True)
+        spans = zip(before, _ends(before, every), strict=True)
         clean = [taken_for_true(self.log, window, end, "only_sky", rests_on) for window, end in spans]
         return [*clean, *_at_home(found)], state
 
-    def _rest_on(self, before: Sequence[Rivals], assumes: tuple[str, ...]) -> dict[str, Datum]:
+    def _rest_on(self, until: np.datetime64 | None, assumes: tuple[str, ...]) -> dict[str, Datum]:
         """Return the codes of what is assumed: of the windows before the second sky, and by what is expected."""
-        if not before:
+        if until is None:
             return {"assumes": assumes}
-        end = before[-1].end
-        concert = () if end <= self.clean_start else ("no_concert",)
-        return {"assumes": (*concert, "clean_start", *assumes), "clean_until": iso(end, 0)[11:]}
+        concert = () if until <= self.clean_start else ("no_concert",)
+        return {"assumes": (*concert, "clean_start", *assumes), "clean_until": iso(until, 0)[11:]}
 
     def _judged(self, window: Rivals, state: _State, rests_on: _Data) -> tuple[list[Finding], _State]:
         shown = [self._shown(window, s, state) for s in window.sets]

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +13,19 @@ from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.known import KNOWN, Known, known_of
-from skyproof.records import ConsistentSet, Finding, Kind, NavigationData, ObservationLog, OverlappingSkies, SignalId
+from skyproof.records import (
+    ConsistentSet,
+    Finding,
+    Kind,
+    NavigationData,
+    ObservationLog,
+    Observations,
+    OverlappingSkies,
+    Records,
+    SignalId,
+)
 
-__all__ = ["FixMaker", "Rivals", "reference_kind", "rivals_of", "with_clock_near"]
+__all__ = ["FixMaker", "Rivals", "reference_kind", "rivals_in", "rivals_of", "with_clock_near"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,17 +65,17 @@ def rivals_of(o: ObservationLog, evidence: Sequence[Finding], sets: Iterable[Con
         while following is not None and following.gpst < end:
             here += [following] if following.gpst >= start else []
             following = next(mine, None)
-        kept = tuple(s for s in here if len(one.late.intersection(s.signals)) < POLICY.late_share * len(s.signals))
-        doubted = one.doubted or len(kept) > 1
-        overlapping = tuple(sorted(one.overlapping, key=lambda skies: skies.sets[0].gpst))
-        yield Rivals(
-            start=start,
-            end=end,
-            sets=kept,
-            attacked=one.attacked,
-            doubted=doubted,
-            overlapping=overlapping,
-        )
+        yield one.rivals(start, end, here)
+
+
+def rivals_in(records: Records, receiver: str) -> Rivals:
+    """Return the skies of one receiver in a window, by what was found in it."""
+    said = _Said(set())
+    for e in records.findings:
+        own = {ref.signal for ref in e.signals if ref.receiver == receiver}
+        if own:
+            said.add(e, own)
+    return said.rivals(records.start_gpst, records.end_gpst, [s for s in records.sets if s.receiver == receiver])
 
 
 @dataclass
@@ -82,6 +93,18 @@ class _Said:
         self.overlapping += e.overlapping
         self.doubted |= e.says in ("attack", "spoofed") or e.failed
 
+    def rivals(self, start: np.datetime64, end: np.datetime64, sets: Sequence[ConsistentSet]) -> Rivals:
+        """Return the window's skies: its sets but for late copies."""
+        kept = tuple(s for s in sets if len(self.late.intersection(s.signals)) < POLICY.late_share * len(s.signals))
+        return Rivals(
+            start=start,
+            end=end,
+            sets=kept,
+            attacked=self.attacked,
+            doubted=self.doubted or len(kept) > 1,
+            overlapping=tuple(sorted(self.overlapping, key=lambda skies: skies.sets[0].gpst)),
+        )
+
 
 def reference_kind(s: ConsistentSet) -> Kind:
     """The kind of signal that the set's clock is of."""
@@ -96,6 +119,16 @@ class FixMaker:
     navigation: NavigationData | None
     multipath_sigma_m: float
     elevation_mask_deg: float
+
+    @classmethod
+    def of_window(cls, o: Observations, records: Records, settings: Any) -> "FixMaker":
+        """Return what makes fixes of a receiver's epochs in one window. settings : of a detector."""
+        return cls(
+            log=o,
+            navigation=records.navigation,
+            multipath_sigma_m=settings.multipath_sigma_m,
+            elevation_mask_deg=settings.elevation_mask_deg,
+        )
 
     def shown(self, window: Rivals, s: ConsistentSet, *, kind: Kind, bias_s: float, epochs: bool) -> SkyFix:
         """What a set shows, at the instant that the receiver's label is less a clock bias, the one that was last taken

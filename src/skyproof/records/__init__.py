@@ -44,13 +44,16 @@ from skyproof.records.measurements import (
     CellStatus,
     ObservationLog,
     Observations,
+    SnapshotChange,
+    SnapshotChanges,
 )
+from skyproof.records.needs import Need
 from skyproof.records.platform import AntennaArray, Attitude, ImuSeries, InertialReadings, NavState, SpinArm
 from skyproof.records.receiver_words import FrontEndLevels, ReceivedMessages, ReceiverFixes
 from skyproof.records.samples import MeasurementSource, OpenFile, SampleGap, Samples
 from skyproof.records.shapes import Selectable, freeze
 from skyproof.records.signals import BY_NAME, Kind, SignalId, SignalRef, Transmission, list_refs
-from skyproof.records.window import Holding, Need, Records
+from skyproof.records.window import Holding, Records
 
 __all__ = [
     "BY_NAME",
@@ -110,6 +113,8 @@ __all__ = [
     "Selectable",
     "SignalId",
     "SignalRef",
+    "SnapshotChange",
+    "SnapshotChanges",
     "SpinArm",
     "StatementTest",
     "Stretched",

@@ -15,8 +15,8 @@ from skyproof.records.estimates import (
     OverlappingSkies,
     WeakStart,
 )
+from skyproof.records.needs import Need
 from skyproof.records.signals import SignalRef
-from skyproof.records.window import Need
 from skyproof.short_repr import ShortRepr
 
 __all__ = [

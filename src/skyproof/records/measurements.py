@@ -224,6 +224,29 @@ class ObservationLog(Protocol):
         """The epochs from `first` to before `stop`, of all channels."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class SnapshotChange:
+    """A signal that does not stay what it is within a snapshot.
+
+    kind : it begins, ends, or turns to another direction, from `gpst` on. p_value : that noise makes it.
+    """
+
+    signal: SignalId
+    kind: str
+    gpst: np.datetime64
+    after_s: float
+    p_value: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SnapshotChanges:
+    """What was found changed of all signals of a snapshot. chance : that noise changes one signal that does not."""
+
+    signals: tuple[SignalId, ...]
+    changes: tuple[SnapshotChange, ...]
+    chance: float
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class ArrayPhases(ShortRepr, Selectable):
     """Carrier phases of every signal on every antenna of one receiver's array: epochs, channels, antennas.

@@ -1,41 +1,22 @@
-"""Hold all that is known of one window, and name what a detector may need of it."""
+"""Hold all that is known of one window."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records.correlations import Ccaf, Taps
+from skyproof.records.findings import Finding
 from skyproof.records.fixes import ConsistentSet
-from skyproof.records.measurements import ArrayPhases, Observations
+from skyproof.records.measurements import ArrayPhases, Observations, SnapshotChanges
+from skyproof.records.needs import Need
 from skyproof.records.platform import NavState, SpinArm
 from skyproof.records.receiver_words import FrontEndLevels, ReceivedMessages, ReceiverFixes
 from skyproof.short_repr import ShortRepr
 
-__all__ = [
-    "Holding",
-    "Need",
-    "Records",
-]
-
-
-class Need(StrEnum):
-    """What a detector may need of a window. All but `TWO_RECEIVERS` are fields of `Records`."""
-
-    OBSERVATIONS = "observations"
-    TWO_RECEIVERS = "two_receivers"
-    NAVIGATION = "navigation"
-    SETS = "sets"
-    TAPS = "taps"
-    VECTOR_TAPS = "vector_taps"
-    CCAF = "ccaf"
-    ARRAY_PHASES = "array_phases"
-    NAV_STATE = "nav_state"
-    SPIN_ARMS = "spin_arms"
-    OWN_FIXES = "own_fixes"
+__all__ = ["Holding", "Records"]
 
 
 class Holding:
@@ -59,7 +40,9 @@ class Records(ShortRepr, Holding):
     vector_taps : of receivers whose channels all follow one position. ccaf : correlation grids.
     nav_state : of the body that carries all antennas, by receiver, with the place of its antenna. spin_arms : of the
         receivers whose antenna turns. levels : of the front ends, own_fixes : that the receivers computed themselves,
-        both by receiver.
+        both by receiver. standing, inertial : what is expected of receivers that stand, and of those that an inertial
+        unit carries, by receiver, each a `navigation.foresight.Foresight`. changes : within snapshots, by receiver.
+    findings : of the window, by the detectors that do not need them.
     """
 
     start_gpst: np.datetime64
@@ -76,3 +59,7 @@ class Records(ShortRepr, Holding):
     levels: Mapping[str, FrontEndLevels] = field(default_factory=dict)
     messages: Mapping[str, ReceivedMessages] = field(default_factory=dict)
     own_fixes: Mapping[str, ReceiverFixes] = field(default_factory=dict)
+    standing: Mapping[str, Any] = field(default_factory=dict)
+    inertial: Mapping[str, Any] = field(default_factory=dict)
+    changes: Mapping[str, SnapshotChanges] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()

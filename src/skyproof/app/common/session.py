@@ -35,13 +35,17 @@ class Session:
     """Examine and decide windows in order of time, in bounded state.
 
     windows : of a run, as they become complete. detectors : with the error rate of a whole window; a shorter one gets
-    less, so that the budget is paid by time.
+    less, so that the budget is paid by time. Those that need what others find come after them.
     """
 
     windows: Windows
     detectors: Sequence[Detector]
     _states: Mapping[str, Any] = field(default_factory=dict)
     _deciding: Deciding = field(default_factory=Deciding)
+
+    def state_of(self, name: str) -> Any:
+        """Return what a detector remembers; None before the first window."""
+        return self._states.get(name)
 
     def steps(self) -> Iterator[DecidedWindow]:
         """Yield each window that is complete and was not given before."""
@@ -50,6 +54,8 @@ class Session:
             findings = list[Finding]()
             states = dict(self._states)
             for detector in _with_share(self.detectors, float(share)):
+                if Need.FINDINGS in detector.needs and not records.findings:
+                    records = replace(records, findings=tuple(findings))
                 found, states[detector.name] = examined(detector, records, states.get(detector.name))
                 findings += found
             self._states = states

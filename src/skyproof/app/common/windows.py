@@ -16,6 +16,8 @@ from skyproof.detectors.registry import load_detectors, made_with
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.clock import TimeBreaks
+from skyproof.navigation.foresight import Foresight, Standing
+from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
 from skyproof.records import (
@@ -35,6 +37,7 @@ from skyproof.records import (
     ReceiverFixes,
     Records,
     SignalId,
+    SnapshotChanges,
     SpinArm,
     Stretched,
     Taps,
@@ -55,7 +58,7 @@ H = TypeVar("H", bound=Hashable)
 
 NO_TIME = np.datetime64("NaT", "ns")
 STRETCH_EPOCHS = 1024
-RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAVIGATION})
+RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAVIGATION, Need.FINDINGS})
 """What any detector may need that every receiver makes, sooner or later; the rest is of special equipment."""
 
 
@@ -175,6 +178,9 @@ class Run(Holding):
     levels: Mapping[str, FrontEndLevels] = field(default_factory=dict)
     messages: Mapping[str, ReceivedMessages] = field(default_factory=dict)
     own_fixes: Mapping[str, ReceiverFixes] = field(default_factory=dict)
+    standing: Mapping[str, Foresight] = field(default_factory=dict)
+    inertial: Mapping[str, Foresight] = field(default_factory=dict)
+    changes: Mapping[str, SnapshotChanges] = field(default_factory=dict)
 
     @property
     def nav_state(self) -> Body | None:
@@ -295,6 +301,9 @@ class Windows:
             levels={name: levels.between(start, end) for name, levels in run.levels.items()},
             messages={name: messages.between(start, end) for name, messages in run.messages.items()},
             own_fixes={name: fixes.between(start, end) for name, fixes in run.own_fixes.items()},
+            standing=run.standing,
+            inertial=run.inertial,
+            changes=run.changes,
         )
 
 
@@ -312,8 +321,14 @@ def windows_of(
     levels: Mapping[str, FrontEndLevels] | None = None,
     messages: Mapping[str, ReceivedMessages] | None = None,
     own_fixes: Mapping[str, ReceiverFixes] | None = None,
+    foresights: Mapping[str, Foresight] | None = None,
+    changes: Mapping[str, SnapshotChanges] | None = None,
 ) -> Windows:
-    """The windows of a run. Without observations it is one empty window, in which every detector says what it lacks."""
+    """Return the windows of a run. Without observations it is an empty one, of which each detector says what it lacks.
+
+    foresights : what is expected of receivers. changes : within those whose recording is a snapshot.
+    """
+    expected = foresights or {}
     run = Run(
         observations=tuple(source.log for source in sources),
         navigation=navigation if navigation.ephemerides else None,
@@ -326,6 +341,9 @@ def windows_of(
         levels=levels or {},
         messages=messages or {},
         own_fixes=own_fixes or {},
+        standing={name: one for name, one in expected.items() if isinstance(one, Standing) and one.stands},
+        inertial={name: one for name, one in expected.items() if isinstance(one, Inertial)},
+        changes=changes or {},
     )
     return Windows(
         run=run,
@@ -340,7 +358,6 @@ def detectors_for(
     settings: Settings,
     run: Holding,
     *,
-    further: int = 0,
     positions_ecef_m: Mapping[str, Reals] | None = None,
 ) -> list[Detector]:
     """Every installed detector with the run's settings.
@@ -351,14 +368,13 @@ def detectors_for(
     (`share = 0`), cannot raise an alarm: they take nothing from the others. The latter test at a whole share's rate,
     which makes a run *suspect* at most.
 
-    further : tests beside the detectors, of each receiver, that are left a share. positions_ecef_m : (3,) of each
-        surveyed receiver.
+    Those that need what others find come last. positions_ecef_m : (3,) of each surveyed receiver.
     """
     classes = load_detectors()
     n_receivers = len(run.observations)
     shares = {name: _share_of(cls) for name, cls in classes.items()}
     equipped = sum(shares[name] for name, cls in classes.items() if _equipped(cls(), run))
-    tests = max(equipped + further, 1.0) * max(n_receivers, 1)
+    tests = max(equipped, 1.0) * max(n_receivers, 1)
     alpha = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0 / tests
     shared: dict[str, Any] = settings.model_dump()
     shared |= {"positions_ecef_m": positions_ecef_m}
@@ -369,7 +385,7 @@ def detectors_for(
         known = {f.name for f in fields(defaults)}
         chosen = {name: value for name, value in shared.items() if name in known}
         detectors.append(made_with(cls, replace(defaults, **chosen)))
-    return detectors
+    return sorted(detectors, key=lambda detector: Need.FINDINGS in detector.needs)
 
 
 def _share_of(kind: type[Any]) -> float:

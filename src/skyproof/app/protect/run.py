@@ -47,21 +47,18 @@ from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
 from skyproof.app.receive.short import is_short, observe_short, require_some
 from skyproof.app.receive.tracker import track
+from skyproof.detectors.prediction.inertia import corrected_navigators
 from skyproof.errors import IncompleteOutput, InputError, NotEnoughData, SettingsError, readable
 from skyproof.formats.atomic_write import Unwritten, unwritten_words
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.choice import ChoiceRules, choices
-from skyproof.fusion.departure import departures
 from skyproof.fusion.fuse import Decision, fuse
-from skyproof.fusion.place import displacements
 from skyproof.fusion.policy import POLICY
-from skyproof.fusion.rivals import FixMaker
 from skyproof.gnss.time import iso, seconds_between, timedelta_from_s
 from skyproof.interruption import Stopped, came, deferred, heard
-from skyproof.navigation.foresight import Foresight, Standing
-from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.foresight import Foresight
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
@@ -371,6 +368,8 @@ def judge(
     orbits = navigation if navigation is not None else _pooled([r.decoded for r in receptions])
     received = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
     observed = [r.observations for r in received if r.observations is not None]
+    if foresights is None:
+        foresights = foresights_of([o.receiver for o in observed], settings)
     windows = windows_of(
         [WholeSource(o) for o in observed],
         orbits,
@@ -384,38 +383,14 @@ def judge(
         levels=_levels_of(received),
         messages=_messages_of(received),
         own_fixes=_own_fixes_of(received),
+        foresights=foresights,
+        changes={r.source.name: r.changes for r in received if r.changes is not None},
     )
-
     so_far = WordsSoFar(progress, workspace)
-    if foresights is None:
-        foresights = foresights_of([o.receiver for o in observed], settings)
-    moving = any(isinstance(one, Inertial) for one in foresights.values())
-    standing = any(isinstance(one, Standing) and one.stands for one in foresights.values())
-    detectors = detectors_for(
-        settings,
-        windows.run,
-        further=moving + standing,
-        positions_ecef_m=surveyed_positions(foresights),
-    )
-    evidence, sets, interrupted = examine_all(Session(windows, detectors), progress, so_far.take)
+    detectors = detectors_for(settings, windows.run, positions_ecef_m=surveyed_positions(foresights))
+    session = Session(windows, detectors)
+    evidence, sets, interrupted = examine_all(session, progress, so_far.take)
     give_back()
-    makers = [
-        FixMaker(
-            log=o,
-            navigation=orbits,
-            multipath_sigma_m=settings.multipath_sigma_m,
-            elevation_mask_deg=settings.elevation_mask_deg,
-        )
-        for o in observed
-    ]
-    alpha = max(detector.settings.false_alarm_probability for detector in detectors)
-    left, navigators = departures(evidence, sets, makers, foresights, alpha, settings.clean_start_s)
-    left += displacements(evidence, sets, makers, foresights, alpha)
-    left += [e for r in received for e in r.evidence]
-    if left:
-        left.sort(key=_window)
-        so_far.note(left)
-        evidence = PackedLog(merge(evidence, left, key=_window))
     decision = fuse(evidence, observed, sets)
     if decision.together:
         so_far.note(decision.together)
@@ -426,6 +401,7 @@ def judge(
         multipath_sigma_m=settings.multipath_sigma_m,
         elevation_mask_deg=settings.elevation_mask_deg,
     )
+    navigators = corrected_navigators(session.state_of("inertia"))
     chosen = choices(decision, evidence, observed, sets, foresights, rules, orbits, navigators)
     if chosen.evidence:
         so_far.note(chosen.evidence)

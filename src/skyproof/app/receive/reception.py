@@ -20,11 +20,11 @@ from skyproof.records import (
     AntennaArray,
     ArrayPhases,
     Ccaf,
-    Finding,
     MeasurementSource,
     NavigationData,
     ObservationLog,
     Samples,
+    SnapshotChanges,
     Stretched,
     Taps,
 )
@@ -47,7 +47,7 @@ class Reception(ShortRepr):
     measured_on : number, from 0, of the antenna whose measurements `observations` are: the first, or if that has
         clearly fewer the one that has most. Of a snapshot they are of all together, and it is the first of these.
     array_phases : the carrier's phases on all of them, if it is known where they are.
-    evidence : what already shows while it is received.
+    changes : of signals within a snapshot; None of what is none.
     """
 
     source: MeasurementSource
@@ -65,7 +65,7 @@ class Reception(ShortRepr):
     antennas: tuple[ObservationLog, ...] = ()
     measured_on: int = 0
     array_phases: Stretched[ArrayPhases] | None = None
-    evidence: tuple[Finding, ...] = ()
+    changes: SnapshotChanges | None = None
 
     @property
     def noted(self) -> tuple[str, ...]:

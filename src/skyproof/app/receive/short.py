@@ -30,7 +30,6 @@ from skyproof.app.receive.short_signals import (
 from skyproof.app.receive.snapshot import RoughKnowledge, solved
 from skyproof.app.receive.tracker import cleaned
 from skyproof.arrays import Instants, Reals
-from skyproof.detectors.base import leave_open
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic
@@ -43,16 +42,13 @@ from skyproof.receiver.snapshot_changes import CHANCE
 from skyproof.records import (
     AntennaArray,
     ArrayPhases,
-    Cause,
     CellStatus,
-    Datum,
-    Finding,
-    Hypothesis,
     MeasurementSource,
     NavigationData,
     Observations,
     Samples,
-    SignalRef,
+    SnapshotChange,
+    SnapshotChanges,
 )
 from skyproof.remarks import Remark, RemarkKind
 
@@ -123,36 +119,25 @@ def observe_short(
         observations=measured,
         measured_on=min(heard, default=0),
         array_phases=phases,
-        evidence=_changes(found, measured),
+        changes=_changes(found, measured),
         remarks=(*remarks, *words),
     )
 
 
-def _changes(found: Sequence[Found], o: Observations) -> tuple[Finding, ...]:
-    """That the sky does not stay what it is throughout, if so: whatever else is said of it, it is not authentic."""
-    changed = [(one, one.change) for one in found if one.change is not None]
-    if not changed:
-        return ()
-    p_value = min(1.0, len(found) * min(change.p_value for _, change in changed))
-    data: dict[str, Datum] = {
-        "changed": tuple(f"{one.signal.sat} {one.signal.copy}" for one, _ in changed),
-        "kinds": tuple(change.kind for _, change in changed),
-        "after_s": tuple(float(o.elapsed_s[change.part]) for _, change in changed),
-    }
-    return (
-        Finding(
-            detector="snapshot",
-            start_gpst=o.gpst[0],
-            end_gpst=o.gpst[-1] + (o.gpst[1] - o.gpst[0]),
-            signals=tuple(SignalRef(o.receiver, one.signal) for one in found),
-            hypothesis=Hypothesis.CONTINUOUS,
-            code="changes",
-            p={Cause.CLEAN: p_value, **leave_open((Cause.SHADE, Cause.MISSING_SAMPLES))},
-            alpha=len(found) * CHANCE,
-            data=data,
-            dated_gpst=o.gpst[min(change.part for _, change in changed)],
-        ),
+def _changes(found: Sequence[Found], o: Observations) -> SnapshotChanges:
+    """Return which signals do not stay what they are throughout."""
+    changes = tuple(
+        SnapshotChange(
+            signal=one.signal,
+            kind=one.change.kind,
+            gpst=o.gpst[one.change.part],
+            after_s=float(o.elapsed_s[one.change.part]),
+            p_value=one.change.p_value,
+        )
+        for one in found
+        if one.change is not None
     )
+    return SnapshotChanges(signals=tuple(one.signal for one in found), changes=changes, chance=CHANCE)
 
 
 def _late_remark(antenna: int, periods: int, rate_hz: float) -> str:

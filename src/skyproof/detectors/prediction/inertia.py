@@ -26,18 +26,22 @@ drawn off alone break that, for velocities go on. Else the unit is not to blame 
 Else it stays undecided, with the reason.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.fusion.policy import POLICY
-from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_of
+from skyproof.detectors.base import NotTested, Reporter
+from skyproof.detectors.prediction.policy import POLICY
+from skyproof.errors import require_probability
+from skyproof.fusion.corrected import CorrectedNavigator
+from skyproof.fusion.policy import POLICY as FUSION
+from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_in
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.navigation.foresight import Foresight, SkyFix
+from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
 from skyproof.navigation.prediction import fit_p_value
@@ -49,7 +53,10 @@ from skyproof.records import (
     Datum,
     Finding,
     Hypothesis,
+    Kind,
+    Need,
     NoticedAttack,
+    Records,
     list_refs,
 )
 from skyproof.statistics.distributions import (
@@ -59,52 +66,68 @@ from skyproof.statistics.distributions import (
 )
 from skyproof.statistics.leave_out import largest_p_value_without
 
-__all__ = ["DETECTOR", "CorrectedNavigator", "departures"]
+__all__ = ["Inertia", "InertiaSettings", "corrected_navigators"]
 
-DETECTOR: Final = "inertia"
 _CLOCK: Final = np.array([6, 7])
+_UNTRIED: Final = NotTested("not_aligned")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class CorrectedNavigator:
-    """A receiver's navigator, and the windows whose fixes corrected it, in order.
+@dataclass(frozen=True)
+class InertiaSettings:
+    """Settings of `Inertia`.
 
-    starts : of those windows. bias_s : the receiver's clock in the last of them. hidden_m, hidden_m_s : by how much,
-    and how fast, drags that none of them would have noticed may have led it away since the clean start.
+    false_alarm_probability : of each receiver and window. clean_start_s : for so long clocks correct the navigator.
+    multipath_sigma_m : of one pseudorange, one sigma. elevation_mask_deg : satellites below are left out of fixes.
     """
 
-    foresight: Inertial
-    starts: tuple[np.datetime64, ...]
-    bias_s: float
-    hidden_m: float = 0.0
-    hidden_m_s: float = 0.0
+    false_alarm_probability: float = 1e-3
+    clean_start_s: float = 30.0
+    multipath_sigma_m: float = 1.0
+    elevation_mask_deg: float = 5.0
+
+    def __post_init__(self) -> None:
+        require_probability("inertia", "false_alarm_probability", self.false_alarm_probability)
 
 
-def departures(
-    evidence: Sequence[Finding],
-    sets: Sequence[ConsistentSet],
-    makers: Sequence[FixMaker],
-    foresights: Mapping[str, Foresight],
-    alpha: float,
-    clean_start_s: float,
-) -> tuple[list[Finding], dict[str, CorrectedNavigator]]:
-    """Test the receivers whose antenna an inertial unit carries: a finding for each window that leaves it.
+class Inertia:
+    """The detector: see the module's text. It remembers the navigator of each receiver, and those that run free."""
 
-    alpha : probability of a false alarm in a window. clean_start_s : for so long clocks correct the navigator.
+    name = "inertia"
+    needs = (Need.INERTIAL, Need.SETS, Need.FINDINGS)
 
-    Returns the findings, and by receiver its navigator.
-    """
-    found, navigators = list[Finding](), dict[str, CorrectedNavigator]()
-    # Whoever attacks one receiver is within reach of the others.
-    attacked = min((_date(e) for e in evidence if e.says in ("attack", "spoofed")), default=None)
-    for maker in makers:
-        receiver = maker.log.receiver
-        foresight = foresights.get(receiver)
-        if isinstance(foresight, Inertial):
-            walk = _Walk(maker, foresight, alpha, clean_start_s, attacked, _failed_spans(evidence, receiver))
-            found += walk.through(rivals_of(maker.log, evidence, sets))
-            navigators[receiver] = walk.navigator
-    return found, navigators
+    def __init__(self, settings: InertiaSettings | None = None) -> None:
+        self.settings = settings or InertiaSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return a finding for each receiver in a window of which its navigator lets expect something."""
+        report = Reporter(self, records, Hypothesis.PREDICTED)
+        if lacking := report.name_missing():
+            return lacking, state
+        walks: dict[str, _Walk] = dict(state or {})
+        # Whoever attacks one receiver is within reach of the others.
+        attacked = min((_date(e) for e in records.findings if e.says in ("attack", "spoofed")), default=None)
+        found = list[Finding]()
+        for o in records.observations:
+            if o.receiver not in records.inertial:
+                continue
+            maker = FixMaker.of_window(o, records, self.settings)
+            if o.receiver in walks:
+                walk = replace(walks[o.receiver], maker=maker, report=report)
+            else:
+                until = o.gpst[0] + timedelta_from_s(self.settings.clean_start_s)
+                walk = _Walk(foresight=records.inertial[o.receiver], clock_until=until, maker=maker, report=report)
+            walks[o.receiver] = walk
+            about = [e for e in records.findings if any(ref.receiver == o.receiver for ref in e.signals)]
+            failed = min((_date(e) for e in about if e.failed), default=None)
+            finding = walk.examine(rivals_in(records, o.receiver), attacked, failed)
+            found += [report.pass_over(list_refs(o.receiver, o.signals), _UNTRIED)] if finding is None else [finding]
+        return found, walks
+
+
+def corrected_navigators(state: Any) -> dict[str, CorrectedNavigator]:
+    """Return the navigator of each receiver. state : of `Inertia` after some windows."""
+    walks: dict[str, _Walk] = state or {}
+    return {receiver: walk.navigator for receiver, walk in walks.items()}
 
 
 def _date(e: Finding) -> np.datetime64:
@@ -112,20 +135,16 @@ def _date(e: Finding) -> np.datetime64:
     return e.start_gpst if e.dated_gpst is None else min(e.start_gpst, e.dated_gpst)
 
 
-def _failed_spans(evidence: Sequence[Finding], receiver: str) -> list[tuple[np.datetime64, np.datetime64]]:
-    """Return when tests of a receiver fail, by what dates them."""
-    return [(_date(e), e.end_gpst) for e in evidence if e.failed and any(ref.receiver == receiver for ref in e.signals)]
-
-
 @dataclass(frozen=True, eq=False)
 class _Free:
     """A navigator that no window has corrected since. carried : to the last window. learned : how many windows had
-    corrected it. notices_m_s : the slowest drag that it would have noticed in the last window. hidden_m : see
-    `CorrectedNavigator`."""
+    corrected it, up to `until`. notices_m_s : the slowest drag that it would have noticed in the last window.
+    hidden_m : see `CorrectedNavigator`."""
 
     foresight: Inertial
     carried: Inertial
     learned: int
+    until: np.datetime64 | None
     notices_m_s: float
     hidden_m: float
 
@@ -162,76 +181,116 @@ class _Look:
     covariance: Reals
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Learned:
+    """A window that corrected the navigator. number : of such windows before. bias_s, hidden_m : before it."""
+
+    number: int
+    start: np.datetime64
+    end: np.datetime64
+    fix: SkyFix
+    bias_s: float
+    hidden_m: float
+
+
+@dataclass(eq=False, kw_only=True)
 class _Walk:
-    """Of one receiver, window by window."""
+    """Of one receiver, window by window. Its lists are replaced, never changed.
 
-    def __init__(
-        self,
-        maker: FixMaker,
-        foresight: Inertial,
-        alpha: float,
-        clean_start_s: float,
-        attacked: np.datetime64 | None,
-        failed: Sequence[tuple[np.datetime64, np.datetime64]],
-    ) -> None:
-        """attacked : since when any receiver is. failed : when tests of this one fail."""
-        self.maker, self.foresight, self.alpha = maker, foresight, alpha
-        self.clock_until = maker.log.gpst[0] + timedelta_from_s(clean_start_s)
-        self.attacked, self.failed = attacked, failed
-        self.starts: list[np.datetime64] = []
-        self.bias_s, self.hidden_m, self.hidden_m_s = 0.0, 0.0, 0.0
-        self.went_on, self.tried_m_s = 0, 0.0
-        self.free: list[_Free] = []  # from before windows that corrected the navigator, the youngest first
-        self.recent: list[tuple[int, SkyFix]] = []  # those windows' fixes, each with how many were learned before
-        self.parted: np.datetime64 | None = None
-        self.looks: list[_Look] = []  # since then
-        self.named = False
+    clock_until : when clocks cease to correct the navigator. kind : of the signals that corrected it first. early :
+    starts of those windows that did until then. until : the end of the last. learned : how many did.
+    attacked : since when any receiver is. free : navigators from before windows that corrected the youngest, the
+    youngest first. recent : those windows. parted : when inertia and signals did. looks : since then.
+    """
 
-    def through(self, windows: Iterable[Rivals]) -> list[Finding]:
-        found: list[Finding] = []
-        for window in windows:
-            shown = [one for s in window.sets if (one := self._shown(window, s)) is not None]
-            if not shown:
-                self._begin(window)
-                continue
-            best = max(shown, key=lambda one: one.p_value)
-            if best.p_value < self.alpha:
-                self._part(window, best)
-                self.looks += self._looked(best.fix)
-                found.append(self._report(window, best))
-                self.named |= found[-1].says == "attack"
-                continue
-            if self.parted is None:
-                found.append(self._pass(window, best))
-            if self.attacked is not None and window.end > self.attacked:
-                self._part(window, best)
-            elif self._is_clean(window):
-                self._hide(window, best)
-                self._learn(window, best.fix, best.sky, self._find_free(best))
-                self.went_on += 1
-        return found
+    foresight: Inertial
+    clock_until: np.datetime64
+    maker: FixMaker
+    report: Reporter
+    kind: Kind | None = None
+    early: tuple[np.datetime64, ...] = ()
+    until: np.datetime64 | None = None
+    learned: int = 0
+    bias_s: float = 0.0
+    hidden_m: float = 0.0
+    hidden_m_s: float = 0.0
+    went_on: int = 0
+    tried_m_s: float = 0.0
+    attacked: np.datetime64 | None = None
+    free: list[_Free] = field(default_factory=list)
+    recent: list[_Learned] = field(default_factory=list)
+    parted: np.datetime64 | None = None
+    looks: list[_Look] = field(default_factory=list)
+    named: bool = False
+
+    @property
+    def alpha(self) -> float:
+        return float(self.report.detector.settings.false_alarm_probability)
+
+    def examine(self, window: Rivals, attacked: np.datetime64 | None, failed: np.datetime64 | None) -> Finding | None:
+        """Return what a window shows. attacked, failed : since when findings of it say that any receiver is attacked,
+        and that a test of this one fails."""
+        if attacked is not None:
+            self.attacked = attacked if self.attacked is None else min(self.attacked, attacked)
+        doubted = min((at for at in (attacked, failed) if at is not None), default=None)
+        if doubted is not None and self.parted is None:
+            self._take_back(doubted)
+        is_clean = not window.doubted and doubted is None and self.attacked is None and self.parted is None
+        shown = [one for s in window.sets if (one := self._shown(window, s)) is not None]
+        if not shown:
+            if len(window.sets) == 1 and is_clean:  # before the unit is aligned nothing is held against it
+                (sky,) = window.sets
+                self._learn(window, self._fix(window, sky), sky, [])
+            return None
+        best = max(shown, key=lambda one: one.p_value)
+        if best.p_value < self.alpha:
+            self._part(window, best)
+            self.looks = [*self.looks, *self._looked(best.fix)]
+            found = self._report(window, best)
+            self.named |= found.says == "attack"
+            return found
+        going_on = self._pass(best) if self.parted is None else None
+        if self.attacked is not None:
+            self._part(window, best)
+        elif is_clean:
+            self._hide(window, best)
+            self._learn(window, best.fix, best.sky, self._find_free(best))
+            self.went_on += 1
+        return going_on
 
     @property
     def navigator(self) -> CorrectedNavigator:
         return CorrectedNavigator(
             foresight=self.foresight,
-            starts=tuple(self.starts),
+            kind=self.kind,
+            early=self.early,
+            until=self.until,
             bias_s=self.bias_s,
             hidden_m=self.hidden_m,
             hidden_m_s=self.hidden_m_s,
         )
 
-    def _is_clean(self, window: Rivals) -> bool:
-        """Tell whether nothing speaks against the window's only sky."""
-        if self.parted is not None or window.doubted or (self.attacked is not None and window.end > self.attacked):
-            return False
-        return not any(begin < window.end and window.start < end for begin, end in self.failed)
-
-    def _begin(self, window: Rivals) -> None:
-        """Before the unit is aligned there is nothing to hold a window against."""
-        if len(window.sets) == 1 and self._is_clean(window):
-            (sky,) = window.sets
-            self._learn(window, self._fix(window, sky), sky, [])
+    def _take_back(self, since: np.datetime64) -> None:
+        """Undo what windows taught that end later, as far as a navigator from before them runs on."""
+        doubted = [one for one in self.recent if one.end > since]
+        if not doubted or not self.free:
+            return
+        back_to = doubted[0]
+        older = [one for one in self.free if one.learned <= back_to.number] or self.free[-1:]
+        base, kept = older[0], [one for one in self.recent if one.number < back_to.number]
+        self.foresight, self.learned, self.until, self.hidden_m = (
+            base.foresight,
+            base.learned,
+            base.until,
+            base.hidden_m,
+        )
+        for one in kept:
+            if one.number >= base.learned:
+                self.foresight, self.learned, self.until = self.foresight.learned(one.fix), one.number + 1, one.end
+                self.hidden_m = back_to.hidden_m
+        self.bias_s, self.early = back_to.bias_s, self.early[: self.learned]
+        self.free = [one for one in older if one.learned < self.learned]
+        self.recent = [one for one in kept if self.free and one.number >= self.free[-1].learned]
 
     def _hide(self, window: Rivals, shown: _Shown) -> None:
         """Add what a drag that this window does not notice may lead the navigator away by."""
@@ -242,12 +301,14 @@ class _Walk:
     def _find_free(self, shown: _Shown) -> list[_Free]:
         """Return the navigators that notice drags best, and that are not corrected by a window's fixes."""
         before = [
-            (self.foresight, len(self.starts), self.hidden_m),
-            *((one.foresight, one.learned, one.hidden_m) for one in self.free),
+            (self.foresight, self.learned, self.until, self.hidden_m),
+            *((one.foresight, one.learned, one.until, one.hidden_m) for one in self.free),
         ]
         every = [
-            _Free(foresight, carried, learned, self._find_noticed(shown, number)[1], hidden)
-            for number, ((foresight, learned, hidden), carried) in enumerate(zip(before, shown.carried, strict=True))
+            _Free(foresight, carried, learned, until, self._find_noticed(shown, number)[1], hidden)
+            for number, ((foresight, learned, until, hidden), carried) in enumerate(
+                zip(before, shown.carried, strict=True)
+            )
         ]
         return _keep_useful(every, shown.last.gpst)
 
@@ -256,11 +317,21 @@ class _Walk:
         self.tried_m_s = max(self.tried_m_s, _change_m_s(self._looked(fix)))
         if window.end > self.clock_until:
             fix = SkyFix(whole=without(fix.whole, _CLOCK), each=tuple(without(one, _CLOCK) for one in fix.each))
-        self.recent.append((len(self.starts), fix))
+        own = _Learned(
+            number=self.learned,
+            start=window.start,
+            end=window.end,
+            fix=fix,
+            bias_s=self.bias_s,
+            hidden_m=self.hidden_m,
+        )
         self.free = free
-        self.recent = [one for one in self.recent if free and one[0] >= free[-1].learned]
+        self.recent = [one for one in (*self.recent, own) if free and one.number >= free[-1].learned]
         self.foresight, self.bias_s = self.foresight.learned(fix), sky.clock_bias_s
-        self.starts.append(window.start)
+        self.kind = self.kind or reference_kind(sky)
+        if window.end <= self.clock_until:
+            self.early = (*self.early, window.start)
+        self.learned, self.until = self.learned + 1, window.end
 
     def _fix(self, window: Rivals, sky: ConsistentSet) -> SkyFix:
         return self.maker.shown(window, sky, kind=reference_kind(sky), bias_s=self.bias_s, epochs=True)
@@ -296,17 +367,19 @@ class _Walk:
             certain = Known(
                 gpst=mean.gpst, mean=mean.mean, covariance=np.where(np.isfinite(mean.covariance), 0.0, np.inf)
             )
-            if all(fit_p_value(one, certain) >= POLICY.refused_probability for one in older):
+            if all(fit_p_value(one, certain) >= FUSION.refused_probability for one in older):
                 break
-        if young > 0:
-            self.parted = self.starts[self.free[young - 1].learned]
+        starts = {one.number: one for one in self.recent}
+        if young > 0 and (first := starts.get(self.free[young - 1].learned)) is not None:
+            self.parted = first.start
         # The window before may hold the beginning of what is noticed now.
         back = max(young, min(len(self.free), 1))
         if back > 0:
             free = self.free[back - 1]
-            self.foresight, self.starts, self.hidden_m = free.foresight, self.starts[: free.learned], free.hidden_m
-            for number, fix in self.recent:
-                self.looks += self._looked(fix) if number >= free.learned else []
+            self.foresight, self.learned, self.hidden_m = free.foresight, free.learned, free.hidden_m
+            self.early, self.until = self.early[: free.learned], free.until
+            after = (one for one in self.recent if one.number >= free.learned)
+            self.looks = [*self.looks, *(look for one in after for look in self._looked(one.fix))]
         self.free, self.recent = [], []
 
     def _looked(self, fix: SkyFix) -> list[_Look]:
@@ -330,32 +403,22 @@ class _Walk:
         data: dict[str, Datum] = {"statistic": off_m, "off_m_s": float(np.linalg.norm(off[3:6]))}
         if why is None:
             data["assumes"] = self.foresight.assumes
-        return Finding(
-            detector=DETECTOR,
-            start_gpst=window.start,
-            end_gpst=window.end,
-            signals=list_refs(self.maker.log.receiver, shown.sky.signals),
-            hypothesis=Hypothesis.PREDICTED,
-            code=why or "departs",
-            p={Cause.CLEAN: shown.p_value} | benign,
-            alpha=self.alpha,
+        return self.report.find(
+            list_refs(self.maker.log.receiver, shown.sky.signals),
+            why or "departs",
+            {Cause.CLEAN: shown.p_value} | benign,
             data=data,
             dated_gpst=self.parted,
         )
 
-    def _pass(self, window: Rivals, shown: _Shown) -> Finding:
+    def _pass(self, shown: _Shown) -> Finding:
         """Return that a window goes on, and what drag would have been noticed in it."""
         off = shown.last.mean - shown.expected[0].mean
         jump_m, drag_m_s = self._find_least(shown)
-        return Finding(
-            detector=DETECTOR,
-            start_gpst=window.start,
-            end_gpst=window.end,
-            signals=list_refs(self.maker.log.receiver, shown.sky.signals),
-            hypothesis=Hypothesis.PREDICTED,
-            code="goes_on",
-            p={Cause.CLEAN: shown.p_value},
-            alpha=self.alpha,
+        return self.report.find(
+            list_refs(self.maker.log.receiver, shown.sky.signals),
+            "goes_on",
+            {Cause.CLEAN: shown.p_value},
             estimates={"noticed": (NoticedAttack("position_jump", jump_m), NoticedAttack("drag", drag_m_s))},
             data={"statistic": float(np.linalg.norm(off[:3])), "off_m_s": float(np.linalg.norm(off[3:6]))},
         )

@@ -1,5 +1,6 @@
 """Signals that put a receiver elsewhere than where it is stated to stand: an attack, or a wrong statement."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,8 +10,7 @@ from tests.app.protect.choosing import NAVIGATION, led_away, nothing_found
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
-from skyproof.fusion.place import displacements
-from skyproof.fusion.rivals import FixMaker
+from skyproof.detectors.prediction.place import StatedPlace, StatedPlaceSettings
 from skyproof.gnss.frames import rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED
 from skyproof.navigation.foresight import Standing, surveyed
@@ -36,9 +36,12 @@ def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, consta
 
 def said(found, foresight):
     o, windows, _ = found
-    sets = [s for w in windows for s in w.sets]
-    maker = FixMaker(log=o, navigation=NAVIGATION, multipath_sigma_m=1.0, elevation_mask_deg=5.0)
-    return displacements(nothing_found(windows, o.signals), sets, [maker], {"bow": foresight}, ALPHA)
+    state, findings = None, []
+    detector = StatedPlace(StatedPlaceSettings(false_alarm_probability=ALPHA))
+    for window, clean in zip(windows, nothing_found(windows, o.signals), strict=True):
+        found, state = detector.examine(replace(window, standing={"bow": foresight}, findings=(clean,)), state)
+        findings += found
+    return [e for e in findings if e.code not in ("there", "no_place")]
 
 
 def at(found, *, north_m=0.0, up_m=0.0):

@@ -11,10 +11,9 @@ from tests.app.protect.test_choosing import DRIVE, WALK
 
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import windows_of
-from skyproof.fusion.departure import departures
-from skyproof.fusion.rivals import FixMaker
-from skyproof.records import Cause
+from skyproof.app.common.windows import cut, windows_of
+from skyproof.detectors.prediction.inertia import Inertia, InertiaSettings, corrected_navigators
+from skyproof.records import Cause, Finding, Hypothesis, list_refs
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
@@ -49,16 +48,25 @@ def walked(found, change=lambda readings: readings, shown=None):
     """Findings of what was heard, with changed readings or measurements, and the navigator."""
     o, windows, foresight = found
     o = o if shown is None else shown(o)
-    sets = [s for w in windows for s in w.sets]
-    maker = FixMaker(log=o, navigation=NAVIGATION, multipath_sigma_m=1.0, elevation_mask_deg=5.0)
     unit = replace(foresight, readings=change(foresight.readings))
-    findings, navigators = departures(nothing_found(windows, o.signals), sets, [maker], {"bow": unit}, ALPHA, 30.0)
-    return findings, navigators["bow"]
+    return examined(Inertia(InertiaSettings(false_alarm_probability=ALPHA)), o, windows, inertial={"bow": unit})
+
+
+def examined(detector, o, windows, doubts=(), **expected):
+    """Findings of windows in which nothing else is found, but for doubts, and the navigator after them."""
+    state, findings = None, []
+    for number, (window, clean) in enumerate(zip(windows, nothing_found(windows, o.signals), strict=True)):
+        own = cut(o, window.start_gpst, window.end_gpst)
+        others = (clean, *(doubt for at, doubt in doubts if at == number))
+        records = replace(window, observations=(own,), findings=others, **expected)
+        found, state = detector.examine(records, state)
+        findings += found
+    return findings, corrected_navigators(state).get("bow")
 
 
 def said(found, change=lambda readings: readings, shown=None):
     """The departures among them."""
-    return [e for e in walked(found, change, shown)[0] if e.says != "clean"]
+    return [e for e in walked(found, change, shown)[0] if e.says != "clean" and e.code != "not_aligned"]
 
 
 def later(readings, since_s):
@@ -86,6 +94,8 @@ def test_codes_drawn_off_alone_are_no_error_of_the_unit():
 
 def test_a_clean_drive_goes_on_and_says_what_would_be_noticed():
     findings, navigator = walked(heard())
+    assert findings[0].code == "not_aligned"
+    findings = [e for e in findings if e.code != "not_aligned"]
     assert {(e.says, e.code) for e in findings} == {("clean", "goes_on")}
     jumps_m, sizes_m_s = ([e.noticed[number].size for e in findings] for number in range(2))
     assert {tuple(one.kind for one in e.noticed) for e in findings} == {("position_jump", "drag")}
@@ -100,12 +110,43 @@ def test_of_a_slow_drag_inertia_goes_back_and_says_what_it_may_have_missed():
     found = heard(speed_m_s=0.8, duration_s=121.0, carrier="locked")
     findings, navigator = walked(found)
     start = found[0].gpst[0]
-    first = next(e for e in findings if e.says != "clean")
+    first = next(e for e in findings if e.failed)
     begun_s, noticed_s, last_s = (
-        (t - start) / np.timedelta64(1, "s") for t in (first.dated_gpst, first.start_gpst, navigator.starts[-1])
+        (t - start) / np.timedelta64(1, "s") for t in (first.dated_gpst, first.start_gpst, navigator.until)
     )
-    assert last_s + 10.0 <= begun_s <= noticed_s - 10.0
-    assert 0.8 * (last_s + 10.0 - PULL_S) < navigator.hidden_m
+    assert last_s <= begun_s <= noticed_s - 10.0
+    assert 0.8 * (last_s - PULL_S) < navigator.hidden_m
+
+
+def doubt(o, window, dated_gpst, code):
+    """Return that another test failed: of an attack where no benign cause is left."""
+    return Finding(
+        detector="none",
+        start_gpst=window.start_gpst,
+        end_gpst=window.end_gpst,
+        signals=list_refs("bow", o.signals),
+        hypothesis=Hypothesis.CONTINUOUS,
+        code=code,
+        p={Cause.CLEAN: 1e-9} | ({Cause.FAULT: 1.0} if code == "odd" else {}),
+        alpha=ALPHA,
+        dated_gpst=dated_gpst,
+    )
+
+
+@pytest.mark.parametrize("code", ["odd", "attack"])
+def test_what_a_later_finding_doubts_corrects_no_navigator(code):
+    """As if it had been known from the start: what windows taught from its date on is taken back."""
+    o, windows, foresight = heard(duration_s=101.0)
+    since = windows[5].start_gpst + np.timedelta64(2, "s")
+    detector = Inertia(InertiaSettings(false_alarm_probability=ALPHA))
+    late = [(8, doubt(o, windows[8], since, code))]
+    early = [(number, doubt(o, windows[number], since, code)) for number in range(5, 9)]
+    _, after = examined(detector, o, windows[:9], late, inertial={"bow": foresight})
+    _, known = examined(detector, o, windows[:9], early, inertial={"bow": foresight})
+    # Under an attack the window before may hold its beginning.
+    assert after.until == known.until == windows[4 if code == "odd" else 3].end_gpst
+    at = windows[8].start_gpst
+    np.testing.assert_allclose(after.foresight.at(at).mean, known.foresight.at(at).mean, rtol=1e-12)
 
 
 def spiked(readings):
@@ -169,8 +210,8 @@ def test_of_clean_ways_no_more_p_values_are_small_than_stated(path):
     p = []
     for seed in range(24):
         findings, _ = walked(heard.__wrapped__(path, seed, duration_s=150.0))
-        assert {e.says for e in findings} == {"clean"}
-        p += [e.p_value for e in findings]
+        assert {e.says for e in findings if e.p} == {"clean"}
+        p += [e.p_value for e in findings if e.p]
     p = np.array(p)
     print(
         f"{path}: {p.size} windows, below 0.1 {np.mean(p < 0.1):.3f}, below 0.01 {np.mean(p < 0.01):.4f}, {p.min():.2g}"

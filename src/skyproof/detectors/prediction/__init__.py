@@ -1,0 +1,1 @@
+"""Hold what a receiver shows against what was to be expected of it."""

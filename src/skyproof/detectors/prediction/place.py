@@ -1,0 +1,267 @@
+"""Do the signals put a receiver where it stands?
+
+A receiver stands at a surveyed place, or wherever its first window put it; the place that each later window shows is
+held against it. The squared distance over both covariances is chi-square with three degrees if the signals are true and
+what is stated holds: a fix's covariance has what models of the atmosphere and reflections leave.
+
+A place that is left may be that of false signals, of reflections, or wrongly stated. It is an attack only where
+
+- a window before did show the place where it stands, so that what was stated holds, and another one than this window: a
+  place that is wrong by as much as just fits shows so in one window and not in the next;
+- there as now no more than one of the satellites did not fit: with errors many times as large as stated those that
+  happen to agree show some place, and others another one in the next window;
+- without any two of the satellites the rest shows it too: reflections are some satellites'.
+
+Else it stays undecided, with the reason. Where one of several skies shows the right place nothing is said here: which
+of them is true is `choice`'s to say.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from skyproof.arrays import Reals
+from skyproof.detectors.base import NotTested, Reporter
+from skyproof.detectors.prediction.policy import POLICY
+from skyproof.errors import require_probability
+from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_in
+from skyproof.gnss.frames import geodetic_from_ecef
+from skyproof.gnss.slips import HEIGHT, UNLISTED, position_slips
+from skyproof.gnss.time import timedelta_from_s
+from skyproof.navigation.foresight import SkyFix, Standing
+from skyproof.navigation.known import KNOWN, Known, without
+from skyproof.navigation.prediction import fit_p_value
+from skyproof.records import (
+    UNTESTED,
+    Cause,
+    ConsistentSet,
+    Datum,
+    Finding,
+    Hypothesis,
+    Need,
+    Records,
+    WrongStatement,
+    list_refs,
+)
+from skyproof.statistics.leave_out import largest_p_value_without
+
+__all__ = ["StatedPlace", "StatedPlaceSettings"]
+
+_ALL_BUT_PLACE: Final = np.arange(3, 8)
+_NO_PLACE: Final = NotTested("no_place")
+
+
+@dataclass(frozen=True)
+class StatedPlaceSettings:
+    """Settings of `StatedPlace`.
+
+    false_alarm_probability : of each receiver and window. multipath_sigma_m : of one pseudorange, one sigma.
+    elevation_mask_deg : satellites below are left out of fixes of epochs.
+    """
+
+    false_alarm_probability: float = 1e-3
+    multipath_sigma_m: float = 1.0
+    elevation_mask_deg: float = 5.0
+
+    def __post_init__(self) -> None:
+        require_probability("place", "false_alarm_probability", self.false_alarm_probability)
+
+
+class StatedPlace:
+    """The detector: see the module's text. It remembers where each receiver stands, and what showed that first."""
+
+    name = "place"
+    needs = (Need.STANDING, Need.SETS, Need.FINDINGS)
+
+    def __init__(self, settings: StatedPlaceSettings | None = None) -> None:
+        self.settings = settings or StatedPlaceSettings()
+
+    def examine(self, records: Records, state: Any = None) -> tuple[list[Finding], Any]:
+        """Return a finding for each receiver that stands."""
+        report = Reporter(self, records, Hypothesis.AS_STATED)
+        if lacking := report.name_missing():
+            return lacking, state
+        watches: dict[str, _Watch] = dict(state or {})
+        found = list[Finding]()
+        for o in records.observations:
+            if o.receiver in records.standing:
+                watch = watches.get(o.receiver) or _Watch(records.standing[o.receiver])
+                maker = FixMaker.of_window(o, records, self.settings)
+                finding, watches[o.receiver] = watch.examine(report, maker, rivals_in(records, o.receiver))
+                found.append(finding)
+        return found, watches
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What a window's set shows, and what is expected. p_value : of so large a distance."""
+
+    sky: ConsistentSet
+    fix: Known
+    expected: Known
+    p_value: float
+
+    @property
+    def off_m(self) -> Reals:
+        return self.fix.mean[:3] - self.expected.mean[:3]
+
+
+@dataclass(frozen=True, eq=False)
+class _Watch:
+    """Over one receiver, window by window.
+
+    seen_there : what was shown when a window first put it where it stands. named : whether it was attacked.
+    fitted : satellites that ever fitted a position.
+    """
+
+    foresight: Standing
+    seen_there: Known | None = None
+    named: bool = False
+    fitted: frozenset[str] = frozenset()
+
+    def examine(self, report: Reporter, maker: FixMaker, window: Rivals) -> tuple[Finding, "_Watch"]:
+        """Return what a window shows, and the watch after it."""
+        watch = replace(self, fitted=self.fitted.union(s.sat for sky in window.sets for s in sky.signals))
+        here = _Here(watch, report, maker, window)
+        fixes = [(sky, here.fix(sky)) for sky in window.sets]
+        shown = [one for sky, fix in fixes if (one := here.hold(sky, fix.whole)) is not None]
+        if not shown:
+            learns = len(fixes) == 1 and not window.doubted
+            nothing = report.pass_over(list_refs(maker.log.receiver, maker.log.signals), _NO_PLACE)
+            return nothing, replace(watch, foresight=watch.foresight.learned(fixes[0][1])) if learns else watch
+        best = max(shown, key=lambda one: one.p_value)
+        if best.p_value >= here.alpha:
+            first = watch.seen_there is None and here.fits_all(best.sky)
+            return here.report_there(best), replace(watch, seen_there=best.fix) if first else watch
+        finding = here.report_departure(best)
+        return finding, replace(watch, named=watch.named or finding.says == "attack")
+
+
+@dataclass(frozen=True, eq=False)
+class _Here:
+    """One receiver in one window."""
+
+    watch: _Watch
+    report: Reporter
+    maker: FixMaker
+    window: Rivals
+
+    @property
+    def alpha(self) -> float:
+        return float(self.report.detector.settings.false_alarm_probability)
+
+    def fix(self, sky: ConsistentSet) -> SkyFix:
+        return self.maker.shown(self.window, sky, kind=reference_kind(sky), bias_s=0.0, epochs=False)
+
+    def hold(self, sky: ConsistentSet, fix: Known) -> _Shown | None:
+        expected = self.watch.foresight.at(fix.gpst)
+        place = None if expected is None else without(expected, _ALL_BUT_PLACE)
+        if place is None or not place.there.size:
+            return None
+        if self.watch.foresight.surveyed:
+            datum_m2 = POLICY.datum_sigma_m**2 * np.diag(np.arange(KNOWN) < 3)
+            place = replace(place, covariance=place.covariance + datum_m2)
+        return _Shown(sky, fix, place, fit_p_value(place, fix))
+
+    def report_there(self, shown: _Shown) -> Finding:
+        """Return that the window shows the place where the receiver stands."""
+        return self.report.find(
+            list_refs(self.maker.log.receiver, shown.sky.signals),
+            "there",
+            {Cause.CLEAN: shown.p_value},
+            data={"statistic": float(np.linalg.norm(shown.off_m)), "surveyed": self.watch.foresight.surveyed},
+        )
+
+    def report_departure(self, shown: _Shown) -> Finding:
+        """Return the window's finding: an attack where no benign cause remains."""
+        causes = self._causes(shown) if self.watch.foresight.surveyed else ()
+        slipped = bool(causes) and causes[0].code != UNLISTED and not self.watch.named
+        why, without_two = ("slip", None) if slipped else self._find_benign(shown)
+        p = {Cause.CLEAN: shown.p_value}
+        data: dict[str, Datum] = {
+            "statistic": float(np.linalg.norm(shown.off_m)),
+            "surveyed": self.watch.foresight.surveyed,
+        }
+        if why is not None:
+            p |= dict.fromkeys((Cause.STATEMENT, Cause.REFLECTIONS), UNTESTED)
+        else:
+            p |= {} if without_two is None else {Cause.REFLECTIONS: without_two}
+            data["assumes"] = self.watch.foresight.assumes
+        return self.report.find(
+            list_refs(self.maker.log.receiver, shown.sky.signals),
+            why or "elsewhere",
+            p,
+            estimates={} if why is None else {"wrong_statements": causes},
+            data=data,
+            dated_gpst=self._date(shown),
+        )
+
+    def _date(self, shown: _Shown) -> np.datetime64 | None:
+        """Return the first of the window's last epochs that are all nearer to what it shows than to where it stands."""
+        each = self.maker.shown(self.window, shown.sky, kind=reference_kind(shown.sky), bias_s=0.0, epochs=True).each
+        places_m = np.array([one.mean[:3] for one in each]).reshape(-1, 3)
+        to_shown_m, to_stated_m = (
+            np.linalg.norm(places_m - known.mean[:3], axis=1) for known in (shown.fix, shown.expected)
+        )
+        before = np.flatnonzero(to_shown_m >= to_stated_m)
+        first = int(before[-1]) + 1 if before.size else 0
+        if first >= len(each):
+            return None
+        gpst = self.maker.log.gpst
+        row = int(np.searchsorted(gpst, each[first].gpst - timedelta_from_s(POLICY.label_off_s)))
+        dated: np.datetime64 = gpst[min(row, gpst.size - 1)]
+        return dated
+
+    def _causes(self, shown: _Shown) -> tuple[WrongStatement, ...]:
+        """The slips in stating the place that would put it where the signals do, or an amount that none gives."""
+        about = f"position of {self.maker.log.receiver}"
+        lat, lon, height_m = geodetic_from_ecef(shown.fix.mean[:3])
+        height = f"height_m = {float(height_m):.1f}"
+        found = []
+        for slip in position_slips(shown.expected.mean[:3]):
+            mean, covariance = shown.expected.mean.copy(), shown.expected.covariance.copy()
+            mean[:3] = slip.position_ecef_m
+            covariance[:3, :3] += slip.covariance_m2
+            meant = replace(shown.expected, mean=mean, covariance=covariance)
+            if fit_p_value(meant, shown.fix) >= POLICY.slip_p_value:
+                value = height if slip.code == HEIGHT else slip.value
+                found.append(WrongStatement(code=slip.code, about=about, words=slip.words, value=value))
+        if found:
+            return tuple(found)
+        value = f"lat_deg = {np.degrees(lat):.6f}, lon_deg = {np.degrees(lon):.6f}, {height}"
+        return (WrongStatement(code=UNLISTED, about=about, words="by no amount that is usual", value=value),)
+
+    def _find_benign(self, shown: _Shown) -> tuple[str | None, float | None]:
+        """Return the code of why a benign cause may have done it, None if none may; and the p-value without two."""
+        if self.watch.named:
+            return None, None
+        if self.watch.seen_there is None:
+            return "never_there", None
+        if fit_p_value(without(self.watch.seen_there, _ALL_BUT_PLACE), shown.fix) >= self.alpha:
+            return "as_before", None
+        if not self.fits_all(shown.sky):
+            return "others_misfit", None
+        without_two = self._without_two(shown)
+        return ("by_some", None) if without_two >= self.alpha else (None, without_two)
+
+    def fits_all(self, sky: ConsistentSet) -> bool:
+        """Whether of the satellites that ever fitted a position, and are measured in a window, one at most is not in
+        this set."""
+        log = self.maker.log
+        o = log.read(*(int(row) for row in np.searchsorted(log.gpst, np.array([self.window.start, self.window.end]))))
+        measured = np.flatnonzero(np.isfinite(o.pseudorange_m).any(axis=0))
+        there = {o.signals[column].sat for column in measured}
+        return len(there & self.watch.fitted - {signal.sat for signal in sky.signals}) <= POLICY.misfit_satellites
+
+    def _without_two(self, shown: _Shown) -> float:
+        """Return the largest p-value without any two satellites; 1 where too few are left."""
+
+        def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
+            for pair in pairs:
+                fix = self.maker.at_end(self.window, shown.sky, pair)
+                yield 1.0 if fix is None else fit_p_value(shown.expected, fix)
+
+        sats = sorted({signal.sat for signal in shown.sky.signals})
+        return largest_p_value_without(sats, p_values, least=POLICY.least_satellites, enough=self.alpha)

@@ -1,0 +1,1 @@
+"""Whether the signals of a snapshot stay what they are."""

@@ -1,0 +1,28 @@
+"""Hold what a receiver's fixes made of its inertial navigator."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.records import Kind
+
+__all__ = ["CorrectedNavigator"]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CorrectedNavigator:
+    """A receiver's navigator, and the windows whose fixes corrected it.
+
+    kind : of the signals of the first of them. early : starts of those of the clean start. until : the end of the last;
+    None before any. bias_s : the receiver's clock in it. hidden_m, hidden_m_s : by how much, and how fast, drags that
+    none of them would have noticed may have led it away since the clean start.
+    """
+
+    foresight: Inertial
+    kind: Kind | None
+    early: tuple[np.datetime64, ...]
+    until: np.datetime64 | None
+    bias_s: float
+    hidden_m: float = 0.0
+    hidden_m_s: float = 0.0
