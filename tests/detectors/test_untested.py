@@ -28,6 +28,7 @@ from skyproof.detectors.own_fixes.detector import OwnFixes
 from skyproof.detectors.registry import load_detectors
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.detectors.second_signals.detector import SecondSignals
+from skyproof.detectors.snapshot.detector import Snapshots
 from skyproof.detectors.torn.detector import Torn
 from skyproof.explain import explain
 from skyproof.records import NavigationData, Records
@@ -334,6 +335,7 @@ CASES = {
         lambda: said(CodesAtPlace(AT_PLACE), replace(orbits_of(clean(), 2), sets=())),
         "fewer than 3 satellites at any epoch of rx1 have codes and orbits",
     ),
+    ("snapshot", "long"): (lambda: said(Snapshots(), clean()), "rx1 is no snapshot: its measurements show whether"),
     ("torn", "received_twice"): (
         lambda: said(Torn(), clean(false=(FalseSky(),))),
         "a satellite is received twice in rx1",

@@ -1,22 +1,11 @@
 """What `common_change` finds, in words."""
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Final
 
 from skyproof.explain.entry import Entry
-from skyproof.records import Finding
 
 __all__ = ["ENTRIES"]
-
-
-def _describe_noise(finding: Finding) -> str:
-    """Say whether the noise rose or fell, and by how much."""
-    data: Mapping[str, Any] = finding.data
-    moved = f"{'rose' if data['change_db'] > 0.0 else 'fell'} by {abs(data['change_db']):.0f} dB"
-    return (
-        f"the noise in {finding.signals[0].receiver} {moved} within {data['time_s']:.0f} s: a change of gain, a "
-        "jammer, or further signals"
-    )
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
@@ -43,6 +32,4 @@ ENTRIES: Final[Mapping[str, Entry]] = {
         "an oscillator of the class {oscillator} wanders",
         "what the receiver's clock runs on, or whether it is steered",
     ),
-    "noise_steady": Entry("the noise in {receiver} stays what it is"),
-    "noise_moved": Entry(_describe_noise, "a second receiver, whose levels go on"),
 }

@@ -117,7 +117,6 @@ CASES: Final = (
          draw=one_antenna.rates_alike,
          why="1 where not three of four have one sign, which is likelier than 0.29 of eight"),
     Case(group=_POSITION, method="common_change, laws", test="turn of all carriers", draw=one_antenna.turns),
-    Case(group=_POSITION, method="common_change, laws", test="level of the noise", draw=one_antenna.levels),
     *(Case(group=_QUALITY, method="sqm", test=f"{metric}, A = {amplitude:g}",
            draw=draws.taps_metric(metric, amplitude))
       for metric, amplitude in (("delta", 14.14), ("ratio", 14.14), ("ratio", 4.47))),

@@ -3,14 +3,14 @@
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, turn_p_value, turn_sigma_m
+from skyproof.detectors.common_change.laws import alike_p_value, turn_p_value, turn_sigma_m
 from skyproof.detectors.dccaf.bursts import components, joint_p_value, own_correlation, shapes
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import Oscillator
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.studies.decomposition_laws import noise_variance
 
-__all__ = ["burst_of_one_signal", "levels", "rates_alike", "turns"]
+__all__ = ["burst_of_one_signal", "rates_alike", "turns"]
 
 
 def burst_of_one_signal(rng: np.random.Generator, n: int) -> Reals:
@@ -40,11 +40,3 @@ def turns(rng: np.random.Generator, n: int) -> Reals:
     steps_m = SPEED_OF_LIGHT_M_S * np.sqrt(0.5 * clock.white_s * apart_s) * rng.standard_normal((2, n))
     turn_m = steps_m[1] - steps_m[0] + sigma_m * rng.standard_normal(n)
     return turn_p_value(turn_m, sigma_m**2, turn_sigma_m(clock, apart_s))
-
-
-def levels(rng: np.random.Generator, n: int) -> Reals:
-    """Noise in 640 values at two times, the gain wandering by 1 dB."""
-    counted, gain_db = 640, 1.0
-    level = 10.0 * np.log10(rng.chisquare(2.0 * counted, (2, n)) / (2.0 * counted))
-    level += gain_db * rng.standard_normal((2, n))
-    return level_p_value(level[1] - level[0], gain_db, (counted, counted))

@@ -6,10 +6,18 @@ import pytest
 
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import RECEIVED, asked, detectors_for, following_epochs, windows_of
+from skyproof.app.common.windows import (
+    RECEIVED,
+    asked,
+    detectors_for,
+    following_epochs,
+    levels_between_signals,
+    windows_of,
+)
 from skyproof.detectors.registry import load_detectors
 from skyproof.records import (
     OBSERVABLES,
+    Ccaf,
     NavigationData,
     Need,
     Observations,
@@ -172,3 +180,30 @@ def test_a_pause_of_years_is_one_window(pause):
     assert sum(held) == 100
     assert sum(count == 0 for count in held) == 1
     assert len(windows) <= 12
+
+
+def test_grids_give_the_level_between_the_signals():
+    """In place of a front end's readings; the mean of the signals at each instant, NaN where none is measured."""
+    o = MeasuredScene(epochs=4).records(np.random.default_rng(1)).observations[0]
+    n = len(o.signals)
+    noise = np.full((4, n), 10.0)
+    noise[1], noise[2, 1:] = np.nan, np.nan
+    grids = Ccaf(
+        receiver=o.receiver,
+        signals=o.signals,
+        gpst=o.gpst,
+        elapsed_s=o.elapsed_s,
+        coherent_s=0.02,
+        band_hz=3e6,
+        delays_chips=np.zeros(1),
+        dopplers_hz=np.zeros(1),
+        reference_m=np.zeros((4, n)),
+        reference_hz=np.zeros((4, n)),
+        value=np.zeros((4, n, 1, 1), complex),
+        noise_variance=noise,
+    )
+    levels = levels_between_signals(grids)
+    np.testing.assert_allclose(levels.noise_db, [10.0, 10.0, 10.0])
+    np.testing.assert_array_equal(levels.gpst, o.gpst[[0, 2, 3]])
+    assert set(levels.band) == {"L1"}
+    assert np.isnan(levels.agc_db).all()

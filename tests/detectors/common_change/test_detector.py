@@ -1,8 +1,6 @@
 """Slow attacks that move all satellites alike are named; skies, platforms and oscillators that do nothing of it are
 not."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -10,7 +8,7 @@ from tests.detectors.continuity.test_detector import FIELD, MOTIONS, WHITE, chan
 
 from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
 from skyproof.errors import SettingsError
-from skyproof.records import Cause, Ccaf
+from skyproof.records import Cause
 from skyproof.testing import check_missing_named, check_pieces
 
 WAVE_M = 299_792_458.0 / 1575.42e6
@@ -85,37 +83,6 @@ def test_carriers_turn_faster_than_the_class_of_the_oscillator_wanders():
     assert not any(failed(said(windows(o))))
 
 
-def test_the_level_of_noise_that_rises_within_a_minute_is_said():
-    o = observed(duration_s=DURATION_S)
-    loud = [replace(one, ccaf=(noise(one, 10.0 if k > 4 else 0.0),)) for k, one in enumerate(windows(o))]
-    named = failed(said(loud))
-    assert not any(named[:5])
-    (first, *_) = named[5]
-    assert (first.code, first.overrules, first.may_also_be) == ("noise_moved", False, (Cause.GAIN, Cause.INTERFERENCE))
-    assert first.data["change_db"] == pytest.approx(10.0)
-
-
-def noise(records, level_db):
-    """Grids whose noise has a level."""
-    (o,) = records.observations
-    n = len(o.signals)
-    return Ccaf(
-        receiver=o.receiver,
-        signals=o.signals,
-        gpst=o.gpst[-4:],
-        elapsed_s=o.elapsed_s[-4:],
-        coherent_s=0.02,
-        band_hz=3e6,
-        delays_chips=np.zeros(1),
-        dopplers_hz=np.zeros(1),
-        reference_m=np.zeros((4, n)),
-        reference_hz=np.zeros((4, n)),
-        value=np.zeros((4, n, 1, 1), complex),
-        noise_variance=np.full((4, n), 10.0 ** (0.1 * level_db)),
-        noise_samples=64,
-    )
-
-
 def test_what_it_lacks_is_said_and_pieces_give_what_the_whole_gives():
     records = windows(observed())
     check_pieces(CommonChange, records)
@@ -127,8 +94,8 @@ def test_what_it_lacks_is_said_and_pieces_give_what_the_whole_gives():
 def test_settings_that_make_no_sense_are_refused():
     with pytest.raises(SettingsError, match="sundial"):
         CommonChangeSettings(oscillator="sundial")
-    with pytest.raises(SettingsError, match="gain_db"):
-        CommonChangeSettings(gain_db=0.0)
+    with pytest.raises(SettingsError, match="carrier_error_m"):
+        CommonChangeSettings(carrier_error_m=0.0)
 
 
 @pytest.mark.long

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, rates_over, turn_p_value, turn_sigma_m
+from skyproof.detectors.common_change.laws import alike_p_value, rates_over, turn_p_value, turn_sigma_m
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.statistics.distributions import binomial_two_sided
@@ -67,10 +67,3 @@ def test_a_clock_turns_by_its_allan_deviation(name):
     steps_s = np.sqrt(0.5 * white.white_s * apart_s) * rng.standard_normal((4000, 2))
     turn_m = SPEED_OF_LIGHT_M_S * (steps_s[:, 1] - steps_s[:, 0]) + 1e-3 * rng.standard_normal(4000)
     assert uniform(turn_p_value(turn_m, 1e-6, turn_sigma_m(white, apart_s)))
-
-
-def test_the_noise_changes_its_level_by_the_gain_and_by_how_it_was_counted():
-    rng, k = np.random.default_rng(5), 64
-    level_db = 10.0 * np.log10(rng.chisquare(2 * k, (2, 5000)) / (2 * k)) + 0.3 * rng.standard_normal((2, 5000))
-    assert uniform(level_p_value(level_db[1] - level_db[0], 0.3, (k, k)))
-    assert level_p_value(1.0, 0.3, (k, np.inf)) < level_p_value(1.0, 0.3, (k, k))

@@ -12,6 +12,7 @@ from skyproof.app.common.epoch_source import EpochSource
 from skyproof.app.common.settings import Settings
 from skyproof.arrays import Instants, Reals
 from skyproof.detectors.base import Detector
+from skyproof.detectors.levels.front_end import carrier_name
 from skyproof.detectors.registry import load_detectors, made_with
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.time import timedelta_from_s
@@ -281,7 +282,7 @@ class Windows:
             for window in cuts:
                 sets += consistent_sets(window, run.navigation, multipath_sigma_m=self.multipath_sigma_m)
         spans_s = {o.receiver: span_s(o, start, end) for o in run.observations}
-        grids = (log.between(*spans_s[log.receiver]) for log in run.ccaf)
+        grids = tuple(log.between(*spans_s[log.receiver]) for log in run.ccaf)
         phases = (log.between(*spans_s[log.receiver]) for log in run.array_phases)
         taps, vector_taps = (
             tuple(one for log in logs if (one := log.between(*spans_s[log.receiver])).elapsed_s.size)
@@ -298,13 +299,28 @@ class Windows:
             ccaf=tuple(one for one in grids if one.gpst.size),
             array_phases=tuple(one for one in phases if one.gpst.size),
             spin_arms=run.spin_arms,
-            levels={name: levels.between(start, end) for name, levels in run.levels.items()},
+            levels={name: levels.between(start, end) for name, levels in run.levels.items()}
+            | {one.receiver: levels_between_signals(one) for one in grids if one.gpst.size},
             messages={name: messages.between(start, end) for name, messages in run.messages.items()},
             own_fixes={name: fixes.between(start, end) for name, fixes in run.own_fixes.items()},
             standing=run.standing,
             inertial=run.inertial,
             changes=run.changes,
         )
+
+
+def levels_between_signals(ccaf: Ccaf) -> FrontEndLevels:
+    """Return the power of the noise that grids show between the signals, in place of a front end's own readings."""
+    rows = np.isfinite(ccaf.noise_variance).any(axis=1)
+    unknown = np.full(int(rows.sum()), np.nan)
+    return FrontEndLevels(
+        gpst=ccaf.gpst[rows],
+        band=np.full(unknown.size, carrier_name(ccaf.signals[0]) if ccaf.signals else ""),
+        agc_db=unknown,
+        agc_share=unknown,
+        noise_db=10.0 * np.log10(np.nanmean(ccaf.noise_variance[rows], axis=1)),
+        jamming_share=unknown,
+    )
 
 
 def windows_of(

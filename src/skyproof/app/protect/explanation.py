@@ -110,7 +110,9 @@ def _not_excluded(outcome: Outcome) -> tuple[str, ...]:
         found.append("a false sky that reaches one of the receivers alone")
     elif not by_directions:
         found.append("a consistent false sky from the first moment on, which one antenna cannot tell from a true one")
-    idle = {e.detector for e in outcome.evidence} - ran - {e.detector for e in outcome.evidence if e.lacking}
+    done = ran | {e.detector for e in outcome.evidence if e.lacking}
+    reasons = {(e.detector, e.code): e for e in outcome.evidence if e.detector not in done}
+    idle = {e.detector for e in reasons.values() if explain(e).remedy not in (None, "nothing")}
     found += [f"what {', '.join(sorted(idle))} would show, with enough to test"] if idle else []
     return (*found, "a takeover that draws position and time off by less than the tests can see")
 

@@ -1,18 +1,17 @@
 """What changes alike on all satellites of one antenna, as neither the sky nor its receiver does it.
 
 An attack that lies on the true signals to centimetres breaks nothing and makes no second peak. It still has to move all
-satellites together, and three things show that:
+satellites together, and two things show that:
 
 - **code and carrier part** on all of them alike, where codes are drawn off and carriers are left (the ionosphere parts
   them by centimetres a second at most);
-- **all carriers turn** as by a clock, faster than an oscillator of the stated class wanders, and as no motion does;
-- **the level of the noise** between the signals rises or falls within a minute.
+- **all carriers turn** as by a clock, faster than an oscillator of the stated class wanders, and as no motion does.
 
-`continuity` has the same of one moment: steps of code against carrier and of the clock. `levels` has C/N0. What goes on
-slowly for seconds is looked at here. `laws` has the statistics and what they take for given.
+`continuity` has the same of one moment: steps of code against carrier and of the clock. `levels` has C/N0 and noise.
+What goes on slowly for seconds is looked at here. `laws` has the statistics and what they take for given.
 
 None of this shows an attack: a receiver whose sampling clock and carrier come from two oscillators parts code from
-carrier, and a gain may change. The first two overrule what windows say one by one, as steps do.
+carrier. Both overrule what windows say one by one, as steps do.
 """
 
 from collections.abc import Iterable, Mapping
@@ -23,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.detectors.base import NotTested, Reporter, leave_open
-from skyproof.detectors.common_change.laws import alike_p_value, level_p_value, turn_p_value, turn_sigma_m
+from skyproof.detectors.common_change.laws import alike_p_value, turn_p_value, turn_sigma_m
 from skyproof.detectors.common_change.policy import POLICY
 from skyproof.detectors.common_change.series import rates_of, turn_of
 from skyproof.detectors.continuity.one_sky import columns_of, followed_by, one_signal_a_transmission
@@ -32,7 +31,6 @@ from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES
 from skyproof.records import (
     Cause,
-    Ccaf,
     ConsistentSet,
     Datum,
     Finding,
@@ -47,7 +45,7 @@ from skyproof.records import (
 
 __all__ = ["CommonChange", "CommonChangeSettings"]
 
-_SHARES = 3  # of the false alarms: code against carrier, turns, levels
+_SHARES = 2  # of the false alarms: code against carrier, turns
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,6 @@ class CommonChangeSettings:
     oscillator : the class of the receivers' clocks, as in a platform file; turns are not looked at without.
     oscillator_share : by which a single oscillator may wander more than `gnss.oscillators` has it of its class.
     carrier_error_m : of a carrier beside noise, by reflections and the air, one sigma.
-    gain_db : by which the receiver's gain wanders, one sigma.
     """
 
     false_alarm_probability: float = 1e-3
@@ -69,11 +66,10 @@ class CommonChangeSettings:
     oscillator: str | None = None
     oscillator_share: float = 3.0
     carrier_error_m: float = 0.01
-    gain_db: float = 1.0
 
     def __post_init__(self) -> None:
         require_probability("common_change", "false_alarm_probability", self.false_alarm_probability)
-        for name in ("gain_db", "carrier_error_m", "oscillator_share"):
+        for name in ("carrier_error_m", "oscillator_share"):
             if not getattr(self, name) > 0.0:
                 raise SettingsError(f"common_change: {name} is {getattr(self, name)}, expected more than 0")
         if self.oscillator is not None and self.oscillator not in PLATFORM_CLASSES:
@@ -91,27 +87,18 @@ class _Reference(NamedTuple):
     until_s: float
 
 
-class _Level(NamedTuple):
-    """Level of the noise in so many complex values, of a window that ended at `elapsed_s`."""
-
-    elapsed_s: float
-    noise_db: float
-    noise_samples: float
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Past:
-    """What is remembered of a receiver: bounded by the number of transmissions, the longest span and `levels_s`."""
+    """What is remembered of a receiver: bounded by the number of transmissions and the longest span."""
 
     tail: Observations
     sources: Mapping[Transmission, SignalId]
     members: tuple[SignalId, ...] = ()
     references: Mapping[SignalId, _Reference] = field(default_factory=dict)
-    levels: tuple[_Level, ...] = ()
 
 
 class CommonChange:
-    """The detector: see the module's text. It remembers half a minute of each receiver, and of levels a minute."""
+    """The detector: see the module's text. It remembers half a minute of each receiver."""
 
     name = "common_change"
     needs = (Need.OBSERVATIONS,)
@@ -148,7 +135,6 @@ class _Window:
             (s for s in self.records.sets if s.receiver == o.receiver), key=lambda s: (-len(s.signals), s.statistic)
         )
         self.sky: ConsistentSet | None = own[0] if own else None
-        self.ccaf = next((one for one in self.records.ccaf if one.receiver == o.receiver), None)
 
     def examine(self) -> tuple[list[Finding], _Past | None]:
         """Return what changes alike, and what is remembered."""
@@ -161,9 +147,8 @@ class _Window:
         stretch = now if self.past is None else followed_by(self.past.tail, now)
         past = self.past or _Past(tail=now.select(slice(0)), sources={})
         rates = [rates_of(stretch, span_s, self.settings.multipath_sigma_m) for span_s in POLICY.spans_s]
-        level = _level_of(now, self.ccaf)
         parted = self._test_parting(rates, past, float(stretch.elapsed_s[-1]))
-        tested = [parted, self._test_turns(stretch), self._test_level(level, past)]
+        tested = [parted, self._test_turns(stretch)]
         found = [finding for finding in tested if finding is not None]
         failed = parted is not None and parted.failed
         references = past.references if failed else _remembered(rates, past.references, float(stretch.elapsed_s[-1]))
@@ -174,7 +159,6 @@ class _Window:
             sources=sources,
             members=members,
             references=references,
-            levels=(*(old for old in past.levels if old.elapsed_s >= end_s - POLICY.levels_s), level),
         )
 
     def _test_parting(self, rates: list[Mapping[SignalId, Any]], past: _Past, end_s: float) -> Finding | None:
@@ -230,25 +214,6 @@ class _Window:
                 "oscillator": settings.oscillator,
             },
             hypothesis=Hypothesis.CONTINUOUS,
-        )
-
-    def _test_level(self, level: _Level, past: _Past) -> Finding | None:
-        """Test the noise against that of windows up to a minute before."""
-        tests: list[tuple[float, float, float]] = []
-        for old in {id(one): one for one in (*past.levels[:1], *past.levels[-1:])}.values():
-            noise_db = level.noise_db - old.noise_db
-            if np.isfinite(noise_db):
-                samples = (level.noise_samples, old.noise_samples)
-                tests.append((float(level_p_value(noise_db, self.settings.gain_db, samples)), old.elapsed_s, noise_db))
-        if not tests:
-            return None
-        least, since_s, change_db = min(tests)
-        return self._find(
-            min(1.0, len(tests) * least),
-            ("noise_steady", "noise_moved"),
-            (Cause.GAIN, Cause.INTERFERENCE),
-            {"change_db": change_db, "time_s": level.elapsed_s - since_s},
-            hypothesis=Hypothesis.STEADY_LEVELS,
         )
 
     def _find(
@@ -309,13 +274,3 @@ def _remembered(
             ):
                 references[signal] = _Reference(rate.rate_m_s, rate.sigma_m_s, span_s, end_s)
     return references
-
-
-def _level_of(o: Observations, ccaf: Ccaf | None) -> _Level:
-    """Return the mean level of the noise in a window's grids."""
-    noise_db, samples = np.nan, 1.0
-    if ccaf is not None and np.isfinite(ccaf.noise_variance).any():
-        bursts = np.isfinite(ccaf.noise_variance).any(axis=1)
-        each = np.nanmean(ccaf.noise_variance[bursts], axis=1)
-        noise_db, samples = 10.0 * float(np.log10(np.median(each))), float(ccaf.noise_samples or np.inf)
-    return _Level(float(o.elapsed_s[-1]), noise_db, samples)

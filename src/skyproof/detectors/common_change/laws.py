@@ -27,7 +27,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import Oscillator
 from skyproof.statistics.distributions import binomial_survival, normal_two_sided
 
-__all__ = ["Rate", "alike_p_value", "level_p_value", "rates_over", "turn_p_value", "turn_sigma_m"]
+__all__ = ["Rate", "alike_p_value", "rates_over", "turn_p_value", "turn_sigma_m"]
 
 
 class Rate(NamedTuple):
@@ -79,13 +79,3 @@ def turn_sigma_m(oscillator: Oscillator, apart_s: float) -> float:
 def turn_p_value(turn_m: ArrayLike, variance_m2: ArrayLike, clock_sigma_m: ArrayLike) -> Reals:
     """Two-sided, of a second difference of the clock measured with `variance_m2`; uniform if both sigmas are true."""
     return np.asarray(normal_two_sided(np.asarray(turn_m) / np.sqrt(variance_m2 + np.square(clock_sigma_m))))
-
-
-def level_p_value(change_db: ArrayLike, gain_db: float, samples: tuple[float, float]) -> Reals:
-    """Two-sided, of a change of the noise's level from one time to another, each the mean of so many complex values.
-
-    gain_db : by which the receiver's gain wanders about its mean at each, one sigma. 10 lg of a mean of k exponential
-    values has a sigma of 10 / ln(10) / sqrt(k).
-    """
-    counted_db2 = (10.0 / np.log(10.0)) ** 2 * sum(1.0 / k for k in samples)
-    return np.asarray(normal_two_sided(np.asarray(change_db) / np.sqrt(2.0 * gain_db**2 + counted_db2)))

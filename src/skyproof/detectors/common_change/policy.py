@@ -22,9 +22,6 @@ class CommonChangePolicy:
         "s",
         "Half a usual window and a whole one, from the first of three epochs to the second and on to the third.",
     )
-    levels_s: float = number(
-        60.0, "s", "Six usual windows: levels of longer ago are of another elevation or front-end temperature."
-    )
     overlap_share: float = number(
         0.1, "1", "A span may share so much with that of a reference: windows end between epochs."
     )
