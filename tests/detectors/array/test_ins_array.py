@@ -16,7 +16,7 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import week_and_tow
-from skyproof.records import Cause, ConsistentSet, Records
+from skyproof.records import Cause, ConsistentSet, Records, SignalId
 from skyproof.statistics.directions import (
     direction_cosines,
 )
@@ -113,6 +113,33 @@ def test_reflections_of_several_satellites_from_one_direction_leave_the_sky_open
     (open_still,) = [e for e in evidence if e.says == "undecided"]
     assert (open_still.code, open_still.may_also_be) == ("repeated", (Cause.REFLECTIONS,))
     assert open_still.overrules
+
+
+def low_satellite():
+    """The signal of a satellite twenty degrees or more below the horizon."""
+    week, tow_s = week_and_tow(START)
+    for orbit in NAVIGATION.ephemerides:
+        if azimuth_elevation(PLACE_M, satellite_state_s(orbit, week, tow_s).position_ecef_m)[1] < np.radians(-20.0):
+            return SignalId(orbit.sat)
+    raise AssertionError("all satellites are in view")
+
+
+@pytest.mark.parametrize("low", [True, False])
+def test_what_comes_from_where_a_false_signal_does_is_of_its_transmitter(monkeypatch, low):
+    """All that come from there look like reflections, but the satellite of one stands below the horizon."""
+    late = "skyproof.detectors.array.ins_array.reflections"
+    monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
+    direction = TRUE.copy()
+    direction[:, 5:] = direction_cosines(np.radians(40.0), np.radians(-25.0))
+    records = array_records(np.random.default_rng(8), direction)
+    signals = (*SIGNALS[:5], replace(SIGNALS[0], copy="b"), SIGNALS[6], low_satellite() if low else SIGNALS[7])
+    phases = tuple(replace(phases, signals=signals) for phases in records.array_phases)
+    words, evidence = said_of(replace(records, array_phases=phases), false_alarm_probability=1e-5)
+    assert words.get("spoofed", set()) == (set(signals[5:]) if low else set())
+    assert words["authentic"] == set(SIGNALS[:5])
+    if low:
+        (spoofed,) = [e for e in evidence if e.says == "spoofed"]
+        assert spoofed.code == "from_one_direction"
 
 
 def test_where_false_signals_come_from_is_among_the_directions_given():

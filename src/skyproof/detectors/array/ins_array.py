@@ -28,8 +28,9 @@ from skyproof.detectors.array.arrivals import Arrival, across, arrivals
 from skyproof.detectors.array.failing import Failing, Fault, find_failing, leave_out
 from skyproof.detectors.array.over_time import Block, Waiting, add_block, alpha_alone, alpha_of_block, kept_share
 from skyproof.detectors.array.policy import POLICY
-from skyproof.detectors.array.reflected import reflections
+from skyproof.detectors.array.reflected import levels_dbhz, reflections
 from skyproof.detectors.base import NotTested, Reporter, leave_open
+from skyproof.detectors.messages.laws import lowest_elevation_rad
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef
@@ -360,6 +361,7 @@ class InsArray:
             ionosphere_share=self.settings.ionosphere_share,
         )
         overlapped = _overlapped(own.get(view.refs[0].receiver), view.refs)
+        below = _below_horizon(view, own.get(view.refs[0].receiver))
         found: list[tuple[list[int], float]] = []
         alike: list[tuple[list[int], float]] = []
         for label in np.unique(clusters.labels):
@@ -372,13 +374,28 @@ class InsArray:
                 (found if named else alike).append((named or rows.tolist(), by_chance))
                 continue
             by_itself = [k for k in once_each(view.refs, rows.tolist()) if view.refs[k] not in overlapped]
-            false = [k for k in by_itself if view.refs[k].signal not in explained] if true else []
+            unexplained = [k for k in by_itself if true and view.refs[k].signal not in explained]
+            false = sorted({*unexplained, *(k for k in by_itself if k in below)})
             p_value = min(1.0, n * float(view.agreed.p_values[false].max(initial=0.0)))
             if false and p_value < alpha:
-                found.append((false, p_value))
+                found.append((self._with_companions(view, false, rows, every, chance), p_value))
             elif size > 1 and by_chance < POLICY.reflections_alike_probability:
                 alike.append((rows.tolist(), by_chance))
         return found, alike
+
+    def _with_companions(
+        self, view: ArrayView, false: list[int], rows: Indices, satellites: int, chance: float
+    ) -> list[int]:
+        """Return false signals with those that come from their place, if reflections seldom come from just there.
+
+        satellites : of all signals that are not from their own. chance : that a signal from anywhere looks as from one
+        place.
+        """
+        once = once_each(view.refs, rows.tolist())
+        known = {view.refs[k].signal.sat for k in false}
+        more = len({view.refs[k].signal.sat for k in once} - known)
+        by_chance = comb(satellites - len(known), more) * chance**more
+        return once if more and by_chance < POLICY.reflections_alike_probability else false
 
     def _find_false(self, report: Reporter, view: ArrayView, rows: list[int], p_value: float) -> Finding:
         """Return that each of these signals is false, and from where they may come."""
@@ -447,6 +464,23 @@ def _overlapped(o: Observations | None, refs: Sequence[SignalRef]) -> set[Signal
             elif np.any(stronger_db < -POLICY.covered_db):
                 found.add(one)
     return found
+
+
+def _below_horizon(view: ArrayView, o: Observations | None) -> set[int]:
+    """Rows of signals whose satellites stand below the horizon, where place and attitude are known: no reflector is
+    reached by those. None that a stronger signal's code may look like."""
+    frame = view.agreed.frame
+    if not view.accepted and (frame.attitude_free or frame.bias_free):
+        return set()
+    up = view.measured.direction @ _rot_enu_body(view.state)[2]
+    lowest = np.sin(lowest_elevation_rad(view.state.position_ecef_m[0]))
+    low = set(np.flatnonzero(up < lowest).tolist())
+    if o is None:
+        return low
+    level = dict(zip(o.signals, levels_dbhz(o), strict=True))
+    strongest = max((level.get(ref.signal, -np.inf) for ref in view.refs), default=-np.inf)
+    lobe_db = {k: 20.0 * np.log10(view.refs[k].signal.plan.highest_side_lobe) for k in low}
+    return {k for k in low if level.get(view.refs[k].signal, -np.inf) > strongest + lobe_db[k] + POLICY.covered_db}
 
 
 def _name_antennas(lost: Failing, fault: Fault) -> dict[str, Datum]:

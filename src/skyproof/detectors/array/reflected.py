@@ -11,7 +11,7 @@ from skyproof.navigation.search import misfits
 from skyproof.navigation.sets import window_measurements
 from skyproof.records import NavigationData, Observations, SignalId
 
-__all__ = ["reflections"]
+__all__ = ["levels_dbhz", "reflections"]
 
 
 def reflections(
@@ -39,7 +39,7 @@ def reflections(
         return frozenset()
     misfit_m, sigma_m, _ = misfits(ranges, rows, np.append(place_ecef_m, 0.0))
     late = {mean.signals[row]: (m, s) for row, m, s in zip(rows, misfit_m, sigma_m, strict=True)}
-    level = dict(zip(observations.signals, _levels_dbhz(observations), strict=True))
+    level = dict(zip(observations.signals, levels_dbhz(observations), strict=True))
     clocks: dict[tuple[str, str, str], list[float]] = {}
     for signal in true:
         if signal in late:
@@ -61,7 +61,8 @@ def reflections(
     return frozenset(found)
 
 
-def _levels_dbhz(observations: Observations) -> list[float]:
+def levels_dbhz(observations: Observations) -> list[float]:
+    """Return the median C/N0 of each signal; minus infinity of none."""
     levels = []
     for column in range(len(observations.signals)):
         values = observations.cn0_dbhz[:, column]

@@ -29,12 +29,16 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.messages.last_day import difference_over_hours, is_of_last_day
-from skyproof.detectors.messages.laws import chance_of_difference, range_difference_m, served_together
+from skyproof.detectors.messages.laws import (
+    chance_of_difference,
+    lowest_elevation_rad,
+    range_difference_m,
+    served_together,
+)
 from skyproof.detectors.messages.policy import POLICY
 from skyproof.detectors.messages.utc import leap_seconds_expected, seconds_beyond_utc
 from skyproof.errors import require_probability
 from skyproof.gnss.ephemeris import MAX_AGE_S, Ephemeris, UtcStatement
-from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.ranges import corrected_ranges
@@ -55,7 +59,6 @@ from skyproof.statistics.distributions import binomial_survival
 
 __all__ = ["BroadcastMessages", "BroadcastMessagesSettings"]
 
-_EARTH_M: Final = 6.371e6
 _TESTS: Final = 2  # of what is odd now, and against the day around
 
 
@@ -252,9 +255,7 @@ def _below_horizon(records: Records, o: Observations) -> Iterator[tuple[str, _Od
     middle = o.read(o.gpst.size // 2, o.gpst.size // 2 + 1)
     ranges = corrected_ranges(o.signals, middle.gpst, _filled(o, middle), records.navigation, with_unknown_delay=True)
     _, elevation_rad = azimuth_elevation(place_m, ranges.satellite_ecef_m[0])
-    _, _, height_m = geodetic_from_ecef(place_m)
-    dip_rad = float(np.arccos(_EARTH_M / (_EARTH_M + max(float(height_m), 0.0))))
-    lowest_rad = -dip_rad - np.radians(POLICY.below_horizon_deg)
+    lowest_rad = lowest_elevation_rad(place_m)
     for k in np.flatnonzero(np.isfinite(elevation_rad) & (elevation_rad < lowest_rad)):
         yield o.signals[k].sat, _Oddity("below_horizon", float(np.degrees(-elevation_rad[k])))
 

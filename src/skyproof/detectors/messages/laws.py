@@ -11,18 +11,30 @@ full, and what is along and across by the square root of 1/49 for GPS, less for 
 """
 
 import math
+from typing import Final
 
 import numpy as np
 
+from skyproof.arrays import Reals
 from skyproof.detectors.messages.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
+from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.lnav import URA_M
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.time import seconds_between
 from skyproof.statistics.distributions import normal_two_sided
 
-__all__ = ["chance_of_difference", "differences_m", "range_difference_m", "served_together", "stated_sigma_m"]
+__all__ = [
+    "chance_of_difference",
+    "differences_m",
+    "lowest_elevation_rad",
+    "range_difference_m",
+    "served_together",
+    "stated_sigma_m",
+]
+
+_EARTH_M: Final = 6.371e6
 
 
 def served_together(first: Ephemeris, second: Ephemeris) -> bool:
@@ -59,3 +71,9 @@ def stated_sigma_m(first: Ephemeris, second: Ephemeris) -> float | None:
     if not all(0 <= e.ura_index < len(URA_M) for e in (first, second)):
         return None
     return math.hypot(URA_M[first.ura_index], URA_M[second.ura_index])
+
+
+def lowest_elevation_rad(place_ecef_m: Reals) -> float:
+    """Return the elevation below which no satellite is received at a place (3,): below the horizon, with a margin."""
+    height_m = max(float(geodetic_from_ecef(place_ecef_m)[2]), 0.0)
+    return -math.acos(_EARTH_M / (_EARTH_M + height_m)) - math.radians(POLICY.below_horizon_deg)
