@@ -453,7 +453,8 @@ class NoticedSize(_Model):
         description="position_jump and clock_jump: the position or the time jumps; velocity_jump and clock_push: codes "
         "and carriers begin at once to drag the position off or to push the time; code_drag: codes drag the position "
         "off while carriers stay; motion: carriers move a receiver that is stated to stand; drag: codes "
-        "drag the position of a receiver with an inertial unit off, alone or with their carriers."
+        "drag the position of a receiver with an inertial unit off, alone or with their carriers; displacement: the "
+        "position of a receiver that stands is moved, however slowly."
     )
     size: Sigma = Field(description="In the window in which the tests see least.")
     unit: str = Field(description="Of the size: m, s, m/s or s/s.")
@@ -484,6 +485,7 @@ _NOTICED: Final[dict[NoticedKind, tuple[str, float, str]]] = {
     "code_drag": ("codes that drag the position off without their carriers at", 1.0, "m/s"),
     "motion": ("carriers that move a receiver at rest at", 1.0, "m/s"),
     "drag": ("a drag of the position at", 1.0, "m/s"),
+    "displacement": ("a move from where the receiver stands, however slow, by", 1.0, "m"),
 }
 """Each kind in words, with the factor from its SI unit to the unit that is shown."""
 

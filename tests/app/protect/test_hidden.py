@@ -54,3 +54,10 @@ def test_of_a_receiver_with_an_inertial_unit_any_drag_is_bounded():
     drag = hidden_drags(found, standing=(), inertial=("rx1",))["rx1"]
     gpst = np.array([START + np.timedelta64(10, "s")])
     assert drag.between(np.array([START]), gpst, gpst) == pytest.approx([13.0])
+
+
+def test_of_a_receiver_that_stands_it_does_not_grow_beyond_what_its_place_shows():
+    found = [finding(k, *noticed(2.0, 10.0), NoticedAttack("displacement", 12.0)) for k in range(9)] + [
+        finding(9, *noticed(2.0, 10.0))
+    ]
+    assert hidden_m(found, 0.0, 5.0, 30.0, 85.0, 95.0) == pytest.approx([10.0, 20.0, 32.0, 32.0, 200.0])

@@ -5,11 +5,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy import stats
 from tests.app.protect.choosing import NAVIGATION, led_away, nothing_found
 
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
+from skyproof.detectors.continuity.series import Limits, series_of
 from skyproof.detectors.prediction.place import StatedPlace, StatedPlaceSettings
 from skyproof.gnss.frames import rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED
@@ -35,13 +37,25 @@ def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, consta
 
 
 def said(found, foresight):
+    """Return findings of windows that do not show the place where the receiver stands."""
     o, windows, _ = found
+    return [e for e in examined(windows, o, foresight) if e.code not in ("there", "no_place")]
+
+
+def examined(windows, o, foresight):
+    """Return all findings of windows in which no other test finds anything."""
     state, findings = None, []
     detector = StatedPlace(StatedPlaceSettings(false_alarm_probability=ALPHA))
     for window, clean in zip(windows, nothing_found(windows, o.signals), strict=True):
         found, state = detector.examine(replace(window, standing={"bow": foresight}, findings=(clean,)), state)
         findings += found
-    return [e for e in findings if e.code not in ("there", "no_place")]
+    return findings
+
+
+def moved(o, since, place_m, by_m):
+    """Return measurements that show another place from an instant on, by (3,) ECEF."""
+    unit = series_of(o, NAVIGATION, place_m, Limits()).unit
+    return replace(o, pseudorange_m=o.pseudorange_m - (o.gpst >= since)[:, None] * (unit @ by_m))
 
 
 def at(found, *, north_m=0.0, up_m=0.0):
@@ -101,3 +115,22 @@ def test_errors_many_times_as_large_as_stated_are_no_attack(constant_m, code_m, 
         windows, open_ = windows + len(found[1]), open_ + len(every)
         assert not any(e.says == "attack" for e in every), seed
     print(f"{constant_m:.0f} m constant, {code_m:.0f} m with {ar1}: {windows} windows, {open_} open")
+
+
+@pytest.mark.parametrize("draws", [12, pytest.param(300, marks=pytest.mark.long)])
+def test_moves_of_the_size_that_is_stated_are_noticed(draws):
+    """However slow: the window that shows the place moved as a whole is tested against the first one."""
+    rng, noticed, few = np.random.default_rng(3), 0, 0
+    for draw in range(draws):
+        o, windows, place_m = received.__wrapped__(seed=draw, duration_s=41.0)
+        (size,) = examined(windows, o, STANDS)[-1].noticed
+        assert size.kind == "displacement"
+        heading = rng.uniform(0.0, 2.0 * np.pi)
+        level = rot_enu_ecef(np.radians(57.7), np.radians(11.94)).T @ [np.sin(heading), np.cos(heading), 0.0]
+        for share in (1.0, 0.4):
+            other = moved(o, windows[-1].start_gpst, place_m, share * size.size * level)
+            found = examined(list(windows_of([WholeSource(other)], NAVIGATION, Settings())), o, STANDS)[-1]
+            noticed, few = noticed + (found.failed and share == 1.0), few + (found.failed and share < 1.0)
+    print(f"{draws} draws: {noticed} noticed, of 0.4 of the size {few}; the last {size.size:.1f} m")
+    assert stats.binomtest(noticed, draws, 0.97, alternative="less").pvalue > 1e-3
+    assert few < 0.5 * draws

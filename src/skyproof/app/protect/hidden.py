@@ -8,7 +8,10 @@ dragged against their carriers, and carriers against a receiver that is stated t
 
     hidden = largest jump of the windows so far + integral of (code_drag + motion), or of drag, from t0 to t
 
-where t is the middle of what a fix is smoothed over, if that is later than the fix itself, as it is near t0.
+A receiver that stands is held against its place in each window, which notices any move of `displacement` or more: so
+hidden is displacement + (code_drag + motion) T at most, however long it lasts.
+
+In both t is the middle of what a fix is smoothed over, if that is later than the fix itself, as it is near t0.
 Evidence that the signals come from the sky begins that anew; without any, signals are taken for true at the start.
 A window without a figure has that of the next one, whose test looks back; after the last one nothing is bounded.
 
@@ -33,13 +36,15 @@ __all__ = ["HiddenDrag", "hidden_drags"]
 class HiddenDrag:
     """What the tests of one receiver would have missed, window by window.
 
-    edges_s : (w + 1,) of the windows, from `zero`. rate_m_s, jump_m : (w,) NaN where nothing bounds it.
+    edges_s : (w + 1,) of the windows, from `zero`. rate_m_s, jump_m : (w,) NaN where nothing bounds it. far_m : (w,)
+    from where the receiver stands, infinite where that is not tested.
     """
 
     zero: np.datetime64
     edges_s: Reals
     rate_m_s: Reals
     jump_m: Reals
+    far_m: Reals
 
     def between(self, since: Instants, gpst: Instants, latest: Instants) -> Reals:
         """Return by how much a position may have been moved from `since` to `gpst`, (n,) each, metres.
@@ -51,7 +56,10 @@ class HiddenDrag:
         at_s, since_s, latest_s = (self._seconds(at) for at in (gpst, since, latest))
         seconds = np.maximum(at_s, 0.5 * (since_s + latest_s))
         drag_m = np.interp(seconds, self.edges_s, moved_m) - np.interp(since_s, self.edges_s, moved_m)
-        return np.asarray(drag_m + np.fmax.accumulate(self.jump_m)[self._window(seconds)])
+        window = self._window(seconds)
+        since_start_m = drag_m + np.fmax.accumulate(self.jump_m)[window]
+        from_place_m = self.far_m + self.rate_m_s * np.diff(self.edges_s)
+        return np.asarray(np.fmin(since_start_m, from_place_m[window]))
 
     def rate_at(self, gpst: np.datetime64) -> float:
         """Return how fast a position may be moved then, m/s."""
@@ -82,16 +90,17 @@ def _hidden_drag(windows: TestedWindows, receiver: str, kinds: Sequence[NoticedK
     ends = windows.ends[receiver]
     starts = np.array(sorted(ends), "datetime64[ns]")
 
-    def series(kind: NoticedKind) -> Reals:
+    def sizes(kind: NoticedKind, otherwise: float = np.nan) -> Reals:
         best = windows.best.get((receiver, kind), {})
-        return _filled(np.array([best[start][0] if start in best else np.nan for start in starts]))
+        return np.array([best[start][0] if start in best else otherwise for start in starts])
 
     edges = np.append(starts, max(ends.values()))
     return HiddenDrag(
         zero=starts[0],
         edges_s=np.asarray(seconds_between(edges, starts[0]), np.float64),
-        rate_m_s=np.sum([series(kind) for kind in kinds], axis=0) if kinds else np.full(starts.size, np.nan),
-        jump_m=series("position_jump"),
+        rate_m_s=np.sum([_filled(sizes(kind)) for kind in kinds], axis=0) if kinds else np.full(starts.size, np.nan),
+        jump_m=_filled(sizes("position_jump")),
+        far_m=sizes("displacement", np.inf),
     )
 
 

@@ -19,6 +19,7 @@ _UNITS: Final[dict[NoticedKind, str]] = {
     "code_drag": "m/s",
     "motion": "m/s",
     "drag": "m/s",
+    "displacement": "m",
 }
 _KINDS: Final = tuple(_UNITS)
 

@@ -34,19 +34,18 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter
+from skyproof.detectors.prediction.noticed import least_move_m
 from skyproof.detectors.prediction.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.fusion.corrected import CorrectedNavigator
 from skyproof.fusion.policy import POLICY as FUSION
 from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_in
-from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.inertial_foresight import Inertial
 from skyproof.navigation.known import Known, without
 from skyproof.navigation.prediction import fit_p_value
 from skyproof.records import (
-    NOTICED,
     UNTESTED,
     Cause,
     ConsistentSet,
@@ -59,11 +58,7 @@ from skyproof.records import (
     Records,
     list_refs,
 )
-from skyproof.statistics.distributions import (
-    chi_square_survival,
-    chi_square_threshold,
-    noncentrality_for_power,
-)
+from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.leave_out import largest_p_value_without
 
 __all__ = ["Inertia", "InertiaSettings", "corrected_navigators"]
@@ -439,12 +434,12 @@ class _Walk:
         assert free.state is not None
         rows = np.intersect1d(shown.expected[number].there, shown.last.there)[:6]
         both = np.ix_(rows, rows)
-        information = np.linalg.inv(shown.expected[number].covariance[both] + shown.last.covariance[both])
-        threshold = chi_square_threshold(self.alpha / len(shown.expected), rows.size)
-        needed = float(noncentrality_for_power(threshold, rows.size, power=NOTICED))
-        level = rot_enu_ecef(*geodetic_from_ecef(shown.last.mean[:3])[:2])[:2]
-        least = float(np.linalg.eigvalsh(level @ information[:3, :3] @ level.T)[0])
-        jump_m = float(np.sqrt(needed / least))
+        jump_m = least_move_m(
+            shown.expected[number].covariance[both] + shown.last.covariance[both],
+            shown.last.mean[:3],
+            dof=rows.size,
+            false_alarm_probability=self.alpha / len(shown.expected),
+        )
         return jump_m, jump_m / float(seconds_between(shown.last.gpst, free.state.gpst))
 
     def _find_benign(self, window: Rivals, shown: _Shown) -> tuple[str | None, dict[Cause, float]]:

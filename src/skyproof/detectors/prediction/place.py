@@ -24,6 +24,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter
+from skyproof.detectors.prediction.noticed import least_move_m
 from skyproof.detectors.prediction.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_in
@@ -41,6 +42,7 @@ from skyproof.records import (
     Finding,
     Hypothesis,
     Need,
+    NoticedAttack,
     Records,
     WrongStatement,
     list_refs,
@@ -171,8 +173,14 @@ class _Here:
             list_refs(self.maker.log.receiver, shown.sky.signals),
             "there",
             {Cause.CLEAN: shown.p_value},
+            estimates={"noticed": (NoticedAttack("displacement", self._find_noticed_m(shown)),)},
             data={"statistic": float(np.linalg.norm(shown.off_m)), "surveyed": self.watch.foresight.surveyed},
         )
+
+    def _find_noticed_m(self, shown: _Shown) -> float:
+        """Return by how much the position has to be moved, level and the worst way, for this window to notice it."""
+        both_m2 = shown.expected.covariance[:3, :3] + shown.fix.covariance[:3, :3]
+        return least_move_m(both_m2, shown.fix.mean[:3], dof=3, false_alarm_probability=self.alpha)
 
     def report_departure(self, shown: _Shown) -> Finding:
         """Return the window's finding: an attack where no benign cause remains."""
