@@ -16,6 +16,7 @@ from skyproof.detectors.prediction.place import StatedPlace, StatedPlaceSettings
 from skyproof.gnss.frames import rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED
 from skyproof.navigation.foresight import Standing, surveyed
+from skyproof.records import Cause
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
@@ -130,7 +131,8 @@ def test_moves_of_the_size_that_is_stated_are_noticed(draws):
         for share in (1.0, 0.4):
             other = moved(o, windows[-1].start_gpst, place_m, share * size.size * level)
             found = examined(list(windows_of([WholeSource(other)], NAVIGATION, Settings())), o, STANDS)[-1]
-            noticed, few = noticed + (found.failed and share == 1.0), few + (found.failed and share < 1.0)
+            seen = found.p[Cause.CLEAN] < found.alpha
+            noticed, few = noticed + (seen and share == 1.0), few + (seen and share < 1.0)
     print(f"{draws} draws: {noticed} noticed, of 0.4 of the size {few}; the last {size.size:.1f} m")
     assert stats.binomtest(noticed, draws, 0.97, alternative="less").pvalue > 1e-3
     assert few < 0.5 * draws
