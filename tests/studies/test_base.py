@@ -152,6 +152,13 @@ def test_what_no_command_reaches_stands_in_studies() -> None:
     assert unreached() == offered
 
 
+def test_claims_that_differ_in_one_thing_share_a_row() -> None:
+    text = page(*(claim(what="kept", across=across) for across in ("10 s", "30 s")), claim(what="alone"))
+    assert text.count("| kept |") == 1
+    assert "| 10 s | 30 s |" in text
+    assert "| alone |" in text
+
+
 def test_a_study_without_claims_is_on_the_page() -> None:
     assert "### `toy.mean`" in page()
 

@@ -59,6 +59,7 @@ class Claim:
     paper, reference : a number, or words where it is none (why it cannot be reproduced, for example).
     same, better : from the rows to a number; None where there is none. `reference` may be from the rows too: a bound.
     protect : from the rows to the number that the command `protect` gives a user; None where it reaches no such figure.
+    across : column of a table of its own, for claims of one `what` that differ in this only.
     tolerance : of `same`, or of `better` where there is no `same`, against `reference` (else `paper`), absolute; from
         the rows to it where it depends on how many were counted; None where they are not to agree.
     """
@@ -71,6 +72,7 @@ class Claim:
     protect: Callable[[Sequence[Row]], float] | None = None
     tolerance: float | Callable[[Sequence[Row]], float] | None = None
     digits: int = 4
+    across: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ __all__ = ["Checked", "check", "table"]
 NONE = "–"
 NOT_REACHED = "not reached"
 NOT_RUN = "not run"
+FAMILY = "same, better, through protect, reference"
 
 
 class Checked:
@@ -100,7 +101,8 @@ def _lines(
     yield "| agrees | whether ours lies within the tolerance of the reference, or else of the paper |"
     yield ""
     yield (
-        "A table leaves out columns that would be empty. The columns *ours* measure functions; a study names those "
+        "A table leaves out columns that would be empty. Figures that differ in one thing only stand side by side, each as "
+        "the numbers that the first cell of their table names. The columns *ours* measure functions; a study names those "
         "that no command reaches. [Protection](protection.md) shows what `protect` answers in the papers' own scenes."
     )
     yield ""
@@ -115,13 +117,15 @@ def _lines(
         if study.paper != paper:
             paper = study.paper
             yield from ("", f"## {_cell(paper)}")
-        about = (f"{_cell(study.figure)}.".replace("..", "."), study.note, _measured(study))
+        figure = "" if study.figure == "none" else f"{_cell(study.figure)}.".replace("..", ".")
+        about = (figure, study.note, _measured(study))
         yield from ("", f"### `{name}`: {_cell(study.title)}", "", " ".join(text for text in about if text))
         if not study.claims:
             yield from ("", "No single figure to compare; the rows are the result.")
             continue
         checked = check(study, list(study.run(settings)))
-        yield from ("", *_figures([(one.claim.what, *one.cells()) for one in checked]))
+        yield from _figures([(one.claim.what, *one.cells()) for one in checked if not one.claim.across])
+        yield from _families([(one.claim.what, one.claim.across, one.cells()) for one in checked if one.claim.across])
     yield from ("", "## Functions that no command reaches", "")
     yield "Public functions of the methods that only studies, tests or users' own code call, by module."
     yield ""
@@ -130,10 +134,33 @@ def _lines(
 
 def _figures(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
     """Yield the lines of a table, without the columns in which no row holds anything."""
+    if not rows:
+        return
     heads = ("what", *COLUMNS, "agrees")
     kept = [column for column in range(len(heads)) if any(row[column] not in (NONE, NOT_REACHED) for row in rows)]
+    yield ""
     for row in (heads, ["---"] * len(heads), *rows):
         yield _row(*(row[column] for column in kept))
+
+
+def _families(rows: Sequence[tuple[str, str, tuple[str, ...]]]) -> Iterator[str]:
+    """Yield tables of claims that differ in one thing only, which is the column."""
+    of_what: dict[str, dict[str, tuple[str, ...]]] = {}
+    for what, across, cells in rows:
+        of_what.setdefault(what, {})[across] = cells
+    tables: dict[tuple[str, ...], list[str]] = {}
+    for what, cells_of in of_what.items():
+        tables.setdefault(tuple(cells_of), []).append(what)
+    for columns, names in tables.items():
+        yield from ("", _row(FAMILY, *columns), _row(*["---"] * (len(columns) + 1)))
+        for what in names:
+            yield _row(what, *(_of_family(cells) for cells in of_what[what].values()))
+
+
+def _of_family(cells: tuple[str, ...]) -> str:
+    """Return the numbers of one cell of a family, in the order of the columns of the usual table."""
+    _, *numbers, verdict = cells
+    return " ".join(numbers) + (f" {verdict}" if verdict.startswith("**") else "")
 
 
 def _measured(study: Study) -> str:
