@@ -101,9 +101,10 @@ def _lines(
     yield "| agrees | whether ours lies within the tolerance of the reference, or else of the paper |"
     yield ""
     yield (
-        "A table leaves out columns that would be empty. Figures that differ in one thing only stand side by side, each "
-        "as the numbers that the first cell of their table names. The columns *ours* measure functions; a study names "
-        "those that no command reaches. [Protection](protection.md) shows what `protect` answers in the papers' own scenes."
+        "A table leaves out columns that would be empty. Figures that differ in one thing only stand side by side, "
+        "each as the numbers that the first cell of their table names. The columns *ours* measure functions; a study "
+        "names those that no command reaches. [Protection](protection.md) shows what `protect` answers in the papers' "
+        "own scenes."
     )
     yield ""
     yield (
