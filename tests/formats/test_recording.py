@@ -133,3 +133,10 @@ def test_more_than_30_gb_take_no_more_memory_than_their_pieces(tmp_path, name):
     assert total == 24_000_000
     # 48 MB of the file were touched, and the system may keep their pages; a block of samples is 32 MB
     assert grown_mib < 250
+
+
+def test_a_sidecar_is_no_recording(tmp_path):
+    path = tmp_path / "rx1.toml"
+    path.write_text('[samples]\nrate_hz = 4e6\nkind = "complex"\nencoding = "int"\nbits = 8\n')
+    with pytest.raises(InputError, match=r"rx1\.toml.*give the recording itself"):
+        open_recording(path)

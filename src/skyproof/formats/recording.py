@@ -40,6 +40,8 @@ def open_recording(
         raise InputError(f"{path}: a compressed archive would have to be unpacked as a whole; unpack it first")
     if path.suffix == ".sigmf-collection":
         raise InputError(f"{path}: a collection holds names only; give the .sigmf-meta of each recording in it")
+    if path.suffix == ".toml":
+        raise InputError(f"{path}: a settings file, which holds no samples; give the recording itself")
     if path.suffix == ".npy":
         return open_npy(path, sidecar, dead=dead)
     if sidecar is not None:

@@ -28,6 +28,11 @@ class Diagnosis:
     cure: str
     n_sats: int = 0
 
+    @property
+    def is_misread(self) -> bool:
+        """Return whether the recording shows too few satellites, or an inverted spectrum, as it is described."""
+        return self.mirrored or self.n_sats < POLICY.fix_satellites
+
 
 def diagnosis(samples: Samples, doppler_max_hz: float, inspected: Callable[[], Inspection]) -> Diagnosis:
     """Why the receiver finds few satellites or none in a recording, or no message in what it finds.

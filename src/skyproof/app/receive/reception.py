@@ -143,7 +143,7 @@ def observe(
     if observations is None:
         left_out = _no_time(tracker, len(received)) if received else _nothing_received(tracker, found)
         left_out += "" if found is None else f"; {found.cure}"
-    elif found is not None:
+    elif found is not None and found.is_misread:
         remarks.append(Remark(f"few signals as it was read, or none for long: {found.cure}", RemarkKind.BEARS))
     return Reception(
         source=samples,
