@@ -106,6 +106,8 @@ def keys(name: str) -> str:
         default = default if default in ("needed", NOT_GIVEN) else f"`{default}`"
         text = field.description or documented.get(key) or WORDS.get(f"{model_name}.{key}") or WORDS.get(key, "")
         choices = _choices(field.annotation)
+        if len(choices) == 1 and not field.is_required():
+            continue  # the heading of the table names it
         means = text if all(word in text for word in choices) else f"{text} {_listed(choices)}".strip()
         example = f"`{one_line(field.examples[0])}`" if field.examples else ""
         rows.append((f"`{key}`", default, example, _cell(means[:1].upper() + means[1:])))

@@ -26,7 +26,7 @@ Points = tuple[tuple[float, float], ...]
 
 
 class TransmitAntenna(Site):
-    """One more antenna of a transmitter. sats : what leaves from it."""
+    """One more antenna of a transmitter. sats : the satellites that it sends."""
 
     sats: tuple[SatName, ...] = Field(min_length=1)
 
@@ -149,20 +149,19 @@ class Spoofer(_Transmitter):
 
 
 class Takeover(_Transmitter):
-    """Lays its signals on the true ones of one receiver, and draws them off.
+    """Aligns its signals with the true ones of one receiver, and drags them off.
 
-    target : the receiver's name; the way to its first antenna is taken off, so that all arrives as if true. Of an
-        antenna that turns, the way to what it turns about: the angle of the arm is not known from afar.
-    away_points_enu_m : (time, east, north, up): by how much the place shown leaves the true one; straight
-        lines with rounded corners between.
-    code_offset_m : of all false codes at the onset.
-    carrier : "follows" the code; or keeps to the true one's frequency ("locked") while the code is drawn off.
-    phase : of the carrier against the true one's at the target: "aligned", or "random" for each satellite.
-    phase_points_deg : (time, by how much the carrier is late besides), straight between, held beyond the ends.
-    amplitude_points : (time, further factor of the amplitude), straight between, held beyond the ends.
-    seamless_s : (from, until): the false carrier's phase turns evenly from 90 to 180 degrees ahead of the true one's,
-        and its amplitude is -2 cos(phase) times the true one's. The sum keeps the true amplitude and turns by half a
-        cycle; what follows is antipodal and twice as strong (Humphreys, TEXBAT data sets 7 and 8, 2016, section 4).
+    target : the receiver's name. Signals are aligned at its first antenna; for an antenna on an arm, at the axis.
+    away_points_enu_m : (time, east, north, up): displacement of the position shown; linear in between, with rounded
+        corners.
+    code_offset_m : offset of all false codes at the onset.
+    carrier : "follows" the code, or stays at the true frequency ("locked") while the code is dragged.
+    phase : carrier phase relative to the true signal at the target: "aligned", or "random" for each satellite.
+    phase_points_deg : (time, additional delay of the carrier): linear in between, constant beyond the ends.
+    amplitude_points : (time, factor of the amplitude): linear in between, constant beyond the ends.
+    seamless_s : (from, until): the false phase turns evenly from 90 to 180 degrees ahead of the true one, with an
+        amplitude of -2 cos(phase). The sum keeps the true amplitude and turns by half a cycle; then the false signal
+        is antipodal and twice as strong (Humphreys, TEXBAT data sets 7 and 8, 2016, section 4).
     """
 
     kind: Literal["takeover"] = "takeover"
@@ -221,9 +220,9 @@ Attack = Annotated[Meaconer | Spoofer | Takeover, Field(discriminator="kind")]
 class Interference(Model):
     """Noise from a transmitter, stationary but for its switching.
 
-    power_db : at the first receiver, over the receiver's noise in the whole band sampled; elsewhere by distance.
-    kind : "cw", one line `offset_hz` off the nominal carrier; "chirp", a line that sweeps over `sweep_hz` around it,
-        up, in `period_s`; "noise", white over the band.
+    power_db : power at the first receiver over its noise in the sampled band; elsewhere by distance.
+    kind : "cw", a line at `offset_hz` from the nominal carrier; "chirp", a line that sweeps up over `sweep_hz` around
+        it in `period_s`; "noise", white over the band.
     """
 
     kind: Literal["cw", "chirp", "noise"]

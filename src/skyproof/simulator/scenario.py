@@ -47,7 +47,7 @@ Vector = tuple[float, float, float]
 class SceneSpin(Model):
     """An arm that carries an antenna round a vertical axis of the body; clockwise from above if the rate is positive.
 
-    start_deg : at the scene's start, from forward to the right.
+    start_deg : angle at the start of the scene, from forward to the right.
     """
 
     radius_m: float = Field(gt=0, le=100)
@@ -58,10 +58,9 @@ class SceneSpin(Model):
 class Antenna(Model):
     """One antenna of a receiver, with a channel of samples of its own; all channels share the receiver's clock.
 
-    body_m : forward, right, down of the receiver's place.
-    gain : "isotropic", or "patch": the body tilted, C/N0 changes by 10 sin(elevation over the body's plane) dB against
-        the level body, for which the scenario's C/N0 holds.
-    line_bias_cyc : of the carrier, as a longer cable makes.
+    body_m : forward, right, down from the receiver's position.
+    gain : "isotropic", or "patch": 10 sin(elevation over the body's plane) dB, relative to the level body.
+    line_bias_cyc : carrier delay of the line.
     """
 
     name: Name
@@ -74,9 +73,10 @@ class Antenna(Model):
 class Multipath(Model):
     """A reflection of true signals.
 
-    delay_m : of the longer way; or height_m : of the antenna over a level mirror, which makes it 2 h sin(elevation).
-    power_db : over the direct signal. phase_deg : of the reflection itself. rate_hz : its further Doppler.
-    sats, antennas : which ones; all if absent.
+    delay_m : extra path; or give height_m.
+    height_m : height of the antenna over a level reflector; the extra path is 2 h sin(elevation).
+    power_db : power relative to the direct signal. phase_deg : phase of the reflection. rate_hz : its extra Doppler.
+    sats, antennas : which it affects; all if absent.
     """
 
     delay_m: float | None = Field(default=None, gt=0, le=3000)
@@ -95,9 +95,9 @@ class Multipath(Model):
 
 
 class SceneImu(Model):
-    """An inertial unit. grade : of its errors; none for readings without error.
+    """An inertial unit. grade : grade of its errors; none if absent.
 
-    mounting_deg : roll, pitch, heading from the body's axes to the unit's.
+    mounting_deg : roll, pitch, heading of the unit's axes in the body.
     """
 
     grade: str | None = None
@@ -115,11 +115,11 @@ class SceneImu(Model):
 class SceneReceiver(Site):
     """A receiver at a place or on a way. One oscillator makes its sampling clock and its local carrier.
 
-    start_offset_s : true time of the first sample, after `start_gpst`.
-    clock_offset_s : what its clock shows minus true time, at the first sample.
-    lo_ppm : how much too fast the oscillator is.
-    oscillator : the class whose noise it has besides.
-    antennas : one at the receiver's place if absent.
+    start_offset_s : true time of the first sample after `start_gpst`.
+    clock_offset_s : its clock minus true time at the first sample.
+    lo_ppm : frequency error of the oscillator, positive if fast.
+    oscillator : class that gives its noise; without noise if absent.
+    antennas : one at the receiver's position if absent.
     """
 
     name: Name
@@ -147,10 +147,9 @@ class SceneReceiver(Site):
 class FrontEnd(Model):
     """How every receiver samples. Rates are whole hertz, so that sample counts make exact times.
 
-    bandwidth_hz : of the signals, on both sides of the carrier together, at half amplitude; all if absent. Chips that
-        are sampled unfiltered fold back: their code is then off by decimetres at a few Msps, whoever receives it, as
-        that of no real front end is. 0.8 of the rate is usual. `skyproof.simulator.samples` has the filter's shape.
-    agc : whether the gain follows the power of all that comes in; else it is fixed to the receiver's own noise.
+    bandwidth_hz : two-sided bandwidth at half amplitude; unfiltered if absent, which aliases and moves codes by
+        decimetres at a few Msps. 0.8 of the rate is usual; `skyproof.simulator.samples` has the filter's shape.
+    agc : true if the gain follows the received power; false if it is fixed to the receiver's noise.
     """
 
     rate_hz: float = Field(default=2.6e6, ge=1e6, le=1e9, multiple_of=1)
@@ -198,10 +197,10 @@ class SatelliteDirection(Model):
 class Sky(Model):
     """The true signals. Carrier-to-noise density: horizon + (zenith - horizon) sin(elevation).
 
-    ionosphere, troposphere : whether they delay. With false, signals that attackers make lack them as well.
-    sats : all that stand above the mask if absent.
-    directions : of all satellites that there are, in place of a navigation file or the nominal constellation.
-    until_s : the last true wave arrives, as when antennas are unplugged; they stay if absent.
+    ionosphere, troposphere : true if it delays signals, also those that attackers make.
+    sats : satellites; all above the mask if absent.
+    directions : directions of all satellites, instead of a navigation file or the nominal constellation.
+    until_s : end of all true signals, as for an unplugged antenna; none if absent.
     """
 
     zenith_cn0_dbhz: float = Field(default=50.0, ge=0, le=80)
@@ -225,9 +224,9 @@ class Sky(Model):
 class Scenario(Model):
     """One scene: receivers under the true sky, the attacks on them, and what else transmits.
 
-    source : where the scene is described, for people.
-    duration_s : of each receiver's recording.
-    navigation : a RINEX navigation file; the nominal constellation if absent, which serves any date.
+    source : publication that describes the scene.
+    duration_s : duration of each recording.
+    navigation : a RINEX navigation file; if absent, the nominal constellation, for any date.
     """
 
     name: Name = "scene"

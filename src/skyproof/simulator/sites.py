@@ -77,12 +77,13 @@ def _summed(rows: Reals, at_s: Reals) -> Reals:
 
 
 class WayPoints(Model):
-    """Along straight legs through points, with smooth turns and a constant speed between.
+    """Route of straight legs through points, with smooth turns and a constant speed in between.
 
-    points_enu_m : east, north, up of the site's place.
-    acceleration_m_s2, turn_m_s2 : the most along the way and across it.
-    from_rest, to_rest : whether it stands still at the ends; else it comes and goes in motion.
-    start_s : when it leaves the first point.
+    points_enu_m : east, north, up from the site's position.
+    acceleration_m_s2 : limit along the route.
+    turn_m_s2 : limit across the route.
+    from_rest, to_rest : true if it stands still at that end, false if it keeps moving.
+    start_s : time at which it leaves the first point.
     """
 
     kind: Literal["way-points"] = "way-points"
@@ -96,7 +97,7 @@ class WayPoints(Model):
 
 
 class Circle(Model):
-    """Round the site's place, level, at constant speed. start_deg : azimuth seen from the middle at time 0."""
+    """Level circle about the site's position, at constant speed. start_deg : azimuth from the centre at time 0."""
 
     kind: Literal["circle"] = "circle"
     radius_m: float = Field(gt=0, le=1e5)
@@ -113,10 +114,10 @@ class LasVegas(Model):
 
 
 class FromFile(Model):
-    """As recorded: CSV, NMEA or KML; smooth between its points.
+    """Recorded route: CSV, NMEA or KML; smooth between its points.
 
-    speed_m_s : where the file has places without times.
-    start_s : when the file's first point is passed.
+    speed_m_s : speed, if the file has positions without times.
+    start_s : time of the file's first point.
     """
 
     kind: Literal["file"] = "file"
@@ -143,7 +144,7 @@ class ScenePlace(Model):
 class Site(ScenePlace):
     """A place, or a way that refers to it; a way that knows its own places needs none.
 
-    heading_deg, pitch_deg, roll_deg : of what stands still.
+    heading_deg, pitch_deg, roll_deg : attitude of a site that stands still.
     """
 
     path: Motion | None = None
