@@ -13,6 +13,11 @@ ENTRIES: Final[Mapping[str, Entry]] = {
     "few_antennas": FEW_ANTENNAS,
     "few_signals": Entry("{signals} signals make no pair to compare", "two or more signals over the same time"),
     "one_direction": Entry("signals of {size} of {of} satellites come to {receiver} from one direction"),
+    "one_direction_or_antenna": Entry(
+        "signals of all {of} satellites reach the two antennas of {receiver} with one phase difference: they come from "
+        "one transmitter, or both inputs are from one antenna",
+        "the cables of {receiver} checked for a splitter, a third antenna, or the two turned",
+    ),
     "directions_near": Entry(
         "some of {n_signals} signals in {receiver} are too near to each other to tell their directions apart, and too "
         "few to have come from one",

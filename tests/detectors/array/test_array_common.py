@@ -1,15 +1,23 @@
 """Clusters of one direction, with an array and no attitude."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 from tests.detectors.nulls import array_phases, window
 
-from skyproof.detectors.array.array_common import ArrayCommon, cluster_chance
+from skyproof.detectors.array.array_common import (
+    ArrayCommon,
+    ArrayCommonSettings,
+    chance_of_cluster,
+    cluster_chance,
+)
 from skyproof.detectors.array.array_model import array_design, white_covariance
-from skyproof.records import ArrayPhases, SignalId
+from skyproof.records import ArrayPhases, Cause, SignalId
 from skyproof.statistics.directions import (
+    Clusters,
     complete_linkage,
     direction_cosines,
     equal_clusters,
@@ -123,6 +131,22 @@ def test_chance_of_equality_bounds_what_random_skies_do(wrapped):
     assert cluster_chance(6, 3, chance) == pytest.approx(20 * chance**2)
 
 
+@pytest.mark.parametrize("size", [2, 3])
+def test_the_chance_of_a_cluster_is_no_smaller_than_that_of_random_skies(size):
+    rng = np.random.default_rng(9)
+    design, covariance = array_design(np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])), white_covariance([0.01] * 2)
+    p_values = []
+    for _ in range(80):
+        sky = direction_cosines(2.0 * np.pi * rng.random(3), np.arcsin(rng.random(3)))
+        values = sky @ design.T + rng.multivariate_normal([0.0], covariance, 3)
+        distance = pair_statistics(values, covariance, wrapped=True)
+        clusters = Clusters(np.zeros(3, int), distance, 1e3)
+        best = min(combinations(range(3), size), key=lambda rows: distance[np.ix_(rows, rows)].max())
+        p_values.append(chance_of_cluster(clusters, np.array(best), 3, size, design, covariance, wrapped=True))
+    for level in (0.05, 0.2, 0.5):
+        assert binom.sf(np.sum(np.array(p_values) <= level) - 1, 80, level) > 1e-3
+
+
 # The detector ---------------------------------------------------------------------------------------------------------
 
 
@@ -164,6 +188,25 @@ def test_a_sky_of_eight_is_authentic():
     evidence, _ = ArrayCommon().examine(window(array_phases(np.random.default_rng(12), SKY)))
     assert [e.says for e in evidence] == ["authentic"]
     assert len(evidence[0].signals) == 8
+
+
+def test_two_antennas_that_all_signals_reach_alike_are_one_or_hear_one_transmitter():
+    """Phases of two receiver channels behind one splitter, 42 ms long."""
+    seen_cyc = [0.272, 0.275, 0.273, 0.266, 0.273, 0.274, 0.275, 0.272]
+    elements = np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]])
+    phases = array_phases(np.random.default_rng(14), SKY, epochs=2, elements=elements)
+    phase_cyc = np.zeros((2, 8, 2))
+    phase_cyc[..., 1] = seen_cyc
+    alike = replace(phases, phase_cyc=phase_cyc, sigma_cyc=np.full(phase_cyc.shape, 0.003), lasting_sigma_cyc=0.01)
+    detector = ArrayCommon(ArrayCommonSettings(false_alarm_probability=1e-9))
+    (found,), _ = detector.examine(window(alike))
+    assert (found.code, found.says, found.may_also_be) == ("one_direction_or_antenna", "undecided", (Cause.STATEMENT,))
+    assert found.failed
+    assert found.p[Cause.CLEAN] < 1e-9
+    phase_cyc[:, 0, 1] = 0.9
+    detector = ArrayCommon(ArrayCommonSettings(false_alarm_probability=1e-4))
+    (found,), _ = detector.examine(window(replace(alike, phase_cyc=phase_cyc)))
+    assert (found.code, found.says, len(found.signals)) == ("one_direction", "spoofed", 7)
 
 
 def test_two_signals_from_one_place_are_too_few_to_tell():

@@ -19,16 +19,17 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.array.array_model import array_design, mean_differences, white_covariance
 from skyproof.detectors.array.failing import find_failing, leave_out
-from skyproof.detectors.base import NotTested, Reporter
+from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import ArrayPhases, Cause, Datum, Finding, Hypothesis, Need, Records, SignalRef, list_refs
-from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
+from skyproof.statistics.directions import Clusters, equal_clusters, equal_statistic, equality_chance
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
     "ArrayCommon",
     "ArrayCommonSettings",
+    "chance_of_cluster",
     "cluster_chance",
     "compare_directions",
     "of_one_carrier",
@@ -41,6 +42,31 @@ def cluster_chance(signals: int, size: int, chance: float) -> float:
     """At most this probable: that among independent directions `size` of `signals` are taken for one, each pair of them
     with `chance` (the union bound over all choices, each about one of its members)."""
     return min(1.0, comb(signals, size) * chance ** (size - 1)) if size > 1 else 1.0
+
+
+def chance_of_cluster(
+    clusters: Clusters, members: Indices, signals: int, size: int, design: Reals, covariance: Reals, *, wrapped: bool
+) -> float:
+    """At most this probable: that among independent directions some lie as near to each other as these members do.
+
+    Of two bounds, each of half the probability: by the limit of all clusters, and by the members' largest distance,
+    for every size that a cluster may have. By the latter all lie within that distance of one of them, whose own error
+    may be any.
+
+    Parameters
+    ----------
+    members : rows of a cluster. signals, size : satellites in all, and in the cluster. design, covariance : as in
+        `equality_chance`.
+    """
+    if size < 2:
+        return 1.0
+    limit = equality_chance(design, covariance, clusters.limit, wrapped=wrapped)
+    by_limit = cluster_chance(signals, size, limit)
+    farthest = float(clusters.distance[np.ix_(members, members)][np.triu_indices(members.size, 1)].max())
+    # Of the pair's variance the other one has half.
+    nearest = equality_chance(design, 0.5 * covariance, 2.0 * farthest, wrapped=wrapped)
+    by_distance = (signals - 1) * cluster_chance(signals, size, nearest)
+    return min(1.0, 2.0 * min(by_limit, by_distance))
 
 
 def of_one_carrier(carrier_hz: Reals) -> Indices:
@@ -93,7 +119,7 @@ def compare_directions(
     if n < 2:
         return [report.pass_over(refs, NotTested("few_signals", {"signals": n}))]
     clusters = equal_clusters(values, covariance, false_alarm_probability=alpha, wrapped=wrapped)
-    chance = equality_chance(design, np.mean(covariance, axis=0), clusters.limit, wrapped=wrapped)
+    usual = np.mean(covariance, axis=0)
     satellites = len({ref.signal.sat for ref in refs})
     found: list[Finding] = []
     unclear = False
@@ -102,7 +128,7 @@ def compare_directions(
         size = len({refs[k].signal.sat for k in members})
         if size < 2:
             continue
-        p_value = cluster_chance(satellites, size, chance)
+        p_value = chance_of_cluster(clusters, members, satellites, size, design, usual, wrapped=wrapped)
         named = tuple(refs[k] for k in once_each(refs, members.tolist()))
         if p_value >= alpha or not named:
             unclear = True
@@ -113,7 +139,11 @@ def compare_directions(
             "statistic": float(clusters.distance[np.ix_(members, members)].max()),
             "threshold": float(clusters.limit),
         }
-        found.append(report.find(named, "one_direction", {Cause.CLEAN: p_value}, singled_out=True, data=cluster))
+        # Where all phases of two antennas differ by the same, nothing shows that those are two.
+        one_antenna = d == 1 and members.size == n
+        p = {Cause.CLEAN: p_value, **leave_open((Cause.STATEMENT,) if one_antenna else ())}
+        code = "one_direction_or_antenna" if one_antenna else "one_direction"
+        found.append(report.find(named, code, p, singled_out=not one_antenna, data=cluster))
     if found:
         return found
     statistic = float(equal_statistic(values, covariance, wrapped=wrapped)[0])

@@ -22,7 +22,7 @@ from skyproof.detectors.array.agreement import (
     fitted_frame,
     residuals,
 )
-from skyproof.detectors.array.array_common import cluster_chance, of_one_sky, once_each
+from skyproof.detectors.array.array_common import chance_of_cluster, of_one_sky, once_each
 from skyproof.detectors.array.array_model import array_design, mean_differences, predicted_directions, white_covariance
 from skyproof.detectors.array.arrivals import Arrival, across, arrivals
 from skyproof.detectors.array.failing import Failing, Fault, find_failing, leave_out
@@ -349,7 +349,8 @@ class InsArray:
         white = white_covariance(measured.sigma_cyc[others])
         clusters = equal_clusters(measured.raw_cyc[others], white, false_alarm_probability=alpha, wrapped=True)
         every = len({view.refs[k].signal.sat for k in others})
-        chance = equality_chance(array_design(measured.elements_cyc), white.mean(axis=0), clusters.limit, wrapped=True)
+        design, usual = array_design(measured.elements_cyc), white.mean(axis=0)
+        chance = equality_chance(design, usual, clusters.limit, wrapped=True)
         own = {o.receiver: o for o in records.observations}
         explained = reflections(
             own.get(view.refs[0].receiver),
@@ -367,7 +368,8 @@ class InsArray:
         for label in np.unique(clusters.labels):
             rows = others[clusters.labels == label]
             size = len({view.refs[k].signal.sat for k in rows})
-            by_chance = cluster_chance(every, size, chance)
+            near = np.flatnonzero(clusters.labels == label)
+            by_chance = chance_of_cluster(clusters, near, every, size, design, usual, wrapped=True)
             if size >= POLICY.one_place_satellites and by_chance < alpha:
                 # Of two signals of one satellite from there, one may be the true one of a satellite behind it.
                 named = once_each(view.refs, rows.tolist())
