@@ -80,7 +80,25 @@ WORDS = {
 def commands() -> str:
     """Every command with its arguments, options and examples, as the command line itself tells them."""
     _, *sections = re.split(r"^## skyproof (\S+)\n", app.generate_docs(output_format="markdown"), flags=re.MULTILINE)
-    return "\n\n".join(_command(name, text) for name, text in zip(sections[::2], sections[1::2], strict=True))
+    stated: dict[str, str] = {}
+    pairs = zip(sections[::2], sections[1::2], strict=True)
+    return "\n\n".join(_once(name, _command(name, text), stated) for name, text in pairs)
+
+
+def _once(name: str, section: str, stated: dict[str, str]) -> str:
+    """Name the options that an earlier command states in the same words, in one line for each such command."""
+    kept, as_of = [], dict[str, list[str]]()
+    for line in section.split("\n"):
+        option = re.match(r"\* `(--[\w-]+)", line)
+        if option and line in stated:
+            as_of.setdefault(stated[line], []).append(f"`{option[1]}`")
+        else:
+            kept.append(line)
+            if option:
+                stated[line] = name
+    last = max((n for n, line in enumerate(kept) if line.startswith("* `--")), default=len(kept) - 1)
+    kept[last + 1 : last + 1] = [f"* {', '.join(names)}: as for `skyproof {other}`." for other, names in as_of.items()]
+    return "\n".join(kept)
 
 
 def _command(name: str, text: str) -> str:
