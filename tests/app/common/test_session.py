@@ -13,10 +13,12 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.common.session import Session, examine_all, session_of
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs, windows_of
+from skyproof.navigation.foresight import Standing
 from skyproof.records import OBSERVABLES, ConsistentSet, NavigationData, Observations, Records, SignalId
 from skyproof.testing import MeasuredScene
 
 PLACES = {"rx1": (0.0, 0.0, 0.0), "rx2": (12.0, 16.0, 0.0)}
+STANDS = {"rx1": Standing(stands=True, oscillator=None, by=("standing",), assumes=("receiver_stands",))}
 START = np.datetime64("2024-05-14T10:00:00", "ns")
 
 
@@ -41,7 +43,7 @@ def gist(step):
 def fed(scene, sizes):
     """Steps of a session whose receivers' epochs come in pieces of such sizes, in turn."""
     sources = [FedSource(o.receiver) for o in scene.observations]
-    session = session_of(sources, scene.navigation, Settings())
+    session = session_of(sources, scene.navigation, Settings(), STANDS)
     given_to, steps = [0] * len(sources), []
     n = scene.observations[0].gpst.size
     turn = 0
@@ -60,8 +62,10 @@ def fed(scene, sizes):
 @settings(max_examples=3, deadline=None)
 @given(sizes=st.lists(st.integers(1, 30), min_size=1, max_size=5))
 def test_pieces_of_any_size_give_what_the_whole_gives(scene, sizes):
-    whole = session_of([WholeSource(o) for o in scene.observations], scene.navigation, Settings())
-    assert [gist(step) for step in fed(scene, sizes)[1]] == [gist(step) for step in whole.steps()]
+    whole = session_of([WholeSource(o) for o in scene.observations], scene.navigation, Settings(), STANDS)
+    steps = list(whole.steps())
+    assert [gist(step) for step in fed(scene, sizes)[1]] == [gist(step) for step in steps]
+    assert any(e.detector == "place" and e.code == "there" for step in steps for e in step.findings)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -14,6 +14,7 @@ from skyproof.detectors.registry import examined, made_with, review_of
 from skyproof.fusion.decide import Deciding, decide
 from skyproof.gnss.time import seconds_between
 from skyproof.interruption import watch
+from skyproof.navigation.foresight import Foresight
 from skyproof.records import ConsistentSet, Finding, NavigationData, Need, Records, SignalRef
 
 __all__ = ["DecidedWindow", "Session", "examine_all", "reviewed", "session_of"]
@@ -75,13 +76,19 @@ def _with_share(detectors: Sequence[Detector], share: float) -> Sequence[Detecto
     ]
 
 
-def session_of(sources: Sequence[EpochSource], navigation: NavigationData, settings: Settings) -> Session:
+def session_of(
+    sources: Sequence[EpochSource],
+    navigation: NavigationData,
+    settings: Settings,
+    foresights: Mapping[str, Foresight] | None = None,
+) -> Session:
     """Return a session of receivers whose epochs come in, with every installed detector.
 
     sources : one a receiver. navigation : orbits that hold while the session lasts. settings : a window (`window_s`)
-        holds five epochs or more of each receiver.
+        holds five epochs or more of each receiver. foresights : what is expected of receivers that stand or have an
+        inertial unit, by receiver.
     """
-    windows = windows_of(sources, navigation, settings)
+    windows = windows_of(sources, navigation, settings, foresights=foresights)
     return Session(windows, detectors_for(settings, windows.run))
 
 
