@@ -144,7 +144,7 @@ def test_a_break_of_time_cuts_what_is_fed_as_it_cuts_the_whole():
     (o,) = one.observations
     later = np.arange(47) >= 23
     broken = replace(one, observations=(replace(o, pseudorange_m=o.pseudorange_m - 99e3 * later[:, None]),))
-    whole = session_of([WholeSource(broken.observations[0])], one.navigation, Settings())
+    whole = session_of([WholeSource(broken.observations[0])], one.navigation, Settings(), STANDS)
     steps = [gist(step) for step in whole.steps()]
     assert any(start == o.gpst[23] - np.timedelta64(500, "ms") for start, *_ in steps)
     assert [gist(step) for step in fed(broken, [1])[1]] == steps
