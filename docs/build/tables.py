@@ -15,6 +15,7 @@ from pydantic_core import PydanticUndefined
 
 from skyproof import detectors, fusion
 from skyproof.app import inspect, receive
+from skyproof.app.common.settings import Settings
 from skyproof.app.init.text import one_line
 from skyproof.cli import app
 from skyproof.records.policy import numbers_of
@@ -77,6 +78,14 @@ WORDS = {
 """What keys mean that are given nowhere else, by key or by Model.key."""
 
 
+OPTIONS = {
+    argument.names[0]
+    for argument in app["protect"].assemble_argument_collection(parse_docstring=False)
+    if argument.names
+}
+"""Those of protect, which say what the settings of the same names mean."""
+
+
 def commands() -> str:
     """Every command with its arguments, options and examples, as the command line itself tells them."""
     _, *sections = re.split(r"^## skyproof (\S+)\n", app.generate_docs(output_format="markdown"), flags=re.MULTILINE)
@@ -127,6 +136,9 @@ def keys(name: str) -> str:
         if len(choices) == 1 and not field.is_required():
             continue  # the heading of the table names it
         means = text if all(word in text for word in choices) else f"{text} {_listed(choices)}".strip()
+        option = f"--{key.replace('_', '-')}"
+        if model is Settings and option in OPTIONS:
+            means = f"as `{option}`"
         example = f"`{one_line(field.examples[0])}`" if field.examples else ""
         rows.append((f"`{key}`", default, example, _cell(means[:1].upper() + means[1:])))
     heads = ["key", "default", "example", "means"]
