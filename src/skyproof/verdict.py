@@ -117,14 +117,15 @@ class Position(_Model):
     sigma_up_m: Sigma = Field(description="Standard deviation upwards, metres.")
     horizontal_protection_m: Sigma | None = Field(
         default=None,
-        description="Protection level, metres: a fix that may be used is off by more, horizontally, with a probability "
-        "of `integrity_risk` of the settings at most, whatever one satellite is wrong by; null where none is promised.",
+        description="Protection level of a usable fix, metres: its horizontal error exceeds it with a "
+        "probability of `integrity_risk` at most, whatever one satellite is wrong by; null "
+        "where none is promised.",
     )
     vertical_protection_m: Sigma | None = Field(default=None, description="The same vertically, metres.")
     hidden_m: Sigma | None = Field(
         default=None,
-        description="By how much more an attack may have moved it that no test of the run would have noticed, if the "
-        "signals were true at the start, metres; 0 of a trusted fix, null where nothing bounds it.",
+        description="Additional error that an attack may have caused without a test noticing, if signals "
+        "were true at the start, metres; 0 of a trusted fix, null where nothing bounds it.",
     )
 
 
@@ -163,25 +164,25 @@ class ReceiverResult(_Model):
     input: str = Field(description="File or stream that the receiver's signals came from.")
     start_gpst: Gpst | None = Field(description="Start of the stretch examined, GPS time; null if no time is known.")
     duration_s: Sigma = Field(description="Length of the stretch examined, seconds.")
-    trusted_fix: Position | None = Field(description="From authentic signals only; null if none are known to be so.")
+    trusted_fix: Position | None = Field(description="From authentic signals only; null without any.")
     consistent_fix: Position | None = Field(
         default=None,
-        description="From all signals, but for false ones and reflections, while no test of them has failed: it is not "
-        "proven; null if there is none, or a trusted one at each epoch.",
+        description="From all signals but false ones and reflections, while no test has failed; not proven. "
+        "Null if there is none, or a trusted one at each epoch.",
     )
     inertial_fix: Position | None = Field(
-        default=None, description="Carried on from those by an inertial unit, where satellites give none of them."
+        default=None, description="From the inertial unit, where satellites give neither."
     )
     held_fix: Position | None = Field(
-        default=None, description="Where those were, of a receiver stated to stand, where satellites give none of them."
+        default=None, description="The last of those, of a receiver stated to stand, where satellites give none."
     )
-    false_fix: Position | None = Field(description="What the false signals show; null if there are none.")
-    unprotected_fix: Position | None = Field(description="What a receiver without protection shows.")
+    false_fix: Position | None = Field(description="Position by the false signals; null without any.")
+    unprotected_fix: Position | None = Field(description="Position of a receiver without protection.")
     own_fix: OwnFix | None = Field(
-        default=None, description="What the receiver itself computed, by its log; null where that does not say."
+        default=None, description="The receiver's own fix by its log; null if the log has none."
     )
     own_states: tuple[OwnState, ...] = Field(
-        default=(), description="What the receiver says of jamming and spoofing in its log; never evidence."
+        default=(), description="The receiver's own statements on jamming and spoofing; never evidence."
     )
 
     @property
@@ -249,8 +250,7 @@ class SourceDirection(_Model):
     """One direction from which a source's signals may come."""
 
     frame: Literal["ground", "body"] = Field(
-        description="What the angles refer to: north and the horizon, or the body's forward axis and its plane of "
-        "forward and right."
+        description="Reference of the angles: north and horizon, or the body's forward axis and plane."
     )
     azimuth_deg: float = Field(ge=0.0, le=360.0, description="Clockwise from north or from forward, degrees.")
     elevation_deg: float = Field(ge=-90.0, le=90.0, description="Above the horizon or the body's plane, degrees.")
@@ -280,38 +280,35 @@ class Source(_Model):
     """
 
     name: str = Field(description="Name by which signals refer to the source.")
-    kind: str = Field(
-        description="What is known of it, in words: one antenna; a false sky; a sky of which that is open."
-    )
+    kind: str = Field(description="Kind in words: one antenna; a false sky; a sky that may be true.")
     sats: tuple[str, ...] = Field(description="Satellites whose signals are ascribed to it.")
     azimuth_deg: float | None = Field(
-        ge=0.0, le=360.0, description="Direction seen, clockwise from north, degrees; null if it is not known, or open."
+        ge=0.0, le=360.0, description="Direction, clockwise from north, degrees; null if unknown or ambiguous."
     )
-    elevation_deg: float | None = Field(ge=-90.0, le=90.0, description="Direction seen, above the horizon, degrees.")
+    elevation_deg: float | None = Field(ge=-90.0, le=90.0, description="Direction above the horizon, degrees.")
     direction_sigma_deg: Sigma | None = Field(description="Standard deviation of the direction, degrees.")
     body_azimuth_deg: float | None = Field(
         default=None,
         ge=0.0,
         le=360.0,
-        description="Direction seen, from forward in the body to the right, degrees, if its attitude is not known.",
+        description="Direction, clockwise from forward in the body, degrees, if the attitude is unknown.",
     )
     body_elevation_deg: float | None = Field(
-        default=None, ge=-90.0, le=90.0, description="Direction seen, above the body's plane, degrees."
+        default=None, ge=-90.0, le=90.0, description="Direction above the body's plane, degrees."
     )
     directions: tuple[SourceDirection, ...] = Field(
         default=(),
-        description="Every direction that the phases allow; the keys before are null where these are several.",
+        description="Every direction that the phases allow; if several, the keys before are null.",
     )
     stands: SourcePlace | None = Field(
         default=None,
-        description="Where it stands, if its directions meet: a receiver that moves, or several, see it from several "
-        "places; errors of direction may be the same in all.",
+        description="Position where its directions from several places meet; their errors may be common.",
     )
-    shows: Place | None = Field(description="The place that a receiver of these signals is led to believe.")
-    shows_gpst: Gpst | None = Field(default=None, description="When it is led to believe that, at last, GPS time.")
+    shows: Place | None = Field(description="Position that its signals show.")
+    shows_gpst: Gpst | None = Field(default=None, description="Time of that position, the last one, GPS time.")
     time_offset_s: float | None = Field(
-        description="Clock bias of a receiver by these signals minus that by authentic ones (while it is open which "
-        "those are: by the sky that arrives first), seconds; positive for signals that come late."
+        description="Clock bias by these signals minus that by authentic ones (else by the sky that arrives "
+        "first), seconds; positive for late signals."
     )
 
 
@@ -321,10 +318,10 @@ class Method(_Model):
     detector: str = Field(description="Name of the detector.")
     ran: bool = Field(description="Whether it could run on this input.")
     why_not: str | None = Field(description="Why it did not run; null if it ran.")
-    would_need: str | None = Field(description="What would let it run, or decide; null if nothing is missing.")
+    would_need: str | None = Field(description="What would let it run or decide; null if nothing.")
     decision: str | None = Field(
-        description="What it says of the whole: spoofed, attack, failed (a test that a clean sky passes), authentic, "
-        "multipath, clean, undecided, the first of these that any window gives; null if it did not run."
+        description="The first of spoofed, attack, failed (rejects a clean sky), authentic, multipath, clean, "
+        "undecided that any window gives; null if it did not run."
     )
     tests: int = Field(ge=0, description="Number of tests that it made.")
     from_gpst: Gpst | None = Field(description="Start of the window of its most telling test, GPS time.")
@@ -345,15 +342,11 @@ class InputFile(_Model):
     """One input as it was read."""
 
     path: str = Field(description="Path or address as given.")
-    format: str = Field(description="What it was read as: raw, RINEX navigation, platform.")
+    format: str = Field(description="Format: raw, RINEX navigation, platform.")
     sha256: str | None = Field(description="SHA-256 of the whole file, hexadecimal; null for a stream.")
-    cut: tuple[str, ...] = Field(
-        description="Where it ends early, or how it changed while it was read: the word holds up to there."
-    )
-    left_out: tuple[str, ...] = Field(
-        description="What of it was not used, or is doubtful: the word does not cover it."
-    )
-    remarks: tuple[str, ...] = Field(description="What else was odd about it, without bearing on the word.")
+    cut: tuple[str, ...] = Field(description="Early end, or change while it was read: the word holds up to there.")
+    left_out: tuple[str, ...] = Field(description="Parts not used or doubtful: the word does not cover them.")
+    remarks: tuple[str, ...] = Field(description="Other oddities, without effect on the word.")
 
     @property
     def all_remarks(self) -> tuple[str, ...]:
@@ -497,50 +490,46 @@ class Verdict(_Model):
     verdict: VerdictWord = Field(description="The answer. Never stronger than the evidence.")
     summary: str = Field(description="The answer in one sentence.")
     reason: str | None = Field(
-        description="Why the word is no stronger: the test that failed (suspect), why the signals are not shown to be "
-        "true (no_attack_seen), which of them stay open and why (spoofed); null if nothing is open."
+        description="Why the word is no stronger: the failed test (suspect), why signals are not shown to "
+        "be true (no_attack_seen), open signals (spoofed); null if nothing is open."
     )
     may_also_be: tuple[CauseName, ...] = Field(
-        description="What else than an attack would explain a suspicion, the likeliest first; empty for other words."
+        description="Other causes of a suspicion, likeliest first; empty for other words."
     )
     not_excluded: tuple[str, ...] = Field(
-        description="Attacks that the tests of this input would not see; of no_attack_seen, else empty."
+        description="Attacks that these tests would not see, for no_attack_seen; else empty."
     )
-    remedy: str | None = Field(description="What to give or to do for a stronger word; null if nothing is known to.")
+    remedy: str | None = Field(description="What to give or do for a stronger word; null if unknown.")
     since_gpst: Gpst | None = Field(
-        description="Onset of the attack, or of what makes the signals suspect, GPS time: the middle of the interval "
-        "in which it began, or when it was first seen if that has no beginning; null if none or unknown."
+        description="Onset of the attack or suspicion, GPS time: middle of its interval, or when it was "
+        "first seen if that has no beginning; null if none or unknown."
     )
     since_sigma_s: Sigma | None = Field(
-        description="Standard deviation of the onset, seconds; null if it is not known how early it began."
+        description="Standard deviation of the onset, seconds; null if its beginning is unknown."
     )
     since_earliest_gpst: Gpst | None = Field(
-        description="It began after this, GPS time; null if it may have been on before it was seen."
+        description="Earliest onset, GPS time; null if it may have begun before the run saw it."
     )
-    since_latest_gpst: Gpst | None = Field(
-        description="It was first seen then, and began then at the latest, GPS time."
-    )
+    since_latest_gpst: Gpst | None = Field(description="Latest onset, when it was first seen, GPS time.")
     until_gpst: Gpst | None = Field(description="End of the attack, GPS time; null while it lasts.")
     false_alarm_probability_per_hour: Probability = Field(
-        description="Probability asked for of calling clean signals spoofed, per hour."
+        description="Allowed probability of calling clean signals spoofed, per hour."
     )
     wrong_statements: tuple[DoubtfulStatement, ...] = Field(
         default=(),
-        description="Statements of the user that may be untrue, which would explain failed tests; likeliest first.",
+        description="Statements of the user that may be wrong and would explain failed tests, likeliest first.",
     )
     interference: InterferenceResult = Field(
         default=InterferenceResult(state="not_tested"),
-        description="Noise of others that came in; it says nothing of false signals, and excludes none.",
+        description="Interference; it neither shows nor excludes false signals.",
     )
     windows: tuple[WindowResult, ...] = Field(
-        default=(), description="The word over time: of each receiver in order, none worse than the verdict."
+        default=(), description="The word over time, of each receiver in order; none is worse than the verdict."
     )
     noticed: tuple[NoticedSize, ...] = Field(
-        default=(), description="What the tests would have noticed with a probability of 0.99, by receiver and kind."
+        default=(), description="What the tests notice with a probability of 0.99, by receiver and kind."
     )
-    assumed: str | None = Field(
-        description="Under what the word and the trusted positions hold; null if nothing is assumed."
-    )
+    assumed: str | None = Field(description="Assumptions of the word and the trusted positions; null if none.")
     receivers: tuple[ReceiverResult, ...]
     signals: tuple[Signal, ...]
     sources: tuple[Source, ...]
