@@ -22,7 +22,7 @@ ENTRIES: Final[Mapping[str, Entry]] = {
     ),
     "together": Entry("code and carrier of the satellites in {receiver} stay together"),
     "parted": Entry(
-        "code and carrier in {receiver} part by {rate_m_s:+.2f} m/s on all satellites alike: codes are drawn off and "
+        "code and carrier in {receiver} part by {rate_m_s:+.2f} m/s on all satellites alike: codes are dragged and "
         "carriers are not, or the sampling clock and the carrier come from two oscillators",
         "a receiver with one oscillator",
     ),

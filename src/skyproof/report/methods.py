@@ -4,20 +4,37 @@ __all__ = ["about", "reason", "title"]
 
 _ABOUT = {
     "array_common": ("Directions on an antenna array", "Do signals of several satellites come from one direction?"),
-    "common_change": ("What changes alike", "Do all satellites change together as neither sky nor receiver does?"),
-    "continuity": ("What goes on", "Do position, velocity, clock and time go on as a platform and an oscillator can?"),
+    "bands": ("Bands compared", "Do the codes of a satellite's bands differ by no more than the ionosphere makes?"),
+    "code_carrier": ("Code against carrier", "Does the code of each signal move with its carrier?"),
+    "code_motion": (
+        "Motion by codes",
+        "Do position and clock by codes alone continue as a platform and an oscillator can?",
+    ),
+    "common_change": ("Common changes", "Do all satellites change at once, as neither sky nor receiver makes them?"),
+    "continuity": ("Continuity", "Do position, velocity, clock and time continue as a platform and an oscillator can?"),
     "dccaf": ("Two skies in the correlation", "Do overlapping signals hold two consistent sets of ranges?"),
-    "decision": ("What failed together", "Does a benign cause, or two, explain every test that failed in a window?"),
+    "decision": ("Failed tests together", "Does a benign cause, or two, explain every test that failed in a window?"),
+    "inertia": ("Inertial prediction", "Do position and velocity follow what the inertial unit predicts?"),
     "ins_array": ("Directions against attitude", "Does each signal come from where its satellite stands?"),
+    "known_place": (
+        "Ranges at a known place",
+        "Do the few satellites received fit the place where the receiver stands?",
+    ),
+    "levels": ("Signal levels", "Do C/N0 and the noise change as the sky and interference change them?"),
+    "messages": ("Broadcast messages", "Do broadcast orbits, clocks and UTC agree with the day and with each other?"),
     "multi_receiver": (
         "Receivers compared",
         "Do signals reach several receivers as from one transmit antenna, or as from the sky?",
     ),
+    "own_fixes": ("The receiver's own fixes", "Do the fixes that the receiver computed itself continue?"),
+    "place": ("Stated place", "Do the signals put the receiver where it stands?"),
     "second_signals": ("Second signals", "Is a satellite received more than once, farther apart than echoes are?"),
-    "prediction": ("What was to be expected", "Which of two skies goes on from the time before the attack?"),
+    "prediction": ("Prediction", "Which of two skies continues the time before the attack?"),
     "residual": ("One position or two", "Do all measurements of a receiver fit one position and time?"),
+    "snapshot": ("Changes within a snapshot", "Do the signals of a short recording stay what they are?"),
     "spin": ("A turning antenna", "Do the signals swing as those of one direction do, or of many?"),
     "sqm": ("Shape of the correlation peak", "Does a second signal of the same satellite overlap the tracked one?"),
+    "torn": ("Torn tracking", "Do more codes at once than satellites fail lie where no orbit explains them?"),
     "vector_sqm": ("Peaks against the common position", "Are signals displaced from where the position puts them?"),
 }
 
@@ -30,8 +47,8 @@ _REASONS = {
     ("ins_array", "spoofed"): "does not come from where its satellite stands",
     ("spin", "authentic"): "swings as from a direction of its own",
     ("spin", "spoofed"): "swings as from the same direction as others",
-    ("prediction", "authentic"): "belongs to the sky that was to be expected",
-    ("prediction", "spoofed"): "belongs to a sky that was not to be expected, beside one that was",
+    ("prediction", "authentic"): "belongs to the predicted sky",
+    ("prediction", "spoofed"): "belongs to another sky than the predicted one",
 }
 
 

@@ -136,7 +136,7 @@ def _assumed(outcome: Outcome) -> str | None:
     said = f"Assumed: {'; '.join(assumed)}."
     if not any(s.label == "authentic" for s in outcome.decision.labels):
         return said
-    alone = "The time of a receiver that is attacked alone at its true place is vouched for by its own past only."
+    alone = "The time of a receiver that is attacked alone at its true place is checked against its own history only."
     return f"{said} {alone}"
 
 

@@ -114,7 +114,7 @@ def _not_excluded(outcome: Outcome) -> tuple[str, ...]:
     reasons = {(e.detector, e.code): e for e in outcome.evidence if e.detector not in done}
     idle = {e.detector for e in reasons.values() if explain(e).remedy not in (None, "nothing")}
     found += [f"what {', '.join(sorted(idle))} would show, with enough to test"] if idle else []
-    return (*found, "a takeover that draws position and time off by less than the tests can see")
+    return (*found, "a takeover that drags position and time by less than the tests can see")
 
 
 def why_untested(outcome: Outcome) -> str | None:

@@ -59,7 +59,7 @@ def _attack_words(outcome: Outcome) -> str:
             f"{since}two or more skies are received, each consistent with a position and time of its own; "
             "which of them is true is not decided."
         )
-    return f"{since}signals are received that no true sky gives; which of them are true is not decided."
+    return f"{since}some of the received signals cannot be authentic; which of them are true is not decided."
 
 
 def _least_transmitters(sources: Sequence[FalseSource]) -> int:
