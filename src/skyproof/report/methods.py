@@ -8,7 +8,7 @@ _ABOUT = {
     "code_carrier": ("Code against carrier", "Does the code of each signal move with its carrier?"),
     "code_motion": (
         "Motion by codes",
-        "Do position and clock by codes alone continue as a platform and an oscillator can?",
+        "Do position and clock by codes alone change as a platform and a clock can?",
     ),
     "common_change": ("Common changes", "Do all satellites change at once, as neither sky nor receiver makes them?"),
     "continuity": ("Continuity", "Do position, velocity, clock and time continue as a platform and an oscillator can?"),
@@ -18,7 +18,7 @@ _ABOUT = {
     "ins_array": ("Directions against attitude", "Does each signal come from where its satellite stands?"),
     "known_place": (
         "Ranges at a known place",
-        "Do the few satellites received fit the place where the receiver stands?",
+        "Do the few satellites received fit the place of the receiver?",
     ),
     "levels": ("Signal levels", "Do C/N0 and the noise change as the sky and interference change them?"),
     "messages": ("Broadcast messages", "Do broadcast orbits, clocks and UTC agree with the day and with each other?"),
