@@ -94,6 +94,7 @@ COMPUTING = {
     "array/agreement": {"_CANDIDATES", "_CELL_RAD", "_MOST_ROTATIONS"},
     "array/arrivals": {"_CELL_RAD", "_MOST_CELLS", "_ROUNDS", "_STARTS", "_STEP_LEAST_RAD", "_STEP_MOST_RAD"},
     "array/failing": {"_MEDIAN_OF_SQUARE"},
+    "array/noticed": {"_DIRECTIONS"},
     "bands/detector": {"_TESTS"},
     "code_motion/detector": {"_DOF_LEFT", "_TAIL", "_TESTS"},
     "common_change/detector": {"_SHARES"},

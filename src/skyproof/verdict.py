@@ -438,7 +438,8 @@ def _spell_words(spell: InterferenceSpell) -> str:
 class NoticedSize(_Model):
     """From which size on an attack on one receiver would have been noticed, with a probability of 0.99.
 
-    It is an attack on all signals of the receiver at once, while they are received without a break.
+    It is an attack on all signals of the receiver at once, while they are received without a break, where its kind
+    names no number of them.
     """
 
     receiver: str
@@ -447,10 +448,11 @@ class NoticedSize(_Model):
         "and carriers begin at once to drag the position off or to push the time; code_drag: codes drag the position "
         "off while carriers stay; motion: carriers move a receiver that is stated to stand; drag: codes "
         "drag the position of a receiver with an inertial unit off, alone or with their carriers; displacement: the "
-        "position of a receiver that stands is moved, however slowly."
+        "position of a receiver that stands is moved, however slowly; one_transmitter: an antenna imitates so many "
+        "satellites; elsewhere: one false signal, which no reflection explains, comes from so far beside its satellite."
     )
     size: Sigma = Field(description="In the window in which the tests see least.")
-    unit: str = Field(description="Of the size: m, s, m/s or s/s.")
+    unit: str = Field(description="Of the size: m, s, m/s, s/s, rad, or 1 of a number.")
     detector: str = Field(description="Whose test sees it best in that window.")
     share_of_windows: Probability = Field(description="Of the receiver's windows, how many were tested for it.")
 
@@ -479,6 +481,8 @@ _NOTICED: Final[dict[NoticedKind, tuple[str, float, str]]] = {
     "motion": ("carriers that move a receiver at rest at", 1.0, "m/s"),
     "drag": ("a drag of the position at", 1.0, "m/s"),
     "displacement": ("a move from where the receiver stands, however slow, by", 1.0, "m"),
+    "one_transmitter": ("a transmitter that imitates", 1.0, "satellites"),
+    "elsewhere": ("a false signal from beside its satellite by", math.degrees(1.0), "degrees"),
 }
 """Each kind in words, with the factor from its SI unit to the unit that is shown."""
 

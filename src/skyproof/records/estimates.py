@@ -24,15 +24,25 @@ __all__ = [
 
 
 NoticedKind = Literal[
-    "position_jump", "clock_jump", "velocity_jump", "clock_push", "code_drag", "motion", "drag", "displacement"
+    "position_jump",
+    "clock_jump",
+    "velocity_jump",
+    "clock_push",
+    "code_drag",
+    "motion",
+    "drag",
+    "displacement",
+    "one_transmitter",
+    "elsewhere",
 ]
-"""What an attack may do to the fix of a receiver, and what it is measured in.
+"""What an attack may do to a receiver, and what it is measured in.
 
 position_jump : the position jumps, m. clock_jump : the time jumps, s. velocity_jump : codes and carriers together begin
 to drag the position off at once, m/s. clock_push : they begin to push the time at once, s/s. code_drag : codes drag the
 position off while carriers stay, m/s. motion : carriers move a receiver that is stated to stand, m/s. drag : the
 position of a receiver with an inertial unit is dragged off, by codes alone or with their carriers, m/s. displacement :
-the position of a receiver that stands is moved by any motion, m.
+the position of a receiver that stands is moved by any motion, m. one_transmitter : an antenna imitates so many
+satellites, 1. elsewhere : one false signal, which no reflection explains, comes from so far beside its satellite, rad.
 """
 
 

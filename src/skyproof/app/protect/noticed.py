@@ -20,6 +20,8 @@ _UNITS: Final[dict[NoticedKind, str]] = {
     "motion": "m/s",
     "drag": "m/s",
     "displacement": "m",
+    "one_transmitter": "1",
+    "elsewhere": "rad",
 }
 _KINDS: Final = tuple(_UNITS)
 

@@ -19,6 +19,7 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.array.array_model import array_design, mean_differences, white_covariance
 from skyproof.detectors.array.failing import find_failing, leave_out
+from skyproof.detectors.array.noticed import noticed_satellites
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -160,10 +161,16 @@ def compare_directions(
         "threshold": float(chi_square_threshold(alpha, (n - 1) * d)),
         "assumes": ("one_transmit_antenna",),
     }
-    one_sky = of_one_sky(report.records, receiver, refs)
+    limit = equality_chance(design, usual, clusters.limit, wrapped=wrapped)
+    noticed = noticed_satellites(satellites, lambda size: 2.0 * cluster_chance(satellites, size, limit), alpha)
     return [
         report.find(
-            one_sky, "directions_differ", {Cause.FALSE_SKY: p_value}, hypothesis=Hypothesis.ONE_ANTENNA, data=apart
+            of_one_sky(report.records, receiver, refs),
+            "directions_differ",
+            {Cause.FALSE_SKY: p_value},
+            hypothesis=Hypothesis.ONE_ANTENNA,
+            data=apart,
+            estimates={"noticed": noticed},
         )
     ]
 

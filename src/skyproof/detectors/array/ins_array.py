@@ -26,6 +26,7 @@ from skyproof.detectors.array.array_common import chance_of_cluster, of_one_sky,
 from skyproof.detectors.array.array_model import array_design, mean_differences, predicted_directions, white_covariance
 from skyproof.detectors.array.arrivals import Arrival, across, arrivals
 from skyproof.detectors.array.failing import Failing, Fault, find_failing, leave_out
+from skyproof.detectors.array.noticed import noticed_angle
 from skyproof.detectors.array.over_time import Block, Waiting, add_block, alpha_alone, alpha_of_block, kept_share
 from skyproof.detectors.array.policy import POLICY
 from skyproof.detectors.array.reflected import levels_dbhz, reflections
@@ -45,6 +46,7 @@ from skyproof.records import (
     NavigationData,
     NavState,
     Need,
+    NoticedAttack,
     Observations,
     Records,
     SignalRef,
@@ -301,14 +303,28 @@ class InsArray:
                 "assumes": ("none_from_satellites",),
             }
             p = {Cause.FALSE_SKY: p_one}
-            found.append(report.find(true, "from_satellites", p, hypothesis=Hypothesis.ONE_ANTENNA, data=data))
+            estimates = {"noticed": self._noticed(view)}
+            found.append(
+                report.find(
+                    true, "from_satellites", p, hypothesis=Hypothesis.ONE_ANTENNA, data=data, estimates=estimates
+                )
+            )
             found += [self._find_repeated(report, view, rows, chance) for rows, chance in alike]
         if found:
             return [*found, *self._test_rest(report, view, found)]
         if agreed.p_value >= alpha:
-            return [report.find(view.refs, "all_from_satellites", {Cause.CLEAN: agreed.p_value})]
+            estimates = {"noticed": self._noticed(view)}
+            return [report.find(view.refs, "all_from_satellites", {Cause.CLEAN: agreed.p_value}, estimates=estimates)]
         # Differing directions that are not the satellites' may be several waves in each signal: they vouch for nothing.
         return [self._find_unlike_statement(report, view, Hypothesis.AS_STATED)]
+
+    def _noticed(self, view: ArrayView) -> tuple[NoticedAttack, ...]:
+        """Return what the directions of a view would have shown of false signals."""
+        frame = view.agreed.frame
+        if not view.accepted and (frame.attitude_free or frame.bias_free):
+            return ()
+        up = _rot_enu_body(view.state)[2]
+        return noticed_angle(view.measured, frame, up, self.settings.false_alarm_probability)
 
     def _test_rest(self, report: Reporter, view: ArrayView, found: Sequence[Finding]) -> list[Finding]:
         """Return, beside signals that were named, that the others agree with no attitude and no lines."""

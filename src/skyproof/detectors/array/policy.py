@@ -123,6 +123,9 @@ class ArrayPolicy:
         "Phase patterns of antennas of one type differ by a millimetre, and stay.",
         "igs14.atx, individual calibrations against type means",
     )
+    most_noticed_rad: float = number(
+        0.5 * np.pi, "rad", "Chosen: an angle beyond a quarter of a turn says that signals from most directions pass."
+    )
     quadratic_lasts_s: float = number(
         15.0,
         "s",
