@@ -40,7 +40,7 @@ from skyproof.explain import explain
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.fix import fix
-from skyproof.navigation.foresight import Standing, surveyed
+from skyproof.navigation.predictor import Standing, surveyed
 from skyproof.records import NavigationData, Observations
 from skyproof.studies.log_attacks import (
     SCOPES,
@@ -215,15 +215,15 @@ def judged(
         options |= {"antenna_distance_sigma_m": 0.02}
     settings = following_antennas(Settings(**options), sources)
     settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
-    foresights = None
+    predictors = None
     if equipment == "surveyed":
         place = surveyed(
             Standing(stands=True, oscillator=None, by=("surveyed_place",)),
             places[0].mean(axis=0),
             SURVEY_M**2 * np.eye(3),
         )
-        foresights = {attacked[0].receiver: place}
-    return judge(receptions, navigation, settings, Silent(), foresights=foresights)[0]
+        predictors = {attacked[0].receiver: place}
+    return judge(receptions, navigation, settings, Silent(), predictors=predictors)[0]
 
 
 def against_truth(

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Reals
 from skyproof.detectors.adapter import get_signals
 from skyproof.detectors.base import Detector
-from skyproof.detectors.registry import evidence_fault, made_with
+from skyproof.detectors.registry import evidence_fault, instantiate
 from skyproof.explain import explain
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
@@ -137,7 +137,7 @@ def check_takes_settings(detector: Detector) -> None:
     share = 0.5 * detector.settings.false_alarm_probability
     given = replace(detector.settings, false_alarm_probability=share)
     kind = type(detector).__name__
-    assert made_with(type(detector), given).settings == given, f"{kind}(settings=...) has other settings than those"
+    assert instantiate(type(detector), given).settings == given, f"{kind}(settings=...) has other settings than those"
 
 
 def check_evidence(make: Callable[[], Detector], records: Records) -> None:

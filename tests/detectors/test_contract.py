@@ -39,9 +39,9 @@ from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.navigation.foresight import Standing, surveyed
-from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.inertial_predictor import Inertial
 from skyproof.navigation.ins import InsSettings
+from skyproof.navigation.predictor import Standing, surveyed
 from skyproof.records import (
     Cause,
     Finding,

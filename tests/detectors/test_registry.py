@@ -102,7 +102,7 @@ def test_a_detector_has_to_take_the_settings_of_a_run():
             pass
 
     with pytest.raises(SettingsError, match=r"\bStubborn\b.*settings=\.\.\.: TypeError"):
-        registry.made_with(Stubborn, Rate(0.1))
+        registry.instantiate(Stubborn, Rate(0.1))
     check_takes_settings(Odd())
     with pytest.raises(AssertionError, match="other settings"):
         check_takes_settings(Deaf())

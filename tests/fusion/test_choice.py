@@ -10,7 +10,7 @@ from skyproof.fusion.choice import ChoiceRules, choices
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
-from skyproof.navigation.foresight import Standing, surveyed
+from skyproof.navigation.predictor import Standing, surveyed
 from skyproof.records import OverlappingSkies
 from skyproof.simulator.clocks import clock
 
@@ -73,14 +73,14 @@ class Taken:
             covariance_m2=self.sigma_m**2 * np.eye(4),
         )
 
-    def chosen(self, foresight, **rules):
+    def chosen(self, predictor, **rules):
         decision = fuse(self.evidence, [self.observations], self.sets)
         return choices(
-            decision, self.evidence, [self.observations], self.sets, {"rx1": foresight}, ChoiceRules(**rules)
+            decision, self.evidence, [self.observations], self.sets, {"rx1": predictor}, ChoiceRules(**rules)
         ).evidence
 
-    def decided(self, foresight, **rules):
-        return fuse([*self.evidence, *self.chosen(foresight, **rules)], [self.observations], self.sets)
+    def decided(self, predictor, **rules):
+        return fuse([*self.evidence, *self.chosen(predictor, **rules)], [self.observations], self.sets)
 
 
 def after(taken, found, says):
@@ -361,11 +361,11 @@ def overlapping(taken, apart_m, doubt=3.2e-4, reflected=(1e-6, 1.0), sigma_m=3.0
     return evidence
 
 
-def chosen_of(taken, evidence, foresight):
+def chosen_of(taken, evidence, predictor):
     """With the signals of the receiver's only set led away."""
     sets = [s for s in taken.sets if s.signals[0].copy == "a"]
     decision = fuse(evidence, [taken.observations], sets)
-    return choices(decision, evidence, [taken.observations], sets, {"rx1": foresight}, ChoiceRules())
+    return choices(decision, evidence, [taken.observations], sets, {"rx1": predictor}, ChoiceRules())
 
 
 def test_of_skies_that_overlap_the_one_at_home_is_chosen_and_no_signal_is_named(led_away):

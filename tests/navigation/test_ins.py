@@ -25,7 +25,7 @@ from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.ins import CLOCK, SIZE, InsSettings, begin, correct, step
 from skyproof.navigation.ins_updates import by_fix, expect_fix
-from skyproof.navigation.known import known
+from skyproof.navigation.nav_estimate import known
 
 START = np.repeat([2.0, 0.3, np.radians(1.0)], 3)
 SECONDS = 20

@@ -9,7 +9,7 @@ from scipy import stats
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.navigation.known import Known, known
+from skyproof.navigation.nav_estimate import NavEstimate, known
 from skyproof.navigation.prediction import choose, fit_p_value, standing_still
 from skyproof.simulator.clocks import clock
 
@@ -113,7 +113,7 @@ def test_a_push_of_the_clock_alone_is_recognized_by_the_oscillator():
     )
     later = GPS_EPOCH + np.timedelta64(60, "s")
 
-    def sky(push_m: float) -> Known:
+    def sky(push_m: float) -> NavEstimate:
         return known(
             later,
             position_ecef_m=HOME,

@@ -9,7 +9,7 @@ from tests.navigation.walk import SETTINGS, aligned, follow, read_walk
 from skyproof.navigation.inertia import readings_between
 from skyproof.navigation.ins import correct, step
 from skyproof.navigation.ins_updates import by_fix
-from skyproof.navigation.known import known
+from skyproof.navigation.nav_estimate import known
 
 pytestmark = [pytest.mark.long, pytest.mark.shared_data]
 

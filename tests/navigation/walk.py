@@ -22,7 +22,7 @@ from skyproof.navigation.alignment import align_moving
 from skyproof.navigation.inertia import readings_between
 from skyproof.navigation.ins import InsSettings, InsState, correct, step
 from skyproof.navigation.ins_updates import by_fix, expect_fix
-from skyproof.navigation.known import Known, known
+from skyproof.navigation.nav_estimate import NavEstimate, known
 from skyproof.records import ImuSeries
 
 UNIX = np.datetime64("1970-01-01", "ns")
@@ -36,7 +36,7 @@ class Walk:
     """readings of the unit; fixes four times a second; seconds (n,) of the fixes since the first reading; to_enu."""
 
     readings: ImuSeries
-    fixes: list[Known]
+    fixes: list[NavEstimate]
     seconds: np.ndarray
     to_enu: np.ndarray
 

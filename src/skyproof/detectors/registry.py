@@ -14,7 +14,7 @@ from skyproof.detectors.entries import OURS, package_of, registered
 from skyproof.errors import SettingsError, readable, shortened
 from skyproof.records import AnyFinding, Cause, Evidence, Finding, Hypothesis, Need, Records, Says, SignalRef
 
-__all__ = ["evidence_fault", "examined", "is_ours", "load_detectors", "made_with", "review_of"]
+__all__ = ["evidence_fault", "examined", "instantiate", "is_ours", "load_detectors", "review_of"]
 
 _LONGEST: Final = 300
 
@@ -45,7 +45,7 @@ def is_ours(detector: Detector) -> bool:
     return type(detector).__module__.partition(".")[0] == OURS
 
 
-def made_with(kind: type[Detector], settings: Any) -> Detector:
+def instantiate(kind: type[Detector], settings: Any) -> Detector:
     """A detector with these settings.
 
     Raises

@@ -5,11 +5,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from skyproof.fusion.candidates import SkyCandidates
 from skyproof.fusion.policy import POLICY
-from skyproof.fusion.rivals import Rivals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.prediction import Choice
+from skyproof.navigation.predictor import SkyFix
 from skyproof.records import (
     UNTESTED,
     Cause,
@@ -30,7 +30,7 @@ CHOSEN: Final = ("chosen_first", "chosen_overlapping")
 
 
 def taken_for_true(
-    o: ObservationLog, window: Rivals, end_gpst: np.datetime64, code: str, data: Mapping[str, Datum]
+    o: ObservationLog, window: SkyCandidates, end_gpst: np.datetime64, code: str, data: Mapping[str, Datum]
 ) -> Finding:
     """Return that the window's only sky is authentic by what is assumed."""
     return Finding(
@@ -46,7 +46,7 @@ def taken_for_true(
 
 def chosen(
     o: ObservationLog,
-    window: Rivals,
+    window: SkyCandidates,
     shown: Sequence[SkyFix],
     choice: Choice,
     by: tuple[str, ...],
@@ -92,7 +92,7 @@ def chosen(
 
 def chosen_overlapping(
     o: ObservationLog,
-    window: Rivals,
+    window: SkyCandidates,
     skies: OverlappingSkies,
     shown: Sequence[SkyFix],
     choice: Choice,
@@ -119,7 +119,7 @@ def chosen_overlapping(
 
 def not_chosen(
     o: ObservationLog,
-    window: Rivals,
+    window: SkyCandidates,
     skies: Sequence[ConsistentSet],
     shown: Sequence[SkyFix],
     choice: Choice,

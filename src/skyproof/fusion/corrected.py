@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.inertial_predictor import Inertial
 from skyproof.records import Kind
 
 __all__ = ["CorrectedNavigator"]
@@ -19,7 +19,7 @@ class CorrectedNavigator:
     none of them would have noticed may have led it away since the clean start.
     """
 
-    foresight: Inertial
+    predictor: Inertial
     kind: Kind | None
     early: tuple[np.datetime64, ...]
     until: np.datetime64 | None

@@ -27,7 +27,7 @@ from skyproof.navigation.inertia import FreeRun, readings_between
 from skyproof.navigation.ins import ATTITUDE, SIZE, InsSettings, InsState, begin, put_right, without_errors
 from skyproof.navigation.ins_errors import STATES, transitions
 from skyproof.navigation.ins_updates import by_fix
-from skyproof.navigation.known import Known, known
+from skyproof.navigation.nav_estimate import NavEstimate, known
 from skyproof.navigation.strapdown import strapdown, strapdown_paths
 from skyproof.records import ImuSeries, InertialReadings, NavState
 from skyproof.statistics.distributions import chi_square_survival
@@ -64,7 +64,7 @@ def heading_sigma_rad(state: InsState) -> float:
 
 def align_moving(
     readings: InertialReadings,
-    fixes: Sequence[Known],
+    fixes: Sequence[NavEstimate],
     settings: InsSettings,
     *,
     heading_most_rad: float = np.radians(10.0),
@@ -109,7 +109,7 @@ class _SensorErrors(NamedTuple):
 
 
 def _batch(
-    start: NavState, readings: ImuSeries, fixes: Sequence[Known], errors: _SensorErrors, settings: InsSettings
+    start: NavState, readings: ImuSeries, fixes: Sequence[NavEstimate], errors: _SensorErrors, settings: InsSettings
 ) -> tuple[InsState, float, int]:
     """The state at the last reading by all fixes, linear about the path from a rough start and sensor errors on that
     nothing corrects; and the sum of squares of what came unexpected, with its degrees."""
@@ -143,7 +143,7 @@ def _batch(
     return put_right(state, wrong, covariance), nis, dof
 
 
-def _of_motion(fix: Known) -> Known:
+def _of_motion(fix: NavEstimate) -> NavEstimate:
     """Position and velocity of a fix."""
     return known(
         fix.gpst,
@@ -171,7 +171,7 @@ def _turned(readings: ImuSeries, place_ecef_m: Reals) -> Reals:
     )[2]
 
 
-def _by_velocities(readings: ImuSeries, turned: Reals, fixes: Sequence[Known]) -> Reals:
+def _by_velocities(readings: ImuSeries, turned: Reals, fixes: Sequence[NavEstimate]) -> Reals:
     """The attitude (3, 3) at the begin of the readings that takes what the unit felt to how the velocities changed."""
     at_s = seconds_between(np.array([fix.gpst for fix in fixes]), fixes[0].gpst)
     speeds, places = (np.stack([fix.mean[part] for fix in fixes]) for part in (slice(3, 6), slice(0, 3)))
@@ -188,7 +188,9 @@ def _rotation(there: Reals, here: Reals) -> Reals:
     return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
 
 
-def _start(gpst: np.datetime64, place: Known, velocity: Reals, attitude: Reals, settings: InsSettings) -> NavState:
+def _start(
+    gpst: np.datetime64, place: NavEstimate, velocity: Reals, attitude: Reals, settings: InsSettings
+) -> NavState:
     """A start near the truth that claims nothing."""
     return NavState(
         gpst=np.array([gpst]),

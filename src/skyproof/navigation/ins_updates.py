@@ -25,7 +25,7 @@ from skyproof.navigation.ins import (
     Measurement,
 )
 from skyproof.navigation.ins_errors import GAINS, skew
-from skyproof.navigation.known import KNOWN, Known
+from skyproof.navigation.nav_estimate import KNOWN, NavEstimate
 
 __all__ = ["antenna_of", "by_fix", "expect_fix"]
 
@@ -64,18 +64,18 @@ def _of_sensor(h: Reals, biases: tuple[slice, slice], gains: slice, by: Reals, f
     h[:, gains] = (by[:, :, None] * felt).reshape(len(by), 9)
 
 
-def antenna_of(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> Known:
+def antenna_of(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> NavEstimate:
     """What is true of the antenna, at the state's instant or one near it."""
     gpst = state.gpst if gpst is None else gpst
     mean, h = _antenna(state, settings, gpst)
-    return Known(gpst=gpst, mean=mean, covariance=h @ state.covariance @ h.T)
+    return NavEstimate(gpst=gpst, mean=mean, covariance=h @ state.covariance @ h.T)
 
 
-def expect_fix(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> Known:
+def expect_fix(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> NavEstimate:
     """What a fix at the antenna would say, lasting error included, at the state's instant or one near it."""
     gpst = state.gpst if gpst is None else gpst
     mean, h = _as_a_fix(state, settings, gpst)
-    return Known(gpst=gpst, mean=mean, covariance=h @ state.covariance @ h.T)
+    return NavEstimate(gpst=gpst, mean=mean, covariance=h @ state.covariance @ h.T)
 
 
 def _as_a_fix(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _Antenna:
@@ -86,7 +86,7 @@ def _as_a_fix(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _A
     return _Antenna(mean, h)
 
 
-def by_fix(state: InsState, fix: Known, settings: InsSettings) -> Measurement:
+def by_fix(state: InsState, fix: NavEstimate, settings: InsSettings) -> Measurement:
     """A fix of the antenna, of which whatever is known counts. Its covariance is that of the noise alone, which is
     another one in the next fix; the lasting error stands in the settings."""
     mean, h = _as_a_fix(state, settings, fix.gpst)

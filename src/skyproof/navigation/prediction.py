@@ -34,7 +34,7 @@ from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import Oscillator, clock_step
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.known import KNOWN, Known
+from skyproof.navigation.nav_estimate import KNOWN, NavEstimate
 from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = ["Choice", "choose", "fit_p_value", "parted_unseen", "standing_still"]
@@ -51,7 +51,7 @@ class Choice:
     probabilities : (n,) that each is the true one, if one is. fits : (n,) p-value of each one's distance from the
         prediction, if it is true.
     wrong_probability : that the likeliest is not the true one, if one is.
-    used : which of the eight numbers of `Known` were compared.
+    used : which of the eight numbers of `NavEstimate` were compared.
     """
 
     chosen: int | None
@@ -61,7 +61,9 @@ class Choice:
     used: tuple[int, ...]
 
 
-def standing_still(last: Known, gpst: np.datetime64, oscillator: Oscillator, *, sway_m_s: float = 0.01) -> Known:
+def standing_still(
+    last: NavEstimate, gpst: np.datetime64, oscillator: Oscillator, *, sway_m_s: float = 0.01
+) -> NavEstimate:
     """What is expected of a body that stands, from its last trusted fix: the position stays, the clock runs on.
 
     sway_m_s : of the antenna. The clock is not known where the fix had no drift.
@@ -78,12 +80,12 @@ def standing_still(last: Known, gpst: np.datetime64, oscillator: Oscillator, *, 
     lost = np.flatnonzero((moves != 0.0) @ open_)
     covariance[lost, :] = covariance[:, lost] = 0.0
     covariance[lost, lost] = np.inf
-    return Known(gpst=gpst, mean=moves @ np.where(open_, 0.0, last.mean), covariance=covariance)
+    return NavEstimate(gpst=gpst, mean=moves @ np.where(open_, 0.0, last.mean), covariance=covariance)
 
 
 def choose(
-    prediction: Known,
-    candidates: Sequence[Known],
+    prediction: NavEstimate,
+    candidates: Sequence[NavEstimate],
     *,
     most_wrong: float = 1e-3,
     false_alarm_probability: float = 1e-3,
@@ -124,7 +126,7 @@ def choose(
     )
 
 
-def fit_p_value(prediction: Known, fix: Known) -> float:
+def fit_p_value(prediction: NavEstimate, fix: NavEstimate) -> float:
     """Return the chance that a true fix is as far from what was predicted for its time, in all that both know.
 
     Raises ValueError where they have nothing in common.
@@ -135,7 +137,7 @@ def fit_p_value(prediction: Known, fix: Known) -> float:
     return _alike(prediction, fix, used)
 
 
-def parted_unseen(one: Known, other: Known, used: Sequence[int], *, probability: float) -> bool:
+def parted_unseen(one: NavEstimate, other: NavEstimate, used: Sequence[int], *, probability: float) -> bool:
     """Whether two fixes are farther apart in place or clock than noise has it with `probability`, in what was not
     `used` to choose.
 
@@ -149,13 +151,13 @@ def parted_unseen(one: Known, other: Known, used: Sequence[int], *, probability:
     return False
 
 
-def _squared_distance(one: Known, other: Known, used: Indices) -> float:
+def _squared_distance(one: NavEstimate, other: NavEstimate, used: Indices) -> float:
     """Return the squared distance of two independent ones over the sum of their covariances."""
     off = other.mean[used] - one.mean[used]
     both = np.ix_(used, used)
     return float(off @ np.linalg.solve(one.covariance[both] + other.covariance[both], off))
 
 
-def _alike(one: Known, other: Known, used: Indices) -> float:
+def _alike(one: NavEstimate, other: NavEstimate, used: Indices) -> float:
     """The chance that two fixes of one sky are as far apart as these."""
     return float(chi_square_survival(_squared_distance(one, other, used), used.size))

@@ -15,10 +15,10 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.inertia import readings_between
-from skyproof.navigation.inertial_foresight import begun
+from skyproof.navigation.inertial_predictor import begun
 from skyproof.navigation.ins import GRAVITY_M_S2, InsSettings, InsState, step
 from skyproof.navigation.ins_updates import antenna_of
-from skyproof.navigation.known import Known
+from skyproof.navigation.nav_estimate import NavEstimate
 from skyproof.navigation.vector_filter import VectorState
 from skyproof.records import Attitude, InertialReadings
 
@@ -59,7 +59,7 @@ class Moved(NamedTuple):
 def carrying(unit: AntennaUnit, filtered: VectorState, gpst: np.datetime64) -> FreeMotion | None:
     """A navigator that begins with a filter at an instant; None where the readings do not reach there, or the attitude
     is not known any more."""
-    fix = Known(gpst=gpst, mean=filtered.mean, covariance=filtered.covariance)
+    fix = NavEstimate(gpst=gpst, mean=filtered.mean, covariance=filtered.covariance)
     state = begun(unit.readings, unit.initial, fix, unit.settings)
     return None if state is None else _at(unit, state, gpst)
 

@@ -33,7 +33,7 @@ from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.settings import LOCK_FRAMES, TELEMETRY_FRAMES, ReceiverSettings
 from skyproof.receiver.state import ReceiverState, kept, place_of
 
-__all__ = ["Given", "confirmed", "dropped", "end_diverged_arcs", "forget_time", "holds", "messages_read"]
+__all__ = ["StepCollector", "confirmed", "dropped", "end_diverged_arcs", "forget_time", "holds", "messages_read"]
 
 MERGE_HZ = 100.0
 SIDE_LOBE_NOISE = 2.5
@@ -43,14 +43,14 @@ BRIEF_ERROR = 1e-2
 
 
 @dataclass(kw_only=True)
-class Given:
+class StepCollector:
     """What a step gives, as it comes together frame by frame."""
 
     measured: list[Measurements]
     arcs: dict[int, Arc] = field(default_factory=dict)
     gaps: list[Gap] = field(default_factory=list)
     grids: list[Grids] = field(default_factory=list)
-    unheld: list[Measurements] = field(default_factory=list)
+    noncoherent: list[Measurements] = field(default_factory=list)
 
 
 def holds(state: ReceiverState, n_frames: int, settings: ReceiverSettings) -> Booleans:
@@ -67,7 +67,9 @@ def holds(state: ReceiverState, n_frames: int, settings: ReceiverSettings) -> Bo
 # ---------------------------------------------------------------------- arcs
 
 
-def forget_time(state: ReceiverState, signal: SignalPlan, given: Given, *, before_s: float = math.inf) -> ReceiverState:
+def forget_time(
+    state: ReceiverState, signal: SignalPlan, given: StepCollector, *, before_s: float = math.inf
+) -> ReceiverState:
     """New arcs for all channels that began before, with bits and time of week to be found anew: samples that are
     missing shift both by the same time, of which only a part is known. An arc's time, once read, holds from its
     beginning.
@@ -93,7 +95,7 @@ def end_diverged_arcs(
     good: Booleans,
     elapsed_s: float,
     settings: ReceiverSettings,
-    given: Given,
+    given: StepCollector,
 ) -> ReceiverState:
     """End the arc of a channel whose code has left its carrier: it was pulled to another signal's peak.
 
@@ -117,7 +119,7 @@ def end_diverged_arcs(
     return replace(state, loops=loops, channels=tuple(channels), next_arc=number)
 
 
-def messages_read(state: ReceiverState, settings: ReceiverSettings, given: Given) -> ReceiverState:
+def messages_read(state: ReceiverState, settings: ReceiverSettings, given: StepCollector) -> ReceiverState:
     """Telemetry every few frames, of channels past their pull-in; tells the loops where bits begin.
 
     A time of week that moves against the code periods counted means that samples are missing: a new arc.
@@ -145,7 +147,7 @@ def messages_read(state: ReceiverState, settings: ReceiverSettings, given: Given
     return replace(state, channels=tuple(channels), loops=loops, prompts=tuple(prompts), next_arc=number)
 
 
-def _new_arc(channel: Channel, number: int, began: Began, signal: SignalPlan, given: Given) -> Channel:
+def _new_arc(channel: Channel, number: int, began: Began, signal: SignalPlan, given: StepCollector) -> Channel:
     """The channel in a new arc; the one before is given as it ended."""
     given.arcs[channel.arc] = arc_of(channel, signal)
     return replace(channel, arc=number, began=began)
@@ -154,7 +156,7 @@ def _new_arc(channel: Channel, number: int, began: Began, signal: SignalPlan, gi
 # ---------------------------------------------------------------------- which channels stay
 
 
-def confirmed(state: ReceiverState, settings: ReceiverSettings, given: Given) -> ReceiverState:
+def confirmed(state: ReceiverState, settings: ReceiverSettings, given: StepCollector) -> ReceiverState:
     """Give channels that have proved themselves a letter: that of a signal that was lost, or is coasted for, and that
     they continue, or the next one.
     """
@@ -234,7 +236,7 @@ def _coasted(state: ReceiverState, signal: SignalPlan) -> Mapping[int, LostSigna
     }
 
 
-def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, given: Given) -> ReceiverState:
+def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, given: StepCollector) -> ReceiverState:
     """Let go of channels that never locked, lost lock, or fell on the signal of another channel.
 
     A confirmed channel whose signal has faded is kept for `coast_s`, and for as long as a lock takes to be judged after

@@ -76,14 +76,14 @@ class ReceiverState:
 class StepOutput:
     """What a step gives: measurements, the arcs that were followed as they stand, gaps that were bridged, the
     correlation grids that were asked for. unheld : rows of guided channels by what they show without a phase
-    (`unheld`): for the filter that guides them, and no measurements.
+    (`noncoherent`): for the filter that guides them, and no measurements.
     """
 
     measurements: Measurements
     arcs: Mapping[int, Arc]
     gaps: tuple[Gap, ...] = ()
     grids: Grids = field(default_factory=Grids.nothing)
-    unheld: Measurements = field(default_factory=Measurements.nothing)
+    noncoherent: Measurements = field(default_factory=Measurements.nothing)
 
 
 def kept(state: ReceiverState, stay: Sequence[int]) -> ReceiverState:

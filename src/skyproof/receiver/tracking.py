@@ -30,16 +30,24 @@ from skyproof.receiver.grids import GridCorrelator, Grids, at_stake
 from skyproof.receiver.guidance import DOPPLER_HZ as GUIDED_DOPPLER_HZ
 from skyproof.receiver.guidance import SINCE_S as GUIDED_SINCE_S
 from skyproof.receiver.guidance import guided_loops, is_guided
-from skyproof.receiver.keeping import Given, confirmed, dropped, end_diverged_arcs, forget_time, holds, messages_read
+from skyproof.receiver.keeping import (
+    StepCollector,
+    confirmed,
+    dropped,
+    end_diverged_arcs,
+    forget_time,
+    holds,
+    messages_read,
+)
 from skyproof.receiver.lock import lock_value
 from skyproof.receiver.looking import Lookout, delay_s
 from skyproof.receiver.looks import look_means, look_turns
 from skyproof.receiver.measurement import Measurements
+from skyproof.receiver.noncoherent import without_phase
 from skyproof.receiver.replica import CODE_SCALE, code_table
 from skyproof.receiver.settings import MEASURE_FRAMES, LoopSettings, ReceiverSettings
 from skyproof.receiver.state import ReceiverState, StepOutput
 from skyproof.receiver.steering import steered
-from skyproof.receiver.unheld import without_phase
 
 __all__ = ["MEASURE_FRAMES", "LoopSettings", "Receiver", "ReceiverSettings", "ReceiverState", "StepOutput"]
 
@@ -102,7 +110,7 @@ class Receiver:
         known = state.tail if state.tail.shape[-1] else fresh[..., :0]
         state = replace(state, tail=np.ascontiguousarray(np.concatenate([known, fresh], axis=-1)))
         nothing = Measurements.nothing(self.n_looks, self.n_taps, _antennas_measured(state.tail))
-        given = Given(measured=[nothing])
+        given = StepCollector(measured=[nothing])
         if self.grids is not None:
             given.grids.append(self.grids.nothing())
         while self.frame_start(state.frame + 1) <= state.tail_start + state.tail.shape[-1]:
@@ -115,7 +123,7 @@ class Receiver:
             arcs=arcs,
             gaps=tuple(given.gaps),
             grids=Grids.joined(given.grids),
-            unheld=Measurements.joined([nothing, *given.unheld]),
+            noncoherent=Measurements.joined([nothing, *given.noncoherent]),
         )
         keep = int(min([self.frame_start(state.frame), *state.loops[:, k.START].tolist()]))
         # A copy of what is left, so that the state does not hold on to the whole block.
@@ -151,7 +159,7 @@ class Receiver:
         )
         return replace(state, loops=loops, guides=guides)
 
-    def _frame(self, state: ReceiverState, given: Given) -> ReceiverState:
+    def _frame(self, state: ReceiverState, given: StepCollector) -> ReceiverState:
         begin, end = self.frame_start(state.frame), self.frame_start(state.frame + 1)
         end_s = (state.frame + 1) * self.settings.frame_s
         state = self._lookout.look(state, begin, self._rows_shape(state))
@@ -260,7 +268,7 @@ class Receiver:
         held = there & holds(state, MEASURE_FRAMES, settings)
         return replace(state, locked_at=np.where(held[:, None], here, state.locked_at))
 
-    def _measure(self, state: ReceiverState, before: ReceiverState, given: Given) -> ReceiverState:
+    def _measure(self, state: ReceiverState, before: ReceiverState, given: StepCollector) -> ReceiverState:
         """A row of measurements for each confirmed channel that holds its signal, at the start of the frame."""
         settings = self.settings
         n = len(state.channels)
@@ -327,10 +335,10 @@ class Receiver:
             elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=looks, own=own, turns_rad=turns
         )
         given.measured.append(of_all.select(good))
-        given.unheld.append(self._unheld(state, of_all, taps, (earlier, later), proved & ~good))
+        given.noncoherent.append(self._measure_noncoherent(state, of_all, taps, (earlier, later), proved & ~good))
         return replace(state, last_phases=last_phases)
 
-    def _unheld(
+    def _measure_noncoherent(
         self,
         state: ReceiverState,
         of_all: Measurements,

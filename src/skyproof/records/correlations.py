@@ -15,15 +15,15 @@ __all__ = [
     "Asked",
     "Ccaf",
     "CcafAsked",
-    "Stretched",
     "Taps",
     "TapsAsked",
+    "TimeSliced",
 ]
 
 T_co = TypeVar("T_co", covariant=True)
 
 
-class Stretched(Protocol[T_co]):
+class TimeSliced(Protocol[T_co]):
     """What a receiver has beside its measurements over a run, read in stretches: a record, or pieces on a disk."""
 
     @property

@@ -41,7 +41,7 @@ class Records(ShortRepr, Holding):
     nav_state : of the body that carries all antennas, by receiver, with the place of its antenna. spin_arms : of the
         receivers whose antenna turns. levels : of the front ends, own_fixes : that the receivers computed themselves,
         both by receiver. standing, inertial : what is expected of receivers that stand, and of those that an inertial
-        unit carries, by receiver, each a `navigation.foresight.Foresight`. changes : within snapshots, by receiver.
+        unit carries, by receiver, each a `navigation.predictor.Predictor`. changes : within snapshots, by receiver.
     findings : of the window, by the detectors that do not need them.
     """
 

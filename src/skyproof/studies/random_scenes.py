@@ -32,7 +32,7 @@ from skyproof.simulator.sky import scene_of
 __all__ = ["BuiltScene", "DrawnAttack", "DrawnScene", "build_scene", "draw_scene", "stated_sigma_m"]
 
 Vector = tuple[float, float, float]
-Given = Literal["nothing", "distance", "positions"]
+StepCollector = Literal["nothing", "distance", "positions"]
 
 SEED = 1
 KINDS = ("clean", "attack", "several")
@@ -109,7 +109,7 @@ class DrawnScene:
     ar1: float
     constant_m: float
     field: bool
-    given: Given
+    given: StepCollector
     given_error: float
     attack: DrawnAttack | None = None
 

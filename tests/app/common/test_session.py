@@ -13,7 +13,7 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.common.session import Session, examine_all, session_of
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs, windows_of
-from skyproof.navigation.foresight import Standing
+from skyproof.navigation.predictor import Standing
 from skyproof.records import OBSERVABLES, ConsistentSet, NavigationData, Observations, Records, SignalId
 from skyproof.testing import MeasuredScene
 

@@ -113,7 +113,7 @@ def moving(path, grade, seed=1, **options):
     """A scene and what its inertial unit lets expect."""
     scene = led_away(path=path, imu={"grade": grade, "rate_hz": 50.0}, seed=seed, **options)
     settings = Settings(oscillator=options.get("oscillator", "ocxo"))
-    return judged(scene, settings, seed=seed, foresights=inertia_of(scene, settings, grade, seed=seed))
+    return judged(scene, settings, seed=seed, predictors=inertia_of(scene, settings, grade, seed=seed))
 
 
 def test_a_car_with_an_inertial_unit_chooses_and_is_carried_on_meanwhile():
@@ -139,7 +139,7 @@ def test_inertia_is_corrected_until_a_test_fails():
         path=ZIGZAG, imu={"grade": "tactical", "rate_hz": 50.0}, onset_s=onset_s, duration_s=200.0, speed_m_s=5.0
     )
     settings = Settings(oscillator="ocxo")
-    found = judged(scene, settings, foresights=inertia_of(scene, settings, "tactical"))
+    found = judged(scene, settings, predictors=inertia_of(scene, settings, "tactical"))
     assert found.verdict.verdict == "spoofed"
     assert found.at_s[found.kind != "inertial"].max() > onset_s - 10.0
     assert (found.off_m < found.level_m).all()

@@ -13,7 +13,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect.coasting import Flown, flown_on, step, usable_fixes
 from skyproof.app.protect.hidden import HiddenDrag
 from skyproof.app.protect.positions import positions_of
-from skyproof.navigation.known import known
+from skyproof.navigation.nav_estimate import known
 from skyproof.records import Fix
 
 LABELS = np.datetime64("2022-01-01T21:45:58", "ns") + np.arange(12) * np.timedelta64(1, "s")
@@ -84,7 +84,7 @@ def test_a_run_goes_on_where_its_receiver_stands_and_only_there(speed_m_s):
 
 
 class Heard:
-    """In place of an inertial unit's foresight: when it was asked and told what."""
+    """In place of an inertial unit's predictor: when it was asked and told what."""
 
     def __init__(self):
         self.told = []
@@ -112,7 +112,7 @@ def test_fixes_of_a_sky_that_overlaps_with_another_correct_the_unit_in_their_tur
     whole, heard = fix_at(good), Heard()
     times = [LABELS[k] + np.timedelta64(500, "ms") for k in (1, 5, 8)]
     place = {"position_ecef_m": np.zeros(3), "position_m2": np.eye(3)}
-    flown = Flown(foresight=heard, coming=tuple(known(gpst, **place) for gpst in times))
+    flown = Flown(predictor=heard, coming=tuple(known(gpst, **place) for gpst in times))
     first = 0
     for stop in cuts:
         rows = slice(first, stop)
@@ -126,7 +126,7 @@ def test_fixes_of_a_sky_that_overlaps_with_another_correct_the_unit_in_their_tur
 
 def test_doubtful_fixes_correct_no_unit_and_stay_what_they_are():
     heard, doubtful = Heard(), np.arange(12) >= 6
-    flown_on(Flown(foresight=heard), "rx1", LABELS, fix_at([True] * 9 + [False] * 3), doubtful)
+    flown_on(Flown(predictor=heard), "rx1", LABELS, fix_at([True] * 9 + [False] * 3), doubtful)
     bias = np.timedelta64(1_000_000, "ns")
     assert [gpst for word, gpst in heard.told if word == "learned"] == list(LABELS[:6] - bias)
     assert [word for word, _ in heard.told].count("until") == 3
@@ -144,7 +144,7 @@ class Drifts(Heard):
 def test_by_inertia_levels_and_what_is_hidden_grow_from_those_of_the_last_fix():
     fix = fix_at([True] * 4 + [False] * 8)
     drag = HiddenDrag(zero=LABELS[0], edges_s=np.array([0.0, 20.0]), rate_m_s=np.array([2.0]), jump_m=np.zeros(1))
-    carried, _ = flown_on(Flown(foresight=Drifts(), hidden=drag, integrity_risk=1e-7), "rx1", LABELS, fix)
+    carried, _ = flown_on(Flown(predictor=Drifts(), hidden=drag, integrity_risk=1e-7), "rx1", LABELS, fix)
     seconds = (carried.gpst - LABELS[3]) / np.timedelta64(1, "s")
     assert carried.protection_m[:, 0] == pytest.approx(13.0 + seconds * np.sqrt(-2.0 * np.log(1e-7)), rel=1e-6)
     assert carried.protection_m[:, 1] == pytest.approx(13.5 - seconds * special.ndtri(0.5e-7), rel=1e-6)
@@ -155,7 +155,7 @@ def test_by_inertia_nothing_is_hidden_after_a_trusted_fix_and_no_level_after_ski
     fix = replace(fix_at([True] * 4 + [False] * 8), hidden_m=np.zeros(12))
     drag = HiddenDrag(zero=LABELS[0], edges_s=np.array([0.0, 20.0]), rate_m_s=np.array([2.0]), jump_m=np.zeros(1))
     coming = (known(LABELS[7], position_ecef_m=np.zeros(3), position_m2=np.eye(3)),)
-    flown = Flown(foresight=Drifts(), hidden=drag, integrity_risk=1e-7, coming=coming)
+    flown = Flown(predictor=Drifts(), hidden=drag, integrity_risk=1e-7, coming=coming)
     carried, _ = flown_on(flown, "rx1", LABELS, fix)
     assert (carried.hidden_m == 0.0).all()
     assert np.isfinite(carried.protection_m[:, 0]).tolist() == [True] * 4 + [False] * 4

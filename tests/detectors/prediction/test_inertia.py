@@ -46,9 +46,9 @@ def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier="follows
 
 def walked(found, change=lambda readings: readings, shown=None):
     """Findings of what was heard, with changed readings or measurements, and the navigator."""
-    o, windows, foresight = found
+    o, windows, predictor = found
     o = o if shown is None else shown(o)
-    unit = replace(foresight, readings=change(foresight.readings))
+    unit = replace(predictor, readings=change(predictor.readings))
     return examined(Inertia(InertiaSettings(false_alarm_probability=ALPHA)), o, windows, inertial={"bow": unit})
 
 
@@ -136,17 +136,17 @@ def doubt(o, window, dated_gpst, code):
 @pytest.mark.parametrize("code", ["odd", "attack"])
 def test_what_a_later_finding_doubts_corrects_no_navigator(code):
     """As if it had been known from the start: what windows taught from its date on is taken back."""
-    o, windows, foresight = heard(duration_s=101.0)
+    o, windows, predictor = heard(duration_s=101.0)
     since = windows[5].start_gpst + np.timedelta64(2, "s")
     detector = Inertia(InertiaSettings(false_alarm_probability=ALPHA))
     late = [(8, doubt(o, windows[8], since, code))]
     early = [(number, doubt(o, windows[number], since, code)) for number in range(5, 9)]
-    _, after = examined(detector, o, windows[:9], late, inertial={"bow": foresight})
-    _, known = examined(detector, o, windows[:9], early, inertial={"bow": foresight})
+    _, after = examined(detector, o, windows[:9], late, inertial={"bow": predictor})
+    _, known = examined(detector, o, windows[:9], early, inertial={"bow": predictor})
     # Under an attack the window before may hold its beginning.
     assert after.until == known.until == windows[4 if code == "odd" else 3].end_gpst
     at = windows[8].start_gpst
-    np.testing.assert_allclose(after.foresight.at(at).mean, known.foresight.at(at).mean, rtol=1e-12)
+    np.testing.assert_allclose(after.predictor.at(at).mean, known.predictor.at(at).mean, rtol=1e-12)
 
 
 def spiked(readings):

@@ -15,7 +15,7 @@ from skyproof.detectors.continuity.series import Limits, series_of
 from skyproof.detectors.prediction.place import StatedPlace, StatedPlaceSettings
 from skyproof.gnss.frames import rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED
-from skyproof.navigation.foresight import Standing, surveyed
+from skyproof.navigation.predictor import Standing, surveyed
 from skyproof.records import Cause
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
@@ -37,18 +37,18 @@ def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, consta
     return o, list(windows_of([WholeSource(o)], NAVIGATION, Settings())), one.position_ecef_m[0]
 
 
-def said(found, foresight):
+def said(found, predictor):
     """Return findings of windows that do not show the place where the receiver stands."""
     o, windows, _ = found
-    return [e for e in examined(windows, o, foresight) if e.code not in ("there", "no_place")]
+    return [e for e in examined(windows, o, predictor) if e.code not in ("there", "no_place")]
 
 
-def examined(windows, o, foresight):
+def examined(windows, o, predictor):
     """Return all findings of windows in which no other test finds anything."""
     state, findings = None, []
     detector = StatedPlace(StatedPlaceSettings(false_alarm_probability=ALPHA))
     for window, clean in zip(windows, nothing_found(windows, o.signals), strict=True):
-        found, state = detector.examine(replace(window, standing={"bow": foresight}, findings=(clean,)), state)
+        found, state = detector.examine(replace(window, standing={"bow": predictor}, findings=(clean,)), state)
         findings += found
     return findings
 

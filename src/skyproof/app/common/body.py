@@ -11,7 +11,7 @@ does not reach from the attitude stated for the body. The place of a receiver's 
   covariance that is, and those that are false gain nothing by it.
 
 Neither velocity nor position is carried on from the inertial unit here: that begins at fixes which are taken for true
-(`navigation.inertial_foresight`).
+(`navigation.inertial_predictor`).
 """
 
 from collections.abc import Iterator, Mapping, Sequence

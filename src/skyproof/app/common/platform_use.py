@@ -139,7 +139,7 @@ def _of_body(platform: Platform) -> frozenset[str]:
 
 
 def _expected(platform: Platform) -> frozenset[str]:
-    """The keys by which `foresights` chooses between skies: surveyed positions, and inertia of what may move."""
+    """The keys by which `predictors` chooses between skies: surveyed positions, and inertia of what may move."""
     tables = platform.receivers
     if platform.motion == "moving":
         return frozenset({"imu"})

@@ -10,11 +10,11 @@ from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import Windows, detectors_for, windows_of
 from skyproof.detectors.base import Detector
-from skyproof.detectors.registry import examined, made_with, review_of
+from skyproof.detectors.registry import examined, instantiate, review_of
 from skyproof.fusion.decide import Deciding, decide
 from skyproof.gnss.time import seconds_between
 from skyproof.interruption import watch
-from skyproof.navigation.foresight import Foresight
+from skyproof.navigation.predictor import Predictor
 from skyproof.records import ConsistentSet, Finding, NavigationData, Need, Records, SignalRef
 
 __all__ = ["DecidedWindow", "Session", "examine_all", "reviewed", "session_of"]
@@ -71,7 +71,7 @@ def _with_share(detectors: Sequence[Detector], share: float) -> Sequence[Detecto
         return detectors
     rates = [share * detector.settings.false_alarm_probability for detector in detectors]
     return [
-        made_with(type(detector), replace(detector.settings, false_alarm_probability=rate))
+        instantiate(type(detector), replace(detector.settings, false_alarm_probability=rate))
         for detector, rate in zip(detectors, rates, strict=True)
     ]
 
@@ -80,15 +80,15 @@ def session_of(
     sources: Sequence[EpochSource],
     navigation: NavigationData,
     settings: Settings,
-    foresights: Mapping[str, Foresight] | None = None,
+    predictors: Mapping[str, Predictor] | None = None,
 ) -> Session:
     """Return a session of receivers whose epochs come in, with every installed detector.
 
     sources : one a receiver. navigation : orbits that hold while the session lasts. settings : a window (`window_s`)
-        holds five epochs or more of each receiver. foresights : what is expected of receivers that stand or have an
+        holds five epochs or more of each receiver. predictors : what is expected of receivers that stand or have an
         inertial unit, by receiver.
     """
-    windows = windows_of(sources, navigation, settings, foresights=foresights)
+    windows = windows_of(sources, navigation, settings, predictors=predictors)
     return Session(windows, detectors_for(settings, windows.run))
 
 

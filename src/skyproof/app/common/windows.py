@@ -13,12 +13,12 @@ from skyproof.app.common.settings import Settings
 from skyproof.arrays import Instants, Reals
 from skyproof.detectors.base import Detector
 from skyproof.detectors.levels.front_end import carrier_name
-from skyproof.detectors.registry import load_detectors, made_with
+from skyproof.detectors.registry import instantiate, load_detectors
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.clock import TimeBreaks
-from skyproof.navigation.foresight import Foresight, Standing
-from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.inertial_predictor import Inertial
+from skyproof.navigation.predictor import Predictor, Standing
 from skyproof.navigation.sets import consistent_sets
 from skyproof.navigation.window import interval_s
 from skyproof.records import (
@@ -40,9 +40,9 @@ from skyproof.records import (
     SignalId,
     SnapshotChanges,
     SpinArm,
-    Stretched,
     Taps,
     TapsAsked,
+    TimeSliced,
 )
 
 __all__ = [
@@ -170,17 +170,17 @@ class Run(Holding):
 
     observations: tuple[ObservationLog, ...]
     navigation: NavigationData | None
-    taps: tuple[Stretched[Taps], ...] = ()
-    ccaf: tuple[Stretched[Ccaf], ...] = ()
-    array_phases: tuple[Stretched[ArrayPhases], ...] = ()
-    vector_taps: tuple[Stretched[Taps], ...] = ()
+    taps: tuple[TimeSliced[Taps], ...] = ()
+    ccaf: tuple[TimeSliced[Ccaf], ...] = ()
+    array_phases: tuple[TimeSliced[ArrayPhases], ...] = ()
+    vector_taps: tuple[TimeSliced[Taps], ...] = ()
     spin_arms: tuple[SpinArm, ...] = ()
     body: Body | None = None
     levels: Mapping[str, FrontEndLevels] = field(default_factory=dict)
     messages: Mapping[str, ReceivedMessages] = field(default_factory=dict)
     own_fixes: Mapping[str, ReceiverFixes] = field(default_factory=dict)
-    standing: Mapping[str, Foresight] = field(default_factory=dict)
-    inertial: Mapping[str, Foresight] = field(default_factory=dict)
+    standing: Mapping[str, Predictor] = field(default_factory=dict)
+    inertial: Mapping[str, Predictor] = field(default_factory=dict)
     changes: Mapping[str, SnapshotChanges] = field(default_factory=dict)
 
     @property
@@ -327,24 +327,24 @@ def windows_of(
     sources: Sequence[EpochSource],
     navigation: NavigationData,
     settings: Settings,
-    taps: Sequence[Stretched[Taps]] = (),
+    taps: Sequence[TimeSliced[Taps]] = (),
     *,
-    vector_taps: Sequence[Stretched[Taps]] = (),
-    ccaf: Sequence[Stretched[Ccaf]] = (),
-    array_phases: Sequence[Stretched[ArrayPhases]] = (),
+    vector_taps: Sequence[TimeSliced[Taps]] = (),
+    ccaf: Sequence[TimeSliced[Ccaf]] = (),
+    array_phases: Sequence[TimeSliced[ArrayPhases]] = (),
     spin_arms: Sequence[SpinArm] = (),
     body: Body | None = None,
     levels: Mapping[str, FrontEndLevels] | None = None,
     messages: Mapping[str, ReceivedMessages] | None = None,
     own_fixes: Mapping[str, ReceiverFixes] | None = None,
-    foresights: Mapping[str, Foresight] | None = None,
+    predictors: Mapping[str, Predictor] | None = None,
     changes: Mapping[str, SnapshotChanges] | None = None,
 ) -> Windows:
     """Return the windows of a run. Without observations it is an empty one, of which each detector says what it lacks.
 
-    foresights : what is expected of receivers. changes : within those whose recording is a snapshot.
+    predictors : what is expected of receivers. changes : within those whose recording is a snapshot.
     """
-    expected = foresights or {}
+    expected = predictors or {}
     run = Run(
         observations=tuple(source.log for source in sources),
         navigation=navigation if navigation.ephemerides else None,
@@ -400,7 +400,7 @@ def detectors_for(
         shared["false_alarm_probability"] = alpha * (shares[name] or 1.0)
         known = {f.name for f in fields(defaults)}
         chosen = {name: value for name, value in shared.items() if name in known}
-        detectors.append(made_with(cls, replace(defaults, **chosen)))
+        detectors.append(instantiate(cls, replace(defaults, **chosen)))
     return sorted(detectors, key=lambda detector: Need.FINDINGS in detector.needs)
 
 

@@ -29,9 +29,9 @@ from skyproof.fusion.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.navigation.foresight import SkyFix
-from skyproof.navigation.inertial_foresight import Inertial, noise_of
-from skyproof.navigation.known import Known, known_of
+from skyproof.navigation.inertial_predictor import Inertial, noise_of
+from skyproof.navigation.nav_estimate import NavEstimate, known_of
+from skyproof.navigation.predictor import SkyFix
 from skyproof.navigation.protection import noise_levels
 from skyproof.records import Fix, FixStatus
 from skyproof.verdict import UsableKind
@@ -105,9 +105,9 @@ class Flown:
     protection levels; None promises none.
     """
 
-    foresight: Inertial
+    predictor: Inertial
     last: Last | None = None
-    coming: tuple[Known, ...] = ()
+    coming: tuple[NavEstimate, ...] = ()
     hidden: HiddenDrag | None = None
     integrity_risk: float | None = None
 
@@ -123,27 +123,31 @@ def flown_on(
     good = np.zeros(gpst.size, np.int64) if fix is None else (fix.status == FixStatus.OK).astype(np.int64)
     if doubtful is not None:
         good = np.where(doubtful, 2 * good, good)
-    foresight, last, coming = flown.foresight, flown.last, flown.coming
-    found: list[tuple[Known, Last]] = []
+    predictor, last, coming = flown.predictor, flown.last, flown.coming
+    found: list[tuple[NavEstimate, Last]] = []
     for first, stop in pairwise([0, *(np.flatnonzero(good[1:] != good[:-1]) + 1), gpst.size]):
         if good[first] == 2:
             continue
         if fix is not None and good[first] == 1:
             own = list(known_of(fix.select(slice(first, stop)), every_s=POLICY.learned_interval_s))
-            foresight = foresight.learned(SkyFix(whole=own[0], each=tuple(map(noise_of, own))))
+            predictor = predictor.learned(SkyFix(whole=own[0], each=tuple(map(noise_of, own))))
             last = _of(fix, gpst, stop - 1)
             if flown.hidden is not None and last.hidden_m != 0.0:
                 last = replace(last, hidden_m_s=flown.hidden.rate_at(last.gpst))
             continue
         if last is not None:
-            foresight, coming, last = _free(foresight, coming, last, gpst[first:stop], found)
-    after = replace(flown, foresight=foresight, last=last, coming=coming)
+            predictor, coming, last = _free(predictor, coming, last, gpst[first:stop], found)
+    after = replace(flown, predictor=predictor, last=last, coming=coming)
     return (_fixes(receiver, found, flown.integrity_risk) if found else None), after
 
 
 def _free(
-    foresight: Inertial, coming: tuple[Known, ...], last: Last, gpst: Instants, found: list[tuple[Known, Last]]
-) -> tuple[Inertial, tuple[Known, ...], Last]:
+    predictor: Inertial,
+    coming: tuple[NavEstimate, ...],
+    last: Last,
+    gpst: Instants,
+    found: list[tuple[NavEstimate, Last]],
+) -> tuple[Inertial, tuple[NavEstimate, ...], Last]:
     """Carried on over epochs, what is true at which is added to `found`; a clock that is not known runs on. What skies
     that overlap correct has no protection level."""
     for label in gpst:
@@ -151,15 +155,15 @@ def _free(
         at = label - timedelta_from_s(bias_s)
         while coming and coming[0].gpst <= at:
             if coming[0].gpst > last.gpst:
-                foresight = foresight.followed(SkyFix(whole=coming[0], each=coming[:1]))
+                predictor = predictor.followed(SkyFix(whole=coming[0], each=coming[:1]))
                 last = replace(last, protection_m=np.full(2, np.nan))
             coming = coming[1:]
-        foresight = foresight.until(at)
-        if (true := foresight.truth_at(at)) is not None:
+        predictor = predictor.until(at)
+        if (true := predictor.truth_at(at)) is not None:
             clock_m = SPEED_OF_LIGHT_M_S * np.array([bias_s, last.clock_drift])
             known = np.isfinite(np.diag(true.covariance))
             found.append((replace(true, mean=np.where(known, true.mean, np.append(np.zeros(6), clock_m))), last))
-    return foresight, coming, last
+    return predictor, coming, last
 
 
 def _bias_s(last: Last, gpst: np.datetime64) -> float:
@@ -167,7 +171,7 @@ def _bias_s(last: Last, gpst: np.datetime64) -> float:
     return last.clock_bias_s + float(seconds_between(gpst, last.gpst)) * float(np.nan_to_num(last.clock_drift))
 
 
-def _fixes(receiver: str, found: Sequence[tuple[Known, Last]], integrity_risk: float | None) -> Fix:
+def _fixes(receiver: str, found: Sequence[tuple[NavEstimate, Last]], integrity_risk: float | None) -> Fix:
     """Fixes of a navigator, each beside the last one of satellites before it."""
     means, spreads = (np.stack([getattr(one, name) for one, _ in found]) for name in ("mean", "covariance"))
     rows = np.array([0, 1, 2, 6])
@@ -210,9 +214,9 @@ def usable_fixes(positions: Positions) -> Iterator[tuple[UsableKind, Fix]]:
     """Yield the fixes of a run that a user may use, stretch by stretch, one an epoch, each with its kind."""
     log, last = positions.log, None
     flown: Flown | None = None
-    if isinstance(positions.foresight, Inertial):
+    if isinstance(positions.predictor, Inertial):
         flown = Flown(
-            foresight=positions.foresight,
+            predictor=positions.predictor,
             coming=positions.overlapping,
             hidden=positions.hidden,
             integrity_risk=positions.settings.integrity_risk,

@@ -17,8 +17,8 @@ from skyproof.fusion.trusted import carries, fix_of, masked, of_signals
 from skyproof.fusion.unprotected import followed
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import timedelta_from_s
-from skyproof.navigation.foresight import Foresight
-from skyproof.navigation.known import Known
+from skyproof.navigation.nav_estimate import NavEstimate
+from skyproof.navigation.predictor import Predictor
 from skyproof.navigation.screen import empty_epochs
 from skyproof.navigation.smooth import smooth
 from skyproof.records import Fix, FixStatus, NavigationData, ObservationLog, SignalId
@@ -62,7 +62,7 @@ class Track:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Positions:
-    """masks : by kind, which cells (n_epochs, n_channels) of the log its fixes are made of. foresight : what is to be
+    """masks : by kind, which cells (n_epochs, n_channels) of the log its fixes are made of. predictor : what is to be
     expected of the receiver, before anything was learned. overlapping : fixes of a true sky that was taken apart from a
     false one, in order. hidden : how far an attack may have moved it unnoticed; None where no test says. doubtful : at
     which epochs (n_epochs,) a consistent fix may be false already, and corrects no inertial unit."""
@@ -71,8 +71,8 @@ class Positions:
     orbits: NavigationData
     settings: Settings
     masks: Mapping[str, Callable[[], Booleans]]
-    foresight: Foresight | None = None
-    overlapping: tuple[Known, ...] = ()
+    predictor: Predictor | None = None
+    overlapping: tuple[NavEstimate, ...] = ()
     hidden: HiddenDrag | None = None
     doubtful: Callable[[], Booleans] | None = None
 
@@ -225,8 +225,8 @@ def positions_of(
     decision: Decision,
     orbits: NavigationData,
     settings: Settings,
-    foresight: Foresight | None = None,
-    overlapping: tuple[Known, ...] = (),
+    predictor: Predictor | None = None,
+    overlapping: tuple[NavEstimate, ...] = (),
     hidden: HiddenDrag | None = None,
 ) -> Positions:
     """Of a receiver: from authentic signals, from consistent and from spoofed ones, as a receiver without protection
@@ -253,7 +253,7 @@ def positions_of(
         orbits=orbits,
         settings=settings,
         masks=masks,
-        foresight=foresight,
+        predictor=predictor,
         overlapping=overlapping,
         hidden=hidden,
         doubtful=lambda: doubtful_epochs(log, decision, within_s=settings.window_s),

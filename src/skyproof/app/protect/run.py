@@ -35,12 +35,12 @@ from skyproof.app.protect.coasting import carried_track
 from skyproof.app.protect.document import document
 from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.explanation import why_untested
-from skyproof.app.protect.foresights import antenna_units, foresights_of, surveyed_positions, unit_of
 from skyproof.app.protect.hidden import hidden_drags
 from skyproof.app.protect.orbits import lacking_orbits, require_same_day, with_own_orbits
 from skyproof.app.protect.outcome import InputNote, Outcome, ReceiverOutcome
 from skyproof.app.protect.outputs import require_outputs_free, write_outputs
 from skyproof.app.protect.positions import KINDS, Track, positions_of
+from skyproof.app.protect.predictors import antenna_units, predictors_of, surveyed_positions, unit_of
 from skyproof.app.protect.so_far import NOTES, WordsSoFar
 from skyproof.app.receive.inputs import antennas_of, following_antennas, list_paths, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
@@ -58,7 +58,7 @@ from skyproof.fusion.fuse import Decision, fuse
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.time import iso, seconds_between, timedelta_from_s
 from skyproof.interruption import Stopped, came, deferred, heard
-from skyproof.navigation.foresight import Foresight
+from skyproof.navigation.predictor import Predictor
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
@@ -202,7 +202,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
             spin_arms_of(tables),
             body,
             workspace,
-            foresights=foresights_of(names, settings, carrier, tables, unit),
+            predictors=predictors_of(names, settings, carrier, tables, unit),
         )
         interrupted |= cut_short
         if (untested := why_untested(outcome)) is not None:
@@ -358,18 +358,18 @@ def judge(
     spin_arms: Sequence[SpinArm] = (),
     body: Body | None = None,
     workspace: Workspace | None = None,
-    foresights: Mapping[str, Foresight] | None = None,
+    predictors: Mapping[str, Predictor] | None = None,
 ) -> tuple[Outcome, bool]:
     """Windows, evidence, decision and fixes from what the receivers received, and whether a signal left windows out.
 
-    body : that carries all antennas. workspace : where evidence is written as it comes. foresights : by receiver, what
+    body : that carries all antennas. workspace : where evidence is written as it comes. predictors : by receiver, what
         chooses between skies where nothing else does; from the settings alone if absent.
     """
     orbits = navigation if navigation is not None else _pooled([r.decoded for r in receptions])
     received = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
     observed = [r.observations for r in received if r.observations is not None]
-    if foresights is None:
-        foresights = foresights_of([o.receiver for o in observed], settings)
+    if predictors is None:
+        predictors = predictors_of([o.receiver for o in observed], settings)
     windows = windows_of(
         [WholeSource(o) for o in observed],
         orbits,
@@ -383,11 +383,11 @@ def judge(
         levels=_levels_of(received),
         messages=_messages_of(received),
         own_fixes=_own_fixes_of(received),
-        foresights=foresights,
+        predictors=predictors,
         changes={r.source.name: r.changes for r in received if r.changes is not None},
     )
     so_far = WordsSoFar(progress, workspace)
-    detectors = detectors_for(settings, windows.run, positions_ecef_m=surveyed_positions(foresights))
+    detectors = detectors_for(settings, windows.run, positions_ecef_m=surveyed_positions(predictors))
     session = Session(windows, detectors)
     evidence, sets, interrupted = examine_all(session, progress, so_far.take)
     give_back()
@@ -402,7 +402,7 @@ def judge(
         elevation_mask_deg=settings.elevation_mask_deg,
     )
     navigators = corrected_navigators(session.state_of("inertia"))
-    chosen = choices(decision, evidence, observed, sets, foresights, rules, orbits, navigators)
+    chosen = choices(decision, evidence, observed, sets, predictors, rules, orbits, navigators)
     if chosen.evidence:
         so_far.note(chosen.evidence)
         evidence = PackedLog(merge(evidence, chosen.evidence, key=_window))
@@ -417,7 +417,7 @@ def judge(
             decision,
             orbits,
             settings,
-            foresight=foresights.get(name),
+            predictor=predictors.get(name),
             overlapping=chosen.fixes.get(name, ()),
             hidden=hidden.get(name),
         )

@@ -21,7 +21,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.signals import prn_of
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.known import Known
+from skyproof.navigation.nav_estimate import NavEstimate
 from skyproof.records import Ccaf, Finding
 from skyproof.report.pictures import FixTrack, Kind
 from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins, OriginSpan, TimeOffset
@@ -118,7 +118,7 @@ def compared_skies(outcome: Outcome, zero: np.datetime64) -> list[ComparedSkies]
 
 def _compared(one: Compared, at_s: float) -> ComparedSkies:
     chosen = one.choice.chosen
-    named: list[tuple[str, Kind, Known]] = [("", "expected", one.expected)]
+    named: list[tuple[str, Kind, NavEstimate]] = [("", "expected", one.expected)]
     for number, sky in enumerate(one.skies):
         kind: Kind = "possible" if chosen is None else "trusted" if number == chosen else "false"
         named.append((f"sky {number + 1}", kind, sky))
@@ -139,7 +139,7 @@ def _compared(one: Compared, at_s: float) -> ComparedSkies:
     )
 
 
-def _fix(name: str, kind: Kind, known: Known, expected: Known) -> FixTrack:
+def _fix(name: str, kind: Kind, known: NavEstimate, expected: NavEstimate) -> FixTrack:
     lat, lon, _ = geodetic_from_ecef(expected.mean[_PLACE])
     rot = np.asarray(rot_enu_ecef(lat, lon))
     east_m, north_m, _ = rot @ (known.mean[_PLACE] - expected.mean[_PLACE])
@@ -152,7 +152,7 @@ def _fix(name: str, kind: Kind, known: Known, expected: Known) -> FixTrack:
     )
 
 
-def _offset(name: str, kind: Kind, known: Known, expected: Known) -> TimeOffset:
+def _offset(name: str, kind: Kind, known: NavEstimate, expected: NavEstimate) -> TimeOffset:
     return TimeOffset(
         name=name,
         kind=kind,

@@ -15,7 +15,7 @@ from skyproof.navigation.clock import anchored
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.grids import GridCorrelator
 from skyproof.receiver.observables import ArcCarrier, ReceiverTimeTag, array_phases_of, assemble, ccaf_of, taps_of
-from skyproof.records import AntennaArray, ArrayPhases, Ccaf, ObservationLog, Observations, Stretched, Taps
+from skyproof.records import AntennaArray, ArrayPhases, Ccaf, ObservationLog, Observations, Taps, TimeSliced
 
 __all__ = ["Assembled"]
 
@@ -69,22 +69,22 @@ class Assembled:
             for antenna, name in enumerate(names)
         )
 
-    def taps(self) -> Stretched[Taps] | None:
+    def taps(self) -> TimeSliced[Taps] | None:
         """The correlators that were asked for, at the epochs of the observations."""
         return _Taps(self) if self.tracker.receiver.settings.looks_per_frame else None
 
-    def vector_taps(self) -> Stretched[Taps] | None:
+    def vector_taps(self) -> TimeSliced[Taps] | None:
         """Those of channels that one position steers, as their replicas gave them."""
         if self.tracker.vector is None or not self.tracker.receiver.settings.looks_per_frame:
             return None
         return _Taps(self, as_replica=True)
 
-    def ccaf(self, observations: ObservationLog) -> Stretched[Ccaf] | None:
+    def ccaf(self, observations: ObservationLog) -> TimeSliced[Ccaf] | None:
         """The correlation grids that were asked for."""
         grids = self.tracker.receiver.grids
         return None if grids is None else _Grids(self, grids, observations)
 
-    def array_phases(self, array: AntennaArray, gpst: Instants) -> Stretched[ArrayPhases] | None:
+    def array_phases(self, array: AntennaArray, gpst: Instants) -> TimeSliced[ArrayPhases] | None:
         """The carrier's phases on all antennas; None if there is no epoch. gpst : (n_epochs,) of the observations."""
         return _Phases(self, array, gpst) if self.elapsed_s.size else None
 
@@ -101,7 +101,7 @@ class Assembled:
 
 @dataclass(frozen=True, eq=False)
 class _Taps:
-    """`Stretched[Taps]` of a tracked recording."""
+    """`TimeSliced[Taps]` of a tracked recording."""
 
     of: Assembled
     as_replica: bool = False
@@ -130,7 +130,7 @@ class _Taps:
 
 @dataclass(frozen=True, eq=False)
 class _Grids:
-    """`Stretched[Ccaf]` of a tracked recording."""
+    """`TimeSliced[Ccaf]` of a tracked recording."""
 
     of: Assembled
     taken: GridCorrelator
@@ -147,7 +147,7 @@ class _Grids:
 
 @dataclass(frozen=True, eq=False)
 class _Phases:
-    """`Stretched[ArrayPhases]` of a tracked recording."""
+    """`TimeSliced[ArrayPhases]` of a tracked recording."""
 
     of: Assembled
     array: AntennaArray

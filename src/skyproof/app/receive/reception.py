@@ -25,8 +25,8 @@ from skyproof.records import (
     ObservationLog,
     Samples,
     SnapshotChanges,
-    Stretched,
     Taps,
+    TimeSliced,
 )
 from skyproof.remarks import Remark, RemarkKind
 from skyproof.short_repr import ShortRepr
@@ -59,12 +59,12 @@ class Reception(ShortRepr):
     same_as: str | None = None
     remarks: tuple[str, ...] = ()
     messages_differ: tuple[str, ...] = ()
-    taps: Stretched[Taps] | None = None
-    vector_taps: Stretched[Taps] | None = None
-    ccaf: Stretched[Ccaf] | None = None
+    taps: TimeSliced[Taps] | None = None
+    vector_taps: TimeSliced[Taps] | None = None
+    ccaf: TimeSliced[Ccaf] | None = None
     antennas: tuple[ObservationLog, ...] = ()
     measured_on: int = 0
-    array_phases: Stretched[ArrayPhases] | None = None
+    array_phases: TimeSliced[ArrayPhases] | None = None
     changes: SnapshotChanges | None = None
 
     @property

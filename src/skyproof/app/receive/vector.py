@@ -125,7 +125,7 @@ def guided(
     guiding = _known(guiding, output.measurements, arcs, elapsed_s)
     if guiding.label is None or guiding.navigation is None:
         return guiding, state
-    shown = Measurements.joined([output.measurements, output.unheld])
+    shown = Measurements.joined([output.measurements, output.noncoherent])
     channels = _channels(guiding, receiver, state, shown, arcs, elapsed_s)
     if not channels.arcs:
         return guiding, state

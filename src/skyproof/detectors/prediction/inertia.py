@@ -2,7 +2,7 @@
 
 The navigator is corrected by the fixes of every window that goes on as it expects and in which no other test fails, and
 at the end of each the next fix, position and velocity, is held against it: the squared distance over both covariances
-is chi-square if the signals are true and the unit errs no more than is stated of it (`navigation.inertial_foresight`).
+is chi-square if the signals are true and the unit errs no more than is stated of it (`navigation.inertial_predictor`).
 From the first window on that does not go on, or in which any receiver is attacked, the unit runs free. Clocks are not
 compared here, and correct the navigator for the first `clean_start_s` only: inertia does not see one that is pushed.
 
@@ -37,14 +37,14 @@ from skyproof.detectors.base import NotTested, Reporter
 from skyproof.detectors.prediction.noticed import least_move_m
 from skyproof.detectors.prediction.policy import POLICY
 from skyproof.errors import require_probability
+from skyproof.fusion.candidates import FixMaker, SkyCandidates, candidates_in, reference_kind
 from skyproof.fusion.corrected import CorrectedNavigator
 from skyproof.fusion.policy import POLICY as FUSION
-from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_in
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.navigation.foresight import SkyFix
-from skyproof.navigation.inertial_foresight import Inertial
-from skyproof.navigation.known import Known, without
+from skyproof.navigation.inertial_predictor import Inertial
+from skyproof.navigation.nav_estimate import NavEstimate, without
 from skyproof.navigation.prediction import fit_p_value
+from skyproof.navigation.predictor import SkyFix
 from skyproof.records import (
     UNTESTED,
     Cause,
@@ -110,11 +110,11 @@ class Inertia:
                 walk = replace(walks[o.receiver], maker=maker, report=report)
             else:
                 until = o.gpst[0] + timedelta_from_s(self.settings.clean_start_s)
-                walk = _Walk(foresight=records.inertial[o.receiver], clock_until=until, maker=maker, report=report)
+                walk = _Walk(predictor=records.inertial[o.receiver], clock_until=until, maker=maker, report=report)
             walks[o.receiver] = walk
             about = [e for e in records.findings if any(ref.receiver == o.receiver for ref in e.signals)]
             failed = min((_date(e) for e in about if e.failed), default=None)
-            finding = walk.examine(rivals_in(records, o.receiver), attacked, failed)
+            finding = walk.examine(candidates_in(records, o.receiver), attacked, failed)
             found += [report.pass_over(list_refs(o.receiver, o.signals), _UNTRIED)] if finding is None else [finding]
         return found, walks
 
@@ -136,7 +136,7 @@ class _Free:
     corrected it, up to `until`. notices_m_s : the slowest drag that it would have noticed in the last window.
     hidden_m : see `CorrectedNavigator`."""
 
-    foresight: Inertial
+    predictor: Inertial
     carried: Inertial
     learned: int
     until: np.datetime64 | None
@@ -153,9 +153,9 @@ class _Shown:
 
     sky: ConsistentSet
     fix: SkyFix
-    last: Known
+    last: NavEstimate
     carried: tuple[Inertial, ...]
-    expected: tuple[Known, ...]
+    expected: tuple[NavEstimate, ...]
     p_values: tuple[float, ...]
 
     @property
@@ -198,7 +198,7 @@ class _Walk:
     youngest first. recent : those windows. parted : when inertia and signals did. looks : since then.
     """
 
-    foresight: Inertial
+    predictor: Inertial
     clock_until: np.datetime64
     maker: FixMaker
     report: Reporter
@@ -222,7 +222,9 @@ class _Walk:
     def alpha(self) -> float:
         return float(self.report.detector.settings.false_alarm_probability)
 
-    def examine(self, window: Rivals, attacked: np.datetime64 | None, failed: np.datetime64 | None) -> Finding | None:
+    def examine(
+        self, window: SkyCandidates, attacked: np.datetime64 | None, failed: np.datetime64 | None
+    ) -> Finding | None:
         """Return what a window shows. attacked, failed : since when findings of it say that any receiver is attacked,
         and that a test of this one fails."""
         if attacked is not None:
@@ -256,7 +258,7 @@ class _Walk:
     @property
     def navigator(self) -> CorrectedNavigator:
         return CorrectedNavigator(
-            foresight=self.foresight,
+            predictor=self.predictor,
             kind=self.kind,
             early=self.early,
             until=self.until,
@@ -273,21 +275,21 @@ class _Walk:
         back_to = doubted[0]
         older = [one for one in self.free if one.learned <= back_to.number] or self.free[-1:]
         base, kept = older[0], [one for one in self.recent if one.number < back_to.number]
-        self.foresight, self.learned, self.until, self.hidden_m = (
-            base.foresight,
+        self.predictor, self.learned, self.until, self.hidden_m = (
+            base.predictor,
             base.learned,
             base.until,
             base.hidden_m,
         )
         for one in kept:
             if one.number >= base.learned:
-                self.foresight, self.learned, self.until = self.foresight.learned(one.fix), one.number + 1, one.end
+                self.predictor, self.learned, self.until = self.predictor.learned(one.fix), one.number + 1, one.end
                 self.hidden_m = back_to.hidden_m
         self.bias_s, self.early = back_to.bias_s, self.early[: self.learned]
         self.free = [one for one in older if one.learned < self.learned]
         self.recent = [one for one in kept if self.free and one.number >= self.free[-1].learned]
 
-    def _hide(self, window: Rivals, shown: _Shown) -> None:
+    def _hide(self, window: SkyCandidates, shown: _Shown) -> None:
         """Add what a drag that this window does not notice may lead the navigator away by."""
         if window.end > self.clock_until:
             _, self.hidden_m_s = self._find_least(shown)
@@ -296,18 +298,18 @@ class _Walk:
     def _find_free(self, shown: _Shown) -> list[_Free]:
         """Return the navigators that notice drags best, and that are not corrected by a window's fixes."""
         before = [
-            (self.foresight, self.learned, self.until, self.hidden_m),
-            *((one.foresight, one.learned, one.until, one.hidden_m) for one in self.free),
+            (self.predictor, self.learned, self.until, self.hidden_m),
+            *((one.predictor, one.learned, one.until, one.hidden_m) for one in self.free),
         ]
         every = [
-            _Free(foresight, carried, learned, until, self._find_noticed(shown, number)[1], hidden)
-            for number, ((foresight, learned, until, hidden), carried) in enumerate(
+            _Free(predictor, carried, learned, until, self._find_noticed(shown, number)[1], hidden)
+            for number, ((predictor, learned, until, hidden), carried) in enumerate(
                 zip(before, shown.carried, strict=True)
             )
         ]
         return _keep_useful(every, shown.last.gpst)
 
-    def _learn(self, window: Rivals, fix: SkyFix, sky: ConsistentSet, free: list[_Free]) -> None:
+    def _learn(self, window: SkyCandidates, fix: SkyFix, sky: ConsistentSet, free: list[_Free]) -> None:
         """Correct the navigator. free : those that run on without."""
         self.tried_m_s = max(self.tried_m_s, _change_m_s(self._looked(fix)))
         if window.end > self.clock_until:
@@ -322,24 +324,24 @@ class _Walk:
         )
         self.free = free
         self.recent = [one for one in (*self.recent, own) if free and one.number >= free[-1].learned]
-        self.foresight, self.bias_s = self.foresight.learned(fix), sky.clock_bias_s
+        self.predictor, self.bias_s = self.predictor.learned(fix), sky.clock_bias_s
         self.kind = self.kind or reference_kind(sky)
         if window.end <= self.clock_until:
             self.early = (*self.early, window.start)
         self.learned, self.until = self.learned + 1, window.end
 
-    def _fix(self, window: Rivals, sky: ConsistentSet) -> SkyFix:
+    def _fix(self, window: SkyCandidates, sky: ConsistentSet) -> SkyFix:
         return self.maker.shown(window, sky, kind=reference_kind(sky), bias_s=self.bias_s, epochs=True)
 
-    def _shown(self, window: Rivals, sky: ConsistentSet) -> _Shown | None:
-        if self.foresight.state is None:
+    def _shown(self, window: SkyCandidates, sky: ConsistentSet) -> _Shown | None:
+        if self.predictor.state is None:
             return None
         fix = self._fix(window, sky)
         moving = [one for one in fix.each if one.there.size >= 6]
         if not moving:
             return None
         last = moving[-1]
-        carried = tuple(one.until(last.gpst) for one in (self.foresight, *(free.carried for free in self.free)))
+        carried = tuple(one.until(last.gpst) for one in (self.predictor, *(free.carried for free in self.free)))
         expected = tuple(known for one in carried if (known := _expect(one, last.gpst)) is not None)
         if len(expected) < len(carried):
             self.free = []  # readings end, or are missing
@@ -348,7 +350,7 @@ class _Walk:
             return None
         return _Shown(sky, fix, last, carried, expected, tuple(fit_p_value(one, last) for one in expected))
 
-    def _part(self, window: Rivals, shown: _Shown) -> None:
+    def _part(self, window: SkyCandidates, shown: _Shown) -> None:
         """From now on the unit runs free: from the latest window until which the signals may have been true.
 
         That is where the youngest navigator was corrected last that all older ones let expect: a drag that began before
@@ -359,7 +361,7 @@ class _Walk:
         self.parted = window.start
         for young, mean in enumerate(shown.expected):
             older = shown.expected[young + 1 :]
-            certain = Known(
+            certain = NavEstimate(
                 gpst=mean.gpst, mean=mean.mean, covariance=np.where(np.isfinite(mean.covariance), 0.0, np.inf)
             )
             if all(fit_p_value(one, certain) >= FUSION.refused_probability for one in older):
@@ -371,7 +373,7 @@ class _Walk:
         back = max(young, min(len(self.free), 1))
         if back > 0:
             free = self.free[back - 1]
-            self.foresight, self.learned, self.hidden_m = free.foresight, free.learned, free.hidden_m
+            self.predictor, self.learned, self.hidden_m = free.predictor, free.learned, free.hidden_m
             self.early, self.until = self.early[: free.learned], free.until
             after = (one for one in self.recent if one.number >= free.learned)
             self.looks = [*self.looks, *(look for one in after for look in self._looked(one.fix))]
@@ -379,7 +381,7 @@ class _Walk:
 
     def _looked(self, fix: SkyFix) -> list[_Look]:
         """At both velocities through a window."""
-        ahead, found = self.foresight, list[_Look]()
+        ahead, found = self.predictor, list[_Look]()
         for one in fix.each:
             near = found and float(seconds_between(one.gpst, found[-1].gpst)) < POLICY.look_interval_s
             if near or one.there.size < 6:
@@ -390,14 +392,14 @@ class _Walk:
                 found.append(_Look(one.gpst, expected.mean[3:6], apart, one.covariance[:6, :6]))
         return found
 
-    def _report(self, window: Rivals, shown: _Shown) -> Finding:
+    def _report(self, window: SkyCandidates, shown: _Shown) -> Finding:
         """Return the window's finding: an attack where no benign cause remains."""
         off = shown.last.mean - shown.expected[int(np.argmin(shown.p_values))].mean
         why, benign = self._find_benign(window, shown)
         off_m = float(np.linalg.norm(off[:3]))
         data: dict[str, Datum] = {"statistic": off_m, "off_m_s": float(np.linalg.norm(off[3:6]))}
         if why is None:
-            data["assumes"] = self.foresight.assumes
+            data["assumes"] = self.predictor.assumes
         return self.report.find(
             list_refs(self.maker.log.receiver, shown.sky.signals),
             why or "departs",
@@ -430,7 +432,7 @@ class _Walk:
         A drag that began when the navigator was corrected last has moved the position by its speed times the time
         since. Where carriers stay least of it shows: they leave the velocity as it is.
         """
-        free = self.foresight if number == 0 else self.free[number - 1].foresight
+        free = self.predictor if number == 0 else self.free[number - 1].predictor
         assert free.state is not None
         rows = np.intersect1d(shown.expected[number].there, shown.last.there)[:6]
         both = np.ix_(rows, rows)
@@ -442,7 +444,7 @@ class _Walk:
         )
         return jump_m, jump_m / float(seconds_between(shown.last.gpst, free.state.gpst))
 
-    def _find_benign(self, window: Rivals, shown: _Shown) -> tuple[str | None, dict[Cause, float]]:
+    def _find_benign(self, window: SkyCandidates, shown: _Shown) -> tuple[str | None, dict[Cause, float]]:
         """Return the code of why a benign cause may have done it, None if none may; and p-values of benign causes."""
         if self.named:
             return None, {}
@@ -455,7 +457,7 @@ class _Walk:
             benign |= {Cause.STATEMENT: by_unit, Cause.FAULT: by_unit}
         return "by_some" if without_two >= self.alpha else None, benign
 
-    def _find_unit_error(self, window: Rivals) -> str | None:
+    def _find_unit_error(self, window: SkyCandidates) -> str | None:
         """Return the code of why the unit may be to blame, None if it is not."""
         if self.went_on < POLICY.tried_windows:
             return "not_tried"
@@ -465,21 +467,21 @@ class _Walk:
             return "parts_slowly"
         return "blow" if self._blow_m_s(window) > POLICY.blow_m_s else None
 
-    def _without_two(self, window: Rivals, shown: _Shown) -> float:
+    def _without_two(self, window: SkyCandidates, shown: _Shown) -> float:
         """Return the largest p-value without any two satellites; 1 where too few are left."""
 
         def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
             for pair in pairs:
                 fix = self.maker.at_end(window, shown.sky, pair)
-                expected = None if fix is None else _expect(self.foresight, fix.gpst)
+                expected = None if fix is None else _expect(self.predictor, fix.gpst)
                 yield 1.0 if fix is None or expected is None else fit_p_value(expected, fix)
 
         sats = sorted({signal.sat for signal in shown.sky.signals})
         return largest_p_value_without(sats, p_values, least=POLICY.least_satellites, enough=self.alpha)
 
-    def _blow_m_s(self, window: Rivals) -> float:
+    def _blow_m_s(self, window: SkyCandidates) -> float:
         """The largest change of velocity that one reading makes beside its neighbours, since the last fix learned."""
-        readings, state = self.foresight.readings, self.foresight.state
+        readings, state = self.predictor.readings, self.predictor.state
         start = window.start if state is None else state.gpst
         rows = slice(*np.searchsorted(readings.gpst, np.array([start, window.end])))
         force = readings.select(rows).specific_force_m_s2
@@ -489,9 +491,9 @@ class _Walk:
         return float(np.linalg.norm(alone, axis=1).max() * readings.interval_s)
 
 
-def _expect(foresight: Inertial, gpst: np.datetime64) -> Known | None:
+def _expect(predictor: Inertial, gpst: np.datetime64) -> NavEstimate | None:
     """Return what a fix would show, but for its clock."""
-    expected = foresight.at(gpst)
+    expected = predictor.at(gpst)
     return None if expected is None else without(expected, _CLOCK)
 
 
@@ -508,7 +510,7 @@ def _thin_out(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
     """Return two navigators at most of any age to twice that age."""
     kept = list(free)
     for number in range(len(kept) - 2, 0, -1):
-        younger, older = (kept[k].foresight.state for k in (number - 1, number + 1))
+        younger, older = (kept[k].predictor.state for k in (number - 1, number + 1))
         assert younger is not None
         assert older is not None
         if seconds_between(gpst, older.gpst) < 2.0 * seconds_between(gpst, younger.gpst):

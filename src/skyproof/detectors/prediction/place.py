@@ -27,13 +27,13 @@ from skyproof.detectors.base import NotTested, Reporter
 from skyproof.detectors.prediction.noticed import least_move_m
 from skyproof.detectors.prediction.policy import POLICY
 from skyproof.errors import require_probability
-from skyproof.fusion.rivals import FixMaker, Rivals, reference_kind, rivals_in
+from skyproof.fusion.candidates import FixMaker, SkyCandidates, candidates_in, reference_kind
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED, position_slips
 from skyproof.gnss.time import timedelta_from_s
-from skyproof.navigation.foresight import SkyFix, Standing
-from skyproof.navigation.known import KNOWN, Known, without
+from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, without
 from skyproof.navigation.prediction import fit_p_value
+from skyproof.navigation.predictor import SkyFix, Standing
 from skyproof.records import (
     UNTESTED,
     Cause,
@@ -91,7 +91,7 @@ class StatedPlace:
             if o.receiver in records.standing:
                 watch = watches.get(o.receiver) or _Watch(records.standing[o.receiver])
                 maker = FixMaker.of_window(o, records, self.settings)
-                finding, watches[o.receiver] = watch.examine(report, maker, rivals_in(records, o.receiver))
+                finding, watches[o.receiver] = watch.examine(report, maker, candidates_in(records, o.receiver))
                 found.append(finding)
         return found, watches
 
@@ -101,8 +101,8 @@ class _Shown:
     """What a window's set shows, and what is expected. p_value : of so large a distance."""
 
     sky: ConsistentSet
-    fix: Known
-    expected: Known
+    fix: NavEstimate
+    expected: NavEstimate
     p_value: float
 
     @property
@@ -118,12 +118,12 @@ class _Watch:
     fitted : satellites that ever fitted a position.
     """
 
-    foresight: Standing
-    seen_there: Known | None = None
+    predictor: Standing
+    seen_there: NavEstimate | None = None
     named: bool = False
     fitted: frozenset[str] = frozenset()
 
-    def examine(self, report: Reporter, maker: FixMaker, window: Rivals) -> tuple[Finding, "_Watch"]:
+    def examine(self, report: Reporter, maker: FixMaker, window: SkyCandidates) -> tuple[Finding, "_Watch"]:
         """Return what a window shows, and the watch after it."""
         watch = replace(self, fitted=self.fitted.union(s.sat for sky in window.sets for s in sky.signals))
         here = _Here(watch, report, maker, window)
@@ -132,7 +132,7 @@ class _Watch:
         if not shown:
             learns = len(fixes) == 1 and not window.doubted
             nothing = report.pass_over(list_refs(maker.log.receiver, maker.log.signals), _NO_PLACE)
-            return nothing, replace(watch, foresight=watch.foresight.learned(fixes[0][1])) if learns else watch
+            return nothing, replace(watch, predictor=watch.predictor.learned(fixes[0][1])) if learns else watch
         best = max(shown, key=lambda one: one.p_value)
         if best.p_value >= here.alpha:
             first = watch.seen_there is None and here.fits_all(best.sky)
@@ -148,7 +148,7 @@ class _Here:
     watch: _Watch
     report: Reporter
     maker: FixMaker
-    window: Rivals
+    window: SkyCandidates
 
     @property
     def alpha(self) -> float:
@@ -157,12 +157,12 @@ class _Here:
     def fix(self, sky: ConsistentSet) -> SkyFix:
         return self.maker.shown(self.window, sky, kind=reference_kind(sky), bias_s=0.0, epochs=False)
 
-    def hold(self, sky: ConsistentSet, fix: Known) -> _Shown | None:
-        expected = self.watch.foresight.at(fix.gpst)
+    def hold(self, sky: ConsistentSet, fix: NavEstimate) -> _Shown | None:
+        expected = self.watch.predictor.at(fix.gpst)
         place = None if expected is None else without(expected, _ALL_BUT_PLACE)
         if place is None or not place.there.size:
             return None
-        if self.watch.foresight.surveyed:
+        if self.watch.predictor.surveyed:
             datum_m2 = POLICY.datum_sigma_m**2 * np.diag(np.arange(KNOWN) < 3)
             place = replace(place, covariance=place.covariance + datum_m2)
         return _Shown(sky, fix, place, fit_p_value(place, fix))
@@ -174,7 +174,7 @@ class _Here:
             "there",
             {Cause.CLEAN: shown.p_value},
             estimates={"noticed": (NoticedAttack("displacement", self._find_noticed_m(shown)),)},
-            data={"statistic": float(np.linalg.norm(shown.off_m)), "surveyed": self.watch.foresight.surveyed},
+            data={"statistic": float(np.linalg.norm(shown.off_m)), "surveyed": self.watch.predictor.surveyed},
         )
 
     def _find_noticed_m(self, shown: _Shown) -> float:
@@ -184,19 +184,19 @@ class _Here:
 
     def report_departure(self, shown: _Shown) -> Finding:
         """Return the window's finding: an attack where no benign cause remains."""
-        causes = self._causes(shown) if self.watch.foresight.surveyed else ()
+        causes = self._causes(shown) if self.watch.predictor.surveyed else ()
         slipped = bool(causes) and causes[0].code != UNLISTED and not self.watch.named
         why, without_two = ("slip", None) if slipped else self._find_benign(shown)
         p = {Cause.CLEAN: shown.p_value}
         data: dict[str, Datum] = {
             "statistic": float(np.linalg.norm(shown.off_m)),
-            "surveyed": self.watch.foresight.surveyed,
+            "surveyed": self.watch.predictor.surveyed,
         }
         if why is not None:
             p |= dict.fromkeys((Cause.STATEMENT, Cause.REFLECTIONS), UNTESTED)
         else:
             p |= {} if without_two is None else {Cause.REFLECTIONS: without_two}
-            data["assumes"] = self.watch.foresight.assumes
+            data["assumes"] = self.watch.predictor.assumes
         return self.report.find(
             list_refs(self.maker.log.receiver, shown.sky.signals),
             why or "elsewhere",

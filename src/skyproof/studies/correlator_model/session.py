@@ -12,8 +12,8 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, following_epochs
 from skyproof.app.protect.document import document
-from skyproof.app.protect.foresights import antenna_units, foresights_of, unit_of
 from skyproof.app.protect.outcome import Outcome
+from skyproof.app.protect.predictors import antenna_units, predictors_of, unit_of
 from skyproof.app.protect.run import judge
 from skyproof.app.receive.measured import MeasurementLog, RowLog
 from skyproof.app.receive.reception import Reception, observe
@@ -108,6 +108,6 @@ def protect_scene(
     observed = [r.observations for r in receptions if r.observations is not None]
     settings = following_epochs(settings, observed)
     body = body_of(platform, files, names, tables, start_gpst, settings.max_separation_m)
-    foresights = foresights_of(names, settings, platform, tables, unit)
-    outcome, _ = judge(receptions, navigation, settings, Silent(), body=body, foresights=foresights)
+    predictors = predictors_of(names, settings, platform, tables, unit)
+    outcome, _ = judge(receptions, navigation, settings, Silent(), body=body, predictors=predictors)
     return document(outcome, (), settings), outcome

@@ -11,8 +11,8 @@ from skyproof.fusion.policy import POLICY
 from skyproof.fusion.trusted import fix_of, masked, of_signals
 from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.navigation.foresight import SkyFix
-from skyproof.navigation.known import KNOWN, Known, known_of
+from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, known_of
+from skyproof.navigation.predictor import SkyFix
 from skyproof.records import (
     ConsistentSet,
     Finding,
@@ -25,11 +25,11 @@ from skyproof.records import (
     SignalId,
 )
 
-__all__ = ["FixMaker", "Rivals", "reference_kind", "rivals_in", "rivals_of", "with_clock_near"]
+__all__ = ["FixMaker", "SkyCandidates", "candidates_in", "candidates_of", "reference_kind", "with_clock_near"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Rivals:
+class SkyCandidates:
     """One receiver's sets in a window that are no late copies of another one.
 
     attacked : there is evidence of an attack. doubted : or a second set, or a failed test. overlapping : skies in
@@ -44,7 +44,9 @@ class Rivals:
     overlapping: tuple[OverlappingSkies, ...] = ()
 
 
-def rivals_of(o: ObservationLog, evidence: Sequence[Finding], sets: Iterable[ConsistentSet]) -> Iterator[Rivals]:
+def candidates_of(
+    o: ObservationLog, evidence: Sequence[Finding], sets: Iterable[ConsistentSet]
+) -> Iterator[SkyCandidates]:
     """The receiver's windows, in order; evidence and sets are read once, for they may be too much to hold.
 
     sets : in the order of their windows.
@@ -65,17 +67,17 @@ def rivals_of(o: ObservationLog, evidence: Sequence[Finding], sets: Iterable[Con
         while following is not None and following.gpst < end:
             here += [following] if following.gpst >= start else []
             following = next(mine, None)
-        yield one.rivals(start, end, here)
+        yield one.candidates(start, end, here)
 
 
-def rivals_in(records: Records, receiver: str) -> Rivals:
+def candidates_in(records: Records, receiver: str) -> SkyCandidates:
     """Return the skies of one receiver in a window, by what was found in it."""
     said = _Said(set())
     for e in records.findings:
         own = {ref.signal for ref in e.signals if ref.receiver == receiver}
         if own:
             said.add(e, own)
-    return said.rivals(records.start_gpst, records.end_gpst, [s for s in records.sets if s.receiver == receiver])
+    return said.candidates(records.start_gpst, records.end_gpst, [s for s in records.sets if s.receiver == receiver])
 
 
 @dataclass
@@ -93,10 +95,10 @@ class _Said:
         self.overlapping += e.overlapping
         self.doubted |= e.says in ("attack", "spoofed") or e.failed
 
-    def rivals(self, start: np.datetime64, end: np.datetime64, sets: Sequence[ConsistentSet]) -> Rivals:
+    def candidates(self, start: np.datetime64, end: np.datetime64, sets: Sequence[ConsistentSet]) -> SkyCandidates:
         """Return the window's skies: its sets but for late copies."""
         kept = tuple(s for s in sets if len(self.late.intersection(s.signals)) < POLICY.late_share * len(s.signals))
-        return Rivals(
+        return SkyCandidates(
             start=start,
             end=end,
             sets=kept,
@@ -130,7 +132,7 @@ class FixMaker:
             elevation_mask_deg=settings.elevation_mask_deg,
         )
 
-    def shown(self, window: Rivals, s: ConsistentSet, *, kind: Kind, bias_s: float, epochs: bool) -> SkyFix:
+    def shown(self, window: SkyCandidates, s: ConsistentSet, *, kind: Kind, bias_s: float, epochs: bool) -> SkyFix:
         """What a set shows, at the instant that the receiver's label is less a clock bias, the one that was last taken
         for true: a false sky's own time is of no account.
 
@@ -148,16 +150,16 @@ class FixMaker:
             rates = np.intersect1d(middle[0].there, [3, 4, 5, 7])
             mean[rates] = middle[0].mean[rates]
             covariance[np.ix_(rates, rates)] = middle[0].covariance[np.ix_(rates, rates)]
-        return SkyFix(whole=Known(gpst=gpst, mean=mean, covariance=covariance), each=each)
+        return SkyFix(whole=NavEstimate(gpst=gpst, mean=mean, covariance=covariance), each=each)
 
-    def at_end(self, window: Rivals, s: ConsistentSet, without: Sequence[str]) -> Known | None:
+    def at_end(self, window: SkyCandidates, s: ConsistentSet, without: Sequence[str]) -> NavEstimate | None:
         """The last fix of a window by its first kind of signals, without some satellites; None if there is none."""
         own = [signal for signal in s.signals if signal.kind == reference_kind(s) and signal.sat not in without]
         stop = int(np.searchsorted(self.log.gpst, window.end))
         found = self._of(own, max(stop - POLICY.at_end_epochs, 0), stop)
         return found[-1] if found else None
 
-    def _each(self, window: Rivals, s: ConsistentSet, kind: Kind) -> tuple[Known, ...]:
+    def _each(self, window: SkyCandidates, s: ConsistentSet, kind: Kind) -> tuple[NavEstimate, ...]:
         """Of one kind of signals, of its own where the set has none of that."""
         kinds = (kind, reference_kind(s))
         own = next((same for k in kinds if (same := [signal for signal in s.signals if signal.kind == k])), [])
@@ -165,7 +167,7 @@ class FixMaker:
         first, stop = (int(row) for row in np.searchsorted(self.log.gpst, edges))
         return self._of(own, first, stop)
 
-    def _of(self, own: Sequence[SignalId], first: int, stop: int) -> tuple[Known, ...]:
+    def _of(self, own: Sequence[SignalId], first: int, stop: int) -> tuple[NavEstimate, ...]:
         """The fixes of epochs by some signals."""
         if self.navigation is None:
             return ()
@@ -180,7 +182,7 @@ class FixMaker:
         return () if fix is None else tuple(known_of(fix))
 
 
-def with_clock_near(shown: SkyFix, expected: Known) -> SkyFix:
+def with_clock_near(shown: SkyFix, expected: NavEstimate) -> SkyFix:
     """With its clock within half a millisecond of the expected one: receivers set theirs by whole ones."""
     if 6 not in expected.there:
         return shown

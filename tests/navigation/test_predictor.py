@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.navigation.foresight import SkyFix, Standing, surveyed
-from skyproof.navigation.known import KNOWN, Known
+from skyproof.navigation.nav_estimate import KNOWN, NavEstimate
+from skyproof.navigation.predictor import SkyFix, Standing, surveyed
 from skyproof.simulator.clocks import clock
 
 HOME = np.array([3.8e6, 7.9e5, 5.0e6])
@@ -21,7 +21,7 @@ def shown(at_s, place_m=(0.0, 0.0, 0.0), clock_m=0.0):
     mean, covariance = np.zeros(KNOWN), np.diag(np.full(KNOWN, np.inf))
     mean[ROWS] = [*(HOME + place_m), clock_m]
     covariance[np.ix_(ROWS, ROWS)] = COVARIANCE
-    return SkyFix(whole=Known(gpst=label(at_s), mean=mean, covariance=covariance))
+    return SkyFix(whole=NavEstimate(gpst=label(at_s), mean=mean, covariance=covariance))
 
 
 def label(at_s):

@@ -9,11 +9,11 @@ from tests.app.kit import PLACES
 from skyproof.app.common.body import BodyFiles
 from skyproof.app.common.platform import Platform
 from skyproof.app.common.platform_use import described, settings_of
-from skyproof.app.protect.foresights import foresights_of, unit_of
+from skyproof.app.protect.predictors import predictors_of, unit_of
 from skyproof.formats.imu import ImuFile
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.navigation.foresight import Standing
-from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.inertial_predictor import Inertial
+from skyproof.navigation.predictor import Standing
 
 START = np.datetime64("2024-05-14T10:00:00", "ns")
 PLACE = {"lat_deg": PLACES[0].lat_deg, "lon_deg": PLACES[0].lon_deg, "height_m": 52.0, "sigma_m": 0.5}
@@ -33,7 +33,7 @@ def of_platform(names=("a",), **tables):
     own = described(platform, names)
     settings, _ = settings_of(platform, platform.protect, names, own)
     unit = unit_of(platform, BodyFiles(imu=READINGS), names, own, START)
-    return foresights_of(names, settings, platform, own, unit)
+    return predictors_of(names, settings, platform, own, unit)
 
 
 def test_of_a_receiver_of_which_nothing_is_stated_nothing_is_expected():

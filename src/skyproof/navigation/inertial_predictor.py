@@ -14,7 +14,6 @@ import numpy as np
 from skyproof.gnss.frames import attitude_ecef
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.alignment import align_moving
-from skyproof.navigation.foresight import SkyFix
 from skyproof.navigation.inertia import TURN_MOST_RAD, coast, readings_between
 from skyproof.navigation.inertia import begin_free_run as begin_free
 from skyproof.navigation.ins import (
@@ -28,7 +27,8 @@ from skyproof.navigation.ins import (
     step,
 )
 from skyproof.navigation.ins_updates import antenna_of, by_fix, expect_fix
-from skyproof.navigation.known import Known, without
+from skyproof.navigation.nav_estimate import NavEstimate, without
+from skyproof.navigation.predictor import SkyFix
 from skyproof.records import Attitude, InertialReadings, NavState
 
 __all__ = ["Inertial", "begun", "noise_of"]
@@ -58,17 +58,19 @@ class Inertial:
     by: tuple[str, ...]
     assumes: tuple[str, ...] = ()
     state: InsState | None = None
-    waiting: tuple[Known, ...] = ()
+    waiting: tuple[NavEstimate, ...] = ()
     moves: bool = True
 
-    def at(self, gpst: np.datetime64) -> Known | None:
+    def at(self, gpst: np.datetime64) -> NavEstimate | None:
         return self._of(expect_fix, gpst)
 
-    def truth_at(self, gpst: np.datetime64) -> Known | None:
+    def truth_at(self, gpst: np.datetime64) -> NavEstimate | None:
         """What is true then: as a fix has it, less what fixes have for long."""
         return self._of(antenna_of, gpst)
 
-    def _of(self, what: Callable[[InsState, InsSettings, np.datetime64], Known], gpst: np.datetime64) -> Known | None:
+    def _of(
+        self, what: Callable[[InsState, InsSettings, np.datetime64], NavEstimate], gpst: np.datetime64
+    ) -> NavEstimate | None:
         state = self.until(gpst).state
         late_s = _BEHIND * self.readings.interval_s
         if state is None or not abs(float(seconds_between(gpst, state.gpst))) <= late_s:
@@ -104,13 +106,13 @@ class Inertial:
     def followed(self, shown: SkyFix) -> "Inertial":
         return self.learned(shown)
 
-    def _with_lasting(self, fix: Known) -> "Inertial":
+    def _with_lasting(self, fix: NavEstimate) -> "Inertial":
         """What a window's fix leaves open is there in the next one as well."""
         rows = np.array([0, 1, 2, 6])
         lasting = np.where(np.isfinite(fix.covariance), fix.covariance, 0.0)[np.ix_(rows, rows)]
         return replace(self, settings=replace(self.settings, lasting_m2=lasting))
 
-    def _corrected(self, fix: Known) -> "Inertial":
+    def _corrected(self, fix: NavEstimate) -> "Inertial":
         fix = fix if self.clock else without(fix, _CLOCK)
         own = self.until(fix.gpst)
         if own.state is None:
@@ -140,13 +142,13 @@ class Inertial:
         return begun(self.readings, self.initial, fixes[0], self.settings)
 
 
-def noise_of(fix: Known) -> Known:
+def noise_of(fix: NavEstimate) -> NavEstimate:
     """One of smoothed fixes with what of its error is taken for noise. They share most of it: the whole is taken for
     lasting, and some more for noise."""
     return replace(fix, covariance=_NOISE_SHARE * fix.covariance)
 
 
-def begun(readings: InertialReadings, initial: Attitude, fix: Known, settings: InsSettings) -> InsState | None:
+def begun(readings: InertialReadings, initial: Attitude, fix: NavEstimate, settings: InsSettings) -> InsState | None:
     """A navigator at the last reading before a fix with velocity, its attitude carried by the gyros from the first
     reading on, of which it is stated; None where that does not reach so far.
 

@@ -11,13 +11,13 @@ from skyproof.app.common.platform_tables import PlatformReceiver, Surveyed
 from skyproof.app.common.settings import Settings
 from skyproof.arrays import Reals
 from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES
-from skyproof.navigation.foresight import Foresight, Standing, surveyed
-from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.inertial_predictor import Inertial
 from skyproof.navigation.ins import InsSettings
+from skyproof.navigation.predictor import Predictor, Standing, surveyed
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import Attitude, InertialReadings
 
-__all__ = ["InertialUnit", "antenna_units", "foresights_of", "surveyed_positions", "unit_of"]
+__all__ = ["InertialUnit", "antenna_units", "predictors_of", "surveyed_positions", "unit_of"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,34 +71,34 @@ def antenna_units(unit: InertialUnit | None) -> dict[str, AntennaUnit]:
     }
 
 
-def foresights_of(
+def predictors_of(
     names: Sequence[str],
     settings: Settings,
     platform: Platform | None = None,
     tables: Mapping[str, PlatformReceiver] | None = None,
     unit: InertialUnit | None = None,
-) -> dict[str, Foresight]:
+) -> dict[str, Predictor]:
     """By receiver; none of one of which neither place nor motion nor clock is known. tables : see `described`."""
     found = {}
     for name in names:
         moving = platform is not None and platform.motion == "moving"
         table = None if tables is None or moving else tables.get(name)
-        one = _foresight(name, settings, None if table is None else table.position, unit)
+        one = _predictor(name, settings, None if table is None else table.position, unit)
         if one is not None:
             found[name] = one
     return found
 
 
-def surveyed_positions(foresights: Mapping[str, Foresight]) -> dict[str, Reals]:
+def surveyed_positions(predictors: Mapping[str, Predictor]) -> dict[str, Reals]:
     """List the receivers that stand where they were surveyed, (3,) ECEF."""
     return {
         name: one.known.mean[:3]
-        for name, one in foresights.items()
+        for name, one in predictors.items()
         if isinstance(one, Standing) and one.surveyed and one.known is not None
     }
 
 
-def _foresight(name: str, settings: Settings, place: Surveyed | None, unit: InertialUnit | None) -> Foresight | None:
+def _predictor(name: str, settings: Settings, place: Surveyed | None, unit: InertialUnit | None) -> Predictor | None:
     """Of a receiver that stands its place says more than an inertial unit does."""
     by, assumes = [], []
     if place is not None:

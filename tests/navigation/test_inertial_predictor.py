@@ -10,9 +10,9 @@ from tests.navigation.units import ARM, REST, ROUND, drawn_fix, erroneous, label
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
-from skyproof.navigation.foresight import SkyFix
-from skyproof.navigation.inertial_foresight import Inertial
+from skyproof.navigation.inertial_predictor import Inertial
 from skyproof.navigation.ins import InsSettings
+from skyproof.navigation.predictor import SkyFix
 from skyproof.records import Attitude
 
 LEARNED_S, END_S = 30.0, 70.0

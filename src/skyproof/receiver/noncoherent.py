@@ -33,13 +33,13 @@ from skyproof.receiver import measurement as m
 from skyproof.receiver.crosstalk import Rows
 from skyproof.receiver.discriminator import Discriminator
 
-__all__ = ["Unheld", "unheld", "without_phase"]
+__all__ = ["NoncoherentMeasurement", "noncoherent", "without_phase"]
 
 SIDE: Final = (2.0 / np.pi) ** 2
 """Of a signal's energy what either side has of one in the middle, 0.405."""
 
 
-class Unheld(NamedTuple):
+class NoncoherentMeasurement(NamedTuple):
     """code_chips : received code ahead of the replica. doppler_hz, and one sigma of either. cn0_dbhz : over the row."""
 
     code_chips: float
@@ -63,7 +63,7 @@ def without_phase(
     discriminator: Discriminator,
     probability: float,
 ) -> Reals:
-    """A table of measurements (n_channels, N_COLUMNS) with code and Doppler as `unheld` has them; NaN of all other
+    """A table of measurements (n_channels, N_COLUMNS) with code and Doppler as `noncoherent` has them; NaN of all other
     channels.
 
     table, taps : as `measurement.measure` gives them. frames : of the kernel, as it takes them. bit_start :
@@ -72,7 +72,7 @@ def without_phase(
     found = np.full(table.shape, np.nan)
     asked = np.isfinite(near_hz) & (bit_start >= 0.0) & np.isfinite(table[:, m.FRACTION_S])
     for i in np.flatnonzero(asked).tolist():
-        shown = unheld(
+        shown = noncoherent(
             np.concatenate([rows[i, : counts[i]] for rows, counts in frames]),
             float(bit_start[i]),
             noise,
@@ -95,7 +95,7 @@ def without_phase(
     return found
 
 
-def unheld(
+def noncoherent(
     rows: Reals,
     bit_start: float,
     noise: float,
@@ -106,7 +106,7 @@ def unheld(
     signal: SignalPlan,
     discriminator: Discriminator,
     probability: float,
-) -> Unheld | None:
+) -> NoncoherentMeasurement | None:
     """Of one channel's code periods (n, columns of the kernel), around a Doppler to be expected.
 
     bit_start : code period, modulo those of a bit, with which bits begin. noise : power of noise alone in the prompt of
@@ -140,7 +140,7 @@ def unheld(
     code_chips = dot / max(power - of_noise, 0.1 * of_noise) / discriminator.gain
     of_sides = 2.0 * (1.0 + 2.0 * SIDE * summed) / ((2.0 * SIDE * summed) ** 2 * n)  # r, and var R without 3 r
     coherent = discriminator.noise_chips2 / (n * summed)
-    return Unheld(
+    return NoncoherentMeasurement(
         code_chips=float(np.clip(code_chips, -0.5, 0.5)),
         code_sigma_chips=float(np.sqrt(coherent * (1.0 + 1.0 / summed))),
         doppler_hz=near_hz + float(off) / bit_s,

@@ -11,7 +11,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, FixStatus, freeze
 
-__all__ = ["KNOWN", "Known", "known", "known_of", "without"]
+__all__ = ["KNOWN", "NavEstimate", "known", "known_of", "without"]
 
 _RATE_SIGMA_M_S: Final = 0.05
 """Of a velocity by Doppler, one sigma for each metre of the position's over `_RANGE_SIGMA_M`: reflections, beside
@@ -22,7 +22,7 @@ KNOWN = 8
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Known:
+class NavEstimate:
     """A fix, or what is predicted of one.
 
     mean : (8,) ECEF position and velocity, c times clock bias and drift, in m and m/s. covariance : (8, 8); the
@@ -51,7 +51,7 @@ def known(
     velocity_m2_s2: Reals | None = None,
     clock_m: Reals | None = None,
     clock_m2: Reals | None = None,
-) -> Known:
+) -> NavEstimate:
     """From parts that are independent of each other, each with its covariance: (3,), (3,), and (2,) of the clock."""
     mean, covariance = np.zeros(KNOWN), np.diag(np.full(KNOWN, np.inf))
     parts = (
@@ -64,18 +64,18 @@ def known(
             raise ValueError("a value without its covariance, or a covariance without a value; give both")
         if value is not None:
             mean[rows], covariance[rows, rows] = value, spread
-    return Known(gpst=gpst, mean=mean, covariance=covariance)
+    return NavEstimate(gpst=gpst, mean=mean, covariance=covariance)
 
 
-def without(one: Known, rows: Indices) -> Known:
+def without(one: NavEstimate, rows: Indices) -> NavEstimate:
     """As if those of the eight were not known."""
     covariance = one.covariance.copy()
     covariance[rows, :] = covariance[:, rows] = 0.0
     covariance[rows, rows] = np.inf
-    return Known(gpst=one.gpst, mean=one.mean, covariance=covariance)
+    return NavEstimate(gpst=one.gpst, mean=one.mean, covariance=covariance)
 
 
-def known_of(fix: Fix, *, every_s: float = 0.0) -> Iterator[Known]:
+def known_of(fix: Fix, *, every_s: float = 0.0) -> Iterator[NavEstimate]:
     """The epochs of a fix, at least so far apart, with velocity and drift where there are any.
 
     The covariance of velocity and drift is not in the fix: it has the geometry of that of position and clock, with
@@ -95,4 +95,4 @@ def known_of(fix: Fix, *, every_s: float = 0.0) -> Iterator[Known]:
         if np.isfinite(rate).all():
             share = (_RATE_SIGMA_M_S / _RANGE_SIGMA_M) ** 2
             mean[rates], covariance[np.ix_(rates, rates)] = rate, share * fix.covariance_m2[row]
-        yield Known(gpst=gpst, mean=mean, covariance=covariance)
+        yield NavEstimate(gpst=gpst, mean=mean, covariance=covariance)
