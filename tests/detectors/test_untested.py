@@ -10,7 +10,7 @@ import pytest
 from tests.detectors import nulls
 from tests.detectors.own_fixes.test_detector import HOME, fixes_at
 
-from skyproof.detectors.array.array_common import ArrayCommon
+from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
 from skyproof.detectors.array.ins_array import InsArray
 from skyproof.detectors.array.spin import Spin
 from skyproof.detectors.bands.detector import Bands
@@ -253,7 +253,7 @@ CASES = {
         "1 signals make no pair",
     ),
     ("array_common", "directions_near"): (
-        lambda: said(ArrayCommon(), with_phases(lambda p: p, nulls.somewhere(rng(), 2))),
+        lambda: said(ArrayCommon(ArrayCommonSettings(1e-6)), with_phases(lambda p: p, nulls.somewhere(rng(), 2))),
         "too near to each other to tell their directions apart",
     ),
     ("array_common", "two_skies"): (

@@ -143,7 +143,13 @@ class Drifts(Heard):
 
 def test_by_inertia_levels_and_what_is_hidden_grow_from_those_of_the_last_fix():
     fix = fix_at([True] * 4 + [False] * 8)
-    drag = HiddenDrag(zero=LABELS[0], edges_s=np.array([0.0, 20.0]), rate_m_s=np.array([2.0]), jump_m=np.zeros(1))
+    drag = HiddenDrag(
+        zero=LABELS[0],
+        edges_s=np.array([0.0, 20.0]),
+        rate_m_s=np.array([2.0]),
+        jump_m=np.zeros(1),
+        far_m=np.array([np.inf]),
+    )
     carried, _ = flown_on(Flown(predictor=Drifts(), hidden=drag, integrity_risk=1e-7), "rx1", LABELS, fix)
     seconds = (carried.gpst - LABELS[3]) / np.timedelta64(1, "s")
     assert carried.protection_m[:, 0] == pytest.approx(13.0 + seconds * np.sqrt(-2.0 * np.log(1e-7)), rel=1e-6)
@@ -153,7 +159,13 @@ def test_by_inertia_levels_and_what_is_hidden_grow_from_those_of_the_last_fix():
 
 def test_by_inertia_nothing_is_hidden_after_a_trusted_fix_and_no_level_after_skies_that_overlap():
     fix = replace(fix_at([True] * 4 + [False] * 8), hidden_m=np.zeros(12))
-    drag = HiddenDrag(zero=LABELS[0], edges_s=np.array([0.0, 20.0]), rate_m_s=np.array([2.0]), jump_m=np.zeros(1))
+    drag = HiddenDrag(
+        zero=LABELS[0],
+        edges_s=np.array([0.0, 20.0]),
+        rate_m_s=np.array([2.0]),
+        jump_m=np.zeros(1),
+        far_m=np.array([np.inf]),
+    )
     coming = (known(LABELS[7], position_ecef_m=np.zeros(3), position_m2=np.eye(3)),)
     flown = Flown(predictor=Drifts(), hidden=drag, integrity_risk=1e-7, coming=coming)
     carried, _ = flown_on(flown, "rx1", LABELS, fix)

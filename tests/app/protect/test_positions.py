@@ -167,7 +167,11 @@ def test_false_signals_and_reflections_make_no_consistent_fix(label):
 
 def test_what_may_be_hidden_grows_from_the_last_evidence_on():
     drag = HiddenDrag(
-        zero=CLEAN.gpst[0], edges_s=np.array([0.0, 50.0, 90.0]), rate_m_s=np.array([1.0, 0.5]), jump_m=np.full(2, 7.0)
+        zero=CLEAN.gpst[0],
+        edges_s=np.array([0.0, 50.0, 90.0]),
+        rate_m_s=np.array([1.0, 0.5]),
+        jump_m=np.full(2, 7.0),
+        far_m=np.full(2, np.inf),
     )
     hidden_m = np.full(90, np.nan)
     for kind, fix in usable_fixes(clean_positions(of_clean("authentic", 20, 29), hidden=drag)):
