@@ -24,7 +24,7 @@ import tomli_w
 from skyproof.app.common.rinex import write_channels
 from skyproof.app.protect import protect
 from skyproof.arrays import Reals
-from skyproof.detectors.array.spin import Levels, Spin, SpinSettings, levels_of
+from skyproof.detectors.array.spin import Levels, Spin, SpinSettings, estimate_levels
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state_s
@@ -139,7 +139,7 @@ class DrawnArm:
 
     def levels(self) -> Levels:
         """As the detector finds them."""
-        found = levels_of(self.records.observations[0], self.records.spin_arms[0])
+        found = estimate_levels(self.records.observations[0], self.records.spin_arms[0])
         assert found is not None
         return found
 

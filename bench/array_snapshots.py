@@ -25,7 +25,7 @@ from scipy.stats import kstest
 
 from skyproof.arrays import Reals
 from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
-from skyproof.detectors.array.array_model import predicted_directions
+from skyproof.detectors.array.array_model import predict_directions
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
 from skyproof.explain import stands_beside
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
@@ -83,7 +83,7 @@ class Geometry:
             calibrated=False,
             elements_sigma_m=POSITION_SIGMA_M,
         )
-        self.towards = predicted_directions(self.phases, self.state, self.scene.navigation)
+        self.towards = predict_directions(self.phases, self.state, self.scene.navigation)
 
     def drawn(self, rng: Any) -> tuple[Records, Reals]:
         """One draw, and from where its false signals come, east, north, up."""

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Reals
 from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettings
-from skyproof.detectors.array.array_model import predicted_directions
+from skyproof.detectors.array.array_model import predict_directions
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
 from skyproof.detectors.residual import Residual, ResidualSettings
 from skyproof.explain import explain, stands_beside
@@ -154,7 +154,7 @@ def _phases(
         elements_sigma_m=0.003,
         lasting_sigma_cyc=LASTING_CYC,
     )
-    towards = predicted_directions(made, state, scene.navigation)
+    towards = predict_directions(made, state, scene.navigation)
     ground = directions @ rot_enu_ecef(lat, lon) @ true[0]
     for k, number in enumerate(place):
         if number >= 0:

@@ -10,7 +10,7 @@ from timing import line, take_turns
 
 from skyproof.arrays import Reals
 from skyproof.decomposition.fit import decompose
-from skyproof.detectors.array.arm_phases import full_fit
+from skyproof.detectors.array.arm_phases import fit_whole_series
 from skyproof.detectors.array.array_common import equal_statistic
 from skyproof.detectors.array.array_model import array_design, joint_statistic, residual_covariance, white_covariance
 from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector
@@ -96,7 +96,9 @@ def _methods() -> Iterator[Method]:
     yield Method("array alone, 8 signals equal", _normal(SATS, 2, sigma=0.01), lambda z: equal_statistic(z, WHITE))
     angle_rad = arm_angles(150, 0.05 * np.pi)
     yield Method("spin as printed, 150 samples", _normal(150, sigma=0.01), lambda z: paired_fit(z, angle_rad, **ARM))
-    yield Method("spin, whole series, 150 samples", _normal(150, sigma=0.01), lambda z: full_fit(z, angle_rad, **ARM))
+    yield Method(
+        "spin, whole series, 150 samples", _normal(150, sigma=0.01), lambda z: fit_whole_series(z, angle_rad, **ARM)
+    )
 
 
 def report() -> Iterator[str]:

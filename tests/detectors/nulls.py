@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from skyproof.decomposition.correlation import correlation
 from skyproof.detectors.array.arm_phases import arm_columns
-from skyproof.detectors.array.array_model import predicted_directions
+from skyproof.detectors.array.array_model import predict_directions
 from skyproof.detectors.array.ins_array import InsArraySettings
 from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.detectors.second_signals.detector import SecondSignalsSettings, elevation_rad
@@ -329,7 +329,7 @@ def empty_phases(epochs=4):
     )
 
 
-TRUE = predicted_directions(empty_phases(), STATE, NAVIGATION)
+TRUE = predict_directions(empty_phases(), STATE, NAVIGATION)
 
 
 def array_records(rng, direction=TRUE):

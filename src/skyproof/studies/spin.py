@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.array.arm_phases import arm_columns, full_fit
+from skyproof.detectors.array.arm_phases import arm_columns, fit_whole_series
 from skyproof.report.chart import Axes
 from skyproof.statistics.directions import direction_cosines
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
@@ -126,7 +126,7 @@ def scenario(settings: StudySettings) -> Iterator[Row]:
     trials = settings.count(50_000, 20_000)
     columns = arm_columns(arm_angles(n, RATE), RADIUS_CYC)
     for pair, other in SCENARIO:
-        for test, fit in (("paper", paired_fit), ("full", full_fit)):
+        for test, fit in (("paper", paired_fit), ("full", fit_whole_series)):
             far = _noncentrality(test, n, other, SPOOFER)
             limit = float(authentic_threshold(P_FA, far))
             spin = columns @ (_level(other) - _level(SPOOFER))

@@ -13,8 +13,8 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.detectors.array.arm_phases import estimate_rate, full_fit, minus_mean
-from skyproof.detectors.array.array_common import cluster_chance
+from skyproof.detectors.array.arm_phases import estimate_rate, fit_whole_series, subtract_mean
+from skyproof.detectors.array.array_common import bound_chance_by_size
 from skyproof.detectors.array.array_model import (
     array_design,
     conditional_statistics,
@@ -469,7 +469,7 @@ def clusters_of_random_directions(rng: np.random.Generator, n: int) -> Reals:
     found = equal_clusters(values, _OWN, false_alarm_probability=0.01, wrapped=True)
     chance = equality_chance(design, _OWN, found.limit, wrapped=True)
     size = np.max(np.sum(found.labels[:, :, None] == found.labels[:, None, :], axis=-1), axis=-1)
-    return np.asarray(np.array([cluster_chance(6, k, chance) for k in range(7)])[size])
+    return np.asarray(np.array([bound_chance_by_size(6, k, chance) for k in range(7)])[size])
 
 
 # A spinning antenna ---------------------------------------------------------------------------------------------------
@@ -489,7 +489,7 @@ def pair_of_spinning(test: str) -> Draw:
         if test == "paper":
             return chi_square_survival(paired_fit(phase, angle, **_PAIR).statistic, 2)
         phase = phase + 0.7 * rng.standard_normal((n, 1)) * t + 0.05 * rng.standard_normal((n, 1)) * t**2
-        return chi_square_survival(full_fit(phase, angle, **_PAIR).statistic, 2)
+        return chi_square_survival(fit_whole_series(phase, angle, **_PAIR).statistic, 2)
 
     return draw
 
@@ -518,11 +518,11 @@ def signals_of_one_antenna(*, rate_known: bool = True) -> Draw:
         angle = arm_angles(_SAMPLES, _TURN_RAD)
         covariance = np.linalg.inv(full_information(angle, **_ONE))
         if rate_known:
-            return equal_p_value(full_fit(minus_mean(noise), angle, **_ONE).level, covariance)
+            return equal_p_value(fit_whole_series(subtract_mean(noise), angle, **_ONE).level, covariance)
         series = noise + 0.25 * np.cos(angle + 0.4)  # of the direction they have in common
         found = estimate_rate(series, _TURN_RAD, **_ONE, rate_sigma_rad=0.01 * _TURN_RAD)
         levels = [
-            full_fit(minus_mean(one), arm_angles(_SAMPLES, rate), **_ONE).level
+            fit_whole_series(subtract_mean(one), arm_angles(_SAMPLES, rate), **_ONE).level
             for one, rate in zip(series, found.rate_rad, strict=True)
         ]
         return equal_p_value(np.array(levels), covariance)

@@ -11,8 +11,8 @@ from tests.detectors.nulls import array_phases, window
 from skyproof.detectors.array.array_common import (
     ArrayCommon,
     ArrayCommonSettings,
-    chance_of_cluster,
-    cluster_chance,
+    bound_chance_by_size,
+    bound_chance_of_cluster,
 )
 from skyproof.detectors.array.array_model import array_design, white_covariance
 from skyproof.records import ArrayPhases, Cause, SignalId
@@ -128,7 +128,7 @@ def test_chance_of_equality_bounds_what_random_skies_do(wrapped):
     values = sky @ design.T + rng.multivariate_normal([0, 0], covariance, (30_000, 2))
     equal = float(np.mean(pair_statistics(values, covariance, wrapped=wrapped)[:, 0, 1] < 9.21))
     assert 0.4 * chance < equal < 1.05 * chance
-    assert cluster_chance(6, 3, chance) == pytest.approx(20 * chance**2)
+    assert bound_chance_by_size(6, 3, chance) == pytest.approx(20 * chance**2)
 
 
 @pytest.mark.parametrize("size", [2, 3])
@@ -142,7 +142,7 @@ def test_the_chance_of_a_cluster_is_no_smaller_than_that_of_random_skies(size):
         distance = pair_statistics(values, covariance, wrapped=True)
         clusters = Clusters(np.zeros(3, int), distance, 1e3)
         best = min(combinations(range(3), size), key=lambda rows: distance[np.ix_(rows, rows)].max())
-        p_values.append(chance_of_cluster(clusters, np.array(best), 3, size, design, covariance, wrapped=True))
+        p_values.append(bound_chance_of_cluster(clusters, np.array(best), 3, size, design, covariance, wrapped=True))
     for level in (0.05, 0.2, 0.5):
         assert binom.sf(np.sum(np.array(p_values) <= level) - 1, 80, level) > 1e-3
 

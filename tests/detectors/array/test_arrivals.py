@@ -5,7 +5,7 @@ import pytest
 
 from skyproof.detectors.array.agreement import Agreement, ArrayFrame, MeanPhases
 from skyproof.detectors.array.array_model import array_design, white_covariance
-from skyproof.detectors.array.arrivals import across, arrivals
+from skyproof.detectors.array.arrivals import across, find_arrivals
 from skyproof.statistics.directions import direction_cosines
 from skyproof.studies.array_geometry import equilateral_triangle
 
@@ -31,7 +31,7 @@ def found_of(direction, elements, sigma_cyc=0.01):
         position_sigma_cyc=1e-6,
     )
     cycles = array_design(elements) @ direction
-    return arrivals(measured, agreed, cycles - np.rint(cycles), white_covariance([sigma_cyc] * len(elements)))
+    return find_arrivals(measured, agreed, cycles - np.rint(cycles), white_covariance([sigma_cyc] * len(elements)))
 
 
 @pytest.mark.parametrize("el_deg", [3.0, 25.0, 60.0, 85.0])

@@ -84,7 +84,7 @@ def test_a_satellite_behind_the_transmitter_is_not_authentic():
 )
 def test_a_signal_that_another_covers_is_not_named(monkeypatch, band, code, apart_m, weaker_db, named):
     """Its phases are a mixture of both: where they overlap, and where filters leave some of a stronger one."""
-    monkeypatch.setattr("skyproof.detectors.array.ins_array.reflections", lambda *given, **more: frozenset())
+    monkeypatch.setattr("skyproof.detectors.array.ins_array.select_reflections", lambda *given, **more: frozenset())
     direction = TRUE.copy()
     direction[:, 3], direction[:, 2] = TRUE[:, 2], TRUE[:, 0]
     records = array_records(np.random.default_rng(8), direction)
@@ -102,7 +102,7 @@ def test_a_signal_that_another_covers_is_not_named(monkeypatch, band, code, apar
 
 
 def test_reflections_of_several_satellites_from_one_direction_leave_the_sky_open(monkeypatch):
-    late = "skyproof.detectors.array.ins_array.reflections"
+    late = "skyproof.detectors.array.ins_array.select_reflections"
     monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
     direction = TRUE.copy()
     direction[:, 2:4] = direction_cosines(np.radians([40.0, 200.0]), np.radians([-25.0, -60.0]))
@@ -127,7 +127,7 @@ def low_satellite():
 @pytest.mark.parametrize("low", [True, False])
 def test_what_comes_from_where_a_false_signal_does_is_of_its_transmitter(monkeypatch, low):
     """All that come from there look like reflections, but the satellite of one stands below the horizon."""
-    late = "skyproof.detectors.array.ins_array.reflections"
+    late = "skyproof.detectors.array.ins_array.select_reflections"
     monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
     direction = TRUE.copy()
     direction[:, 5:] = direction_cosines(np.radians(40.0), np.radians(-25.0))

@@ -13,8 +13,8 @@ from skyproof.detectors.array.over_time import (
     add_block,
     alpha_alone,
     alpha_of_block,
-    forgotten_share,
-    kept_share,
+    pattern_share,
+    share_after_averaging,
 )
 from skyproof.detectors.array.policy import POLICY
 from skyproof.detectors.array.spin import Spin, SpinSettings
@@ -74,7 +74,7 @@ def test_a_block_holds_the_mean_of_its_windows_and_few_wait():
     np.testing.assert_allclose(last.white_cyc2, 1e-4 / 16)
     phases = last.mean_phases(0.25)
     np.testing.assert_allclose(residuals(phases, last.frame), last.residual_cyc, atol=1e-12)
-    lasting = 0.25 + 0.75 * forgotten_share(160.0)
+    lasting = 0.25 + 0.75 * share_after_averaging(160.0)
     np.testing.assert_allclose(phases.sigma_cyc**2, 1e-4 / 16 + lasting * 1e-4)
 
 
@@ -90,7 +90,7 @@ def test_windows_of_a_body_that_has_turned_do_not_join():
 def test_what_a_mean_leaves_of_a_gauss_markov_process(duration_s):
     t = np.linspace(0.0, duration_s, 2001)[:-1]
     mean = np.exp(-np.abs(t[:, None] - t) / POLICY.lasting_forgotten_s).mean()
-    assert forgotten_share(duration_s) == pytest.approx(mean, rel=2e-3)
+    assert share_after_averaging(duration_s) == pytest.approx(mean, rel=2e-3)
 
 
 def test_windows_and_blocks_spend_what_the_windows_have():
@@ -100,8 +100,8 @@ def test_windows_and_blocks_spend_what_the_windows_have():
 
 
 def test_the_pattern_of_antennas_is_never_forgotten():
-    assert kept_share(0.0101, L1_HZ) == pytest.approx(0.271, abs=1e-3)
-    assert kept_share(0.0, L1_HZ) == 1.0
+    assert pattern_share(0.0101, L1_HZ) == pytest.approx(0.271, abs=1e-3)
+    assert pattern_share(0.0, L1_HZ) == 1.0
 
 
 def test_a_false_signal_that_no_window_shows_alone_is_named_by_four():

@@ -14,12 +14,12 @@ from tests.detectors.nulls import spin_series as series
 
 from skyproof.detectors.array.arm_phases import (
     arm_columns,
-    bent_signals,
     estimate_rate,
-    full_fit,
-    minus_mean,
+    find_bent_signals,
+    fit_whole_series,
     repair_slips,
     step_statistics,
+    subtract_mean,
 )
 from skyproof.detectors.array.spin import Spin
 from skyproof.records import SpinArm
@@ -224,16 +224,16 @@ def test_neither_cycles_drift_curvature_nor_order_change_the_statistic():
     rng = np.random.default_rng(3)
     y = rng.standard_normal((20, 150)) * 0.014
     angle = arm_angles(150, W)
-    expected = full_fit(y, angle, **PAIR).statistic
+    expected = fit_whole_series(y, angle, **PAIR).statistic
     t = np.arange(150)
     moved = y + rng.integers(-9, 9, (20, 1)) + rng.standard_normal((20, 1)) * t + 0.01 * t**2
-    np.testing.assert_allclose(full_fit(moved, angle, **PAIR).statistic, expected, rtol=1e-6)
-    np.testing.assert_allclose(full_fit(-y, angle, **PAIR).statistic, expected, rtol=1e-12)
-    np.testing.assert_allclose(full_fit(y, angle, **PAIR, time=7.0 + 0.1 * t).statistic, expected, rtol=1e-9)
+    np.testing.assert_allclose(fit_whole_series(moved, angle, **PAIR).statistic, expected, rtol=1e-6)
+    np.testing.assert_allclose(fit_whole_series(-y, angle, **PAIR).statistic, expected, rtol=1e-12)
+    np.testing.assert_allclose(fit_whole_series(y, angle, **PAIR, time=7.0 + 0.1 * t).statistic, expected, rtol=1e-9)
     # Whole turns, and a quadratic that is nearly blind to them: the start angle only turns the estimate.
-    start = full_fit(y, angle + 1.0, **PAIR, degree=0)
+    start = fit_whole_series(y, angle + 1.0, **PAIR, degree=0)
     np.testing.assert_allclose(
-        start.statistic[:, None], full_fit(y, angle, **PAIR, degree=0).statistic[:, None], rtol=1e-9
+        start.statistic[:, None], fit_whole_series(y, angle, **PAIR, degree=0).statistic[:, None], rtol=1e-9
     )
 
 
@@ -243,11 +243,11 @@ def test_a_drifting_spoofed_pair_keeps_the_false_alarms_of_the_full_test_only(n)
     t = np.arange(n) / 10.0
     noise = PAIR["sigma_cyc"] * rng.standard_normal((50_000, n))
     y = noise + 0.7 * rng.standard_normal((50_000, 1)) * t + 0.05 * rng.standard_normal((50_000, 1)) * t**2
-    p = chi_square_survival(full_fit(y, arm_angles(n, W), **PAIR).statistic, 2)
+    p = chi_square_survival(fit_whole_series(y, arm_angles(n, W), **PAIR).statistic, 2)
     for level_of in (0.1, 0.01):
         assert binomial_two_sided(int(np.sum(p < level_of)), p.size, level_of) > 1e-4
     # Another start and another rate do no harm to the test of equality.
-    p = chi_square_survival(full_fit(y, arm_angles(n, 1.05 * W, start_rad=1.0), **PAIR).statistic, 2)
+    p = chi_square_survival(fit_whole_series(y, arm_angles(n, 1.05 * W, start_rad=1.0), **PAIR).statistic, 2)
     assert binomial_two_sided(int(np.sum(p < 0.01)), p.size, 0.01) > 1e-4
     if n == 150:
         drift = paired_fit(0.07 * np.arange(n), arm_angles(n, W), **PAIR).statistic
@@ -258,7 +258,7 @@ def test_a_drifting_spoofed_pair_keeps_the_false_alarms_of_the_full_test_only(n)
 def test_p_values_of_the_full_test_are_uniform():
     rng = np.random.default_rng(4)
     noise = 0.01 * rng.standard_normal((100_000, 4, 60)) + rng.standard_normal((100_000, 1, 60))
-    fit = full_fit(minus_mean(noise), arm_angles(60, W), **ONE)
+    fit = fit_whole_series(subtract_mean(noise), arm_angles(60, W), **ONE)
     pair = fit.level[:, 0] - fit.level[:, 1]
     p = chi_square_survival(np.sum((pair @ fit.information) * pair, axis=-1) / 2.0, 2)
     joint = equal_p_value(fit.level, np.linalg.inv(fit.information))
@@ -272,7 +272,7 @@ def test_motion_that_a_quadratic_leaves():
     def bias(n):
         t = np.arange(n) / 10.0
         cubic = legendre.legval(2.0 * t / t[-1] - 1.0, [0, 0, 0, 1.0]) * (t[-1] / 2.0) ** 3 / 2.5
-        return float(full_fit(cubic, arm_angles(n, W), **PAIR).statistic)
+        return float(fit_whole_series(cubic, arm_angles(n, W), **PAIR).statistic)
 
     scale = 0.8 / bias(150)
     assert scale * bias(300) == pytest.approx(1.7, abs=0.2)
@@ -286,7 +286,9 @@ def test_motion_that_a_quadratic_leaves():
 def test_what_an_error_of_the_rate_costs(n, kept):
     for error, share in zip((0.01, 0.02, 0.05), kept, strict=True):
         y = arm_columns(arm_angles(n, W * (1 + error)), 0.5) @ APART
-        assert float(full_fit(y, arm_angles(n, W), **PAIR).statistic) / far("full", n) == pytest.approx(share, abs=6e-4)
+        assert float(fit_whole_series(y, arm_angles(n, W), **PAIR).statistic) / far("full", n) == pytest.approx(
+            share, abs=6e-4
+        )
 
 
 @pytest.mark.parametrize("w", [W, -W], ids=["clockwise", "counterclockwise"])
@@ -316,7 +318,7 @@ def test_signals_of_one_direction_leave_the_rate_where_it_was():
     assert np.abs(found.rate_rad / W - 1.0).max() < 0.003
     # The estimated rate hardly changes the false alarms of the test of equality.
     levels = [
-        full_fit(minus_mean(one), arm_angles(150, rate), **ONE).level
+        fit_whole_series(subtract_mean(one), arm_angles(150, rate), **ONE).level
         for one, rate in zip(y, found.rate_rad, strict=True)
     ]
     covariance = np.linalg.inv(full_information(arm_angles(150, W), **ONE))
@@ -328,13 +330,13 @@ def test_signals_of_one_direction_leave_the_rate_where_it_was():
 def test_predicted_directions_with_a_start_angle_to_estimate(n):
     rng = np.random.default_rng(7)
     y = series(rng, SKY, n, trials=(10_000,), start=0.8)
-    fit = full_fit(minus_mean(y), arm_angles(n, W), **ONE)
+    fit = fit_whole_series(subtract_mean(y), arm_angles(n, W), **ONE)
     found = predicted_test(fit.level, SKY, fit.information, start_known=False)
     assert found.dof == 13
     assert np.median(found.start_rad) == pytest.approx(0.8, abs=2e-3)
     p = chi_square_survival(found.statistic, found.dof)
     assert binomial_two_sided(int(np.sum(p < 0.01)), p.size, 0.01) > 1e-4
-    known = full_fit(minus_mean(y), arm_angles(n, W, start_rad=0.8), **ONE)
+    known = fit_whole_series(subtract_mean(y), arm_angles(n, W, start_rad=0.8), **ONE)
     exact = predicted_test(known.level, SKY, known.information)
     assert exact.dof == 14
     p = chi_square_survival(exact.statistic, 14)
@@ -352,7 +354,7 @@ def test_one_satellite_that_is_not_where_predicted(n, lifted, p_d):
     found = noncentral_chi_square_survival(chi_square_threshold(0.01, 13), 13, shift)
     assert found.mean() == pytest.approx(p_d, abs=0.025)
     y = series(np.random.default_rng(8), sky, n, trials=(4000,), start=start[16])
-    fit = full_fit(minus_mean(y), arm_angles(n, W), **ONE)
+    fit = fit_whole_series(subtract_mean(y), arm_angles(n, W), **ONE)
     counted = predicted_test(fit.level, SKY, fit.information, start_known=False).statistic
     assert np.mean(counted > chi_square_threshold(0.01, 13)) == pytest.approx(found[16], abs=0.02)
 
@@ -382,7 +384,7 @@ def test_a_half_cycle_slip_stands_out_and_would_divide_a_pair():
     np.testing.assert_array_equal(statistic.argmax(axis=-1), np.arange(4, 145))
     np.testing.assert_allclose(size[np.arange(141), np.arange(4, 145)], 0.5, rtol=1e-9)
     near_the_middle = np.arange(150) >= 70
-    for fit, half, whole in ((full_fit, 1199, 4795), (paired_fit, 68, 273)):
+    for fit, half, whole in ((fit_whole_series, 1199, 4795), (paired_fit, 68, 273)):
         for step, bias in ((0.5, half), (1.0, whole)):
             found = fit(step * near_the_middle, arm_angles(150, W), **PAIR).statistic
             assert float(found) == pytest.approx(bias, abs=0.5)
@@ -400,7 +402,7 @@ def test_slips_are_repaired_where_they_are_and_nowhere_else():
     expected[np.arange(300), 2, place] += size
     expected[np.arange(300), 0, second] += 0.5
     # Two of four slipping at once by a half are the other two slipping back: only differences count.
-    np.testing.assert_allclose(minus_mean(repaired.jump_cyc), minus_mean(expected), atol=1e-12)
+    np.testing.assert_allclose(subtract_mean(repaired.jump_cyc), subtract_mean(expected), atol=1e-12)
     np.testing.assert_allclose(repaired.phase_cyc, y - np.cumsum(repaired.jump_cyc, axis=-1), atol=1e-9)
     clean = repair_slips(repaired.phase_cyc, arm_angles(150, W), sigma_cyc=0.01)
     assert not clean.jump_cyc.any()
@@ -413,7 +415,7 @@ def test_slips_are_repaired_where_they_are_and_nowhere_else():
 def test_all_of_one_direction_under_any_clock(signals):
     rng = np.random.default_rng(signals)
     y = series(rng, np.repeat(SKY[:1], signals, axis=0), 60, trials=(20_000,))
-    fit = full_fit(minus_mean(y), arm_angles(60, W), **ONE)
+    fit = fit_whole_series(subtract_mean(y), arm_angles(60, W), **ONE)
     statistic = equal_statistic(fit.level, np.linalg.inv(fit.information))[0]
     assert statistic.mean() == pytest.approx(2 * (signals - 1), rel=0.02)
     p = chi_square_survival(statistic, 2 * (signals - 1))
@@ -425,7 +427,7 @@ def test_four_false_signals_among_nine_are_clustered(n):
     distant = [(20, 15), (75, 40), (250, 20), (340, 75)]
     directions = np.array([level(160, 55)] * 4 + [level(*d) for d in distant] + [level(158, 53)])
     y = series(np.random.default_rng(n), directions, n, trials=(2000,))
-    fit = full_fit(minus_mean(y), arm_angles(n, W), **ONE)
+    fit = fit_whole_series(subtract_mean(y), arm_angles(n, W), **ONE)
     covariance = np.linalg.inv(fit.information)
     clusters = equal_clusters(fit.level, covariance, false_alarm_probability=0.01)
     assert clusters.limit == pytest.approx(16.377, abs=5e-4)
@@ -512,7 +514,8 @@ def test_signals_of_one_direction_each_are_seldom_said_to_be_bent():
     rng = np.random.default_rng(8)
     for asked, draws in ((0.1, 1500), (0.01, 1500)):
         found = sum(
-            bent_signals(*mixed_phases(rng), np.full(6, 0.01), accept_probability=asked).size > 0 for _ in range(draws)
+            find_bent_signals(*mixed_phases(rng), np.full(6, 0.01), accept_probability=asked).size > 0
+            for _ in range(draws)
         )
         assert 0.6 * asked * draws - 3.0 * np.sqrt(asked * draws) < found < asked * draws + 3.0 * np.sqrt(asked * draws)
 
@@ -521,9 +524,9 @@ def test_signals_that_two_directions_share_are_bent_and_no_others():
     rng = np.random.default_rng(9)
     for mixed in ((), (2,), (0, 3), (0, 1, 2, 3)):
         phases, angle = mixed_phases(rng, mixed=mixed)
-        assert tuple(bent_signals(phases, angle, np.full(6, 0.01))) == mixed
+        assert tuple(find_bent_signals(phases, angle, np.full(6, 0.01))) == mixed
 
 
 def test_of_two_signals_none_is_said_to_be_bent():
     phases, angle = mixed_phases(np.random.default_rng(10), n=2, mixed=(1,))
-    assert bent_signals(phases, angle, np.full(2, 0.01)).size == 0
+    assert find_bent_signals(phases, angle, np.full(2, 0.01)).size == 0

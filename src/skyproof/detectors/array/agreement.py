@@ -1,11 +1,11 @@
-"""Which signals agree with one attitude of an array and one set of line delays? And where is the attitude, if unknown?
+"""Find the signals that agree with one attitude of an array and one set of line delays, and the attitude if unknown.
 
-What all signals share (attitude, line delays, places of antennas) is normal with a stated covariance, wide where it is
-not known. The signals that agree are found by leaving out the least likely one after another, and are taken back where
-the others, once they have shown the shared errors, expect them. Where attitude or lines are unknown, the search begins
-with candidates: of the lines those that each signal alone would show, of the attitude the places on a grid of rotations
-where the phases of most signals add up, whatever the rest does (an ambiguity function: Counselman and Gourevitch, IEEE
-Transactions on Geoscience and Remote Sensing 19(4), 1981).
+All signals share the errors of attitude, line delays and antenna positions. These are normal with a stated covariance,
+which is wide where they are unknown. The search leaves out the least likely signal, one after another. It takes a
+signal back if the others, once they have shown the shared errors, predict it. Where attitude or lines are unknown, the
+search begins with candidates. Each signal alone gives a candidate for the lines. Candidates for the attitude are the
+points of a grid of rotations where the phases of most signals add up, whatever the rest does. This is an ambiguity
+function: Counselman and Gourevitch, IEEE Transactions on Geoscience and Remote Sensing 19(4), 1981.
 
 Units and shapes are those of `array_model`: n signals, M antennas, d = M - 1 differences.
 """
@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.array.array_model import (
     array_design,
-    own_blocks,
+    diagonal_blocks,
     residual_covariance,
     sky_p_value,
     white_covariance,
@@ -33,12 +33,12 @@ __all__ = [
     "Agreement",
     "ArrayFrame",
     "MeanPhases",
-    "agreement",
-    "best_agreement",
-    "fitted_frame",
-    "frames",
+    "find_agreement",
+    "find_best_agreement",
+    "fit_frame",
+    "predict_from_members",
+    "propose_frames",
     "residuals",
-    "shared_given",
 ]
 
 _CELL_RAD: Final = 0.12  # of the grid of rotations, times wavelengths of the longest baseline
@@ -50,8 +50,8 @@ _CANDIDATES: Final = 16
 class MeanPhases:
     """One window's phases beside what a first attitude predicts.
 
-    cycles : (n, d) measured minus predicted differences, any whole cycles in them. direction : (n, 3) predicted, of
-    which the rest follows. sigma_cyc : (n, M). elements_cyc : (M, 3). ratio : (n,) of carriers.
+    cycles : (n, d) measured minus predicted differences, any whole cycles in them. direction : (n, 3) predicted;
+    the other predictions follow from it. sigma_cyc : (n, M). elements_cyc : (M, 3). ratio : (n,) of carriers.
     position_sigma_cyc : of each antenna along each axis. scale_sigma : of the length of all baselines together, as a
         share of it.
     """
@@ -65,21 +65,22 @@ class MeanPhases:
     scale_sigma: float = 0.0
 
     def part(self, rows: Indices) -> "MeanPhases":
-        """Some of the signals."""
-        own = {name: getattr(self, name)[rows] for name in ("cycles", "direction", "sigma_cyc", "ratio")}
-        return replace(self, **own)
+        """Return these phases for some of the signals only."""
+        columns = {name: getattr(self, name)[rows] for name in ("cycles", "direction", "sigma_cyc", "ratio")}
+        return replace(self, **columns)
 
     @property
     def raw_cyc(self) -> Reals:
-        """(n, d) the differences as they were measured, any whole cycles in them."""
+        """Return the differences as they were measured (n, d), any whole cycles in them."""
         return np.asarray(self.cycles + self.ratio[:, None] * (self.direction @ array_design(self.elements_cyc).T))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArrayFrame:
-    """What is taken for known of attitude and lines.
+    """State what is known of attitude and line delays.
 
-    turn : (3, 3) directions are `turn @ predicted`. bias_cyc : (d,). attitude_covariance_rad2 : (3, 3) of what is left.
+    turn : (3, 3) directions are `turn @ predicted`. bias_cyc : (d,). attitude_covariance_rad2 : (3, 3) of the remaining
+    error.
     bias_sigma_cyc : of each antenna. freed : how many numbers were fitted to the signals.
     """
 
@@ -89,8 +90,8 @@ class ArrayFrame:
     bias_sigma_cyc: float
     freed: int = 0
 
-    def loosened(self, *, attitude: bool, bias: bool) -> "ArrayFrame":
-        """With attitude or lines not known."""
+    def loosen(self, *, attitude: bool, bias: bool) -> "ArrayFrame":
+        """Return the frame with attitude or lines unknown."""
         covariance = self.attitude_covariance_rad2
         if attitude and not self.attitude_free:
             covariance = POLICY.free_attitude_sigma_rad**2 * np.eye(3)
@@ -104,22 +105,22 @@ class ArrayFrame:
 
     @property
     def attitude_free(self) -> bool:
-        """Whether the attitude, or the heading alone, is not known."""
+        """Tell if the attitude, or the heading alone, is unknown."""
         return bool(self.attitude_covariance_rad2[2, 2] >= POLICY.free_attitude_sigma_rad**2)
 
     @property
     def attitude_sigma_rad(self) -> float:
-        """Of what is left of the attitude, about the axis where that is most."""
+        """Return the remaining error of the attitude, about the axis where it is largest."""
         return float(np.sqrt(np.linalg.eigvalsh(self.attitude_covariance_rad2).max()))
 
     @property
     def level(self) -> bool:
-        """Whether the vertical is known."""
+        """Tell if the vertical is known."""
         return bool(self.attitude_covariance_rad2[0, 0] < POLICY.free_attitude_sigma_rad**2)
 
     @property
     def bias_free(self) -> bool:
-        """Whether the lines are not known."""
+        """Tell if the line delays are unknown."""
         return self.bias_sigma_cyc >= POLICY.free_line_sigma_cyc
 
 
@@ -144,13 +145,13 @@ class Agreement:
 
 
 def residuals(measured: MeanPhases, frame: ArrayFrame) -> Reals:
-    """MeanPhases minus predicted differences (n, d) in a frame, any whole cycles in them."""
+    """Compute measured minus predicted differences (n, d) in a frame, any whole cycles in them."""
     moved = measured.direction @ (frame.turn - np.eye(3)).T
     return measured.cycles - measured.ratio[:, None] * (moved @ array_design(measured.elements_cyc).T) - frame.bias_cyc
 
 
-def covariance_of(measured: MeanPhases, frame: ArrayFrame) -> Reals:
-    """Covariance (n d, n d) of `residuals`."""
+def compute_covariance(measured: MeanPhases, frame: ArrayFrame) -> Reals:
+    """Compute the covariance (n d, n d) of `residuals`."""
     return residual_covariance(
         measured.elements_cyc,
         measured.direction @ frame.turn.T,
@@ -163,8 +164,10 @@ def covariance_of(measured: MeanPhases, frame: ArrayFrame) -> Reals:
     )
 
 
-def shared_given(residual_cyc: Reals, covariance: Reals, members: Indices, others: Indices) -> tuple[Reals, Reals]:
-    """What members lead to expect of other rows: mean (o, d) and covariance (o, d, d) of each by itself.
+def predict_from_members(
+    residual_cyc: Reals, covariance: Reals, members: Indices, others: Indices
+) -> tuple[Reals, Reals]:
+    """Predict other rows from the members: mean (o, d) and covariance (o, d, d) of each.
 
     residual_cyc : (members, d). covariance : (n d, n d) of all rows.
     """
@@ -172,66 +175,73 @@ def shared_given(residual_cyc: Reals, covariance: Reals, members: Indices, other
     inside, outside = _rows(members, d), _rows(others, d)
     cross = covariance[np.ix_(outside, inside)]
     gain = np.linalg.solve(covariance[np.ix_(inside, inside)], cross.T).T if members.size else cross
-    left = own_blocks(covariance[np.ix_(outside, outside)] - gain @ cross.T, others.size, d)
-    return np.asarray((gain @ residual_cyc.ravel()).reshape(-1, d)), left
+    remaining = diagonal_blocks(covariance[np.ix_(outside, outside)] - gain @ cross.T, others.size, d)
+    return np.asarray((gain @ residual_cyc.ravel()).reshape(-1, d)), remaining
 
 
-def agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probability: float) -> Agreement:
-    """The signals that agree with a frame whose rest is small against half a cycle.
+def find_agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probability: float) -> Agreement:
+    """Find the signals that agree with a frame whose remaining errors are small against half a cycle.
+
+    If not all agree, the limit for each is one that true signals rarely exceed, however rare alarms are to be. A signal
+    beyond that limit that would raise no alarm is doubtful.
 
     Where not all do, those agree that true signals are seldom beyond, however rare alarms are to be; who is beyond
     that, and would raise no alarm, is doubtful.
     """
     n, d = measured.cycles.shape
-    covariance = covariance_of(measured, frame)
-    tight = covariance_of(measured, _tightened(frame))
-    residual, least = nearest_whole(residuals(measured, frame), own_blocks(tight, n, d))
+    covariance = compute_covariance(measured, frame)
+    tight = compute_covariance(measured, _tighten(frame))
+    residual, least = nearest_whole(residuals(measured, frame), diagonal_blocks(tight, n, d))
     p_value = float(sky_p_value(residual, covariance, wrapped=False))
     missed = max(false_alarm_probability, POLICY.fitted_missed_probability)
     if p_value >= false_alarm_probability:
-        agreed = _agreed(frame, residual, covariance, np.arange(n), p_value, np.ones(n), false_alarm_probability)
+        agreed = _build_agreement(
+            frame, residual, covariance, np.arange(n), p_value, np.ones(n), false_alarm_probability
+        )
         return replace(agreed, doubtful=np.flatnonzero(agreed.p_values < missed / n))
     # Few are enough to show what all share; who stands far off alone must not.
     members = np.flatnonzero(chi_square_survival(least, d) >= missed / n)
-    members = _without_strangers(residual, covariance, members, missed)
+    members = _remove_strangers(residual, covariance, members, missed)
     p_values = np.ones(n)
     while True:
-        others = np.setdiff1d(np.arange(n), members)
-        if not others.size:
+        outside = np.setdiff1d(np.arange(n), members)
+        if not outside.size:
             break
-        mean, left = shared_given(residual[members], covariance, members, others)
-        off, statistic = nearest_whole(residual[others] - mean, left)
-        p_values[others] = chi_square_survival(statistic, d)
-        best = int(p_values[others].argmax())
-        if not members.size or p_values[others[best]] < missed / n:
+        mean, remaining = predict_from_members(residual[members], covariance, members, outside)
+        off, statistic = nearest_whole(residual[outside] - mean, remaining)
+        p_values[outside] = chi_square_survival(statistic, d)
+        best = int(p_values[outside].argmax())
+        if not members.size or p_values[outside[best]] < missed / n:
             break
-        residual[others[best]] = off[best] + mean[best]
-        more = np.sort(np.append(members, others[best]))
-        kept = _without_strangers(residual, covariance, more, missed)
+        residual[outside[best]] = off[best] + mean[best]
+        more = np.sort(np.append(members, outside[best]))
+        kept = _remove_strangers(residual, covariance, more, missed)
         if kept.size <= members.size:
             break
         members = kept
-    agreed = _agreed(frame, residual, covariance, members, p_value, p_values, missed)
+    agreed = _build_agreement(frame, residual, covariance, members, p_value, p_values, missed)
     near = np.setdiff1d(np.flatnonzero(p_values >= false_alarm_probability / n), members)
     return replace(agreed, doubtful=near)
 
 
-def frames(measured: MeanPhases, frame: ArrayFrame) -> Iterator[ArrayFrame]:
-    """The frame itself where attitude and lines are known, else candidates for what is not, fitted to most signals."""
+def propose_frames(measured: MeanPhases, frame: ArrayFrame) -> Iterator[ArrayFrame]:
+    """Yield the frame if attitude and lines are known, else candidates fitted to most signals."""
     if frame.attitude_free:
         for turn, bias_cyc in _rotations(measured, frame):
-            yield fitted_frame(measured, replace(frame, turn=turn, bias_cyc=bias_cyc))
+            yield fit_frame(measured, replace(frame, turn=turn, bias_cyc=bias_cyc))
     elif frame.bias_free:
         for bias_cyc in residuals(measured, frame):
-            yield fitted_frame(measured, replace(frame, bias_cyc=frame.bias_cyc + bias_cyc))
+            yield fit_frame(measured, replace(frame, bias_cyc=frame.bias_cyc + bias_cyc))
     else:
         yield frame
 
 
-def best_agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probability: float) -> Agreement:
-    """Of all candidates of `frames` the agreement that costs least, and what others nearly as good say otherwise."""
-    found = [agreement(measured, one, false_alarm_probability) for one in frames(measured, frame)]
-    best = min(found, key=lambda one: one.cost)
+def find_best_agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probability: float) -> Agreement:
+    """Find the agreement that costs least among all candidates, and the signals that others as good judge otherwise."""
+    found = [
+        find_agreement(measured, candidate, false_alarm_probability) for candidate in propose_frames(measured, frame)
+    ]
+    best = min(found, key=lambda candidate: candidate.cost)
     doubtful, lone = best.doubtful, True
     for other in found:
         if other.cost - best.cost < POLICY.as_good_cost:
@@ -241,7 +251,7 @@ def best_agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probabil
     return replace(best, doubtful=doubtful, lone=lone)
 
 
-def _agreed(
+def _build_agreement(
     frame: ArrayFrame,
     residual: Reals,
     covariance: Reals,
@@ -250,14 +260,14 @@ def _agreed(
     p_values: Reals,
     false_alarm_probability: float,
 ) -> Agreement:
-    """With the members' own p-values and the cost."""
+    """Build the agreement, with the members' p-values and the cost."""
     n, d = residual.shape
     rows = _rows(members, d)
-    own = covariance[np.ix_(rows, rows)]
+    member_covariance = covariance[np.ix_(rows, rows)]
     p_values = p_values.copy()
-    p_values[members] = chi_square_survival(_conditional(residual[members], own), d)
+    p_values[members] = chi_square_survival(_conditional(residual[members], member_covariance), d)
     most = float(chi_square_threshold(false_alarm_probability / n, d))
-    cost = float(squared_norm(residual[members].ravel(), own)) if members.size else 0.0
+    cost = float(squared_norm(residual[members].ravel(), member_covariance)) if members.size else 0.0
     return Agreement(
         frame=frame,
         members=members,
@@ -268,15 +278,15 @@ def _agreed(
     )
 
 
-def _without_strangers(residual: Reals, covariance: Reals, members: Indices, false_alarm_probability: float) -> Indices:
-    """Members without the least likely ones, until the rest passes."""
+def _remove_strangers(residual: Reals, covariance: Reals, members: Indices, false_alarm_probability: float) -> Indices:
+    """Remove the least likely members until the rest passes."""
     d = residual.shape[1]
     while members.size:
         rows = _rows(members, d)
-        own = covariance[np.ix_(rows, rows)]
-        if float(sky_p_value(residual[members], own, wrapped=False)) >= false_alarm_probability:
+        member_covariance = covariance[np.ix_(rows, rows)]
+        if float(sky_p_value(residual[members], member_covariance, wrapped=False)) >= false_alarm_probability:
             break
-        members = np.delete(members, int(_conditional(residual[members], own).argmax()))
+        members = np.delete(members, int(_conditional(residual[members], member_covariance).argmax()))
     return members
 
 
@@ -284,11 +294,11 @@ def _conditional(residual: Reals, covariance: Reals) -> Reals:
     n, d = residual.shape
     information = np.linalg.inv(covariance)
     weighted = (information @ residual.ravel()).reshape(n, d)
-    return squared_norm(weighted, own_blocks(information, n, d))
+    return squared_norm(weighted, diagonal_blocks(information, n, d))
 
 
-def _tightened(frame: ArrayFrame) -> ArrayFrame:
-    """By which whole cycles are chosen: about a frame that fits, errors are small."""
+def _tighten(frame: ArrayFrame) -> ArrayFrame:
+    """Return the frame for choosing whole cycles: about a frame that fits, errors are small."""
     return replace(
         frame,
         attitude_covariance_rad2=np.radians(3.0) ** 2 * np.eye(3)
@@ -298,8 +308,8 @@ def _tightened(frame: ArrayFrame) -> ArrayFrame:
     )
 
 
-def fitted_frame(measured: MeanPhases, frame: ArrayFrame) -> ArrayFrame:
-    """A frame of which something is not known, moved to where the signals near it have it."""
+def fit_frame(measured: MeanPhases, frame: ArrayFrame) -> ArrayFrame:
+    """Move a frame with unknown attitude or lines to where the signals near it place it."""
     bias_covariance = white_covariance(np.full(frame.bias_cyc.size + 1, frame.bias_sigma_cyc))
     design = array_design(measured.elements_cyc)
     gate_cyc = POLICY.first_gate_cyc * min(1.0, float(np.linalg.norm(design, axis=1).max()))
@@ -309,19 +319,19 @@ def fitted_frame(measured: MeanPhases, frame: ArrayFrame) -> ArrayFrame:
         near = np.flatnonzero(np.all(np.abs(z) < gate_cyc, axis=1))
         if not near.size:
             break
-        own = measured.part(near)
-        weighted = np.linalg.solve(covariance_of(own, frame), z[near].ravel()).reshape(near.size, -1)
+        near_phases = measured.part(near)
+        weighted = np.linalg.solve(compute_covariance(near_phases, frame), z[near].ravel()).reshape(near.size, -1)
         if frame.bias_free:
             frame = replace(frame, bias_cyc=frame.bias_cyc + bias_covariance @ weighted.sum(axis=0))
         if frame.attitude_free:
-            lever = np.cross(design, (own.direction @ frame.turn.T * own.ratio[:, None])[:, None, :])
+            lever = np.cross(design, (near_phases.direction @ frame.turn.T * near_phases.ratio[:, None])[:, None, :])
             step = -frame.attitude_covariance_rad2 @ np.einsum("nax,na->x", lever, weighted)
             frame = replace(frame, turn=Rotation.from_rotvec(step).as_matrix() @ frame.turn)
     return frame
 
 
 def _rotations(measured: MeanPhases, frame: ArrayFrame) -> Iterator[tuple[Reals, Reals]]:
-    """Rotations and line delays about which the phases of most signals add up, the best ones first."""
+    """Yield rotations and line delays about which the phases of most signals add up, the best first."""
     reach = float(np.linalg.norm(array_design(measured.elements_cyc), axis=1).max()) if frame.bias_cyc.size else 1.0
     cell_rad = max(_CELL_RAD / max(reach, 0.5), (4.0 * np.pi**2 / _MOST_ROTATIONS) ** (1.0 / 3.0))
     turns = _grid(cell_rad, level=frame.level)
@@ -348,7 +358,7 @@ def _rotations(measured: MeanPhases, frame: ArrayFrame) -> Iterator[tuple[Reals,
 
 
 def _grid(cell_rad: float, *, level: bool) -> Reals:
-    """Rotations (r, 3, 3) some `cell_rad` apart that tilt the vertical by no more than bodies are tilted, or not."""
+    """Build rotations (r, 3, 3) some `cell_rad` apart, which tilt the vertical as far as vehicles do, or not at all."""
     turned = Rotation.from_rotvec(np.outer(np.arange(0.0, 2.0 * np.pi, cell_rad), [0.0, 0.0, 1.0]))
     if level:
         return np.asarray(turned.as_matrix())

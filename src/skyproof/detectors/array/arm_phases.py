@@ -1,16 +1,16 @@
-"""Do signals come from one direction? One antenna on a spinning arm writes the direction into each carrier phase.
+"""Test if signals come from one direction: an antenna on a spinning arm writes the direction into each carrier phase.
 
-On an arm of radius r (cycles) at the angle a(n) the phase of a signal from azimuth az and elevation el has a part
-r cos(el) cos(a(n) + az), which is linear in its level direction cosines L = [cos el cos az, cos el sin az]. Signals of
+The arm has the radius r (cycles) and the angle a(n). The phase of a signal from azimuth az and elevation el has a part
+r cos(el) cos(a(n) + az). This is linear in the level direction cosines L = [cos el cos az, cos el sin az]. Signals of
 one transmitter have the same L. After Zhang, Chen, Huang, Zhang and Ou, "Spoofing Detection Technique Based on Carrier
 Phase Double Difference of Spin-Antenna", 2016, in Chinese, doi 10.13203/j.whugis20140360
 ("the paper"). The paper takes differences over two samples that do not
 overlap, which loses all but 1/40 of the information and supposes all motion removed. Here the whole series is used,
 with a polynomial for cycles, clocks and motion.
 
-Corrected: equation 6 holds sin w, cos w; equation 18 is one minus a tail probability; the paper's threshold supposes
-the direction of the authentic signal known (with the estimate put in, as it proposes, spoofed pairs are found with
-probability 0.0101, see `circular_threshold`); motion is not removed by the ephemeris where a signal is false.
+Corrected: equation 6 holds sin w, cos w; equation 18 is one minus a tail probability. The paper's threshold assumes
+that the direction of the authentic signal is known. With the estimate put in, as it proposes, spoofed pairs are found
+with probability 0.0101, see `circular_threshold`. Motion is not removed by the ephemeris where a signal is false.
 `docs/methods/spin.md` has the rest.
 
 Phases and the radius are in cycles, angles in radians; phases grow where the antenna is nearer to the source (the
@@ -31,19 +31,19 @@ __all__ = [
     "SpinFit",
     "SpinRate",
     "arm_columns",
-    "bent_signals",
     "estimate_rate",
+    "find_bent_signals",
     "fit_columns",
-    "full_fit",
-    "minus_mean",
+    "fit_whole_series",
     "polynomial_columns",
     "repair_slips",
     "step_statistics",
+    "subtract_mean",
 ]
 
 
 def arm_columns(angle_rad: ArrayLike, radius_cyc: float) -> Reals:
-    """S (..., N, 2): a signal's phase has the part S @ L."""
+    """Compute S (..., N, 2): a signal's phase has the part S @ L."""
     angle_rad = np.asarray(angle_rad, np.float64)
     return radius_cyc * np.stack((np.cos(angle_rad), -np.sin(angle_rad)), axis=-1)
 
@@ -63,7 +63,7 @@ class SpinFit(NamedTuple):
 # The whole series -----------------------------------------------------------------------------------------------------
 
 
-def full_fit(
+def fit_whole_series(
     phase_cyc: ArrayLike,
     angle_rad: ArrayLike,
     *,
@@ -72,12 +72,14 @@ def full_fit(
     degree: int = 2,
     time: ArrayLike | None = None,
 ) -> SpinFit:
-    """Least squares of the whole series: polynomial and arm. The statistic keeps its distribution whatever the cycles,
-    the drift and (degree 2) the curvature, and if the arm starts elsewhere or turns at another rate.
+    """Fit polynomial and arm to the whole series by least squares.
+
+    Cycles, drift and (degree 2) curvature do not change the distribution of the statistic. Neither does an arm that
+    starts elsewhere or turns at another rate.
 
     Parameters
     ----------
-    phase_cyc : (..., N) a signal less the mean of all (`minus_mean`), or the difference of two.
+    phase_cyc : (..., N) a signal less the mean of all (`subtract_mean`), or the difference of two.
     angle_rad : (N,). time : (N,) where samples are not even. degree : of the polynomial.
     sigma_cyc : of a sample of the series. For levels of several signals less their mean give that of one signal: then
         differences of levels have the right covariance.
@@ -88,8 +90,8 @@ def full_fit(
     return fit_columns(np.asarray(phase_cyc, np.float64), columns, sigma_cyc**2)
 
 
-def minus_mean(phase_cyc: ArrayLike) -> Reals:
-    """Each of n signals (..., n, N) less the mean of all at each sample: any receiver clock drops out."""
+def subtract_mean(phase_cyc: ArrayLike) -> Reals:
+    """Subtract the mean of n signals (..., n, N) at each sample: any receiver clock drops out."""
     phase_cyc = np.asarray(phase_cyc, np.float64)
     return np.asarray(phase_cyc - phase_cyc.mean(axis=-2, keepdims=True))
 
@@ -112,18 +114,18 @@ def estimate_rate(
     rate_sigma_rad: float = np.inf,
     within: float = 0.05,
 ) -> SpinRate:
-    """The rate that explains most of n signals together.
+    """Estimate the rate that explains most of n signals together.
 
     A grid over `rate_rad` (1 ± `within`), then variable projection (Kaufman, BIT 15, 1975), within the same limits.
-    Signals of one direction say nothing of the rate: what is known before decides then.
+    Signals of one direction carry no information on the rate: then the prior decides.
 
     Parameters
     ----------
     phase_cyc : (..., n, N), n at least 2.
     rate_sigma_rad : of `rate_rad`, normal.
-    time : (N,) in the units of the rate; sample numbers if None. Other parameters as in `full_fit`.
+    time : (N,) in the units of the rate; sample numbers if None. Other parameters as in `fit_whole_series`.
     """
-    series = minus_mean(phase_cyc)
+    series = subtract_mean(phase_cyc)
     count = series.shape[-1]
     time = np.arange(count, dtype=float) if time is None else np.asarray(time, np.float64)
     centred = time - 0.5 * (time[0] + time[-1])  # with the phase in the middle, rate and direction hardly correlate
@@ -163,15 +165,17 @@ def step_statistics(
     degree: int = 2,
     time: ArrayLike | None = None,
 ) -> tuple[Reals, Reals]:
-    """A step before each sample but the first: statistic (..., N - 1), chi-square with 1 degree where there is none,
-    and its size in cycles (..., N - 1). Parameters as in `full_fit`."""
+    """Compute the statistic (..., N - 1) and size (..., N - 1) in cycles of a step before each sample but the first.
+
+    Without a step the statistic is chi-square with 1 degree of freedom. Parameters as in `fit_whole_series`.
+    """
     series = np.asarray(phase_cyc, np.float64)
     count = series.shape[-1]
     polynomial = polynomial_columns(count, degree, time)
     basis = np.hstack([polynomial, _basis(polynomial, arm_columns(angle_rad, 1.0))])
     rest = series - (series @ basis) @ basis.T
-    seen = _after(rest)
-    power = np.arange(count - 1.0, 0.0, -1.0) - np.sum(_after(basis.T) ** 2, axis=0)
+    seen = _sum_after(rest)
+    power = np.arange(count - 1.0, 0.0, -1.0) - np.sum(_sum_after(basis.T) ** 2, axis=0)
     # With fewer samples on a side than the fit has parameters a step may be no different from them.
     power = np.where(power > 1e-6, power, np.inf)
     return seen**2 / power / sigma_cyc**2, seen / power
@@ -196,13 +200,13 @@ def repair_slips(
 ) -> RepairedPhase:
     """Take off half-cycle slips of n signals, the largest first, `most` at most.
 
-    Without slips something is found with at most `false_alarm_probability` (union bound over signals and samples), and
-    even then nothing is changed unless its size is nearer to a half cycle than to none. Of two signals
+    Without slips a step is found with at most `false_alarm_probability` (union bound over signals and samples).
+    Even then nothing changes unless its size is nearer to a half cycle than to none. If two signals are given,
     either may be repaired: the difference is the same.
 
     Parameters
     ----------
-    phase_cyc : (..., n, N), n at least 2. sigma_cyc : of a sample of one signal. Others as in `full_fit`.
+    phase_cyc : (..., n, N), n at least 2. sigma_cyc : of a sample of one signal. Others as in `fit_whole_series`.
     """
     phase_cyc = np.asarray(phase_cyc, np.float64)
     n, count = phase_cyc.shape[-2:]
@@ -213,7 +217,7 @@ def repair_slips(
     todo = np.arange(phase.shape[0])
     for _ in range(most):
         statistic, size = step_statistics(
-            minus_mean(phase[todo]), angle_rad, sigma_cyc=sigma_cyc * np.sqrt(share), degree=degree, time=time
+            subtract_mean(phase[todo]), angle_rad, sigma_cyc=sigma_cyc * np.sqrt(share), degree=degree, time=time
         )
         place = statistic.reshape(len(todo), -1).argmax(axis=-1)
         signal, before = np.divmod(place, count - 1)
@@ -231,7 +235,7 @@ def repair_slips(
 # Of no one direction --------------------------------------------------------------------------------------------------
 
 
-def bent_signals(
+def find_bent_signals(
     phase_cyc: ArrayLike,
     angle_rad: ArrayLike,
     sigma_cyc: ArrayLike,
@@ -240,33 +244,37 @@ def bent_signals(
     time: ArrayLike | None = None,
     accept_probability: float = 1e-3,
 ) -> Indices:
-    """Which of n signals leave more beside polynomial and arm than noise: their phases are not of one direction each.
+    """Find those of n signals whose phases fit no single direction: more than noise remains beside polynomial and arm.
+
+    The worst is found first. It affects the mean of all, so the others are judged without it.
 
     The worst first: what it leaves is in the mean of all as well, so that the others are judged without it. Of two
-    signals none is said to be bent, as either may be. Where none is, one is found with `accept_probability` at most
-    (union bound over signals).
+    signals neither is named, as either may be the bent one. If none is bent, one is found with `accept_probability` at
+    most (union bound over signals).
 
     Parameters
     ----------
-    phase_cyc : (n, N). sigma_cyc : (n,) of a sample of each signal. Others as in `full_fit`.
+    phase_cyc : (n, N). sigma_cyc : (n,) of a sample of each signal. Others as in `fit_whole_series`.
     """
     phase_cyc, sigma_cyc = np.asarray(phase_cyc, np.float64), np.asarray(sigma_cyc, np.float64)
     n, count = phase_cyc.shape
     polynomial = polynomial_columns(count, degree, time)
     basis = np.hstack([polynomial, _basis(polynomial, arm_columns(angle_rad, 1.0))])
-    left, found = np.arange(n), list[int]()
-    while left.size > 2:
-        series = minus_mean(phase_cyc[left])
+    remaining, found = np.arange(n), list[int]()
+    while remaining.size > 2:
+        series = subtract_mean(phase_cyc[remaining])
         rest = series - (series @ basis) @ basis.T
         # Of a signal less the mean of all: its own noise and a share of the others'.
-        others = np.sum(sigma_cyc[left] ** 2) - sigma_cyc[left] ** 2
-        variance = (1.0 - 1.0 / left.size) ** 2 * sigma_cyc[left] ** 2 + others / left.size**2
+        variance_of_others = np.sum(sigma_cyc[remaining] ** 2) - sigma_cyc[remaining] ** 2
+        variance = (1.0 - 1.0 / remaining.size) ** 2 * sigma_cyc[
+            remaining
+        ] ** 2 + variance_of_others / remaining.size**2
         p_value = chi_square_survival(np.sum(rest**2, axis=-1) / variance, count - basis.shape[1])
         worst = int(p_value.argmin())
-        if p_value[worst] * left.size >= accept_probability:
+        if p_value[worst] * remaining.size >= accept_probability:
             break
-        found.append(int(left[worst]))
-        left = np.delete(left, worst)
+        found.append(int(remaining[worst]))
+        remaining = np.delete(remaining, worst)
     return np.array(sorted(found), np.intp)
 
 
@@ -281,17 +289,17 @@ def fit_columns(series: Reals, columns: Reals, variance: float) -> SpinFit:
 
 
 def polynomial_columns(count: int, degree: int, time: ArrayLike | None) -> Reals:
-    """Orthonormal columns (N, degree + 1)."""
+    """Build orthonormal columns (N, degree + 1)."""
     at = np.arange(count, dtype=float) if time is None else np.asarray(time, np.float64)
     scaled = (2.0 * at - at[0] - at[-1]) / (at[-1] - at[0])
     return np.asarray(np.linalg.qr(legendre.legvander(scaled, degree)).Q, float)
 
 
 def _basis(polynomial: Reals, columns: Reals) -> Reals:
-    """Orthonormal columns of what the polynomial leaves of `columns`."""
+    """Build orthonormal columns of the part of `columns` that the polynomial cannot represent."""
     return np.asarray(np.linalg.qr(columns - polynomial @ (polynomial.T @ columns)).Q, float)
 
 
-def _after(series: Reals) -> Reals:
-    """Sums from each sample but the first to the end."""
+def _sum_after(series: Reals) -> Reals:
+    """Sum from each sample but the first to the end."""
     return np.asarray(np.cumsum(series[..., ::-1], axis=-1)[..., -2::-1])

@@ -1,4 +1,4 @@
-"""Which signals come to an antenna array from one direction? No attitude, no ephemeris, no exact array needed.
+"""Find signals that come to an antenna array from one direction, without attitude, ephemeris or exact array.
 
 Signals of one transmitter reach every pair of antennas with the same phase difference. What is wrong with antenna
 positions, lines and attitude is the same for them and cancels; only white noise is left, so that the test of equality
@@ -19,7 +19,7 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.array.array_model import array_design, mean_differences, white_covariance
 from skyproof.detectors.array.failing import find_failing, leave_out
-from skyproof.detectors.array.noticed import noticed_satellites
+from skyproof.detectors.array.noticed import least_noticeable_satellites
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -30,29 +30,31 @@ from skyproof.statistics.distributions import chi_square_survival, chi_square_th
 __all__ = [
     "ArrayCommon",
     "ArrayCommonSettings",
-    "chance_of_cluster",
-    "cluster_chance",
+    "bound_chance_by_size",
+    "bound_chance_of_cluster",
     "compare_directions",
-    "of_one_carrier",
-    "of_one_sky",
-    "once_each",
+    "select_commonest_carrier",
+    "select_one_sky",
+    "select_unrepeated",
 ]
 
 
-def cluster_chance(signals: int, size: int, chance: float) -> float:
-    """At most this probable: that among independent directions `size` of `signals` are taken for one, each pair of them
-    with `chance` (the union bound over all choices, each about one of its members)."""
+def bound_chance_by_size(signals: int, size: int, chance: float) -> float:
+    """Bound the probability that `size` of `signals` independent directions are taken for one.
+
+    Each pair is taken for one with `chance`. The union bound is over all choices, each about one of its members.
+    """
     return min(1.0, comb(signals, size) * chance ** (size - 1)) if size > 1 else 1.0
 
 
-def chance_of_cluster(
+def bound_chance_of_cluster(
     clusters: Clusters, members: Indices, signals: int, size: int, design: Reals, covariance: Reals, *, wrapped: bool
 ) -> float:
-    """At most this probable: that among independent directions some lie as near to each other as these members do.
+    """Bound the probability that independent directions lie as near to each other as these members.
 
-    Of two bounds, each of half the probability: by the limit of all clusters, and by the members' largest distance,
-    for every size that a cluster may have. By the latter all lie within that distance of one of them, whose own error
-    may be any.
+    Two bounds are taken, each at half the probability: by the limit of all clusters, and by the members' largest
+    distance, for every size that a cluster may have. In the second all lie within that distance of one member, whose
+    error may be any.
 
     Parameters
     ----------
@@ -62,32 +64,35 @@ def chance_of_cluster(
     if size < 2:
         return 1.0
     limit = equality_chance(design, covariance, clusters.limit, wrapped=wrapped)
-    by_limit = cluster_chance(signals, size, limit)
+    by_limit = bound_chance_by_size(signals, size, limit)
     farthest = float(clusters.distance[np.ix_(members, members)][np.triu_indices(members.size, 1)].max())
     # Of the pair's variance the other one has half.
     nearest = equality_chance(design, 0.5 * covariance, 2.0 * farthest, wrapped=wrapped)
-    by_distance = (signals - 1) * cluster_chance(signals, size, nearest)
+    by_distance = (signals - 1) * bound_chance_by_size(signals, size, nearest)
     return min(1.0, 2.0 * min(by_limit, by_distance))
 
 
-def of_one_carrier(carrier_hz: Reals) -> Indices:
-    """The channels of the commonest carrier: phases of different wavelengths are not compared."""
+def select_commonest_carrier(carrier_hz: Reals) -> Indices:
+    """Select the channels of the commonest carrier: phases of different wavelengths are not comparable."""
     values, counts = np.unique(carrier_hz, return_counts=True)
     return np.flatnonzero(carrier_hz == values[counts.argmax()]) if values.size else np.zeros(0, np.intp)
 
 
-def of_one_sky(records: Records, receiver: str, refs: Sequence[SignalRef]) -> tuple[SignalRef, ...]:
-    """Those of a receiver's signals that the consistent set with most of them holds; where there is no set, those of
-    transmissions that are there once: of two signals of one, one is not what the satellite sent."""
-    own = [one for one in records.sets if one.receiver == receiver]
-    if own:
-        best = max(own, key=lambda one: sum(ref.signal in one.signals for ref in refs))
+def select_one_sky(records: Records, receiver: str, refs: Sequence[SignalRef]) -> tuple[SignalRef, ...]:
+    """Select the signals that belong to the receiver's consistent set with most of them.
+
+    Without a set, select those whose transmission is received once: of two signals of one transmission, one is not what
+    the satellite sent.
+    """
+    candidates = [candidate for candidate in records.sets if candidate.receiver == receiver]
+    if candidates:
+        best = max(candidates, key=lambda candidate: sum(ref.signal in candidate.signals for ref in refs))
         return tuple(ref for ref in refs if ref.signal in best.signals)
-    return tuple(refs[k] for k in once_each(refs, range(len(refs))))
+    return tuple(refs[k] for k in select_unrepeated(refs, range(len(refs))))
 
 
-def once_each(refs: Sequence[SignalRef], rows: Sequence[int]) -> list[int]:
-    """Of some signals those whose transmission is there once among them."""
+def select_unrepeated(refs: Sequence[SignalRef], rows: Sequence[int]) -> list[int]:
+    """Select the rows whose transmission occurs once among them."""
     sent = Counter(refs[k].signal.transmission for k in rows)
     return [k for k in rows if sent[refs[k].signal.transmission] == 1]
 
@@ -101,13 +106,13 @@ def compare_directions(
     *,
     wrapped: bool,
 ) -> list[Finding]:
-    """Return what clusters of equal values show of the signals.
+    """Return the findings that clusters of equal values support.
 
     A cluster of satellites that would be found in a true sky with less than the false-alarm probability is false.
     Of two signals of one satellite in it one is what the transmitter sends; the other may be the true one, of a
     satellite that stands behind it, so that neither is named.
-    If no two signals are equal and "all come from one antenna" is rejected, those that are one sky are true, by a
-    test of several directions; transmitters at several places would pass it as well. Where there are two skies, one
+    If no two signals are equal and "all come from one antenna" is rejected, those that form one sky are true. This
+    tests for several directions: transmitters at several places would pass it as well. If two skies are received, one
     of them is false, and it stays open which.
 
     Parameters
@@ -129,8 +134,8 @@ def compare_directions(
         size = len({refs[k].signal.sat for k in members})
         if size < 2:
             continue
-        p_value = chance_of_cluster(clusters, members, satellites, size, design, usual, wrapped=wrapped)
-        named = tuple(refs[k] for k in once_each(refs, members.tolist()))
+        p_value = bound_chance_of_cluster(clusters, members, satellites, size, design, usual, wrapped=wrapped)
+        named = tuple(refs[k] for k in select_unrepeated(refs, members.tolist()))
         if p_value >= alpha or not named:
             unclear = True
             continue
@@ -152,7 +157,7 @@ def compare_directions(
     if unclear or p_value >= alpha:
         return [report.pass_over(refs, NotTested("directions_near"))]
     receiver = refs[0].receiver
-    if sum(one.receiver == receiver for one in report.records.sets) > 1:
+    if sum(sky.receiver == receiver for sky in report.records.sets) > 1:
         return [report.pass_over(refs, NotTested("two_skies"))]
     apart: dict[str, Datum] = {
         "receiver": receiver,
@@ -162,10 +167,12 @@ def compare_directions(
         "assumes": ("one_transmit_antenna",),
     }
     limit = equality_chance(design, usual, clusters.limit, wrapped=wrapped)
-    noticed = noticed_satellites(satellites, lambda size: 2.0 * cluster_chance(satellites, size, limit), alpha)
+    noticed = least_noticeable_satellites(
+        satellites, lambda size: 2.0 * bound_chance_by_size(satellites, size, limit), alpha
+    )
     return [
         report.find(
-            of_one_sky(report.records, receiver, refs),
+            select_one_sky(report.records, receiver, refs),
             "directions_differ",
             {Cause.FALSE_SKY: p_value},
             hypothesis=Hypothesis.ONE_ANTENNA,
@@ -216,7 +223,7 @@ class ArrayCommon:
             every = list_refs(phases.receiver, phases.signals)
             return [report.pass_over(every, NotTested("few_antennas", {"receiver": phases.receiver}))]
         mean = mean_differences(phases)
-        channels = of_one_carrier(phases.carrier_hz)
+        channels = select_commonest_carrier(phases.carrier_hz)
         used = channels[mean.long_enough(self.settings.min_share)[channels]]
         # Whole cycles are taken off against the first signal: let that not depend on the order of the channels.
         used = np.array(sorted(used, key=lambda k: phases.signals[k]), np.intp)

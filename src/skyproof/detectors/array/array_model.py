@@ -1,16 +1,16 @@
-"""The phases of an antenna array under signals from known directions, and tests whether they come from there.
+"""Model an antenna array's phases under signals from known directions, and test if they come from there.
 
-Between the antennas of an array the carrier phases differ by the array's baselines times the direction of arrival. The
-difference of that between what is predicted (ephemeris, position, attitude) and what is measured is noise for a true
-signal. After Zhang, Ding, Xia, Liu and Yao, "INS-Aided Multi-Antenna GNSS Carrier Phase Double Difference Spoofing
-Detection" ("the paper"; its double difference is predicted minus measured). The paper tests three antennas and one
-satellite with white noise only (equations 37 to 44). Here: any number of antennas in any geometry, phases known modulo
-one cycle, errors of antenna positions, line biases and attitude that all satellites share, any number of epochs.
+The carrier phases at two antennas differ by the baseline times the direction of arrival. Ephemeris, position and
+attitude predict this difference. For a true signal, measured minus predicted is noise. After Zhang, Ding, Xia, Liu and
+Yao, "INS-Aided Multi-Antenna GNSS Carrier Phase Double Difference Spoofing Detection" ("the paper"; its double
+difference is predicted minus measured). The paper tests three antennas and one satellite with white noise only
+(equations 37 to 44). This module takes any number of antennas, in any geometry, and of epochs. Phases are known modulo
+one cycle. All satellites share the errors of antenna positions, line biases and attitude.
 
-Corrected: 0.01 is the standard deviation of a phase, not a variance, and the mean belongs into equation 37; an
-error of 3 mm in each antenna's position is larger than the noise and makes the paper's test alarm in 27 % of trials
-instead of 1 %; whole cycles cannot be neglected: from baselines of 0.58 wavelengths on they make further blind
-directions. `docs/methods/ins-array.md` has the rest.
+Corrected: 0.01 is the standard deviation of a phase, not a variance, and equation 37 lacks the mean. An error of 3 mm
+in each antenna's position exceeds the noise: the paper's test then alarms in 27 % of trials instead of 1 %. Whole
+cycles cannot be neglected: from baselines of 0.58 wavelengths on they make further blind directions.
+`docs/methods/ins-array.md` has the rest.
 
 Phases and lengths are in cycles (wavelengths of the carrier that the elements are counted in), angles in radians.
 Directions are unit vectors in the frame of the elements. M antennas make d = M - 1 differences against the first one;
@@ -36,11 +36,11 @@ __all__ = [
     "MeanDifferences",
     "array_design",
     "conditional_statistics",
+    "diagonal_blocks",
     "differences",
     "joint_statistic",
     "mean_differences",
-    "own_blocks",
-    "predicted_directions",
+    "predict_directions",
     "residual_covariance",
     "sky_p_value",
     "white_covariance",
@@ -48,18 +48,18 @@ __all__ = [
 
 
 def differences(values: ArrayLike, axis: int = -1) -> Reals:
-    """Every antenna minus the first along `axis`, which gets one shorter."""
+    """Subtract the first antenna from every other along `axis`, which gets one shorter."""
     moved = np.moveaxis(np.asarray(values, np.float64), axis, -1)
     return np.moveaxis(moved[..., 1:] - moved[..., :1], -1, axis)
 
 
 def array_design(elements_cyc: ArrayLike) -> Reals:
-    """(..., d, 3) phase differences in cycles for unit directions, from elements (..., M, 3)."""
+    """Compute (..., d, 3) phase differences in cycles for unit directions, from elements (..., M, 3)."""
     return differences(elements_cyc, axis=-2)
 
 
 def white_covariance(sigma_cyc: ArrayLike) -> Reals:
-    """Covariance (..., d, d) of the differences of M phases with independent errors of standard deviation (..., M)."""
+    """Compute the covariance (..., d, d) of differences of M phases with independent sigmas (..., M)."""
     variance = np.asarray(sigma_cyc, np.float64) ** 2
     d = variance.shape[-1] - 1
     return np.asarray(variance[..., 1:, None] * np.eye(d) + variance[..., :1, None])
@@ -76,11 +76,12 @@ def residual_covariance(
     scale_sigma: float = 0.0,
     frequency_ratio: ArrayLike = 1.0,
 ) -> Reals:
-    """Covariance V (..., n d, n d) of `unexplained`, signals outermost.
+    """Compute the covariance V (..., n d, n d) of measured minus predicted differences, signals outermost.
 
-    White noise is every signal's own. Errors of position, scale, bias and attitude are one draw for all signals, and
-    for all epochs if the n rows are signals at several epochs. The attitude error enters to first order.
-    A mean over epochs has the covariance of mean directions (then shorter than 1) and white noise less by the number.
+    White noise is independent between signals. Errors of position, scale, bias and attitude are one draw for all
+    signals. If the n rows are signals at several epochs, the draw is the same at all epochs. The attitude error enters
+    to first order. A mean over epochs has the covariance of mean directions (then shorter than 1), and the variance of
+    white noise divided by the number of epochs.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ def residual_covariance(
 
 
 def joint_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
-    """T (...) of n signals, or of n signals and epochs: chi-square with n d degrees if all are true.
+    """Compute T (...) of n signals, or of n signals and epochs: chi-square with n d degrees if all are true.
 
     Parameters
     ----------
@@ -130,27 +131,31 @@ def joint_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: 
     """
     residual_cyc = np.asarray(residual_cyc, np.float64)
     if wrapped:
-        residual_cyc = nearest_whole(residual_cyc, own_blocks(covariance, *residual_cyc.shape[-2:]))[0]
+        residual_cyc = nearest_whole(residual_cyc, diagonal_blocks(covariance, *residual_cyc.shape[-2:]))[0]
     return squared_norm(residual_cyc.reshape(*residual_cyc.shape[:-2], -1), covariance)
 
 
 def conditional_statistics(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
-    """T (..., n) of each signal given the others, which show the errors that all share: chi-square with d degrees each.
+    """Compute T (..., n) of each signal given the others: chi-square with d degrees each.
 
-    Valid for a signal if the others are true. Parameters as in `joint_statistic`.
+    The others show the errors that all signals share. The statistic is valid for a signal if the others are true.
+
+    Parameters as in `joint_statistic`.
     """
     residual_cyc = np.asarray(residual_cyc, np.float64)
     n, d = residual_cyc.shape[-2:]
     if wrapped:
-        residual_cyc = nearest_whole(residual_cyc, own_blocks(covariance, n, d))[0]
+        residual_cyc = nearest_whole(residual_cyc, diagonal_blocks(covariance, n, d))[0]
     information = np.linalg.inv(np.asarray(covariance, np.float64))
     weighted = np.einsum("...ij,...j->...i", information, residual_cyc.reshape(*residual_cyc.shape[:-2], n * d))
-    return squared_norm(weighted.reshape(residual_cyc.shape), own_blocks(information, n, d))
+    return squared_norm(weighted.reshape(residual_cyc.shape), diagonal_blocks(information, n, d))
 
 
 def sky_p_value(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = True) -> Reals:
-    """p-value (...) that all of n signals are true: the smaller of the joint one and n times the smallest conditional
-    one, doubled. By the union bound never too small; too large by what both tests have in common.
+    """Compute the p-value (...) of all n signals being true, by the union bound over two tests.
+
+    It is twice the smaller of the joint p-value and n times the smallest conditional one. It is never too small; the
+    overlap of both tests makes it too large.
 
     Parameters as in `joint_statistic`.
     """
@@ -172,17 +177,19 @@ class MeanDifferences(NamedTuple):
     epochs: Indices
 
     def long_enough(self, min_share: float) -> Booleans:
-        """(n,) signals with at least this share of the epochs of the one that has most. A channel that has lost its
-        signal follows noise until that shows, and a window may begin just then."""
+        """Select the signals (n,) with at least this share of the epochs of the longest one.
+
+        A channel that has lost its signal follows noise until that shows, and a window may begin just then.
+        """
         return np.asarray(self.epochs >= np.maximum(min_share * self.epochs.max(initial=0), 1.0))
 
 
 def mean_differences(phases: ArrayPhases, predicted_cyc: ArrayLike = 0.0) -> MeanDifferences:
-    """Mean over the epochs of measured minus predicted phase differences, each signal over those that it has whole.
+    """Average measured minus predicted phase differences over the epochs where a signal has all antennas.
 
     Parameters
     ----------
-    predicted_cyc : (n_epochs, n_channels, n_antennas); without it the mean is of the differences themselves, which have
+    predicted_cyc : (n_epochs, n_channels, n_antennas). By default the measured differences are averaged; they then have
         to stay within a small part of a cycle over the window.
     """
     z = differences(phases.phase_cyc - np.asarray(predicted_cyc, np.float64))
@@ -200,18 +207,19 @@ def mean_differences(phases: ArrayPhases, predicted_cyc: ArrayLike = 0.0) -> Mea
     return MeanDifferences(mean, np.sqrt(variance_of_mean), share, count)
 
 
-def predicted_directions(phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Reals:
-    """Unit vectors (n_epochs, n_channels, 3) to the satellites in the body frame; NaN without a fresh ephemeris or
-    outside the time of the body's state.
+def predict_directions(phases: ArrayPhases, state: NavState, navigation: NavigationData) -> Reals:
+    """Compute unit vectors (n_epochs, n_channels, 3) to the satellites in the body frame.
 
-    Errors of position are of no account: 1 km is 50 microradians.
+    They are NaN without a fresh ephemeris, or outside the time of the body's state.
+
+    Errors of position can be neglected: 1 km is 50 microradians.
     """
     direction = np.full((*phases.phase_cyc.shape[:2], 3), np.nan)
     inside = covered(state, phases.gpst)
     if not inside.any():
         return direction
     gpst = phases.gpst[inside]
-    here = state_at(state, gpst)
+    body = state_at(state, gpst)
     week, tow_s = week_and_tow(gpst)
     for channel, signal in enumerate(phases.signals):
         orbit = navigation.best(signal.sat, gpst[gpst.size // 2])
@@ -221,14 +229,14 @@ def predicted_directions(phases: ArrayPhases, state: NavState, navigation: Navig
         for _ in range(2):
             sent_m = satellite_state_s(orbit, week, tow_s - travel_s).position_ecef_m
             satellite_m = rotate_to_reception(sent_m, travel_s)
-            travel_s = np.linalg.norm(satellite_m - here.position_ecef_m, axis=-1) / SPEED_OF_LIGHT_M_S
-        to_satellite = unit_vectors(here.position_ecef_m, satellite_m)
-        direction[inside, channel] = np.einsum("kij,ki->kj", here.attitude, to_satellite)
+            travel_s = np.linalg.norm(satellite_m - body.position_ecef_m, axis=-1) / SPEED_OF_LIGHT_M_S
+        to_satellite = unit_vectors(body.position_ecef_m, satellite_m)
+        direction[inside, channel] = np.einsum("kij,ki->kj", body.attitude, to_satellite)
     return direction
 
 
-def own_blocks(matrix: ArrayLike, n: int, d: int) -> Reals:
-    """Blocks (..., n, d, d) on the diagonal of a matrix (..., n d, n d)."""
+def diagonal_blocks(matrix: ArrayLike, n: int, d: int) -> Reals:
+    """Extract the blocks (..., n, d, d) on the diagonal of a matrix (..., n d, n d)."""
     matrix = np.asarray(matrix, np.float64)
     i = np.arange(n)
     return np.moveaxis(matrix.reshape(*matrix.shape[:-2], n, d, n, d)[..., i, :, i, :], 0, -3)

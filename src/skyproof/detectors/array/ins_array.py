@@ -1,7 +1,7 @@
-"""Does each signal come to an antenna array from where its satellite stands, by an attitude or by the array's own?
+"""Test if each signal comes to an antenna array from where its satellite stands, by a known or an estimated attitude.
 
 The model and its tests are in `array_model`; which signals agree, with what is known of attitude and lines or with what
-most of them show, in `agreement`; from where the others come in `arrivals`.
+most of them show, in `find_agreement`; from where the others come in `find_arrivals`.
 """
 
 from collections.abc import Collection, Sequence
@@ -17,19 +17,19 @@ from skyproof.detectors.array.agreement import (
     Agreement,
     ArrayFrame,
     MeanPhases,
-    agreement,
-    best_agreement,
-    fitted_frame,
+    find_agreement,
+    find_best_agreement,
+    fit_frame,
     residuals,
 )
-from skyproof.detectors.array.array_common import chance_of_cluster, of_one_sky, once_each
-from skyproof.detectors.array.array_model import array_design, mean_differences, predicted_directions, white_covariance
-from skyproof.detectors.array.arrivals import Arrival, across, arrivals
+from skyproof.detectors.array.array_common import bound_chance_of_cluster, select_one_sky, select_unrepeated
+from skyproof.detectors.array.array_model import array_design, mean_differences, predict_directions, white_covariance
+from skyproof.detectors.array.arrivals import Arrival, across, find_arrivals
 from skyproof.detectors.array.failing import Failing, Fault, find_failing, leave_out
-from skyproof.detectors.array.noticed import noticed_angle
-from skyproof.detectors.array.over_time import Block, Waiting, add_block, alpha_alone, alpha_of_block, kept_share
+from skyproof.detectors.array.noticed import least_noticeable_angle
+from skyproof.detectors.array.over_time import Block, Waiting, add_block, alpha_alone, alpha_of_block, pattern_share
 from skyproof.detectors.array.policy import POLICY
-from skyproof.detectors.array.reflected import levels_dbhz, reflections
+from skyproof.detectors.array.reflected import levels_dbhz, select_reflections
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.messages.laws import lowest_elevation_rad
 from skyproof.errors import require_probability
@@ -55,7 +55,7 @@ from skyproof.records import (
 from skyproof.statistics.directions import equal_clusters, equal_statistic, equality_chance
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = ["ArrayView", "InsArray", "InsArraySettings", "level_bodies", "likeliest"]
+__all__ = ["ArrayView", "InsArray", "InsArraySettings", "build_level_states", "select_likeliest"]
 
 
 @dataclass(frozen=True)
@@ -101,17 +101,16 @@ class ArrayView(NamedTuple):
 
 
 class InsArray:
-    """The detector, from `array_phases` (a tuple of `ArrayPhases`), orbits, and the attitude in `nav_state` where there
-    is one.
+    """Detect false directions of arrival, from `array_phases`, orbits, and the attitude in `nav_state` if known.
 
-    Where the body's place is not known it is that of a consistent set of signals, each in turn: if the set's signals
-    come from where their satellites stand by it, it is the true place. Where attitude or line delays are not known, or
-    those stated do not fit and others fit distinctly more signals, they are those that most satellites agree on. That
+    If the body's place is unknown, each consistent set of signals gives a candidate. It is the true place if the set's
+    signals come from where their satellites stand by it. Attitude or line delays may be unknown, or the stated ones may
+    not fit while others fit distinctly more signals. Then those count that most satellites agree on. That
     is good enough if so many agree by chance with less than the false-alarm probability.
 
     The joint test of all signals and the conditional tests of each share the false alarms evenly, by the union bound.
-    Of a sky that fails it, signals are false that come from elsewhere than their satellites and are earlier or
-    stronger than reflections are, or come from one place for three satellites or more.
+    In a sky that fails, a signal is false if it comes from elsewhere than its satellite and is earlier or
+    stronger than reflections are. So are the signals of three satellites or more from one place.
     """
 
     name = "ins_array"
@@ -145,18 +144,18 @@ class InsArray:
         notes = [NotTested(f"antennas_{fault}", _name_antennas(lost, fault)) for fault in dict.fromkeys(lost.values())]
         phases = leave_out(phases, lost)
         alone = self.spending(alpha_alone(self.settings.false_alarm_probability))
-        bodies = _bodies(report.records, phases.receiver) if len(phases.elements_m) > 1 else []
-        views = [view for body in bodies if (view := alone.seen(phases, body, navigation)) is not None]
+        bodies = _list_states(report.records, phases.receiver) if len(phases.elements_m) > 1 else []
+        views = [view for body in bodies if (view := alone.view_from(phases, body, navigation)) is not None]
         if not views:
             return [report.pass_over(every, why) for why in (*notes, _explain_unseen(phases, bodies))]
-        view = likeliest(views)
+        view = select_likeliest(views)
         notes += _list_unused(view)
         lasting_cyc = np.full(len(phases.elements_m), phases.lasting_sigma_cyc)
-        block = block_of(view, lasting_cyc, report.records)
-        share = kept_share(phases.lasting_sigma_cyc, L1_HZ)
-        own = alone.judge(report, view, navigation)
+        block = block_from_view(view, lasting_cyc, report.records)
+        share = pattern_share(phases.lasting_sigma_cyc, L1_HZ)
+        alone_findings = alone.judge(report, view, navigation)
         waiting[phases.receiver], found = self.judge_with_blocks(
-            report, own, waiting.get(phases.receiver, Waiting()), block, view, navigation, share
+            report, alone_findings, waiting.get(phases.receiver, Waiting()), block, view, navigation, share
         )
         return [*(report.pass_over(every, why) for why in notes), *found]
 
@@ -176,7 +175,7 @@ class InsArray:
     ) -> tuple[Waiting, list[Finding]]:
         """Return what waits, and the findings of a window beside those of the longer blocks that it completes.
 
-        alone : findings of the window. block : of the window, of which `view` is. kept : as of `Block.mean_phases`.
+        alone : findings of the window. block : of the window that `view` shows. kept : as of `Block.mean_phases`.
         """
         if not view.accepted and (view.agreed.frame.attitude_free or view.agreed.frame.bias_free):
             return waiting, list(alone)  # nothing shows how the body stands
@@ -195,19 +194,22 @@ class InsArray:
                     data = {**finding.data, "over_s": joined.duration_s}
                     found.append(replace(finding, code=f"{finding.code}_over_time", data=data))
         # A window alone sees too little to vouch for what longer blocks have shown to be false.
-        return waiting, [*(f for own in alone if (f := _leave_out_false(own, waiting.false))), *found]
+        return waiting, [
+            *(f for alone_finding in alone if (f := _leave_out_false(alone_finding, waiting.false))),
+            *found,
+        ]
 
     def view_of(self, block: Block, newest: ArrayView, kept: float) -> ArrayView:
         """Return what agrees in the mean of a block. newest : of its last window."""
         measured = block.mean_phases(kept)
         sats = np.unique([ref.signal.sat for ref in block.refs], return_inverse=True)[1]
-        agreed = agreement(measured, fitted_frame(measured, block.frame), self.settings.false_alarm_probability)
+        agreed = find_agreement(measured, fit_frame(measured, block.frame), self.settings.false_alarm_probability)
         accepted = self._is_no_chance(measured, agreed, sats)
         return newest._replace(refs=block.refs, measured=measured, agreed=agreed, accepted=accepted)
 
-    def seen(self, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> ArrayView | None:
-        """What agrees as seen from a place; None if no signal can be compared."""
-        direction = predicted_directions(phases, state, navigation)
+    def view_from(self, phases: ArrayPhases, state: NavState, navigation: NavigationData) -> ArrayView | None:
+        """Compare an array's phases with a place and attitude; None if no signal can be compared."""
+        direction = predict_directions(phases, state, navigation)
         elements_cyc = phases.elements_m * (L1_HZ / SPEED_OF_LIGHT_M_S)
         ratio = phases.carrier_hz / L1_HZ
         mean = mean_differences(phases, np.einsum("kni,mi,n->knm", direction, elements_cyc, ratio))
@@ -233,49 +235,51 @@ class InsArray:
             attitude_covariance_rad2=self._attitude_covariance(state),
             bias_sigma_cyc=self.settings.bias_sigma_cyc,
         )
-        stated = stated.loosened(attitude=stated.attitude_free, bias=not phases.calibrated)
-        return self._best(state, refs, measured, stated)
+        stated = stated.loosen(attitude=stated.attitude_free, bias=not phases.calibrated)
+        return self._find_best_view(state, refs, measured, stated)
 
-    def _best(
+    def _find_best_view(
         self, state: NavState, refs: tuple[SignalRef, ...], measured: MeanPhases, stated: ArrayFrame
     ) -> ArrayView:
-        """What is stated of attitude and lines, unless other ones fit distinctly more signals."""
+        """Return the view with the stated attitude and lines, unless others fit distinctly more signals."""
         names, sats = np.unique([ref.signal.sat for ref in refs], return_inverse=True)
         alpha = self.settings.false_alarm_probability
 
         def view(frame: ArrayFrame) -> ArrayView:
-            agreed = best_agreement(measured, frame, alpha)
+            agreed = find_best_agreement(measured, frame, alpha)
             return ArrayView(state, stated, refs, measured, agreed, self._is_no_chance(measured, agreed, sats))
 
         # Whole cycles are chosen by an attitude only if it leaves less than that of the longest baseline.
         reach = float(np.linalg.norm(array_design(measured.elements_cyc), axis=1).max(initial=0.0))
         vague = bool(stated.attitude_sigma_rad * reach > POLICY.vague_sigma_cyc)
-        start = stated.loosened(attitude=vague or stated.attitude_free, bias=stated.bias_free)
+        start = stated.loosen(attitude=vague or stated.attitude_free, bias=stated.bias_free)
         found = view(start)
         if found.agreed.p_value >= alpha or len(names) - found.satellites < 2:
             return found
         for attitude, bias in ((True, False), (False, True), (True, True)):
             attitude, bias = attitude or start.attitude_free, bias or start.bias_free
-            other = start.loosened(attitude=attitude, bias=bias)
+            other = start.loosen(attitude=attitude, bias=bias)
             tried = view(other) if other.freed > start.freed else found
             if tried.accepted and tried.satellites > found.satellites + 1:
                 return tried
         return found
 
     def _is_no_chance(self, measured: MeanPhases, agreed: Agreement, sats: Indices) -> bool:
-        """Whether so many satellites agree, or agree well, by chance with less than the false-alarm probability."""
+        """Test if so many satellites agree, or agree well, by chance with less than the false-alarm probability."""
         d = measured.cycles.shape[1]
         alpha, total = self.settings.false_alarm_probability, np.unique(sats).size
         position = white_covariance(np.full(d + 1, measured.position_sigma_cyc))
         design = array_design(measured.elements_cyc)
-        own = white_covariance(measured.sigma_cyc).mean(axis=0) + position + measured.scale_sigma**2 * design @ design.T
+        covariance = (
+            white_covariance(measured.sigma_cyc).mean(axis=0) + position + measured.scale_sigma**2 * design @ design.T
+        )
         for missed in POLICY.gates_missed_probability:
             size = np.unique(sats[agreed.members[agreed.p_values[agreed.members] >= missed]]).size
             beyond = size - agreed.frame.freed / d
             if beyond <= 1.0:
                 continue
             # A signal from anywhere is taken for that of a satellite; the pair that is compared has half of it each.
-            chance = equality_chance(design, 0.5 * own, float(chi_square_threshold(missed, d)), wrapped=True)
+            chance = equality_chance(design, 0.5 * covariance, float(chi_square_threshold(missed, d)), wrapped=True)
             if len(POLICY.gates_missed_probability) * min(1.0, comb(total, size) * chance**beyond) < alpha:
                 return True
         return False
@@ -285,25 +289,27 @@ class InsArray:
         records, receiver = report.records, view.refs[0].receiver
         alpha, agreed, n = self.settings.false_alarm_probability, view.agreed, len(view.refs)
         sure = np.setdiff1d(agreed.members, agreed.doubtful)
-        others = np.setdiff1d(np.arange(n), np.union1d(agreed.members, agreed.doubtful) if view.accepted else [])
-        true = of_one_sky(records, receiver, [view.refs[k] for k in sure]) if view.accepted else ()
-        spoofed, alike = self._spoofed(records, view, others, true, navigation) if agreed.p_value < alpha else ([], [])
+        deviating = np.setdiff1d(np.arange(n), np.union1d(agreed.members, agreed.doubtful) if view.accepted else [])
+        true = select_one_sky(records, receiver, [view.refs[k] for k in sure]) if view.accepted else ()
+        spoofed, alike = (
+            self._find_spoofed(records, view, deviating, true, navigation) if agreed.p_value < alpha else ([], [])
+        )
         found = [self._find_false(report, view, rows, p_value) for rows, p_value in spoofed]
         true = tuple(
             view.refs[k]
             for k in sure
-            if view.refs[k] in true and not any(self._as_from_there(view, k, rows) for rows, _ in spoofed)
+            if view.refs[k] in true and not any(self._is_behind_transmitter(view, k, rows) for rows, _ in spoofed)
         )
-        p_one = self._of_one_place(view, [k for k in sure if view.refs[k] in true])
+        p_one = self._test_one_place(view, [k for k in sure if view.refs[k] in true])
         if p_one < alpha:
             data: dict[str, Datum] = {
                 "from_satellites": len(true),
                 "of": n,
-                "as_reflections": int(others.size) - sum(len(rows) for rows, _ in spoofed),
+                "as_reflections": int(deviating.size) - sum(len(rows) for rows, _ in spoofed),
                 "assumes": ("none_from_satellites",),
             }
             p = {Cause.FALSE_SKY: p_one}
-            estimates = {"noticed": self._noticed(view)}
+            estimates = {"noticed": self._state_noticeable(view)}
             found.append(
                 report.find(
                     true, "from_satellites", p, hypothesis=Hypothesis.ONE_ANTENNA, data=data, estimates=estimates
@@ -313,18 +319,18 @@ class InsArray:
         if found:
             return [*found, *self._test_rest(report, view, found)]
         if agreed.p_value >= alpha:
-            estimates = {"noticed": self._noticed(view)}
+            estimates = {"noticed": self._state_noticeable(view)}
             return [report.find(view.refs, "all_from_satellites", {Cause.CLEAN: agreed.p_value}, estimates=estimates)]
         # Differing directions that are not the satellites' may be several waves in each signal: they vouch for nothing.
         return [self._find_unlike_statement(report, view, Hypothesis.AS_STATED)]
 
-    def _noticed(self, view: ArrayView) -> tuple[NoticedAttack, ...]:
+    def _state_noticeable(self, view: ArrayView) -> tuple[NoticedAttack, ...]:
         """Return what the directions of a view would have shown of false signals."""
         frame = view.agreed.frame
         if not view.accepted and (frame.attitude_free or frame.bias_free):
             return ()
         up = _rot_enu_body(view.state)[2]
-        return noticed_angle(view.measured, frame, up, self.settings.false_alarm_probability)
+        return least_noticeable_angle(view.measured, frame, up, self.settings.false_alarm_probability)
 
     def _test_rest(self, report: Reporter, view: ArrayView, found: Sequence[Finding]) -> list[Finding]:
         """Return, beside signals that were named, that the others agree with no attitude and no lines."""
@@ -332,10 +338,12 @@ class InsArray:
         rest = np.array([k for k, ref in enumerate(view.refs) if ref not in named], np.intp)
         if view.accepted or not rest.size:
             return []
-        left = self._best(view.state, tuple(view.refs[k] for k in rest), view.measured.part(rest), view.stated)
-        if left.accepted or left.agreed.p_value >= self.settings.false_alarm_probability:
+        rest_view = self._find_best_view(
+            view.state, tuple(view.refs[k] for k in rest), view.measured.part(rest), view.stated
+        )
+        if rest_view.accepted or rest_view.agreed.p_value >= self.settings.false_alarm_probability:
             return []
-        return [self._find_unlike_statement(report, left, Hypothesis.SKY_DIRECTIONS, beside=True)]
+        return [self._find_unlike_statement(report, rest_view, Hypothesis.SKY_DIRECTIONS, beside=True)]
 
     def _find_unlike_statement(
         self, report: Reporter, view: ArrayView, hypothesis: Hypothesis, *, beside: bool = False
@@ -348,7 +356,7 @@ class InsArray:
         p = {Cause.CLEAN: view.agreed.p_value, **leave_open((Cause.STATEMENT, Cause.REFLECTIONS))}
         return report.find(view.refs, "not_as_stated", p, hypothesis=hypothesis, data=data)
 
-    def _spoofed(
+    def _find_spoofed(
         self,
         records: Records,
         view: ArrayView,
@@ -356,8 +364,10 @@ class InsArray:
         true: Sequence[SignalRef],
         navigation: NavigationData,
     ) -> tuple[list[tuple[list[int], float]], list[tuple[list[int], float]]]:
-        """Signals that are false, by the place that they come from, with a p-value each; and those that reflections
-        explain but for this, that they come from one place, with the chance of that."""
+        """Find signals that are false, by the place that they come from, with a p-value each.
+
+        Returns also those that reflections explain but for coming from one place, with the chance of that.
+        """
         if not others.size:
             return [], []
         alpha, measured, n = self.settings.false_alarm_probability, view.measured, len(view.refs)
@@ -367,9 +377,9 @@ class InsArray:
         every = len({view.refs[k].signal.sat for k in others})
         design, usual = array_design(measured.elements_cyc), white.mean(axis=0)
         chance = equality_chance(design, usual, clusters.limit, wrapped=True)
-        own = {o.receiver: o for o in records.observations}
-        explained = reflections(
-            own.get(view.refs[0].receiver),
+        observed = {o.receiver: o for o in records.observations}
+        explained = select_reflections(
+            observed.get(view.refs[0].receiver),
             navigation,
             view.state.position_ecef_m[0],
             [ref.signal for ref in true],
@@ -377,21 +387,21 @@ class InsArray:
             multipath_sigma_m=self.settings.multipath_sigma_m,
             ionosphere_share=self.settings.ionosphere_share,
         )
-        overlapped = _overlapped(own.get(view.refs[0].receiver), view.refs)
-        below = _below_horizon(view, own.get(view.refs[0].receiver))
+        overlapped = _find_overlapped(observed.get(view.refs[0].receiver), view.refs)
+        below = _find_below_horizon(view, observed.get(view.refs[0].receiver))
         found: list[tuple[list[int], float]] = []
         alike: list[tuple[list[int], float]] = []
         for label in np.unique(clusters.labels):
             rows = others[clusters.labels == label]
             size = len({view.refs[k].signal.sat for k in rows})
             near = np.flatnonzero(clusters.labels == label)
-            by_chance = chance_of_cluster(clusters, near, every, size, design, usual, wrapped=True)
+            by_chance = bound_chance_of_cluster(clusters, near, every, size, design, usual, wrapped=True)
             if size >= POLICY.one_place_satellites and by_chance < alpha:
                 # Of two signals of one satellite from there, one may be the true one of a satellite behind it.
-                named = once_each(view.refs, rows.tolist())
+                named = select_unrepeated(view.refs, rows.tolist())
                 (found if named else alike).append((named or rows.tolist(), by_chance))
                 continue
-            by_itself = [k for k in once_each(view.refs, rows.tolist()) if view.refs[k] not in overlapped]
+            by_itself = [k for k in select_unrepeated(view.refs, rows.tolist()) if view.refs[k] not in overlapped]
             unexplained = [k for k in by_itself if true and view.refs[k].signal not in explained]
             false = sorted({*unexplained, *(k for k in by_itself if k in below)})
             p_value = min(1.0, n * float(view.agreed.p_values[false].max(initial=0.0)))
@@ -404,12 +414,12 @@ class InsArray:
     def _with_companions(
         self, view: ArrayView, false: list[int], rows: Indices, satellites: int, chance: float
     ) -> list[int]:
-        """Return false signals with those that come from their place, if reflections seldom come from just there.
+        """Return false signals with those that come from their place, if reflections rarely come from just that place.
 
-        satellites : of all signals that are not from their own. chance : that a signal from anywhere looks as from one
-        place.
+        satellites : of all signals that do not come from their satellite. chance : that a signal from anywhere looks as
+        from one place.
         """
-        once = once_each(view.refs, rows.tolist())
+        once = select_unrepeated(view.refs, rows.tolist())
         known = {view.refs[k].signal.sat for k in false}
         more = len({view.refs[k].signal.sat for k in once} - known)
         by_chance = comb(satellites - len(known), more) * chance**more
@@ -425,7 +435,7 @@ class InsArray:
             {Cause.CLEAN: p_value},
             singled_out=True,
             data={"sat": refs[0].signal.sat},
-            estimates={"directions": _directions(view, rows)},
+            estimates={"directions": _list_directions(view, rows)},
         )
 
     def _find_repeated(self, report: Reporter, view: ArrayView, rows: list[int], chance: float) -> Finding:
@@ -436,9 +446,11 @@ class InsArray:
             refs, "repeated", p, hypothesis=Hypothesis.SEPARATE_ORIGINS, alpha=POLICY.reflections_alike_probability
         )
 
-    def _as_from_there(self, view: ArrayView, k: int, rows: list[int]) -> bool:
-        """Whether a signal could as well come from the place of false ones, of which none is its satellite's: then its
-        satellite stands behind the transmitter, and nothing tells whose signal it is."""
+    def _is_behind_transmitter(self, view: ArrayView, k: int, rows: list[int]) -> bool:
+        """Tell if a signal could come from the place of false ones, none of them of its satellite.
+
+        Then its satellite stands behind the transmitter, and nothing tells whose signal it is.
+        """
         sent = {view.refs[row].signal.transmission for row in rows}
         if len(sent) < POLICY.one_place_satellites or view.refs[k].signal.transmission in sent:
             return False
@@ -447,8 +459,8 @@ class InsArray:
         p_value = float(chi_square_survival(statistic, len(rows) * part.cycles.shape[1]))
         return p_value >= self.settings.false_alarm_probability
 
-    def _of_one_place(self, view: ArrayView, rows: list[int]) -> float:
-        """p-value that these signals come from one place; 1 of fewer than three satellites."""
+    def _test_one_place(self, view: ArrayView, rows: list[int]) -> float:
+        """Return the p-value of these signals coming from one place; 1 for fewer than three satellites."""
         if len({view.refs[k].signal.sat for k in rows}) < POLICY.one_place_satellites:
             return 1.0
         part = view.measured.part(np.array(rows))
@@ -456,7 +468,10 @@ class InsArray:
         return float(chi_square_survival(statistic, (len(rows) - 1) * part.cycles.shape[1]))
 
     def _attitude_covariance(self, state: NavState) -> Reals:
-        """(3, 3) in the body frame, in the middle of the window: an inertial system's error hardly changes in it."""
+        """Return the attitude's covariance (3, 3) in the body frame, in the middle of the window.
+
+        An inertial system's error hardly changes within a window.
+        """
         if state.covariance is None:
             return np.asarray(np.radians(self.settings.attitude_sigma_deg) ** 2 * np.eye(3))
         middle = state.gpst.size // 2
@@ -464,29 +479,31 @@ class InsArray:
         return np.asarray(attitude.T @ state.covariance[middle, 6:, 6:] @ attitude)
 
 
-def _overlapped(o: Observations | None, refs: Sequence[SignalRef]) -> set[SignalRef]:
-    """Signals that overlap with another one of their satellite, or are covered by it: their phases are a mixture."""
+def _find_overlapped(o: Observations | None, refs: Sequence[SignalRef]) -> set[SignalRef]:
+    """Find signals that overlap another one of their satellite, or are masked by it: their phases are a mixture."""
     if o is None:
         return set()
     columns = {ref: o.signals.index(ref.signal) for ref in refs if ref.signal in o.signals}
     found = set[SignalRef]()
-    for one, other in combinations(columns, 2):
-        if one.signal.transmission == other.signal.transmission:
-            a, b = columns[one], columns[other]
+    for signal, other in combinations(columns, 2):
+        if signal.signal.transmission == other.signal.transmission:
+            a, b = columns[signal], columns[other]
             stronger_db = o.cn0_dbhz[:, a] - o.cn0_dbhz[:, b]
-            overlap_m = POLICY.overlap_chips * one.signal.plan.chip_m
+            overlap_m = POLICY.overlap_chips * signal.signal.plan.chip_m
             if np.any(np.abs(o.pseudorange_m[:, a] - o.pseudorange_m[:, b]) < overlap_m):  # NaN is not
-                found |= {one, other}
+                found |= {signal, other}
             elif np.any(stronger_db > POLICY.covered_db):
                 found.add(other)
             elif np.any(stronger_db < -POLICY.covered_db):
-                found.add(one)
+                found.add(signal)
     return found
 
 
-def _below_horizon(view: ArrayView, o: Observations | None) -> set[int]:
-    """Rows of signals whose satellites stand below the horizon, where place and attitude are known: no reflector is
-    reached by those. None that a stronger signal's code may look like."""
+def _find_below_horizon(view: ArrayView, o: Observations | None) -> set[int]:
+    """Find rows of signals whose satellites are below the horizon, if place and attitude are known.
+
+    No reflector is reached by those. Signals that a stronger signal's code may imitate are left out.
+    """
     frame = view.agreed.frame
     if not view.accepted and (frame.attitude_free or frame.bias_free):
         return set()
@@ -514,7 +531,7 @@ def _explain_unseen(phases: ArrayPhases, bodies: Sequence[NavState]) -> NotTeste
     return NotTested("no_signal", data) if bodies else NotTested("no_place", data)
 
 
-def block_of(view: ArrayView, lasting_cyc: Reals, records: Records) -> Block:
+def block_from_view(view: ArrayView, lasting_cyc: Reals, records: Records) -> Block:
     """Return a window's block. lasting_cyc : (M,) of each antenna's phase, what the window's mean keeps."""
     measured, frame = view.measured, view.agreed.frame
     off = residuals(measured, frame)
@@ -540,38 +557,41 @@ def _leave_out_false(finding: Finding, false: Collection[SignalRef]) -> Finding 
     return replace(finding, signals=kept) if kept else None
 
 
-def likeliest(views: Sequence[ArrayView]) -> ArrayView:
-    """Of views from several places."""
+def select_likeliest(views: Sequence[ArrayView]) -> ArrayView:
+    """Select the likeliest of views from several places."""
     return max(views, key=lambda one: (one.accepted, -one.agreed.cost))
 
 
-def _bodies(records: Records, receiver: str) -> list[NavState]:
-    """The states that the body may be in: as known, else at the place of each consistent set, level and to the north
-    with nothing known of that where no attitude is."""
+def _list_states(records: Records, receiver: str) -> list[NavState]:
+    """List the states that the body may be in.
+
+    It is the known state, or one at the place of each consistent set. Without an attitude it is level, heads north, and
+    nothing of that is taken for known.
+    """
     state = records.nav_state.get(receiver)
     if state is not None and (state.covariance is None or bool(np.isfinite(state.covariance[0, 0, 0]))):
         return [state]
-    places = [one.position_ecef_m for one in records.sets if one.receiver == receiver]
+    places = [candidate.position_ecef_m for candidate in records.sets if candidate.receiver == receiver]
     if state is not None:
         return [replace(state, position_ecef_m=np.tile(place, (state.gpst.size, 1))) for place in places]
-    return level_bodies(records, places, POLICY.free_attitude_sigma_rad)
+    return build_level_states(records, places, POLICY.free_attitude_sigma_rad)
 
 
-def level_bodies(records: Records, places: Sequence[Reals], tilt_sigma_rad: float) -> list[NavState]:
-    """At each place (3,) a body to the north, of whose heading nothing is known, and level by so much."""
+def build_level_states(records: Records, places: Sequence[Reals], tilt_sigma_rad: float) -> list[NavState]:
+    """Build at each place (3,) a state of a level body with this tilt sigma and an unknown heading."""
     gpst = np.array([records.start_gpst, records.end_gpst])
     known = np.diag([tilt_sigma_rad**2, tilt_sigma_rad**2, POLICY.free_attitude_sigma_rad**2])
     states = []
     for place in places:
-        both = np.tile(place, (2, 1))
-        attitude = attitude_ecef(both, *np.zeros((3, 2)))
+        position_ecef_m = np.tile(place, (2, 1))
+        attitude = attitude_ecef(position_ecef_m, *np.zeros((3, 2)))
         covariance = np.zeros((2, 9, 9))
         covariance[:, range(6), range(6)] = np.inf
         covariance[:, 6:, 6:] = attitude @ known @ np.swapaxes(attitude, -1, -2)
         states.append(
             NavState(
                 gpst=gpst,
-                position_ecef_m=both,
+                position_ecef_m=position_ecef_m,
                 velocity_ecef_m_s=np.zeros((2, 3)),
                 attitude=attitude,
                 covariance=covariance,
@@ -592,8 +612,8 @@ def _list_unused(view: ArrayView) -> list[NotTested]:
     return found
 
 
-def _directions(view: ArrayView, rows: list[int]) -> tuple[Direction, ...]:
-    """From where signals of one place may come, the likeliest first."""
+def _list_directions(view: ArrayView, rows: list[int]) -> tuple[Direction, ...]:
+    """List the directions from which signals of one place may come, the likeliest first."""
     measured, agreed = view.measured, view.agreed
     on_ground = agreed.lone if view.accepted else not agreed.frame.attitude_free
     if not view.accepted:
@@ -607,27 +627,30 @@ def _directions(view: ArrayView, rows: list[int]) -> tuple[Direction, ...]:
     _, cycles, covariance = equal_statistic(part.raw_cyc, white_covariance(part.sigma_cyc), wrapped=True)
     if not on_ground and not view.accepted:
         agreed = replace(agreed, frame=replace(agreed.frame, attitude_covariance_rad2=np.zeros((3, 3))))
-    found = arrivals(measured, agreed, cycles, covariance, float(part.ratio[0]))
+    found = find_arrivals(measured, agreed, cycles, covariance, float(part.ratio[0]))
     turn = _rot_enu_body(view.state) if on_ground else np.diag([1.0, 1.0, -1.0]) @ agreed.frame.turn
-    seen = [_direction(one, turn, "enu" if on_ground else "body") for one in found]
-    above = [one for one in seen if np.sin(one.elevation_rad) > POLICY.lowest_transmitter_sine]
+    seen = [_direction_from_arrival(arrival, turn, "enu" if on_ground else "body") for arrival in found]
+    above = [arrival for arrival in seen if np.sin(arrival.elevation_rad) > POLICY.lowest_transmitter_sine]
     return tuple(above or seen)
 
 
 def _rot_enu_body(state: NavState) -> Reals:
-    """(3, 3) from body to east, north, up in the middle of the window."""
+    """Return the rotation (3, 3) from body to east, north, up in the middle of the window."""
     middle = state.gpst.size // 2
     lat, lon, _ = geodetic_from_ecef(state.position_ecef_m[middle])
     return np.asarray(rot_enu_ecef(lat, lon) @ state.attitude[middle])
 
 
-def _direction(arrival: Arrival, turn: Reals, frame: Any) -> Direction:
-    """In azimuth and elevation: of east, north, up from north by east, of the body from forward to the right."""
-    there = turn @ arrival.direction
-    azimuth = np.arctan2(there[0], there[1]) if frame == "enu" else np.arctan2(there[1], there[0])
-    elevation = np.arcsin(np.clip(there[2], -1.0, 1.0))
+def _direction_from_arrival(arrival: Arrival, turn: Reals, frame: Any) -> Direction:
+    """Convert to azimuth and elevation.
+
+    In east, north, up the azimuth counts from north to east; in the body, from forward to the right.
+    """
+    turned = turn @ arrival.direction
+    azimuth = np.arctan2(turned[0], turned[1]) if frame == "enu" else np.arctan2(turned[1], turned[0])
+    elevation = np.arcsin(np.clip(turned[2], -1.0, 1.0))
     # The axes of the covariance, turned, along growing azimuth and elevation.
-    axes = across(there)
+    axes = across(turned)
     if frame == "enu":
         axes = axes * [[-1.0], [1.0]]
     mixed = axes @ turn @ across(arrival.direction).T

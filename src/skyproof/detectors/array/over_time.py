@@ -1,4 +1,6 @@
-"""What an array measured over blocks of 1, 2, 4, ... windows: sums that keep no window.
+"""Add up what an array measured over blocks of 1, 2, 4, ... windows, in sums that keep no window.
+
+windows: sums that keep no window.
 
 A block holds the mean residuals of those signals that all its windows have, about the frame of the newest window. Noise
 is new in every window. What reflections write into a phase is forgotten as the satellite moves (a Gauss-Markov
@@ -20,7 +22,7 @@ from skyproof.detectors.array.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import SignalRef
 
-__all__ = ["Block", "Waiting", "add_block", "alpha_alone", "alpha_of_block", "forgotten_share", "kept_share"]
+__all__ = ["Block", "Waiting", "add_block", "alpha_alone", "alpha_of_block", "pattern_share", "share_after_averaging"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,25 +62,25 @@ class Block:
 
         kept : share of the variance of what lasts in a window, what does not change from window to window.
         """
-        left = kept + (1.0 - kept) * forgotten_share(self.duration_s)
+        lasting_share = kept + (1.0 - kept) * share_after_averaging(self.duration_s)
         direction = self.towards @ self.frame.turn  # from the frame's axes to those of the prediction
         measured = replace(
             self.measured,
             direction=direction,
             cycles=np.zeros_like(self.residual_cyc),
-            sigma_cyc=np.sqrt(self.white_cyc2 + left * self.lasting_cyc2),
+            sigma_cyc=np.sqrt(self.white_cyc2 + lasting_share * self.lasting_cyc2),
         )
         return replace(measured, cycles=self.residual_cyc - residuals(measured, self.frame))
 
 
-def forgotten_share(duration_s: float) -> float:
-    """Return what a mean over so long leaves of the variance of a Gauss-Markov process."""
+def share_after_averaging(duration_s: float) -> float:
+    """Return the share of a Gauss-Markov process's variance that a mean over this duration keeps."""
     x = duration_s / POLICY.lasting_forgotten_s
     return float(2.0 / x * (1.0 - (1.0 - np.exp(-x)) / x)) if x > 1e-4 else 1.0
 
 
-def kept_share(lasting_sigma_cyc: float, carrier_hz: float) -> float:
-    """Return what of the variance of a phase's lasting error, at most, is of the antennas' patterns, and stays."""
+def pattern_share(lasting_sigma_cyc: float, carrier_hz: float) -> float:
+    """Return the largest share of a phase's lasting variance that antenna patterns cause, and that stays."""
     pattern_cyc = POLICY.pattern_sigma_m * carrier_hz / SPEED_OF_LIGHT_M_S
     return (pattern_cyc / max(lasting_sigma_cyc, pattern_cyc)) ** 2
 
@@ -126,7 +128,7 @@ def add_block(waiting: Waiting, block: Block) -> tuple[Waiting, list[Block]]:
 def _join(earlier: Block, later: Block) -> Block | None:
     """Return two blocks of one length as one; None where they do not go together."""
     refs = [ref for ref in later.refs if ref in earlier.refs]
-    if len(refs) < 2 or not _alike(earlier, later):
+    if len(refs) < 2 or not _is_same_array(earlier, later):
         return None
     a, b = earlier.part(refs), later.part(refs)
     apart = b.residual_cyc - a.residual_cyc
@@ -141,8 +143,8 @@ def _join(earlier: Block, later: Block) -> Block | None:
     )
 
 
-def _alike(a: Block, b: Block) -> bool:
-    """Whether two blocks are of the same antennas on a body that stands the same way."""
+def _is_same_array(a: Block, b: Block) -> bool:
+    """Tell if two blocks are from the same antennas on a body that stands the same way."""
     if a.measured.elements_cyc.shape != b.measured.elements_cyc.shape:
         return False
     if not np.array_equal(a.measured.elements_cyc, b.measured.elements_cyc):

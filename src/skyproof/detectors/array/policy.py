@@ -58,7 +58,7 @@ class ArrayPolicy:
         "Normal noise exceeds it once in 5e8: in a day of ten epochs a second, for a hundred signals, hardly ever.",
     )
     noise_excess: float = number(
-        3.0, "1", "Chosen: noise so many times that of the signal's strength is of the antenna or its line."
+        3.0, "1", "Chosen: noise so many times what the signal's strength gives comes from the antenna or its line."
     )
     one_place_satellites: int = number(3, "1", "Two signals from one place may be reflected by one thing.")
     fitted_missed_probability: float = number(

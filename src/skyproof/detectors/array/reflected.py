@@ -1,4 +1,4 @@
-"""Signals from elsewhere than their satellites that reflections alone would explain: late, and not stronger."""
+"""Find signals from elsewhere than their satellites that reflections alone explain: late, and not stronger."""
 
 from collections.abc import Sequence
 
@@ -11,10 +11,10 @@ from skyproof.navigation.search import misfits
 from skyproof.navigation.sets import window_measurements
 from skyproof.records import NavigationData, Observations, SignalId
 
-__all__ = ["levels_dbhz", "reflections"]
+__all__ = ["levels_dbhz", "select_reflections"]
 
 
-def reflections(
+def select_reflections(
     observations: Observations | None,
     navigation: NavigationData,
     place_ecef_m: Reals,
@@ -24,10 +24,12 @@ def reflections(
     multipath_sigma_m: float,
     ionosphere_share: float,
 ) -> frozenset[SignalId]:
-    """Those of `others` that are hardly earlier than the place (3,) and the clock of `true` make them, and weaker than
-    the true signal of their satellite, or where there is none no stronger than the strongest true one.
+    """Select those of `others` that reflections of the signals in `true` explain, seen from a place (3,).
 
-    Nothing is known of signals without a pseudorange: they are none of these.
+    They are hardly earlier than the place and the clock of `true` predict. They are weaker than the true signal of
+    their satellite. Without one, they are no stronger than the strongest true signal of their kind.
+
+    Signals without a pseudorange are left out: nothing is known of their delay.
     """
     if observations is None or not others or observations.gpst.size == 0:
         return frozenset()
@@ -49,11 +51,11 @@ def reflections(
         if signal not in late or signal.kind not in clocks:
             continue
         late_m = late[signal][0] - float(np.median(clocks[signal.kind]))
-        of_sat = [level[one] for one in true if one.transmission == signal.transmission]
+        of_sat = [level[signal_id] for signal_id in true if signal_id.transmission == signal.transmission]
         usual = (
             max(of_sat) - SECOND_SIGNALS.copy_weaker_db
             if of_sat
-            else max(level[one] for one in true if one.kind == signal.kind)
+            else max(level[signal_id] for signal_id in true if signal_id.kind == signal.kind)
         )
         early_m = max(POLICY.early_sigmas * np.sqrt(2.0) * late[signal][1], POLICY.blended_chips * signal.plan.chip_m)
         if -early_m < late_m < SECOND_SIGNALS.most_late_m and level[signal] <= usual:

@@ -1,4 +1,4 @@
-"""Which signals of a receiver on a spinning arm come from one direction, and which from where their satellites stand?
+"""Find signals on a spinning arm that come from one direction, and those that come from their satellites.
 
 Level direction cosines by the phases of a window (`arm_phases`), and what they show: the detector.
 """
@@ -11,15 +11,21 @@ import numpy as np
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.array.arm_phases import (
-    bent_signals,
     estimate_rate,
-    full_fit,
-    minus_mean,
+    find_bent_signals,
+    fit_whole_series,
     repair_slips,
+    subtract_mean,
 )
-from skyproof.detectors.array.array_common import compare_directions, of_one_carrier
-from skyproof.detectors.array.ins_array import InsArray, InsArraySettings, block_of, level_bodies, likeliest
-from skyproof.detectors.array.over_time import Block, Waiting, alpha_alone, kept_share
+from skyproof.detectors.array.array_common import compare_directions, select_commonest_carrier
+from skyproof.detectors.array.ins_array import (
+    InsArray,
+    InsArraySettings,
+    block_from_view,
+    build_level_states,
+    select_likeliest,
+)
+from skyproof.detectors.array.over_time import Block, Waiting, alpha_alone, pattern_share
 from skyproof.detectors.array.policy import POLICY
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.errors import require_probability
@@ -38,7 +44,7 @@ from skyproof.records import (
     SpinArm,
 )
 
-__all__ = ["Levels", "Spin", "SpinSettings", "levels_of"]
+__all__ = ["Levels", "Spin", "SpinSettings", "estimate_levels"]
 
 
 # A window's measurements ----------------------------------------------------------------------------------------------
@@ -55,7 +61,7 @@ class Levels(NamedTuple):
     bent: Indices
 
 
-def levels_of(
+def estimate_levels(
     observations: Observations,
     arm: SpinArm,
     *,
@@ -64,17 +70,19 @@ def levels_of(
     lasting_sigma_cyc: float = 0.01,
     accept_probability: float = 1e-3,
 ) -> Levels | None:
-    """Level direction cosines by a receiver's carrier phases on an arm, slips taken off, its rate estimated where it is
-    not known exactly; None with fewer than two signals or too few epochs for the polynomial.
+    """Estimate level direction cosines from carrier phases on an arm, after slips are repaired.
+
+    The arm's rate is estimated if it is not known exactly. Returns None with fewer than two signals or too few epochs
+    for the polynomial.
 
     Other parameters are as in `SpinSettings`.
     """
-    channels = of_one_carrier(observations.carrier_hz)
+    channels = select_commonest_carrier(observations.carrier_hz)
     told = np.isfinite(observations.pseudorange_m[:, channels]).any(axis=0)
     if told.any():  # a jammer's carrier can be followed, too, and comes from one direction
         channels = channels[told]
-    there = np.isfinite(observations.carrier_cyc[:, channels])
-    channels = channels[there.mean(axis=0) >= min_share] if there.size else channels[:0]
+    measured = np.isfinite(observations.carrier_cyc[:, channels])
+    channels = channels[measured.mean(axis=0) >= min_share] if measured.size else channels[:0]
     epochs = np.all(np.isfinite(observations.carrier_cyc[:, channels]), axis=-1)
     time_s = observations.elapsed_s[epochs]
     if degree is None:
@@ -101,13 +109,13 @@ def levels_of(
             ).rate_rad
         )
         angle_rad = rate_rad_s * time_s
-    fit = full_fit(
-        minus_mean(phase_cyc), angle_rad, radius_cyc=radius_cyc, sigma_cyc=sigma_cyc, degree=degree, time=time_s
+    fit = fit_whole_series(
+        subtract_mean(phase_cyc), angle_rad, radius_cyc=radius_cyc, sigma_cyc=sigma_cyc, degree=degree, time=time_s
     )
     sigmas_cyc = np.hypot(
         np.median(observations.carrier_sigma_cyc[np.ix_(epochs, channels)], axis=0), lasting_sigma_cyc
     )
-    bent = bent_signals(
+    bent = find_bent_signals(
         phase_cyc, angle_rad, sigmas_cyc, degree=degree, time=time_s, accept_probability=accept_probability
     )
     return Levels(channels, fit.level, np.asarray(np.linalg.inv(fit.information), np.float64), channels[bent])
@@ -184,7 +192,7 @@ class Spin:
     ) -> list[Finding]:
         """Return what directions show of one receiver's signals. past : brought up to date."""
         asked = self.settings
-        seen = levels_of(
+        seen = estimate_levels(
             observations,
             arm,
             degree=asked.degree,
@@ -196,7 +204,7 @@ class Spin:
         if seen is None:
             why = _explain_no_levels(observations, asked.min_share)
             return [report.pass_over(signals_of((observations,)), why)]
-        found = self._against_orbits(report, observations, arm, seen, past.waiting)
+        found = self._test_against_orbits(report, observations, arm, seen, past.waiting)
         if all(finding.says == "undecided" for finding in found):
             refs = [SignalRef(receiver, observations.signals[k]) for k in seen.channels]
             covariances = np.broadcast_to(seen.covariance, (len(refs), 2, 2))
@@ -206,10 +214,10 @@ class Spin:
         bent = [SignalRef(receiver, observations.signals[k]) for k in seen.bent]
         if len(bent) > 1:
             past.bent_at[receiver] = report.records.end_gpst
-        doubt = _doubt(report.records, len(bent), seen.channels.size, past.bent_at.get(receiver))
+        doubt = _state_doubt(report.records, len(bent), seen.channels.size, past.bent_at.get(receiver))
         return [_leave_out_bent(report, f, bent, doubt) if f.says == "authentic" else f for f in found]
 
-    def _against_orbits(
+    def _test_against_orbits(
         self,
         report: Reporter,
         observations: Observations,
@@ -219,16 +227,18 @@ class Spin:
     ) -> list[Finding]:
         """Test level directions against those of the satellites; empty if that shows nothing.
 
-        waiting : blocks of windows of each receiver; brought up to date.
+            waiting : blocks of windows of each receiver; brought up to date.
 
-        Where most signals are not from there, it stays open why: two equal signals within a chip show a direction
+            If most signals come from elsewhere, the cause stays open: two equal signals within a chip show a direction
         between them.
 
-        Level direction cosines are what a small flat array measures: its heading is the arm's start, which is not known
-        nor needed, and what all share is not known either.
+            Level direction cosines are what a small flat array measures: its heading is the arm's start, which is not
+            known nor needed, and what all share is not known either.
         """
         records = report.records
-        places = [one.position_ecef_m for one in records.sets if one.receiver == observations.receiver]
+        places = [
+            candidate.position_ecef_m for candidate in records.sets if candidate.receiver == observations.receiver
+        ]
         if records.navigation is None or not places:
             return []
         channels = levels.channels
@@ -261,17 +271,17 @@ class Spin:
             InsArraySettings(false_alarm_probability=self.settings.false_alarm_probability, scale_sigma=scale_sigma)
         )
         alone = judge.spending(alpha_alone(judge.settings.false_alarm_probability))
-        bodies = level_bodies(records, places, float(np.radians(self.settings.tilt_sigma_deg)))
-        views = [view for body in bodies if (view := alone.seen(phases, body, records.navigation)) is not None]
+        bodies = build_level_states(records, places, float(np.radians(self.settings.tilt_sigma_deg)))
+        views = [view for body in bodies if (view := alone.view_from(phases, body, records.navigation)) is not None]
         if not views:
             return []
-        view = likeliest(views)
-        own = Reporter(alone, records, report.hypothesis)
-        found = alone.judge(own, view, records.navigation)
-        block = _to_north(block_of(view, POLICY.level_scale_cyc * lasting * np.array([0.0, 1.0, 1.0]), records))
-        share = kept_share(self.settings.lasting_sigma_cyc, float(carrier_hz[0]))
+        view = select_likeliest(views)
+        alone_report = Reporter(alone, records, report.hypothesis)
+        found = alone.judge(alone_report, view, records.navigation)
+        block = _to_north(block_from_view(view, POLICY.level_scale_cyc * lasting * np.array([0.0, 1.0, 1.0]), records))
+        share = pattern_share(self.settings.lasting_sigma_cyc, float(carrier_hz[0]))
         waiting[observations.receiver], found = judge.judge_with_blocks(
-            own, found, waiting.get(observations.receiver, Waiting()), block, view, records.navigation, share
+            alone_report, found, waiting.get(observations.receiver, Waiting()), block, view, records.navigation, share
         )
         if any(finding.says in ("spoofed", "authentic") for finding in found):
             return found
@@ -313,7 +323,7 @@ def _explain_no_levels(observations: Observations, min_share: float) -> NotTeste
     return NotTested("few_signals", data) if n < 2 else NotTested("few_epochs", data)
 
 
-def _doubt(records: Records, bent: int, signals: int, bent_at: np.datetime64 | None) -> dict[str, Datum] | None:
+def _state_doubt(records: Records, bent: int, signals: int, bent_at: np.datetime64 | None) -> dict[str, Datum] | None:
     """Return why none of a receiver's signals is authentic; None if nothing speaks against it.
 
     One signal alone may slip, be reflected or imitated. Where there are several, what makes them so may be in all
