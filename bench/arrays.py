@@ -26,7 +26,7 @@ from skyproof.explain import explain, stands_beside
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, rot_enu_ecef
-from skyproof.navigation.sets import consistent_sets
+from skyproof.navigation.sets import find_consistent_sets
 from skyproof.records import ArrayPhases, Evidence, NavState, Observations, Records
 from skyproof.statistics.directions import direction_cosines
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
@@ -105,7 +105,7 @@ def drawn(number: int, *, attack: bool, reflections_cyc: float = 0.0) -> Drawn:
     records = replace(
         records,
         observations=(o,),
-        sets=tuple(consistent_sets(o, records.navigation)),
+        sets=tuple(find_consistent_sets(o, records.navigation)),
         array_phases=(phases,),
         nav_state={phases.receiver: state},
     )

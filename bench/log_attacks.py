@@ -40,7 +40,7 @@ from skyproof.explain import explain
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.fix import fix
-from skyproof.navigation.predictor import Standing, surveyed
+from skyproof.navigation.predictor import Standing, place_surveyed
 from skyproof.records import NavigationData, Observations
 from skyproof.studies.log_attacks import (
     SCOPES,
@@ -217,7 +217,7 @@ def judged(
     settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
     predictors = None
     if equipment == "surveyed":
-        place = surveyed(
+        place = place_surveyed(
             Standing(stands=True, oscillator=None, by=("surveyed_place",)),
             places[0].mean(axis=0),
             SURVEY_M**2 * np.eye(3),

@@ -32,7 +32,7 @@ from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.sky import azimuth_elevation
-from skyproof.navigation.sets import consistent_sets
+from skyproof.navigation.sets import find_consistent_sets
 from skyproof.records import Observations, Records
 from skyproof.studies.uniformity_echoes import echo_delays_m
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
@@ -129,7 +129,7 @@ def street(hours: float, *, walls: float = 0.0) -> Iterator[str]:
         for _ in range(EACH):
             records = clean.records(rng)
             observed = tuple(_in_street(o, elevation_rad, rng, model, walls) for o in records.observations)
-            sets = tuple(s for o in observed for s in consistent_sets(o, clean.navigation))
+            sets = tuple(s for o in observed for s in find_consistent_sets(o, clean.navigation))
             records = replace(records, observations=observed, sets=sets)
             windows += 1
             beside += sum(s.copy != "a" for o in observed for s in o.signals)

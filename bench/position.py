@@ -21,8 +21,8 @@ from skyproof.formats.rinex_nav import read_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.fix import fix
-from skyproof.navigation.least_squares import line_of_sight
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.least_squares import compute_line_of_sight
+from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import NavigationData, Observations, SignalId
 from skyproof.studies.code_signals import code_positioning_signals
 from skyproof.studies.position_filter import FilterSettings, step
@@ -184,6 +184,6 @@ def _along(
 ) -> Reals:
     """What a move of the place by `moved_m` (n, 3) takes off each range, (n, k)."""
     columns = [seen.signals.index(signal) for signal in signals]
-    ranges = corrected_ranges(signals, seen.gpst, seen.pseudorange_m[:, columns], navigation)
-    _, unit, _ = line_of_sight(ranges.satellite_ecef_m, np.broadcast_to(place, (seen.gpst.size, 3)))
+    ranges = correct_ranges(signals, seen.gpst, seen.pseudorange_m[:, columns], navigation)
+    _, unit, _ = compute_line_of_sight(ranges.satellite_ecef_m, np.broadcast_to(place, (seen.gpst.size, 3)))
     return -np.einsum("nki,ni->nk", unit, moved_m)

@@ -19,8 +19,8 @@ from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.sky import azimuth_elevation
-from skyproof.navigation.least_squares import line_of_sight
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.least_squares import compute_line_of_sight
+from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import CellStatus, NavigationData, Observations, SignalId
 
 Reals = NDArray[np.float64]
@@ -163,7 +163,7 @@ def _satellites(o: Observations, navigation: NavigationData) -> tuple[Reals, Rea
     """Positions at transmission (n_epochs, n_channels, 3) and the clocks' ranges, whatever the signal's group delay."""
     reference = {"G": ("L1", "CA"), "J": ("L1", "CA"), "E": ("E1", "C"), "C": ("B3", "6I"), "R": ("G1", "CA")}
     signals = tuple(SignalId(s.sat, *reference.get(s.sat[0], ("L1", "CA"))) for s in o.signals)
-    ranges = corrected_ranges(signals, o.gpst, o.pseudorange_m, navigation)
+    ranges = correct_ranges(signals, o.gpst, o.pseudorange_m, navigation)
     return ranges.satellite_ecef_m, ranges.range_m
 
 
@@ -211,7 +211,7 @@ def _common_rows(a: Observations, b: Observations) -> tuple[Any, Any]:
 def _less_geometry(o: Observations, navigation: NavigationData, place: Reals) -> tuple[Reals, Reals, Reals]:
     """Pseudorange less geometric range and satellite clock, line of sight and elevation of all cells."""
     satellites, range_m = _satellites(o, navigation)
-    turned, unit, distance_m = line_of_sight(satellites, place)
+    turned, unit, distance_m = compute_line_of_sight(satellites, place)
     with np.errstate(invalid="ignore"):
         return range_m - distance_m, unit, np.degrees(azimuth_elevation(place, turned)[1])
 

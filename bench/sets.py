@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from timing import line, take_turns
 
-from skyproof.navigation.least_squares import gauss_newton
-from skyproof.navigation.ranges import corrected_ranges
-from skyproof.navigation.sets import consistent_sets
-from skyproof.navigation.window import window_mean
+from skyproof.navigation.least_squares import fit_position
+from skyproof.navigation.ranges import correct_ranges
+from skyproof.navigation.sets import find_consistent_sets
+from skyproof.navigation.window import average_window
 from skyproof.records import Observations
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -31,23 +31,23 @@ def report() -> Iterator[str]:
     window, orbits = records.observations[0], scene.navigation
     sats = len({signal.sat for signal in window.signals})
     odd = _with_odd_signals(window, 2)
-    mean = window_mean(window)
-    ranges = corrected_ranges(mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], orbits)
+    mean = average_window(window)
+    ranges = correct_ranges(mean.signals, np.array([mean.gpst]), mean.pseudorange_m[None, :], orbits)
     choices = _every_choice([signal.sat for signal in mean.signals])
 
     def fit_all() -> NDArray[np.float64]:
         """One fit for each of the 2^12 choices of a signal for every satellite, all at once, without atmosphere."""
-        return gauss_newton(
+        return fit_position(
             ranges.satellite_ecef_m[0][choices],
             ranges.range_m[0][choices],
             np.ones(choices.shape),
             np.zeros((len(choices), 4)),
         ).state_m
 
-    assert [len(s.signals) for s in consistent_sets(window, orbits)] == [sats, sats]
-    assert [len(s.signals) for s in consistent_sets(odd, orbits)] == [sats, sats - 2]
+    assert [len(s.signals) for s in find_consistent_sets(window, orbits)] == [sats, sats]
+    assert [len(s.signals) for s in find_consistent_sets(odd, orbits)] == [sats, sats - 2]
     whole_s, odd_s, fits_s = take_turns(
-        lambda: consistent_sets(window, orbits), lambda: consistent_sets(odd, orbits), fit_all, runs=5
+        lambda: find_consistent_sets(window, orbits), lambda: find_consistent_sets(odd, orbits), fit_all, runs=5
     )
     yield f"consistent sets of {sats} satellites with two signals each, one window"
     times = fits_s.median / whole_s.median

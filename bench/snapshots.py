@@ -30,7 +30,7 @@ from skyproof.explain import explain
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import AntennaArray, Observations, Samples
 from skyproof.statistics.directions import direction_cosines
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
@@ -102,7 +102,7 @@ class DrawnSnapshot:
         side = int(np.ceil(np.sqrt(count)))
         grid = np.array([(k // side, k % side, 0.0) for k in range(count)])
         elements_m = grid * rng.uniform(0.5, 0.8) * WAVE_M @ Rotation.random(rng=rng).as_matrix().T
-        ranges = corrected_ranges(o.signals, o.gpst[:1], o.pseudorange_m[:1], self.navigation)
+        ranges = correct_ranges(o.signals, o.gpst[:1], o.pseudorange_m[:1], self.navigation)
         to_sats = ranges.satellite_ecef_m[0] - here[0]
         towards = (to_sats / np.linalg.norm(to_sats, axis=1, keepdims=True))[kept]
         source = direction_cosines(rng.uniform(0.0, 2.0 * np.pi), np.radians(rng.uniform(0.0, 40.0)))[[1, 0, 2]]

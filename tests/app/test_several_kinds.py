@@ -17,7 +17,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
 from skyproof.fusion.fuse import fuse
 from skyproof.fusion.trusted import fix_of
-from skyproof.navigation.sets import consistent_sets
+from skyproof.navigation.sets import find_consistent_sets
 from skyproof.records import CellStatus, Records, SignalRef
 from skyproof.simulator.attacks import Spoofer
 from skyproof.simulator.kinds import Kind
@@ -148,16 +148,16 @@ def clean():
 
 def test_few_satellites_of_a_system_join_the_sky_where_they_fit_with_a_clock_of_their_own(clean):
     o, navigation = clean
-    (found,) = consistent_sets(with_sats(o, {"G": 8, "E": 3}), navigation)
+    (found,) = find_consistent_sets(with_sats(o, {"G": 8, "E": 3}), navigation)
     assert Counter(s.sat[0] for s in found.signals) == {"G": 8, "E": 3}
     assert found.dof == 8 - 4  # the few do not move the position
-    (whole,) = consistent_sets(o, navigation)
+    (whole,) = find_consistent_sets(o, navigation)
     assert found.offsets_s[("E", "E1", "C")] == pytest.approx(whole.offsets_s[("E", "E1", "C")], abs=1e-8)
 
 
 def test_one_satellite_alone_with_its_clock_is_in_no_set(clean):
     o, navigation = clean
-    (found,) = consistent_sets(with_sats(o, {"G": 8, "E": 1}), navigation)
+    (found,) = find_consistent_sets(with_sats(o, {"G": 8, "E": 1}), navigation)
     assert {s.sat[0] for s in found.signals} == {"G"}
 
 
@@ -166,20 +166,20 @@ def test_few_satellites_that_do_not_fit_the_sky_are_left_out(clean):
     moved = o.pseudorange_m.copy()
     for k, signal in enumerate(o.signals):
         moved[:, k] += 90.0 * (signal.sat[0] == "E") * (k % 3)  # three that no one clock makes up for
-    (found,) = consistent_sets(with_sats(replace(o, pseudorange_m=moved), {"G": 8, "E": 3}), navigation)
+    (found,) = find_consistent_sets(with_sats(replace(o, pseudorange_m=moved), {"G": 8, "E": 3}), navigation)
     assert "E" not in {s.sat[0] for s in found.signals}
 
 
 def test_systems_of_four_satellites_each_make_a_sky_together_or_none(clean):
     o, navigation = clean
     few = with_sats(o, {"G": 4, "E": 4})
-    (found,) = consistent_sets(few, navigation)
+    (found,) = find_consistent_sets(few, navigation)
     assert len(found.signals) == 8
     assert found.dof == 8 - 3 - 2
     moved = few.pseudorange_m.copy()
     moved[:, next(k for k, s in enumerate(o.signals) if s.sat[0] == "E")] += 150.0
-    assert consistent_sets(replace(few, pseudorange_m=moved), navigation) == ()
-    assert consistent_sets(with_sats(o, {"G": 3, "E": 2}), navigation) == ()  # as many unknowns as signals
+    assert find_consistent_sets(replace(few, pseudorange_m=moved), navigation) == ()
+    assert find_consistent_sets(with_sats(o, {"G": 3, "E": 2}), navigation) == ()  # as many unknowns as signals
 
 
 def test_what_one_kind_steps_by_leaves_the_others_as_they_were(clean):
@@ -196,7 +196,7 @@ def test_what_one_kind_steps_by_leaves_the_others_as_they_were(clean):
         end_gpst=o.gpst[-1] + np.timedelta64(1, "s"),
         observations=(stepped,),
         navigation=navigation,
-        sets=consistent_sets(o, navigation),
+        sets=find_consistent_sets(o, navigation),
     )
     said, _ = Continuity(ContinuitySettings(false_alarm_probability=1e-6)).examine(records)
     broken = [e for e in said if e.overrules]

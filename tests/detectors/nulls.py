@@ -20,7 +20,7 @@ from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.sets import consistent_sets
+from skyproof.navigation.sets import find_consistent_sets
 from skyproof.records import ArrayPhases, Ccaf, NavState, Observations, Records, SignalId, SpinArm, Taps
 from skyproof.statistics.directions import direction_cosines, hemisphere
 from skyproof.studies.arm_angles import arm_angles
@@ -92,7 +92,7 @@ def with_unrelated(rng, spread_m=60.0):
     """Every satellite has a second signal at a delay of its own, and the sets are those that are found."""
     n = UNRELATED.max_satellites
     records = with_seconds(rng, np.ones(n, bool), rng.uniform(-0.5, 0.5, n) * spread_m, scene=UNRELATED)
-    return replace(records, sets=consistent_sets(records.observations[0], records.navigation))
+    return replace(records, sets=find_consistent_sets(records.observations[0], records.navigation))
 
 
 # Correlators ----------------------------------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.inertial_predictor import Inertial
 from skyproof.navigation.ins import InsSettings
-from skyproof.navigation.predictor import Standing, surveyed
+from skyproof.navigation.predictor import Standing, place_surveyed
 from skyproof.records import (
     Cause,
     Finding,
@@ -120,7 +120,7 @@ def found_before(records: Records) -> Records:
 def standing(rng: np.random.Generator) -> Records:
     """Draw records of a receiver that stands where it was surveyed."""
     stands = Standing(stands=True, oscillator=None, by=("standing",), assumes=("receiver_stands",))
-    at_home = surveyed(stands, HOME_ECEF_M["rx1"], 0.01 * np.eye(3))
+    at_home = place_surveyed(stands, HOME_ECEF_M["rx1"], 0.01 * np.eye(3))
     return replace(found_before(ALONE.records(rng)), standing={"rx1": at_home})
 
 

@@ -10,10 +10,10 @@ from skyproof.detectors.residual_causes import find_reflected
 from skyproof.detectors.second_signals.detector import elevation_rad
 from skyproof.detectors.second_signals.second_sky import echoes_p_value, second_sky_p_value
 from skyproof.errors import SettingsError
-from skyproof.navigation.chance import chance_p_value
+from skyproof.navigation.chance import bound_chance_p_value
 from skyproof.navigation.fix import fix_and_geometry
-from skyproof.navigation.sets import consistent_sets
-from skyproof.navigation.window import window_mean
+from skyproof.navigation.sets import find_consistent_sets
+from skyproof.navigation.window import average_window
 from skyproof.records import OBSERVABLES, Cause
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -137,7 +137,7 @@ def test_a_mixture_is_no_single_fault():
 
 def test_two_skies_are_an_attack():
     records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
-    found = consistent_sets(records.observations[0], records.navigation)
+    found = find_consistent_sets(records.observations[0], records.navigation)
     (evidence,) = Residual().examine(replace(records, sets=found))[0]
     assert evidence.says == "attack"
     assert evidence.p_value < 1e-9
@@ -186,9 +186,9 @@ def test_four_signals_are_no_second_sky():
 def test_the_chance_counts_the_sets_that_second_signals_could_form_and_no_others():
     records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     sky, false = records.sets
-    mean = window_mean(records.observations[0])
+    mean = average_window(records.observations[0])
     sigma_m = [np.hypot(mean.sigma_m[mean.signals.index(s)], 1.0) for s in false.signals]
-    alone = chance_p_value(sigma_m, window_m=300.0, largest_statistic=false.statistic)  # one set of all of them
+    alone = bound_chance_p_value(sigma_m, window_m=300.0, largest_statistic=false.statistic)  # one set of all of them
     assert second_sky_p_value(records.observations[0], (sky, false), unrelated_spread_m=300.0) == pytest.approx(alone)
 
 

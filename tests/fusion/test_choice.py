@@ -10,7 +10,7 @@ from skyproof.fusion.choice import ChoiceRules, choices
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
-from skyproof.navigation.predictor import Standing, surveyed
+from skyproof.navigation.predictor import Standing, place_surveyed
 from skyproof.records import OverlappingSkies
 from skyproof.simulator.clocks import clock
 
@@ -187,7 +187,7 @@ def test_where_nothing_was_clean_nothing_is_chosen(led_away, options, rules):
 
 def test_a_surveyed_place_chooses_from_the_first_moment_on(led_away):
     taken = led_away(onset_s=-100.0)
-    found = taken.chosen(surveyed(standing(), HOME, 0.01 * np.eye(3)))
+    found = taken.chosen(place_surveyed(standing(), HOME, 0.01 * np.eye(3)))
     assert set(map(frozenset, after(taken, found, "authentic").values())) == {frozenset(NEW)}
 
 

@@ -9,10 +9,10 @@ from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, L1_HZ, SPEED_OF_LIGHT_
 from skyproof.gnss.ephemeris import Klobuchar
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.sky import rotate_to_reception
-from skyproof.navigation.chance import set_combinations
+from skyproof.navigation.chance import count_set_combinations
 from skyproof.navigation.least_squares import Solution, design_matrix
 from skyproof.navigation.ranges import AtmosphereDelays
-from skyproof.navigation.search import SetCandidates, below, plausible
+from skyproof.navigation.search import SetCandidates, find_point_below, is_plausible
 from skyproof.statistics.distributions import chi_square_threshold
 
 _NIGHT = Klobuchar(alpha=(0.0, 0.0, 0.0, 0.0), beta=(0.0, 0.0, 0.0, 0.0))  # leaves 5 ns times the obliquity
@@ -26,7 +26,7 @@ _LOWEST_M, _FARTHEST_M = -20e3, 50e6
 _TRAVEL_S = 0.075  # of a signal from orbit to ground, within 0.01 s
 
 
-def spd_inverse(matrix, *, smallest_pivot=1e-13):
+def invert_spd(matrix, *, smallest_pivot=1e-13):
     """Inverse of symmetric positive definite matrices (..., n, n), NaN where one is not, or only just.
 
     By Cholesky, written out over the few rows: unlike `numpy.linalg.inv` one singular matrix does not fail the batch,
@@ -49,7 +49,7 @@ def spd_inverse(matrix, *, smallest_pivot=1e-13):
     return np.asarray(np.swapaxes(inverse, -1, -2) @ inverse)
 
 
-def line_of_sight(satellite_ecef_m, position_ecef_m):
+def compute_line_of_sight(satellite_ecef_m, position_ecef_m):
     """Satellites in the frame of reception, unit vectors to them, and distances.
 
     Parameters
@@ -69,7 +69,7 @@ def line_of_sight(satellite_ecef_m, position_ecef_m):
     return satellite, difference / distance_m[..., None], distance_m
 
 
-def normal_inverse(normal):
+def invert_normal(normal):
     """Inverse of normal matrices (..., n, n) in which clocks (from column 3 on) may have no measurement at all.
 
     Such a clock gets a weight of one of its own, so that it touches nothing and the others are solved.
@@ -79,10 +79,10 @@ def normal_inverse(normal):
         empty = np.diagonal(normal, axis1=-2, axis2=-1) == 0.0
         empty[..., :3] = False
         normal = normal + empty[..., None] * np.eye(n)
-    return spd_inverse(normal)
+    return invert_spd(normal)
 
 
-def gauss_newton(
+def fit_position(
     satellite_ecef_m,
     range_m,
     sigma_m,
@@ -109,12 +109,12 @@ def gauss_newton(
     state = np.array(start_m, dtype=np.float64)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         for _ in range(max_steps):
-            _, unit, distance = line_of_sight(satellite_ecef_m, state[..., :3])
+            _, unit, distance = compute_line_of_sight(satellite_ecef_m, state[..., :3])
             clock = state[..., 3:] if clocks is None else state[..., 3:] @ clocks.T
             misfit = np.where(used, range_m - distance - clock, 0.0)
             design = design_matrix(unit, clocks)
             weighted = np.swapaxes(design * weight[..., None], -1, -2)
-            covariance = normal_inverse(weighted @ design)
+            covariance = invert_normal(weighted @ design)
             step = (covariance @ (weighted @ misfit[..., None]))[..., 0]
             state = state + step
             step_m = np.linalg.norm(step, axis=-1)
@@ -124,7 +124,7 @@ def gauss_newton(
     return Solution(state_m=state, covariance_m2=covariance, residual_m=residual, last_step_m=step_m)
 
 
-def atmosphere(
+def compute_atmosphere(
     position_ecef_m,
     satellite_ecef_m,
     tow_s,
@@ -181,7 +181,7 @@ class SetSearch:
         self._copies = [copies[k] for k in _spread_first(measurements, copies)]
         self._fours = {}
 
-    def of_size(self, size, free, *, false_alarm_probability):
+    def find_of_size(self, size, free, *, false_alarm_probability):
         """All consistent candidates of `size` satellites, the smallest statistic first; `choice` is (m, size).
 
         Parameters
@@ -201,14 +201,14 @@ class SetSearch:
         first = [int(free[rows].sum()) for rows in self._copies[: _UNKNOWNS + skips]]
         limit = float(chi_square_threshold(false_alarm_probability, size - _UNKNOWNS))
         found = _nothing(n)
-        if set_combinations(first, _UNKNOWNS) <= _MOST_FOURS:
+        if count_set_combinations(first, _UNKNOWNS) <= _MOST_FOURS:
             for level in range(_UNKNOWNS - 1, n):
-                found = self._extended(found, level, skips, free, limit)
+                found = self._extend(found, level, skips, free, limit)
                 if level - (_UNKNOWNS - 1) <= skips:
-                    fours = self._fours_up_to(level)
-                    found = _joined(found, fours.select(np.all((fours.choice < 0) | free[fours.choice], axis=1)))
+                    fours = self._find_fours_up_to(level)
+                    found = _join(found, fours.select(np.all((fours.choice < 0) | free[fours.choice], axis=1)))
         found = found.select((found.choice >= 0).sum(axis=1) == size)
-        found = found.select(plausible(found.state_m[:, :3]))
+        found = found.select(is_plausible(found.state_m[:, :3]))
         found = found.select(np.argsort(found.statistic, kind="stable"))
         return SetCandidates(
             choice=found.choice[found.choice >= 0].reshape(-1, size),
@@ -217,16 +217,16 @@ class SetSearch:
             statistic=found.statistic,
         )
 
-    def _extended(self, candidates, level, skips, free, limit):
+    def _extend(self, candidates, level, skips, free, limit):
         """The candidates with each free signal of the satellite at `level`, where it fits, and with none of them."""
         signals = self._copies[level][free[self._copies[level]]]
         skipped = candidates.select((candidates.choice[:, : level + 1] < 0).sum(axis=1) <= skips)
         parents = len(candidates.statistic)
         children = candidates.select(np.repeat(np.arange(parents), signals.size))
         children.choice[:, level] = np.tile(signals, parents)  # `take` by index has made a copy
-        return _joined(skipped, _one_more(self._measurements, children, level, limit))
+        return _join(skipped, _one_more(self._measurements, children, level, limit))
 
-    def _fours_up_to(self, level):
+    def _find_fours_up_to(self, level):
         """All fours whose last satellite is at `level`: both solutions of each, unless nowhere near the Earth."""
         if level not in self._fours:
             table = np.full((level + 1, max(map(len, self._copies))), -1)
@@ -240,7 +240,7 @@ class SetSearch:
             choice = np.full((len(rows), len(self._copies)), -1)
             np.put_along_axis(choice, np.repeat(sats, len(picks), axis=0), rows, axis=1)
             real = np.all(rows >= 0, axis=1)
-            self._fours[level] = _solved_fours(self._measurements, choice[real], rows[real])
+            self._fours[level] = _solve_fours(self._measurements, choice[real], rows[real])
         return self._fours[level]
 
 
@@ -255,10 +255,10 @@ def solve(measurements, choice, start_m, *, rounds=1, clocks=None):
     satellite = measurements.satellite_ecef_m[rows]
     state = start_m
     for _ in range(rounds):
-        turned, _, _ = line_of_sight(satellite, state[:, :3])
+        turned, _, _ = compute_line_of_sight(satellite, state[:, :3])
         delay_m, delay_sigma_m = _atmosphere(measurements, rows, state, turned)
         sigma_m = np.hypot(measurements.sigma_m[rows], delay_sigma_m)
-        solution = gauss_newton(
+        solution = fit_position(
             satellite,
             measurements.range_m[rows] - delay_m,
             np.where(taken, sigma_m, np.nan),
@@ -276,10 +276,10 @@ def solve(measurements, choice, start_m, *, rounds=1, clocks=None):
     )
 
 
-def innovation(measurements, rows, state_m, covariance_m2):
+def compute_innovation(measurements, rows, state_m, covariance_m2):
     """Each measurement (m,) minus its prediction from a fit without it, and the variance of that, m and m^2."""
     satellite = measurements.satellite_ecef_m[rows][:, None, :]
-    turned, unit, distance_m = line_of_sight(satellite, state_m[:, :3])
+    turned, unit, distance_m = compute_line_of_sight(satellite, state_m[:, :3])
     delay_m, delay_sigma_m = _atmosphere(measurements, rows[:, None], state_m, turned)
     predicted_m = (distance_m + delay_m)[:, 0] + state_m[:, 3]
     design = design_matrix(unit)
@@ -288,7 +288,7 @@ def innovation(measurements, rows, state_m, covariance_m2):
     return measurements.range_m[rows] - predicted_m, variance_m2
 
 
-def _solved_fours(measurements, choice, rows):
+def _solve_fours(measurements, choice, rows):
     starts = _bancroft(measurements.satellite_ecef_m[rows], measurements.range_m[rows])
     near = _roughly_plausible(starts, 500e3)  # closed form and a poor geometry; NaN is nowhere
     four, _ = np.nonzero(near)
@@ -308,7 +308,7 @@ def _solved_fours(measurements, choice, rows):
 def _one_more(measurements, candidates, level, limit):
     """Candidates with a fifth or further signal, just chosen at `level`: predicted, then solved anew."""
     rows = candidates.choice[:, level]
-    misfit_m, variance_m2 = innovation(measurements, rows, candidates.state_m, candidates.covariance_m2)
+    misfit_m, variance_m2 = compute_innovation(measurements, rows, candidates.state_m, candidates.covariance_m2)
     candidates = candidates.select(candidates.statistic + misfit_m**2 / variance_m2 <= _LINEAR_SLACK * limit)
     solved = solve(measurements, candidates.choice[:, : level + 1], candidates.state_m)
     kept = np.flatnonzero((solved.statistic <= limit) & _plausible_within_sigma(solved))
@@ -329,14 +329,14 @@ def _plausible_within_sigma(solved):
 
 
 def _roughly_plausible(state_m, slack_m):
-    """As `plausible`, with the smallest radius of the Earth for its surface."""
+    """As `is_plausible`, with the smallest radius of the Earth for its surface."""
     centre_m = np.linalg.norm(state_m[..., :3], axis=-1)
     polar_m = WGS84_A_M * (1.0 - WGS84_F)
     return np.asarray((centre_m >= polar_m + _LOWEST_M - slack_m) & (centre_m <= _FARTHEST_M + slack_m))
 
 
 def _atmosphere(measurements, rows, state_m, turned_ecef_m):
-    delays = atmosphere(
+    delays = compute_atmosphere(
         state_m[:, :3],
         turned_ecef_m,
         np.full(len(state_m), measurements.tow_s),
@@ -380,7 +380,7 @@ def _bancroft(satellite_ecef_m, range_m):
 def _spread_first(measurements, copies):
     """Order of satellites in which the first few already have a good geometry, seen from below their middle."""
     satellite = measurements.satellite_ecef_m[[c[0] for c in copies]]
-    _, unit, _ = line_of_sight(satellite, below(measurements, np.array([c[0] for c in copies])))
+    _, unit, _ = compute_line_of_sight(satellite, find_point_below(measurements, np.array([c[0] for c in copies])))
     design = design_matrix(unit)
     covariance = np.eye(_UNKNOWNS) * 1e3
     order: list[int] = []
@@ -403,7 +403,7 @@ def _nothing(n_satellites):
     )
 
 
-def _joined(*parts):
+def _join(*parts):
     return SetCandidates(
         choice=np.concatenate([part.choice for part in parts]),
         state_m=np.concatenate([part.state_m for part in parts]),

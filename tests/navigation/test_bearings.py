@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.navigation.bearings import BearingRay, meeting
+from skyproof.navigation.bearings import BearingRay, locate_transmitter
 
 LAT, LON = np.radians(47.0), np.radians(8.0)
 HERE_M = ecef_from_geodetic(LAT, LON, 400.0)
@@ -30,7 +30,7 @@ def ray(place_m, target_m, *, sigma_rad=0.01, off_rad=(0.0, 0.0), place_sigma_m=
 
 def test_rays_without_error_meet_at_the_transmitter():
     target_m = at(800.0, 1500.0, 120.0)
-    found = meeting([ray(at(x, 0.0), target_m) for x in (-600.0, 0.0, 700.0)])
+    found = locate_transmitter([ray(at(x, 0.0), target_m) for x in (-600.0, 0.0, 700.0)])
     # The verticals of places 1 km apart differ by 0.2 mrad: `ray` takes one of them for all.
     assert np.linalg.norm(found.position_ecef_m - target_m) < 1.0
     assert found.p_value > 0.9
@@ -47,7 +47,7 @@ def test_the_ellipse_holds_the_transmitter(shared):
         rays = [
             ray(at(x, 0.0), target_m, off_rad=off) for x, off in zip(np.linspace(-900.0, 900.0, 6), offs, strict=True)
         ]
-        found = meeting(rays)
+        found = locate_transmitter(rays)
         error_m = found.position_ecef_m - target_m
         squares.append(error_m @ np.linalg.solve(found.covariance_m2, error_m))
         assert found.p_value > 1e-4
@@ -63,7 +63,7 @@ def test_two_platforms_count_as_their_own():
             ray(place_m, target_m, off_rad=0.005 * rng.standard_normal(2), sigma_rad=0.005, body=body)
             for place_m, body in ((at(-800.0, 0.0), "one"), (at(800.0, 100.0), "two"))
         ]
-        found = meeting(pair)
+        found = locate_transmitter(pair)
         error_m = found.position_ecef_m - target_m
         squares.append(error_m @ np.linalg.solve(found.covariance_m2, error_m))
     assert np.mean(np.array(squares) > 6.25) == pytest.approx(0.1, abs=0.05)  # 10 % of three degrees
@@ -71,15 +71,15 @@ def test_two_platforms_count_as_their_own():
 
 def test_rays_that_run_alike_or_apart_do_not_meet():
     target_m = at(900.0, 1800.0, 60.0)
-    assert meeting([ray(HERE_M, target_m)]) is None
-    assert meeting([ray(HERE_M, target_m), ray(HERE_M, target_m)]) is None
-    assert meeting([ray(at(x, 0.0), at(0.0, 50_000.0)) for x in (-10.0, 0.0, 10.0)]) is None
+    assert locate_transmitter([ray(HERE_M, target_m)]) is None
+    assert locate_transmitter([ray(HERE_M, target_m), ray(HERE_M, target_m)]) is None
+    assert locate_transmitter([ray(at(x, 0.0), at(0.0, 50_000.0)) for x in (-10.0, 0.0, 10.0)]) is None
     apart = [ray(at(x, 0.0), at(2.0 * x, 1000.0)) for x in (-500.0, 500.0)]
-    assert meeting(apart) is None
+    assert locate_transmitter(apart) is None
 
 
 def test_rays_to_different_places_are_refused_by_their_p_value():
     one, other = at(900.0, 1800.0, 60.0), at(-1500.0, 1800.0, 60.0)
     rays = [ray(at(x, 0.0), one if x < 0.0 else other, sigma_rad=0.002) for x in np.linspace(-900.0, 900.0, 6)]
-    found = meeting(rays)
+    found = locate_transmitter(rays)
     assert found is None or found.p_value < 1e-4

@@ -13,10 +13,10 @@ from tests.navigation.units import ROUND, drawn_fix, drawn_start, erroneous, lab
 from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
-from skyproof.navigation.inertia import readings_between
-from skyproof.navigation.ins import InsSettings, begin, correct, step, without_errors
-from skyproof.navigation.ins_updates import by_fix
-from skyproof.navigation.strapdown import strapdown_paths
+from skyproof.navigation.inertia import select_readings
+from skyproof.navigation.ins import InsSettings, begin, correct, step, subtract_errors
+from skyproof.navigation.ins_updates import measurement_from_fix
+from skyproof.navigation.strapdown import navigate_paths
 from skyproof.records import NavState
 
 AXES = "xyz"
@@ -55,7 +55,7 @@ def strapdown_apart_mm(start: NavState, readings, seconds):
     integrator = pyins.strapdown.Integrator(pva_of(start, seconds[0]))
     theirs = integrator.integrate(increments_of(readings, seconds)).iloc[-1]
     first = np.stack((readings.specific_force_m_s2[0], readings.angular_rate_rad_s[0]))
-    place, speed, attitude = strapdown_paths(
+    place, speed, attitude = navigate_paths(
         start.position_ecef_m[-1],
         start.velocity_ecef_m_s[-1],
         start.attitude[-1],
@@ -92,9 +92,9 @@ def filtered_apart(start: NavState, readings, seconds, fixes, fix_seconds, grade
     first = np.stack((readings.specific_force_m_s2[0], readings.angular_rate_rad_s[0]))
     state = replace(state, run=replace(state.run, last=first))
     for fix in fixes:
-        _, state = step(state, readings_between(readings, state.gpst, fix.gpst), settings)
-        state, _ = correct(state, by_fix(state, fix, settings))
-    _, state = step(state, readings_between(readings, state.gpst, readings.gpst[-1]), settings)
+        _, state = step(state, select_readings(readings, state.gpst, fix.gpst), settings)
+        state, _ = correct(state, measurement_from_fix(state, fix, settings))
+    _, state = step(state, select_readings(readings, state.gpst, readings.gpst[-1]), settings)
     states = [
         NavState(
             gpst=start.gpst,
@@ -163,7 +163,7 @@ def test_filters_agree_on_a_real_walk(shared_data):
     grade = without_slow_biases("consumer")
     for seconds in (10.0, 30.0):
         rows = slice(*np.searchsorted(walk.readings.gpst, [state.gpst, state.gpst + np.timedelta64(int(seconds), "s")]))
-        readings = without_errors(walk.readings.select(rows), state.bias[:6] + state.bias[6:], state.gain)
+        readings = subtract_errors(walk.readings.select(rows), state.bias[:6] + state.bias[6:], state.gain)
         # Labels follow the logger's clock, by some 1e-4 of an interval: both are given the unit's own.
         at_s = (readings.gpst[0] - zero) / np.timedelta64(1, "s") + np.arange(readings.gpst.size) * readings.interval_s
         print(f"{seconds:g} s free on the walk, mm: {np.round(strapdown_apart_mm(state.run.state, readings, at_s), 2)}")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.navigation.chance import chance_p_value, set_combinations
+from skyproof.navigation.chance import bound_chance_p_value, count_set_combinations
 
 
 def design(rng, k):
@@ -45,7 +45,7 @@ def test_the_bound_holds_for_any_geometry_and_is_not_idle(k):
         h, sigma = design(rng, k), rng.uniform(1.0, 2.0, k)
         window, limit = 40.0 if k > 5 else 200.0, 9.0
         inside = statistic(h, sigma, rng.uniform(0.0, window, (400_000, k))) <= limit
-        bound = chance_p_value(sigma, window_m=window, largest_statistic=limit)
+        bound = bound_chance_p_value(sigma, window_m=window, largest_statistic=limit)
         upper = stats.beta(inside.sum() + 1, inside.size - inside.sum()).ppf(0.001)  # surely not less than this
         assert upper <= bound
         assert inside.mean() >= bound / 200.0
@@ -64,7 +64,7 @@ def test_where_the_window_does_not_cut_the_ellipsoid_the_volume_is_exact():
     c = sigma[4] ** 2 + g @ np.diag(sigma[:4] ** 2) @ g.T
     exact = 2.0 * np.sqrt(4.0 * c[0, 0]) / 300.0
     assert stats.binomtest(int(inside.sum()), inside.size, exact).pvalue > 1e-3
-    assert exact <= chance_p_value(sigma, window_m=300.0, largest_statistic=4.0)
+    assert exact <= bound_chance_p_value(sigma, window_m=300.0, largest_statistic=4.0)
 
 
 def test_the_union_bound_holds_over_all_sets_that_can_be_formed():
@@ -76,26 +76,30 @@ def test_the_union_bound_holds_over_all_sets_that_can_be_formed():
         for pick in np.ndindex(*(copies,) * 5):
             z = delays[:, five, pick]
             some |= statistic(h[list(five)], sigma[:5], z) <= limit
-    count = set_combinations([copies] * 6, 5)
+    count = count_set_combinations([copies] * 6, 5)
     assert count == 6 * 2**5
-    bound = chance_p_value(np.ones(5), window_m=window, largest_statistic=limit, combinations=count)
+    bound = bound_chance_p_value(np.ones(5), window_m=window, largest_statistic=limit, combinations=count)
     assert some.mean() <= bound
-    single = chance_p_value(np.ones(5), window_m=window, largest_statistic=limit)
+    single = bound_chance_p_value(np.ones(5), window_m=window, largest_statistic=limit)
     assert some.mean() > 2.0 * single  # one set alone would be far too bold
 
 
 def test_combinations_are_counted():
-    assert set_combinations([1] * 12, 12) == 1
-    assert set_combinations([2, 3, 1], 2) == 2 * 3 + 2 * 1 + 3 * 1
-    np.testing.assert_array_equal(set_combinations([2, 2, 2], [0, 1, 2, 3, 4]), [1, 6, 12, 8, 0])
+    assert count_set_combinations([1] * 12, 12) == 1
+    assert count_set_combinations([2, 3, 1], 2) == 2 * 3 + 2 * 1 + 3 * 1
+    np.testing.assert_array_equal(count_set_combinations([2, 2, 2], [0, 1, 2, 3, 4]), [1, 6, 12, 8, 0])
 
 
 def test_four_always_fit_and_leading_axes_are_free():
-    np.testing.assert_array_equal(chance_p_value(np.ones((3, 4)), window_m=1e5, largest_statistic=1.0), np.ones(3))
+    np.testing.assert_array_equal(
+        bound_chance_p_value(np.ones((3, 4)), window_m=1e5, largest_statistic=1.0), np.ones(3)
+    )
     sigma = np.random.default_rng(3).uniform(1.0, 4.0, (2, 3, 8))
-    together = chance_p_value(sigma, window_m=np.array([1e3, 1e4, 3e5]), largest_statistic=20.0, combinations=100.0)
+    together = bound_chance_p_value(
+        sigma, window_m=np.array([1e3, 1e4, 3e5]), largest_statistic=20.0, combinations=100.0
+    )
     assert together.shape == (2, 3)
-    alone = chance_p_value(sigma[1, 2], window_m=3e5, largest_statistic=20.0, combinations=100.0)
+    alone = bound_chance_p_value(sigma[1, 2], window_m=3e5, largest_statistic=20.0, combinations=100.0)
     np.testing.assert_allclose(together[1, 2], alone)
     assert (np.diff(together, axis=1) < 0).all()
-    assert chance_p_value(np.ones(5), window_m=1.0, largest_statistic=20.0) == 1.0
+    assert bound_chance_p_value(np.ones(5), window_m=1.0, largest_statistic=20.0) == 1.0

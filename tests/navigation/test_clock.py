@@ -5,16 +5,16 @@ import pytest
 from tests.navigation import sky
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.clock import TimeBreaks, anchored, clock_steps, unstepped
+from skyproof.navigation.clock import TimeBreaks, anchor_label, find_clock_steps, remove_clock_steps
 from skyproof.navigation.fix import fix
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.ranges import correct_ranges
 
 
 @pytest.mark.parametrize("bias_s", [0.0, 0.00049, 0.00051, -0.0214, 0.93])
 def test_the_clock_comes_within_half_a_millisecond_and_nothing_else_moves(bias_s):
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, bias_s)], n=5).observations
-    moved = anchored(seen, bias_s)
+    moved = anchor_label(seen, bias_s)
     before, after = fix(seen, nav), fix(moved, nav)
     assert (np.abs(after.clock_bias_s) <= 0.0005).all()
     np.testing.assert_allclose(after.position_ecef_m, before.position_ecef_m, atol=1e-5)
@@ -28,9 +28,9 @@ def test_the_clock_comes_within_half_a_millisecond_and_nothing_else_moves(bias_s
 def test_times_of_transmission_stay():
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, -0.0437)], n=3).observations
-    moved = anchored(seen, -0.0437)
-    a = corrected_ranges(seen.signals, seen.gpst, seen.pseudorange_m, nav)
-    b = corrected_ranges(moved.signals, moved.gpst, moved.pseudorange_m, nav)
+    moved = anchor_label(seen, -0.0437)
+    a = correct_ranges(seen.signals, seen.gpst, seen.pseudorange_m, nav)
+    b = correct_ranges(moved.signals, moved.gpst, moved.pseudorange_m, nav)
     np.testing.assert_allclose(a.transmission_tow_s, b.transmission_tow_s, atol=3e-10)
 
 
@@ -38,7 +38,7 @@ def test_a_drifting_clock_steps_by_a_millisecond_with_code_and_carrier_together(
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     drift = 1e-4
     seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=30, drift=drift).observations
-    moved = anchored(seen, drift * np.arange(30))
+    moved = anchor_label(seen, drift * np.arange(30))
     found = fix(moved, nav)
     assert (np.abs(found.clock_bias_s) < 0.00051).all()
     assert np.ptp(np.diff(found.clock_bias_s)) > 0.9e-3
@@ -51,7 +51,7 @@ def test_a_bias_that_is_no_number_or_does_not_fit_is_refused(bias_s):
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=5).observations
     with pytest.raises(ValueError, match="clock_bias_s"):
-        anchored(seen, bias_s)
+        anchor_label(seen, bias_s)
 
 
 def stepping(*, step_s=1.0, carrier_too=True, dopplers=True):
@@ -59,7 +59,7 @@ def stepping(*, step_s=1.0, carrier_too=True, dopplers=True):
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     drift = 1e-4
     free = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=30, drift=drift, step_s=step_s).observations
-    reported = anchored(free, drift * step_s * np.arange(30))
+    reported = anchor_label(free, drift * step_s * np.arange(30))
     reported = replace(reported, elapsed_s=(reported.gpst - reported.gpst[0]) / np.timedelta64(1, "ns") * 1e-9)
     if not carrier_too:
         reported = replace(reported, carrier_cyc=free.carrier_cyc)
@@ -74,34 +74,34 @@ def stepping(*, step_s=1.0, carrier_too=True, dopplers=True):
 @pytest.mark.parametrize("stretch_epochs", [1024, 7])
 def test_steps_of_a_clock_are_taken_back_however_the_receiver_makes_them(step_s, carrier_too, dopplers, stretch_epochs):
     free, reported = stepping(step_s=step_s, carrier_too=carrier_too, dopplers=dopplers)
-    found = clock_steps(reported, stretch_epochs)
-    steady = unstepped(reported, found)
+    found = find_clock_steps(reported, stretch_epochs)
+    steady = remove_clock_steps(reported, found)
     np.testing.assert_allclose(steady.pseudorange_m, free.pseudorange_m, atol=1e-6)
     np.testing.assert_allclose(steady.carrier_cyc, free.carrier_cyc, atol=1e-4)
     np.testing.assert_array_equal(steady.gpst, free.gpst)
     np.testing.assert_allclose(steady.elapsed_s, free.elapsed_s, atol=1e-8)
-    middle = unstepped(reported.read(10, 20), found, 10)
+    middle = remove_clock_steps(reported.read(10, 20), found, 10)
     np.testing.assert_array_equal(middle.pseudorange_m, steady.pseudorange_m[10:20])
     assert sum(step.milliseconds for step in found.steps) == -round(1e-4 * step_s * 29 * 1e3)
 
 
 def test_a_clock_that_runs_on_is_left_alone():
     free, _ = stepping()
-    assert clock_steps(free) is None
+    assert find_clock_steps(free) is None
 
 
 def test_a_step_that_not_all_satellites_make_is_no_step_of_the_clock():
     free, _ = stepping()
     code_m = free.pseudorange_m.copy()
     code_m[15:, : code_m.shape[1] // 2 - 1] += 299792.458
-    assert clock_steps(replace(free, pseudorange_m=code_m)) is None
+    assert find_clock_steps(replace(free, pseudorange_m=code_m)) is None
 
 
 def test_what_is_no_whole_millisecond_is_no_step_of_the_clock():
     free, _ = stepping()
     code_m = free.pseudorange_m.copy()
     code_m[15:] += 299792.458 + 400.0
-    assert clock_steps(replace(free, pseudorange_m=code_m)) is None
+    assert find_clock_steps(replace(free, pseudorange_m=code_m)) is None
 
 
 def with_missing(missing_s, back):
@@ -145,7 +145,7 @@ def test_time_goes_on_where_signals_are_blocked_and_where_the_clock_is_set(back)
     assert not time_breaks(with_missing(0.0, back)).size
     free, _ = stepping()
     assert not time_breaks(free).size
-    assert not time_breaks(anchored(free, 1e-4 * np.arange(30))).size
+    assert not time_breaks(anchor_label(free, 1e-4 * np.arange(30))).size
 
 
 def test_one_signal_that_leaps_is_no_break_of_time():

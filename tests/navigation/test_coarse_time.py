@@ -9,7 +9,7 @@ from tests.navigation import sky
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, coarse_fix
+from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, solve_coarse_fix
 from skyproof.records import NavigationData
 
 C = 299792458.0
@@ -32,7 +32,7 @@ class Shot:
 
     def solve(self, late_s: float, rough_sigma_s: float = 60.0, **options) -> CoarseFix:
         rough = self.gpst - np.timedelta64(round(late_s * 1e9), "ns")
-        return coarse_fix(
+        return solve_coarse_fix(
             self.sats,
             self.code_s,
             self.code_sigma_s,

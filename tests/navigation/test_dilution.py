@@ -7,7 +7,7 @@ import pytest
 from tests.navigation import sky
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.navigation.dilution import horizontal_dilution
+from skyproof.navigation.dilution import compute_horizontal_dilution
 from skyproof.navigation.fix import fix
 
 
@@ -23,7 +23,7 @@ def test_it_is_the_horizontal_sigma_where_every_range_has_a_sigma_of_one(where):
     lat_rad, lon_rad, _ = geodetic_from_ecef(position)
     rot_enu = rot_enu_ecef(lat_rad, lon_rad)
     east_m2, north_m2, _ = np.diagonal(rot_enu @ found.covariance_m2[:, :3, :3] @ rot_enu.T, axis1=1, axis2=2).T
-    hdop = horizontal_dilution(found, nav)
+    hdop = compute_horizontal_dilution(found, nav)
     assert np.isfinite(hdop).tolist() == [row != 9 for row in range(12)]
     np.testing.assert_allclose(hdop, np.sqrt(east_m2 + north_m2), rtol=1e-4)
     assert hdop[4] > hdop[3]

@@ -7,8 +7,8 @@ import pytest
 from tests.navigation import fit_twin, sky
 
 from skyproof.navigation import least_squares, search
-from skyproof.navigation.ranges import atmosphere
-from skyproof.navigation.sets import window_measurements
+from skyproof.navigation.ranges import compute_atmosphere
+from skyproof.navigation.sets import measure_window
 from skyproof.records import Klobuchar
 
 KLOBUCHAR = Klobuchar(alpha=(1.1e-8, 1.5e-8, -6e-8, -6e-8), beta=(9e4, 6e4, -2e5, -3e5))
@@ -21,7 +21,7 @@ def two_skies():
     sats = sky.visible(nav, here, 5.0)
     places = [(sats[:9], here, 0.0), (sats[2:8], sky.moved(here, 500.0, -900.0, 30.0), 1e-5)]
     seen = sky.scene(nav, places, n=4, noise_m=3.0, rng=np.random.default_rng(4)).observations
-    _, ranges, _ = window_measurements(seen, nav, multipath_sigma_m=0.5, ionosphere_share=0.25)
+    _, ranges, _ = measure_window(seen, nav, multipath_sigma_m=0.5, ionosphere_share=0.25)
     copies = [
         np.flatnonzero([s.sat == sat for s in seen.signals]) for sat in dict.fromkeys(s.sat for s in seen.signals)
     ]
@@ -46,14 +46,17 @@ def test_the_inverse_equals_the_twins(n):
     matrix = np.swapaxes(root, -1, -2) @ root
     matrix[3] = 0.0
     matrix[4, 0, 0] = np.nan
-    np.testing.assert_allclose(least_squares.spd_inverse(matrix), fit_twin.spd_inverse(matrix), rtol=1e-8, atol=1e-13)
+    np.testing.assert_allclose(least_squares.invert_spd(matrix), fit_twin.invert_spd(matrix), rtol=1e-8, atol=1e-13)
 
 
 def test_lines_of_sight_equal_the_twins():
     satellite, _, _, place = problems(np.random.default_rng(1), 6, 8)
     satellite[2, 3] = np.nan
     for position in (place, place[0], np.zeros(3)):
-        ours, twins = least_squares.line_of_sight(satellite, position), fit_twin.line_of_sight(satellite, position)
+        ours, twins = (
+            least_squares.compute_line_of_sight(satellite, position),
+            fit_twin.compute_line_of_sight(satellite, position),
+        )
         for one, other in zip(ours, twins, strict=True):
             np.testing.assert_allclose(one, other, rtol=0, atol=2e-8)
 
@@ -64,8 +67,8 @@ def test_delays_on_the_way_equal_the_twins(ionosphere):
     place[3] *= 1.01  # 64 km up
     place[5] = np.nan
     tow_s, carrier_hz = np.linspace(0.0, 6e5, 7), np.linspace(1.1e9, 1.6e9, 9)
-    ours = atmosphere(place, satellite, tow_s, ionosphere, carrier_hz=carrier_hz)
-    twins = fit_twin.atmosphere(place, satellite, tow_s, ionosphere, carrier_hz=carrier_hz)
+    ours = compute_atmosphere(place, satellite, tow_s, ionosphere, carrier_hz=carrier_hz)
+    twins = fit_twin.compute_atmosphere(place, satellite, tow_s, ionosphere, carrier_hz=carrier_hz)
     for name in ("elevation_rad", "delay_m", "sigma_m", "ionosphere_m"):
         np.testing.assert_allclose(getattr(ours, name), getattr(twins, name), rtol=1e-11, atol=1e-12)
 
@@ -77,8 +80,8 @@ def test_least_squares_equal_the_twins(n_clocks):
     sigma_m[2, 3:] = np.nan  # cannot be solved
     clocks = None if n_clocks == 1 else np.eye(3)[rng.integers(0, 2, 10)]  # the third has no satellite
     start = np.zeros((12, 3 + n_clocks))
-    ours = least_squares.gauss_newton(satellite, range_m, sigma_m, start, clocks=clocks)
-    twins = fit_twin.gauss_newton(satellite, range_m, sigma_m, start, clocks=clocks)
+    ours = least_squares.fit_position(satellite, range_m, sigma_m, start, clocks=clocks)
+    twins = fit_twin.fit_position(satellite, range_m, sigma_m, start, clocks=clocks)
     np.testing.assert_allclose(ours.state_m, twins.state_m, rtol=0, atol=1e-6)
     np.testing.assert_allclose(ours.covariance_m2, twins.covariance_m2, rtol=1e-8)
     np.testing.assert_allclose(ours.residual_m, twins.residual_m, rtol=0, atol=1e-6)
@@ -94,7 +97,9 @@ def test_solutions_and_predictions_equal_the_twins(two_skies):
     np.testing.assert_allclose(ours.state_m, twins.state_m, rtol=0, atol=1e-6)
     np.testing.assert_allclose(ours.statistic, twins.statistic, rtol=1e-6)
     rows = np.array([own[0] for own in copies[:2]])
-    mine, theirs = (room.innovation(ranges, rows, ours.state_m, ours.covariance_m2) for room in (search, fit_twin))
+    mine, theirs = (
+        room.compute_innovation(ranges, rows, ours.state_m, ours.covariance_m2) for room in (search, fit_twin)
+    )
     np.testing.assert_allclose(mine[0], theirs[0], rtol=0, atol=1e-7)
     np.testing.assert_allclose(mine[1], theirs[1], rtol=1e-10)
 
@@ -105,7 +110,8 @@ def test_the_search_finds_what_the_twin_finds(two_skies, size):
     free = np.ones(sum(map(len, copies)), bool)
     free[copies[4][0]] = size > 6
     ours, twins = (
-        room.SetSearch(ranges, copies).of_size(size, free, false_alarm_probability=1e-4) for room in (search, fit_twin)
+        room.SetSearch(ranges, copies).find_of_size(size, free, false_alarm_probability=1e-4)
+        for room in (search, fit_twin)
     )
     assert len(ours.statistic) == len(twins.statistic) > (0 if size < 9 else -1)
     np.testing.assert_array_equal(np.sort(ours.choice, axis=0), np.sort(twins.choice, axis=0))

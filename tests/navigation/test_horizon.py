@@ -8,7 +8,7 @@ from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.gnss.sky import azimuth_elevation
-from skyproof.navigation.horizon import MARGIN_DEG, sats_above
+from skyproof.navigation.horizon import MARGIN_DEG, list_sats_above
 
 START = np.datetime64("2024-05-14T10:00:00", "ns")
 
@@ -17,7 +17,7 @@ START = np.datetime64("2024-05-14T10:00:00", "ns")
 def test_those_that_rise_within_the_recording_are_in_and_no_others(lat_deg: float, lon_deg: float) -> None:
     navigation = nominal_constellation(START)
     end = START + np.timedelta64(1, "h")
-    above = sats_above(navigation, GPS_SATS, np.radians(lat_deg), np.radians(lon_deg), START, end)
+    above = list_sats_above(navigation, GPS_SATS, np.radians(lat_deg), np.radians(lon_deg), START, end)
     place_ecef_m = ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), 0.0)
     for sat in GPS_SATS:
         ephemeris = navigation.best(sat, START)
@@ -35,4 +35,4 @@ def test_those_that_rise_within_the_recording_are_in_and_no_others(lat_deg: floa
 def test_a_file_without_orbits_of_that_day_gives_none() -> None:
     navigation = nominal_constellation(START)
     later = START + np.timedelta64(10, "D")
-    assert sats_above(navigation, GPS_SATS, 1.0, 0.2, later, later) == ()
+    assert list_sats_above(navigation, GPS_SATS, 1.0, 0.2, later, later) == ()

@@ -14,8 +14,8 @@ from skyproof.formats.imu import COLUMNS, read_imu
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.navigation.inertia import GAP_S, TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin_free_run, coast
-from skyproof.navigation.strapdown import strapdown_paths
+from skyproof.navigation.inertia import GAP_S, TURN_MOST_RAD, FreeRun, begin_free_run, coast, measure_apparent_tilt_rad
+from skyproof.navigation.strapdown import navigate_paths
 from skyproof.records import ImuSeries, NavState
 from skyproof.simulator.inertial import ImuErrors, inertial
 from skyproof.simulator.trajectories import circle, static
@@ -131,7 +131,7 @@ def test_errors_are_as_large_as_the_covariance_says(name, grade, angle_deg):
     drawn = np.stack([_sensor_errors(errs, seed, rate_hz, felt) for seed in range(UNITS)])
     wrong = sigma * rng.standard_normal((UNITS, 9))
     start = truth(motion, [0.0])
-    places, speeds, attitudes = strapdown_paths(
+    places, speeds, attitudes = navigate_paths(
         start.position_ecef_m[0] + wrong[:, :3],
         start.velocity_ecef_m_s[0] + wrong[:, 3:6],
         Rotation.from_rotvec(wrong[:, 6:]).as_matrix() @ start.attitude[0],
@@ -249,9 +249,9 @@ def test_a_start_needs_a_covariance():
 def test_the_tilt_that_accelerometers_show_is_the_attitudes():
     motion = MOTIONS["at rest"]
     series, state = readings(motion, duration_s=1.0), truth(motion, [0.0])
-    assert apparent_tilt_rad(state, series.specific_force_m_s2) < 1e-9
+    assert measure_apparent_tilt_rad(state, series.specific_force_m_s2) < 1e-9
     rolled = replace(state, attitude=state.attitude @ Rotation.from_euler("x", 30.0, degrees=True).as_matrix())
     wanted = np.arccos(np.cos(0.1) ** 2 * np.cos(np.radians(30.0)) + np.sin(0.1) ** 2)
-    assert apparent_tilt_rad(rolled, series.specific_force_m_s2) == pytest.approx(wanted, abs=1e-4)
+    assert measure_apparent_tilt_rad(rolled, series.specific_force_m_s2) == pytest.approx(wanted, abs=1e-4)
     upside_down = series.specific_force_m_s2 * [1.0, -1.0, -1.0]
-    assert apparent_tilt_rad(state, upside_down) > np.radians(150.0)
+    assert measure_apparent_tilt_rad(state, upside_down) > np.radians(150.0)

@@ -24,8 +24,8 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.ins import CLOCK, SIZE, InsSettings, begin, correct, step
-from skyproof.navigation.ins_updates import by_fix, expect_fix
-from skyproof.navigation.nav_estimate import known
+from skyproof.navigation.ins_updates import expect_fix, measurement_from_fix
+from skyproof.navigation.nav_estimate import estimate_from_parts
 
 START = np.repeat([2.0, 0.3, np.radians(1.0)], 3)
 SECONDS = 20
@@ -43,7 +43,7 @@ def a_run(grade, seed, seconds=SECONDS):
     state, squares = begin(drawn_start(ROUND, START, rng), settings), []
     for second in range(seconds):
         _, state = step(state, piece(unit.readings, second, second + 1.0), settings)
-        state, fit = correct(state, by_fix(state, drawn_fix(ROUND, second + 1.0, rng), settings))
+        state, fit = correct(state, measurement_from_fix(state, drawn_fix(ROUND, second + 1.0, rng), settings))
         squares.append(fit.nis)
     return nees(state, ROUND, float(seconds), unit.bias[-1]), squares
 
@@ -96,7 +96,7 @@ def test_a_false_fix_is_refused_and_leaves_the_state_as_it_was():
     rng = np.random.default_rng(3)
     state = begin(drawn_start(ROUND, START / 10.0, rng), settings)
     _, state = step(state, piece(TRUE, 0.0, 1.0), settings)
-    far = by_fix(state, drawn_fix(ROUND, 1.0, rng, shift=30.0), settings)
+    far = measurement_from_fix(state, drawn_fix(ROUND, 1.0, rng, shift=30.0), settings)
     after, fit = correct(state, far, false_alarm_probability=1e-3)
     assert not fit.used
     assert fit.p_value < 1e-6
@@ -109,7 +109,9 @@ def test_good_fixes_are_refused_at_the_stated_rate():
     for seed in range(n):
         rng = np.random.default_rng(seed)
         state = begin(drawn_start(ROUND, START, rng), settings)
-        _, fit = correct(state, by_fix(state, drawn_fix(ROUND, 0.0, rng), settings), false_alarm_probability=0.05)
+        _, fit = correct(
+            state, measurement_from_fix(state, drawn_fix(ROUND, 0.0, rng), settings), false_alarm_probability=0.05
+        )
         refused += not fit.used
     assert stats.binomtest(refused, n, 0.05).pvalue > 1e-3
 
@@ -122,7 +124,9 @@ def test_lasting_errors_of_fixes_do_not_average_out():
     before = np.sqrt(np.diag(state.covariance)[:3])
     for second in range(10):
         _, state = step(state, piece(TRUE, second, second + 1.0), settings)
-        state, _ = correct(state, by_fix(state, drawn_fix(ROUND, second + 1.0, rng, place_m=0.1), settings))
+        state, _ = correct(
+            state, measurement_from_fix(state, drawn_fix(ROUND, second + 1.0, rng, place_m=0.1), settings)
+        )
     assert np.all(np.sqrt(np.diag(state.covariance)[:3]) > 0.9 * before)  # as the start, not as the fixes
     shown = expect_fix(state, settings)
     assert np.sqrt(np.diag(shown.covariance)[:3]).max() < 0.1  # what a fix says is known far better than where one is
@@ -137,8 +141,10 @@ def test_the_clock_runs_on_with_its_class():
     tcxo = OSCILLATORS["tcxo"]
     walk = 2.0 * np.pi**2 * tcxo.walk_hz * SECONDS * SPEED_OF_LIGHT_M_S**2
     assert state.covariance[CLOCK, CLOCK][1, 1] == pytest.approx(1e-4 + walk, rel=0.1)
-    fix = known(state.gpst, clock_m=np.array([1e4 + 30.0 * SECONDS + 3.0, 30.1]), clock_m2=np.diag([1.0, 0.01]))
-    after, fit = correct(state, by_fix(state, fix, settings))
+    fix = estimate_from_parts(
+        state.gpst, clock_m=np.array([1e4 + 30.0 * SECONDS + 3.0, 30.1]), clock_m2=np.diag([1.0, 0.01])
+    )
+    after, fit = correct(state, measurement_from_fix(state, fix, settings))
     assert fit.dof == 2
     assert abs(after.clock_m[0] - fix.mean[6]) < 0.2
 
@@ -149,10 +155,10 @@ def test_the_sensitivity_is_the_derivative_of_the_innovation():
     state = begin(drawn_start(REST, START, rng), settings, [5.0, 0.1], np.eye(2))
     state = replace(state, run=replace(state.run, last=np.stack((-HOME / 6.4e5, [0.1, -0.2, 0.3]))))
     fix = drawn_fix(REST, 0.004, rng)
-    there = by_fix(state, fix, settings)
+    there = measurement_from_fix(state, fix, settings)
     for column in range(39):
         size = 1e-4
-        moved = by_fix(_off(state, column, size), fix, settings)
+        moved = measurement_from_fix(_off(state, column, size), fix, settings)
         slope = (moved.innovation - there.innovation) / size
         # An acceleration within the time to the fix is not followed: at most g times that, and a gain of g.
         assert slope == pytest.approx(there.sensitivity[:, column], abs=0.05)

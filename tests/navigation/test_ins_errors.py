@@ -10,10 +10,10 @@ from skyproof.gnss.imu_grades import GRADES, ImuGrade
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.ins_errors import (
     STATES,
-    error_covariance,
-    start_covariance,
+    build_start_covariance,
+    propagate_covariance,
 )
-from skyproof.navigation.strapdown import strapdown_paths
+from skyproof.navigation.strapdown import navigate_paths
 from skyproof.records import NavState
 from skyproof.simulator.inertial import ImuErrors, inertial
 from skyproof.simulator.trajectories import las_vegas, way_points
@@ -41,7 +41,7 @@ DEG_HOUR = np.radians(1.0) / 3600.0
 
 def drift_m(grade, at_s=233, **start):
     """East, north, up, one sigma."""
-    covariance = error_covariance(PATH, grade, start_covariance(grade, **start))[at_s, :3, :3]
+    covariance = propagate_covariance(PATH, grade, build_start_covariance(grade, **start))[at_s, :3, :3]
     return np.sqrt(np.diag(TO_ENU @ covariance @ TO_ENU.T))
 
 
@@ -66,7 +66,7 @@ def test_each_error_grows_by_its_closed_form(changes, start, horizontal_m, verti
 
 def test_the_slow_biases_stay_what_they_are():
     grade = GRADES["tactical"]
-    last = error_covariance(PATH, grade, start_covariance(grade))[-1]
+    last = propagate_covariance(PATH, grade, build_start_covariance(grade))[-1]
     assert np.diag(last)[15:18] == pytest.approx(grade.accelerometer_instability_m_s2**2, rel=1e-6)
     assert np.diag(last)[18:21] == pytest.approx(grade.gyro_instability_rad_s**2, rel=1e-6)
 
@@ -107,7 +107,7 @@ def drifting_units(n, grade, rng, **start):
     unit = inertial(APPROACH.at, rate_hz=2.0, duration_s=233.0)
     true = unit.read(0, unit.n_samples)
     wrong = np.stack([_errors(grade, k, unit.n_samples) for k in range(n)])
-    return strapdown_paths(
+    return navigate_paths(
         PATH.position_ecef_m[0],
         PATH.velocity_ecef_m_s[0] + start["velocity_m_s"] * rng.standard_normal((n, 3)),
         PATH.attitude[0],
@@ -126,7 +126,7 @@ def test_units_drift_as_the_model_says():
     rng = np.random.default_rng(2)
     grade = ungained("tactical")
     places, speeds, attitudes = drifting_units(300, grade, rng, velocity_m_s=0.2)
-    predicted = error_covariance(PATH, grade, start_covariance(grade, velocity_m_s=0.2))[233]
+    predicted = propagate_covariance(PATH, grade, build_start_covariance(grade, velocity_m_s=0.2))[233]
     turned = attitudes[:, -1] @ MOTION.attitude[233].T
     psi = 0.5 * np.stack(
         [turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0], turned[:, 1, 0] - turned[:, 0, 1]],
@@ -153,10 +153,10 @@ def test_units_of_wrong_gains_drift_as_the_model_says_on_a_way_with_turns():
         attitude=at.attitude,
     )
     rng, squares = np.random.default_rng(3), []
-    predicted = error_covariance(path, grade, start_covariance(grade))[-1][:6, :6]
+    predicted = propagate_covariance(path, grade, build_start_covariance(grade))[-1][:6, :6]
     for _ in range(150):
         gain = np.eye(3) + 0.01 * rng.standard_normal((2, 3, 3))
-        places, speeds, _ = strapdown_paths(
+        places, speeds, _ = navigate_paths(
             at.position_ecef_m[0],
             at.velocity_ecef_m_s[0],
             at.attitude[0],
@@ -177,4 +177,4 @@ def test_a_path_with_long_steps_is_refused():
         attitude=MOTION.attitude[::10],
     )
     with pytest.raises(ValueError, match="steps"):
-        error_covariance(sparse, NONE, np.zeros((STATES, STATES)))
+        propagate_covariance(sparse, NONE, np.zeros((STATES, STATES)))

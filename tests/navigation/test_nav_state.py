@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.navigation.nav_state import covered, state_at
+from skyproof.navigation.nav_state import interpolate_state, mark_covered
 from skyproof.records import NavState
 
 NUMBERS = st.floats(-100.0, 100.0)
@@ -33,7 +33,9 @@ def even(seconds, velocity, turn_rad_s):
 @given(st.lists(st.floats(0.0, 9.0), min_size=1, max_size=5), VECTORS, VECTORS)
 def test_even_motion_is_met_between_the_states(seconds, velocity, axis):
     turn_rad_s = 0.018 * axis  # less than half a turn from state to state
-    found = state_at(even(np.array([0.0, 0.3, 1.0, 2.0, 4.0, 9.0]) * 1.0, velocity, 0.2 * turn_rad_s), at(seconds))
+    found = interpolate_state(
+        even(np.array([0.0, 0.3, 1.0, 2.0, 4.0, 9.0]) * 1.0, velocity, 0.2 * turn_rad_s), at(seconds)
+    )
     wanted = even(np.array(seconds), velocity, 0.2 * turn_rad_s)
     assert np.array_equal(found.gpst, wanted.gpst)
     np.testing.assert_allclose(found.position_ecef_m, wanted.position_ecef_m, atol=1e-6)
@@ -45,7 +47,7 @@ def test_what_is_not_known_stays_so_between_the_states():
     state = even(np.array([0.0, 1.0]), np.ones(3), np.zeros(3))
     covariance = state.covariance.copy()
     covariance[:, range(6), range(6)] = np.inf
-    found = state_at(
+    found = interpolate_state(
         NavState(
             gpst=state.gpst,
             position_ecef_m=state.position_ecef_m,
@@ -61,5 +63,5 @@ def test_what_is_not_known_stays_so_between_the_states():
 
 def test_one_state_holds_at_its_own_time_only():
     state = even(np.array([1.0]), np.ones(3), np.zeros(3))
-    assert covered(state, at([0.999999999, 1.0, 1.000000001])).tolist() == [False, True, False]
-    assert np.array_equal(state_at(state, at([1.0, 1.0])).position_ecef_m, state.position_ecef_m[[0, 0]])
+    assert mark_covered(state, at([0.999999999, 1.0, 1.000000001])).tolist() == [False, True, False]
+    assert np.array_equal(interpolate_state(state, at([1.0, 1.0])).position_ecef_m, state.position_ecef_m[[0, 0]])

@@ -9,8 +9,8 @@ from scipy import stats
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.gnss.time import GPS_EPOCH
-from skyproof.navigation.nav_estimate import NavEstimate, known
-from skyproof.navigation.prediction import choose, fit_p_value, standing_still
+from skyproof.navigation.nav_estimate import NavEstimate, estimate_from_parts
+from skyproof.navigation.prediction import choose, fit_p_value, predict_standing
 from skyproof.simulator.clocks import clock
 
 HOME = np.array([3.8e6, 7.9e5, 5.0e6])
@@ -18,7 +18,7 @@ HOME = np.array([3.8e6, 7.9e5, 5.0e6])
 
 def a_fix(place_m, sigma_m, rng=None, velocity=None):
     off = np.zeros(3) if rng is None else sigma_m * rng.standard_normal(3)
-    return known(
+    return estimate_from_parts(
         GPS_EPOCH,
         position_ecef_m=HOME + place_m + off,
         position_m2=sigma_m**2 * np.eye(3),
@@ -32,7 +32,9 @@ def drawn_choices(n, rng, most_wrong, apart_m=None):
     anywhere within 25 m along each axis: what was chosen, and which is true."""
     root = np.array([[9.0, 0.0, 0.0], [3.0, 6.0, 0.0], [0.0, -2.0, 3.0]])
     for _ in range(n):
-        prediction = known(GPS_EPOCH, position_ecef_m=HOME + root @ rng.standard_normal(3), position_m2=root @ root.T)
+        prediction = estimate_from_parts(
+            GPS_EPOCH, position_ecef_m=HOME + root @ rng.standard_normal(3), position_m2=root @ root.T
+        )
         apart = rng.uniform(-25.0, 25.0, 3)
         if apart_m is not None:
             apart *= apart_m / np.linalg.norm(apart)
@@ -65,7 +67,7 @@ def test_whatever_the_distance_no_more_are_wrong_than_the_limit(apart_m):
 
 
 def test_a_sky_that_does_not_fit_is_not_taken_though_it_is_the_only_one():
-    prediction = known(GPS_EPOCH, position_ecef_m=HOME, position_m2=np.eye(3))
+    prediction = estimate_from_parts(GPS_EPOCH, position_ecef_m=HOME, position_m2=np.eye(3))
     found = choose(prediction, [a_fix(np.array([50.0, 0.0, 0.0]), 1.0)])
     assert found.chosen is None
     assert found.fits[0] < 1e-9
@@ -73,7 +75,7 @@ def test_a_sky_that_does_not_fit_is_not_taken_though_it_is_the_only_one():
 
 
 def test_nothing_is_chosen_of_two_that_are_alike():
-    prediction = known(GPS_EPOCH, position_ecef_m=HOME, position_m2=np.eye(3))
+    prediction = estimate_from_parts(GPS_EPOCH, position_ecef_m=HOME, position_m2=np.eye(3))
     found = choose(prediction, [a_fix(np.zeros(3), 1.0), a_fix(np.array([0.5, 0.0, 0.0]), 1.0)])
     assert found.chosen is None
     assert found.wrong_probability == pytest.approx(0.5, abs=0.1)
@@ -81,7 +83,7 @@ def test_nothing_is_chosen_of_two_that_are_alike():
 
 @given(st.permutations(range(3)))
 def test_the_order_of_skies_is_of_no_account(order):
-    prediction = known(GPS_EPOCH, position_ecef_m=HOME, position_m2=4.0 * np.eye(3))
+    prediction = estimate_from_parts(GPS_EPOCH, position_ecef_m=HOME, position_m2=4.0 * np.eye(3))
     skies = [a_fix(np.array([east, 0.0, 0.0]), 1.0) for east in (0.0, 3.0, -8.0)]
     found = choose(prediction, [skies[k] for k in order])
     straight = choose(prediction, skies)
@@ -89,7 +91,7 @@ def test_the_order_of_skies_is_of_no_account(order):
 
 
 def test_only_what_all_have_is_compared():
-    prediction = known(
+    prediction = estimate_from_parts(
         GPS_EPOCH,
         position_ecef_m=HOME,
         position_m2=np.eye(3),
@@ -97,14 +99,14 @@ def test_only_what_all_have_is_compared():
         clock_m2=np.eye(2),
     )
     assert choose(prediction, [a_fix(0.0, 1.0, velocity=np.zeros(3))]).used == (0, 1, 2)
-    only_clock = known(GPS_EPOCH, clock_m=np.zeros(2), clock_m2=np.eye(2))
+    only_clock = estimate_from_parts(GPS_EPOCH, clock_m=np.zeros(2), clock_m2=np.eye(2))
     with pytest.raises(ValueError, match="nothing to"):
         choose(only_clock, [a_fix(0.0, 1.0)])
 
 
 def test_a_push_of_the_clock_alone_is_recognized_by_the_oscillator():
     """A standing receiver: 300 m of clock in a minute; a poor crystal leaves that open, a rubidium does not."""
-    last = known(
+    last = estimate_from_parts(
         GPS_EPOCH,
         position_ecef_m=HOME,
         position_m2=np.eye(3),
@@ -114,7 +116,7 @@ def test_a_push_of_the_clock_alone_is_recognized_by_the_oscillator():
     later = GPS_EPOCH + np.timedelta64(60, "s")
 
     def sky(push_m: float) -> NavEstimate:
-        return known(
+        return estimate_from_parts(
             later,
             position_ecef_m=HOME,
             position_m2=np.eye(3),
@@ -123,7 +125,7 @@ def test_a_push_of_the_clock_alone_is_recognized_by_the_oscillator():
         )
 
     chosen = {
-        name: choose(standing_still(last, later, OSCILLATORS[name]), [sky(0.0), sky(30.0)]).chosen
+        name: choose(predict_standing(last, later, OSCILLATORS[name]), [sky(0.0), sky(30.0)]).chosen
         for name in ("tcxo", "rubidium")
     }
     assert chosen == {"tcxo": None, "rubidium": 0}
@@ -134,21 +136,21 @@ def test_a_standing_receivers_clock_is_where_its_class_says():
     for seed in range(20):
         drawn = clock("ocxo", seed=seed, duration_s=30.0)
         offset, drift = drawn.offset_s(np.array([0.0, 20.0])), drawn.drift(np.zeros(1))[0]
-        last = known(
+        last = estimate_from_parts(
             GPS_EPOCH,
             position_ecef_m=HOME,
             position_m2=np.eye(3),
             clock_m=SPEED_OF_LIGHT_M_S * np.array([offset[0], drift]),
             clock_m2=1e-12 * np.eye(2),
         )
-        found = standing_still(last, later, OSCILLATORS["ocxo"])
+        found = predict_standing(last, later, OSCILLATORS["ocxo"])
         squares.append((found.mean[6] - SPEED_OF_LIGHT_M_S * offset[1]) ** 2 / found.covariance[6, 6])
     assert 0.2 < np.mean(squares) < 1.0 + 4.0 * np.sqrt(2.0 / 20)
 
 
 def test_a_standing_receiver_stays_and_what_was_unknown_stays_so():
     last = a_fix(0.0, 1.0)
-    found = standing_still(last, GPS_EPOCH + np.timedelta64(3600, "s"), OSCILLATORS["tcxo"])
+    found = predict_standing(last, GPS_EPOCH + np.timedelta64(3600, "s"), OSCILLATORS["tcxo"])
     assert found.mean[:3] == pytest.approx(HOME)
     assert np.diag(found.covariance)[:3] == pytest.approx(1.0)
     assert list(found.there) == [0, 1, 2, 3, 4, 5]
@@ -161,6 +163,6 @@ def test_one_fix_is_tested_as_the_only_one_of_a_choice_is():
     prediction = a_fix(np.zeros(3), 3.0)
     for fix in (a_fix(np.zeros(3), 2.0, rng), a_fix(np.array([5.0, 0.0, 0.0]), 2.0, rng, velocity=np.full(3, 0.1))):
         assert fit_p_value(prediction, fix) == choose(prediction, [fix]).fits[0]
-    clock_only = known(GPS_EPOCH, clock_m=np.zeros(2), clock_m2=np.eye(2))
+    clock_only = estimate_from_parts(GPS_EPOCH, clock_m=np.zeros(2), clock_m2=np.eye(2))
     with pytest.raises(ValueError, match="nothing to"):
         fit_p_value(prediction, clock_only)

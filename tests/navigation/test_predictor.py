@@ -9,7 +9,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.nav_estimate import KNOWN, NavEstimate
-from skyproof.navigation.predictor import SkyFix, Standing, surveyed
+from skyproof.navigation.predictor import SkyFix, Standing, place_surveyed
 from skyproof.simulator.clocks import clock
 
 HOME = np.array([3.8e6, 7.9e5, 5.0e6])
@@ -66,7 +66,7 @@ def test_what_is_followed_moves_no_place(ways_m):
 
 
 def test_a_surveyed_place_stays_whatever_is_learned():
-    known = surveyed(standing("ocxo"), HOME, 0.01 * np.eye(3))
+    known = place_surveyed(standing("ocxo"), HOME, 0.01 * np.eye(3))
     assert list(known.at(label(0.0)).there[:3]) == [0, 1, 2]
     assert 6 not in known.at(label(0.0)).there
     for at_s in (0.0, 10.0, 20.0):

@@ -7,7 +7,7 @@ from tests.navigation import sky
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.fix import fix_and_geometry
-from skyproof.navigation.protection import protected, protection_levels
+from skyproof.navigation.protection import add_protection, compute_protection_levels
 
 EYE = np.eye(3)
 
@@ -41,7 +41,7 @@ def test_alarms_without_a_fault_come_at_most_at_the_stated_rate_and_not_much_bel
     trials, rate = 20000, 0.01
     design = design_of(rng, (trials,), k, clocks)
     sigma = rng.uniform(0.5, 3.0, (trials, k))
-    found = protection_levels(
+    found = compute_protection_levels(
         design, sigma * rng.standard_normal(sigma.shape), sigma, EYE, false_alarm_probability=rate
     )
     alarms = int(found.alarm.sum())
@@ -52,7 +52,7 @@ def test_alarms_without_a_fault_come_at_most_at_the_stated_rate_and_not_much_bel
 def test_with_one_redundant_satellite_the_alarm_comes_exactly_at_the_stated_rate():
     rng = np.random.default_rng(1)
     design, trials = design_of(rng, (40000,), 5), 40000
-    found = protection_levels(
+    found = compute_protection_levels(
         design, rng.standard_normal((trials, 5)), np.ones((trials, 5)), EYE, false_alarm_probability=0.02
     )
     assert stats.binomtest(int(found.alarm.sum()), trials, 0.02).pvalue > 1e-3
@@ -71,7 +71,7 @@ def worst_count(k, clocks, biases_sigma, trials, risk, rng, scale=1.0):
     for bias in biases_sigma:
         misfit = sigma * rng.standard_normal(sigma.shape)
         misfit[cell] += bias * sigma[cell] / np.sqrt(redundancy[cell])
-        found = protection_levels(design, misfit, sigma, EYE, integrity_risk=risk, false_alarm_probability=0.01)
+        found = compute_protection_levels(design, misfit, sigma, EYE, integrity_risk=risk, false_alarm_probability=0.01)
         error = estimates(design, misfit, sigma)
         horizontal = np.hypot(error[:, 0], error[:, 1]) > scale * found.horizontal_m
         vertical = np.abs(error[:, 2]) > scale * found.vertical_m
@@ -95,28 +95,28 @@ def test_the_level_is_not_so_wide_that_it_says_nothing():
 def test_an_uncontrolled_satellite_has_no_finite_level_unless_it_moves_nothing():
     rng = np.random.default_rng(4)
     design = design_of(rng, (), 4)
-    four = protection_levels(design, np.zeros(4), np.ones(4), EYE)
+    four = compute_protection_levels(design, np.zeros(4), np.ones(4), EYE)
     assert np.isinf(four.horizontal_m)
     assert np.isnan(four.statistic)
     assert not four.alarm
     alone = np.zeros((8, 5))  # seven of one clock, and one that is alone with its own
     alone[:7, :4], alone[7, :3], alone[7, 4] = design_of(rng, (), 7), [0.3, -0.4, -0.87], 1.0
-    assert np.isfinite(protection_levels(alone, np.zeros(8), np.ones(8), EYE).horizontal_m)
-    none = protection_levels(design, np.zeros(4), np.array([1.0, 1.0, 1.0, np.nan]), EYE)
+    assert np.isfinite(compute_protection_levels(alone, np.zeros(8), np.ones(8), EYE).horizontal_m)
+    none = compute_protection_levels(design, np.zeros(4), np.array([1.0, 1.0, 1.0, np.nan]), EYE)
     assert np.isnan(none.horizontal_m)
 
 
 def test_levels_turn_with_the_axes_and_shrink_with_the_noise():
     rng = np.random.default_rng(5)
     design, misfit = design_of(rng, (30,), 9), rng.standard_normal((30, 9))
-    plain = protection_levels(design, misfit, np.ones((30, 9)), EYE)
+    plain = compute_protection_levels(design, misfit, np.ones((30, 9)), EYE)
     turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     turned = design.copy()
     turned[..., :3] = design[..., :3] @ turn  # columns are x' = turn.T x
-    again = protection_levels(turned, misfit, np.ones((30, 9)), turn)
+    again = compute_protection_levels(turned, misfit, np.ones((30, 9)), turn)
     np.testing.assert_allclose(again.horizontal_m, plain.horizontal_m, rtol=1e-8)
     np.testing.assert_allclose(again.vertical_m, plain.vertical_m, rtol=1e-8)
-    half = protection_levels(design, misfit, np.full((30, 9), 0.5), EYE)
+    half = compute_protection_levels(design, misfit, np.full((30, 9), 0.5), EYE)
     np.testing.assert_allclose(half.vertical_m, 0.5 * plain.vertical_m, rtol=1e-8)
 
 
@@ -128,7 +128,7 @@ def fixed(n_satellites, *, bias_m=0.0, risk=1e-4):
     ranges_m = seen.pseudorange_m.copy()
     ranges_m[-1, 2] += bias_m
     fix, geometry = fix_and_geometry(replace(seen, pseudorange_m=ranges_m), nav)
-    return protected(fix, geometry, integrity_risk=risk)
+    return add_protection(fix, geometry, integrity_risk=risk)
 
 
 def test_the_level_of_a_fix_is_not_below_what_its_covariance_gives():

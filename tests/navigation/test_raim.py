@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.navigation.raim import exclude_one, global_test, normalised_residuals, residual_statistic
+from skyproof.navigation.raim import check_residuals, compute_residual_statistic, exclude_one, normalise_residuals
 
 
 def geometry(rng, leading, k):
@@ -29,7 +29,7 @@ def test_the_global_test_fails_at_the_stated_rate(k):
     design = geometry(rng, (4000,), k)
     sigma = rng.uniform(0.5, 5.0, (4000, k))
     residual = fitted(design, sigma * rng.standard_normal((4000, k)), sigma)
-    tested = global_test(residual, sigma, false_alarm_probability=0.01)
+    tested = check_residuals(residual, sigma, false_alarm_probability=0.01)
     assert stats.binomtest(int((~tested.consistent).sum()), 4000, 0.01).pvalue > 1e-3
     assert stats.kstest(tested.p_value, "uniform").pvalue > 1e-3
     assert (tested.dof == k - 4).all()
@@ -39,12 +39,12 @@ def test_normalised_residuals_are_standard_normal_and_lower_the_statistic_by_the
     rng = np.random.default_rng(5)
     design, sigma = geometry(rng, (3000,), 7), rng.uniform(0.5, 5.0, (3000, 7))
     misfit = sigma * rng.standard_normal((3000, 7))
-    w = normalised_residuals(design, misfit, sigma)
+    w = normalise_residuals(design, misfit, sigma)
     assert stats.kstest(w[:, 0], "norm").pvalue > 1e-3
     without = sigma.copy()
     without[:, 3] = np.nan
-    full, _ = residual_statistic(fitted(design, misfit, sigma), sigma)
-    less, dof = residual_statistic(fitted(design, misfit, without), without)
+    full, _ = compute_residual_statistic(fitted(design, misfit, sigma), sigma)
+    less, dof = compute_residual_statistic(fitted(design, misfit, without), without)
     np.testing.assert_allclose(full - less, w[:, 3] ** 2, atol=1e-7)
     assert (dof == 2).all()
 
@@ -56,7 +56,7 @@ def test_a_single_fault_is_found_and_what_is_left_is_consistent():
     faulty = rng.integers(0, 9, (200, 2))
     np.put_along_axis(misfit, faulty[..., None], 300.0, axis=-1)
     found = exclude_one(design, misfit, sigma, false_alarm_probability=1e-3)
-    strong = np.take_along_axis(normalised_residuals(design, misfit, sigma), faulty[..., None], axis=-1)[..., 0]
+    strong = np.take_along_axis(normalise_residuals(design, misfit, sigma), faulty[..., None], axis=-1)[..., 0]
     seen = np.abs(strong) > 30.0  # where the geometry controls the faulty one at all
     assert seen.mean() > 0.9
     assert (found.excluded == faulty)[seen].all()
@@ -69,7 +69,7 @@ def test_a_single_fault_is_found_and_what_is_left_is_consistent():
 def test_without_redundancy_nothing_is_shown():
     design = geometry(np.random.default_rng(7), (), 4)
     sigma = np.ones(4)
-    tested = global_test(fitted(design, np.arange(4.0), sigma), sigma, false_alarm_probability=0.01)
+    tested = check_residuals(fitted(design, np.arange(4.0), sigma), sigma, false_alarm_probability=0.01)
     assert not tested.consistent
     assert np.isnan(tested.p_value)
     excluded = exclude_one(design, np.arange(4.0), sigma, false_alarm_probability=0.01)

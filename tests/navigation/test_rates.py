@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.navigation import sky
 
-from skyproof.navigation.rates import with_dopplers
+from skyproof.navigation.rates import fill_dopplers
 from skyproof.records import CellStatus
 
 
@@ -29,7 +29,7 @@ def seen():
 @pytest.mark.parametrize(("step_s", "within_hz"), [(0.05, 0.05), (1.0, 0.05), (30.0, 0.1)])
 def test_a_missing_doppler_is_the_slope_of_the_phase(seen, step_s, within_hz):
     o = seen(step_s)
-    found, derived = with_dopplers(without(o))
+    found, derived = fill_dopplers(without(o))
     assert derived.all()
     np.testing.assert_allclose(found.doppler_hz, o.doppler_hz, atol=within_hz)
     assert np.isfinite(found.doppler_sigma_hz).all()
@@ -38,11 +38,11 @@ def test_a_missing_doppler_is_the_slope_of_the_phase(seen, step_s, within_hz):
 
 def test_a_doppler_that_is_there_stays(seen):
     o = seen(1.0)
-    found, derived = with_dopplers(without(o, np.array([3])))
+    found, derived = fill_dopplers(without(o, np.array([3])))
     assert derived.mean() == pytest.approx(1.0 / 9.0)
     kept = np.arange(9) != 3
     np.testing.assert_array_equal(found.doppler_hz[kept], o.doppler_hz[kept])
-    same, derived = with_dopplers(o)
+    same, derived = fill_dopplers(o)
     assert same is o
     assert not derived.any()
 
@@ -53,7 +53,7 @@ def test_a_phase_is_not_followed_over_a_slip_or_a_gap(seen):
     status[5, 0] = CellStatus.SLIP
     carrier_cyc[5:, 0] += 1e5
     carrier_cyc[2, 1] = np.nan
-    found, _ = with_dopplers(replace(o, status=status, carrier_cyc=carrier_cyc))
+    found, _ = fill_dopplers(replace(o, status=status, carrier_cyc=carrier_cyc))
     np.testing.assert_allclose(found.doppler_hz[:, 0], seen(1.0).doppler_hz[:, 0], atol=0.05)
     assert np.isnan(found.doppler_hz[:3, 1]).all()  # an arc of two epochs, and the hole
     assert np.isfinite(found.doppler_hz[3:, 1]).all()

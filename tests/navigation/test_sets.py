@@ -9,8 +9,8 @@ from tests.navigation import sky
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.navigation import search
 from skyproof.navigation import sets as sets_module
-from skyproof.navigation.fit_kernels import bancroft
-from skyproof.navigation.sets import consistent_sets
+from skyproof.navigation.fit_kernels import solve_bancroft
+from skyproof.navigation.sets import find_consistent_sets
 from skyproof.records import NavigationData
 
 WHITE = {"multipath_sigma_m": 0.01, "ionosphere_share": 0.0}  # the noise of these tests: thermal only
@@ -32,7 +32,7 @@ def twelve(nav, here):
 
 
 def measurements_of(seen, nav):
-    return sets_module.window_measurements(seen, nav, multipath_sigma_m=0.01, ionosphere_share=0.0)[1]
+    return sets_module.measure_window(seen, nav, multipath_sigma_m=0.01, ionosphere_share=0.0)[1]
 
 
 def copies_of(seen, sats):
@@ -82,7 +82,7 @@ def count_mistakes(nav, rng, trials, n_skies):
     wrong_sizes = mixed = 0
     for _ in range(trials):
         scene, skies, noise_m = trial(nav, rng, n_skies)
-        sets = consistent_sets(scene.observations, nav, **WHITE)
+        sets = find_consistent_sets(scene.observations, nav, **WHITE)
         expected = sorted((len(sats) for sats, _, _ in skies if len(sats) >= 5), reverse=True)
         wrong_sizes += [len(s.signals) for s in sets] != expected
         for found in sets:
@@ -116,7 +116,7 @@ def test_each_sky_has_its_place_clock_and_covariance(nav, here, twelve):
         scene = sky.scene(
             nav, [(twelve, here, 2e-4), (twelve, there, 2.05e-4)], noise_m=3.0, rng=rng, n=9, shuffle=True
         )
-        sets = consistent_sets(scene.observations, nav, **WHITE)
+        sets = find_consistent_sets(scene.observations, nav, **WHITE)
         assert len(sets) == 2
         for found in sets:
             (owner,) = set(scene.owners_of(found.signals))
@@ -139,7 +139,7 @@ def test_a_clean_sky_loses_a_signal_at_the_stated_rate(nav, here, twelve):
     for _ in range(trials):
         noisy = clean.pseudorange_m + 3.0 * rng.standard_normal(clean.pseudorange_m.shape)
         seen = replace(clean, pseudorange_m=noisy, pseudorange_sigma_m=np.full(noisy.shape, 3.0))
-        sets = consistent_sets(seen, nav, false_alarm_probability=0.05, **WHITE)
+        sets = find_consistent_sets(seen, nav, false_alarm_probability=0.05, **WHITE)
         short += not sets or len(sets[0].signals) < 8
     assert stats.binomtest(short, trials, 0.05).pvalue > 1e-3
 
@@ -148,42 +148,42 @@ def test_a_clean_sky_with_one_faulty_signal_is_one_set_without_it(nav, here, twe
     seen = sky.scene(nav, [(twelve, here, 0.0)], noise_m=2.0).observations
     pseudorange = seen.pseudorange_m.copy()
     pseudorange[:, 4] += 150.0
-    (found,) = consistent_sets(replace(seen, pseudorange_m=pseudorange), nav)
+    (found,) = find_consistent_sets(replace(seen, pseudorange_m=pseudorange), nav)
     assert set(seen.signals) - set(found.signals) == {seen.signals[4]}
 
 
 def test_four_satellites_make_no_set_and_five_do(nav, here, twelve):
     for count, sets in ((4, 0), (5, 1)):
         seen = sky.scene(nav, [(twelve[:count], here, 0.0)], noise_m=1.0).observations
-        assert len(consistent_sets(seen, nav)) == sets
+        assert len(find_consistent_sets(seen, nav)) == sets
     with pytest.raises(ValueError, match="always fit"):
-        consistent_sets(seen, nav, min_satellites=4)
+        find_consistent_sets(seen, nav, min_satellites=4)
 
 
 def test_without_ephemerides_there_is_no_set(nav, here, twelve):
     seen = sky.scene(nav, [(twelve, here, 0.0)]).observations
-    assert consistent_sets(seen, NavigationData(ephemerides=())) == ()
+    assert find_consistent_sets(seen, NavigationData(ephemerides=())) == ()
 
 
 def test_a_spoofer_of_few_satellites_shows_beside_the_full_sky(nav, here, twelve):
     rng = np.random.default_rng(8)
     there = sky.moved(here, -2000.0, 4000.0, 100.0)
     scene = sky.scene(nav, [(twelve, here, 0.0), (twelve[3:9], there, 3e-6)], noise_m=2.0, rng=rng, shuffle=True)
-    sets = consistent_sets(scene.observations, nav)
+    sets = find_consistent_sets(scene.observations, nav)
     assert [len(s.signals) for s in sets] == [12, 6]
     assert [set(scene.owners_of(s.signals)) for s in sets] == [{0}, {1}]
 
 
 def test_a_timing_attack_shows_as_two_clocks_at_one_place(nav, here, twelve):
     scene = sky.scene(nav, [(twelve, here, 0.0), (twelve, here, 1e-6)], noise_m=2.0, shuffle=True)
-    one, two = consistent_sets(scene.observations, nav)
+    one, two = find_consistent_sets(scene.observations, nav)
     assert np.linalg.norm(one.position_ecef_m - two.position_ecef_m) < 15.0
     np.testing.assert_allclose(abs(one.clock_bias_s - two.clock_bias_s), 1e-6, atol=3e-8)
 
 
 def test_one_sky_tracked_thrice_is_one_set(nav, here, twelve):
     scene = sky.scene(nav, [(twelve, here, 0.0)] * 3, noise_m=2.0, rng=np.random.default_rng(9))
-    (found,) = consistent_sets(scene.observations, nav)
+    (found,) = find_consistent_sets(scene.observations, nav)
     assert len(found.signals) == 12
 
 
@@ -191,7 +191,7 @@ def test_underground_there_is_no_set_and_in_low_orbit_there_is(nav, twelve):
     for height_m, sets in ((-15e3, 1), (900e3, 1), (-30e3, 0)):
         position = sky.place(0.0, 150.0, height_m)
         seen = sky.scene(nav, [(twelve, position, 0.0)], noise_m=1.0).observations
-        assert len(consistent_sets(seen, nav)) == sets, height_m
+        assert len(find_consistent_sets(seen, nav)) == sets, height_m
 
 
 def test_a_chance_member_goes_back_to_the_set_where_it_is_likelier(nav, here, twelve):
@@ -216,10 +216,10 @@ def test_a_chance_member_goes_back_to_the_set_where_it_is_likelier(nav, here, tw
     sigmas = np.full(noise.shape, sigma)
     seen = replace(seen, pseudorange_m=seen.pseudorange_m + noise, pseudorange_sigma_m=sigmas)
     whole = search.SetSearch(measurements_of(seen, nav), copies_of(seen, twelve))
-    robber = whole.of_size(12, ~false | (np.arange(false.size) == column), false_alarm_probability=1e-4)
-    robbed = whole.of_size(12, false, false_alarm_probability=1e-4)
+    robber = whole.find_of_size(12, ~false | (np.arange(false.size) == column), false_alarm_probability=1e-4)
+    robbed = whole.find_of_size(12, false, false_alarm_probability=1e-4)
     assert robber.statistic[0] < robbed.statistic[0]  # so the true sky comes first, and takes the lent signal
-    sets = consistent_sets(seen, nav, **WHITE)
+    sets = find_consistent_sets(seen, nav, **WHITE)
     assert [set(scene.owners_of(s.signals)) for s in sets] == [{1}, {0}]
     assert [len(s.signals) for s in sets] == [12, 11]
 
@@ -229,10 +229,10 @@ def test_the_cost_of_a_signal_in_a_set_is_its_likelihood_beside_the_others(nav, 
     measurements, sats = measurements_of(seen, nav), np.array([s.sat for s in seen.signals])
     start = np.append(here, 0.0)[None]
     whole = search.solve(measurements, np.arange(7)[None], start)
-    cost = sets_module._costs(measurements, sats, [whole])[:, 0]
+    cost = sets_module._compute_costs(measurements, sats, [whole])[:, 0]
     for k in range(7):
         others = search.solve(measurements, np.delete(np.arange(7), k)[None], start)
-        misfit, variance = search.innovation(measurements, np.array([k]), others.state_m, others.covariance_m2)
+        misfit, variance = search.compute_innovation(measurements, np.array([k]), others.state_m, others.covariance_m2)
         logarithm = stats.norm.logpdf(misfit[0], scale=np.sqrt(variance[0]))
         np.testing.assert_allclose(cost[k], -2.0 * logarithm - np.log(2.0 * np.pi), atol=1e-2)
 
@@ -249,7 +249,7 @@ def test_a_sky_through_a_narrow_gap_is_found(nav, here):
     narrow = [seen.signals[k].sat for k in max(dilution, key=dilution.get)]
     for seed in range(8):
         window = sky.scene(nav, [(narrow, here, 1e-4)], n=4, noise_m=2.0, rng=np.random.default_rng(seed)).observations
-        (found,) = consistent_sets(window, nav, **WHITE)
+        (found,) = find_consistent_sets(window, nav, **WHITE)
         assert len(found.signals) == 6
         assert np.sqrt(np.trace(found.covariance_m2)) > 20.0  # narrow indeed
 
@@ -262,7 +262,7 @@ def test_the_search_finds_what_trying_all_combinations_finds(nav, here, twelve):
         seen = scene.observations
         ranges, copies = measurements_of(seen, nav), copies_of(seen, twelve[:6])
         free = np.ones(12, bool)
-        found = search.SetSearch(ranges, copies).of_size(6, free, false_alarm_probability=1e-2)
+        found = search.SetSearch(ranges, copies).find_of_size(6, free, false_alarm_probability=1e-2)
         everything = np.array(list(product(*copies)))
         start = np.tile(np.append(here, 0.0), (len(everything), 1))
         solved = search.solve(ranges, everything, start, rounds=3)
@@ -279,10 +279,10 @@ def test_the_closed_form_has_the_place_among_its_solutions_and_none_with_negativ
         seen = sky.scene(nav, [([twelve[k] for k in four], here, 1e-3)], n=1, air=False).observations
         measurements = measurements_of(seen, nav)
         solutions = np.empty((2, 4))
-        bancroft(measurements.satellite_ecef_m, measurements.range_m, solutions)
+        solve_bancroft(measurements.satellite_ecef_m, measurements.range_m, solutions)
         assert np.nanmin(np.linalg.norm(solutions[:, :3] - here, axis=1)) < 1e3  # the Earth's turn is rough there
         assert not np.any(measurements.range_m - solutions[:, 3:] < 0.0)
-    bancroft(np.repeat(measurements.satellite_ecef_m[:1], 4, axis=0), np.full(4, 2.2e7), solutions)
+    solve_bancroft(np.repeat(measurements.satellite_ecef_m[:1], 4, axis=0), np.full(4, 2.2e7), solutions)
     assert np.isnan(solutions).all()
 
 
@@ -291,7 +291,7 @@ def test_each_four_is_solved_with_the_atmosphere_of_its_own_place(nav, here, twe
     measurements = measurements_of(seen, nav)
     whole = search.SetSearch(measurements, copies_of(seen, twelve))
     for level in (3, 5, 8):
-        fours = whole._fours_up_to(level)
+        fours = whole._find_fours_up_to(level)
         good = np.trace(fours.covariance_m2, axis1=1, axis2=2) < (20 * 0.01) ** 2
         distance = np.linalg.norm(fours.state_m[good, :3] - here, axis=1)
         assert good.any()
@@ -306,7 +306,7 @@ def test_the_meaconing_pair_shows_two_skies_after_the_onset_and_one_before(share
     seen, clock_s, truth = sky.meaconing_pair(shared_data, receiver)
     noisy = replace(seen, pseudorange_m=seen.pseudorange_m + 3.0 * rng.standard_normal(seen.pseudorange_m.shape))
     for first, labels in ((2, ["authentic"]), (30, ["authentic", "spoofed"]), (45, ["authentic", "spoofed"])):
-        sets = consistent_sets(noisy.select(slice(first, first + 9)), nav)
+        sets = find_consistent_sets(noisy.select(slice(first, first + 9)), nav)
         copies = sorted("".join({s.copy for s in found.signals}) for found in sets)
         assert copies == ["a", "b"][: len(labels)]
         for found in sets:

@@ -5,7 +5,7 @@ import pytest
 
 from skyproof.formats.rinex_nav import glonass_channels, read_nav
 from skyproof.formats.rinex_obs_read import read_obs
-from skyproof.navigation.sets import consistent_sets
+from skyproof.navigation.sets import find_consistent_sets
 
 pytestmark = [pytest.mark.shared_data, pytest.mark.long]
 
@@ -35,7 +35,7 @@ def test_all_systems_and_bands_of_a_clean_sky_are_one_set_at_the_true_place(shar
     o = read_obs(path, glonass_channels=glonass_channels(navigation)).observations
     for first in (0, o.gpst.size // 2):
         window = o.select(slice(first, first + 10))
-        (found,) = consistent_sets(window, navigation)
+        (found,) = find_consistent_sets(window, navigation)
         assert {kind[0] for kind in found.offsets_s} == set(systems)
         assert np.linalg.norm(found.position_ecef_m - truth) < 15.0
         # Ways through a receiver, time scales and the means of satellites' delays together.

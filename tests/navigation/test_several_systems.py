@@ -9,9 +9,9 @@ from tests.navigation import sky
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.fix import fix, fix_and_geometry
-from skyproof.navigation.protection import protection_levels
-from skyproof.navigation.raim import exclude_one, exclude_several, global_test, unknowns_of
-from skyproof.navigation.ranges import space_sigma_m, time_scales
+from skyproof.navigation.protection import compute_protection_levels
+from skyproof.navigation.raim import check_residuals, count_unknowns, exclude_one, exclude_several
+from skyproof.navigation.ranges import compute_space_sigma_m, list_time_scales
 from skyproof.records import SignalId
 from skyproof.studies.position_filter import FilterSettings, step
 
@@ -83,9 +83,9 @@ def test_errors_with_three_clocks_are_as_large_as_the_covariance_says():
     error = np.column_stack((found.position_ecef_m - place, sky.C * (found.clock_bias_s - quiet.clock_bias_s)))
     squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(found.covariance_m2), error)
     assert stats.kstest(squared, stats.chi2(4).cdf).pvalue > 1e-3
-    unknowns = unknowns_of(geometry.design, np.isfinite(geometry.sigma_m))
+    unknowns = count_unknowns(geometry.design, np.isfinite(geometry.sigma_m))
     assert (unknowns == 6).all()
-    tested = global_test(geometry.misfit_m, geometry.sigma_m, false_alarm_probability=0.02, unknowns=unknowns)
+    tested = check_residuals(geometry.misfit_m, geometry.sigma_m, false_alarm_probability=0.02, unknowns=unknowns)
     assert stats.kstest(tested.p_value, "uniform").pvalue > 1e-3
     assert stats.binomtest(int((~tested.consistent).sum()), 2000, 0.02).pvalue > 1e-3
 
@@ -134,7 +134,7 @@ def test_a_real_geometry_has_finite_protection_levels_and_the_lonely_satellite_d
     seen, nav, place = sky_of({"G": 5, "E": 3, "C": 1}, noise_m=0.5)
     _, geometry = fix_and_geometry(seen, nav)
     lat, lon, _ = geodetic_from_ecef(place)
-    levels = protection_levels(geometry.design, geometry.misfit_m, geometry.sigma_m, rot_enu_ecef(lat, lon))
+    levels = compute_protection_levels(geometry.design, geometry.misfit_m, geometry.sigma_m, rot_enu_ecef(lat, lon))
     assert np.isfinite(levels.horizontal_m).all()
     assert (levels.vertical_m > 0.0).all()
     assert not levels.alarm.any()
@@ -155,9 +155,9 @@ def test_the_filter_takes_in_a_system_that_comes_late_and_far_off():
 
 
 def test_scales_and_their_errors_are_as_documented():
-    scales, clocks = time_scales(tuple(SignalId(s) for s in ("R01", "J02", "E03", "G04")))
+    scales, clocks = list_time_scales(tuple(SignalId(s) for s in ("R01", "J02", "E03", "G04")))
     assert scales == ("G", "E", "R")
     np.testing.assert_array_equal(clocks, [[0, 0, 1], [1, 0, 0], [0, 1, 0], [1, 0, 0]])
     np.testing.assert_allclose(
-        space_sigma_m(tuple(SignalId(s) for s in ("G01", "E01", "C01", "R01"))), [0.0, 0.0, 0.8, np.sqrt(3.64)]
+        compute_space_sigma_m(tuple(SignalId(s) for s in ("G01", "E01", "C01", "R01"))), [0.0, 0.0, 0.8, np.sqrt(3.64)]
     )

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.time import GPS_EPOCH, seconds_between
-from skyproof.navigation.strapdown import strapdown, strapdown_paths
+from skyproof.navigation.strapdown import navigate, navigate_paths
 from skyproof.records import ImuSeries, NavState
 from skyproof.simulator.inertial import inertial
 from skyproof.simulator.trajectories import circle, las_vegas, way_points
@@ -44,7 +44,7 @@ ROUND = circle(ecef_from_geodetic(0.6, -2.0, 500.0), 500.0, 50.0)
 )
 def test_error_free_readings_return_the_trajectory_to_millimetres_over_233_s(trajectory, rate_hz, within_m):
     unit = inertial(trajectory.at, rate_hz=rate_hz, duration_s=233.0)
-    found = strapdown(first(trajectory.at([0.0])), unit.read(0, unit.n_samples))
+    found = navigate(first(trajectory.at([0.0])), unit.read(0, unit.n_samples))
     time_s = seconds_between(found.gpst, GPS_EPOCH)
     truth = trajectory.at(time_s)
     assert time_s[-1] == 233.0
@@ -55,9 +55,9 @@ def test_error_free_readings_return_the_trajectory_to_millimetres_over_233_s(tra
 
 def test_a_run_in_pieces_gives_the_whole():
     unit = inertial(ROUND.at, rate_hz=50.0, duration_s=20.0)
-    whole = strapdown(first(ROUND.at([0.0])), unit.read(0, 1000))
-    half = strapdown(first(ROUND.at([0.0])), unit.read(0, 500))
-    rest = strapdown(half, unit.read(500, 500))
+    whole = navigate(first(ROUND.at([0.0])), unit.read(0, 1000))
+    half = navigate(first(ROUND.at([0.0])), unit.read(0, 500))
+    rest = navigate(half, unit.read(500, 500))
     assert np.abs(rest.position_ecef_m[-1] - whole.position_ecef_m[-1]).max() < 1e-5
     assert rest.gpst[0] == half.gpst[-1]
 
@@ -74,7 +74,7 @@ def test_coning_is_taken_from_two_intervals():
     earth = np.array([0.0, 0.0, 7.2921151467e-5])
     turning = attitude[:-1].inv().apply(earth).reshape(1000, 100, 3).mean(axis=1)
     start = ecef_from_geodetic(0.0, 0.0, 0.0)
-    _, _, found = strapdown_paths(
+    _, _, found = navigate_paths(
         start, np.zeros(3), attitude[0].as_matrix(), np.zeros((1000, 3)), angle * rate_hz + turning, 1.0 / rate_hz
     )
     apart = Rotation.from_matrix(found[-1]) * attitude[-1].inv()
@@ -88,12 +88,12 @@ def test_many_units_at_once_are_each_as_alone():
     rng = np.random.default_rng(1)
     force = series.specific_force_m_s2 + 0.01 * rng.standard_normal((2, 3, 200, 3))
     start = first(ROUND.at([0.0]))
-    places, _, attitudes = strapdown_paths(
+    places, _, attitudes = navigate_paths(
         start.position_ecef_m[0], start.velocity_ecef_m_s[0], start.attitude[0], force, series.angular_rate_rad_s, 0.05
     )
     assert places.shape == (2, 3, 201, 3)
     assert attitudes.shape == (2, 3, 201, 3, 3)
-    alone = strapdown(
+    alone = navigate(
         start,
         ImuSeries(
             gpst=series.gpst,

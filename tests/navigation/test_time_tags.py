@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.navigation import sky
 
-from skyproof.navigation.time_tags import TagErrors, tag_errors
+from skyproof.navigation.time_tags import TagErrors, estimate_tag_errors
 
 EPOCHS = 20
 
@@ -29,7 +29,7 @@ def labelled(o, late_s):
 @pytest.mark.parametrize("late_s", [0.05, -0.4, 1.0, 18.0, -18.0, 60.0])
 def test_labels_that_are_all_late_show_by_how_much(late_s):
     o, nav = measured()
-    found = tag_errors(labelled(o, late_s), nav)
+    found = estimate_tag_errors(labelled(o, late_s), nav)
     assert found.known.all()
     assert not found.stray.any()
     assert found.offset_s == pytest.approx(late_s, abs=0.01)
@@ -39,14 +39,14 @@ def test_labels_that_are_all_late_show_by_how_much(late_s):
 @pytest.mark.parametrize("late_s", [-18.0, 60.0])
 def test_whole_seconds_are_taken_as_such(late_s):
     o, nav = measured()
-    assert tag_errors(labelled(o, late_s), nav).offset_s == late_s
+    assert estimate_tag_errors(labelled(o, late_s), nav).offset_s == late_s
 
 
 def test_labels_that_stray_are_told_from_the_rest():
     o, nav = measured()
     late_s = np.zeros(EPOCHS)
     late_s[[3, 7, 8, 15]] = [0.3, -0.2, 0.06, -0.38]
-    found = tag_errors(labelled(o, late_s), nav)
+    found = estimate_tag_errors(labelled(o, late_s), nav)
     np.testing.assert_array_equal(np.flatnonzero(found.stray), [3, 7, 8, 15])
     assert found.offset_s == 0.0
     np.testing.assert_allclose(found.error_s, late_s, atol=0.02)
@@ -56,7 +56,7 @@ def test_labels_that_stray_are_told_from_the_rest():
 def test_a_clock_that_is_off_is_no_wrong_label(bias_s):
     """It stands in the ranges as well."""
     o, nav = measured(bias_s=bias_s)
-    found = tag_errors(o, nav)
+    found = estimate_tag_errors(o, nav)
     assert found.known.all()
     assert not found.error_s.any()
 
@@ -64,17 +64,17 @@ def test_a_clock_that_is_off_is_no_wrong_label(bias_s):
 def test_noise_beyond_its_sigma_makes_no_label_wrong():
     o, nav = measured(noise_m=15.0)
     understated = replace(o, pseudorange_sigma_m=np.full_like(o.pseudorange_sigma_m, 1.0))
-    assert not tag_errors(understated, nav).error_s.any()
+    assert not estimate_tag_errors(understated, nav).error_s.any()
 
 
 def test_two_skies_make_no_label_wrong():
     o, nav = measured(first=400.0)
-    assert not tag_errors(o, nav).error_s.any()
+    assert not estimate_tag_errors(o, nav).error_s.any()
 
 
 def test_without_orbits_nothing_is_known():
     o, nav = measured()
-    found = tag_errors(o, replace(nav, ephemerides=()))
+    found = estimate_tag_errors(o, replace(nav, ephemerides=()))
     assert not found.known.any()
     assert found.offset_s == 0.0
     assert not found.stray.any()
@@ -83,6 +83,6 @@ def test_without_orbits_nothing_is_known():
 def test_stretches_are_judged_as_the_whole():
     o, nav = measured()
     late = labelled(o, -18.0)
-    parts = [tag_errors(late.read(0, 7), nav), tag_errors(late.read(7, EPOCHS), nav)]
+    parts = [estimate_tag_errors(late.read(0, 7), nav), estimate_tag_errors(late.read(7, EPOCHS), nav)]
     joined = TagErrors.joined(parts)
-    np.testing.assert_allclose(joined.error_s, tag_errors(late, nav).error_s, atol=1e-9)
+    np.testing.assert_allclose(joined.error_s, estimate_tag_errors(late, nav).error_s, atol=1e-9)

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.navigation.least_squares import line_of_sight
+from skyproof.navigation.least_squares import compute_line_of_sight
 from skyproof.navigation.vector_filter import (
     VectorEpoch,
     VectorSettings,
     VectorState,
-    ahead,
-    dopplers_hz,
+    dopplers_from_rates,
     predict_measurements,
-    shown_rates,
+    propagate_state,
+    rates_from_dopplers,
     start_state,
     update_state,
 )
@@ -62,7 +62,7 @@ def run(state, truth, rng, steps, change=lambda epoch: epoch, drives=None):
     outcomes = []
     for _ in range(steps):
         truth = moved(truth)
-        before = ahead(state, state.elapsed_s + STEP_S, SETTINGS)
+        before = propagate_state(state, state.elapsed_s + STEP_S, SETTINGS)
         outcomes.append(
             update_state(before, change(measured(truth, rng)), predict_measurements(before.mean, SKY), drives, SETTINGS)
         )
@@ -106,7 +106,7 @@ def test_a_signal_that_does_not_fit_moves_the_state_as_least_squares_do():
     false_m = 117.0 * np.eye(8)[3]
     outcomes, truth = run(begun(rng), TRUE, rng, 30, lambda e: e._replace(range_m=e.range_m + false_m))
     assert not any(one.diverged for one in outcomes)
-    _, unit, _ = line_of_sight(SKY.satellite_ecef_m, truth[:3])
+    _, unit, _ = compute_line_of_sight(SKY.satellite_ecef_m, truth[:3])
     design = np.column_stack((-unit, np.ones(8)))
     projector = np.eye(8) - design @ np.linalg.pinv(design)
     left_m = np.mean([one.range_left_m for one in outcomes[10:]], axis=0)
@@ -141,5 +141,5 @@ def test_four_satellites_do_not_begin_a_filter():
 def test_rates_and_dopplers_are_each_others_inverse():
     doppler_hz = np.linspace(-4e3, 4e3, 8)
     sky_epoch = SKY._replace(moving=1.0 + 1e-6 * np.arange(8), satellite_drift=1e-11 * np.arange(8))
-    back = dopplers_hz(sky_epoch, shown_rates(sky_epoch, doppler_hz, L1_HZ), L1_HZ)
+    back = dopplers_from_rates(sky_epoch, rates_from_dopplers(sky_epoch, doppler_hz, L1_HZ), L1_HZ)
     np.testing.assert_allclose(back, doppler_hz, atol=1e-6)

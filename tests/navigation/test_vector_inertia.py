@@ -9,8 +9,8 @@ from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.ins import InsSettings
-from skyproof.navigation.vector_filter import VectorSettings, VectorState, ahead
-from skyproof.navigation.vector_inertia import LASTS_S, AntennaUnit, carried, carrying
+from skyproof.navigation.vector_filter import VectorSettings, VectorState, propagate_state
+from skyproof.navigation.vector_inertia import LASTS_S, AntennaUnit, begin_motion, carry_motion
 from skyproof.records import Attitude, ImuSeries
 
 START = np.datetime64("2024-05-14T10:00:00", "ns")
@@ -48,10 +48,10 @@ def filtered(elapsed_s=2.0, velocity=(0.0, 0.0, 0.0)):
 
 @pytest.mark.parametrize("lever_m", [(0.0, 0.0, 0.0), (2.0, -1.0, 0.5)])
 def test_changes_of_rows_add_up_to_the_motion(lever_m):
-    own, state = carrying(unit(lever_m=lever_m), filtered(), after(2.0)), filtered()
+    own, state = begin_motion(unit(lever_m=lever_m), filtered(), after(2.0)), filtered()
     for row in range(1, 26):
-        own, (change, walk2) = carried(own, after(2.0 + 0.2 * row))
-        state = ahead(state, 2.0 + 0.2 * row, VectorSettings(), change, walk2=walk2)
+        own, (change, walk2) = carry_motion(own, after(2.0 + 0.2 * row))
+        state = propagate_state(state, 2.0 + 0.2 * row, VectorSettings(), change, walk2=walk2)
     moved = np.concatenate((0.5 * PUSH_M_S2 * 4.0**2 * FORWARD, PUSH_M_S2 * 4.0 * FORWARD))
     off = state.mean[:6] - filtered().mean[:6] - moved
     assert np.linalg.norm(off[:3]) < 0.5  # of 120 m: the Earth turns under it
@@ -62,21 +62,21 @@ def test_changes_of_rows_add_up_to_the_motion(lever_m):
 def test_what_is_left_open_is_no_less_than_what_a_tilt_does_for_a_minute():
     sizes = []
     for sigma_deg in (0.1, 1.0):
-        _, (_, walk2) = carried(carrying(unit(sigma_deg), filtered(), after(2.0)), after(2.2))
+        _, (_, walk2) = carry_motion(begin_motion(unit(sigma_deg), filtered(), after(2.0)), after(2.2))
         wrong_m_s2 = 9.8 * np.radians(sigma_deg)
         assert walk2 * LASTS_S >= (wrong_m_s2 * LASTS_S) ** 2
         sizes.append(walk2)
     assert sizes[1] > 5.0 * sizes[0]
-    loose = ahead(filtered(), 3.0, VectorSettings(), np.zeros(6), walk2=1e9)
-    np.testing.assert_array_equal(loose.covariance, ahead(filtered(), 3.0, VectorSettings()).covariance)
+    loose = propagate_state(filtered(), 3.0, VectorSettings(), np.zeros(6), walk2=1e9)
+    np.testing.assert_array_equal(loose.covariance, propagate_state(filtered(), 3.0, VectorSettings()).covariance)
 
 
 def test_without_readings_it_carries_nobody():
     whole = unit()
-    own = carrying(whole, filtered(), after(2.0))
-    assert carried(own, after(9.0)) is None
-    assert carrying(whole, filtered(), after(9.0)) is None
+    own = begin_motion(whole, filtered(), after(2.0))
+    assert carry_motion(own, after(9.0)) is None
+    assert begin_motion(whole, filtered(), after(9.0)) is None
     rows = np.r_[0:400, 600:800]  # two seconds are missing
     part = {name: getattr(whole.readings, name)[rows] for name in ("gpst", "specific_force_m_s2", "angular_rate_rad_s")}
     gap = AntennaUnit(replace(whole.readings, **part), whole.initial, whole.settings)
-    assert carried(carrying(gap, filtered(), after(2.0)), after(5.0)) is None
+    assert carry_motion(begin_motion(gap, filtered(), after(2.0)), after(5.0)) is None

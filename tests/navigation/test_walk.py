@@ -6,10 +6,10 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from tests.navigation.walk import SETTINGS, aligned, follow, read_walk
 
-from skyproof.navigation.inertia import readings_between
+from skyproof.navigation.inertia import select_readings
 from skyproof.navigation.ins import correct, step
-from skyproof.navigation.ins_updates import by_fix
-from skyproof.navigation.nav_estimate import known
+from skyproof.navigation.ins_updates import measurement_from_fix
+from skyproof.navigation.nav_estimate import estimate_from_parts
 
 pytestmark = [pytest.mark.long, pytest.mark.shared_data]
 
@@ -78,15 +78,15 @@ def test_false_fixes_are_noticed(walk, states, speed_m_s, with_velocity):
             for fix, at in zip(walk.fixes, walk.seconds, strict=True):
                 if not start_s < at < start_s + 10.0:
                     continue
-                _, own = step(own, readings_between(walk.readings, own.gpst, fix.gpst), SETTINGS)
-                false = known(
+                _, own = step(own, select_readings(walk.readings, own.gpst, fix.gpst), SETTINGS)
+                false = estimate_from_parts(
                     fix.gpst,
                     position_ecef_m=fix.mean[:3] + (at - start_s) * away,
                     position_m2=fix.covariance[:3, :3],
                     velocity_ecef_m_s=fix.mean[3:6] + away if with_velocity else None,
                     velocity_m2_s2=fix.covariance[3:6, 3:6] if with_velocity else None,
                 )
-                own, fit = correct(own, by_fix(own, false, SETTINGS), false_alarm_probability=1e-4)
+                own, fit = correct(own, measurement_from_fix(own, false, SETTINGS), false_alarm_probability=1e-4)
                 if not fit.used:
                     noticed_s = at - start_s
                     break

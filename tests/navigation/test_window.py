@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from tests.navigation import sky
 
-from skyproof.navigation.window import window_mean
+from skyproof.navigation.window import average_window
 
 
 def seen_by(position=None, **settings):
@@ -17,7 +17,7 @@ def test_a_window_without_noise_gives_the_middle_epoch():
     velocity = np.array([30.0, -250.0, 10.0])
     path = sky.place(59.0, 17.0, 100.0) + np.arange(15)[:, None] * velocity
     seen = seen_by(path, n=15)
-    mean = window_mean(seen)
+    mean = average_window(seen)
     assert mean.gpst == seen.gpst[7]
     # Code and carrier part by twice the ionosphere's change, which is even about the middle to first order.
     np.testing.assert_allclose(mean.pseudorange_m, seen.pseudorange_m[7], atol=2e-3)
@@ -27,10 +27,10 @@ def test_the_noise_averages_as_the_sigma_says():
     clean, rng = seen_by(n=16), np.random.default_rng(1)
     sigma = rng.uniform(1.0, 6.0, clean.pseudorange_m.shape)
     squares, channels = 0.0, len(clean.signals)
-    truth = window_mean(clean).pseudorange_m
+    truth = average_window(clean).pseudorange_m
     for _ in range(200):
         noisy = clean.pseudorange_m + sigma * rng.standard_normal(sigma.shape)
-        mean = window_mean(replace(clean, pseudorange_m=noisy, pseudorange_sigma_m=sigma))
+        mean = average_window(replace(clean, pseudorange_m=noisy, pseudorange_sigma_m=sigma))
         squares += np.sum(((mean.pseudorange_m - truth) / mean.sigma_m) ** 2)
     np.testing.assert_allclose(mean.sigma_m, 1.0 / np.sqrt(np.sum(sigma**-2, axis=0)))
     assert 1e-3 < stats.chi2(200 * channels).cdf(squares) < 1 - 1e-3
@@ -41,7 +41,7 @@ def test_a_slip_is_bridged_by_the_doppler_at_the_price_of_its_noise():
     carrier, status = seen.carrier_cyc.copy(), seen.status.copy()
     carrier[8:, 0] += 12345.5
     status[8, 0] = 3
-    mean, whole = window_mean(replace(seen, carrier_cyc=carrier, status=status)), window_mean(seen)
+    mean, whole = average_window(replace(seen, carrier_cyc=carrier, status=status)), average_window(seen)
     np.testing.assert_allclose(mean.pseudorange_m, whole.pseudorange_m, atol=0.02)
     bridge = sky.WAVELENGTH * 0.1 / np.sqrt(2.0)
     np.testing.assert_allclose(mean.sigma_m[0], np.hypot(whole.sigma_m[0], bridge), rtol=1e-6)
@@ -52,7 +52,7 @@ def test_a_carrier_faster_than_anything_is_no_motion():
     seen = seen_by(n=11, air=False)
     carrier = seen.carrier_cyc.copy()
     carrier[8:, 0] += 2.5e8  # a cell that is misread, or a receiver that marks no slip
-    mean, whole = window_mean(replace(seen, carrier_cyc=carrier)), window_mean(seen)
+    mean, whole = average_window(replace(seen, carrier_cyc=carrier)), average_window(seen)
     np.testing.assert_allclose(mean.pseudorange_m, whole.pseudorange_m, atol=0.02)
 
 
@@ -61,8 +61,8 @@ def test_a_doppler_held_over_minutes_is_no_better_than_its_change():
     seen = seen_by(n=15, step_s=60.0, air=False)
     codes, carrier, doppler = (getattr(seen, name).copy() for name in ("pseudorange_m", "carrier_cyc", "doppler_hz"))
     codes[8:, 0], carrier[6:, 0], doppler[6:, 0] = np.nan, np.nan, np.nan
-    mean = window_mean(replace(seen, pseudorange_m=codes, carrier_cyc=carrier, doppler_hz=doppler))
-    whole = window_mean(seen)
+    mean = average_window(replace(seen, pseudorange_m=codes, carrier_cyc=carrier, doppler_hz=doppler))
+    whole = average_window(seen)
     off_m = np.abs(mean.pseudorange_m[0] - whole.pseudorange_m[0])
     assert off_m > 5.0
     assert off_m < 3.0 * mean.sigma_m[0]
@@ -73,7 +73,7 @@ def test_a_channel_without_carrier_follows_its_doppler_and_one_without_both_has_
     seen = seen_by(n=11, air=False)
     carrier, doppler = seen.carrier_cyc.copy(), seen.doppler_hz.copy()
     carrier[:, :2], doppler[:, 1] = np.nan, np.nan
-    mean = window_mean(replace(seen, carrier_cyc=carrier, doppler_hz=doppler))
+    mean = average_window(replace(seen, carrier_cyc=carrier, doppler_hz=doppler))
     np.testing.assert_allclose(mean.pseudorange_m[0], seen.pseudorange_m[5, 0], atol=0.05)
     np.testing.assert_allclose(mean.pseudorange_m[1], seen.pseudorange_m[5, 1], atol=1e-6)
     np.testing.assert_allclose(mean.sigma_m[1], seen.pseudorange_sigma_m[5, 1])
@@ -86,15 +86,15 @@ def test_tracks_of_less_than_half_of_the_window_are_left_out():
     pseudorange[5:, 1] = np.nan
     pseudorange[:, 2] = np.nan
     seen = replace(seen, pseudorange_m=pseudorange)
-    assert window_mean(seen).signals == (seen.signals[1], *seen.signals[3:])
-    assert window_mean(seen, min_share=0.0).signals == (*seen.signals[:2], *seen.signals[3:])
-    np.testing.assert_allclose(window_mean(seen).pseudorange_m[0], seen_by(n=10).pseudorange_m[5, 1], atol=0.1)
+    assert average_window(seen).signals == (seen.signals[1], *seen.signals[3:])
+    assert average_window(seen, min_share=0.0).signals == (*seen.signals[:2], *seen.signals[3:])
+    np.testing.assert_allclose(average_window(seen).pseudorange_m[0], seen_by(n=10).pseudorange_m[5, 1], atol=0.1)
 
 
 def test_one_epoch_is_a_window():
     seen = seen_by(n=1)
-    np.testing.assert_array_equal(window_mean(seen).pseudorange_m, seen.pseudorange_m[0])
+    np.testing.assert_array_equal(average_window(seen).pseudorange_m, seen.pseudorange_m[0])
     arrays = {f.name: getattr(seen, f.name) for f in fields(seen) if np.ndim(getattr(seen, f.name))}
     per_epoch = {name: array[:0] for name, array in arrays.items() if len(array) == 1}
     with pytest.raises(ValueError, match="no epoch"):
-        window_mean(replace(seen, **per_epoch))
+        average_window(replace(seen, **per_epoch))

@@ -9,7 +9,7 @@ from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.ins import SIZE, InsState
-from skyproof.navigation.nav_estimate import NavEstimate, known
+from skyproof.navigation.nav_estimate import NavEstimate, estimate_from_parts
 from skyproof.records import ImuSeries, NavState
 from skyproof.simulator.inertial import inertial
 from skyproof.simulator.trajectories import circle, static
@@ -86,7 +86,7 @@ def drawn_start(motion, sigma, rng, at_s=0.0) -> NavState:
 def drawn_fix(motion, at_s, rng, place_m=1.5, speed_m_s=0.1, arm=ARM, shift=0.0) -> NavEstimate:
     m = motion.at(np.array([at_s]))
     turned = m.attitude[0] @ np.stack((arm, np.cross(m.angular_rate_body_rad_s[0], arm)), axis=1)
-    return known(
+    return estimate_from_parts(
         label(at_s),
         position_ecef_m=m.position_ecef_m[0] + turned[:, 0] + shift + place_m * rng.standard_normal(3),
         position_m2=place_m**2 * np.eye(3),

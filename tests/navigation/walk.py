@@ -19,10 +19,10 @@ from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.alignment import align_moving
-from skyproof.navigation.inertia import readings_between
+from skyproof.navigation.inertia import select_readings
 from skyproof.navigation.ins import InsSettings, InsState, correct, step
-from skyproof.navigation.ins_updates import by_fix, expect_fix
-from skyproof.navigation.nav_estimate import NavEstimate, known
+from skyproof.navigation.ins_updates import expect_fix, measurement_from_fix
+from skyproof.navigation.nav_estimate import NavEstimate, estimate_from_parts
 from skyproof.records import ImuSeries
 
 UNIX = np.datetime64("1970-01-01", "ns")
@@ -63,7 +63,7 @@ def read_walk(folder) -> Walk:
     speeds = values[:, [14, 13, 15]] @ to_enu  # the file has north, east, up
     within = (gpst > readings.gpst[0]) & (gpst <= readings.gpst[-1])
     fixes = [
-        known(
+        estimate_from_parts(
             when,
             position_ecef_m=place,
             position_m2=PLACE_M**2 * np.eye(3),
@@ -100,14 +100,16 @@ def follow(walk: Walk, state: InsState, end_s: float, *, use=None, fixes=None, f
     for fix, at in zip(fixes or walk.fixes, walk.seconds, strict=True):
         if fix.gpst <= state.gpst or at > end_s:
             continue
-        _, state = step(state, readings_between(walk.readings, state.gpst, fix.gpst), SETTINGS)
+        _, state = step(state, select_readings(walk.readings, state.gpst, fix.gpst), SETTINGS)
         if state is None:
             break
         shown = expect_fix(state, SETTINGS, fix.gpst)
         seconds.append(at)
         off.append(shown.mean - fix.mean)
         spread.append(shown.covariance + np.diag(np.diag(fix.covariance)))
-        after, fit = correct(state, by_fix(state, fix, SETTINGS), false_alarm_probability=false_alarm_probability)
+        after, fit = correct(
+            state, measurement_from_fix(state, fix, SETTINGS), false_alarm_probability=false_alarm_probability
+        )
         p_value.append(fit.p_value)
         if use is None or use(at):
             state = after

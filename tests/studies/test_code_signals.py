@@ -13,7 +13,7 @@ from skyproof.gnss.ephemeris import group_delay_s
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.ranges import atmosphere
+from skyproof.navigation.ranges import compute_atmosphere
 from skyproof.studies.code_signals import code_positioning_signals
 
 BASE_ECEF_M = np.array([-3817681.121, 3562839.431, 3650159.159])  # the recordings' README
@@ -73,7 +73,9 @@ def test_codes_of_every_system_fit_a_known_place_after_a_clock_of_their_own(shar
         state = satellite_state_s(eph, week, sent_s - clock_polynomial_s(eph, week, sent_s))
         travel_s = np.linalg.norm(state.position_ecef_m - BASE_ECEF_M, axis=-1) / SPEED_OF_LIGHT_M_S
         sat_ecef_m = rotate_to_reception(state.position_ecef_m, travel_s)
-        air = atmosphere(np.tile(BASE_ECEF_M, (tow_s.size, 1)), sat_ecef_m[:, None], tow_s, navigation.ionosphere)
+        air = compute_atmosphere(
+            np.tile(BASE_ECEF_M, (tow_s.size, 1)), sat_ecef_m[:, None], tow_s, navigation.ionosphere
+        )
         if np.degrees(np.nanmedian(air.elevation_rad)) > 15.0:
             clock_m = SPEED_OF_LIGHT_M_S * (state.clock_s - group_delay_s(eph, signal.band, signal.code))
             model_m = np.linalg.norm(sat_ecef_m - BASE_ECEF_M, axis=-1) + air.delay_m[:, 0] - clock_m

@@ -31,8 +31,8 @@ from skyproof.gnss.orbits import satellite_positions_m, satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.fix import fix
-from skyproof.navigation.sets import consistent_sets
-from skyproof.navigation.strapdown import strapdown_paths
+from skyproof.navigation.sets import find_consistent_sets
+from skyproof.navigation.strapdown import navigate_paths
 from skyproof.simulator import scenes
 from skyproof.simulator.attacks import Interference
 from skyproof.simulator.files import write
@@ -81,7 +81,7 @@ def _positions() -> None:
     scenario = scenes.meaconed(duration_s=3.0, onset_s=-1.0)
     navigation = nominal_constellation(scenario.start_gpst)
     (observations, *_), _ = observations_of(scenario, navigation, rng=np.random.default_rng(1))
-    sets = consistent_sets(observations, navigation)
+    sets = find_consistent_sets(observations, navigation)
     fix(observations, navigation, signals=sets[0].signals)
     week, tow_s = week_and_tow(scenario.start_gpst)
     glonass = GlonassEphemeris(
@@ -106,7 +106,7 @@ def _methods() -> None:
     rng = np.random.default_rng(1)
     for exhaustive in (True, False):
         passing_sets(hemisphere(9)[:6], rng.standard_normal((6, 2)), 1.0, exhaustive=exhaustive)
-    strapdown_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)
+    navigate_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)
 
 
 _DO: Final[Mapping[str, Callable[[], None]]] = {

@@ -21,10 +21,10 @@ from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.elevation_mask import RECEIVED_FROM_DEG, find_low
-from skyproof.navigation.raim import GlobalTest, exclude_one, global_test
-from skyproof.navigation.search import WindowRanges, misfits
-from skyproof.navigation.sets import window_measurements
-from skyproof.navigation.skies import by_kind
+from skyproof.navigation.raim import GlobalTest, check_residuals, exclude_one
+from skyproof.navigation.search import WindowRanges, compute_misfits
+from skyproof.navigation.sets import measure_window
+from skyproof.navigation.skies import group_by_kind
 from skyproof.records import (
     Cause,
     ConsistentSet,
@@ -96,12 +96,12 @@ def plain_fixes(window: Observations, navigation: NavigationData, settings: Resi
     satellites beyond three and one per kind. So no satellite is in a fit twice, by two bands whose errors are one; fits
     of several bands are not independent. `settings.false_alarm_probability` is that of all.
     """
-    mean, measurements, usable = window_measurements(
+    mean, measurements, usable = measure_window(
         window, navigation, multipath_sigma_m=settings.multipath_sigma_m, ionosphere_share=settings.ionosphere_share
     )
     rank: dict[str, list[Kind]] = {}
     layers: dict[int, list[Indices]] = {}
-    for kind, rows in by_kind(mean.signals, np.flatnonzero(usable)).items():
+    for kind, rows in group_by_kind(mean.signals, np.flatnonzero(usable)).items():
         of_scale = rank.setdefault(kind[0], [])
         first: dict[str, int] = {}
         for row in sorted(rows, key=lambda row: mean.signals[row]):
@@ -142,7 +142,7 @@ def _fit_plain(
 def _tested(fit: RangeFit, alpha: float) -> tuple[GlobalTest, int]:
     """Test the residuals of a fit, and find the row that fits worst, -1 where none can be left out."""
     misfit_m, sigma_m, design = fit.misfits()
-    test = global_test(misfit_m, sigma_m, false_alarm_probability=alpha, unknowns=fit.state_m.size)
+    test = check_residuals(misfit_m, sigma_m, false_alarm_probability=alpha, unknowns=fit.state_m.size)
     return test, int(exclude_one(design, misfit_m, sigma_m, false_alarm_probability=alpha).excluded)
 
 
@@ -273,7 +273,7 @@ def _far_off(records: Records, observations: Observations, settings: ResidualSet
     if records.navigation is None or len(own) != 1:
         return ()
     (chosen,) = own
-    mean, measurements, usable = window_measurements(
+    mean, measurements, usable = measure_window(
         observations,
         records.navigation,
         multipath_sigma_m=settings.multipath_sigma_m,
@@ -286,7 +286,7 @@ def _far_off(records: Records, observations: Observations, settings: ResidualSet
         clock_m = SPEED_OF_LIGHT_M_S * chosen.clock_of_s(signal.kind)
         if signal.sat in fitting or not np.isfinite(clock_m):
             continue
-        misfit_m, _, _ = misfits(measurements, np.array([row]), np.append(chosen.position_ecef_m, clock_m))
+        misfit_m, _, _ = compute_misfits(measurements, np.array([row]), np.append(chosen.position_ecef_m, clock_m))
         by_sat.setdefault(signal.sat, []).append(float(misfit_m[0]))
     alike = {sat: float(np.median(m)) for sat, m in by_sat.items() if np.ptp(m) <= POLICY.one_orbit_m}
     return tuple(sorted((sat, m) for sat, m in alike.items() if abs(m) > POLICY.no_echo_m))

@@ -19,7 +19,7 @@ from scipy.optimize import lsq_linear
 
 from skyproof.arrays import Indices, Reals
 from skyproof.navigation.least_squares import design_matrix
-from skyproof.navigation.search import WindowRanges, below, misfits, solve
+from skyproof.navigation.search import WindowRanges, compute_misfits, find_point_below, solve
 from skyproof.records.policy import number
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.leave_out import largest_p_value_without
@@ -84,7 +84,7 @@ class RangeFit:
     def misfits(self, state_m: Reals | None = None) -> tuple[Reals, Reals, Reals]:
         """Return what a state, the fitted one if None, misses (n,), its sigma (n,) and the design (n, 3 + groups)."""
         at_m = self.state_m if state_m is None else state_m
-        misfit_m, sigma_m, unit = misfits(self.measurements, self.rows, np.append(at_m[:3], 0.0))
+        misfit_m, sigma_m, unit = compute_misfits(self.measurements, self.rows, np.append(at_m[:3], 0.0))
         return misfit_m - self.clocks @ at_m[3:], sigma_m, design_matrix(unit, self.clocks)
 
     def without(self, rows: Iterable[int]) -> "RangeFit":
@@ -156,7 +156,7 @@ def fit_groups(measurements: WindowRanges, groups: Sequence[Indices], tests: int
     fit = RangeFit(measurements, tuple(groups), np.full(3 + len(groups), np.nan), np.nan, tests)
     if not fit.groups or fit.spare < 0:
         return fit
-    start_m = np.concatenate((below(measurements, fit.rows), np.zeros(len(groups))))
+    start_m = np.concatenate((find_point_below(measurements, fit.rows), np.zeros(len(groups))))
     found = solve(measurements, fit.rows[None], start_m[None], rounds=3, clocks=fit.clocks)
     return replace(fit, state_m=np.asarray(found.state_m[0]), statistic=float(found.statistic[0]))
 

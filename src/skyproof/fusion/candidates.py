@@ -11,7 +11,7 @@ from skyproof.fusion.policy import POLICY
 from skyproof.fusion.trusted import fix_of, masked, of_signals
 from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, known_of
+from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, estimates_from_fix
 from skyproof.navigation.predictor import SkyFix
 from skyproof.records import (
     ConsistentSet,
@@ -179,7 +179,7 @@ class FixMaker:
             multipath_sigma_m=self.multipath_sigma_m,
             elevation_mask_deg=self.elevation_mask_deg,
         )
-        return () if fix is None else tuple(known_of(fix))
+        return () if fix is None else tuple(estimates_from_fix(fix))
 
 
 def with_clock_near(shown: SkyFix, expected: NavEstimate) -> SkyFix:

@@ -46,7 +46,7 @@ from skyproof.fusion.skies import sky_onset
 from skyproof.fusion.timeline import Onset
 from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.navigation.nav_estimate import NavEstimate
-from skyproof.navigation.prediction import Choice, choose, fit_p_value, parted_unseen
+from skyproof.navigation.prediction import Choice, are_parted_unseen, choose, fit_p_value
 from skyproof.navigation.predictor import Predictor, SkyFix
 from skyproof.records import (
     NOTICED,
@@ -356,7 +356,7 @@ class _Chooser:
         """
         assert choice.chosen is not None
         taken, most_wrong = skies[choice.chosen], self.rules.most_wrong
-        parted = any(parted_unseen(taken, one, choice.used, probability=most_wrong) for one in skies)
+        parted = any(are_parted_unseen(taken, one, choice.used, probability=most_wrong) for one in skies)
         fewest = min(len({signal.sat for signal in s.signals}) for s in window.sets)
         return parted and fewest < POLICY.no_chance_satellites
 

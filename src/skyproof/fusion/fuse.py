@@ -23,7 +23,7 @@ from skyproof.fusion.suspicion import ODD, Suspicion, suspicion_of
 from skyproof.fusion.timeline import Onset, end_of, onset_of
 from skyproof.fusion.unexplained import Unexplained, unexplained
 from skyproof.gnss.time import timedelta_from_s
-from skyproof.navigation.window import interval_s
+from skyproof.navigation.window import median_interval_s
 from skyproof.records import ConsistentSet, Finding, ObservationLog, VerdictWord
 
 __all__ = ["Decision", "fuse"]
@@ -185,7 +185,7 @@ def _always_authentic(o: ObservationLog, labels: Sequence[LabelledSignal], all_o
 
     Without any epoch nothing was received. What was recorded alone does not matter for `alone_s`.
     """
-    fixed, interval = _fixed(o, labels), interval_s(o.elapsed_s)
+    fixed, interval = _fixed(o, labels), median_interval_s(o.elapsed_s)
     matters = (o.measured.sum(axis=1) >= POLICY.fix_signals) & _in_common(o, all_of, POLICY.alone_s)
     received_s = np.concatenate([[0.0], np.cumsum(np.minimum(np.diff(o.elapsed_s), interval))])
     edges_s = np.concatenate([received_s[:1], received_s[~matters | fixed], received_s[-1:]])
@@ -208,7 +208,7 @@ def _without_fix(
         enough = o.measured.sum(axis=1) >= POLICY.fix_signals
         good = _fixed(o, labels) | ~_in_common(o, observations) if authentic else enough
         apart_s = np.diff(np.concatenate([o.elapsed_s[:1], o.elapsed_s[good], o.elapsed_s[-1:]]))
-        seconds = float(apart_s[apart_s > _moment_s(interval_s(o.elapsed_s))].sum())
+        seconds = float(apart_s[apart_s > _moment_s(median_interval_s(o.elapsed_s))].sum())
         if seconds > 0.0:
             yield o.receiver, seconds
 
@@ -235,7 +235,7 @@ def _fixed(o: ObservationLog, labels: Sequence[LabelledSignal]) -> Booleans:
 def _alone(labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog]) -> Iterator[tuple[str, float]]:
     for o in observations:
         alone = ~_fixed(o, labels) & ~_in_common(o, observations) & (o.measured.sum(axis=1) >= POLICY.fix_signals)
-        seconds = float(alone.sum() * interval_s(o.elapsed_s))
+        seconds = float(alone.sum() * median_interval_s(o.elapsed_s))
         if seconds > POLICY.moment_s:
             yield o.receiver, seconds
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from skyproof.arrays import Integers, Reals
 from skyproof.fusion.policy import POLICY
-from skyproof.navigation.window import interval_s
+from skyproof.navigation.window import median_interval_s
 from skyproof.records import LABELS, Finding, Label, ObservationLog, SignalRef
 
 __all__ = ["FalseSource", "LabelledSignal", "label_signals", "sources_of", "usual_window_s"]
@@ -192,7 +192,7 @@ def _label_arc(
         here = said[vote.first_epoch - arc[0] : vote.last_epoch - arc[0] + 1]
         code = LABELS.index(vote.label)
         here[:] = np.where((here == SILENT) | (here == code), code, LABELS.index("unknown"))
-    bridge_s = max(POLICY.bridged_s, window_s + POLICY.gap_intervals * interval_s(o.elapsed_s))
+    bridge_s = max(POLICY.bridged_s, window_s + POLICY.gap_intervals * median_interval_s(o.elapsed_s))
     before_s = max(POLICY.begins_before_s, POLICY.begins_before_share * window_s)
     codes = _filled(said, o.elapsed_s[arc[0] : arc[1] + 1], bridge_s, before_s)
     starts = np.flatnonzero(np.diff(codes, prepend=SILENT))

@@ -8,7 +8,7 @@ import numpy as np
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.time import timedelta_from_s
-from skyproof.navigation.window import interval_s
+from skyproof.navigation.window import median_interval_s
 from skyproof.records import ObservationLog, SignalRef
 
 __all__ = ["Onset", "end_of", "onset_of"]
@@ -58,7 +58,7 @@ def onset_of(signals: Collection[SignalRef], observations: Sequence[ObservationL
     if not found:
         return None
     seen, missed, _ = min(found, key=lambda each: each[0])
-    together_s = max(POLICY.together_s, *(POLICY.gap_intervals * interval_s(o.elapsed_s) for o in observations))
+    together_s = max(POLICY.together_s, *(POLICY.gap_intervals * median_interval_s(o.elapsed_s) for o in observations))
     company = [hidden for at, _, hidden in found if at - seen <= timedelta_from_s(together_s)]
     return Onset(seen=seen, earliest=None if sum(company) > POLICY.hidden_share * len(company) else missed)
 
@@ -91,7 +91,9 @@ def end_of(false: Sequence[LabelledSignal], observations: Sequence[ObservationLo
         last = max((s.last_epoch for s in false if s.ref.receiver == o.receiver), default=None)
         if last is None:
             continue
-        if o.elapsed_s[-1] - o.elapsed_s[last] < max(POLICY.ended_s, POLICY.gap_intervals * interval_s(o.elapsed_s)):
+        if o.elapsed_s[-1] - o.elapsed_s[last] < max(
+            POLICY.ended_s, POLICY.gap_intervals * median_interval_s(o.elapsed_s)
+        ):
             return None
         ends.append(o.gpst[last])
     return max(ends, default=None)

@@ -10,8 +10,8 @@ from skyproof.arrays import Booleans
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.policy import POLICY
 from skyproof.navigation.fix import fix_and_geometry
-from skyproof.navigation.protection import protected
-from skyproof.navigation.screen import screened
+from skyproof.navigation.protection import add_protection
+from skyproof.navigation.screen import screen_fix
 from skyproof.records import OBSERVABLES, CellStatus, Fix, Label, NavigationData, ObservationLog, Observations, SignalId
 
 __all__ = ["carries", "fix_of", "masked", "of_signals"]
@@ -77,8 +77,8 @@ def fix_of(
         elevation_mask_deg=elevation_mask_deg,
         false_alarm_probability=POLICY.ordinary_alarm_probability if ordinary else None,
     )
-    kept_fix = screened(found, geometry, with_misfits=ordinary)
-    return kept_fix if integrity_risk is None else protected(kept_fix, geometry, integrity_risk=integrity_risk)
+    kept_fix = screen_fix(found, geometry, with_misfits=ordinary)
+    return kept_fix if integrity_risk is None else add_protection(kept_fix, geometry, integrity_risk=integrity_risk)
 
 
 def _one_kind_a_scale(signals: Sequence[SignalId], usable: Booleans) -> Booleans:

@@ -4,7 +4,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.fusion.policy import POLICY
-from skyproof.navigation.window import interval_s
+from skyproof.navigation.window import median_interval_s
 from skyproof.records import ObservationLog
 
 __all__ = ["followed"]
@@ -18,7 +18,7 @@ def followed(log: ObservationLog) -> Booleans:
     transmits the strongest signals leads it.
     """
     mask = np.array(log.measured)
-    hold_s = max(POLICY.coasts_s, POLICY.gap_intervals * interval_s(log.elapsed_s))
+    hold_s = max(POLICY.coasts_s, POLICY.gap_intervals * median_interval_s(log.elapsed_s))
     for transmission in {signal.transmission for signal in log.signals}:
         columns = [i for i, signal in enumerate(log.signals) if signal.transmission == transmission]
         if len(columns) > 1:

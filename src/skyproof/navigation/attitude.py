@@ -15,14 +15,14 @@ from skyproof.gnss.frames import attitude_ecef, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Attitude, NavState
 
-__all__ = ["direction_off_rad", "interpolation_sigma_rad", "stated_state", "stood"]
+__all__ = ["bound_direction_error_rad", "estimate_interpolation_sigma_rad", "set_place", "state_from_angles"]
 
 _SATELLITE_M: Final = 1.9e7  # nearer than any satellite of navigation in medium orbits
 _HOLE: Final = 1.5  # median intervals between rows: farther apart, rows are missing
 
 
-def direction_off_rad(level_ecef_m: ArrayLike, place_ecef_m: ArrayLike, true_ecef_m: ArrayLike) -> float:
-    """How far directions in body axes are off, at most, if the body is at another position than it is taken to be.
+def bound_direction_error_rad(level_ecef_m: ArrayLike, place_ecef_m: ArrayLike, true_ecef_m: ArrayLike) -> float:
+    """Bound the error of directions in body axes when the body is not where it is taken to be.
 
     All (3,). level_ecef_m : where stated angles were taken to refer to north and the vertical, which turn from place to
     place, north much faster towards the poles. place_ecef_m : from where directions to satellites are taken.
@@ -32,11 +32,11 @@ def direction_off_rad(level_ecef_m: ArrayLike, place_ecef_m: ArrayLike, true_ece
     return turn_rad + float(np.linalg.norm(np.subtract(place_ecef_m, true_ecef_m))) / _SATELLITE_M
 
 
-def interpolation_sigma_rad(attitude: Attitude) -> float:
-    """How far a row is from the middle turn between its neighbours, root mean square about the axis where that is most.
+def estimate_interpolation_sigma_rad(attitude: Attitude) -> float:
+    """Estimate the error of interpolated angles, one sigma about the worst axis.
 
-    Angles between two rows are nearer than that, for neighbours are twice as far apart; the rows' own noise is in it,
-    too. 0 with fewer than three rows.
+    Each row is compared with the middle turn between its neighbours. Angles between two rows are nearer than that,
+    since neighbours are twice as far apart; the rows' own noise is in it, too. 0 with fewer than three rows.
     """
     steps_s = seconds_between(attitude.gpst[1:], attitude.gpst[:-1])
     if steps_s.size < 2:
@@ -52,15 +52,17 @@ def interpolation_sigma_rad(attitude: Attitude) -> float:
     return float(np.sqrt(np.mean(off**2, axis=0).max()))
 
 
-def stated_state(
+def state_from_angles(
     attitude: Attitude, start_gpst: np.datetime64, end_gpst: np.datetime64, place_ecef_m: ArrayLike
 ) -> NavState | None:
-    """The state over a window at a place (3,), whose position and velocity have no variance yet: see `stood`.
+    """Build the state over a window at a place (3,) from stated angles.
+
+    Position and velocity have no variance yet: see `set_place`.
 
     One row holds over the whole window. Of several, those within and the nearest before and after; None if none is
     within or around, or rows are missing between them.
     """
-    rows = _rows(attitude, start_gpst, end_gpst)
+    rows = _select_rows(attitude, start_gpst, end_gpst)
     if rows is None:
         return None
     gpst, angles_rad = rows
@@ -74,7 +76,9 @@ def stated_state(
     )
 
 
-def _rows(attitude: Attitude, start_gpst: np.datetime64, end_gpst: np.datetime64) -> tuple[Instants, Reals] | None:
+def _select_rows(
+    attitude: Attitude, start_gpst: np.datetime64, end_gpst: np.datetime64
+) -> tuple[Instants, Reals] | None:
     if attitude.gpst.size == 1:
         return np.array([start_gpst, end_gpst]), attitude.angles_rad[[0, 0]]
     first = max(int(np.searchsorted(attitude.gpst, start_gpst, side="right")) - 1, 0)
@@ -87,10 +91,10 @@ def _rows(attitude: Attitude, start_gpst: np.datetime64, end_gpst: np.datetime64
     return gpst, attitude.angles_rad[first:stop]
 
 
-def stood(
+def set_place(
     state: NavState, place_ecef_m: ArrayLike, place_covariance_m2: ArrayLike | None, more_rad: float = 0.0
 ) -> NavState:
-    """The state of a body that stands at a place (3,), or whose place is only what signals say (covariance None).
+    """Put a body at a place (3,) where it stands, or where only signals place it (covariance None).
 
     Velocity is nothing then, with no variance or an infinite one. more_rad : added to the attitude's sigma.
     """

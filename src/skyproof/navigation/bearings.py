@@ -1,12 +1,12 @@
-"""Where rays meet: a transmitter seen from several places, or from one that moves.
+"""Locate a transmitter from directions at several places, or from one place that moves.
 
 A ray begins at a known place and has a direction with a covariance across it. The transmitter is where the angles at
 all places are off least (bearings-only location by least squares: Torrieri, "Statistical theory of passive location
 systems", IEEE Transactions on Aerospace and Electronic Systems 20(2), 1984).
 
-Rays from one body share most of their errors: its attitude, its antennas. How much is not known, so that nothing is
-taken to average: among n rays of one body errors that hang together in any way make the covariance at most n times that
-of independent ones (Cauchy-Schwarz), and the sum of squares that the fit leaves too.
+Rays from one body share most of their errors: its attitude, its antennas. How much is not known, so that no averaging
+is assumed. Correlated errors of n rays of one body make the covariance at most n times that of independent ones
+(Cauchy-Schwarz). The same holds for the residual sum of squares.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import freeze
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["BearingRay", "Meeting", "meeting"]
+__all__ = ["BearingRay", "Meeting", "locate_transmitter"]
 
 _MOST_STEPS: Final = 30
 _CONVERGED: Final = 1e-6  # of the distance
@@ -52,7 +52,7 @@ class BearingRay:
 
     @property
     def axes(self) -> Reals:
-        """(3, 3) unit vectors in ECEF: the direction, along the horizon, and upwards across it."""
+        """Return unit vectors (3, 3) in ECEF: the direction, along the horizon, and upwards across it."""
         lat, lon, _ = geodetic_from_ecef(self.place_ecef_m)
         (sin_az, sin_el), (cos_az, cos_el) = (f([self.azimuth_rad, self.elevation_rad]) for f in (np.sin, np.cos))
         enu = [
@@ -75,17 +75,17 @@ class Meeting:
         freeze(self, {"position_ecef_m": ("3",), "covariance_m2": ("3", "3")})
 
 
-def meeting(rays: Sequence[BearingRay]) -> Meeting | None:
-    """Where rays meet; None if fewer than two, if they diverge, or run too nearly alike for a distance."""
+def locate_transmitter(rays: Sequence[BearingRay]) -> Meeting | None:
+    """Find the place where rays meet; None for fewer than two, diverging, or nearly parallel rays."""
     if len(rays) < 2:
         return None
     places = np.array([ray.place_ecef_m for ray in rays])
     axes = np.array([ray.axes for ray in rays])
-    place_m = _nearest(places, axes[:, 0])
+    place_m = _find_nearest_point(places, axes[:, 0])
     if place_m is None:
         return None
     for _ in range(_MOST_STEPS):
-        away_m, off, design, weight = _seen_from(rays, places, axes, place_m)
+        away_m, off, design, weight = _linearize_rays(rays, places, axes, place_m)
         information = np.einsum("kai,kab,kbj->ij", design, weight, design)
         if np.linalg.cond(information) > 1e12:
             return None
@@ -93,23 +93,23 @@ def meeting(rays: Sequence[BearingRay]) -> Meeting | None:
         place_m = place_m - step_m
         if np.linalg.norm(step_m) < _CONVERGED * away_m.min():
             break
-    away_m, off, design, weight = _seen_from(rays, places, axes, place_m)
+    away_m, off, design, weight = _linearize_rays(rays, places, axes, place_m)
     if away_m.min() <= _NEAREST_M:
         return None
     shared = max(sum(other.body == ray.body for other in rays) for ray in rays)
     covariance = shared * np.linalg.inv(np.einsum("kai,kab,kbj->ij", design, weight, design))
     if np.sqrt(np.linalg.eigvalsh(covariance).max()) > _CLEAR * away_m.min():
         return None
-    left = float(np.einsum("ka,kab,kb->", off, weight, off)) / shared
+    statistic = float(np.einsum("ka,kab,kb->", off, weight, off)) / shared
     return Meeting(
         position_ecef_m=place_m,
         covariance_m2=covariance,
-        p_value=float(chi_square_survival(left, 2 * len(rays) - 3)),
+        p_value=float(chi_square_survival(statistic, 2 * len(rays) - 3)),
     )
 
 
-def _nearest(places: Reals, towards: Reals) -> Reals | None:
-    """The point (3,) from which the lines of all rays are least far; None if they are all alike."""
+def _find_nearest_point(places: Reals, towards: Reals) -> Reals | None:
+    """Find the point (3,) least far from the lines of all rays; None if they are all parallel."""
     across = np.eye(3) - towards[:, :, None] * towards[:, None, :]
     normal = across.sum(axis=0)
     if np.linalg.cond(normal) > 1e10:
@@ -118,11 +118,14 @@ def _nearest(places: Reals, towards: Reals) -> Reals | None:
     return np.asarray(middle + np.linalg.solve(normal, np.einsum("kij,kj->i", across, places - middle)))
 
 
-def _seen_from(
+def _linearize_rays(
     rays: Sequence[BearingRay], places: Reals, axes: Reals, place_m: Reals
 ) -> tuple[Reals, Reals, Reals, Reals]:
-    """Of each ray: how far along it a point lies (negative behind), angles (k, 2) by which the point is off, their
-    derivatives (k, 2, 3), and their information (k, 2, 2)."""
+    """Linearize every ray about a point.
+
+    Returns how far along each ray the point lies (negative behind), the angles (k, 2) by which it is off, their
+    derivatives (k, 2, 3), and their information (k, 2, 2).
+    """
     to_point = place_m - places
     along_m = np.einsum("ki,ki->k", axes[:, 0], to_point)
     reach_m = np.maximum(np.linalg.norm(to_point, axis=1), _NEAREST_M)

@@ -11,7 +11,7 @@ from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.records import ObservationLog, Observations, SignalId
 
-__all__ = ["ClockStep", "ClockSteps", "TimeBreaks", "anchored", "clock_steps", "unstepped"]
+__all__ = ["ClockStep", "ClockSteps", "TimeBreaks", "anchor_label", "find_clock_steps", "remove_clock_steps"]
 
 _WITHIN_M: Final = 150.0
 _ACCELERATION_M_S2: Final = 50.0  # of a platform; what it makes of a range within an interval is no step
@@ -27,11 +27,11 @@ class ClockStep:
     milliseconds: int
 
 
-def anchored(observations: Observations, clock_bias_s: ArrayLike) -> Observations:
-    """The same measurements with a clock label that is off by no more than half a millisecond.
+def anchor_label(observations: Observations, clock_bias_s: ArrayLike) -> Observations:
+    """Shift the clock label by whole milliseconds, so that it is off by half a millisecond at most.
 
     With k = round(bias / 1 ms), `gpst` moves back by k ms exactly, the pseudorange by c times k ms, and the carrier by
-    the cycles in k ms (whole cycles on L1): the times of transmission and code minus carrier stay what they were.
+    the cycles in k ms (whole cycles on L1). The times of transmission and code minus carrier stay the same.
 
     Parameters
     ----------
@@ -67,15 +67,15 @@ class ClockSteps:
     steps: tuple[ClockStep, ...]
 
 
-def clock_steps(log: ObservationLog, stretch_epochs: int = 1024) -> ClockSteps | None:
-    """The steps of whole milliseconds that a receiver's clock made; None if there are none.
+def find_clock_steps(log: ObservationLog, stretch_epochs: int = 1024) -> ClockSteps | None:
+    """Find the steps of whole milliseconds that a receiver's clock made; None if there are none.
 
-    Where all pseudoranges step by the same k milliseconds, less than 150 m and what a platform's acceleration may do
-    beside it, the clock was set.
+    The clock was set where all pseudoranges step by the same k milliseconds. The rest must be less than 150 m and what
+    a platform's acceleration may add.
 
-    What a range should do from one epoch to the next is known from its Dopplers, or where there are none from its own
-    pace in the intervals around. A false time that steps by just that much is taken for the receiver's, and shows in
-    the clock bias alone.
+    The expected change of a range between epochs comes from its Dopplers, or without them from its own rate in the
+    intervals around. A false time that steps by just that much is taken for the receiver's, and shows in the clock bias
+    alone.
     """
     n = log.gpst.size
     code_ms, carrier_ms = np.zeros((2, n), np.int64)
@@ -87,9 +87,9 @@ def clock_steps(log: ObservationLog, stretch_epochs: int = 1024) -> ClockSteps |
             continue
         wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
         rate_m_s = -wavelength_m * o.doppler_hz
-        own = slice(first - begin, stop - begin)
-        code_ms[first:stop] = _steps_ms(o.pseudorange_m, rate_m_s, o.elapsed_s)[own]
-        carrier_ms[first:stop] = _steps_ms(wavelength_m * o.carrier_cyc, rate_m_s, o.elapsed_s)[own]
+        inner = slice(first - begin, stop - begin)
+        code_ms[first:stop] = _count_steps_ms(o.pseudorange_m, rate_m_s, o.elapsed_s)[inner]
+        carrier_ms[first:stop] = _count_steps_ms(wavelength_m * o.carrier_cyc, rate_m_s, o.elapsed_s)[inner]
     if not (code_ms.any() or carrier_ms.any()):
         return None
     by_code, gpst = np.cumsum(code_ms), log.gpst
@@ -101,8 +101,10 @@ def clock_steps(log: ObservationLog, stretch_epochs: int = 1024) -> ClockSteps |
     )
 
 
-def unstepped(observations: Observations, steps: ClockSteps, first: int = 0) -> Observations:
-    """The measurements as if the receiver had let its clock run. The first of them is number `first` of the run.
+def remove_clock_steps(observations: Observations, steps: ClockSteps, first: int = 0) -> Observations:
+    """Remove clock steps, as if the receiver had let its clock run.
+
+    The first epoch is number `first` of the run.
 
     Labels, pseudoranges and elapsed time move back by the steps, carrier phases where they step too. Times of
     transmission stay what they were.
@@ -121,9 +123,9 @@ def unstepped(observations: Observations, steps: ClockSteps, first: int = 0) -> 
 class TimeBreaks:
     """Find where a receiver's time breaks, as its epochs come: samples are missing there, or all signals became others.
 
-    The time that the signals tell goes on as `elapsed_s` does, but for their Dopplers and the clock's drift. It broke
-    where it leaps, for the median of three channels or more, by more than 150 m and what a platform's acceleration may
-    do since each was there before. Channels that come back one by one after it are none of the next break's.
+    The signals' time advances as `elapsed_s` does, but for their Dopplers and the clock's drift. It broke where the
+    median of three channels or more leaps by more than 150 m and what a platform's acceleration may add meanwhile.
+    Channels that come back one by one after it are none of the next break's.
     """
 
     def __init__(self) -> None:
@@ -149,7 +151,7 @@ class TimeBreaks:
         begin = 0
         while begin < o.gpst.size:
             known = range_m[begin:], rate_m_s[begin:], np.broadcast_to(o.elapsed_s[begin:, None], range_m[begin:].shape)
-            row, self._last = _first_break(known, self._last)
+            row, self._last = _find_first_break(known, self._last)
             if row is None:
                 break
             self._labels.append(o.gpst[begin + row])
@@ -160,31 +162,31 @@ class TimeBreaks:
         if self._last is not None and signals != self._signals:
             column_of = {signal: column for column, signal in enumerate(self._signals)}
             columns = np.array([column_of.get(signal, -1) for signal in signals], np.intp)
-            one, other, third = (np.append(values, np.nan)[columns] for values in self._last)
-            self._last = one, other, third
+            range_m, rate_m_s, at_s = (np.append(values, np.nan)[columns] for values in self._last)
+            self._last = range_m, rate_m_s, at_s
         self._signals = signals
 
 
-def _first_break(
+def _find_first_break(
     rows: tuple[Reals, Reals, Reals], last: tuple[Reals, Reals, Reals] | None
 ) -> tuple[int | None, tuple[Reals, Reals, Reals]]:
-    """The first row before which the time broke, None if none did, and what each channel had last.
+    """Find the first row before which the time broke (None if none did), and each channel's last values.
 
     rows : ranges, rates and times, (n, n_channels). last : (n_channels,) each, of before.
     """
     n_channels = rows[0].shape[1]
     before = (np.full(n_channels, np.nan),) * 3 if last is None else last
-    range_m, rate_m_s, at_s = (np.vstack((own, after)) for own, after in zip(before, rows, strict=True))
-    there = np.isfinite(range_m) & np.isfinite(rate_m_s)
-    number = np.where(there, np.arange(len(there))[:, None], -1)
+    range_m, rate_m_s, at_s = (np.vstack((earlier_row, after)) for earlier_row, after in zip(before, rows, strict=True))
+    present = np.isfinite(range_m) & np.isfinite(rate_m_s)
+    number = np.where(present, np.arange(len(present))[:, None], -1)
     latest = np.maximum.accumulate(number, axis=0)
     columns, earlier = np.arange(n_channels), np.maximum(latest[:-1], 0)
     dt_s = at_s[1:] - at_s[earlier, columns]
     by_doppler_m = 0.5 * dt_s * (rate_m_s[1:] + rate_m_s[earlier, columns])
-    leap_m = np.where(there[1:] & (latest[:-1] >= 0), range_m[1:] - range_m[earlier, columns] - by_doppler_m, np.nan)
+    leap_m = np.where(present[1:] & (latest[:-1] >= 0), range_m[1:] - range_m[earlier, columns] - by_doppler_m, np.nan)
     slack_m = _WITHIN_M + 0.25 * _ACCELERATION_M_S2 * dt_s**2
-    median_m = _median_of_rows(leap_m)
-    broken = np.abs(median_m) > _median_of_rows(np.where(np.isfinite(leap_m), slack_m, np.nan))
+    median_m = _compute_row_medians(leap_m)
+    broken = np.abs(median_m) > _compute_row_medians(np.where(np.isfinite(leap_m), slack_m, np.nan))
     if not broken.any():
         end = np.maximum(latest[-1], 0)
         return None, (range_m[end, columns], rate_m_s[end, columns], at_s[end, columns])
@@ -195,28 +197,28 @@ def _first_break(
     return few.start + int(leapt[0]), before
 
 
-def _steps_ms(range_m: Reals, rate_m_s: Reals, elapsed_s: Reals) -> Integers:
-    """(n_epochs,) whole milliseconds by which all ranges (n_epochs, n_channels) step before each epoch."""
+def _count_steps_ms(range_m: Reals, rate_m_s: Reals, elapsed_s: Reals) -> Integers:
+    """Count the milliseconds (n_epochs,) by which all ranges (n_epochs, n_channels) step before each epoch."""
     dt_s = np.diff(elapsed_s)[:, None]
     moved_m = np.diff(range_m, axis=0)
     by_doppler = 0.5 * dt_s * (rate_m_s[1:] + rate_m_s[:-1])
-    expected_m = np.where(np.isfinite(by_doppler), by_doppler, _pace(moved_m / dt_s) * dt_s)
-    beyond_m = _median_of_rows(moved_m - expected_m)
+    expected_m = np.where(np.isfinite(by_doppler), by_doppler, _estimate_pace(moved_m / dt_s) * dt_s)
+    beyond_m = _compute_row_medians(moved_m - expected_m)
     steps = np.rint(beyond_m / MILLISECOND_M)
     slack_m = _WITHIN_M + 0.25 * _ACCELERATION_M_S2 * dt_s[:, 0] ** 2
     steps[~(np.abs(beyond_m - steps * MILLISECOND_M) < np.minimum(slack_m, 0.25 * MILLISECOND_M))] = 0.0
     return np.append(0, steps.astype(np.int64))
 
 
-def _pace(rate_m_s: Reals) -> Reals:
-    """(n - 1, n_channels) the median of the two intervals before each and the two after it."""
+def _estimate_pace(rate_m_s: Reals) -> Reals:
+    """Take the median rate (n - 1, n_channels) of the two intervals before each and the two after it."""
     n, padded = len(rate_m_s), np.pad(rate_m_s, ((2, 2), (0, 0)), constant_values=np.nan)
     around = np.stack([padded[2 + k : 2 + k + n] for k in _NEIGHBOURS], axis=-1)
-    return _median_of_rows(around.reshape(-1, len(_NEIGHBOURS)), least=1).reshape(rate_m_s.shape)
+    return _compute_row_medians(around.reshape(-1, len(_NEIGHBOURS)), least=1).reshape(rate_m_s.shape)
 
 
-def _median_of_rows(values: Reals, least: int = _LEAST_CHANNELS) -> Reals:
-    """(n,) medians of what is finite in each row; NaN where that is less than `least` numbers."""
+def _compute_row_medians(values: Reals, least: int = _LEAST_CHANNELS) -> Reals:
+    """Compute medians (n,) of the finite values in each row; NaN for fewer than `least` of them."""
     if values.shape[1] < least:
         return np.full(len(values), np.nan)
     ordered = np.sort(np.where(np.isfinite(values), values, np.nan), axis=1)  # NaN last

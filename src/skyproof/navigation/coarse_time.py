@@ -1,4 +1,4 @@
-"""A position from code phases alone: what tens of milliseconds give, with orbits and a rough time from elsewhere.
+"""Fix a position from code phases alone: tens of milliseconds, with orbits and a rough time from elsewhere.
 
 So short a recording shows where in its period each code stands, and its Doppler, but not which period: the range is
 known up to whole milliseconds (300 km), and the time of transmission only as well as the rough time. Both come out of
@@ -6,9 +6,9 @@ one weighted fit. After F. van Diggelen, A-GPS (2009), chapter 4 (five states: p
 whole milliseconds counted from a reference satellite), and B. Peterson, R. Hartnett, G. Ottman, "GPS receiver
 structures for the urban canyon", ION GPS 1995. The rough place, where none is given, is that of the Dopplers.
 
-What the whole numbers are is never taken for granted. Beginning with one satellite, each further one is joined with
-every whole number that all that is known so far (place, time, Dopplers, codes joined) allows, and every set is solved
-and judged by all its residuals. What is reported is the one set that remains; or that none fits; or that several do.
+The whole numbers are never taken for granted. From one satellite on, each further one joins with every whole number
+that is allowed so far, by place, time, Dopplers and the codes joined. Every set is solved and tested by all its
+residuals. Reported is the one set that remains; or that none fits; or that several do.
 
 State, along the last axis: ECEF position (m), common bias (m), true minus rough time (s), clock drift (m/s), ECEF
 velocity (m/s). What is known beforehand enters as measurements of it. Leading axes are candidates.
@@ -27,12 +27,12 @@ from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.signals import SignalPlan
 from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import timedelta_from_s, week_and_tow
-from skyproof.navigation.least_squares import line_of_sight, spd_inverse
-from skyproof.navigation.ranges import atmosphere
+from skyproof.navigation.least_squares import compute_line_of_sight, invert_spd
+from skyproof.navigation.ranges import compute_atmosphere
 from skyproof.records import Ephemeris, NavigationData, Selectable, freeze
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = ["COARSE_STATUS", "CoarseFix", "CoarseSettings", "coarse_fix"]
+__all__ = ["COARSE_STATUS", "CoarseFix", "CoarseSettings", "solve_coarse_fix"]
 
 COARSE_STATUS: Final[Mapping[int, str]] = {
     0: "ok",
@@ -118,7 +118,7 @@ class CoarseFix:
 
     @property
     def because(self) -> str:
-        """The status in words."""
+        """Return the status in words."""
         return COARSE_STATUS[self.status]
 
 
@@ -145,7 +145,7 @@ class _Problem:
         return int(np.isfinite(self.rate_m_s).sum())
 
     def dof(self, n_codes: int) -> int:
-        """Measurements less unknowns; the bias counts once a code is used, the drift once a Doppler is."""
+        """Count measurements less unknowns. The bias counts once a code is used, the drift once a Doppler is."""
         known = n_codes + self.n_rates + 4 + (1 if self.place_ecef_m is None else 3)
         return known - 7 - (n_codes > 0) - (self.n_rates > 0)
 
@@ -173,7 +173,7 @@ class _Solved(Selectable):
     target_m: Reals
 
 
-def coarse_fix(
+def solve_coarse_fix(
     sats: tuple[str, ...],
     code_s: Reals,
     code_sigma_s: Reals,
@@ -189,7 +189,7 @@ def coarse_fix(
     period_s: Reals | float | None = None,
     settings: CoarseSettings | None = None,
 ) -> CoarseFix:
-    """Position, velocity and time from one instant's code phases and Dopplers.
+    """Estimate position, velocity and time from one instant's code phases and Dopplers.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def coarse_fix(
     used = np.flatnonzero(healthy & np.isfinite(columns[0]) & (columns[1] > 0.0))
     code, code_sigma, doppler, doppler_sigma, period = (column[used] for column in columns)
     week, tow_s = week_and_tow(rough_gpst)
-    there = np.isfinite(doppler) & (doppler_sigma > 0.0)
+    with_rate = np.isfinite(doppler) & (doppler_sigma > 0.0)
     wavelength_m = SPEED_OF_LIGHT_M_S / signal.carrier_hz
     problem = _Problem(
         ephemerides=tuple(e for k in used if isinstance(e := found[k], Ephemeris)),
@@ -234,26 +234,26 @@ def coarse_fix(
         code_m=-SPEED_OF_LIGHT_M_S * code,
         code_sigma_m=SPEED_OF_LIGHT_M_S * code_sigma,
         wrap_m=SPEED_OF_LIGHT_M_S * period,
-        rate_m_s=np.where(there, -wavelength_m * doppler, np.nan),
-        rate_sigma_m_s=np.hypot(wavelength_m * np.where(there, doppler_sigma, 1.0), _ATMOSPHERE_RATE_M_S),
+        rate_m_s=np.where(with_rate, -wavelength_m * doppler, np.nan),
+        rate_sigma_m_s=np.hypot(wavelength_m * np.where(with_rate, doppler_sigma, 1.0), _ATMOSPHERE_RATE_M_S),
         time_sigma_s=rough_sigma_s,
         place_ecef_m=None if place_ecef_m is None else np.asarray(place_ecef_m, np.float64),
         place_sigma_m=place_sigma_m,
         settings=settings,
     )
     if used.size < 5 or (place_ecef_m is None and problem.n_rates < 4):
-        return _without_answer(sats, rough_gpst, 1)
-    starts = _starts(problem)
+        return _report_no_answer(sats, rough_gpst, 1)
+    starts = _find_starts(problem)
     if starts.cost.size == 0:
-        return _without_answer(sats, rough_gpst, 4)
-    solved = _whole_numbers(problem, starts)
+        return _report_no_answer(sats, rough_gpst, 4)
+    solved = _solve_whole_numbers(problem, starts)
     if solved is None:
-        return _without_answer(sats, rough_gpst, 5)
-    return _judged(problem, solved, sats, used, rough_gpst)
+        return _report_no_answer(sats, rough_gpst, 5)
+    return _check_answer(problem, solved, sats, used, rough_gpst)
 
 
-def _sky(problem: _Problem, state: Reals) -> _Sky:
-    """Ranges, rates and their derivatives (rates in the inertial frame that is ECEF at reception)."""
+def _predict_sky(problem: _Problem, state: Reals) -> _Sky:
+    """Predict ranges, rates and their derivatives (rates in the inertial frame that is ECEF at reception)."""
     position, bias, late_s = state[..., _POSITION], state[..., _BIAS], state[..., _TIME]
     travel_s = np.full((*late_s.shape, len(problem.ephemerides)), 0.075)
     for _ in range(2):  # 75 ms is right to 10 ms or 8 m of range; once more, to 20 ns
@@ -262,7 +262,7 @@ def _sky(problem: _Problem, state: Reals) -> _Sky:
             for k, e in enumerate(problem.ephemerides)
         ]
         sent_m = np.stack([o.position_ecef_m for o in orbits], axis=-2)
-        satellite, unit, distance = line_of_sight(sent_m, position)
+        satellite, unit, distance = compute_line_of_sight(sent_m, position)
         travel_s = distance / SPEED_OF_LIGHT_M_S
     sent_m_s = np.stack([o.velocity_ecef_m_s for o in orbits], axis=-2) + np.cross(EARTH_RAD_S, sent_m)
     satellite_m_s = rotate_to_reception(sent_m_s, travel_s)
@@ -278,7 +278,7 @@ def _sky(problem: _Problem, state: Reals) -> _Sky:
     drift = state[..., _DRIFT][..., None]
 
     settings = problem.settings
-    air = atmosphere(
+    air = compute_atmosphere(
         position,
         satellite,
         np.asarray(problem.tow_s),
@@ -311,8 +311,8 @@ def _sky(problem: _Problem, state: Reals) -> _Sky:
     )
 
 
-def _known(problem: _Problem, state: Reals) -> tuple[Reals, Reals]:
-    """What is known beforehand as normalised misfits (..., r) with designs (..., r, 9)."""
+def _linearize_prior(problem: _Problem, state: Reals) -> tuple[Reals, Reals]:
+    """Linearize the prior: normalised misfits (..., r) with designs (..., r, 9)."""
     settings = problem.settings
     wanted, sigma = np.zeros(_STATES), np.full(_STATES, np.inf)
     sigma[_TIME], sigma[_BIAS], sigma[_DRIFT] = problem.time_sigma_s, _ANY_BIAS_M, _ANY_DRIFT_M_S
@@ -330,10 +330,10 @@ def _known(problem: _Problem, state: Reals) -> tuple[Reals, Reals]:
     return np.concatenate((misfit, high[..., None]), axis=-1), np.concatenate((design, up), axis=-2)
 
 
-def _system(problem: _Problem, state: Reals, target_m: Reals) -> tuple[Reals, Reals]:
-    """Normalised misfits (n, r) and designs (n, r, 9); codes that are NaN in the target do not count."""
-    sky = _sky(problem, state)
-    known, known_design = _known(problem, state)
+def _stack_system(problem: _Problem, state: Reals, target_m: Reals) -> tuple[Reals, Reals]:
+    """Stack normalised misfits (n, r) and designs (n, r, 9). Codes that are NaN in the target do not count."""
+    sky = _predict_sky(problem, state)
+    known, known_design = _linearize_prior(problem, state)
     codes, rates = np.isfinite(target_m), np.isfinite(problem.rate_m_s)
     code_weight = np.where(codes, 1.0 / sky.range_sigma_m, 0.0)
     rate_weight = np.where(rates, 1.0 / problem.rate_sigma_m_s, 0.0)
@@ -347,14 +347,14 @@ def _system(problem: _Problem, state: Reals, target_m: Reals) -> tuple[Reals, Re
 
 
 def _solve(problem: _Problem, state: Reals, target_m: Reals) -> _Solved:
-    """Levenberg's damped Gauss-Newton from `state` (n, 9) for codes `target_m` (n, k); each candidate on its own.
+    """Solve for each state (n, 9) by damped Gauss-Newton (Levenberg), from codes `target_m` (n, k).
 
-    Damping is not for far starts only: where four codes and a rough place leave a valley of 100 km, a range bends by
-    many of its sigmas along it, and undamped steps go to and fro across it for ever.
+    Damping is not for far starts only. Four codes and a rough place can leave a valley of 100 km, along which a range
+    bends by many of its sigmas. There undamped steps oscillate across it for ever.
     """
     state = state.copy()
     n = len(state)
-    misfit, design = _system(problem, state, target_m)
+    misfit, design = _stack_system(problem, state, target_m)
     damping, step_m = np.full(n, 1e-6), np.full(n, np.inf)
     diagonal = np.eye(_STATES)
     for _ in range(_MAX_STEPS):
@@ -366,11 +366,11 @@ def _solve(problem: _Problem, state: Reals, target_m: Reals) -> _Solved:
             normal = transposed @ design[active]
             gradient = (transposed @ misfit[active][..., None])[..., 0]
             damped = normal * (1.0 + diagonal * damping[active, None, None])
-            step = (spd_inverse(damped) @ gradient[..., None])[..., 0]
+            step = (invert_spd(damped) @ gradient[..., None])[..., 0]
             length_m = np.linalg.norm(step[:, _POSITION], axis=-1)
             step *= np.minimum(1.0, _LARGEST_STEP_M / np.maximum(length_m, 1.0))[:, None]
             trial = state[active] + step
-            trial_misfit, trial_design = _system(problem, trial, target_m[active])
+            trial_misfit, trial_design = _stack_system(problem, trial, target_m[active])
             fall = np.sum(misfit[active] ** 2, axis=-1) - np.sum(trial_misfit**2, axis=-1)
             promised = np.sum(step * (2.0 * gradient - (normal @ step[..., None])[..., 0]), axis=-1)
             # Where nothing is left to gain, rounding decides the sign: that is convergence, not failure.
@@ -383,7 +383,7 @@ def _solve(problem: _Problem, state: Reals, target_m: Reals) -> _Solved:
         damping[active[~np.isfinite(length_m)]] = 0.0  # cannot be solved: not tried again
         step_m[active[~np.isfinite(length_m)]] = 0.0
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        covariance = spd_inverse(np.swapaxes(design, -1, -2) @ design)
+        covariance = invert_spd(np.swapaxes(design, -1, -2) @ design)
         cost = np.sum(misfit**2, axis=-1)
     lost = ~np.isfinite(cost) | ~np.isfinite(covariance[..., 0, 0])
     return _Solved(
@@ -391,25 +391,28 @@ def _solve(problem: _Problem, state: Reals, target_m: Reals) -> _Solved:
     )
 
 
-def _starts(problem: _Problem) -> _Solved:
-    """Places that the Dopplers and what is known allow; without a place, from all over the Earth that sees the sky."""
+def _find_starts(problem: _Problem) -> _Solved:
+    """Find places that the Dopplers and the prior allow.
+
+    Without a prior place the search covers the Earth below the satellites.
+    """
     k = len(problem.ephemerides)
     if problem.place_ecef_m is not None:
         places = problem.place_ecef_m[None]
     else:
-        places = _places_under(problem)
+        places = _list_places(problem)
     state = np.zeros((len(places), _STATES))
     state[:, _POSITION] = places
-    rates = problem.rate_m_s - _sky(problem, state).rate_m_s
+    rates = problem.rate_m_s - _predict_sky(problem, state).rate_m_s
     if problem.n_rates:
         state[:, _DRIFT] = np.nanmedian(rates, axis=-1)
     solved = _solve(problem, state, np.full((len(places), k), np.nan))
     likely = solved.cost <= chi_square_threshold(_PRUNE, max(problem.dof(0), 1))
-    return _distinct(solved.select(likely & (solved.step_m < 1e3)), 1e3)
+    return _keep_distinct(solved.select(likely & (solved.step_m < 1e3)), 1e3)
 
 
-def _places_under(problem: _Problem) -> Reals:
-    """Points of an even grid on the Earth from which all satellites stand above the horizon; else the best point."""
+def _list_places(problem: _Problem) -> Reals:
+    """List grid points on the Earth where all satellites stand above the horizon, else the best ones."""
     n = np.arange(_GRID_POINTS)
     lat_rad = np.arcsin((2.0 * n + 1.0) / _GRID_POINTS - 1.0)
     lon_rad = np.mod(n * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi) - np.pi
@@ -420,8 +423,8 @@ def _places_under(problem: _Problem) -> Reals:
     return np.asarray(places[lowest > min(np.radians(-5.0), lowest.max() - np.radians(5.0))])
 
 
-def _distinct(solved: _Solved, apart_m: float) -> _Solved:
-    """The cheapest of each place, cheapest first."""
+def _keep_distinct(solved: _Solved, apart_m: float) -> _Solved:
+    """Keep the cheapest solution of each place, cheapest first."""
     order = np.argsort(solved.cost, kind="stable")
     kept: list[int] = []
     for k in order:
@@ -431,21 +434,21 @@ def _distinct(solved: _Solved, apart_m: float) -> _Solved:
     return solved.select(np.array(kept, dtype=np.intp))
 
 
-def _whole_numbers(problem: _Problem, solved: _Solved) -> _Solved | None:
-    """All sets of whole numbers that fit, solved, cheapest first; None if there are too many to follow."""
+def _solve_whole_numbers(problem: _Problem, solved: _Solved) -> _Solved | None:
+    """Solve all sets of whole numbers that fit, cheapest first; None if there are too many to follow."""
     reference = int(np.argmin(problem.code_sigma_m - problem.wrap_m))  # of the longest period, the surest
-    sky = _sky(problem, solved.state)
+    sky = _predict_sky(problem, solved.state)
     target = np.full_like(solved.target_m, np.nan)
     target[:, reference] = problem.code_m[reference]
     state = solved.state.copy()
     state[:, _BIAS] += target[:, reference] - sky.range_m[:, reference]
     solved = _solve(problem, state, target)
-    while np.any(left := ~np.isfinite(solved.target_m[0])):
-        sky = _sky(problem, solved.state)
+    while np.any(open_columns := ~np.isfinite(solved.target_m[0])):
+        sky = _predict_sky(problem, solved.state)
         spread = np.einsum("nki,nij,nkj->nk", sky.range_design, solved.covariance, sky.range_design)
         sigma = np.sqrt(spread + sky.range_sigma_m**2)
-        reach = (_REACH_SIGMA * sigma + _bend_m(problem, solved)[:, None]) / problem.wrap_m
-        widest = np.where(left, reach.max(axis=0), np.inf)
+        reach = (_REACH_SIGMA * sigma + _bound_bend_m(problem, solved)[:, None]) / problem.wrap_m
+        widest = np.where(open_columns, reach.max(axis=0), np.inf)
         joined = np.flatnonzero(widest < 0.2)
         turns = (sky.range_m - problem.code_m) / problem.wrap_m
         if joined.size:  # all those that leave no choice at once
@@ -468,11 +471,11 @@ def _whole_numbers(problem: _Problem, solved: _Solved) -> _Solved | None:
         solved = solved.select(solved.cost <= limit)
         if not solved.cost.size:
             break
-    return _distinct(solved, 100.0)
+    return _keep_distinct(solved, 100.0)
 
 
-def _bend_m(problem: _Problem, solved: _Solved) -> Reals:
-    """What the linear prediction of a range may be wrong by: the curvature of ranges over place and over time, (n,).
+def _bound_bend_m(problem: _Problem, solved: _Solved) -> Reals:
+    """Bound the error (n,) of the linear prediction of a range: its curvature over place and over time.
 
     A range of 20 000 km bends by d^2 / 2 r over a distance d, and over time by at most 0.2 m/s^2.
     """
@@ -481,12 +484,12 @@ def _bend_m(problem: _Problem, solved: _Solved) -> Reals:
     return np.asarray(_REACH_SIGMA**2 * (place_m2 / 4e7 + 0.1 * variance[:, _TIME]))
 
 
-def _judged(
+def _check_answer(
     problem: _Problem, solved: _Solved, sats: tuple[str, ...], used: Indices, rough_gpst: np.datetime64
 ) -> CoarseFix:
     dof = problem.dof(used.size)
     if not solved.cost.size:
-        return _without_answer(sats, rough_gpst, 4)
+        return _report_no_answer(sats, rough_gpst, 4)
     cost = solved.cost
     share = np.exp(-0.5 * (cost - cost[0]))
     wrong = float(share[1:].sum() / share.sum())
@@ -503,13 +506,13 @@ def _judged(
         status = 2 if np.sqrt(np.trace(covariance[_POSITION, _POSITION])) > settings.max_sigma_m else 0
     tests = (float(cost[0]), dof, float(chi_square_survival(cost[0], dof)), wrong, int(cost.size))
     if status:
-        return _without_answer(sats, rough_gpst, status, tests)
+        return _report_no_answer(sats, rough_gpst, status, tests)
     residual = np.full(len(sats), np.nan)
-    residual[used] = solved.target_m[0] - _sky(problem, state).range_m
+    residual[used] = solved.target_m[0] - _predict_sky(problem, state).range_m
     return _fix(sats, rough_gpst, state, covariance, residual, 0, tests, float(problem.wrap_m.min()))
 
 
-def _without_answer(
+def _report_no_answer(
     sats: tuple[str, ...],
     rough_gpst: np.datetime64,
     status: int,

@@ -1,8 +1,8 @@
 """Kernels of least squares in position and clock: lines of sight, delays on the way, normal equations, search.
 
-They stand in one module, as a kernel's machine code is kept by the date of its own module only. What they compute is
-said where it is public: `least_squares`, `ranges.atmosphere`, `search`. Leading axes are problems, of which none fails
-the others: what cannot be solved is NaN.
+They stand in one module, since a kernel's machine code is kept by the date of its own module only. The public functions
+say what they compute: `least_squares`, `ranges.compute_atmosphere`, `search`. Leading axes are problems, and none fails
+the others: one that cannot be solved is NaN.
 """
 
 from math import atan2, cos, exp, hypot, isfinite, isnan, sin, sqrt
@@ -21,15 +21,15 @@ from skyproof.gnss.constants import (
 )
 
 __all__ = [
+    "extend_candidates",
     "fill_delays",
+    "fill_sights",
     "find_fours",
-    "gauss_newton_kernel",
-    "grow",
     "invert",
+    "order_by_geometry",
     "predict_misfits",
-    "see",
     "solve_choices",
-    "spread",
+    "solve_gauss_newton",
 ]
 
 SMALLEST_PIVOT: Final = 1e-13
@@ -47,7 +47,10 @@ _SAGNAC: Final = EARTH_ROTATION_RAD_S / SPEED_OF_LIGHT_M_S
 
 @compiled(error_model="numpy")
 def invert(matrix, smallest_pivot, out):  # type: ignore[no-untyped-def]
-    """out (n, n) = inverse of a symmetric positive definite matrix by Cholesky; NaN where it is not, or only just."""
+    """Invert a symmetric positive definite matrix (n, n) into `out` by Cholesky.
+
+    NaN where it is not positive definite, or only just.
+    """
     n = matrix.shape[0]
     lower = np.zeros((n, n))
     for j in range(n):
@@ -90,8 +93,8 @@ def invert_all(matrices, smallest_pivot, out):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def _see(satellite, position, seen):  # type: ignore[no-untyped-def]
-    """seen (7,) = satellite in the frame of reception, unit vector to it, distance."""
+def _fill_sight(satellite, position, seen):  # type: ignore[no-untyped-def]
+    """Fill seen (7,): the satellite in the frame of reception, the unit vector to it, and its distance."""
     sx, sy, sz = satellite[0], satellite[1], satellite[2]
     px, py, pz = position[0], position[1], position[2]
     straight_m = sqrt((sx - px) ** 2 + (sy - py) ** 2 + (sz - pz) ** 2)
@@ -107,12 +110,12 @@ def _see(satellite, position, seen):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def see(satellite, position, turned, unit, distance_m):  # type: ignore[no-untyped-def]
-    """Lines of sight of `satellite` (m, k, 3) from `position` (m, 3)."""
+def fill_sights(satellite, position, turned, unit, distance_m):  # type: ignore[no-untyped-def]
+    """Fill the lines of sight to `satellite` (m, k, 3) from `position` (m, 3)."""
     seen = np.empty(7)
     for m in range(satellite.shape[0]):
         for k in range(satellite.shape[1]):
-            _see(satellite[m, k], position[m], seen)
+            _fill_sight(satellite[m, k], position[m], seen)
             for i in range(3):
                 turned[m, k, i] = seen[i]
                 unit[m, k, i] = seen[3 + i]
@@ -123,8 +126,8 @@ def see(satellite, position, turned, unit, distance_m):  # type: ignore[no-untyp
 
 
 @compiled(error_model="numpy")
-def _geodetic(x_m, y_m, z_m):  # type: ignore[no-untyped-def]
-    """Latitude, longitude, height, as `gnss.frames.geodetic_from_ecef`."""
+def _convert_to_geodetic(x_m, y_m, z_m):  # type: ignore[no-untyped-def]
+    """Compute latitude, longitude and height, as `gnss.frames.geodetic_from_ecef` does."""
     axis_m = hypot(x_m, y_m)
     y, x = z_m * WGS84_A_M, axis_m * _B_M
     length = hypot(y, x)
@@ -142,8 +145,8 @@ def _geodetic(x_m, y_m, z_m):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def _zenith_m(lat_rad, height_m):  # type: ignore[no-untyped-def]
-    """As `gnss.atmosphere.saastamoinen_zenith_m`, times what is left of it above 11 km."""
+def _compute_zenith_m(lat_rad, height_m):  # type: ignore[no-untyped-def]
+    """Compute the tropospheric zenith delay: `gnss.atmosphere.saastamoinen_zenith_m`, thinned out above 11 km."""
     low_m = min(max(height_m, 0.0), 11000.0)
     pressure_hpa = 1013.25 * (1.0 - 2.2557e-5 * low_m) ** 5.2568
     temperature_k = 15.0 - 6.5e-3 * low_m + 273.15
@@ -154,8 +157,8 @@ def _zenith_m(lat_rad, height_m):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def _ionosphere_s(klobuchar, lat_rad, lon_rad, az_rad, el_rad, tow_s):  # type: ignore[no-untyped-def]
-    """As `gnss.atmosphere.klobuchar_delay_s`; klobuchar (8,) : alpha, then beta."""
+def _compute_ionosphere_s(klobuchar, lat_rad, lon_rad, az_rad, el_rad, tow_s):  # type: ignore[no-untyped-def]
+    """Compute the delay of `gnss.atmosphere.klobuchar_delay_s`; klobuchar (8,) : alpha, then beta."""
     lat, lon, el = lat_rad / np.pi, lon_rad / np.pi, el_rad / np.pi
     psi = 0.0137 / (el + 0.11) - 0.022
     lat_i = min(max(lat + psi * cos(az_rad), -0.416), 0.416)
@@ -173,10 +176,10 @@ def _ionosphere_s(klobuchar, lat_rad, lon_rad, az_rad, el_rad, tow_s):  # type: 
 
 
 @compiled(error_model="numpy")
-def _delays(place, position, turned, tow_s, carrier_hz, model, out):  # type: ignore[no-untyped-def]
-    """out (4,) = elevation, delay, sigma of what models leave, and the ionosphere's part, of one satellite.
+def _fill_delays(place, position, turned, tow_s, carrier_hz, model, out):  # type: ignore[no-untyped-def]
+    """Fill out (4,): one satellite's elevation, delay, sigma of the models' error, and ionospheric part.
 
-    place (8,) : of `_stand`. model (10,) : Klobuchar's numbers, a factor of the delay, sigma as a share of it.
+    place (8,) : of `_fill_place`. model (10,) : Klobuchar's numbers, a factor of the delay, sigma as a share of it.
     """
     dx, dy, dz = turned[0] - position[0], turned[1] - position[1], turned[2] - position[2]
     sin_lat, cos_lat, sin_lon, cos_lon = place[3], place[4], place[5], place[6]
@@ -185,7 +188,9 @@ def _delays(place, position, turned, tow_s, carrier_hz, model, out):  # type: ig
     up_m = cos_lat * cos_lon * dx + cos_lat * sin_lon * dy + sin_lat * dz
     az_rad, el_rad = atan2(east_m, north_m), atan2(up_m, hypot(east_m, north_m))
     above_rad = 0.0 if el_rad < 0.0 else el_rad
-    ionosphere_m = model[8] * SPEED_OF_LIGHT_M_S * _ionosphere_s(model, place[0], place[1], az_rad, above_rad, tow_s)
+    ionosphere_m = (
+        model[8] * SPEED_OF_LIGHT_M_S * _compute_ionosphere_s(model, place[0], place[1], az_rad, above_rad, tow_s)
+    )
     ionosphere_m *= (L1_HZ / carrier_hz) ** 2
     out[0] = el_rad
     out[1] = ionosphere_m + place[7] * 1.001 / sqrt(0.002001 + sin(above_rad) ** 2)
@@ -194,31 +199,31 @@ def _delays(place, position, turned, tow_s, carrier_hz, model, out):  # type: ig
 
 
 @compiled(error_model="numpy")
-def _stand(position, place):  # type: ignore[no-untyped-def]
+def _fill_place(position, place):  # type: ignore[no-untyped-def]
     """place (8,) = latitude, longitude, height, their sines and cosines, and the zenith delay of the troposphere."""
-    place[0], place[1], place[2] = _geodetic(position[0], position[1], position[2])
+    place[0], place[1], place[2] = _convert_to_geodetic(position[0], position[1], position[2])
     place[3], place[4], place[5], place[6] = sin(place[0]), cos(place[0]), sin(place[1]), cos(place[1])
-    place[7] = _zenith_m(place[0], place[2])
+    place[7] = _compute_zenith_m(place[0], place[2])
 
 
 @compiled(error_model="numpy")
 def fill_delays(position, turned, tow_s, carrier_hz, model, out):  # type: ignore[no-untyped-def]
-    """out (m, k, 4) = what `_delays` gives of satellites (m, k, 3) from positions (m, 3); carrier_hz (m, k)."""
+    """Fill out (m, k, 4) with `_fill_delays` of satellites (m, k, 3) from positions (m, 3); carrier_hz (m, k)."""
     place = np.empty(8)
     for m in range(turned.shape[0]):
-        _stand(position[m], place)
+        _fill_place(position[m], place)
         for k in range(turned.shape[1]):
-            _delays(place, position[m], turned[m, k], tow_s[m], carrier_hz[m, k], model, out[m, k])
+            _fill_delays(place, position[m], turned[m, k], tow_s[m], carrier_hz[m, k], model, out[m, k])
 
 
 # --- least squares
 
 
 @compiled(error_model="numpy")
-def gauss_newton_kernel(  # type: ignore[no-untyped-def]
+def solve_gauss_newton(  # type: ignore[no-untyped-def]
     satellite, range_m, weight, clocks, max_steps, tolerance_m, state, covariance, residual_m, step_m
 ):
-    """Steps of all problems until none moves by more than `tolerance_m`; state (m, 3 + c) is where they start.
+    """Step all problems until none moves by more than `tolerance_m`, from state (m, 3 + c) on.
 
     satellite (m, k, 3), range_m (m, k), weight (m, k), 0 where it is not used; clocks (k, c). Filled: state, covariance
     (m, 3 + c, 3 + c), residual_m (m, k), 0 where it is not used, and step_m (m,), the last one's.
@@ -235,7 +240,7 @@ def gauss_newton_kernel(  # type: ignore[no-untyped-def]
             for k in range(n_satellites):
                 if weight[m, k] == 0.0:
                     continue
-                _see(satellite[m, k], state[m], seen)
+                _fill_sight(satellite[m, k], state[m], seen)
                 misfit[k] = range_m[m, k] - seen[6]
                 for i in range(3):
                     design[k, i] = -seen[3 + i]
@@ -278,7 +283,8 @@ def gauss_newton_kernel(  # type: ignore[no-untyped-def]
 def solve_choices(  # type: ignore[no-untyped-def]
     satellite, range_m, sigma_m, carrier_hz, tow_s, model, choice, clocks, rounds, state, covariance, statistic
 ):
-    """Position and clocks of each row of `choice` (m, k), -1 for skipped, from `state` (m, 3 + c) on.
+    """Solve position and clocks of each row of `choice` (m, k), from `state` (m, 3 + c) on. -1 in a row skips a
+    satellite.
 
     satellite (n, 3), range_m, sigma_m, carrier_hz (n,) : of all signals. clocks (k, c). Filled: state, covariance and
     statistic (m,).
@@ -289,19 +295,19 @@ def solve_choices(  # type: ignore[no-untyped-def]
     step_m, place, seen, delays = np.empty(n_problems), np.empty(8), np.empty(7), np.empty(4)
     for _ in range(rounds):
         for m in range(n_problems):
-            _stand(state[m], place)
+            _fill_place(state[m], place)
             for k in range(n_satellites):
                 row = choice[m, k]
                 if row < 0 or not (isfinite(range_m[row]) and isfinite(satellite[row, 0])):
                     weight[m, k] = 0.0
                     continue
-                _see(satellite[row], state[m], seen)
-                _delays(place, state[m], seen, tow_s, carrier_hz[row], model, delays)
+                _fill_sight(satellite[row], state[m], seen)
+                _fill_delays(place, state[m], seen, tow_s, carrier_hz[row], model, delays)
                 variance_m2 = sigma_m[row] ** 2 + delays[2] ** 2
                 weight[m, k] = 1.0 / variance_m2 if isfinite(variance_m2) else 0.0
                 ranges[m, k] = range_m[row] - delays[1]
                 chosen[m, k] = satellite[row]
-        gauss_newton_kernel(chosen, ranges, weight, clocks, _STEPS, _TOLERANCE_M, state, covariance, residual_m, step_m)
+        solve_gauss_newton(chosen, ranges, weight, clocks, _STEPS, _TOLERANCE_M, state, covariance, residual_m, step_m)
     for m in range(n_problems):
         statistic[m] = 0.0
         for k in range(n_satellites):
@@ -311,16 +317,16 @@ def solve_choices(  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def _misfit(satellite, range_m, carrier_hz, tow_s, model, row, place, state, seen, delays):  # type: ignore[no-untyped-def]
-    """A measurement less its prediction by `state`; seen and delays are filled."""
-    _see(satellite[row], state, seen)
-    _delays(place, state, seen, tow_s, carrier_hz[row], model, delays)
+def _compute_misfit(satellite, range_m, carrier_hz, tow_s, model, row, place, state, seen, delays):  # type: ignore[no-untyped-def]
+    """Return a measurement less its prediction by `state`; fill seen and delays."""
+    _fill_sight(satellite[row], state, seen)
+    _fill_delays(place, state, seen, tow_s, carrier_hz[row], model, delays)
     return range_m[row] - seen[6] - delays[1] - state[3]
 
 
 @compiled(error_model="numpy")
-def _prediction_m2(covariance, seen):  # type: ignore[no-untyped-def]
-    """Variance of a predicted range by that of position and clock (4, 4)."""
+def _compute_prediction_m2(covariance, seen):  # type: ignore[no-untyped-def]
+    """Compute the variance of a predicted range from that of position and clock (4, 4)."""
     variance_m2 = 0.0
     for i in range(4):
         for j in range(4):
@@ -335,14 +341,14 @@ def _prediction_m2(covariance, seen):  # type: ignore[no-untyped-def]
 def predict_misfits(  # type: ignore[no-untyped-def]
     satellite, range_m, sigma_m, carrier_hz, tow_s, model, rows, state, covariance, misfit_m, variance_m2, unit
 ):
-    """Of each of `rows` (m,) its misfit by `state` (m, 4), the variance of that, and the unit vector (m, 3) to it."""
+    """Fill the misfit of each of `rows` (m,) by `state` (m, 4), its variance, and the unit vector (m, 3)."""
     place, seen, delays = np.empty(8), np.empty(7), np.empty(4)
     for m in range(rows.size):
         row = rows[m]
         if m == 0 or not np.all(state[m] == state[m - 1]):
-            _stand(state[m], place)
-        misfit_m[m] = _misfit(satellite, range_m, carrier_hz, tow_s, model, row, place, state[m], seen, delays)
-        variance_m2[m] = _prediction_m2(covariance[m], seen) + sigma_m[row] ** 2 + delays[2] ** 2
+            _fill_place(state[m], place)
+        misfit_m[m] = _compute_misfit(satellite, range_m, carrier_hz, tow_s, model, row, place, state[m], seen, delays)
+        variance_m2[m] = _compute_prediction_m2(covariance[m], seen) + sigma_m[row] ** 2 + delays[2] ** 2
         unit[m] = seen[3:6]
 
 
@@ -350,7 +356,7 @@ def predict_misfits(  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def spread(satellite):  # type: ignore[no-untyped-def]
+def order_by_geometry(satellite):  # type: ignore[no-untyped-def]
     """Order of satellites (n, 3) in which the first few have a good geometry, seen from below their middle."""
     n = satellite.shape[0]
     middle = np.zeros(3)
@@ -359,7 +365,7 @@ def spread(satellite):  # type: ignore[no-untyped-def]
     middle *= WGS84_A_M / sqrt(middle[0] ** 2 + middle[1] ** 2 + middle[2] ** 2)
     design, seen = np.ones((n, 4)), np.empty(7)
     for k in range(n):
-        _see(satellite[k], middle, seen)
+        _fill_sight(satellite[k], middle, seen)
         design[k, :3] = -seen[3:6]
     covariance, along = np.eye(4) * 1e3, np.empty(4)
     order, taken = np.empty(n, np.int64), np.zeros(n, np.bool_)
@@ -388,21 +394,21 @@ def spread(satellite):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def _near_the_earth(state, slack_m):  # type: ignore[no-untyped-def]
-    """As `search.plausible`, with the smallest radius of the Earth for its surface."""
+def _is_near_earth(state, slack_m):  # type: ignore[no-untyped-def]
+    """Check the distance from the Earth's centre, as `search.is_plausible`, for its smallest radius."""
     centre_m = sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2)
     return centre_m >= _B_M + LOWEST_M - slack_m and centre_m <= FARTHEST_M + slack_m
 
 
 @compiled(error_model="numpy")
-def _near_within_sigma(state, covariance):  # type: ignore[no-untyped-def]
-    """Of few signals in poor geometry the place is only roughly known: ten sigma are allowed."""
-    return _near_the_earth(state, 10.0 * sqrt(covariance[0, 0] + covariance[1, 1] + covariance[2, 2]))
+def _is_near_within_sigma(state, covariance):  # type: ignore[no-untyped-def]
+    """Check the same with ten sigma allowed: few signals in poor geometry give a rough place only."""
+    return _is_near_earth(state, 10.0 * sqrt(covariance[0, 0] + covariance[1, 1] + covariance[2, 2]))
 
 
 @compiled(error_model="numpy")
 def _solve_four(a, b):  # type: ignore[no-untyped-def]
-    """a (4, 4), b (4, 2) : b = a^-1 b by elimination with pivots; whether there is one."""
+    """Replace b (4, 2) by a^-1 b, for a (4, 4), by elimination with pivots. Returns whether a solution exists."""
     for j in range(4):
         best = j
         for i in range(j + 1, 4):
@@ -429,8 +435,8 @@ def _solve_four(a, b):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def bancroft(satellite, range_m, out):  # type: ignore[no-untyped-def]
-    """out (2, 4) = both solutions for four ranges (4,) to satellites (4, 3), NaN where there is none.
+def solve_bancroft(satellite, range_m, out):  # type: ignore[no-untyped-def]
+    """Fill out (2, 4) with both solutions for ranges (4,) to satellites (4, 3); NaN where none exists.
 
     S. Bancroft, "An algebraic solution of the GPS equations", IEEE Trans. AES 21(1), 1985. The Earth's turn is taken
     for 75 ms, which leaves metres; the atmosphere is left in.
@@ -476,21 +482,21 @@ def bancroft(satellite, range_m, out):  # type: ignore[no-untyped-def]
 def find_fours(  # type: ignore[no-untyped-def]
     satellite, range_m, sigma_m, carrier_hz, tow_s, model, rows
 ):
-    """Both solutions of each four of `rows` (f, 4), unless nowhere near the Earth.
+    """Solve each four of `rows` (f, 4); both solutions, unless nowhere near the Earth.
 
-    Returns which four each is of (m,), states (m, 4) and covariances (m, 4, 4).
+    Returns the number of each solution's four (m,), states (m, 4) and covariances (m, 4, 4).
     """
     starts, four = np.empty((2 * len(rows), 4)), np.empty(2 * len(rows), np.int64)
-    own, ranges, both = np.empty((4, 3)), np.empty(4), np.empty((2, 4))
+    four_sats, ranges, solutions = np.empty((4, 3)), np.empty(4), np.empty((2, 4))
     count = 0
     for k in range(len(rows)):
         for i in range(4):
-            own[i] = satellite[rows[k, i]]
+            four_sats[i] = satellite[rows[k, i]]
             ranges[i] = range_m[rows[k, i]]
-        bancroft(own, ranges, both)
+        solve_bancroft(four_sats, ranges, solutions)
         for i in range(2):
-            if _near_the_earth(both[i], 500e3):  # closed form and a poor geometry; NaN is nowhere
-                starts[count], four[count] = both[i], k
+            if _is_near_earth(solutions[i], 500e3):  # closed form and a poor geometry; NaN is nowhere
+                starts[count], four[count] = solutions[i], k
                 count += 1
     choice = np.empty((count, 4), np.int64)
     for k in range(count):
@@ -503,7 +509,7 @@ def find_fours(  # type: ignore[no-untyped-def]
     )
     kept = np.zeros(count, np.bool_)
     for k in range(count):
-        kept[k] = _near_within_sigma(state[k], covariance[k])
+        kept[k] = _is_near_within_sigma(state[k], covariance[k])
         if k > 0 and four[k] == four[k - 1]:  # unless both starts led to one solution
             moved_m2 = 0.0
             for i in range(4):
@@ -513,7 +519,7 @@ def find_fours(  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def grow(  # type: ignore[no-untyped-def]
+def extend_candidates(  # type: ignore[no-untyped-def]
     satellite,
     range_m,
     sigma_m,
@@ -529,7 +535,7 @@ def grow(  # type: ignore[no-untyped-def]
     limit,
     most,
 ):
-    """Candidates breadth first over satellites, from the fours on, with at most so many satellites skipped.
+    """Extend candidates over satellites, breadth first from the fours, with at most `skips` skipped.
 
     table (n, c) : the free signals of each satellite, -1 where there are no more. four_level (f,) : the last satellite
     of each four, ascending; four_choice (f, n), four_state (f, 4), four_covariance (f, 4, 4) : the fours of free
@@ -559,10 +565,12 @@ def grow(  # type: ignore[no-untyped-def]
             0,
         )
         for m in range(parents):
-            _stand(state[m], place)
+            _fill_place(state[m], place)
             for row in signals:
-                misfit_m = _misfit(satellite, range_m, carrier_hz, tow_s, model, row, place, state[m], seen, delays)
-                variance_m2 = _prediction_m2(covariance[m], seen) + sigma_m[row] ** 2 + delays[2] ** 2
+                misfit_m = _compute_misfit(
+                    satellite, range_m, carrier_hz, tow_s, model, row, place, state[m], seen, delays
+                )
+                variance_m2 = _compute_prediction_m2(covariance[m], seen) + sigma_m[row] ** 2 + delays[2] ** 2
                 if statistic[m] + misfit_m**2 / variance_m2 <= _LINEAR_SLACK * limit:
                     parent[children], taken[children] = m, row
                     children += 1
@@ -588,7 +596,7 @@ def grow(  # type: ignore[no-untyped-def]
         )
         kept = np.zeros(children, np.bool_)
         for c in range(children):
-            kept[c] = child_statistic[c] <= limit and _near_within_sigma(child_state[c], child_covariance[c])
+            kept[c] = child_statistic[c] <= limit and _is_near_within_sigma(child_state[c], child_covariance[c])
         if kept.sum() > most:
             order = np.flatnonzero(kept)[np.argsort(child_statistic[kept])]
             kept[order[most:]] = False

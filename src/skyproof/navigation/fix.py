@@ -10,17 +10,23 @@ from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.least_squares import (
     Solution,
+    compute_line_of_sight,
     design_matrix,
-    gauss_newton,
-    line_of_sight,
-    normal_inverse,
-    spd_inverse,
+    fit_position,
+    invert_normal,
+    invert_spd,
 )
 from skyproof.navigation.raim import exclude_several
-from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scales
+from skyproof.navigation.ranges import (
+    Ranges,
+    compute_atmosphere,
+    compute_space_sigma_m,
+    correct_ranges,
+    list_time_scales,
+)
 from skyproof.records import Fix, FixStatus, NavigationData, Observations, SignalId
 
-__all__ = ["FixGeometry", "RangeRates", "fix", "fix_and_geometry", "range_rates"]
+__all__ = ["FixGeometry", "RangeRates", "compute_range_rates", "fix", "fix_and_geometry"]
 
 _BLOCK_EPOCHS = 4096  # bounds the memory of a day at 1 Hz
 _CONVERGED_M = 1e-2
@@ -73,15 +79,15 @@ def fix(
     max_gdop: float = 50.0,
     false_alarm_probability: float | None = None,
 ) -> Fix:
-    """Weighted least squares for position and clock from pseudoranges, and for velocity and drift from Dopplers.
+    """Solve for position and clock from pseudoranges, and for velocity and drift from Dopplers.
 
-    The receiver's clock may be off by seconds. Klobuchar, Saastamoinen, group delay, relativity and Sagnac are taken
-    off. One pseudorange has
+    Each is a weighted least-squares fit. The receiver's clock may be off by seconds. Klobuchar, Saastamoinen, group
+    delay, relativity and Sagnac are taken off. One pseudorange has
 
         sigma^2 = thermal^2 + (multipath_sigma_m / sin el)^2 + (ionosphere_share * ionosphere)^2 + space^2
 
     the law of the RTKLIB 2.4.2 manual, appendix E.6 (a^2 + b^2 / sin^2 el) with the measured thermal noise for a, and
-    `ranges.space_sigma_m`, what a system's orbits and clocks are worse than those of GPS.
+    `ranges.compute_space_sigma_m`, what a system's orbits and clocks are worse than those of GPS.
 
     Each time scale among the signals (GPS and QZSS share one) has a clock bias of its own at every epoch: the receiver
     delays its signals in its own way, and the scales differ. A scale without a satellite is left out of that epoch.
@@ -90,11 +96,11 @@ def fix(
     ----------
     signals : those to use, by default all; at most one of a satellite at a time.
     multipath_sigma_m : multipath at the zenith, one sigma.
-    ionosphere_share : what `ranges.atmosphere` leaves of the ionosphere.
+    ionosphere_share : what `ranges.compute_atmosphere` leaves of the ionosphere.
     elevation_mask_deg : satellites lower than this are not used.
     start_ecef_m : (3,) where to start, by default the Earth's centre.
     max_gdop : geometry beyond this is `FixStatus.WEAK_GEOMETRY`.
-    false_alarm_probability : if given, epochs whose residuals fail `raim.global_test` at this rate leave out as few
+    false_alarm_probability : if given, epochs whose residuals fail `raim.check_residuals` at this rate leave out as few
         measurements as make them pass, by `raim.exclude_several`; where that does not help, all are kept. Never to be
         used to decide who is authentic.
 
@@ -132,8 +138,8 @@ def fix_and_geometry(
     max_gdop: float = 50.0,
     false_alarm_probability: float | None = None,
 ) -> tuple[Fix, FixGeometry]:
-    """As `fix`, and the linear problem that it ended with."""
-    channels = _channels(observations, observations.signals if signals is None else signals)
+    """Solve as `fix` does, and return the last linear problem too."""
+    channels = _select_channels(observations, observations.signals if signals is None else signals)
     settings = _Settings(
         multipath_sigma_m,
         ionosphere_share,
@@ -168,25 +174,25 @@ def fix_and_geometry(
     return found, FixGeometry(design=design, misfit_m=residual, sigma_m=sigma)
 
 
-def _channels(observations: Observations, signals: tuple[SignalId, ...]) -> _Channels:
+def _select_channels(observations: Observations, signals: tuple[SignalId, ...]) -> _Channels:
     where = {signal: column for column, signal in enumerate(observations.signals)}
     missing = [str(signal) for signal in signals if signal not in where]
     if missing:
         raise ValueError(f"{observations.receiver} has no signal {', '.join(missing)}")
     columns = [where[signal] for signal in signals]
-    there = np.isfinite(observations.pseudorange_m[:, columns])
+    present = np.isfinite(observations.pseudorange_m[:, columns])
     for sat in {signal.sat for signal in signals}:
-        at_once = there[:, [signal.sat == sat for signal in signals]].sum(axis=1)
+        at_once = present[:, [signal.sat == sat for signal in signals]].sum(axis=1)
         if np.any(at_once > 1):
             raise ValueError(f"several signals of {sat} at once in {observations.receiver}; say which with `signals`")
-    scales, clocks = time_scales(signals)
+    scales, clocks = list_time_scales(signals)
     return _Channels(
         signals,
         columns,
         observations.carrier_hz[columns],
         scales,
         clocks if len(scales) > 1 else None,
-        space_sigma_m(signals),
+        compute_space_sigma_m(signals),
     )
 
 
@@ -197,16 +203,19 @@ def _fix_block(
     rows: slice,
     settings: _Settings,
 ) -> tuple[Reals, ...]:
-    """State (n, 4), other clocks minus that one in metres (n, c), velocity and drift in m/s (n, 4), covariance
-    (n, 4, 4), residuals (n, k), status (n,), design (n, k, 3 + c), sigma (n, k)."""
+    """Fix a block of epochs.
+
+    Returns state (n, 4), other clocks minus that one in metres (n, c), velocity and drift in m/s (n, 4), covariance (n,
+    4, 4), residuals (n, k), status (n,), design (n, k, 3 + c) and sigma (n, k).
+    """
     gpst, columns = observations.gpst[rows], channels.columns
-    ranges = corrected_ranges(channels.signals, gpst, observations.pseudorange_m[rows][:, columns], navigation)
+    ranges = correct_ranges(channels.signals, gpst, observations.pseudorange_m[rows][:, columns], navigation)
     thermal_m = observations.pseudorange_sigma_m[rows][:, columns]
     _, tow_s = week_and_tow(gpst)  # of the label: the ionosphere does not care for a second
-    solution, sigma_m = _position(ranges, thermal_m, tow_s, navigation, channels, settings)
+    solution, sigma_m = _solve_position(ranges, thermal_m, tow_s, navigation, channels, settings)
     used = np.isfinite(sigma_m)
-    satellite, unit, distance_m = line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
-    velocity = _velocity(
+    satellite, unit, distance_m = compute_line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
+    velocity = _solve_velocity(
         ranges,
         satellite,
         unit,
@@ -219,7 +228,7 @@ def _fix_block(
     design = np.where(used[..., None], design_matrix(unit, channels.clocks), 0.0)
     present = np.any(design[..., 3:] != 0.0, axis=1)
     reference = np.argmax(present, axis=1)  # scales stand in the order of preference
-    gain = _of_reference(normal_inverse(np.swapaxes(design, -1, -2) @ design), reference)
+    gain = _select_reference(invert_normal(np.swapaxes(design, -1, -2) @ design), reference)
     gdop = np.sqrt(np.trace(gain, axis1=-2, axis2=-1))
     status = np.select(
         [
@@ -234,7 +243,7 @@ def _fix_block(
     clocks_m = np.where(present, solution.state_m[:, 3:], np.nan)
     clock_m = np.take_along_axis(clocks_m, reference[:, None], axis=1)
     state = np.concatenate((solution.state_m[:, :3], clock_m), axis=1)
-    covariance = _of_reference(solution.covariance_m2, reference)
+    covariance = _select_reference(solution.covariance_m2, reference)
     for array in (state, clocks_m, velocity, covariance):
         array[bad] = np.nan
     kept = used & ~bad[:, None]
@@ -242,15 +251,15 @@ def _fix_block(
     return state, clocks_m - clock_m, velocity, covariance, residual, status, design, np.where(kept, sigma_m, np.nan)
 
 
-def _of_reference(matrix: Reals, reference: Indices) -> Reals:
-    """Rows and columns of position and the reference clock: (n, 4, 4) of (n, 3 + c, 3 + c)."""
+def _select_reference(matrix: Reals, reference: Indices) -> Reals:
+    """Select the rows and columns of position and the reference clock: (n, 4, 4) of (n, 3 + c, 3 + c)."""
     if matrix.shape[-1] == 4:
         return matrix
     kept = np.concatenate((np.broadcast_to(np.arange(3), (len(matrix), 3)), 3 + reference[:, None]), axis=1)
     return matrix[np.arange(len(matrix))[:, None, None], kept[:, :, None], kept[:, None, :]]
 
 
-def _position(
+def _solve_position(
     ranges: Ranges,
     thermal_m: Reals,
     tow_s: Reals,
@@ -258,17 +267,17 @@ def _position(
     channels: _Channels,
     settings: _Settings,
 ) -> tuple[Solution, Reals]:
-    """Rough position without atmosphere, then twice with the atmosphere of the position so far; sigma NaN if unused."""
+    """Solve without atmosphere, then twice with the atmosphere at the position so far; sigma is NaN if unused."""
     n = len(ranges.range_m)
     start = np.zeros((n, 3 + len(channels.scales)))
     start[:, :3] = settings.start_ecef_m
-    solution = gauss_newton(
+    solution = fit_position(
         ranges.satellite_ecef_m, ranges.range_m, thermal_m, start, clocks=channels.clocks, tolerance_m=10.0
     )
     used = np.isfinite(ranges.range_m) & np.isfinite(thermal_m)
     for last in (False, True):
-        satellite, _, _ = line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
-        delays = atmosphere(
+        satellite, _, _ = compute_line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
+        delays = compute_atmosphere(
             solution.state_m[:, :3],
             satellite,
             tow_s,
@@ -286,12 +295,12 @@ def _position(
         )
         sigma_m = np.where(used, sigma_m, np.nan)
         range_m = ranges.range_m - delays.delay_m
-        solution = gauss_newton(
+        solution = fit_position(
             ranges.satellite_ecef_m, range_m, sigma_m, solution.state_m, clocks=channels.clocks, max_steps=6
         )
     if settings.false_alarm_probability is None:
         return solution, sigma_m
-    _, unit, _ = line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
+    _, unit, _ = compute_line_of_sight(ranges.satellite_ecef_m, solution.state_m[:, :3])
     excluded, _ = exclude_several(
         design_matrix(unit, channels.clocks),
         np.where(used, solution.residual_m, np.nan),
@@ -301,13 +310,13 @@ def _position(
     if not np.any(excluded):
         return solution, sigma_m
     sigma_m = np.where(excluded, np.nan, sigma_m)
-    again = gauss_newton(
+    again = fit_position(
         ranges.satellite_ecef_m, range_m, sigma_m, solution.state_m, clocks=channels.clocks, max_steps=6
     )
     return again, sigma_m
 
 
-def _velocity(
+def _solve_velocity(
     ranges: Ranges,
     satellite_ecef_m: Reals,
     unit: Reals,
@@ -317,12 +326,12 @@ def _velocity(
     doppler_sigma_hz: Reals,
     carrier_hz: Reals,
 ) -> Reals:
-    """Velocity and c times clock drift, (n, 4), m/s, by `range_rates`."""
-    rates = range_rates(ranges, satellite_ecef_m, unit, distance_m, doppler_hz, doppler_sigma_hz, carrier_hz)
-    there = used & np.isfinite(rates.measured_m_s) & np.isfinite(rates.sigma_m_s)
-    design = np.where(there[..., None], np.concatenate((-unit, rates.drift_gain[..., None]), axis=-1), 0.0)
-    weighted = np.swapaxes(design / np.where(there, rates.sigma_m_s, 1.0)[..., None] ** 2, -1, -2)
-    solved = spd_inverse(weighted @ design) @ (weighted @ np.where(there, rates.measured_m_s, 0.0)[..., None])
+    """Solve for velocity and c times clock drift, (n, 4), m/s, from `compute_range_rates`."""
+    rates = compute_range_rates(ranges, satellite_ecef_m, unit, distance_m, doppler_hz, doppler_sigma_hz, carrier_hz)
+    usable = used & np.isfinite(rates.measured_m_s) & np.isfinite(rates.sigma_m_s)
+    design = np.where(usable[..., None], np.concatenate((-unit, rates.drift_gain[..., None]), axis=-1), 0.0)
+    weighted = np.swapaxes(design / np.where(usable, rates.sigma_m_s, 1.0)[..., None] ** 2, -1, -2)
+    solved = invert_spd(weighted @ design) @ (weighted @ np.where(usable, rates.measured_m_s, 0.0)[..., None])
     return np.asarray(solved[..., 0])
 
 
@@ -335,7 +344,7 @@ class RangeRates:
     sigma_m_s: Reals
 
 
-def range_rates(
+def compute_range_rates(
     ranges: Ranges,
     satellite_ecef_m: Reals,
     unit: Reals,
@@ -344,12 +353,12 @@ def range_rates(
     doppler_sigma_hz: Reals,
     carrier_hz: Reals,
 ) -> RangeRates:
-    """Dopplers as linear equations for the receiver's velocity and clock drift.
+    """Write Dopplers as linear equations for the receiver's velocity and clock drift.
 
-    With q = 1 + doppler/carrier, satellite drift s and receiver drift d, what is received runs at
-    q = (1 + s) (1 - r'/c) / (1 + d), and the range at r' = u.(v_s (1 - r'/c) - w x s r'/c - v): the satellite moves
-    during the time of transmission, and the frame turns by the change of the travel time (millimetres a second both).
-    Solved for r' this is linear in v and d.
+    Take q = 1 + doppler/carrier, satellite drift s and receiver drift d. The received signal runs at q = (1 + s) (1 -
+    r'/c) / (1 + d), and the range at r' = u.(v_s (1 - r'/c) - w x s r'/c - v). The satellite moves during the time of
+    transmission, and the frame turns by the change of the travel time (millimetres a second both). Solved for r' this
+    is linear in v and d.
     """
     c = SPEED_OF_LIGHT_M_S
     moving = rotate_to_reception(ranges.satellite_velocity_ecef_m_s, distance_m / c)

@@ -10,14 +10,14 @@ from skyproof.gnss.orbits import satellite_state
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import seconds_between
 
-__all__ = ["MARGIN_DEG", "sats_above"]
+__all__ = ["MARGIN_DEG", "list_sats_above"]
 
 MARGIN_DEG: Final = 5.0
 """Below the horizon: what 500 km or ten minutes amount to."""
 _STEP_S: Final = 300.0  # a satellite rises by 2.5 degrees
 
 
-def sats_above(
+def list_sats_above(
     navigation: NavigationData,
     sats: tuple[str, ...],
     lat_rad: float,
@@ -25,7 +25,7 @@ def sats_above(
     first_gpst: np.datetime64,
     last_gpst: np.datetime64,
 ) -> tuple[str, ...]:
-    """Those of `sats` that stand higher than `MARGIN_DEG` below the horizon between two times.
+    """List the satellites that stand higher than `MARGIN_DEG` below the horizon between two times.
 
     Satellites without an ephemeris that serves then are left out: the file says that they were not received.
     """

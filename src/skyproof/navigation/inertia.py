@@ -1,10 +1,10 @@
-"""A navigator that runs free on an inertial unit: from a known start over readings with gaps, with its covariance.
+"""Coast on an inertial unit: from a known start over readings with gaps, with the covariance.
 
-Strapdown (`strapdown`) with the linear error model (`ins_errors`) beside it. It takes nothing from the received signals
-once it has begun, so that no false signal moves it; what it costs is drift, which the covariance states.
+Strapdown (`strapdown`) with the linear error model (`ins_errors`) beside it. It uses no received signal once it has
+begun, so that no false signal moves it. The price is drift, which the covariance states.
 
-The error model is linear. What it leaves out of gravity, g psi^2 / 2 for a tilt psi, half as much for a tilt and a turn
-about the vertical together, is added to the bias of the accelerometers at the start: its root mean square there,
+The error model is linear. It leaves out g psi^2 / 2 of gravity for a tilt psi, and half as much for a tilt and a turn
+about the vertical together. The root mean square of that at the start is added to the bias of the accelerometers:
 sqrt(2) g times the standard deviations of the tilt and of the largest angle. A run ends where the tilt becomes larger
 than `TILT_MOST_RAD`, or, if only the attitude is wanted, any angle than `TURN_MOST_RAD`.
 
@@ -25,9 +25,9 @@ from skyproof.arrays import Instants, Integers, Reals
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.navigation.ins_errors import error_covariance, start_covariance, with_covariance
-from skyproof.navigation.nav_state import state_at
-from skyproof.navigation.strapdown import strapdown_paths
+from skyproof.navigation.ins_errors import attach_covariance, build_start_covariance, propagate_covariance
+from skyproof.navigation.nav_state import interpolate_state
+from skyproof.navigation.strapdown import navigate_paths
 from skyproof.records import ImuSeries, InertialReadings, NavState
 
 __all__ = [
@@ -35,11 +35,11 @@ __all__ = [
     "TILT_MOST_RAD",
     "TURN_MOST_RAD",
     "FreeRun",
-    "apparent_tilt_rad",
     "begin_free_run",
     "coast",
-    "readings_between",
-    "turn_and_tilt",
+    "compute_turn_and_tilt",
+    "measure_apparent_tilt_rad",
+    "select_readings",
 ]
 
 GAP_S: Final = 1.0
@@ -66,13 +66,13 @@ class FreeRun:
 
 
 def begin_free_run(start: NavState, grade: ImuGrade) -> FreeRun:
-    """A navigator that begins at the last row of `start`, which is of the unit and has a covariance."""
+    """Start a navigator at the last row of `start`, the state of the unit with its covariance."""
     if start.covariance is None:
         raise ValueError("a start without covariance; give one")
     state = start.select(_LAST)
-    covariance = start_covariance(grade)
+    covariance = build_start_covariance(grade)
     covariance[:9, :9] = start.covariance[-1]
-    turn2, tilt2 = turn_and_tilt(state, covariance[None])
+    turn2, tilt2 = compute_turn_and_tilt(state, covariance[None])
     gravity = float(np.linalg.norm(gravity_ecef_m_s2(state.position_ecef_m[0])))
     covariance[_BIAS, _BIAS] += 2.0 * gravity**2 * float(tilt2[0] * turn2[0])
     return FreeRun(state=state, covariance=covariance)
@@ -87,32 +87,36 @@ def coast(
     turn_most_rad: float = np.inf,
     further: Callable[[float], tuple[Reals, Reals]] | None = None,
 ) -> tuple[NavState, FreeRun | None]:
-    """The unit's states (n + 1) from the run's instant on, after each reading later than that; and the run at the end.
+    """Integrate the unit's states (n + 1) over later readings, from the run's instant.
 
-    Readings that are missing are bridged and have their states, too. At a gap longer than `GAP_S`, also between the
-    run's instant and the first reading, and where the covariance becomes too large to be true, the states end, and
-    there is no run any more.
+    Returns them, and the run at the end.
+
+    Missing readings are bridged and have their states, too. The states end, and the run with them, at a gap longer than
+    `GAP_S`, also between the run's instant and the first reading. They also end where the covariance becomes too large
+    to be true.
 
     tilt_most_rad, turn_most_rad : one sigma at which the states end, of angles about level axes and about any. Where
         position and velocity are of no account, only the latter, of `TURN_MOST_RAD`, matters.
-    further : of k more states, as in `error_covariance`.
+    further : of k more states, as in `propagate_covariance`.
     """
-    whole = _filled(readings, run.state.gpst[-1])
-    path = _path(run, whole)
+    whole = _fill_gaps(readings, run.state.gpst[-1])
+    path = _integrate_path(run, whole)
     every = max(int(_KNOT_S / readings.interval_s), 1)
     knots = np.unique(np.append(np.arange(0, path.gpst.size, every), path.gpst.size - 1))
     if knots.size == 1:
         return path, None if whole.broken else run
     most_s = 2.0 * max(_KNOT_S, readings.interval_s)  # labels scatter
     sums = np.add.reduceat(whole.extra, knots[:-1])
-    covariance = error_covariance(path.select(knots), grade, run.covariance, extra=sums, most_s=most_s, further=further)
-    turn2, tilt2 = turn_and_tilt(path.select(knots), covariance)
+    covariance = propagate_covariance(
+        path.select(knots), grade, run.covariance, extra=sums, most_s=most_s, further=further
+    )
+    turn2, tilt2 = compute_turn_and_tilt(path.select(knots), covariance)
     holds = (tilt2 < tilt_most_rad**2) & (turn2 < turn_most_rad**2)
     good = int(np.argmin(np.append(holds, False)))
     if good < knots.size:
         knots, covariance = knots[: max(good, 1)], covariance[: max(good, 1)]
         path = path.select(slice(knots[-1] + 1))
-    between = state_at(with_covariance(path.select(knots), covariance), path.gpst)
+    between = interpolate_state(attach_covariance(path.select(knots), covariance), path.gpst)
     states = replace(path, covariance=between.covariance)
     ended = whole.broken or good < len(sums) + 1
     if ended:
@@ -121,8 +125,8 @@ def coast(
     return states, FreeRun(state=states.select(_LAST), covariance=covariance[-1], last=last)
 
 
-def turn_and_tilt(path: NavState, covariance: Reals) -> tuple[Reals, Reals]:
-    """Largest variances (n,) of the angles about any axis and about any level one."""
+def compute_turn_and_tilt(path: NavState, covariance: Reals) -> tuple[Reals, Reals]:
+    """Return the largest variances (n,) of the angles about any axis and about any level one."""
     turn = covariance[:, 6:9, 6:9]
     up = path.position_ecef_m / np.linalg.norm(path.position_ecef_m, axis=1, keepdims=True)
     level = np.eye(3) - up[:, :, None] * up[:, None, :]
@@ -142,9 +146,11 @@ class _Filled(NamedTuple):
     broken: bool
 
 
-def _filled(readings: ImuSeries, start_gpst: np.datetime64) -> _Filled:
-    """The readings after an instant, up to the first gap that is too long; `first_s` is what of the first lies after
-    it."""
+def _fill_gaps(readings: ImuSeries, start_gpst: np.datetime64) -> _Filled:
+    """Bridge the gaps of the readings after an instant, up to the first that is too long.
+
+    `first_s` is the part of the first interval after that instant.
+    """
     later = readings.gpst > start_gpst
     gpst, interval_s = readings.gpst[later], readings.interval_s
     force, rate = readings.specific_force_m_s2[later], readings.angular_rate_rad_s[later]
@@ -158,7 +164,7 @@ def _filled(readings: ImuSeries, start_gpst: np.datetime64) -> _Filled:
     extra = np.zeros((every.size, 2))
     for row in np.flatnonzero(steps > 1):
         missing = int(steps[row]) - 1
-        spread = [_difference2(values, missing + 1) for values in (force, rate)]
+        spread = [_compute_difference2(values, missing + 1) for values in (force, rate)]
         extra[rows[row]] = 0.5 * (missing * interval_s) ** 2 * np.array(spread)
     labels = np.interp(every, rows, seconds_between(gpst, start_gpst)) if n else np.empty(0)
     if n and steps[0] > 1:
@@ -170,35 +176,35 @@ def _filled(readings: ImuSeries, start_gpst: np.datetime64) -> _Filled:
         gpst=between,
         interval_s=interval_s,
         first_s=float(labels[0]) if n else 0.0,
-        force=_lines(every, rows, force),
-        rate=_lines(every, rows, rate),
+        force=_interpolate_lines(every, rows, force),
+        rate=_interpolate_lines(every, rows, rate),
         extra=extra,
         broken=bool(long.size),
     )
 
 
-def _lines(every: Integers, rows: Integers, values: Reals) -> Reals:
+def _interpolate_lines(every: Integers, rows: Integers, values: Reals) -> Reals:
     if rows.size == every.size:
         return values
     return np.column_stack([np.interp(every, rows, axis) for axis in values.T])
 
 
-def _difference2(values: Reals, distance: int) -> float:
-    """Mean square difference of readings (n, 3) that are so many apart, of the axis where it is largest."""
+def _compute_difference2(values: Reals, distance: int) -> float:
+    """Compute the mean square difference of readings (n, 3) that far apart, on the axis where it is largest."""
     distance = min(distance, len(values) - 1)
     if distance < 1:
         return float(np.max(values**2))
     return float(np.max(np.mean((values[distance:] - values[:-distance]) ** 2, axis=0)))
 
 
-def _path(run: FreeRun, whole: _Filled) -> NavState:
-    """States from the start on, without covariance. The first reading may reach back before it."""
+def _integrate_path(run: FreeRun, whole: _Filled) -> NavState:
+    """Integrate the states from the start on, without covariance. The first reading may reach back before it."""
     start, before = run.state, run.last
     places, speeds, attitudes = [start.position_ecef_m[-1:]], [start.velocity_ecef_m_s[-1:]], [start.attitude[-1:]]
     n, first = len(whole.force), abs(whole.first_s - whole.interval_s) > 1e-3 * whole.interval_s
     for rows, interval_s in ((slice(0, first), whole.first_s), (slice(first, n), whole.interval_s)):
         if rows.stop > rows.start and n:
-            path = strapdown_paths(
+            path = navigate_paths(
                 places[-1][-1],
                 speeds[-1][-1],
                 attitudes[-1][-1],
@@ -218,8 +224,8 @@ def _path(run: FreeRun, whole: _Filled) -> NavState:
     )
 
 
-def apparent_tilt_rad(state: NavState, specific_force_m_s2: ArrayLike) -> float:
-    """Between the vertical by the state's last attitude and by the mean of readings (n, 3) around its time.
+def measure_apparent_tilt_rad(state: NavState, specific_force_m_s2: ArrayLike) -> float:
+    """Measure the angle between the vertical by the state's attitude and by the mean of readings (n, 3).
 
     Accelerations tilt the latter: a vehicle's by some degrees, an aircraft's in a turn by as much as it banks.
     """
@@ -228,6 +234,6 @@ def apparent_tilt_rad(state: NavState, specific_force_m_s2: ArrayLike) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(felt, up)), felt @ up))
 
 
-def readings_between(readings: InertialReadings, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
-    """Those later than one instant and no later than the other."""
+def select_readings(readings: InertialReadings, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
+    """Select the readings later than one instant and no later than the other."""
     return readings.select(slice(*np.searchsorted(readings.gpst, np.array([start_gpst, end_gpst]), side="right")))

@@ -1,8 +1,8 @@
-"""What is to be expected of a receiver that moves, by an inertial unit: the navigator that its fixes corrected.
+"""Predict the fixes of a receiver that moves, by an inertial navigator that its fixes corrected.
 
-The navigator begins with the attitude stated at the first reading, which the gyros carry to the first fix, or else by
-alignment in motion (`alignment.align_moving`). Then fixes correct it, those of a time that is taken for true and those
-of the sky that was chosen; in between it runs free, and no signal moves it.
+The navigator begins with the attitude stated at the first reading, which the gyros carry to the first fix. Without one
+it begins by alignment in motion (`alignment.align_moving`). Then fixes correct it, those of a time that is taken for
+true and those of the chosen sky; in between it runs free, and no signal moves it.
 """
 
 from collections.abc import Callable
@@ -14,24 +14,24 @@ import numpy as np
 from skyproof.gnss.frames import attitude_ecef
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.alignment import align_moving
-from skyproof.navigation.inertia import TURN_MOST_RAD, coast, readings_between
+from skyproof.navigation.inertia import TURN_MOST_RAD, coast, select_readings
 from skyproof.navigation.inertia import begin_free_run as begin_free
 from skyproof.navigation.ins import (
     POSITION,
     VELOCITY,
     InsSettings,
     InsState,
+    apply_correction,
     begin,
     correct,
-    put_right,
     step,
 )
-from skyproof.navigation.ins_updates import antenna_of, by_fix, expect_fix
-from skyproof.navigation.nav_estimate import NavEstimate, without
+from skyproof.navigation.ins_updates import estimate_antenna, expect_fix, measurement_from_fix
+from skyproof.navigation.nav_estimate import NavEstimate, mark_unknown
 from skyproof.navigation.predictor import SkyFix
 from skyproof.records import Attitude, InertialReadings, NavState
 
-__all__ = ["Inertial", "begun", "noise_of"]
+__all__ = ["Inertial", "begin_at_fix", "scale_to_noise"]
 
 _EVERY_S: Final = 1.0  # between corrections
 _WAITING: Final = 120  # fixes, by which it is aligned
@@ -44,7 +44,7 @@ _CLOCK = np.array([6, 7])
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Inertial:
-    """Of the antenna that `settings.lever_m` is of.
+    """Predictor of the antenna at the end of `settings.lever_m`.
 
     readings : of the whole run. initial : attitude at the first of them, one row; None if not stated. clock : whether
     the settings' oscillator is the receiver's; else nothing is said of its clock. state : None before it is aligned and
@@ -65,8 +65,8 @@ class Inertial:
         return self._of(expect_fix, gpst)
 
     def truth_at(self, gpst: np.datetime64) -> NavEstimate | None:
-        """What is true then: as a fix has it, less what fixes have for long."""
-        return self._of(antenna_of, gpst)
+        """Return the true state at that time: a fix without the lasting errors of fixes."""
+        return self._of(estimate_antenna, gpst)
 
     def _of(
         self, what: Callable[[InsState, InsSettings, np.datetime64], NavEstimate], gpst: np.datetime64
@@ -76,12 +76,12 @@ class Inertial:
         if state is None or not abs(float(seconds_between(gpst, state.gpst))) <= late_s:
             return None
         found = what(state, self.settings, gpst)
-        return found if self.clock else without(found, _CLOCK)
+        return found if self.clock else mark_unknown(found, _CLOCK)
 
     def until(self, gpst: np.datetime64) -> "Inertial":
         if self.state is None:
             return self
-        rows = readings_between(self.readings, self.state.gpst, gpst)
+        rows = select_readings(self.readings, self.state.gpst, gpst)
         if not rows.gpst.size:
             return self
         return replace(self, state=step(self.state, rows, self.settings)[1])
@@ -92,65 +92,74 @@ class Inertial:
             return self
         more = np.zeros(self.state.covariance.shape[0])
         more[POSITION], more[VELOCITY] = sigma_m**2, sigma_m_s**2
-        return replace(self, state=put_right(self.state, np.zeros(more.size), self.state.covariance + np.diag(more)))
+        return replace(
+            self, state=apply_correction(self.state, np.zeros(more.size), self.state.covariance + np.diag(more))
+        )
 
     def learned(self, shown: SkyFix) -> "Inertial":
-        """With the fixes of the window's epochs, a second or more apart."""
-        own = self if self.settings.lasting_m2.any() else self._with_lasting(shown.whole)
+        """Correct it by the fixes of the window's epochs, a second or more apart."""
+        navigator = self if self.settings.lasting_m2.any() else self._set_lasting(shown.whole)
         last: np.datetime64 | None = None
         for fix in shown.each:
             if last is None or seconds_between(fix.gpst, last) >= _EVERY_S:
-                own, last = own._corrected(fix), fix.gpst
-        return own if own.state is not None else own._aligned()
+                navigator, last = navigator._correct(fix), fix.gpst
+        return navigator if navigator.state is not None else navigator._align()
 
     def followed(self, shown: SkyFix) -> "Inertial":
         return self.learned(shown)
 
-    def _with_lasting(self, fix: NavEstimate) -> "Inertial":
-        """What a window's fix leaves open is there in the next one as well."""
+    def _set_lasting(self, fix: NavEstimate) -> "Inertial":
+        """Take the covariance of a window's fix for the lasting error of all fixes."""
         rows = np.array([0, 1, 2, 6])
         lasting = np.where(np.isfinite(fix.covariance), fix.covariance, 0.0)[np.ix_(rows, rows)]
         return replace(self, settings=replace(self.settings, lasting_m2=lasting))
 
-    def _corrected(self, fix: NavEstimate) -> "Inertial":
-        fix = fix if self.clock else without(fix, _CLOCK)
-        own = self.until(fix.gpst)
-        if own.state is None:
-            return replace(own, waiting=(*own.waiting, fix)[-_WAITING:])
-        if abs(float(seconds_between(fix.gpst, own.state.gpst))) > _BEHIND * self.readings.interval_s:
-            return own
-        return replace(own, state=correct(own.state, by_fix(own.state, fix, own.settings))[0])
+    def _correct(self, fix: NavEstimate) -> "Inertial":
+        fix = fix if self.clock else mark_unknown(fix, _CLOCK)
+        navigator = self.until(fix.gpst)
+        if navigator.state is None:
+            return replace(navigator, waiting=(*navigator.waiting, fix)[-_WAITING:])
+        if abs(float(seconds_between(fix.gpst, navigator.state.gpst))) > _BEHIND * self.readings.interval_s:
+            return navigator
+        return replace(
+            navigator, state=correct(navigator.state, measurement_from_fix(navigator.state, fix, navigator.settings))[0]
+        )
 
-    def _aligned(self) -> "Inertial":
-        """With a state, if the fixes that wait are enough for one."""
-        state, later = self._begun(), self.waiting
+    def _align(self) -> "Inertial":
+        """Align it, if the waiting fixes are enough."""
+        state, later = self._begin_stated(), self.waiting
         if state is None:
             later = ()
             state = align_moving(self.readings, self.waiting, self.settings).state if len(self.waiting) > 2 else None
         if state is None:
             return self
-        own = replace(self, state=state, waiting=())
+        navigator = replace(self, state=state, waiting=())
         for fix in later:
-            own = own._corrected(fix)
-        return own
+            navigator = navigator._correct(fix)
+        return navigator
 
-    def _begun(self) -> InsState | None:
-        """At the first fix with velocity, by the stated attitude; None without."""
+    def _begin_stated(self) -> InsState | None:
+        """Start at the first fix with velocity, by the stated attitude; None without one."""
         fixes = [fix for fix in self.waiting if fix.there.size >= 6]
         if self.initial is None or not fixes or fixes[0] is not self.waiting[0]:
             return None
-        return begun(self.readings, self.initial, fixes[0], self.settings)
+        return begin_at_fix(self.readings, self.initial, fixes[0], self.settings)
 
 
-def noise_of(fix: NavEstimate) -> NavEstimate:
-    """One of smoothed fixes with what of its error is taken for noise. They share most of it: the whole is taken for
-    lasting, and some more for noise."""
+def scale_to_noise(fix: NavEstimate) -> NavEstimate:
+    """Scale a smoothed fix's covariance to the share that counts as noise.
+
+    Smoothed fixes share most of their error: the whole counts as lasting, and some more as noise.
+    """
     return replace(fix, covariance=_NOISE_SHARE * fix.covariance)
 
 
-def begun(readings: InertialReadings, initial: Attitude, fix: NavEstimate, settings: InsSettings) -> InsState | None:
-    """A navigator at the last reading before a fix with velocity, its attitude carried by the gyros from the first
-    reading on, of which it is stated; None where that does not reach so far.
+def begin_at_fix(
+    readings: InertialReadings, initial: Attitude, fix: NavEstimate, settings: InsSettings
+) -> InsState | None:
+    """Start a navigator at the last reading before a fix with velocity.
+
+    The gyros carry the attitude from the first reading, where it is stated. None where they do not reach so far.
 
     Its position is open: the fix has a lasting error, which is another state, and is to correct it.
     """
@@ -162,7 +171,7 @@ def begun(readings: InertialReadings, initial: Attitude, fix: NavEstimate, setti
         attitude=attitude_ecef(place[None], *initial.angles_rad.T),
         covariance=np.diag(np.repeat([0.0, 0.0, initial.sigma_rad**2], 3))[None],
     )
-    before = readings_between(readings, readings.gpst[0], fix.gpst)
+    before = select_readings(readings, readings.gpst[0], fix.gpst)
     _, run = coast(
         begin_free(start, settings.grade), before, settings.grade, tilt_most_rad=np.inf, turn_most_rad=TURN_MOST_RAD
     )

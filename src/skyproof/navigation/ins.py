@@ -1,15 +1,15 @@
-"""An inertial navigator that is corrected: position, velocity, attitude, biases of the sensors, and the clock.
+"""Correct an inertial navigator: position, velocity, attitude, biases of the sensors, and the clock.
 
-Two functions over an explicit state: `step` carries it on over readings (`inertia`: strapdown and its linear errors),
+Two functions over an explicit state: `step` advances it over readings (`inertia`: strapdown and its linear errors),
 `correct` takes in a measurement (`ins_updates` makes them). An error-state filter: the estimates are kept out of the
-covariance's states and put right after each measurement, the attitude by a rotation (Groves, Principles of GNSS,
+covariance's states and corrected after each measurement, the attitude by a rotation (Groves, Principles of GNSS,
 Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., 14.1 and 14.2.6).
 
-States are errors, what the navigator has minus truth: the 15 of position, velocity, attitude, accelerometers and gyros,
-with each sensor's bias in its constant and its slow part, and the gain errors of both (39, `ins_errors`: of sensors it
-is what is left of them in the readings); c times clock bias and drift (2); and the lasting error of fixes, of position
-and c times clock (4): what multipath and models leave in every fix for minutes. A filter without it takes a thousand
-fixes for a thousand independent ones and claims a thirtieth of their error.
+States are errors, the navigator's value minus truth. There are the 15 of position, velocity, attitude, accelerometers
+and gyros, with each sensor's bias in its constant and its slow part, and the gain errors of both (39, `ins_errors`: of
+sensors the errors that remain in the readings). Then c times clock bias and drift (2). Then the lasting error of fixes,
+of position and c times clock (4): multipath and model errors stay in every fix for minutes. A filter without it takes a
+thousand fixes for a thousand independent ones and claims a thirtieth of their error.
 """
 
 from dataclasses import dataclass, field, replace
@@ -26,8 +26,8 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.oscillators import Oscillator, clock_step
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.inertia import FreeRun, coast, turn_and_tilt
-from skyproof.navigation.ins_errors import GAINS, STATES, start_covariance
+from skyproof.navigation.inertia import FreeRun, coast, compute_turn_and_tilt
+from skyproof.navigation.ins_errors import GAINS, STATES, build_start_covariance
 from skyproof.records import ImuSeries, NavState
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.kalman import kalman_update
@@ -46,11 +46,11 @@ __all__ = [
     "InsSettings",
     "InsState",
     "Measurement",
+    "apply_correction",
     "begin",
     "correct",
-    "put_right",
     "step",
-    "without_errors",
+    "subtract_errors",
 ]
 
 POSITION, VELOCITY, ATTITUDE = slice(0, 3), slice(3, 6), slice(6, 9)
@@ -100,42 +100,42 @@ class InsState:
 
     @property
     def gpst(self) -> np.datetime64:
-        """Of the last reading."""
+        """Return the time of the last reading."""
         return np.datetime64(self.run.state.gpst[0])
 
     @property
     def covariance(self) -> Reals:
-        """(45, 45) of the errors."""
+        """Return the covariance (45, 45) of the errors."""
         return self.run.covariance
 
     @property
     def position_ecef_m(self) -> Reals:
-        """(3,) of the unit."""
+        """Return the position (3,) of the unit."""
         return np.asarray(self.run.state.position_ecef_m[0])
 
     @property
     def velocity_ecef_m_s(self) -> Reals:
-        """(3,) of the unit."""
+        """Return the velocity (3,) of the unit."""
         return np.asarray(self.run.state.velocity_ecef_m_s[0])
 
     @property
     def attitude(self) -> Reals:
-        """(3, 3) from body to ECEF axes."""
+        """Return the rotation (3, 3) from body to ECEF axes."""
         return np.asarray(self.run.state.attitude[0])
 
     @property
     def accelerometer_bias_m_s2(self) -> Reals:
-        """(3,) in body axes, constant and slow part together."""
+        """Return the bias (3,) in body axes, constant and slow part together."""
         return self.bias[0:3] + self.bias[6:9]
 
     @property
     def gyro_bias_rad_s(self) -> Reals:
-        """(3,) in body axes, constant and slow part together."""
+        """Return the bias (3,) in body axes, constant and slow part together."""
         return self.bias[3:6] + self.bias[9:12]
 
     @property
     def last(self) -> Reals:
-        """(2, 3) specific force and angular rate of the last reading, errors taken off; at rest before the first."""
+        """Return the last specific force and angular rate (2, 3), errors taken off; at rest before the first."""
         return np.zeros((2, 3)) if self.run.last is None else self.run.last
 
 
@@ -168,7 +168,9 @@ class Innovation:
 def begin(
     start: NavState, settings: InsSettings, clock_m: ArrayLike | None = None, clock_m2: ArrayLike | None = None
 ) -> InsState:
-    """A filter at the last row of `start`, which is of the unit and has a covariance, with the grade's biases unknown.
+    """Start a filter at the last row of `start`, the state of the unit with its covariance.
+
+    The grade's biases are unknown.
 
     clock_m, clock_m2 : (2,) and (2, 2), c times bias and drift; without them the clock is not known.
 
@@ -179,12 +181,12 @@ def begin(
     if start.covariance is None or (clock_m is None) != (clock_m2 is None):
         raise ValueError("a start or a clock without covariance; give both")
     covariance = np.zeros((SIZE, SIZE))
-    covariance[:STATES, :STATES] = start_covariance(settings.grade)
+    covariance[:STATES, :STATES] = build_start_covariance(settings.grade)
     covariance[:9, :9] = start.covariance[-1]
     covariance[CLOCK, CLOCK] = np.diag(np.square(_OPEN_CLOCK)) if clock_m2 is None else clock_m2
     covariance[LASTING, LASTING] = settings.lasting_m2
     return InsState(
-        run=FreeRun(state=_at(start.gpst[-1], *_parts(start), covariance), covariance=covariance),
+        run=FreeRun(state=_make_state(start.gpst[-1], *_split_state(start), covariance), covariance=covariance),
         bias=np.zeros(12),
         gain=np.zeros((2, 3, 3)),
         clock_m=np.zeros(2) if clock_m is None else np.asarray(clock_m, np.float64),
@@ -193,9 +195,11 @@ def begin(
 
 
 def step(state: InsState, readings: ImuSeries, settings: InsSettings) -> tuple[NavState, InsState | None]:
-    """The unit's states from the state's instant on, after each reading later than that, and the state at the last.
+    """Advance the state over later readings.
 
-    The states' covariance is that of position, velocity and attitude. As `inertia.coast`, which bridges gaps; None
+    Returns the unit's states after each, and the state at the last.
+
+    The states' covariance is that of position, velocity and attitude. Gaps are bridged as in `inertia.coast`; None
     where a gap is too long, or the covariance too large to be true.
     """
     ahead_s = np.maximum(seconds_between(readings.gpst, state.gpst), 0.0)
@@ -203,15 +207,15 @@ def step(state: InsState, readings: ImuSeries, settings: InsSettings) -> tuple[N
     bias = state.bias[:6] + fade * state.bias[6:]
     path, run = coast(
         state.run,
-        without_errors(readings, bias, state.gain),
+        subtract_errors(readings, bias, state.gain),
         settings.grade,
         tilt_most_rad=settings.tilt_most_rad,
-        further=partial(_clock_and_lasting, settings),
+        further=partial(_propagate_clock_and_lasting, settings),
     )
     if run is None:
         return path, None
     passed_s = float(seconds_between(run.state.gpst[0], state.gpst))
-    run = _with_second_order(run, passed_s)
+    run = _add_second_order(run, passed_s)
     slow = np.repeat([1.0, np.exp(-passed_s / settings.grade.correlation_s)], 6)
     return path, replace(
         state,
@@ -222,15 +226,15 @@ def step(state: InsState, readings: ImuSeries, settings: InsSettings) -> tuple[N
     )
 
 
-def without_errors(readings: ImuSeries, bias: Reals, gain: Reals) -> ImuSeries:
-    """Readings less biases (6,) or (n, 6) of accelerometers and gyros and their gain errors (2, 3, 3)."""
+def subtract_errors(readings: ImuSeries, bias: Reals, gain: Reals) -> ImuSeries:
+    """Subtract biases (6,) or (n, 6) of accelerometers and gyros, and gain errors (2, 3, 3), from readings."""
     force = readings.specific_force_m_s2 - bias[..., :3]
     rate = readings.angular_rate_rad_s - bias[..., 3:]
     return replace(readings, specific_force_m_s2=force - force @ gain[0].T, angular_rate_rad_s=rate - rate @ gain[1].T)
 
 
-def _clock_and_lasting(settings: InsSettings, seconds: float) -> tuple[Reals, Reals]:
-    """Transition and noise (6, 6) of what is not the navigator's."""
+def _propagate_clock_and_lasting(settings: InsSettings, seconds: float) -> tuple[Reals, Reals]:
+    """Return the transition and noise (6, 6) of the clock and of the lasting errors."""
     moves, noise_s2 = clock_step(settings.oscillator, seconds)
     fade = np.exp(-seconds / settings.lasting_s)
     return (
@@ -239,23 +243,25 @@ def _clock_and_lasting(settings: InsSettings, seconds: float) -> tuple[Reals, Re
     )
 
 
-def _with_second_order(run: FreeRun, seconds: float) -> FreeRun:
-    """What the linear model leaves out of gravity for a tilt and a turn together, g tilt turn / 2, as an acceleration
-    that is another one every `_TURNS_S`: white noise of twice its square times that."""
-    turn2, tilt2 = turn_and_tilt(run.state, run.covariance[None])
+def _add_second_order(run: FreeRun, seconds: float) -> FreeRun:
+    """Add the second-order part of gravity, g tilt turn / 2, to the covariance.
+
+    It counts as an acceleration that changes every `_TURNS_S`: white noise of twice its square times that.
+    """
+    turn2, tilt2 = compute_turn_and_tilt(run.state, run.covariance[None])
     density = 0.5 * GRAVITY_M_S2**2 * float(turn2[0] * tilt2[0]) * _TURNS_S
     covariance = run.covariance.copy()
     walk = density * np.array([[seconds**3 / 3.0, seconds**2 / 2.0], [seconds**2 / 2.0, seconds]])
     for axis in range(3):
         covariance[np.ix_([axis, axis + 3], [axis, axis + 3])] += walk
-    state = _at(run.state.gpst[0], *_parts(run.state), covariance)
+    state = _make_state(run.state.gpst[0], *_split_state(run.state), covariance)
     return FreeRun(state=state, covariance=covariance, last=run.last)
 
 
 def correct(
     state: InsState, measurement: Measurement, *, false_alarm_probability: float = 0.0
 ) -> tuple[InsState, Innovation]:
-    """The state with a measurement taken in, and how it fits.
+    """Correct the state by a measurement; return it, and how the measurement fits.
 
     false_alarm_probability : if less than that is the chance of so bad a fit, the measurement is left out.
     """
@@ -266,11 +272,11 @@ def correct(
     fit = Innovation(nis=nis, dof=y.size, p_value=p_value, used=p_value >= false_alarm_probability)
     if not fit.used:
         return state, fit
-    return put_right(state, update.change, update.covariance), fit
+    return apply_correction(state, update.change, update.covariance), fit
 
 
-def put_right(state: InsState, wrong: Reals, covariance: Reals) -> InsState:
-    """The state less its estimated errors (45,), with the covariance (45, 45) of what is left of them."""
+def apply_correction(state: InsState, wrong: Reals, covariance: Reals) -> InsState:
+    """Subtract estimated errors (45,) from the state, and set the covariance (45, 45) of the remaining ones."""
     covariance = 0.5 * (covariance + covariance.T)
     upright = Rotation.from_rotvec(-wrong[ATTITUDE]) * Rotation.from_matrix(state.attitude)
     place, speed = state.position_ecef_m - wrong[POSITION], state.velocity_ecef_m_s - wrong[VELOCITY]
@@ -279,7 +285,9 @@ def put_right(state: InsState, wrong: Reals, covariance: Reals) -> InsState:
         last = last - np.stack((more[0:3] + more[6:9], more[3:6] + more[9:12])) - np.einsum("sjk,sk->sj", gain, last)
     return InsState(
         run=FreeRun(
-            state=_at(state.gpst, place, speed, upright.as_matrix(), covariance), covariance=covariance, last=last
+            state=_make_state(state.gpst, place, speed, upright.as_matrix(), covariance),
+            covariance=covariance,
+            last=last,
         ),
         bias=state.bias + more,
         gain=state.gain + gain,
@@ -288,11 +296,11 @@ def put_right(state: InsState, wrong: Reals, covariance: Reals) -> InsState:
     )
 
 
-def _parts(state: NavState) -> tuple[Reals, Reals, Reals]:
+def _split_state(state: NavState) -> tuple[Reals, Reals, Reals]:
     return state.position_ecef_m[-1], state.velocity_ecef_m_s[-1], state.attitude[-1]
 
 
-def _at(gpst: np.datetime64, place: Reals, speed: Reals, attitude: Reals, covariance: Reals) -> NavState:
+def _make_state(gpst: np.datetime64, place: Reals, speed: Reals, attitude: Reals, covariance: Reals) -> NavState:
     return NavState(
         gpst=np.array([gpst]),
         position_ecef_m=place[None],

@@ -1,4 +1,4 @@
-"""How far a free-running inertial navigator may be off: the linear model of its errors.
+"""Propagate the errors of a free-running inertial navigator by their linear model.
 
 39 states: errors of position (3), velocity (3) and attitude (3) in ECEF axes as `NavState.covariance` has them, then in
 the unit's axes the constant bias of accelerometers (3) and gyros (3) and their slowly changing bias (3 + 3), a
@@ -10,11 +10,11 @@ w the angular rate in the unit's axes,
     psi' = C (b_g + M_g w) - Omega x psi
 
 (Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., 4.4.6 and 14.2.3, with
-the sign of psi that `NavState` says). A gain error does what a bias of so many times the reading does, and that is how
-it is carried on. What depends on force in gyros, and bends with the size of a reading, is left out.
+the sign of psi that `NavState` says). A gain error acts as a bias proportional to the reading, and is propagated as
+such. Effects of force on gyros, and nonlinear ones, are left out.
 
 The paper on decomposition (Ahmed, Khanafseh, Pervan) takes the figures of its table 1 for all there is; start errors
-and the bias that comes anew with each turn-on make most of the drift, and stand in `start_covariance`.
+and the bias that changes with each turn-on make most of the drift, and stand in `build_start_covariance`.
 """
 
 from collections.abc import Callable
@@ -35,11 +35,11 @@ from skyproof.records import NavState
 __all__ = [
     "GAINS",
     "STATES",
-    "error_covariance",
+    "attach_covariance",
+    "build_start_covariance",
+    "compute_transitions",
+    "propagate_covariance",
     "skew",
-    "start_covariance",
-    "transitions",
-    "with_covariance",
 ]
 
 STATES: Final = 39
@@ -50,11 +50,13 @@ GAINS: Final = slice(21, 30), slice(30, 39)
 _VELOCITY_AND_TILT: Final = np.arange(3, 9)
 
 
-def start_covariance(
+def build_start_covariance(
     grade: ImuGrade, *, position_m: float = 0.0, velocity_m_s: float = 0.0, tilt_rad: float = 0.0
 ) -> Reals:
-    """(39, 39) at the start: independent errors of these standard deviations per axis, and the grade's own biases and
-    gain errors."""
+    """Build the covariance (39, 39) at the start.
+
+    The errors are independent, with these standard deviations per axis and the grade's own biases and gain errors.
+    """
     sigma = (
         position_m,
         velocity_m_s,
@@ -71,7 +73,7 @@ def start_covariance(
     return np.diag(np.square(np.concatenate((np.repeat(sigma, 3), *gains))))
 
 
-def error_covariance(
+def propagate_covariance(
     path: NavState,
     grade: ImuGrade,
     start: ArrayLike,
@@ -80,21 +82,20 @@ def error_covariance(
     extra: ArrayLike | None = None,
     further: Callable[[float], tuple[Reals, Reals]] | None = None,
 ) -> Reals:
-    """The covariance (n, 39 + k, 39 + k) at each time of `path` (n,), from `start` (39 + k, 39 + k) at its first.
+    """Propagate the covariance (n, 39 + k, 39 + k) along `path` (n,), from `start` at its first.
 
-    path : the navigator's, or a true one nearby. Its states should be at most `most_s` apart; where they are closer,
-        the model is still stepped at every one, which costs time and nothing else. Force and attitude are taken as
-        even between states.
+    path : the navigator's, or a true one nearby. Its states should be at most `most_s` apart. Closer ones cost time
+        and nothing else: the model steps at every one. Force and attitude are taken as even between states.
     extra : (n - 1, 2) variances of an axis of velocity and of attitude that each step has beyond the model's.
     further : transition and noise (k, k) over a time in s of k more states, which the navigator's do not drive.
     """
-    moves, noises = transitions(path, grade, most_s=most_s)
+    moves, noises = compute_transitions(path, grade, most_s=most_s)
     if further is not None and len(moves):
         # Readings come evenly: few lengths of a step are different ones.
         lengths_s, number = np.unique(seconds_between(path.gpst[1:], path.gpst[:-1]), return_inverse=True)
         each = [further(float(length_s)) for length_s in lengths_s]
-        moves = _joined(moves, np.stack([more for more, _ in each])[number])
-        noises = _joined(noises, np.stack([more for _, more in each])[number])
+        moves = _join_blocks(moves, np.stack([more for more, _ in each])[number])
+        noises = _join_blocks(noises, np.stack([more for _, more in each])[number])
     start = np.asarray(start, np.float64)
     covariance = np.empty((path.gpst.size, *start.shape))
     covariance[0] = start
@@ -106,7 +107,7 @@ def error_covariance(
     return covariance
 
 
-def _joined(first: Reals, second: Reals) -> Reals:
+def _join_blocks(first: Reals, second: Reals) -> Reals:
     """Join matrices (n, m, m) and (n, k, k) to blocks on the diagonal of (n, m + k, m + k)."""
     m, size = first.shape[-1], first.shape[-1] + second.shape[-1]
     joined = np.zeros((len(first), size, size))
@@ -114,8 +115,8 @@ def _joined(first: Reals, second: Reals) -> Reals:
     return joined
 
 
-def transitions(path: NavState, grade: ImuGrade, *, most_s: float = 1.0) -> tuple[Reals, Reals]:
-    """How errors go on from each state of `path` (n,) to the next, and the noise that comes to them: (n - 1, 39, 39).
+def compute_transitions(path: NavState, grade: ImuGrade, *, most_s: float = 1.0) -> tuple[Reals, Reals]:
+    """Return transition and noise matrices (n - 1, 39, 39) of the errors between states of `path` (n,).
 
     Raises
     ------
@@ -124,14 +125,14 @@ def transitions(path: NavState, grade: ImuGrade, *, most_s: float = 1.0) -> tupl
     steps_s = seconds_between(path.gpst[1:], path.gpst[:-1])
     if np.any(steps_s <= 0.0) or np.any(steps_s > most_s * (1.0 + 1e-9)):
         raise ValueError(f"path: steps from {steps_s.min():g} to {steps_s.max():g} s, expected above 0 to {most_s:g}")
-    felt = _felt(path, steps_s[:, None])
-    rates = _rates(path, felt, grade)
+    felt = _average_readings(path, steps_s[:, None])
+    rates = _build_rates(path, felt, grade)
     # Van Loan, IEEE Trans. Automatic Control 23(3), 1978: both integrals from one exponential.
     block = np.zeros((len(rates), 2 * _CORE, 2 * _CORE))
     block[:, :_CORE, :_CORE] = -rates
-    block[:, :_CORE, _CORE:] = _noise(grade)
+    block[:, :_CORE, _CORE:] = _build_noise(grade)
     block[:, _CORE:, _CORE:] = np.swapaxes(rates, -1, -2)
-    powers = _exponential(block * steps_s[:, None, None])
+    powers = _compute_exponential(block * steps_s[:, None, None])
     core = np.swapaxes(powers[:, _CORE:, _CORE:], -1, -2)
     step, noise = (np.zeros((len(rates), STATES, STATES)) for _ in range(2))
     step[:], step[:, :_CORE, :_CORE] = np.eye(STATES), core
@@ -141,8 +142,8 @@ def transitions(path: NavState, grade: ImuGrade, *, most_s: float = 1.0) -> tupl
     return step, noise
 
 
-def with_covariance(path: NavState, covariance: Reals) -> NavState:
-    """The path with the first nine states' covariance of (n, 39, 39)."""
+def attach_covariance(path: NavState, covariance: Reals) -> NavState:
+    """Attach the first nine states' covariance of (n, 39, 39) to the path."""
     return replace(path, covariance=covariance[:, :9, :9])
 
 
@@ -157,7 +158,7 @@ class _Felt(NamedTuple):
     place: Reals
 
 
-def _felt(path: NavState, steps_s: Reals) -> _Felt:
+def _average_readings(path: NavState, steps_s: Reals) -> _Felt:
     velocity = 0.5 * (path.velocity_ecef_m_s[1:] + path.velocity_ecef_m_s[:-1])
     place = 0.5 * (path.position_ecef_m[1:] + path.position_ecef_m[:-1])
     pull = gravity_ecef_m_s2(place)
@@ -173,8 +174,8 @@ def _felt(path: NavState, steps_s: Reals) -> _Felt:
     )
 
 
-def _rates(path: NavState, felt: _Felt, grade: ImuGrade) -> Reals:
-    """The model's matrix (n - 1, 21, 21) between neighbouring states, without the gain errors."""
+def _build_rates(path: NavState, felt: _Felt, grade: ImuGrade) -> Reals:
+    """Build the model's matrix (n - 1, 21, 21) between neighbouring states, without the gain errors."""
     place, attitude = felt.place, felt.attitude
     span_m = 1000.0 * np.eye(3)
     gradient = (
@@ -193,8 +194,8 @@ def _rates(path: NavState, felt: _Felt, grade: ImuGrade) -> Reals:
     return rates
 
 
-def _exponential(matrices: Reals) -> Reals:
-    """exp of matrices (n, m, m) by its series, ten times as fast as `scipy.linalg.expm`.
+def _compute_exponential(matrices: Reals) -> Reals:
+    """Compute exp of matrices (n, m, m) by its series, ten times as fast as `scipy.linalg.expm`.
 
     The model is a chain from biases over tilt and velocity to position: powers beyond the ninth are nothing. Over steps
     of up to two seconds it agrees with the other to 1e-14, noise to 4e-13 of its size.
@@ -206,15 +207,15 @@ def _exponential(matrices: Reals) -> Reals:
     return np.asarray(total)
 
 
-def _noise(grade: ImuGrade) -> Reals:
-    """Density (21, 21) of the driving noise."""
+def _build_noise(grade: ImuGrade) -> Reals:
+    """Return the density (21, 21) of the driving noise."""
     slow = np.square((grade.accelerometer_instability_m_s2, grade.gyro_instability_rad_s)) * 2.0 / grade.correlation_s
     density = (0.0, grade.velocity_random_walk_m_s_rts**2, grade.angular_random_walk_rad_rts**2, 0.0, 0.0, *slow)
     return np.diag(np.repeat(density, 3))
 
 
 def skew(vector: Reals) -> Reals:
-    """[v x] (..., 3, 3) of vectors (..., 3)."""
+    """Build the matrices [v x] (..., 3, 3) of vectors (..., 3)."""
     x, y, z = np.moveaxis(np.asarray(vector), -1, 0)
     zero = np.zeros_like(x)
     rows = ((zero, -z, y), (z, zero, -x), (-y, x, zero))

@@ -1,4 +1,4 @@
-"""What corrects an inertial navigator: fixes of its antenna, and what such a fix is expected to be.
+"""Measurements that correct an inertial navigator: fixes of its antenna, and what it expects of them.
 
 Fixes may be up to a reading's interval later than the state:
 the antenna is carried there along its velocity and acceleration.
@@ -27,7 +27,7 @@ from skyproof.navigation.ins import (
 from skyproof.navigation.ins_errors import GAINS, skew
 from skyproof.navigation.nav_estimate import KNOWN, NavEstimate
 
-__all__ = ["antenna_of", "by_fix", "expect_fix"]
+__all__ = ["estimate_antenna", "expect_fix", "measurement_from_fix"]
 
 
 class _Antenna(NamedTuple):
@@ -37,8 +37,8 @@ class _Antenna(NamedTuple):
     sensitivity: Reals
 
 
-def _antenna(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _Antenna:
-    """What is true of the antenna at an instant near the state's, as the state has it."""
+def _compute_antenna(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _Antenna:
+    """Compute the antenna's state at an instant near the navigator's."""
     ahead_s = float(seconds_between(gpst, state.gpst))
     force, rate = state.last
     arm = state.attitude @ settings.lever_m
@@ -50,7 +50,7 @@ def _antenna(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _An
     h = np.zeros((KNOWN, SIZE))
     h[0:3, POSITION] = h[3:6, VELOCITY] = np.eye(3)
     h[0:3, ATTITUDE], h[3:6, ATTITUDE] = -skew(arm), -skew(swing)
-    _of_sensor(h[3:6], GYRO, GAINS[1], -state.attitude @ skew(settings.lever_m), rate)
+    _fill_sensor(h[3:6], GYRO, GAINS[1], -state.attitude @ skew(settings.lever_m), rate)
     h[6:8, CLOCK] = np.eye(2)
     h[0:3] += ahead_s * h[3:6]
     h[6] += ahead_s * h[7]
@@ -58,39 +58,47 @@ def _antenna(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _An
     return _Antenna(np.concatenate((place, speed + ahead_s * pull, clock_m)), h)
 
 
-def _of_sensor(h: Reals, biases: tuple[slice, slice], gains: slice, by: Reals, felt: Reals, slow: float = 1.0) -> None:
-    """Put into rows (m, 45) the sensitivity `by` (m, 3) to a sensor's error: biases, and gains by what it felt (3,)."""
+def _fill_sensor(
+    h: Reals, biases: tuple[slice, slice], gains: slice, by: Reals, felt: Reals, slow: float = 1.0
+) -> None:
+    """Fill the sensitivity of rows (m, 45) to one sensor's errors.
+
+    `by` (m, 3) is that to the sensor's reading, `felt` (3,) the reading, by which gains count.
+    """
     h[:, biases[0]], h[:, biases[1]] = by, slow * by
     h[:, gains] = (by[:, :, None] * felt).reshape(len(by), 9)
 
 
-def antenna_of(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> NavEstimate:
-    """What is true of the antenna, at the state's instant or one near it."""
+def estimate_antenna(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> NavEstimate:
+    """Estimate the antenna's true state at the navigator's instant or one near it."""
     gpst = state.gpst if gpst is None else gpst
-    mean, h = _antenna(state, settings, gpst)
+    mean, h = _compute_antenna(state, settings, gpst)
     return NavEstimate(gpst=gpst, mean=mean, covariance=h @ state.covariance @ h.T)
 
 
 def expect_fix(state: InsState, settings: InsSettings, gpst: np.datetime64 | None = None) -> NavEstimate:
-    """What a fix at the antenna would say, lasting error included, at the state's instant or one near it."""
+    """Predict a fix at the antenna, lasting error included, at the navigator's instant or one near it."""
     gpst = state.gpst if gpst is None else gpst
-    mean, h = _as_a_fix(state, settings, gpst)
+    mean, h = _predict_as_fix(state, settings, gpst)
     return NavEstimate(gpst=gpst, mean=mean, covariance=h @ state.covariance @ h.T)
 
 
-def _as_a_fix(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _Antenna:
-    mean, h = _antenna(state, settings, gpst)
+def _predict_as_fix(state: InsState, settings: InsSettings, gpst: np.datetime64) -> _Antenna:
+    mean, h = _compute_antenna(state, settings, gpst)
     rows = [0, 1, 2, 6]
     h[rows, LASTING] = np.eye(4)
     mean[rows] += state.lasting_m
     return _Antenna(mean, h)
 
 
-def by_fix(state: InsState, fix: NavEstimate, settings: InsSettings) -> Measurement:
-    """A fix of the antenna, of which whatever is known counts. Its covariance is that of the noise alone, which is
-    another one in the next fix; the lasting error stands in the settings."""
-    mean, h = _as_a_fix(state, settings, fix.gpst)
-    there = fix.there
+def measurement_from_fix(state: InsState, fix: NavEstimate, settings: InsSettings) -> Measurement:
+    """Make a measurement of a fix of the antenna, from its known components.
+
+    The covariance is that of the noise alone, which is independent from fix to fix; the lasting error stands in the
+    settings.
+    """
+    mean, h = _predict_as_fix(state, settings, fix.gpst)
+    known = fix.there
     return Measurement(
-        innovation=(mean - fix.mean)[there], sensitivity=h[there], noise=fix.covariance[np.ix_(there, there)]
+        innovation=(mean - fix.mean)[known], sensitivity=h[known], noise=fix.covariance[np.ix_(known, known)]
     )

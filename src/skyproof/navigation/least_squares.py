@@ -12,9 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyproof.arrays import Reals
-from skyproof.navigation.fit_kernels import SMALLEST_PIVOT, gauss_newton_kernel, invert_all, see
+from skyproof.navigation.fit_kernels import SMALLEST_PIVOT, fill_sights, invert_all, solve_gauss_newton
 
-__all__ = ["Solution", "design_matrix", "flat", "gauss_newton", "line_of_sight", "normal_inverse", "spd_inverse"]
+__all__ = [
+    "Solution",
+    "compute_line_of_sight",
+    "design_matrix",
+    "fit_position",
+    "flatten_lead",
+    "invert_normal",
+    "invert_spd",
+]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -30,21 +38,21 @@ class Solution:
     last_step_m: Reals
 
 
-def spd_inverse(matrix: Reals, *, smallest_pivot: float = SMALLEST_PIVOT) -> Reals:
-    """Inverse of symmetric positive definite matrices (..., n, n), NaN where one is not, or only just.
+def invert_spd(matrix: Reals, *, smallest_pivot: float = SMALLEST_PIVOT) -> Reals:
+    """Invert symmetric positive definite matrices (..., n, n); NaN where one is not, or only just.
 
     By Cholesky: unlike `numpy.linalg.inv` one singular matrix does not fail the batch. `smallest_pivot` is relative to
     the diagonal.
     """
     n = matrix.shape[-1]
-    matrices = flat(matrix, matrix.shape[:-2], n, n)
+    matrices = flatten_lead(matrix, matrix.shape[:-2], n, n)
     inverse = np.empty_like(matrices)
     invert_all(matrices, smallest_pivot, inverse)
     return inverse.reshape(matrix.shape)
 
 
-def line_of_sight(satellite_ecef_m: Reals, position_ecef_m: Reals) -> tuple[Reals, Reals, Reals]:
-    """Satellites in the frame of reception, unit vectors to them, and distances.
+def compute_line_of_sight(satellite_ecef_m: Reals, position_ecef_m: Reals) -> tuple[Reals, Reals, Reals]:
+    """Compute satellites in the frame of reception, unit vectors to them, and distances.
 
     Parameters
     ----------
@@ -55,23 +63,23 @@ def line_of_sight(satellite_ecef_m: Reals, position_ecef_m: Reals) -> tuple[Real
     """
     shape = np.broadcast_shapes(satellite_ecef_m.shape[:-2], position_ecef_m.shape[:-1])
     k = satellite_ecef_m.shape[-2]
-    satellite = flat(satellite_ecef_m, shape, k, 3)
+    satellite = flatten_lead(satellite_ecef_m, shape, k, 3)
     turned, unit, distance_m = np.empty(satellite.shape), np.empty(satellite.shape), np.empty(satellite.shape[:2])
-    see(satellite, flat(position_ecef_m, shape, 3), turned, unit, distance_m)
+    fill_sights(satellite, flatten_lead(position_ecef_m, shape, 3), turned, unit, distance_m)
     return turned.reshape(*shape, k, 3), unit.reshape(*shape, k, 3), distance_m.reshape(*shape, k)
 
 
-def flat(values: ArrayLike, lead: tuple[int, ...], *own: int) -> Reals:
-    """Return values broadcast to `lead` and `own` axes, with all of `lead` as one axis, as kernels take them.
+def flatten_lead(values: ArrayLike, lead: tuple[int, ...], *own: int) -> Reals:
+    """Broadcast values to `lead` and `own` axes, with all of `lead` as one axis, as kernels take them.
 
-    A copy, for a kernel is compiled anew for arrays that cannot be written.
+    The result is a copy: a kernel would be compiled again for arrays that cannot be written.
     """
     whole = np.broadcast_to(np.asarray(values, np.float64), (*lead, *own))
     return np.array(whole, order="C").reshape(math.prod(lead), *own)
 
 
 def design_matrix(unit_vector: Reals, clocks: Reals | None = None) -> Reals:
-    """Derivative of range plus clock by position and clocks: (..., k, 3 + c) from unit vectors (..., k, 3).
+    """Differentiate range plus clock by position and clocks, (..., k, 3 + c), by unit vectors (..., k, 3).
 
     clocks : (k, c), 1 where a satellite keeps the time of that clock; without it, one clock for all.
     """
@@ -80,8 +88,8 @@ def design_matrix(unit_vector: Reals, clocks: Reals | None = None) -> Reals:
     return np.concatenate((-unit_vector, np.broadcast_to(clocks, (*unit_vector.shape[:-1], clocks.shape[1]))), axis=-1)
 
 
-def normal_inverse(normal: Reals) -> Reals:
-    """Inverse of normal matrices (..., n, n) in which clocks (from column 3 on) may have no measurement at all.
+def invert_normal(normal: Reals) -> Reals:
+    """Invert normal matrices (..., n, n) in which clocks (from column 3 on) may have no measurement.
 
     Such a clock gets a weight of one of its own, so that it touches nothing and the others are solved.
     """
@@ -90,10 +98,10 @@ def normal_inverse(normal: Reals) -> Reals:
         empty = np.diagonal(normal, axis1=-2, axis2=-1) == 0.0
         empty[..., :3] = False
         normal = normal + empty[..., None] * np.eye(n)
-    return spd_inverse(normal)
+    return invert_spd(normal)
 
 
-def gauss_newton(
+def fit_position(
     satellite_ecef_m: Reals,
     range_m: Reals,
     sigma_m: Reals,
@@ -103,7 +111,7 @@ def gauss_newton(
     max_steps: int = 12,
     tolerance_m: float = 1e-4,
 ) -> Solution:
-    """Weighted least squares of position and clocks, iterated until no problem moves by more than `tolerance_m`.
+    """Solve for position and clocks by weighted least squares, until no problem moves by `tolerance_m`.
 
     Parameters
     ----------
@@ -119,10 +127,10 @@ def gauss_newton(
     n = start_m.shape[-1]
     state = np.array(start_m, np.float64).reshape(-1, n)
     covariance, residual_m, step_m = np.empty((len(state), n, n)), np.empty((len(state), k)), np.empty(len(state))
-    gauss_newton_kernel(
-        flat(satellite_ecef_m, shape, k, 3),
-        flat(range_m, shape, k),
-        flat(weight, shape, k),
+    solve_gauss_newton(
+        flatten_lead(satellite_ecef_m, shape, k, 3),
+        flatten_lead(range_m, shape, k),
+        flatten_lead(weight, shape, k),
         np.ones((k, 1)) if clocks is None else np.ascontiguousarray(clocks, np.float64),
         max_steps,
         tolerance_m,

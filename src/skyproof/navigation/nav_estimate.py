@@ -11,7 +11,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, FixStatus, freeze
 
-__all__ = ["KNOWN", "NavEstimate", "known", "known_of", "without"]
+__all__ = ["KNOWN", "NavEstimate", "estimate_from_parts", "estimates_from_fix", "mark_unknown"]
 
 _RATE_SIGMA_M_S: Final = 0.05
 """Of a velocity by Doppler, one sigma for each metre of the position's over `_RANGE_SIGMA_M`: reflections, beside
@@ -38,11 +38,11 @@ class NavEstimate:
 
     @property
     def there(self) -> Indices:
-        """Which of the eight are known."""
+        """List which of the eight components are known."""
         return np.flatnonzero(np.isfinite(self.mean) & np.isfinite(np.diag(self.covariance)))
 
 
-def known(
+def estimate_from_parts(
     gpst: np.datetime64,
     *,
     position_ecef_m: Reals | None = None,
@@ -52,7 +52,7 @@ def known(
     clock_m: Reals | None = None,
     clock_m2: Reals | None = None,
 ) -> NavEstimate:
-    """From parts that are independent of each other, each with its covariance: (3,), (3,), and (2,) of the clock."""
+    """Build an estimate from independent parts, each with its covariance: (3,), (3,), and (2,) of the clock."""
     mean, covariance = np.zeros(KNOWN), np.diag(np.full(KNOWN, np.inf))
     parts = (
         (slice(0, 3), position_ecef_m, position_m2),
@@ -67,16 +67,16 @@ def known(
     return NavEstimate(gpst=gpst, mean=mean, covariance=covariance)
 
 
-def without(one: NavEstimate, rows: Indices) -> NavEstimate:
-    """As if those of the eight were not known."""
+def mark_unknown(one: NavEstimate, rows: Indices) -> NavEstimate:
+    """Mark components of the eight as unknown."""
     covariance = one.covariance.copy()
     covariance[rows, :] = covariance[:, rows] = 0.0
     covariance[rows, rows] = np.inf
     return NavEstimate(gpst=one.gpst, mean=one.mean, covariance=covariance)
 
 
-def known_of(fix: Fix, *, every_s: float = 0.0) -> Iterator[NavEstimate]:
-    """The epochs of a fix, at least so far apart, with velocity and drift where there are any.
+def estimates_from_fix(fix: Fix, *, every_s: float = 0.0) -> Iterator[NavEstimate]:
+    """Iterate over the epochs of a fix, at least `every_s` apart, with velocity and drift where known.
 
     The covariance of velocity and drift is not in the fix: it has the geometry of that of position and clock, with
     ranges of 1 m for rates of 0.05 m/s.

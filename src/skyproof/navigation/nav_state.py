@@ -1,4 +1,4 @@
-"""A body's state between the times at which it is stated."""
+"""Interpolate a body's state between the times at which it is stated."""
 
 from dataclasses import replace
 
@@ -9,16 +9,16 @@ from skyproof.arrays import Booleans, Instants, Reals
 from skyproof.gnss.time import seconds_between
 from skyproof.records import NavState
 
-__all__ = ["covered", "state_at"]
+__all__ = ["interpolate_state", "mark_covered"]
 
 
-def covered(state: NavState, gpst: Instants) -> Booleans:
-    """Which of the instants (n,) lie between the first and the last of the state's, both included."""
+def mark_covered(state: NavState, gpst: Instants) -> Booleans:
+    """Mark the instants (n,) between the state's first and last, both included."""
     return np.asarray((gpst >= state.gpst[0]) & (gpst <= state.gpst[-1]))
 
 
-def state_at(state: NavState, gpst: Instants) -> NavState:
-    """The state at instants (n,) that it covers: linear in position, velocity and covariance, the shortest turn.
+def interpolate_state(state: NavState, gpst: Instants) -> NavState:
+    """Interpolate the state at instants (n,) that it covers: linear, and by the shortest turn.
 
     Linear positions are off by an eighth of the acceleration times the square of the time between states.
     """

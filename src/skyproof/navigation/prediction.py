@@ -1,9 +1,9 @@
-"""Which of several consistent skies is true, by what the last trusted fix lets expect.
+"""Choose between several consistent skies by a prediction from the last trusted fix.
 
-A trusted fix is carried on to a later time by whatever is at hand:
+The prediction carries a trusted fix to a later time by any of these:
 
 - an inertial navigator that it corrected (`ins`, `ins_updates.expect_fix`);
-- a body that stands: its position stays, its velocity is nothing (`standing_still`);
+- a body that stands: its position stays, its velocity is nothing (`predict_standing`);
 - the clock, by its oscillator's class, in either case (`gnss.oscillators.clock_step`).
 
 `choose` then compares it with the fix that each sky gives. With z_j the fix of sky j, R_j its covariance and N(m, P)
@@ -37,7 +37,7 @@ from skyproof.gnss.time import seconds_between
 from skyproof.navigation.nav_estimate import KNOWN, NavEstimate
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["Choice", "choose", "fit_p_value", "parted_unseen", "standing_still"]
+__all__ = ["Choice", "are_parted_unseen", "choose", "fit_p_value", "predict_standing"]
 
 _PLACE, _SPEED, _CLOCK = slice(0, 3), slice(3, 6), slice(6, 8)
 
@@ -61,10 +61,10 @@ class Choice:
     used: tuple[int, ...]
 
 
-def standing_still(
+def predict_standing(
     last: NavEstimate, gpst: np.datetime64, oscillator: Oscillator, *, sway_m_s: float = 0.01
 ) -> NavEstimate:
-    """What is expected of a body that stands, from its last trusted fix: the position stays, the clock runs on.
+    """Predict the fix of a standing body from its last trusted fix: the position stays, the clock runs on.
 
     sway_m_s : of the antenna. The clock is not known where the fix had no drift.
     """
@@ -90,7 +90,7 @@ def choose(
     most_wrong: float = 1e-3,
     false_alarm_probability: float = 1e-3,
 ) -> Choice:
-    """The true one of the skies whose fixes at the prediction's time are `candidates`.
+    """Choose the true sky among those whose fixes at the prediction's time are `candidates`.
 
     most_wrong : probability of a wrong choice above which nothing is chosen; also that of two fixes of one sky to be as
         far apart as those between which is chosen. false_alarm_probability : that the true
@@ -100,15 +100,15 @@ def choose(
     ------
     ValueError : no candidate, or nothing that prediction and all candidates have in common.
     """
-    there = set(prediction.there).intersection(*(candidate.there for candidate in candidates))
-    if not candidates or not there:
+    common = set(prediction.there).intersection(*(candidate.there for candidate in candidates))
+    if not candidates or not common:
         raise ValueError("prediction and candidates have nothing to compare; give fixes with position or clock")
-    used = np.array(sorted(there))
-    both = np.ix_(used, used)
+    used = np.array(sorted(common))
+    block = np.ix_(used, used)
     logs, fits = np.empty(len(candidates)), np.empty(len(candidates))
     for number, candidate in enumerate(candidates):
-        spread = prediction.covariance[both] + candidate.covariance[both]
-        distance2 = _squared_distance(prediction, candidate, used)
+        spread = prediction.covariance[block] + candidate.covariance[block]
+        distance2 = _compute_squared_distance(prediction, candidate, used)
         logs[number] = -0.5 * (distance2 + np.linalg.slogdet(2.0 * np.pi * spread)[1])
         fits[number] = chi_square_survival(distance2, used.size)
     probabilities = special.softmax(logs)
@@ -116,7 +116,7 @@ def choose(
     wrong = float(np.sum(np.delete(probabilities, best)))  # not 1 - p, which has no digits below 1e-16
     sure = wrong <= most_wrong and fits[best] >= false_alarm_probability
     for number, other in enumerate(candidates):
-        sure &= number == best or _alike(candidates[best], other, used) <= most_wrong
+        sure &= number == best or _test_alike(candidates[best], other, used) <= most_wrong
     return Choice(
         chosen=best if sure else None,
         probabilities=probabilities,
@@ -134,30 +134,30 @@ def fit_p_value(prediction: NavEstimate, fix: NavEstimate) -> float:
     used = np.intersect1d(prediction.there, fix.there)
     if not used.size:
         raise ValueError("prediction and fix have nothing to compare; give a fix with position or clock")
-    return _alike(prediction, fix, used)
+    return _test_alike(prediction, fix, used)
 
 
-def parted_unseen(one: NavEstimate, other: NavEstimate, used: Sequence[int], *, probability: float) -> bool:
-    """Whether two fixes are farther apart in place or clock than noise has it with `probability`, in what was not
-    `used` to choose.
+def are_parted_unseen(one: NavEstimate, other: NavEstimate, used: Sequence[int], *, probability: float) -> bool:
+    """Test whether two fixes are apart in a part of place or clock that was not `used` to choose.
 
-    "Anywhere" does not hold there for a false sky: who draws the position off leaves the clock as it is, and who draws
-    the clock off the position. Its fix is then the true one in all that is compared.
+    "Apart" is farther than noise has it with `probability`. "Anywhere" does not hold there for a false sky: an attacker
+    who drags the position off can leave the clock alone, and the reverse. Its fix is then the true one in all that is
+    compared.
     """
     for numbers in (range(*_PLACE.indices(KNOWN)), (6,)):
         rest = np.array(sorted(set(numbers).intersection(one.there, other.there) - set(used)), np.int64)
-        if rest.size and _alike(one, other, rest) <= probability:
+        if rest.size and _test_alike(one, other, rest) <= probability:
             return True
     return False
 
 
-def _squared_distance(one: NavEstimate, other: NavEstimate, used: Indices) -> float:
+def _compute_squared_distance(one: NavEstimate, other: NavEstimate, used: Indices) -> float:
     """Return the squared distance of two independent ones over the sum of their covariances."""
     off = other.mean[used] - one.mean[used]
-    both = np.ix_(used, used)
-    return float(off @ np.linalg.solve(one.covariance[both] + other.covariance[both], off))
+    block = np.ix_(used, used)
+    return float(off @ np.linalg.solve(one.covariance[block] + other.covariance[block], off))
 
 
-def _alike(one: NavEstimate, other: NavEstimate, used: Indices) -> float:
-    """The chance that two fixes of one sky are as far apart as these."""
-    return float(chi_square_survival(_squared_distance(one, other, used), used.size))
+def _test_alike(one: NavEstimate, other: NavEstimate, used: Indices) -> float:
+    """Return the chance that two fixes of one sky are as far apart as these."""
+    return float(chi_square_survival(_compute_squared_distance(one, other, used), used.size))

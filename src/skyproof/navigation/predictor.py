@@ -1,8 +1,8 @@
-"""What is to be expected of a receiver by what it showed while its sky was taken for true.
+"""Predict a receiver's fixes from those of a time when its sky was taken for true.
 
-A predictor is a state that learns from fixes of a time when the sky is taken for true, carries them on, and later
-follows the sky that was chosen. What it learned of a place that stays is not moved by what it follows: who leads a
-chosen sky away slowly does not lead the expectation away with it.
+A predictor is a state that learns from trusted fixes, carries them on, and later follows the chosen sky. What it
+learned of a fixed place is not moved by what it follows: an attacker who slowly drags a chosen sky away does not drag
+the prediction with it.
 """
 
 from collections.abc import Sequence
@@ -14,11 +14,11 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import Oscillator
-from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, without
-from skyproof.navigation.prediction import standing_still
+from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, mark_unknown
+from skyproof.navigation.prediction import predict_standing
 from skyproof.statistics.kalman import kalman_update
 
-__all__ = ["Predictor", "SkyFix", "Standing", "surveyed"]
+__all__ = ["Predictor", "SkyFix", "Standing", "place_surveyed"]
 
 _PLACE, _CLOCK, _DRIFT = np.arange(3), np.array([6]), 7
 _OPEN_DRIFT_M_S: Final = 1e-4 * SPEED_OF_LIGHT_M_S  # of a crystal of which nothing is known
@@ -46,16 +46,16 @@ class Predictor(Protocol):
     @property
     def moves(self) -> bool: ...
     def at(self, gpst: np.datetime64) -> NavEstimate | None:
-        """What a fix of the true sky would show then; None if nothing is known."""
+        """Predict the fix of the true sky at that time; None if nothing is known."""
 
     def until(self, gpst: np.datetime64) -> Self:
-        """Carried on to then: what is earlier will not be asked for."""
+        """Advance to that time; earlier times are not asked for again."""
 
     def learned(self, shown: SkyFix) -> Self:
-        """With what a sky shows that is taken for true."""
+        """Learn from the fix of a sky that is taken for true."""
 
     def followed(self, shown: SkyFix) -> Self:
-        """With what a sky shows that was chosen as the true one."""
+        """Follow the fix of a sky that was chosen as the true one."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,7 +79,7 @@ class Standing:
     def at(self, gpst: np.datetime64) -> NavEstimate | None:
         if self.known is None:
             return None
-        carried = self._carried(self.known, gpst)
+        carried = self._carry(self.known, gpst)
         if not carried.there.size:
             return None
         lasting = 0.0 if self.lasting is None else self.lasting
@@ -89,68 +89,68 @@ class Standing:
         return self
 
     def learned(self, shown: SkyFix) -> "Standing":
-        return self._taken(shown.whole, place=self.stands and not self.surveyed)
+        return self._take(shown.whole, place=self.stands and not self.surveyed)
 
     def followed(self, shown: SkyFix) -> "Standing":
-        return self._taken(shown.whole, place=False)
+        return self._take(shown.whole, place=False)
 
-    def _carried(self, known: NavEstimate, gpst: np.datetime64) -> NavEstimate:
-        carried = standing_still(known, gpst, self.oscillator or Oscillator())
+    def _carry(self, known: NavEstimate, gpst: np.datetime64) -> NavEstimate:
+        carried = predict_standing(known, gpst, self.oscillator or Oscillator())
         open_ = np.zeros(KNOWN, np.bool_)
         open_[:6], open_[6:] = not self.stands, self.oscillator is None
-        return without(carried, np.flatnonzero(open_))
+        return mark_unknown(carried, np.flatnonzero(open_))
 
-    def _taken(self, fix: NavEstimate, *, place: bool) -> "Standing":
+    def _take(self, fix: NavEstimate, *, place: bool) -> "Standing":
         rows = np.concatenate((_PLACE if place else [], _CLOCK if self.oscillator is not None else [])).astype(np.intp)
         rows = np.intersect1d(rows, fix.there)
         if not rows.size:
             return self
-        before = _nothing(fix.gpst) if self.known is None else self._carried(self.known, fix.gpst)
+        before = _start_unknown(fix.gpst) if self.known is None else self._carry(self.known, fix.gpst)
         if not place:
-            before = _parted(before)
+            before = _decorrelate(before)
         seen, new = np.intersect1d(rows, before.there), np.setdiff1d(rows, before.there)
-        known = _adopted(_updated(before, fix, seen), fix, new)
+        known = _adopt(_update(before, fix, seen), fix, new)
         lasting = np.zeros((KNOWN, KNOWN)) if self.lasting is None else self.lasting.copy()
         lasting[np.ix_(new, new)] = fix.covariance[np.ix_(new, new)]
         return replace(self, known=known, lasting=lasting)
 
 
-def surveyed(predictor: Standing, position_ecef_m: Reals, position_m2: Reals) -> Standing:
-    """Of a receiver that stands where it was surveyed, whatever was received when; covariance (3, 3)."""
-    place = _nothing(np.datetime64(0, "ns"))
+def place_surveyed(predictor: Standing, position_ecef_m: Reals, position_m2: Reals) -> Standing:
+    """Place a predictor where the receiver was surveyed, whatever is received; covariance (3, 3)."""
+    place = _start_unknown(np.datetime64(0, "ns"))
     mean, covariance = place.mean.copy(), place.covariance.copy()
     mean[:3], covariance[:3, :3] = position_ecef_m, position_m2
     known = NavEstimate(gpst=place.gpst, mean=mean, covariance=covariance)
     return replace(predictor, stands=True, surveyed=True, known=known)
 
 
-def _nothing(gpst: np.datetime64) -> NavEstimate:
+def _start_unknown(gpst: np.datetime64) -> NavEstimate:
     return NavEstimate(gpst=gpst, mean=np.zeros(KNOWN), covariance=np.diag(np.full(KNOWN, np.inf)))
 
 
-def _parted(known: NavEstimate) -> NavEstimate:
-    """Place and clock as if they had nothing to do with each other, so that the one's correction leaves the other."""
+def _decorrelate(known: NavEstimate) -> NavEstimate:
+    """Remove the correlation of place and clock, so that correcting one leaves the other."""
     covariance = known.covariance.copy()
     covariance[:6, 6:] = covariance[6:, :6] = 0.0
     return NavEstimate(gpst=known.gpst, mean=known.mean, covariance=covariance)
 
 
-def _updated(before: NavEstimate, fix: NavEstimate, seen: Indices) -> NavEstimate:
-    """A Kalman filter's correction by some of a fix."""
+def _update(before: NavEstimate, fix: NavEstimate, seen: Indices) -> NavEstimate:
+    """Correct some components by a fix (Kalman filter)."""
     if not seen.size:
         return before
-    there = before.there
-    h = (there[None, :] == seen[:, None]).astype(np.float64)
-    p, r = before.covariance[np.ix_(there, there)], fix.covariance[np.ix_(seen, seen)]
+    known = before.there
+    h = (known[None, :] == seen[:, None]).astype(np.float64)
+    p, r = before.covariance[np.ix_(known, known)], fix.covariance[np.ix_(seen, seen)]
     update = kalman_update(p, h, r, fix.mean[seen] - before.mean[seen])
     mean, covariance = before.mean.copy(), before.covariance.copy()
-    mean[there] += update.change
-    covariance[np.ix_(there, there)] = update.covariance
+    mean[known] += update.change
+    covariance[np.ix_(known, known)] = update.covariance
     return NavEstimate(gpst=fix.gpst, mean=mean, covariance=covariance)
 
 
-def _adopted(known: NavEstimate, fix: NavEstimate, new: Indices) -> NavEstimate:
-    """With what was not known before as the fix has it; the clock's rate open."""
+def _adopt(known: NavEstimate, fix: NavEstimate, new: Indices) -> NavEstimate:
+    """Adopt components that were not known before from the fix; the clock's rate stays open."""
     mean, covariance = known.mean.copy(), known.covariance.copy()
     mean[new], covariance[np.ix_(new, new)] = fix.mean[new], fix.covariance[np.ix_(new, new)]
     if _CLOCK[0] in new:

@@ -11,19 +11,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyproof.arrays import Booleans, Integers, Reals
-from skyproof.navigation.least_squares import normal_inverse
+from skyproof.navigation.least_squares import invert_normal
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
     "Exclusion",
     "GlobalTest",
+    "check_residuals",
+    "compute_residual_statistic",
+    "count_unknowns",
     "exclude_one",
     "exclude_several",
-    "global_test",
-    "normalised_residuals",
-    "residual_statistic",
-    "unknowns_of",
-    "whitened_fit",
+    "fit_whitened",
+    "normalise_residuals",
 ]
 
 _UNKNOWNS = 4
@@ -45,19 +45,21 @@ class GlobalTest:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Exclusion:
-    """excluded (...) index of the measurement left out, -1 for none; and the test of what is left."""
+    """excluded (...) index of the measurement left out, -1 for none; and the test of the others."""
 
     excluded: Integers
     test: GlobalTest
 
 
-def unknowns_of(design: Reals, used: Booleans) -> Integers:
-    """How many unknowns (...) the used rows of `design` (..., k, 3 + c) have: position, and the clocks they touch."""
+def count_unknowns(design: Reals, used: Booleans) -> Integers:
+    """Count the unknowns (...) of used rows of `design` (..., k, 3 + c): position, and clocks in use."""
     touched = np.any(used[..., None] & (design != 0.0), axis=-2)
     return np.asarray(3 + touched[..., 3:].sum(axis=-1))
 
 
-def residual_statistic(residual_m: Reals, sigma_m: Reals, *, unknowns: ArrayLike = _UNKNOWNS) -> tuple[Reals, Integers]:
+def compute_residual_statistic(
+    residual_m: Reals, sigma_m: Reals, *, unknowns: ArrayLike = _UNKNOWNS
+) -> tuple[Reals, Integers]:
     """Sum of squared normalised residuals of a weighted fit, and its degrees of freedom; arguments (..., k).
 
     Chi-square with n - `unknowns` degrees if each measurement has independent Gaussian noise of its sigma. Residuals
@@ -68,32 +70,31 @@ def residual_statistic(residual_m: Reals, sigma_m: Reals, *, unknowns: ArrayLike
     return np.sum(normalised**2, axis=-1), used.sum(axis=-1) - np.asarray(unknowns)
 
 
-def global_test(
+def check_residuals(
     residual_m: Reals, sigma_m: Reals, *, false_alarm_probability: float, unknowns: ArrayLike = _UNKNOWNS
 ) -> GlobalTest:
-    """Whether residuals (..., k) of a weighted fit are as small as noise alone leaves them."""
-    return _judged(*residual_statistic(residual_m, sigma_m, unknowns=unknowns), false_alarm_probability)
+    """Test whether residuals (..., k) of a weighted fit are as small as noise alone leaves them."""
+    return _test_statistic(*compute_residual_statistic(residual_m, sigma_m, unknowns=unknowns), false_alarm_probability)
 
 
-def normalised_residuals(design: Reals, misfit_m: Reals, sigma_m: Reals) -> Reals:
-    """Residuals (..., k) of the linear fit of `misfit_m` (..., k) by `design` (..., k, 3 + c), over their own sigma.
+def normalise_residuals(design: Reals, misfit_m: Reals, sigma_m: Reals) -> Reals:
+    """Compute residuals (..., k) of the linear fit of `misfit_m` by `design`, over their own sigma.
 
     Standard normal each under the model (Baarda's w). NaN where not used or where a measurement is uncontrolled: the
     others alone do not determine the position, so that its residual is always zero.
     """
-    residual, redundancy, _ = whitened_fit(design, misfit_m, sigma_m)
+    residual, redundancy, _ = fit_whitened(design, misfit_m, sigma_m)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(np.where(redundancy > 1e-9, residual / np.sqrt(redundancy), np.nan))
 
 
 def exclude_one(design: Reals, misfit_m: Reals, sigma_m: Reals, *, false_alarm_probability: float) -> Exclusion:
-    """If the fit fails the global test, leave out the measurement with the largest normalised residual, and test again.
+    """Leave out the measurement with the largest normalised residual if the global test fails; test again.
 
     For faults of single measurements only: a satellite clock that jumps, a reflected signal, a bad word of data. It
     must never decide who is authentic. It believes the majority, and an attacker can be the majority: of 6 imitated
-    satellites beside 5 true ones it throws out the true ones, and what is left passes with flying colours. Which of
-    several consistent skies is the true one is for the detectors and the fusion; they get all the sets that
-    `sets.consistent_sets` finds, small ones too.
+    satellites beside 5 true ones it throws out the true ones, and the rest passes easily. The detectors and the fusion
+    choose between several consistent skies; they get all the sets of `sets.find_consistent_sets`, small ones too.
 
     Leaving out measurement i lowers the statistic by its normalised residual squared, exactly, in the linear fit.
 
@@ -103,16 +104,16 @@ def exclude_one(design: Reals, misfit_m: Reals, sigma_m: Reals, *, false_alarm_p
         alone with its clock cannot be tested and is never left out.
     misfit_m : (..., k) measured minus modelled at a converged position. sigma_m : (..., k).
     """
-    residual, _, _ = whitened_fit(design, misfit_m, sigma_m)
-    unknowns = unknowns_of(design, np.isfinite(residual))
-    statistic, dof = residual_statistic(residual, np.ones_like(residual), unknowns=unknowns)
-    before = _judged(statistic, dof, false_alarm_probability)
-    w = normalised_residuals(design, misfit_m, sigma_m)
+    residual, _, _ = fit_whitened(design, misfit_m, sigma_m)
+    unknowns = count_unknowns(design, np.isfinite(residual))
+    statistic, dof = compute_residual_statistic(residual, np.ones_like(residual), unknowns=unknowns)
+    before = _test_statistic(statistic, dof, false_alarm_probability)
+    w = normalise_residuals(design, misfit_m, sigma_m)
     size = np.where(np.isfinite(w), np.abs(w), -1.0)
     worst = np.argmax(size, axis=-1)
     reduction = np.take_along_axis(size, worst[..., None], axis=-1)[..., 0] ** 2
     possible = ~before.consistent & (dof >= 2) & (np.max(size, axis=-1) >= 0.0)
-    after = _judged(
+    after = _test_statistic(
         np.where(possible, np.maximum(statistic - reduction, 0.0), statistic),
         np.where(possible, dof - 1, dof),
         false_alarm_probability,
@@ -123,7 +124,7 @@ def exclude_one(design: Reals, misfit_m: Reals, sigma_m: Reals, *, false_alarm_p
 def exclude_several(
     design: Reals, misfit_m: Reals, sigma_m: Reals, *, false_alarm_probability: float, most: int = 4
 ) -> tuple[Booleans, GlobalTest]:
-    """Leave out one measurement after the other, as `exclude_one` does, until the rest passes the global test.
+    """Leave out one measurement after the other, by `exclude_one`, until the rest passes the global test.
 
     Returns which (..., k) are left out and the test of the rest. Where `most` exclusions do not cure the fit, none is
     made: what fails for another reason than a few faults is not cured by throwing data away.
@@ -139,11 +140,11 @@ def exclude_several(
     return excluded & found.test.consistent[..., None], found.test
 
 
-def whitened_fit(design: Reals, misfit_m: Reals, sigma_m: Reals) -> tuple[Reals, Reals, Reals]:
-    """The linear fit of `misfit_m` (..., k) by `design` (..., k, 3 + c), each measurement over its sigma.
+def fit_whitened(design: Reals, misfit_m: Reals, sigma_m: Reals) -> tuple[Reals, Reals, Reals]:
+    """Fit `misfit_m` (..., k) linearly by `design` (..., k, 3 + c), each measurement over its sigma.
 
-    Returns residuals over sigma, and the share of each one's variance that the fit leaves (0 to 1), both (..., k) and
-    NaN where not used; and the covariance (..., 3 + c, 3 + c).
+    Returns residuals over sigma, and the share of each one's variance that the fit leaves (0 to 1). Both are (..., k)
+    and NaN where not used. The last value is the covariance (..., 3 + c, 3 + c).
     """
     used = np.isfinite(misfit_m) & np.isfinite(sigma_m)
     root_weight = np.where(used, 1.0 / np.where(used, sigma_m, 1.0), 0.0)
@@ -151,13 +152,13 @@ def whitened_fit(design: Reals, misfit_m: Reals, sigma_m: Reals) -> tuple[Reals,
     target = np.where(used, misfit_m, 0.0) * root_weight
     transposed = np.swapaxes(scaled, -1, -2)
     with np.errstate(invalid="ignore", divide="ignore"):
-        covariance = normal_inverse(transposed @ scaled)
+        covariance = invert_normal(transposed @ scaled)
         redundancy = 1.0 - np.sum((scaled @ covariance) * scaled, axis=-1)
         residual = target - (scaled @ (covariance @ (transposed @ target[..., None])))[..., 0]
     return np.where(used, residual, np.nan), np.where(used, redundancy, np.nan), covariance
 
 
-def _judged(statistic: Reals, dof: Integers, false_alarm_probability: float) -> GlobalTest:
+def _test_statistic(statistic: Reals, dof: Integers, false_alarm_probability: float) -> GlobalTest:
     testable = dof >= 1
     safe_dof = np.maximum(dof, 1)
     threshold = np.where(testable, chi_square_threshold(false_alarm_probability, safe_dof), np.nan)

@@ -12,19 +12,19 @@ from skyproof.gnss.orbit_kernels import fill_ranges
 from skyproof.gnss.signals import time_scale_of
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.fit_kernels import fill_delays
-from skyproof.navigation.least_squares import flat
+from skyproof.navigation.least_squares import flatten_lead
 from skyproof.records import Klobuchar, NavigationData, SignalId
 
 __all__ = [
     "UNKNOWN_DELAY_SIGMA_M",
     "AtmosphereDelays",
     "Ranges",
-    "atmosphere",
-    "corrected_ranges",
-    "ionosphere_model",
-    "space_sigma_m",
+    "compute_atmosphere",
+    "compute_space_sigma_m",
+    "correct_ranges",
+    "describe_ionosphere",
+    "list_time_scales",
     "time_scale",
-    "time_scales",
 ]
 
 _PREFERENCE = "GECR"
@@ -72,7 +72,7 @@ class AtmosphereDelays:
     ionosphere_m: Reals
 
 
-def corrected_ranges(
+def correct_ranges(
     signals: tuple[SignalId, ...],
     gpst: Instants,
     pseudorange_m: Reals,
@@ -80,11 +80,12 @@ def corrected_ranges(
     *,
     with_unknown_delay: bool = False,
 ) -> Ranges:
-    """Satellite positions and corrected ranges of all cells; one orbit computation per satellite and ephemeris in use.
+    """Compute satellite positions and corrected ranges of all cells.
 
-    The time of transmission is the receiver's label minus pseudorange over c, so an error of the label cancels: a clock
-    that is wrong by a second still puts the satellites where they were. Ephemerides are those nearest in time among the
-    healthy ones (at most `MAX_AGE_S` of the system away) that give the signal's group delay, the same for all copies.
+    There is one orbit computation per satellite and ephemeris in use. The time of transmission is the receiver's label
+    minus pseudorange over c, so an error of the label cancels: a clock that is wrong by a second still puts the
+    satellites where they were. Ephemerides are the nearest in time among the healthy ones that give the signal's group
+    delay, at most `MAX_AGE_S` of the system away. They are the same for all copies.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ def corrected_ranges(
         week,
         tow_s,
         np.asarray(gpst, "M8[ns]").astype(np.int64),
-        *_in_use(navigation, signals, with_unknown_delay),
+        *_list_ephemerides(navigation, signals, with_unknown_delay),
         navigation.orbit_rows,
         navigation.reference_ns,
         transmission_tow_s,
@@ -124,19 +125,21 @@ def corrected_ranges(
 
 
 def time_scale(signal: SignalId) -> str:
-    """The letter of the system whose time the signal keeps: GPS's for QZSS and SBAS."""
+    """Return the letter of the system whose time the signal keeps: GPS's for QZSS and SBAS."""
     return time_scale_of(signal.sat)
 
 
-def time_scales(signals: tuple[SignalId, ...]) -> tuple[tuple[str, ...], Reals]:
-    """The time scales that the signals keep, in the order of preference as a reference, and who keeps which (k, c)."""
+def list_time_scales(signals: tuple[SignalId, ...]) -> tuple[tuple[str, ...], Reals]:
+    """Order the time scales that the signals keep, the preferred reference first; and who keeps which (k, c)."""
     of = [time_scale(signal) for signal in signals]
     scales = tuple(sorted(set(of), key=lambda scale: (_PREFERENCE + scale).index(scale))) or ("G",)
-    return scales, np.array([[float(scale == own) for scale in scales] for own in of]).reshape(len(of), len(scales))
+    return scales, np.array([[float(scale == signal_scale) for scale in scales] for signal_scale in of]).reshape(
+        len(of), len(scales)
+    )
 
 
-def space_sigma_m(signals: tuple[SignalId, ...]) -> Reals:
-    """(k,) what orbit and clock of each signal's system add to the error of a range, beyond those of GPS, one sigma.
+def compute_space_sigma_m(signals: tuple[SignalId, ...]) -> Reals:
+    """Return the error (k,) that orbit and clock of each system add to a range beyond GPS's, one sigma.
 
     The error of GPS itself is as large as the least multipath and is counted with it, in `multipath_sigma_m`.
     """
@@ -144,7 +147,7 @@ def space_sigma_m(signals: tuple[SignalId, ...]) -> Reals:
     return np.asarray(np.sqrt(np.maximum(rms_m**2 - _SPACE_M["G"] ** 2, 0.0)))
 
 
-def atmosphere(
+def compute_atmosphere(
     position_ecef_m: Reals,
     satellite_ecef_m: Reals,
     tow_s: Reals,
@@ -153,7 +156,7 @@ def atmosphere(
     ionosphere_share: float = 0.25,
     carrier_hz: Reals | None = None,
 ) -> AtmosphereDelays:
-    """Delays of the code at `position_ecef_m` (..., 3) from satellites (..., k, 3) in the frame of reception.
+    """Compute the code delays at `position_ecef_m` (..., 3) from satellites (..., k, 3) at reception.
 
     `sigma_m` is `ionosphere_share` of the ionosphere's delay: the broadcast model takes away about half of it
     (IS-GPS-200N, 20.3.3.5.2.5), and position and clock take up about half of what it leaves, which is alike for all
@@ -165,29 +168,32 @@ def atmosphere(
     k = satellite_ecef_m.shape[-2]
     delays = np.empty((math.prod(shape), k, 4))
     fill_delays(
-        flat(position_ecef_m, shape, 3),
-        flat(satellite_ecef_m, shape, k, 3),
-        flat(tow_s, shape),
-        flat(L1_HZ if carrier_hz is None else carrier_hz, shape, k),
-        ionosphere_model(ionosphere, ionosphere_share),
+        flatten_lead(position_ecef_m, shape, 3),
+        flatten_lead(satellite_ecef_m, shape, k, 3),
+        flatten_lead(tow_s, shape),
+        flatten_lead(L1_HZ if carrier_hz is None else carrier_hz, shape, k),
+        describe_ionosphere(ionosphere, ionosphere_share),
         delays,
     )
     elevation_rad, delay_m, sigma_m, ionosphere_m = np.moveaxis(delays.reshape(*shape, k, 4), -1, 0)
     return AtmosphereDelays(elevation_rad=elevation_rad, delay_m=delay_m, sigma_m=sigma_m, ionosphere_m=ionosphere_m)
 
 
-def ionosphere_model(ionosphere: Klobuchar | None, ionosphere_share: float) -> Reals:
-    """(10,) how the ionosphere's delay is taken, for kernels: Klobuchar's numbers, a factor, and sigma as its share."""
+def describe_ionosphere(ionosphere: Klobuchar | None, ionosphere_share: float) -> Reals:
+    """Describe the ionosphere's delay to kernels, (10,): Klobuchar's numbers, a factor, and sigma as its share."""
     if ionosphere is None:
         return np.array((*_NIGHT.alpha, *_NIGHT.beta, _UNKNOWN_IN_NIGHTS, 1.0))
     return np.array((*ionosphere.alpha, *ionosphere.beta, 1.0, ionosphere_share))
 
 
-def _in_use(
+def _list_ephemerides(
     navigation: NavigationData, signals: tuple[SignalId, ...], with_unknown_delay: bool
 ) -> tuple[Integers, Indices, Reals, Integers]:
-    """What serves each signal, as `fill_ranges` takes it: where its ephemerides begin, those of all signals one after
-    the other, its group delays by them, and the age to which they serve."""
+    """List the ephemerides that serve each signal, as `fill_ranges` takes them.
+
+    Returns where each signal's begin, those of all signals one after the other, their group delays, and the age to
+    which they serve.
+    """
     serving = []
     for signal in signals:
         rows, delay_s = navigation.serving(signal.sat, signal.band, signal.code)
@@ -196,6 +202,6 @@ def _in_use(
     first = np.cumsum([0, *(rows.size for rows, _ in serving)])
     most_ns = np.array([round(MAX_AGE_S.get(signal.sat[0], 0.0) * 1e9) for signal in signals], np.int64)
     rows, delay_s = (
-        np.concatenate([np.zeros(0, kind), *(own[k] for own in serving)]) for k, kind in enumerate((np.intp, float))
+        np.concatenate([np.zeros(0, kind), *(entry[k] for entry in serving)]) for k, kind in enumerate((np.intp, float))
     )
     return first, rows, delay_s, most_ns

@@ -1,4 +1,4 @@
-"""Fixes that are none: what residuals reject, and what nothing vouches for and no receiver on Earth can show."""
+"""Empty epochs that are no fix: residuals reject them, or no receiver on Earth can show them."""
 
 from dataclasses import replace
 from typing import Any
@@ -12,7 +12,7 @@ from skyproof.navigation.fix import FixGeometry
 from skyproof.records import Fix, FixStatus
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["empty_epochs", "screened"]
+__all__ = ["empty_epochs", "screen_fix"]
 
 MISFIT_PROBABILITY = 1e-6
 """Of rejecting a good fix: rare at ten fixes a second for a day."""
@@ -30,15 +30,15 @@ NUMBERS = (
 )
 
 
-def screened(fix: Fix, geometry: FixGeometry, *, with_misfits: bool = False) -> Fix:
-    """The fix with the epochs emptied that are no fix.
+def screen_fix(fix: Fix, geometry: FixGeometry, *, with_misfits: bool = False) -> Fix:
+    """Empty the epochs of a fix that are no fix.
 
     with_misfits : keep epochs whose residuals fit no one position, wherever a receiver on Earth can be, as a receiver
-        shows them that does not look at its residuals.
+    shows them that does not test its residuals.
 
-    The sum of squared residuals over their sigmas is chi-square with as many degrees as there are satellites beyond the
-    unknowns, if all of them fit one position. Without such a satellite anything fits: true and false signals mixed gave
-    heights of a thousand kilometres.
+    The sum of squared residuals over their sigmas is chi-square if all satellites fit one position, with as many
+    degrees as there are satellites beyond the unknowns. Without such a satellite anything fits: true and false signals
+    mixed gave heights of a thousand kilometres.
     """
     good = fix.status == FixStatus.OK
     used = np.isfinite(geometry.misfit_m) & np.isfinite(geometry.design).all(axis=-1)

@@ -1,10 +1,10 @@
-"""The consistent sets of one receiver's window: which signals, together, look like one sky?
+"""Find the consistent sets of one receiver's window: which signals, together, look like one sky?
 
-A set says nothing of authenticity; a meaconed sky is as consistent as the true one. Four signals always fit, so that
-sets begin at five; and small sets can fit by chance (`chance.chance_p_value`).
+A set is no evidence of authenticity: a meaconed sky is as consistent as the true one. Four signals always fit, so that
+sets begin at five; and small sets can fit by chance (`chance.bound_chance_p_value`).
 
-Each kind of signal (time scale, band, code) is searched alone, by satellite, with one clock; then kinds that show one
-position are one set, with a clock each (`skies.joined`), and kinds of fewer satellites join where they fit.
+Each kind of signal (time scale, band, code) is searched alone, by satellite, with one clock. Then kinds that show one
+position are one set, with a clock each (`skies.join_skies`), and kinds of fewer satellites join where they fit.
 """
 
 from functools import lru_cache
@@ -16,19 +16,28 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.ranges import UNKNOWN_DELAY_SIGMA_M, Ranges, corrected_ranges, space_sigma_m
-from skyproof.navigation.search import SetCandidates, SetSearch, WindowRanges, innovation, plausible, solve
-from skyproof.navigation.skies import ConsistentSky, Part, by_kind, extended, joined, lone_sky, sky_of, with_few
-from skyproof.navigation.window import WindowMean, window_mean
+from skyproof.navigation.ranges import UNKNOWN_DELAY_SIGMA_M, Ranges, compute_space_sigma_m, correct_ranges
+from skyproof.navigation.search import SetCandidates, SetSearch, WindowRanges, compute_innovation, is_plausible, solve
+from skyproof.navigation.skies import (
+    ConsistentSky,
+    Part,
+    extend_sky,
+    group_by_kind,
+    join_lone_sky,
+    join_skies,
+    select_few,
+    solve_sky,
+)
+from skyproof.navigation.window import WindowMean, average_window
 from skyproof.records import BY_NAME, ConsistentSet, Kind, NavigationData, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = ["consistent_sets", "window_measurements"]
+__all__ = ["find_consistent_sets", "measure_window"]
 
 _FORBIDDEN = 1e6  # cost of an assignment that cannot be
 
 
-def consistent_sets(
+def find_consistent_sets(
     window: Observations,
     navigation: NavigationData,
     *,
@@ -39,13 +48,15 @@ def consistent_sets(
     max_sets: int = 4,
     min_share: float = 0.5,
 ) -> tuple[ConsistentSet, ...]:
-    """Disjoint sets of signals, at most one per transmission in each, that fit one position; largest first.
+    """Find disjoint sets of signals that fit one position, the largest first.
 
-    Of each kind of signal the largest consistent set is found (of several the one with the smallest statistic), its
+    Each set has at most one signal per transmission.
+
+    For each kind of signal the largest consistent set is found (of several the one with the smallest statistic), its
     signals are taken out, and so on. A set within the noise of an earlier one of its kind, in position and clock, is
-    the same sky tracked twice and is not reported. Then every satellite's signals are dealt out anew among the kind's
-    sets by the likelihood of each beside the others of a set: the first set may have taken a signal that fits it by
-    chance, or the wrong one of two that are within the noise of each other, while the right one was another set's.
+    the same sky tracked twice and is not reported. Then every satellite's signals are assigned again among the kind's
+    sets, by the likelihood of each beside the others of a set. The first set may have taken a signal that fits it by
+    chance, or the wrong one of two that are within the noise of each other.
 
     Sets of different kinds that show one position are one set, with a clock for each kind. A kind with fewer than
     `min_satellites` satellites joins each set with those of its signals, two at least, that fit there with one clock;
@@ -59,7 +70,7 @@ def consistent_sets(
     ----------
     window : one receiver's observations, all of the window.
     multipath_sigma_m : what stays over the window: multipath, orbit and clock errors, the same for all; what the orbits
-        of a system are worse than those of GPS comes on top (`ranges.space_sigma_m`).
+        of a system are worse than those of GPS comes on top (`ranges.compute_space_sigma_m`).
     ionosphere_share : of the ionosphere's delay, one sigma of what the model leaves.
     min_satellites : five at least. Wrong sets of five signals are frequent where there are many signals.
     max_sets : of one kind.
@@ -72,7 +83,7 @@ def consistent_sets(
     """
     if min_satellites < 5:
         raise ValueError(f"min_satellites is {min_satellites}: four signals always fit one position, take 5 or more")
-    mean, measurements, usable = window_measurements(
+    mean, measurements, usable = measure_window(
         window,
         navigation,
         multipath_sigma_m=multipath_sigma_m,
@@ -81,27 +92,27 @@ def consistent_sets(
     )
     parts: list[Part] = []
     few: dict[Kind, Indices] = {}
-    for kind, rows in by_kind(mean.signals, np.flatnonzero(usable)).items():
+    for kind, rows in group_by_kind(mean.signals, np.flatnonzero(usable)).items():
         if len({mean.signals[k].sat for k in rows}) < min_satellites:
             few[kind] = rows
             continue
-        found = _of_one_kind(measurements, mean.signals, rows, false_alarm_probability, min_satellites, max_sets)
+        found = _find_sets_of_kind(measurements, mean.signals, rows, false_alarm_probability, min_satellites, max_sets)
         parts += [Part(kind, candidate.choice[0], candidate) for candidate in found]
-    skies = [sky_of(measurements, mean.signals, own) for own in joined(measurements, parts)]
-    if not skies and (sky := lone_sky(measurements, mean.signals, few, false_alarm_probability)) is not None:
+    skies = [solve_sky(measurements, mean.signals, sky_parts) for sky_parts in join_skies(measurements, parts)]
+    if not skies and (sky := join_lone_sky(measurements, mean.signals, few, false_alarm_probability)) is not None:
         skies = [sky]
     for kind, rows in few.items() if parts else ():
-        left = rows
+        remaining = rows
         for number, sky in enumerate(skies):
-            fitting = with_few(measurements, mean.signals, sky, left, false_alarm_probability)
+            fitting = select_few(measurements, mean.signals, sky, remaining, false_alarm_probability)
             if fitting.size:
-                skies[number] = extended(measurements, sky, kind, fitting)
-                left = np.setdiff1d(left, fitting)
+                skies[number] = extend_sky(measurements, sky, kind, fitting)
+                remaining = np.setdiff1d(remaining, fitting)
     skies.sort(key=lambda sky: (-sky.rows.size, sky.statistic))
     return tuple(_record(window.receiver, mean, sky) for sky in skies)
 
 
-def _of_one_kind(
+def _find_sets_of_kind(
     measurements: WindowRanges,
     signals: tuple[SignalId, ...],
     rows: Indices,
@@ -109,27 +120,27 @@ def _of_one_kind(
     min_satellites: int,
     max_sets: int,
 ) -> list[SetCandidates]:
-    """The consistent sets among the signals of one kind, as `solve` leaves them."""
+    """Find the consistent sets among the signals of one kind, as `solve` leaves them."""
     free = np.zeros(len(signals), np.bool_)
     free[rows] = True
-    copies = list(_by_satellite(signals, free).values())
+    copies = list(_group_by_satellite(signals, free).values())
     search = SetSearch(measurements, copies)
     found: list[SetCandidates] = []
     size = len(copies)
     while size >= min_satellites and len(found) < max_sets:
-        candidates = search.of_size(size, free, false_alarm_probability=false_alarm_probability)
+        candidates = search.find_of_size(size, free, false_alarm_probability=false_alarm_probability)
         if not candidates.choice.size:
             size -= 1
         for k, chosen in enumerate(candidates.choice):
             if free[chosen].all() and len(found) < max_sets:
                 free[chosen] = False
                 candidate = solve(measurements, chosen[None, :], candidates.state_m[k : k + 1], rounds=2)
-                if not any(_same_sky(candidate, other, false_alarm_probability) for other in found):
+                if not any(_is_same_sky(candidate, other, false_alarm_probability) for other in found):
                     found.append(candidate)
     return _reassign_signals(measurements, signals, found, false_alarm_probability, min_satellites)
 
 
-def window_measurements(
+def measure_window(
     window: Observations,
     navigation: NavigationData,
     *,
@@ -137,14 +148,18 @@ def window_measurements(
     ionosphere_share: float,
     min_share: float = 0.5,
 ) -> tuple[WindowMean, WindowRanges, Booleans]:
-    """The window's signals at its middle, and which of them have an ephemeris and a carrier; arguments as of
-    `consistent_sets`. Signals whose group delay no message gives are there, with the sigma of that."""
-    mean, ranges = _mean_and_ranges(window, navigation, min_share)
+    """Bring the window's signals to its middle, and mark those with an ephemeris and a carrier.
+
+    Arguments as in `find_consistent_sets`. Signals whose group delay no message gives are included, with its sigma.
+    """
+    mean, ranges = _average_and_range(window, navigation, min_share)
     unknown_delay_m2 = np.where(ranges.delay_unknown[0], UNKNOWN_DELAY_SIGMA_M, 0.0) ** 2
     measurements = WindowRanges(
         satellite_ecef_m=ranges.satellite_ecef_m[0],
         range_m=ranges.range_m[0],
-        sigma_m=np.sqrt(mean.sigma_m**2 + multipath_sigma_m**2 + space_sigma_m(mean.signals) ** 2 + unknown_delay_m2),
+        sigma_m=np.sqrt(
+            mean.sigma_m**2 + multipath_sigma_m**2 + compute_space_sigma_m(mean.signals) ** 2 + unknown_delay_m2
+        ),
         carrier_hz=mean.carrier_hz,
         tow_s=week_and_tow(mean.gpst)[1],
         ionosphere=navigation.ionosphere,
@@ -154,21 +169,21 @@ def window_measurements(
 
 
 @lru_cache(16)  # several tests look at the same windows
-def _mean_and_ranges(window: Observations, navigation: NavigationData, min_share: float) -> tuple[WindowMean, Ranges]:
-    mean = window_mean(window, min_share=min_share)
+def _average_and_range(window: Observations, navigation: NavigationData, min_share: float) -> tuple[WindowMean, Ranges]:
+    mean = average_window(window, min_share=min_share)
     gpst, pseudorange_m = np.array([mean.gpst]), mean.pseudorange_m[None, :]
-    return mean, corrected_ranges(mean.signals, gpst, pseudorange_m, navigation, with_unknown_delay=True)
+    return mean, correct_ranges(mean.signals, gpst, pseudorange_m, navigation, with_unknown_delay=True)
 
 
-def _by_satellite(signals: tuple[SignalId, ...], free: Booleans) -> dict[str, Indices]:
+def _group_by_satellite(signals: tuple[SignalId, ...], free: Booleans) -> dict[str, Indices]:
     of: dict[str, list[int]] = {}
     for k in np.flatnonzero(free):
         of.setdefault(signals[k].sat, []).append(int(k))
     return {sat: np.array(of[sat]) for sat in sorted(of)}
 
 
-def _same_sky(one: SetCandidates, other: SetCandidates, false_alarm_probability: float) -> bool:
-    """Whether two disjoint sets' positions and clocks differ by no more than their covariances explain."""
+def _is_same_sky(one: SetCandidates, other: SetCandidates, false_alarm_probability: float) -> bool:
+    """Test whether two disjoint sets' positions and clocks differ by no more than their covariances explain."""
     difference_m = one.state_m[0] - other.state_m[0]
     covariance_m2 = one.covariance_m2[0] + other.covariance_m2[0]
     distance = difference_m @ np.linalg.solve(covariance_m2, difference_m)
@@ -182,7 +197,7 @@ def _reassign_signals(
     false_alarm_probability: float,
     min_satellites: int,
 ) -> list[SetCandidates]:
-    """Each satellite's signals to the sets where they are likeliest, as long as every set stays consistent."""
+    """Assign each satellite's signals to their likeliest sets, as long as every set stays consistent."""
     if len(found) < 2:
         return found
     sats = np.array([signal.sat for signal in signals])
@@ -190,9 +205,9 @@ def _reassign_signals(
         owner = np.full(len(signals), -1)
         for k, candidate in enumerate(found):
             owner[candidate.choice] = k
-        cost = _costs(measurements, sats, found)
+        cost = _compute_costs(measurements, sats, found)
         dealt = owner.copy()
-        for rows in _by_satellite(signals, owner >= 0).values():
+        for rows in _group_by_satellite(signals, owner >= 0).values():
             _, dealt[rows] = scipy.optimize.linear_sum_assignment(cost[rows])
         if np.array_equal(dealt, owner):
             break
@@ -204,21 +219,23 @@ def _reassign_signals(
             for k in range(len(found))
         ]
         limits = chi_square_threshold(false_alarm_probability, sizes - 4)
-        if not all(c.statistic[0] <= t and plausible(c.state_m[:, :3])[0] for c, t in zip(anew, limits, strict=True)):
+        if not all(
+            c.statistic[0] <= t and is_plausible(c.state_m[:, :3])[0] for c, t in zip(anew, limits, strict=True)
+        ):
             break
         found = anew
     return found
 
 
-def _costs(measurements: WindowRanges, sats: NDArray[np.str_], found: list[SetCandidates]) -> Reals:
-    """Minus twice the log-likelihood (n_signals, n_sets) of each signal beside a set's signals of other satellites."""
+def _compute_costs(measurements: WindowRanges, sats: NDArray[np.str_], found: list[SetCandidates]) -> Reals:
+    """Compute minus twice the log-likelihood (n_signals, n_sets) of each signal beside a set's other satellites."""
     rows = np.arange(sats.size)
     cost = np.empty((sats.size, len(found)))
     for k, candidate in enumerate(found):
         choice = np.repeat(candidate.choice, rows.size, axis=0)
-        others = np.where(sats[choice] == sats[:, None], -1, choice)
-        alone = solve(measurements, others, np.repeat(candidate.state_m, rows.size, axis=0))
-        misfit_m, variance_m2 = innovation(measurements, rows, alone.state_m, alone.covariance_m2)
+        other_choice = np.where(sats[choice] == sats[:, None], -1, choice)
+        alone = solve(measurements, other_choice, np.repeat(candidate.state_m, rows.size, axis=0))
+        misfit_m, variance_m2 = compute_innovation(measurements, rows, alone.state_m, alone.covariance_m2)
         cost[:, k] = misfit_m**2 / variance_m2 + np.log(variance_m2)
     return np.minimum(np.nan_to_num(cost, nan=_FORBIDDEN), _FORBIDDEN)
 

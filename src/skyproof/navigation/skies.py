@@ -1,9 +1,9 @@
 """Sets of one kind of signal each, joined to skies: one position, and a clock for each kind.
 
 A kind (`SignalId.kind`: time scale, band, code) takes its own way through the receiver, and its satellites' delays have
-a mean of their own; with the offset between time scales that makes one unknown a kind. It is estimated and has no
-prior but a bound, `OFFSET_MAX_S`: nothing is known of it to the precision of a range, and a prior that is wrong would
-make a clean sky look false. What is left of a satellite's delay is in the range (TGD, BGD) or in its sigma.
+a mean of their own; with the offset between time scales that makes one unknown a kind. It is estimated and has no prior
+but a bound, `OFFSET_MAX_S`: nothing is known of it to the precision of a range, and a prior that is wrong would make a
+clean sky look false. The rest of a satellite's delay is in the range (TGD, BGD) or in its sigma.
 
 So kinds are compared by the positions that they show alone. That compares what an attacker would have to keep alike,
 and a kind with a clock of its own costs no more than one measurement. The ionosphere's error is common to a
@@ -19,7 +19,14 @@ import numpy as np
 
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.search import SetCandidates, WindowRanges, below, misfits, plausible, solve
+from skyproof.navigation.search import (
+    SetCandidates,
+    WindowRanges,
+    compute_misfits,
+    find_point_below,
+    is_plausible,
+    solve,
+)
 from skyproof.records import Kind, SignalId
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
@@ -27,13 +34,13 @@ __all__ = [
     "OFFSET_MAX_S",
     "ConsistentSky",
     "Part",
-    "apart_p_value",
-    "by_kind",
-    "extended",
-    "joined",
-    "lone_sky",
-    "sky_of",
-    "with_few",
+    "compute_apart_p_value",
+    "extend_sky",
+    "group_by_kind",
+    "join_lone_sky",
+    "join_skies",
+    "select_few",
+    "solve_sky",
 ]
 
 
@@ -73,15 +80,15 @@ class ConsistentSky:
     dof: int
 
 
-def by_kind(signals: Sequence[SignalId], rows: Indices) -> dict[Kind, Indices]:
-    """The rows of each kind, in the order of the kinds."""
+def group_by_kind(signals: Sequence[SignalId], rows: Indices) -> dict[Kind, Indices]:
+    """Group rows by kind, in the order of the kinds."""
     of: dict[Kind, list[int]] = {}
     for k in rows:
         of.setdefault(signals[k].kind, []).append(int(k))
     return {kind: np.array(of[kind], dtype=np.intp) for kind in sorted(of)}
 
 
-def apart_p_value(
+def compute_apart_p_value(
     off_m: Reals,
     covariance_m2: Reals,
     clock_m: float,
@@ -91,12 +98,12 @@ def apart_p_value(
     dof: int,
     sigma_m: float,
 ) -> float:
-    """Chance that two kinds of one sky show positions `off_m` (3,) and clocks `clock_m` apart.
+    """Test whether two kinds of one sky show positions `off_m` (3,) and clocks `clock_m` apart by chance.
 
-    The position's squared distance is chi-square with 3 degrees; the clock counts from `OFFSET_MAX_S` on. Two looks, so
-    twice the smaller chance. What parts kinds is taken for an attack, so the variances are those of the largest errors
-    that there may be: of ranges with `ERROR_BOUND_M` beside their sigma, `sigma_m` (rms of the two fits); and larger
-    by `statistic` over `dof` of the two fits together where that is more.
+    The position's squared distance is chi-square with 3 degrees; the clock counts from `OFFSET_MAX_S` on. There are two
+    tests, so the result is twice the smaller chance. Kinds apart are taken for an attack, so the variances are those of
+    the largest possible errors. Ranges get `ERROR_BOUND_M` beside their sigma, `sigma_m` (rms of the two fits); more
+    where `statistic` over `dof` of the two fits together is larger.
     """
     scale = max(statistic / max(dof, 1), 1.0 + (ERROR_BOUND_M / sigma_m) ** 2)
     squared = float(off_m @ np.linalg.solve(covariance_m2, off_m)) / scale
@@ -105,15 +112,17 @@ def apart_p_value(
     return min(1.0, 2.0 * float(min(chances)))
 
 
-def joined(measurements: WindowRanges, parts: Sequence[Part]) -> list[list[Part]]:
-    """The parts as skies, the largest first: each goes to the sky whose parts it fits best, if it fits them all.
+def join_skies(measurements: WindowRanges, parts: Sequence[Part]) -> list[list[Part]]:
+    """Join parts to skies, the largest first.
+
+    Each goes to the sky whose parts it fits best, if it fits them all.
 
     A sky has one part of a kind. Parts of one kind are different skies, by time if not by position.
     """
     skies: list[list[Part]] = []
     for part in sorted(parts, key=lambda p: (-p.rows.size, p.alone.statistic[0])):
         fits = [
-            (min(_p_of(measurements, part, other) for other in sky), -number)
+            (min(_test_parts(measurements, part, other) for other in sky), -number)
             for number, sky in enumerate(skies)
             if all(other.kind != part.kind for other in sky)
         ]
@@ -125,10 +134,10 @@ def joined(measurements: WindowRanges, parts: Sequence[Part]) -> list[list[Part]
     return skies
 
 
-def _p_of(measurements: WindowRanges, one: Part, other: Part) -> float:
+def _test_parts(measurements: WindowRanges, one: Part, other: Part) -> float:
     difference_m = one.alone.state_m[0] - other.alone.state_m[0]
     covariance_m2 = one.alone.covariance_m2[0] + other.alone.covariance_m2[0]
-    return apart_p_value(
+    return compute_apart_p_value(
         difference_m[:3],
         covariance_m2[:3, :3],
         float(difference_m[3]),
@@ -139,8 +148,8 @@ def _p_of(measurements: WindowRanges, one: Part, other: Part) -> float:
     )
 
 
-def sky_of(measurements: WindowRanges, signals: Sequence[SignalId], parts: Sequence[Part]) -> ConsistentSky:
-    """The common position of parts, by the first signal of each satellite, and the clock of each."""
+def solve_sky(measurements: WindowRanges, signals: Sequence[SignalId], parts: Sequence[Part]) -> ConsistentSky:
+    """Solve the common position of parts, by the first signal of each satellite, and the clock of each."""
     kinds = sorted(part.kind for part in parts)
     rank = {kind: sum(other[0] == kind[0] for other in kinds[: kinds.index(kind)]) for kind in kinds}
     parts = sorted(parts, key=lambda part: (rank[part.kind], -part.rows.size))
@@ -155,20 +164,20 @@ def sky_of(measurements: WindowRanges, signals: Sequence[SignalId], parts: Seque
             first.rows.size - 4,
         )
     start = first.alone.state_m[0]
-    return _solved(measurements, signals, [part.rows for part in parts], start)
+    return _solve_groups(measurements, signals, [part.rows for part in parts], start)
 
 
-def _solved(
+def _solve_groups(
     measurements: WindowRanges, signals: Sequence[SignalId], groups: Sequence[Indices], start_m: Reals
 ) -> ConsistentSky:
-    """Position by one signal per satellite of the groups of rows, each of one kind, and a clock for each group."""
+    """Solve the position by one signal per satellite from groups of rows, each of one kind, with a clock each."""
     taken: set[str] = set()
     used: list[Indices] = []
     for rows in groups:
-        own = np.array([k for k in rows if signals[k].sat not in taken], dtype=np.intp)
-        if own.size >= 2 or not used:  # one signal beside its own clock proves nothing
-            used.append(own)
-            taken |= {signals[k].sat for k in own}
+        group_rows = np.array([k for k in rows if signals[k].sat not in taken], dtype=np.intp)
+        if group_rows.size >= 2 or not used:  # one signal beside its own clock proves nothing
+            used.append(group_rows)
+            taken |= {signals[k].sat for k in group_rows}
     choice = np.concatenate(used)
     clocks = np.repeat(np.eye(len(used)), [rows.size for rows in used], axis=0)
     start = np.concatenate((start_m[:3], np.full(len(used), start_m[3])))
@@ -178,60 +187,66 @@ def _solved(
         np.concatenate(groups),
         state,
         found.covariance_m2[0, :4, :4],
-        {signals[rows[0]].kind: _clock_m(measurements, rows, state) for rows in groups},
+        {signals[rows[0]].kind: _estimate_clock_m(measurements, rows, state) for rows in groups},
         float(found.statistic[0]),
         choice.size - 3 - len(used),
     )
 
 
-def _clock_m(measurements: WindowRanges, rows: Indices, state_m: Reals) -> float:
-    """The clock that these signals show at a position."""
-    misfit_m, sigma_m, _ = misfits(measurements, rows, state_m)
+def _estimate_clock_m(measurements: WindowRanges, rows: Indices, state_m: Reals) -> float:
+    """Estimate the clock that these signals show at a position."""
+    misfit_m, sigma_m, _ = compute_misfits(measurements, rows, state_m)
     return float(state_m[3] + np.average(misfit_m, weights=sigma_m**-2.0))
 
 
-def with_few(
+def select_few(
     measurements: WindowRanges,
     signals: Sequence[SignalId],
     sky: ConsistentSky,
     rows: Indices,
     false_alarm_probability: float,
 ) -> Indices:
-    """Of one kind's `rows`, few satellites', those that fit a sky's position together with one clock of their own.
+    """Select signals of a kind with few satellites that fit a sky's position, with a clock of their own.
 
-    At most one of each satellite, as many as fit, two at least: one alone with its clock fits anywhere and is left out,
-    as nothing can be said of it. k signals leave k - 1 degrees.
+    At most one of each satellite, as many as fit, two at least. One alone fits anywhere with its clock and is left out,
+    since nothing is known of it. k signals leave k - 1 degrees.
     """
-    misfit_m, sigma_m, unit = misfits(measurements, rows, sky.state_m)
+    misfit_m, sigma_m, unit = compute_misfits(measurements, rows, sky.state_m)
     position_m2 = unit @ sky.covariance_m2[:3, :3] @ unit.T
     sats = sorted({signals[k].sat for k in rows})
     copies = [[-1, *(n for n, k in enumerate(rows) if signals[k].sat == sat)] for sat in sats]
-    if np.prod([len(own) for own in copies]) > _MOST_CHOICES:
+    if np.prod([len(chosen) for chosen in copies]) > _MOST_CHOICES:
         return np.empty(0, np.intp)
     best: tuple[int, float, list[int]] = 1, 0.0, []
     for choice in product(*copies):
-        own = [n for n in choice if n >= 0]
-        if len(own) < best[0] or len(own) < 2:
+        chosen = [n for n in choice if n >= 0]
+        if len(chosen) < best[0] or len(chosen) < 2:
             continue
-        statistic = _beside_a_clock(misfit_m[own], np.diag(sigma_m[own] ** 2) + position_m2[np.ix_(own, own)])
+        statistic = _compute_beside_clock(
+            misfit_m[chosen], np.diag(sigma_m[chosen] ** 2) + position_m2[np.ix_(chosen, chosen)]
+        )
         bound_m = SPEED_OF_LIGHT_M_S * OFFSET_MAX_S
-        fits = statistic <= chi_square_threshold(false_alarm_probability, len(own) - 1)
-        if fits and abs(float(np.mean(misfit_m[own]))) <= bound_m and (len(own), -statistic) > (best[0], -best[1]):
-            best = len(own), statistic, own
+        fits = statistic <= chi_square_threshold(false_alarm_probability, len(chosen) - 1)
+        if (
+            fits
+            and abs(float(np.mean(misfit_m[chosen]))) <= bound_m
+            and (len(chosen), -statistic) > (best[0], -best[1])
+        ):
+            best = len(chosen), statistic, chosen
     return rows[np.array(best[2], dtype=np.intp)]
 
 
-def _beside_a_clock(misfit_m: Reals, covariance_m2: Reals) -> float:
-    """Squared Mahalanobis length of misfits after their common part is taken off."""
+def _compute_beside_clock(misfit_m: Reals, covariance_m2: Reals) -> float:
+    """Compute the squared Mahalanobis length of misfits after their common part is taken off."""
     ones = np.ones(misfit_m.size)
     weighted = np.linalg.solve(covariance_m2, np.column_stack((misfit_m, ones)))
     return float(misfit_m @ weighted[:, 0] - (ones @ weighted[:, 0]) ** 2 / (ones @ weighted[:, 1]))
 
 
-def lone_sky(
+def join_lone_sky(
     measurements: WindowRanges, signals: Sequence[SignalId], kinds: dict[Kind, Indices], false_alarm_probability: float
 ) -> ConsistentSky | None:
-    """The sky of kinds that all have too few satellites for sets of their own: all their signals, or none.
+    """Join kinds that all have too few satellites for sets of their own: all their signals, or none.
 
     Only where every transmission is there once: so few signals do not show which copies belong together. None without
     two signals beyond the unknowns, or where they fit no one position.
@@ -241,19 +256,21 @@ def lone_sky(
     n_sats = len({signals[k].sat for rows in groups for k in rows})
     if not groups or len(set(names)) < len(names) or n_sats < 5:
         return None
-    sky = _solved(measurements, signals, groups, np.append(below(measurements, np.concatenate(groups)), 0.0))
-    if sky.dof < 1 or not np.all(np.isfinite(sky.state_m)) or not plausible(sky.state_m[None, :3])[0]:
+    sky = _solve_groups(
+        measurements, signals, groups, np.append(find_point_below(measurements, np.concatenate(groups)), 0.0)
+    )
+    if sky.dof < 1 or not np.all(np.isfinite(sky.state_m)) or not is_plausible(sky.state_m[None, :3])[0]:
         return None
     return sky if sky.statistic <= chi_square_threshold(false_alarm_probability, sky.dof) else None
 
 
-def extended(measurements: WindowRanges, sky: ConsistentSky, kind: Kind, rows: Indices) -> ConsistentSky:
-    """The sky with further signals of a kind, which do not move its position."""
+def extend_sky(measurements: WindowRanges, sky: ConsistentSky, kind: Kind, rows: Indices) -> ConsistentSky:
+    """Add further signals of a kind to the sky, without moving its position."""
     return ConsistentSky(
         np.concatenate((sky.rows, rows)),
         sky.state_m,
         sky.covariance_m2,
-        sky.clock_m | {kind: _clock_m(measurements, rows, sky.state_m)},
+        sky.clock_m | {kind: _estimate_clock_m(measurements, rows, sky.state_m)},
         sky.statistic,
         sky.dof,
     )

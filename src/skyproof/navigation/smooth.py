@@ -1,4 +1,4 @@
-"""Carrier smoothing of a whole file: the code's level from a window on both sides, its motion from the carrier."""
+"""Smooth a whole file's code by its carrier: the level from a window on both sides, the motion from the carrier."""
 
 from dataclasses import dataclass, replace
 
@@ -12,7 +12,7 @@ __all__ = ["smooth"]
 
 
 def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epochs: int = 3) -> Observations:
-    """Pseudoranges smoothed by their own carrier, within `window_s`/2 on either side and within one arc.
+    """Smooth pseudoranges by their own carrier, within `window_s`/2 on either side and within one arc.
 
     Each becomes carrier plus the mean of (code - carrier), weighted by 1/sigma^2, over the cells of its arc in the
     window (R. Hatch, "The synergism of GPS code and carrier measurements", 1982, made two-sided). Running sums: the
@@ -21,11 +21,10 @@ def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epoch
     An arc ends at a slip and at a gap of more than `max_gap_epochs` epochs. A cell with code and no carrier keeps its
     code; a cell without code stays NaN, with its status.
 
-    Noise: if the code noise is white from epoch to epoch with the `pseudorange_sigma_m` given, the new sigma^2 is
-    1 / sum(1/sigma^2) plus that of the carrier at the epoch. Neighbouring epochs then share their noise (so
-    `averaged_s` becomes 0, which promises nothing). Code noise that is correlated over a time tau averages over
-    window/tau values only, and errors that stay (multipath of a receiver at rest) not at all: the sigma does not know
-    of them.
+    Noise: the new sigma^2 is 1 / sum(1/sigma^2) plus that of the carrier at the epoch, if the code noise is white from
+    epoch to epoch with the `pseudorange_sigma_m` given. Neighbouring epochs then share their noise (so `averaged_s`
+    becomes 0, which promises nothing). Code noise that is correlated over a time tau averages over window/tau values
+    only, and errors that stay (multipath of a receiver at rest) not at all: the sigma does not know of them.
 
     Ionosphere: code is late and carrier early, so code minus carrier drifts by twice the ionosphere's rate. Over the
     full window that cancels to first order; at the ends of an arc, where the window has one side only, it leaves up to
@@ -41,13 +40,13 @@ def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epoch
     wavelength_m = SPEED_OF_LIGHT_M_S / observations.carrier_hz
     carrier_m = observations.carrier_cyc * wavelength_m
     code_sigma_m = observations.pseudorange_sigma_m
-    there = np.isfinite(observations.pseudorange_m) & np.isfinite(carrier_m) & np.isfinite(code_sigma_m)
-    arcs = _arcs(there, observations.status == CellStatus.SLIP, max_gap_epochs)
+    present = np.isfinite(observations.pseudorange_m) & np.isfinite(carrier_m) & np.isfinite(code_sigma_m)
+    arcs = _find_arcs(present, observations.status == CellStatus.SLIP, max_gap_epochs)
 
     # Levels count from their arc's first, so that the running sums keep millimetres beside carriers of any start.
-    difference_m = np.where(there, observations.pseudorange_m - carrier_m, 0.0)
+    difference_m = np.where(present, observations.pseudorange_m - carrier_m, 0.0)
     level_m = np.take_along_axis(difference_m, arcs.first, axis=0)
-    weight = np.where(there, 1.0 / np.where(there, code_sigma_m, 1.0) ** 2, 0.0)
+    weight = np.where(present, 1.0 / np.where(present, code_sigma_m, 1.0) ** 2, 0.0)
     half_s = 0.5 * window_s * (1.0 + 1e-9)  # epochs on the window's rim are in
     begin = np.searchsorted(observations.elapsed_s, observations.elapsed_s - half_s, side="left")
     end = np.searchsorted(observations.elapsed_s, observations.elapsed_s + half_s, side="right") - 1
@@ -58,8 +57,8 @@ def smooth(observations: Observations, *, window_s: float = 100.0, max_gap_epoch
         sigma_m = np.sqrt(1.0 / weights + (observations.carrier_sigma_cyc * wavelength_m) ** 2)
     return replace(
         observations,
-        pseudorange_m=np.where(there, carrier_m + mean_m, observations.pseudorange_m),
-        pseudorange_sigma_m=np.where(there & np.isfinite(sigma_m), sigma_m, code_sigma_m),
+        pseudorange_m=np.where(present, carrier_m + mean_m, observations.pseudorange_m),
+        pseudorange_sigma_m=np.where(present & np.isfinite(sigma_m), sigma_m, code_sigma_m),
         averaged_s=0.0,
     )
 
@@ -72,7 +71,7 @@ class _Arcs:
     last: Indices
 
 
-def _arcs(there: Booleans, slip: Booleans, max_gap_epochs: int) -> _Arcs:
+def _find_arcs(there: Booleans, slip: Booleans, max_gap_epochs: int) -> _Arcs:
     n = len(there)
     row = np.broadcast_to(np.arange(n)[:, None], there.shape)
     latest = np.maximum.accumulate(np.where(there, row, -1), axis=0)

@@ -28,7 +28,7 @@ from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.gravity import gravity_ecef_m_s2
 from skyproof.records import ImuSeries, NavState
 
-__all__ = ["strapdown", "strapdown_paths"]
+__all__ = ["navigate", "navigate_paths"]
 
 _OMEGA: Final = EARTH_ROTATION_RAD_S
 _GRAVITY_REACH_M: Final = 400.0  # within which gravity is taken as linear: 1e-7 m/s^2 at the ends
@@ -36,8 +36,8 @@ _CELL: Final = 0.1  # of that: places about which it is expanded
 
 
 @compiled
-def _turn(matrix, angle, out):  # type: ignore[no-untyped-def]
-    """out = matrix exp([angle x])."""
+def _rotate(matrix, angle, out):  # type: ignore[no-untyped-def]
+    """Set out = matrix exp([angle x])."""
     x, y, z = angle[0], angle[1], angle[2]
     square = x * x + y * y + z * z
     if square < 1e-8:
@@ -82,7 +82,7 @@ def _advance(  # type: ignore[no-untyped-def]
 ):
     """Navigate over the increments (n, 3) and write the state after each; gravity linear about `centre`.
 
-    Stops before the first interval that begins farther than `reach_m` from the centre; how many were done.
+    It stops before the first interval that begins farther than `reach_m` from the centre, and returns how many it did.
     """
     w1, w2, w3, w4 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     push, force, phi = np.empty(3), np.empty(3), np.empty(3)
@@ -134,7 +134,7 @@ def _advance(  # type: ignore[no-untyped-def]
             lag = attitude[i, 0] * w4[0] + attitude[i, 1] * w4[1] + attitude[i, 2] * w4[2]
             position[i] += interval * (0.5 * (velocity[i] + w3[i]) - lag)
             velocity[i] = w3[i]
-        _turn(attitude, phi, next_attitude)
+        _rotate(attitude, phi, next_attitude)
         for j in range(3):
             x, y = next_attitude[0, j], next_attitude[1, j]
             attitude[0, j], attitude[1, j] = cf * x + sf * y, -sf * x + cf * y
@@ -147,12 +147,12 @@ def _advance(  # type: ignore[no-untyped-def]
     return angle.shape[0]
 
 
-def strapdown(start: NavState, readings: ImuSeries) -> NavState:
+def navigate(start: NavState, readings: ImuSeries) -> NavState:
     """States (n + 1) from the last of `start` on: that one, then after each of the n readings.
 
     The unit sits at the body's origin. The first reading's interval begins at `start`, and no reading is missing.
     """
-    path = strapdown_paths(
+    path = navigate_paths(
         start.position_ecef_m[-1],
         start.velocity_ecef_m_s[-1],
         start.attitude[-1],
@@ -164,7 +164,7 @@ def strapdown(start: NavState, readings: ImuSeries) -> NavState:
     return NavState(gpst=times, position_ecef_m=path[0], velocity_ecef_m_s=path[1], attitude=path[2])
 
 
-def strapdown_paths(
+def navigate_paths(
     position_ecef_m: ArrayLike,
     velocity_ecef_m_s: ArrayLike,
     attitude: ArrayLike,
@@ -175,7 +175,7 @@ def strapdown_paths(
     before: ArrayLike | None = None,
     gravity_reach_m: float = _GRAVITY_REACH_M,
 ) -> tuple[Reals, Reals, Reals]:
-    """Position and velocity (..., n + 1, 3) and attitude (..., n + 1, 3, 3) from the start on, of many units at once.
+    """Integrate position, velocity (..., n + 1, 3) and attitude (..., n + 1, 3, 3) of many units at once.
 
     Starts (..., 3), (..., 3) and (..., 3, 3); readings (..., n, 3); they broadcast.
     before : (..., 2, 3) specific force and angular rate of the reading before the first, by which pieces of a run are
@@ -197,7 +197,7 @@ def strapdown_paths(
     first = np.stack((speed[..., 0, :], angle[..., 0, :]), axis=-2) if n else np.zeros((*shape, 2, 3))
     last = first if before is None else np.broadcast_to(interval_s * np.asarray(before, np.float64), first.shape)
     for unit in np.ndindex(shape if n else (0,)):
-        _one_path(
+        _navigate_path(
             np.ascontiguousarray(angle[unit]),
             np.ascontiguousarray(speed[unit]),
             last[unit],
@@ -210,7 +210,7 @@ def strapdown_paths(
     return places, speeds, attitudes
 
 
-def _one_path(
+def _navigate_path(
     angle: Reals,
     speed: Reals,
     last: Reals,
@@ -220,14 +220,17 @@ def _one_path(
     speeds: Reals,
     attitudes: Reals,
 ) -> None:
-    """Fill places, speeds (n + 1, 3) and attitudes (n + 1, 3, 3) from their first on; gravity anew where needed."""
+    """Fill places, speeds (n + 1, 3) and attitudes (n + 1, 3, 3) from their first on.
+
+    Gravity is computed again where needed.
+    """
     position, velocity, attitude = places[0].copy(), speeds[0].copy(), attitudes[0].copy()
     last_speed, last_angle = last.copy()
     done, n = 0, len(angle)
     while done < n:
         ahead_s = min(0.9 * reach_m / (1e-9 + float(np.linalg.norm(velocity))), (n - done) * interval_s)
         cells = np.rint((position + ahead_s * velocity) / (_CELL * reach_m))
-        centre, gravity, gradient = _gravity_about(*cells.tolist(), _CELL * reach_m)
+        centre, gravity, gradient = _compute_gravity(*cells.tolist(), _CELL * reach_m)
         done += _advance(
             angle[done:],
             speed[done:],
@@ -248,8 +251,11 @@ def _one_path(
 
 
 @lru_cache(maxsize=1024)
-def _gravity_about(x: float, y: float, z: float, cell_m: float) -> tuple[Reals, Reals, Reals]:
-    """A place (3,) in whole cells, gravity there (3,) and its gradient (3, 3); many units that fly one way share it."""
+def _compute_gravity(x: float, y: float, z: float, cell_m: float) -> tuple[Reals, Reals, Reals]:
+    """Return a place (3,) in whole cells, gravity there (3,) and its gradient (3, 3).
+
+    Many units that fly one way share it.
+    """
     place_ecef_m = cell_m * np.array([x, y, z])
     step = 1000.0 * np.eye(3)
     sides = gravity_ecef_m_s2(place_ecef_m + np.concatenate((step, -step)))

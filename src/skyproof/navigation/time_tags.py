@@ -1,8 +1,8 @@
-"""Whether a receiver's epochs are labelled with the time at which their ranges were measured.
+"""Test whether a receiver's epochs are labelled with the time at which their ranges were measured.
 
-A range is c times label minus time of transmission, so that a clock that is off stands in all ranges alike, and the
-satellites are where they were. A label that does not go with its ranges, as UTC for GPS time or one that was rounded,
-puts each satellite where it is at another time: all ranges are off in the ratio of their range rates. That is the
+A range is c times label minus time of transmission, so that a clock error is the same in all ranges, and the satellites
+are where they were. A label that does not belong to its ranges, as UTC for GPS time or a rounded one, puts each
+satellite where it is at another time. Then all ranges are off in the ratio of their range rates. That is the
 coarse-time error of F. van Diggelen, A-GPS (2009), chapter 4: a fifth unknown beside position and clock. A transmitter
 does not make it, for the time of a signal and its delay come together.
 """
@@ -19,13 +19,13 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.fix import fix_and_geometry
-from skyproof.navigation.least_squares import line_of_sight, normal_inverse
-from skyproof.navigation.raim import unknowns_of
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.least_squares import compute_line_of_sight, invert_normal
+from skyproof.navigation.raim import count_unknowns
+from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import FixStatus, NavigationData, Observations, Selectable, SignalId
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["TagErrors", "tag_errors"]
+__all__ = ["TagErrors", "estimate_tag_errors"]
 
 _LEAST_DOF: Final = 2  # that stay with five unknowns
 _FALSE: Final = 1e-9
@@ -50,7 +50,10 @@ class TagErrors:
 
     @cached_property
     def offset_s(self) -> float:
-        """What most labels are off by, alike: 0 where most are right, whole seconds where it may be: another scale."""
+        """Return the common error of most labels.
+
+        0 where most are right, whole seconds where it may be another scale.
+        """
         error_s = float(np.median(self.error_s[self.known])) if self.known.any() else 0.0
         whole_s = float(np.rint(error_s))
         near_s = _AGREEING_SIGMA * float(np.median(self.sigma_s[self.error_s != 0.0])) if error_s else 0.0
@@ -58,7 +61,7 @@ class TagErrors:
 
     @cached_property
     def stray(self) -> Booleans:
-        """(n_epochs,) whose labels are off otherwise than most."""
+        """Mark the epochs (n_epochs,) whose labels are off otherwise than most."""
         beyond_s = _AGREEING_SIGMA * np.nan_to_num(self.sigma_s) if self.offset_s else 0.0
         return np.asarray(self.known & (np.abs(self.error_s - self.offset_s) > beyond_s))
 
@@ -70,29 +73,29 @@ class TagErrors:
         return TagErrors(error_s=error_s, sigma_s=sigma_s, known=known)
 
 
-def tag_errors(observations: Observations, navigation: NavigationData) -> TagErrors:
+def estimate_tag_errors(observations: Observations, navigation: NavigationData) -> TagErrors:
     """Estimate the error of each epoch's label, (n_epochs,), where it explains what no position does.
 
     A label is wrong where the fifth unknown takes away of the misfit what no chance does, and what stays is noise: as
     stated, or as the median epoch has it.
     """
     n = observations.gpst.size
-    signals = _one_of_each(observations)
-    late_s, tried = np.zeros(n), _linear(observations, navigation, signals)
-    misfit, left = tried.statistic, tried.statistic.copy()
+    signals = _select_one_of_each(observations)
+    late_s, tried = np.zeros(n), _estimate_linear(observations, navigation, signals)
+    misfit, remaining = tried.statistic, tried.statistic.copy()
     rows = np.flatnonzero(tried.known & (chi_square_survival(tried.taken, 1) < _LOOKED_AT))
     step = tried.select(rows)
     for _ in range(_STEPS):
         late_s[rows] += step.error_s
-        step = _linear(_labelled(observations, rows, late_s[rows]), navigation, signals)
+        step = _estimate_linear(_label(observations, rows, late_s[rows]), navigation, signals)
         stays = step.known & (np.abs(late_s[rows]) < _MOST_S)
         late_s[rows[~stays]] = 0.0
         rows, step = rows[stays], step.select(stays)
-    left[rows] = step.statistic
+    remaining[rows] = step.statistic
     dof = np.maximum(tried.dof, 1)
-    noise = max(1.0, float(np.median((left / dof)[tried.known]))) if tried.known.any() else 1.0
-    chance = chi_square_survival(np.maximum(misfit - left, 0.0) / noise, 1)
-    wrong = (late_s != 0.0) & (chi_square_survival(left / noise, dof) >= _FITS) & (chance < _LOOKED_AT)
+    noise = max(1.0, float(np.median((remaining / dof)[tried.known]))) if tried.known.any() else 1.0
+    chance = chi_square_survival(np.maximum(misfit - remaining, 0.0) / noise, 1)
+    wrong = (late_s != 0.0) & (chi_square_survival(remaining / noise, dof) >= _FITS) & (chance < _LOOKED_AT)
     wrong &= np.any(wrong & (chance < _FALSE))  # where one label is surely wrong, doubtful ones are no chance either
     return TagErrors(
         error_s=np.where(wrong, late_s, 0.0),
@@ -101,7 +104,7 @@ def tag_errors(observations: Observations, navigation: NavigationData) -> TagErr
     )
 
 
-def _one_of_each(observations: Observations) -> tuple[SignalId, ...]:
+def _select_one_of_each(observations: Observations) -> tuple[SignalId, ...]:
     """Return of each satellite the signal with most ranges, of equals that of the highest carrier."""
     count = np.isfinite(observations.pseudorange_m).sum(axis=0)
     order = np.lexsort((-observations.carrier_hz, -count))
@@ -111,8 +114,8 @@ def _one_of_each(observations: Observations) -> tuple[SignalId, ...]:
     return tuple(chosen.values())
 
 
-def _labelled(observations: Observations, rows: Indices, late_s: Reals) -> Observations:
-    """Return some epochs with labels that are earlier by `late_s`, each by itself: they need not be in order."""
+def _label(observations: Observations, rows: Indices, late_s: Reals) -> Observations:
+    """Make some epochs' labels earlier by `late_s`, independently: they need not be in order."""
     part = observations.select(rows)
     return replace(part, gpst=part.gpst - timedelta_from_s(late_s))
 
@@ -132,12 +135,12 @@ class _Linear(Selectable):
     known: Booleans
 
 
-def _linear(observations: Observations, navigation: NavigationData, signals: tuple[SignalId, ...]) -> _Linear:
+def _estimate_linear(observations: Observations, navigation: NavigationData, signals: tuple[SignalId, ...]) -> _Linear:
     """Return the least-squares estimate of the fifth unknown beside those of a fix."""
     found, geometry = fix_and_geometry(observations, navigation, signals=signals)
     columns = [observations.signals.index(signal) for signal in signals]
-    ranges = corrected_ranges(signals, observations.gpst, observations.pseudorange_m[:, columns], navigation)
-    _, unit, distance_m = line_of_sight(ranges.satellite_ecef_m, found.position_ecef_m)
+    ranges = correct_ranges(signals, observations.gpst, observations.pseudorange_m[:, columns], navigation)
+    _, unit, distance_m = compute_line_of_sight(ranges.satellite_ecef_m, found.position_ecef_m)
     moving_m_s = rotate_to_reception(ranges.satellite_velocity_ecef_m_s, distance_m / SPEED_OF_LIGHT_M_S)
     used = np.isfinite(geometry.misfit_m) & np.isfinite(geometry.sigma_m)
     per_sigma = np.where(used, 1.0 / np.where(used, geometry.sigma_m, 1.0), 0.0)
@@ -145,9 +148,9 @@ def _linear(observations: Observations, navigation: NavigationData, signals: tup
     misfit = np.where(used, geometry.misfit_m, 0.0) * per_sigma
     design = geometry.design * per_sigma[..., None]
     across = np.swapaxes(design, -1, -2)
-    rate = rate - (design @ (normal_inverse(across @ design) @ (across @ rate[..., None])))[..., 0]
+    rate = rate - (design @ (invert_normal(across @ design) @ (across @ rate[..., None])))[..., 0]
     power = np.sum(rate**2, axis=-1)
-    dof = used.sum(axis=-1) - unknowns_of(design, used) - 1
+    dof = used.sum(axis=-1) - count_unknowns(design, used) - 1
     known = (found.status == FixStatus.OK) & (dof >= _LEAST_DOF) & (power > 0.0)
     power = np.where(known, power, 1.0)
     slope = np.sum(rate * misfit, axis=-1) / power

@@ -5,11 +5,10 @@ Lu, IET Radar, Sonar & Navigation, 2020, doi 10.1049/iet-rsn.2020.0021, (3)). An
 replicas' with what the discriminators found beside them, white from epoch to epoch; the update is that of an extended
 Kalman filter.
 
-All signals that drive the filter do so alike, whether they fit or not: a vector receiver judges nobody. Where they do
-not fit one position the noise of all is taken as larger by what they leave, and what is known from before counts no
-more than they do: the state is then that of the epochs themselves, as (8) has it. What they leave, and where a filter
-has gone wrong, is seen in each epoch by itself: its least squares have n - 4 residuals that the state has no part in,
-and 4 unknowns by which the state can be checked.
+All signals that drive the filter do so alike, whether they fit or not: a vector receiver excludes none. Where they do
+not fit one position, the noise of all is scaled up by their residuals. The prior then counts no more than they do: the
+state is that of the epochs themselves, as (8) has it. Residuals, and a filter that has gone wrong, show in each epoch
+alone. Its least squares have n - 4 residuals that do not depend on the state, and 4 unknowns that check the state.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.least_squares import design_matrix, line_of_sight, spd_inverse
+from skyproof.navigation.least_squares import compute_line_of_sight, design_matrix, invert_spd
 from skyproof.navigation.vector_sky import SkyEpoch
 from skyproof.statistics.distributions import chi_square_threshold
 from skyproof.statistics.kalman import kalman_update
@@ -36,10 +35,10 @@ __all__ = [
     "VectorSettings",
     "VectorState",
     "VectorUpdate",
-    "ahead",
-    "dopplers_hz",
+    "dopplers_from_rates",
     "predict_measurements",
-    "shown_rates",
+    "propagate_state",
+    "rates_from_dopplers",
     "start_state",
     "update_state",
 ]
@@ -123,7 +122,7 @@ class VectorUpdate(NamedTuple):
     rate_left_m_s: Reals
 
 
-def ahead(
+def propagate_state(
     state: VectorState,
     elapsed_s: float,
     settings: VectorSettings,
@@ -131,7 +130,7 @@ def ahead(
     *,
     walk2: float = np.inf,
 ) -> VectorState:
-    """The state at a later time: F x + u, F P F' + Q.
+    """Propagate the state to a later time: F x + u, F P F' + Q.
 
     change : (6,) of position beside that of an even motion, and of velocity, where an inertial unit shows them; what
         these leave open is a random walk of density `walk2`, m^2/s^3, in place of the settings', if it is smaller.
@@ -153,16 +152,18 @@ def ahead(
 
 
 def predict_measurements(mean: Reals, sky: SkyEpoch) -> Expected:
-    """What a state (8,) predicts."""
-    _, unit, distance_m = line_of_sight(sky.satellite_ecef_m, mean[POSITION])
+    """Predict the measurements of a state (8,)."""
+    _, unit, distance_m = compute_line_of_sight(sky.satellite_ecef_m, mean[POSITION])
     range_m = distance_m + mean[CLOCK]
     rate_m_s = -unit @ mean[VELOCITY] + sky.drift_gain * mean[DRIFT]
     return Expected(range_m, rate_m_s, design_matrix(unit))
 
 
 def start_state(epoch: VectorEpoch, sky: SkyEpoch, place_ecef_m: Reals, elapsed_s: float) -> VectorState | None:
-    """A filter that begins with one epoch's least squares, linear about a place near by (3,); None where fewer than
-    five satellites give a range and a rate."""
+    """Start a filter from one epoch's least squares, linear about a place near by (3,).
+
+    None where fewer than five satellites give a range and a rate.
+    """
     used = np.isfinite(epoch.range_m) & np.isfinite(epoch.rate_m_s)
     if used.sum() < 5:
         return None
@@ -184,15 +185,15 @@ def start_state(epoch: VectorEpoch, sky: SkyEpoch, place_ecef_m: Reals, elapsed_
 def update_state(
     state: VectorState, epoch: VectorEpoch, predicted: Expected, drives: Booleans, settings: VectorSettings
 ) -> VectorUpdate:
-    """Carry a state, of the epoch's time already, over an epoch's measurements.
+    """Update a state, already at the epoch's time, by the epoch's measurements.
 
     predicted : by the state. drives : (k,) satellites whose measurements are used.
     """
     range_m, rate_m_s, design = predicted
     ranges = drives & np.isfinite(epoch.range_m)
     rates = drives & np.isfinite(epoch.rate_m_s)
-    by_range = _judged(design, epoch.range_m - range_m, epoch.range_sigma_m, ranges, state, _PLACE, settings)
-    by_rate = _judged(design, epoch.rate_m_s - rate_m_s, epoch.rate_sigma_m_s, rates, state, _RATES, settings)
+    by_range = _test_epoch(design, epoch.range_m - range_m, epoch.range_sigma_m, ranges, state, _PLACE, settings)
+    by_rate = _test_epoch(design, epoch.rate_m_s - rate_m_s, epoch.rate_sigma_m_s, rates, state, _RATES, settings)
     rows = np.zeros((ranges.sum() + rates.sum(), CORE))
     rows[: ranges.sum(), _PLACE] = design[ranges]
     rows[ranges.sum() :, _RATES] = design[rates]
@@ -229,14 +230,14 @@ def update_state(
     )
 
 
-def shown_rates(sky: SkyEpoch, doppler_hz: Reals, carrier_hz: float) -> Reals:
-    """Rates (k,) in the terms of `VectorEpoch` that Dopplers show."""
+def rates_from_dopplers(sky: SkyEpoch, doppler_hz: Reals, carrier_hz: float) -> Reals:
+    """Convert Dopplers to rates (k,) in the terms of `VectorEpoch`."""
     pace = (1.0 + doppler_hz / carrier_hz) / (1.0 + sky.satellite_drift)
     return np.asarray(sky.moving * (1.0 - pace) * SPEED_OF_LIGHT_M_S - sky.along_m_s, float)
 
 
-def dopplers_hz(sky: SkyEpoch, rate_m_s: Reals, carrier_hz: float) -> Reals:
-    """Dopplers (k,) that show these rates: the inverse of `shown_rates`."""
+def dopplers_from_rates(sky: SkyEpoch, rate_m_s: Reals, carrier_hz: float) -> Reals:
+    """Convert rates to Dopplers (k,): the inverse of `rates_from_dopplers`."""
     pace = 1.0 - (rate_m_s + sky.along_m_s) / (sky.moving * SPEED_OF_LIGHT_M_S)
     return np.asarray(carrier_hz * (pace * (1.0 + sky.satellite_drift) - 1.0), float)
 
@@ -249,9 +250,9 @@ class _Fit(NamedTuple):
 
 
 def _fit(design: Reals, misfit: Reals, sigma: Reals) -> _Fit:
-    """Least squares of four unknowns; `left` is what they leave, chi-square with n - 4 degrees."""
+    """Solve least squares of four unknowns; `left`, the residual sum, is chi-square with n - 4 degrees."""
     weighted = design / sigma[:, None] ** 2
-    covariance = spd_inverse(weighted.T @ design)
+    covariance = invert_spd(weighted.T @ design)
     step = covariance @ (weighted.T @ misfit)
     residual = misfit - design @ step
     return _Fit(step, covariance, residual, float(np.sum((residual / sigma) ** 2)))
@@ -269,7 +270,7 @@ class _Judged(NamedTuple):
     covariance: Reals
 
 
-def _judged(
+def _test_epoch(
     design: Reals,
     misfit: Reals,
     sigma: Reals,
@@ -278,17 +279,17 @@ def _judged(
     places: list[int],
     settings: VectorSettings,
 ) -> _Judged:
-    """By how much the variances of an epoch have to grow, and whether it contradicts the state."""
-    left, n = np.full(used.size, np.nan), int(used.sum())
+    """Compute by how much an epoch's variances have to grow, and whether it contradicts the state."""
+    residual, n = np.full(used.size, np.nan), int(used.sum())
     if n < 4:
-        return _Judged(1.0, False, left, np.zeros((4, 4)))
+        return _Judged(1.0, False, residual, np.zeros((4, 4)))
     fit = _fit(design[used], misfit[used], sigma[used])
     if not np.all(np.isfinite(fit.covariance)):
-        return _Judged(1.0, False, left, np.zeros((4, 4)))
-    left[used] = fit.residual
+        return _Judged(1.0, False, residual, np.zeros((4, 4)))
+    residual[used] = fit.residual
     factor = 1.0
     if n > 4 and fit.left > _limit(settings.misfit_probability, n - 4):
         factor = fit.left / (n - 4)
     total = state.covariance[np.ix_(places, places)] + factor * fit.covariance
     off = float(fit.step @ np.linalg.solve(total, fit.step))
-    return _Judged(factor, off > _limit(settings.divergence_probability, 4), left, fit.covariance)
+    return _Judged(factor, off > _limit(settings.divergence_probability, 4), residual, fit.covariance)

@@ -1,4 +1,4 @@
-"""Where the satellites of a vector receiver are, some seconds ahead: orbits at many epochs cost as much as at one."""
+"""Compute the satellites of a vector receiver some seconds ahead: many epochs cost as much as one."""
 
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -9,11 +9,11 @@ from skyproof.arrays import Instants, Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.least_squares import line_of_sight
-from skyproof.navigation.ranges import atmosphere, corrected_ranges
+from skyproof.navigation.least_squares import compute_line_of_sight
+from skyproof.navigation.ranges import compute_atmosphere, correct_ranges
 from skyproof.records import NavigationData, SignalId
 
-__all__ = ["SkyAhead", "SkyEpoch", "sky_ahead"]
+__all__ = ["SkyAhead", "SkyEpoch", "compute_sky_ahead"]
 
 _DELAYS_STEP: Final = 8
 """Epochs for which one value of the delays on the way does: a centimetre in two seconds, of a satellite that rises."""
@@ -24,8 +24,8 @@ class SkyEpoch(NamedTuple):
 
     satellite_ecef_m : (k, 3) at transmission, in its frame. offset_m : to be added to a pseudorange to have a range:
     satellite's clock and group delay, and less the delays on the way. delay_sigma_m : what the models leave of these.
-    moving, along_m_s, drift_gain, satellite_drift : of the rates, see `fix.range_rates`: 1 + (along + turning)/c,
-    along, their factor of the receiver's drift, and the satellite clock's own.
+    moving, along_m_s, drift_gain, satellite_drift : of the rates, see `fix.compute_range_rates`: 1 + (along +
+    turning)/c, along, their factor of the receiver's drift, and the satellite clock's own.
     """
 
     satellite_ecef_m: Reals
@@ -46,14 +46,14 @@ class SkyAhead:
     of: SkyEpoch
 
     def at(self, elapsed_s: float) -> SkyEpoch | None:
-        """Of one epoch; None if it is not among them."""
+        """Select one epoch; None if it is not among them."""
         row = int(np.argmin(np.abs(self.elapsed_s - elapsed_s)))
         if abs(self.elapsed_s[row] - elapsed_s) > 1e-6:
             return None
         return SkyEpoch(*(array[row] for array in self.of))
 
 
-def sky_ahead(
+def compute_sky_ahead(
     signals: tuple[SignalId, ...],
     elapsed_s: Reals,
     gpst: Instants,
@@ -62,17 +62,17 @@ def sky_ahead(
     place_ecef_m: Reals,
     navigation: NavigationData,
 ) -> SkyAhead:
-    """The satellites at epochs (n,) with labels `gpst` (n,), of one frequency.
+    """Compute the satellites at epochs (n,) with labels `gpst` (n,), of one frequency.
 
     pseudorange_m, rate_m_s : (k,) at the first epoch and its change, roughly: an error of a kilometre moves a satellite
         by a centimetre. place_ecef_m : (3,) of the receiver, to 100 m.
     """
     rough_m = pseudorange_m + rate_m_s * (elapsed_s - elapsed_s[0])[:, None]
-    ranges = corrected_ranges(signals, gpst, rough_m, navigation)
-    satellite, unit, distance_m = line_of_sight(ranges.satellite_ecef_m, place_ecef_m)
+    ranges = correct_ranges(signals, gpst, rough_m, navigation)
+    satellite, unit, distance_m = compute_line_of_sight(ranges.satellite_ecef_m, place_ecef_m)
     _, tow_s = week_and_tow(gpst)
     some = np.arange(0, elapsed_s.size, _DELAYS_STEP)
-    delays = atmosphere(
+    delays = compute_atmosphere(
         np.broadcast_to(place_ecef_m, (some.size, 3)), satellite[some], tow_s[some], navigation.ionosphere
     )
     of = np.arange(elapsed_s.size) // _DELAYS_STEP

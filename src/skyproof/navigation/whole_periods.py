@@ -1,4 +1,4 @@
-"""Ranges of signals of which only the code's phase is known, once a position is."""
+"""Complete ranges to whole code periods by a position, for signals with a known code phase only."""
 
 from collections.abc import Sequence
 
@@ -9,12 +9,12 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state
 from skyproof.records import NavigationData
 
-__all__ = ["whole_ranges_m"]
+__all__ = ["complete_ranges_m"]
 
 _TRAVEL: np.timedelta64 = np.timedelta64(75, "ms")  # of a signal, to 15 ms, in which a satellite moves by 60 m
 
 
-def whole_ranges_m(
+def complete_ranges_m(
     code_s: Reals,
     sats: Sequence[str],
     gpst: Instants,
@@ -24,8 +24,10 @@ def whole_ranges_m(
     shows: Sequence[bool],
     period_s: float,
 ) -> Reals:
-    """Pseudoranges (n_epochs, n_signals): c times label minus what the code shows, with the whole code periods that lie
-    nearest to what the position predicts; NaN without an ephemeris.
+    """Compute pseudoranges (n_epochs, n_signals) from code phases and the nearest whole periods.
+
+    A range is c times label minus the time that the code shows. Its whole code periods are the nearest to the
+    prediction by the position; NaN without an ephemeris.
 
     Right for every signal whose range and clock are less than half a period (150 km for GPS C/A) off those of the
     signals that show the position.

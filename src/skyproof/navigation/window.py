@@ -1,4 +1,4 @@
-"""One value per channel for a whole window: pseudoranges brought to the middle epoch by their own carrier."""
+"""Average each channel over a whole window: pseudoranges brought to the middle epoch by their own carrier."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,7 +10,7 @@ from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import FASTEST_M_S, SPEED_OF_LIGHT_M_S
 from skyproof.records import CellStatus, Observations, SignalId
 
-__all__ = ["WindowMean", "fill_gaps", "interval_s", "window_mean"]
+__all__ = ["WindowMean", "average_window", "fill_gaps", "median_interval_s"]
 
 _RATE_PACE_M_S2: Final = 0.18
 """At which a range rate changes at most where the receiver stands: R r n^2 / (r - R) of a satellite at the zenith, with
@@ -29,15 +29,15 @@ class WindowMean:
     carrier_hz: Reals
 
 
-def interval_s(elapsed_s: Reals) -> float:
-    """The usual time from one epoch to the next, seconds, of epochs at `elapsed_s` (n,); 0 of fewer than two."""
+def median_interval_s(elapsed_s: Reals) -> float:
+    """Return the median time between epochs at `elapsed_s` (n,), seconds; 0 for fewer than two."""
     step_s = np.diff(elapsed_s)
     return float(np.median(step_s)) if step_s.size else 0.0
 
 
 @lru_cache(16)  # several tests look at the same windows
-def window_mean(observations: Observations, *, min_share: float = 0.5) -> WindowMean:
-    """Pseudoranges at the window's middle epoch: carrier there plus the mean of (code - carrier) over the window.
+def average_window(observations: Observations, *, min_share: float = 0.5) -> WindowMean:
+    """Average pseudoranges at the middle epoch: the carrier there plus the mean of (code - carrier).
 
     The mean is weighted by 1/sigma^2, and its sigma is 1 / sqrt(sum(1/sigma^2)): thermal noise that is white from epoch
     to epoch. Across slips and gaps the range is carried on by the Doppler (trapezoids), which adds its own noise to the
@@ -52,12 +52,12 @@ def window_mean(observations: Observations, *, min_share: float = 0.5) -> Window
     if n == 0:
         raise ValueError(f"the window of {observations.receiver} has no epoch")
     middle = n // 2
-    there = np.isfinite(observations.pseudorange_m) & np.isfinite(observations.pseudorange_sigma_m)
-    kept = np.flatnonzero(there.mean(axis=0) >= max(min_share, 0.5 / n))
-    there = there[:, kept]
-    motion_m, bridge_m2 = _motion(observations, kept, middle)
-    code_m = np.where(there, observations.pseudorange_m[:, kept], 0.0)
-    weight = np.where(there, 1.0 / np.where(there, observations.pseudorange_sigma_m[:, kept], 1.0) ** 2, 0.0)
+    present = np.isfinite(observations.pseudorange_m) & np.isfinite(observations.pseudorange_sigma_m)
+    kept = np.flatnonzero(present.mean(axis=0) >= max(min_share, 0.5 / n))
+    present = present[:, kept]
+    motion_m, bridge_m2 = _integrate_motion(observations, kept, middle)
+    code_m = np.where(present, observations.pseudorange_m[:, kept], 0.0)
+    weight = np.where(present, 1.0 / np.where(present, observations.pseudorange_sigma_m[:, kept], 1.0) ** 2, 0.0)
     weight = np.where(np.isfinite(motion_m), weight, 0.0)  # cut off by a gap in both carrier and Doppler
     total = weight.sum(axis=0)
     usable = total > 0.0
@@ -73,8 +73,11 @@ def window_mean(observations: Observations, *, min_share: float = 0.5) -> Window
     )
 
 
-def _motion(observations: Observations, kept: Indices, middle: int) -> tuple[Reals, Reals]:
-    """Range at each epoch minus range at the middle, (n, kept), and the variance that bridges by Doppler add."""
+def _integrate_motion(observations: Observations, kept: Indices, middle: int) -> tuple[Reals, Reals]:
+    """Integrate range at each epoch minus range at the middle, (n, kept).
+
+    Returns it, and the variance that bridges by Doppler add.
+    """
     wavelength_m = SPEED_OF_LIGHT_M_S / observations.carrier_hz[kept]
     elapsed_s = observations.elapsed_s
     dt_s = np.diff(elapsed_s)[:, None]
@@ -93,30 +96,30 @@ def _motion(observations: Observations, kept: Indices, middle: int) -> tuple[Rea
     motion_m = np.vstack((before_m, np.zeros((1, kept.size)), after_m))
 
     # Only bridges between cells with a pseudorange, or to the middle, matter.
-    there = np.isfinite(observations.pseudorange_m[:, kept])
-    there[middle] = True
-    needed = np.maximum.accumulate(there, axis=0)[:-1] & np.maximum.accumulate(there[::-1], axis=0)[::-1][1:]
+    present = np.isfinite(observations.pseudorange_m[:, kept])
+    present[middle] = True
+    needed = np.maximum.accumulate(present, axis=0)[:-1] & np.maximum.accumulate(present[::-1], axis=0)[::-1][1:]
     bridges = ~whole & needed & np.isfinite(by_doppler)
     noise_m2 = np.sum(np.where(bridges, np.nan_to_num(doppler_m2), 0.0), axis=0)
-    held_s = _held_s(elapsed_s, observations.doppler_hz[:, kept])
+    held_s = _measure_held_s(elapsed_s, observations.doppler_hz[:, kept])
     changed_m = _RATE_PACE_M_S2 * np.maximum(held_s[1:], held_s[:-1]) * dt_s
     return motion_m, noise_m2 + np.sum(np.where(bridges, changed_m, 0.0), axis=0) ** 2
 
 
-def _held_s(elapsed_s: Reals, values: Reals) -> Reals:
-    """How far before the first value of a column, or after its last, each epoch lies; 0 where there is none."""
-    there = np.isfinite(values)
-    first_s = elapsed_s[there.argmax(axis=0)]
-    last_s = elapsed_s[there.shape[0] - 1 - there[::-1].argmax(axis=0)]
+def _measure_held_s(elapsed_s: Reals, values: Reals) -> Reals:
+    """Measure how far before a column's first value, or after its last, each epoch lies; 0 for an empty column."""
+    present = np.isfinite(values)
+    first_s = elapsed_s[present.argmax(axis=0)]
+    last_s = elapsed_s[present.shape[0] - 1 - present[::-1].argmax(axis=0)]
     held_s = np.maximum(np.maximum(first_s - elapsed_s[:, None], elapsed_s[:, None] - last_s), 0.0)
-    return np.where(there.any(axis=0), held_s, 0.0)
+    return np.where(present.any(axis=0), held_s, 0.0)
 
 
 def fill_gaps(elapsed_s: Reals, values: Reals) -> Reals:
-    """Columns with their gaps filled by straight lines, the ends held; NaN where a column has nothing."""
-    there = np.isfinite(values)
-    filled = np.where(there, values, np.nan)
-    for column in np.flatnonzero(there.any(axis=0) & ~there.all(axis=0)):
-        known = there[:, column]
+    """Fill gaps of columns by straight lines, the ends held; NaN where a column is empty."""
+    present = np.isfinite(values)
+    filled = np.where(present, values, np.nan)
+    for column in np.flatnonzero(present.any(axis=0) & ~present.all(axis=0)):
+        known = present[:, column]
         filled[:, column] = np.interp(elapsed_s, elapsed_s[known], values[known, column])
     return filled

@@ -17,8 +17,8 @@ from skyproof.arrays import Instants, Reals
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES, ImuGrade
 from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
-from skyproof.navigation.ins_errors import STATES, error_covariance, start_covariance
-from skyproof.navigation.strapdown import strapdown_paths
+from skyproof.navigation.ins_errors import STATES, build_start_covariance, propagate_covariance
+from skyproof.navigation.strapdown import navigate_paths
 from skyproof.records import NavState
 from skyproof.simulator.inertial import inertial
 from skyproof.simulator.trajectories import las_vegas, las_vegas_false
@@ -142,7 +142,7 @@ def _flown(grade: ImuGrade, start: _Start, runs: int, end_s: int, rng: np.random
     )
     path = approach.path
     turn = Rotation.from_rotvec(np.radians(start.tilt_deg) * rng.standard_normal((runs, 3))).as_matrix()
-    places, speeds, attitudes = strapdown_paths(
+    places, speeds, attitudes = navigate_paths(
         path.position_ecef_m[0] + start.position_m * rng.standard_normal((runs, 3)),
         path.velocity_ecef_m_s[0] + start.velocity_m_s * rng.standard_normal((runs, 3)),
         turn @ path.attitude[0],
@@ -178,10 +178,10 @@ def _sensor_errors(
 
 def _predicted(grade: ImuGrade, start: _Start) -> Reals:
     """The linear model's covariance (234, 21, 21), ECEF: knows nothing of the draws above."""
-    first = start_covariance(
+    first = build_start_covariance(
         grade, position_m=start.position_m, velocity_m_s=start.velocity_m_s, tilt_rad=float(np.radians(start.tilt_deg))
     )
-    return error_covariance(_approach().path, grade, first)
+    return propagate_covariance(_approach().path, grade, first)
 
 
 def _place_enu_m2(covariance: Reals) -> Reals:
@@ -337,7 +337,7 @@ def _covariance_after(covariance: Reals, taken: str, grade: ImuGrade) -> Reals:
         velocity_ecef_m_s=path.velocity_ecef_m_s[rest],
         attitude=path.attitude[rest],
     )
-    return np.asarray(error_covariance(ahead, grade, after)[-1])
+    return np.asarray(propagate_covariance(ahead, grade, after)[-1])
 
 
 def _restarted(flown: _Flown, covariance: Reals, taken: str, grade: ImuGrade, rng: np.random.Generator) -> Reals:
@@ -359,7 +359,7 @@ def _restarted(flown: _Flown, covariance: Reals, taken: str, grade: ImuGrade, rn
     elapsed_s = (np.arange(flown.force.shape[1] - k) + 0.5) / _RATE_HZ
     fading = np.exp(-elapsed_s / grade.correlation_s)[:, None]
     bias = wrong[:, None, 9:15] + fading * wrong[:, None, 15:21]
-    places, _, _ = strapdown_paths(
+    places, _, _ = navigate_paths(
         state[:, :3] - wrong[:, :3],
         state[:, 3:] - wrong[:, 3:6],
         Rotation.from_rotvec(-wrong[:, 6:9]).as_matrix() @ flown.attitudes[:, k],

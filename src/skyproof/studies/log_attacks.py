@@ -17,8 +17,8 @@ from skyproof.formats.plausible import LETTERS, leave_out_impossible
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.navigation.fix import fix
-from skyproof.navigation.least_squares import line_of_sight
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.least_squares import compute_line_of_sight
+from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import OBSERVABLES, CellStatus, NavigationData, Observations
 
 __all__ = [
@@ -150,8 +150,8 @@ def delay_m(
 
     def modelled_m(pseudorange_m: Reals, ecef_m: Reals) -> Reals:
         """Return the range that is left, and the one that geometry gives."""
-        ranges = corrected_ranges(o.signals, o.gpst, pseudorange_m, navigation, with_unknown_delay=True)
-        _, _, distance_m = line_of_sight(ranges.satellite_ecef_m, ecef_m)
+        ranges = correct_ranges(o.signals, o.gpst, pseudorange_m, navigation, with_unknown_delay=True)
+        _, _, distance_m = compute_line_of_sight(ranges.satellite_ecef_m, ecef_m)
         return np.asarray(ranges.range_m - distance_m)
 
     true_m = modelled_m(o.pseudorange_m, place_ecef_m)

@@ -22,9 +22,9 @@ from scipy import linalg
 from skyproof.arrays import Booleans, Indices, Instants, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.fix import RangeRates, fix, range_rates
-from skyproof.navigation.least_squares import line_of_sight
-from skyproof.navigation.ranges import Ranges, atmosphere, corrected_ranges, space_sigma_m, time_scale
+from skyproof.navigation.fix import RangeRates, compute_range_rates, fix
+from skyproof.navigation.least_squares import compute_line_of_sight
+from skyproof.navigation.ranges import Ranges, compute_atmosphere, compute_space_sigma_m, correct_ranges, time_scale
 from skyproof.navigation.vector_filter import CLOCK, CORE, DRIFT, POSITION, VELOCITY
 from skyproof.records import CellStatus, Fix, FixStatus, NavigationData, Observations, Selectable, SignalId
 from skyproof.statistics.distributions import chi_square_threshold
@@ -127,7 +127,7 @@ def _rows(observations: Observations, signals: tuple[SignalId, ...], navigation:
     pseudorange_m = observations.pseudorange_m[:, columns]
     carrier_hz = observations.carrier_hz[columns]
     wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz
-    ranges = corrected_ranges(signals, observations.gpst, pseudorange_m, navigation)
+    ranges = correct_ranges(signals, observations.gpst, pseudorange_m, navigation)
     return _Rows(
         gpst=observations.gpst,
         tow_s=week_and_tow(observations.gpst)[1],
@@ -141,7 +141,7 @@ def _rows(observations: Observations, signals: tuple[SignalId, ...], navigation:
         doppler_sigma_hz=observations.doppler_sigma_hz[:, columns],
         slip=observations.status[:, columns] == CellStatus.SLIP,
         carrier_hz=carrier_hz,
-        space_m=space_sigma_m(signals),
+        space_m=compute_space_sigma_m(signals),
     )
 
 
@@ -270,8 +270,8 @@ class _View(Selectable):
 def _view(
     mean: Reals, rows: _Rows, row: int, columns: Indices, navigation: NavigationData, settings: FilterSettings
 ) -> _View:
-    satellite, _, _ = line_of_sight(rows.ranges.satellite_ecef_m[row, columns], mean[POSITION])
-    delays = atmosphere(
+    satellite, _, _ = compute_line_of_sight(rows.ranges.satellite_ecef_m[row, columns], mean[POSITION])
+    delays = compute_atmosphere(
         mean[POSITION],
         satellite,
         rows.tow_s[row],
@@ -376,13 +376,13 @@ class _Problem:
     def _rates(self) -> RangeRates:
         """Along today's lines of sight: a position better by 100 m turns them by 5 urad."""
         rows, cells = self.rows, (self.row, self.columns)
-        satellite, unit, distance_m = line_of_sight(self.satellite_ecef_m, self.mean[POSITION])
+        satellite, unit, distance_m = compute_line_of_sight(self.satellite_ecef_m, self.mean[POSITION])
         ranges = replace(
             self.ranges,
             satellite_velocity_ecef_m_s=self.ranges.satellite_velocity_ecef_m_s[cells],
             satellite_drift=self.ranges.satellite_drift[cells],
         )
-        return range_rates(
+        return compute_range_rates(
             ranges,
             satellite,
             unit,
@@ -394,7 +394,7 @@ class _Problem:
 
     def _linear(self, at: Reals) -> tuple[Reals, Reals]:
         """Measured minus modelled at `at`, (m,), and the model's derivative, (m, n)."""
-        _, unit, distance_m = line_of_sight(self.satellite_ecef_m, at[POSITION])
+        _, unit, distance_m = compute_line_of_sight(self.satellite_ecef_m, at[POSITION])
         k, m = len(self.columns), self.of.size
         design = np.zeros((m, at.size))
         ranging = np.arange(self.carriers.stop)

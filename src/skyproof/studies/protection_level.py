@@ -17,9 +17,9 @@ from skyproof.arrays import Indices, Reals
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.navigation.fix import FixGeometry, fix_and_geometry
-from skyproof.navigation.protection import protected
-from skyproof.navigation.raim import whitened_fit
-from skyproof.navigation.screen import screened
+from skyproof.navigation.protection import add_protection
+from skyproof.navigation.raim import fit_whitened
+from skyproof.navigation.screen import screen_fix
 from skyproof.records import Fix, FixStatus, NavigationData, Observations
 from skyproof.report.chart import Axes
 from skyproof.simulator.measurements import draw, ideal_measurements_of
@@ -56,7 +56,7 @@ class _Sky:
         """As trusted fixes are made of smoothed observations: `fusion.trusted.fix_of`."""
         observed = replace(self.exact, pseudorange_m=self.exact.pseudorange_m + error_m)
         found, geometry = fix_and_geometry(observed, self.navigation, multipath_sigma_m=MULTIPATH_M)
-        return screened(found, geometry), geometry
+        return screen_fix(found, geometry), geometry
 
 
 def rows(settings: StudySettings) -> Iterator[Row]:
@@ -123,7 +123,7 @@ def _counted(sky: _Sky, times: int, rng: np.random.Generator, biases_sigma: tupl
                         risk=risk,
                         bias_sigma=bias_sigma,
                         sizes_m=np.where(good, np.linalg.norm(off_m[:, of], axis=1), np.nan),
-                        levels_m=protected(found, problem, integrity_risk=risk).protection_m[:, number],
+                        levels_m=add_protection(found, problem, integrity_risk=risk).protection_m[:, number],
                         covariance_m=_quantile(axis, risk) * _sigma_m(found, sky.rot_enu, of),
                     )
                 )
@@ -157,7 +157,7 @@ def _repeated(o: Observations, times: int) -> Observations:
 def _hardest(geometry: FixGeometry, rot_enu: Reals, of: slice) -> tuple[Indices, Reals]:
     """(n,) which satellite moves the position farthest on the axes for what its residual shows, and the metres of bias
     that move its residual's test by one sigma."""
-    _, redundancy, covariance = whitened_fit(geometry.design, geometry.misfit_m, geometry.sigma_m)
+    _, redundancy, covariance = fit_whitened(geometry.design, geometry.misfit_m, geometry.sigma_m)
     whitened = np.nan_to_num(geometry.design / geometry.sigma_m[..., None])
     gain = (rot_enu @ (covariance @ np.swapaxes(whitened, -1, -2))[:, :3])[:, of]
     tested = redundancy > 1e-6

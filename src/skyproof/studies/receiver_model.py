@@ -23,7 +23,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.clock import anchored
+from skyproof.navigation.clock import anchor_label
 from skyproof.receiver.channels import FORGET_S, DelayDoppler, Gap, LostSignal, continued, letter
 from skyproof.records import Observations, Samples, SignalId
 from skyproof.simulator.measurement_errors import FieldError, FieldErrors, field_errors
@@ -410,7 +410,7 @@ def _receive(
     left_out = None
     if observations is not None:
         biases_s = clock_biases_s(shown_by(iter([observations]), scene.navigation), receiver.gaps)
-        observations = observations if biases_s is None else anchored(observations, biases_s)
+        observations = observations if biases_s is None else anchor_label(observations, biases_s)
     else:
         left_out = "no signal heard"
     samples = Samples(

@@ -25,7 +25,7 @@ from skyproof.formats.imu_pieces import StoredImuFile
 from skyproof.formats.pieces import Workspace
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, heading_pitch_roll_rad, rot_enu_ecef
 from skyproof.gnss.imu_grades import GRADES
-from skyproof.navigation.attitude import interpolation_sigma_rad
+from skyproof.navigation.attitude import estimate_interpolation_sigma_rad
 from skyproof.records import Attitude, ConsistentSet, NavigationData, Need, Records, SignalId
 from skyproof.simulator.inertial import inertial
 from skyproof.simulator.trajectories import circle, static
@@ -193,10 +193,13 @@ def test_what_lies_between_rows_is_in_the_sigma():
     time_s = np.arange(0.0, 60.0, 0.5)
     swing = np.radians(3.0) * np.sin(0.8 * time_s)
     rows = np.column_stack([np.full(time_s.size, 1.0), np.zeros(time_s.size), swing])
-    sigma = interpolation_sigma_rad(Attitude(gpst=later(time_s), angles_rad=rows, sigma_rad=0.0))
+    sigma = estimate_interpolation_sigma_rad(Attitude(gpst=later(time_s), angles_rad=rows, sigma_rad=0.0))
     between = np.radians(3.0) * np.sin(0.8 * (time_s[:-1] + 0.25)) - 0.5 * (swing[1:] + swing[:-1])
     assert np.sqrt(np.mean(between**2)) < sigma < 6.0 * np.sqrt(np.mean(between**2))
-    assert interpolation_sigma_rad(Attitude(gpst=later([0.0, 1.0]), angles_rad=np.zeros((2, 3)), sigma_rad=0.0)) == 0.0
+    assert (
+        estimate_interpolation_sigma_rad(Attitude(gpst=later([0.0, 1.0]), angles_rad=np.zeros((2, 3)), sigma_rad=0.0))
+        == 0.0
+    )
 
 
 # An inertial unit

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.rates import with_dopplers
+from skyproof.navigation.rates import fill_dopplers
 from skyproof.records import CellStatus, Observations
 
 CLOCK_S, DRIFT, NOISE_M = 3.1e-5, 2e-7, 0.3
@@ -18,7 +18,7 @@ def captured(own: Observations, other: Observations, row: int, *, rng: np.random
     Signals that `other` does not have are lost. Each measurement is moved to the instant at which `own` measures, which
     its label less the clock says.
     """
-    other, _ = with_dopplers(other)
+    other, _ = fill_dopplers(other)
     nearest = np.clip(np.searchsorted(other.gpst, own.gpst - np.timedelta64(20, "ms")), 0, other.gpst.size - 1)
     apart_s = (own.gpst - other.gpst[nearest]) / np.timedelta64(1, "ns") * 1e-9
     together = np.abs(apart_s) < TOGETHER_S

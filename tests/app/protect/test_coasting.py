@@ -13,7 +13,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect.coasting import Flown, flown_on, step, usable_fixes
 from skyproof.app.protect.hidden import HiddenDrag
 from skyproof.app.protect.positions import positions_of
-from skyproof.navigation.nav_estimate import known
+from skyproof.navigation.nav_estimate import estimate_from_parts
 from skyproof.records import Fix
 
 LABELS = np.datetime64("2022-01-01T21:45:58", "ns") + np.arange(12) * np.timedelta64(1, "s")
@@ -112,7 +112,7 @@ def test_fixes_of_a_sky_that_overlaps_with_another_correct_the_unit_in_their_tur
     whole, heard = fix_at(good), Heard()
     times = [LABELS[k] + np.timedelta64(500, "ms") for k in (1, 5, 8)]
     place = {"position_ecef_m": np.zeros(3), "position_m2": np.eye(3)}
-    flown = Flown(predictor=heard, coming=tuple(known(gpst, **place) for gpst in times))
+    flown = Flown(predictor=heard, coming=tuple(estimate_from_parts(gpst, **place) for gpst in times))
     first = 0
     for stop in cuts:
         rows = slice(first, stop)
@@ -138,7 +138,7 @@ class Drifts(Heard):
     def truth_at(self, gpst):
         sigma_m = float((gpst - LABELS[3]) / np.timedelta64(1, "s"))
         place = {"position_ecef_m": np.array([6.4e6, 0.0, 0.0]), "position_m2": sigma_m**2 * np.eye(3)}
-        return known(gpst, **place, velocity_ecef_m_s=np.zeros(3), velocity_m2_s2=np.eye(3))
+        return estimate_from_parts(gpst, **place, velocity_ecef_m_s=np.zeros(3), velocity_m2_s2=np.eye(3))
 
 
 def test_by_inertia_levels_and_what_is_hidden_grow_from_those_of_the_last_fix():
@@ -166,7 +166,7 @@ def test_by_inertia_nothing_is_hidden_after_a_trusted_fix_and_no_level_after_ski
         jump_m=np.zeros(1),
         far_m=np.array([np.inf]),
     )
-    coming = (known(LABELS[7], position_ecef_m=np.zeros(3), position_m2=np.eye(3)),)
+    coming = (estimate_from_parts(LABELS[7], position_ecef_m=np.zeros(3), position_m2=np.eye(3)),)
     flown = Flown(predictor=Drifts(), hidden=drag, integrity_risk=1e-7, coming=coming)
     carried, _ = flown_on(flown, "rx1", LABELS, fix)
     assert (carried.hidden_m == 0.0).all()

@@ -17,7 +17,7 @@ from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.navigation.clock import anchored
+from skyproof.navigation.clock import anchor_label
 from skyproof.navigation.fix import fix
 from skyproof.records import CellStatus, FixStatus, Observations
 from skyproof.simulator.measurements import NoiseModel, observations_of
@@ -114,7 +114,7 @@ def test_any_interval_a_clock_that_is_set_and_what_a_receiver_does_not_report(
         scenario, navigation, rng=rng, interval_s=interval_s, noise=NoiseModel(sigma_m=0.5, constant_m=0.3)
     )
     nothing = np.full_like(stern.doppler_hz, np.nan)
-    stern = anchored(stern, 1e-3 * (np.arange(stern.gpst.size) > stern.gpst.size // 2))
+    stern = anchor_label(stern, 1e-3 * (np.arange(stern.gpst.size) > stern.gpst.size // 2))
     stern = replace(stern, doppler_hz=nothing, cn0_dbhz=nothing)
     write_nav(tmp_path / "nav.rnx", navigation)
     result = protect(written(tmp_path, bow, stern), nav=tmp_path / "nav.rnx", **SETTINGS)

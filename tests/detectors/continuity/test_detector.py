@@ -15,7 +15,7 @@ from skyproof.detectors.continuity.steps import jumps, p_values, sides_of
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
-from skyproof.navigation.rates import with_dopplers
+from skyproof.navigation.rates import fill_dopplers
 from skyproof.records import OBSERVABLES, Cause, ConsistentSet, Records
 from skyproof.simulator.measurement_errors import FieldErrors
 from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
@@ -517,7 +517,7 @@ def test_missing_epochs_of_a_receiver_without_dopplers_are_no_jump():
     scene = MeasuredScene(epochs=15, step_s=30.0)
     o = scene.records(np.random.default_rng(1)).observations[0]
     without = replace(o, doppler_hz=np.full_like(o.doppler_hz, np.nan))
-    o = with_dopplers(without.select(np.array([8, 10, 12, 13, 14])), 30.0)[0]
+    o = fill_dopplers(without.select(np.array([8, 10, 12, 13, 14])), 30.0)[0]
     assert np.isnan(o.doppler_hz[:2]).all()
     place = scene.records(np.random.default_rng(1)).sets[0].position_ecef_m
     offset_m = series_of(o, scene.navigation, place, Limits()).offset_m

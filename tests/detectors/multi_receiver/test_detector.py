@@ -12,7 +12,7 @@ from skyproof.detectors.multi_receiver.pairing import pair_up
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.errors import SettingsError
 from skyproof.fusion.open_question import open_question
-from skyproof.navigation.sets import consistent_sets
+from skyproof.navigation.sets import find_consistent_sets
 from skyproof.records import OBSERVABLES, Cause, SignalId, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -89,7 +89,7 @@ def test_a_sky_of_one_antenna_may_be_echoes_where_satellites_are_few(satellites)
 
 def test_sets_that_were_searched_for_serve_as_well_as_the_true_ones():
     records = scene(false=(MEACONER,)).records(rng())
-    found = tuple(s for o in records.observations for s in consistent_sets(o, records.navigation))
+    found = tuple(s for o in records.observations for s in find_consistent_sets(o, records.navigation))
     evidence = examine(replace(records, sets=found))
     assert named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
     assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}

@@ -15,7 +15,7 @@ from skyproof.detectors.continuity.series import Limits, series_of
 from skyproof.detectors.prediction.place import StatedPlace, StatedPlaceSettings
 from skyproof.gnss.frames import rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED
-from skyproof.navigation.predictor import Standing, surveyed
+from skyproof.navigation.predictor import Standing, place_surveyed
 from skyproof.records import Cause
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
@@ -62,7 +62,7 @@ def moved(o, since, place_m, by_m):
 def at(found, *, north_m=0.0, up_m=0.0):
     """Stated to stand so far from where it does."""
     away_m = rot_enu_ecef(np.radians(57.7), np.radians(11.94)).T @ [0.0, north_m, up_m]
-    return surveyed(STANDS, found[2] + away_m, 0.01 * np.eye(3))
+    return place_surveyed(STANDS, found[2] + away_m, 0.01 * np.eye(3))
 
 
 def test_what_stands_where_it_is_stated_to_says_nothing():

@@ -36,8 +36,13 @@ from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import iso, timedelta_from_s
 from skyproof.logs.content import InertialRows
-from skyproof.navigation.attitude import direction_off_rad, interpolation_sigma_rad, stated_state, stood
-from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, apparent_tilt_rad, begin_free_run, coast
+from skyproof.navigation.attitude import (
+    bound_direction_error_rad,
+    estimate_interpolation_sigma_rad,
+    set_place,
+    state_from_angles,
+)
+from skyproof.navigation.inertia import TURN_MOST_RAD, FreeRun, begin_free_run, coast, measure_apparent_tilt_rad
 from skyproof.records import Attitude, ImuSeries, InertialReadings, NavState, Records
 from skyproof.remarks import Remark, RemarkKind
 
@@ -194,7 +199,7 @@ def _require_upright(imu: ImuFile, initial: Attitude, where: str) -> None:
     readings = imu.series(np.datetime64(0, "ns"))
     first = max(round(POLICY.levelled_s / imu.interval_s), 1)
     state = _start(readings, initial, _EQUATOR)
-    tilt_rad = apparent_tilt_rad(state, readings.specific_force_m_s2[:first])
+    tilt_rad = measure_apparent_tilt_rad(state, readings.specific_force_m_s2[:first])
     if tilt_rad > POLICY.most_tilt_rad:
         raise SettingsError(
             f"{where}: gravity in the accelerometers of {imu.source} is {np.degrees(tilt_rad):.0f} degrees from the "
@@ -252,7 +257,7 @@ def body_of(
     attitude, readings = None, None
     if files.attitude is not None and stated is not None:
         attitude = files.attitude.attitude(zero_gpst, float(np.radians(stated.sigma_deg)))
-        sigma_rad = float(np.hypot(attitude.sigma_rad, interpolation_sigma_rad(attitude)))
+        sigma_rad = float(np.hypot(attitude.sigma_rad, estimate_interpolation_sigma_rad(attitude)))
         attitude = replace(attitude, sigma_rad=sigma_rad)
     elif stated is not None and stated.heading_deg is not None and platform.motion != "moving":
         attitude = _angles(stated.heading_deg, stated.pitch_deg, stated.roll_deg, stated.sigma_deg)
@@ -323,11 +328,11 @@ def _stood_at(
         return None
     place = places[0]
     if path is None and body.stated is not None:
-        path, level = stated_state(body.stated, records.start_gpst, records.end_gpst, place), place
+        path, level = state_from_angles(body.stated, records.start_gpst, records.end_gpst, place), place
     if path is None or level is None:
         return None
-    off_rad = max(direction_off_rad(level, place, other) for other in places)
-    state = stood(path, place, None if known is None else known.covariance_m2, off_rad)
+    off_rad = max(bound_direction_error_rad(level, place, other) for other in places)
+    state = set_place(path, place, None if known is None else known.covariance_m2, off_rad)
     largest = 0.0 if state.covariance is None else float(np.linalg.eigvalsh(state.covariance[:, 6:, 6:]).max())
     return state if largest < TURN_MOST_RAD**2 else None
 

@@ -19,8 +19,8 @@ from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.clock import TimeBreaks
 from skyproof.navigation.inertial_predictor import Inertial
 from skyproof.navigation.predictor import Predictor, Standing
-from skyproof.navigation.sets import consistent_sets
-from skyproof.navigation.window import interval_s
+from skyproof.navigation.sets import find_consistent_sets
+from skyproof.navigation.window import median_interval_s
 from skyproof.records import (
     ArrayPhases,
     Asked,
@@ -85,7 +85,9 @@ def span_s(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np
 
 def following_epochs(settings: Settings, observations: Sequence[ObservationLog]) -> Settings:
     """The settings with windows of at least five epochs of the receiver that has fewest."""
-    needed_s = round(POLICY.least_window_epochs * max((interval_s(o.elapsed_s) for o in observations), default=0.0), 3)
+    needed_s = round(
+        POLICY.least_window_epochs * max((median_interval_s(o.elapsed_s) for o in observations), default=0.0), 3
+    )
     return settings if needed_s <= settings.window_s else settings.model_copy(update={"window_s": needed_s})
 
 
@@ -232,7 +234,7 @@ class Windows:
             received.append(
                 Arrived(
                     gpst=known,
-                    interval_s=interval_s(log.elapsed_s[: POLICY.interval_epochs]),
+                    interval_s=median_interval_s(log.elapsed_s[: POLICY.interval_epochs]),
                     breaks=breaks[breaks <= until],
                     until_gpst=until,
                 )
@@ -280,7 +282,7 @@ class Windows:
         sets: list[ConsistentSet] = []
         if run.navigation is not None:
             for window in cuts:
-                sets += consistent_sets(window, run.navigation, multipath_sigma_m=self.multipath_sigma_m)
+                sets += find_consistent_sets(window, run.navigation, multipath_sigma_m=self.multipath_sigma_m)
         spans_s = {o.receiver: span_s(o, start, end) for o in run.observations}
         grids = tuple(log.between(*spans_s[log.receiver]) for log in run.ccaf)
         phases = (log.between(*spans_s[log.receiver]) for log in run.array_phases)

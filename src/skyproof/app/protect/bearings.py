@@ -12,7 +12,7 @@ from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.bearings import BearingRay, Meeting, meeting
+from skyproof.navigation.bearings import BearingRay, Meeting, locate_transmitter
 from skyproof.records import Direction, Finding
 
 __all__ = ["Bearing", "bearings_of", "ellipse_95"]
@@ -66,7 +66,7 @@ def bearings_of(
         rays = _rays(source, evidence, trusted)
         if rays:
             some = [rays[k][1] for k in np.unique(np.linspace(0, len(rays) - 1, POLICY.rays).astype(int))]
-            found = meeting(some)
+            found = locate_transmitter(some)
             meets = found is not None and found.p_value >= POLICY.moved_p_value
             yield Bearing(source=source, last=dict(rays), meets=found if meets else None)
 

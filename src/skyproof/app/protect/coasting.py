@@ -29,10 +29,10 @@ from skyproof.fusion.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import seconds_between, timedelta_from_s
-from skyproof.navigation.inertial_predictor import Inertial, noise_of
-from skyproof.navigation.nav_estimate import NavEstimate, known_of
+from skyproof.navigation.inertial_predictor import Inertial, scale_to_noise
+from skyproof.navigation.nav_estimate import NavEstimate, estimates_from_fix
 from skyproof.navigation.predictor import SkyFix
-from skyproof.navigation.protection import noise_levels
+from skyproof.navigation.protection import compute_noise_levels
 from skyproof.records import Fix, FixStatus
 from skyproof.verdict import UsableKind
 
@@ -129,8 +129,8 @@ def flown_on(
         if good[first] == 2:
             continue
         if fix is not None and good[first] == 1:
-            own = list(known_of(fix.select(slice(first, stop)), every_s=POLICY.learned_interval_s))
-            predictor = predictor.learned(SkyFix(whole=own[0], each=tuple(map(noise_of, own))))
+            own = list(estimates_from_fix(fix.select(slice(first, stop)), every_s=POLICY.learned_interval_s))
+            predictor = predictor.learned(SkyFix(whole=own[0], each=tuple(map(scale_to_noise, own))))
             last = _of(fix, gpst, stop - 1)
             if flown.hidden is not None and last.hidden_m != 0.0:
                 last = replace(last, hidden_m_s=flown.hidden.rate_at(last.gpst))
@@ -180,7 +180,7 @@ def _fixes(receiver: str, found: Sequence[tuple[NavEstimate, Last]], integrity_r
     if integrity_risk is not None:
         lat_rad, lon_rad, _ = geodetic_from_ecef(means[:, :3])
         rot = rot_enu_ecef(lat_rad, lon_rad)
-        levels_m = noise_levels(spreads[:, :3, :3], rot, integrity_risk=integrity_risk)
+        levels_m = compute_noise_levels(spreads[:, :3, :3], rot, integrity_risk=integrity_risk)
         levels_m += np.stack([last.protection_m for _, last in found])
     return Fix(
         receiver=receiver,

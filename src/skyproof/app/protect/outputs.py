@@ -39,7 +39,7 @@ from skyproof.fusion.trusted import carries
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.geoid import GEOID_SIGMA_M, geoid_separation_m
 from skyproof.gnss.time import iso
-from skyproof.navigation.dilution import horizontal_dilution
+from skyproof.navigation.dilution import compute_horizontal_dilution
 from skyproof.records import (
     CELL_STATUS,
     LABELS,
@@ -375,7 +375,7 @@ def _sentences(fix: Fix, navigation: NavigationData) -> Iterator[str]:
         *place,
         columns["height_m"],
         columns["satellites"],
-        hdop=horizontal_dilution(fix, navigation)[fix.status == FixStatus.OK],
+        hdop=compute_horizontal_dilution(fix, navigation)[fix.status == FixStatus.OK],
         geoid_separation_m=geoid_separation_m(*place),
         sigma_east_m=columns["sigma_east_m"],
         sigma_north_m=columns["sigma_north_m"],

@@ -13,7 +13,7 @@ from skyproof.arrays import Reals
 from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES
 from skyproof.navigation.inertial_predictor import Inertial
 from skyproof.navigation.ins import InsSettings
-from skyproof.navigation.predictor import Predictor, Standing, surveyed
+from skyproof.navigation.predictor import Predictor, Standing, place_surveyed
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import Attitude, InertialReadings
 
@@ -126,4 +126,4 @@ def _predictor(name: str, settings: Settings, place: Surveyed | None, unit: Iner
             assumes=tuple(assumes),
         )
     standing = Standing(stands=stands, oscillator=oscillator, by=tuple(by), assumes=tuple(assumes))
-    return standing if place is None else surveyed(standing, place.ecef_m, place.sigma_m**2 * np.eye(3))
+    return standing if place is None else place_surveyed(standing, place.ecef_m, place.sigma_m**2 * np.eye(3))

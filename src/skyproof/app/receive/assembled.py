@@ -11,7 +11,7 @@ from skyproof.app.receive.tracker import Tracker
 from skyproof.arrays import Instants, Reals
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.spool import gathered
-from skyproof.navigation.clock import anchored
+from skyproof.navigation.clock import anchor_label
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.grids import GridCorrelator
 from skyproof.receiver.observables import ArcCarrier, ReceiverTimeTag, array_phases_of, assemble, ccaf_of, taps_of
@@ -40,7 +40,7 @@ class Assembled:
         return {}
 
     def stretches(self, antenna: int, biases_s: Reals | None = None) -> Iterator[Observations]:
-        """What one antenna measured, its clock moved by `biases_s` (n_epochs,) as `anchored` does."""
+        """What one antenna measured, its clock moved by `biases_s` (n_epochs,) as `anchor_label` does."""
         measured = self.tracker.measured
         part = antenna if measured.n_antennas else None
         if part not in self._carriers:
@@ -58,7 +58,7 @@ class Assembled:
                 carrier_hz=self._carrier_hz,
                 averaged_s=self.tracker.epoch_s,
             )
-            yield found if biases_s is None else anchored(found, biases_s[rows])
+            yield found if biases_s is None else anchor_label(found, biases_s[rows])
 
     def on_antennas(self, biases_s: Reals | None, workspace: Workspace) -> tuple[ObservationLog, ...]:
         """What each antenna measured; of a receiver with one, all that there is."""

@@ -20,10 +20,10 @@ from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.formats.spool import NothingGathered, gathered
 from skyproof.gnss.time import iso, leap_seconds, seconds_between, timedelta_from_s
 from skyproof.logs.content import InertialRows, ReceiverStates
-from skyproof.navigation.clock import ClockSteps, clock_steps, unstepped
-from skyproof.navigation.rates import RIM_EPOCHS, with_dopplers
-from skyproof.navigation.time_tags import TagErrors, tag_errors
-from skyproof.navigation.window import interval_s
+from skyproof.navigation.clock import ClockSteps, find_clock_steps, remove_clock_steps
+from skyproof.navigation.rates import RIM_EPOCHS, fill_dopplers
+from skyproof.navigation.time_tags import TagErrors, estimate_tag_errors
+from skyproof.navigation.window import median_interval_s
 from skyproof.records import (
     FrontEndLevels,
     NavigationData,
@@ -247,7 +247,7 @@ def observed(
     navigation : the orbits; those of the file's own messages if absent.
     """
     orbits = source.decoded if navigation is None else navigation
-    clock = _Clock.of(source.observations, clock_steps(source.observations), orbits)
+    clock = _Clock.of(source.observations, find_clock_steps(source.observations), orbits)
     made = _Made()
     whole = gathered(made.ready(source.observations, clock), source.name, workspace or Workspace(), "observations")
     remarks = [*clock.remarks()]
@@ -278,7 +278,7 @@ class _Clock:
         """Those of a log."""
         firsts = range(0, log.gpst.size, STRETCH_EPOCHS)
         parts = (_unstepped(log, steps, first, first + STRETCH_EPOCHS) for first in firsts)
-        return cls(log.gpst, steps, TagErrors.joined([tag_errors(part, navigation) for part in parts]))
+        return cls(log.gpst, steps, TagErrors.joined([estimate_tag_errors(part, navigation) for part in parts]))
 
     def set_right(self, log: ObservationLog, first: int, stop: int) -> Observations:
         """The epochs from `first` to before `stop`, without those whose labels are off otherwise than most."""
@@ -321,7 +321,7 @@ def _first_times(times: Sequence[str]) -> str:
 
 def _unstepped(log: ObservationLog, steps: ClockSteps | None, first: int, stop: int) -> Observations:
     part = log.read(first, stop)
-    return part if steps is None else unstepped(part, steps, first)
+    return part if steps is None else remove_clock_steps(part, steps, first)
 
 
 @dataclass
@@ -334,11 +334,11 @@ class _Made:
     def ready(self, log: ObservationLog, clock: _Clock) -> Iterator[Observations]:
         """A log in stretches, as if its clock had run on, with Dopplers."""
         kept = np.cumsum(np.append(0, ~clock.tags.stray))
-        usual_s = interval_s(log.elapsed_s if clock.steps is None else clock.steps.elapsed_s)
+        usual_s = median_interval_s(log.elapsed_s if clock.steps is None else clock.steps.elapsed_s)
         for first in range(0, log.gpst.size, STRETCH_EPOCHS):
             begin, stop = max(first - RIM_EPOCHS, 0), min(first + STRETCH_EPOCHS, log.gpst.size)
             part = clock.set_right(log, begin, stop + RIM_EPOCHS)
-            whole, derived = with_dopplers(part, usual_s)
+            whole, derived = fill_dopplers(part, usual_s)
             own = slice(int(kept[first] - kept[begin]), int(kept[stop] - kept[begin]))
             self.derived += int(derived[own].sum())
             self.phases += int(np.isfinite(part.carrier_cyc[own]).sum())

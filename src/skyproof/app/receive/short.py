@@ -36,7 +36,7 @@ from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings
-from skyproof.navigation.whole_periods import whole_ranges_m
+from skyproof.navigation.whole_periods import complete_ranges_m
 from skyproof.receiver.observables import phases_with_lines
 from skyproof.receiver.snapshot_changes import CHANCE
 from skyproof.records import (
@@ -297,7 +297,7 @@ def _ranged(
             later_s = found[0].first.middle_s[there] - block.middle_s[there]
             code_s[rows, column] = block.code_s[there] + later_s * (1.0 + block.code.doppler_hz / GPS_L1_CA.carrier_hz)
             sigma_s[rows, column] = block.code_sigma_s[there]
-    range_m = whole_ranges_m(
+    range_m = complete_ranges_m(
         np.mod(code_s, PERIOD_S),
         [one.signal.sat for one in found],
         gpst,

@@ -13,7 +13,7 @@ from skyproof.formats.bounds import listed
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import timedelta_from_s
-from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, coarse_fix
+from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, solve_coarse_fix
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.snapshot import CodePhase, code_phase
 from skyproof.records import Fix, FixStatus, NavigationData, Samples, SignalId
@@ -129,7 +129,7 @@ def solved(
     def solve(some: Sequence[CodePhase]) -> CoarseFix:
         rows = [(p.code_s, p.code_sigma_s, p.doppler_hz, p.doppler_sigma_hz) for p in some]
         code_s, code_sigma_s, doppler_hz, doppler_sigma_hz = np.array(rows, np.float64).reshape(-1, 4).T
-        return coarse_fix(
+        return solve_coarse_fix(
             tuple(p.sat for p in some),
             code_s,
             code_sigma_s,

@@ -20,7 +20,7 @@ from skyproof.formats.pieces import Workspace
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import timedelta_from_s, week_and_tow
 from skyproof.interruption import watch
-from skyproof.navigation.horizon import sats_above
+from skyproof.navigation.horizon import list_sats_above
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.grids import Grids
@@ -270,7 +270,7 @@ def _sats(
         return GPS_SATS, (f"every satellite was looked for: place_deg is of use with {lacks} only",)
     lat_rad, lon_rad = np.radians(settings.place_deg)
     end = samples.start_gpst + timedelta_from_s(samples.duration_s)
-    above = sats_above(navigation, GPS_SATS, float(lat_rad), float(lon_rad), samples.start_gpst, end)
+    above = list_sats_above(navigation, GPS_SATS, float(lat_rad), float(lon_rad), samples.start_gpst, end)
     if len(above) < POLICY.fix_satellites:
         return GPS_SATS, (
             f"every satellite was looked for: at place_deg only {len(above)} stood above the horizon; check it and the "

@@ -14,23 +14,23 @@ from skyproof.app.receive.policy import POLICY
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import gpst
-from skyproof.navigation.least_squares import gauss_newton
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.least_squares import fit_position
+from skyproof.navigation.ranges import correct_ranges
 from skyproof.navigation.vector_filter import (
     CLOCK,
     VectorEpoch,
     VectorSettings,
     VectorState,
     VectorUpdate,
-    ahead,
-    dopplers_hz,
+    dopplers_from_rates,
     predict_measurements,
-    shown_rates,
+    propagate_state,
+    rates_from_dopplers,
     start_state,
     update_state,
 )
-from skyproof.navigation.vector_inertia import AntennaUnit, FreeMotion, carried, carrying
-from skyproof.navigation.vector_sky import SkyAhead, SkyEpoch, sky_ahead
+from skyproof.navigation.vector_inertia import AntennaUnit, FreeMotion, begin_motion, carry_motion
+from skyproof.navigation.vector_sky import SkyAhead, SkyEpoch, compute_sky_ahead
 from skyproof.receiver import guidance as g
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
@@ -205,11 +205,11 @@ def _begun(guiding: Guiding, channels: _Channels, elapsed_s: float, receiver: Re
     assert guiding.label is not None
     assert guiding.navigation is not None
     label = gpst(guiding.label.week, np.array([guiding.label.tow_ms * 1e-3 + elapsed_s]))
-    ranges = corrected_ranges(channels.signals, label, channels.pseudorange_m[None], guiding.navigation)
+    ranges = correct_ranges(channels.signals, label, channels.pseudorange_m[None], guiding.navigation)
     used = np.isfinite(ranges.range_m[0]) & np.isfinite(channels.doppler_hz)
     if used.sum() < 5:
         return guiding
-    rough = gauss_newton(ranges.satellite_ecef_m[0], ranges.range_m[0], np.where(used, 1.0, np.nan), np.zeros(4))
+    rough = fit_position(ranges.satellite_ecef_m[0], ranges.range_m[0], np.where(used, 1.0, np.nan), np.zeros(4))
     misfit_m = float(np.sqrt(np.mean(rough.residual_m[used] ** 2)))
     place_m = rough.state_m[:3]
     if not misfit_m < POLICY.worst_start_m or not np.linalg.norm(place_m) < POLICY.farthest_m:
@@ -220,7 +220,7 @@ def _begun(guiding: Guiding, channels: _Channels, elapsed_s: float, receiver: Re
     at = (
         None
         if began is None or guiding.unit is None
-        else carrying(guiding.unit, began, _when(guiding, began, elapsed_s))
+        else begin_motion(guiding.unit, began, _when(guiding, began, elapsed_s))
     )
     return replace(guiding, filter=began, carried=at, agreed=0, driving=driving, out={})
 
@@ -236,12 +236,14 @@ def _ahead(guiding: Guiding, elapsed_s: float) -> tuple[Guiding, VectorState]:
     """The filter's state at the next row, by the inertial unit where there is one."""
     assert guiding.filter is not None
     if guiding.carried is None:
-        return guiding, ahead(guiding.filter, elapsed_s, guiding.settings)
-    found = carried(guiding.carried, _when(guiding, guiding.filter, elapsed_s))
+        return guiding, propagate_state(guiding.filter, elapsed_s, guiding.settings)
+    found = carry_motion(guiding.carried, _when(guiding, guiding.filter, elapsed_s))
     if found is None:
-        return replace(guiding, carried=None), ahead(guiding.filter, elapsed_s, guiding.settings)
+        return replace(guiding, carried=None), propagate_state(guiding.filter, elapsed_s, guiding.settings)
     own, (change, walk2) = found
-    return replace(guiding, carried=own), ahead(guiding.filter, elapsed_s, guiding.settings, change, walk2=walk2)
+    return replace(guiding, carried=own), propagate_state(
+        guiding.filter, elapsed_s, guiding.settings, change, walk2=walk2
+    )
 
 
 def _sky(
@@ -254,7 +256,7 @@ def _sky(
     if known is not None and known.signals == channels.signals and (found := known.at(elapsed_s)) is not None:
         return guiding, found
     at_s = elapsed_s + MEASURE_FRAMES * receiver.settings.frame_s * np.arange(AHEAD_EPOCHS, dtype=np.float64)
-    sky = sky_ahead(
+    sky = compute_sky_ahead(
         channels.signals,
         at_s,
         gpst(guiding.label.week, guiding.label.tow_ms * 1e-3 + at_s),
@@ -273,7 +275,7 @@ def _epoch(channels: _Channels, sky: SkyEpoch, receiver: Receiver, settings: Vec
     return VectorEpoch(
         range_m=channels.pseudorange_m + sky.offset_m,
         range_sigma_m=np.sqrt(channels.range_sigma_m**2 + sky.delay_sigma_m**2 + settings.range_sigma_m**2),
-        rate_m_s=shown_rates(sky, channels.doppler_hz, receiver.signal.carrier_hz),
+        rate_m_s=rates_from_dopplers(sky, channels.doppler_hz, receiver.signal.carrier_hz),
         rate_sigma_m_s=np.hypot(wavelength_m * channels.doppler_sigma_hz, settings.rate_sigma_m_s),
     )
 
@@ -345,7 +347,7 @@ def _guides(
         for places in ([0, 1, 2, 6], [3, 4, 5, 7])
     )
     sure = stays & (sigma_m < POLICY.sure_m) & (sigma_m_s < POLICY.sure_m_s)
-    doppler_hz = dopplers_hz(sky, found.rate_m_s, signal.carrier_hz)
+    doppler_hz = dopplers_from_rates(sky, found.rate_m_s, signal.carrier_hz)
     correction_hz = np.nan_to_num(found.rate_left_m_s) * signal.carrier_hz / SPEED_OF_LIGHT_M_S
     delay_s = (found.range_m - sky.offset_m) / SPEED_OF_LIGHT_M_S
     until_s = elapsed_s + (POLICY.lapse_epochs + 0.5) * MEASURE_FRAMES * settings.frame_s

@@ -27,7 +27,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.orbits import satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception, unit_vectors
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.nav_state import covered, state_at
+from skyproof.navigation.nav_state import interpolate_state, mark_covered
 from skyproof.records import ArrayPhases, NavigationData, NavState
 from skyproof.statistics.directions import nearest_whole, squared_norm
 from skyproof.statistics.distributions import chi_square_survival
@@ -215,11 +215,11 @@ def predict_directions(phases: ArrayPhases, state: NavState, navigation: Navigat
     Errors of position can be neglected: 1 km is 50 microradians.
     """
     direction = np.full((*phases.phase_cyc.shape[:2], 3), np.nan)
-    inside = covered(state, phases.gpst)
+    inside = mark_covered(state, phases.gpst)
     if not inside.any():
         return direction
     gpst = phases.gpst[inside]
-    body = state_at(state, gpst)
+    body = interpolate_state(state, gpst)
     week, tow_s = week_and_tow(gpst)
     for channel, signal in enumerate(phases.signals):
         orbit = navigation.best(signal.sat, gpst[gpst.size // 2])

@@ -7,8 +7,8 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.array.policy import POLICY
 from skyproof.detectors.second_signals.policy import POLICY as SECOND_SIGNALS
-from skyproof.navigation.search import misfits
-from skyproof.navigation.sets import window_measurements
+from skyproof.navigation.search import compute_misfits
+from skyproof.navigation.sets import measure_window
 from skyproof.records import NavigationData, Observations, SignalId
 
 __all__ = ["levels_dbhz", "select_reflections"]
@@ -33,13 +33,13 @@ def select_reflections(
     """
     if observations is None or not others or observations.gpst.size == 0:
         return frozenset()
-    mean, ranges, usable = window_measurements(
+    mean, ranges, usable = measure_window(
         observations, navigation, multipath_sigma_m=multipath_sigma_m, ionosphere_share=ionosphere_share, min_share=0.1
     )
     rows = np.flatnonzero(usable)
     if not rows.size:
         return frozenset()
-    misfit_m, sigma_m, _ = misfits(ranges, rows, np.append(place_ecef_m, 0.0))
+    misfit_m, sigma_m, _ = compute_misfits(ranges, rows, np.append(place_ecef_m, 0.0))
     late = {mean.signals[row]: (m, s) for row, m, s in zip(rows, misfit_m, sigma_m, strict=True)}
     level = dict(zip(observations.signals, levels_dbhz(observations), strict=True))
     clocks: dict[tuple[str, str, str], list[float]] = {}

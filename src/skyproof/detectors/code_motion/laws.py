@@ -20,7 +20,7 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import FixGeometry
-from skyproof.navigation.least_squares import spd_inverse
+from skyproof.navigation.least_squares import invert_spd
 from skyproof.statistics.distributions import f_survival
 from skyproof.statistics.leave_out import largest_p_value_without
 
@@ -142,7 +142,7 @@ def chance_without_two(
                 continue
             weighted = np.swapaxes(design, -1, -2) * kept[:, None, :]
             ridge = np.where(touched, 0.0, 1.0)[:, None, :] * np.eye(design.shape[-1])
-            inverse = spd_inverse(weighted @ design + ridge)
+            inverse = invert_spd(weighted @ design + ridge)
             change = (inverse @ (weighted @ misfit_m[..., None]))[..., 0]
             left_m = misfit_m - np.einsum("eki,ei->ek", design, change)
             factor = max(float((kept * left_m**2).sum() / dof.sum()), 1.0)

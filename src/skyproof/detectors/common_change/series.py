@@ -12,8 +12,8 @@ from skyproof.detectors.continuity.policy import POLICY as CONTINUITY
 from skyproof.detectors.continuity.steps import fitted_jump
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.least_squares import gauss_newton, line_of_sight
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.least_squares import compute_line_of_sight, fit_position
+from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import CellStatus, NavigationData, Observations, SignalId
 from skyproof.statistics.same_rows import group_by_rows
 
@@ -85,7 +85,7 @@ def turn_of(
     if rows is None:
         return None
     wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
-    ranges = corrected_ranges(o.signals, o.gpst[rows], o.pseudorange_m[rows], navigation)
+    ranges = correct_ranges(o.signals, o.gpst[rows], o.pseudorange_m[rows], navigation)
     between = slice(int(rows[0]), int(rows[2]) + 1)
     unbroken = np.isfinite(o.carrier_cyc[between]).all(axis=0)
     unbroken &= (o.status[between][1:] != CellStatus.SLIP).all(axis=0)
@@ -97,7 +97,7 @@ def turn_of(
     if np.isfinite(sent_m).all(axis=0).sum() < CONTINUITY.one_sky_satellites:
         return None
     variance_m2 = (wavelength_m * o.carrier_sigma_cyc[rows]) ** 2 + carrier_error_m**2
-    begun = gauss_newton(
+    begun = fit_position(
         ranges.satellite_ecef_m[0], ranges.range_m[0], o.pseudorange_sigma_m[rows[0]], np.append(place_ecef_m, 0.0)
     )
     place_m = np.tile(begun.state_m[:3], (3, 1))
@@ -115,7 +115,7 @@ def turn_of(
 
 def _left(satellite_ecef_m: Reals, sent_m: Reals, place_m: Reals) -> tuple[Reals, Reals]:
     """What is left of carriers (3, m) less their ways from places (3, 3), from the first epoch's; and unit vectors."""
-    _, unit, distance_m = line_of_sight(satellite_ecef_m, place_m)
+    _, unit, distance_m = compute_line_of_sight(satellite_ecef_m, place_m)
     left_m = sent_m - distance_m
     return left_m - left_m[0], unit
 

@@ -35,7 +35,7 @@ from skyproof.detectors.continuity.steps import (
     sides_of,
     sigma_of_fitting,
 )
-from skyproof.navigation.chance import chance_p_value
+from skyproof.navigation.chance import bound_chance_p_value
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.records import Cause
 from skyproof.statistics.leave_out import largest_p_value_without
@@ -154,7 +154,7 @@ def _fitting_chance(change_m: Reals, sigma_m: Reals, misfit: float, known: int) 
     as_before = int(alike.sum(axis=1).max())
     free_m = np.sort(sigma_m)[max(as_before - _UNKNOWNS, 0) :]
     return float(
-        chance_p_value(
+        bound_chance_p_value(
             free_m,
             window_m=POLICY.unrelated_spread_m,
             largest_statistic=max(misfit, float(sigma_m.size - _UNKNOWNS)),

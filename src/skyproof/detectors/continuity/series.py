@@ -11,9 +11,9 @@ from skyproof.detectors.continuity.one_sky import columns_of
 from skyproof.detectors.continuity.policy import POLICY
 from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.fix import range_rates
-from skyproof.navigation.least_squares import line_of_sight
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.fix import compute_range_rates
+from skyproof.navigation.least_squares import compute_line_of_sight
+from skyproof.navigation.ranges import correct_ranges
 from skyproof.navigation.window import fill_gaps
 from skyproof.records import CellStatus, NavigationData, Observations
 from skyproof.statistics.medians import medians
@@ -117,15 +117,15 @@ def series_of_groups(
 
 def _columns_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, limits: Limits) -> _Columns:
     wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
-    ranges = corrected_ranges(o.signals, o.gpst, o.pseudorange_m, navigation)
-    turned, unit, distance_m = line_of_sight(ranges.satellite_ecef_m, place_ecef_m)
-    rates = range_rates(ranges, turned, unit, distance_m, o.doppler_hz, o.doppler_sigma_hz, o.carrier_hz)
+    ranges = correct_ranges(o.signals, o.gpst, o.pseudorange_m, navigation)
+    turned, unit, distance_m = compute_line_of_sight(ranges.satellite_ecef_m, place_ecef_m)
+    rates = compute_range_rates(ranges, turned, unit, distance_m, o.doppler_hz, o.doppler_sigma_hz, o.carrier_hz)
     ahead_m = SPEED_OF_LIGHT_M_S * (seconds_between(o.gpst, o.gpst[0]) - (o.elapsed_s - o.elapsed_s[0]))
     level_m = ranges.range_m - distance_m - ahead_m[:, None]
     carrier_m = wavelength_m * o.carrier_cyc - ahead_m[:, None]
     # What the satellites' motion makes, also where no Doppler is: that matters by millionths.
     near_hz = np.nan_to_num(fill_gaps(o.elapsed_s, o.doppler_hz))
-    near = range_rates(ranges, turned, unit, distance_m, near_hz, o.doppler_sigma_hz, o.carrier_hz)
+    near = compute_range_rates(ranges, turned, unit, distance_m, near_hz, o.doppler_sigma_hz, o.carrier_hz)
     passing_m_s = -wavelength_m * near_hz - near.measured_m_s
     dt_s = np.diff(o.elapsed_s)[:, None]
 

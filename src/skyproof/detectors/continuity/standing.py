@@ -25,7 +25,7 @@ from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.series import Series
 from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely, motion_of
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.ranges import atmosphere
+from skyproof.navigation.ranges import compute_atmosphere
 from skyproof.records import NavigationData, Observations
 
 __all__ = ["moved_of"]
@@ -80,7 +80,7 @@ def _changes(
     satellite_m = place_ecef_m + _FAR_M * series.unit[[first, last]]
     tow_s = week_and_tow(o.gpst[[first, last]])[1]
     places = np.broadcast_to(place_ecef_m, (2, 3))
-    air = atmosphere(places, satellite_m, tow_s, navigation.ionosphere, carrier_hz=o.carrier_hz)
+    air = compute_atmosphere(places, satellite_m, tow_s, navigation.ionosphere, carrier_hz=o.carrier_hz)
     slowed_m = np.diff(air.delay_m - 2.0 * air.ionosphere_m, axis=0)[0]  # what delays code puts carriers ahead
     change_m = np.where(there, series.move_m[last] - series.move_m[first] - slowed_m, np.nan)
     return change_m, series.bridge_m2[last] - series.bridge_m2[first] + (POLICY.air_share * slowed_m) ** 2

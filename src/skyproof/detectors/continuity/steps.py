@@ -28,8 +28,8 @@ from skyproof.arrays import Booleans, Indices, Integers, Reals
 from skyproof.detectors.continuity.policy import POLICY
 from skyproof.detectors.continuity.series import Limits, Series, sum_from_zero
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.least_squares import design_matrix, spd_inverse
-from skyproof.navigation.raim import exclude_several, whitened_fit
+from skyproof.navigation.least_squares import design_matrix, invert_spd
+from skyproof.navigation.raim import exclude_several, fit_whitened
 from skyproof.records import NOTICED, Cause
 from skyproof.statistics.distributions import (
     chi_square_survival,
@@ -318,12 +318,12 @@ def fitted_jump(unit: Reals, difference: Reals, variance: Reals) -> Jump:
     """
     design = np.nan_to_num(design_matrix(unit))
     sigma = sigma_of_fitting(unit, difference, variance)
-    residual, _, _ = whitened_fit(design, difference, sigma)
+    residual, _, _ = fit_whitened(design, difference, sigma)
     misfit, dof = np.nansum(residual**2, axis=1), np.isfinite(sigma).sum(axis=1) - 4
     weight = np.where(np.isfinite(sigma), 1.0 / np.where(np.isfinite(sigma), sigma, 1.0) ** 2, 0.0)
     weighted = np.swapaxes(design, -1, -2) * weight[:, None, :]
     with np.errstate(invalid="ignore", divide="ignore"):
-        covariance = spd_inverse(weighted @ design)
+        covariance = invert_spd(weighted @ design)
     jump = (covariance @ (weighted @ np.nan_to_num(difference)[..., None]))[..., 0]
     return Jump(jump, covariance, misfit, np.maximum(dof, 0))
 
@@ -337,7 +337,7 @@ def sigma_of_fitting(unit: Reals, difference: Reals, variance: Reals) -> Reals:
     sigma = np.where(np.isfinite(difference) & np.isfinite(sigma), sigma, np.nan)
     enough = np.isfinite(sigma).sum(axis=1) >= POLICY.one_sky_satellites
     sigma = np.where(enough[:, None], sigma, np.nan)
-    residual, _, _ = whitened_fit(design, difference, sigma)
+    residual, _, _ = fit_whitened(design, difference, sigma)
     misfit, dof = np.nansum(residual**2, axis=1), np.isfinite(sigma).sum(axis=1) - 4
     faulty = np.flatnonzero(
         enough & (chi_square_survival(misfit, np.maximum(dof, 1)) < POLICY.faulty_channel_probability)
@@ -404,7 +404,7 @@ def _rates(unit: Reals, rate_m_s: Reals, rate_m2_s2: Reals) -> Reals:
     design = np.nan_to_num(design_matrix(unit))
     weighted = np.swapaxes(design, -1, -2) * weight[:, None, :]
     with np.errstate(invalid="ignore", divide="ignore"):
-        solved = spd_inverse(weighted @ design) @ (weighted @ np.nan_to_num(rate_m_s)[..., None])
+        solved = invert_spd(weighted @ design) @ (weighted @ np.nan_to_num(rate_m_s)[..., None])
     return np.asarray(np.nan_to_num(solved[..., 0]))
 
 
@@ -423,4 +423,4 @@ def _usual(series: Series) -> float:
 
 def _quadratic(jump: Reals, covariance: Reals) -> Reals:
     """(K,) squared length of jumps (K, d) in the metric of their covariance."""
-    return np.asarray(np.einsum("...i,...ij,...j->...", jump, spd_inverse(covariance), jump))
+    return np.asarray(np.einsum("...i,...ij,...j->...", jump, invert_spd(covariance), jump))

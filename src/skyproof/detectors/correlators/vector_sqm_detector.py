@@ -29,8 +29,8 @@ from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.elevation_mask import find_low
 from skyproof.navigation.least_squares import design_matrix
-from skyproof.navigation.search import WindowRanges, below, misfits, solve
-from skyproof.navigation.sets import window_measurements
+from skyproof.navigation.search import WindowRanges, compute_misfits, find_point_below, solve
+from skyproof.navigation.sets import measure_window
 from skyproof.records import (
     Cause,
     Datum,
@@ -289,7 +289,7 @@ def directions(
 ) -> Directions | None:
     """Of the signals from where they themselves put the receiver, but for satellites below the elevation mask; None if
     that is not to be found."""
-    mean, measurements, usable = window_measurements(
+    mean, measurements, usable = measure_window(
         observations,
         navigation,
         multipath_sigma_m=settings.multipath_sigma_m,
@@ -306,7 +306,7 @@ def directions(
         state_m = _state(measurements, rows)
     if not np.all(np.isfinite(state_m)):
         return None
-    _, sigma_m, unit = misfits(measurements, rows, state_m)
+    _, sigma_m, unit = compute_misfits(measurements, rows, state_m)
     design, lasting_chips = np.full((len(signals), 4), np.nan), np.full(len(signals), np.nan)
     places = [k for k, signal in enumerate(signals) if signal in row_of]
     chip_m = np.array([signals[k].plan.chip_m for k in places])
@@ -318,5 +318,5 @@ def _state(measurements: WindowRanges, rows: Indices) -> Reals:
     """Solve for position and clock (4,); NaN with fewer than four satellites."""
     if rows.size < 4:
         return np.full(4, np.nan)
-    start_m = np.append(below(measurements, rows), 0.0)
+    start_m = np.append(find_point_below(measurements, rows), 0.0)
     return np.asarray(solve(measurements, rows[None], start_m[None], rounds=3).state_m[0])

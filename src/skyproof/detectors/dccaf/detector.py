@@ -32,9 +32,9 @@ from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.detectors.dccaf.two_skies import TwoSkies, two_skies
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
-from skyproof.navigation.chance import chance_p_value, set_combinations
-from skyproof.navigation.least_squares import gauss_newton, line_of_sight
-from skyproof.navigation.ranges import atmosphere, corrected_ranges
+from skyproof.navigation.chance import bound_chance_p_value, count_set_combinations
+from skyproof.navigation.least_squares import compute_line_of_sight, fit_position
+from skyproof.navigation.ranges import compute_atmosphere, correct_ranges
 from skyproof.records import (
     Asked,
     Cause,
@@ -173,11 +173,11 @@ class Dccaf:
             return 1.0, {}
         rows, _ = second
         p_value = float(
-            chance_p_value(
+            bound_chance_p_value(
                 sky.sigma_m[rows],
                 window_m=2.0 * self.settings.window_chips * sky.chip_m,
                 largest_statistic=chi_square_threshold(probability, len(rows) - 4),
-                combinations=set_combinations(np.isfinite(misfit_m).sum(axis=1) - 1, len(rows)),
+                combinations=count_set_combinations(np.isfinite(misfit_m).sum(axis=1) - 1, len(rows)),
             )
         )
         left_over = 1 - best.choice[0][rows]
@@ -195,7 +195,7 @@ class Dccaf:
         gpst = ccaf.gpst[epoch]
         chip_m = np.array([signal.plan.chip_m for signal in ccaf.signals])
         measured_m = ccaf.reference_m[epoch][:, None] + found.delay_chips * chip_m[:, None]
-        ranges = corrected_ranges(ccaf.signals, np.array([gpst]), measured_m[None, :, 0], navigation)
+        ranges = correct_ranges(ccaf.signals, np.array([gpst]), measured_m[None, :, 0], navigation)
         rows = first[np.isfinite(ranges.range_m[0, first])]
         rows = rows[np.argsort([ccaf.signals[row].sat for row in rows], kind="stable")]
         if rows.size < POLICY.sky_satellites:
@@ -203,17 +203,17 @@ class Dccaf:
         satellite, range_m = ranges.satellite_ecef_m[0, rows], ranges.range_m[0, rows]
         sigma_m = np.hypot(chip_m[rows] * np.nanmax(found.sigma_chips[rows], axis=1), self.settings.multipath_sigma_m)
         tow_s = np.asarray(week_and_tow(gpst)[1])
-        state_m = gauss_newton(satellite, range_m, sigma_m, np.zeros(4), tolerance_m=10.0).state_m
+        state_m = fit_position(satellite, range_m, sigma_m, np.zeros(4), tolerance_m=10.0).state_m
         for _ in range(2):
-            turned, _, _ = line_of_sight(satellite, state_m[:3])
-            delays = atmosphere(
+            turned, _, _ = compute_line_of_sight(satellite, state_m[:3])
+            delays = compute_atmosphere(
                 state_m[:3], turned, tow_s, navigation.ionosphere, ionosphere_share=self.settings.ionosphere_share
             )
             total_m = np.hypot(sigma_m, delays.sigma_m)
-            state_m = gauss_newton(satellite, range_m - delays.delay_m, total_m, state_m).state_m
+            state_m = fit_position(satellite, range_m - delays.delay_m, total_m, state_m).state_m
         if not np.all(np.isfinite(state_m)):
             return None
-        _, unit, distance_m = line_of_sight(satellite, state_m[:3])
+        _, unit, distance_m = compute_line_of_sight(satellite, state_m[:3])
         first = range_m - delays.delay_m - distance_m - state_m[3]
         second = first + (measured_m[rows, 1] - measured_m[rows, 0])
         return _Sky(
@@ -252,7 +252,7 @@ def _reflected(sky: _Sky, two: TwoSkies, weaker_db: Reals, chance: float) -> tup
     counts = [int(unlike[np.arange(n), other].sum()) for other in (1 - two.choice, two.choice)]
     made = np.array([float(binomial_survival(count, n, chance)) for count in counts])
     fits = [
-        float(chance_p_value(sky.sigma_m, window_m=np.abs(late_m).max(), largest_statistic=statistic))
+        float(bound_chance_p_value(sky.sigma_m, window_m=np.abs(late_m).max(), largest_statistic=statistic))
         for statistic in two.statistic
     ]
     return tuple((made + made[::-1] * fits).tolist())

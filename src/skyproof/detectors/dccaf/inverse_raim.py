@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Integers, Reals
 from skyproof.compiled import compiled
-from skyproof.navigation.least_squares import design_matrix, spd_inverse
+from skyproof.navigation.least_squares import design_matrix, invert_spd
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["PassingSets", "parity_matrix", "passing_sets", "second_subset", "set_states"]
@@ -205,7 +205,7 @@ def set_states(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice:
     design = design_matrix(np.asarray(unit, np.float64))
     n = len(design)
     weight = 1.0 / np.broadcast_to(np.asarray(sigma_m, np.float64), (n,)) ** 2
-    covariance = spd_inverse(design.T @ (weight[:, None] * design))
+    covariance = invert_spd(design.T @ (weight[:, None] * design))
     chosen = np.atleast_2d(np.asarray(misfit_m, np.float64))[np.arange(n), choice]
     return np.asarray((chosen * weight) @ design @ covariance), covariance
 

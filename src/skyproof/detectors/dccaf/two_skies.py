@@ -18,7 +18,7 @@ import numpy as np
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.detectors.dccaf.inverse_raim import set_states
 from skyproof.detectors.dccaf.policy import POLICY
-from skyproof.navigation.chance import chance_p_value
+from skyproof.navigation.chance import bound_chance_p_value
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
@@ -66,7 +66,7 @@ def two_skies(
         return None
     weight = np.exp(-0.5 * (cost - cost[best]))
     same = _alike(state, state[best], covariance, set_probability)
-    by_chance = float(chance_p_value(sigma_m, window_m=window_m, largest_statistic=statistic[best].max()))
+    by_chance = float(bound_chance_p_value(sigma_m, window_m=window_m, largest_statistic=statistic[best].max()))
     # Whatever set fits, what it leaves over was tried.
     doubt = float(weight[~same].sum() / weight.sum() + fitting.sum() * by_chance)
     if doubt > most_doubt:

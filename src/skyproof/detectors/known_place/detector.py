@@ -21,8 +21,8 @@ from skyproof.detectors.code_motion.detector import primary_signals
 from skyproof.detectors.known_place.laws import chance_at_place
 from skyproof.detectors.known_place.policy import POLICY
 from skyproof.errors import require_probability
-from skyproof.navigation.search import misfits
-from skyproof.navigation.sets import window_measurements
+from skyproof.navigation.search import compute_misfits
+from skyproof.navigation.sets import measure_window
 from skyproof.records import Cause, Finding, Hypothesis, NavigationData, Need, Observations, Records, list_refs
 
 __all__ = ["CodesAtPlace", "CodesAtPlaceSettings"]
@@ -114,7 +114,7 @@ class CodesAtPlace:
         rows = np.unique(np.linspace(0, o.gpst.size - 1, min(o.gpst.size, POLICY.most_epochs)).round().astype(np.intp))
         found = []
         for row in rows.tolist():
-            mean, measurements, usable = window_measurements(
+            mean, measurements, usable = measure_window(
                 o.read(row, row + 1),
                 navigation,
                 multipath_sigma_m=self.settings.multipath_sigma_m,
@@ -123,7 +123,7 @@ class CodesAtPlace:
             kept = np.array([k for k in np.flatnonzero(usable) if mean.signals[k] in among], np.intp)
             if kept.size < POLICY.least_satellites:
                 continue
-            misfit_m, sigma_m, unit = misfits(measurements, kept, np.append(place.position_ecef_m, 0.0))
+            misfit_m, sigma_m, unit = compute_misfits(measurements, kept, np.append(place.position_ecef_m, 0.0))
             chosen = [mean.signals[k] for k in kept]
             scales = sorted({signal.kind for signal in chosen})
             clocks = np.array([[signal.kind == kind for kind in scales] for signal in chosen], np.float64)

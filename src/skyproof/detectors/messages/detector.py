@@ -41,7 +41,7 @@ from skyproof.errors import require_probability
 from skyproof.gnss.ephemeris import MAX_AGE_S, Ephemeris, UtcStatement
 from skyproof.gnss.sky import azimuth_elevation
 from skyproof.gnss.time import seconds_between
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import (
     Cause,
     Datum,
@@ -253,7 +253,7 @@ def _below_horizon(records: Records, o: Observations) -> Iterator[tuple[str, _Od
         return
     place_m = max(own, key=lambda s: len(s.signals)).position_ecef_m
     middle = o.read(o.gpst.size // 2, o.gpst.size // 2 + 1)
-    ranges = corrected_ranges(o.signals, middle.gpst, _filled(o, middle), records.navigation, with_unknown_delay=True)
+    ranges = correct_ranges(o.signals, middle.gpst, _filled(o, middle), records.navigation, with_unknown_delay=True)
     _, elevation_rad = azimuth_elevation(place_m, ranges.satellite_ecef_m[0])
     lowest_rad = lowest_elevation_rad(place_m)
     for k in np.flatnonzero(np.isfinite(elevation_rad) & (elevation_rad < lowest_rad)):

@@ -34,9 +34,9 @@ from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_v
 from skyproof.detectors.second_signals.policy import POLICY as SECOND_SIGNALS
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.search import WindowRanges, innovation
-from skyproof.navigation.sets import window_measurements
-from skyproof.navigation.skies import by_kind
+from skyproof.navigation.search import WindowRanges, compute_innovation
+from skyproof.navigation.sets import measure_window
+from skyproof.navigation.skies import group_by_kind
 from skyproof.records import ConsistentSet, Kind, Observations, Records, SignalId, SignalRef
 from skyproof.statistics.clusters import line_clusters
 from skyproof.statistics.many_small import many_small
@@ -127,7 +127,7 @@ def further_signals(
     own, kinds = {}, dict[int, dict[Kind, list[SignalId]]]()
     for (receiver, kind), chosen in true.items():
         if id(chosen) not in kinds:
-            rows = by_kind(chosen.signals, np.arange(len(chosen.signals)))
+            rows = group_by_kind(chosen.signals, np.arange(len(chosen.signals)))
             kinds[id(chosen)] = {own_kind: [chosen.signals[k] for k in of] for own_kind, of in rows.items()}
         beside = _beside(records, measured[receiver], chosen, kind, kinds[id(chosen)], each)
         places = {(receiver, signal.sat) for signal in kinds[id(chosen)].get(kind, ())}
@@ -210,11 +210,11 @@ def _measured(records: Records, o: Observations, rates: Rates) -> _Measured | No
     """The signals of one receiver over the window; None without orbits."""
     if records.navigation is None:
         return None
-    mean, measurements, usable = window_measurements(
+    mean, measurements, usable = measure_window(
         o, records.navigation, multipath_sigma_m=rates.multipath_sigma_m, ionosphere_share=0.25
     )
     level_dbhz = dict(zip(o.signals, medians(o.cn0_dbhz).tolist(), strict=True))
-    return _Measured(o, mean.signals, measurements, by_kind(mean.signals, np.flatnonzero(usable)), level_dbhz)
+    return _Measured(o, mean.signals, measurements, group_by_kind(mean.signals, np.flatnonzero(usable)), level_dbhz)
 
 
 def _beside(
@@ -236,7 +236,7 @@ def _beside(
     if not rows.size:
         return []
     state_m = np.append(chosen.position_ecef_m, SPEED_OF_LIGHT_M_S * chosen.clock_of_s(kind))
-    late_m, variance_m2 = innovation(
+    late_m, variance_m2 = compute_innovation(
         measured.ranges, rows, np.tile(state_m, (rows.size, 1)), np.tile(chosen.covariance_m2, (rows.size, 1, 1))
     )
     best_dbhz = max((level_dbhz[s] for s in own.values() if np.isfinite(level_dbhz[s])), default=np.nan)

@@ -42,7 +42,7 @@ from skyproof.fusion.corrected import CorrectedNavigator
 from skyproof.fusion.policy import POLICY as FUSION
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.inertial_predictor import Inertial
-from skyproof.navigation.nav_estimate import NavEstimate, without
+from skyproof.navigation.nav_estimate import NavEstimate, mark_unknown
 from skyproof.navigation.prediction import fit_p_value
 from skyproof.navigation.predictor import SkyFix
 from skyproof.records import (
@@ -313,7 +313,9 @@ class _Walk:
         """Correct the navigator. free : those that run on without."""
         self.tried_m_s = max(self.tried_m_s, _change_m_s(self._looked(fix)))
         if window.end > self.clock_until:
-            fix = SkyFix(whole=without(fix.whole, _CLOCK), each=tuple(without(one, _CLOCK) for one in fix.each))
+            fix = SkyFix(
+                whole=mark_unknown(fix.whole, _CLOCK), each=tuple(mark_unknown(one, _CLOCK) for one in fix.each)
+            )
         own = _Learned(
             number=self.learned,
             start=window.start,
@@ -494,7 +496,7 @@ class _Walk:
 def _expect(predictor: Inertial, gpst: np.datetime64) -> NavEstimate | None:
     """Return what a fix would show, but for its clock."""
     expected = predictor.at(gpst)
-    return None if expected is None else without(expected, _CLOCK)
+    return None if expected is None else mark_unknown(expected, _CLOCK)
 
 
 def _keep_useful(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:

@@ -31,7 +31,7 @@ from skyproof.fusion.candidates import FixMaker, SkyCandidates, candidates_in, r
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED, position_slips
 from skyproof.gnss.time import timedelta_from_s
-from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, without
+from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, mark_unknown
 from skyproof.navigation.prediction import fit_p_value
 from skyproof.navigation.predictor import SkyFix, Standing
 from skyproof.records import (
@@ -159,7 +159,7 @@ class _Here:
 
     def hold(self, sky: ConsistentSet, fix: NavEstimate) -> _Shown | None:
         expected = self.watch.predictor.at(fix.gpst)
-        place = None if expected is None else without(expected, _ALL_BUT_PLACE)
+        place = None if expected is None else mark_unknown(expected, _ALL_BUT_PLACE)
         if place is None or not place.there.size:
             return None
         if self.watch.predictor.surveyed:
@@ -247,7 +247,7 @@ class _Here:
             return None, None
         if self.watch.seen_there is None:
             return "never_there", None
-        if fit_p_value(without(self.watch.seen_there, _ALL_BUT_PLACE), shown.fix) >= self.alpha:
+        if fit_p_value(mark_unknown(self.watch.seen_there, _ALL_BUT_PLACE), shown.fix) >= self.alpha:
             return "as_before", None
         if not self.fits_all(shown.sky):
             return "others_misfit", None

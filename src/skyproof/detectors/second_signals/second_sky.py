@@ -9,10 +9,10 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.second_signals.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.navigation.chance import chance_p_value, set_combinations
+from skyproof.navigation.chance import bound_chance_p_value, count_set_combinations
 from skyproof.navigation.ranges import time_scale
-from skyproof.navigation.skies import apart_p_value
-from skyproof.navigation.window import window_mean
+from skyproof.navigation.skies import compute_apart_p_value
+from skyproof.navigation.window import average_window
 from skyproof.records import ConsistentSet, Observations, SignalId
 from skyproof.statistics.distributions import chi_square_threshold
 
@@ -33,7 +33,7 @@ def echoes_p_value(
     several kinds take one way: they count once, also among the sets that could be formed, and each further time scale
     takes one satellite for its clock.
     """
-    mean = window_mean(observations)
+    mean = average_window(observations)
     sigma_m = dict(zip(mean.signals, np.hypot(mean.sigma_m, multipath_sigma_m), strict=True))
     kinds = {signal.kind for signal in chosen.signals}
     sent = Counter((signal.sat, signal.kind) for signal in observations.signals if signal.kind in kinds)
@@ -48,11 +48,11 @@ def echoes_p_value(
     own = len(kinds) == 1
     fits = float(chi_square_threshold(POLICY.sets_fit_probability, max(largest_m.size - 4, 1)))
     return float(
-        chance_p_value(
+        bound_chance_p_value(
             largest_m,
             window_m=unrelated_spread_m,
             largest_statistic=max(chosen.statistic, 1e-6) if own else fits,
-            combinations=set_combinations(np.array(list(copies.values())), len(each_m)),
+            combinations=count_set_combinations(np.array(list(copies.values())), len(each_m)),
         )
     )
 
@@ -74,14 +74,14 @@ def second_sky_p_value(
     over the sets that were found.
 
     Kinds that the largest has not (GPS shows one place, Galileo another) need no second signal. They are of
-    the same sky unless the places are farther apart than errors explain (`skies.apart_p_value`). And few satellites fit
-    one by chance, whose orbits, clocks or numbers are wrong, each by an amount of its own: delays that spread at least
-    as far as its ranges are off at the other place (`_spread_m`).
+    the same sky unless the places are farther apart than errors explain (`skies.compute_apart_p_value`). And few
+    satellites fit one by chance, whose orbits, clocks or numbers are wrong, each by an amount of its own: delays that
+    spread at least as far as its ranges are off at the other place (`_spread_m`).
     """
     ordered = sorted(sets, key=lambda s: (-len(s.signals), s.statistic))
     if len(ordered) < 2:
         return 1.0
-    mean = window_mean(observations)
+    mean = average_window(observations)
     sigma_m = {signal: np.hypot(s, multipath_sigma_m) for signal, s in zip(mean.signals, mean.sigma_m, strict=True)}
     first = ordered[0]
     known = {signal.kind for signal in first.signals}
@@ -116,13 +116,13 @@ def _by_chance(
     if len(own) < len(chosen.signals):  # what part of the statistic is theirs is not known
         limit = max(limit, float(chi_square_threshold(POLICY.sets_fit_probability, max(len(own) - 4, 1))))
     copies = np.array(list(Counter(signal.sat for signal in beside).values()))
-    count = set_combinations(copies, len(own))
-    return float(chance_p_value(sigma_m, window_m=spread_m, largest_statistic=limit, combinations=count))
+    count = count_set_combinations(copies, len(own))
+    return float(bound_chance_p_value(sigma_m, window_m=spread_m, largest_statistic=limit, combinations=count))
 
 
 def _another_place(one: ConsistentSet, other: ConsistentSet, sigma_m: float) -> float:
     covariance_m2 = one.covariance_m2 + other.covariance_m2
-    return apart_p_value(
+    return compute_apart_p_value(
         one.position_ecef_m - other.position_ecef_m,
         covariance_m2[:3, :3],
         SPEED_OF_LIGHT_M_S * (one.clock_bias_s - other.clock_bias_s),

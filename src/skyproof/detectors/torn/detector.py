@@ -26,8 +26,8 @@ from skyproof.detectors.torn.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import fix_and_geometry
-from skyproof.navigation.least_squares import line_of_sight
-from skyproof.navigation.ranges import corrected_ranges
+from skyproof.navigation.least_squares import compute_line_of_sight
+from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import (
     Cause,
     CellStatus,
@@ -221,15 +221,15 @@ class Torn:
         """Return the cells (n_epochs, n_signals) that are off by more than anything explains."""
         known = [anchor for anchor in anchors if anchor is not None]
         codes_m = o.pseudorange_m[:, [o.column_of[signal] for signal in signals]]
-        ranges = corrected_ranges(signals, o.gpst, codes_m, navigation, with_unknown_delay=True)
+        ranges = correct_ranges(signals, o.gpst, codes_m, navigation, with_unknown_delay=True)
         place = np.array([anchor.position_ecef_m for anchor in known])
-        _, _, distance_m = line_of_sight(ranges.satellite_ecef_m, place)
+        _, _, distance_m = compute_line_of_sight(ranges.satellite_ecef_m, place)
         apart_s = o.elapsed_s - np.array([anchor.elapsed_s for anchor in known])
         motion_m_s = np.array([anchor.motion_m_s for anchor in known])
         scales = [signal.kind[0] for signal in signals]
         clock_m = np.array([[anchor.clock_m.get(scale, np.nan) for scale in scales] for anchor in known])
         range_m = ranges.range_m - clock_m - (motion_m_s[:, 3] * apart_s)[:, None]
-        _, _, carried_m = line_of_sight(ranges.satellite_ecef_m, place + motion_m_s[:, :3] * apart_s[:, None])
+        _, _, carried_m = compute_line_of_sight(ranges.satellite_ecef_m, place + motion_m_s[:, :3] * apart_s[:, None])
         since_s = np.abs(apart_s)
         speed_m_s = 1000.0 if self.settings.speed_max_m_s is None else self.settings.speed_max_m_s
         reach_m = POLICY.stray_m + (speed_m_s + SPEED_OF_LIGHT_M_S * POLICY.most_drift) * since_s
