@@ -26,8 +26,8 @@ from skyproof.app.protect.coasting import usable_fixes
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.scenes.simulate import scenario_of
 from skyproof.arrays import Reals
+from skyproof.detectors.prediction.choice_findings import CHOSEN
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.fusion.choice_findings import CHOSEN
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.nominal import nominal_constellation

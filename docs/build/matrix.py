@@ -1,9 +1,11 @@
-"""Writes the page of the protection matrix from the rows of three studies, and draws the second's chart beside it.
+"""Write the page of the protection matrix from the rows of a study, or of two more, with the second's chart beside it.
 
 skyproof study protection-matrix --json --out DIR > cells.json
 skyproof study protection-stanford --json --out DIR > levels.json
 skyproof study protection-clean --json --out DIR > clean.json
-python docs/build/matrix.py cells.json levels.json clean.json docs/protection.md
+python docs/build/matrix.py docs/protection.md cells.json [levels.json clean.json]
+
+Without the last two the sections that they make stay as they are in the page.
 """
 
 import json
@@ -39,8 +41,9 @@ a processor each scene; with `--out DIR` it goes on where it was stopped.
 
 A cell holds the verdict ({letters}), the seconds from
 the first false wave, or the first sample if it was there before, to the end of the first window in which a test says so
-(– : none does), the largest error of a trusted fix in metres, and the share of epochs that have one. *Unprotected* is
-the largest error of an ordinary receiver's fixes in the same samples. An empty cell cannot be.
+(– : none does), the largest error of a trusted fix in metres, and the shares of epochs that have a trusted fix and a
+consistent one. *Unprotected* is the largest error of an ordinary receiver's fixes in the same samples. An empty cell
+cannot be.
 {before}"""
 LETTERS: Final = {word: word[0].upper() for word in reversed(WORDS)} | {"suspect": "?"}
 BEFORE: Final = {"undecided": "U"}
@@ -50,6 +53,7 @@ These rows were made before *undecided* (**U**) was parted into *suspect* (a tes
 could run passed): which of the two a cell is they do not hold.
 """
 
+LEVELS_TITLE: Final = "## Protection levels"
 LEVELS: Final = """*`skyproof study protection-stanford --plot` draws it. A level allows for one satellite that is wrong
 by any amount and is not noticed. These scenes have none among the trusted ones, so errors are far below the levels; how
 often they hold with one is [counted](verdict.md#how-far-a-trusted-fix-may-be-off) for faults of all sizes.*"""
@@ -77,7 +81,8 @@ def _cell(row: Row | None) -> str:
         return "error"
     delay = "–" if row["delay_s"] is None else f"{row['delay_s']:.0f} s"
     letter = (LETTERS | BEFORE)[row["verdict"]]
-    return f"**{letter}** {delay}; {_metres(row['trusted_worst_m'])}, {row['trusted_share']:.0%}"
+    shares = f"{100 * row['trusted_share']:.0f} + {100 * row['consistent_share']:.0f} %"
+    return f"**{letter}** {delay}; {_metres(row['trusted_worst_m'])}, {shares}"
 
 
 def _metres(value: float | None) -> str:
@@ -106,7 +111,7 @@ def _sum(rows: Sequence[Row], key: str) -> int:
 
 def levels(rows: Sequence[Row]) -> Iterator[str]:
     """Sizes from the bins of the diagram, which are 12 % wide."""
-    yield "## Protection levels"
+    yield LEVELS_TITLE
     yield ""
     yield "| trusted fixes | with a level | level: median | 95 % | error: median | 95 % | largest error over level |"
     yield "|---|---:|---:|---:|---:|---:|---:|"
@@ -140,7 +145,8 @@ def hours(rows: Sequence[Row]) -> Iterator[str]:
     yield HOURS
 
 
-def page(rows: Sequence[Row], bins: Sequence[Row], clean: Sequence[Row]) -> str:
+def page(rows: Sequence[Row], others: Sequence[str]) -> str:
+    """Return the page. others : lines of its other sections."""
     possible = sum(len(asked.equipments) for asked in matrix.cells(StudySettings()))
     there = sum("error" not in row for row in rows)
     head = HEAD.format(
@@ -150,15 +156,20 @@ def page(rows: Sequence[Row], bins: Sequence[Row], clean: Sequence[Row]) -> str:
         before=PARTED if any(row.get("verdict") in BEFORE for row in rows) else "",
         cells=f"{there} of {possible} cells" if there < possible else f"all {possible} cells",
     )
-    return "\n".join([head, *sums(rows), "", *table(rows), "", *levels(bins), "", *hours(clean), ""])
+    return "\n".join([head, *sums(rows), "", *table(rows), "", *others, ""])
 
 
 def main() -> None:
-    """Write the page and its picture."""
-    cells, bins, clean = (_rows(Path(path)) for path in sys.argv[1:4])
-    written = Path(sys.argv[4])
-    written.write_text(page(cells, bins, clean), encoding="utf-8")
-    (written.parent / PICTURE).write_text(chart_svg(bins, CHARTS), encoding="utf-8")
+    """Write the page, and its picture where there are rows of it."""
+    written, cells, *more = map(Path, sys.argv[1:])
+    if more:
+        bins, clean = map(_rows, more)
+        others = [*levels(bins), "", *hours(clean)]
+        (written.parent / PICTURE).write_text(chart_svg(bins, CHARTS), encoding="utf-8")
+    else:
+        before = written.read_text(encoding="utf-8").rstrip().splitlines()
+        others = before[before.index(LEVELS_TITLE) :]
+    written.write_text(page(_rows(cells), others), encoding="utf-8")
 
 
 def _rows(path: Path) -> list[Row]:

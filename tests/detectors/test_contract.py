@@ -28,6 +28,7 @@ from skyproof.detectors.messages.detector import BroadcastMessages, BroadcastMes
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.own_fixes.detector import OwnFixes, OwnFixesSettings
+from skyproof.detectors.prediction.choice import Prediction
 from skyproof.detectors.prediction.inertia import Inertia, InertiaSettings
 from skyproof.detectors.prediction.place import StatedPlace, StatedPlaceSettings
 from skyproof.detectors.registry import load_detectors
@@ -122,6 +123,19 @@ def standing(rng: np.random.Generator) -> Records:
     stands = Standing(stands=True, oscillator=None, by=("standing",), assumes=("receiver_stands",))
     at_home = place_surveyed(stands, HOME_ECEF_M["rx1"], 0.01 * np.eye(3))
     return replace(found_before(ALONE.records(rng)), standing={"rx1": at_home})
+
+
+def two_false_skies(rng: np.random.Generator) -> Records:
+    """Draw records of a receiver that stands elsewhere than either of its skies shows, under an attack."""
+    records = standing(rng)
+    (true,) = records.sets
+    middle = len(true.signals) // 2
+    sets = tuple(
+        replace(true, signals=signals, position_ecef_m=true.position_ecef_m + rng.normal(0.0, 1e4, 3))
+        for signals in (true.signals[:middle], true.signals[middle:])
+    )
+    attack = tuple(replace(e, p={Cause.CLEAN: 1e-9}, alpha=1e-3) for e in records.findings)
+    return replace(records, sets=sets, findings=attack, expected=records.standing)
 
 
 def carried(rng: np.random.Generator) -> Records:
@@ -419,6 +433,15 @@ CASES = (
         400,
         10_000,
         conservative="a union bound over all choices of signals, at the worst direction",
+    ),
+    Case(
+        "two false skies",
+        Prediction,
+        two_false_skies,
+        50,
+        500,
+        AUTHENTIC,
+        "they are far from where the receiver stands",
     ),
 )
 

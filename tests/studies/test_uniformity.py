@@ -145,6 +145,7 @@ MADE_ELSEWHERE = {
     "known_place": None,
     "place": None,
     "inertia": None,
+    "choice": None,
     "snapshot": None,
     "registry": None,
     "carriers": None,

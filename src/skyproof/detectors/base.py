@@ -44,6 +44,7 @@ NEEDS: dict[Need, str] = {
     Need.STANDING: 'a receiver that stands: its surveyed position, or motion = "standing", in the platform file',
     Need.INERTIAL: "readings of an inertial unit that carries the antenna, with its grade (--imu or a platform file)",
     Need.FINDINGS: "what other tests find in the same window",
+    Need.EXPECTED: "a receiver that stands, or whose oscillator or inertial unit is known (settings or platform file)",
 }
 """What detectors may need, in words for the user."""
 

@@ -1,6 +1,6 @@
 """The skies that one receiver shows, window by window, and what each of them shows as a fix."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +15,6 @@ from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, estimates_from_
 from skyproof.navigation.predictor import SkyFix
 from skyproof.records import (
     ConsistentSet,
-    Finding,
     Kind,
     NavigationData,
     ObservationLog,
@@ -25,7 +24,7 @@ from skyproof.records import (
     SignalId,
 )
 
-__all__ = ["FixMaker", "SkyCandidates", "candidates_in", "candidates_of", "reference_kind", "with_clock_near"]
+__all__ = ["FixMaker", "SkyCandidates", "candidates_in", "reference_kind", "with_clock_near"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,68 +43,26 @@ class SkyCandidates:
     overlapping: tuple[OverlappingSkies, ...] = ()
 
 
-def candidates_of(
-    o: ObservationLog, evidence: Sequence[Finding], sets: Iterable[ConsistentSet]
-) -> Iterator[SkyCandidates]:
-    """The receiver's windows, in order; evidence and sets are read once, for they may be too much to hold.
-
-    sets : in the order of their windows.
-    """
-    said: dict[tuple[np.datetime64, np.datetime64], _Said] = {}
-    for e in evidence:
-        own = {ref.signal for ref in e.signals if ref.receiver == o.receiver}
-        if own:
-            said.setdefault((e.start_gpst, e.end_gpst), _Said(set())).add(e, own)
-    mine = (s for s in sets if s.receiver == o.receiver)
-    following = next(mine, None)
-    before: np.datetime64 | None = None
-    for (start, end), one in sorted(said.items(), key=lambda item: item[0]):
-        if before is not None and start < before:
-            continue
-        before = end
-        here = []
-        while following is not None and following.gpst < end:
-            here += [following] if following.gpst >= start else []
-            following = next(mine, None)
-        yield one.candidates(start, end, here)
-
-
 def candidates_in(records: Records, receiver: str) -> SkyCandidates:
-    """Return the skies of one receiver in a window, by what was found in it."""
-    said = _Said(set())
-    for e in records.findings:
-        own = {ref.signal for ref in e.signals if ref.receiver == receiver}
-        if own:
-            said.add(e, own)
-    return said.candidates(records.start_gpst, records.end_gpst, [s for s in records.sets if s.receiver == receiver])
-
-
-@dataclass
-class _Said:
-    """Of one window. late : signals that are late copies."""
-
-    late: set[SignalId]
-    attacked: bool = False
-    doubted: bool = False
-    overlapping: tuple[OverlappingSkies, ...] = ()
-
-    def add(self, e: Finding, own: set[SignalId]) -> None:
-        self.late |= own if e.says == "multipath" else set()
-        self.attacked |= e.says == "attack"
-        self.overlapping += e.overlapping
-        self.doubted |= e.says in ("attack", "spoofed") or e.failed
-
-    def candidates(self, start: np.datetime64, end: np.datetime64, sets: Sequence[ConsistentSet]) -> SkyCandidates:
-        """Return the window's skies: its sets but for late copies."""
-        kept = tuple(s for s in sets if len(self.late.intersection(s.signals)) < POLICY.late_share * len(s.signals))
-        return SkyCandidates(
-            start=start,
-            end=end,
-            sets=kept,
-            attacked=self.attacked,
-            doubted=self.doubted or len(kept) > 1,
-            overlapping=tuple(sorted(self.overlapping, key=lambda skies: skies.sets[0].gpst)),
-        )
+    """Return the skies of one receiver in a window, by what was found in it: its sets but for late copies."""
+    about = [
+        (e, own) for e in records.findings if (own := {ref.signal for ref in e.signals if ref.receiver == receiver})
+    ]
+    late = set[SignalId]().union(*(own for e, own in about if e.says == "multipath"))
+    sets = tuple(
+        s
+        for s in records.sets
+        if s.receiver == receiver and len(late.intersection(s.signals)) < POLICY.late_share * len(s.signals)
+    )
+    overlapping = [skies for e, _ in about for skies in e.overlapping]
+    return SkyCandidates(
+        start=records.start_gpst,
+        end=records.end_gpst,
+        sets=sets,
+        attacked=any(e.says == "attack" for e, _ in about),
+        doubted=len(sets) > 1 or any(e.says in ("attack", "spoofed") or e.failed for e, _ in about),
+        overlapping=tuple(sorted(overlapping, key=lambda skies: skies.sets[0].gpst)),
+    )
 
 
 def reference_kind(s: ConsistentSet) -> Kind:

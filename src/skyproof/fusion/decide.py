@@ -138,17 +138,16 @@ def _carry(state: Deciding, window: WindowWord, *, lasting: bool) -> Deciding:
     return Deciding(words=words, latest=latest, lasting=kept)
 
 
-def decide_all(evidence: Sequence[Finding], observations: Sequence[ObservationLog]) -> tuple[Deciding, list[Finding]]:
-    """Decide all windows of a run, in order; return the state and what findings show together."""
+def decide_all(evidence: Sequence[Finding], observations: Sequence[ObservationLog]) -> Deciding:
+    """Decide all windows of a run, in order."""
     windows: dict[tuple[np.datetime64, np.datetime64], list[Finding]] = {}
     for e in evidence:
         windows.setdefault((e.start_gpst, e.end_gpst), []).append(e)
-    state, found = Deciding(), list[Finding]()
+    state = Deciding()
     for start, end in sorted(windows):
         received = [o.receiver for o in observations if np.diff(np.searchsorted(o.gpst, [start, end]))[0] > 0]
-        state, together = decide(state, windows[start, end], received, start, end)
-        found += together
-    return state, found
+        state, _ = decide(state, windows[start, end], received, start, end)
+    return state
 
 
 # --- causes

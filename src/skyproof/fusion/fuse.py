@@ -43,8 +43,7 @@ class Decision:
     interference : of all receivers, in the order of its onset; None if no test looked for it.
     skies : under an attack that leaves open which signals of a receiver are true, its consistent sets of signals,
         linked over the windows; each is one position and time. None of a receiver of which false signals are named.
-    windows : the word of each receiver over time; none is worse than the verdict. together : what findings of a window
-        show that none of them shows by itself.
+    windows : the word of each receiver over time; none is worse than the verdict.
     """
 
     verdict: VerdictWord
@@ -60,15 +59,13 @@ class Decision:
     alone_s: tuple[tuple[str, float], ...] = ()
     interference: tuple[Spell, ...] | None = None
     windows: tuple[WindowWord, ...] = ()
-    together: tuple[Finding, ...] = ()
 
 
 def fuse(
     evidence: Sequence[Finding], observations: Sequence[ObservationLog], sets: Sequence[ConsistentSet]
 ) -> Decision:
     """The decision that the evidence of all windows bears."""
-    state, together = decide_all(evidence, observations)
-    evidence = [*evidence, *together] if together else evidence
+    state = decide_all(evidence, observations)
     labels = label_signals(evidence, observations)
     sources = sources_of(evidence)
     attacked = any(e.says in ("spoofed", "attack") for e in evidence)
@@ -110,7 +107,6 @@ def fuse(
         suspicion=suspicion,
         interference=spells_of(evidence, observations),
         windows=_smooth_words(_of_epochs(state.words, observations), verdict, onset, suspicion),
-        together=tuple(together),
     )
 
 

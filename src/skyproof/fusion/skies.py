@@ -1,14 +1,14 @@
 """Which consistent sets of a receiver are one sky over the windows, and from when on a sky was there."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import groupby
 
 from skyproof.fusion.labels import FalseSource
 from skyproof.fusion.timeline import Onset, onset_of
 from skyproof.records import ConsistentSet, ObservationLog, SignalRef
 
-__all__ = ["skies_of", "sky_onset"]
+__all__ = ["name_skies", "skies_of", "sky_onset"]
 
 
 def skies_of(sets: Iterable[ConsistentSet], *, first: int = 1) -> tuple[FalseSource, ...]:
@@ -37,23 +37,34 @@ def skies_of(sets: Iterable[ConsistentSet], *, first: int = 1) -> tuple[FalseSou
                 skies.append(Counter())
             skies[goes_on.get(n, -1)].update(own)
     home = {ref: max(range(len(skies)), key=lambda m: skies[m][ref]) for sky in skies for ref in sky}
-    kept = {m: tuple(sorted(ref for ref in skies[m] if home[ref] == m)) for m in sorted(set(home.values()))}
-    sent = Counter((ref.receiver, ref.signal.transmission) for own in kept.values() for ref in own)
+    kept = [tuple(sorted(ref for ref in skies[m] if home[ref] == m)) for m in sorted(set(home.values()))]
+    return name_skies(kept, together, first=first)
+
+
+def name_skies(
+    skies: Sequence[tuple[SignalRef, ...]], together: Collection[SignalRef], *, first: int = 1
+) -> tuple[FalseSource, ...]:
+    """Return skies by the signals of each. together : signals that were of one sky before. first : number of the first
+    in the names."""
+    sent = Counter((ref.receiver, ref.signal.transmission) for signals in skies for ref in signals)
     return tuple(
         FalseSource(
             name=f"S{number}",
-            signals=own,
-            parted=_most(ref in together for ref in own)
-            and all(sent[ref.receiver, ref.signal.transmission] == 1 for ref in own),
+            signals=signals,
+            parted=_most(ref in together for ref in signals)
+            and all(sent[ref.receiver, ref.signal.transmission] == 1 for ref in signals),
         )
-        for number, own in enumerate(kept.values(), first)
+        for number, signals in enumerate(skies, first)
     )
 
 
-def sky_onset(sky: FalseSource, observations: Sequence[ObservationLog]) -> Onset | None:
+def sky_onset(
+    sky: FalseSource, observations: Sequence[ObservationLog], hidden: Collection[SignalRef] | None = None
+) -> Onset | None:
     """When half of a sky's signals were there: a set may have taken in some that were there before.
 
     None of a sky that parted from another: its channels went over from one signal to another, unseen by the search.
+    hidden : see `onset_of`.
     """
     if sky.parted:
         return None
@@ -63,7 +74,7 @@ def sky_onset(sky: FalseSource, observations: Sequence[ObservationLog]) -> Onset
         for ref in sky.signals
         if ref.receiver == o.receiver
     )
-    return onset_of([ref for _, ref in found[(len(found) - 1) // 2 :]], observations)
+    return onset_of([ref for _, ref in found[(len(found) - 1) // 2 :]], observations, hidden)
 
 
 def _most(truths: Iterable[bool]) -> bool:

@@ -1,7 +1,9 @@
 """When the attack began and ended, from when the receiver's search found the false signals."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import permutations
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.window import median_interval_s
 from skyproof.records import ObservationLog, SignalRef
 
-__all__ = ["Onset", "end_of", "onset_of"]
+__all__ = ["Onset", "Pair", "compare_pairs", "end_of", "onset_of"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,41 +43,56 @@ class Onset:
         return float((self.seen - self.earliest) / np.timedelta64(1, "s") / np.sqrt(12.0))
 
 
-def onset_of(signals: Collection[SignalRef], observations: Sequence[ObservationLog]) -> Onset | None:
+@dataclass(frozen=True)
+class Pair:
+    """Two signals of one transmission of a receiver. is_near : when both were first measured, the later one stood so
+    near the other that a search may not have seen it before."""
+
+    later: SignalRef
+    other: SignalRef
+    is_near: bool = field(compare=False, default=False)
+
+
+def compare_pairs(o: ObservationLog) -> Iterator[Pair]:
+    """Yield each signal with those of its transmission that were found no later, where both were measured at once."""
+    for transmission, number in Counter(signal.transmission for signal in o.signals).items():
+        columns = [k for k, signal in enumerate(o.signals) if number > 1 and signal.transmission == transmission]
+        for later, other in permutations(columns, 2):
+            both = np.flatnonzero(o.measured[:, later] & o.measured[:, other])
+            if both.size and o.found_elapsed_s[other] <= o.found_elapsed_s[later]:
+                is_near = _apart_m(o, later, other, int(both[0])) < POLICY.hidden_chips * o.signals[later].plan.chip_m
+                yield Pair(SignalRef(o.receiver, o.signals[later]), SignalRef(o.receiver, o.signals[other]), is_near)
+
+
+def onset_of(
+    signals: Collection[SignalRef],
+    observations: Sequence[ObservationLog],
+    hidden: Collection[SignalRef] | None = None,
+) -> Onset | None:
     """When these signals, each found by a search, began to be received: the earliest of them, in any receiver.
 
     It came between the last search that missed it and the one that found it. Where most of those that came with it
     stood within two chips of another signal of their satellite, they may have been there before, unseen.
+
+    hidden : signals that did; by the observations if absent.
     """
-    found: list[tuple[np.datetime64, np.datetime64, bool]] = []
+    found: list[tuple[np.datetime64, np.datetime64, SignalRef]] = []
     for o in observations:
         for column, signal in enumerate(o.signals):
-            if SignalRef(o.receiver, signal) in signals:
+            ref = SignalRef(o.receiver, signal)
+            if ref in signals:
                 found_s, missed_s = float(o.found_elapsed_s[column]), float(o.missed_elapsed_s[column])
                 if np.isnan(missed_s):
                     return Onset(seen=_instant(o, 0.0), earliest=None, from_start=True)
-                found.append((_instant(o, found_s + POLICY.searched_s), _instant(o, missed_s), _was_hidden(o, column)))
+                found.append((_instant(o, found_s + POLICY.searched_s), _instant(o, missed_s), ref))
     if not found:
         return None
     seen, missed, _ = min(found, key=lambda each: each[0])
+    if hidden is None:
+        hidden = {pair.later for o in observations for pair in compare_pairs(o) if pair.is_near}
     together_s = max(POLICY.together_s, *(POLICY.gap_intervals * median_interval_s(o.elapsed_s) for o in observations))
-    company = [hidden for at, _, hidden in found if at - seen <= timedelta_from_s(together_s)]
+    company = [ref in hidden for at, _, ref in found if at - seen <= timedelta_from_s(together_s)]
     return Onset(seen=seen, earliest=None if sum(company) > POLICY.hidden_share * len(company) else missed)
-
-
-def _was_hidden(o: ObservationLog, column: int) -> bool:
-    """Whether a signal stood near another one of its satellite that was there before, when it was first measured."""
-    transmission = o.signals[column].transmission
-    there = np.flatnonzero(o.measured[:, column])
-    for other, signal in enumerate(o.signals):
-        if other == column or signal.transmission != transmission:
-            continue
-        if o.found_elapsed_s[other] > o.found_elapsed_s[column]:
-            continue
-        both = there[o.measured[there, other]][:1]
-        if both.size and _apart_m(o, column, other, int(both[0])) < POLICY.hidden_chips * signal.plan.chip_m:
-            return True
-    return False
 
 
 def _apart_m(o: ObservationLog, one: int, other: int, epoch: int) -> float:

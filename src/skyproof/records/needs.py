@@ -22,3 +22,9 @@ class Need(StrEnum):
     STANDING = "standing"
     INERTIAL = "inertial"
     FINDINGS = "findings"
+    EXPECTED = "expected"
+
+    @property
+    def tier(self) -> int:
+        """Return when in a window it is there: 0 at once, 1 once other tests have looked at it, 2 after those."""
+        return {Need.FINDINGS: 1, Need.EXPECTED: 2}.get(self, 0)

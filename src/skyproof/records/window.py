@@ -42,7 +42,8 @@ class Records(ShortRepr, Holding):
         receivers whose antenna turns. levels : of the front ends, own_fixes : that the receivers computed themselves,
         both by receiver. standing, inertial : what is expected of receivers that stand, and of those that an inertial
         unit carries, by receiver, each a `navigation.predictor.Predictor`. changes : within snapshots, by receiver.
-    findings : of the window, by the detectors that do not need them.
+    findings : of the window, by the detectors that come before. expected : what predicts the fixes of each receiver
+    that is known to stand, or whose clock or inertial unit is known: a predictor, or the `fusion.corrected` navigator.
     """
 
     start_gpst: np.datetime64
@@ -63,3 +64,4 @@ class Records(ShortRepr, Holding):
     inertial: Mapping[str, Any] = field(default_factory=dict)
     changes: Mapping[str, SnapshotChanges] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    expected: Mapping[str, Any] = field(default_factory=dict)

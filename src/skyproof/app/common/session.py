@@ -2,20 +2,25 @@
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from heapq import merge
+from itertools import groupby
 from typing import Any, TypeVar
+
+import numpy as np
 
 from skyproof.app.common.epoch_source import EpochSource
 from skyproof.app.common.packed_log import PACKED, PackedLog
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import Windows, detectors_for, windows_of
+from skyproof.app.common.windows import Windows, detectors_for, tier_of, windows_of
 from skyproof.detectors.base import Detector
+from skyproof.detectors.prediction.inertia import corrected_navigators
 from skyproof.detectors.registry import examined, instantiate, review_of
-from skyproof.fusion.decide import Deciding, decide
+from skyproof.fusion.decide import Deciding, decide, weigh
 from skyproof.gnss.time import seconds_between
 from skyproof.interruption import watch
 from skyproof.navigation.predictor import Predictor
-from skyproof.records import ConsistentSet, Finding, NavigationData, Need, Records, SignalRef
+from skyproof.records import ConsistentSet, Finding, NavigationData, Records
 
 __all__ = ["DecidedWindow", "Session", "examine_all", "reviewed", "session_of"]
 
@@ -52,17 +57,20 @@ class Session:
         """Yield each window that is complete and was not given before."""
         for records in self.windows:
             share = seconds_between(records.end_gpst, records.start_gpst) / self.windows.window_s
+            receivers = [o.receiver for o in records.observations]
             findings = list[Finding]()
             states = dict(self._states)
-            for detector in _with_share(self.detectors, float(share)):
-                if Need.FINDINGS in detector.needs and not records.findings:
-                    records = replace(records, findings=tuple(findings))
-                found, states[detector.name] = examined(detector, records, states.get(detector.name))
-                findings += found
+            for _, tier in groupby(_with_share(self.detectors, float(share)), tier_of):
+                findings += filter(None, (weigh(findings, receiver) for receiver in receivers))
+                expected = {**records.expected, **corrected_navigators(states.get("inertia"))}
+                records = replace(records, findings=tuple(findings), expected=expected)
+                for detector in tier:
+                    found, states[detector.name] = examined(detector, records, states.get(detector.name))
+                    findings += found
             self._states = states
-            receivers = [o.receiver for o in records.observations]
-            self._deciding, _ = decide(self._deciding, findings, receivers, records.start_gpst, records.end_gpst)
-            yield DecidedWindow(records=records, findings=tuple(findings), deciding=self._deciding)
+            now = [e for e in findings if e.start_gpst == records.start_gpst]  # some are of windows before
+            self._deciding, together = decide(self._deciding, now, receivers, records.start_gpst, records.end_gpst)
+            yield DecidedWindow(records=records, findings=(*findings, *together), deciding=self._deciding)
 
 
 def _with_share(detectors: Sequence[Detector], share: float) -> Sequence[Detector]:
@@ -113,7 +121,7 @@ def examine_all(
     total = len(session.windows)
     with progress.stage("examining the signals, window by window", total) as stage:
         for number, step in enumerate(session.steps(), 1):
-            evidence.take(step.findings)
+            evidence.take(step)
             if take is not None:
                 take(step)
             sets.extend(step.records.sets)
@@ -121,7 +129,7 @@ def examine_all(
             if interrupted() and number < total:
                 cut_short = True
                 break
-    return reviewed(session.detectors, evidence.all), sets, cut_short
+    return reviewed(session.detectors, evidence.in_order()), sets, cut_short
 
 
 class _Kept:
@@ -132,12 +140,16 @@ class _Kept:
     def __init__(self) -> None:
         self.all = PackedLog[Finding]()
         self._same: dict[Hashable, Any] = {}
-        self._lacking: set[tuple[str, tuple[SignalRef, ...], tuple[Need, ...]]] = set()
+        self._before: list[Finding] = []
+        self._lacking: set[Hashable] = set()
 
-    def take(self, said: Sequence[Finding]) -> None:
+    def take(self, step: DecidedWindow) -> None:
         """The evidence of one more window."""
-        lacking = set()
-        for one in said:
+        lacking = set[Hashable]()
+        for one in step.findings:
+            if one.start_gpst < step.records.start_gpst:
+                self._before.append(one)
+                continue
             subject = self._once(tuple(self._once(ref) for ref in one.signals))
             if one.lacking:
                 key = one.detector, subject, one.lacking
@@ -149,6 +161,14 @@ class _Kept:
         if len(self._same) > PACKED:  # words with figures in them hardly ever come again
             self._same.clear()
 
+    def in_order(self) -> Sequence[Finding]:
+        """Return all evidence in the order of the windows that it is of."""
+        return PackedLog(merge(self.all, self._before, key=_get_window)) if self._before else self.all
+
     def _once(self, value: H) -> H:
         kept: H = self._same.setdefault(value, value)
         return kept
+
+
+def _get_window(e: Finding) -> tuple[np.datetime64, np.datetime64]:
+    return e.start_gpst, e.end_gpst

@@ -52,6 +52,7 @@ __all__ = [
     "cut",
     "detectors_for",
     "following_epochs",
+    "tier_of",
     "windows_of",
 ]
 
@@ -183,6 +184,7 @@ class Run(Holding):
     own_fixes: Mapping[str, ReceiverFixes] = field(default_factory=dict)
     standing: Mapping[str, Predictor] = field(default_factory=dict)
     inertial: Mapping[str, Predictor] = field(default_factory=dict)
+    expected: Mapping[str, Predictor] = field(default_factory=dict)
     changes: Mapping[str, SnapshotChanges] = field(default_factory=dict)
 
     @property
@@ -307,6 +309,7 @@ class Windows:
             own_fixes={name: fixes.between(start, end) for name, fixes in run.own_fixes.items()},
             standing=run.standing,
             inertial=run.inertial,
+            expected=run.expected,
             changes=run.changes,
         )
 
@@ -361,6 +364,7 @@ def windows_of(
         own_fixes=own_fixes or {},
         standing={name: one for name, one in expected.items() if isinstance(one, Standing) and one.stands},
         inertial={name: one for name, one in expected.items() if isinstance(one, Inertial)},
+        expected=expected,
         changes=changes or {},
     )
     return Windows(
@@ -403,7 +407,12 @@ def detectors_for(
         known = {f.name for f in fields(defaults)}
         chosen = {name: value for name, value in shared.items() if name in known}
         detectors.append(instantiate(cls, replace(defaults, **chosen)))
-    return sorted(detectors, key=lambda detector: Need.FINDINGS in detector.needs)
+    return sorted(detectors, key=tier_of)
+
+
+def tier_of(detector: Detector) -> int:
+    """Return after how many others a detector looks at a window: see `Need.tier`."""
+    return max((need.tier for need in detector.needs), default=0)
 
 
 def _share_of(kind: type[Any]) -> float:

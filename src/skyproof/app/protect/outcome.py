@@ -8,7 +8,7 @@ from typing import Final
 from skyproof.app.protect.bearings import Bearing, bearings_of
 from skyproof.app.protect.positions import KINDS, Positions, Track
 from skyproof.app.receive.reception import Reception
-from skyproof.fusion.choice import Compared
+from skyproof.detectors.prediction.choice import Compared
 from skyproof.fusion.fuse import Decision
 from skyproof.records import (
     ConsistentSet,

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
-from heapq import merge
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,6 @@ from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.folder import ClaimedFolder, claim
 from skyproof.app.common.kernels import JUDGING, RECEIVING, make_ready
 from skyproof.app.common.memory import give_back
-from skyproof.app.common.packed_log import PackedLog
 from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
 from skyproof.app.common.platform_use import described, inputs_of, settings_of
@@ -47,13 +45,13 @@ from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
 from skyproof.app.receive.short import is_short, observe_short, require_some
 from skyproof.app.receive.tracker import track
+from skyproof.detectors.prediction.choice import compared_skies, fixes_of_overlapping
 from skyproof.detectors.prediction.inertia import corrected_navigators
 from skyproof.errors import IncompleteOutput, InputError, NotEnoughData, SettingsError, readable
 from skyproof.formats.atomic_write import Unwritten, unwritten_words
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
-from skyproof.fusion.choice import ChoiceRules, choices
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.time import iso, seconds_between, timedelta_from_s
@@ -62,7 +60,6 @@ from skyproof.navigation.predictor import Predictor
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
-    Finding,
     FrontEndLevels,
     NavigationData,
     OpenFile,
@@ -392,21 +389,9 @@ def judge(
     evidence, sets, interrupted = examine_all(session, progress, so_far.take)
     give_back()
     decision = fuse(evidence, observed, sets)
-    if decision.together:
-        so_far.note(decision.together)
-        evidence = PackedLog(merge(evidence, decision.together, key=_window))
-    rules = ChoiceRules(
-        most_wrong=settings.wrong_choice_probability,
-        clean_start_s=settings.clean_start_s,
-        multipath_sigma_m=settings.multipath_sigma_m,
-        elevation_mask_deg=settings.elevation_mask_deg,
-    )
     navigators = corrected_navigators(session.state_of("inertia"))
-    chosen = choices(decision, evidence, observed, sets, predictors, rules, orbits, navigators)
-    if chosen.evidence:
-        so_far.note(chosen.evidence)
-        evidence = PackedLog(merge(evidence, chosen.evidence, key=_window))
-        decision = fuse(evidence, observed, sets)
+    choosing = session.state_of("prediction")
+    overlapping = fixes_of_overlapping(evidence, choosing)
     standing_still = [o.receiver for o in observed] if settings.speed_max_m_s == 0.0 else []
     hidden = hidden_drags(evidence, standing=standing_still, inertial=navigators)
 
@@ -418,7 +403,7 @@ def judge(
             orbits,
             settings,
             predictor=predictors.get(name),
-            overlapping=chosen.fixes.get(name, ()),
+            overlapping=overlapping.get(name, ()),
             hidden=hidden.get(name),
         )
 
@@ -429,7 +414,7 @@ def judge(
         evidence=evidence,
         sets=sets,
         navigation=orbits,
-        compared=tuple(chosen.compared),
+        compared=compared_skies(choosing),
     )
     return outcome, interrupted
 
@@ -450,10 +435,6 @@ def _messages_of(receptions: Sequence[Reception]) -> dict[str, ReceivedMessages]
     """Return the broadcast messages of the logs that have them, by receiver."""
     sources = [r.source for r in receptions]
     return {s.name: s.own.messages for s in sources if isinstance(s, ObservedFile) and s.own.messages is not None}
-
-
-def _window(one: Finding) -> tuple[np.datetime64, np.datetime64]:
-    return one.start_gpst, one.end_gpst
 
 
 def _receiver_outcome(

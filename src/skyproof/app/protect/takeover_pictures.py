@@ -15,8 +15,8 @@ from skyproof.arrays import Integers, Reals
 from skyproof.detectors.dccaf.bursts import amplitudes, between_taps, own_correlation, shapes
 from skyproof.detectors.dccaf.delays import DccafSettings, Delays, delays_of, last_burst
 from skyproof.detectors.dccaf.detector import Dccaf
+from skyproof.detectors.prediction.choice import Compared
 from skyproof.explain.bases import name_bases
-from skyproof.fusion.choice import Compared
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.signals import prn_of

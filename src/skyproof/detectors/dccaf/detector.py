@@ -9,7 +9,7 @@ agree is evidence of its own, for reflections do not. A sky of later and weaker 
 image fits a position too.
 
 The correlation does not show which sky is true: that is chosen where all skies of a receiver are held against what was
-expected of it (`fusion.choice`), from the fixes handed on in `Finding.overlapping`.
+expected of it (`detectors.prediction.choice`), from the fixes handed on in `Finding.overlapping`.
 """
 
 from collections.abc import Sequence
