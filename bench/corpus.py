@@ -26,7 +26,7 @@ from corpus_kinds import CASES, REAL, names_of_cells, names_of_files, row_of
 from real_logs import LOGS
 from rows import read, run
 
-from skyproof.detectors.entries import GROUP, registered
+from skyproof.detectors.entries import GROUP, list_registered
 
 DEFAULT_OUT = Path(".cache/corpus.jsonl")
 DRAWN = {"attack": 240, **dict.fromkeys(words.CLEAN, 120), "several": 80, "takeover": 150, "missing": 60}
@@ -73,7 +73,7 @@ def names_through_samples() -> list[str]:
 def not_installed() -> list[str]:
     """Return the detectors of this tree that the environment does not know: a run leaves them out without a word."""
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return sorted(project["entry-points"][GROUP].keys() - {point.name for point in registered()})
+    return sorted(project["entry-points"][GROUP].keys() - {point.name for point in list_registered()})
 
 
 def has_data() -> bool:

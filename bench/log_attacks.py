@@ -34,7 +34,7 @@ from skyproof.app.protect.run import judge
 from skyproof.app.receive.inputs import following_antennas
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.arrays import Reals
-from skyproof.detectors.code_motion.detector import primary_signals
+from skyproof.detectors.code_motion.detector import select_primary_signals
 from skyproof.errors import SkyproofError
 from skyproof.explain import explain
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -262,7 +262,7 @@ def against_truth(
     }
     if kind == "jamming":
         return row
-    found = fix(clean, navigation, signals=primary_signals(clean), multipath_sigma_m=1.0)
+    found = fix(clean, navigation, signals=select_primary_signals(clean), multipath_sigma_m=1.0)
     good = np.isfinite(found.covariance_m2).all(axis=(1, 2))
     sigma_m = np.sqrt(np.median(found.covariance_m2[good], axis=0).diagonal())
     moved_m = np.linalg.norm(shift.offset_enu_m(clean.elapsed_s), axis=1)

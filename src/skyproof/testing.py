@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Reals
 from skyproof.detectors.adapter import get_signals
 from skyproof.detectors.base import Detector
-from skyproof.detectors.registry import evidence_fault, instantiate
+from skyproof.detectors.registry import find_result_fault, instantiate
 from skyproof.explain import explain
 from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
@@ -144,7 +144,7 @@ def check_evidence(make: Callable[[], Detector], records: Records) -> None:
     """What it gives is Evidence under its own name, on signals of the window, with a known word, a reason, and
     probabilities that are some; an alarm's p-value is not above the rate that it states."""
     detector = make()
-    fault = evidence_fault(detector, records, detector.examine(records))
+    fault = find_result_fault(detector, records, detector.examine(records))
     assert fault is None, f"{detector.name}: {fault}"
 
 

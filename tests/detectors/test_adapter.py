@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from skyproof.detectors.adapter import adapt, restore
+from skyproof.detectors.adapter import finding_from_evidence, restore
 from skyproof.explain import explain, stands_beside
 from skyproof.records import Evidence, SignalId, SignalRef
 
@@ -29,7 +29,7 @@ def test_the_word_stays(says, alpha, p_value):
     if says in ("spoofed", "attack") and alpha is not None and p_value == 0.4:
         pytest.skip("no evidence that can be used: an alarm above its stated rate")
     evidence = replace(PLAIN, says=says, false_alarm_probability=alpha, p_value=p_value)
-    finding = adapt(evidence)
+    finding = finding_from_evidence(evidence)
     words = {"clean", "undecided"} if says in ("clean", "undecided") and not evidence.failed else {says}
     assert finding.says in words
     assert finding.failed == evidence.failed
@@ -41,19 +41,19 @@ def test_a_failed_test_keeps_its_causes_and_what_it_overrules(overrules):
     failed = replace(
         PLAIN, false_alarm_probability=1e-3, p_value=1e-9, overrules=overrules, may_also_be=causes, noted=True
     )
-    finding = adapt(failed)
+    finding = finding_from_evidence(failed)
     assert (finding.failed, finding.overrules, finding.may_also_be) == (True, overrules, causes)
     assert finding.p_value == 1e-9
     assert stands_beside(finding)
 
 
 def test_a_failed_test_that_names_no_cause_is_no_attack():
-    finding = adapt(replace(PLAIN, false_alarm_probability=1e-3, p_value=1e-9))
+    finding = finding_from_evidence(replace(PLAIN, false_alarm_probability=1e-3, p_value=1e-9))
     assert (finding.says, finding.failed) == ("undecided", True)
 
 
 def test_words_and_the_evidence_itself_are_kept():
-    finding = adapt(PLAIN)
+    finding = finding_from_evidence(PLAIN)
     words = explain(finding)
     assert (words.sentence, words.remedy, words.assumptions) == (PLAIN.because, PLAIN.would_need, PLAIN.assumes)
     other = replace(finding, detector="even")

@@ -31,7 +31,9 @@ class Odd:
     changes: dict[str, object] = field(default_factory=dict)
 
     def examine(self, records, state=None):
-        said = base.undecided(self, records, base.signals_of(records.observations), because="so", would_need="more")
+        said = base.undecided(
+            self, records, base.list_all_signals(records.observations), because="so", would_need="more"
+        )
         return [replace(said, **self.changes)], state
 
 
@@ -63,7 +65,7 @@ def test_our_detectors_are_found_by_their_entry_points():
     assert list(found) == sorted(found)
     assert all(isinstance(made(), base.Detector) and made.name == name for name, made in found.items())
     assert all(registry.is_ours(found[name]()) for name in ours)
-    assert ours.isdisjoint(entries.of_others())
+    assert ours.isdisjoint(entries.list_foreign())
 
 
 @pytest.mark.parametrize(
@@ -91,7 +93,7 @@ def test_no_package_takes_the_name_of_another_ones_detector(monkeypatch):
 
 def test_detectors_of_other_packages_are_listed(monkeypatch):
     registered(monkeypatch, ("odd", "odd-package", Odd), ("spin", "skyproof", Odd))
-    assert entries.of_others() == {"odd": "odd-package 0.1"}
+    assert entries.list_foreign() == {"odd": "odd-package 0.1"}
 
 
 def test_a_detector_has_to_take_the_settings_of_a_run():
@@ -131,7 +133,7 @@ def test_evidence_that_cannot_be_used_fails_the_contract_and_in_a_run_is_undecid
     odd = Odd(changes=FAULTS[fault])
     with pytest.raises(AssertionError, match=fault.replace(".", r"\.")):
         check_evidence(lambda: odd, records)
-    ((said,), state) = registry.examined(odd, records, "before")
+    ((said,), state) = registry.examine_window(odd, records, "before")
     assert (said.says, said.detector, state) == ("undecided", "odd", "before")
     assert fault in said.data["error"]
     assert (said.code, said.data["detector"]) == ("failed", "odd")
@@ -154,11 +156,11 @@ def test_a_finding_that_cannot_be_used_fails_the_contract(changes, fault):
     reporter = base.Reporter(Odd(), records, Hypothesis.CONTINUOUS)
 
     def found(**changed: object) -> Finding:
-        finding = reporter.find(base.signals_of(records.observations), "goes_on", {Cause.CLEAN: 0.5})
+        finding = reporter.find(base.list_all_signals(records.observations), "goes_on", {Cause.CLEAN: 0.5})
         return replace(finding, **changed)
 
-    assert registry.evidence_fault(Odd(), records, ([found()], None)) is None
-    assert fault in registry.evidence_fault(Odd(), records, ([found(**changes)], None))
+    assert registry.find_result_fault(Odd(), records, ([found()], None)) is None
+    assert fault in registry.find_result_fault(Odd(), records, ([found(**changes)], None))
 
 
 @pytest.mark.parametrize("given", [None, [], Evidence, ([None], None)])
@@ -167,7 +169,7 @@ def test_what_is_no_evidence_is_not_taken_for_some(given):
         def examine(self, records, state=None):
             return given
 
-    ((said,), _) = registry.examined(Strange(), SCENE.records(np.random.default_rng(1)), None)
+    ((said,), _) = registry.examine_window(Strange(), SCENE.records(np.random.default_rng(1)), None)
     assert "gave" in said.data["error"]
 
 
@@ -180,16 +182,16 @@ def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_
             raise KeyError("none")
 
     records = SCENE.records(np.random.default_rng(1))
-    ((said,), _) = registry.examined(Raising(), records, None)
+    ((said,), _) = registry.examine_window(Raising(), records, None)
     assert said.data["error"].startswith("ValueError: singular matrix (test_registry.py, line")
-    *before, failed = registry.review_of(Raising(), [said])
+    *before, failed = registry.review_evidence(Raising(), [said])
     assert before == [said]
     assert failed.says == "undecided"
     assert failed.code == "review_failed"
     assert failed.data["error"].startswith("KeyError: 'none' (test_registry.py, line")
     monkeypatch.setattr(Raising, "__module__", "skyproof.detectors.raising")
     with pytest.raises(ValueError, match="singular"):
-        registry.examined(Raising(), records, None)
+        registry.examine_window(Raising(), records, None)
 
 
 @pytest.mark.parametrize(
@@ -206,7 +208,7 @@ def test_a_review_that_cannot_be_used_is_said_and_changes_nothing(given, fault):
             return given(*evidence)
 
     own, other = _said_by_odd_and_another()
-    *before, failed = registry.review_of(Reviewing(), [own, other])
+    *before, failed = registry.review_evidence(Reviewing(), [own, other])
     assert before == [own, other]
     assert (failed.detector, failed.says, failed.start_gpst) == ("odd", "undecided", own.start_gpst)
     assert fault in failed.data["error"]
@@ -218,7 +220,7 @@ def test_a_review_changes_its_own_evidence_and_no_others():
             return (replace(one, because="reviewed", says="clean") for one in evidence)
 
     own, other = _said_by_odd_and_another()
-    changed, kept = registry.review_of(Reviewing(), [own, other])
+    changed, kept = registry.review_evidence(Reviewing(), [own, other])
     assert (changed.code, changed.data["because"]) == ("clean", "reviewed")
     assert kept is other
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.detectors.residual import Residual, ResidualSettings, plain_fixes
+from skyproof.detectors.residual import Residual, ResidualSettings, fit_layers
 from skyproof.detectors.residual_causes import find_reflected
 from skyproof.detectors.second_signals.detector import elevation_rad
 from skyproof.detectors.second_signals.second_sky import echoes_p_value, second_sky_p_value
@@ -296,7 +296,7 @@ def fits(errors, seed=6):
     for records in clean_skies():
         (o,) = records.observations
         moved = replace(o, pseudorange_m=o.pseudorange_m + errors(rng, len(o.signals)))
-        found.append(max(plain_fixes(moved, records.navigation, settings), key=lambda fix: len(fix.signals)).fit)
+        found.append(max(fit_layers(moved, records.navigation, settings), key=lambda fix: len(fix.signals)).fit)
     return found
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.detectors.adapter import adapt
+from skyproof.detectors.adapter import finding_from_evidence
 from skyproof.records import OBSERVABLES, ConsistentSet, Evidence, Observations, SignalId, SignalRef
 
 START = np.datetime64("2024-05-14T10:00:00", "ns")
@@ -79,7 +79,7 @@ class Invented:
         **more,
     ):
         """What a detector says of the same signals in all of these receivers, in a window."""
-        return adapt(
+        return finding_from_evidence(
             Evidence(
                 detector=detector,
                 start_gpst=at(window * WINDOW_S),
@@ -97,7 +97,7 @@ class Invented:
     @staticmethod
     def restated(finding, **changes):
         """The same but for these fields of what the detector says."""
-        return adapt(replace(finding.estimates["evidence"], **changes))
+        return finding_from_evidence(replace(finding.estimates["evidence"], **changes))
 
     @staticmethod
     def sky(window: int, *names: str, receiver="rx1"):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skyproof.detectors.adapter import adapt
+from skyproof.detectors.adapter import finding_from_evidence
 from skyproof.fusion.interference import spells_of
 from skyproof.records import Evidence, Finding, NoiseRise
 from skyproof.testing import MeasuredScene
@@ -14,7 +14,7 @@ SECOND = np.timedelta64(1, "s")
 
 
 def window(number: int, *rises: NoiseRise) -> Finding:
-    return adapt(
+    return finding_from_evidence(
         Evidence(
             detector="levels",
             start_gpst=RX.gpst[10 * number],

@@ -9,14 +9,14 @@ from typing import Any
 
 from skyproof.records import UNTESTED, AnyFinding, Cause, Evidence, Finding, Hypothesis, SignalRef
 
-__all__ = ["adapt", "get_signals", "restore"]
+__all__ = ["finding_from_evidence", "get_signals", "restore"]
 
 _FAILED: tuple[Cause, ...] = (Cause.FAULT,)
 """Benign cause of a failed test that names none."""
 
 
-def adapt(evidence: Evidence) -> Finding:
-    """Return evidence as a finding that says the same.
+def finding_from_evidence(evidence: Evidence) -> Finding:
+    """Convert evidence to a finding that states the same.
 
     Where no p-value is stated, the rate that the evidence states bounds it.
     """

@@ -24,8 +24,8 @@ __all__ = [
     "NotTested",
     "Reporter",
     "leave_open",
+    "list_all_signals",
     "missing",
-    "signals_of",
     "undecided",
 ]
 
@@ -53,12 +53,13 @@ NEEDS: dict[Need, str] = {
 class Detector(Protocol):
     """One method of telling true from false.
 
-    A class with this shape, registered under the entry point group `skyproof.detectors`, joins every run. It is made
-    with no argument or with its `settings`, a frozen dataclass with a default for every field and a field
-    `false_alarm_probability`. It sees records of one window at a time, leaves them as they are, and says what it finds.
+    A class with this shape, registered under the entry point group `skyproof.detectors`, joins every run. It is
+    instantiated with no argument or with its `settings`. These are a frozen dataclass with a default for every field
+    and a field `false_alarm_probability`. It sees records of one window at a time, does not change them, and returns
+    what it finds.
 
-    `state` is what it wants to remember: None at the start, given back by `examine`, and passed in again with the next
-    window, so that a recording in pieces gives what the whole gives. `skyproof.testing.check_detector` holds the
+    `state` is what it remembers: None at the start, returned by `examine`, and passed in again with the next
+    window. So a recording in pieces gives what the whole gives. `skyproof.testing.check_detector` holds the
     contract.
 
     A class may have a `share` of the probability of a false alarm, 1 being what most detectors take; 0 if it never
@@ -67,8 +68,8 @@ class Detector(Protocol):
     One that needs `Need.TAPS` or `Need.CCAF` has an `Asked` as its class's `asks`: the receivers take what any detector
     asks for.
 
-    A detector may have a method `review(evidence) -> list[Evidence]` as well: at the end of a run it is given the
-    evidence of all detectors and windows, and gives it back with its own changed by what later windows have shown.
+    A detector may have a method `review(evidence) -> list[Evidence]` as well. At the end of a run it receives the
+    evidence of all detectors and windows. It returns all of it, with its own changed by what later windows have shown.
     """
 
     @property
@@ -84,7 +85,7 @@ class Detector(Protocol):
 
 
 def leave_open(causes: Iterable[Cause]) -> dict[Cause, float]:
-    """Return the p-values of causes that may have spoilt everything that a test looks at, the likeliest first."""
+    """Return the p-values of causes that may have corrupted everything a test looks at, the likeliest first."""
     return dict.fromkeys(causes, UNTESTED)
 
 
@@ -146,11 +147,11 @@ class Reporter:
         if not lacking:
             return []
         why = NotTested("_".join(("without", *lacking)), {"lacking": tuple(map(str, lacking))})
-        return [self.pass_over(signals_of(self.records.observations), why)]
+        return [self.pass_over(list_all_signals(self.records.observations), why)]
 
 
-def signals_of(observations: tuple[Observations, ...]) -> tuple[SignalRef, ...]:
-    """Every signal of every receiver."""
+def list_all_signals(observations: tuple[Observations, ...]) -> tuple[SignalRef, ...]:
+    """List every signal of every receiver."""
     return tuple(SignalRef(o.receiver, signal) for o in observations for signal in o.signals)
 
 
@@ -182,12 +183,12 @@ def missing(detector: Detector, records: Records) -> list[Evidence]:
     lacking = [need for need in detector.needs if not records.has(need)]
     if not lacking:
         return []
-    said = undecided(
+    evidence = undecided(
         detector,
         records,
-        signals_of(records.observations),
+        list_all_signals(records.observations),
         because=f"without {' and '.join(need.replace('_', ' ') for need in lacking)}",
         would_need="; ".join(NEEDS[need] for need in lacking),
         code="_".join(("without", *lacking)),
     )
-    return [replace(said, lacking=tuple(lacking))]
+    return [replace(evidence, lacking=tuple(lacking))]

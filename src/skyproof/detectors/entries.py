@@ -1,24 +1,24 @@
-"""What is registered as a detector, and by which package; nothing of it is imported."""
+"""List what is registered as a detector, and by which package; nothing of it is imported."""
 
 from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
-__all__ = ["GROUP", "OURS", "of_others", "package_of", "registered"]
+__all__ = ["GROUP", "OURS", "list_foreign", "list_registered", "package_of"]
 
 GROUP: Final = "skyproof.detectors"
 OURS: Final = "skyproof"
 
 
-def registered() -> list[EntryPoint]:
-    """In order of name."""
+def list_registered() -> list[EntryPoint]:
+    """List the registered detectors in order of name."""
     return sorted(entry_points(group=GROUP), key=lambda point: point.name)
 
 
 def package_of(point: EntryPoint) -> str:
-    """Name and version."""
+    """Return the name and version of the package that registers a detector."""
     return f"{point.dist.name} {point.dist.version}" if point.dist is not None else "an unknown package"
 
 
-def of_others() -> dict[str, str]:
-    """The names of detectors that are not ours, and the package of each."""
-    return {p.name: package_of(p) for p in registered() if p.dist is None or p.dist.name != OURS}
+def list_foreign() -> dict[str, str]:
+    """Map the names of detectors that are not ours to their packages."""
+    return {p.name: package_of(p) for p in list_registered() if p.dist is None or p.dist.name != OURS}

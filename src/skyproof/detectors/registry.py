@@ -1,4 +1,4 @@
-"""How detectors are found, and what is held of those of other packages: a fault of theirs costs nobody a run."""
+"""Find the installed detectors, and contain the faults of those from other packages: no such fault ends a run."""
 
 import traceback
 from collections.abc import Callable, Iterable, Sequence
@@ -8,19 +8,19 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from skyproof.detectors.adapter import adapt, get_signals, restore
-from skyproof.detectors.base import Detector, NotTested, Reporter, signals_of
-from skyproof.detectors.entries import OURS, package_of, registered
+from skyproof.detectors.adapter import finding_from_evidence, get_signals, restore
+from skyproof.detectors.base import Detector, NotTested, Reporter, list_all_signals
+from skyproof.detectors.entries import OURS, list_registered, package_of
 from skyproof.errors import SettingsError, readable, shortened
 from skyproof.records import AnyFinding, Cause, Evidence, Finding, Hypothesis, Need, Records, Says, SignalRef
 
-__all__ = ["evidence_fault", "examined", "instantiate", "is_ours", "load_detectors", "review_of"]
+__all__ = ["examine_window", "find_result_fault", "instantiate", "is_ours", "load_detectors", "review_evidence"]
 
 _LONGEST: Final = 300
 
 
 def load_detectors() -> dict[str, type[Detector]]:
-    """The installed detectors by name, ours and others', in order of name.
+    """Load the installed detectors, ours and others', by name and in order of name.
 
     Raises
     ------
@@ -29,24 +29,24 @@ def load_detectors() -> dict[str, type[Detector]]:
     """
     found: dict[str, type[Detector]] = {}
     packages: dict[str, str] = {}
-    for point in registered():
+    for point in list_registered():
         package = package_of(point)
         if point.name in found:
             raise SettingsError(
                 f"detector {point.name!r} is registered twice, by {packages[point.name]} and by {package}; "
                 "rename one, or uninstall one of the packages"
             )
-        found[point.name], packages[point.name] = _loaded(point, package), package
+        found[point.name], packages[point.name] = _load(point, package), package
     return found
 
 
 def is_ours(detector: Detector) -> bool:
-    """Whether a fault in it is one of skyproof."""
+    """Tell if a detector belongs to skyproof, so that a fault in it is a fault of skyproof."""
     return type(detector).__module__.partition(".")[0] == OURS
 
 
 def instantiate(kind: type[Detector], settings: Any) -> Detector:
-    """A detector with these settings.
+    """Instantiate a detector with these settings.
 
     Raises
     ------
@@ -57,19 +57,19 @@ def instantiate(kind: type[Detector], settings: Any) -> Detector:
         return made(settings=settings)
     except Exception as error:
         raise SettingsError(
-            f"detector {kind.__name__} of {kind.__module__} cannot be made with settings=...: {_words(error)}; "
-            "repair or uninstall its package"
+            f"detector {kind.__name__} of {kind.__module__} cannot be made with settings=...: "
+            f"{_describe_error(error)}; repair or uninstall its package"
         ) from error
 
 
-def _loaded(point: EntryPoint, package: str) -> type[Detector]:
-    """Raises SettingsError if it is no detector of this name."""
+def _load(point: EntryPoint, package: str) -> type[Detector]:
+    """Load a detector from its entry point; raise SettingsError if it is no detector of this name."""
     try:
         kind = point.load()
-        fault = _fault(kind(), point.name)
+        fault = _find_declaration_fault(kind(), point.name)
     except Exception as error:
         raise SettingsError(
-            f"detector {point.name!r} of {package} cannot be loaded from {point.value}: {_words(error)}; "
+            f"detector {point.name!r} of {package} cannot be loaded from {point.value}: {_describe_error(error)}; "
             "repair or uninstall that package"
         ) from error
     if fault:
@@ -80,13 +80,13 @@ def _loaded(point: EntryPoint, package: str) -> type[Detector]:
     return loaded
 
 
-def _fault(made: Any, name: str) -> str | None:
-    """What is wrong with how a detector declares itself."""
-    lacking = [one for one in ("name", "needs", "settings", "examine") if not hasattr(made, one)]
+def _find_declaration_fault(made: Any, name: str) -> str | None:
+    """Name what is wrong with how a detector declares itself; None if nothing is."""
+    lacking = [attribute for attribute in ("name", "needs", "settings", "examine") if not hasattr(made, attribute)]
     if lacking:
         return f"it has no {' and no '.join(lacking)}"
     if made.name != name:
-        return f"its name is {made.name!r}, expected {name!r} as it is registered"
+        return f"its name is {made.name!r}, expected the registered name {name!r}"
     if not isinstance(made.needs, tuple) or not all(isinstance(need, Need) for need in made.needs):
         return f"its needs are {shortened(str(made.needs))}, expected a tuple of members of skyproof.records.Need"
     settings = made.settings
@@ -95,59 +95,59 @@ def _fault(made: Any, name: str) -> str | None:
     return None
 
 
-def evidence_fault(detector: Detector, records: Records, said: object) -> str | None:
-    """What is wrong with the value that `examine` gave, in words; None if nothing is.
+def find_result_fault(detector: Detector, records: Records, result: object) -> str | None:
+    """Name what is wrong with the value that `examine` returned; None if nothing is.
 
     An alarm whose p-value is above the rate that it states is a fault too.
     """
-    if not isinstance(said, tuple) or len(said) != 2 or not isinstance(said[0], list):
-        return f"examine gave {shortened(repr(type(said)))}, expected a list of Evidence and the state"
+    if not isinstance(result, tuple) or len(result) != 2 or not isinstance(result[0], list):
+        return f"examine gave {shortened(repr(type(result)))}, expected a list of Evidence and the state"
     kinds = (records.observations, records.taps, records.vector_taps, records.ccaf, records.array_phases)
-    there = {SignalRef(one.receiver, signal) for kind in kinds for one in kind for signal in one.signals}
-    return next((fault for one in said[0] if (fault := _evidence_fault(detector, one, there))), None)
+    signals = {SignalRef(item.receiver, signal) for kind in kinds for item in kind for signal in item.signals}
+    return next((fault for item in result[0] if (fault := _find_evidence_fault(detector, item, signals))), None)
 
 
-def _evidence_fault(detector: Detector, one: Any, there: set[SignalRef]) -> str | None:
-    if not isinstance(one, Evidence | Finding):
-        return f"a {type(one).__name__} among what it gave, expected Evidence"
-    if one.detector != detector.name:
-        return f"detector is {one.detector!r}, expected its own name, {detector.name!r}"
-    if isinstance(one, Finding):
-        return _finding_fault(one, there)
-    if one.says not in get_args(Says):
-        return f"says is {one.says!r}, expected one of {', '.join(get_args(Says))}"
-    if not isinstance(one.subject, tuple) or not set(one.subject) <= there:
+def _find_evidence_fault(detector: Detector, item: Any, signals: set[SignalRef]) -> str | None:
+    if not isinstance(item, Evidence | Finding):
+        return f"a {type(item).__name__} among what it gave, expected Evidence"
+    if item.detector != detector.name:
+        return f"detector is {item.detector!r}, expected its own name, {detector.name!r}"
+    if isinstance(item, Finding):
+        return _find_finding_fault(item, signals)
+    if item.says not in get_args(Says):
+        return f"says is {item.says!r}, expected one of {', '.join(get_args(Says))}"
+    if not isinstance(item.subject, tuple) or not set(item.subject) <= signals:
         return "subject is not a tuple of SignalRef of the window's signals"
-    if not isinstance(one.because, str) or not one.because:
-        return f"because is {one.because!r}, expected the reason in words"
-    if not isinstance(one.assumes, tuple) or not all(isinstance(line, str) for line in one.assumes):
-        return f"assumes is {one.assumes!r}, expected a tuple of sentences"
+    if not isinstance(item.because, str) or not item.because:
+        return f"because is {item.because!r}, expected the reason in words"
+    if not isinstance(item.assumes, tuple) or not all(isinstance(line, str) for line in item.assumes):
+        return f"assumes is {item.assumes!r}, expected a tuple of sentences"
     for name in ("p_value", "false_alarm_probability"):
-        value = getattr(one, name)
+        value = getattr(item, name)
         if value is not None and not (isfinite(value) and 0.0 <= value <= 1.0):
             return f"{name} is {value}, expected 0 to 1"
-    p, asked = one.p_value, one.false_alarm_probability
-    if one.says in ("spoofed", "attack") and p is not None and asked is not None and p > asked * (1.0 + 1e-9):
-        return f"says {one.says!r} at p = {p:.3g}, above the false_alarm_probability of {asked:.3g} that it states"
+    p, asked = item.p_value, item.false_alarm_probability
+    if item.says in ("spoofed", "attack") and p is not None and asked is not None and p > asked * (1.0 + 1e-9):
+        return f"says {item.says!r} at p = {p:.3g}, above the false_alarm_probability of {asked:.3g} that it states"
     return None
 
 
-def _finding_fault(one: Finding, there: set[SignalRef]) -> str | None:
-    if not isinstance(one.signals, tuple) or not set(one.signals) <= there:
+def _find_finding_fault(finding: Finding, signals: set[SignalRef]) -> str | None:
+    if not isinstance(finding.signals, tuple) or not set(finding.signals) <= signals:
         return "signals is not a tuple of SignalRef of the window's signals"
-    if not isinstance(one.code, str) or not one.code:
-        return f"code is {one.code!r}, expected a short name"
-    if one.p and not {Cause.CLEAN, Cause.FALSE_SKY} & one.p.keys():
-        return f"p is of {', '.join(one.p)}, expected one of clean or of false_sky beside"
-    for cause, p in one.p.items():
+    if not isinstance(finding.code, str) or not finding.code:
+        return f"code is {finding.code!r}, expected a short name"
+    if finding.p and not {Cause.CLEAN, Cause.FALSE_SKY} & finding.p.keys():
+        return f"p is of {', '.join(finding.p)}, expected one of clean or of false_sky beside"
+    for cause, p in finding.p.items():
         if not (isfinite(p) and 0.0 <= p <= 1.0):
             return f"p of {cause} is {p}, expected 0 to 1"
-    least = one.p.get(Cause.CLEAN, 0.0)
-    for cause, p in one.p.items():
+    least = finding.p.get(Cause.CLEAN, 0.0)
+    for cause, p in finding.p.items():
         if p < least:
             return f"p of {cause} is {p:.3g}, less than {least:.3g} of clean, which is a case of it"
-    if one.p and (one.alpha is None or not 0.0 < one.alpha <= 1.0):
-        return f"alpha is {one.alpha}, expected more than 0 and at most 1"
+    if finding.p and (finding.alpha is None or not 0.0 < finding.alpha <= 1.0):
+        return f"alpha is {finding.alpha}, expected more than 0 and at most 1"
     return None
 
 
@@ -155,8 +155,11 @@ class _Faulty(Exception):
     """What a detector of another package gave cannot be used."""
 
 
-def examined(detector: Detector, records: Records, state: Any) -> tuple[list[Finding], Any]:
-    """What a detector says of a window, and what it remembers.
+def examine_window(detector: Detector, records: Records, state: Any) -> tuple[list[Finding], Any]:
+    """Examine a window with a detector; return its findings and its state.
+
+    A detector of another package that fails is undecided for that window, names the reason, and continues with the
+    next. A fault in one of ours is a fault of skyproof, and is raised.
 
     One of another package that fails is undecided of that window, says why, and goes on with the next: a fault in one
     of ours is one of skyproof's, and is raised.
@@ -165,20 +168,23 @@ def examined(detector: Detector, records: Records, state: Any) -> tuple[list[Fin
         found, state = detector.examine(records, state)
         return _adapt_all(found), state
     try:
-        said = detector.examine(records, state)
-        if fault := evidence_fault(detector, records, said):
+        result = detector.examine(records, state)
+        if fault := find_result_fault(detector, records, result):
             raise _Faulty(fault)
     except Exception as error:
         return [_report_failure(detector, records, "failed", error)], state
-    return _adapt_all(said[0]), said[1]
+    return _adapt_all(result[0]), result[1]
 
 
 def _adapt_all(found: Iterable[AnyFinding]) -> list[Finding]:
-    return [adapt(e) if isinstance(e, Evidence) else e for e in found]
+    return [finding_from_evidence(e) if isinstance(e, Evidence) else e for e in found]
 
 
-def review_of(detector: Detector, evidence: Sequence[Finding]) -> Iterable[Finding]:
-    """The evidence after a detector looked at all of it once more, if it does.
+def review_evidence(detector: Detector, evidence: Sequence[Finding]) -> Iterable[Finding]:
+    """Let a detector review all evidence at the end of a run, if it can.
+
+    A detector of another package may change its own evidence and nothing else. If it fails, all evidence stays as it
+    was, with one more piece that reports the failure.
 
     One of another package changes what it said itself and nothing else. Where that fails as above, all stays as it was,
     with one more that says so.
@@ -192,7 +198,7 @@ def review_of(detector: Detector, evidence: Sequence[Finding]) -> Iterable[Findi
     try:
         before = restore(evidence, detector.name)
         after = list(review(before))
-        if fault := _review_fault(detector, evidence, after):
+        if fault := _find_review_fault(detector, evidence, after):
             raise _Faulty(fault)
     except Exception as error:
         last = Records(start_gpst=evidence[-1].start_gpst, end_gpst=evidence[-1].end_gpst)
@@ -203,21 +209,23 @@ def review_of(detector: Detector, evidence: Sequence[Finding]) -> Iterable[Findi
 
 def _report_failure(detector: Detector, records: Records, code: str, error: Exception) -> Finding:
     """Return that a detector of another package failed, and how."""
-    data = {"detector": detector.name, "module": type(detector).__module__, "error": _words(error)}
+    data = {"detector": detector.name, "module": type(detector).__module__, "error": _describe_error(error)}
     reporter = Reporter(detector, records, Hypothesis.ONE_POSITION)
-    return reporter.pass_over(signals_of(records.observations), NotTested(code, data))
+    return reporter.pass_over(list_all_signals(records.observations), NotTested(code, data))
 
 
-def _review_fault(detector: Detector, evidence: Sequence[AnyFinding], after: Sequence[Any]) -> str | None:
-    """What is wrong with what `review` gave, in words; None if nothing is."""
+def _find_review_fault(detector: Detector, evidence: Sequence[AnyFinding], after: Sequence[Any]) -> str | None:
+    """Name what is wrong with what `review` returned; None if nothing is."""
     if len(after) != len(evidence):
         return f"it gave {len(after)} of {len(evidence)} pieces of evidence, expected each once, in their order"
-    own = [(old, new) for old, new in zip(evidence, after, strict=True) if old.detector == detector.name]
-    return next((fault for old, new in own if (fault := _evidence_fault(detector, new, set(get_signals(old))))), None)
+    pairs = [(old, new) for old, new in zip(evidence, after, strict=True) if old.detector == detector.name]
+    return next(
+        (fault for old, new in pairs if (fault := _find_evidence_fault(detector, new, set(get_signals(old))))), None
+    )
 
 
-def _words(error: Exception) -> str:
-    """Which error and where, in a line."""
+def _describe_error(error: Exception) -> str:
+    """Name an error and its place in one line."""
     text = shortened(readable(" ".join(str(error).split())), _LONGEST)
     if isinstance(error, _Faulty):
         return text

@@ -1,9 +1,9 @@
-"""Do the measurements of one receiver fit one position (RAIM), or two (an attack beside the true sky)?
+"""Test if one receiver's measurements fit one position (RAIM), or two (an attack beside the true sky).
 
-Failing RAIM is no sign of an attack by itself, and its exclusion never decides who is authentic: it believes the
+A failed RAIM test alone is no sign of an attack. Its exclusion never decides which signals are authentic: it trusts the
 majority, and the attacker may be the majority. It names a signal that does not fit the others, and blames it only as
-far as nothing else speaks for false signals. A second set of signals that
-agree on another position or time is a sign: echoes and false correlation peaks do not agree with each other.
+far as nothing else indicates false signals. A second set of signals that agree on another position or time does
+indicate an attack: echoes and false correlation peaks do not agree with each other.
 """
 
 from collections import Counter
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Indices
-from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
+from skyproof.detectors.base import NotTested, Reporter, leave_open, list_all_signals
 from skyproof.detectors.residual_causes import POLICY, RangeFit, find_reflected, fit_groups
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
@@ -41,7 +41,7 @@ from skyproof.records import (
     list_refs,
 )
 
-__all__ = ["PlainFix", "Residual", "ResidualSettings", "plain_fixes"]
+__all__ = ["PlainFix", "Residual", "ResidualSettings", "fit_layers"]
 
 
 @dataclass(frozen=True)
@@ -88,13 +88,15 @@ class PlainFix(NamedTuple):
         return tuple(signal for signal, row in zip(self.signals, self.fit.rows, strict=True) if row in rows)
 
 
-def plain_fixes(window: Observations, navigation: NavigationData, settings: ResidualSettings) -> tuple[PlainFix, ...]:
-    """RangeFit one position, with a clock for each kind of signal, to the first-found signals of the first kind of each
-    system, then to those of the second, and so on; those left out that have no signal to spare.
+def fit_layers(window: Observations, navigation: NavigationData, settings: ResidualSettings) -> tuple[PlainFix, ...]:
+    """Fit one position, with a clock for each kind of signal, to each layer of the signals in a window.
 
-    Under the null (one sky, errors as in `settings`) each statistic is chi-square with as many degrees as there are
-    satellites beyond three and one per kind. So no satellite is in a fit twice, by two bands whose errors are one; fits
-    of several bands are not independent. `settings.false_alarm_probability` is that of all.
+    The first layer holds the first-found signals of the first kind of each system, the second those of the second kind,
+    and so on. A layer without a signal to spare is left out.
+
+    Under the null (one sky, errors as in `settings`) each statistic is chi-square. Its degrees of freedom are the
+    number of satellites less three and less one per kind. No satellite is in a fit twice, since the errors of its bands
+    are shared. Fits of several bands are not independent. `settings.false_alarm_probability` is that of all fits.
     """
     mean, measurements, usable = measure_window(
         window, navigation, multipath_sigma_m=settings.multipath_sigma_m, ionosphere_share=settings.ionosphere_share
@@ -120,7 +122,7 @@ def _fit_plain(
     tests: int,
     settings: ResidualSettings,
 ) -> PlainFix | None:
-    """RangeFit rows in groups with a clock each; None where no position comes out, or too few stand above the mask.
+    """Fit the rows, in groups with a clock each; None if no position results, or too few are above the mask.
 
     tests : fits of the window, which share the false-alarm probability.
     """
@@ -130,16 +132,16 @@ def _fit_plain(
         fit = fit_groups(measurements, [high for rows in groups if (high := rows[~low[rows]]).size], tests)
     if fit.spare <= 0 or not np.all(np.isfinite(fit.state_m)):
         return None
-    test, worst = _tested(fit, alpha)
+    test, worst = _test_residuals(fit, alpha)
     used, p_value = tuple(signals[row] for row in fit.rows), min(1.0, tests * float(test.p_value))
     if test.consistent or worst < 0:
         return PlainFix(used, fit, test, None, p_value)
     # Solved anew: from a fit that a fault drew off by kilometres, what one row would change is not linear.
-    fits = bool(_tested(fit.without([int(fit.rows[worst])]), alpha)[0].consistent)
+    fits = bool(_test_residuals(fit.without([int(fit.rows[worst])]), alpha)[0].consistent)
     return PlainFix(used, fit, test, used[worst] if fits else None, p_value)
 
 
-def _tested(fit: RangeFit, alpha: float) -> tuple[GlobalTest, int]:
+def _test_residuals(fit: RangeFit, alpha: float) -> tuple[GlobalTest, int]:
     """Test the residuals of a fit, and find the row that fits worst, -1 where none can be left out."""
     misfit_m, sigma_m, design = fit.misfits()
     test = check_residuals(misfit_m, sigma_m, false_alarm_probability=alpha, unknowns=fit.state_m.size)
@@ -164,7 +166,7 @@ class Residual:
         return [self._test_receiver(report, records.navigation, o) for o in records.observations], state
 
     def _test_receiver(self, report: Reporter, navigation: NavigationData, o: Observations) -> Finding:
-        every = signals_of((o,))
+        every = list_all_signals((o,))
         if o.gpst.size == 0:
             return report.pass_over(every, NotTested("no_epochs"))
         received = [s for s in report.records.sets if s.receiver == o.receiver]
@@ -172,7 +174,7 @@ class Residual:
         several = self._test_several_skies(report, o, sets) if len(sets) >= 2 else None
         if several is not None and several.p:
             return several
-        plain = plain_fixes(o, navigation, self.settings)
+        plain = fit_layers(o, navigation, self.settings)
         if several is not None and all(fix.test.consistent for fix in plain):
             return several
         if not plain:
@@ -206,11 +208,11 @@ class Residual:
         if worst.test.consistent:
             signals = [signal for fix in plain for signal in fix.signals]
             return report.find(list_refs(o.receiver, signals), "fits", {Cause.CLEAN: worst.p_value}, data=data)
-        if far := _far_off(report.records, o, self.settings):
+        if far := _list_far_off(report.records, o, self.settings):
             data |= {"far": tuple(sat for sat, _ in far), "least_m": min(abs(m) for _, m in far)}
             p = {Cause.CLEAN: worst.p_value, **leave_open((Cause.ORBITS, Cause.FAULT))}
             return report.find(list_refs(o.receiver, worst.signals), "orbits_off", p, data=data)
-        doubled = _doubled(o)
+        doubled = _count_doubled(o)
         reflected = None if doubled else self._find_reflected(report, o, worst, data)
         return reflected or self._explain_misfit(report, o, worst, doubled, data)
 
@@ -252,28 +254,32 @@ class Residual:
 
 def _explain_no_fit(observations: Observations, navigation: NavigationData, settings: ResidualSettings) -> NotTested:
     """Return which of ranges, orbits, satellites above the mask and satellites of one system there are too few of."""
-    there = np.isfinite(observations.pseudorange_m).mean(axis=0) >= 0.5
-    ranged = {signal.sat for signal, kept in zip(observations.signals, there, strict=True) if kept}
+    measured = np.isfinite(observations.pseudorange_m).mean(axis=0) >= 0.5
+    ranged = {signal.sat for signal, kept in zip(observations.signals, measured, strict=True) if kept}
     known = {sat for sat in ranged if navigation.best(sat, observations.gpst[observations.gpst.size // 2]) is not None}
     if len(ranged) < 5:
         return NotTested("few_ranges", {"ranged": len(ranged)})
     if len(known) < 5:
         return NotTested("few_orbits", {"known": len(known), "ranged": len(ranged)})
-    if plain_fixes(observations, navigation, replace(settings, elevation_mask_deg=RECEIVED_FROM_DEG)):
+    if fit_layers(observations, navigation, replace(settings, elevation_mask_deg=RECEIVED_FROM_DEG)):
         return NotTested("few_above_mask", {"known": len(known), "mask_deg": settings.elevation_mask_deg})
     return NotTested("no_position", {"known": len(known)})
 
 
-def _far_off(records: Records, observations: Observations, settings: ResidualSettings) -> tuple[tuple[str, float], ...]:
-    """The satellites whose signals miss the place that most others show by more than any echo, and by how much, metres.
+def _list_far_off(
+    records: Records, observations: Observations, settings: ResidualSettings
+) -> tuple[tuple[str, float], ...]:
+    """List satellites whose signals miss the majority's position by more than any echo, and by how many metres.
+
+    A wrong orbit or clock does this to all signals of its satellite, however many they are.
 
     That is what a wrong orbit or clock does: of all its signals alike, however many they are.
     """
-    own = [s for s in records.sets if s.receiver == observations.receiver]
-    if records.navigation is None or len(own) != 1:
+    sets = [s for s in records.sets if s.receiver == observations.receiver]
+    if records.navigation is None or len(sets) != 1:
         return ()
-    (chosen,) = own
-    mean, measurements, usable = measure_window(
+    (chosen,) = sets
+    mean, measurements, usable = window_measurements(
         observations,
         records.navigation,
         multipath_sigma_m=settings.multipath_sigma_m,
@@ -292,8 +298,8 @@ def _far_off(records: Records, observations: Observations, settings: ResidualSet
     return tuple(sorted((sat, m) for sat, m in alike.items() if abs(m) > POLICY.no_echo_m))
 
 
-def _doubled(observations: Observations) -> int:
-    """How many satellites have more than one signal of a transmission with a pseudorange in the window."""
+def _count_doubled(observations: Observations) -> int:
+    """Count satellites that have several signals of one transmission with a pseudorange in the window."""
     measured = np.flatnonzero(np.isfinite(observations.pseudorange_m).any(axis=0))
     sent = Counter(observations.signals[column].transmission for column in measured)
     return len({sat for (sat, *_), count in sent.items() if count > 1})

@@ -1,4 +1,4 @@
-"""What else than false signals makes pseudoranges fit no one position: the largest p-value under each benign cause.
+"""Explain pseudoranges that fit no one position by benign causes: the largest p-value under each.
 
 Each cause is a set of errors; what the closest of them leaves of the misfit, over its sigma, is chi-square at most:
 
@@ -73,8 +73,8 @@ class RangeFit:
 
     @property
     def clocks(self) -> Reals:
-        """Return whose clock is whose: (rows, groups), ones and zeros."""
-        return np.repeat(np.eye(len(self.groups)), [own.size for own in self.groups], axis=0)
+        """Return which clock each row has: (rows, groups), ones and zeros."""
+        return np.repeat(np.eye(len(self.groups)), [group.size for group in self.groups], axis=0)
 
     @property
     def spare(self) -> int:
@@ -82,15 +82,18 @@ class RangeFit:
         return self.rows.size - len(self.groups) - 3
 
     def misfits(self, state_m: Reals | None = None) -> tuple[Reals, Reals, Reals]:
-        """Return what a state, the fitted one if None, misses (n,), its sigma (n,) and the design (n, 3 + groups)."""
+        """Return the misfits (n,) of a state (default: the fitted one), their sigma (n,) and the design matrix.
+
+        The design is (n, 3 + groups).
+        """
         at_m = self.state_m if state_m is None else state_m
         misfit_m, sigma_m, unit = compute_misfits(self.measurements, self.rows, np.append(at_m[:3], 0.0))
         return misfit_m - self.clocks @ at_m[3:], sigma_m, design_matrix(unit, self.clocks)
 
     def without(self, rows: Iterable[int]) -> "RangeFit":
-        """Return the fit without some rows, found anew; no fit with a satellite to spare has `spare` of 0 or less."""
+        """Fit again without some rows; no fit with a satellite to spare has `spare` of 0 or less."""
         gone = list(rows)
-        fewer = [own for group in self.groups if (own := group[~np.isin(group, gone)]).size]
+        fewer = [rows_kept for group in self.groups if (rows_kept := group[~np.isin(group, gone)]).size]
         return fit_groups(self.measurements, fewer, self.tests)
 
     @property
@@ -124,8 +127,8 @@ class RangeFit:
     def p_values_without(self, count: int) -> list[tuple[tuple[int, ...], float]]:
         """Return choices of so many rows, and bounds of the p-value if they err by any amount, the largest first.
 
-        By the linear fit: what it is lower without rows S is w_S' P_SS^-1 w_S, w being its residuals and P their
-        covariance, in sigmas.
+        By the linear fit: without rows S the statistic is lower by w_S' P_SS^-1 w_S. Here w are the residuals and P
+        their covariance, in sigmas.
         """
         misfit_m, sigma_m, design = self.misfits()
         basis, _ = np.linalg.qr(design / sigma_m[:, None])
@@ -152,7 +155,7 @@ def _numbers() -> tuple[int, ...]:
 
 
 def fit_groups(measurements: WindowRanges, groups: Sequence[Indices], tests: int = 1) -> RangeFit:
-    """RangeFit a position, and a clock for each group of rows; with NaN where none comes out."""
+    """Fit a position, and a clock for each group of rows; the result is NaN if the fit fails."""
     fit = RangeFit(measurements, tuple(groups), np.full(3 + len(groups), np.nan), np.nan, tests)
     if not fit.groups or fit.spare < 0:
         return fit
@@ -170,7 +173,7 @@ class Reflected:
 
 
 def find_reflected(fit: RangeFit, *, spread_m: float, alpha: float) -> Reflected:
-    """Return the fewest rows of which signals late by up to `spread_m` explain a misfit at `alpha`.
+    """Find the fewest rows whose late signals, by up to `spread_m`, explain a misfit at `alpha`.
 
     The others have more satellites to spare than are left out: fewer fit whatever is left out.
     """

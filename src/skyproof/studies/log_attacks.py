@@ -12,7 +12,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from skyproof.arrays import Booleans, Reals
-from skyproof.detectors.code_motion.detector import primary_signals
+from skyproof.detectors.code_motion.detector import select_primary_signals
 from skyproof.formats.plausible import LETTERS, leave_out_impossible
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -128,7 +128,7 @@ def true_place_ecef_m(o: Observations, navigation: NavigationData) -> Reals:
 
     Raises ValueError if no epoch has a fix.
     """
-    signals = primary_signals(o)
+    signals = select_primary_signals(o)
     if not signals:
         raise ValueError(f"{o.receiver}: no signals of which a place can be made")
     found = fix(o, navigation, signals=signals, multipath_sigma_m=1.0, false_alarm_probability=1e-4)

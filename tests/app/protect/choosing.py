@@ -13,8 +13,8 @@ from skyproof.app.protect.coasting import usable_fixes
 from skyproof.app.protect.document import document
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.protect.predictors import InertialUnit, predictors_of
-from skyproof.detectors.adapter import adapt
-from skyproof.detectors.prediction.choice_findings import CHOSEN
+from skyproof.detectors.adapter import finding_from_evidence
+from skyproof.fusion.choice_findings import CHOSEN
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.nominal import nominal_constellation
@@ -75,7 +75,7 @@ def led_away(
 def nothing_found(windows: Sequence[Records], signals: Sequence[SignalId]) -> list[Finding]:
     """Evidence of no detector in particular that every window is clean."""
     return [
-        adapt(
+        finding_from_evidence(
             Evidence(
                 detector="none",
                 start_gpst=w.start_gpst,

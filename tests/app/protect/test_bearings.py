@@ -5,7 +5,7 @@ import pytest
 
 from skyproof.app.protect.bearings import bearings_of, ellipse_95
 from skyproof.app.protect.positions import Track
-from skyproof.detectors.adapter import adapt
+from skyproof.detectors.adapter import finding_from_evidence
 from skyproof.fusion.labels import FalseSource
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Direction, Evidence, Fix, FixStatus, SignalId, SignalRef
@@ -51,7 +51,7 @@ def seen(track, rng, *, several=False):
             frame="enu",
         )
         said.append(
-            adapt(
+            finding_from_evidence(
                 Evidence(
                     detector="ins_array",
                     start_gpst=track.gpst[first],

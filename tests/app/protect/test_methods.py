@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.app.protect.methods import of_detectors
-from skyproof.detectors.adapter import adapt
+from skyproof.detectors.adapter import finding_from_evidence
 from skyproof.explain import explain
 from skyproof.records import Evidence, Finding, Hypothesis, SignalId, SignalRef
 
@@ -17,7 +17,7 @@ ASKED = 1e-5
 def piece(says, p_value=None, window=0, **more):
     """Evidence of the window of ten seconds with this number."""
     begin = START + np.timedelta64(10 * window, "s")
-    return adapt(
+    return finding_from_evidence(
         Evidence(
             detector="residual",
             start_gpst=begin,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings, primary_signals
+from skyproof.detectors.code_motion.detector import CodeMotion, CodeMotionSettings, select_primary_signals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.records import OBSERVABLES, Cause, Observations, Records
@@ -126,9 +126,9 @@ def test_pieces_give_what_the_whole_gives() -> None:
 def test_a_satellite_received_twice_leaves_it_open() -> None:
     (o,) = records().observations
     twice = Observations.joined([o])
-    assert primary_signals(twice) is not None
+    assert select_primary_signals(twice) is not None
     signals = (replace(o.signals[1], copy="b"), *o.signals[1:])
-    assert primary_signals(replace(o, signals=signals)) is None
+    assert select_primary_signals(replace(o, signals=signals)) is None
 
 
 def test_the_mask_holds() -> None:

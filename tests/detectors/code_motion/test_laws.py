@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.detectors.code_motion.laws import CodeMotionLimits, chance_beyond, clock_beyond, code_steps
+from skyproof.detectors.code_motion.laws import CodeMotionLimits, chance_of_clock, chance_of_motion, compute_code_steps
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 
 STILL = CodeMotionLimits(acceleration_m_s2=1e-12, speed_m_s=np.inf, clock_jump=0.0, clock_pace_s=0.0)
@@ -18,7 +18,7 @@ def drawn(rng: np.random.Generator, trials: int, covariance: np.ndarray, gaps_s=
     dof = 12
     factor = rng.chisquare(dof, trials) / dof
     found = [
-        code_steps(elapsed_s, noise[k, :, :3], noise[k, :, 3], np.broadcast_to(covariance, (3, 4, 4)))
+        compute_code_steps(elapsed_s, noise[k, :, :3], noise[k, :, 3], np.broadcast_to(covariance, (3, 4, 4)))
         for k in range(trials)
     ]
     return found, factor, np.array([dof])
@@ -28,7 +28,7 @@ def drawn(rng: np.random.Generator, trials: int, covariance: np.ndarray, gaps_s=
 def test_false_alarms_come_at_the_stated_rate(gaps_s) -> None:
     rng = np.random.default_rng(1)
     found, factor, dof = drawn(rng, 4000, 4.0 * np.eye(4), gaps_s)
-    for law in (chance_beyond, clock_beyond):
+    for law in (chance_of_motion, chance_of_clock):
         p_values = np.array([law(m, STILL, f[None], dof)[0] for m, f in zip(found, factor, strict=True)])
         for rate in (0.1, 0.01):
             alarms = int((p_values < rate).sum())
@@ -38,7 +38,7 @@ def test_false_alarms_come_at_the_stated_rate(gaps_s) -> None:
 def test_an_elongated_covariance_errs_to_the_safe_side() -> None:
     rng = np.random.default_rng(2)
     found, factor, dof = drawn(rng, 2000, np.diag([1.0, 1.0, 16.0, 4.0]))
-    p_values = np.array([chance_beyond(m, STILL, f[None], dof)[0] for m, f in zip(found, factor, strict=True)])
+    p_values = np.array([chance_of_motion(m, STILL, f[None], dof)[0] for m, f in zip(found, factor, strict=True)])
     assert 0 < (p_values < 0.1).sum() < 200
 
 
@@ -46,10 +46,12 @@ def motion(position_m, clock_m=(0.0, 0.0, 0.0), gaps_s=(1.0, 1.0), speed=np.inf)
     """Return the chances of position and clock of three epochs along one axis, known to a metre."""
     places = np.zeros((3, 3))
     places[:, 0] = position_m
-    found = code_steps(np.cumsum([0.0, *gaps_s]), places, np.array(clock_m), np.broadcast_to(np.eye(4), (3, 4, 4)))
+    found = compute_code_steps(
+        np.cumsum([0.0, *gaps_s]), places, np.array(clock_m), np.broadcast_to(np.eye(4), (3, 4, 4))
+    )
     limits = CodeMotionLimits(acceleration_m_s2=50.0, speed_m_s=speed, clock_jump=1e-8, clock_pace_s=1e-8)
     one, dof = np.ones(1), np.array([12])
-    return chance_beyond(found, limits, one, dof)[0], clock_beyond(found, limits, one, dof)[0]
+    return chance_of_motion(found, limits, one, dof)[0], chance_of_clock(found, limits, one, dof)[0]
 
 
 def test_what_an_acceleration_can_do_is_no_jump() -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyproof.detectors.common_change.laws import alike_p_value, rates_over, turn_p_value, turn_sigma_m
+from skyproof.detectors.common_change.laws import alike_p_value, fit_rates, turn_p_value, turn_sigma_m
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.statistics.distributions import binomial_two_sided
@@ -48,12 +48,12 @@ def test_three_of_four_satellites_are_enough_and_a_quarter_proves_nothing(seed, 
 def test_a_rate_has_the_sigma_of_white_noise_and_no_more_than_that_of_multipath_of_any_correlation():
     rng = np.random.default_rng(3)
     t = np.arange(0.0, 10.0, 0.2)
-    white = rates_over(t, 1.5 * rng.standard_normal((t.size, 2000)), np.full((t.size, 2000), 1.5), 0.0)
+    white = fit_rates(t, 1.5 * rng.standard_normal((t.size, 2000)), np.full((t.size, 2000), 1.5), 0.0)
     assert np.std([one.rate_m_s for one in white]) == pytest.approx(white[0].sigma_m_s, rel=0.07)
-    assert rates_over(t, 1e7 + 0.7 * t[:, None], np.ones((t.size, 1)), 0.0)[0].rate_m_s == pytest.approx(0.7)
+    assert fit_rates(t, 1e7 + 0.7 * t[:, None], np.ones((t.size, 1)), 0.0)[0].rate_m_s == pytest.approx(0.7)
     for correlation_s in (1.0, 10.0, 100.0):
         root = np.linalg.cholesky(np.exp(-np.abs(t[:, None] - t) / correlation_s))
-        slow = rates_over(t, root @ rng.standard_normal((t.size, 500)), np.zeros((t.size, 500)), 1.0)
+        slow = fit_rates(t, root @ rng.standard_normal((t.size, 500)), np.zeros((t.size, 500)), 1.0)
         assert np.std([one.rate_m_s for one in slow]) < slow[0].sigma_m_s
     assert slow[0].sigma_m_s == pytest.approx(3.0 / 10.0, rel=0.01)
 

@@ -19,7 +19,7 @@ from skyproof.app.protect.positions import KINDS, Track, place_of, sigmas_enu_m
 from skyproof.app.protect.sources import list_sources
 from skyproof.app.protect.summary import summarize
 from skyproof.arrays import Reals
-from skyproof.detectors.entries import of_others
+from skyproof.detectors.entries import list_foreign
 from skyproof.explain import explain, stands_beside
 from skyproof.fusion.decide import WindowWord, worst_of
 from skyproof.fusion.labels import LabelledSignal
@@ -123,7 +123,7 @@ def versions() -> dict[str, str]:
     """What matters for doing the same again: of detectors those of other packages."""
     names = ("skyproof", "numpy", "scipy", "numba")
     own = {name: importlib.metadata.version(name) for name in names} | {"python": machine.python_version()}
-    return own | {f"detector {name}": package for name, package in of_others().items()}
+    return own | {f"detector {name}": package for name, package in list_foreign().items()}
 
 
 def _assumed(outcome: Outcome) -> str | None:

@@ -1,18 +1,19 @@
-"""Do the codes of a satellite's bands differ by no more than the ionosphere makes of them?
+"""Test if the codes of a satellite's bands differ by no more than the ionosphere makes of them.
 
-Signals of one satellite that left together come apart by the ionosphere, which delays them by the inverse square of
-their frequency, by the satellite's group delays and by the receiver's bands, which delay all satellites alike. A false
+Signals that leave a satellite together are separated by three delays. The ionosphere's goes with the inverse square of
+the frequency. The satellite has group delays. The receiver's bands delay all satellites alike. A false
 signal on one band alone, or a receiver that is torn between two, shows codes hundreds of metres apart.
 
-Model. For each pair of kinds of signal that three satellites or more have, the mean difference of each satellite over
-the window, less the median of all, is normal with the variance of the codes and of two group delays, about a mean
-within what slant ionospheres between none and the most can differ by. A reflection changes either code by an eighth
-of a chip at most while the direct signal is there. Two-sided, and the number of differences shares the rate.
+Model. A pair of kinds of signal is tested if three satellites or more have both. The value is each satellite's mean
+difference over the window, less the median of all. It is normal with the variance of the codes and of two group delays.
+Its mean lies within what slant ionospheres between none and the most can differ by. A reflection changes either code by
+an eighth of a chip at most while the direct signal is received. The test is two-sided, and the number of differences
+shares the rate.
 
-What a receiver delays one band by against another stays the same, whatever its oscillator does. So the differences go
-on from window to window, each satellite's by itself, and what all satellites change by together is nothing but the
-ionosphere's. A false band whose time is moved shows so, though its place stays: see `laws`. Compared are the window
-before and the oldest that is remembered.
+A receiver's delay between two bands is constant, whatever its oscillator does. So each satellite's difference continues
+from window to window, and only the ionosphere changes those of all satellites together. A false band whose time is
+moved shows by this, even if its position stays: see `laws`. A window is compared with the one before and the oldest
+remembered.
 """
 
 from collections.abc import Iterator, Mapping
@@ -23,7 +24,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.detectors.bands.laws import chance_of_common_change
+from skyproof.detectors.bands.laws import test_common_change
 from skyproof.detectors.bands.policy import POLICY
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
@@ -113,7 +114,7 @@ class _Past:
     end_s: float = -np.inf
     kept: Mapping[tuple[Kind, Kind], tuple[_Kept, ...]] = field(default_factory=dict)
 
-    def compared(self, kinds: tuple[Kind, Kind]) -> tuple[_Kept, ...]:
+    def list_references(self, kinds: tuple[Kind, Kind]) -> tuple[_Kept, ...]:
         """Return the windows that a pair of kinds is compared with: the oldest and the last."""
         windows = self.kept.get(kinds, ())
         return windows[:1] if len(windows) < 2 else (windows[0], windows[-1])
@@ -140,11 +141,11 @@ class Bands:
             past = pasts.get(o.receiver, _Past())
             if o.elapsed_s.size and o.elapsed_s[-1] <= past.end_s:
                 past = _Past()  # another recording
-            differences = {kinds: d for kinds, columns in _pairs_of(o) if (d := _difference(o, columns)) is not None}
+            differences = {kinds: d for kinds, columns in _pair_kinds(o) if (d := _difference(o, columns)) is not None}
             found.append(self._test_each(report, o, differences))
             found += self._test_together(report, o, differences, past)
             if o.elapsed_s.size:
-                pasts[o.receiver] = _remember(o, differences, past)
+                pasts[o.receiver] = _add_window(o, differences, past)
         return found, pasts
 
     def _test_each(
@@ -182,7 +183,7 @@ class Bands:
         steps = [
             step
             for kinds, difference in differences.items()
-            for kept in past.compared(kinds)
+            for kept in past.list_references(kinds)
             if (step := self._step(o, difference, kept)) is not None
         ]
         if not steps:
@@ -209,46 +210,46 @@ class Bands:
         ]
 
     def _step(self, o: Observations, difference: _Difference, kept: _Kept) -> _Step | None:
-        """Return what the satellites that a remembered window has as well changed by since then; None of too few."""
-        both = np.array([k for k, sat in enumerate(difference.sats) if sat in kept.by_sat], np.intp)
-        if both.size < POLICY.step_satellites:
+        """Compute how much the satellites common to a remembered window changed since; None if they are too few."""
+        common = np.array([k for k, sat in enumerate(difference.sats) if sat in kept.by_sat], np.intp)
+        if common.size < POLICY.step_satellites:
             return None
-        before_m, before_m2 = np.array([kept.by_sat[difference.sats[k]] for k in both]).T
-        first, second = difference.first[both], difference.second[both]
-        variance_m2 = difference.mean_m2[both] + before_m2 + 4.0 * self.settings.multipath_sigma_m**2
+        before_m, before_m2 = np.array([kept.by_sat[difference.sats[k]] for k in common]).T
+        first, second = difference.first[common], difference.second[common]
+        variance_m2 = difference.mean_m2[common] + before_m2 + 4.0 * self.settings.multipath_sigma_m**2
         since_s = float(o.elapsed_s.mean()) - kept.elapsed_s
         share = np.max(_ionosphere_m(o, first, second)) / POLICY.most_ionosphere_m
         slack_m = POLICY.ionosphere_pace_m_s * share * since_s
-        metres, p_value = chance_of_common_change(difference.mean_m[both] - before_m, variance_m2, slack_m)
-        change_m = medians(difference.each_m[:, both] - before_m, axis=1)
+        metres, p_value = test_common_change(difference.mean_m[common] - before_m, variance_m2, slack_m)
+        change_m = medians(difference.each_m[:, common] - before_m, axis=1)
         before = np.flatnonzero(~(np.abs(change_m) > 0.5 * abs(metres)))
         row = int(before[-1]) + 1 if before.size else 0
         return _Step(
             first=o.signals[first[0]],
             second=o.signals[second[0]],
             metres=metres,
-            satellites=both.size,
+            satellites=common.size,
             p_value=p_value,
             columns=(*first.tolist(), *second.tolist()),
             dated_gpst=o.gpst[row if row < o.gpst.size else 0],
         )
 
 
-def _pairs_of(o: Observations) -> Iterator[tuple[tuple[Kind, Kind], list[tuple[int, int]]]]:
-    """Give each two kinds of one system, and the columns of the two signals of each satellite."""
+def _pair_kinds(o: Observations) -> Iterator[tuple[tuple[Kind, Kind], list[tuple[int, int]]]]:
+    """Yield each two kinds of one system, and the columns of the two signals of each satellite."""
     by_kind: dict[Kind, dict[str, int]] = {}
     for column, signal in enumerate(o.signals):
         key = (signal.sat[0], signal.band, signal.code)
         by_kind.setdefault(key, {}).setdefault(signal.sat, column)
     for first, second in combinations(sorted(by_kind), 2):
         if first[0] == second[0] and first[1] != second[1]:
-            both = sorted(by_kind[first].keys() & by_kind[second].keys())
-            if len(both) >= POLICY.least_satellites:
-                yield (first, second), [(by_kind[first][sat], by_kind[second][sat]) for sat in both]
+            common = sorted(by_kind[first].keys() & by_kind[second].keys())
+            if len(common) >= POLICY.least_satellites:
+                yield (first, second), [(by_kind[first][sat], by_kind[second][sat]) for sat in common]
 
 
 def _difference(o: Observations, columns: list[tuple[int, int]]) -> _Difference | None:
-    """Return what each satellite's two codes are apart; None of too few."""
+    """Compute how far each satellite's two codes are apart; None with too few satellites."""
     first, second = (np.array(which) for which in zip(*columns, strict=True))
     apart_m = o.pseudorange_m[:, first] - o.pseudorange_m[:, second]
     variance_m2 = o.pseudorange_sigma_m[:, first] ** 2 + o.pseudorange_sigma_m[:, second] ** 2
@@ -271,14 +272,14 @@ def _compare(o: Observations, difference: _Difference) -> Iterator[_Apart]:
     """Give what each satellite's two codes are apart, against the median of all."""
     first, second = difference.first, difference.second
     own_m = difference.mean_m - np.median(difference.mean_m)
-    slack_m = _ionosphere_m(o, first, second) + _reflected_m(o, first, second)
+    slack_m = _ionosphere_m(o, first, second) + _reflections_m(o, first, second)
     sigma_m = np.sqrt(difference.mean_m2 + 2.0 * POLICY.group_delay_sigma_m**2)
     beyond = np.maximum(np.abs(own_m) - slack_m, 0.0) / sigma_m
     for k, p_value in enumerate(normal_two_sided(beyond)):
         yield _Apart(o.signals[first[k]], o.signals[second[k]], float(own_m[k]), float(p_value))
 
 
-def _remember(o: Observations, differences: Mapping[tuple[Kind, Kind], _Difference], past: _Past) -> _Past:
+def _add_window(o: Observations, differences: Mapping[tuple[Kind, Kind], _Difference], past: _Past) -> _Past:
     """Return the past with one more window."""
     kept = dict(past.kept)
     for kinds, difference in differences.items():
@@ -289,12 +290,12 @@ def _remember(o: Observations, differences: Mapping[tuple[Kind, Kind], _Differen
 
 
 def _ionosphere_m(o: Observations, first: Any, second: Any) -> Reals:
-    """Return what the most ionosphere makes of two bands (n,), metres."""
+    """Return the largest difference (n,) that the ionosphere makes between two bands, metres."""
     inverse = [(L1_HZ / o.carrier_hz[columns]) ** 2 for columns in (first, second)]
     return np.asarray(POLICY.most_ionosphere_m * np.abs(np.nan_to_num(inverse[0] - inverse[1], nan=1.0)))
 
 
-def _reflected_m(o: Observations, first: Any, second: Any) -> Reals:
-    """Return what reflections make of two codes (n,), metres."""
+def _reflections_m(o: Observations, first: Any, second: Any) -> Reals:
+    """Return the largest difference (n,) that reflections make between two codes, metres."""
     chips_m = [[s.plan.chip_m for s in (o.signals[int(k)] for k in columns)] for columns in (first, second)]
     return np.asarray(POLICY.reflected_chips * np.sum(chips_m, axis=0))

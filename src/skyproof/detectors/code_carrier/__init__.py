@@ -1,1 +1,1 @@
-"""Code against carrier or Doppler of each signal by itself: do both measure one range?"""
+"""Compare code with carrier or Doppler of each signal alone: both must measure one range."""

@@ -1,8 +1,8 @@
-"""Does the code of each signal go with its carrier, or its Doppler?
+"""Test if the code of each signal moves with its carrier, or its Doppler.
 
 A false signal that lies upon a true one drags the code away; a carrier loop that holds the true phase, or a transmitter
 that does not turn its carrier as it moves its code, lets both part. `continuity` and `common_change` look at what all
-signals do together. Here each is looked at by itself, over the last seconds and over minutes (`divergence`).
+signals do together. Here each signal is tested alone, over the last seconds and over minutes (`divergence`).
 
 A test that fails leaves the cause open: a satellite's fault, a direct signal that came to be blocked, or a false one.
 """
@@ -16,8 +16,8 @@ from skyproof.arrays import Booleans
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.code_carrier.divergence import (
     Divergence,
-    divergences_of,
-    parted,
+    code_minus_carrier,
+    estimate_divergences,
 )
 from skyproof.detectors.code_carrier.policy import POLICY
 from skyproof.errors import require_probability
@@ -84,16 +84,16 @@ class CodeCarrier:
         """Test each signal over this window and over what is remembered of it."""
         tested: list[tuple[SignalRef, Divergence]] = []
         tests = 0
-        whole = _unbroken(joined)
+        whole = _find_unbroken(joined)
         signals = [signal for signal in o.signals if whole[-1, joined.column_of[signal]]]
         columns = np.array([joined.column_of[signal] for signal in signals], np.intp)
         begins = whole[:, columns].argmax(axis=0)
         window = int(np.searchsorted(joined.elapsed_s, o.elapsed_s[0]))
-        apart_m, gathered_m2 = (values[:, columns] for values in parted(joined))
+        apart_m, gathered_m2 = (values[:, columns] for values in code_minus_carrier(joined))
         code_m2 = joined.pseudorange_sigma_m[:, columns] ** 2
         chip_m = np.array([signal.plan.chip_m for signal in signals])
         looks = [
-            divergences_of(
+            estimate_divergences(
                 joined.elapsed_s, apart_m, code_m2, gathered_m2, chip_m, starts, self.settings.multipath_sigma_m
             )
             for starts in (np.maximum(window, begins), begins)
@@ -120,18 +120,18 @@ class CodeCarrier:
         )
 
 
-def _unbroken(o: Observations) -> Booleans:
-    """Return where (n_epochs, n_signals) a signal goes on to the last epoch without a slip or a gap.
+def _find_unbroken(o: Observations) -> Booleans:
+    """Find where (n_epochs, n_signals) a signal continues to the last epoch without a slip or a gap.
 
-    The epoch of a slip begins the stretch that goes on.
+    The epoch of a slip begins the continuous stretch.
     """
-    there = np.isfinite(o.pseudorange_m) & (o.status != CellStatus.NOT_TRACKED)
+    received = np.isfinite(o.pseudorange_m) & (o.status != CellStatus.NOT_TRACKED)
     step_s = np.diff(o.elapsed_s)
     usual_s = float(np.median(step_s)) if step_s.size else 0.0
     gap = np.append(False, step_s > POLICY.broken_intervals * usual_s)
     with_carrier = np.isfinite(o.carrier_cyc).any(axis=0)
-    broken = there & (gap[:, None] | ((o.status == CellStatus.SLIP) & with_carrier))
-    lost = np.where(with_carrier, there & ~np.isfinite(o.carrier_cyc), False)
-    later_break = np.cumsum((broken | lost | ~there)[::-1], axis=0)[::-1]
+    broken = received & (gap[:, None] | ((o.status == CellStatus.SLIP) & with_carrier))
+    lost = np.where(with_carrier, received & ~np.isfinite(o.carrier_cyc), False)
+    later_break = np.cumsum((broken | lost | ~received)[::-1], axis=0)[::-1]
     after = np.vstack([later_break[1:], np.zeros((1, later_break.shape[1]), later_break.dtype)])
-    return np.asarray((after == 0) & there & ~lost)
+    return np.asarray((after == 0) & received & ~lost)

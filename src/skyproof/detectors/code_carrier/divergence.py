@@ -1,14 +1,14 @@
-"""Code minus carrier of each signal over an unbroken stretch: how far it moved, and the chance of that.
+"""Measure how far code minus carrier of each signal moved over an unbroken stretch, and the chance of that.
 
-Code minus carrier is constant but for noise, twice the ionosphere's change, what reflections do to the code, and what a
-receiver's two clocks for codes and carriers make of all signals alike: the median over the signals of each step is
-taken off. Where there is no carrier, the integral of the Doppler stands for it, whose noise adds up.
+Code minus carrier is constant but for noise, twice the ionosphere's change, and reflections of the code. A receiver
+with separate clocks for codes and carriers changes all signals alike: the median over the signals of each step is
+removed. Without a carrier, the integral of the Doppler replaces it, whose noise adds up.
 
-Model. The mean over the last quarter of a stretch less that over the first is normal with the variance of the two
-means, of the multipath that the antenna has, and of the ionosphere, about a mean between -M and M. With a reflection of
-half the direct signal's amplitude and correlators half a chip apart a code errs by an eighth of a chip at most (Kaplan
-& Hegarty, 9.5), to either side: M is a quarter of a chip. A code whose direct signal is blocked may be late by more;
-that is a cause of its own.
+Model. The mean over the last quarter of a stretch less that over the first is normal. Its variance is that of the two
+means, of the antenna's multipath, and of the ionosphere; its mean lies between -M and M. A reflection of half the
+direct signal's amplitude, with correlators half a chip apart, moves a code by an eighth of a chip at most, to either
+side (Kaplan & Hegarty, 9.5): M is a quarter of a chip. A code whose direct signal is blocked may be late by more; that
+is a separate cause.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from skyproof.statistics.distributions import normal_two_sided
 from skyproof.statistics.medians import medians
 from skyproof.statistics.same_rows import group_by_rows
 
-__all__ = ["Divergence", "divergences_of", "parted"]
+__all__ = ["Divergence", "code_minus_carrier", "estimate_divergences"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +35,8 @@ class Divergence:
     p_value: float
 
 
-def parted(o: Observations) -> tuple[Reals, Reals]:
-    """Return code minus carrier (n_epochs, n_signals), less what all do alike, and the variance that it gathers.
+def code_minus_carrier(o: Observations) -> tuple[Reals, Reals]:
+    """Compute code minus carrier (n_epochs, n_signals), less the common change, and its accumulated variance.
 
     By Doppler for signals without any carrier. NaN where there is none, at a slip, or where fewer than four signals had
     a step since the epoch before; the start is arbitrary.
@@ -61,7 +61,7 @@ def parted(o: Observations) -> tuple[Reals, Reals]:
     return apart_m, gathered_m2
 
 
-def divergences_of(
+def estimate_divergences(
     elapsed_s: Reals,
     apart_m: Reals,
     code_m2: Reals,
@@ -70,9 +70,10 @@ def divergences_of(
     starts: Indices,
     multipath_sigma_m: float = 0.0,
 ) -> list[Divergence | None]:
-    """Return the divergence of each signal (k,) over the unbroken epochs from its start on; None where they are few.
+    """Estimate the divergence of each signal (k,) over the unbroken epochs from its start; None if they are few.
 
-    elapsed_s : (n,). apart_m, gathered_m2 : (n, k), as `parted` returns them. code_m2 : (n, k) variance of each code.
+    elapsed_s : (n,). apart_m, gathered_m2 : (n, k), as `code_minus_carrier` returns them. code_m2 : (n, k) variance of
+    each code.
     chip_m, starts : (k,) of each signal. multipath_sigma_m : of each quarter's mean, one sigma.
     """
     known: Booleans = np.isfinite(apart_m) & (code_m2 > 0.0) & (np.arange(elapsed_s.size)[:, None] >= starts)

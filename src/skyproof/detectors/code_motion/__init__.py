@@ -1,1 +1,1 @@
-"""Position and clock from codes alone, epoch by epoch: do they go on as a platform and an oscillator can?"""
+"""Follow position and clock by codes alone, epoch by epoch: they must move as a platform and an oscillator can."""

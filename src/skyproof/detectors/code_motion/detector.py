@@ -1,4 +1,4 @@
-"""Do position and clock by codes alone go on, epoch by epoch, as a platform and an oscillator can?
+"""Test if position and clock by codes alone move, epoch by epoch, as a platform and an oscillator can.
 
 A receiver that writes neither carrier nor Doppler, or whose signals are torn at the moment of an attack, still has
 codes. `laws` compares the position of each epoch with that of the two before. What reflections do to ranges shows in
@@ -8,9 +8,8 @@ A position that jumps farther than any platform moves is an attack where no two 
 they may, and where only the clock jumps (a receiver sets its clock as it likes), the test has failed and the cause is
 open.
 
-Signals may be false of one time scale, or one band, alone: position and clock by each scale, and by the second band of
-each, are looked at as well. What such a part does by itself may be its orbits' (a whole system has sent wrong ones), so
-that the cause stays open.
+Signals may be false in one time scale, or one band, alone. So position and clock by each scale, and by the second band
+of each, are tested as well. Wrong orbits of a whole system may move such a part alone, so its cause stays open.
 
 Each epoch is compared with the last two that had a position, whatever lies between: a gap, a time of few satellites, or
 of other bands.
@@ -29,10 +28,10 @@ from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.code_motion.laws import (
     CodeMotionLimits,
     CodeStep,
-    chance_beyond,
+    chance_of_clock,
+    chance_of_motion,
     chance_without_two,
-    clock_beyond,
-    code_steps,
+    compute_code_steps,
 )
 from skyproof.detectors.code_motion.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
@@ -68,7 +67,7 @@ class CodeMotionSettings:
 
     false_alarm_probability : of each receiver and window, for all epochs and both tests together.
     multipath_sigma_m : of one pseudorange at the zenith, one sigma.
-    acceleration_max_m_s2 : no platform exceeds it. speed_max_m_s : likewise, if it is known.
+    acceleration_max_m_s2 : no platform exceeds it. speed_max_m_s : no platform exceeds it, if it is known.
     clock_jump, clock_pace_s : what an oscillator's rate may step by, and change by in a second.
     elevation_mask_deg : satellites lower than this are not used.
     """
@@ -90,7 +89,7 @@ class CodeMotionSettings:
 
     @property
     def limits(self) -> CodeMotionLimits:
-        """What platform and oscillator can do."""
+        """Return what platform and oscillator can do."""
         return CodeMotionLimits(
             acceleration_m_s2=self.acceleration_max_m_s2,
             speed_m_s=np.inf if self.speed_max_m_s is None else self.speed_max_m_s,
@@ -115,7 +114,7 @@ class _Series:
 
 _Part = tuple[str, str]
 _WHOLE: Final[_Part] = ("", "")
-"""A part of the signals that shows a position by itself: a time scale, and which of its bands; all of the first."""
+"""A part of the signals that gives a position alone: a time scale, and which of its bands; all of the first."""
 
 
 class CodeMotion:
@@ -148,26 +147,28 @@ class CodeMotion:
         self, report: Reporter, navigation: NavigationData, o: Observations, tails: Mapping[_Part, Observations]
     ) -> tuple[list[Finding], Mapping[_Part, Observations]]:
         """Test position and clock of all signals and of each part; return the epochs that are remembered of them."""
-        signals = primary_signals(o)
+        signals = select_primary_signals(o)
         if signals is None:
             every = list_refs(o.receiver, o.signals)
             return [report.pass_over(every, NotTested("received_twice"))], tails
-        parts = _parts_of(o, signals)
+        parts = _divide_into_parts(o, signals)
         after = dict(tails)
         found = []
         for part, chosen in parts.items():
-            now = _of_signals(o, chosen)
+            now = _select_signals(o, chosen)
             tail = tails.get(part)
             joined = now if tail is None else Observations.joined((tail, now))
             begin = joined.gpst.size - now.gpst.size
             series = self._series(joined, navigation, begin)
-            after[part] = _tail_of(joined, series)
+            after[part] = _keep_tail(joined, series)
             refs = list_refs(o.receiver, chosen)
             if series is None or series.elapsed_s.size <= _TAIL:
                 why = NotTested("few_fixes", {"receiver": o.receiver, "needed": _TAIL + 1})
                 found += [] if part != _WHOLE else [report.pass_over(refs, why)]
                 continue
-            motion = code_steps(series.elapsed_s, series.fix.position_ecef_m, series.clock_m, series.fix.covariance_m2)
+            motion = compute_code_steps(
+                series.elapsed_s, series.fix.position_ecef_m, series.clock_m, series.fix.covariance_m2
+            )
             new = series.rows[motion.row] >= begin
             if new.any() or part == _WHOLE:
                 found += self._test_motion(report, refs, series, motion, new, part, len(parts))
@@ -195,7 +196,7 @@ class CodeMotion:
         clock_s = {scale: fix.clock_bias_s + offset_s for scale, offset_s in scales.items()}
         chosen = max(clock_s, key=lambda scale: int(np.isfinite(clock_s[scale][good]).sum()))
         clock_m = SPEED_OF_LIGHT_M_S * clock_s[chosen]
-        if _kinds_of(o, chosen, slice(0, begin)) != _kinds_of(o, chosen, slice(begin, None)):
+        if _list_kinds(o, chosen, slice(0, begin)) != _list_kinds(o, chosen, slice(begin, None)):
             clock_m = np.where(np.arange(o.gpst.size) < begin, np.nan, clock_m)  # another way through the receiver
         return _Series(
             fix=fix.select(good),
@@ -228,35 +229,35 @@ class CodeMotion:
         fits = chi_square_survival(misfit, degrees) >= POLICY.misfit_probability
         factor, dof = np.where(fits, 1.0, misfit / degrees), np.where(fits, np.inf, dof)
         limits, n_new = self.settings.limits, int(new.sum())
-        places = np.where(new, chance_beyond(motion, limits, factor, dof), 1.0)
-        clocks = np.where(new, clock_beyond(motion, limits, factor, dof), 1.0)
+        places = np.where(new, chance_of_motion(motion, limits, factor, dof), 1.0)
+        clocks = np.where(new, chance_of_clock(motion, limits, factor, dof), 1.0)
         alpha = self.settings.false_alarm_probability / (_TESTS * n_parts)
         found = []
-        for p_values, what in ((places, "position"), (clocks, "clock")):
+        for p_values, quantity in ((places, "position"), (clocks, "clock")):
             k = int(np.argmin(p_values))
             p = {Cause.CLEAN: min(1.0, n_new * float(p_values[k]))}
             jumps = p[Cause.CLEAN] < alpha
             code = "jumps" if jumps else "goes_on"
-            data: dict[str, Datum] = {"what": what, "alone": () if part == _WHOLE else _name_kinds(signals)}
-            if what == "position":
+            data: dict[str, Datum] = {"what": quantity, "alone": () if part == _WHOLE else _name_kinds(signals)}
+            if quantity == "position":
                 data["moved_m"] = float(np.linalg.norm(motion.position_m[k]))
             else:
                 data["clock_s"] = float(abs(motion.clock_m[k])) / SPEED_OF_LIGHT_M_S
             if part != _WHOLE:
                 p |= leave_open((Cause.ORBITS, Cause.FAULT))
-            elif what == "clock":
+            elif quantity == "clock":
                 p |= leave_open((Cause.OSCILLATOR,))
             elif not jumps:
                 p |= leave_open((Cause.FAULT,))
             else:
                 p |= dict.fromkeys((Cause.OSCILLATOR, Cause.MISSING_SAMPLES), p[Cause.CLEAN])  # the clock is free
-                p[Cause.FAULT] = min(1.0, n_new * self._chance_by_two(series, motion.row[k] - np.arange(3)))
+                p[Cause.FAULT] = min(1.0, n_new * self._chance_without_two(series, motion.row[k] - np.arange(3)))
                 code = "jumps_by_two" if p[Cause.FAULT] >= alpha else "jumps_by_all"
             at = series.gpst[motion.row[k]] if jumps else None
             found.append(report.find(signals, code, p, alpha=alpha, data=data, dated_gpst=at))
         return found
 
-    def _chance_by_two(self, series: _Series, rows: Indices) -> float:
+    def _chance_without_two(self, series: _Series, rows: Indices) -> float:
         """Return the largest chance of a position at the last of three epochs, any two satellites being faulty."""
         return chance_without_two(
             series.geometry,
@@ -269,8 +270,8 @@ class CodeMotion:
 
 
 @lru_cache(16)  # several tests look at the same windows
-def primary_signals(o: Observations) -> tuple[SignalId, ...] | None:
-    """Return the kind of signal of each time scale that most satellites have; None where one is received twice."""
+def select_primary_signals(o: Observations) -> tuple[SignalId, ...] | None:
+    """Select the kind of signal of each time scale that most satellites have; None if one is received twice."""
     measured = np.isfinite(o.pseudorange_m)
     counts: Counter[tuple[str, str, str]] = Counter()
     for signal, count in zip(o.signals, measured.sum(axis=0).tolist(), strict=True):
@@ -287,8 +288,8 @@ def primary_signals(o: Observations) -> tuple[SignalId, ...] | None:
     return tuple(o.signals[k] for k in columns)
 
 
-def _parts_of(o: Observations, signals: tuple[SignalId, ...]) -> dict[_Part, tuple[SignalId, ...]]:
-    """Return the signals of the whole, and of each part that has enough satellites to show a position by itself."""
+def _divide_into_parts(o: Observations, signals: tuple[SignalId, ...]) -> dict[_Part, tuple[SignalId, ...]]:
+    """Divide the signals into the whole, and each part with enough satellites for a position of its own."""
     parts: dict[_Part, tuple[SignalId, ...]] = {_WHOLE: signals}
     scales = sorted({signal.kind[0] for signal in signals})
     first = {signal.kind for signal in signals}
@@ -296,27 +297,27 @@ def _parts_of(o: Observations, signals: tuple[SignalId, ...]) -> dict[_Part, tup
     for column in np.flatnonzero(np.isfinite(o.pseudorange_m).any(axis=0)).tolist():
         counts.setdefault(o.signals[column].kind, []).append(o.signals[column])
     for scale in scales:
-        own = tuple(signal for signal in signals if signal.kind[0] == scale)
-        if len(scales) > 1 and len({signal.sat for signal in own}) >= POLICY.part_satellites:
-            parts[scale, "first"] = own
+        of_scale = tuple(signal for signal in signals if signal.kind[0] == scale)
+        if len(scales) > 1 and len({signal.sat for signal in of_scale}) >= POLICY.part_satellites:
+            parts[scale, "first"] = of_scale
         bands = {kind[1] for kind in first if kind[0] == scale}
-        others = [kind for kind in counts if kind[0] == scale and kind[1] not in bands]
-        if others:
-            second = max(sorted(others), key=lambda kind: len({signal.sat for signal in counts[kind]}))
+        other_kinds = [kind for kind in counts if kind[0] == scale and kind[1] not in bands]
+        if other_kinds:
+            second = max(sorted(other_kinds), key=lambda kind: len({signal.sat for signal in counts[kind]}))
             if len({signal.sat for signal in counts[second]}) == len(counts[second]) >= POLICY.part_satellites:
                 parts[scale, "second"] = tuple(counts[second])
     return parts
 
 
-def _of_signals(o: Observations, signals: tuple[SignalId, ...]) -> Observations:
-    """Return the measurements of some signals."""
+def _select_signals(o: Observations, signals: tuple[SignalId, ...]) -> Observations:
+    """Select the measurements of some signals."""
     return o.select_channels(np.array([o.column_of[signal] for signal in signals], np.intp))
 
 
-def _kinds_of(o: Observations, scale: str, rows: slice) -> set[tuple[str, str, str]]:
-    """Return the kinds of a time scale that some epochs have."""
-    there = np.isfinite(o.pseudorange_m[rows]).any(axis=0)
-    return {o.signals[k].kind for k in np.flatnonzero(there) if o.signals[k].kind[0] == scale}
+def _list_kinds(o: Observations, scale: str, rows: slice) -> set[tuple[str, str, str]]:
+    """List the kinds of a time scale that some epochs have."""
+    measured = np.isfinite(o.pseudorange_m[rows]).any(axis=0)
+    return {o.signals[k].kind for k in np.flatnonzero(measured) if o.signals[k].kind[0] == scale}
 
 
 def _name_kinds(signals: tuple[SignalRef, ...]) -> tuple[str, ...]:
@@ -324,8 +325,8 @@ def _name_kinds(signals: tuple[SignalRef, ...]) -> tuple[str, ...]:
     return tuple(sorted({f"{ref.signal.sat[0]} {ref.signal.band}" for ref in signals}))
 
 
-def _tail_of(joined: Observations, series: _Series | None) -> Observations:
-    """Return the epochs that are remembered: the last that have a position, else the last."""
+def _keep_tail(joined: Observations, series: _Series | None) -> Observations:
+    """Keep the epochs to remember: the last that have a position, else the last."""
     n = joined.gpst.size
     rows = np.arange(max(n - _TAIL, 0), n) if series is None else series.rows[-_TAIL:]
     return Observations.joined([joined.read(int(row), int(row) + 1) for row in rows])

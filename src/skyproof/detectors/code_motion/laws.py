@@ -1,15 +1,15 @@
-"""How far an epoch's code position and clock lie from where those of the two epochs before can have gone.
+"""Measure how far an epoch's code position and clock lie from where the two epochs before allow them.
 
 Model. Fixes x[k] of single epochs, independent, with covariance P[k] known up to a common factor that the residuals
 of the fixes give. The place extrapolated from two epochs is y[k] = x[k-1] + r (x[k-1] - x[k-2]), where r is the ratio
 of the intervals d1 and d0 after and before epoch k-1. Then x[k] - y[k] has the covariance P[k] + (1+r)^2 P[k-1] +
-r^2 P[k-2], and its mean lies in a ball whose radius is A d1 (d0 + d1) / 2 for accelerations up to A: velocities
+r^2 P[k-2]. Its mean lies in a ball whose radius is A d1 (d0 + d1) / 2 for accelerations up to A, since velocities
 averaged over the two intervals lie half their sum apart.
 
-The statistic is the squared distance beyond that ball over the largest variance. Under a clean sky the chance of more
-follows chi-square; where reflections may be larger than their model by any factor, the residuals give that factor and
-the chance follows the F distribution (Kay, Detection Theory, 9.3: unknown noise level). Both err to the safe side for
-directions of smaller variance.
+The statistic is the squared distance beyond that ball over the largest variance. Under a clean sky it is chi-square.
+Reflections may exceed their model by any factor. Then the residuals give that factor, and the statistic has the F
+distribution (Kay, Detection Theory, 9.3: unknown noise level). Both err to the safe side for directions of smaller
+variance.
 """
 
 from collections.abc import Iterable, Iterator
@@ -24,7 +24,14 @@ from skyproof.navigation.least_squares import invert_spd
 from skyproof.statistics.distributions import f_survival
 from skyproof.statistics.leave_out import largest_p_value_without
 
-__all__ = ["CodeMotionLimits", "CodeStep", "chance_beyond", "chance_without_two", "clock_beyond", "code_steps"]
+__all__ = [
+    "CodeMotionLimits",
+    "CodeStep",
+    "chance_of_clock",
+    "chance_of_motion",
+    "chance_without_two",
+    "compute_code_steps",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +53,7 @@ class CodeStep:
     """A row for each epoch after the second: what does not follow from the two before.
 
     row : (n,) index of the epoch. position_m : (n, 3) beyond the extrapolated one; moved_m : (n, 3) since the epoch
-    before. covariance_m2, moved_m2 : (n, 3, 3) of them. clock_m, clock_m2 : (n,) likewise of c times the clock bias.
+    before. covariance_m2, moved_m2 : (n, 3, 3) of them. clock_m, clock_m2 : (n,) the same of c times the clock bias.
     gap_s, before_s : (n,) the intervals after and before the middle epoch.
     """
 
@@ -61,7 +68,7 @@ class CodeStep:
     before_s: Reals
 
 
-def code_steps(elapsed_s: Reals, position_m: Reals, clock_m: Reals, covariance_m2: Reals) -> CodeStep:
+def compute_code_steps(elapsed_s: Reals, position_m: Reals, clock_m: Reals, covariance_m2: Reals) -> CodeStep:
     """Compare each epoch with the two before.
 
     elapsed_s : (n,) rising. position_m : (n, 3). clock_m : (n,) c times the clock bias, NaN where it has another
@@ -86,12 +93,12 @@ def code_steps(elapsed_s: Reals, position_m: Reals, clock_m: Reals, covariance_m
     )
 
 
-def chance_beyond(motion: CodeStep, limits: CodeMotionLimits, variance_factor: Reals, dof: Reals) -> Reals:
+def chance_of_motion(motion: CodeStep, limits: CodeMotionLimits, variance_factor: Reals, dof: Reals) -> Reals:
     """Return the chance (n,) of positions at least so far beyond what the limits allow.
 
     variance_factor : (n,) by which variances exceed their model. dof : (n,) degrees of freedom behind that factor,
-    infinite where it is known; 1 is returned without any. What the clock is off by is taken as time for which nothing
-    was recorded.
+    infinite where it is known; the chance is 1 without any. A clock error counts as time for which nothing was
+    recorded.
     """
     missing_s = np.nan_to_num(np.abs(motion.clock_m)) / SPEED_OF_LIGHT_M_S
     gap_s = motion.gap_s + missing_s
@@ -103,10 +110,10 @@ def chance_beyond(motion: CodeStep, limits: CodeMotionLimits, variance_factor: R
     return np.asarray(np.minimum(1.0, len(found) * np.min(found, axis=0)))
 
 
-def clock_beyond(motion: CodeStep, limits: CodeMotionLimits, variance_factor: Reals, dof: Reals) -> Reals:
+def chance_of_clock(motion: CodeStep, limits: CodeMotionLimits, variance_factor: Reals, dof: Reals) -> Reals:
     """Return the chance (n,) of clocks at least so far beyond what an oscillator does; 1 where the clock is not known.
 
-    Whole milliseconds, by which receivers set their clocks, are taken off.
+    Whole milliseconds, by which receivers set their clocks, are removed.
     """
     whole_m = MILLISECOND_M * np.rint(motion.clock_m / MILLISECOND_M)
     pace = limits.clock_jump + 0.5 * limits.clock_pace_s * (motion.gap_s + motion.before_s)
@@ -120,8 +127,8 @@ def chance_without_two(
 ) -> float:
     """Return the largest chance of the motion at the last of three epochs, any one or two measurements left out.
 
-    The same measurements are left out at all three. 1 where what is left has fewer than `dof_left` degrees of freedom
-    at any epoch: two of the satellites may then show anything.
+    The same measurements are left out at all three. The chance is 1 if the others have fewer than `dof_left` degrees of
+    freedom at any epoch: two of the satellites may then show anything.
 
     geometry : the linear problem at each fix. rows : (3,) of the epochs, the last first. position_m : (3, 3) of their
     fixes. elapsed_s : (3,) when they were.
@@ -150,16 +157,16 @@ def chance_without_two(
             covariance[:, :3, :3] = inverse[:, :3, :3]
             covariance[:, 3, 3] = 1.0
             places_m = position_m + change[:, :3]
-            motion = code_steps(elapsed_s[::-1], places_m[::-1], np.full(3, np.nan), covariance[::-1])
+            motion = compute_code_steps(elapsed_s[::-1], places_m[::-1], np.full(3, np.nan), covariance[::-1])
             dof_least = dof.min(keepdims=True).astype(np.float64)
-            yield chance_beyond(motion, limits, np.array([factor]), dof_least)[0]
+            yield chance_of_motion(motion, limits, np.array([factor]), dof_least)[0]
 
     present = np.flatnonzero(used.any(axis=0)).tolist()
     return largest_p_value_without(present, p_values, counts=(0, 1, 2), least=0, enough=0.5)
 
 
 def _chance(value_m: Reals, covariance_m2: Reals, slack_m: Reals, variance_factor: Reals, dof: Reals) -> Reals:
-    """Chance (n,) of values (n, d) so far beyond a ball: F with d and `dof` degrees."""
+    """Return the chance (n,) of values (n, d) so far beyond a ball: F with d and `dof` degrees."""
     d = value_m.shape[-1]
     known = np.isfinite(value_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-1, -2)) & (dof > 0)
     widest_m2 = np.linalg.eigvalsh(np.where(known[:, None, None], covariance_m2, np.eye(d)))[:, -1]

@@ -1,1 +1,1 @@
-"""What changes alike on all satellites of one antenna, as neither the sky nor a receiver does it."""
+"""Find changes common to all satellites of one antenna that neither the sky nor a receiver makes."""

@@ -1,14 +1,14 @@
-"""What changes alike on all satellites of one antenna, as neither the sky nor its receiver does it.
+"""Find changes common to all satellites of one antenna that neither the sky nor its receiver makes.
 
 An attack that lies on the true signals to centimetres breaks nothing and makes no second peak. It still has to move all
 satellites together, and two things show that:
 
-- **code and carrier part** on all of them alike, where codes are drawn off and carriers are left (the ionosphere parts
-  them by centimetres a second at most);
+- **code and carrier diverge** on all of them alike, if codes are dragged off and carriers are not (the ionosphere makes
+  them diverge by centimetres a second at most);
 - **all carriers turn** as by a clock, faster than an oscillator of the stated class wanders, and as no motion does.
 
 `continuity` has the same of one moment: steps of code against carrier and of the clock. `levels` has C/N0 and noise.
-What goes on slowly for seconds is looked at here. `laws` has the statistics and what they take for given.
+This test looks for changes that last for seconds. `laws` has the statistics and their assumptions.
 
 None of this shows an attack: a receiver whose sampling clock and carrier come from two oscillators parts code from
 carrier. Both overrule what windows say one by one, as steps do.
@@ -24,7 +24,7 @@ import numpy as np
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.common_change.laws import alike_p_value, turn_p_value, turn_sigma_m
 from skyproof.detectors.common_change.policy import POLICY
-from skyproof.detectors.common_change.series import rates_of, turn_of
+from skyproof.detectors.common_change.series import estimate_rates, estimate_turn
 from skyproof.detectors.continuity.one_sky import columns_of, followed_by, one_signal_a_transmission
 from skyproof.detectors.continuity.policy import POLICY as CONTINUITY
 from skyproof.errors import SettingsError, require_probability
@@ -131,10 +131,10 @@ class _Window:
         self.report, self.records, self.settings = report, report.records, settings
         self.o, self.past = o, past
         self.alpha = self.settings.false_alarm_probability / _SHARES
-        own = sorted(
+        sets = sorted(
             (s for s in self.records.sets if s.receiver == o.receiver), key=lambda s: (-len(s.signals), s.statistic)
         )
-        self.sky: ConsistentSet | None = own[0] if own else None
+        self.sky: ConsistentSet | None = sets[0] if sets else None
 
     def examine(self) -> tuple[list[Finding], _Past | None]:
         """Return what changes alike, and what is remembered."""
@@ -143,15 +143,17 @@ class _Window:
         sources = self.past.sources if self.past is not None else {}
         now, sources = one_signal_a_transmission(self.o, members, before, sources)
         if now.gpst.size < 2:
-            return [self._pass_over(NotTested("few_satellites", self._needed()))], self.past
+            return [self._pass_over(NotTested("few_satellites", self._state_need()))], self.past
         stretch = now if self.past is None else followed_by(self.past.tail, now)
         past = self.past or _Past(tail=now.select(slice(0)), sources={})
-        rates = [rates_of(stretch, span_s, self.settings.multipath_sigma_m) for span_s in POLICY.spans_s]
+        rates = [estimate_rates(stretch, span_s, self.settings.multipath_sigma_m) for span_s in POLICY.spans_s]
         parted = self._test_parting(rates, past, float(stretch.elapsed_s[-1]))
         tested = [parted, self._test_turns(stretch)]
         found = [finding for finding in tested if finding is not None]
         failed = parted is not None and parted.failed
-        references = past.references if failed else _remembered(rates, past.references, float(stretch.elapsed_s[-1]))
+        references = (
+            past.references if failed else _keep_first_rates(rates, past.references, float(stretch.elapsed_s[-1]))
+        )
         end_s = float(stretch.elapsed_s[-1])
         first = int(np.searchsorted(stretch.elapsed_s, end_s - max(POLICY.spans_s) - 1e-6))
         return found or [self._pass_over(self._explain_nothing_before())], _Past(
@@ -167,8 +169,8 @@ class _Window:
         for span_s, found in zip(POLICY.spans_s, rates, strict=True):
             begun_s = end_s - (1.0 - POLICY.overlap_share) * span_s
             earlier = {signal: old for signal, old in past.references.items() if old.until_s <= begun_s}
-            for own in _kinds(found.keys() & earlier.keys()):
-                pairs = [(found[signal], earlier[signal]) for signal in own]
+            for kind_signals in _group_by_kind(found.keys() & earlier.keys()):
+                pairs = [(found[signal], earlier[signal]) for signal in kind_signals]
                 difference = np.array([rate.rate_m_s - old.rate_m_s for rate, old in pairs])
                 sigma = np.array([np.hypot(rate.sigma_m_s, old.sigma_m_s) for rate, old in pairs])
                 p = float(alike_p_value(difference, sigma, self.settings.ionosphere_m_s))
@@ -192,10 +194,11 @@ class _Window:
         oscillator = OSCILLATORS[PLATFORM_CLASSES[settings.oscillator]]
         tests: list[tuple[float, float, float]] = []
         kinds = [
-            columns_of(stretch, np.array([stretch.signals.index(s) for s in own])) for own in _kinds(stretch.signals)
+            columns_of(stretch, np.array([stretch.signals.index(s) for s in observations]))
+            for observations in _group_by_kind(stretch.signals)
         ]
-        for own, apart_s in product(kinds, POLICY.turns_s):
-            turn = turn_of(own, navigation, self.sky.position_ecef_m, apart_s, settings.carrier_error_m)
+        for observations, apart_s in product(kinds, POLICY.turns_s):
+            turn = estimate_turn(observations, navigation, self.sky.position_ecef_m, apart_s, settings.carrier_error_m)
             if turn is not None:
                 sigma_m = settings.oscillator_share * turn_sigma_m(oscillator, apart_s)
                 p = float(turn_p_value(turn.turn_m, turn.variance_m2, sigma_m))
@@ -238,10 +241,10 @@ class _Window:
     def _explain_nothing_before(self) -> NotTested:
         """Return whether this window is the first, or the same signals are not there now and before."""
         if self.past is None:
-            return NotTested("first_window", self._needed())
-        return NotTested("nothing_shared", self._needed())
+            return NotTested("first_window", self._state_need())
+        return NotTested("nothing_shared", self._state_need())
 
-    def _needed(self) -> dict[str, Datum]:
+    def _state_need(self) -> dict[str, Datum]:
         """Return the receiver, and how many satellites a test needs."""
         return {"receiver": self.o.receiver, "needed": CONTINUITY.one_sky_satellites}
 
@@ -250,22 +253,22 @@ class _Window:
         return self.report.pass_over(self._subject(), why)
 
     def _subject(self) -> tuple[SignalRef, ...]:
-        there = np.isfinite(self.o.pseudorange_m).any(axis=0)
-        return tuple(SignalRef(self.o.receiver, self.o.signals[k]) for k in np.flatnonzero(there))
+        measured = np.isfinite(self.o.pseudorange_m).any(axis=0)
+        return tuple(SignalRef(self.o.receiver, self.o.signals[k]) for k in np.flatnonzero(measured))
 
 
-def _kinds(signals: Iterable[SignalId]) -> list[list[SignalId]]:
-    """The signals of each kind of which there are five or more: one a satellite, and imitated alone or not at all."""
+def _group_by_kind(signals: Iterable[SignalId]) -> list[list[SignalId]]:
+    """Group the signals by kind, for each kind with five or more: one per satellite, imitated all or none."""
     kinds: dict[tuple[str, str, str], list[SignalId]] = {}
     for signal in sorted(signals):
         kinds.setdefault(signal.kind, []).append(signal)
-    return [own for own in kinds.values() if len(own) >= CONTINUITY.one_sky_satellites]
+    return [members for members in kinds.values() if len(members) >= CONTINUITY.one_sky_satellites]
 
 
-def _remembered(
+def _keep_first_rates(
     rates: list[Mapping[SignalId, Any]], before: Mapping[SignalId, _Reference], end_s: float
 ) -> Mapping[SignalId, _Reference]:
-    """The first rate of each satellite over the longest span that there was."""
+    """Keep the first rate of each satellite, over the longest span that was available."""
     references = dict(before)
     for span_s, found in zip(POLICY.spans_s, rates, strict=True):
         for signal, rate in found.items():

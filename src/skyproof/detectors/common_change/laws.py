@@ -1,16 +1,16 @@
-"""Statistics of what all satellites of one antenna do alike, with their laws under the null: arrays only.
+"""Statistics of changes common to all satellites of one antenna, with their laws under the null: arrays only.
 
-**Code and carrier part alike.** The ionosphere, reflections and noise part a satellite's code from its carrier, each
-satellite's by itself but for the ionosphere's common rate, which is bounded. What a receiver's own oscillators make is
-constant. So x, the rate at which they part less that rate earlier, is for each satellite independent and normal of zero
-mean beside the bound, and most of them having one sign and a size has the chance of an order statistic
+**Code and carrier diverge alike.** Ionosphere, reflections and noise make a satellite's code diverge from its carrier,
+independently of other satellites but for the ionosphere's common rate, which is bounded. The part of the receiver's
+oscillators is constant. Let x be the rate of divergence less the earlier rate. It is independent for each satellite,
+and normal of zero mean beside the bound. The chance that most have one sign and a size is that of an order statistic
 (`alike_p_value`).
 
-**All carriers turn.** The clock at three moments t apart has a second difference x2 - 2 x1 + x0 whose variance is
-2 t^2 times the oscillator's Allan variance at t, whatever its time and rate are (D. W. Allan, Statistics of atomic
-frequency standards, Proc. IEEE 54(2), 1966; NIST SP 1065, 5.2.2). Carriers show it to a centimetre.
+**All carriers turn.** The clock at three moments t apart has a second difference x2 - 2 x1 + x0. Its variance is 2 t^2
+times the oscillator's Allan variance at t, whatever its time and rate are. See D. W. Allan, Statistics of atomic
+frequency standards, Proc. IEEE 54(2), 1966; NIST SP 1065, 5.2.2. Carriers show it to a centimetre.
 
-**The level changes.** What is left of noise in many correlators tells the power of what comes in beside the signals; a
+**The level changes.** The noise in many correlators shows the power of what is received beside the signals. A
 receiver's gain wanders by a stated step from one time to another.
 """
 
@@ -27,7 +27,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import Oscillator
 from skyproof.statistics.distributions import binomial_survival, normal_two_sided
 
-__all__ = ["Rate", "alike_p_value", "rates_over", "turn_p_value", "turn_sigma_m"]
+__all__ = ["Rate", "alike_p_value", "fit_rates", "turn_p_value", "turn_sigma_m"]
 
 
 class Rate(NamedTuple):
@@ -37,11 +37,11 @@ class Rate(NamedTuple):
     sigma_m_s: float
 
 
-def rates_over(elapsed_s: Reals, values_m: Reals, sigma_m: Reals, multipath_sigma_m: float) -> list[Rate]:
-    """The slopes of lines through values (n, m) with white noise of `sigma_m` (n, m) and multipath beside it.
+def fit_rates(elapsed_s: Reals, values_m: Reals, sigma_m: Reals, multipath_sigma_m: float) -> list[Rate]:
+    """Fit the slopes of lines through values (n, m) with white noise of `sigma_m` (n, m) and multipath beside it.
 
-    A slope is a sum w x. Multipath is normal with one sigma and any correlation from epoch to epoch, so its part has a
-    sigma of at most that times the sum of |w|: 3 over the span.
+    A slope is a sum w x. Multipath is normal with one sigma and any correlation from epoch to epoch. So its part has
+    at most that sigma times the sum of |w|, which is 3 over the span.
     """
     centred_s = elapsed_s - elapsed_s.mean()
     weight = centred_s / np.sum(centred_s**2)
@@ -51,12 +51,14 @@ def rates_over(elapsed_s: Reals, values_m: Reals, sigma_m: Reals, multipath_sigm
 
 
 def alike_p_value(difference: ArrayLike, sigma: ArrayLike, slack: float = 0.0) -> Reals:
-    """Chance (...) that three of four values (..., n) lie as far out on one side, if they are independent, zero and
-    normal.
+    """Return the chance (...) of three in four independent values (..., n) so far out on one side.
 
-    With m of n that have to, and the m-th largest of the values over their sigmas, the chance that so many are as large
-    is binomial; two sides double it. For `slack` zero and true sigmas it is uniform below the chance that m of n have
-    one sign (0.29 of eight), and 1 else; for smaller errors than stated it is a bound. 1 with fewer than five values.
+    The values are normal with mean zero.
+
+    Let m of n be required, and take the m-th largest of the values over their sigmas. The chance that so many are as
+    large is binomial; two sides double it. For `slack` zero and true sigmas it is uniform below the chance that m of n
+    have one sign (0.29 of eight), and 1 above. For smaller errors than stated it is a bound. It is 1 with fewer than
+    five values.
 
     slack : by which all may be off together.
     """
@@ -72,10 +74,13 @@ def alike_p_value(difference: ArrayLike, sigma: ArrayLike, slack: float = 0.0) -
 
 
 def turn_sigma_m(oscillator: Oscillator, apart_s: float) -> float:
-    """Of the second difference of c times a clock over times `apart_s` apart."""
+    """Return the sigma of the second difference of c times a clock over times `apart_s` apart."""
     return float(SPEED_OF_LIGHT_M_S * np.sqrt(2.0) * apart_s * oscillator.allan_deviation(apart_s))
 
 
 def turn_p_value(turn_m: ArrayLike, variance_m2: ArrayLike, clock_sigma_m: ArrayLike) -> Reals:
-    """Two-sided, of a second difference of the clock measured with `variance_m2`; uniform if both sigmas are true."""
+    """Return the two-sided p-value of a clock's second difference measured with `variance_m2`.
+
+    It is uniform if both sigmas are true.
+    """
     return np.asarray(normal_two_sided(np.asarray(turn_m) / np.sqrt(variance_m2 + np.square(clock_sigma_m))))

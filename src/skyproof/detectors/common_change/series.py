@@ -1,4 +1,4 @@
-"""Rates of code against carrier, and turns of all carriers, out of one sky's observations."""
+"""Compute rates of code against carrier, and turns of all carriers, from one sky's observations."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
-from skyproof.detectors.common_change.laws import Rate, rates_over
+from skyproof.detectors.common_change.laws import Rate, fit_rates
 from skyproof.detectors.common_change.policy import POLICY
 from skyproof.detectors.continuity.policy import POLICY as CONTINUITY
 from skyproof.detectors.continuity.steps import fitted_jump
@@ -17,7 +17,7 @@ from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import CellStatus, NavigationData, Observations, SignalId
 from skyproof.statistics.same_rows import group_by_rows
 
-__all__ = ["Turn", "rates_of", "turn_of"]
+__all__ = ["Turn", "estimate_rates", "estimate_turn"]
 
 
 class Turn(NamedTuple):
@@ -28,12 +28,12 @@ class Turn(NamedTuple):
     apart_s: float
 
 
-def rates_of(o: Observations, span_s: float, multipath_sigma_m: float) -> Mapping[SignalId, Rate]:
-    """Of each signal the rate of code less carrier over the last `span_s`, where its carrier is in one piece."""
+def estimate_rates(o: Observations, span_s: float, multipath_sigma_m: float) -> Mapping[SignalId, Rate]:
+    """Estimate each signal's rate of code minus carrier over the last `span_s`, if its carrier is unbroken."""
     wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
     apart_m = o.pseudorange_m - wavelength_m * o.carrier_cyc
     begin = int(np.searchsorted(o.elapsed_s, o.elapsed_s[-1] - span_s - 1e-6))
-    last = _last_runs(o, apart_m, begin)
+    last = _find_last_runs(o, apart_m, begin)
     found: dict[SignalId, Rate] = {}
     # Signals that are there at the same epochs have the same weights, and most are.
     for rows, columns in group_by_rows(last):
@@ -44,13 +44,13 @@ def rates_of(o: Observations, span_s: float, multipath_sigma_m: float) -> Mappin
             continue
         cells = np.ix_(begin + rows, columns)
         elapsed_s = o.elapsed_s[begin + rows]
-        rates = rates_over(elapsed_s, apart_m[cells], o.pseudorange_sigma_m[cells], multipath_sigma_m)
+        rates = fit_rates(elapsed_s, apart_m[cells], o.pseudorange_sigma_m[cells], multipath_sigma_m)
         found |= {o.signals[k]: rate for k, rate in zip(columns, rates, strict=True)}
     return {signal: found[signal] for signal in o.signals if signal in found}
 
 
-def _last_runs(o: Observations, apart_m: Reals, begin: int) -> Booleans:
-    """(n - begin, m) the rows in which a carrier goes on without a break to its last."""
+def _find_last_runs(o: Observations, apart_m: Reals, begin: int) -> Booleans:
+    """Find the rows (n - begin, m) in which a carrier continues without a break to its last."""
     apart_m, elapsed_s = apart_m[begin:], o.elapsed_s[begin:]
     known = np.isfinite(apart_m) & np.isfinite(o.pseudorange_sigma_m[begin:])
     n = elapsed_s.size
@@ -69,19 +69,19 @@ def _last_runs(o: Observations, apart_m: Reals, begin: int) -> Booleans:
     return np.asarray(known & (np.arange(n)[:, None] >= starts))
 
 
-def turn_of(
+def estimate_turn(
     o: Observations, navigation: NavigationData, place_ecef_m: Reals, apart_s: float, carrier_error_m: float
 ) -> Turn | None:
-    """The clock's second difference over the last twice `apart_s`, whatever the antenna does meanwhile.
+    """Estimate the clock's second difference over the last twice `apart_s`, whatever the antenna's motion.
 
     place_ecef_m : (3,) within kilometres of the antenna. carrier_error_m : of each carrier at each epoch, one sigma,
-        beside noise. None where there are no three epochs, or fewer than five carriers that go on over all of them.
+        beside noise. None without three epochs, or with fewer than five carriers that are unbroken over all of them.
 
     With p the motion since the first epoch, a carrier less the way to the satellite is -u.p + c clock and a constant.
-    Motion turns u, so where it began is found from the ranges, and how it went from each epoch's difference from the
-    first one; what errors of both leave is linear in the second difference.
+    Motion turns u. So the ranges give where it began, and each epoch's difference from the first gives its course.
+    The remaining error of both is linear in the second difference.
     """
-    rows = _three_epochs(o.elapsed_s, apart_s)
+    rows = _select_three_epochs(o.elapsed_s, apart_s)
     if rows is None:
         return None
     wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
@@ -102,10 +102,10 @@ def turn_of(
     )
     place_m = np.tile(begun.state_m[:3], (3, 1))
     for _ in range(2):
-        left_m, unit = _left(ranges.satellite_ecef_m, sent_m, place_m)
+        left_m, unit = _subtract_ways(ranges.satellite_ecef_m, sent_m, place_m)
         moved = fitted_jump(unit[1:], left_m[1:] - left_m[0], variance_m2[1:] + variance_m2[0])
         place_m = place_m + np.vstack((np.zeros(3), moved.jump[:, :3]))
-    left_m, unit = _left(ranges.satellite_ecef_m, sent_m, place_m)
+    left_m, unit = _subtract_ways(ranges.satellite_ecef_m, sent_m, place_m)
     share = (o.elapsed_s[rows[2]] - o.elapsed_s[rows[0]]) / (o.elapsed_s[rows[1]] - o.elapsed_s[rows[0]])
     weight = np.array([share - 1.0, -share, 1.0])  # 1, -2, 1: no time and no rate is left of it
     fitted = fitted_jump(unit[1:2], (weight @ left_m)[None], (weight**2 @ variance_m2)[None])
@@ -113,15 +113,15 @@ def turn_of(
     return turn if np.isfinite(turn.turn_m) and np.isfinite(turn.variance_m2) else None
 
 
-def _left(satellite_ecef_m: Reals, sent_m: Reals, place_m: Reals) -> tuple[Reals, Reals]:
-    """What is left of carriers (3, m) less their ways from places (3, 3), from the first epoch's; and unit vectors."""
-    _, unit, distance_m = compute_line_of_sight(satellite_ecef_m, place_m)
+def _subtract_ways(satellite_ecef_m: Reals, sent_m: Reals, place_m: Reals) -> tuple[Reals, Reals]:
+    """Subtract ways from places (3, 3) from carriers (3, m), relative to the first epoch; also return unit vectors."""
+    _, unit, distance_m = line_of_sight(satellite_ecef_m, place_m)
     left_m = sent_m - distance_m
     return left_m - left_m[0], unit
 
 
-def _three_epochs(elapsed_s: Reals, apart_s: float) -> Indices | None:
-    """The last epoch, and those once and twice `apart_s` before it; None if there are none to a fiftieth of it."""
+def _select_three_epochs(elapsed_s: Reals, apart_s: float) -> Indices | None:
+    """Return the last epoch, and those once and twice `apart_s` before; None if none are within a fiftieth of it."""
     wanted_s = elapsed_s[-1] - apart_s * np.array([2.0, 1.0, 0.0])
     after = np.clip(np.searchsorted(elapsed_s, wanted_s), 1, elapsed_s.size - 1)
     nearer = wanted_s - elapsed_s[after - 1] < elapsed_s[after] - wanted_s

@@ -17,7 +17,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
-from skyproof.detectors.code_motion.detector import primary_signals
+from skyproof.detectors.code_motion.detector import select_primary_signals
 from skyproof.detectors.known_place.laws import chance_at_place
 from skyproof.detectors.known_place.policy import POLICY
 from skyproof.errors import require_probability
@@ -86,7 +86,7 @@ class CodesAtPlace:
         self, report: Reporter, navigation: NavigationData, o: Observations, fixed: bool, place: _Place | None
     ) -> Finding:
         signals = list_refs(o.receiver, o.signals)
-        primary = primary_signals(o)
+        primary = select_primary_signals(o)
         if place is None:
             return report.pass_over(signals, NotTested("no_place"))
         if fixed:

@@ -20,7 +20,7 @@ import numpy as np
 
 from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
-from skyproof.detectors.code_motion.detector import primary_signals
+from skyproof.detectors.code_motion.detector import select_primary_signals
 from skyproof.detectors.torn.exchange import Exchange, ExchangePast, examine_exchange
 from skyproof.detectors.torn.policy import POLICY
 from skyproof.errors import require_probability
@@ -139,7 +139,7 @@ class Torn:
     ) -> tuple[Finding, _Past]:
         """Test strays and exchanged satellites of a receiver; return what is remembered of it."""
         exchange, after = examine_exchange(o, before.exchange)
-        signals = primary_signals(o)
+        signals = select_primary_signals(o)
         strays, anchor = (None, before.anchor)
         if signals is not None:
             strays, anchor = self._strays_of(o, navigation, signals, before.anchor)
