@@ -100,7 +100,7 @@ COMPUTING = {
     "common_change/detector": {"_SHARES"},
     "continuity/causes": {"_HOUR_S", "_UNKNOWNS"},
     "continuity/detector": {"_SHARES"},
-    "continuity/drawn_off": {"_QUARTERS"},
+    "continuity/code_drag": {"_QUARTERS"},
     "continuity/standing": {"_FAR_M"},
     "correlators/correlator_laws": {"CODE_SPACING_CHIPS", "HALF_PI", "REACH", "_LAST_SCORE"},
     "correlators/second_component": {"EARLY_CHIPS", "OTHER_CHIPS", "TWO_REFLECTIONS"},

@@ -152,7 +152,7 @@ MADE_ELSEWHERE = {
     "causes": None,
     "delays": "bursts",
     "continuity": None,
-    "drawn_off": None,
+    "code_drag": None,
     "steps": None,
     "whole_sky": None,
     "known_geometry": None,

@@ -11,7 +11,7 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
 from skyproof.app.protect.coasting import usable_fixes
-from skyproof.detectors.continuity.series import Limits, series_of
+from skyproof.detectors.continuity.series import Limits, build_series
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import CellStatus
 from skyproof.studies.protection.errors import compare_with_truth
@@ -60,7 +60,7 @@ def attacked(heard, made, rng, kind, size):
     o = heard.reception.observations
     direction = rng.normal(size=3)
     direction *= size / np.linalg.norm(direction)
-    unit = series_of(o, made.navigation, heard.position_ecef_m[0], Limits()).unit
+    unit = build_series(o, made.navigation, heard.position_ecef_m[0], Limits()).unit
     onset_s, status = rng.uniform(5.0, 0.8 * o.elapsed_s[-1]), o.status.copy()
     moved = np.maximum(o.elapsed_s - onset_s, 0.0)
     if kind == "position_jump":

@@ -12,7 +12,7 @@ from tests.app.kit import ENU_M, scenario_of
 from tests.app.protect.captured import captured
 
 from skyproof.app.protect import protect
-from skyproof.detectors.continuity.series import Limits, series_of
+from skyproof.detectors.continuity.series import Limits, build_series
 from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
@@ -60,7 +60,7 @@ def test_a_jump_of_a_receiver_that_stands_is_dated_to_its_epoch(measured, tmp_pa
     """All ranges jump to a place 1 km off, and the carriers slip there."""
     bow, _, navigation = measured
     place_ecef_m = np.nanmedian(fix(bow, navigation).position_ecef_m, axis=0)
-    unit = series_of(bow, navigation, place_ecef_m, Limits()).unit
+    unit = build_series(bow, navigation, place_ecef_m, Limits()).unit
     away_m = -(unit[row:] @ np.array([0.0, 600.0, 800.0]))
     jumped = {"pseudorange_m": np.vstack([bow.pseudorange_m[:row], bow.pseudorange_m[row:] + away_m])}
     slipped = bow.status.copy()

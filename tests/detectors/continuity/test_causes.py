@@ -17,8 +17,8 @@ from tests.detectors.continuity.test_detector import (
 )
 
 from skyproof.detectors.continuity.causes import p_values_by_cause
-from skyproof.detectors.continuity.series import Limits, series_of
-from skyproof.detectors.continuity.steps import largest_steps
+from skyproof.detectors.continuity.series import Limits, build_series
+from skyproof.detectors.continuity.steps import find_largest_steps
 from skyproof.records import Cause
 
 ROW, DRAWS = 100, 80
@@ -27,8 +27,8 @@ LIMITS = Limits()
 
 def p_of(o):
     """The p-values of the step at `ROW` by cause."""
-    series = series_of(o, NAVIGATION, PLACE_ECEF_M, LIMITS)
-    (step,) = largest_steps([(series, np.array([ROW]))], LIMITS, alpha=1.0)
+    series = build_series(o, NAVIGATION, PLACE_ECEF_M, LIMITS)
+    (step,) = find_largest_steps([(series, np.array([ROW]))], LIMITS, alpha=1.0)
     return p_values_by_cause(series, ROW, step, LIMITS, span_s=10.0)
 
 

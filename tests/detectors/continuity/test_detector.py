@@ -10,8 +10,8 @@ from scipy import stats
 from skyproof.app.common.windows import cut
 from skyproof.detectors.base import NotTested
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings, explain_few_epochs, explain_no_step
-from skyproof.detectors.continuity.series import Limits, series_of
-from skyproof.detectors.continuity.steps import jumps, p_values, sides_of
+from skyproof.detectors.continuity.series import Limits, build_series
+from skyproof.detectors.continuity.steps import compare_sides, fit_jumps, p_values
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
@@ -229,9 +229,9 @@ def draws_of_jumps(n, limits):
     rng, row, chances = np.random.default_rng(3), np.array([25]), []
     for _ in range(n):
         records = scene.records(rng)
-        series = series_of(records.observations[0], records.navigation, records.sets[0].position_ecef_m, limits)
-        sides = sides_of(series, row, limits)
-        jump, rate, usable = jumps(sides)
+        series = build_series(records.observations[0], records.navigation, records.sets[0].position_ecef_m, limits)
+        sides = compare_sides(series, row, limits)
+        jump, rate, usable = fit_jumps(sides)
         assert usable.all()
         chances.append(p_values(sides, jump, rate, np.zeros(1), limits)[0])
     return np.array(chances)
@@ -520,5 +520,5 @@ def test_missing_epochs_of_a_receiver_without_dopplers_are_no_jump():
     o = fill_dopplers(without.select(np.array([8, 10, 12, 13, 14])), 30.0)[0]
     assert np.isnan(o.doppler_hz[:2]).all()
     place = scene.records(np.random.default_rng(1)).sets[0].position_ecef_m
-    offset_m = series_of(o, scene.navigation, place, Limits()).offset_m
+    offset_m = build_series(o, scene.navigation, place, Limits()).offset_m
     assert np.ptp(offset_m, axis=0).max() < 10.0

@@ -14,7 +14,7 @@ from tests.detectors.continuity.test_detector import (
 )
 
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
-from skyproof.detectors.continuity.series import Limits, series_of
+from skyproof.detectors.continuity.series import Limits, build_series
 from skyproof.statistics.distributions import noncentrality_for_power
 
 LIMITS = Limits()
@@ -46,7 +46,7 @@ def jumped(o, rng, size_m):
     row = int(rng.integers(30, o.gpst.size - 30))
     direction = rng.normal(size=3)
     direction *= size_m / np.linalg.norm(direction)
-    unit = series_of(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit
+    unit = build_series(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit
     return shifted(o, np.where(np.arange(o.gpst.size)[:, None] >= row, -unit @ direction, 0.0), row=row)
 
 
@@ -61,7 +61,7 @@ def dragged(o, rng, size_m_s):
     """Codes drag the position off, carriers stay."""
     direction = rng.normal(size=3)
     direction *= size_m_s / np.linalg.norm(direction)
-    unit = series_of(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit
+    unit = build_series(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit
     return shifted(o, -(unit @ direction) * np.maximum(o.elapsed_s - 8.0, 0.0)[:, None])
 
 
@@ -82,7 +82,7 @@ def pulled(o, rng, size_m_s):
     row = int(rng.integers(30, o.gpst.size - 30))
     direction = rng.normal(size=3)
     direction *= size_m_s / np.linalg.norm(direction)
-    return along(o, -series_of(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit[row] @ direction, row)
+    return along(o, -build_series(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit[row] @ direction, row)
 
 
 def pushed(o, rng, size_s_s):

@@ -7,8 +7,8 @@ import pytest
 from scipy import stats
 from tests.detectors.continuity.test_detector import FIELD, NAVIGATION, PLACE_ECEF_M, WHITE, changed, observed, said
 
-from skyproof.detectors.continuity.series import Limits, series_of
-from skyproof.detectors.continuity.standing import moved_of
+from skyproof.detectors.continuity.series import Limits, build_series
+from skyproof.detectors.continuity.standing import find_carrier_motion
 
 WAVE_M = 299_792_458.0 / 1575.42e6
 ERROR_M = 0.04
@@ -31,15 +31,15 @@ def carried(o, moved_m):
     )
 
 
-def drawn_off(o, speed_m_s):
+def drag_codes(o, speed_m_s):
     """By an attack from the onset on, to the north and up."""
-    series = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits())
+    series = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits())
     way_m = speed_m_s * np.maximum(o.elapsed_s - ONSET_S, 0.0)
     return carried(o, -(series.unit @ np.array([0.0, 0.6, 0.8])) * way_m[:, None])
 
 
 def test_a_position_drawn_off_is_an_attack_in_the_window_in_which_it_begins():
-    found = said(drawn_off(observed(), 0.3), speed_max_m_s=0.0)
+    found = said(drag_codes(observed(), 0.3), speed_max_m_s=0.0)
     assert [len(one) for one in attacks(found)] == [0, 0, 1, 1]
     first, second = attacks(found)[2][0], attacks(found)[3][0]
     assert (first.code, first.data["assumes"]) == ("moves", ("receiver_stands",))
@@ -57,7 +57,7 @@ def test_reflections_that_move_a_few_carriers_are_no_attack(satellites):
 
 def test_where_two_satellites_alone_would_explain_it_it_stays_open():
     """Of six satellites no four are left to show anything by themselves."""
-    o = drawn_off(observed(), 3.0)
+    o = drag_codes(observed(), 3.0)
     six = replace(
         o, pseudorange_m=np.where(np.arange(o.pseudorange_m.shape[1]) < 6, o.pseudorange_m, np.nan)
     )  # the others are not received
@@ -93,11 +93,11 @@ def p_values(draws, error_m, *, span_s=2.5):
     """Of a standing receiver whose carriers err by `error_m` at each end, independently."""
     o = observed(noise=WHITE)
     o = o.select(o.elapsed_s <= o.elapsed_s[0] + span_s + 0.01)
-    series, rng, found = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits()), np.random.default_rng(5), []
+    series, rng, found = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits()), np.random.default_rng(5), []
     still = replace(series, move_m=np.zeros_like(series.move_m), bridge_m2=np.zeros_like(series.bridge_m2))
     for _ in range(draws):
         one = replace(still, move_m=rng.normal(0.0, error_m, series.move_m.shape))
-        moved = moved_of(o, one, NAVIGATION, PLACE_ECEF_M, carrier_error_m=ERROR_M, alpha=0.0)
+        moved = find_carrier_motion(o, one, NAVIGATION, PLACE_ECEF_M, carrier_error_m=ERROR_M, alpha=0.0)
         assert moved is not None
         found.append(moved.p_value)
     return np.array(found)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.detectors.continuity.whole_sky import motion_of
+from skyproof.detectors.continuity.whole_sky import estimate_motion
 
 ALPHA = 1e-7
 
@@ -17,7 +17,7 @@ def unit_of(satellites, rng):
 
 def tried(unit, change):
     names = np.array([f"G{number:02d}" for number in range(len(unit))])
-    motion = motion_of(names, unit, change, np.ones(len(unit)), 10.0, alpha=ALPHA)
+    motion = estimate_motion(names, unit, change, np.ones(len(unit)), 10.0, alpha=ALPHA)
     assert motion is not None
     return motion
 

@@ -11,7 +11,7 @@ from tests.app.protect.choosing import NAVIGATION, led_away, nothing_found
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
-from skyproof.detectors.continuity.series import Limits, series_of
+from skyproof.detectors.continuity.series import Limits, build_series
 from skyproof.detectors.prediction.place import StatedPlace, StatedPlaceSettings
 from skyproof.gnss.frames import rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED
@@ -55,7 +55,7 @@ def examined(windows, o, predictor):
 
 def moved(o, since, place_m, by_m):
     """Return measurements that show another place from an instant on, by (3,) ECEF."""
-    unit = series_of(o, NAVIGATION, place_m, Limits()).unit
+    unit = build_series(o, NAVIGATION, place_m, Limits()).unit
     return replace(o, pseudorange_m=o.pseudorange_m - (o.gpst >= since)[:, None] * (unit @ by_m))
 
 

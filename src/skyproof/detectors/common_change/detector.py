@@ -25,7 +25,7 @@ from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.common_change.laws import alike_p_value, turn_p_value, turn_sigma_m
 from skyproof.detectors.common_change.policy import POLICY
 from skyproof.detectors.common_change.series import estimate_rates, estimate_turn
-from skyproof.detectors.continuity.one_sky import columns_of, followed_by, one_signal_a_transmission
+from skyproof.detectors.continuity.one_sky import join_later, select_columns, select_one_per_transmission
 from skyproof.detectors.continuity.policy import POLICY as CONTINUITY
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES
@@ -141,10 +141,10 @@ class _Window:
         before = self.past.members if self.past is not None else ()
         members = self.sky.signals if self.sky is not None else before
         sources = self.past.sources if self.past is not None else {}
-        now, sources = one_signal_a_transmission(self.o, members, before, sources)
+        now, sources = select_one_per_transmission(self.o, members, before, sources)
         if now.gpst.size < 2:
             return [self._pass_over(NotTested("few_satellites", self._state_need()))], self.past
-        stretch = now if self.past is None else followed_by(self.past.tail, now)
+        stretch = now if self.past is None else join_later(self.past.tail, now)
         past = self.past or _Past(tail=now.select(slice(0)), sources={})
         rates = [estimate_rates(stretch, span_s, self.settings.multipath_sigma_m) for span_s in POLICY.spans_s]
         parted = self._test_parting(rates, past, float(stretch.elapsed_s[-1]))
@@ -194,7 +194,7 @@ class _Window:
         oscillator = OSCILLATORS[PLATFORM_CLASSES[settings.oscillator]]
         tests: list[tuple[float, float, float]] = []
         kinds = [
-            columns_of(stretch, np.array([stretch.signals.index(s) for s in observations]))
+            select_columns(stretch, np.array([stretch.signals.index(s) for s in observations]))
             for observations in _group_by_kind(stretch.signals)
         ]
         for observations, apart_s in product(kinds, POLICY.turns_s):

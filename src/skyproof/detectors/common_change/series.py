@@ -9,7 +9,7 @@ from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.detectors.common_change.laws import Rate, fit_rates
 from skyproof.detectors.common_change.policy import POLICY
 from skyproof.detectors.continuity.policy import POLICY as CONTINUITY
-from skyproof.detectors.continuity.steps import fitted_jump
+from skyproof.detectors.continuity.steps import fit_jump
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.least_squares import compute_line_of_sight, fit_position
@@ -103,12 +103,12 @@ def estimate_turn(
     place_m = np.tile(begun.state_m[:3], (3, 1))
     for _ in range(2):
         left_m, unit = _subtract_ways(ranges.satellite_ecef_m, sent_m, place_m)
-        moved = fitted_jump(unit[1:], left_m[1:] - left_m[0], variance_m2[1:] + variance_m2[0])
+        moved = fit_jump(unit[1:], left_m[1:] - left_m[0], variance_m2[1:] + variance_m2[0])
         place_m = place_m + np.vstack((np.zeros(3), moved.jump[:, :3]))
     left_m, unit = _subtract_ways(ranges.satellite_ecef_m, sent_m, place_m)
     share = (o.elapsed_s[rows[2]] - o.elapsed_s[rows[0]]) / (o.elapsed_s[rows[1]] - o.elapsed_s[rows[0]])
     weight = np.array([share - 1.0, -share, 1.0])  # 1, -2, 1: no time and no rate is left of it
-    fitted = fitted_jump(unit[1:2], (weight @ left_m)[None], (weight**2 @ variance_m2)[None])
+    fitted = fit_jump(unit[1:2], (weight @ left_m)[None], (weight**2 @ variance_m2)[None])
     turn = Turn(float(fitted.jump[0, 3]), float(fitted.covariance[0, 3, 3]), apart_s)
     return turn if np.isfinite(turn.turn_m) and np.isfinite(turn.variance_m2) else None
 

@@ -1,1 +1,1 @@
-"""One sky that goes on: steps of range, clock and place that no receiver makes."""
+"""Follow one sky from epoch to epoch: find steps of range, clock and position that no receiver makes."""

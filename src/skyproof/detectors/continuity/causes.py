@@ -1,16 +1,16 @@
-"""What else than an exchange of signals makes a step: the largest p-value of it under each benign cause.
+"""Explain a step without an exchange of signals: its largest p-value under each benign cause.
 
 The clock is left free in all of them, so that any two together explain no more than one of them does:
 
 - an oscillator steps the clock and its rate, and nothing else;
-- samples that are missing, or stand there twice, step the clock by their length, and the platform moves meanwhile;
-- a recording that is joined from those of several receivers is as rare as the policy says, and its clock goes on with
+- samples that are missing, or recorded twice, step the clock by their length, and the platform moves meanwhile;
+- a recording that is joined from those of several receivers is as rare as the policy says, and its clock continues with
   the same time and rate by chance only. Each receiver's clock has an error and a rate of its own: if they spread about
   zero with one peak, the density at x is at most 1 / (2 |x|);
 - two channels or satellites fail by any amount: the step is there without any two of them;
 - reflections, interference and orbits change ranges by up to `unrelated_spread_m`, each by an amount of its own. They
   move a position no farther than the largest sum of such changes, and fit one jump by chance only
-  (`navigation.chance`). Satellites that go on alike are no part of that chance.
+  (`navigation.chance`). Satellites without a step do not count in that chance.
 """
 
 from collections.abc import Iterable
@@ -28,11 +28,11 @@ from skyproof.detectors.continuity.steps import (
     Sides,
     Step,
     chance,
+    compare_sides,
     contrast,
-    fitted_jump,
+    fit_jump,
     mean_rates,
     motion_slack_m,
-    sides_of,
     sigma_of_fitting,
 )
 from skyproof.navigation.chance import bound_chance_p_value
@@ -50,23 +50,23 @@ _HOUR_S: Final = 3600.0
 def p_values_by_cause(series: Series, row: int, step: Step, limits: Limits, *, span_s: float) -> dict[Cause, float]:
     """Return the largest p-value of a step of a series before its `row` under each benign cause, the likeliest first.
 
-    span_s : how much of the recording the tests that `step.tests` counts look at.
+    span_s : length of the recording that the tests counted by `step.tests` cover.
     """
-    sides = sides_of(series, np.array([row]), limits)
-    jump = fitted_jump(sides.unit, sides.level_m, sides.level_m2)
-    rate = fitted_jump(sides.unit, sides.rate_m_s, sides.rate_m2_s2)
+    sides = compare_sides(series, np.array([row]), limits)
+    jump = fit_jump(sides.unit, sides.level_m, sides.level_m2)
+    rate = fit_jump(sides.unit, sides.rate_m_s, sides.rate_m2_s2)
     unseen_s = float(sides.gap_s[0]) if sides.divides[0] else 0.0
-    position = _moved_p_value(jump.jump[:, :3], jump, motion_slack_m(np.array([unseen_s]), limits))
+    position = _motion_p_value(jump.jump[:, :3], jump, motion_slack_m(np.array([unseen_s]), limits))
     speed = _speed_p_value(rate, float(sides.gap_s[0]), limits)
     p = {Cause.OSCILLATOR: min(position, speed)}
     if sides.all_broke[0]:
         p[Cause.MISSING_SAMPLES] = _missing_samples_p_value(sides, jump, rate, step, unseen_s, limits)
     p[Cause.FAULT] = _fault_p_value(sides, unseen_s, limits)
     # At each epoch all four kinds of step are tested; unrelated changes make one of position and clock together.
-    unrelated = _unrelated_p_value(sides, jump, unseen_s, limits) / len(KINDS)
+    unrelated = _p_value_of_unrelated(sides, jump, unseen_s, limits) / len(KINDS)
     p |= dict.fromkeys((Cause.REFLECTIONS, Cause.INTERFERENCE, Cause.ORBITS), unrelated)
     p = {cause: min(1.0, step.tests * value) for cause, value in p.items()}
-    mean_rate = fitted_jump(
+    mean_rate = fit_jump(
         sides.unit, *contrast(series, series.rate_m_s, series.rate_m2_s2, np.array([row]), limits.span_s)
     )
     same_clock = _same_chance(_clock_m(series, row), jump) * _same_chance(float(mean_rates(sides)[0, 3]), mean_rate)
@@ -74,7 +74,7 @@ def p_values_by_cause(series: Series, row: int, step: Step, limits: Limits, *, s
     return dict(sorted(p.items(), key=lambda each: -each[1]))
 
 
-def _moved_p_value(moved_m: Reals, jump: Jump, slack_m: Reals) -> float:
+def _motion_p_value(moved_m: Reals, jump: Jump, slack_m: Reals) -> float:
     return float(chance(moved_m, jump.covariance[:, :3, :3], slack_m, jump)[0])
 
 
@@ -90,12 +90,12 @@ def _missing_samples_p_value(
     ahead_s = -step.clock_s
     unseen_s += abs(ahead_s)
     moved_m = jump.jump[:, :3] - mean_rates(sides)[:, :3] * ahead_s
-    position = _moved_p_value(moved_m, jump, motion_slack_m(np.array([unseen_s]), limits))
+    position = _motion_p_value(moved_m, jump, motion_slack_m(np.array([unseen_s]), limits))
     return min(position, _speed_p_value(rate, float(sides.gap_s[0]) + abs(ahead_s), limits))
 
 
 def _clock_m(series: Series, row: int) -> float:
-    """Return what the receiver's clock is off before a row, times the speed of light; the place may be off by less."""
+    """Return the receiver's clock error before a row, times the speed of light; the position error may be smaller."""
     return float(medians(series.offset_m[row - 1] + series.move_m[row - 1]))
 
 
@@ -106,36 +106,36 @@ def _same_chance(usual: float, jump: Jump) -> float:
 
 
 def _fault_p_value(sides: Sides, unseen_s: float, limits: Limits) -> float:
-    """Return the largest p-value of the position's step without any two satellites."""
+    """Return the largest p-value of the position's step, any two satellites left out."""
     slack_m = motion_slack_m(np.array([unseen_s]), limits)
 
     def without(pairs: Iterable[tuple[int, ...]]) -> Reals:
-        fewer = np.array([_left_out(sides.level_m[0], pair) for pair in pairs])
+        fewer = np.array([_blank(sides.level_m[0], pair) for pair in pairs])
         shape = fewer.shape
-        fitted = fitted_jump(np.broadcast_to(sides.unit, (*shape, 3)), fewer, np.broadcast_to(sides.level_m2, shape))
+        fitted = fit_jump(np.broadcast_to(sides.unit, (*shape, 3)), fewer, np.broadcast_to(sides.level_m2, shape))
         return chance(fitted.jump[:, :3], fitted.covariance[:, :3, :3], np.broadcast_to(slack_m, shape[:1]), fitted)
 
     known = np.flatnonzero(np.isfinite(sides.level_m[0])).tolist()
     return largest_p_value_without(known, without, least=POLICY.one_sky_satellites)
 
 
-def _left_out(values: Reals, columns: tuple[int, ...]) -> Reals:
+def _blank(values: Reals, columns: tuple[int, ...]) -> Reals:
     fewer = values.copy()
     fewer[list(columns)] = np.nan
     return fewer
 
 
-def _unrelated_p_value(sides: Sides, jump: Jump, unseen_s: float, limits: Limits) -> float:
-    """Return the p-value of the position's step where ranges change by amounts that have nothing to do with each other.
+def _p_value_of_unrelated(sides: Sides, jump: Jump, unseen_s: float, limits: Limits) -> float:
+    """Return the p-value of the position's step if ranges change by amounts unrelated to each other.
 
-    Two bounds of it: the smaller, doubled. The part of the jump that motion unseen explains is no part of either.
+    It is the smaller of two bounds, doubled. Neither counts the part of the jump that unseen motion explains.
     """
     sigma_m = sigma_of_fitting(sides.unit, sides.level_m, sides.level_m2)[0]
     used, known = np.isfinite(sigma_m), np.isfinite(sides.level_m[0] + sides.level_m2[0])
     unit, sigma_m, slack_m = sides.unit[0, used], sigma_m[used], motion_slack_m(np.array([unseen_s]), limits)
-    if _moved_p_value(jump.jump[:, :3], jump, slack_m) > POLICY.faulty_channel_probability:
+    if _motion_p_value(jump.jump[:, :3], jump, slack_m) > POLICY.faulty_channel_probability:
         return 1.0
-    far = _moved_p_value(jump.jump[:, :3], jump, slack_m + _reach_m(unit, sigma_m))
+    far = _motion_p_value(jump.jump[:, :3], jump, slack_m + _reach_m(unit, sigma_m))
     moved_m = float(np.linalg.norm(jump.jump[0, :3]))
     beyond_m = jump.jump[0, :3] * max(1.0 - float(slack_m[0]) / moved_m, 0.0)
     fitting = _fitting_chance(-unit @ beyond_m, sigma_m, float(jump.misfit[0]), int(known.sum()))

@@ -1,18 +1,18 @@
-"""Do position, velocity, clock and time of a receiver go on as a platform and an oscillator can?
+"""Test if position, velocity, clock and time of a receiver move as a platform and an oscillator can.
 
-One window may look as good as the next, and still not go on from it: the halves of two receivers' recordings joined, a
+Two windows may each look good, and still not continue one another: the halves of two receivers' recordings joined, a
 recording that begins again, an attack that takes over in one step. For each receiver the satellites of its consistent
 set are followed from window to window, by what was sent and not by channel: signals that were lost and found again
 under another name are the same satellite's. `steps` finds where they step. Each kind of signal (time scale,
 band, code) is looked at alone, for it may be imitated alone; kinds of few satellites together with the largest.
 
 A receiver that is stated to stand and moves by all its carriers (`standing`) is attacked, or the statement is wrong:
-the word is "attack" under that assumption. Codes that show a motion which carriers do not show (`drawn_off`) are an
-attack whatever is stated.
+the word is "attack" under that assumption. Codes that show a motion which carriers do not show (`code_drag`) indicate
+an attack whatever is stated.
 
-What else is found is *undecided*, and not an attack: a recording that was cut and joined steps as well. But it
-overrules what windows say one by one, from the window of the step on: what comes after it is not vouched for by what
-was before.
+Any other step is *undecided*, and not an attack: a recording that was cut and joined steps as well. But it
+overrules what single windows say, from the window of the step on: evidence from before the step does not cover the
+signals after it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,13 +24,13 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter
 from skyproof.detectors.continuity.causes import p_values_by_cause
-from skyproof.detectors.continuity.drawn_off import drawn_off_of
-from skyproof.detectors.continuity.one_sky import followed_by, groups_of, one_signal_a_transmission
+from skyproof.detectors.continuity.code_drag import find_code_drags
+from skyproof.detectors.continuity.one_sky import group_columns, join_later, select_one_per_transmission
 from skyproof.detectors.continuity.policy import POLICY
-from skyproof.detectors.continuity.series import Limits, Series, series_of_groups
-from skyproof.detectors.continuity.standing import moved_of
-from skyproof.detectors.continuity.steps import Step, largest_steps
-from skyproof.detectors.continuity.whole_sky import SkyMotion, least_likely
+from skyproof.detectors.continuity.series import Limits, Series, build_group_series
+from skyproof.detectors.continuity.standing import find_carrier_motion
+from skyproof.detectors.continuity.steps import Step, find_largest_steps
+from skyproof.detectors.continuity.whole_sky import SkyMotion, select_least_likely
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.time import iso
 from skyproof.records import (
@@ -67,7 +67,7 @@ class ContinuitySettings:
     multipath_sigma_m : of one pseudorange, one sigma; it may change altogether within seconds.
     span_s : over which ranges and levels are averaged before and after a moment.
     acceleration_max_m_s2 : no platform exceeds it; what it may do unseen while nothing is received follows from it.
-    speed_max_m_s : likewise, if it is known.
+    speed_max_m_s : no platform exceeds it, if it is known.
     clock_jump, clock_pace_s : what an oscillator's rate may step by, and change by in a second.
     carrier_error_m : of a carrier beside noise, by reflections, one sigma: a quarter of a wavelength at most.
     """
@@ -115,8 +115,8 @@ class _Break(NamedTuple):
 class _Past:
     """What is remembered of a receiver: bounded by the number of transmissions and twice `span_s`.
 
-    tail : the last epochs, one signal per transmission. sources : which signal of each went on unbroken from it.
-    members : the last consistent set's signals. broke : the kinds of signals that no longer go on, and why.
+    tail : the last epochs, one signal per transmission. sources : which signal of each continued unbroken from it.
+    members : the last consistent set's signals. broke : the kinds of signals that broke, and why.
     attacked : motions that are none were shown. stepped_s, first_step_s : when the last step was, and the first.
     """
 
@@ -132,7 +132,7 @@ class _Past:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Look:
-    """A candidate for the sky that goes on: its signals, the epochs joined with those before, and the steps found."""
+    """A candidate for the sky that continues: its signals, the epochs joined with those before, and the steps found."""
 
     members: tuple[SignalId, ...]
     place_ecef_m: Reals
@@ -141,7 +141,7 @@ class _Look:
     new: int  # the first row of this window
     steps: tuple[tuple[frozenset[Kind], Step], ...] = ()  # the largest of each group of kinds
     moved: SkyMotion | None = None  # by carriers, of a receiver that is stated to stand
-    drawn_off: SkyMotion | None = None  # by codes, and not by carriers
+    code_drag: SkyMotion | None = None  # by codes, and not by carriers
     untested: NotTested | None = None  # why no moment could be tested
 
     @property
@@ -163,16 +163,16 @@ class Continuity:
         pasts: dict[str, _Past] = dict(state or {})
         if not records.observations or records.navigation is None or not (records.sets or pasts):
             return Reporter(self, records, Hypothesis.CONTINUOUS).name_missing(), state
-        said: list[Finding] = []
+        findings: list[Finding] = []
         for o in records.observations:
             before = pasts.get(o.receiver)
             if before is not None and o.elapsed_s[-1] <= before.tail.elapsed_s[-1]:
                 before = None  # another recording
-            evidence, past = _Window(self, records, records.navigation, o, before).examined()
-            said += evidence
+            evidence, past = _Window(self, records, records.navigation, o, before).examine_sky()
+            findings += evidence
             if past is not None:
                 pasts[o.receiver] = past
-        return said, pasts
+        return findings, pasts
 
 
 class _Window:
@@ -187,20 +187,20 @@ class _Window:
         self.alpha = self.settings.false_alarm_probability / _SHARES
         self.report = Reporter(detector, records, Hypothesis.CONTINUOUS)
 
-    def examined(self) -> tuple[list[Finding], _Past | None]:
-        candidates = [self._looked(members, place) for members, place in self._candidates()]
+    def examine_sky(self) -> tuple[list[Finding], _Past | None]:
+        candidates = [self._look_at(members, place) for members, place in self._list_candidates()]
         looks = [look for look in candidates if look.stretch.gpst.size > 1]
         if not looks:
-            return [self._untested(candidates[0] if candidates else None)], self.past
+            return [self._report_untested(candidates[0] if candidates else None)], self.past
         look = max(looks, key=lambda look: look.p_value)
         return [
-            *self._goes_on(look),
-            *self._stands(look),
-            *self._together(look),
-        ], self._remembered(look)
+            *self._report_continuity(look),
+            *self._report_standing(look),
+            *self._report_code_drag(look),
+        ], self._remember(look)
 
-    def _candidates(self) -> list[tuple[tuple[SignalId, ...], Reals]]:
-        """The sets that may be the sky that was followed: those that share most signals with it, or all."""
+    def _list_candidates(self) -> list[tuple[tuple[SignalId, ...], Reals]]:
+        """List the sets that may be the sky that was followed: those that share most signals with it, or all."""
         sets = [s for s in self.records.sets if s.receiver == self.o.receiver]
         if self.past is None:
             return [(s.signals, s.position_ecef_m) for s in _largest(sets)]
@@ -209,11 +209,11 @@ class _Window:
         shared = [len(set(s.signals) & set(self.past.members)) for s in sets]
         return [(s.signals, s.position_ecef_m) for s, n in zip(sets, shared, strict=True) if n == max(shared)]
 
-    def _looked(self, members: tuple[SignalId, ...], place_ecef_m: Reals) -> _Look:
+    def _look_at(self, members: tuple[SignalId, ...], place_ecef_m: Reals) -> _Look:
         before = () if self.past is None else self.past.members
         sources_before = {} if self.past is None else self.past.sources
-        now, sources = one_signal_a_transmission(self.o, members, before, sources_before)
-        stretch = now if self.past is None else followed_by(self.past.tail, now)
+        now, sources = select_one_per_transmission(self.o, members, before, sources_before)
+        stretch = now if self.past is None else join_later(self.past.tail, now)
         look = _Look(
             members=members,
             place_ecef_m=place_ecef_m,
@@ -223,15 +223,15 @@ class _Window:
         )
         if stretch.gpst.size < POLICY.untested_epochs or now.gpst.size == 0:
             return replace(look, untested=explain_few_epochs(self.o, stretch.gpst.size, stepped=False))
-        groups = self._groups(stretch, place_ecef_m)
-        drawn_off = self._drawn_off(groups)
-        if drawn_off is not None and self.past is not None:
+        groups = self._group_kinds(stretch, place_ecef_m)
+        code_drag = self._find_code_drag(groups)
+        if code_drag is not None and self.past is not None:
             span_from_s = float(stretch.elapsed_s[-1]) - max(POLICY.code_spans_s)
             if self.past.first_step_s < span_from_s:  # by reflections larger than stated: some in a row are a motion
-                drawn_off = drawn_off._replace(whole_sky_p_value=1.0)
+                code_drag = code_drag._replace(whole_sky_p_value=1.0)
         kept = stretch.elapsed_s >= (-np.inf if self.past is None else self.past.stepped_s)
-        unbroken = groups if kept.all() else self._groups(stretch.select(kept), place_ecef_m)
-        steps, n_kept = self._steps(look, unbroken), int(kept.sum())
+        unbroken = groups if kept.all() else self._group_kinds(stretch.select(kept), place_ecef_m)
+        steps, n_kept = self._find_steps(look, unbroken), int(kept.sum())
         untested = None
         if not steps and n_kept < POLICY.untested_epochs:
             untested = explain_few_epochs(self.o, n_kept, stepped=True)
@@ -241,66 +241,69 @@ class _Window:
             look,
             steps=steps,
             untested=untested,
-            moved=self._moved(groups, place_ecef_m),
-            drawn_off=drawn_off,
+            moved=self._find_motion(groups, place_ecef_m),
+            code_drag=code_drag,
         )
 
-    def _groups(self, stretch: Observations, place_ecef_m: Reals) -> list[tuple[Observations, Series]]:
-        """The kinds of signals that may step alone, each with its series."""
-        return series_of_groups(stretch, groups_of(stretch), self.navigation, place_ecef_m, self.limits)
+    def _group_kinds(self, stretch: Observations, place_ecef_m: Reals) -> list[tuple[Observations, Series]]:
+        """Group the kinds of signals that may step alone, each with its series."""
+        return build_group_series(stretch, group_columns(stretch), self.navigation, place_ecef_m, self.limits)
 
-    def _steps(
+    def _find_steps(
         self, look: _Look, groups: Sequence[tuple[Observations, Series]]
     ) -> tuple[tuple[frozenset[Kind], Step], ...]:
-        """The largest step of each group of kinds; rows are the stretch's, p-values those of all groups together."""
+        """Find the largest step of each group of kinds.
+
+        Rows are the stretch's, p-values those of all groups together.
+        """
         stretch = look.stretch
         since_s = stretch.elapsed_s[min(look.new, stretch.gpst.size - 1)] - self.limits.span_s
         found: list[tuple[frozenset[Kind], Step]] = []
-        rows = [(series, np.flatnonzero(own.elapsed_s > since_s)) for own, series in groups]
-        steps = largest_steps(rows, self.limits, alpha=self.alpha / max(len(groups), 1))
-        for (own, series), step in zip(groups, steps, strict=True):
+        rows = [(series, np.flatnonzero(group.elapsed_s > since_s)) for group, series in groups]
+        steps = find_largest_steps(rows, self.limits, alpha=self.alpha / max(len(groups), 1))
+        for (group, series), step in zip(groups, steps, strict=True):
             if step is not None:
-                row, number = int(np.searchsorted(stretch.elapsed_s, own.elapsed_s[step.row])), len(groups)
+                row, number = int(np.searchsorted(stretch.elapsed_s, group.elapsed_s[step.row])), len(groups)
                 whole = replace(step, p_value=min(1.0, number * step.p_value), tests=number * step.tests)
                 if whole.p_value < self.alpha:
                     looked_s = float(stretch.elapsed_s[-1] - since_s)
                     causes = p_values_by_cause(series, step.row, whole, self.limits, span_s=looked_s)
                     whole = replace(whole, causes=tuple(causes.items()))
                 step = replace(whole, row=row)
-                found.append((frozenset(signal.kind for signal in own.signals), step))
+                found.append((frozenset(signal.kind for signal in group.signals), step))
         return tuple(found)
 
-    def _moved(self, groups: Sequence[tuple[Observations, Series]], place_ecef_m: Reals) -> SkyMotion | None:
-        """The least likely motion of a receiver that is stated to stand, by the carriers of any group of kinds."""
+    def _find_motion(self, groups: Sequence[tuple[Observations, Series]], place_ecef_m: Reals) -> SkyMotion | None:
+        """Find the least likely motion of a receiver stated to stand, by the carriers of any group of kinds."""
         if self.settings.speed_max_m_s != 0.0:
             return None
         alpha, error_m = self.alpha / max(len(groups), 1), self.settings.carrier_error_m
-        return least_likely(
-            moved_of(own, series, self.navigation, place_ecef_m, carrier_error_m=error_m, alpha=alpha)
-            for own, series in groups
+        return select_least_likely(
+            find_carrier_motion(group, series, self.navigation, place_ecef_m, carrier_error_m=error_m, alpha=alpha)
+            for group, series in groups
         )
 
-    def _drawn_off(self, groups: Sequence[tuple[Observations, Series]]) -> SkyMotion | None:
-        """The least likely motion that the codes of any group of kinds show, and not the carriers."""
+    def _find_code_drag(self, groups: Sequence[tuple[Observations, Series]]) -> SkyMotion | None:
+        """Find the least likely motion that the codes of any group of kinds show, and not the carriers."""
         alpha, multipath_m = self.alpha / max(len(groups), 1), self.settings.multipath_sigma_m
-        return least_likely(drawn_off_of(groups, multipath_sigma_m=multipath_m, alpha=alpha))
+        return select_least_likely(find_code_drags(groups, multipath_sigma_m=multipath_m, alpha=alpha))
 
-    def _goes_on(self, look: _Look) -> list[Finding]:
-        """Of the kinds of signals that broke, by what broke them, and of the others."""
-        broke = self._broke(look)
+    def _report_continuity(self, look: _Look) -> list[Finding]:
+        """Report the kinds of signals that broke, by what broke them, and the others."""
+        broke = self._find_breaks(look)
         subject = self._subject(look)
         found = []
         for why in dict.fromkeys(broke.values()):
-            own = tuple(ref for ref in subject if broke.get(ref.signal.kind) == why)
-            found += [self._broken(own, why)] if own else []
-        others = tuple(ref for ref in subject if ref.signal.kind not in broke)
+            broken = tuple(ref for ref in subject if broke.get(ref.signal.kind) == why)
+            found += [self._report_broken(broken, why)] if broken else []
+        unbroken = tuple(ref for ref in subject if ref.signal.kind not in broke)
         steps = [step for kinds, step in look.steps if not kinds <= broke.keys()]
         if not steps:
-            return found or [self._untested(look)]
-        return [*found, *([self._unbroken(others, look, steps)] if others else [])]
+            return found or [self._report_untested(look)]
+        return [*found, *([self._report_unbroken(unbroken, look, steps)] if unbroken else [])]
 
-    def _broke(self, look: _Look) -> dict[Kind, _Break]:
-        """What broke each kind, now or before."""
+    def _find_breaks(self, look: _Look) -> dict[Kind, _Break]:
+        """Map each kind that broke, now or before, to what broke it."""
         broke = {} if self.past is None else dict(self.past.broke)
         for kinds, step in look.steps:
             if step.p_value < self.alpha:
@@ -308,7 +311,7 @@ class _Window:
                 broke |= dict.fromkeys(kinds, why)
         return broke
 
-    def _unbroken(self, signals: tuple[SignalRef, ...], look: _Look, steps: Sequence[Step]) -> Finding:
+    def _report_unbroken(self, signals: tuple[SignalRef, ...], look: _Look, steps: Sequence[Step]) -> Finding:
         step = min(steps, key=lambda step: (-step.missing_s, step.p_value))
         if step.missing_s > 0.0 and step.row >= look.new:
             data: dict[str, Datum] = {"at": iso(look.stretch.gpst[step.row], 1), "missing_s": step.missing_s}
@@ -321,7 +324,7 @@ class _Window:
         p = {Cause.CLEAN: step.p_value}
         return self.report.find(signals, "goes_on", p, alpha=self.alpha, estimates={"noticed": noticed}, data=statistic)
 
-    def _broken(self, signals: tuple[SignalRef, ...], why: _Break) -> Finding:
+    def _report_broken(self, signals: tuple[SignalRef, ...], why: _Break) -> Finding:
         step = why.step
         data: dict[str, Datum] = {
             "kinds": step.kinds,
@@ -344,24 +347,24 @@ class _Window:
             dated_gpst=why.gpst,
         )
 
-    def _stands(self, look: _Look) -> list[Finding]:
+    def _report_standing(self, look: _Look) -> list[Finding]:
         """Return what carriers show of a receiver that is stated to stand."""
         if look.moved is None:
             return []
         codes = ("stands", "moves_by_some", "moves")
-        return [self._of_motion(look, look.moved, "motion", codes, ("receiver_stands",))]
+        return [self._report_motion(look, look.moved, "motion", codes, ("receiver_stands",))]
 
-    def _together(self, look: _Look) -> list[Finding]:
+    def _report_code_drag(self, look: _Look) -> list[Finding]:
         """Return whether codes and carriers show one motion."""
-        motion = look.drawn_off
-        if motion is None or (motion.whole_sky_p_value >= self.alpha > motion.p_value and self._broke(look)):
+        motion = look.code_drag
+        if motion is None or (motion.whole_sky_p_value >= self.alpha > motion.p_value and self._find_breaks(look)):
             return []  # a step, which is said
-        return [self._of_motion(look, motion, "code_drag", ("one_motion", "dragged_by_some", "dragged"), ())]
+        return [self._report_motion(look, motion, "code_drag", ("one_motion", "dragged_by_some", "dragged"), ())]
 
-    def _of_motion(
+    def _report_motion(
         self, look: _Look, motion: SkyMotion, kind: NoticedKind, codes: tuple[str, str, str], assumes: tuple[str, ...]
     ) -> Finding:
-        """Return a motion of the whole sky, or of some satellites, which reflections may draw off.
+        """Report a motion of the whole sky, or of some satellites, which reflections may drag off.
 
         codes : where nothing moves, some satellites do, and all do.
         """
@@ -383,18 +386,18 @@ class _Window:
             data=data,
         )
 
-    def _untested(self, look: _Look | None) -> Finding:
-        """Return why the signals of a candidate could not be tested, or that none is there."""
+    def _report_untested(self, look: _Look | None) -> Finding:
+        """Return why the signals of a candidate could not be tested, or that there is none."""
         why = NotTested("no_set") if look is None else look.untested or explain_no_step(look.stretch)
         return self.report.pass_over(list_refs(self.o.receiver, self.o.signals), why)
 
     def _subject(self, look: _Look) -> tuple[SignalRef, ...]:
         measured = np.isfinite(self.o.pseudorange_m).any(axis=0)
-        there = {self.o.signals[k] for k in np.flatnonzero(measured)}
-        chosen = sorted((set(look.members) | set(look.sources.values())) & there, key=BY_NAME)
+        measured_signals = {self.o.signals[k] for k in np.flatnonzero(measured)}
+        chosen = sorted((set(look.members) | set(look.sources.values())) & measured_signals, key=BY_NAME)
         return list_refs(self.o.receiver, chosen)
 
-    def _remembered(self, look: _Look) -> _Past:
+    def _remember(self, look: _Look) -> _Past:
         stretch = look.stretch
         first = np.searchsorted(stretch.elapsed_s, stretch.elapsed_s[-1] - 2.0 * self.limits.span_s - 1e-6)
         stepped = [float(stretch.elapsed_s[step.row]) for _, step in look.steps if step.p_value < self.alpha]
@@ -406,9 +409,11 @@ class _Window:
             # What came before a step is no measure of the steps that come next.
             stepped_s=max([-np.inf if self.past is None else self.past.stepped_s, *stepped]),
             first_step_s=min([np.inf if self.past is None else self.past.first_step_s, *stepped]),
-            broke={kind: why._replace(statistic=None) for kind, why in self._broke(look).items()},
+            broke={kind: why._replace(statistic=None) for kind, why in self._find_breaks(look).items()},
             attacked=(self.past is not None and self.past.attacked)
-            or any(one is not None and one.whole_sky_p_value < self.alpha for one in (look.moved, look.drawn_off)),
+            or any(
+                motion is not None and motion.whole_sky_p_value < self.alpha for motion in (look.moved, look.code_drag)
+            ),
         )
 
 

@@ -1,4 +1,4 @@
-"""Carry the ranges of one sky by their own carriers and Dopplers, so that what goes on is constant: arrays only."""
+"""Carry the ranges of one sky by their own carriers and Dopplers, so that they stay constant: arrays only."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
-from skyproof.detectors.continuity.one_sky import columns_of
+from skyproof.detectors.continuity.one_sky import select_columns
 from skyproof.detectors.continuity.policy import POLICY
 from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
@@ -18,7 +18,7 @@ from skyproof.navigation.window import fill_gaps
 from skyproof.records import CellStatus, NavigationData, Observations
 from skyproof.statistics.medians import medians
 
-__all__ = ["Limits", "Series", "series_of", "series_of_groups", "sum_from_zero"]
+__all__ = ["Limits", "Series", "build_group_series", "build_series", "sum_from_zero"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,7 @@ class Limits:
 
     span_s : over which ranges are averaged on either side of an epoch.
     multipath_sigma_m : of one range, one sigma; it may change altogether from one side to the other.
-    acceleration_m_s2 : no platform exceeds it. speed_m_s : likewise; infinite if that is not known.
+    acceleration_m_s2, speed_m_s : no platform exceeds them; the speed is infinite if it is not known.
     clock_jump : by so much the oscillator's rate (a number, 1e-6 is one in a million) may step, as quartz does under
         shock. clock_pace_s : by so much more a second it may change (1/s), as quartz does while it warms up.
     """
@@ -66,9 +66,9 @@ class Series:
 
 
 class _Columns(NamedTuple):
-    """What holds for each signal by itself: `Series` with the steps of the receiver's clock, (n, m), and its breaks.
+    """Hold each signal's own part: `Series` with the steps of the receiver's clock, (n, m), and its breaks.
 
-    there : where it was measured. broke : where its carrier does not go on.
+    there : where it was measured. broke : where its carrier breaks.
     """
 
     offset_m: Reals
@@ -85,37 +85,41 @@ class _Columns(NamedTuple):
         return _Columns(*(np.asarray(getattr(self, name))[:, columns] for name in self._fields))
 
 
-def series_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, limits: Limits) -> Series:
-    """The series of observations with one signal per satellite. `place_ecef_m` (3,) need be right to a few kilometres.
+def build_series(o: Observations, navigation: NavigationData, place_ecef_m: Reals, limits: Limits) -> Series:
+    """Build the series of observations with one signal per satellite.
+
+    `place_ecef_m` (3,) need be right to a few kilometres.
 
     Gaps of a signal beside others are bridged by its Dopplers on both sides, with the variance that the largest
     acceleration gives.
     """
-    columns = _columns_of(o, navigation, place_ecef_m, limits)
-    return _series(o.elapsed_s, columns, _broke_at_once(columns.broke, columns.there))
+    columns = _compute_columns(o, navigation, place_ecef_m, limits)
+    return _join_columns(o.elapsed_s, columns, _find_common_breaks(columns.broke, columns.there))
 
 
-def series_of_groups(
+def build_group_series(
     o: Observations, groups: Sequence[Indices], navigation: NavigationData, place_ecef_m: Reals, limits: Limits
 ) -> list[tuple[Observations, Series]]:
-    """Of each group of columns its observations (`one_sky.columns_of`) and their series; none of two epochs or fewer.
+    """Build the observations (`one_sky.select_columns`) and series of each group of columns.
 
-    What holds for each signal by itself is found once for all.
+    A group of two epochs or fewer has none. Each signal's own part is computed once for all groups.
     """
-    whole = _columns_of(o, navigation, place_ecef_m, limits)
-    all_broke = _broke_at_once(whole.broke, whole.there)
+    whole = _compute_columns(o, navigation, place_ecef_m, limits)
+    all_broke = _find_common_breaks(whole.broke, whole.there)
     found = []
     for columns in groups:
-        own = columns_of(o, columns)
-        if own.gpst.size == o.gpst.size:
-            found.append((own, _series(o.elapsed_s, whole.take(columns), all_broke)))
-        elif own.gpst.size > 2:
-            rows = np.searchsorted(o.elapsed_s, own.elapsed_s)
-            found.append((own, replace(series_of(own, navigation, place_ecef_m, limits), all_broke=all_broke[rows])))
+        selected = select_columns(o, columns)
+        if selected.gpst.size == o.gpst.size:
+            found.append((selected, _join_columns(o.elapsed_s, whole.take(columns), all_broke)))
+        elif selected.gpst.size > 2:
+            rows = np.searchsorted(o.elapsed_s, selected.elapsed_s)
+            found.append(
+                (selected, replace(build_series(selected, navigation, place_ecef_m, limits), all_broke=all_broke[rows]))
+            )
     return found
 
 
-def _columns_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals, limits: Limits) -> _Columns:
+def _compute_columns(o: Observations, navigation: NavigationData, place_ecef_m: Reals, limits: Limits) -> _Columns:
     wavelength_m = SPEED_OF_LIGHT_M_S / o.carrier_hz
     ranges = correct_ranges(o.signals, o.gpst, o.pseudorange_m, navigation)
     turned, unit, distance_m = compute_line_of_sight(ranges.satellite_ecef_m, place_ecef_m)
@@ -129,13 +133,15 @@ def _columns_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals
     passing_m_s = -wavelength_m * near_hz - near.measured_m_s
     dt_s = np.diff(o.elapsed_s)[:, None]
 
-    there = np.isfinite(level_m)
+    measured = np.isfinite(level_m)
     rate, passing = fill_gaps(o.elapsed_s, rates.measured_m_s), fill_gaps(o.elapsed_s, passing_m_s)
     rate_m2 = fill_gaps(o.elapsed_s, rates.sigma_m_s) ** 2
-    whole = there[1:] & there[:-1] & np.isfinite(np.diff(carrier_m, axis=0)) & (o.status[1:] != CellStatus.SLIP)
+    whole = measured[1:] & measured[:-1] & np.isfinite(np.diff(carrier_m, axis=0)) & (o.status[1:] != CellStatus.SLIP)
     by_carrier = np.diff(carrier_m, axis=0) - 0.5 * dt_s * (passing[1:] + passing[:-1])
     by_doppler = 0.5 * dt_s * (rate[1:] + rate[:-1])
-    unseen_s = np.where(there[1:], _since(there, o.elapsed_s), 0.0)  # an outage of all is not noise: see `_slack`
+    unseen_s = np.where(
+        measured[1:], _time_since_measured(measured, o.elapsed_s), 0.0
+    )  # an outage of all is not noise: see `_slack`
     alone_s = np.where(unseen_s > dt_s, unseen_s, 0.0)
     bridge_m2 = 0.25 * dt_s**2 * (rate_m2[1:] + rate_m2[:-1]) + (0.25 * limits.acceleration_m_s2 * alone_s**2) ** 2
     move_m = sum_from_zero(np.where(whole, by_carrier, by_doppler))
@@ -147,19 +153,19 @@ def _columns_of(o: Observations, navigation: NavigationData, place_ecef_m: Reals
         rate_m_s=rates.measured_m_s,
         rate_m2_s2=rates.sigma_m_s**2,
         unit=unit,
-        there=there,
-        broke=np.vstack((np.zeros((1, there.shape[1]), np.bool_), ~whole & there[1:])),
+        there=measured,
+        broke=np.vstack((np.zeros((1, measured.shape[1]), np.bool_), ~whole & measured[1:])),
     )
 
 
-def _series(elapsed_s: Reals, columns: _Columns, all_broke: Booleans) -> Series:
-    """The series of signals that are looked at together. all_broke : as of `Series`."""
-    broke = _broke_at_once(columns.broke, columns.there)
+def _join_columns(elapsed_s: Reals, columns: _Columns, all_broke: Booleans) -> Series:
+    """Build the series of signals that are tested together. all_broke : as of `Series`."""
+    broke = _find_common_breaks(columns.broke, columns.there)
     dt_s = np.diff(elapsed_s)
     gap = np.concatenate(([False], dt_s > POLICY.outage_intervals * np.median(dt_s)))
     return Series(
         elapsed_s=elapsed_s,
-        offset_m=_unsteered(columns.offset_m),
+        offset_m=_remove_steering(columns.offset_m),
         variance_m2=columns.variance_m2,
         move_m=columns.move_m,
         bridge_m2=columns.bridge_m2,
@@ -172,8 +178,8 @@ def _series(elapsed_s: Reals, columns: _Columns, all_broke: Booleans) -> Series:
     )
 
 
-def _broke_at_once(broke: Booleans, there: Booleans) -> Booleans:
-    """(n,) the epochs at which nearly all carriers (n, m) broke; of neighbours the one where most did."""
+def _find_common_breaks(broke: Booleans, there: Booleans) -> Booleans:
+    """Find epochs (n,) at which nearly all carriers (n, m) broke; of neighbours the one where most did."""
     wide, n = broke.copy(), broke.shape[0]
     wide[:-1] |= broke[1:]
     wide[1:] |= broke[:-1]
@@ -187,8 +193,8 @@ def _broke_at_once(broke: Booleans, there: Booleans) -> Booleans:
     return np.asarray(at_once & (count > before) & (count >= after))
 
 
-def _unsteered(offset_m: Reals) -> Reals:
-    """Offsets without the steps of a millisecond by which receivers keep their clocks near GPS time."""
+def _remove_steering(offset_m: Reals) -> Reals:
+    """Remove from offsets the steps of a millisecond by which receivers keep their clocks near GPS time."""
     step_m = np.diff(offset_m, axis=0)
     common_m = np.nan_to_num(medians(step_m, axis=1))
     whole = np.rint(common_m / MILLISECOND_M)
@@ -197,11 +203,11 @@ def _unsteered(offset_m: Reals) -> Reals:
 
 
 def sum_from_zero(steps: Reals) -> Reals:
-    """Running sums that start with a row of zeros."""
+    """Compute running sums that start with a row of zeros."""
     return np.vstack((np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)))
 
 
-def _since(there: Booleans, elapsed_s: Reals) -> Reals:
-    """(n - 1, m) time since the signal was there last, at each row but the first; zero if it never was."""
+def _time_since_measured(there: Booleans, elapsed_s: Reals) -> Reals:
+    """Compute (n - 1, m) the time since the signal was last measured, at each row but the first; zero if never."""
     latest = np.maximum.accumulate(np.where(there, np.arange(there.shape[0])[:, None], -1), axis=0)[:-1]
     return np.where(latest >= 0, elapsed_s[1:, None] - elapsed_s[np.maximum(latest, 0)], 0.0)

@@ -1,21 +1,21 @@
-"""Where the ranges of one sky do not go on as their own carriers and Dopplers carry them: arrays only.
+"""Find where the ranges of one sky depart from what their own carriers and Dopplers predict: arrays only.
 
-A range less what it would be at a fixed place, and less what the label of its epoch is ahead of the counter of samples,
-is
+From each range, subtract what it would be at a fixed place, and by how much the label of its epoch is ahead of the
+counter of samples:
 
     level = -u . p + c clock + slow errors + noise        u receiver to satellite, p from the fixed place
 
-and carrier and Doppler show how it moves, whatever the platform and its oscillator do. So `level - move` is constant
-for every satellite: orbits, atmosphere and the constant part of multipath are in it on both sides of any moment. At
-each epoch the means over a few seconds before and after it are compared:
+Carrier and Doppler show how it moves, whatever the platform and its oscillator do. So `level - move` is constant for
+every satellite: it holds orbits, atmosphere and the constant part of multipath on both sides of any moment. At each
+epoch the means over a few seconds before and after it are compared:
 
     difference = -u . jump of p + jump of c clock + noise
 
-The noise has the variance of both means, of what bridges slips by Doppler, and twice that of multipath: it may have
-changed altogether. Under the null (the platform and the clock go on) the jumps over their covariance are chi-square
-with 3 and 1 degrees where multipath does change so, and smaller where it stays. Where nothing was measured for a while
-the platform may have accelerated, and the oscillator drifted, unseen: the jump then counts from the farthest that this
-explains, which errs to the safe side.
+The noise has the variance of both means, of bridges of slips by Doppler, and twice that of multipath: it may have
+changed altogether. Under the null (platform and clock continue) the jumps over their covariance are chi-square with 3
+and 1 degrees if multipath does change so, and smaller if it stays. During an outage the platform may have accelerated,
+and the oscillator drifted, unseen. Then the jump counts from the farthest that this explains, which errs to the safe
+side.
 """
 
 from collections.abc import Sequence
@@ -44,14 +44,14 @@ __all__ = [
     "Sides",
     "Step",
     "chance",
+    "compare_sides",
     "contrast",
-    "fitted_jump",
-    "jumps",
-    "largest_steps",
+    "find_largest_steps",
+    "fit_jump",
+    "fit_jumps",
     "mean_rates",
     "motion_slack_m",
     "p_values",
-    "sides_of",
     "sigma_of_fitting",
 ]
 
@@ -66,7 +66,7 @@ class Step:
     p_value : at least that of all tests that were made together. broke : all carriers broke there. outage_s : how long
     nothing was measured before. missing_s : samples that are missing, if that explains the clock's step.
     clock_s : positive where the signals' time goes back against the counter of samples.
-    kinds : those of KINDS that cannot go on. tests : that were made together, which the p-value is multiplied by.
+    kinds : those of KINDS that step. tests : number made together, which the p-value is multiplied by.
     causes : p-value under each benign cause, of a step that fails. noticed : of each of KINDS, in m, s, m/s and s/s,
     what would have been noticed at any of the epochs.
     """
@@ -100,33 +100,38 @@ class Jump(NamedTuple):
         return Jump(self.jump[rows], self.covariance[rows], self.misfit[rows], self.dof[rows])
 
 
-def largest_steps(groups: Sequence[tuple[Series, Indices]], limits: Limits, *, alpha: float) -> list[Step | None]:
-    """Of each series the step that is least likely by chance, of all before its `rows`; None where no epoch has five
-    satellites on both sides.
+def find_largest_steps(groups: Sequence[tuple[Series, Indices]], limits: Limits, *, alpha: float) -> list[Step | None]:
+    """Find each series' least likely step, of all before its `rows`; None where no epoch has five satellites.
 
-    A step ahead of time where all carriers break is what missing samples make; it counts neither as a step of the
-    clock nor, with the motion of that time, of the position, and is reported in `missing_s` if no other step fails.
+    The satellites must be measured on both sides of the step.
+
+    Missing samples make a step ahead of time where all carriers break. It counts neither as a step of the clock nor,
+    with the motion of that time, of the position. It is reported in `missing_s` if no other step fails.
     """
     inner = [rows[(rows > 0) & (rows < series.elapsed_s.size)] for series, rows in groups]
-    parts = [sides_of(series, rows, limits) for (series, _), rows in zip(groups, inner, strict=True) if rows.size]
+    parts = [compare_sides(series, rows, limits) for (series, _), rows in zip(groups, inner, strict=True) if rows.size]
     if not parts:
         return [None] * len(groups)
-    sides, group = _side_by_side(parts), np.repeat(np.arange(len(groups)), [rows.size for rows in inner])
-    jump, rate, usable = jumps(sides)
+    sides, group = _join_sides(parts), np.repeat(np.arange(len(groups)), [rows.size for rows in inner])
+    jump, rate, usable = fit_jumps(sides)
     sides, group, rows = sides.take(usable), group[usable], np.concatenate(inner)[usable]
     jump, rate = jump.take(usable), rate.take(usable)
     count = np.bincount(group, minlength=len(groups))[group]
-    missing_s = _missing(sides, jump, limits, alpha / count)
+    missing_s = _missing_samples_s(sides, jump, limits, alpha / count)
     chances = p_values(sides, jump, rate, missing_s, limits)
-    noticed = _noticed(sides, jump, rate, limits, alpha / (len(KINDS) * count))
+    noticed = _noticeable_steps(sides, jump, rate, limits, alpha / (len(KINDS) * count))
     together = np.minimum(1.0, (chances.shape[1] * count)[:, None] * chances)
     steps: list[Step | None] = []
     for number, (series, _) in enumerate(groups):
-        own = np.flatnonzero(group == number)
-        if own.size == 0:
+        of_group = np.flatnonzero(group == number)
+        if of_group.size == 0:
             steps.append(None)
             continue
-        best = int(own[_to_name(together[own].min(axis=1), jump.take(own), missing_s[own], alpha)])
+        best = int(
+            of_group[
+                _select_named_test(together[of_group].min(axis=1), jump.take(of_group), missing_s[of_group], alpha)
+            ]
+        )
         gap_s = float(sides.gap_s[best])
         steps.append(
             Step(
@@ -138,18 +143,18 @@ def largest_steps(groups: Sequence[tuple[Series, Indices]], limits: Limits, *, a
                 speed_m_s=float(np.linalg.norm(rate.jump[best, :3])),
                 rate=float(rate.jump[best, 3]) / SPEED_OF_LIGHT_M_S,
                 broke=bool(sides.broke[best]),
-                outage_s=gap_s if gap_s > POLICY.outage_intervals * _usual(series) else 0.0,
+                outage_s=gap_s if gap_s > POLICY.outage_intervals * _usual_interval_s(series) else 0.0,
                 missing_s=float(missing_s[best]),
                 statistic=float(_quadratic(jump.jump[[best]], jump.covariance[[best]])[0]),
                 tests=int(chances.shape[1] * count[best]),
-                noticed=tuple(noticed[own].max(axis=0).tolist()),
+                noticed=tuple(noticed[of_group].max(axis=0).tolist()),
             )
         )
     return steps
 
 
 class Sides(NamedTuple):
-    """What lies on the two sides of K epochs of a series: (K, m), but for unit (K, m, 3) and what is of the epoch (K,).
+    """The two sides of K epochs of a series: (K, m), but for unit (K, m, 3) and values of an epoch (K,).
 
     level, rate : the contrasts of offsets and of rates, and their variances. before, after : the rates at the epochs
     next to it, and their variances. gap_s : between those. divides, broke, all_broke : as of `Series`.
@@ -173,10 +178,10 @@ class Sides(NamedTuple):
         return Sides(*(np.asarray(getattr(self, name))[rows] for name in self._fields))
 
 
-def sides_of(series: Series, rows: Indices, limits: Limits) -> Sides:
-    """What lies on the two sides of each of `rows` (K,), the first epochs after them."""
+def compare_sides(series: Series, rows: Indices, limits: Limits) -> Sides:
+    """Compare the two sides of each of `rows` (K,), the first epochs after the border."""
     level_m, level_m2 = contrast(series, series.offset_m, series.variance_m2, rows, limits.span_s)
-    bridged_m2 = _between(series, rows, limits.span_s)
+    bridged_m2 = _bridge_variance(series, rows, limits.span_s)
     rate, rate_m2 = contrast(series, series.rate_m_s, series.rate_m2_s2, rows, 0.0)  # one epoch: speeds change
     return Sides(
         level_m=level_m,
@@ -195,11 +200,11 @@ def sides_of(series: Series, rows: Indices, limits: Limits) -> Sides:
     )
 
 
-def _side_by_side(parts: Sequence[Sides]) -> Sides:
-    """Those of several series as one; where a series has fewer signals the others are NaN, which no fit uses."""
+def _join_sides(parts: Sequence[Sides]) -> Sides:
+    """Join several series; where one has fewer signals the rest is NaN, which no fit uses."""
     most = max(part.level_m.shape[1] for part in parts)
 
-    def stacked(name: str) -> Any:
+    def stack_field(name: str) -> Any:
         arrays = [getattr(part, name) for part in parts]
         if arrays[0].ndim == 1:
             return np.concatenate(arrays)
@@ -210,11 +215,11 @@ def _side_by_side(parts: Sequence[Sides]) -> Sides:
             first += len(array)
         return whole
 
-    return Sides(*map(stacked, Sides._fields))
+    return Sides(*map(stack_field, Sides._fields))
 
 
 def p_values(sides: Sides, jump: Jump, rate: Jump, missing_s: Reals, limits: Limits) -> Reals:
-    """(K, 4) of "goes on", by `KINDS`."""
+    """Compute the p-values (K, 4) of "no step", by `KINDS`."""
     unseen_s = np.where(sides.divides, sides.gap_s, 0.0) + missing_s
     apart_s = sides.gap_s + missing_s
     moved_m = jump.jump[:, :3]
@@ -235,7 +240,7 @@ def p_values(sides: Sides, jump: Jump, rate: Jump, missing_s: Reals, limits: Lim
     )
 
 
-def _noticed(sides: Sides, jump: Jump, rate: Jump, limits: Limits, alpha: Reals) -> Reals:
+def _noticeable_steps(sides: Sides, jump: Jump, rate: Jump, limits: Limits, alpha: Reals) -> Reals:
     """Return the steps (K, 4) of each of KINDS, in m, s, m/s and s/s, that a test at `alpha` (K,) notices.
 
     Platform and oscillator may do what they can against the attack: what they are allowed counts twice.
@@ -260,9 +265,11 @@ def _noticed(sides: Sides, jump: Jump, rate: Jump, limits: Limits, alpha: Reals)
     )
 
 
-def _missing(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> Reals:
-    """(K,) time that the signals are ahead by where carriers of all kinds break, if noise and oscillator do not show
-    it; else zero. alpha : (K,)."""
+def _missing_samples_s(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> Reals:
+    """Estimate the time (K,) that signals are ahead where carriers of all kinds break; zero if noise explains it.
+
+    The oscillator's drift may explain it as well. alpha : (K,).
+    """
     ahead_m = -jump.jump[:, 3]
     beyond_m = ahead_m - _clock_slack_m(sides.gap_s, limits)
     with np.errstate(invalid="ignore"):
@@ -271,26 +278,26 @@ def _missing(sides: Sides, jump: Jump, limits: Limits, alpha: Reals) -> Reals:
 
 
 def motion_slack_m(unseen_s: Reals, limits: Limits) -> Reals:
-    """Return by how much a platform may part from the mean of its velocities before and after, metres."""
+    """Return by how much a platform may depart from the mean of its velocities before and after, metres."""
     slack_m: Reals = np.minimum(0.25 * limits.acceleration_m_s2 * unseen_s, 2.0 * limits.speed_m_s) * unseen_s
     return slack_m
 
 
 def _clock_slack_m(unseen_s: Reals, limits: Limits) -> Reals:
-    """By how much an oscillator may part from the mean of its rates before and after."""
+    """Return by how much an oscillator may depart from the mean of its rates before and after, metres."""
     return SPEED_OF_LIGHT_M_S * (0.5 * limits.clock_jump + 0.25 * limits.clock_pace_s * unseen_s) * unseen_s
 
 
 def _pace_slack_m_s(apart_s: Reals, limits: Limits) -> Reals:
-    """Return by how much an oscillator's rate may part from what it was."""
+    """Return by how much an oscillator's rate may depart from what it was."""
     return SPEED_OF_LIGHT_M_S * (limits.clock_jump + limits.clock_pace_s * apart_s)
 
 
 def chance(jump: Reals, covariance: Reals, slack: Reals, fitted: Jump) -> Reals:
-    """P(so far out) of jumps (K, d): chi-square with d degrees, from the rim of what `slack` (K,) explains.
+    """Compute the probability of jumps (K, d) so far out, beyond what `slack` (K,) explains: chi-square, d degrees.
 
-    Where residuals show that more than jumps is the matter, and no exclusion cured it, the covariance is taken as known
-    up to a factor, which the residuals give: F.
+    If residuals show more than jumps, and no exclusion mended it, the covariance is known up to a factor only. The
+    residuals estimate that factor, and the law is F.
     """
     far = np.linalg.norm(jump, axis=-1)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -304,15 +311,18 @@ def chance(jump: Reals, covariance: Reals, slack: Reals, fitted: Jump) -> Reals:
     return np.where(np.isfinite(p) & (fitted.dof > 0), p, 1.0)
 
 
-def jumps(sides: Sides) -> tuple[Jump, Jump, Booleans]:
-    """Jumps of position and clock, and of velocity and rate, before each row; and where there are enough satellites."""
+def fit_jumps(sides: Sides) -> tuple[Jump, Jump, Booleans]:
+    """Fit jumps of position and clock, and of velocity and rate, before each row.
+
+    Also returned are the rows with enough satellites.
+    """
     usable = np.isfinite(sides.level_m).sum(axis=1) >= POLICY.one_sky_satellites
-    level = fitted_jump(sides.unit, sides.level_m, sides.level_m2)
-    return level, fitted_jump(sides.unit, sides.rate_m_s, sides.rate_m2_s2), usable
+    level = fit_jump(sides.unit, sides.level_m, sides.level_m2)
+    return level, fit_jump(sides.unit, sides.rate_m_s, sides.rate_m2_s2), usable
 
 
-def fitted_jump(unit: Reals, difference: Reals, variance: Reals) -> Jump:
-    """The jump that explains differences (K, m) best, without the channels that jump by themselves.
+def fit_jump(unit: Reals, difference: Reals, variance: Reals) -> Jump:
+    """Fit the jump that explains differences (K, m) best, without the channels that jump alone.
 
     unit : (K, m, 3) to the satellites. variance : (K, m) of the differences; what is not finite is left out.
     """
@@ -329,9 +339,9 @@ def fitted_jump(unit: Reals, difference: Reals, variance: Reals) -> Jump:
 
 
 def sigma_of_fitting(unit: Reals, difference: Reals, variance: Reals) -> Reals:
-    """Return the sigma (K, m) of differences, NaN where a channel jumps by itself, or where too few are known.
+    """Return the sigma (K, m) of differences, NaN where a channel jumps alone, or too few are known.
 
-    Arguments as of `fitted_jump`.
+    Arguments as of `fit_jump`.
     """
     design, sigma = np.nan_to_num(design_matrix(unit)), np.sqrt(variance)
     sigma = np.where(np.isfinite(difference) & np.isfinite(sigma), sigma, np.nan)
@@ -351,7 +361,7 @@ def sigma_of_fitting(unit: Reals, difference: Reals, variance: Reals) -> Reals:
 
 
 def contrast(series: Series, values: Reals, variance: Reals, rows: Indices, span_s: float) -> tuple[Reals, Reals]:
-    """Return the mean over `span_s` from each row on less that up to the row before, (K, m), and its variance."""
+    """Average over `span_s` from each row on, less the average up to the row before, (K, m), and its variance."""
     known = np.isfinite(values) & np.isfinite(variance) & (variance > 0.0)
     weight = np.where(known, 1.0 / np.where(known, variance, 1.0), 0.0)
     first = np.take_along_axis(values, known.argmax(axis=0)[None], axis=0)  # sums of small numbers keep their digits
@@ -365,7 +375,7 @@ def contrast(series: Series, values: Reals, variance: Reals, rows: Indices, span
 
 
 def _sides(series: Series, rows: Indices, span_s: float) -> tuple[Indices, Indices]:
-    """First row of the stretch before each row, and one past the last of the stretch from it on; no divide within."""
+    """Return the first row of the stretch before each row, and one past the last after it, without a divide."""
     t, n, half = series.elapsed_s, series.elapsed_s.size, 1e-6
     index = np.arange(n)
     begun = np.maximum.accumulate(np.where(series.divides, index, 0))
@@ -376,13 +386,13 @@ def _sides(series: Series, rows: Indices, span_s: float) -> tuple[Indices, Indic
     )
 
 
-def _between(series: Series, rows: Indices, span_s: float) -> Reals:
+def _bridge_variance(series: Series, rows: Indices, span_s: float) -> Reals:
     low, high = _sides(series, rows, span_s)
     return np.asarray(series.bridge_m2[high - 1] - series.bridge_m2[low])
 
 
 def _unit_at(series: Series, rows: Indices) -> Reals:
-    """(K, m, 3): the next known line of sight of each satellite, else the last one."""
+    """Return the next known line of sight (K, m, 3) of each satellite, else the last one."""
     known = np.isfinite(series.unit[..., 0])
     index = np.arange(known.shape[0])[:, None]
     after = np.minimum.accumulate(np.where(known, index, known.shape[0])[::-1], axis=0)[::-1]
@@ -392,7 +402,7 @@ def _unit_at(series: Series, rows: Indices) -> Reals:
 
 
 def mean_rates(sides: Sides) -> Reals:
-    """Return the mean velocity and clock rate of the two sides, (K, 4) in m/s; zero where Dopplers give none."""
+    """Return the mean velocity and clock rate of the two sides, (K, 4) in m/s; zero without Dopplers."""
     before = _rates(sides.unit, sides.before_m_s, sides.before_m2_s2)
     return np.asarray(0.5 * (before + _rates(sides.unit, sides.after_m_s, sides.after_m2_s2)))
 
@@ -408,8 +418,8 @@ def _rates(unit: Reals, rate_m_s: Reals, rate_m2_s2: Reals) -> Reals:
     return np.asarray(np.nan_to_num(solved[..., 0]))
 
 
-def _to_name(least: Reals, jump: Jump, missing_s: Reals, alpha: float) -> int:
-    """The test to name: of those that fail the one with the largest jump over its noise, else the longest gap."""
+def _select_named_test(least: Reals, jump: Jump, missing_s: Reals, alpha: float) -> int:
+    """Select the test to name: of those that fail the one with the largest jump over its noise, else the widest gap."""
     if least.min() < alpha:
         with np.errstate(invalid="ignore", divide="ignore"):
             size = np.nan_to_num(_quadratic(jump.jump, jump.covariance), nan=-1.0)
@@ -417,10 +427,10 @@ def _to_name(least: Reals, jump: Jump, missing_s: Reals, alpha: float) -> int:
     return int(np.argmax(missing_s)) if np.any(missing_s > 0.0) else int(np.argmin(least))
 
 
-def _usual(series: Series) -> float:
+def _usual_interval_s(series: Series) -> float:
     return float(np.median(np.diff(series.elapsed_s)))
 
 
 def _quadratic(jump: Reals, covariance: Reals) -> Reals:
-    """(K,) squared length of jumps (K, d) in the metric of their covariance."""
-    return np.asarray(np.einsum("...i,...ij,...j->...", jump, invert_spd(covariance), jump))
+    """Compute the squared length (K,) of jumps (K, d) in the metric of their covariance."""
+    return np.asarray(np.einsum("...i,...ij,...j->...", jump, spd_inverse(covariance), jump))

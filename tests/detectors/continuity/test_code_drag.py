@@ -17,8 +17,8 @@ from tests.detectors.continuity.test_detector import (
     spliced,
 )
 
-from skyproof.detectors.continuity.drawn_off import drawn_off_of
-from skyproof.detectors.continuity.series import Limits, series_of
+from skyproof.detectors.continuity.code_drag import find_code_drags
+from skyproof.detectors.continuity.series import Limits, build_series
 
 ONSET_S = 25.0
 CODES = ("one_motion", "dragged", "dragged_by_some")
@@ -32,16 +32,16 @@ def codes_moved(o, moved_m):
     return changed(o, pseudorange_m=o.pseudorange_m + moved_m)
 
 
-def drawn_off(o, speed_m_s):
+def drag_codes(o, speed_m_s):
     """Codes to the east from the onset on; carriers stay."""
-    unit = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits()).unit
+    unit = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits()).unit
     east = np.array([0.05, 0.999, 0.0])
     return codes_moved(o, -(unit @ east) * speed_m_s * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None])
 
 
 @pytest.mark.parametrize("motion", ["standing", "car at 2 g"])
 def test_codes_drawn_off_to_another_place_are_an_attack_within_two_windows(motion):
-    found = said(drawn_off(observed(motion=motion, duration_s=52.0), 2.5))
+    found = said(drag_codes(observed(motion=motion, duration_s=52.0), 2.5))
     words = attacks(found)
     assert not any(words[:2])
     assert any(words[2:4])
@@ -74,8 +74,8 @@ def test_recordings_that_are_joined_unseen_are_no_attack(row):
 
 def test_after_a_step_long_before_codes_that_move_are_no_attack():
     """Reflections that make a step are larger than stated: some in a row are a motion."""
-    o = drawn_off(observed(duration_s=52.0), 2.5)
-    east = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits()).unit @ np.array([0.05, 0.999, 0.0])
+    o = drag_codes(observed(duration_s=52.0), 2.5)
+    east = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits()).unit @ np.array([0.05, 0.999, 0.0])
     found = said(codes_moved(o, -60.0 * east * (o.elapsed_s > 4.0)[:, None]))
     assert not any(e.code == "dragged" for evidence in found for e in evidence)
     assert any(e.failed for evidence in found[2:] for e in evidence)
@@ -84,12 +84,12 @@ def test_after_a_step_long_before_codes_that_move_are_no_attack():
 def test_two_steps_are_no_motion_even_where_no_step_is_looked_for():
     o = observed()
     o = o.select(o.elapsed_s <= o.elapsed_s[0] + 10.01)
-    series = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits())
+    series = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits())
     since_s = o.elapsed_s - o.elapsed_s[0]
     east = series.unit @ np.array([0.05, 0.999, 0.0])
     for stepped, moved_m in ((True, 30.0 * (since_s > 2.0) + 30.0 * (since_s > 8.0)), (False, 6.0 * since_s)):
         drawn = replace(series, offset_m=series.offset_m - moved_m[:, None] * east)
-        motion = drawn_off_of([(o, drawn)], multipath_sigma_m=1.0, alpha=1e-4)[0]
+        motion = find_code_drags([(o, drawn)], multipath_sigma_m=1.0, alpha=1e-4)[0]
         assert motion is not None
         assert motion.p_value < 1e-6
         assert motion.whole_sky_p_value == 1.0 if stepped else motion.whole_sky_p_value < 1e-6
@@ -99,13 +99,13 @@ def test_the_p_value_is_uniform_where_multipath_changes_as_stated():
     """Of a single span: reflections of the first quarter have nothing to do with those of the last."""
     o = observed(noise=WHITE)
     o = o.select(o.elapsed_s <= o.elapsed_s[0] + 10.01)
-    series, rng, found = series_of(o, NAVIGATION, PLACE_ECEF_M, Limits()), np.random.default_rng(5), []
+    series, rng, found = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits()), np.random.default_rng(5), []
     half = (np.arange(o.gpst.size) < o.gpst.size // 2)[:, None]
     exact = replace(series, variance_m2=np.full_like(series.variance_m2, 1e-6))
     for _ in range(400):
         before_m, after_m = rng.normal(0.0, 1.0, (2, series.unit.shape[1]))
         one = replace(exact, offset_m=np.where(half, before_m, after_m))
-        motion = drawn_off_of([(o, one)], multipath_sigma_m=1.0, alpha=0.0)[0]
+        motion = find_code_drags([(o, one)], multipath_sigma_m=1.0, alpha=0.0)[0]
         assert motion is not None
         found.append(motion.p_value)
     chances = np.array(found)
