@@ -17,7 +17,7 @@ from time import process_time
 import numpy as np
 
 from skyproof.arrays import Complexes, Reals
-from skyproof.detectors.dccaf.bursts import components, joint_p_value, own_correlation, shapes
+from skyproof.detectors.dccaf.bursts import autocorrelate_code, build_shapes, fit_components, joint_p_value
 from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import GRIDS
 from skyproof.detectors.dccaf.policy import POLICY
@@ -102,8 +102,8 @@ def satellites_counted(rng: np.random.Generator, rays: list[Rays]) -> tuple[int,
     """Of one window: satellites with a second signal, and those of them that no reflection explains."""
     settings, second, unlike = DccafSettings(), 0, 0
     for prn, (delay_chips, level_db, hz) in zip(rng.choice(32, SATELLITES, replace=False) + 1, rays, strict=True):
-        own = shapes(GPS_L1_CA, int(prn), tuple(POINTS.tolist()), BAND_HZ, settings.window_chips)
-        found = components(_burst(rng, int(prn), delay_chips, level_db, hz)[None], own, np.ones((1, 4)))
+        own = build_shapes(GPS_L1_CA, int(prn), tuple(POINTS.tolist()), BAND_HZ, settings.window_chips)
+        found = fit_components(_burst(rng, int(prn), delay_chips, level_db, hz)[None], own, np.ones((1, 4)))
         second += bool(joint_p_value(found.second, GRIDS.intervals, own.path)[0] < POLICY.signal_probability)
         unlike += bool(joint_p_value(found.unlike, GRIDS.intervals, own.path)[0] < POLICY.signal_probability)
     return second, unlike
@@ -116,8 +116,8 @@ def _burst(rng: np.random.Generator, prn: int, delay_chips: Reals, level_db: Rea
     times_s = GRIDS.coherent_s * np.arange(n)[:, None]
     turned = np.exp(2j * np.pi * (rng.random(hz.size) + hz * times_s)) * np.sinc(hz * GRIDS.coherent_s)
     waves = np.concatenate([np.ones((n, 1)), turned * 10.0 ** (0.05 * level_db)], axis=1)
-    seen = own_correlation(GPS_L1_CA, prn, POINTS - np.append(0.0, delay_chips)[:, None], BAND_HZ)
-    values, vectors = np.linalg.eigh(own_correlation(GPS_L1_CA, prn, POINTS[:, None] - POINTS, BAND_HZ))
+    seen = autocorrelate_code(GPS_L1_CA, prn, POINTS - np.append(0.0, delay_chips)[:, None], BAND_HZ)
+    values, vectors = np.linalg.eigh(autocorrelate_code(GPS_L1_CA, prn, POINTS[:, None] - POINTS, BAND_HZ))
     white = rng.standard_normal((n, POINTS.size, 2)) @ np.array([1.0, 1.0j]) / np.sqrt(2.0)
     return np.asarray(size * waves @ seen + white @ (vectors * np.sqrt(np.maximum(values, 0.0))).T)
 

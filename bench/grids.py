@@ -12,7 +12,7 @@ import numpy as np
 from following import following
 from timing import Spread, line, take_turns
 
-from skyproof.detectors.dccaf.bursts import components, joint_p_value, shapes
+from skyproof.detectors.dccaf.bursts import build_shapes, fit_components, joint_p_value
 from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import GRIDS
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
@@ -58,8 +58,8 @@ def _rows(rate_hz: float, rng: np.random.Generator) -> Iterator[str]:
         def apart() -> None:
             for row, sat in enumerate(SATS):
                 taps = tuple(correlator.delays_chips.tolist())
-                own = shapes(GPS_L1_CA, prn_of(sat), taps, correlator.band_hz, DccafSettings().window_chips)
-                found = components(values[row][None], own, variance[row][None])
+                own = build_shapes(GPS_L1_CA, prn_of(sat), taps, correlator.band_hz, DccafSettings().window_chips)
+                found = fit_components(values[row][None], own, variance[row][None])
                 joint_p_value(found.second, GRIDS.intervals, own.path, correlator.noise_samples)
 
         taken, decomposed = (one * (1e3 / len(SATS)) for one in take_turns(take, apart, runs=RUNS, clock=process_time))

@@ -15,7 +15,7 @@ from skyproof.detectors.array.array_common import equal_statistic
 from skyproof.detectors.array.array_model import array_design, joint_statistic, residual_covariance, white_covariance
 from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
-from skyproof.detectors.dccaf.inverse_raim import passing_sets
+from skyproof.detectors.dccaf.inverse_raim import find_passing_sets
 from skyproof.statistics.cusum import cusum_path
 from skyproof.statistics.directions import hemisphere
 from skyproof.studies.arm_angles import arm_angles, paired_fit
@@ -171,8 +171,8 @@ def _sets() -> Iterator[str]:
         misfit_m[:, 1] -= 100.0 * (units[:satellites] @ np.array([0.6, 0.0, 0.8]))
         misfit_m[:, 2:] += rng.uniform(-300.0, 300.0, (satellites, signals - 2))
         pruned, exhaustive = take_turns(
-            lambda n=satellites, m=misfit_m: [passing_sets(units[:n], m, 1.0) for _ in range(20)],
-            lambda n=satellites, m=misfit_m: passing_sets(units[:n], m, 1.0, exhaustive=True),
+            lambda n=satellites, m=misfit_m: [find_passing_sets(units[:n], m, 1.0) for _ in range(20)],
+            lambda n=satellites, m=misfit_m: find_passing_sets(units[:n], m, 1.0, exhaustive=True),
             runs=9,
             clock=process_time,
         )

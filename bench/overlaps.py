@@ -10,7 +10,7 @@ from time import process_time
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.dccaf.bursts import own_correlation
+from skyproof.detectors.dccaf.bursts import autocorrelate_code
 from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
@@ -100,8 +100,8 @@ def _with_grids(
         prn = prn_of(o.signals[k].sat)
         variance = float(noise_variance(rng.uniform(*CN0_DBHZ), COHERENT_S, band_hz))
         turn = sizes[number] * np.exp(2j * np.pi * rng.random((INTERVALS, 2)))
-        clean = turn @ own_correlation(GPS_L1_CA, prn, taps - delays[number][:, None], band_hz)
-        values, vectors = np.linalg.eigh(own_correlation(GPS_L1_CA, prn, taps[:, None] - taps, band_hz))
+        clean = turn @ autocorrelate_code(GPS_L1_CA, prn, taps - delays[number][:, None], band_hz)
+        values, vectors = np.linalg.eigh(autocorrelate_code(GPS_L1_CA, prn, taps[:, None] - taps, band_hz))
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         white = rng.standard_normal((2, INTERVALS, taps.size)) * np.sqrt(0.5 * variance)
         value.append(clean + (white[0] + 1j * white[1]) @ root.T)

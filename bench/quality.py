@@ -15,7 +15,7 @@ from timing import Spread, line
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.tracker import track
-from skyproof.detectors.correlators.second_component import distortion, together
+from skyproof.detectors.correlators.second_component import combine_smallest, distortion
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.explain import stands_beside
 from skyproof.gnss.nominal import nominal_constellation
@@ -69,7 +69,7 @@ def _clean() -> Iterator[str]:
         for taps in (t for _ in range(SKIES) for t in _windows(scenario, "a", HOURS * 3600.0, rng)):
             counts.update(map(_word, _said([taps], SqmSettings())))
             exact = _exact(taps)
-            named += any(together(p, len(exact)) < SqmSettings().false_alarm_probability for p in exact)
+            named += any(combine_smallest(p, len(exact)) < SqmSettings().false_alarm_probability for p in exact)
             p_values += exact
         uniform = stats.kstest(p_values, "uniform").pvalue
         yield (

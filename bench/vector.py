@@ -20,13 +20,13 @@ from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import Tracker, Workspace, _tracker
 from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.detectors.correlators.correlator_laws import phase_discriminator
-from skyproof.detectors.correlators.vector_parity import parity_test, parity_vector, whitener_of
+from skyproof.detectors.correlators.vector_parity import build_whitener, parity_test, parity_vector
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.detectors.correlators.vector_sqm_detector import (
     VectorSqm,
     VectorSqmSettings,
-    directions,
-    pair_of_taps,
+    compute_directions,
+    select_pair,
     t_squared_survival,
 )
 from skyproof.gnss.frames import ecef_from_geodetic
@@ -148,7 +148,7 @@ def _alarms() -> Iterator[str]:
         assert reception.observations is not None
         taps = reception.vector_taps.between(0.0, ALARM_S)
         o = reception.observations.read(0, reception.observations.gpst.size)
-        there = directions(o, navigation, taps.signals, VectorSqmSettings())
+        there = compute_directions(o, navigation, taps.signals, VectorSqmSettings())
         assert there is not None
         cn0_dbhz = np.nanmedian(o.cn0_dbhz, axis=0)
         yield from _counted(f"{level:g} dB-Hz", _three(taps), cn0_dbhz, there.design)
@@ -156,7 +156,7 @@ def _alarms() -> Iterator[str]:
 
 def _three(taps: Taps, channels: list[int] | slice = slice(None)) -> Complexes:
     """(looks, n, 3) early, prompt, late of the looks in which all of these channels were guided."""
-    pair = pair_of_taps(taps)
+    pair = select_pair(taps)
     assert pair is not None
     value = taps.value[:, channels, 0][..., list(pair[1:])].astype(np.complex128)
     return value[np.isfinite(value).all(axis=(1, 2))]
@@ -184,7 +184,7 @@ def _counted(name: str, value: Complexes, cn0_dbhz: Reals, design: Reals) -> Ite
         for first in range(0, len(u) - looks + 1, looks):
             rows = slice(first, first + looks)
             sigmas = (x[rows].std(axis=0, ddof=1) / np.sqrt(looks) for x in (u, q))
-            white = whitener_of(parity, *sigmas)
+            white = build_whitener(parity, *sigmas)
             y = parity_vector(u[rows].mean(axis=0), q[rows].mean(axis=0), white, scores=False)
             p_values.append(t_squared_survival(float(parity_test(y).statistic), y.size, looks))
         found = np.array(p_values)
@@ -321,7 +321,7 @@ def _drawn(skies: list[MeasuredScene], attacked: int, settings: VectorSqmSetting
         records = skies[draw % len(skies)].records(rng)
         (o,) = records.observations
         assert records.navigation is not None
-        there = directions(o, records.navigation, o.signals, settings)
+        there = compute_directions(o, records.navigation, o.signals, settings)
         assert there is not None
         n, level = len(o.signals), rng.uniform(38.0, 50.0)
         hit = rng.permutation(n)[:attacked]

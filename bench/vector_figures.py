@@ -14,7 +14,7 @@ from vector import EVERY_MS, _in_memory, _tracked
 from skyproof.app.receive.reception import observe
 from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.correlators.correlator_laws import phase_discriminator
-from skyproof.detectors.correlators.vector_sqm_detector import pair_of_taps
+from skyproof.detectors.correlators.vector_sqm_detector import select_pair
 from skyproof.navigation.vector_filter import VectorSettings
 from skyproof.simulator import scenes
 from skyproof.simulator.constellation import navigation_of
@@ -73,7 +73,7 @@ def _correlators(
     taken = reception.taps if tracking == "scalar" else reception.vector_taps
     assert taken is not None
     taps = taken.between(SETTLED_S + later_s, LENGTH_S + later_s)
-    pair = pair_of_taps(taps)
+    pair = select_pair(taps)
     assert pair is not None
     value = np.full((len(taps.elapsed_s), 6, 3), np.nan, np.complex128)
     for k, signal in enumerate(taps.signals):

@@ -22,8 +22,8 @@ from skyproof.app.receive.inputs import only_recordings, open_inputs
 from skyproof.app.receive.tracker import track
 from skyproof.compiled import on_compiled
 from skyproof.decomposition.fit import bins_dictionary, decompose, taps_dictionary
-from skyproof.detectors.dccaf.bursts import components, shapes
-from skyproof.detectors.dccaf.inverse_raim import passing_sets
+from skyproof.detectors.dccaf.bursts import build_shapes, fit_components
+from skyproof.detectors.dccaf.inverse_raim import find_passing_sets
 from skyproof.formats.layout import Chunk, PackedSamples, Packing
 from skyproof.gnss.ephemeris import GlonassEphemeris
 from skyproof.gnss.nominal import nominal_constellation
@@ -73,7 +73,7 @@ def _overlaps() -> None:
     decompose(noise[:, 0], delays)
     decompose(noise, delays, bins_dictionary(0.02, (0.0, 25.0), within_hz=60.0))
     bursts = rng.standard_normal((1, 4, 9)) + 1j * rng.standard_normal((1, 4, 9))
-    components(bursts, shapes(GPS_L1_CA, 7, tuple(np.linspace(-1.0, 1.0, 9)), 2e6, 1.0), np.ones((1, 4)))
+    fit_components(bursts, build_shapes(GPS_L1_CA, 7, tuple(np.linspace(-1.0, 1.0, 9)), 2e6, 1.0), np.ones((1, 4)))
 
 
 def _positions() -> None:
@@ -105,8 +105,8 @@ def _methods() -> None:
     """What a study or an inertial unit needs."""
     rng = np.random.default_rng(1)
     for exhaustive in (True, False):
-        passing_sets(hemisphere(9)[:6], rng.standard_normal((6, 2)), 1.0, exhaustive=exhaustive)
-    navigate_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)
+        find_passing_sets(hemisphere(9)[:6], rng.standard_normal((6, 2)), 1.0, exhaustive=exhaustive)
+    strapdown_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)
 
 
 _DO: Final[Mapping[str, Callable[[], None]]] = {

@@ -71,7 +71,7 @@ def circular_threshold(false_alarm_probability: float) -> float:
 def full_information(
     angle_rad: ArrayLike, *, radius_cyc: float, sigma_cyc: float, degree: int = 2, time: ArrayLike | None = None
 ) -> Reals:
-    """Information (2, 2) of the whole series less a polynomial; parameters as in `full_fit`."""
+    """Information (2, 2) of the whole series less a polynomial; parameters as in `fit_whole_series`."""
     columns = arm_columns(angle_rad, radius_cyc)
     polynomial = polynomial_columns(columns.shape[0], degree, time)
     columns = columns - polynomial @ (polynomial.T @ columns)
@@ -94,7 +94,7 @@ def predicted_test(
 
     Parameters
     ----------
-    level : (..., n, 2) of `full_fit`. predicted : (..., n, 2) level direction cosines, azimuths from the arm at its
+    level : (..., n, 2) of `SpinFit`. predicted : (..., n, 2) level direction cosines, azimuths from the arm at its
         zero, or with `start_known` False from anywhere.
     information : (2, 2) of one signal.
     """

@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.dccaf.inverse_raim import passing_sets
+from skyproof.detectors.dccaf.inverse_raim import find_passing_sets
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.orbits import satellite_state_s
@@ -93,10 +93,10 @@ def _timed(satellites: int, signals: int, skies: _Skies, rng: np.random.Generato
         misfit = _misfits(units, signals, 1.0, 100.0, "position", rng)
         found = {}
         for exhaustive in (True, False):
-            found[exhaustive] = passing_sets(units, misfit, 1.0, exhaustive=exhaustive)
+            found[exhaustive] = find_passing_sets(units, misfit, 1.0, exhaustive=exhaustive)
             begin = time.process_time()
             for _ in range(1 if exhaustive else _PRUNED_REPEATS):
-                passing_sets(units, misfit, 1.0, exhaustive=exhaustive)
+                find_passing_sets(units, misfit, 1.0, exhaustive=exhaustive)
             spent_s = time.process_time() - begin
             if repeat:  # the first call loads the compiled kernel
                 took[exhaustive].append(spent_s / (1 if exhaustive else _PRUNED_REPEATS))

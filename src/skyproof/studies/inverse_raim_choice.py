@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyproof.arrays import Booleans, Integers, Reals
-from skyproof.detectors.dccaf.inverse_raim import PassingSets, passing_sets, set_states
+from skyproof.detectors.dccaf.inverse_raim import PassingSets, find_passing_sets, set_states
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.statistics.distributions import chi_square_threshold
 
@@ -77,9 +77,9 @@ def timing_only(one_m: Reals, other_m: Reals, covariance_m2: Reals, *, probabili
 def inverse_raim(
     unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike = 1.0, *, false_alarm_probability: float = 1e-3
 ) -> InverseRaim:
-    """All passing sets, their fixes and clusters; arguments as for `passing_sets`."""
+    """All passing sets, their fixes and clusters; arguments as for `find_passing_sets`."""
     misfit = np.atleast_2d(np.asarray(misfit_m, np.float64))
-    sets = passing_sets(unit, misfit, sigma_m, false_alarm_probability=false_alarm_probability)
+    sets = find_passing_sets(unit, misfit, sigma_m, false_alarm_probability=false_alarm_probability)
     state, covariance = set_states(unit, misfit, sigma_m, sets.choice)
     cluster, leader = clusters(state, covariance, probability=false_alarm_probability)
     pair = complementary_pair(sets.choice, np.isfinite(misfit).sum(axis=1) > 1)

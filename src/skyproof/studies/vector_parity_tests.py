@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Complexes, Integers, Reals
 from skyproof.detectors.correlators import correlator_laws as law
-from skyproof.detectors.correlators.vector_parity import Branch, Whitener, parity_vector, whitener_of
+from skyproof.detectors.correlators.vector_parity import Branch, Whitener, build_whitener, parity_vector
 from skyproof.statistics.cusum import CusumPath, cusum_path
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 from skyproof.studies import discriminator_laws as laws
@@ -34,7 +34,7 @@ BANK: Final = ((1, 1.0), (10, 1.0), (10, 0.25))
 def whitener(parity: Reals, amplitude: ArrayLike) -> Whitener:
     """From a parity basis B (n - 4, n) and prompt amplitudes A_K, one number or (n,)."""
     a = np.broadcast_to(np.asarray(amplitude, float), parity.shape[-1:])
-    return whitener_of(parity, laws.code_sigma_chips(a), laws.phase_sigma_rad(a), a)
+    return build_whitener(parity, laws.code_sigma_chips(a), laws.phase_sigma_rad(a), a)
 
 
 def parity_noncentrality(

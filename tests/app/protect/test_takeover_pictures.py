@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.app.protect.takeover_pictures import _taken_apart
-from skyproof.detectors.dccaf.bursts import own_correlation
+from skyproof.detectors.dccaf.bursts import autocorrelate_code
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.records import Ccaf, SignalId
 
@@ -16,8 +16,8 @@ PRN = 7
 def grid(second_chips, second_db, second_deg, rng, n=4):
     taps = np.arange(-5.0, 6.0) * 0.3
     sizes = np.array([1.0, 10.0 ** (second_db / 20.0) * np.exp(1j * np.radians(second_deg))])
-    seen = own_correlation(GPS_L1_CA, PRN, taps[:, None] - np.array([0.1, 0.1 + second_chips]), BAND_HZ) @ sizes
-    covariance = own_correlation(GPS_L1_CA, PRN, taps[:, None] - taps, BAND_HZ)
+    seen = autocorrelate_code(GPS_L1_CA, PRN, taps[:, None] - np.array([0.1, 0.1 + second_chips]), BAND_HZ) @ sizes
+    covariance = autocorrelate_code(GPS_L1_CA, PRN, taps[:, None] - taps, BAND_HZ)
     values, vectors = np.linalg.eigh(covariance)
     white = (rng.standard_normal((n, taps.size)) + 1j * rng.standard_normal((n, taps.size))) / np.sqrt(2.0)
     noise = white @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
@@ -47,7 +47,7 @@ def test_a_second_signal_is_drawn_with_its_delay_power_and_phase(chips, db, deg)
     assert drawn.second_deg == pytest.approx(deg, abs=12.0)
     inside = np.abs(drawn.delays_chips) < 1.0
     sizes = AMPLITUDE * np.array([1.0, 10.0 ** (db / 20.0) * np.exp(1j * np.radians(deg))])
-    true = own_correlation(GPS_L1_CA, PRN, drawn.delays_chips[:, None] - np.array([0.0, chips]), BAND_HZ) @ sizes
+    true = autocorrelate_code(GPS_L1_CA, PRN, drawn.delays_chips[:, None] - np.array([0.0, chips]), BAND_HZ) @ sizes
     assert np.abs(drawn.value - true)[inside].max() < 0.15 * AMPLITUDE
 
 

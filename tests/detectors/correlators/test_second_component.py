@@ -11,13 +11,13 @@ from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.detectors.correlators.second_component import (
     OTHER_CHIPS,
     TWO_REFLECTIONS,
-    _spectrum,
-    allowed_share,
+    _compute_spectrum,
+    combine_smallest,
     distortion,
     earlier,
     line_p_value,
-    pairs_of,
-    together,
+    pair_taps,
+    tolerated_amplitude,
 )
 
 
@@ -107,7 +107,9 @@ def test_a_signal_before_the_tracked_one_is_seen_there(lag_chips, beat_hz, seed)
 
 def test_what_two_lags_explain_is_the_projection_on_both():
     rng = np.random.default_rng(2)
-    spectrum = _spectrum(looks(rng, 45.0, second=0.3, lag_chips=0.5, beat_hz=4.0).astype(complex), LOOK_S, least_hz=2.0)
+    spectrum = _compute_spectrum(
+        looks(rng, 45.0, second=0.3, lag_chips=0.5, beat_hz=4.0).astype(complex), LOOK_S, least_hz=2.0
+    )
     shape = triangle(DELAYS_CHIPS[:, None] + OTHER_CHIPS)
     found = spectrum.by_two(shape, TWO_REFLECTIONS)
     for row, pair in ((17, 3), (200, 0), (99, len(TWO_REFLECTIONS) - 1)):
@@ -127,7 +129,7 @@ def test_two_reflections_of_one_beat_do_not_come_before_their_signal():
 def test_reflections_that_are_allowed_for_are_not_counted():
     """As many times the allowed error as its own law has it: half of them within 0.7 sigma, and few beyond three."""
     rng = np.random.default_rng(6)
-    allowed = allowed_share(1.0, 0.125, CHIP_M)
+    allowed = tolerated_amplitude(1.0, 0.125, CHIP_M)
     assert allowed == pytest.approx(1.0 / (0.125 * CHIP_M))
     p_values = []
     for _ in range(100):
@@ -140,11 +142,11 @@ def test_reflections_that_are_allowed_for_are_not_counted():
 
 
 def test_pairs_stand_evenly_about_the_prompt():
-    assert pairs_of(np.array([0.5, 0.0, -0.5, 1.0])) == [(0, 2, 1)]
-    assert pairs_of(np.array([0.5, -0.5])) == []
+    assert pair_taps(np.array([0.5, 0.0, -0.5, 1.0])) == [(0, 2, 1)]
+    assert pair_taps(np.array([0.5, -0.5])) == []
 
 
 def test_p_values_of_several_are_made_one():
-    assert together(0.01, 1) == pytest.approx(0.01)
-    assert together(0.01, 10) == pytest.approx(1.0 - 0.99**10)
-    assert together(1.0, 5) == pytest.approx(1.0)
+    assert combine_smallest(0.01, 1) == pytest.approx(0.01)
+    assert combine_smallest(0.01, 10) == pytest.approx(1.0 - 0.99**10)
+    assert combine_smallest(1.0, 5) == pytest.approx(1.0)

@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 
 from skyproof.detectors.correlators import vector_parity as parity
 from skyproof.detectors.correlators.policy import POLICY
-from skyproof.detectors.correlators.vector_cusum import BankState, bank_over_looks
+from skyproof.detectors.correlators.vector_cusum import BankState, run_bank
 from skyproof.records import SignalId
 from skyproof.statistics.cusum import cusum_within
 from skyproof.statistics.distributions import binomial_survival
@@ -28,7 +28,7 @@ def windows(rng, count, n, probability, code_chips=0.0, phase_rad=0.0, lasting=N
     """Of `count` windows of `n` looks what the bank finds in each."""
     state: BankState | None = None
     for _ in range(count):
-        found = bank_over_looks(SIGNALS, *looks(rng, n, code_chips, phase_rad), ONE, lasting, probability, state)
+        found = run_bank(SIGNALS, *looks(rng, n, code_chips, phase_rad), ONE, lasting, probability, state)
         state = found.state if carried else None
         yield found
 
@@ -65,7 +65,7 @@ def test_when_a_large_offset_began_is_found_to_tenths_of_a_second():
     rng = np.random.default_rng(4)
     quiet, off = looks(rng, 230), looks(rng, 270, 0.2 * SKY.projector[0], 0.3 * SKY.projector[0])
     u, q = (np.concatenate(pair) for pair in zip(quiet, off, strict=True))
-    found = bank_over_looks(SIGNALS, u, q, ONE, NO_ERRORS, 1e-6)
+    found = run_bank(SIGNALS, u, q, ONE, NO_ERRORS, 1e-6)
     assert 205 <= found.began <= 235
     assert 235 <= found.seen <= 245
     assert all(np.all(total == 0.0) for total in found.state.sums)
@@ -81,7 +81,7 @@ def test_a_sum_that_just_alarms_is_seen_at_the_step_in_which_it_does():
     direction = CODE_CHIPS**2 * ONE.code.T @ y / np.sqrt(step)  # W x = y
     u = np.zeros((steps * step, 6))
     u[-step:] = direction
-    found = bank_over_looks(SIGNALS, u, np.zeros_like(u), ONE, NO_ERRORS, probability)
+    found = run_bank(SIGNALS, u, np.zeros_like(u), ONE, NO_ERRORS, probability)
     assert found.p_value < probability
     assert (found.began, found.seen) == (2 * step, steps * step)
 
@@ -92,18 +92,18 @@ def test_sums_stand_in_the_parity_space_whatever_its_basis_and_begin_anew_with_o
     turned = parity.whitener_of(
         np.array([[0.6, 0.8], [-0.8, 0.6]]) @ SKY.parity, np.full(6, CODE_CHIPS), np.full(6, PHASE_RAD)
     )
-    first = bank_over_looks(SIGNALS, u, q, ONE, NO_ERRORS, 1e-3)
+    first = run_bank(SIGNALS, u, q, ONE, NO_ERRORS, 1e-3)
     for white in (ONE, turned):
-        again = bank_over_looks(SIGNALS, u, q, white, NO_ERRORS, 1e-3, first.state)
+        again = run_bank(SIGNALS, u, q, white, NO_ERRORS, 1e-3, first.state)
         for total, other in zip(
             again.state.sums,
-            bank_over_looks(SIGNALS, u, q, ONE, NO_ERRORS, 1e-3, first.state).state.sums,
+            run_bank(SIGNALS, u, q, ONE, NO_ERRORS, 1e-3, first.state).state.sums,
             strict=True,
         ):
             np.testing.assert_allclose(total, other, atol=1e-12)
     others = (SignalId("G01"), *SIGNALS[1:])
-    anew = bank_over_looks(others, u, q, ONE, NO_ERRORS, 1e-3, first.state)
-    np.testing.assert_array_equal(anew.state.sums, bank_over_looks(others, u, q, ONE, NO_ERRORS, 1e-3).state.sums)
+    anew = run_bank(others, u, q, ONE, NO_ERRORS, 1e-3, first.state)
+    np.testing.assert_array_equal(anew.state.sums, run_bank(others, u, q, ONE, NO_ERRORS, 1e-3).state.sums)
 
 
 @pytest.mark.long

@@ -13,8 +13,8 @@ from skyproof.detectors.correlators.vector_sqm_detector import (
     VectorSqm,
     VectorSqmSettings,
     code_offset_chips,
-    directions,
-    pair_of_taps,
+    compute_directions,
+    select_pair,
     t_squared_survival,
 )
 from skyproof.errors import SettingsError
@@ -25,7 +25,7 @@ from skyproof.studies.vector_rules import equilibrium
 def settled(records, code_chips, doppler_hz, places):
     """Offsets when these satellites are attacked alike."""
     (o,), (taps,) = records.observations, records.vector_taps
-    where = satellite_geometry(directions(o, records.navigation, taps.signals, VectorSqmSettings()).design)
+    where = satellite_geometry(compute_directions(o, records.navigation, taps.signals, VectorSqmSettings()).design)
     attack = np.isin(np.arange(len(o.signals)), places)
     return equilibrium(where, code_chips * attack, doppler_hz * attack, 45.0)
 
@@ -69,7 +69,7 @@ def test_signals_that_agree_on_one_false_place_show_nothing():
     rng = np.random.default_rng(8)
     records = with_vector_taps(rng)
     (o,), (taps,) = records.observations, records.vector_taps
-    design = directions(o, records.navigation, taps.signals, VectorSqmSettings()).design
+    design = compute_directions(o, records.navigation, taps.signals, VectorSqmSettings()).design
     offsets = equilibrium(
         satellite_geometry(design), design @ [0.3, -0.2, 0.1, 0.2], design @ [50.0, 80.0, 0.0, 0.0], 45
     )
@@ -92,7 +92,7 @@ def test_channels_below_the_mask_are_not_tested():
 
     def tested(mask_deg):
         settings = VectorSqmSettings(elevation_mask_deg=mask_deg)
-        return np.isfinite(directions(o, records.navigation, taps.signals, settings).lasting_chips)
+        return np.isfinite(compute_directions(o, records.navigation, taps.signals, settings).lasting_chips)
 
     every, high = tested(0.0), tested(25.0)
     assert every.all()
@@ -118,7 +118,7 @@ def test_of_several_pairs_the_one_nearest_to_half_a_chip_is_taken():
     (taps,) = with_vector_taps(np.random.default_rng(6)).vector_taps
     delays = np.array([0.125, 0.0, -0.125, 0.504, -0.504, 0.996, -0.996])
     several = replace(taps, delays_chips=delays, value=np.zeros((200, 8, 1, 7), np.complex64))
-    assert pair_of_taps(several) == (0.504, 3, 1, 4)
+    assert select_pair(several) == (0.504, 3, 1, 4)
 
 
 @pytest.mark.parametrize("spacing", [0.25, 0.5, 0.75])

@@ -4,28 +4,28 @@ import numpy as np
 import pytest
 from tests.detectors.nulls import CCAF_POINTS, CCAF_RATE_HZ, INTERVALS, burst, own_correlation
 
-from skyproof.detectors.dccaf.bursts import components, joint_p_value, shapes
+from skyproof.detectors.dccaf.bursts import build_shapes, fit_components, joint_p_value
 from skyproof.detectors.dccaf.delays import DccafSettings
 from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.studies.decomposition_laws import noise_variance
 
 PRN = 7
-OWN = shapes(GPS_L1_CA, PRN, tuple(CCAF_POINTS.tolist()), CCAF_RATE_HZ, 1.3)
+OWN = build_shapes(GPS_L1_CA, PRN, tuple(CCAF_POINTS.tolist()), CCAF_RATE_HZ, 1.3)
 
 
 def bursts(count, delays, amplitudes, cn0_dbhz, rng):
     """`count` of them, with delays and amplitudes (count, n)."""
     variance = float(noise_variance(cn0_dbhz, 0.02, CCAF_RATE_HZ))
     taps = [burst(PRN, d, a, variance, rng) for d, a in zip(delays, amplitudes, strict=True)]
-    return components(np.array(taps), OWN, np.full((count, INTERVALS), variance))
+    return fit_components(np.array(taps), OWN, np.full((count, INTERVALS), variance))
 
 
 def test_a_satellites_own_side_lobes_are_in_its_shape():
     lag = np.linspace(-3.0, 3.0, 25)
     far = own_correlation(PRN, lag) - own_correlation(1, lag)
     assert np.abs(far).max() > 0.05  # codes differ by their side lobes
-    shape = shapes(GPS_L1_CA, PRN, tuple(lag.tolist()), CCAF_RATE_HZ, 0.1)
+    shape = build_shapes(GPS_L1_CA, PRN, tuple(lag.tolist()), CCAF_RATE_HZ, 0.1)
     middle = shape.value[shape.grid.size // 2]
     np.testing.assert_allclose(np.linalg.pinv(shape.whiten) @ middle, own_correlation(PRN, lag), atol=2e-3)
 

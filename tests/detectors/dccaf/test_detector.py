@@ -19,7 +19,13 @@ from tests.detectors.nulls import (
 from skyproof.app.common.body import Carried, body_of, body_states, open_body
 from skyproof.app.common.platform import Platform
 from skyproof.app.common.platform_use import described
-from skyproof.detectors.dccaf.delays import DccafSettings, bursts_of, delays_of, last_burst, second_signals
+from skyproof.detectors.dccaf.delays import (
+    DccafSettings,
+    estimate_delays,
+    last_burst,
+    select_second_signals,
+    split_bursts,
+)
 from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic
@@ -50,7 +56,7 @@ def test_grids_of_a_signal_whose_code_is_not_known_say_nothing():
     )
     found, _ = Dccaf(DccafSettings(false_alarm_probability=1e-6)).examine(records)
     assert {finding.says for finding in found} == {"undecided"}
-    assert not np.isfinite(delays_of(*_last(records), DccafSettings()).p_value).any()
+    assert not np.isfinite(estimate_delays(*_last(records), DccafSettings()).p_value).any()
 
 
 def _last(records):
@@ -116,8 +122,8 @@ def test_two_delays_come_where_the_count_says_two_and_one_elsewhere():
     rng = np.random.default_rng(3)
     settings = DccafSettings()
     one, two = (with_ccaf(scene.records(rng), rng).ccaf[0] for scene in (CLEAN_CCAF, OVERLAPPED_CCAF))
-    assert np.isnan(delays_of(one, last_burst(one), settings).delay_chips[:, 1]).all()
-    found = delays_of(two, last_burst(two), settings)
+    assert np.isnan(estimate_delays(one, last_burst(one), settings).delay_chips[:, 1]).all()
+    found = estimate_delays(two, last_burst(two), settings)
     assert np.isfinite(found.delay_chips[:, 1]).sum() >= 5
 
 
@@ -129,8 +135,10 @@ def test_delays_are_from_the_last_interval_though_the_loop_moved_the_zero():
     hertz = np.full_like(grid.reference_hz, 100.0)
     reference_m -= hertz * 0.19029 * (grid.elapsed_s - grid.elapsed_s[-1])[:, None]
     settings, epochs = DccafSettings(), last_burst(grid)
-    still = delays_of(grid, epochs, settings).delay_chips[:, 0]
-    moved = delays_of(replace(grid, reference_m=reference_m, reference_hz=hertz), epochs, settings).delay_chips[:, 0]
+    still = estimate_delays(grid, epochs, settings).delay_chips[:, 0]
+    moved = estimate_delays(replace(grid, reference_m=reference_m, reference_hz=hertz), epochs, settings).delay_chips[
+        :, 0
+    ]
     np.testing.assert_allclose((moved - still) * CHIP_M, 1.5, atol=0.01)
 
 
@@ -160,8 +168,8 @@ def with_bursts(scene, rng, second_db, n):
 
 def doubled(ccaf, settings):
     """Which channels have a second signal by all bursts."""
-    *others, last = (delays_of(ccaf, epochs, settings) for epochs in bursts_of(ccaf))
-    return second_signals(last, others, settings)
+    *others, last = (estimate_delays(ccaf, epochs, settings) for epochs in split_bursts(ccaf))
+    return select_second_signals(last, others, settings)
 
 
 def test_signals_too_near_for_one_burst_are_seen_in_those_of_a_window():
@@ -213,7 +221,7 @@ def test_a_detector_with_several_bins_sees_what_one_with_the_right_bin_sees():
     bins_hz, epochs = 25.0 * np.arange(-2.0, 3.0), last_burst(one)
     scale = np.sinc((8.0 - bins_hz) * 0.02)[:, None]  # noise of the bins alike: the worst case of a reference
     several = replace(one, dopplers_hz=bins_hz, value=one.value * scale)
-    found, other = (delays_of(each, epochs, DccafSettings()) for each in (one, several))
+    found, other = (estimate_delays(each, epochs, DccafSettings()) for each in (one, several))
     np.testing.assert_allclose(other.delay_chips, found.delay_chips, atol=0.02)
 
 

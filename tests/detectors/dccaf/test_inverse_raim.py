@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyproof.detectors.dccaf.inverse_raim import parity_matrix, passing_sets, second_subset, set_states
+from skyproof.detectors.dccaf.inverse_raim import find_passing_sets, find_second_subset, parity_matrix, set_states
 from skyproof.studies.inverse_raim_choice import clusters, complementary_pair, innovations, inverse_raim, timing_only
 
 UP_EAST = np.array([1.0, 0.0, 1.0]) * np.sqrt(0.5)
@@ -54,7 +54,7 @@ def test_parity_rows_are_orthonormal_trapezoidal_and_blind_to_position_and_clock
     ],
 )
 def test_thresholds_are_those_of_the_guide(n, rate, norm):
-    found = passing_sets(sky(np.random.default_rng(2), n), np.zeros((n, 1)), false_alarm_probability=rate)
+    found = find_passing_sets(sky(np.random.default_rng(2), n), np.zeros((n, 1)), false_alarm_probability=rate)
     assert np.sqrt(found.threshold) == pytest.approx(norm, abs=0.006)
 
 
@@ -67,7 +67,7 @@ def test_both_searches_find_what_least_squares_of_every_set_finds(seed, n, most)
     counts = rng.integers(1, most + 1, n)
     misfit[np.arange(most) >= counts[:, None]] = np.nan
     design = np.concatenate((-units, np.ones((n, 1))), axis=1) / sigma[:, None]
-    found = passing_sets(units, misfit, sigma, false_alarm_probability=0.1)
+    found = find_passing_sets(units, misfit, sigma, false_alarm_probability=0.1)
     expected = {}
     for choice in product(*(range(count) for count in counts)):
         z = misfit[np.arange(n), choice] / sigma
@@ -75,7 +75,7 @@ def test_both_searches_find_what_least_squares_of_every_set_finds(seed, n, most)
         if residual @ residual <= found.threshold:
             expected[choice] = residual @ residual
     for exhaustive in (True, False):
-        sets = passing_sets(units, misfit, sigma, false_alarm_probability=0.1, exhaustive=exhaustive)
+        sets = find_passing_sets(units, misfit, sigma, false_alarm_probability=0.1, exhaustive=exhaustive)
         assert {tuple(row): pytest.approx(s, abs=1e-9) for row, s in zip(sets.choice, sets.statistic, strict=True)} == (
             expected
         )
@@ -87,7 +87,7 @@ def test_all_531441_sets_of_twelve_satellites_pass_and_fail_alike_in_both_search
     units = sky(rng, 12)
     misfit = rng.normal(0.0, 30.0, (12, 3))
     misfit[:, 0] = rng.standard_normal(12)
-    every, pruned = (passing_sets(units, misfit, 1.0, exhaustive=kind) for kind in (True, False))
+    every, pruned = (find_passing_sets(units, misfit, 1.0, exhaustive=kind) for kind in (True, False))
     assert every.tried == 531_441
     assert np.array_equal(every.choice, pruned.choice)
     assert [0] * 12 in every.choice.tolist()
@@ -97,7 +97,7 @@ def test_more_passing_sets_than_there_was_room_for_are_all_reported():
     rng = np.random.default_rng(4)
     units = sky(rng, 8)
     misfit = 0.01 * rng.standard_normal((8, 3))
-    found = passing_sets(units, misfit, 1.0)
+    found = find_passing_sets(units, misfit, 1.0)
     assert len(found.statistic) == 3**8 == len({tuple(row) for row in found.choice})
     assert np.all(np.diff(found.statistic) >= 0.0)
 
@@ -105,7 +105,7 @@ def test_more_passing_sets_than_there_was_room_for_are_all_reported():
 def test_a_true_set_fails_as_often_as_stated():
     rng = np.random.default_rng(5)
     fails = sum(
-        len(passing_sets(sky(rng, n), rng.standard_normal((n, 1)), false_alarm_probability=0.05).statistic) == 0
+        len(find_passing_sets(sky(rng, n), rng.standard_normal((n, 1)), false_alarm_probability=0.05).statistic) == 0
         for n in (5, 7, 9)
         for _ in range(1000)
     )
@@ -114,7 +114,7 @@ def test_a_true_set_fails_as_often_as_stated():
 
 def test_four_satellites_are_refused():
     with pytest.raises(ValueError, match="always fit"):
-        passing_sets(np.eye(4, 3), np.zeros((4, 2)))
+        find_passing_sets(np.eye(4, 3), np.zeros((4, 2)))
 
 
 def test_the_two_pure_sets_pass_lie_apart_and_complement_each_other():
@@ -180,7 +180,7 @@ def test_five_false_of_eight_are_found_among_what_is_left_and_four_never():
     for false, wanted in ((5, 5), (4, None)):
         units, misfit = two_skies(rng, 8, 1.0, 300.0)
         misfit[false:, 1] = np.nan
-        found = second_subset(units, misfit, 1.0, np.zeros(8, np.int64))
+        found = find_second_subset(units, misfit, 1.0, np.zeros(8, np.int64))
         assert (None if found is None else len(found[0])) == wanted
 
 

@@ -3,16 +3,16 @@
 import numpy as np
 from scipy import stats
 from tests.detectors.dccaf.test_inverse_raim import UP_EAST, sky
-from tests.detectors.dccaf.test_inverse_raim import two_skies as drawn
+from tests.detectors.dccaf.test_inverse_raim import find_two_skies as drawn
 
-from skyproof.detectors.dccaf.two_skies import two_skies
+from skyproof.detectors.dccaf.two_skies import find_two_skies
 
 SIGMA_M, MOST = 4.0, 1e-3
 
 
 def found(units, misfit_m, sigma_m=SIGMA_M):
     sigmas = np.full(len(units), sigma_m)
-    return two_skies(units, misfit_m, sigmas, window_m=760.0, set_probability=1e-3, most_doubt=MOST)
+    return find_two_skies(units, misfit_m, sigmas, window_m=760.0, set_probability=1e-3, most_doubt=MOST)
 
 
 def shuffled(rng, misfit_m):

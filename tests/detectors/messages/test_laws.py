@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.detectors.messages.laws import chance_of_difference, range_difference_m, served_together
+from skyproof.detectors.messages.laws import chance_of_difference, range_difference_m, serve_together
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.nominal import nominal_constellation
 
@@ -43,6 +43,6 @@ def test_errors_as_stated_come_at_their_rate() -> None:
 
 
 def test_data_sets_far_apart_in_time_are_not_compared() -> None:
-    assert served_together(SENT, replace(SENT, toe=SENT.toe + 7200.0))
-    assert not served_together(SENT, replace(SENT, toe=SENT.toe + 9000.0))
-    assert not served_together(SENT, replace(SENT, message="CNAV"))
+    assert serve_together(SENT, replace(SENT, toe=SENT.toe + 7200.0))
+    assert not serve_together(SENT, replace(SENT, toe=SENT.toe + 9000.0))
+    assert not serve_together(SENT, replace(SENT, message="CNAV"))

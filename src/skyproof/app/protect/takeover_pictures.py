@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
 from skyproof.app.protect.positions import Track
 from skyproof.arrays import Integers, Reals
-from skyproof.detectors.dccaf.bursts import amplitudes, between_taps, own_correlation, shapes
-from skyproof.detectors.dccaf.delays import DccafSettings, Delays, delays_of, last_burst
+from skyproof.detectors.dccaf.bursts import autocorrelate_code, build_shapes, estimate_amplitudes, interpolate_taps
+from skyproof.detectors.dccaf.delays import DccafSettings, Delays, estimate_delays, last_burst
 from skyproof.detectors.dccaf.detector import Dccaf
 from skyproof.detectors.prediction.choice import Compared
 from skyproof.explain.bases import name_bases
@@ -70,7 +70,7 @@ def _most_telling(outcome: Outcome) -> Finding | None:
 
 def _taken_apart(ccaf: Ccaf, epochs: Integers, at_s: float) -> list[CorrelationParts]:
     settings = DccafSettings()
-    found = delays_of(ccaf, epochs, settings)
+    found = estimate_delays(ccaf, epochs, settings)
     rows = np.flatnonzero(np.isfinite(found.delay_chips).all(axis=1))
     surest: dict[str, int] = {}  # of each satellite's signals: a second one is followed with the first in its grid
     for row in rows[np.argsort(found.p_value[rows], kind="stable")].tolist():
@@ -84,13 +84,13 @@ def _parts(ccaf: Ccaf, epoch: int, row: int, found: Delays, settings: DccafSetti
     middle = int(np.argmin(np.abs(ccaf.dopplers_hz)))
     value = np.asarray(ccaf.value[epoch, row, middle], np.complex128) / np.sqrt(ccaf.noise_variance[epoch, row])
     signal, prn = ccaf.signals[row].plan, prn_of(ccaf.signals[row].sat)
-    own = shapes(signal, prn, tuple(taps.tolist()), ccaf.band_hz, settings.window_chips)
+    own = build_shapes(signal, prn, tuple(taps.tolist()), ccaf.band_hz, settings.window_chips)
 
     def read(at: Reals, from_: Reals) -> Reals:
-        return own_correlation(signal, prn, at[:, None] - from_, ccaf.band_hz)
+        return autocorrelate_code(signal, prn, at[:, None] - from_, ccaf.band_hz)
 
     delay = found.delay_chips[row]
-    size = amplitudes(value, own, read(taps, delay))
+    size = estimate_amplitudes(value, own, read(taps, delay))
     order = np.argsort(-np.abs(size), kind="stable")
     delay, size = delay[order], size[order]
     drawn = np.arange(round((taps[-1] - taps[0]) / _STEP_CHIPS) + 1) * _STEP_CHIPS + taps[0]
@@ -100,7 +100,7 @@ def _parts(ccaf: Ccaf, epoch: int, row: int, found: Delays, settings: DccafSetti
         sat=ccaf.signals[row].sat,
         at_s=at_s,
         delays_chips=drawn - delay[0],
-        value=between_taps(value, own, read(drawn, taps)) * turned,
+        value=interpolate_taps(value, own, read(drawn, taps)) * turned,
         parts=np.abs(size)[:, None] * np.abs(read(drawn, delay).T),
         second_chips=float(delay[1] - delay[0]),
         second_db=float(20.0 * np.log10(np.abs(size[1]) / np.abs(size[0]))),

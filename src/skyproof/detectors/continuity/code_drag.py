@@ -38,7 +38,7 @@ def find_code_drags(
 ) -> list[SkyMotion | None]:
     """Find each group's least likely code drag, of those over `code_spans_s` up to the last epoch.
 
-    groups : observations of one signal a transmission, and their series (`steps.series_of`). alpha : as of
+    groups : observations of one signal a transmission, and their series (`series.build_series`). alpha : as of
     `whole_sky.estimate_motions`. P-values are bounds, for all spans together. None where fewer than five satellites
     cover a span.
     """

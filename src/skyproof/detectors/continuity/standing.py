@@ -43,7 +43,7 @@ def find_carrier_motion(
 ) -> SkyMotion | None:
     """Find the least likely motion of a receiver that stands, over `carrier_spans_s` up to the last epoch.
 
-    o : one signal a transmission, and `series` of it (`steps.series_of`). place_ecef_m : (3,) to some metres.
+    o : one signal a transmission, and `series` of it (`series.build_series`). place_ecef_m : (3,) to some metres.
     carrier_error_m : of a carrier at one epoch beside noise, one sigma. alpha : at which the motion is tested
     without some of the satellites. P-values are bounds, for all spans together. None if the carriers of fewer than
     five satellites cover a span.

@@ -39,7 +39,7 @@ class CorrelatorPolicy:
         "Looks of one step and reference: a tenth of a second and a second where looks come every 20 ms.",
     )
     guided_looks_share: float = number(
-        0.8, "1", "Where fewer of a window's looks were guided, means are of loops of its own for a fifth of it."
+        0.8, "1", "Where fewer of a window's looks were guided, a fifth of each mean comes from unguided loops."
     )
     looks_more: int = number(
         20, "1", "With so many looks more than numbers tested, an estimated variance is known to a third."

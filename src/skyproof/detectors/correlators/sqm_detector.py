@@ -1,9 +1,9 @@
-"""The detector of signal quality: does a second signal of the same satellite overlap the tracked one?
+"""Test signal quality: does a second signal of the same satellite overlap the tracked one?
 
 A reflection within a chip distorts correlators exactly as a second transmitter does. What tells them apart is how many
 satellites show it at once, and on which side: a reflection comes after its signal, so one that comes before is the
-weaker direct signal beside a tracked reflection, or not of the sky. Both counts are binomial if reflections come to
-each satellite by themselves; only the second one excludes reflections.
+weaker direct signal beside a tracked reflection, or not of the sky. Both counts are binomial if reflections are
+independent between satellites; only the second one excludes reflections.
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from skyproof.detectors.base import NotTested, Reporter
 from skyproof.detectors.correlators.policy import POLICY
 from skyproof.detectors.correlators.second_component import (
     BeatLine,
-    allowed_share,
+    combine_smallest,
     distortion,
     earlier,
-    pairs_of,
-    together,
+    pair_taps,
+    tolerated_amplitude,
 )
 from skyproof.errors import SettingsError, require_probability
 from skyproof.records import (
@@ -49,7 +49,7 @@ class SqmSettings:
     multipath_sigma_m : error of code that a reflection causes without being counted, one sigma; 0 counts every one.
     reflection_probability : that a signal has a reflection beyond that.
     tracked_reflection_probability : that what is tracked is a reflection, with its direct signal weaker before it.
-    min_signals : fewer say nothing together.
+    min_signals : with fewer, no test of them together is made.
     """
 
     false_alarm_probability: float = 1e-3
@@ -97,7 +97,7 @@ class Sqm:
 
     def _test_receiver(self, report: Reporter, taps: Taps) -> Finding:
         """Count the signals that are distorted, and those that an earlier one distorts."""
-        settings, signals = self.settings, _examined(taps, self.settings.multipath_sigma_m)
+        settings, signals = self.settings, _test_signals(taps, self.settings.multipath_sigma_m)
         n = len(signals)
         if n < settings.min_signals:
             refs = list_refs(taps.receiver, taps.signals)
@@ -111,7 +111,7 @@ class Sqm:
             binomial_survival(len(early), n, settings.tracked_reflection_probability + POLICY.signal_probability)
         )
         alpha = settings.false_alarm_probability
-        certain = [s for s in signals if together(s.distorted.p_value, n) < alpha]
+        certain = [s for s in signals if combine_smallest(s.distorted.p_value, n) < alpha]
         if 2.0 * p_early < alpha:
             code, tested = "earlier_signals", early
         elif 2.0 * p_many < alpha:
@@ -141,7 +141,7 @@ def _explain_few(taps: Taps, examined: int, least: int) -> NotTested:
         "needed": least,
         "satellites": len(sent),
     }
-    if not pairs_of(taps.delays_chips):
+    if not pair_taps(taps.delays_chips):
         return NotTested("no_pair", data)
     if taps.elapsed_s.size < POLICY.least_looks:
         return NotTested("few_looks", data)
@@ -150,31 +150,31 @@ def _explain_few(taps: Taps, examined: int, least: int) -> NotTested:
     return NotTested("few_signals", data)
 
 
-def _examined(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:
-    """Every signal that stands alone of its satellite and was tracked long enough without a break."""
-    pairs, signals = pairs_of(taps.delays_chips), []
+def _test_signals(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:
+    """Test every signal that is the only one of its satellite and was tracked long enough without a break."""
+    pairs, signals = pair_taps(taps.delays_chips), []
     if not pairs or taps.elapsed_s.size < POLICY.least_looks:
         return []
     step_s = float(np.median(np.diff(taps.elapsed_s)))
     early_chips = float(np.min(np.abs(taps.delays_chips[[a for a, _, _ in pairs]])))
     value = taps.value[:, :, int(np.argmin(np.abs(taps.dopplers_hz)))]
-    there: Booleans = np.asarray(np.isfinite(value).all(axis=2))
-    for column in np.flatnonzero(there.any(axis=0)):
+    tracked: Booleans = np.asarray(np.isfinite(value).all(axis=2))
+    for column in np.flatnonzero(tracked.any(axis=0)):
         rivals = [k for k, s in enumerate(taps.signals) if s.transmission == taps.signals[column].transmission]
-        looks = _unbroken(value[:, column], there[:, column] & (there[:, rivals].sum(axis=1) == 1))
+        looks = _longest_run(value[:, column], tracked[:, column] & (tracked[:, rivals].sum(axis=1) == 1))
         if len(looks) < POLICY.least_looks:
             continue
-        allowed = allowed_share(multipath_sigma_m, early_chips, taps.signals[column].plan.chip_m)
+        allowed = tolerated_amplitude(multipath_sigma_m, early_chips, taps.signals[column].plan.chip_m)
         parts = np.array_split(looks, -(-len(looks) // round(POLICY.longest_line_s / step_s)))
         lines = [distortion(part, taps.delays_chips, step_s, allowed=allowed) for part in parts]
         early = [earlier(part, taps.delays_chips, step_s) for part in parts]
         ref = SignalRef(taps.receiver, taps.signals[column])
-        signals.append(_Signal(ref, _most_telling(lines), _most_telling(early)))
+        signals.append(_Signal(ref, _select_strongest(lines), _select_strongest(early)))
     return signals
 
 
-def _unbroken(looks: ComplexFloats, there: Booleans) -> ComplexFloats:
-    """The longest run without a gap."""
+def _longest_run(looks: ComplexFloats, there: Booleans) -> ComplexFloats:
+    """Return the longest run without a gap."""
     if not there.any():
         return looks[:0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
@@ -183,6 +183,6 @@ def _unbroken(looks: ComplexFloats, there: Booleans) -> ComplexFloats:
     return looks[begins[longest] : ends[longest]]
 
 
-def _most_telling(lines: list[BeatLine]) -> BeatLine:
+def _select_strongest(lines: list[BeatLine]) -> BeatLine:
     best = min(lines, key=lambda line: line.p_value)
-    return best._replace(p_value=together(best.p_value, len(lines)))
+    return best._replace(p_value=combine_smallest(best.p_value, len(lines)))

@@ -1,16 +1,16 @@
-"""Cumulative sums over a vector receiver's looks: small offsets over many windows, and when large ones began.
+"""Add up a vector receiver's looks: find small offsets over many windows, and when large ones began.
 
 Each look leaves residuals of code and of phase, over their noise: t = s W'W x with x the discriminators of n
-satellites, s their sigmas and W the whitened parity basis (`vector_parity`). They have n numbers and n - 4 degrees, and
-unlike W x they are the same for every basis, so that a sum goes on while the geometry turns. Code and phase have a bank
-of Crosier's sums each (`statistics.cusum`) over steps of some looks.
+satellites, s their sigmas and W the whitened parity basis (`vector_parity`). They have n numbers and n - 4 degrees.
+Unlike W x they are the same for every basis, so that a sum continues while the geometry turns. Code and phase have a
+bank of Crosier's sums each (`statistics.cusum`) over steps of some looks.
 
-Codes may be off by errors that stay (multipath, ionosphere, orbits), which a sum would add up without end. Its
-reference grows by b, a length that they exceed with a stated probability: since |s + y + e| - (k + b) <= |s + y| - k
-where |e| <= b, and the law of |s + y| grows with |s|, alarms come at most as often as without such errors.
+Lasting errors of codes (multipath, ionosphere, orbits) would add up without end in a sum. So its reference grows by b,
+a length that they exceed with a stated probability. Then |s + y + e| - (k + b) <= |s + y| - k where |e| <= b, and the
+law of |s + y| grows with |s|. So alarms come at most as often as without such errors.
 
-Windows in a row share a sum. The p-value of one is that of a sum that has always run (`cusum_within`), so that in each
-window it is uniform under the null by itself, though not independent of the one before.
+Successive windows share a sum. A window's p-value is that of a sum that has always run (`cusum_within`). So it is
+uniform under the null in each window, though not independent of the window before.
 """
 
 from bisect import bisect_left
@@ -26,12 +26,12 @@ from skyproof.records import SignalId
 from skyproof.statistics.cusum import cusum_path, cusum_within
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["BankFound", "BankState", "bank_over_looks"]
+__all__ = ["BankFound", "BankState", "run_bank"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BankState:
-    """What goes on from window to window: sums (n,) of each branch, of code and then of phase, with these signals."""
+    """State carried from window to window: sums (n,) of each branch, of code and then of phase, with these signals."""
 
     signals: tuple[SignalId, ...]
     sums: tuple[Reals, ...]
@@ -40,12 +40,12 @@ class BankState:
 class BankFound(NamedTuple):
     """Over one window.
 
-    p_value : below any level, from the one asked for up, as often as it says or a little more rarely, for each sum has
-        a fourth: of 16 000 windows of 100 looks in a row, six satellites, 8.8 % are below 10 % and 0.82 % below 1 %.
-        One below the level asked for is an alarm; sums then begin anew, so that alarms come more rarely than that.
+    p_value : below any level, from the requested one up, at most as often as stated, for each sum has a fourth. Of
+        16 000 successive windows of 100 looks, six satellites, 8.8 % are below 10 % and 0.82 % below 1 %. One below
+        the requested level is an alarm; sums then restart, so that alarms come more rarely than that.
     began, seen : looks, counted in the window, at which the alarming sum last left zero (-1: before the window) and at
         which it passed its threshold; None without an alarm.
-    state : for the next window; begins anew after an alarm.
+    state : for the next window; it restarts after an alarm.
     """
 
     p_value: float
@@ -54,7 +54,7 @@ class BankFound(NamedTuple):
     state: BankState
 
 
-def bank_over_looks(
+def run_bank(
     signals: tuple[SignalId, ...],
     code_chips: Reals,
     phase_rad: Reals,
@@ -63,7 +63,7 @@ def bank_over_looks(
     false_alarm_probability: float,
     state: BankState | None = None,
 ) -> BankFound:
-    """Carry the bank over one window's discriminators (looks, n).
+    """Run the bank of sums over one window's discriminators (looks, n).
 
     white : of one look's noise. lasting_chips : (n,) one sigma of what codes may be off for good. Looks beyond the last
     whole step of a branch do not count in it: windows should hold a multiple of 50.
@@ -73,7 +73,7 @@ def bank_over_looks(
     if state is None or state.signals != signals:
         state = BankState(signals=signals, sums=(np.zeros(n),) * (len(kinds) * len(POLICY.cusum_branches)))
     share = (1.0 - POLICY.lasting_share) * false_alarm_probability / len(state.sums)
-    lasting = _longest_lasting(white, lasting_chips, POLICY.lasting_share * false_alarm_probability)
+    lasting = _bound_lasting_errors(white, lasting_chips, POLICY.lasting_share * false_alarm_probability)
     ended, p_values, alarms = [], [1.0], []
     for i, total in enumerate(state.sums):
         (x, rows, sigma), (looks, reference) = (
@@ -87,7 +87,7 @@ def bank_over_looks(
         ended.append(path.state)
         if steps:
             highest = np.maximum.accumulate(path.size)
-            p_values.append(_reached(float(highest[-1]), steps, reference, dof))
+            p_values.append(_p_value_of_height(float(highest[-1]), steps, reference, dof))
             if p_values[-1] < share:
                 alarms.append(_alarm(path.size, highest, reference, dof, share, looks))
     seen, began = min(alarms, default=(None, None))
@@ -97,7 +97,7 @@ def bank_over_looks(
     return BankFound(p_value, began, seen, BankState(signals=signals, sums=tuple(ended)))
 
 
-def _reached(size: float, steps: int, reference: float, degrees: int) -> float:
+def _p_value_of_height(size: float, steps: int, reference: float, degrees: int) -> float:
     return cusum_within(size, steps, reference, degrees) if size > 0.0 else 1.0
 
 
@@ -105,13 +105,13 @@ def _alarm(size: Reals, highest: Reals, reference: float, degrees: int, share: f
     """Looks at which a sum was so large that the window alarms, and at which it last left zero, -1 for before it."""
     steps = len(size)
     first = bisect_left(
-        range(steps), True, key=lambda k: _reached(float(highest[k]), steps, reference, degrees) < share
+        range(steps), True, key=lambda k: _p_value_of_height(float(highest[k]), steps, reference, degrees) < share
     )
     zeros = np.flatnonzero(size[:first] <= 0.0)
     return (first + 1) * looks, (int(zeros[-1]) + 1) * looks if zeros.size else -1
 
 
-def _longest_lasting(white: Whitener, lasting_chips: Reals, probability: float) -> float:
-    """Length in one look's y that lasting errors of code exceed at most so often."""
+def _bound_lasting_errors(white: Whitener, lasting_chips: Reals, probability: float) -> float:
+    """Return the length in one look's y that lasting errors of code exceed at this probability."""
     spread = np.linalg.norm(white.code * lasting_chips, ord=2)
     return float(spread * np.sqrt(chi_square_threshold(probability, white.code.shape[0])))

@@ -1,4 +1,4 @@
-"""All that an attack on a vector receiver shows, in as few numbers as possible: the parity space of the discriminators.
+"""Reduce an attack on a vector receiver to as few numbers as possible: the parity space of the discriminators.
 
 In the equilibrium the mean of the discriminators, of code and of phase, is orthogonal to the columns of the geometry
 (20), (21) (paper: see `vector_sqm`). So the whole attack lies in n - 4 dimensions each, B u and B q; noise in the other
@@ -12,7 +12,7 @@ Left over is the dependence of code and phase of one satellite. At an amplitude 
 2.2 times), from 10 on as stated.
 
 Only B C^s is visible: attacks C^s and C^s + G x look the same for every x. Which satellites are false is a question of
-prior belief where several sets explain y; `explanations` gives all the smallest ones.
+prior belief where several sets explain y; `find_explanations` gives all the smallest ones.
 """
 
 from collections.abc import Callable
@@ -31,12 +31,12 @@ __all__ = [
     "Explanation",
     "ParityTest",
     "Whitener",
-    "explanations",
-    "likely_sets",
+    "build_whitener",
+    "find_explanations",
     "parity_test",
     "parity_vector",
+    "select_likely_sets",
     "separability",
-    "whitener_of",
 ]
 
 
@@ -54,8 +54,8 @@ class Whitener(NamedTuple):
     phase: Reals
 
 
-def whitener_of(parity: Reals, sigma_chips: Reals, sigma_rad: Reals, amplitude: ArrayLike = np.nan) -> Whitener:
-    """From the discriminators' own sigmas (n,), whatever they are of; without amplitudes there are no scores."""
+def build_whitener(parity: Reals, sigma_chips: Reals, sigma_rad: Reals, amplitude: ArrayLike = np.nan) -> Whitener:
+    """Build a whitener from the discriminators' sigmas (n,); without amplitudes there are no scores."""
     code, phase = (
         np.linalg.solve(np.linalg.cholesky((parity * sigma**2) @ parity.T), parity)
         for sigma in (sigma_chips, sigma_rad)
@@ -65,19 +65,19 @@ def whitener_of(parity: Reals, sigma_chips: Reals, sigma_rad: Reals, amplitude: 
 
 
 def parity_vector(code_chips: ArrayLike, phase_rad: ArrayLike, white: Whitener, *, scores: bool = True) -> Reals:
-    """y (..., 2 (n - 4)) of discriminators (..., n), standard normal without an attack.
+    """Compute y (..., 2 (n - 4)) of discriminators (..., n), standard normal without an attack.
 
-    scores : make them exactly normal first; without, the tails of sums with A^2 < 400 are heavier than normal: of
+    scores : make them exactly normal first. Without it, the tails of sums with A^2 < 400 are heavier than normal. Of
         parity tests at 1e-5, 2.6 times as many alarm at A^2 = 100, 1.5 times at 200.
     """
     u, q = np.asarray(code_chips, float), np.asarray(phase_rad, float)
     if scores:
-        u = white.sigma_chips * _by_satellite(law.code_score, u, white.amplitude)
-        q = white.sigma_rad * _by_satellite(law.phase_score, q, white.amplitude)
+        u = white.sigma_chips * _score_by_satellite(law.code_score, u, white.amplitude)
+        q = white.sigma_rad * _score_by_satellite(law.phase_score, q, white.amplitude)
     return np.concatenate((u @ white.code.T, q @ white.phase.T), axis=-1)
 
 
-def _by_satellite(score: Callable[[Reals, float], Reals], values: Reals, amplitude: Reals) -> Reals:
+def _score_by_satellite(score: Callable[[Reals, float], Reals], values: Reals, amplitude: Reals) -> Reals:
     if np.all(amplitude == amplitude[0]):
         return np.asarray(score(values, float(amplitude[0])))
     return np.stack([score(values[..., j], float(a)) for j, a in enumerate(amplitude)], axis=-1)
@@ -95,7 +95,7 @@ class ParityTest(NamedTuple):
 
 
 def parity_test(y: Reals) -> ParityTest:
-    """|y|^2, chi-square with as many degrees as y has numbers."""
+    """Test |y|^2: chi-square with as many degrees as y has numbers."""
     statistic = np.sum(y**2, axis=-1)
     return ParityTest(np.asarray(statistic, float), chi_square_survival(statistic, y.shape[-1]), y.shape[-1])
 
@@ -122,11 +122,11 @@ class Explanation(NamedTuple):
     p_value: float
 
 
-def explanations(y: Reals, white: Whitener, probability: float) -> tuple[Explanation, ...]:
-    """All sets of the smallest size that explain one y (2 (n - 4),), best first: they cannot be distinguished.
+def find_explanations(y: Reals, white: Whitener, probability: float) -> tuple[Explanation, ...]:
+    """Find all sets of the smallest size that explain one y (2 (n - 4),), best first: they are indistinguishable.
 
     One empty set means no sign of an attack. `probability` : that a true set is missed, if the discriminators are
-    linear: sums long enough (A^2 above 2000), y without scores, offsets up to 0.2 chip and 0.3 rad.
+    linear. This needs long sums (A^2 above 2000), y without scores, and offsets up to 0.2 chip and 0.3 rad.
     """
     half, n = white.code.shape
     for size in range(half + 1):
@@ -134,26 +134,28 @@ def explanations(y: Reals, white: Whitener, probability: float) -> tuple[Explana
         found = []
         for satellites in combinations(range(n), size):
             columns = list(satellites)
-            left = _left(y[:half], white.code[:, columns]) + _left(y[half:], white.phase[:, columns])
-            p_value = float(chi_square_survival(left, dof)) if dof else 1.0
+            remaining = _squared_rest(y[:half], white.code[:, columns]) + _squared_rest(
+                y[half:], white.phase[:, columns]
+            )
+            p_value = float(chi_square_survival(remaining, dof)) if dof else 1.0
             if p_value >= probability:
-                found.append(Explanation(satellites, left, p_value))
+                found.append(Explanation(satellites, remaining, p_value))
         if found:
             return tuple(sorted(found, key=lambda each: each.statistic))
     return ()
 
 
-def likely_sets(y: Reals, white: Whitener, wrong_probability: float) -> tuple[Explanation, ...]:
-    """The sets of `explanations` that cannot be left out, the likeliest first: one alone is named.
+def select_likely_sets(y: Reals, white: Whitener, wrong_probability: float) -> tuple[Explanation, ...]:
+    """Select the sets of `find_explanations` that cannot be ruled out, the likeliest first; a single set is named.
 
-    Of the sets of one size that fit, the fewest that hold the true one but for `wrong_probability`: half of it that the
-    true set does not fit, half that it is not among those kept. Each set's offsets of code and of phase are taken as
-    equally likely over all sizes, so that its weight is exp(-left / 2) / sqrt(det C'C det F'F), C and F its directions.
-    Empty where as many satellites would have to be false as cannot be told apart, n < 4 + 2 t: others would fit as
-    well, larger sets among them.
+    Of the sets of one size that fit, the fewest are kept that hold the true one but for `wrong_probability`. Half of
+    it is that the true set does not fit, half that it is not kept. A set's offsets of code and of phase are equally
+    likely over all sizes. So its weight is exp(-rest / 2) / sqrt(det C'C det F'F), C and F its directions. The result
+    is empty if t false satellites cannot be distinguished, n < 4 + 2 t: others would fit as well, larger sets among
+    them.
     """
     half = white.code.shape[0]
-    found = explanations(y, white, 0.5 * wrong_probability)
+    found = find_explanations(y, white, 0.5 * wrong_probability)
     if not found or 2 * len(found[0].satellites) > half:
         return ()
     log_weight = np.empty(len(found))
@@ -168,17 +170,17 @@ def likely_sets(y: Reals, white: Whitener, wrong_probability: float) -> tuple[Ex
     return tuple(found[i] for i in order[:kept])
 
 
-def _left(y: Reals, columns: Reals) -> float:
-    """Squared length of y outside the span of the columns."""
+def _squared_rest(y: Reals, columns: Reals) -> float:
+    """Compute the squared length of y outside the span of the columns."""
     fitted = columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
     return float(np.sum((y - fitted) ** 2))
 
 
 def separability(parity: Reals, size: int) -> float:
-    """Smallest singular value of any 2 `size` columns of B (n - 4, n).
+    """Compute the smallest singular value of any 2 `size` columns of B (n - 4, n).
 
-    Sets of up to `size` attacked satellites can be distinguished for all amplitudes if and only if it is above zero,
-    which needs n >= 4 + 2 size: one from 6 satellites, two from 8. It is zero with fewer.
+    Sets of up to `size` attacked satellites can be distinguished for all amplitudes if and only if it is above zero.
+    This needs n >= 4 + 2 size: one from 6 satellites, two from 8. It is zero with fewer.
     """
     rows, n = parity.shape
     if 2 * size > rows:

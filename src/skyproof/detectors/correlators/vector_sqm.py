@@ -1,4 +1,4 @@
-"""Signals that do not fit together displace the correlators of a vector tracking receiver: by how much, and the rule.
+"""Model how signals that do not fit together displace the correlators of a vector tracking receiver.
 
 A vector receiver steers all its channels by one solution. Signals that do not fit one position and clock cannot all be
 followed; the loops settle with constant offsets of code and phase on every channel. They show inconsistency between
@@ -25,8 +25,10 @@ __all__ = ["SatelliteGeometry", "satellite_geometry"]
 
 
 class SatelliteGeometry(NamedTuple):
-    """What the directions of n satellites say: design G (..., n, 4), projector S = I - G (G^T G)^-1 G^T (..., n, n),
-    parity basis B (..., n - 4, n) with orthonormal rows and B G = 0, and a basis Q (..., n, 4) of the columns of G."""
+    """Matrices that follow from the directions of n satellites.
+
+    Design G (..., n, 4); projector S = I - G (G^T G)^-1 G^T (..., n, n); parity basis B (..., n - 4, n) with
+    orthonormal rows and B G = 0; a basis Q (..., n, 4) of the columns of G."""
 
     design: Reals
     projector: Reals
@@ -35,9 +37,12 @@ class SatelliteGeometry(NamedTuple):
 
 
 def satellite_geometry(design: Reals) -> SatelliteGeometry:
-    """Projector and bases of a design matrix (..., n, 4). With n <= 4 the parity basis is empty and nothing is seen."""
-    left, _, _ = np.linalg.svd(design, full_matrices=True)
-    span, parity = left[..., :4], np.swapaxes(left[..., 4:], -1, -2)
+    """Compute projector and bases of a design matrix (..., n, 4).
+
+    With n <= 4 the parity basis is empty and nothing is detected.
+    """
+    rotation, _, _ = np.linalg.svd(design, full_matrices=True)
+    span, parity = rotation[..., :4], np.swapaxes(rotation[..., 4:], -1, -2)
     return SatelliteGeometry(design, np.asarray(np.swapaxes(parity, -1, -2) @ parity), parity, span)
 
 

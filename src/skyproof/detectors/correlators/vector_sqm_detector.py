@@ -1,4 +1,4 @@
-"""The detector over `vector_parity`: do a vector receiver's channels fit one place?
+"""Test if a vector receiver's channels fit one position, over `vector_parity`.
 
 It works on correlators as they come, at any spacing and behind any front end: the noise of code and phase is what they
 show from look to look. Beside it each code may be off by what multipath and the models leave, as ranges may.
@@ -15,14 +15,14 @@ from skyproof.arrays import Indices, Reals
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.detectors.correlators.correlator_laws import phase_discriminator
 from skyproof.detectors.correlators.policy import POLICY
-from skyproof.detectors.correlators.vector_cusum import BankFound, BankState, bank_over_looks
+from skyproof.detectors.correlators.vector_cusum import BankFound, BankState, run_bank
 from skyproof.detectors.correlators.vector_parity import (
     Whitener,
-    likely_sets,
+    build_whitener,
     parity_test,
     parity_vector,
+    select_likely_sets,
     separability,
-    whitener_of,
 )
 from skyproof.detectors.correlators.vector_sqm import satellite_geometry
 from skyproof.errors import SettingsError, require_probability
@@ -48,7 +48,7 @@ from skyproof.records import (
 __all__ = ["VectorSqm", "VectorSqmSettings"]
 
 MOST_NAMED: Final = 6
-"""Sets of signals that would explain a misfit, of which the signals are named."""
+"""Sets of signals that would explain a misfit, whose signals are named."""
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,12 @@ class Directions(NamedTuple):
     lasting_chips: Reals
 
 
-def pair_of_taps(taps: Taps) -> tuple[float, int, int, int] | None:
-    """Spacing in chips and places of early, prompt and late: of the pairs within a chip that stand evenly about the
-    prompt the one nearest to half a chip, which sees furthest; None if there is none. Early is the replica ahead."""
+def select_pair(taps: Taps) -> tuple[float, int, int, int] | None:
+    """Select the pair of taps about the prompt nearest to half a chip, of those within a chip; None without any.
+
+    Half a chip detects the largest offsets. Returned are the spacing in chips, and the places of early, prompt and
+    late. Early is the replica ahead.
+    """
     delays = taps.delays_chips
     prompt = np.flatnonzero(np.abs(delays) < 1e-6)
     for early in np.argsort(np.abs(delays - 0.5), kind="stable"):
@@ -102,13 +105,18 @@ def pair_of_taps(taps: Taps) -> tuple[float, int, int, int] | None:
 
 
 def code_offset_chips(early: Reals, late: Reals, spacing_chips: float) -> Reals:
-    """Code ahead of its replica, of |early| and |late| `spacing_chips` off the prompt, of any shape: exact for a
-    triangle and offsets up to the spacing. For half a chip it is the paper's discriminator."""
+    """Estimate by how much the code is ahead of its replica, of |early| and |late| of any shape.
+
+    They are `spacing_chips` off the prompt. It is exact for a triangle and offsets up to the spacing. For half a chip
+    it is the paper's discriminator.
+    """
     return np.asarray((1.0 - spacing_chips) * (early - late) / (early + late))
 
 
 def t_squared_survival(statistic: float, dof: int, samples: int) -> float:
-    """Probability that Hotelling's T^2 of `dof` means exceeds a value; their covariance is that of `samples` draws.
+    """Compute the probability that Hotelling's T^2 of `dof` means exceeds a value.
+
+    The means' covariance is that of `samples` draws.
 
     (samples - dof) / (dof (samples - 1)) T^2 has the F law with dof and samples - dof degrees: H. Hotelling, "The
     generalization of Student's ratio", 1931. Where only the variances are estimated, or a part of them is known, the
@@ -118,13 +126,13 @@ def t_squared_survival(statistic: float, dof: int, samples: int) -> float:
 
 
 class VectorSqm:
-    """The detector: one finding of each receiver and window, from `vector_taps`, a tuple of `Taps` whose channels one
-    solution steers.
+    """Make one finding of each receiver and window, from `vector_taps`: a tuple of `Taps` whose channels one solution
+    steers.
 
     Code and phase discriminators of the window's looks are taken into the parity space of the geometry. Half of the
     false-alarm probability goes to the squared length of their means, over the variances that the looks show: it
     exceeds the law of T^2 with 2 (n - 4) degrees at most as often as stated. Half goes to cumulative sums over the
-    looks (`vector_cusum`), which go on from window to window in the state and show when an offset began.
+    looks (`vector_cusum`), which continue from window to window in the state and show when an offset began.
 
     Signals that do not fit one position are found, with those that would explain it, and no more: a reflection that is
     followed alone, or a fault of a satellite, displaces a channel just as a false signal does. Taps of scalar tracking
@@ -161,24 +169,24 @@ class VectorSqm:
     ) -> "_Looks | NotTested":
         """Return discriminators of one receiver's channels that can be tested together, or what they lack."""
         data: dict[str, Datum] = {"receiver": taps.receiver, "needed": self.settings.min_satellites}
-        pair = pair_of_taps(taps)
+        pair = select_pair(taps)
         if pair is None:
             return NotTested("no_pair", data)
-        there = None
+        geometry = None
         if observations is not None and observations.gpst.size:
-            there = directions(observations, navigation, taps.signals, self.settings)
+            geometry = compute_directions(observations, navigation, taps.signals, self.settings)
         spacing_chips, early, prompt, late = pair
         value = taps.value[:, :, int(np.argmin(np.abs(taps.dopplers_hz)))].astype(np.complex128)
-        kept = _kept(value, there)
+        kept = _select_guided(value, geometry)
         n = kept.size
         rows = np.isfinite(value[:, kept]).all(axis=(1, 2))
-        if there is None:
+        if geometry is None:
             return NotTested("no_position", data)
         needed = 2 * (n - 4) + POLICY.looks_more
         data |= {"channels": n, "looks": int(rows.sum()), "needed_looks": needed}
         if n < self.settings.min_satellites:
             return NotTested("few_satellites", data)
-        if np.linalg.matrix_rank(there.design[kept]) < 4:
+        if np.linalg.matrix_rank(geometry.design[kept]) < 4:
             return NotTested("weak_geometry", data)
         if rows.sum() < needed:
             return NotTested("few_looks", data)
@@ -188,8 +196,8 @@ class VectorSqm:
             elapsed_s=taps.elapsed_s[rows],
             code_chips=code_offset_chips(np.abs(chosen[..., early]), np.abs(chosen[..., late]), spacing_chips),
             phase_rad=phase_discriminator(chosen[..., prompt]),
-            design=there.design[kept],
-            lasting_chips=there.lasting_chips[kept],
+            design=geometry.design[kept],
+            lasting_chips=geometry.lasting_chips[kept],
         )
 
     def _test_looks(
@@ -199,11 +207,11 @@ class VectorSqm:
         asked = self.settings.false_alarm_probability
         parity = satellite_geometry(looks.design).parity
         noise_chips, noise_rad = (x.std(axis=0, ddof=1) for x in (looks.code_chips, looks.phase_rad))
-        bank = bank_over_looks(
+        bank = run_bank(
             looks.signals,
             looks.code_chips,
             looks.phase_rad,
-            whitener_of(parity, noise_chips, noise_rad),
+            build_whitener(parity, noise_chips, noise_rad),
             looks.lasting_chips,
             0.5 * asked,
             before,
@@ -216,7 +224,7 @@ class VectorSqm:
         if failed:
             from_look = min(max(bank.began or 0, 0), n_looks - y.size - POLICY.looks_more)
             _, y, white = looks.mean_over(slice(from_look, None), parity, POLICY.bent_share)
-            sets = likely_sets(y, white, self.settings.wrong_name_probability)
+            sets = select_likely_sets(y, white, self.settings.wrong_name_probability)
             data |= {
                 "sets": len(sets),
                 "set_size": len(sets[0].satellites) if sets else 0,
@@ -247,12 +255,15 @@ class _Looks:
     lasting_chips: Reals
 
     def mean_over(self, rows: slice, parity: Reals, bent: float) -> tuple[float, Reals, Whitener]:
-        """Statistic, y and its whitener of the means over some looks, each code off by `bent` of its offset besides."""
+        """Average some looks: return the statistic, y and its whitener.
+
+        Each code may be off by `bent` of its offset besides.
+        """
         u, q = self.code_chips[rows], self.phase_rad[rows]
         noise_chips, noise_rad = u.std(axis=0, ddof=1), q.std(axis=0, ddof=1)
         code, phase = u.mean(axis=0), q.mean(axis=0)
         sigma_chips = np.sqrt(noise_chips**2 / len(u) + self.lasting_chips**2 + (bent * code) ** 2)
-        white = whitener_of(parity, sigma_chips, noise_rad / np.sqrt(len(u)))
+        white = build_whitener(parity, sigma_chips, noise_rad / np.sqrt(len(u)))
         y = parity_vector(code, phase, white, scores=False)
         return float(parity_test(y).statistic), y, white
 
@@ -266,30 +277,32 @@ def _date_in_recording(bank: BankFound, looks: _Looks) -> dict[str, Datum]:
 
 
 def _began_gpst(bank: BankFound, looks: _Looks, records: Records, receiver: str) -> np.datetime64 | None:
-    """The look from which on an offset is there, if that is one of this window."""
-    own = [o for o in records.observations if o.receiver == receiver and o.gpst.size]
-    if not own or bank.seen is None or bank.began is None or bank.began < 0:
+    """Return the time of the look at which an offset began, if it is in this window."""
+    receiver_records = [o for o in records.observations if o.receiver == receiver and o.gpst.size]
+    if not receiver_records or bank.seen is None or bank.began is None or bank.began < 0:
         return None
-    since_s = float(looks.elapsed_s[bank.began] - own[0].elapsed_s[0])
-    began: np.datetime64 = own[0].gpst[0] + timedelta_from_s(since_s)
+    since_s = float(looks.elapsed_s[bank.began] - receiver_records[0].elapsed_s[0])
+    began: np.datetime64 = receiver_records[0].gpst[0] + timedelta_from_s(since_s)
     return began
 
 
-def _kept(value: Any, there: Directions | None) -> Indices:
-    """Channels whose place is known and that were guided nearly all the time that any was."""
-    if there is None:
+def _select_guided(value: Any, geometry: Directions | None) -> Indices:
+    """Select channels whose position is known and that were guided nearly all the time that any was."""
+    if geometry is None:
         return np.empty(0, np.intp)
     tracked = np.isfinite(value).all(axis=2)
     share = tracked.sum(axis=0) / max(int(tracked.any(axis=1).sum()), 1)
-    return np.flatnonzero((share >= POLICY.guided_looks_share) & np.isfinite(there.lasting_chips))
+    return np.flatnonzero((share >= POLICY.guided_looks_share) & np.isfinite(geometry.lasting_chips))
 
 
-def directions(
+def compute_directions(
     observations: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], settings: VectorSqmSettings
 ) -> Directions | None:
-    """Of the signals from where they themselves put the receiver, but for satellites below the elevation mask; None if
-    that is not to be found."""
-    mean, measurements, usable = measure_window(
+    """Compute directions from where the signals place the receiver, except for satellites below the elevation mask.
+
+    None if they give no position.
+    """
+    mean, measurements, usable = window_measurements(
         observations,
         navigation,
         multipath_sigma_m=settings.multipath_sigma_m,

@@ -1,4 +1,4 @@
-"""One signal or two, of the same delays through a burst of intervals, and whether a reflection explains the second.
+"""Decide between one signal or two, with the same delays through a burst, and whether a reflection explains the second.
 
 The intervals of a burst follow each other within tenths of a second: delays stay, amplitudes are free in each. With
 b(tau) the whitened correlation of an interval with a signal at delay tau, and sums over the intervals, what two signals
@@ -30,12 +30,12 @@ from skyproof.gnss.signals import SignalPlan
 __all__ = [
     "BurstComponents",
     "Shapes",
-    "amplitudes",
-    "between_taps",
-    "components",
+    "autocorrelate_code",
+    "build_shapes",
+    "estimate_amplitudes",
+    "fit_components",
+    "interpolate_taps",
     "joint_p_value",
-    "own_correlation",
-    "shapes",
 ]
 
 _POINTS = 512
@@ -66,8 +66,13 @@ class Shapes:
 
 
 @lru_cache(maxsize=64)
-def shapes(signal: SignalPlan, prn: int, taps_chips: tuple[float, ...], band_hz: float, window_chips: float) -> Shapes:
-    """Of a signal's code `prn` in an ideal band of two-sided width `band_hz`, delays within `window_chips`."""
+def build_shapes(
+    signal: SignalPlan, prn: int, taps_chips: tuple[float, ...], band_hz: float, window_chips: float
+) -> Shapes:
+    """Build the shapes of a signal's code `prn` in an ideal band of two-sided width `band_hz`.
+
+    Delays lie within `window_chips`.
+    """
     taps = np.array(taps_chips)
     count = round(window_chips / _STEP_CHIPS)
     grid = np.arange(-count, count + 1.0) * _STEP_CHIPS
@@ -87,26 +92,30 @@ def shapes(signal: SignalPlan, prn: int, taps_chips: tuple[float, ...], band_hz:
     )
 
 
-def amplitudes(taps: Complexes, own: Shapes, seen: Reals) -> Complexes:
-    """Of signals (n,) in one interval (m,), by least squares in its noise: `seen` (m, n) is what each looks like in the
-    taps, of amplitude 1."""
+def estimate_amplitudes(taps: Complexes, own: Shapes, seen: Reals) -> Complexes:
+    """Estimate the amplitudes of signals (n,) in one interval (m,), by least squares in its noise.
+
+    `seen` (m, n) is each signal's shape in the taps, at amplitude 1.
+    """
     return np.asarray(np.linalg.lstsq(own.whiten @ seen + 0j, own.whiten @ taps, rcond=None)[0])
 
 
-def between_taps(taps: Complexes, own: Shapes, read: Reals) -> Complexes:
-    """An interval's correlation (m,) at other delays (n,): what is in the band and goes through the taps. `read` (n, m)
-    is the code's correlation from those to the taps."""
+def interpolate_taps(taps: Complexes, own: Shapes, read: Reals) -> Complexes:
+    """Interpolate an interval's correlation (m,) at other delays (n,), for what is in the band and passes the taps.
+
+    `read` (n, m) is the code's correlation from those to the taps.
+    """
     return np.asarray(read @ (own.whiten.T @ (own.whiten @ taps)))
 
 
-def own_correlation(signal: SignalPlan, prn: int, lag_chips: ArrayLike, band_hz: float) -> Reals:
-    """Of a signal's code `prn` with itself in a band at lags (...), side lobes included."""
+def autocorrelate_code(signal: SignalPlan, prn: int, lag_chips: ArrayLike, band_hz: float) -> Reals:
+    """Correlate a signal's code `prn` with itself in a band at lags (...), side lobes included."""
     return _read(_period(signal, prn, band_hz)[0], np.asarray(lag_chips, np.float64))
 
 
-@lru_cache(maxsize=2)  # 8 MB each, and `shapes` of a satellite are made once
+@lru_cache(maxsize=2)  # 8 MB each, and `build_shapes` of a satellite are made once
 def _period(signal: SignalPlan, prn: int, band_hz: float) -> tuple[Reals, Reals]:
-    """The whole of it and its derivative a chip, `_POINTS` a chip."""
+    """Compute the whole autocorrelation and its derivative per chip, at `_POINTS` a chip."""
     code = signal.code(prn).astype(np.float64)
     lines = np.arange(code.size * _POINTS // 2 + 1)
     cycles = lines / code.size
@@ -125,7 +134,10 @@ def _read(table: Reals, lag_chips: Reals) -> Reals:
 
 
 def _path(value: Reals, slope: Reals) -> float:
-    """Of the unit vectors towards D(tau) beside D(0); at zero that is towards the derivative, whose sign is no more."""
+    """Measure the path of the unit vectors towards D(tau) beside D(0).
+
+    At zero that is towards the derivative, whose sign has no meaning.
+    """
     middle = len(value) // 2
     first = value[middle] / np.linalg.norm(value[middle])
     beside = value - np.outer(value @ first, first)
@@ -136,16 +148,16 @@ def _path(value: Reals, slope: Reals) -> float:
 
 
 def joint_p_value(statistic: ArrayLike, intervals: int, path: float, noise_samples: int | None = None) -> Reals:
-    """Chance (...) of a statistic `BurstComponents.second` at least as large under one signal: an upper bound.
+    """Bound the chance (...) of a statistic `BurstComponents.second` at least as large under one signal.
 
-    Where the second signal may be, what it explains is a chi-square process of 2 K degrees for K intervals; the chance
-    that its highest point exceeds t is at most that of one point plus the expected number of level crossings,
+    Over the delay of the second signal, its statistic is a chi-square process of 2 K degrees for K intervals. The
+    chance that its highest point exceeds t is at most that of one point plus the expected number of level crossings,
 
         P(chi2_2K > t) + path / sqrt(pi) (t/2)^(K - 1/2) exp(-t/2) / Gamma(K)
 
     (Davies, Biometrika 74(1), 1987; Rice's formula for chi-square). A second degree is added, for the first signal's
-    delay moves as well. With a variance that is estimated from `noise_samples` complex values the law is mixed over
-    that estimate.
+    delay moves as well. If the variance is estimated from `noise_samples` complex values, the law is mixed over that
+    estimate.
     """
     t = np.maximum(np.asarray(statistic, np.float64), 0.0)[..., None]
     if noise_samples is not None:
@@ -178,13 +190,16 @@ class BurstComponents:
     unlike: Reals
 
 
-def components(taps: Complexes, own: Shapes, noise_variance: Reals) -> BurstComponents:
-    """Of bursts (n, intervals, m) of one satellite at the tracked Doppler; `noise_variance` (n, intervals)."""
+def fit_components(taps: Complexes, own: Shapes, noise_variance: Reals) -> BurstComponents:
+    """Fit one signal and two to bursts (n, intervals, m) of one satellite at the tracked Doppler.
+
+    `noise_variance` is (n, intervals).
+    """
     n = len(taps)
     white = np.asarray(taps, np.complex128) @ own.whiten.T / np.sqrt(noise_variance)[..., None]
     step = max(round(min(0.1 / own.band_cycles, 0.08) / _STEP_CHIPS), 1)
     out = np.empty((n, _N_OUT))
-    _all_components(
+    _fit_all(
         np.ascontiguousarray(white),
         float(own.grid[0]),
         _STEP_CHIPS,
@@ -214,8 +229,8 @@ _N_OUT = 12
 
 
 @compiled
-def _vector(x, first, step, value, slope, out):  # type: ignore[no-untyped-def]
-    """A table's vector at x, by cubic Hermite interpolation."""
+def _interpolate_vector(x, first, step, value, slope, out):  # type: ignore[no-untyped-def]
+    """Interpolate a table's vector at x, by cubic Hermite interpolation."""
     place = (x - first) / step
     i = min(max(int(np.floor(place)), 0), value.shape[0] - 2)
     u = place - i
@@ -226,8 +241,8 @@ def _vector(x, first, step, value, slope, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _seen(data, vector, out):  # type: ignore[no-untyped-def]
-    """Each interval along a vector, and the vector's square."""
+def _project(data, vector, out):  # type: ignore[no-untyped-def]
+    """Project each interval on a vector, and return the vector's square."""
     for b in range(data.shape[0]):
         real, imag = 0.0, 0.0
         for i in range(vector.size):
@@ -238,8 +253,8 @@ def _seen(data, vector, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _pair(b1, b2, g11, g22, g12):  # type: ignore[no-untyped-def]
-    """What two signals explain, and the energy of each without what noise adds; -1 where they are one."""
+def _explain_pair(b1, b2, g11, g22, g12):  # type: ignore[no-untyped-def]
+    """Compute what two signals explain, and the energy of each without what noise adds; -1 if they are one."""
     e1, e2, x = 0.0, 0.0, 0.0
     for k in range(b1.size):
         e1 += b1[k].real ** 2 + b1[k].imag ** 2
@@ -255,17 +270,20 @@ def _pair(b1, b2, g11, g22, g12):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _explained(data, t1, t2, weaker, table, room):  # type: ignore[no-untyped-def]
-    """Q of a pair; with `weaker` >= 0 only where the later one has at most that share of the earlier one's energy."""
+def _explain_delays(data, t1, t2, weaker, table, room):  # type: ignore[no-untyped-def]
+    """Compute Q of a pair.
+
+    With `weaker` >= 0 only if the later one has at most that share of the earlier one's energy.
+    """
     first, step, value, slope = table
     v1, v2, b1, b2 = room
     last = first + step * (value.shape[0] - 1)
     if min(t1, t2) < first or max(t1, t2) > last or abs(t1 - t2) < _CLOSEST_CHIPS:
         return -1.0
-    _vector(t1, first, step, value, slope, v1)
-    _vector(t2, first, step, value, slope, v2)
-    g11, g22, g12 = _seen(data, v1, b1), _seen(data, v2, b2), np.sum(v1 * v2)
-    q, a1, a2 = _pair(b1, b2, g11, g22, g12)
+    _interpolate_vector(t1, first, step, value, slope, v1)
+    _interpolate_vector(t2, first, step, value, slope, v2)
+    g11, g22, g12 = _project(data, v1, b1), _project(data, v2, b2), np.sum(v1 * v2)
+    q, a1, a2 = _explain_pair(b1, b2, g11, g22, g12)
     if weaker >= 0.0:
         early, late = (a1, a2) if t1 < t2 else (a2, a1)
         if late > weaker * early:
@@ -275,15 +293,15 @@ def _explained(data, t1, t2, weaker, table, room):  # type: ignore[no-untyped-de
 
 @compiled
 def _climb(data, t1, t2, weaker, table, room):  # type: ignore[no-untyped-def]
-    """To the top near a pair, by trying all eight sides and halving the step."""
-    best, size = _explained(data, t1, t2, weaker, table, room), 0.02
+    """Climb to the top near a pair, by trying all eight sides and halving the step."""
+    best, size = _explain_delays(data, t1, t2, weaker, table, room), 0.02
     while size > _LAST_STEP_CHIPS:
         to1, to2, top = t1, t2, best
         for i in range(-1, 2):
             for j in range(-1, 2):
                 if i == 0 and j == 0:
                     continue
-                q = _explained(data, t1 + i * size, t2 + j * size, weaker, table, room)
+                q = _explain_delays(data, t1 + i * size, t2 + j * size, weaker, table, room)
                 if q > top:
                     to1, to2, top = t1 + i * size, t2 + j * size, q
         if top > best:
@@ -294,22 +312,25 @@ def _climb(data, t1, t2, weaker, table, room):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _alone(data, t, table, room):  # type: ignore[no-untyped-def]
+def _explain_single(data, t, table, room):  # type: ignore[no-untyped-def]
     first, step, value, slope = table
     if t < first or t > first + step * (value.shape[0] - 1):
         return -1.0
-    _vector(t, first, step, value, slope, room[0])
-    g = _seen(data, room[0], room[2])
+    _interpolate_vector(t, first, step, value, slope, room[0])
+    g = _project(data, room[0], room[2])
     return np.sum(room[2].real ** 2 + room[2].imag ** 2) / g
 
 
 @compiled
 def _information(data, t1, t2, table, room):  # type: ignore[no-untyped-def]
-    """Of both delays and what they share, the curvature at the top; and whether an edge of the search spoils it."""
+    """Compute the information of both delays and what they share, from the curvature at the top.
+
+    Tells also if an edge of the search spoils it.
+    """
     h, sides = 0.002, np.empty((3, 3))
     for i in range(3):
         for j in range(3):
-            sides[i, j] = _explained(data, t1 + (i - 1) * h, t2 + (j - 1) * h, -1.0, table, room)
+            sides[i, j] = _explain_delays(data, t1 + (i - 1) * h, t2 + (j - 1) * h, -1.0, table, room)
     i11 = (2.0 * sides[1, 1] - sides[2, 1] - sides[0, 1]) / h**2
     i22 = (2.0 * sides[1, 1] - sides[1, 2] - sides[1, 0]) / h**2
     i12 = (sides[2, 0] + sides[0, 2] - sides[2, 2] - sides[0, 0]) / (4.0 * h**2)
@@ -317,18 +338,18 @@ def _information(data, t1, t2, table, room):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _second(data, t1, weaker, coarse, seen, table, room):  # type: ignore[no-untyped-def]
-    """The best cell beside a signal at t1."""
+def _find_second(data, t1, weaker, coarse, seen, table, room):  # type: ignore[no-untyped-def]
+    """Find the best cell beside a signal at t1."""
     first, step, value, slope = table
-    _vector(t1, first, step, value, slope, room[0])
-    g11 = _seen(data, room[0], room[2])
+    _interpolate_vector(t1, first, step, value, slope, room[0])
+    g11 = _project(data, room[0], room[2])
     best, top = -1, -1.0
     for c in range(coarse.size):
         t2 = first + step * coarse[c]
         if abs(t2 - t1) < 0.5 * step:
             continue
         v2 = value[coarse[c]]
-        q, a1, a2 = _pair(room[2], seen[c], g11, np.sum(v2 * v2), np.sum(room[0] * v2))
+        q, a1, a2 = _explain_pair(room[2], seen[c], g11, np.sum(v2 * v2), np.sum(room[0] * v2))
         if weaker >= 0.0:
             early, late = (a1, a2) if t1 < t2 else (a2, a1)
             if late > weaker * early:
@@ -339,28 +360,35 @@ def _second(data, t1, weaker, coarse, seen, table, room):  # type: ignore[no-unt
 
 
 @compiled
-def _all_components(data, first, step, value, slope, coarse, reflected, out):  # type: ignore[no-untyped-def]
+def _fit_all(data, first, step, value, slope, coarse, reflected, out):  # type: ignore[no-untyped-def]
     n, blocks, d = data.shape
     table = (first, step, value, slope)
     room = (np.empty(d), np.empty(d), np.empty(blocks, np.complex128), np.empty(blocks, np.complex128))
     seen = np.empty((coarse.size, blocks), np.complex128)
     for burst in range(n):
-        one = data[burst]
+        burst_data = data[burst]
         top, best = -1.0, 0
         for c in range(coarse.size):
-            g = _seen(one, value[coarse[c]], seen[c])
+            g = _project(burst_data, value[coarse[c]], seen[c])
             q = np.sum(seen[c].real ** 2 + seen[c].imag ** 2) / g
             if q > top:
                 best, top = c, q
         t, size = first + step * coarse[best], step * (coarse[1] - coarse[0])
         while size > 0.5 * _LAST_STEP_CHIPS:
-            low, high = _alone(one, t - size, table, room), _alone(one, t + size, table, room)
+            low, high = (
+                _explain_single(burst_data, t - size, table, room),
+                _explain_single(burst_data, t + size, table, room),
+            )
             if max(low, high) > top:
                 t, top = (t - size, low) if low > high else (t + size, high)
             else:
                 size *= 0.5
         h = 0.002
-        curved = (2.0 * top - _alone(one, t - h, table, room) - _alone(one, t + h, table, room)) / h**2
+        curved = (
+            2.0 * top
+            - _explain_single(burst_data, t - h, table, room)
+            - _explain_single(burst_data, t + h, table, room)
+        ) / h**2
         out[burst, 0], out[burst, 1] = top, t
         out[burst, 2] = 1.0 / curved if curved > 0.0 else np.inf
         for kind in range(2):  # any pair, then pairs that a reflection may make
@@ -368,10 +396,10 @@ def _all_components(data, first, step, value, slope, coarse, reflected, out):  #
             most, at1, at2 = -1.0, t, t
             for shift in _SHIFTS:
                 start = min(max(t + shift, first), first + step * (value.shape[0] - 1))
-                c, _ = _second(one, start, weaker, coarse, seen, table, room)
+                c, _ = _find_second(burst_data, start, weaker, coarse, seen, table, room)
                 if c < 0:
                     continue
-                t1, t2, q = _climb(one, start, first + step * coarse[c], weaker, table, room)
+                t1, t2, q = _climb(burst_data, start, first + step * coarse[c], weaker, table, room)
                 if q > most:
                     most, at1, at2 = q, t1, t2
             if kind == 1:
@@ -382,11 +410,15 @@ def _all_components(data, first, step, value, slope, coarse, reflected, out):  #
             if most < 0.0:
                 out[burst, 5:9], out[burst, 11] = np.nan, 1.0
                 continue
-            _vector(at1, first, step, value, slope, room[0])
-            _vector(at2, first, step, value, slope, room[1])
-            g11, g22, g12 = _seen(one, room[0], room[2]), _seen(one, room[1], room[3]), np.sum(room[0] * room[1])
-            _, out[burst, 5], out[burst, 6] = _pair(room[2], room[3], g11, g22, g12)
-            i11, i22, i12, out[burst, 11] = _information(one, at1, at2, table, room)
+            _interpolate_vector(at1, first, step, value, slope, room[0])
+            _interpolate_vector(at2, first, step, value, slope, room[1])
+            g11, g22, g12 = (
+                _project(burst_data, room[0], room[2]),
+                _project(burst_data, room[1], room[3]),
+                np.sum(room[0] * room[1]),
+            )
+            _, out[burst, 5], out[burst, 6] = _explain_pair(room[2], room[3], g11, g22, g12)
+            i11, i22, i12, out[burst, 11] = _information(burst_data, at1, at2, table, room)
             det = i11 * i22 - i12 * i12
             sure = det > 1e-9 * abs(i11 * i22) and i11 > 0.0
             out[burst, 7] = i22 / det if sure else np.inf

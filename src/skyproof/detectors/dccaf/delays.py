@@ -1,4 +1,4 @@
-"""One delay or two of each satellite, from the correlation grids of a window.
+"""Estimate one delay or two of each satellite, from the correlation grids of a window.
 
 What is decided about a window rests on one burst, in which delays hardly move. Whether a satellite has a second signal
 at all is also asked of all bursts together: a false signal within a tenth of a chip of the true one is rarely seen in
@@ -14,14 +14,14 @@ from scipy import special
 
 from skyproof.arrays import Booleans, Integers, Reals
 from skyproof.decomposition.fit import at_strongest_doppler, taps_dictionary
-from skyproof.detectors.dccaf.bursts import BurstComponents, Shapes, components, joint_p_value, shapes
+from skyproof.detectors.dccaf.bursts import BurstComponents, Shapes, build_shapes, fit_components, joint_p_value
 from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
 from skyproof.records import Ccaf
 
-__all__ = ["DccafSettings", "Delays", "bursts_of", "delays_of", "last_burst", "second_signals"]
+__all__ = ["DccafSettings", "Delays", "estimate_delays", "last_burst", "select_second_signals", "split_bursts"]
 
 
 @dataclass(frozen=True)
@@ -74,38 +74,38 @@ class Delays(NamedTuple):
 
 
 def last_burst(ccaf: Ccaf) -> Integers:
-    """The epochs of the last run of intervals that follow each other, of those with most channels; none without any."""
-    whole = _whole(ccaf)
+    """Return the epochs of the last burst, of those with most channels; none without any."""
+    whole = _is_complete(ccaf)
     if not whole.any():
         return np.empty(0, np.int64)
-    runs = bursts_of(ccaf)
+    runs = split_bursts(ccaf)
     counts = np.array([int(whole[run].all(axis=0).sum()) for run in runs])
     return runs[int(np.flatnonzero(counts == counts.max())[-1])]
 
 
-def bursts_of(ccaf: Ccaf) -> list[Integers]:
-    """The epochs of each burst."""
+def split_bursts(ccaf: Ccaf) -> list[Integers]:
+    """Divide the epochs into bursts."""
     first = np.flatnonzero(np.diff(ccaf.elapsed_s, prepend=-np.inf) > 1.5 * ccaf.coherent_s)
     return np.split(np.arange(ccaf.elapsed_s.size), first[1:])
 
 
-def _whole(ccaf: Ccaf) -> Booleans:
-    """(n_epochs, n_channels) whether a grid is there with all that belongs to it."""
-    there = np.isfinite(ccaf.value).all(axis=(2, 3)) & np.isfinite(ccaf.noise_variance)
-    return np.asarray(there & np.isfinite(ccaf.reference_m))
+def _is_complete(ccaf: Ccaf) -> Booleans:
+    """Find complete grids (n_epochs, n_channels), with all values that belong to them."""
+    finite = np.isfinite(ccaf.value).all(axis=(2, 3)) & np.isfinite(ccaf.noise_variance)
+    return np.asarray(finite & np.isfinite(ccaf.reference_m))
 
 
-def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
-    """One or two delays of each channel over a burst, from the reference of its last epoch; of known codes only."""
-    n, whole = len(ccaf.signals), _whole(ccaf)[epochs].all(axis=0)
+def estimate_delays(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
+    """Estimate one or two delays of each known code over a burst, from the reference of its last epoch."""
+    n, whole = len(ccaf.signals), _is_complete(ccaf)[epochs].all(axis=0)
     whole = whole & np.array([signal.plan.has_code for signal in ccaf.signals], np.bool_)
     delay, sigma = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
     p_value, unlike, weaker_db = np.full((3, n), np.nan)
     apart = np.zeros(n, np.bool_)
-    moved = _moved_chips(ccaf, epochs)
+    moved = _zero_motion_chips(ccaf, epochs)
     for row in np.flatnonzero(whole).tolist():
-        found, own = _taken_apart(ccaf, epochs, row, settings)
-        law = len(epochs), own.path, ccaf.noise_samples
+        found, code_shapes = _decompose(ccaf, epochs, row, settings)
+        law = len(epochs), code_shapes.path, ccaf.noise_samples
         p_value[row] = joint_p_value(found.second, *law)[0]
         unlike[row] = joint_p_value(found.unlike, *law)[0]
         delay[row, 0], sigma[row, 0] = found.one_chips[0], found.one_sigma[0]
@@ -118,23 +118,23 @@ def delays_of(ccaf: Ccaf, epochs: Integers, settings: DccafSettings) -> Delays:
     return Delays(delay + moved[:, None], sigma, p_value, unlike, apart, weaker_db)
 
 
-def second_signals(found: Delays, others: Sequence[Delays], settings: DccafSettings) -> Booleans:
-    """(n_channels,) which of those in `found` show a second signal, in that burst or in it and `others` together.
+def select_second_signals(found: Delays, others: Sequence[Delays], settings: DccafSettings) -> Booleans:
+    """Select the channels in `found` (n_channels,) that show a second signal, in that burst or together with `others`.
 
-    Half of `second_signal_probability` goes to either. Noise of one burst has nothing to do with that of another, so
-    minus twice the sum of the logarithms of n p-values is chi-square of 2 n at most (Fisher).
+    Half of `second_signal_probability` goes to either. The noise of bursts is independent. So minus twice the sum of
+    the logarithms of n p-values is chi-square of 2 n at most (Fisher).
     """
-    there = np.isfinite(found.p_value)
+    estimated = np.isfinite(found.p_value)
     p_values = np.stack([found.p_value, *(other.p_value for other in others)])
     count = np.isfinite(p_values).sum(axis=0)
     logs = np.nansum(np.log(np.maximum(p_values, 1e-300)), axis=0)
     together = special.chdtrc(2.0 * np.maximum(count, 1), -2.0 * logs)
-    level = 0.5 * settings.second_signal_probability / max(int(there.sum()), 1)
-    return np.asarray(there & ((found.p_value < level) | (together < level)))
+    level = 0.5 * settings.second_signal_probability / max(int(estimated.sum()), 1)
+    return np.asarray(estimated & ((found.p_value < level) | (together < level)))
 
 
-def _taken_apart(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings) -> tuple[BurstComponents, Shapes]:
-    """One channel over a burst, and what its signal looks like."""
+def _decompose(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings) -> tuple[BurstComponents, Shapes]:
+    """Decompose one channel over a burst; return the components and its signal's shapes."""
     points, signal = tuple(float(x) for x in ccaf.delays_chips), ccaf.signals[row]
     grid = np.asarray(ccaf.value[epochs, row], np.complex128)
     noise = np.asarray(ccaf.noise_variance[epochs, row], np.float64)
@@ -143,13 +143,15 @@ def _taken_apart(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings
         table = taps_dictionary(points, ccaf.band_hz, signal.plan, window_chips=settings.window_chips)
         taps, factor, _ = at_strongest_doppler(grid, table, ccaf.dopplers_hz, ccaf.coherent_s)
         noise = factor * noise
-    own = shapes(signal.plan, prn_of(signal.sat), points, ccaf.band_hz, settings.window_chips)
-    return components(taps[None], own, noise[None]), own
+    code_shapes = build_shapes(signal.plan, prn_of(signal.sat), points, ccaf.band_hz, settings.window_chips)
+    return fit_components(taps[None], code_shapes, noise[None]), code_shapes
 
 
-def _moved_chips(ccaf: Ccaf, epochs: Integers) -> Reals:
-    """(n_channels,) by how much the mean of the grids' zeros over a burst lies after that of its last epoch, beyond
-    what the carrier says: the loop may move it from interval to interval."""
+def _zero_motion_chips(ccaf: Ccaf, epochs: Integers) -> Reals:
+    """Compute how far the mean of the grids' zeros over a burst lies after that of its last epoch (n_channels,).
+
+    The carrier's motion is removed: the loop may move the zero from interval to interval.
+    """
     after_s = (ccaf.elapsed_s[epochs] - ccaf.elapsed_s[epochs[-1]])[:, None]
     plans = [signal.plan for signal in ccaf.signals]
     chip_m = np.array([plan.chip_m for plan in plans])

@@ -1,12 +1,11 @@
-"""Two skies in signals that overlap: the detector over `bursts` and `inverse_raim`.
+"""Detect two skies in signals that overlap, by `bursts` and `inverse_raim`.
 
-Each satellite's correlation over a burst of intervals is taken apart into one or two signals, as many as its count test
-says. A reflection is later and weaker. So a second signal that no reflection explains - before the stronger one, or as
-strong - is counted: how many satellites have one is binomial if that happens to each by itself, by a direct way that is
-blocked, a mirror that takes nothing, or several reflections that look like one such signal. Where five have one, what
-the best consistent set leaves over of these is searched for a second sky, of five satellites at least; that its ranges
-agree is evidence of its own, for reflections do not. A sky of later and weaker signals is no attack here: a mirror's
-image fits a position too.
+Each satellite's correlation over a burst of intervals is decomposed into one or two signals, by a test of their number.
+A reflection is later and weaker. A second signal before the stronger one, or as strong, is no simple reflection, and is
+counted. A blocked direct path, a lossless mirror, or several reflections may still cause one. If they do so
+independently, the number of satellites with one is binomial. If five have one, the signals outside the best consistent
+set are searched for a second sky, of five satellites at least. Ranges that agree are independent evidence, for those of
+reflections do not. A sky of later and weaker signals is no attack here: a mirror's image fits a position too.
 
 The correlation does not show which sky is true: that is chosen where all skies of a receiver are held against what was
 expected of it (`detectors.prediction.choice`), from the fixes handed on in `Finding.overlapping`.
@@ -22,14 +21,14 @@ from skyproof.detectors.base import NotTested, Reporter
 from skyproof.detectors.dccaf.delays import (
     DccafSettings,
     Delays,
-    bursts_of,
-    delays_of,
+    estimate_delays,
     last_burst,
-    second_signals,
+    select_second_signals,
+    split_bursts,
 )
-from skyproof.detectors.dccaf.inverse_raim import passing_sets, second_subset, set_states
+from skyproof.detectors.dccaf.inverse_raim import find_passing_sets, find_second_subset, set_states
 from skyproof.detectors.dccaf.policy import POLICY
-from skyproof.detectors.dccaf.two_skies import TwoSkies, two_skies
+from skyproof.detectors.dccaf.two_skies import TwoSkies, find_two_skies
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.chance import bound_chance_p_value, count_set_combinations
@@ -97,9 +96,13 @@ class Dccaf:
         """Count the second signals that no reflection explains, and search them for a second sky."""
         every = list_refs(ccaf.receiver, sorted(ccaf.signals))
         epochs = last_burst(ccaf)
-        bursts = [(int(run[-1]), delays_of(ccaf, run, self.settings)) for run in bursts_of(ccaf)] if epochs.size else []
-        found = next((own for epoch, own in bursts if epoch == epochs[-1]), None)
-        first = _first_of_each(ccaf, found)
+        bursts = (
+            [(int(run[-1]), estimate_delays(ccaf, run, self.settings)) for run in split_bursts(ccaf)]
+            if epochs.size
+            else []
+        )
+        found = next((delays for epoch, delays in bursts if epoch == epochs[-1]), None)
+        first = _select_first(ccaf, found)
         if found is None or first.size < POLICY.sky_satellites:
             few: dict[str, Datum] = {
                 "receiver": ccaf.receiver,
@@ -110,8 +113,8 @@ class Dccaf:
         unlike = first[found.unlike_p_value[first] < POLICY.signal_probability]
         chance = self.settings.no_reflection_probability + POLICY.signal_probability
         p_value = float(binomial_survival(unlike.size, first.size, chance))
-        others = [own for _, own in bursts if own is not found]
-        doubles = int(second_signals(found, others, self.settings)[first].sum())
+        other_bursts = [delays for _, delays in bursts if delays is not found]
+        doubles = int(select_second_signals(found, other_bursts, self.settings)[first].sum())
         data: dict[str, Datum] = {
             "satellites": first.size,
             "unlike": unlike.size,
@@ -119,12 +122,12 @@ class Dccaf:
             "reflected_db": POLICY.reflected_weaker_db,
         }
         if unlike.size >= POLICY.sky_satellites:
-            sky = self._sky(navigation, ccaf, int(epochs[-1]), found, first)
-            p_sky, of_sky = (1.0, {}) if sky is None else self._second_sky(sky, unlike)
+            sky = self._compute_sky(navigation, ccaf, int(epochs[-1]), found, first)
+            p_sky, of_sky = (1.0, {}) if sky is None else self._find_second_sky(sky, unlike)
             data |= of_sky
-            both = p_value * p_sky
-            p_value = min(1.0, 2.0 * min(p_value, both * (1.0 - float(np.log(both)))))
-        skies = self._overlapping(navigation, ccaf, bursts) if doubles >= POLICY.sky_satellites else ()
+            product = p_value * p_sky
+            p_value = min(1.0, 2.0 * min(p_value, product * (1.0 - float(np.log(product)))))
+        skies = self._list_overlapping(navigation, ccaf, bursts) if doubles >= POLICY.sky_satellites else ()
         seen = (
             "as_reflections" if doubles >= POLICY.sky_satellites else "few_second_signals"
         )  # a few are under most skies
@@ -136,17 +139,17 @@ class Dccaf:
             estimates={"overlapping": skies} if skies else {},
         )
 
-    def _overlapping(
+    def _list_overlapping(
         self, navigation: NavigationData, ccaf: Ccaf, bursts: Sequence[tuple[int, Delays]]
     ) -> tuple[OverlappingSkies, ...]:
-        """The two skies of each burst that shows them, reflections or not: the true one may be later and weaker."""
-        shown: list[OverlappingSkies] = []
+        """List the two skies of each burst that shows them, even reflections: the true one may be the weaker."""
+        skies: list[OverlappingSkies] = []
         for epoch, found in bursts:
-            first = _first_of_each(ccaf, found)
-            sky = self._sky(navigation, ccaf, epoch, found, first[found.apart[first]])
+            first = _select_first(ccaf, found)
+            sky = self._compute_sky(navigation, ccaf, epoch, found, first[found.apart[first]])
             two = None
             if sky is not None:
-                two = two_skies(
+                two = find_two_skies(
                     sky.unit,
                     sky.misfit_m,
                     sky.sigma_m,
@@ -155,20 +158,26 @@ class Dccaf:
                     most_doubt=self.settings.wrong_choice_probability,
                 )
             if sky is not None and two is not None:
-                reflected = _reflected(sky, two, found.weaker_db[sky.rows], self.settings.no_reflection_probability)
-                shown.append(OverlappingSkies(sets=_sets(ccaf, epoch, sky, two), doubt=two.doubt, reflected=reflected))
-        return tuple(shown)
+                reflected = _reflection_probabilities(
+                    sky, two, found.weaker_db[sky.rows], self.settings.no_reflection_probability
+                )
+                skies.append(
+                    OverlappingSkies(sets=_build_sets(ccaf, epoch, sky, two), doubt=two.doubt, reflected=reflected)
+                )
+        return tuple(skies)
 
-    def _second_sky(self, sky: _Sky, unlike: Integers) -> tuple[float, dict[str, Datum]]:
+    def _find_second_sky(self, sky: _Sky, unlike: Integers) -> tuple[float, dict[str, Datum]]:
         """Return the chance that ranges of the channels `unlike` agree without a second sky, and what that sky is."""
         probability = self.settings.set_probability
-        best = passing_sets(sky.unit, sky.misfit_m, sky.sigma_m, false_alarm_probability=probability)
+        best = find_passing_sets(sky.unit, sky.misfit_m, sky.sigma_m, false_alarm_probability=probability)
         if not best.statistic.size:
             return 1.0, {"without_position": True}
         misfit_m = sky.misfit_m.copy()
         like = np.flatnonzero(~np.isin(sky.rows, unlike))
         misfit_m[like, 1 - best.choice[0][like]] = np.nan
-        second = second_subset(sky.unit, misfit_m, sky.sigma_m, best.choice[0], false_alarm_probability=probability)
+        second = find_second_subset(
+            sky.unit, misfit_m, sky.sigma_m, best.choice[0], false_alarm_probability=probability
+        )
         if second is None:
             return 1.0, {}
         rows, _ = second
@@ -181,17 +190,22 @@ class Dccaf:
             )
         )
         left_over = 1 - best.choice[0][rows]
-        one, _ = set_states(sky.unit, sky.misfit_m, sky.sigma_m, best.choice[0][None, :])
+        first, _ = set_states(sky.unit, sky.misfit_m, sky.sigma_m, best.choice[0][None, :])
         other, _ = set_states(sky.unit[rows], sky.misfit_m[rows], sky.sigma_m[rows], left_over[None, :])
-        apart = other[0] - one[0]
+        apart = other[0] - first[0]
         return p_value, {
             "sky_satellites": len(rows),
             "apart_m": float(np.linalg.norm(apart[:3])),
             "time_apart_m": float(apart[3]),
         }
 
-    def _sky(self, navigation: NavigationData, ccaf: Ccaf, epoch: int, found: Delays, first: Integers) -> _Sky | None:
-        """Around the fix of the strongest signals of the channels `first`; None with fewer than five satellites."""
+    def _compute_sky(
+        self, navigation: NavigationData, ccaf: Ccaf, epoch: int, found: Delays, first: Integers
+    ) -> _Sky | None:
+        """Compute the sky around the fix of the strongest signals of the channels `first`.
+
+        None with fewer than five satellites.
+        """
         gpst = ccaf.gpst[epoch]
         chip_m = np.array([signal.plan.chip_m for signal in ccaf.signals])
         measured_m = ccaf.reference_m[epoch][:, None] + found.delay_chips * chip_m[:, None]
@@ -227,8 +241,8 @@ class Dccaf:
         )
 
 
-def _first_of_each(ccaf: Ccaf, found: Delays | None) -> Integers:
-    """Rows of the channels that were taken apart, one per satellite: that of its signal that was found first."""
+def _select_first(ccaf: Ccaf, found: Delays | None) -> Integers:
+    """Select the rows of channels that were decomposed, one per satellite: that of the signal found first."""
     if found is None:
         return np.empty(0, np.int64)
     rows: dict[str, int] = {}
@@ -239,8 +253,8 @@ def _first_of_each(ccaf: Ccaf, found: Delays | None) -> Integers:
     return np.array(sorted(rows.values()), np.int64)
 
 
-def _reflected(sky: _Sky, two: TwoSkies, weaker_db: Reals, chance: float) -> tuple[float, ...]:
-    """Of each sky, how probably it made the other one by reflections, or was made by those of the other one.
+def _reflection_probabilities(sky: _Sky, two: TwoSkies, weaker_db: Reals, chance: float) -> tuple[float, ...]:
+    """Compute how probably reflections explain each sky: as reflections of the other one, or the other way round.
 
     How many signals of a sky are before the other one's, or not weak enough, is binomial if they are its reflections;
     `chance` : that one is. A mirror's image fits a position; but where the receiver is expected only those of several
@@ -258,8 +272,8 @@ def _reflected(sky: _Sky, two: TwoSkies, weaker_db: Reals, chance: float) -> tup
     return tuple((made + made[::-1] * fits).tolist())
 
 
-def _sets(ccaf: Ccaf, epoch: int, sky: _Sky, two: TwoSkies) -> tuple[ConsistentSet, ...]:
-    """Both skies of an epoch as sets of the channels that they were found in."""
+def _build_sets(ccaf: Ccaf, epoch: int, sky: _Sky, two: TwoSkies) -> tuple[ConsistentSet, ...]:
+    """Build consistent sets of both skies of an epoch, of the channels that they were found in."""
     signals = tuple(sorted(ccaf.signals[row] for row in sky.rows))
     return tuple(
         ConsistentSet(

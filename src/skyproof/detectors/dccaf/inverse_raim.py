@@ -1,4 +1,4 @@
-"""Inverse RAIM: which ways to choose one signal of each satellite fit one position and clock?
+"""Inverse RAIM: find all choices of one signal per satellite that fit one position and clock.
 
 Integrity monitoring asks whether a set is consistent; with two or three delays for each satellite the question is which
 sets are. More than one means more than one sky: an attack, or several echoes that agree. After Ahmed, Khanafseh,
@@ -8,7 +8,7 @@ Aiding", ION, with these corrections:
 - Not "only two sets are consistent". Four satellites always fit; and where true and false delays agree to the noise,
   satellites can be exchanged: with six satellites, an offset of 100 m and a sigma of 3 m, five mixed sets pass.
   Sets are therefore gathered in clusters of one position and clock, and clusters are counted.
-- The full false set needs every satellite to be false. With fewer, at least five, `second_subset` looks among the
+- The full false set needs every satellite to be false. With fewer, at least five, `find_second_subset` looks among the
   signals that the passing set leaves over.
 - An attack on time alone gives one position and two clocks: `timing_only`.
 
@@ -29,7 +29,7 @@ from skyproof.compiled import compiled
 from skyproof.navigation.least_squares import design_matrix, invert_spd
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["PassingSets", "parity_matrix", "passing_sets", "second_subset", "set_states"]
+__all__ = ["PassingSets", "find_passing_sets", "find_second_subset", "parity_matrix", "set_states"]
 
 _UNKNOWNS = 4
 
@@ -47,7 +47,7 @@ class PassingSets:
 
 
 def parity_matrix(unit: ArrayLike, sigma_m: ArrayLike = 1.0) -> Reals:
-    """(n - 4, n): orthonormal rows S with S H = 0, divided by the sigmas; trapezoidal: row i is zero left of column i.
+    """Compute S (n - 4, n): orthonormal rows with S H = 0, divided by the sigmas; row i is zero left of column i.
 
     unit : (n, 3) vectors to the satellites; sigma_m : (n,). |S z|^2 is chi-square with n - 4 degrees for ranges z of
     one position and clock. Raises ValueError for fewer than five satellites.
@@ -62,7 +62,9 @@ def parity_matrix(unit: ArrayLike, sigma_m: ArrayLike = 1.0) -> Reals:
 
 @compiled
 def _trapezoid(design):  # type: ignore[no-untyped-def]
-    """Orthonormal rows beside the columns of `design`, row i zero left of column i: two QR decompositions.
+    """Compute orthonormal rows beside the columns of `design`, row i zero left of column i, by two QR decompositions.
+
+    It is compiled: single calls from Python would take longer than the search that they serve.
 
     Compiled: called one by one from Python they would take longer than the search that they are for.
     """
@@ -76,15 +78,18 @@ def _trapezoid(design):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _exhaustive(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped-def]
-    """All sets by partial sums, the last satellite innermost; how many pass. Writes as many as there is room for."""
+def _search_all(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped-def]
+    """Visit all sets by partial sums, the last satellite innermost; return how many pass.
+
+    Writes as many as the arrays hold.
+    """
     n, _, r = terms.shape
     sums = np.zeros((n, r))
     at = np.zeros(n, np.int64)
-    own = np.zeros(counts[n - 1])
+    last_squares = np.zeros(counts[n - 1])
     for c in range(counts[n - 1]):
         for i in range(r):
-            own[c] += terms[n - 1, c, i] ** 2
+            last_squares[c] += terms[n - 1, c, i] ** 2
     found, level = 0, 0
     while level >= 0:
         if level < n - 1:
@@ -105,7 +110,7 @@ def _exhaustive(terms, counts, limit, choice, statistic):  # type: ignore[no-unt
             along = 0.0
             for i in range(r):
                 along += sums[level, i] * terms[level, c, i]
-            total = size + 2.0 * along + own[c]
+            total = size + 2.0 * along + last_squares[c]
             if total <= limit:
                 if found < len(statistic):
                     choice[found, :level] = at[:level]
@@ -119,8 +124,11 @@ def _exhaustive(terms, counts, limit, choice, statistic):  # type: ignore[no-unt
 
 
 @compiled
-def _pruned(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped-def]
-    """As `_exhaustive`, from the last satellite to the first; row i is final once satellites i and later are set."""
+def _search_pruned(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped-def]
+    """Search as `_search_all`, from the last satellite to the first.
+
+    Row i is final once satellites i and later are set.
+    """
     n, _, r = terms.shape
     sums = np.zeros((n + 1, r))  # sums[k]: of satellites k and later
     total = np.zeros(n + 1)
@@ -151,7 +159,7 @@ def _pruned(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped
     return found
 
 
-def passing_sets(
+def find_passing_sets(
     unit: ArrayLike,
     misfit_m: ArrayLike,
     sigma_m: ArrayLike = 1.0,
@@ -159,7 +167,7 @@ def passing_sets(
     false_alarm_probability: float = 1e-3,
     exhaustive: bool = False,
 ) -> PassingSets:
-    """All choices of one signal per satellite whose residuals pass a chi-square test, the smallest statistic first.
+    """Find all choices of one signal per satellite that pass a chi-square test, the smallest statistic first.
 
     Parameters
     ----------
@@ -182,7 +190,7 @@ def passing_sets(
     terms = parity.T[:, None, :] * np.nan_to_num(misfit)[:, :, None]
     n = len(counts)
     limit = float(chi_square_threshold(false_alarm_probability, n - _UNKNOWNS))
-    visit = _exhaustive if exhaustive else _pruned
+    visit = _search_all if exhaustive else _search_pruned
     room = 1024
     while True:
         choice, statistic = np.empty((room, n), np.int64), np.empty(room)
@@ -210,7 +218,7 @@ def set_states(unit: ArrayLike, misfit_m: ArrayLike, sigma_m: ArrayLike, choice:
     return np.asarray((chosen * weight) @ design @ covariance), covariance
 
 
-def second_subset(
+def find_second_subset(
     unit: ArrayLike,
     misfit_m: ArrayLike,
     sigma_m: ArrayLike,
@@ -218,22 +226,24 @@ def second_subset(
     *,
     false_alarm_probability: float = 1e-3,
 ) -> tuple[Integers, PassingSets] | None:
-    """The largest set of satellites, five at least, that fit one position with signals that `choice` (n,) leaves over.
+    """Find the largest set of satellites, at least five, that fit one position with signals not in `choice` (n,).
 
-    Returns the satellites and the passing sets among what they have left (their `choice` counts the signals left over,
-    in order), or None. Of several subsets of one size the one with the smallest statistic. Small subsets among many
-    pass by chance (`navigation.chance`): with five satellites, one in about threshold/spread.
+    Returns the satellites and the passing sets among their other signals, or None. The sets' `choice` counts these
+    other signals in order. Of several subsets of one size the one with the smallest statistic is taken. Small subsets
+    among many pass by chance (`navigation.chance`): with five satellites, one in about threshold/spread.
     """
     units, misfit = np.asarray(unit, np.float64), np.array(np.atleast_2d(misfit_m), np.float64)
     sigma = np.broadcast_to(np.asarray(sigma_m, np.float64), (len(misfit),))
     misfit[np.arange(len(misfit)), choice] = np.nan
-    left = np.take_along_axis(misfit, np.argsort(np.isnan(misfit), axis=1, kind="stable"), axis=1)
-    able = np.flatnonzero(np.isfinite(left[:, 0]))
+    other_signals = np.take_along_axis(misfit, np.argsort(np.isnan(misfit), axis=1, kind="stable"), axis=1)
+    able = np.flatnonzero(np.isfinite(other_signals[:, 0]))
     for size in range(able.size, _UNKNOWNS, -1):
         best: tuple[Integers, PassingSets] | None = None
         for rows in combinations(able, size):
             some = np.array(rows)
-            sets = passing_sets(units[some], left[some], sigma[some], false_alarm_probability=false_alarm_probability)
+            sets = find_passing_sets(
+                units[some], other_signals[some], sigma[some], false_alarm_probability=false_alarm_probability
+            )
             if sets.statistic.size and (best is None or sets.statistic[0] < best[1].statistic[0]):
                 best = some, sets
         if best is not None:

@@ -1,1 +1,1 @@
-"""The few satellites that are left: do their codes fit the place where the receiver stands?"""
+"""Test if the codes of the few remaining satellites fit the place where the receiver stands."""

@@ -1,4 +1,4 @@
-"""Do the codes of the few satellites that are left fit the place where the receiver stands?
+"""Test if the codes of the few remaining satellites fit the place where the receiver stands.
 
 A position takes four satellites and more. A receiver that stands, or was surveyed, needs none: two satellites of one
 time scale differ by what the place says, whatever the clock shows. In windows in which no position is found, the codes
@@ -93,21 +93,21 @@ class CodesAtPlace:
             return report.pass_over(signals, NotTested("fixed"))
         if not primary:
             return report.pass_over(signals, NotTested("received_twice"))
-        epochs = self._epochs(o, navigation, set(primary), place)
+        epochs = self._list_epochs(o, navigation, set(primary), place)
         if not epochs:
             return report.pass_over(signals, NotTested("few_satellites", {"least": POLICY.least_satellites}))
         sats = sorted({sat for epoch in epochs for sat in epoch.sats})
-        chances = [_least([epoch.chance(out) for epoch in epochs]) for out in ("", *sats)]
+        chances = [_least_chance([epoch.chance(out) for epoch in epochs]) for out in ("", *sats)]
         p_value, alpha = max(chances), self.settings.false_alarm_probability
         failed = p_value < alpha
         return report.find(
             tuple(ref for ref in signals if ref.signal.sat in set(sats)),
             "does_not_fit" if failed else "fits",
             {Cause.CLEAN: p_value, **leave_open((Cause.REFLECTIONS, Cause.STATEMENT, Cause.FAULT))},
-            dated_gpst=self._dated(o, epochs, alpha) if failed else None,
+            dated_gpst=self._date_misfit(o, epochs, alpha) if failed else None,
         )
 
-    def _epochs(
+    def _list_epochs(
         self, o: Observations, navigation: NavigationData, among: set[Any], place: _Place
     ) -> "list[_EpochAtPlace]":
         """Return the epochs with enough satellites, each at the place."""
@@ -131,8 +131,8 @@ class CodesAtPlace:
             found.append(_EpochAtPlace(row, sats, misfit_m, sigma_m, unit, clocks, place.covariance_m2))
         return found
 
-    def _dated(self, o: Observations, epochs: "Sequence[_EpochAtPlace]", alpha: float) -> np.datetime64:
-        """Return the first epoch that does not fit by itself, else the one that fits worst."""
+    def _date_misfit(self, o: Observations, epochs: "Sequence[_EpochAtPlace]", alpha: float) -> np.datetime64:
+        """Return the first epoch that alone does not fit, else the one that fits worst."""
         chances = [epoch.chance("") for epoch in epochs]
         first = next((k for k, chance in enumerate(chances) if len(epochs) * chance < alpha), int(np.argmin(chances)))
         at: np.datetime64 = o.gpst[epochs[first].row]
@@ -156,6 +156,6 @@ class _EpochAtPlace(NamedTuple):
         return chance_at_place(self.misfit_m, self.sigma_m, self.unit, self.clocks, self.place_m2, kept)
 
 
-def _least(chances: Sequence[float]) -> float:
+def _least_chance(chances: Sequence[float]) -> float:
     """Return the chance of the least of several, by the union bound."""
     return min(1.0, len(chances) * min(chances))

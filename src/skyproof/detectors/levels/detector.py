@@ -1,11 +1,11 @@
-"""Do C/N0 and front-end levels of a receiver go on as its own past, and if not, as interference makes them?
+"""Test if C/N0 and front-end levels of a receiver follow their own past, and if not, whether interference explains it.
 
 Noise that comes in lowers C/N0 of all signals on a carrier alike and raises the level of the front end. False signals
 raise the level as well, and C/N0 does not fall: it rises, or satellites get levels that are not theirs. Model: each
 signal's level is its own slow course plus fading of its own; what all share is the receiver's or comes in
 (`laws.estimate_shared_change`). Levels are held against the receiver's own past, and their wander is learnt from it.
 
-Four tests, of which each may fail; a failed one makes *suspect* at most:
+There are four tests; a failed one makes *suspect* at most:
 
 - **rise**: the satellites of a kind get stronger together. Shade that ends or interference that ends does so too.
 - **pattern**: the levels of different satellites become equal. One antenna in a reflecting room may do so as well.
@@ -212,8 +212,8 @@ class _Window:
         dip = find_dip(cells_db, satellite, **spread)
         in_part = dip.parts * self.past.dips.get(unit, OwnScale()).below(dip.statistic / np.sqrt(1.0 + 1.0 / windows))
         scale, rate = self.past.scales.get(unit, OwnScale()), self.past.rates.get(unit, OwnRate())
-        lost, left = int((~self.known[used]).sum()), self.known[used]
-        tracked_db = -float(np.median(change_db[left])) if left.sum() >= POLICY.least_satellites else -np.inf
+        lost, stayed = int((~self.known[used]).sum()), self.known[used]
+        tracked_db = -float(np.median(change_db[stayed])) if stayed.sum() >= POLICY.least_satellites else -np.inf
         return UnitChange(
             unit=unit,
             columns=tuple(used),
@@ -239,10 +239,10 @@ class _Window:
 
     def _is_interference(self, change: UnitChange, gauges: list[GaugeChange], n_carriers: int) -> bool:
         asked = self.settings.interference_probability
-        supported = change.unit[0] in self.past.interfered or bool(self._risen(change, gauges))
+        supported = change.unit[0] in self.past.interfered or bool(self._find_risen(change, gauges))
         return n_carriers * change.noise < asked or (supported and change.noise < POLICY.confirming_p_value)
 
-    def _risen(self, change: UnitChange, gauges: list[GaugeChange]) -> list[GaugeChange]:
+    def _find_risen(self, change: UnitChange, gauges: list[GaugeChange]) -> list[GaugeChange]:
         """Return the gauges of a unit's carrier that rose significantly."""
         carrier = self._carrier(change.unit)
         asked = self.settings.interference_probability
@@ -256,11 +256,11 @@ class _Window:
         gauges: list[GaugeChange],
     ) -> NoiseRise:
         (carrier,) = change.unit
-        risen = self._risen(change, gauges)
+        risen = self._find_risen(change, gauges)
         lasting = carrier in self.past.interfered
         # Where most satellites of another carrier keep their levels, nothing shades the antenna.
-        others = [c for c in carriers if c.unit[0] not in interfered]
-        kept = (c.dip.change_db if change.short else c.common.change_db for c in others)
+        other_carriers = [c for c in carriers if c.unit[0] not in interfered]
+        kept = (c.dip.change_db if change.short else c.common.change_db for c in other_carriers)
         uneven = any(change_db > -0.25 * change.lasting_db for change_db in kept)
         stands = self.settings.speed_max_m_s == 0.0
         lost = change.lost_in_dip if change.short else change.lost
@@ -269,7 +269,7 @@ class _Window:
         signs += ["level"] if risen else []
         levels_db = [g.rise_db for g in risen if np.isfinite(g.rise_db)]
         rows = np.flatnonzero(change.series.change_db <= 0.5 * change.common.change_db)
-        begun, ended = self.o.gpst[0] if lasting else self._begun(change), self.o.gpst[rows[-1]]
+        begun, ended = self.o.gpst[0] if lasting else self._first_changed(change), self.o.gpst[rows[-1]]
         if change.short:
             begun, ended = self.o.gpst[change.dip.first], self.o.gpst[change.dip.stop - 1]
         return NoiseRise(
@@ -308,10 +308,10 @@ class _Window:
 
     def _ends_interference(self, change: UnitChange, gauges: list[GaugeChange], n_carriers: int) -> bool:
         """Tell whether C/N0 rises while less power comes in: what made noise is there no more."""
-        fallen = change.rise < POLICY.confirming_p_value and bool(self._fallen(change, gauges))
+        fallen = change.rise < POLICY.confirming_p_value and bool(self._find_fallen(change, gauges))
         return fallen and change.unit[0] not in self.past.interfered
 
-    def _fallen(self, change: UnitChange, gauges: list[GaugeChange]) -> list[GaugeChange]:
+    def _find_fallen(self, change: UnitChange, gauges: list[GaugeChange]) -> list[GaugeChange]:
         """Return the gauges of a unit's carrier that fell significantly."""
         carrier, asked = self._carrier(change.unit), self.settings.interference_probability
         return [g for g in gauges if chain_covers(g.chain, carrier) and len(gauges) * g.fall < asked]
@@ -319,12 +319,12 @@ class _Window:
     def _end_of(self, change: UnitChange, gauges: list[GaugeChange]) -> NoiseRise:
         """Return interference that was there since the receiver's first epoch, now that it has ended."""
         (carrier,) = change.unit
-        levels_db = [-g.rise_db for g in self._fallen(change, gauges) if np.isfinite(g.rise_db)]
+        levels_db = [-g.rise_db for g in self._find_fallen(change, gauges) if np.isfinite(g.rise_db)]
         return NoiseRise(
             receiver=self.o.receiver,
             carrier=carrier,
             from_gpst=self.past.began_gpst,
-            to_gpst=self._until(change),
+            to_gpst=self._last_unchanged(change),
             fall_db=max(change.common.change_db, 0.0),
             sigma_db=self._sigma_db(change),
             level_db=max(levels_db, default=None),
@@ -336,11 +336,11 @@ class _Window:
     def _weak_start(self) -> tuple[WeakStart, ...]:
         """Return the carriers of a first window whose satellites are weaker than an open sky's.
 
-        C/N0 is P G / (k T + J): it shows the antenna's gain G over the noise, and never the gain and J by themselves.
+        C/N0 is P G / (k T + J): it shows the antenna's gain G over the noise, and never the gain or J alone.
         """
         found = []
         for kind, least_dbw in LEAST_RECEIVED_DBW.items() if self.first else ():
-            columns = [k for k, own in enumerate(self.kinds) if own == kind and self.known[k]]
+            columns = [k for k, unit_kind in enumerate(self.kinds) if unit_kind == kind and self.known[k]]
             if len(columns) < POLICY.least_satellites:
                 continue
             least_dbhz = least_dbw - POLICY.noise_dbw_hz - POLICY.open_sky_loss_db
@@ -362,13 +362,13 @@ class _Window:
     def _sigma_db(self, change: UnitChange) -> float:
         return change.common.sigma_db * self.past.scales.get(change.unit, OwnScale()).sigma
 
-    def _begun(self, change: UnitChange) -> np.datetime64:
+    def _first_changed(self, change: UnitChange) -> np.datetime64:
         """Return the epoch from which on a unit's levels are other than before."""
         gpst, row = self._split(change)
         begun: np.datetime64 = gpst[row]
         return begun
 
-    def _until(self, change: UnitChange) -> np.datetime64:
+    def _last_unchanged(self, change: UnitChange) -> np.datetime64:
         """Return the last epoch at which a unit's levels are as before."""
         gpst, row = self._split(change)
         until: np.datetime64 = gpst[max(row - 1, 0)]
@@ -396,7 +396,7 @@ class _Window:
                 (Cause.SHADE, Cause.INTERFERENCE, Cause.GAIN),
                 change.columns,
                 change.common.change_db,
-                self._begun(change),
+                self._first_changed(change),
             )
             for change in changes
         ]
@@ -426,16 +426,16 @@ class _Window:
 
     def _slope(self, change: UnitChange) -> tuple[float, float] | None:
         """Return the slope of changes over own levels, and the same over its sigma."""
-        there = [k for k in change.columns if self.known[k]]
-        if len(there) < POLICY.least_satellites:
+        tracked = [k for k in change.columns if self.known[k]]
+        if len(tracked) < POLICY.least_satellites:
             return None
-        own = [self.past.references[self.o.signals[k]] for k in there]
-        own_db = np.array([reference.level_db for reference in own])
+        references = [self.past.references[self.o.signals[k]] for k in tracked]
+        own_db = np.array([reference.level_db for reference in references])
         found = pattern_slope(
             own_db,
-            self.levels_db[there] - own_db,
+            self.levels_db[tracked] - own_db,
             fading_db=self.settings.fading_db,
-            windows=[reference.windows for reference in own],
+            windows=[reference.windows for reference in references],
         )
         return None if found is None else (found[0], found[0] / found[1])
 
@@ -517,25 +517,27 @@ class _Window:
         *,
         odd: bool,
     ) -> LevelsPast:
-        """Return what is kept: own courses follow what is each signal's, and the common part while nothing is odd.
+        """Return what to remember: references follow each signal's own change, and the common one while nothing is odd.
 
-        Where interference ended that was there before, carriers and chains begin anew.
+        After interference that preceded the log ends, carriers and chains start again.
         """
-        shared_db = self._held_back(changes, interfered, odd=odd)
+        shared_db = self._hold_back(changes, interfered, odd=odd)
         end_s = float(self.o.elapsed_s[-1])
         references = {
-            signal: own._replace(fresh=False)
-            for signal, own in self.past.references.items()
-            if end_s - own.seen_s < POLICY.forgotten_s
+            signal: reference._replace(fresh=False)
+            for signal, reference in self.past.references.items()
+            if end_s - reference.seen_s < POLICY.forgotten_s
         }
         for column in np.flatnonzero(self.known):
             signal = self.o.signals[column]
             level_db = float(self.levels_db[column]) - shared_db.get(carrier_name(signal), 0.0)
-            own = references.get(signal)
-            windows = 1.0 if own is None else min(own.windows + 1.0, POLICY.remembered_windows)
-            before_db = level_db if own is None else own.level_db
+            reference = references.get(signal)
+            windows = 1.0 if reference is None else min(reference.windows + 1.0, POLICY.remembered_windows)
+            before_db = level_db if reference is None else reference.level_db
             references[signal] = OwnLevel(before_db + (level_db - before_db) / windows, windows, end_s)
-        references = {signal: own for signal, own in references.items() if carrier_name(signal) not in ended}
+        references = {
+            signal: reference for signal, reference in references.items() if carrier_name(signal) not in ended
+        }
         scales, slopes, rates = dict(self.past.scales), dict(self.past.slopes), dict(self.past.rates)
         dips = dict(self.past.dips)
         for change in changes:
@@ -548,7 +550,7 @@ class _Window:
                 slopes[change.unit] = slopes.get(change.unit, OwnScale()).after(found[1])
         return LevelsPast(
             end_s=end_s,
-            began_gpst=max((self._begun(change) for change in ended.values()), default=self.past.began_gpst),
+            began_gpst=max((self._first_changed(change) for change in ended.values()), default=self.past.began_gpst),
             references=references,
             floors_db=self.floors_db,
             scales=scales,
@@ -569,10 +571,10 @@ class _Window:
             odd=odd,
         )
 
-    def _held_back(
+    def _hold_back(
         self, changes: list[UnitChange], interfered: Mapping[str, UnitChange], *, odd: bool
     ) -> dict[str, float]:
-        """Return what is no signal's own, by carrier, dB: of carriers with interference, of all while a test fails."""
+        """Return the common change by carrier, dB, of carriers with interference, or of all while a test fails."""
         return {c.unit[0]: c.common.change_db for c in changes if len(c.unit) == 1 and (odd or c.unit[0] in interfered)}
 
     @staticmethod

@@ -1,4 +1,4 @@
-"""Hold what a front end's chains take in against their own past."""
+"""Compare the levels of a front end's chains with their own past."""
 
 from collections.abc import Mapping
 from typing import Final, NamedTuple
@@ -63,31 +63,31 @@ def follow_gauges(
     gain_share: float,
     steady_probability: float,
 ) -> tuple[list[GaugeChange], dict[tuple[str, str], Gauge]]:
-    """Return what the front end's levels are over their own past, and what is remembered of them.
+    """Compare the front end's levels with their past, and update what is remembered of them.
 
     gain_db, gain_share : by which the gain wanders, one sigma, dB or a share of the full scale. steady_probability : a
     level that is less probable than this over their number is no part of the past.
     """
     after = dict(before)
     changes = []
-    for (chain, kind), value in _readings(levels, gain_db, gain_share).items():
-        own = after.get((chain, kind))
-        if own is None:
+    for (chain, kind), value in _mean_readings(levels, gain_db, gain_share).items():
+        gauge = after.get((chain, kind))
+        if gauge is None:
             after[chain, kind] = Gauge(value, 1.0, OwnScale())
             continue
-        statistic = (value - own.level) / np.sqrt(1.0 + 1.0 / own.windows)
-        rise, fall = own.scale.above(statistic), own.scale.below(statistic)
+        statistic = (value - gauge.level) / np.sqrt(1.0 + 1.0 / gauge.windows)
+        rise, fall = gauge.scale.above(statistic), gauge.scale.below(statistic)
         in_db = gain_db if kind != "share" else np.nan
-        changes.append(GaugeChange(chain, kind, float(statistic), (value - own.level) * in_db, rise, fall))
+        changes.append(GaugeChange(chain, kind, float(statistic), (value - gauge.level) * in_db, rise, fall))
         if min(rise, fall) * len(after) > steady_probability:
-            windows = min(own.windows + 1.0, POLICY.remembered_windows)
-            level = own.level + (value - own.level) / windows
-            after[chain, kind] = Gauge(level, windows, own.scale.after(statistic))
+            windows = min(gauge.windows + 1.0, POLICY.remembered_windows)
+            level = gauge.level + (value - gauge.level) / windows
+            after[chain, kind] = Gauge(level, windows, gauge.scale.after(statistic))
     return changes, after
 
 
-def _readings(levels: FrontEndLevels | None, gain_db: float, gain_share: float) -> dict[tuple[str, str], float]:
-    """Return what each chain takes in, by chain and kind of reading, in sigmas: the mean of the window."""
+def _mean_readings(levels: FrontEndLevels | None, gain_db: float, gain_share: float) -> dict[tuple[str, str], float]:
+    """Return the mean reading of the window, in sigmas, by chain and kind."""
     if levels is None:
         return {}
     agc_db = levels.agc_db

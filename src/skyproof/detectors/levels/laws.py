@@ -6,8 +6,8 @@ figure, temperature, weak interference that is always there), with one sigma `co
 whatever single satellites do; its variance is `common_db^2 + pi/2 fading_db^2 / n` (asymptotic variance of a median).
 
 **The scale.** How much a receiver's levels wander depends on where it is. A statistic T, normal with one sigma s, is
-held against its own past: s^2 has a scaled inverse chi-square law with `prior_degrees` degrees about 1, so that after
-m values `T / s` is Student's t with `prior_degrees + m` degrees (Gelman et al., Bayesian Data Analysis, 2.6 and 3.2).
+compared with its own past: s^2 has a scaled inverse chi-square law with `prior_degrees` degrees about 1. After m values
+`T / s` is Student's t with `prior_degrees + m` degrees (Gelman et al., Bayesian Data Analysis, 2.6 and 3.2).
 
 **The dip.** Interference may be shorter than a window. A window is cut into `DIP_PARTS` parts. The median of each
 signal over a part changes as that over a window does, whatever the parts share. The lowest part is held against the
@@ -132,12 +132,12 @@ class OwnScale(NamedTuple):
 
     @property
     def degrees(self) -> float:
-        """Degrees of freedom of the law of the next value."""
+        """Return the degrees of freedom of the law of the next value."""
         return POLICY.prior_degrees + self.seen
 
     @property
     def sigma(self) -> float:
-        """One sigma of the next value."""
+        """Return one sigma of the next value."""
         return float(np.sqrt((POLICY.prior_degrees + self.squares) / self.degrees))
 
     def above(self, statistic: float) -> float:

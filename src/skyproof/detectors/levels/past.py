@@ -1,4 +1,4 @@
-"""Remember a receiver's levels, and say what its signals change by together."""
+"""Remember a receiver's levels, and estimate the common change of its signals."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -78,7 +78,7 @@ class UnitChange(NamedTuple):
 
     @property
     def noise(self) -> float:
-        """Return the chance of falls and losses together as they are (union bound, a twentieth of it for parts)."""
+        """Return the chance of falls and losses at least so large (union bound, a twentieth of it for parts)."""
         return min(1.0, 2.1 * min(self.fall, self.losses), 21.0 * self.fall_in_part)
 
     @property

@@ -12,7 +12,7 @@ __all__ = ["POLICY", "LevelsPolicy"]
 class LevelsPolicy:
     """Numbers by which the test of levels decides, each with its reason."""
 
-    least_satellites: int = number(4, "1", "A median of four outvotes one that changes by itself.")
+    least_satellites: int = number(4, "1", "A median of four outvotes one that changes alone.")
     most_cn0_over_power_db: float = number(
         216.0,
         "dB",
@@ -35,10 +35,10 @@ class LevelsPolicy:
         6, "1", "At 10 s a window a satellite's own course follows elevation and slow drifts, and no step."
     )
     forgotten_s: float = number(
-        600.0, "s", "A signal that was not seen for so long begins anew: satellites move by 5 degrees meanwhile."
+        600.0, "s", "A signal that was not received for so long starts again: satellites move by 5 degrees meanwhile."
     )
     confirming_p_value: float = number(
-        0.01, "1", "Of a fall that a significant rise of the level confirms, or that goes on from the window before."
+        0.01, "1", "Of a fall that a significant rise of the level confirms, or that lasts from the window before."
     )
     prior_degrees: float = number(
         10.0, "1", "Chosen: the stated scale weighs as much as so many earlier windows of the receiver's own."

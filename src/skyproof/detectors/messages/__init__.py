@@ -1,1 +1,1 @@
-"""Broadcast messages of one receiver: can these satellites have sent them, and be where they say?"""
+"""Test one receiver's broadcast messages: can these satellites have sent them, and be where they say?"""

@@ -33,7 +33,7 @@ from skyproof.detectors.messages.laws import (
     chance_of_difference,
     lowest_elevation_rad,
     range_difference_m,
-    served_together,
+    serve_together,
 )
 from skyproof.detectors.messages.policy import POLICY
 from skyproof.detectors.messages.utc import leap_seconds_expected, seconds_beyond_utc
@@ -128,7 +128,9 @@ class BroadcastMessages:
                 found.append(report.pass_over(every, NotTested("no_message")))
                 continue
             odd = (
-                dict(_below_horizon(records, o)) | _mistimed(messages) | _beside_utc(messages, records.navigation, utc)
+                dict(_find_below_horizon(records, o))
+                | _find_mistimed(messages)
+                | _compare_with_utc(messages, records.navigation, utc)
             )
             of_day: dict[str, _Oddity | None] = {}
             for gpst, e in came:
@@ -138,7 +140,7 @@ class BroadcastMessages:
                 before = tuple(dict.fromkeys((*sent.get(key, ()), *filed.get(key, ()))))
                 newest = latest.get((o.receiver, key), e.reference_gpst)
                 latest[o.receiver, key] = max(newest, e.reference_gpst)
-                why = _outdated(e, gpst, newest) or self._contradicted(e, before)
+                why = _find_outdated(e, gpst, newest) or self._contradicted(e, before)
                 odd |= {} if why is None else {e.sat: why}
                 of_day |= self._compare_with_day(e, before) if why is None else {}
                 sent[key] = (*(other for other in sent.get(key, ()) if other != e), e)[-POLICY.remembered_data_sets :]
@@ -153,7 +155,7 @@ class BroadcastMessages:
         """Return how a data set contradicts others of its satellite; None where it does not."""
         if any(_same_issue(e, other) and _other_orbit(e, other) for other in before):
             return _Oddity("issue_repeated")
-        others = [other for other in before if other.healthy and served_together(e, other) and _other_orbit(e, other)]
+        others = [other for other in before if other.healthy and serve_together(e, other) and _other_orbit(e, other)]
         chances = [(chance, other) for other in others if (chance := chance_of_difference(e, other)) is not None]
         if not e.healthy or not chances:
             return None
@@ -167,10 +169,12 @@ class BroadcastMessages:
 
         Empty without any, and where another one serves together with it, which says more.
         """
-        others = [other for other in before if other.healthy and is_of_last_day(e, other)]
-        if not e.healthy or not others or any(other != e and served_together(e, other) for other in before):
+        of_last_day = [other for other in before if other.healthy and is_of_last_day(e, other)]
+        if not e.healthy or not of_last_day or any(other != e and serve_together(e, other) for other in before):
             return {}
-        nearest = min(others, key=lambda other: abs(float(seconds_between(e.reference_gpst, other.reference_gpst))))
+        nearest = min(
+            of_last_day, key=lambda other: abs(float(seconds_between(e.reference_gpst, other.reference_gpst)))
+        )
         difference = difference_over_hours(e, nearest)
         if difference is None:
             return {}
@@ -207,7 +211,7 @@ def _by_key(ephemerides: Iterable[Ephemeris]) -> dict[_Key, tuple[Ephemeris, ...
     return found
 
 
-def _outdated(e: Ephemeris, gpst: np.datetime64, newest: np.datetime64) -> _Oddity | None:
+def _find_outdated(e: Ephemeris, gpst: np.datetime64, newest: np.datetime64) -> _Oddity | None:
     """Return how a data set, whole at an instant, does not serve then or is older than the newest that came before."""
     off_s = float(seconds_between(gpst, e.reference_gpst))
     if abs(off_s) > MAX_AGE_S[e.sat[0]]:
@@ -226,15 +230,15 @@ def _other_orbit(e: Ephemeris, other: Ephemeris) -> bool:
     return e != other and not np.allclose(e.orbit_row, other.orbit_row, rtol=1e-9, atol=1e-14)
 
 
-def _mistimed(messages: ReceivedMessages | None) -> dict[str, _Oddity]:
+def _find_mistimed(messages: ReceivedMessages | None) -> dict[str, _Oddity]:
     """Return the satellites whose messages say another time."""
     return {} if messages is None else dict.fromkeys(messages.mistimed_sat, _Oddity("mistimed"))
 
 
-def _beside_utc(
+def _compare_with_utc(
     messages: ReceivedMessages | None, navigation: NavigationData, utc: dict[str, UtcStatement]
 ) -> dict[str, _Oddity]:
-    """Return the satellites that say of UTC what cannot be; `utc` takes what each says."""
+    """Find the satellites whose statement on UTC is impossible; `utc` collects each statement."""
     found: dict[str, _Oddity] = {}
     if messages is None:
         return found
@@ -246,22 +250,24 @@ def _beside_utc(
     return found
 
 
-def _below_horizon(records: Records, o: Observations) -> Iterator[tuple[str, _Oddity]]:
-    """Give the satellites that stand below the horizon of the place that the largest set shows."""
-    own = [s for s in records.sets if s.receiver == o.receiver]
-    if not own or records.navigation is None:
+def _find_below_horizon(records: Records, o: Observations) -> Iterator[tuple[str, _Oddity]]:
+    """Yield the satellites that are below the horizon of the place that the largest set shows."""
+    sets = [s for s in records.sets if s.receiver == o.receiver]
+    if not sets or records.navigation is None:
         return
-    place_m = max(own, key=lambda s: len(s.signals)).position_ecef_m
+    place_m = max(sets, key=lambda s: len(s.signals)).position_ecef_m
     middle = o.read(o.gpst.size // 2, o.gpst.size // 2 + 1)
-    ranges = correct_ranges(o.signals, middle.gpst, _filled(o, middle), records.navigation, with_unknown_delay=True)
+    ranges = corrected_ranges(
+        o.signals, middle.gpst, _fill_ranges(o, middle), records.navigation, with_unknown_delay=True
+    )
     _, elevation_rad = azimuth_elevation(place_m, ranges.satellite_ecef_m[0])
     lowest_rad = lowest_elevation_rad(place_m)
     for k in np.flatnonzero(np.isfinite(elevation_rad) & (elevation_rad < lowest_rad)):
         yield o.signals[k].sat, _Oddity("below_horizon", float(np.degrees(-elevation_rad[k])))
 
 
-def _filled(o: Observations, middle: Observations) -> Reals:
-    """Return the ranges of an epoch, those of signals that it lacks by their own at another one."""
-    there = np.isfinite(o.pseudorange_m)
-    some = o.pseudorange_m[there.argmax(axis=0), np.arange(len(o.signals))]
+def _fill_ranges(o: Observations, middle: Observations) -> Reals:
+    """Return the ranges of an epoch; a signal that it lacks has its range at another epoch."""
+    measured = np.isfinite(o.pseudorange_m)
+    some = o.pseudorange_m[measured.argmax(axis=0), np.arange(len(o.signals))]
     return np.where(np.isfinite(middle.pseudorange_m), middle.pseudorange_m, some[None])

@@ -1,13 +1,13 @@
-"""How far two broadcast data sets of one satellite part, and how improbable that is.
+"""Measure how far two broadcast data sets of one satellite differ, and how improbable that is.
 
 Model. The error of a data set, as ranges see it, is normal with the accuracy that the message states (IS-GPS-200N,
 20.3.3.3.1.3: user range accuracy, one sigma). Two data sets that both serve at an instant differ there by the two
-errors at most, so that their difference over the root of the sum of squares exceeds a value no more often than a normal
+errors at most. So their difference over the root of the sum of squares exceeds a value no more often than a normal
 number does.
 
-A difference of place and clock is one of ranges by the weights of O. Montenbruck, P. Steigenberger and A. Hauschild,
-"Multi-GNSS signal-in-space range error assessment", Advances in Space Research 61(12), 2018: what is radial counts in
-full, and what is along and across by the square root of 1/49 for GPS, less for the others.
+The weights that turn a difference of place and clock into one of ranges are those of O. Montenbruck, P. Steigenberger
+and A. Hauschild, "Multi-GNSS signal-in-space range error assessment", Advances in Space Research 61(12), 2018. The
+radial part counts in full, the parts along and across by the square root of 1/49 for GPS, less for the others.
 """
 
 import math
@@ -30,21 +30,21 @@ __all__ = [
     "differences_m",
     "lowest_elevation_rad",
     "range_difference_m",
-    "served_together",
+    "serve_together",
     "stated_sigma_m",
 ]
 
 _EARTH_M: Final = 6.371e6
 
 
-def served_together(first: Ephemeris, second: Ephemeris) -> bool:
-    """Tell whether both serve between their times, and are of one message of one satellite."""
+def serve_together(first: Ephemeris, second: Ephemeris) -> bool:
+    """Tell whether two data sets belong to one message of one satellite, and both serve between their times."""
     same = first.sat == second.sat and first.message == second.message
     return same and abs(float(seconds_between(first.reference_gpst, second.reference_gpst))) <= POLICY.valid_together_s
 
 
 def range_difference_m(first: Ephemeris, second: Ephemeris) -> float:
-    """Return by how much ranges differ that are made of two data sets, in the middle between their times, metres."""
+    """Return by how much ranges from two data sets differ, in the middle between their times, metres."""
     begin, end = first.reference_gpst, second.reference_gpst
     radial_m, sideways_m, clock_m = differences_m(first, second, begin + (end - begin) // 2)
     return math.hypot(radial_m - clock_m, POLICY.sideways_share * sideways_m)
@@ -67,7 +67,7 @@ def chance_of_difference(first: Ephemeris, second: Ephemeris) -> float | None:
 
 
 def stated_sigma_m(first: Ephemeris, second: Ephemeris) -> float | None:
-    """Return the deviation of a difference by what two data sets state; None where one of them promises nothing."""
+    """Return the sigma of a difference by the accuracies of two data sets; None if one of them states none."""
     if not all(0 <= e.ura_index < len(URA_M) for e in (first, second)):
         return None
     return math.hypot(URA_M[first.ura_index], URA_M[second.ura_index])

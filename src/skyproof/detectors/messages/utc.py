@@ -1,4 +1,4 @@
-"""What satellites say of UTC: its whole seconds are known, and what is beside them is bounded.
+"""Check what satellites state of UTC: its whole seconds are known, and the rest is bounded.
 
 GPS time is within a microsecond of UTC but for whole seconds (IS-GPS-200N, 3.3.4); Galileo's and BeiDou's are nearer.
 When leap seconds come is announced half a year before (IERS Bulletin C), so that GPS minus UTC is known for the time of

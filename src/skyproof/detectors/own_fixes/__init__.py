@@ -1,1 +1,1 @@
-"""The receiver's own fixes: whether they go on as a platform can."""
+"""Test the receiver's own fixes: they must move as a platform can."""

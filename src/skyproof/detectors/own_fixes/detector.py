@@ -1,16 +1,16 @@
-"""Do the places that a receiver computed itself go on as a platform can?
+"""Test if the positions that a receiver computed itself move as a platform can.
 
-A log may hold no ranges, as one of NMEA does. Then all that there is of a place is what the receiver says, and that may
-have been filtered, held or put on a road. So nothing is known of its errors but that large ones are rare.
+A log may hold no ranges, as one of NMEA does. Then the only position is what the receiver reports, which it may have
+filtered, held or put on a road. So nothing is known of its errors but that large ones are rare.
 
-Law. The place that two fixes lead to is left by half of A d1 (d0 + d1) at most, where A is the largest acceleration and
-d0, d1 are the intervals; from one fix to the next no platform goes farther than its largest speed allows. What lies
-beyond is the errors of the fixes. An error of more than x has at most the probability exp(-x / b), where b is 20 m, or
-what the receiver states if that is more: reflections in streets put fixes tens of metres off, and seldom more (Kaplan &
-Hegarty, 3rd edition, 9.5). Where a sum of errors with weights w exceeds x, one of them exceeds x / sum(w): the union
-bound gives the p-value. Jumps of some kilometres from second to second count, and nothing that is slow.
+Law. A platform departs from the place that two fixes lead to by half of A d1 (d0 + d1) at most. Here A is the largest
+acceleration, and d0, d1 are the intervals. From one fix to the next no platform goes farther than its largest speed
+allows. Any excess is due to errors of the fixes. An error of more than x has at most the probability exp(-x / b), where
+b is 20 m, or what the receiver states if that is more. Reflections in streets put fixes tens of metres off, rarely more
+(Kaplan & Hegarty, 3rd edition, 9.5). Where a sum of errors with weights w exceeds x, one of them exceeds x / sum(w):
+the union bound gives the p-value. Jumps of some kilometres from second to second count, and nothing that is slow.
 
-A receiver may err by itself: a fix that jumps has a cause that is open.
+A receiver may err without an attack: the cause of a fix that jumps stays open.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class OwnFixesSettings:
     """Settings of `OwnFixes`.
 
     false_alarm_probability : of each receiver and window, for all its fixes together.
-    acceleration_max_m_s2 : no platform exceeds it. speed_max_m_s : likewise, if it is known.
+    acceleration_max_m_s2 : no platform exceeds it. speed_max_m_s : no platform exceeds it, if it is known.
     """
 
     false_alarm_probability: float = 1e-3

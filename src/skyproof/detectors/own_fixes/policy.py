@@ -13,7 +13,7 @@ class OwnFixesPolicy:
     """Numbers by which the test of a receiver's own fixes decides, each with its reason."""
 
     fix_error_m: float = number(
-        20.0, "m", "Reflections in streets put fixes tens of metres off, and seldom more.", "Kaplan & Hegarty, 9.5"
+        20.0, "m", "Reflections in streets put fixes tens of metres off, rarely more.", "Kaplan & Hegarty, 9.5"
     )
 
 
