@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from skyproof.detectors.base import list_all_signals, missing, undecided
+from skyproof.detectors.base import missing, signals_of, undecided
 from skyproof.navigation.fix import fix
 from skyproof.records import Evidence, Need, Taps
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors, check_detector
@@ -48,7 +48,7 @@ class Honest:
             detector=self.name,
             start_gpst=records.start_gpst,
             end_gpst=records.end_gpst,
-            subject=list_all_signals(records.observations),
+            subject=signals_of(records.observations),
             because="digits",
             statistic=round(chance, 4),
             says="attack" if chance < self.settings.false_alarm_probability else "clean",

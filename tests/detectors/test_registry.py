@@ -31,9 +31,7 @@ class Odd:
     changes: dict[str, object] = field(default_factory=dict)
 
     def examine(self, records, state=None):
-        said = base.undecided(
-            self, records, base.list_all_signals(records.observations), because="so", would_need="more"
-        )
+        said = base.undecided(self, records, base.signals_of(records.observations), because="so", would_need="more")
         return [replace(said, **self.changes)], state
 
 
@@ -156,7 +154,7 @@ def test_a_finding_that_cannot_be_used_fails_the_contract(changes, fault):
     reporter = base.Reporter(Odd(), records, Hypothesis.CONTINUOUS)
 
     def found(**changed: object) -> Finding:
-        finding = reporter.find(base.list_all_signals(records.observations), "goes_on", {Cause.CLEAN: 0.5})
+        finding = reporter.find(base.signals_of(records.observations), "goes_on", {Cause.CLEAN: 0.5})
         return replace(finding, **changed)
 
     assert registry.find_result_fault(Odd(), records, ([found()], None)) is None

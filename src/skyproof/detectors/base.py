@@ -24,8 +24,8 @@ __all__ = [
     "NotTested",
     "Reporter",
     "leave_open",
-    "list_all_signals",
     "missing",
+    "signals_of",
     "undecided",
 ]
 
@@ -147,10 +147,10 @@ class Reporter:
         if not lacking:
             return []
         why = NotTested("_".join(("without", *lacking)), {"lacking": tuple(map(str, lacking))})
-        return [self.pass_over(list_all_signals(self.records.observations), why)]
+        return [self.pass_over(signals_of(self.records.observations), why)]
 
 
-def list_all_signals(observations: tuple[Observations, ...]) -> tuple[SignalRef, ...]:
+def signals_of(observations: tuple[Observations, ...]) -> tuple[SignalRef, ...]:
     """List every signal of every receiver."""
     return tuple(SignalRef(o.receiver, signal) for o in observations for signal in o.signals)
 
@@ -186,7 +186,7 @@ def missing(detector: Detector, records: Records) -> list[Evidence]:
     evidence = undecided(
         detector,
         records,
-        list_all_signals(records.observations),
+        signals_of(records.observations),
         because=f"without {' and '.join(need.replace('_', ' ') for need in lacking)}",
         would_need="; ".join(NEEDS[need] for need in lacking),
         code="_".join(("without", *lacking)),

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final, get_args
 
 from skyproof.detectors.adapter import finding_from_evidence, get_signals, restore
-from skyproof.detectors.base import Detector, NotTested, Reporter, list_all_signals
+from skyproof.detectors.base import Detector, NotTested, Reporter, signals_of
 from skyproof.detectors.entries import OURS, list_registered, package_of
 from skyproof.errors import SettingsError, readable, shortened
 from skyproof.records import AnyFinding, Cause, Evidence, Finding, Hypothesis, Need, Records, Says, SignalRef
@@ -211,7 +211,7 @@ def _report_failure(detector: Detector, records: Records, code: str, error: Exce
     """Return that a detector of another package failed, and how."""
     data = {"detector": detector.name, "module": type(detector).__module__, "error": _describe_error(error)}
     reporter = Reporter(detector, records, Hypothesis.ONE_POSITION)
-    return reporter.pass_over(list_all_signals(records.observations), NotTested(code, data))
+    return reporter.pass_over(signals_of(records.observations), NotTested(code, data))
 
 
 def _find_review_fault(detector: Detector, evidence: Sequence[AnyFinding], after: Sequence[Any]) -> str | None:

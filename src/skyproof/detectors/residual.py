@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Indices
-from skyproof.detectors.base import NotTested, Reporter, leave_open, list_all_signals
+from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.residual_causes import POLICY, RangeFit, find_reflected, fit_groups
 from skyproof.detectors.second_signals.late_copies import without_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
@@ -166,7 +166,7 @@ class Residual:
         return [self._test_receiver(report, records.navigation, o) for o in records.observations], state
 
     def _test_receiver(self, report: Reporter, navigation: NavigationData, o: Observations) -> Finding:
-        every = list_all_signals((o,))
+        every = signals_of((o,))
         if o.gpst.size == 0:
             return report.pass_over(every, NotTested("no_epochs"))
         received = [s for s in report.records.sets if s.receiver == o.receiver]

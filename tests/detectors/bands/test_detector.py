@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from skyproof.detectors.bands.detector import Bands, BandsSettings
-from skyproof.detectors.bands.laws import test_common_change
+from skyproof.detectors.bands.laws import evaluate_common_change
 from skyproof.records import Cause, Observations, Records, SignalId
 from skyproof.testing import MeasuredScene, TrackErrors
 
@@ -144,5 +144,5 @@ def test_one_satellite_that_steps_is_not_all() -> None:
 @pytest.mark.parametrize("scatter_m", [1.0, 6.0])
 def test_the_chance_of_a_common_change_is_uniform(scatter_m) -> None:
     rng = np.random.default_rng(5)
-    chances = [test_common_change(rng.normal(0.0, scatter_m, 8), np.ones(8), 0.0)[1] for _ in range(1500)]
+    chances = [evaluate_common_change(rng.normal(0.0, scatter_m, 8), np.ones(8), 0.0)[1] for _ in range(1500)]
     assert stats.kstest(chances, "uniform").pvalue > 1e-3

@@ -27,7 +27,7 @@ from skyproof.detectors.array.ins_array import (
 )
 from skyproof.detectors.array.over_time import Block, Waiting, alpha_alone, pattern_share
 from skyproof.detectors.array.policy import POLICY
-from skyproof.detectors.base import NotTested, Reporter, leave_open, list_all_signals
+from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.errors import require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import timedelta_from_s
@@ -182,7 +182,7 @@ class Spin:
         arms = {arm.receiver: arm for arm in records.spin_arms}
         turning = [o for o in records.observations if o.receiver in arms]
         if not turning:
-            return [report.pass_over(list_all_signals(records.observations), NotTested("no_arm"))], state
+            return [report.pass_over(signals_of(records.observations), NotTested("no_arm"))], state
         past = state or SpinPast({}, {})
         past = SpinPast(dict(past.bent_at), dict(past.waiting))
         return [f for o in turning for f in self._test_receiver(report, o, arms[o.receiver], past)], past
@@ -203,7 +203,7 @@ class Spin:
         receiver = observations.receiver
         if seen is None:
             why = _explain_no_levels(observations, asked.min_share)
-            return [report.pass_over(list_all_signals((observations,)), why)]
+            return [report.pass_over(signals_of((observations,)), why)]
         found = self._test_against_orbits(report, observations, arm, seen, past.waiting)
         if all(finding.says == "undecided" for finding in found):
             refs = [SignalRef(receiver, observations.signals[k]) for k in seen.channels]

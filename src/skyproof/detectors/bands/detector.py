@@ -24,7 +24,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skyproof.arrays import Indices, Reals
-from skyproof.detectors.bands.laws import test_common_change
+from skyproof.detectors.bands.laws import evaluate_common_change
 from skyproof.detectors.bands.policy import POLICY
 from skyproof.detectors.base import NotTested, Reporter, leave_open
 from skyproof.errors import require_probability
@@ -220,7 +220,7 @@ class Bands:
         since_s = float(o.elapsed_s.mean()) - kept.elapsed_s
         share = np.max(_ionosphere_m(o, first, second)) / POLICY.most_ionosphere_m
         slack_m = POLICY.ionosphere_pace_m_s * share * since_s
-        metres, p_value = test_common_change(difference.mean_m[common] - before_m, variance_m2, slack_m)
+        metres, p_value = evaluate_common_change(difference.mean_m[common] - before_m, variance_m2, slack_m)
         change_m = medians(difference.each_m[:, common] - before_m, axis=1)
         before = np.flatnonzero(~(np.abs(change_m) > 0.5 * abs(metres)))
         row = int(before[-1]) + 1 if before.size else 0

@@ -14,10 +14,10 @@ from skyproof.arrays import Reals
 from skyproof.detectors.bands.policy import POLICY
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
-__all__ = ["test_common_change"]
+__all__ = ["evaluate_common_change"]
 
 
-def test_common_change(change_m: Reals, variance_m2: Reals, slack_m: float) -> tuple[float, float]:
+def evaluate_common_change(change_m: Reals, variance_m2: Reals, slack_m: float) -> tuple[float, float]:
     """Estimate the common change of n satellites (n,), metres, and the chance of one at least so large."""
     n = change_m.size
     weight = 1.0 / variance_m2

@@ -36,7 +36,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyproof.detectors.base import NotTested, Reporter, leave_open, list_all_signals
+from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.multi_receiver.further_signals import Rates, further_signals
 from skyproof.detectors.multi_receiver.known_geometry import LearntBaseline, agreement
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
@@ -161,7 +161,7 @@ def _decide_groups(window: Window) -> list[Finding]:
     observed = window.records.observations
     if len(window.sets) < 2:
         without = tuple(o.receiver for o in observed if o.receiver not in window.sets)
-        return [window.report.pass_over(list_all_signals(observed), NotTested("one_set", {"without": without}))]
+        return [window.report.pass_over(signals_of(observed), NotTested("one_set", {"without": without}))]
     if not window.pairings:
         return [window.report.pass_over(window.signals(), _explain_no_pairing(window))]
     if window.one_choice:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.detectors.base import NotTested, Reporter, leave_open, list_all_signals
+from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
 from skyproof.detectors.second_signals.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
@@ -265,11 +265,11 @@ class SecondSignals:
     def _count(self, report: Reporter, o: Observations, found: FoundSecondSignals) -> Finding:
         """Return whether more satellites have a second signal than echoes explain."""
         if not np.isfinite(o.cn0_dbhz).any():
-            return report.pass_over(list_all_signals((o,)), NotTested("no_cn0"))
+            return report.pass_over(signals_of((o,)), NotTested("no_cn0"))
         n, alpha = len(found.sats), self.settings.false_alarm_probability
         if n < POLICY.attack_satellites:
             few: dict[str, Datum] = {"satellites": n, "min_cn0_dbhz": self.settings.min_cn0_dbhz}
-            return report.pass_over(list_all_signals((o,)), NotTested("few_satellites", few))
+            return report.pass_over(signals_of((o,)), NotTested("few_satellites", few))
         least_p = self._test_satellites(report.records, o, found)
         none = [1.0] * (n - len(least_p))
         test = many_small([*least_p.values(), *none], least=POLICY.attack_satellites, most=POLICY.telling_p_value)

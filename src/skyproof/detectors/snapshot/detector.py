@@ -8,7 +8,7 @@ does not change in so short a time. Something that shades the antenna may do it,
 from dataclasses import dataclass
 from typing import Any
 
-from skyproof.detectors.base import NotTested, Reporter, leave_open, list_all_signals
+from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.errors import require_probability
 from skyproof.records import Cause, Finding, Hypothesis, Need, Records, SnapshotChanges, list_refs
 
@@ -41,7 +41,7 @@ class Snapshots:
         if lacking := report.name_missing():
             return lacking, state
         if not records.changes:
-            return [report.pass_over(list_all_signals(records.observations), NotTested("long"))], state
+            return [report.pass_over(signals_of(records.observations), NotTested("long"))], state
         return [_find(report, name, one) for name, one in records.changes.items()], state
 
 
