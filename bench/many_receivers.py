@@ -15,9 +15,9 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.one_antenna import (
     TrackNoise,
-    contrast_levels,
+    average_contrasts,
+    compute_contrasts,
     one_antenna_test,
-    table_contrasts,
 )
 from skyproof.studies.double_difference import difference_test
 
@@ -39,8 +39,8 @@ def report() -> Iterator[str]:
 
 
 def _together(ranges_m: Reals) -> None:
-    values, gain, _ = table_contrasts(ranges_m, np.ones(ranges_m.shape[1:]))
-    one_antenna_test(contrast_levels(values, gain, TrackNoise()))
+    values, gain, _ = compute_contrasts(ranges_m, np.ones(ranges_m.shape[1:]))
+    one_antenna_test(average_contrasts(values, gain, TrackNoise()))
 
 
 def _looped_s(ranges_m: Reals) -> float:

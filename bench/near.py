@@ -20,7 +20,7 @@ from scipy import stats
 from skyproof.app.common.windows import cut
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
-from skyproof.detectors.multi_receiver.one_antenna import WHITE, baseline_design, table_contrasts
+from skyproof.detectors.multi_receiver.one_antenna import WHITE, baseline_design, compute_contrasts
 from skyproof.detectors.multi_receiver.pairing import pair_up
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.records import Records
@@ -62,7 +62,7 @@ def most(scene: MeasuredScene, enu_m: Reals, seconds: int, rate: float) -> float
     records = scene.records(np.random.default_rng(0))
     units = pair_up(records, records.sets, WHITE, min_satellites=5).unit_enu
     assert units is not None
-    _, _, matrix = table_contrasts(np.zeros((1, len(units), 2)), np.ones((len(units), 2)))
+    _, _, matrix = compute_contrasts(np.zeros((1, len(units), 2)), np.ones((len(units), 2)))
     shift_m = np.linalg.norm(baseline_design(matrix, units) @ enu_m)
     errors, lags = scene.errors, np.abs(np.subtract.outer(np.arange(seconds), np.arange(seconds)))
     information = np.linalg.inv(errors.sigma_m**2 * np.power(errors.correlation, lags)).sum()

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
-from skyproof.detectors.multi_receiver.pairing import pair_up, sky_by_carriers
+from skyproof.detectors.multi_receiver.pairing import evaluate_sky_by_carriers, pair_up
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.second_signals.detector import SecondSignals, SecondSignalsSettings
 from skyproof.detectors.second_signals.echoes import EchoModel
@@ -90,7 +90,7 @@ def carriers(hours: float) -> Iterator[str]:
             pairing = _pairing(records, settings)
             geometry = settings.geometry(pairing.receivers)
             assert geometry is not None
-            sky = sky_by_carriers([pairing], geometry)
+            sky = evaluate_sky_by_carriers([pairing], geometry)
             one = _pairing(_carriers_off(captured.records(rng), rng), settings).one_antenna_carriers
             for name, test in (("sky", sky), ("one antenna", one)):
                 below[name, np.inf] += test is not None

@@ -16,7 +16,7 @@ import numpy as np
 from skyproof.arrays import Indices
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.residual_causes import POLICY, RangeFit, find_reflected, fit_groups
-from skyproof.detectors.second_signals.late_copies import without_late_copies
+from skyproof.detectors.second_signals.late_copies import remove_late_copies
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.errors import SettingsError, require_probability
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -170,7 +170,7 @@ class Residual:
         if o.gpst.size == 0:
             return report.pass_over(every, NotTested("no_epochs"))
         received = [s for s in report.records.sets if s.receiver == o.receiver]
-        sets = tuple(s for s in without_late_copies(o, received) if len(s.signals) >= self.settings.min_satellites)
+        sets = tuple(s for s in remove_late_copies(o, received) if len(s.signals) >= self.settings.min_satellites)
         several = self._test_several_skies(report, o, sets) if len(sets) >= 2 else None
         if several is not None and several.p:
             return several

@@ -44,7 +44,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from skyproof.arrays import Indices, Reals
-from skyproof.detectors.multi_receiver.one_antenna import baseline_design, table_contrasts
+from skyproof.detectors.multi_receiver.one_antenna import baseline_design, compute_contrasts
 from skyproof.statistics.clusters import LineClusters, line_clusters
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
@@ -124,7 +124,7 @@ def known_sky_test(
     sky_m : (..., K, R). With `sigma_m` (K, R), known up to a factor, the variance is that factor.
     """
     sigma_m = np.ones(sky_m.shape[-2:]) if sigma_m is None else sigma_m
-    values, _, matrix = table_contrasts(sky_m[..., None, :, :], sigma_m)
+    values, _, matrix = compute_contrasts(sky_m[..., None, :, :], sigma_m)
     error = values[..., 0, :] - baseline_design(matrix, unit_enu) @ np.asarray(baseline_enu_m, float).ravel()
     return chi_square_survival(np.sum(error**2, axis=-1) / np.asarray(variance_m2, float), error.shape[-1])
 

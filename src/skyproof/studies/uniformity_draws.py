@@ -29,13 +29,13 @@ from skyproof.detectors.dccaf.inverse_raim import parity_matrix
 from skyproof.detectors.multi_receiver.one_antenna import (
     WHITE,
     TrackNoise,
+    average_contrasts,
     baseline_design,
-    baseline_estimate,
-    contrast_levels,
+    compute_contrasts,
     distance_p_value,
+    estimate_baselines,
     one_antenna_test,
     ratio_test,
-    table_contrasts,
 )
 from skyproof.navigation.chance import bound_chance_p_value
 from skyproof.navigation.least_squares import design_matrix
@@ -169,8 +169,8 @@ def one_antenna(
 
     def draw(rng: np.random.Generator, n: int) -> Reals:
         errors = sigma_m * _tracks(rng, (n, epochs, 7, 2), phi=phi) + constant_m * rng.standard_normal((n, 1, 7, 2))
-        values, gain, _ = table_contrasts(errors, np.ones((7, 2)))
-        return one_antenna_test(contrast_levels(values, gain, noise)).p_value
+        values, gain, _ = compute_contrasts(errors, np.ones((7, 2)))
+        return one_antenna_test(average_contrasts(values, gain, noise)).p_value
 
     return draw
 
@@ -188,9 +188,9 @@ def distance(rng: np.random.Generator, n: int) -> Reals:
     baseline_m = 5.0 * np.column_stack([np.sin(angle), np.cos(angle), np.zeros(n)])
     ranges_m = _tracks(rng, (n, 10, 8, 2))
     ranges_m[..., 1] -= (baseline_m @ _UNITS.T)[:, None, :]
-    values, gain, matrix = table_contrasts(ranges_m, np.ones((8, 2)))
-    levels = contrast_levels(values, gain, WHITE)
-    return distance_p_value(levels, baseline_estimate(levels, baseline_design(matrix, _UNITS)), 5.0, "at most")
+    values, gain, matrix = compute_contrasts(ranges_m, np.ones((8, 2)))
+    levels = average_contrasts(values, gain, WHITE)
+    return distance_p_value(levels, estimate_baselines(levels, baseline_design(matrix, _UNITS)), 5.0, "at most")
 
 
 def _pairings(rng: np.random.Generator, n: int, receivers: int, baseline_enu_m: Reals) -> tuple[Reals, Reals]:

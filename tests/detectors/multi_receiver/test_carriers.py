@@ -5,12 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.detectors.multi_receiver.carriers import Fractions, fractions, one_antenna_carriers, sky_carriers
-from skyproof.detectors.multi_receiver.common_epochs import CommonPhases, common_ranges
+from skyproof.detectors.multi_receiver.carriers import (
+    Fractions,
+    estimate_fractions,
+    evaluate_one_antenna_carriers,
+    sky_carriers,
+)
+from skyproof.detectors.multi_receiver.common_epochs import CommonPhases, align_ranges
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.known_geometry import AntennaDistance, AntennaPlaces
 from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
-from skyproof.detectors.multi_receiver.pairing import pair_up, sky_by_carriers
+from skyproof.detectors.multi_receiver.pairing import evaluate_sky_by_carriers, pair_up
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.records import OBSERVABLES, CellStatus
 from skyproof.statistics.distributions import binomial_survival
@@ -49,7 +54,7 @@ def sigmas(rng, count):
 def test_of_one_antenna_small_p_values_are_as_rare_as_they_say(count):
     rng, draws = np.random.default_rng(count), 3000
     p_values = np.array(
-        [one_antenna_carriers(drawn(rng, np.zeros(count), sigmas(rng, count))).p_value for _ in range(draws)]
+        [evaluate_one_antenna_carriers(drawn(rng, np.zeros(count), sigmas(rng, count))).p_value for _ in range(draws)]
     )
     for rate in (0.1, 0.01):
         assert binomial_survival(np.sum(p_values < rate), draws, rate) > 1e-3
@@ -113,7 +118,7 @@ def test_carriers_without_errors_fit_the_sky_whatever_the_epochs_the_distance_an
     exact = scene(antennas_enu_m=places, first_epoch_s=(0.0, 0.45))
     records = replace(exact.records(np.random.default_rng(0)), observations=tuple(exact._exact))
     pairing = pair_up(records, records.sets, TrackNoise(), min_satellites=5)
-    assert sky_by_carriers([pairing], AntennaPlaces(places, 0.01)).statistic < 0.1
+    assert evaluate_sky_by_carriers([pairing], AntennaPlaces(places, 0.01)).statistic < 0.1
 
 
 def test_a_metre_apart_ten_seconds_tell_the_sky_from_one_antenna():
@@ -216,7 +221,7 @@ def test_epochs_that_one_receiver_lacks_cost_only_themselves(number):
     one = replace(
         records, observations=tuple(without_epochs(o, dropped) if k == number else o for k, o in enumerate(rough))
     )
-    expected, found = (fractions(common_ranges(r, r.sets).phases, 1, 0.005) for r in (both, one))
+    expected, found = (estimate_fractions(align_ranges(r, r.sets).phases, 1, 0.005) for r in (both, one))
     np.testing.assert_allclose(found.sigma_cyc, expected.sigma_cyc)
     np.testing.assert_allclose(found.cycles, expected.cycles, atol=1e-3)
     assert [e.says for e in examine(one, **GIVEN["places"])] == ["authentic"]
@@ -226,7 +231,7 @@ def test_the_noise_of_a_stretch_is_that_of_its_instants():
     records = scene(epochs=20).records(np.random.default_rng(0))
     first, second = records.observations
     grown = np.where(np.arange(20)[:, None] < 10, 1.0, 3.0) * np.ones(second.status.shape)
-    ranges = common_ranges(
+    ranges = align_ranges(
         replace(records, observations=(first, replace(second, pseudorange_sigma_m=grown))), records.sets
     )
     np.testing.assert_allclose(ranges.at(ranges.time_s < 9.0).sigma_m[:, 1], 1.0)
@@ -257,9 +262,9 @@ def test_frequencies_of_their_own_have_no_fractions():
         half_open=np.zeros((5, n, 2), bool),
         whole_cycles=np.ones(n, bool),
     )
-    assert fractions(phases, 1, 0.005) is not None
-    assert fractions(replace(phases, whole_cycles=np.zeros(n, bool)), 1, 0.005) is None
-    assert fractions(phases.take(np.arange(4)), 1, 0.005) is None
+    assert estimate_fractions(phases, 1, 0.005) is not None
+    assert estimate_fractions(replace(phases, whole_cycles=np.zeros(n, bool)), 1, 0.005) is None
+    assert estimate_fractions(phases.take(np.arange(4)), 1, 0.005) is None
 
 
 def test_status_of_cells_is_of_no_concern():

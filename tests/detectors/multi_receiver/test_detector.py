@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.detectors.multi_receiver.common_epochs import common_ranges
+from skyproof.detectors.multi_receiver.common_epochs import align_ranges
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.one_antenna import TrackNoise
 from skyproof.detectors.multi_receiver.pairing import pair_up
@@ -388,7 +388,7 @@ def test_clocks_and_epochs_that_differ_do_not_show():
     quiet = TrackErrors(sigma_m=0.01)
     offset = scene(sky=(), false=(MEACONER,), errors=quiet, clock_bias_s=(9e-4, -9e-4), first_epoch_s=(0.0, 0.45))
     records = offset.records(rng())
-    ranges = common_ranges(records, records.sets).range_m
+    ranges = align_ranges(records, records.sets).range_m
     difference_m = ranges[:, :, 1] - ranges[:, :, 0]
     contrast_m = difference_m - difference_m.mean(axis=1, keepdims=True)
     # 0.45 s by Dopplers with 0.1 Hz noise is 9 mm, the curvature of the range over 0.45 s up to 13 mm.
@@ -403,7 +403,7 @@ def test_holes_cost_the_satellite_or_the_epoch_that_has_them():
     pseudorange_m[:15, 0] = np.nan  # most of one satellite
     pseudorange_m[5:8, 3] = np.nan  # a little of another
     poorer = replace(records, observations=(first, replace(second, pseudorange_m=pseudorange_m)))
-    ranges = common_ranges(poorer, poorer.sets)
+    ranges = align_ranges(poorer, poorer.sets)
     assert second.signals[0].sat not in ranges.sats
     assert second.signals[3].sat in ranges.sats
     assert ranges.range_m.shape[0] == 17

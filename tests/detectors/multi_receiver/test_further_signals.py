@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
-from skyproof.detectors.multi_receiver.further_signals import Rates, further_signals
+from skyproof.detectors.multi_receiver.further_signals import Rates, find_further_signals
 from skyproof.detectors.multi_receiver.pairing import pair_up
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.records import SignalId, SignalRef
@@ -72,7 +72,7 @@ def test_what_an_attack_makes_false_has_the_p_value_of_the_attack(known_p):
     sky = pair_up(made, made.sets, MultiReceiverSettings().noise(1), min_satellites=5)
     rates = Rates(alarm=1e-6, mistaken=0.01, multipath_sigma_m=1.0, unrelated_spread_m=300.0)
     named = {} if known_p is None else {SignalRef("rx1", SignalId("G99", copy="b")): known_p}
-    found = further_signals(made, [sky], {s.receiver: [s] for s in made.sets}, named, rates)
+    found = find_further_signals(made, [sky], {s.receiver: [s] for s in made.sets}, named, rates)
     assert {ref.signal.sat for one in found for ref in one.subject} == (set() if known_p is None else {sats[0]})
     assert all(one.p_value == known_p for one in found)
 

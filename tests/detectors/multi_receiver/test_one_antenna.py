@@ -7,13 +7,13 @@ from scipy.signal import lfilter
 from skyproof.detectors.multi_receiver.one_antenna import (
     WHITE,
     TrackNoise,
+    average_contrasts,
     baseline_design,
-    baseline_estimate,
-    contrast_levels,
+    compute_contrasts,
     distance_p_value,
+    estimate_baselines,
     one_antenna_test,
     ratio_test,
-    table_contrasts,
 )
 from skyproof.statistics.distributions import binomial_survival, binomial_two_sided
 
@@ -30,9 +30,9 @@ def tracks(rng, shape, sigma_m=1.0, phi=0.0, constant_m=0.0):
 def p_values(ranges_m, noise, sigma_m=None, unit_enu=None):
     """Along baselines alone, if the directions of the satellites are known."""
     sigma_m = np.ones(ranges_m.shape[-2:]) if sigma_m is None else sigma_m
-    values, gain, matrix = table_contrasts(ranges_m, sigma_m)
+    values, gain, matrix = compute_contrasts(ranges_m, sigma_m)
     along = None if unit_enu is None else baseline_design(matrix, unit_enu)
-    return one_antenna_test(contrast_levels(values, gain, noise), along=along).p_value
+    return one_antenna_test(average_contrasts(values, gain, noise), along=along).p_value
 
 
 def counted(rng, trials, shape, noise, rates, unit_enu=None, **errors):
@@ -167,9 +167,9 @@ def test_clock_and_satellite_terms_of_any_size_do_not_matter():
 def test_the_threshold_is_where_the_p_value_crosses_the_rate():
     rng = np.random.default_rng(7)
     for noise in (WHITE, TrackNoise(miss_probability=1e-4)):
-        values, gain, _ = table_contrasts(tracks(rng, (300, 10, 6, 2)) * 1.3, np.ones((6, 2)))
+        values, gain, _ = compute_contrasts(tracks(rng, (300, 10, 6, 2)) * 1.3, np.ones((6, 2)))
         values = values + rng.uniform(0, 12, (300, 1, 1))
-        levels = contrast_levels(values, gain, noise)
+        levels = average_contrasts(values, gain, noise)
         test = one_antenna_test(levels)
         assert 0 < np.mean(test.p_value < 1e-3) < 1
         above = test.statistic > levels.threshold(1e-3, values.shape[-1], test.decides)
@@ -207,8 +207,8 @@ def test_the_baseline_comes_back_with_its_covariance():
     baseline_m = np.array([12.0, -5.0, 3.0])
     ranges_m = tracks(rng, (3000, 10, 8, 2))
     ranges_m[..., 1] -= sky(8) @ baseline_m
-    values, gain, matrix = table_contrasts(ranges_m, np.ones((8, 2)))
-    found = baseline_estimate(contrast_levels(values, gain, WHITE), baseline_design(matrix, sky(8)))
+    values, gain, matrix = compute_contrasts(ranges_m, np.ones((8, 2)))
+    found = estimate_baselines(average_contrasts(values, gain, WHITE), baseline_design(matrix, sky(8)))
     error_m = found.enu_m[0] - baseline_m
     assert np.abs(error_m.mean(axis=0)).max() < 0.1
     np.testing.assert_allclose(np.cov(error_m.T), found.covariance_m2[0].mean(axis=0), rtol=0.15, atol=0.02)
@@ -221,18 +221,18 @@ def test_a_distance_that_is_true_is_rarely_rejected(true_m, hypothesis):
     baseline_m = true_m * np.column_stack([np.sin(angle), np.cos(angle), rng.uniform(-1, 1, trials)])
     ranges_m = tracks(rng, (trials, 10, 7, 2))
     ranges_m[..., 1] -= (baseline_m @ sky().T)[:, None, :]
-    values, gain, matrix = table_contrasts(ranges_m, np.ones((7, 2)))
-    levels = contrast_levels(values, gain, WHITE)
-    p = distance_p_value(levels, baseline_estimate(levels, baseline_design(matrix, sky())), 5.0, hypothesis)
+    values, gain, matrix = compute_contrasts(ranges_m, np.ones((7, 2)))
+    levels = average_contrasts(values, gain, WHITE)
+    p = distance_p_value(levels, estimate_baselines(levels, baseline_design(matrix, sky())), 5.0, hypothesis)
     # At the rim of the hypothesis; the region is a disc or its outside, not a point, so fewer than stated.
     assert binomial_survival(int(np.sum(p < 0.01)), trials, 0.01) > 1e-3
 
 
 def test_one_antenna_is_told_from_a_distance():
     ranges_m = tracks(np.random.default_rng(12), (100, 30, 7, 2))
-    values, gain, matrix = table_contrasts(ranges_m, np.ones((7, 2)))
-    levels = contrast_levels(values, gain, WHITE)
-    baseline = baseline_estimate(levels, baseline_design(matrix, sky()))
+    values, gain, matrix = compute_contrasts(ranges_m, np.ones((7, 2)))
+    levels = average_contrasts(values, gain, WHITE)
+    baseline = estimate_baselines(levels, baseline_design(matrix, sky()))
     assert np.mean(distance_p_value(levels, baseline, 5.0, "at least") < 1e-3) > 0.95
     assert np.mean(distance_p_value(levels, baseline, 5.0, "at most") == 1.0) > 0.95
 
@@ -241,7 +241,7 @@ def test_epochs_that_are_missing_are_known_by_their_gaps():
     rng = np.random.default_rng(13)
     kept = np.array([0, 1, 2, 6, 7, 8, 9, 14, 15, 16])
     ranges_m = tracks(rng, (2000, 17, 6, 2), phi=0.9)[:, kept]
-    values, gain, _ = table_contrasts(ranges_m, np.ones((6, 2)))
+    values, gain, _ = compute_contrasts(ranges_m, np.ones((6, 2)))
     noise = TrackNoise(miss_probability=1e-3)
-    count = np.sum(one_antenna_test(contrast_levels(values, gain, noise, np.diff(kept).astype(float))).p_value < 0.01)
+    count = np.sum(one_antenna_test(average_contrasts(values, gain, noise, np.diff(kept).astype(float))).p_value < 0.01)
     assert binomial_survival(int(count), 2000, 0.01) > 1e-3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.detectors.multi_receiver.pairing import pair_up
-from skyproof.detectors.multi_receiver.same_direction import without_doubtful
+from skyproof.detectors.multi_receiver.same_direction import withhold_doubtful
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.records import Cause, Finding, Hypothesis, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene
@@ -47,18 +47,18 @@ def said(records, sky, imitated, **data):
 def test_a_satellite_behind_the_antenna_is_left_out_unless_its_false_signal_is_known(behind):
     records, sky, sat = behind
     others = [s for s in sky.ranges.sats if s != sat]
-    kept, spoofed = without_doubtful(records, [sky], said(records, sky, others))
+    kept, spoofed = withhold_doubtful(records, [sky], said(records, sky, others))
     assert {ref.signal.sat for ref in sky.subject} - {ref.signal.sat for ref in kept.signals} == {sat}
     assert (kept.says, kept.data["doubtful"]) == ("authentic", 1)
     assert spoofed.says == "spoofed"
     whole = said(records, sky, sky.ranges.sats)
-    assert without_doubtful(records, [sky], whole) == whole
+    assert withhold_doubtful(records, [sky], whole) == whole
 
 
 def test_signals_that_are_not_known_to_be_of_one_antenna_make_none_doubtful(behind):
     records, sky, sat = behind
     given = said(records, sky, [s for s in sky.ranges.sats if s != sat], whole_sky=True)
-    assert without_doubtful(records, [sky], given) == given
+    assert withhold_doubtful(records, [sky], given) == given
 
 
 def test_three_satellites_that_are_left_are_not_authentic(behind):
@@ -66,7 +66,7 @@ def test_three_satellites_that_are_left_are_not_authentic(behind):
     others = [s for s in sky.ranges.sats if s != sat]
     true, false = said(records, sky, others)
     few = replace(true, signals=tuple(ref for ref in true.signals if ref.signal.sat in (sat, *others[:3])))
-    kept, _ = without_doubtful(records, [sky], [few, false])
+    kept, _ = withhold_doubtful(records, [sky], [few, false])
     assert (kept.says, kept.code, kept.group) == ("undecided", "few_without_doubtful", None)
     assert kept.data["found"] == "beside_false_sky"
 
@@ -83,6 +83,6 @@ def test_a_false_signal_of_the_antenna_is_doubtful_with_the_stated_probability()
             for s, other in zip(sky.sets, [s for s in records.sets if s not in sky.sets], strict=True)
         )
         wrong = pair_up(records, mixed, sky.noise, min_satellites=5)
-        (true, _) = without_doubtful(records, [wrong], said(records, wrong, [s for s in sky.ranges.sats if s != sat]))
+        (true, _) = withhold_doubtful(records, [wrong], said(records, wrong, [s for s in sky.ranges.sats if s != sat]))
         kept += sat in {ref.signal.sat for ref in true.signals}
     assert kept == 0

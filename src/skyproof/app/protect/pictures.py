@@ -20,7 +20,7 @@ from skyproof.app.protect.positions import KINDS, place_of
 from skyproof.app.protect.takeover_pictures import compared_skies, correlations, origins
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Reals
-from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges
+from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, align_ranges
 from skyproof.errors import InputError
 from skyproof.explain import explain
 from skyproof.formats.bounds import TRACK_BYTES
@@ -400,7 +400,7 @@ def _alike(records: Records, first: Sequence[ConsistentSet], second: Sequence[Co
 
     Where labels leave it open, that is how sets of one sky find each other.
     """
-    every = [(a, b, common_ranges(records, (a, b))) for a in first for b in second]
+    every = [(a, b, align_ranges(records, (a, b))) for a in first for b in second]
     scattered = [(float(np.ptp(c.apart_m)), n) for n, (_, _, c) in enumerate(every) if c.sats and len(c.range_m)]
     taken: set[int] = set()
     for _, n in sorted(scattered):

@@ -1,1 +1,1 @@
-"""Several receivers: which signals come from one transmit antenna, which from the sky."""
+"""Compare several receivers: which signals come from one transmit antenna, which from the sky."""

@@ -1,19 +1,20 @@
-"""Carrier between two receivers: from one antenna, or from the sky over antennas that stand as known.
+"""Test carriers between two receivers: from one antenna, or from the sky over antennas that stand as known.
 
-Between two receivers the carrier of a satellite differs by whole cycles, by what the receivers' clocks differ, which is
-the same for all satellites of a kind of signal, and by the way: of one antenna the same for all, of the sky -b.u_k for
-the baseline b. So fractions of cycles of the differences, less those of another satellite (double differences), are
-zero for one antenna, and for the sky what b makes of them: with noise of millimetres against a wavelength of 0.2 m,
-where code has a metre. After N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi
-10.33012/navi.510, who test how fast the differences change; fractions decide at once, slopes at 1 m after a minute.
+A satellite's carrier differs between two receivers by whole cycles, by the clocks, and by the path. The clocks' part is
+the same for all satellites of a kind of signal. The path's part is the same for all signals of one antenna, and -b.u_k
+for the sky over the baseline b. Fractions of cycles of the differences, less those of another satellite, are double
+differences. They are zero for one antenna, and follow from b for the sky. Their noise is millimetres against a
+wavelength of 0.2 m, where code has a metre. After N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1),
+2022, doi 10.33012/navi.510, who test how fast the differences change; fractions decide at once, slopes at 1 m after a
+minute.
 
 Errors are taken as normal, of stated sigma. Whole cycles are free, so both statistics are smallest values over them:
 chi-square at the true ones, and no larger. p-values are never too small then.
 
-For the sky, cycles and baseline are sought together: three satellites' whole cycles that the known geometry allows give
-a baseline, that gives the next one's cycles, and these a better baseline (each rounded in turn, as in P. Teunissen,
-"GNSS ambiguity bootstrapping", 1998). What the geometry allows is part of the statistic. Where it allows so much that
-fractions fit by chance nothing is said; signals of several kinds, of one set, fit together by chance rarely.
+For the sky, cycles and baseline are estimated together. Three satellites' whole cycles that the known geometry allows
+give a baseline. It gives the next one's cycles, and these a better baseline. Each is rounded in turn, as in P.
+Teunissen, "GNSS ambiguity bootstrapping", 1998. What the geometry allows is part of the statistic. If it allows so much
+that fractions fit by chance, there is no decision. Signals of several kinds, of one set, rarely fit together by chance.
 """
 
 from collections.abc import Sequence
@@ -29,7 +30,7 @@ from skyproof.detectors.multi_receiver.known_geometry import Fit, Reach
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
-__all__ = ["CarrierTest", "Fractions", "fractions", "one_antenna_carriers", "sky_carriers"]
+__all__ = ["CarrierTest", "Fractions", "estimate_fractions", "evaluate_one_antenna_carriers", "sky_carriers"]
 
 _MOST_WAYS: Final = 400_000
 """To choose three whole cycles."""
@@ -40,8 +41,8 @@ _UNKNOWN: Final = 1e6  # variance of what is not known yet, m^2 and cycles^2
 class CarrierTest(NamedTuple):
     """Chi-square of `dof` degrees at most, if the hypothesis is true, and its tail.
 
-    by_chance : ways to choose whole cycles that any fractions are expected to fit; where these are several, a large
-    p-value says nothing.
+    by_chance : expected number of ways to choose whole cycles that fit any fractions; with several, a large p-value is
+    no evidence.
     """
 
     statistic: float
@@ -49,7 +50,7 @@ class CarrierTest(NamedTuple):
     by_chance: float = 0.0
 
     def fits(self, probability: float) -> bool:
-        """Whether the p-value reaches `probability`, and would not by chance."""
+        """Tell if the p-value reaches `probability`, and would not by chance."""
         return self.p_value >= probability and self.by_chance < POLICY.cycles_by_chance
 
     @property
@@ -57,7 +58,7 @@ class CarrierTest(NamedTuple):
         return float(chi_square_survival(self.statistic, self.dof))
 
     def threshold(self, false_alarm_probability: float) -> float:
-        """What the statistic has to exceed."""
+        """Return the value that the statistic has to exceed."""
         return float(chi_square_threshold(false_alarm_probability, self.dof))
 
 
@@ -75,8 +76,8 @@ class Fractions:
     wave_m: float
 
 
-def fractions(phases: CommonPhases, other: int, multipath_sigma_m: float) -> Fractions | None:
-    """Those of receiver `other` against the first one; None where fewer than five satellites' differences are steady.
+def estimate_fractions(phases: CommonPhases, other: int, multipath_sigma_m: float) -> Fractions | None:
+    """Estimate fractions of receiver `other` against the first one; None with fewer than five steady satellites.
 
     multipath_sigma_m : error of a carrier that stays over the window, one sigma.
     """
@@ -85,7 +86,7 @@ def fractions(phases: CommonPhases, other: int, multipath_sigma_m: float) -> Fra
     cyc = phases.cyc[..., other] - phases.cyc[..., 0]
     known = np.isfinite(cyc)
     folded = 2.0 if phases.half_open[known][:, [0, other]].any() else 1.0
-    cycles, steady = _between_satellites(folded * cyc)
+    cycles, steady = _average_fractions(folded * cyc)
     rows = np.flatnonzero(steady)
     if rows.size < POLICY.carrier_satellites:
         return None
@@ -96,8 +97,11 @@ def fractions(phases: CommonPhases, other: int, multipath_sigma_m: float) -> Fra
     return Fractions(rows=rows, cycles=cycles[rows], sigma_cyc=sigma_cyc, wave_m=wave_m)
 
 
-def _between_satellites(cyc: Reals) -> tuple[Reals, Booleans]:
-    """(K,) mean fractions of differences (N, K) against the satellite that most are steady with; which are."""
+def _average_fractions(cyc: Reals) -> tuple[Reals, Booleans]:
+    """Average fractions of differences (N, K) against one satellite: (K,), and which of them are steady.
+
+    The reference is the satellite that most are steady with.
+    """
     known = np.isfinite(cyc)
     phasor: Complexes = np.where(known, np.exp(2j * np.pi * np.where(known, cyc, 0.0)), 0.0)
     together = known.T.astype(float) @ known
@@ -107,14 +111,16 @@ def _between_satellites(cyc: Reals) -> tuple[Reals, Booleans]:
     return np.asarray(np.angle(mean[reference]) / (2.0 * np.pi)), steady[reference]
 
 
-def one_antenna_carriers(one: Fractions) -> CarrierTest:
-    """Test of "all from one antenna": the fractions are the same. By chance any are with the share of whole cycles that
-    an ellipsoid of the test's limit takes up."""
-    weight = one.sigma_cyc**-2
-    off = _wrapped(one.cycles - one.cycles[:, None])
+def evaluate_one_antenna_carriers(fractions_of_kind: Fractions) -> CarrierTest:
+    """Test "all from one antenna": the fractions are the same.
+
+    By chance any fractions pass, with the share of whole cycles that an ellipsoid of the test's limit covers.
+    """
+    weight = fractions_of_kind.sigma_cyc**-2
+    off = _wrap(fractions_of_kind.cycles - fractions_of_kind.cycles[:, None])
     off -= (off @ weight / weight.sum())[:, None]
-    test = CarrierTest(float(np.min(off**2 @ weight)), one.cycles.size - 1)
-    log_sigmas = float(np.sum(np.log(one.sigma_cyc))) + 0.5 * np.log(weight.sum())
+    test = CarrierTest(float(np.min(off**2 @ weight)), fractions_of_kind.cycles.size - 1)
+    log_sigmas = float(np.sum(np.log(fractions_of_kind.sigma_cyc))) + 0.5 * np.log(weight.sum())
     log_chance = log_sigmas + _log_ball(test.dof, test.threshold(POLICY.carrier_fit_probability))
     return test._replace(by_chance=float(np.exp(min(log_chance, 0.0))))
 
@@ -122,7 +128,7 @@ def one_antenna_carriers(one: Fractions) -> CarrierTest:
 def sky_carriers(
     kinds: Sequence[Fractions], unit_enu: Sequence[Reals], geometry: Fit, receivers: Sequence[str]
 ) -> CarrierTest | None:
-    """Test of "the sky over two antennas that stand as known"; None where that leaves too much to look through.
+    """Test "the sky over two antennas that stand as known"; None if that leaves too much to search.
 
     kinds : of one kind of signal or several. unit_enu : (K, 3) directions of the satellites of each. receivers : the
     two.
@@ -138,15 +144,15 @@ def sky_carriers(
     covariance, log_sigmas = _UNKNOWN * np.eye(rows.design.shape[1]), 0.0
     for row, whole in zip(rows.base, ways.T, strict=True):
         off = rows.cycles[row] - whole - state @ rows.design[row]
-        gain, covariance, _ = rows.added(row, covariance)
+        gain, covariance, _ = rows.add(row, covariance)
         state = state + off[:, None] * gain
-    left = [row for row in range(rows.cycles.size) if row not in rows.base]
-    while left:
-        row = rows.next(left, covariance)
-        left.remove(row)
+    remaining = [row for row in range(rows.cycles.size) if row not in rows.base]
+    while remaining:
+        row = rows.next(remaining, covariance)
+        remaining.remove(row)
         off = rows.cycles[row] - state @ rows.design[row]
         off -= np.rint(off)
-        gain, covariance, variance = rows.added(row, covariance)
+        gain, covariance, variance = rows.add(row, covariance)
         state = state + off[:, None] * gain
         if row not in rows.firsts:  # which give their kind's constant, and fit anything
             squares = squares + off**2 / variance
@@ -164,24 +170,24 @@ def sky_carriers(
 class _Rows:
     """Fractions of several kinds as rows of one least-squares problem: of a baseline, and a constant for each kind.
 
-    cycles, sigma_cyc (n,); design (n, 3 + kinds). firsts : the first row of each kind. base : four rows of one kind, of
-    which the last three, less the first, measure a baseline by `three` (3, 3).
+    cycles, sigma_cyc (n,); design (n, 3 + kinds). firsts : the first row of each kind. base : four rows of one kind;
+    the last three, less the first, measure a baseline by `three` (3, 3).
     """
 
     def __init__(self, kinds: Sequence[Fractions], unit_enu: Sequence[Reals]) -> None:
-        number = np.repeat(np.arange(len(kinds)), [one.cycles.size for one in kinds])
-        along = np.concatenate([-unit / one.wave_m for one, unit in zip(kinds, unit_enu, strict=True)])
-        self.cycles = np.concatenate([one.cycles for one in kinds])
-        self.sigma_cyc = np.concatenate([one.sigma_cyc for one in kinds])
+        number = np.repeat(np.arange(len(kinds)), [one_kind.cycles.size for one_kind in kinds])
+        along = np.concatenate([-unit / one_kind.wave_m for one_kind, unit in zip(kinds, unit_enu, strict=True)])
+        self.cycles = np.concatenate([one_kind.cycles for one_kind in kinds])
+        self.sigma_cyc = np.concatenate([one_kind.sigma_cyc for one_kind in kinds])
         self.design = np.column_stack([along, number[:, None] == np.arange(len(kinds))]).astype(float)
         self.firsts = [int(np.flatnonzero(number == kind)[0]) for kind in range(len(kinds))]
-        first, *others = np.flatnonzero(number == np.argmax(np.bincount(number)))
-        chosen = _apart(along[others] - along[first])
-        self.base = [int(first), *(int(others[k]) for k in chosen)]
+        first, *other_rows = np.flatnonzero(number == np.argmax(np.bincount(number)))
+        chosen = _select_independent(along[other_rows] - along[first])
+        self.base = [int(first), *(int(other_rows[k]) for k in chosen)]
         self.three = along[self.base[1:]] - along[first]
 
     def ways(self, reach: Reach) -> Reals | None:
-        """(C, 4) whole cycles of the base that put the antennas within reach; None if those are too many."""
+        """List whole cycles (C, 4) of the base that put the antennas within reach; None if those are too many."""
         if np.linalg.cond(self.three) > 100.0:
             return None
         back = np.linalg.inv(self.three)
@@ -198,34 +204,34 @@ class _Rows:
         inside = (away_m <= reach.outer_m + slack_m) & (away_m >= reach.inner_m - slack_m)
         return np.column_stack([np.zeros(np.sum(inside)), whole[inside]])
 
-    def added(self, row: int, covariance: Reals) -> tuple[Reals, Reals, float]:
-        """Gain (p,), covariance (p, p) with this row, and the variance of what was to be expected of it."""
+    def add(self, row: int, covariance: Reals) -> tuple[Reals, Reals, float]:
+        """Return gain (p,) and covariance (p, p) with this row, and the variance of its prediction."""
         along = covariance @ self.design[row]
         variance = float(self.design[row] @ along) + float(self.sigma_cyc[row]) ** 2
         gain = along / variance
         return gain, covariance - np.outer(gain, along), variance
 
     def next(self, left: Sequence[int], covariance: Reals) -> int:
-        """The row whose cycles are known best."""
-        own = self.design[left]
-        return left[int(np.argmin(np.einsum("ij,jk,ik->i", own, covariance, own) + self.sigma_cyc[left] ** 2))]
+        """Return the row whose cycles are known best."""
+        design = self.design[left]
+        return left[int(np.argmin(np.einsum("ij,jk,ik->i", design, covariance, design) + self.sigma_cyc[left] ** 2))]
 
 
 def _log_ball(dimensions: int, squared_radius: float) -> float:
-    """Logarithm of a ball's volume."""
+    """Return the logarithm of a ball's volume."""
     half = 0.5 * dimensions
     return float(half * np.log(np.pi * squared_radius) - special.gammaln(half + 1.0))
 
 
-def _apart(rows: Reals) -> list[int]:
-    """Three rows (K, 3) that are far from depending on each other: each the longest beside those before it."""
-    left, chosen = rows.copy(), list[int]()
+def _select_independent(rows: Reals) -> list[int]:
+    """Select three rows (K, 3) far from linear dependence: each is the longest beside those before it."""
+    remainder, chosen = rows.copy(), list[int]()
     for _ in range(3):
-        chosen.append(int(np.argmax(np.sum(left**2, axis=1))))
-        along = left[chosen[-1]] / np.linalg.norm(left[chosen[-1]])
-        left = left - np.outer(left @ along, along)
+        chosen.append(int(np.argmax(np.sum(remainder**2, axis=1))))
+        along = remainder[chosen[-1]] / np.linalg.norm(remainder[chosen[-1]])
+        remainder = remainder - np.outer(remainder @ along, along)
     return chosen
 
 
-def _wrapped(cycles: Reals) -> Reals:
+def _wrap(cycles: Reals) -> Reals:
     return np.asarray(cycles - np.rint(cycles))

@@ -1,33 +1,33 @@
-"""Which signals come from one transmit antenna, and which from the sky: several receivers decide as groups.
+"""Decide which signals come from one transmit antenna, and which from the sky: several receivers decide as groups.
 
 In each receiver the signals that fit one position and clock form a set (`navigation.sets`). A pairing takes one set
-from each receiver. Signals of one antenna have the same range difference between two receivers for every satellite;
-signals of the sky have the one that the baseline gives each satellite. So a pairing is
+from each receiver. Signals of one antenna have the same range difference between two receivers for every satellite.
+Signals of the sky have the one that the baseline gives each satellite. So a pairing is
 
 - of one antenna, if its between-satellite contrasts have zero mean (`one_antenna.one_antenna_test`);
 - of the sky, if it is not, and if where it puts the antennas is possible;
 - mixed, if it puts them where they cannot be.
 
 One set in each receiver: rejecting "one antenna" proves that not all of them follow one transmitter, not that none
-does. A transmitter that reaches some receivers only shows a baseline of its choice, so the signals are authentic only
-if what is known of the antennas agrees (`known_geometry`): their places, their distance, or the baseline of windows in
-which both skies were received. If "one antenna" cannot be rejected, rejecting "antennas so far apart" names the signals
-false. Several sets in each: the pairing with the least contrast is the false one if every other is so much worse that
-it cannot be the false one itself (`one_antenna.ratio_test`, which needs no noise model), and the sets left over are
-authentic if both this test and the one for "one antenna" say so. What is decided is decided for whole groups.
+does. A transmitter that reaches some receivers only shows a baseline of its choice. So the signals are authentic only
+if what is known of the antennas agrees (`known_geometry`). That is their places, their distance, or the baseline of
+windows in which both skies were received. If "one antenna" cannot be rejected, rejecting "antennas so far apart" names
+the signals false. Several sets in each: the pairing with the least contrast is the false one if every other is so much
+worse that it cannot be the false one itself (`one_antenna.ratio_test`, which needs no noise model). The other sets are
+authentic if both this test and the one for "one antenna" agree. Decisions are for whole groups.
 
 The distance of the antennas in windows in which both skies were received holds after them, where none is given: when
 the true sky is drowned, one antenna does not show it (`learnt`).
 
-What a window leaves open because its noise hides a baseline, windows in a row decide together (`runs`), where it is
-known how the antennas stand; what they decide is said of each window as its own evidence.
+A window may stay open because its noise hides a baseline. Successive windows decide it together (`runs`), if it is
+known how the antennas stand. Their decision is evidence of each window.
 
-A group is of one kind of signal (time scale, band, code; `pairing`): each kind has its own delay in each receiver, and
+A group holds one kind of signal (time scale, band, code; `pairing`): each kind has its own delay in each receiver, and
 each may be imitated alone. Kinds that show different places are different sets.
 
-Assumed: one transmitter of one false sky, or several that do not act in concert. What is not assumed: where it is,
-which receivers it reaches, when the attack began, that receivers share a clock or their satellites, or that the noise
-is white.
+Assumed: one transmitter of one false sky, or several that do not act in concert. Nothing is assumed about its place,
+the receivers it reaches, the beginning of the attack, a clock or satellites that receivers share, or the color of the
+noise.
 """
 
 from collections.abc import Iterator, Sequence
@@ -37,16 +37,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
-from skyproof.detectors.multi_receiver.further_signals import Rates, further_signals
-from skyproof.detectors.multi_receiver.known_geometry import LearntBaseline, agreement
+from skyproof.detectors.multi_receiver.further_signals import Rates, find_further_signals
+from skyproof.detectors.multi_receiver.known_geometry import LearntBaseline, agreement_p_value
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
-from skyproof.detectors.multi_receiver.one_set import one_set_each
-from skyproof.detectors.multi_receiver.over_time import over_time
+from skyproof.detectors.multi_receiver.one_set import decide_one_set
+from skyproof.detectors.multi_receiver.over_time import decide_over_time
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.detectors.multi_receiver.runs import WindowRun
-from skyproof.detectors.multi_receiver.same_direction import without_doubtful
+from skyproof.detectors.multi_receiver.same_direction import withhold_doubtful
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
-from skyproof.detectors.multi_receiver.several_sets import BESIDE_FALSE_SKY, several_sets
+from skyproof.detectors.multi_receiver.several_sets import BESIDE_FALSE_SKY, decide_several_sets
 from skyproof.detectors.multi_receiver.statements import Statements
 from skyproof.detectors.multi_receiver.window import Window
 from skyproof.records import Baseline, Cause, Finding, Hypothesis, Need, Records
@@ -80,15 +80,15 @@ class MultiReceiver:
         if lacking:
             return lacking, memory
         window = Window(report, self.settings, memory.learnt)
-        said = _decide_groups(window)
+        found = _decide_groups(window)
         learnt = memory.learnt
-        for e in said:
+        for e in found:
             if self._shows_true_baseline(e):
                 learnt = learnt.and_of(e.baselines[0])
-        late, runs = over_time(window, memory.runs, said)
-        said += late
-        said += _find_further_signals(window, said) if window.skies else []
-        return without_doubtful(records, window.skies, said), _Memory(runs, learnt)
+        late, runs = decide_over_time(window, memory.runs, found)
+        found += late
+        found += _find_further_signals(window, found) if window.skies else []
+        return withhold_doubtful(records, window.skies, found), _Memory(runs, learnt)
 
     def review(self, findings: Sequence[Any]) -> Iterator[Any]:
         """Give all windows' findings once more, now that all are known; a sequence may read them from where they are
@@ -100,11 +100,11 @@ class MultiReceiver:
 
         What contradicts a statement that is untrue as likely as the signals are false is open (`statements`).
         """
-        both: dict[tuple[str, ...], list[Baseline]] = {}
+        with_both_skies: dict[tuple[str, ...], list[Baseline]] = {}
         for e in findings:
             if self._shows_true_baseline(e):
-                both.setdefault(e.baselines[0].receivers, []).append(e.baselines[0])
-        learnt = {receivers: self._learnt(baselines) for receivers, baselines in both.items()}
+                with_both_skies.setdefault(e.baselines[0].receivers, []).append(e.baselines[0])
+        learnt = {receivers: self._learn_baseline(baselines) for receivers, baselines in with_both_skies.items()}
         statements = Statements(self.settings, (e for e in findings if e.detector == self.name))
         for e in findings:
             seen = self._review_one(e, learnt.get(e.baselines[0].receivers)) if self._is_own(e) else e
@@ -114,11 +114,11 @@ class MultiReceiver:
         return e.detector == self.name and bool(e.baselines)
 
     def _shows_true_baseline(self, e: Any) -> bool:
-        """Whether both skies were received in a window, and the true one shows a baseline."""
+        """Tell if both skies were received in a window, and the true one shows a baseline."""
         return self._is_own(e) and e.code == BESIDE_FALSE_SKY and e.says == "authentic"
 
-    def _learnt(self, whole: Sequence[Baseline]) -> LearntBaseline | None:
-        """What most of the windows agree on, of what each shows as a whole."""
+    def _learn_baseline(self, whole: Sequence[Baseline]) -> LearntBaseline | None:
+        """Return the baseline that most of the windows agree on."""
         middle = LearntBaseline(
             replace(
                 whole[0],
@@ -126,13 +126,13 @@ class MultiReceiver:
                 covariance_m2=np.mean([b.covariance_m2 for b in whole], axis=0),
             )
         )
-        agreeing = sum(agreement(middle, (b,)) >= self.settings.accept_probability for b in whole)
+        agreeing = sum(agreement_p_value(middle, (b,)) >= self.settings.accept_probability for b in whole)
         return middle if agreeing > POLICY.agreeing_windows_share * len(whole) else None
 
     def _review_one(self, e: Finding, learnt: LearntBaseline | None) -> Finding:
         if learnt is None:
             return e
-        p_value, data = agreement(learnt, e.baselines), {**e.data, **learnt.data}
+        p_value, data = agreement_p_value(learnt, e.baselines), {**e.data, **learnt.data}
         agrees = p_value >= self.settings.accept_probability
         if e.code == "one_may_be_false" and agrees:
             p_one: Any = e.data["p_one_antenna"]
@@ -167,14 +167,14 @@ def _decide_groups(window: Window) -> list[Finding]:
     if window.one_choice:
         # what is said last is reported
         by_size = sorted(window.pairings, key=lambda pairing: len(pairing.ranges.signals))
-        return [e for pairing in by_size for e in one_set_each(window, pairing)]
-    return several_sets(window)
+        return [e for pairing in by_size for e in decide_one_set(window, pairing)]
+    return decide_several_sets(window)
 
 
 def _explain_no_pairing(window: Window) -> NotTested:
     """Return whether satellites or epochs in common are what is missing."""
     least, receivers = window.settings.min_satellites, tuple(window.sets)
-    sats = [{signal.sat for own in sets for signal in own.signals} for sets in window.sets.values()]
+    sats = [{signal.sat for chosen in sets for signal in chosen.signals} for sets in window.sets.values()]
     n = len(set.intersection(*sats))
     if n < least:
         return NotTested("few_in_common", {"common": n, "needed": least, "receivers": receivers})
@@ -195,12 +195,12 @@ def _find_further_signals(window: Window, said: Sequence[Finding]) -> list[Findi
     named = {ref: p_value for e, p_value in spoofed for ref in e.signals}
     return [
         window.report.find(
-            one.subject,
-            one.code,
-            {Cause.CLEAN: one.p_value, Cause.REFLECTIONS: one.p_value},
+            further.subject,
+            further.code,
+            {Cause.CLEAN: further.p_value, Cause.REFLECTIONS: further.p_value},
             hypothesis=Hypothesis.ONE_SKY,
             singled_out=True,
-            data={"group": next(window.groups), "whole_sky": not one.together},
+            data={"group": next(window.groups), "whole_sky": not further.together},
         )
-        for one in further_signals(window.records, window.skies, window.sets, named, rates)
+        for further in find_further_signals(window.records, window.skies, window.sets, named, rates)
     ]

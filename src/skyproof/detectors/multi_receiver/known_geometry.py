@@ -1,14 +1,14 @@
-"""Do signals put the antennas where they are known to stand? What tells one captured receiver from a free one.
+"""Test if signals put the antennas where they are known to stand, which tells a captured receiver from a free one.
 
 That signals of two receivers do not come from one antenna proves that not both follow one transmitter. It does not
 prove that neither does: a transmitter that reaches one receiver only shows a baseline of its choice. What is known of
 the true baseline decides. A false sky in one receiver that agrees with the antennas' places shows the true place; one
 that agrees with their distance shows a point of the sphere around the other antenna.
 
-Two questions, two p-values. `survival` holds for a rejection: under a clean sky it is below alpha at most with
-probability alpha, whatever the noise (`one_antenna.ContrastLevels`). `agreement` decides whether to believe: it takes
-the noise as it looks, over the whole window and over parts of it, so that a false sky that leaves the true place within
-the window is noticed.
+Two questions, two p-values. `geometry_survival` holds for a rejection: under a clean sky it is below alpha at most with
+probability alpha, whatever the noise (`one_antenna.ContrastLevels`). `agreement_p_value` decides whether to believe. It
+takes the noise as it looks, over the whole window and over parts of it. So it notices a false sky that leaves the true
+place within the window.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,8 +37,8 @@ __all__ = [
     "Misfit",
     "Reach",
     "StatedGeometry",
-    "agreement",
-    "survival",
+    "agreement_p_value",
+    "geometry_survival",
 ]
 
 _ROUNDS = 80  # of bisection
@@ -85,11 +85,11 @@ class AntennaGeometry(Protocol):
         ...
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
-        """Of baselines (..., 3 (R - 1)) from the first receiver with covariance (..., 3 (R - 1), 3 (R - 1))."""
+        """Test baselines (..., 3 (R - 1)) from the first receiver with covariance (..., 3 (R - 1), 3 (R - 1))."""
         ...
 
     def reach(self, receivers: Sequence[str]) -> Reach:
-        """Where the baseline of two receivers is, at five sigmas."""
+        """Return where the baseline of two receivers is, at five sigmas."""
         ...
 
 
@@ -100,11 +100,11 @@ class StatedGeometry(AntennaGeometry, Protocol):
     def key(self) -> str: ...
 
     def slips(self, receivers: Sequence[str]) -> Iterator["GeometrySlip"]:
-        """What may have been meant, if it was stated with a likely slip."""
+        """Yield what may have been meant, if it was stated with a likely slip."""
         ...
 
     def farthest_m(self, receivers: Sequence[str]) -> float:
-        """How far apart the antennas stand at most, as stated."""
+        """Return how far apart the antennas stand at most, as stated."""
         ...
 
 
@@ -144,20 +144,22 @@ class AntennaPlaces:
         """Return that places are known."""
         return {"known": "places"}
 
-    def expected_m(self, receivers: Sequence[str]) -> Reals:
-        """(3 (R - 1),) baselines from the first receiver."""
+    def baselines_m(self, receivers: Sequence[str]) -> Reals:
+        """Return the baselines (3 (R - 1),) from the first receiver."""
         place_m = np.array([self.enu_m[name] for name in receivers], float)
         return np.asarray((place_m[1:] - place_m[0]).ravel())
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
-        own = self.sigma_m**2 * (np.eye(len(receivers) - 1) + 1.0)  # the first antenna's error is in every baseline
-        return _from_vector(enu_m - self.expected_m(receivers), covariance_m2 + np.kron(own, np.eye(3)))
+        antenna_m2 = self.sigma_m**2 * (
+            np.eye(len(receivers) - 1) + 1.0
+        )  # the first antenna's error is in every baseline
+        return _from_vector(enu_m - self.baselines_m(receivers), covariance_m2 + np.kron(antenna_m2, np.eye(3)))
 
     def reach(self, receivers: Sequence[str]) -> Reach:
-        return Reach(self.expected_m(receivers), 0.0, POLICY.reach_sigmas * float(np.sqrt(2.0)) * self.sigma_m)
+        return Reach(self.baselines_m(receivers), 0.0, POLICY.reach_sigmas * float(np.sqrt(2.0)) * self.sigma_m)
 
     def farthest_m(self, receivers: Sequence[str]) -> float:
-        return float(np.linalg.norm(self.expected_m(receivers).reshape(-1, 3), axis=1).max())
+        return float(np.linalg.norm(self.baselines_m(receivers).reshape(-1, 3), axis=1).max())
 
     def slips(self, receivers: Sequence[str]) -> Iterator[GeometrySlip]:
         place_m = np.array([self.enu_m[name] for name in receivers], float)
@@ -178,7 +180,7 @@ class AntennaPlaces:
             yield GeometrySlip("attitude_or_axes", self.key, words, "", sphere)
 
     def _position_slips(self, receivers: Sequence[str], open_m2: Reals) -> Iterator[GeometrySlip]:
-        """Of each receiver alone, and of all of them alike."""
+        """Yield the slips of each receiver alone, and of all of them alike."""
         assert self.positions_ecef_m is not None
         stated_m = np.array([self.positions_ecef_m[name] for name in receivers])
         every = [{slip.code: slip for slip in position_slips(place_m)} for place_m in stated_m]
@@ -201,14 +203,14 @@ class AntennaPlaces:
 
 @dataclass(frozen=True, eq=False)
 class _Guess:
-    """Places (R, 3) of the antennas, east, north, up, and the covariance (3 R, 3 R) of what is left open of them."""
+    """Places (R, 3) of the antennas, east, north, up, and the covariance (3 R, 3 R) of their remaining error."""
 
     place_m: Reals
     covariance_m2: Reals
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
-        others = len(receivers) - 1
-        between = np.kron(np.column_stack([-np.ones(others), np.eye(others)]), np.eye(3))
+        n_baselines = len(receivers) - 1
+        between = np.kron(np.column_stack([-np.ones(n_baselines), np.eye(n_baselines)]), np.eye(3))
         expected_m = between @ self.place_m.ravel()
         return _from_vector(enu_m - expected_m, covariance_m2 + between @ self.covariance_m2 @ between.T)
 
@@ -229,11 +231,11 @@ class _LevelDistance:
         return Misfit(squared, dof=3, exact=1)
 
     def reach(self, receivers: Sequence[str]) -> None:
-        """None: the height is open."""
+        """Return None: the height is open."""
 
 
 def _level_frame(place_ecef_m: Reals) -> Reals:
-    """(3, 3) from ECEF to east, north, up of a place."""
+    """Return the rotation (3, 3) from ECEF to east, north, up of a place."""
     lat_rad, lon_rad, _ = geodetic_from_ecef(place_ecef_m)
     return rot_enu_ecef(lat_rad, lon_rad)
 
@@ -310,18 +312,23 @@ class LearntBaseline:
         return Reach(np.asarray(self.baseline.enu_m[0]), 0.0, POLICY.reach_sigmas * sigma_m)
 
 
-def survival(geometry: AntennaGeometry, receivers: Sequence[str], estimate: BaselineEstimate, dof_den: Reals) -> Reals:
-    """p-value (G, ...) of "the sky over these antennas" for each noise that is considered, never too small.
+def geometry_survival(
+    geometry: AntennaGeometry, receivers: Sequence[str], estimate: BaselineEstimate, dof_den: Reals
+) -> Reals:
+    """Compute the p-value (G, ...) of "the sky over these antennas" for each noise considered, never too small.
 
-    At the true baseline the squared deviation is chi-square with as many degrees as there are numbers to be met, and
-    the smallest one is no larger.
+    At the true baseline the squared deviation is chi-square; its degrees are the numbers to be met. The smallest one
+    is no larger.
     """
     misfit = geometry.misfit(receivers, estimate.enu_m, estimate.covariance_m2)
     return f_survival(misfit.squared / misfit.dof, misfit.dof, dof_den)
 
 
-def agreement(geometry: Fit, baselines: Sequence[Baseline]) -> float:
-    """p-value of the worst of these baselines of the same receivers, times their number: 1 where all are as known."""
+def agreement_p_value(geometry: Fit, baselines: Sequence[Baseline]) -> float:
+    """Return the p-value of the worst of these baselines of the same receivers, times their number.
+
+    It is 1 if all are as known.
+    """
     enu_m = np.array([baseline.enu_m.ravel() for baseline in baselines])
     covariance_m2 = np.array([baseline.covariance_m2 for baseline in baselines])
     misfit = geometry.misfit(baselines[0].receivers, enu_m, covariance_m2)
@@ -335,12 +342,12 @@ def _from_vector(off_m: Reals, covariance_m2: Reals) -> Misfit:
 
 
 def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m: float) -> Reals:
-    """Smallest over b of (enu - b)^T W (enu - b) + ((|b| - D) / sigma)^2, W = C^-1.
+    """Minimise over b: (enu - b)^T W (enu - b) + ((|b| - D) / sigma)^2, W = C^-1.
 
     Shapes (..., n), (..., n, n): n is 3, or 2 on a map.
-    Where the gradient is zero W (enu - b) = m b with m = (1 - D / |b|) / sigma^2, so b = (W + m)^-1 W enu. As m grows
-    from minus the least eigenvalue of W to 1 / sigma^2, |b| falls from infinity, and D / (1 - m sigma^2), which it must
-    equal, rises to infinity: there is one solution between, the smallest value of all; bisection finds it.
+    Where the gradient is zero W (enu - b) = m b with m = (1 - D / |b|) / sigma^2, so b = (W + m)^-1 W enu. Let m grow
+    from minus the least eigenvalue of W to 1 / sigma^2. Then |b| falls from infinity, and D / (1 - m sigma^2), which it
+    must equal, rises to infinity. So there is one solution between, the smallest value of all; bisection finds it.
     """
     weight, axes = np.linalg.eigh(np.linalg.inv(covariance_m2))
     along_m = np.einsum("...ij,...i->...j", axes, enu_m)
@@ -356,7 +363,7 @@ def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m:
 
 @compiled(error_model="numpy")
 def _bisect(weight, along_m, distance_m, sigma_m, high):  # type: ignore[no-untyped-def]
-    """high (n,) = m of `_from_sphere` for eigenvalues (n, 2 or 3) and what lies along their axes."""
+    """Solve for m of `_from_sphere`, into high (n,), for eigenvalues (n, 2 or 3) and the parts along their axes."""
     for k in range(high.size):
         low, high[k] = -weight[k, 0], 1.0 / sigma_m**2
         for _ in range(_ROUNDS):

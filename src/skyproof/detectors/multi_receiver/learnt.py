@@ -1,7 +1,7 @@
-"""How far apart the antennas stood while both skies were received, for windows after that.
+"""Learn how far apart the antennas stood while both skies were received, for the windows after that.
 
 An attack that begins beside the true sky and then drowns it leaves one set of signals in each receiver, which one
-antenna sends. Windows of the beginning, in which the true sky was told from the false one, showed how far apart the
+antenna sends. Windows of the beginning, which separated the true sky from the false one, showed how far apart the
 antennas stand. On a body that turns this distance is all that lasts.
 """
 
@@ -24,19 +24,21 @@ class LearntDistances:
     baselines: Mapping[tuple[str, ...], tuple[Baseline, ...]] = field(default_factory=dict)
 
     def and_of(self, baseline: Baseline) -> "LearntDistances":
-        """With one window more."""
+        """Return the distances with one window more."""
         if len(baseline.receivers) != 2:
             return self
         kept = (*self.baselines.get(baseline.receivers, ()), baseline)[-POLICY.remembered_windows :]
         return LearntDistances({**self.baselines, baseline.receivers: kept})
 
     def of(self, receivers: tuple[str, ...]) -> LearntDistance | None:
-        """Their distance, with the sigma of one window, as errors that last do not average out; None if few windows
-        showed it, or not the same one."""
-        shown = np.array([b.distances_m[0] for b in self.baselines.get(receivers, ())]).reshape(-1, 2)
-        if len(shown) < POLICY.learnt_windows:
+        """Return the receivers' distance; None if few windows showed it, or not the same one.
+
+        The sigma is that of one window, as lasting errors do not average out.
+        """
+        distances = np.array([b.distances_m[0] for b in self.baselines.get(receivers, ())]).reshape(-1, 2)
+        if len(distances) < POLICY.learnt_windows:
             return None
-        middle_m, sigma_m = float(np.median(shown[:, 0])), float(np.max(shown[:, 1]))
-        if np.any(np.abs(shown[:, 0] - middle_m) > POLICY.learnt_spread_sigmas * sigma_m):
+        middle_m, sigma_m = float(np.median(distances[:, 0])), float(np.max(distances[:, 1]))
+        if np.any(np.abs(distances[:, 0] - middle_m) > POLICY.learnt_spread_sigmas * sigma_m):
             return None
         return LearntDistance(middle_m, sigma_m)

@@ -1,34 +1,34 @@
-"""Do signals of several receivers come from one transmit antenna? The group decision's mathematics, no records.
+"""Test if signals of several receivers come from one transmit antenna: the group decision's mathematics, no records.
 
-Source: N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi 10.33012/navi.510, whose data
-model is kept; the decision by groups of satellites and its treatment of noise that is not white are our own.
+Source of the data model: N. Stenberg, E. Axell, J. Rantakokko, G. Hendeby, NAVIGATION 69(1), 2022, doi
+10.33012/navi.510. The decision by groups of satellites and its treatment of noise that is not white are our own.
 
 A table of pseudoranges at a common instant, K satellites by R receivers, is
 
     rho[k, i] = a_k + c_i - b_i . u_k + e[k, i]        b_i = p_i - p_1,  u_k receiver to satellite.
 
-Signals of several kinds (time scale, band, code) have a c of their own for each kind: what the receivers' ways for it
-differ by. Then M = (K-G)(R-1) contrasts remove the terms of G kinds.
+Each kind of signal (time scale, band, code) has its own c, by which the receivers' paths for it differ. Then M =
+(K-G)(R-1) contrasts remove the terms of G kinds.
 
 Signals of one antenna all take the same path from it to receiver i, so H0, "one antenna", is b = 0: the table is a
 satellite's term plus a receiver's term. M = (K-1)(R-1) contrasts remove both terms
 (`statistics.lines.additive_contrasts`, weighted by the thermal sigma of each track, which need be known up to a common
 factor only). Under H0 they have zero mean.
 
-With orbits the means are looked at along baselines alone: each receiver's signals fit a position, so what is not of one
-antenna shows as 3(R-1) numbers, and the other contrasts are noise under every hypothesis, which would only hide them.
+With orbits the means are tested along baselines alone. Each receiver's signals fit a position, so a departure from one
+antenna shows in 3(R-1) numbers. The other contrasts are noise under every hypothesis, which would only hide them.
 
-What is tested is the mean over the window. The slope is left out, although it is zero under H0 as well: antennas that
-stand still see it change by 1e-4 m/s per metre of baseline, which after a minute is a five hundredth of what the mean
-shows, and testing it would only spend degrees of freedom. The noise is measured from the residuals around a line, so
-that a slope cannot hide in it.
+The test takes the mean over the window. The slope is left out, although it is zero under H0 as well. For antennas at
+rest it changes by 1e-4 m/s per metre of baseline. After a minute that is a five hundredth of what the mean shows, and
+testing it would only spend degrees of freedom. The noise is measured from the residuals around a line, so that a slope
+cannot hide in it.
 
 Noise: thermal and slow errors are AR(1) with unknown coefficient phi, common to the window; each track has a constant
 error besides, of known sigma (multipath). With neither (`WHITE`) the statistic is exactly F. With unknown phi the
 p-value is the largest over a confidence set of phi plus the probability that the set misses the true one (Berger and
 Boos, JASA 89, 1994, doi 10.1080/01621459.1994.10476836). In short windows that set is wide, and steady noise could be
-the visible tip of a slow error of any size; so a second test, which does not look at the noise, takes the error of a
-track as bounded. The smaller of the two p-values, doubled, holds.
+the visible tip of a slow error of any size. So a second test, which does not use the noise, takes the error of a track
+as bounded. The smaller of the two p-values, doubled, holds.
 """
 
 from collections.abc import Sequence
@@ -50,14 +50,14 @@ __all__ = [
     "Means",
     "TableContrasts",
     "TrackNoise",
+    "average_contrasts",
+    "average_stretches",
     "baseline_design",
-    "baseline_estimate",
-    "contrast_levels",
+    "compute_contrasts",
     "distance_p_value",
+    "estimate_baselines",
     "one_antenna_test",
     "ratio_test",
-    "stretch_means",
-    "table_contrasts",
 ]
 
 
@@ -102,7 +102,7 @@ class ContrastLevels(NamedTuple):
     bounded: bool
 
     def worst(self, p_values: Reals) -> tuple[Reals, Indices]:
-        """One p-value (...) from those of each noise (G, ...), and which noise (...) decides."""
+        """Combine the p-values of each noise (G, ...) into one (...), and return which noise (...) decides."""
         grid = np.where(self.plausible, p_values, -1.0)
         decides = np.argmax(grid[:-1] if self.bounded else grid, axis=0)
         p_value = np.take_along_axis(grid, decides[None], 0)[0] + self.miss_probability
@@ -112,14 +112,14 @@ class ContrastLevels(NamedTuple):
         return np.minimum(p_value, 1.0), decides
 
     def threshold(self, false_alarm_probability: float, dof_num: int, decides: Indices) -> Reals:
-        """The mean square (...) beyond which `worst` is below `false_alarm_probability`, under the noise `decides`."""
+        """Return the mean square (...) beyond which `worst` is below `false_alarm_probability`, under `decides`."""
         share = false_alarm_probability / (2.0 if self.bounded else 1.0)
         known = np.isinf(self.dof[decides])
         tail = np.where(known, share, np.maximum(share - self.miss_probability, 0.0))
         return f_threshold(tail, dof_num, self.dof[decides])
 
     def dof_over(self, array: Reals) -> Reals:
-        """`dof` shaped to go along axis 0 of `array`."""
+        """Shape `dof` to go along axis 0 of `array`."""
         return self.dof.reshape((-1,) + (1,) * (array.ndim - 1))
 
 
@@ -132,8 +132,8 @@ class TableContrasts(NamedTuple):
     matrix: Reals
 
 
-def table_contrasts(ranges_m: Reals, sigma_m: Reals, kinds: Indices | None = None) -> TableContrasts:
-    """Contrasts of a series of tables.
+def compute_contrasts(ranges_m: Reals, sigma_m: Reals, kinds: Indices | None = None) -> TableContrasts:
+    """Compute contrasts of a series of tables.
 
     Parameters
     ----------
@@ -148,8 +148,8 @@ def table_contrasts(ranges_m: Reals, sigma_m: Reals, kinds: Indices | None = Non
     return TableContrasts(flat @ matrix, gain, matrix)
 
 
-def contrast_levels(values: Reals, gain: Reals, noise: TrackNoise, gaps: Reals | None = None) -> ContrastLevels:
-    """Means of contrasts (..., N, M), N >= 4, with the variances that the noise model gives them.
+def average_contrasts(values: Reals, gain: Reals, noise: TrackNoise, gaps: Reals | None = None) -> ContrastLevels:
+    """Average contrasts (..., N, M), N >= 4, with the variances that the noise model gives them.
 
     gaps : (N-1,) steps between the epochs, in units of the usual step.
     """
@@ -179,15 +179,16 @@ class Means(NamedTuple):
     variance: Reals
 
 
-def stretch_means(
+def average_stretches(
     values: Reals, gain: Reals, multipath_sigma_m: float, stretches: Sequence[tuple[int, int]]
 ) -> list[Means]:
-    """Means of contrasts (N, M) over epochs, from the first to before the last of each of `stretches`, with the
-    variance that the noise seems to have.
+    """Average contrasts (N, M) over each of `stretches`, with the variance that the noise seems to have.
 
-    The noise is taken as AR(1) around a line through the whole window, its variance and coefficient as estimated: the
-    mean of n epochs has the variance s^2 / n^2 times the sum over all pairs of phi^|i-j|. It is an estimate where
-    `contrast_levels` is a bound, for decisions that a bound would make too lightly.
+    A stretch runs from its first epoch to before its last.
+
+    The noise is AR(1) around a line through the whole window, its variance and coefficient as estimated. The mean of n
+    epochs has the variance s^2 / n^2 times the sum over all pairs of phi^|i-j|. It is an estimate where
+    `average_contrasts` is a bound, for decisions that a bound would make too lightly.
     """
     residual = fit_line(values).residual
     variance = np.sum(residual**2) / max((len(values) - 2) * values.shape[1], 1)
@@ -222,14 +223,14 @@ def one_antenna_test(levels: ContrastLevels, expected: Reals | None = None, *, a
     if along is None:
         dof_num, squares = level.shape[-1], np.sum(level**2 / levels.variance, axis=-1)
     else:
-        dof_num, squares = along.shape[-1], _explained(level, levels.variance, along)
+        dof_num, squares = along.shape[-1], _squares_along(level, levels.variance, along)
     statistic = squares / dof_num
     p_value, decides = levels.worst(f_survival(statistic, dof_num, levels.dof_over(statistic)))
     return MeanTest(p_value, np.take_along_axis(statistic, decides[None], 0)[0], decides)
 
 
-def _explained(level: Reals, variance: Reals, along: Reals) -> Reals:
-    """(...) squares, in sigmas, of the weighted least-squares fit of `along` (M, q) to levels (..., M)."""
+def _squares_along(level: Reals, variance: Reals, along: Reals) -> Reals:
+    """Compute the squares (...), in sigmas, of the weighted least-squares fit of `along` (M, q) to levels (..., M)."""
     weighted = along / variance[..., None]
     moment = np.einsum("...mq,...m->...q", weighted, level)
     solved = np.linalg.solve(np.swapaxes(weighted, -1, -2) @ along, moment[..., None])[..., 0]
@@ -247,7 +248,7 @@ class RatioTest(NamedTuple):
     log_likelihood_ratio: Reals
 
     def threshold(self, false_alarm_probability: float) -> float:
-        """What the statistic has to exceed."""
+        """Return the value that the statistic has to exceed."""
         return float(f_threshold(false_alarm_probability, self.dof_num, self.dof_den))
 
 
@@ -272,15 +273,15 @@ def ratio_test(
     ----------
     larger_m, smaller_m : (..., K, R) and (..., K', R) mean ranges over the window.
     larger_sigma_m, smaller_sigma_m : thermal sigma of these means up to a common factor; leading axes broadcast.
-    larger_kinds, smaller_kinds : (K,), (K',) as in `table_contrasts`.
+    larger_kinds, smaller_kinds : (K,), (K',) as in `compute_contrasts`.
     mixtures : variances between all thermal (proportional to sigma^2) and all constant (the same for every track) are
         tried in this many steps; the largest p-value counts. With equal sigmas all steps agree.
 
     Returns
     -------
     RatioTest : at the mixture of the largest p-value. The log likelihood ratio is that of "the second is the one of one
-        antenna" over "the first is", for equal noise of unknown variance (density 1/variance) and any mean of the
-        contrasts (flat density) of the other one: half the number of contrasts times the log of the ratio.
+        antenna" over "the first is". The noise is equal, of unknown variance (density 1/variance); the other one's
+        contrasts have any mean (flat density). So it is half the number of contrasts times the log of the ratio.
     """
     typical = np.mean(np.concatenate([larger_sigma_m**2, smaller_sigma_m**2], axis=-2), axis=(-1, -2), keepdims=True)
     mean_squares, dofs = [], []
@@ -288,7 +289,7 @@ def ratio_test(
     for means_m, sigma_m, kinds in tables:
         relative = (sigma_m**2 / typical)[(None,) * (means_m.ndim - sigma_m.ndim)]
         share = np.linspace(0.0, 1.0, mixtures).reshape((-1,) + (1,) * means_m.ndim)
-        values, _, _ = table_contrasts(means_m[..., None, :, :], np.sqrt(share * relative + (1.0 - share)), kinds)
+        values, _, _ = compute_contrasts(means_m[..., None, :, :], np.sqrt(share * relative + (1.0 - share)), kinds)
         mean_squares.append(np.mean(values[..., 0, :] ** 2, axis=-1))
         dofs.append(values.shape[-1])
     statistic = mean_squares[0] / np.maximum(mean_squares[1], 1e-300)
@@ -315,9 +316,9 @@ class BaselineEstimate(NamedTuple):
 
 
 def baseline_design(matrix: Reals, unit_enu: Reals) -> Reals:
-    """(M, 3 (R-1)): mean contrasts = design @ (b_2, ..., b_R), each east, north, up in metres.
+    """Compute the design (M, 3 (R-1)): mean contrasts = design @ (b_2, ..., b_R), each east, north, up in metres.
 
-    matrix : (K*R, M) of `table_contrasts`; unit_enu : (K, 3) receiver to satellite.
+    matrix : (K*R, M) of `compute_contrasts`; unit_enu : (K, 3) receiver to satellite.
     """
     n_sats = unit_enu.shape[0]
     n_receivers = matrix.shape[0] // n_sats
@@ -327,8 +328,8 @@ def baseline_design(matrix: Reals, unit_enu: Reals) -> Reals:
     return np.asarray(matrix.T @ table.reshape(n_sats * n_receivers, -1), float)
 
 
-def baseline_estimate(levels: ContrastLevels | Means, design: Reals) -> BaselineEstimate:
-    """Least squares; design (M, 3 (R - 1)) of full rank."""
+def estimate_baselines(levels: ContrastLevels | Means, design: Reals) -> BaselineEstimate:
+    """Estimate baselines by least squares; design (M, 3 (R - 1)) of full rank."""
     weighted = design / levels.variance[..., None]
     covariance = np.linalg.inv(np.swapaxes(weighted, -1, -2) @ design)
     enu = covariance @ np.swapaxes(weighted, -1, -2) @ levels.level[..., None]
@@ -341,8 +342,8 @@ def distance_p_value(
     """Test that the antennas stand `at least`, or `at most`, so far apart in the horizontal; (...) p-values.
 
     The vertical is left free, since satellites determine it worst. The statistic is the squared distance, in the
-    metric of the covariance, of the estimate from the nearest baseline that the hypothesis allows; for the true
-    baseline it is twice an F with 2 and `dof` degrees, so the nearest allowed one gives a p-value that is never too
+    metric of the covariance, of the estimate from the nearest baseline that the hypothesis allows. For the true
+    baseline it is twice an F with 2 and `dof` degrees. So the nearest allowed one gives a p-value that is never too
     small.
     """
     horizontal_m, covariance_m2 = baseline.enu_m[..., :2], baseline.covariance_m2[..., :2, :2]

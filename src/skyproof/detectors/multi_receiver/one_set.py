@@ -1,4 +1,4 @@
-"""One set of signals in each receiver: from one antenna, from the sky, or of two skies that the receivers share."""
+"""Decide on one set of signals in each receiver: from one antenna, from the sky, or of two skies that they share."""
 
 import itertools
 
@@ -8,16 +8,16 @@ from skyproof.detectors.multi_receiver.pairing import Pairing, pair_up
 from skyproof.detectors.multi_receiver.window import Window, collect_estimates, describe_distances, describe_pairing
 from skyproof.records import Cause, Datum, Finding, Hypothesis
 
-__all__ = ["one_set_each"]
+__all__ = ["decide_one_set"]
 
 
-def one_set_each(window: Window, pairing: Pairing) -> list[Finding]:
-    """Return what is found of the one set that each receiver has."""
+def decide_one_set(window: Window, pairing: Pairing) -> list[Finding]:
+    """Decide on the one set that each receiver has."""
     alpha, geometry = window.settings.false_alarm_probability, window.geometry(pairing)
     if (p_each := window.p_each(pairing)) < alpha:
         if geometry is None:
             return [_leave_sky_open(window, pairing, p_each)]
-        return _hold_against(window, pairing, geometry, p_each)
+        return _test_against(window, pairing, geometry, p_each)
     p_one, p_known = window.p_one(pairing), window.p_not_sky(pairing, geometry)
     p_false = min(1.0, p_known + window.p_of_echoes(pairing.receivers, pairing))
     if p_one >= window.settings.accept_probability and p_false < alpha:
@@ -38,8 +38,9 @@ def one_set_each(window: Window, pairing: Pairing) -> list[Finding]:
 def _leave_sender_open(
     window: Window, pairing: Pairing, geometry: AntennaGeometry | None, *, p_each: float, p_known: float, p_false: float
 ) -> Finding:
-    """Return signals of the sky or of one antenna. p_known : of "the sky over antennas that stand as known". p_false :
-    of that, or of echoes."""
+    """Leave open whether signals come from the sky or from one antenna.
+
+    p_known : of "the sky over antennas that stand as known". p_false : of that, or of echoes."""
     alpha, accept = window.settings.false_alarm_probability, window.settings.accept_probability
     code, causes = "one_antenna_or_sky", leave_open((Cause.REFLECTIONS, Cause.STATEMENT))
     if window.p_one(pairing) >= accept and p_known < alpha:
@@ -58,12 +59,12 @@ def _leave_sender_open(
         p,
         hypothesis=None if failed else Hypothesis.ONE_ANTENNA,
         data={**describe_pairing(pairing), **known},
-        estimates=collect_estimates((), window.open_statement(pairing, geometry, p_known)),
+        estimates=collect_estimates((), window.weigh_open_statement(pairing, geometry, p_known)),
     )
 
 
-def _hold_against(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_one: float) -> list[Finding]:
-    """Return that signals, not of one antenna, are of the sky if the antennas stand where they are known to."""
+def _test_against(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_one: float) -> list[Finding]:
+    """Test signals, not from one antenna, against the sky: do the antennas stand where they are known to?"""
     alpha = window.settings.false_alarm_probability
     if window.agrees(pairing, geometry):
         return [_report_agreeing(window, pairing, geometry, p_one)]
@@ -129,7 +130,7 @@ def _report_agreeing(window: Window, pairing: Pairing, geometry: AntennaGeometry
 
 
 def _leave_sky_open(window: Window, pairing: Pairing, p_one: float) -> Finding:
-    """Return signals that are not of one antenna, where nothing says whether the baseline is the true one."""
+    """Leave open signals that are not from one antenna, if the true baseline is unknown."""
     settings, causes = window.settings, leave_open((Cause.STATEMENT, Cause.REFLECTIONS))
     data: dict[str, Datum] = {**describe_pairing(pairing), "p_one_antenna": p_one}
     apart: dict[str, Datum] = {"farthest_m": float(max(pairing.distances_m or (0.0,)))}

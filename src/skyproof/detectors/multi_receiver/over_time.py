@@ -1,4 +1,4 @@
-"""What windows in a row say of those among them that alone say nothing."""
+"""Decide windows that alone decide nothing, by several in a row."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -8,30 +8,28 @@ from skyproof.arrays import Indices, Reals
 from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance
 from skyproof.detectors.multi_receiver.pairing import Pairing
 from skyproof.detectors.multi_receiver.policy import POLICY
-from skyproof.detectors.multi_receiver.runs import WindowRun, prolonged, window_p_values
+from skyproof.detectors.multi_receiver.runs import WindowRun, prolong, window_p_values
 from skyproof.detectors.multi_receiver.window import Window, collect_estimates, describe_pairing
 from skyproof.records import Cause, Datum, Finding, Hypothesis, StatementTest
 
-__all__ = ["over_time"]
+__all__ = ["decide_over_time"]
 
 
-def over_time(
+def decide_over_time(
     window: Window, runs: Sequence[WindowRun], said: Sequence[Finding]
 ) -> tuple[list[Finding], tuple[WindowRun, ...]]:
-    """Return what is known now of windows that were open, this one among them; and the runs that go on from here.
+    """Decide windows that were open, this one among them; also return the runs that continue from here.
 
-    said : of the groups of this window. A pairing of which it says that it is not, or not wholly, of the sky begins
-    anew. Only where it is known how the antennas stand is there anything to add.
+    said : findings on the groups of this window. If they doubt that a pairing is wholly from the sky, its run starts
+    again. Without a known antenna geometry there is nothing to decide.
     """
-    going_on = [row for pairing in window.pairings if (row := _followed(window, pairing, runs, said)) is not None]
+    going_on = [row for pairing in window.pairings if (row := _follow(window, pairing, runs, said)) is not None]
     found = [finding for row in going_on for finding in row.decide(going_on)]
-    return found, tuple(row.run.closed(row.decided) for row in going_on)
+    return found, tuple(row.run.close_decided(row.decided) for row in going_on)
 
 
-def _followed(
-    window: Window, pairing: Pairing, runs: Sequence[WindowRun], said: Sequence[Finding]
-) -> "_Followed | None":
-    """A window's pairing with its run; None where nothing can come of one."""
+def _follow(window: Window, pairing: Pairing, runs: Sequence[WindowRun], said: Sequence[Finding]) -> "_Followed | None":
+    """Return a window's pairing with its run; None if it can decide nothing."""
     geometry = window.geometry(pairing)
     refs = set(pairing.subject)
     doubts = ("spoofed", "attack") if window.one_choice else ("spoofed",)  # of several skies one is false anyway
@@ -42,12 +40,12 @@ def _followed(
     if geometry is None or doubted:
         return None
     authentic = {ref for e in said if e.says == "authentic" for ref in e.signals}
-    run = prolonged(runs, pairing, still_open=not refs <= authentic, least=window.settings.min_satellites)
+    run = prolong(runs, pairing, still_open=not refs <= authentic, least=window.settings.min_satellites)
     return _Followed(window, pairing, run, geometry)
 
 
 def _disagrees(window: Window, pairing: Pairing) -> bool:
-    """Whether a pairing is not of one antenna, and not as the antennas are known to stand either."""
+    """Tell if a pairing is not from one antenna, and not as the antennas are known to stand either."""
     geometry = window.geometry(pairing)
     apart = window.p_each(pairing) < window.settings.false_alarm_probability
     return apart and geometry is not None and not window.agrees(pairing, geometry)
@@ -63,19 +61,20 @@ class _Followed:
 
     @cached_property
     def joined(self) -> tuple[Pairing, Indices]:
-        """The run as one window, and its half windows."""
+        """Return the run as one window, and its half windows."""
         joined, cells = self.run.joined(self.pairing)
         miss = self.window.settings.noise(self.tests).miss_probability
         return replace(joined, noise=replace(joined.noise, miss_probability=miss)), cells
 
     @cached_property
     def agrees(self) -> bool:
-        """Whether the run shows the antennas where they are known to stand."""
+        """Tell if the run shows the antennas where they are known to stand."""
         return self.window.agrees(self.joined[0], self.geometry)
 
     def decide(self, everything: Sequence["_Followed"]) -> list[Finding]:
-        """Return findings of the windows that are open and can be decided; `everything` that goes on, to know which is
-        alone."""
+        """Return findings of the windows that are open and can be decided.
+
+        everything : all runs that continue, to know which is alone."""
         if len(self.run.parts) < 2 or not any(part.open for part in self.run.parts):
             return []
         accept = self.window.settings.accept_probability

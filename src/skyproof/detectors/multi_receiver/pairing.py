@@ -1,7 +1,7 @@
-"""One candidate group: a consistent set from each receiver, and the p-values of what it could be.
+"""Hold one candidate group: a consistent set from each receiver, and the p-values of what it could be.
 
-A group is of one kind of signal (time scale, band, code), as an attacker may imitate one kind alone: what the others
-show says nothing of it. Only where no kind is received from enough satellites all kinds are one group.
+A group holds one kind of signal (time scale, band, code), as an attacker may imitate one kind alone: the others are no
+evidence for it. If no kind is received from enough satellites, all kinds are one group.
 """
 
 from collections.abc import Sequence
@@ -15,26 +15,26 @@ from skyproof.arrays import Booleans, Reals
 from skyproof.detectors.multi_receiver.carriers import (
     CarrierTest,
     Fractions,
-    fractions,
-    one_antenna_carriers,
+    estimate_fractions,
+    evaluate_one_antenna_carriers,
     sky_carriers,
 )
-from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, common_ranges, shared_kinds
-from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, Fit, survival
+from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, align_ranges, count_common_kinds
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, Fit, geometry_survival
 from skyproof.detectors.multi_receiver.one_antenna import (
     ContrastLevels,
     MeanTest,
     RatioTest,
     TableContrasts,
     TrackNoise,
+    average_contrasts,
+    average_stretches,
     baseline_design,
-    baseline_estimate,
-    contrast_levels,
+    compute_contrasts,
     distance_p_value,
+    estimate_baselines,
     one_antenna_test,
     ratio_test,
-    stretch_means,
-    table_contrasts,
 )
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -46,7 +46,7 @@ from skyproof.statistics.autoregression import correlation_grid
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.lines import fit_line, line_columns
 
-__all__ = ["Pairing", "groups_in", "pair_up", "sky_by_carriers", "versus"]
+__all__ = ["Pairing", "compare_pairings", "evaluate_sky_by_carriers", "list_groups", "pair_up"]
 
 _TRAVEL_S = 0.075  # to 10 ms: 40 m along the orbit, 2 microradians
 _THINNER = 2.9e-4
@@ -70,17 +70,17 @@ class Pairing:
 
     @cached_property
     def kinds(self) -> frozenset[Kind]:
-        """As the first receiver calls them."""
+        """Return the kinds of signals, as the first receiver names them."""
         return frozenset(signal.kind for signal in self.ranges.signals)
 
     @property
     def takes(self) -> set[tuple[int, Kind]]:
-        """The signals of which sets these are, by set and kind."""
+        """Return the signals that this pairing uses, by set and kind."""
         return {(id(chosen), kind) for chosen in self.sets for kind in self.kinds}
 
     @cached_property
     def subject(self) -> tuple[SignalRef, ...]:
-        """The signals of the transmissions that all have, receiver by receiver."""
+        """Return the signals of the transmissions that all receivers have, receiver by receiver."""
         pairs = zip(self.receivers, self.ranges.tracks, strict=True)
         return tuple(SignalRef(receiver, signal) for receiver, tracks in pairs for signal in sorted(tracks))
 
@@ -91,7 +91,10 @@ class Pairing:
 
     @cached_property
     def _design(self) -> Reals | None:
-        """What baselines make of the contrasts; None without orbits, or where that is all that the contrasts hold."""
+        """Return the effect of baselines on the contrasts.
+
+        None without orbits, or if the contrasts hold nothing else.
+        """
         matrix = self._levels[1]
         if self.unit_enu is None or matrix.shape[1] <= 3 * (len(self.sets) - 1):
             return None
@@ -99,9 +102,9 @@ class Pairing:
 
     @cached_property
     def one_antenna_each_p_value(self) -> float:
-        """Of "the signals of some kind all come from one antenna": of several kinds the largest p-value.
+        """Return the p-value of "the signals of some kind all come from one antenna": the largest of all kinds.
 
-        1 where a kind has one satellite only, which nothing is known of.
+        It is 1 if a kind has one satellite only, which shows nothing.
         """
         kinds = self.ranges.kinds
         if kinds.max(initial=0) == 0:
@@ -109,30 +112,30 @@ class Pairing:
         p_values = []
         for kind in range(int(kinds.max()) + 1):
             rows = np.flatnonzero(kinds == kind)
-            own = replace(self, ranges=self.ranges.take(rows)) if rows.size > 1 else None
-            p_values.append(1.0 if own is None else float(own.one_antenna.p_value))
+            of_kind = replace(self, ranges=self.ranges.take(rows)) if rows.size > 1 else None
+            p_values.append(1.0 if of_kind is None else float(of_kind.one_antenna.p_value))
         return max(p_values)
 
     def threshold(self, false_alarm_probability: float) -> float:
-        """What `one_antenna.statistic` has to exceed."""
+        """Return the value that `one_antenna.statistic` has to exceed."""
         levels, matrix = self._levels
         degrees = matrix.shape[1] if self._design is None else self._design.shape[1]
         return float(levels.threshold(false_alarm_probability, degrees, self.one_antenna.decides))
 
     @cached_property
     def scatter_m(self) -> float:
-        """How much the range differences between receivers differ from satellite to satellite, rms."""
+        """Return how much the range differences between receivers vary from satellite to satellite, rms."""
         return float(np.sqrt(np.mean(self.ranges.apart_m**2)))
 
     @cached_property
     def noise_m(self) -> float:
-        """Of a track about a line over the window, rms, metres: what a signal that is drawn off shows as well."""
+        """Return the rms of a track about a line over the window, metres: a signal dragged off shows it as well."""
         rms_of_sigma = float(np.sqrt(np.mean(fit_line(self.contrasts[0]).residual ** 2)))
         return rms_of_sigma * float(np.sqrt(np.mean(self.ranges.sigma_m**2)))
 
     @cached_property
     def swing_p_value(self) -> float:
-        """p-value of "errors within their bound": that AR(1) errors as large as that, however slow, swing so.
+        """Return the p-value of "errors within their bound": that AR(1) errors so large, however slow, swing so.
 
         Sums of squares with weights lie above a limit no more often than with all weights as large as the largest, and
         the same mean (Szekely and Bakirov, Probability Theory and Related Fields 126, 2003).
@@ -152,11 +155,13 @@ class Pairing:
 
     @cached_property
     def unit_enu(self) -> Reals | None:
-        """(K, 3) by how much a step of the antenna shortens the ranges; None without all orbits, or where the
-        satellites are so few that some step changes nothing, however many signals they have.
+        """Return by how much a step of the antenna shortens the ranges (K, 3).
 
-        Directions at the first set's position in the middle of the epochs (half a second off they are wrong by 0.1
-        mrad, 10 mm at 100 m), and upwards also the air that is left below.
+        None without all orbits, or if the satellites are so few that some step changes nothing, however many signals
+        they have.
+
+        Directions hold at the first set's position in the middle of the epochs: half a second off they are wrong by 0.1
+        mrad, 10 mm at 100 m. Upwards the change of the air's delay is included.
         """
         time_s = self.ranges.time_s
         if self.navigation is None or time_s.size == 0:
@@ -171,27 +176,27 @@ class Pairing:
         units = unit_vectors(place, rotate_to_reception(sat_ecef_m, _TRAVEL_S))
         unit_enu = np.asarray(units @ rot_enu_ecef(lat_rad, lon_rad).T)
         unit_enu[:, 2] += _THINNER / np.maximum(unit_enu[:, 2], POLICY.least_elevation_sine)
-        _, _, matrix = table_contrasts(self.ranges.range_m[..., :2], self.ranges.sigma_m[:, :2], self.ranges.kinds)
+        _, _, matrix = compute_contrasts(self.ranges.range_m[..., :2], self.ranges.sigma_m[:, :2], self.ranges.kinds)
         return unit_enu if np.linalg.matrix_rank(baseline_design(matrix, unit_enu)) == unit_enu.shape[1] else None
 
     @cached_property
     def distances_m(self) -> tuple[float, ...] | None:
-        """Horizontal distance of each receiver from the first by these signals; None without orbits."""
+        """Return the horizontal distance of each receiver from the first by these signals; None without orbits."""
         if self.unit_enu is None:
             return None
         found = []
         for other in range(1, len(self.sets)):
             levels, matrix = self._levels_of([0, other])
-            baseline = baseline_estimate(levels, baseline_design(matrix, self.unit_enu))
+            baseline = estimate_baselines(levels, baseline_design(matrix, self.unit_enu))
             found.append(float(np.hypot(*baseline.enu_m[0, :2])))
         return tuple(found)
 
     def at_least_p_value(self, distance_m: float) -> float:
-        """Test of "the sky, with all antennas at least so far from the first one"; 1 without orbits."""
+        """Test "the sky, with all antennas at least so far from the first one"; 1 without orbits."""
         return self._distance_p_value(distance_m, at_least=True)
 
     def at_most_p_value(self, distance_m: float) -> float:
-        """Test of "the sky, with all antennas at most so far from the first one"; 1 without orbits."""
+        """Test "the sky, with all antennas at most so far from the first one"; 1 without orbits."""
         return self._distance_p_value(distance_m, at_least=False)
 
     def _distance_p_value(self, distance_m: float, *, at_least: bool) -> float:
@@ -200,39 +205,41 @@ class Pairing:
         p_values = []
         for other in range(1, len(self.sets)):
             levels, matrix = self._levels_of([0, other])
-            baseline = baseline_estimate(levels, baseline_design(matrix, self.unit_enu))
+            baseline = estimate_baselines(levels, baseline_design(matrix, self.unit_enu))
             p_values.append(
                 float(distance_p_value(levels, baseline, distance_m, "at least" if at_least else "at most"))
             )
         return min(1.0, len(p_values) * min(p_values))
 
     def survival(self, geometry: AntennaGeometry) -> float:
-        """p-value of "the sky over antennas that stand so", never too small; 1 without orbits."""
+        """Return the p-value of "the sky over antennas that stand so", never too small; 1 without orbits."""
         if self.unit_enu is None:
             return 1.0
         levels, matrix = self._levels
-        estimate = baseline_estimate(levels, baseline_design(matrix, self.unit_enu))
-        return float(levels.worst(survival(geometry, self.receivers, estimate, levels.dof))[0])
+        estimate = estimate_baselines(levels, baseline_design(matrix, self.unit_enu))
+        return float(levels.worst(geometry_survival(geometry, self.receivers, estimate, levels.dof))[0])
 
     @cached_property
     def fractions(self) -> tuple[Fractions, ...]:
-        """Of carriers, of each receiver against the first one; nothing where some cannot be compared, or of several
-        kinds of signals."""
+        """Return the fractions of carriers of each receiver against the first one.
+
+        Empty if some cannot be compared, or with several kinds of signals.
+        """
         phases = self.ranges.phases
         if phases is None or self.unit_enu is None or self.ranges.kinds.max(initial=0) > 0:
             return ()
-        found = [fractions(phases, k, self.noise.carrier_multipath_sigma_m) for k in range(1, len(self.sets))]
-        known = tuple(one for one in found if one is not None)
+        found = [estimate_fractions(phases, k, self.noise.carrier_multipath_sigma_m) for k in range(1, len(self.sets))]
+        known = tuple(receiver_fractions for receiver_fractions in found if receiver_fractions is not None)
         return known if len(known) == len(found) else ()
 
     @cached_property
     def one_antenna_carriers(self) -> CarrierTest | None:
         """Test of "all from one antenna" by carriers, of the receiver that fits it best."""
-        return max(map(one_antenna_carriers, self.fractions), key=lambda test: test.p_value, default=None)
+        return max(map(evaluate_one_antenna_carriers, self.fractions), key=lambda test: test.p_value, default=None)
 
     @cached_property
     def baselines(self) -> tuple[Baseline, ...]:
-        """Where the antennas stand by these signals, over the window and over parts of it; nothing without orbits."""
+        """Return the antennas' baselines by these signals, over the window and over parts; empty without orbits."""
         if self.unit_enu is None:
             return ()
         values, gain, matrix = self.contrasts
@@ -243,9 +250,9 @@ class Pairing:
         design = baseline_design(matrix, self.unit_enu)
         found = []
         for (first, end), mean in zip(
-            stretches, stretch_means(values, gain, self.noise.multipath_sigma_m, stretches), strict=True
+            stretches, average_stretches(values, gain, self.noise.multipath_sigma_m, stretches), strict=True
         ):
-            estimate = baseline_estimate(mean, design)
+            estimate = estimate_baselines(mean, design)
             found.append(
                 Baseline(
                     receivers=self.receivers,
@@ -264,37 +271,37 @@ class Pairing:
 
     @cached_property
     def contrasts(self) -> TableContrasts:
-        """Of all receivers, over the window."""
-        return table_contrasts(self.ranges.range_m, self.ranges.sigma_m, self.ranges.kinds)
+        """Return the contrasts of all receivers, over the window."""
+        return compute_contrasts(self.ranges.range_m, self.ranges.sigma_m, self.ranges.kinds)
 
     @property
     def plausible(self) -> Booleans:
-        """Which coefficients of `statistics.autoregression.correlation_grid` the noise may have."""
+        """Select the coefficients of `statistics.autoregression.correlation_grid` that the noise may have."""
         levels, _ = self._levels
         return levels.plausible[:-1] if levels.bounded else levels.plausible
 
     @cached_property
     def _levels(self) -> tuple[ContrastLevels, Reals]:
-        """Of all receivers; the levels of two of them are `_levels_of`."""
+        """Return the levels of all receivers; those of two of them are `_levels_of`."""
         values, gain, matrix = self.contrasts
-        return contrast_levels(values, gain, self.noise, self.ranges.gaps), matrix
+        return average_contrasts(values, gain, self.noise, self.ranges.gaps), matrix
 
     def _levels_of(self, receivers: list[int]) -> tuple[ContrastLevels, Reals]:
         if len(receivers) == len(self.sets):
             return self._levels
         ranges = self.ranges
-        values, gain, matrix = table_contrasts(
+        values, gain, matrix = compute_contrasts(
             ranges.range_m[..., receivers], ranges.sigma_m[:, receivers], ranges.kinds
         )
-        return contrast_levels(values, gain, self.noise, self.ranges.gaps), matrix
+        return average_contrasts(values, gain, self.noise, self.ranges.gaps), matrix
 
 
-def groups_in(sets: tuple[ConsistentSet, ...], min_satellites: int) -> list[Kind | None]:
-    """The kinds that all sets have of enough satellites; [None], all kinds as one, where none is.
+def list_groups(sets: tuple[ConsistentSet, ...], min_satellites: int) -> list[Kind | None]:
+    """List the kinds that all sets have from enough satellites; [None], all kinds as one, if there are none.
 
     All kinds as one need as many transmissions beyond one per kind as a single kind does. Empty if they have fewer.
     """
-    shared = shared_kinds(sets)
+    shared = count_common_kinds(sets)
     enough: list[Kind | None] = [kind for kind, count in shared.items() if count >= min_satellites]
     if not enough and sum(shared.values()) - len(shared) >= min_satellites - 1:
         return [None]
@@ -309,8 +316,8 @@ def pair_up(
     min_satellites: int,
     kind: Kind | None = None,
 ) -> Pairing:
-    """The common transmissions of `sets` at common instants, of one kind or of all."""
-    ranges = common_ranges(records, sets, kind=kind, min_satellites=min_satellites)
+    """Pair the common transmissions of `sets` at common instants, of one kind or of all."""
+    ranges = align_ranges(records, sets, kind=kind, min_satellites=min_satellites)
     by_frequency = any(scale == "R" and band in ("G1", "G2") for scale, band, _ in {s.kind for s in ranges.signals})
     if by_frequency:
         noise = replace(
@@ -328,24 +335,30 @@ def pair_up(
     )
 
 
-def sky_by_carriers(pairings: Sequence[Pairing], geometry: Fit) -> CarrierTest | None:
-    """Test of "the sky over antennas that stand so" by carriers, of pairings of the same sets, a kind each; of the
-    receiver that fits worst. None where carriers do not tell."""
+def evaluate_sky_by_carriers(pairings: Sequence[Pairing], geometry: Fit) -> CarrierTest | None:
+    """Test "the sky over antennas that stand so" by carriers, of pairings of the same sets, a kind each.
+
+    The receiver that fits worst counts. None if carriers cannot tell.
+    """
     worst = None
     receivers = pairings[0].receivers if pairings else ()
     for other in range(1, len(receivers)):
-        own = [(p.fractions[other - 1], p.unit_enu) for p in pairings if p.fractions and p.unit_enu is not None]
+        usable = [(p.fractions[other - 1], p.unit_enu) for p in pairings if p.fractions and p.unit_enu is not None]
         two = (receivers[0], receivers[other])
-        units = [unit[one.rows] for one, unit in own]
-        test = sky_carriers([one for one, _ in own], units, geometry, two) if own else None
+        units = [unit[fractions_of_kind.rows] for fractions_of_kind, unit in usable]
+        test = (
+            sky_carriers([fractions_of_kind for fractions_of_kind, _ in usable], units, geometry, two)
+            if usable
+            else None
+        )
         if test is None:
             return None
         worst = test if worst is None or test.p_value < worst.p_value else worst
     return worst
 
 
-def versus(larger: Pairing, smaller: Pairing) -> RatioTest:
-    """Test of "it is `larger`, not `smaller`, that comes from one antenna"."""
+def compare_pairings(larger: Pairing, smaller: Pairing) -> RatioTest:
+    """Test "it is `larger`, not `smaller`, that comes from one antenna"."""
     return ratio_test(
         larger.ranges.mean_m,
         larger.ranges.mean_sigma_m,

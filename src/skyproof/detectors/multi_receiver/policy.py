@@ -21,7 +21,7 @@ class MultiReceiverPolicy:
     cycles_by_chance: float = number(
         0.05,
         "1",
-        "Chosen: where a wrong way to choose whole cycles fits with more than this chance, a fit says nothing.",
+        "Chosen: if a wrong choice of whole cycles fits with more than this chance, a fit is no evidence.",
     )
     carrier_fit_probability: float = number(1e-3, "1", "Chosen: a true choice of whole cycles is missed so rarely.")
     cycle_reach_sigmas: float = number(
@@ -65,7 +65,7 @@ class MultiReceiverPolicy:
         5.0, "sigma", "Normal errors exceed it once in two million: farther off a statement is wrong, not inexact."
     )
     least_distance_sigma_m: float = number(
-        0.01, "m", "Assumed: a tape's error over some metres: nobody states a distance better than a centimetre."
+        0.01, "m", "Assumed: a tape's error over some metres: no one states a distance better than a centimetre."
     )
     unknown_height_sigma_m: float = number(1e4, "m", "Above any mountain, and as far as most aircraft fly.")
     learnt_windows: int = number(3, "1", "The least that have a middle and a scatter.")
@@ -73,7 +73,7 @@ class MultiReceiverPolicy:
         12, "1", "Two minutes of usual windows: antennas that turn with a platform are forgotten soon."
     )
     learnt_spread_sigmas: float = number(
-        3.0, "sigma", "Normal errors exceed it once in 370: more scatter is of antennas that move apart."
+        3.0, "sigma", "Normal errors exceed it once in 370: more scatter comes from antennas that move apart."
     )
     least_elevation_sine: float = number(0.05, "1", "Three degrees: lower, the bending of the air is not modelled.")
     part_s: float = number(

@@ -1,4 +1,4 @@
-"""Windows in a row, taken together: for antennas too near, or a geometry too weak, for one window to decide.
+"""Take windows in a row together: for antennas too near, or a geometry too weak, for one window to decide.
 
 A *run* is what up to `longest_run_windows` windows measured of the same transmissions in the same receivers. In a
 longer time the thermal noise averages out and, above all, shows how correlated it is. The constant error of a track
@@ -10,9 +10,9 @@ and after (`window_p_values`). Where nothing of the run is left outside, the mea
 (`pairing.Pairing.one_antenna`). Otherwise the step at its ends shows it as well: it is the known baseline, and the
 constant errors cancel in it. That one antenna sent the window is rejected if each of these ways is, so how many there
 are costs nothing (R. L. Berger, Technometrics 24, 1982, doi 10.2307/1267823); how often a window is looked at does,
-`longest_run_windows` times at most. That the sky sent it is tested likewise, with the parts changed over.
+`longest_run_windows` times at most. That the sky sent it is tested in the same way, with the parts exchanged.
 
-Instants are told apart to half a window. The halves in which a stretch begins and ends take no part, as what they hold
+Instants are resolved to half a window. The halves in which a stretch begins and ends take no part, as what they hold
 is mixed.
 """
 
@@ -34,7 +34,7 @@ from skyproof.records import BY_NAME, SignalId
 from skyproof.statistics.autoregression import ar1_whiten, correlation_grid
 from skyproof.statistics.distributions import f_survival
 
-__all__ = ["WindowRun", "prolonged", "window_p_values"]
+__all__ = ["WindowRun", "prolong", "window_p_values"]
 
 _OUT, _IN, _BEGINS, _ENDS = range(4)
 
@@ -58,33 +58,32 @@ class WindowRun:
 
     @cached_property
     def tracks(self) -> tuple[tuple[SignalId, ...], ...]:
-        """(R, K) the transmissions that all windows have, by receiver."""
+        """Return the transmissions (R, K) that all windows have, by receiver."""
         shared = frozenset.intersection(*(part.ranges.transmissions for part in self.parts))
         return tuple(zip(*sorted(shared, key=lambda tracks: [BY_NAME(signal) for signal in tracks]), strict=True))
 
     @property
     def length_s(self) -> float:
-        """From the first window's start to the last one's end."""
+        """Return the time from the first window's start to the last one's end."""
         return float(seconds_between(self.parts[-1].end_gpst, self.parts[0].start_gpst))
 
-    def closed(self, which: Sequence[bool]) -> "WindowRun":
-        """The same with these of its windows decided."""
+    def close_decided(self, which: Sequence[bool]) -> "WindowRun":
+        """Return the same run with these of its windows decided."""
         pairs = zip(self.parts, which, strict=True)
         return replace(self, parts=tuple(replace(part, open=part.open and not done) for part, done in pairs))
 
     def joined(self, pairing: Pairing) -> tuple[Pairing, Indices]:
-        """Its windows as one, of the kind of `pairing`, the last; and the number of each instant's half
-        window."""
+        """Join its windows into one, of the kind of `pairing`, the last; also number each instant's half window."""
         tracks = self.tracks
         cells, times_s, ranges_m, sigmas_m = [], [], [], []
         for number, part in enumerate(self.parts):
             places = {row: k for k, row in enumerate(zip(*part.ranges.tracks, strict=True))}
-            own = part.ranges.take(np.array([places[row] for row in zip(*tracks, strict=True)], np.intp))
+            part_ranges = part.ranges.take(np.array([places[row] for row in zip(*tracks, strict=True)], np.intp))
             half_s = 0.5 * float(seconds_between(part.end_gpst, part.start_gpst))
-            cells.append(2 * number + (own.time_s >= half_s))
-            times_s.append(own.time_s + float(seconds_between(part.start_gpst, self.parts[0].start_gpst)))
-            ranges_m.append(own.range_m)
-            sigmas_m.append(own.range_sigma_m)
+            cells.append(2 * number + (part_ranges.time_s >= half_s))
+            times_s.append(part_ranges.time_s + float(seconds_between(part.start_gpst, self.parts[0].start_gpst)))
+            ranges_m.append(part_ranges.range_m)
+            sigmas_m.append(part_ranges.range_sigma_m)
         ranges = CommonRanges(
             tracks=tracks,
             range_m=np.concatenate(ranges_m),
@@ -95,8 +94,11 @@ class WindowRun:
         return replace(pairing, ranges=ranges, start_gpst=self.parts[0].start_gpst), np.concatenate(cells)
 
 
-def prolonged(runs: Sequence[WindowRun], pairing: Pairing, *, still_open: bool, least: int) -> WindowRun:
-    """The run that goes on with this pairing, or a new one: a window must follow, with `least` transmissions of all."""
+def prolong(runs: Sequence[WindowRun], pairing: Pairing, *, still_open: bool, least: int) -> WindowRun:
+    """Prolong a run with this pairing, or begin a new one.
+
+    A window must follow the run's last, with `least` transmissions in common.
+    """
     stride = -(-len(pairing.ranges.range_m) // POLICY.kept_instants)
     ranges = pairing.ranges.at(np.arange(0, len(pairing.ranges.range_m), stride))
     part = _Part(replace(ranges, step_s=stride * ranges.step_s), pairing.start_gpst, pairing.end_gpst, open=still_open)
@@ -119,20 +121,26 @@ def prolonged(runs: Sequence[WindowRun], pairing: Pairing, *, still_open: bool, 
 def window_p_values(
     joined: Pairing, cells: Indices, geometry: AntennaGeometry, sender: Literal["one antenna", "the sky"], limit: float
 ) -> Reals:
-    """(W,) of "`sender` sent this window's signals", of each window of a run, over antennas that stand as known.
+    """Return the p-values (W,) of "`sender` sent this window's signals", over antennas that stand as known.
 
-    cells : of each instant, the number of its half window, as of `WindowRun.joined`. limit : larger ones are of no use;
-    where the run as a whole has one, so has each window. Without orbits all are 1.
+    There is one for each window of a run.
+
+    cells : of each instant, the number of its half window, as of `WindowRun.joined`. limit : larger ones are not
+    needed; if the run as a whole exceeds it, so does each window. Without orbits all are 1.
     """
     n_windows = int(cells.max()) // 2 + 1
     names, cell = np.unique(cells, return_inverse=True)
     n = names.size
-    if joined.unit_enu is None or _of_part(joined, cell, 0, n - 1, geometry, sender) > limit:
+    if joined.unit_enu is None or _p_value_of_part(joined, cell, 0, n - 1, geometry, sender) > limit:
         return np.ones(n_windows)
     stretches = [(first, last) for first in range(n) for last in range(first, n)]
     inner = [(first, last) for first, last in stretches if first > 1 or last < n - 2]
-    own = dict(zip(inner, _of_stretches(joined, cell, inner, geometry, sender), strict=True)) if inner else {}
-    p_values = [own[s] if s in own else _of_part(joined, cell, *s, geometry, sender) for s in stretches]
+    by_stretch = (
+        dict(zip(inner, _p_values_of_stretches(joined, cell, inner, geometry, sender), strict=True)) if inner else {}
+    )
+    p_values = [
+        by_stretch[s] if s in by_stretch else _p_value_of_part(joined, cell, *s, geometry, sender) for s in stretches
+    ]
     found = np.ones(n_windows)
     for window in np.unique(names // 2):
         first, last = np.flatnonzero(names // 2 == window)[[0, -1]]
@@ -140,19 +148,21 @@ def window_p_values(
     return found
 
 
-def _of_part(joined: Pairing, cell: Indices, first: int, last: int, geometry: AntennaGeometry, sender: str) -> float:
-    """Of the instants in the cells first to last, whatever the others are."""
+def _p_value_of_part(
+    joined: Pairing, cell: Indices, first: int, last: int, geometry: AntennaGeometry, sender: str
+) -> float:
+    """Return the p-value of the instants in the cells first to last, whatever the others are."""
     part = replace(joined, ranges=joined.ranges.at((cell >= first) & (cell <= last)))
     return part.survival(geometry) if sender == "the sky" else part.one_antenna_each_p_value
 
 
-def _of_stretches(
+def _p_values_of_stretches(
     joined: Pairing, cell: Indices, stretches: Sequence[tuple[int, int]], geometry: AntennaGeometry, sender: str
 ) -> Reals:
-    """(S,) p-values of `sender` within each stretch of cells, and the other one of the two without.
+    """Return p-values (S,) of `sender` within each stretch of cells, and the other sender outside.
 
-    The baselines within and without, as they are measured, share the constant errors. Of one antenna the first is zero
-    but for errors; given those, the second is to be one that the known geometry allows.
+    The measured baselines within and outside share the constant errors. From one antenna the first is zero but for
+    errors; given those, the second must be one that the known geometry allows.
     """
     assert joined.unit_enu is not None
     phi = correlation_grid(joined.noise.correlation_max)[joined.plausible]
@@ -204,17 +214,17 @@ class _Cells:
         self.n_cells, self.shape = n, values.shape
 
     def levels(self, first: int, last: int) -> _Levels:
-        """Of the cells first to last; those beside them stand for themselves."""
+        """Average the cells first to last; those beside them have their own averages."""
         number = np.arange(self.n_cells)
         part = np.full(self.n_cells, _OUT)
         part[(number >= first) & (number <= last)] = _IN
         part[number == first - 1], part[number == last + 1] = _BEGINS, _ENDS
-        there = np.unique(part)
-        columns = (part[:, None] == there).astype(float)
+        parts_present = np.unique(part)
+        columns = (part[:, None] == parts_present).astype(float)
         inverse = np.linalg.inv(columns.T @ self.gram @ columns)
         moment = columns.T @ self.moment
         means = inverse @ moment
-        dof = float((self.shape[0] - there.size) * self.shape[1])
+        dof = float((self.shape[0] - parts_present.size) * self.shape[1])
         rss = self.square - np.sum(moment * means, axis=(-1, -2))
-        two = np.searchsorted(there, [_IN, _OUT])
+        two = np.searchsorted(parts_present, [_IN, _OUT])
         return _Levels(means[:, two], (rss / dof)[:, None, None] * inverse[:, two[:, None], two], dof)

@@ -27,7 +27,7 @@ class MultiReceiverSettings:
     correlation_max : largest AR(1) coefficient of the noise from epoch to epoch; 0 if it is known to be white.
     error_bound_m : no track's slow error has a larger sigma, beside thermal noise; infinite if that is not known.
     antenna_separation_m : the antennas stand at least this far from the first one, horizontally; 0 if they may share
-        one, or nobody said.
+        one, or if it is not known.
     max_separation_m : they stand at most this far from it. It catches pairings of one receiver's true with another's
         false signals, but for false positions nearer than this.
     antenna_distance_m : the antennas of two receivers stand so far apart; None if that is not known.
@@ -68,7 +68,7 @@ class MultiReceiverSettings:
             raise SettingsError(f"multi_receiver: correlation_max is {self.correlation_max}, expected 0 to below 1")
 
     def geometry(self, receivers: Sequence[str]) -> StatedGeometry | None:
-        """What is known of where these receivers' antennas stand; None if nothing is."""
+        """Return what is known of where these receivers' antennas stand; None if nothing is."""
         if self.antennas_enu_m is not None and all(name in self.antennas_enu_m for name in receivers):
             return AntennaPlaces(self.antennas_enu_m, self.antennas_sigma_m, self.positions_ecef_m)
         if self.antenna_distance_m is not None and len(receivers) == 2:
@@ -80,7 +80,7 @@ class MultiReceiverSettings:
         return None
 
     def noise(self, tests: int) -> TrackNoise:
-        """The noise model for one of `tests` tests; a tenth of the error rate goes to the unknown correlation."""
+        """Return the noise model for one of `tests` tests; a tenth of the rate goes to the unknown correlation."""
         white = self.correlation_max == 0.0
         return TrackNoise(
             multipath_sigma_m=self.multipath_sigma_m,

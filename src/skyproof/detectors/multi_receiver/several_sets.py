@@ -1,51 +1,51 @@
-"""Several sets of signals in some receiver: which pairing comes from one antenna, and which is of the sky."""
+"""Decide on several sets of signals in a receiver: which pairing comes from one antenna, and which from the sky."""
 
 from collections.abc import Sequence
 
 from skyproof.detectors.base import NotTested
-from skyproof.detectors.multi_receiver.known_geometry import AntennaPlaces, agreement
-from skyproof.detectors.multi_receiver.pairing import Pairing, versus
+from skyproof.detectors.multi_receiver.known_geometry import AntennaPlaces, agreement_p_value
+from skyproof.detectors.multi_receiver.pairing import Pairing, compare_pairings
 from skyproof.detectors.multi_receiver.window import Window, collect_estimates, describe_pairing
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
 from skyproof.records import Cause, Datum, Finding, Kind
 
-__all__ = ["BESIDE_FALSE_SKY", "several_sets"]
+__all__ = ["BESIDE_FALSE_SKY", "decide_several_sets"]
 
 BESIDE_FALSE_SKY = "beside_false_sky"
 """Code of signals that are true, as others of their receivers come from one antenna."""
 
 
-def several_sets(window: Window) -> list[Finding]:
-    """Return what is found of sets of which some receiver has several."""
+def decide_several_sets(window: Window) -> list[Finding]:
+    """Decide on the pairings of a window in which some receiver has several sets."""
     alpha = window.settings.false_alarm_probability
     could_be = [p for p in window.pairings if window.p_one(p) >= max(window.settings.accept_probability, alpha)]
     could_be = [p for p in could_be if _shows_one_place(window, p)]
     could_be.sort(key=lambda p: float(p.one_antenna.statistic))
-    false = [p for p in could_be if not _contested(window, p, could_be)]
-    skies = _left_over(window, false)
+    false = [p for p in could_be if not _is_contested(window, p, could_be)]
+    skies = _select_remaining(window, false)
     found = [_test_false_group(window, pairing, false, decided=bool(skies)) for pairing in false]
-    shown = all(finding is not None for finding in found)
-    found += [_test_sky_group(window, sky, false, shown=shown) for sky in skies]
+    all_shown = all(finding is not None for finding in found)
+    found += [_test_sky_group(window, sky, false, shown=all_shown) for sky in skies]
     return [finding for finding in found if finding is not None] or [_leave_open(window)]
 
 
-def _contested(window: Window, pairing: Pairing, could_be: Sequence[Pairing]) -> bool:
-    """Whether some of its signals may as well be another transmitter's, or the sky's.
+def _is_contested(window: Window, pairing: Pairing, could_be: Sequence[Pairing]) -> bool:
+    """Tell if some of its signals may as well come from another transmitter, or from the sky.
 
     A false sky that shows the true place of a receiver has no range difference to what that receiver gets from the sky
-    either. So of pairings that share signals one is of one antenna only if the others are much worse; and not even then
-    if all that agrees with where the antennas are known to stand shares signals with it.
+    either. So of pairings that share signals one comes from one antenna only if the others are much worse. Not even
+    then if every pairing that agrees with the known antenna geometry shares signals with it.
     """
     alpha = window.settings.false_alarm_probability
     rivals = (other for other in could_be if other is not pairing and other.takes & pairing.takes)
-    if any(versus(other, pairing).p_value >= alpha for other in rivals):
+    if any(compare_pairings(other, pairing).p_value >= alpha for other in rivals):
         return True
-    skies = _agreeing(window, [p for p in window.pairings if p.kinds & pairing.kinds])
+    skies = _select_agreeing(window, [p for p in window.pairings if p.kinds & pairing.kinds])
     return bool(skies) and all(sky.takes & pairing.takes for sky in skies)
 
 
-def _agreeing(window: Window, pairings: Sequence[Pairing]) -> list[Pairing]:
-    """Those that are not of one antenna, and show the antennas where they are known to stand."""
+def _select_agreeing(window: Window, pairings: Sequence[Pairing]) -> list[Pairing]:
+    """Select the pairings that are not from one antenna, and show the antennas where they are known to stand."""
     found = []
     for p in pairings:
         geometry = window.settings.geometry(p.receivers)
@@ -56,23 +56,24 @@ def _agreeing(window: Window, pairings: Sequence[Pairing]) -> list[Pairing]:
 
 
 def _shows_one_place(window: Window, pairing: Pairing) -> bool:
-    """Whether its baselines are zero, by the noise as it looks: one antenna puts the receivers in one place.
+    """Tell if its baselines are zero, by the noise as it looks: one antenna puts the receivers in one place.
 
     False signals from several antennas, or with few satellites in common, may leave the true sky over near
-    antennas as the pairing of the least contrast: all that shows it then is that its baseline is there.
+    antennas as the pairing of the least contrast. Then only its baseline shows that it is the sky.
     """
     if not pairing.baselines:
         return True
     nowhere = AntennaPlaces(dict.fromkeys(pairing.receivers, (0.0, 0.0, 0.0)), sigma_m=0.0)
-    return agreement(nowhere, pairing.baselines[:1]) >= window.settings.accept_probability
+    return agreement_p_value(nowhere, pairing.baselines[:1]) >= window.settings.accept_probability
 
 
 def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *, decided: bool) -> Finding | None:
-    """Return that a pairing is of one antenna, if it is. decided : the sets left over make one sky, so the other false
-    groups are no rivals."""
+    """Name a pairing that comes from one antenna; None if it does not.
+
+    decided : the other sets make one sky, so the other false groups are no rivals."""
     alpha = window.settings.false_alarm_probability
     rivals = [p for p in window.pairings if p is not pairing and not (decided and p in false)]
-    tests = [versus(rival, pairing) for rival in rivals]
+    tests = [compare_pairings(rival, pairing) for rival in rivals]
     worst = max(tests, key=lambda test: float(test.p_value), default=None)
     # With two skies in every receiver one of the pairings is false altogether; with fewer it may have been missed.
     complete = all(len(sets) >= 2 for sets in window.sets.values())
@@ -107,7 +108,7 @@ def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *,
 
 
 def _test_sky_group(window: Window, sky: Pairing, false: list[Pairing], *, shown: bool) -> Finding | None:
-    """Return that a pairing is of the sky, if it is. shown : the others are shown to be false."""
+    """Call a pairing authentic if it comes from the sky. shown : the others are shown to be false."""
     alpha, p_one = window.settings.false_alarm_probability, window.p_each(sky)
     if p_one >= alpha:
         return None
@@ -120,25 +121,26 @@ def _test_sky_group(window: Window, sky: Pairing, false: list[Pairing], *, shown
         return window.find_authentic(sky, "as_known", p_one, geometry.assumes, data=geometry.data, statement=statement)
     if not shown:  # beside what may be the sky's, or echoes, nothing is true for being no such
         return None
-    p_ratio = max((float(versus(sky, pairing).p_value) for pairing in false), default=0.0)
+    p_ratio = max((float(compare_pairings(sky, pairing).p_value) for pairing in false), default=0.0)
     if p_ratio >= alpha or window.p_possible(sky) < alpha:
         return None
     p_value, baselines = max(p_one, p_ratio), window.believed(sky)
     return window.find_authentic(sky, BESIDE_FALSE_SKY, p_value, ("one_false_sky",), baselines=baselines)
 
 
-def _left_over(window: Window, false: list[Pairing]) -> list[Pairing]:
-    """The groups, one per kind, of sets that no false group takes, if it can only be those and none is of one
-    antenna.
+def _select_remaining(window: Window, false: list[Pairing]) -> list[Pairing]:
+    """Return the groups, one per kind, of sets that no false group takes.
 
-    Which of several it is, and whether anything but the false is left over when some receiver shows one set only,
-    a known baseline decides: of the pairings that agree with it there must be just one of each kind.
+    Empty unless only those can be the sky, and none comes from one antenna.
+
+    Several groups may remain, or some receiver shows one set only. Then a known baseline decides: of the pairings that
+    agree with it there must be just one of each kind.
     """
     taken = set[tuple[int, Kind]]().union(*(p.takes for p in false))
     free = [p for p in window.pairings if not taken & p.takes]
     free = [p for p in free if window.p_each(p) < window.settings.false_alarm_probability]
     if free and all(window.settings.geometry(p.receivers) is not None for p in free):
-        free = _agreeing(window, free)
+        free = _select_agreeing(window, free)
         return [p for p in free if not any(p is not q and p.kinds & q.kinds for q in free)]
     whole = {id(s) for pairing in false for s in pairing.sets}
     single = all(sum(id(s) not in whole for s in sets) == 1 for sets in window.sets.values())
@@ -147,7 +149,7 @@ def _left_over(window: Window, false: list[Pairing]) -> list[Pairing]:
 
 
 def _leave_open(window: Window) -> Finding:
-    """Return that several skies are there of which the pairings do not tell which is false, or chance makes them."""
+    """Return that several skies are received, and the pairings do not show which is false, or chance makes them."""
     p_values = [
         second_sky_p_value(
             next(o for o in window.records.observations if o.receiver == receiver),

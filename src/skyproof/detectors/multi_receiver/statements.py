@@ -1,14 +1,14 @@
-"""Signals that contradict what the user stated of the antennas: are they false, or is the statement?
+"""Judge signals that contradict the stated antennas: are they false, or is the statement?
 
-Of a statement that no window of the run bears out the signals cannot tell: antennas that stand elsewhere than stated
-show what one captured receiver shows. So a statement that is untrue competes with an attack. It is excluded where
+If no window of the run confirms a statement, the signals cannot tell: antennas that stand elsewhere than stated show
+the same as one captured receiver. So an untrue statement competes with an attack. It is excluded if
 
 - another window shows the receivers as stated: the statement is true then, unless antennas were turned;
 - carriers put the antennas into one place, to millimetres: two antennas cannot stand there, one transmitter can;
 - the signals put them farther apart than they may be (`max_separation_m`), and than a decimal point explains.
 
-Not even then is it excluded, but by one place, if what is shown is what a likely slip makes of the statement
-(`gnss.slips`), with one slip for all windows.
+Only carriers that show one place exclude it if a likely slip in the statement (`gnss.slips`) explains what is shown,
+with one slip for all windows.
 """
 
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import Final
 
 from skyproof.detectors.base import leave_open
-from skyproof.detectors.multi_receiver.known_geometry import GeometrySlip, agreement
+from skyproof.detectors.multi_receiver.known_geometry import GeometrySlip, agreement_p_value
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.multi_receiver.window import SEPARATION
@@ -52,58 +52,58 @@ class Statements:
         if test is None or test.agrees or test.one_place:
             return e
         if test.p_value is not None:
-            return _add_causes(e, self._doubts(test))
+            return _add_causes(e, self._list_doubts(test))
         true = all((test.key, ref.receiver) in self.borne_out for ref in e.signals)
-        slips = [slip for slip in self._fitting(test) if not true or slip.code == _TURNED]
-        if not slips and (true or not self._near_enough(test)):
+        slips = [slip for slip in self._list_fitting(test) if not true or slip.code == _TURNED]
+        if not slips and (true or not self._is_near_enough(test)):
             return e
-        causes = self._causes(slips) or (self._unlisted(test),)
+        causes = self._causes(slips) or (self._build_unlisted(test),)
         if e.says == "undecided":
             return _add_causes(e, causes)
-        others: dict[Cause, float] = {cause: p for cause, p in e.p.items() if cause is not Cause.CLEAN}
+        other_causes: dict[Cause, float] = {cause: p for cause, p in e.p.items() if cause is not Cause.CLEAN}
         return replace(
             _add_causes(e, causes),
             hypothesis=Hypothesis.AS_STATED,
             code="statement_or_false",
-            p={Cause.CLEAN: e.p[Cause.CLEAN], **leave_open((Cause.STATEMENT,)), **others},
+            p={Cause.CLEAN: e.p[Cause.CLEAN], **leave_open((Cause.STATEMENT,)), **other_causes},
             singled_out=False,
             data={name: value for name, value in e.data.items() if name not in ("group", "assumes")}
             | {"found": e.code},
         )
 
-    def _doubts(self, test: StatementTest) -> tuple[WrongStatement, ...]:
-        """What may be wrong of a statement that signals contradict, though they are not sure to be of the sky.
+    def _list_doubts(self, test: StatementTest) -> tuple[WrongStatement, ...]:
+        """List what may be wrong with a statement that signals contradict, though they may not be from the sky.
 
-        Where carriers tell, what these fit in all windows, but the statement in none; else by code, if that contradicts
-        it by no chance for all windows together.
+        If carriers can tell, it is the slips that they fit in all windows, while they fit the statement in none. Else
+        it is what code shows, if that contradicts the statement beyond chance for all windows together.
         """
         tests = self._open[test.key, test.receivers]
         geometry = self.settings.geometry(test.receivers)
-        told = [set(one.fitting) for one in tests if one.fitting is not None]
+        told = [set(window_test.fitting) for window_test in tests if window_test.fitting is not None]
         if told and geometry is not None:
             common = set.intersection(*told)
             return self._causes([slip for slip in geometry.slips(test.receivers) if slip.code in common])
         borne_out = any((test.key, name) in self.borne_out for name in test.receivers)
-        least = len(tests) * min(p for one in tests if (p := one.p_value) is not None)
+        least = len(tests) * min(p for window_test in tests if (p := window_test.p_value) is not None)
         if borne_out or least >= self.settings.accept_probability:
             return ()
-        return self._causes(self._fitting(test)) or (self._unlisted(test),)
+        return self._causes(self._list_fitting(test)) or (self._build_unlisted(test),)
 
     def _causes(self, slips: Iterable[GeometrySlip]) -> tuple[WrongStatement, ...]:
         return tuple(WrongStatement(code=s.code, about=s.about, words=s.words, value=s.value or None) for s in slips)
 
-    def _fitting(self, test: StatementTest) -> list[GeometrySlip]:
-        """The slips that explain what all windows show."""
+    def _list_fitting(self, test: StatementTest) -> list[GeometrySlip]:
+        """List the slips that explain what all windows show."""
         key = test.key, test.receivers
-        geometry, shown = self.settings.geometry(test.receivers), self.shown.get(key)
+        geometry, baselines = self.settings.geometry(test.receivers), self.shown.get(key)
         if key not in self._slips:
             accept = self.settings.accept_probability
-            every = () if geometry is None or not shown else geometry.slips(test.receivers)
-            self._slips[key] = [slip for slip in every if agreement(slip.fit, shown or ()) >= accept]
+            every = () if geometry is None or not baselines else geometry.slips(test.receivers)
+            self._slips[key] = [slip for slip in every if agreement_p_value(slip.fit, baselines or ()) >= accept]
         return self._slips[key]
 
-    def _near_enough(self, test: StatementTest) -> bool:
-        """Whether the antennas may stand where they are shown, for all that is known but for the statement."""
+    def _is_near_enough(self, test: StatementTest) -> bool:
+        """Tell if the antennas may stand where they are shown, for all that is known but for the statement."""
         if test.shown is None:
             return True
         geometry = self.settings.geometry(test.receivers)
@@ -111,7 +111,7 @@ class Statements:
         most_m = max(self.settings.max_separation_m, POLICY.decimal_slip * stated_m)
         return all(d_m - POLICY.statement_sigmas * sigma_m <= most_m for d_m, sigma_m in test.shown.distances_m)
 
-    def _unlisted(self, test: StatementTest) -> WrongStatement:
+    def _build_unlisted(self, test: StatementTest) -> WrongStatement:
         words, value = "it is untrue from the first moment, by no amount that is usual", None
         if test.shown is not None:
             far = ", ".join(f"{d_m:.1f} ± {sigma_m:.1f} m" for d_m, sigma_m in test.shown.distances_m)

@@ -1,4 +1,4 @@
-"""One window: the receivers' sets, their pairings, and what tests of them have in common."""
+"""Hold one window: the receivers' sets, their pairings, and what their tests have in common."""
 
 import itertools
 from collections.abc import Collection, Mapping, Sequence
@@ -7,11 +7,11 @@ from typing import Any
 
 from skyproof.detectors.base import Reporter, leave_open
 from skyproof.detectors.multi_receiver.carriers import CarrierTest
-from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance, agreement
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance, agreement_p_value
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
-from skyproof.detectors.multi_receiver.pairing import Pairing, groups_in, pair_up, sky_by_carriers
+from skyproof.detectors.multi_receiver.pairing import Pairing, evaluate_sky_by_carriers, list_groups, pair_up
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
-from skyproof.detectors.second_signals.late_copies import without_late_copies
+from skyproof.detectors.second_signals.late_copies import remove_late_copies
 from skyproof.detectors.second_signals.second_sky import echoes_p_value
 from skyproof.records import (
     Baseline,
@@ -35,11 +35,11 @@ class Window:
 
     def __init__(self, report: Reporter, settings: MultiReceiverSettings, learnt: LearntDistances) -> None:
         self.report, self.records, self.settings, self.learnt = report, report.records, settings, learnt
-        self.sets = _sets_to_decide(self.records)
+        self.sets = _select_sets(self.records)
         choices = list(itertools.product(*self.sets.values())) if len(self.sets) >= 2 else []
         self.one_choice = len(choices) <= 1
         least = self.settings.min_satellites
-        groups = [(sets, kind) for sets in choices for kind in groups_in(sets, least)]
+        groups = [(sets, kind) for sets in choices for kind in list_groups(sets, least)]
         self.tests = max(len(groups), 1)
         noise = self.settings.noise(self.tests)
         every = [pair_up(self.records, sets, noise, min_satellites=least, kind=kind) for sets, kind in groups]
@@ -50,12 +50,12 @@ class Window:
         self._fitting: dict[tuple[int, ...], tuple[str, ...] | None] = {}
 
     def geometry(self, pairing: Pairing) -> AntennaGeometry | None:
-        """What is given of where antennas stand; of one set in each receiver also what earlier windows showed."""
-        given = self.settings.geometry(pairing.receivers)
-        return self.learnt.of(pairing.receivers) if given is None and self.one_choice else given
+        """Return the stated antenna geometry; of one set in each receiver also what earlier windows showed."""
+        stated = self.settings.geometry(pairing.receivers)
+        return self.learnt.of(pairing.receivers) if stated is None and self.one_choice else stated
 
     def statement(self, pairing: Pairing, geometry: AntennaGeometry | None, *, agrees: bool) -> StatementTest | None:
-        """What a pairing says of what the user stated of the antennas; None where nothing was, or it is not tested."""
+        """Return how a pairing tests the user's statement of the antennas; None without one, or if it is not tested."""
         key = next((key for key in (getattr(geometry, "key", None),) if key), None)
         if geometry is None and self.settings.antenna_separation_m > 0.0:
             key = SEPARATION
@@ -65,14 +65,17 @@ class Window:
             key=key,
             receivers=pairing.receivers,
             agrees=agrees,
-            one_place=not agrees and self._in_one_place(pairing),
+            one_place=not agrees and self._are_in_one_place(pairing),
             shown=next(iter(pairing.baselines), None),
         )
 
-    def open_statement(
+    def weigh_open_statement(
         self, pairing: Pairing, geometry: AntennaGeometry | None, p_value: float
     ) -> StatementTest | None:
-        """What a pairing says of it that may be of the sky or of one antenna; p_value : of the statement, by code."""
+        """Test the statement by a pairing that may come from the sky or from one antenna.
+
+        p_value : of the statement, by code.
+        """
         test = self.statement(pairing, geometry, agrees=False)
         if test is None:
             return None
@@ -82,10 +85,11 @@ class Window:
         return replace(test, p_value=p_value, fitting=self._fitting[key])
 
     def _slips_by_carriers(self, pairing: Pairing) -> tuple[str, ...] | None:
-        """Codes of the slips that the carriers of two receivers fit; none if these fit what is stated, None if they do
-        not tell.
+        """Return the codes of the slips that the carriers of two receivers fit.
 
-        With so many slips that are tried each must fit by chance the more rarely.
+        Empty if they fit the statement, None if they cannot tell.
+
+        The more slips are tried, the more rarely each may fit by chance.
         """
         geometry, accept = self.settings.geometry(pairing.receivers), self.settings.accept_probability
         same = [p for p in self.pairings if p.sets == pairing.sets and p.fractions]
@@ -95,61 +99,62 @@ class Window:
         if stated.p_value >= accept:
             return ()
         slips = list(geometry.slips(pairing.receivers))
-        tests = [(slip.code, sky_by_carriers(same, slip.fit)) for slip in slips]
+        tests = [(slip.code, evaluate_sky_by_carriers(same, slip.fit)) for slip in slips]
         return tuple(
             code
             for code, test in tests
             if test is not None and test._replace(by_chance=len(slips) * test.by_chance).fits(accept)
         )
 
-    def _in_one_place(self, pairing: Pairing) -> bool:
-        """Whether carriers show no distance at all between the antennas, which two antennas cannot have."""
-        one, accept = pairing.one_antenna_carriers, self.settings.accept_probability
-        return one is not None and one.p_value >= accept and one.by_chance < accept
+    def _are_in_one_place(self, pairing: Pairing) -> bool:
+        """Tell if carriers show no distance at all between the antennas, which two antennas cannot have."""
+        carriers, accept = pairing.one_antenna_carriers, self.settings.accept_probability
+        return carriers is not None and carriers.p_value >= accept and carriers.by_chance < accept
 
     def enough(self, pairing: Pairing) -> bool:
-        """Whether it has as many satellites and epochs in common as are asked for."""
+        """Tell if a pairing has as many satellites and epochs in common as the settings require."""
         ranges, settings = pairing.ranges, self.settings
         n_kinds = int(ranges.kinds.max(initial=0)) + 1
         enough = len(ranges.signals) - n_kinds >= settings.min_satellites - 1
         return enough and len(ranges.range_m) >= settings.min_epochs
 
     def agrees(self, pairing: Pairing, geometry: AntennaGeometry) -> bool:
-        """Whether the baselines are as known."""
+        """Tell if the baselines are as known."""
         baselines = self.believed(pairing)
-        return bool(baselines) and agreement(geometry, baselines) >= self.settings.accept_probability
+        return bool(baselines) and agreement_p_value(geometry, baselines) >= self.settings.accept_probability
 
     def p_sky(self, pairing: Pairing, geometry: AntennaGeometry) -> float:
-        """Of "the sky over these antennas", by two tests: the baseline of the window, and those of its parts, or, where
-        the noise goes beyond the bound of any track's error, that it does.
+        """Return the p-value of "the sky over these antennas", by baselines of the window and of its parts.
+
+        If the noise exceeds the bound of any track's error, that excess replaces the second test.
         """
-        p_parts = agreement(geometry, pairing.baselines) if pairing.baselines else 1.0
+        p_parts = agreement_p_value(geometry, pairing.baselines) if pairing.baselines else 1.0
         if pairing.noise_m > pairing.noise.bound_m:
             p_parts = pairing.swing_p_value
         return min(1.0, 2.0 * min(pairing.survival(geometry), p_parts))
 
     def believed(self, pairing: Pairing) -> tuple[Baseline, ...]:
-        """Its baselines; none where the noise goes beyond the bound of any track's error."""
+        """Return the pairing's baselines; none if the noise exceeds the bound of any track's error."""
         return pairing.baselines if pairing.noise_m <= pairing.noise.bound_m else ()
 
     def p_one(self, pairing: Pairing) -> float:
-        """Of "one antenna", for all tests of the window together."""
+        """Return the p-value of "one antenna", for all tests of the window together."""
         return min(1.0, self.tests * self._with_carriers(pairing, float(pairing.one_antenna.p_value)))
 
     def p_each(self, pairing: Pairing) -> float:
-        """The same, of any of its kinds."""
+        """Return the p-value of "one antenna" of any of its kinds, for all tests of the window together."""
         return min(1.0, self.tests * self._with_carriers(pairing, pairing.one_antenna_each_p_value))
 
     def _with_carriers(self, pairing: Pairing, p_code: float) -> float:
-        """Of "one antenna" by code, and by carriers where they fit the sky: the smaller one, for two tests."""
+        """Return the p-value of "one antenna" by code, and by carriers if they fit the sky: the smaller of two."""
         carriers = self.not_one_by_carriers(pairing)
         return p_code if carriers is None else min(1.0, 2.0 * min(p_code, carriers.p_value))
 
     def not_one_by_carriers(self, pairing: Pairing) -> CarrierTest | None:
-        """Test of "one antenna" by carriers, where they fit the sky over antennas that stand as known; else None.
+        """Test "one antenna" by carriers if they fit the sky over antennas that stand as known; else None.
 
-        Carriers that fit neither are not what is assumed of them, so they are no evidence. To fit the sky is asked of
-        all kinds of signals of the same sets together, or, if some do not, of this one alone.
+        Carriers that fit neither break the model's assumptions, so they are no evidence. All kinds of signals of the
+        same sets must fit the sky together, or, if some do not, this one alone.
         """
         same = [p for p in self.pairings if p.sets == pairing.sets and p.fractions]
         for together in (same, [pairing]):
@@ -159,16 +164,17 @@ class Window:
         return None
 
     def _sky_by_carriers(self, pairings: Sequence[Pairing]) -> CarrierTest | None:
-        """Test of "the sky over antennas that stand as known" by carriers; None where these do not tell."""
+        """Test "the sky over antennas that stand as known" by carriers; None if these cannot tell."""
         key = tuple(id(pairing) for pairing in pairings)
         if key not in self._of_sky:
             geometry = self.settings.geometry(pairings[0].receivers) if pairings else None
-            self._of_sky[key] = None if geometry is None else sky_by_carriers(pairings, geometry)
+            self._of_sky[key] = None if geometry is None else evaluate_sky_by_carriers(pairings, geometry)
         return self._of_sky[key]
 
     def judge_carriers(self, pairing: Pairing) -> str:
-        """Return why the carriers of a pairing do not tell: "missing", "coarse" or "misfit"; "unused" where it is not
-        known how antennas stand."""
+        """Return why the carriers of a pairing cannot tell: "missing", "coarse" or "misfit".
+
+        It is "unused" if the antenna geometry is unknown."""
         phases = pairing.ranges.phases
         single = pairing.ranges.kinds.max(initial=0) == 0 and (phases is None or phases.whole_cycles.all())
         if self.settings.geometry(pairing.receivers) is None or not single:
@@ -179,16 +185,16 @@ class Window:
         return "coarse" if sky is None or sky.p_value >= self.settings.accept_probability else "misfit"
 
     def p_possible(self, pairing: Pairing) -> float:
-        """Of "antennas no farther apart than they may be"."""
+        """Return the p-value of "antennas no farther apart than they may be"."""
         return pairing.at_most_p_value(self.settings.max_separation_m)
 
     def is_apart(self, pairing: Pairing) -> bool:
-        """Whether the signals show the antennas as far apart as they are stated to be at least."""
+        """Tell if the signals show the antennas at least as far apart as stated."""
         limit_m, alpha = self.settings.antenna_separation_m, self.settings.false_alarm_probability
         return limit_m > 0.0 and pairing.at_most_p_value(limit_m) < alpha
 
     def p_of_echoes(self, receivers: Collection[str], pairing: Pairing) -> float:
-        """That echoes in place of blocked signals make such a set at a wrong place, in any of these receivers."""
+        """Return the probability that echoes in place of blocked signals make such a set, in any of these receivers."""
         settings = self.settings
         observed = {o.receiver: o for o in self.records.observations}
         return sum(
@@ -203,7 +209,7 @@ class Window:
         )
 
     def p_not_sky(self, pairing: Pairing, geometry: AntennaGeometry | None) -> float:
-        """Of "the sky over these antennas"; 1 where nothing is known of them."""
+        """Return the p-value of "the sky over these antennas"; 1 if nothing is known of them."""
         if geometry is not None:
             return self._not_sky(pairing, geometry)
         limit_m = self.settings.antenna_separation_m
@@ -214,9 +220,13 @@ class Window:
         return {"limit_m": self.settings.antenna_separation_m} if geometry is None else geometry.data
 
     def _not_sky(self, pairing: Pairing, geometry: AntennaGeometry) -> float:
-        """Of "the sky" by code, and by carriers where they fit one antenna: the smaller one, for two tests."""
-        p_code, one, sky = pairing.survival(geometry), pairing.one_antenna_carriers, self._sky_by_carriers([pairing])
-        if one is None or sky is None or one.p_value < self.settings.accept_probability:
+        """Return the p-value of "the sky" by code, and by carriers if they fit one antenna: the smaller of two."""
+        p_code, carriers, sky = (
+            pairing.survival(geometry),
+            pairing.one_antenna_carriers,
+            self._sky_by_carriers([pairing]),
+        )
+        if carriers is None or sky is None or carriers.p_value < self.settings.accept_probability:
             return p_code
         return min(1.0, 2.0 * min(p_code, sky.p_value))
 
@@ -231,13 +241,13 @@ class Window:
         baselines: tuple[Baseline, ...] = (),
         statement: StatementTest | None = None,
     ) -> Finding:
-        """Return that a pairing is of the sky, and keep it. p_value : of "one antenna". assumes : codes."""
+        """Return that a pairing comes from the sky, and keep it. p_value : of "one antenna". assumes : codes."""
         self.skies.append(pairing)
         share = self.settings.false_alarm_probability / self.tests
         by, statistic, threshold = "code", float(pairing.one_antenna.statistic), pairing.threshold(share)
         if statistic <= threshold and (carriers := self.not_one_by_carriers(pairing)) is not None:
             by, statistic, threshold = "carriers", float(carriers.statistic), carriers.threshold(0.5 * share)
-        shown: dict[str, Datum] = {
+        state_data: dict[str, Datum] = {
             "by": by,
             "scatter_m": float(pairing.scatter_m),
             "statistic": statistic,
@@ -250,7 +260,7 @@ class Window:
             code,
             {Cause.FALSE_SKY: p_value},
             hypothesis=Hypothesis.ONE_ANTENNA,
-            data={**describe_pairing(pairing), **shown, **(data or {})},
+            data={**describe_pairing(pairing), **state_data, **(data or {})},
             estimates=collect_estimates(baselines, statement),
         )
 
@@ -281,14 +291,14 @@ class Window:
         return tuple(SignalRef(s.receiver, signal) for sets in self.sets.values() for s in sets for signal in s.signals)
 
 
-def _sets_to_decide(records: Records) -> dict[str, list[ConsistentSet]]:
-    """Sets by receiver, receivers in the order of the observations.
+def _select_sets(records: Records) -> dict[str, list[ConsistentSet]]:
+    """Select the sets by receiver, receivers in the order of the observations.
 
-    Where two receivers or more show several skies, those that show one only are left out: with which of the skies it
-    belongs is not theirs to decide, and they would hide that the others' pairings are complete.
+    If two receivers or more show several skies, those that show one only are left out. They cannot decide which of the
+    skies theirs is, and they would hide that the others' pairings are complete.
     """
     by_receiver = {
-        o.receiver: without_late_copies(o, [s for s in records.sets if s.receiver == o.receiver])
+        o.receiver: remove_late_copies(o, [s for s in records.sets if s.receiver == o.receiver])
         for o in records.observations
     }
     by_receiver = {receiver: sets for receiver, sets in by_receiver.items() if sets}
@@ -303,7 +313,7 @@ def collect_estimates(baselines: tuple[Baseline, ...], statement: StatementTest 
 
 
 def describe_pairing(pairing: Pairing) -> dict[str, Datum]:
-    """Return how many satellites, of which kinds of signals and in which receivers a pairing has."""
+    """Return a pairing's number of satellites, its kinds of signals and its receivers."""
     return {
         "satellites": len(set(pairing.ranges.sats)),
         "kinds": tuple(" ".join(kind) for kind in sorted(pairing.kinds)),

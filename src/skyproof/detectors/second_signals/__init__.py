@@ -1,1 +1,1 @@
-"""More signals of a satellite than an echo explains."""
+"""Find more signals of a satellite than an echo explains."""

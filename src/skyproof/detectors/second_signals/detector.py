@@ -1,4 +1,4 @@
-"""Satellites with second signals that echoes do not explain: an attack that does not hide the true signals.
+"""Find satellites with second signals that echoes do not explain: an attack that does not hide the true signals.
 
 Signals of one transmission are compared (satellite, band, code): what a satellite sends on two bands are no two signals
 of it. A satellite counts once, by its most telling second signal: one reflector makes all of them.
@@ -6,9 +6,9 @@ of it. A satellite counts once, by its most telling second signal: one reflector
 A second signal must be clearly apart in delay or Doppler, which near echoes are not, and not much weaker, which the
 side lobes of a strong satellite's code are. Of two signals the earlier is taken for the direct one, as an echo is
 late. How rarely an echo is like the other one is the satellite's p-value (`echoes`): how late, how strong over the
-direct one, how strong that is among the others, how fast. That more of these are small than chance explains is tested
-over all satellites, however many they are (`statistics.many_small`); two at least, for a reflector that no model
-describes may reach one.
+direct one, how strong that is among the others, how fast. A test over all satellites, however many, finds if more of
+these are small than chance explains (`statistics.many_small`). It takes two at least, for a reflector outside the model
+may reach one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -80,7 +80,7 @@ class SecondSignalsSettings:
 
     @property
     def echoes(self) -> EchoModel:
-        """How reflections make second signals that are looked at."""
+        """Return the model of how reflections make second signals that are tested."""
         return EchoModel(
             echoes_per_satellite=self.echoes_per_satellite,
             unexplained_probability=self.unexplained_probability,
@@ -91,8 +91,9 @@ class SecondSignalsSettings:
 
 @dataclass(frozen=True)
 class FoundSecondSignals:
-    """Satellites of one receiver and window: all with a credible signal, those with a second one, and those of which it
-    is not known, because the time of week, and with it the delay, is not known yet.
+    """Satellites of one receiver and window: all with a credible signal, those with a second one, and undecided ones.
+
+    A satellite is undecided while its time of week, and with it the delay, is unknown.
 
     seconds : of each of the doubled, its second signals beside the one that is taken for the direct one.
     repeated : signals later and weaker than the strongest of their transmission, by a delay that several satellites
@@ -108,22 +109,25 @@ class FoundSecondSignals:
 
     @property
     def doubled(self) -> tuple[str, ...]:
-        """The satellites with a second signal."""
+        """Return the satellites with a second signal."""
         return tuple(self.seconds)
 
 
 def find_second_signals(observations: Observations, settings: SecondSignalsSettings) -> FoundSecondSignals:
-    """Look for second signals in one receiver's window."""
+    """Find second signals in one receiver's window."""
     cn0_dbhz = observations.cn0_dbhz
-    there = np.isfinite(cn0_dbhz).sum(axis=0) >= settings.min_epochs
+    received = np.isfinite(cn0_dbhz).sum(axis=0) >= settings.min_epochs
     level_dbhz = np.full(len(observations.signals), -np.inf)
-    level_dbhz[there] = np.nanmedian(cn0_dbhz[:, there], axis=0)
+    level_dbhz[received] = np.nanmedian(cn0_dbhz[:, received], axis=0)
     sent: dict[Transmission, list[int]] = {}
     for channel in np.flatnonzero(level_dbhz >= settings.min_cn0_dbhz):
         sent.setdefault(observations.signals[channel].transmission, []).append(int(channel))
-    ordered = {name: _in_order(observations, channels, level_dbhz, settings) for name, channels in sent.items()}
+    ordered = {name: _order_channels(observations, channels, level_dbhz, settings) for name, channels in sent.items()}
     best_dbhz = max((level_dbhz[channels[0]] for channels in ordered.values()), default=np.nan)
-    beside = {name: _beside(observations, own, level_dbhz, best_dbhz, settings) for name, own in ordered.items()}
+    beside = {
+        name: _compare_channels(observations, columns, level_dbhz, best_dbhz, settings)
+        for name, columns in ordered.items()
+    }
     twice = sorted(name for name, (seconds, _) in beside.items() if seconds)
     repeated, by_chance = _find_repeated(observations, {name: sent[name] for name in twice}, level_dbhz, settings)
     doubled = sorted(set(twice) - {signal.transmission for signal in repeated})
@@ -143,11 +147,11 @@ def _find_repeated(
     level_dbhz: Reals,
     settings: SecondSignalsSettings,
 ) -> tuple[tuple[SignalId, ...], float]:
-    """Find second signals of transmissions with two, later and weaker, whose delays agree: a late copy of the whole
-    sky; and the chance that echoes do so.
+    """Find second signals, later and weaker, whose delays agree: a late copy of the whole sky.
 
-    That k of n delays, anywhere up to `most_late_m`, lie within a width has a chance of at most C(n, k) k times the
-    (k - 1)th power of the width's share of that (of k places one is the first, and the others follow it).
+    Also returned is the chance that echoes do so. Let k of n delays, anywhere up to `most_late_m`, lie within a width.
+    The chance is at most C(n, k) k times the (k - 1)th power of the width's share of that range: of k places one is the
+    first, and the others follow it.
     """
     late: dict[int, tuple[float, float]] = {}
     for channels in doubled.values():
@@ -179,11 +183,13 @@ def _find_repeated(
     )
 
 
-def _in_order(
+def _order_channels(
     observations: Observations, channels: list[int], level_dbhz: Reals, settings: SecondSignalsSettings
 ) -> list[int]:
-    """A transmission's channels that are not much weaker than its strongest: the earliest first, or the strongest where
-    that is not known."""
+    """Order a transmission's channels that are not much weaker than its strongest, the earliest first.
+
+    If the delays are unknown, the strongest is first.
+    """
     strong = sorted(
         (c for c in channels if level_dbhz[c] >= level_dbhz[channels].max() - settings.max_weaker_db),
         key=lambda c: -level_dbhz[c],
@@ -194,18 +200,18 @@ def _in_order(
     return [strong[k] for k in np.argsort([0.0, *late_m[1:]], kind="stable")]
 
 
-def _beside(
+def _compare_channels(
     observations: Observations,
     channels: list[int],
     level_dbhz: Reals,
     best_dbhz: float,
     settings: SecondSignalsSettings,
 ) -> tuple[list[Second], bool]:
-    """What a transmission's channels are beside the first one, if clearly apart; and whether all delays are known."""
-    direct, *others = channels
+    """Compare a transmission's channels with the first one; return those clearly apart, and if all delays are known."""
+    direct, *other_channels = channels
     chip_m = observations.signals[direct].plan.chip_m
     found, known = [], True
-    for other in others:
+    for other in other_channels:
         late_m = _median_difference(observations.pseudorange_m, other, direct, settings.min_epochs)
         apart_hz = _median_difference(observations.doppler_hz, other, direct, settings.min_epochs)
         late = abs(late_m) > settings.min_separation_chips * chip_m
@@ -217,15 +223,15 @@ def _beside(
     return found, known or bool(found)
 
 
-def _median_difference(values: Reals, one: int, other: int, min_epochs: int) -> float:
-    """Within one receiver both have the same clock, so it does not matter."""
-    difference = values[:, one] - values[:, other]
+def _median_difference(values: Reals, first: int, other: int, min_epochs: int) -> float:
+    """Return the median difference of two channels; they share the receiver's clock, so it cancels."""
+    difference = values[:, first] - values[:, other]
     known = difference[np.isfinite(difference)]
     return float(np.median(known)) if known.size >= min_epochs else np.nan
 
 
 def elevation_rad(navigation: NavigationData | None, sets: Sequence[ConsistentSet], sat: str) -> float:
-    """Of a satellite, where the first of a receiver's sets puts it; NaN where nothing does."""
+    """Return a satellite's elevation at the position of the receiver's first set; NaN if that is unknown."""
     orbit = navigation.best(sat, sets[0].gpst) if navigation is not None and sets else None
     if orbit is None:
         return float("nan")

@@ -1,20 +1,20 @@
-"""How reflections make second signals of a satellite, and how rarely one is like a given second signal.
+"""Model how reflections make second signals of a satellite, and how rarely one is like a given second signal.
 
 The model is that of dense urban canyons, the worst that is measured:
 
-- an echo is late by a gamma law whose scale falls with the satellite's elevation, and weaker by 12.35 dB and 0.0016 dB
-  per metre in the mean (X. Chen, D. He, L. Pei, Satellite Navigation 1:26, 2020, doi 10.1186/s43020-020-00027-7, table
-  1);
+- an echo is late by a gamma law whose scale falls with the satellite's elevation. It is weaker by 12.35 dB and 0.0016
+dB
+  per metre in the mean. Source: X. Chen, D. He, L. Pei, Satellite Navigation 1:26, 2020, doi
+  10.1186/s43020-020-00027-7, table 1;
 - its Doppler is that of reflectors at up to 50 m/s, or of an antenna that moves so.
 
-Assumed here, on the careful side, and by no source that could be looked up for it (A. Jahn, H. Bischl, G. Heiss,
-ISSSTA 1996, and E. Lutz and others, IEEE Trans. Veh. Technol. 40(2), 1991, doi 10.1109/25.289418, measured such
-channels; their tables are not quoted here):
+Assumed here, on the careful side, without a source. Such channels were measured by A. Jahn, H. Bischl, G. Heiss, ISSSTA
+1996, and E. Lutz and others, IEEE Trans. Veh. Technol. 40(2), 1991, doi 10.1109/25.289418. Their tables are not quoted:
 
 - about the mean an echo's power is exponential, a Rayleigh amplitude, and one in a hundred comes from far, up to 15 us
   late;
-- the direct signal is blocked in 60 % of the time, by about 12 dB with a sigma of 4 dB, but by no more than it lies
-  below the receiver's strongest direct signal, and some dB for antenna gains;
+- the direct signal is blocked 60 % of the time, by about 12 dB with a sigma of 4 dB. It is blocked by no more than it
+  lies below the receiver's strongest direct signal, and some dB for antenna gains;
 - a tenth of the echoes come from faces of metal or glass, any level down to 12 dB below the unblocked direct signal
   being as likely;
 - one satellite in a thousand has a second signal that no echo explains.
@@ -85,9 +85,11 @@ class Second(NamedTuple):
 
 
 def false_over_echo(model: EchoModel, second: Second) -> float:
-    """Likelihood ratio of "false" over "an echo, or what no echo explains", the latter with its probability.
+    """Compute the likelihood ratio of "false" over "an echo, or what no echo explains".
 
-    At most the inverse of `EchoModel.unexplained_probability`. Without a delay the Doppler alone speaks.
+    The latter has its stated probability.
+
+    It is at most the inverse of `EchoModel.unexplained_probability`. Without a delay the Doppler alone counts.
     """
     kind = int(np.searchsorted(POLICY.doppler_edges_hz, abs(second.apart_hz))) if np.isfinite(second.apart_hz) else 0
     over = np.array([second.over_db])
@@ -104,9 +106,12 @@ def false_over_echo(model: EchoModel, second: Second) -> float:
 
 
 def echo_p_value(model: EchoModel, ratio: float, second: Second) -> float:
-    """P(a satellite of this direct signal and elevation has a second signal of this `false_over_echo` or more)."""
+    """Compute the probability that a satellite of this direct signal and elevation has so false a second signal.
+
+    That is one with this ratio of `false_over_echo` or more.
+    """
     below_db = int(np.ceil(np.clip(second.below_db, 0.0, POLICY.headroom_db)))
-    ratios, survival = _law(model, second.chip_m, below_db, _elevation_class(second.elevation_rad))
+    ratios, survival = _tabulate_law(model, second.chip_m, below_db, _elevation_class(second.elevation_rad))
     place = int(np.searchsorted(ratios, ratio * (1.0 - 1e-9)))
     return float(survival[max(place - 1, 0)])  # of the cell that it lies in
 
@@ -115,7 +120,7 @@ def echo_p_value(model: EchoModel, ratio: float, second: Second) -> float:
 
 
 def _ratio(model: EchoModel, echo: Reals, false: Reals, doppler: int) -> Reals:
-    """Of densities (n, m) over delay and level, with the Doppler of this class."""
+    """Compute the ratio of densities (n, m) over delay and level, with the Doppler of this class."""
     of_false = false * POLICY.false_doppler_shares[doppler]
     of_echo = (
         model.echoes_per_satellite * echo * POLICY.echo_doppler_shares[doppler]
@@ -130,8 +135,8 @@ def _elevation_class(elevation_rad: float) -> int:
     return int(np.clip(np.degrees(elevation_rad) // POLICY.elevation_class_deg, 0, len(POLICY.delay_shapes) - 1))
 
 
-def _of_delay(model: EchoModel, late_m: Reals, elevation: int) -> Reals:
-    """Density of an echo's delay, per metre; 0 of early ones."""
+def _delay_density(model: EchoModel, late_m: Reals, elevation: int) -> Reals:
+    """Compute the density of an echo's delay, per metre; 0 of early ones."""
     shape, scale_m = POLICY.delay_shapes[elevation], POLICY.delay_scales_m[elevation]
     x = np.maximum(late_m, 1e-9) / scale_m
     near = np.exp((shape - 1.0) * np.log(x) - x - special.gammaln(shape)) / scale_m
@@ -139,8 +144,8 @@ def _of_delay(model: EchoModel, late_m: Reals, elevation: int) -> Reals:
     return np.where(late_m > 0.0, (1.0 - model.far_share) * near + model.far_share * far, 0.0)
 
 
-def _of_level(model: EchoModel, over_db: Reals, late_m: Reals, below_db: float) -> Reals:
-    """(n, m) density of an echo's level over the direct signal, per dB, at each delay."""
+def _level_density(model: EchoModel, over_db: Reals, late_m: Reals, below_db: float) -> Reals:
+    """Compute the density (n, m) of an echo's level over the direct signal, per dB, at each delay."""
     blocked = np.exp(-0.5 * ((_BLOCKED_DB - model.blocked_db) / model.blocked_sigma_db) ** 2)
     blocked *= model.blocked_share / blocked.sum()
     reach_db = np.inf if below_db >= POLICY.headroom_db else max(below_db, 0.0) + model.gain_db
@@ -157,11 +162,11 @@ def _of_level(model: EchoModel, over_db: Reals, late_m: Reals, below_db: float) 
 
 
 def _echo_density(model: EchoModel, late_m: Reals, over_db: Reals, below_db: float, elevation: int) -> Reals:
-    """(n, m) over delay and level."""
-    late = _of_delay(model, late_m, elevation)[:, None] * _of_level(model, over_db, np.abs(late_m), below_db)
+    """Compute the density (n, m) of an echo over delay and level."""
+    late = _delay_density(model, late_m, elevation)[:, None] * _level_density(model, over_db, np.abs(late_m), below_db)
     if model.early_share == 0.0:
         return late
-    turned = _of_delay(model, -late_m, elevation)[:, None] * _of_level(
+    turned = _delay_density(model, -late_m, elevation)[:, None] * _level_density(
         model, -over_db, np.abs(late_m), POLICY.headroom_db
     )
     return np.asarray((1.0 - model.early_share) * late + model.early_share * turned)
@@ -182,8 +187,11 @@ def _false_level(over_db: Reals) -> Reals:
 
 
 @lru_cache(maxsize=512)
-def _law(model: EchoModel, chip_m: float, below_db: int, elevation: int) -> tuple[Reals, Reals]:
-    """Likelihood ratios of cells of delay, level and Doppler, ascending, and the chance of each or a larger one."""
+def _tabulate_law(model: EchoModel, chip_m: float, below_db: int, elevation: int) -> tuple[Reals, Reals]:
+    """Tabulate likelihood ratios of cells of delay, level and Doppler, ascending.
+
+    Also returned is the chance of each ratio or a larger one.
+    """
     edges_m = np.geomspace(model.least_delay_chips * chip_m, POLICY.false_anywhere_m, 121)
     late_m, width_m = np.sqrt(edges_m[1:] * edges_m[:-1]), np.diff(edges_m)
     if model.early_share > 0.0:

@@ -1,9 +1,9 @@
-"""Late copies of a whole sky: a repeater, or a reflector far from all satellites' paths alike.
+"""Find late copies of a whole sky: a repeater, or a reflector far from all satellites' paths alike.
 
 A delay that is common to all satellites is a shift of the receiver's clock; it shows the same place. So a set of
 signals that shows the place of another, later and weaker, attacks no position: it is named for what it is, and the
 earlier set stands for both. Both are compared in the kinds of signals that they share: clocks and strengths of
-different kinds say nothing of each other.
+different kinds cannot be compared.
 """
 
 from collections.abc import Sequence
@@ -16,16 +16,16 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.records import ConsistentSet, Observations
 from skyproof.statistics.distributions import chi_square_threshold
 
-__all__ = ["is_late_copy", "without_late_copies"]
+__all__ = ["is_late_copy", "remove_late_copies"]
 
 
-def without_late_copies(observations: Observations, sets: Sequence[ConsistentSet]) -> list[ConsistentSet]:
-    """The sets of one receiver that are no late copies of another one of them."""
+def remove_late_copies(observations: Observations, sets: Sequence[ConsistentSet]) -> list[ConsistentSet]:
+    """Remove a receiver's sets that are late copies of another one of them."""
     return [s for s in sets if not any(is_late_copy(s, other, observations) for other in sets)]
 
 
 def is_late_copy(late: ConsistentSet, early: ConsistentSet, observations: Observations) -> bool:
-    """Whether a set shows the same place as another one of its receiver, later and by weaker signals."""
+    """Tell if a set shows the same place as another one of its receiver, later and by weaker signals."""
     kinds = {s.kind for s in late.signals} & {s.kind for s in early.signals}
     if late is early or not kinds:
         return False
@@ -43,9 +43,9 @@ def is_late_copy(late: ConsistentSet, early: ConsistentSet, observations: Observ
 
 
 def _level_dbhz(chosen: ConsistentSet, kind: tuple[str, str, str], observations: Observations) -> float:
-    """Median C/N0 of a set's signals of a kind."""
-    own = [signal for signal in chosen.signals if signal.kind == kind and signal in observations.signals]
-    columns = [observations.signals.index(signal) for signal in own]
+    """Return the median C/N0 of a set's signals of a kind."""
+    of_kind = [signal for signal in chosen.signals if signal.kind == kind and signal in observations.signals]
+    columns = [observations.signals.index(signal) for signal in of_kind]
     values: Reals = observations.cn0_dbhz[:, columns]
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else -np.inf

@@ -13,12 +13,12 @@ class SecondSignalsPolicy:
     """Numbers by which the test for second signals decides, each with its reason."""
 
     late_copy_hz: float = number(
-        10.0, "Hz", "Assumed: the carrier of a late copy differs by no more: it is not sent anew."
+        10.0, "Hz", "Assumed: the carrier of a late copy differs by no more: it is not generated again."
     )
     same_delay_sigmas: float = number(
         4.0,
         "sigma",
-        "Normal errors exceed it once in 16 000: nearer to the median, delays are of one late copy of the sky.",
+        "Normal errors exceed it once in 16 000: nearer to the median, delays belong to one late copy of the sky.",
     )
     delays_agree_probability: float = number(
         0.05, "1", "Chosen: where so many delays of echoes agree by chance more often, they show no late copy."
@@ -36,9 +36,7 @@ class SecondSignalsPolicy:
     same_place_probability: float = number(
         1e-3, "1", "Chosen: a late copy is missed so rarely for its place, which differs by the errors of both."
     )
-    sets_fit_probability: float = number(
-        1e-4, "1", "Chosen: a set of signals that are of one position is missed so rarely."
-    )
+    sets_fit_probability: float = number(1e-4, "1", "Chosen: a set of signals from one position is missed so rarely.")
     elevation_class_deg: float = number(
         15.0,
         "deg",

@@ -1,1 +1,1 @@
-"""Whether the signals of a snapshot stay what they are."""
+"""Test if the signals of a snapshot stay constant."""

@@ -1,4 +1,4 @@
-"""Do the signals of a recording of some milliseconds stay what they are throughout?
+"""Test if the signals of a recording of some milliseconds stay constant throughout.
 
 The receiver holds the parts of each signal against each other as it sums them up (`receiver.snapshot_changes`): one
 that begins, ends or turns to another direction is a change, which noise makes with a stated probability. A true sky
@@ -42,7 +42,7 @@ class Snapshots:
             return lacking, state
         if not records.changes:
             return [report.pass_over(signals_of(records.observations), NotTested("long"))], state
-        return [_find(report, name, one) for name, one in records.changes.items()], state
+        return [_find(report, name, changes) for name, changes in records.changes.items()], state
 
 
 def _find(report: Reporter, receiver: str, found: SnapshotChanges) -> Finding:

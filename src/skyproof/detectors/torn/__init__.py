@@ -1,1 +1,1 @@
-"""A receiver that is torn between signals: single codes that no orbit explains, of more satellites than can fail."""
+"""Detect a receiver torn between signals: single codes that no orbit explains, of more satellites than can fail."""

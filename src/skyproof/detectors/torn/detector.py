@@ -1,16 +1,16 @@
-"""Are there codes that no orbit explains, of more satellites than fail at once, or satellites that change places?
+"""Find codes that no orbit explains, of more satellites than fail at once, or satellites that change places.
 
 A receiver that true and false signals pull about writes fragments: a code whole milliseconds off, negative ranges,
 ranges of another satellite, for an epoch or two, of other satellites each time. A position filter leaves them out one
 by one. Here they are counted together. So are satellites that take each other's place from epoch to epoch, whatever
 their codes are (`exchange`). The smaller of the two p-values, doubled, is the test's.
 
-Model. A code that is off from where its satellite stands by more than a reflection can make it, seen from the last good
-fix of the others and with the receiver's clock of then, is a stray; so is one that no receiver measures. A satellite or
-its channel has strays in a window with the probability of a fault, independently of others. The number of satellites
-with strays is binomial; the chance of so many is the p-value. How far the antenna and the clock may have gone since
-the last good fix is taken off: no farther than the largest speed leads, nor than the largest acceleration leads from
-where the last velocity does.
+Model. The last good fix of the others, with the receiver's clock at that time, predicts each code. A code that is off
+by more than a reflection explains is a stray; so is one that no receiver measures. A satellite or its channel has
+strays in a window with the probability of a fault, independently of others. The number of satellites with strays is
+binomial; the chance of so many is the p-value. The distance that the antenna and the clock may have gone since the last
+good fix is subtracted: no farther than the largest speed leads, nor than the largest acceleration leads from where the
+last velocity does.
 """
 
 from dataclasses import dataclass, replace
@@ -142,7 +142,7 @@ class Torn:
         signals = select_primary_signals(o)
         strays, anchor = (None, before.anchor)
         if signals is not None:
-            strays, anchor = self._strays_of(o, navigation, signals, before.anchor)
+            strays, anchor = self._find_stray_satellites(o, navigation, signals, before.anchor)
         past = _Past(end_s=float(o.elapsed_s[-1]), anchor=anchor, exchange=after)
         tests = [test.p_value for test in (strays, exchange) if test is not None]
         p_value = min(1.0, len(tests) * min(tests)) if tests else 1.0
@@ -151,16 +151,16 @@ class Torn:
         why = NotTested("received_twice") if signals is None else NotTested("no_good_fix")
         return report.pass_over(list_refs(o.receiver, o.signals), why), past
 
-    def _strays_of(
+    def _find_stray_satellites(
         self, o: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], before: _Anchor | None
     ) -> tuple[_Strays | None, _Anchor | None]:
-        """Return the satellites with stray codes, None where no fix tells, and the last good fix."""
-        anchors = self._anchors(o, navigation, signals, before)
+        """Return the satellites with stray codes, None without a fix, and the last good fix."""
+        anchors = self._find_anchors(o, navigation, signals, before)
         columns = [o.column_of[signal] for signal in signals]
         impossible = np.asarray(o.status[:, columns] == CellStatus.IMPOSSIBLE)
         stray = impossible.copy()
         if any(anchor is not None for anchor in anchors):
-            stray |= self._strays(o, navigation, signals, anchors)
+            stray |= self._find_strays(o, navigation, signals, anchors)
         elif not stray.any():
             return None, before
         n = int((o.measured[:, columns] | impossible).any(axis=0).sum())
@@ -169,7 +169,7 @@ class Torn:
         since = o.gpst[int(stray.any(axis=1).argmax())]
         return _Strays(torn, n, p_value, since), anchors[-1] or before
 
-    def _anchors(
+    def _find_anchors(
         self, o: Observations, navigation: NavigationData, signals: tuple[SignalId, ...], before: _Anchor | None
     ) -> list[_Anchor | None]:
         """Return for each epoch the last good fix up to it, or where there is none the first one after it."""
@@ -206,12 +206,12 @@ class Torn:
                     motion_m_s=np.append(fix.velocity_ecef_m_s[row], SPEED_OF_LIGHT_M_S * fix.clock_drift[row]),
                     motion_sigma_m_s=0.0,
                 )
-                last = found if np.isfinite(found.motion_m_s).all() else _moved(found, last, self.settings)
+                last = found if np.isfinite(found.motion_m_s).all() else _add_velocity(found, last, self.settings)
             anchors[row] = last
         first = next((anchor for anchor in anchors if anchor is not None), None)
         return [anchor or first for anchor in anchors]
 
-    def _strays(
+    def _find_strays(
         self,
         o: Observations,
         navigation: NavigationData,
@@ -267,7 +267,7 @@ class Torn:
         )
 
 
-def _moved(found: _Anchor, last: _Anchor | None, settings: TornSettings) -> _Anchor:
+def _add_velocity(found: _Anchor, last: _Anchor | None, settings: TornSettings) -> _Anchor:
     """Return a fix without a velocity with that since the last one."""
     apart_s = found.elapsed_s - last.elapsed_s if last is not None else 0.0
     scales = found.clock_m.keys() & last.clock_m.keys() if last is not None else set[str]()

@@ -1,14 +1,14 @@
-"""Satellites that take each other's place from epoch to epoch: their count, and its law.
+"""Count satellites that take each other's place from epoch to epoch, with the law of that count.
 
-A receiver that two skies pull about tracks a few satellites at an epoch and others at the next, at full strength. Where
-shade or interference takes satellites away they go and come back by ones, or together: at an epoch many are lost, or
-many are found again, and seldom both. The exchange of an epoch is the smaller of the two numbers. A whole system that
-is there at one epoch and not at the next is left out: some receivers and files write systems by turns.
+A receiver that two skies pull about tracks a few satellites at an epoch and others at the next, at full strength. Shade
+or interference removes and returns satellites singly, or together: at an epoch many are lost, or many are found again,
+and rarely both. The exchange of an epoch is the smaller of the two numbers. A whole system that is there at one epoch
+and not at the next is left out: some receivers and files write systems by turns.
 
 **Law.** From an epoch to the next each tracked satellite is lost with probability `rate` or less, independently or
 together with others. What is lost together comes back together, at another epoch. So the exchange is stochastically no
 larger than a binomial of the tracked satellites at that rate, whatever was before. Against the rate doubled the
-likelihood ratio of such a binomial has a mean of 1 or less, and so has the product from any epoch on: the chance that
+likelihood ratio of such a binomial has a mean of 1 or less, and so has the product from any epoch on. The chance that
 it ever exceeds x is 1/x or less (Ville's inequality). The sum that Page's rule keeps is the logarithm of the largest
 product over all beginnings; with k beginnings the chance of a sum s is k exp(-s) or less (union bound; the mean time
 between false alarms: G. Lorden, Annals of Mathematical Statistics 42(6), 1971, theorem 2).
@@ -25,7 +25,7 @@ from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.detectors.torn.policy import POLICY
 from skyproof.records import CellStatus, Observations
 
-__all__ = ["Exchange", "ExchangePast", "examine_exchange", "exchange_counts"]
+__all__ = ["Exchange", "ExchangePast", "count_exchanges", "examine_exchange"]
 
 _NEVER: Final = np.datetime64("NaT", "ns")
 
@@ -51,8 +51,10 @@ class ExchangePast:
     @property
     def rate(self) -> float:
         """Return the largest rate at which satellites are exchanged without an attack."""
-        own = (POLICY.most_exchanged_share * POLICY.prior_cells + self.exchanged) / (POLICY.prior_cells + self.cells)
-        return max(POLICY.most_exchanged_share, own)
+        past_rate = (POLICY.most_exchanged_share * POLICY.prior_cells + self.exchanged) / (
+            POLICY.prior_cells + self.cells
+        )
+        return max(POLICY.most_exchanged_share, past_rate)
 
 
 class Exchange(NamedTuple):
@@ -65,7 +67,7 @@ class Exchange(NamedTuple):
     began: np.datetime64
 
 
-def exchange_counts(tracked: Booleans, strong: Booleans, known: Booleans, system: Indices) -> tuple[Reals, Reals]:
+def count_exchanges(tracked: Booleans, strong: Booleans, known: Booleans, system: Indices) -> tuple[Reals, Reals]:
     """Count what is exchanged between epochs and out of how many, two arrays (n_epochs - 1,).
 
     tracked, strong : (n_epochs, n_satellites). known, system : (n_satellites,) tracked before the first of these
@@ -87,7 +89,7 @@ def exchange_counts(tracked: Booleans, strong: Booleans, known: Booleans, system
 def examine_exchange(o: Observations, past: ExchangePast) -> tuple[Exchange | None, ExchangePast]:
     """Return what a window shows after what came before, None where no two epochs follow each other; and the past."""
     sats = sorted({signal.sat for signal in o.signals} | past.known)
-    tracked, strong = _satellites(o, sats)
+    tracked, strong = _track_satellites(o, sats)
     elapsed_s, gpst = o.elapsed_s, o.gpst
     if past.end_s < elapsed_s[0]:
         first = np.array([[sat in part for sat in sats] for part in (past.tracked, past.strong)], np.bool_)
@@ -99,7 +101,7 @@ def examine_exchange(o: Observations, past: ExchangePast) -> tuple[Exchange | No
     if not sats:
         return None, replace(past, end_s=float(o.elapsed_s[-1]))
     system = np.unique([sat[0] for sat in sats], return_inverse=True)[1]
-    exchanged, cells = exchange_counts(tracked, strong, known, system)
+    exchanged, cells = count_exchanges(tracked, strong, known, system)
     apart_s = np.diff(elapsed_s)
     follows = apart_s < POLICY.long_intervals * np.median(apart_s[-max(o.gpst.size - 1, 1) :])
     exchanged, cells = np.where(follows, exchanged, 0.0), np.where(follows, cells, 0.0)
@@ -137,7 +139,7 @@ def examine_exchange(o: Observations, past: ExchangePast) -> tuple[Exchange | No
     return Exchange(p_value, int(total), int(of), tuple(np.array(sats)[changes].tolist()), found), after
 
 
-def _satellites(o: Observations, sats: list[str]) -> tuple[Booleans, Booleans]:
+def _track_satellites(o: Observations, sats: list[str]) -> tuple[Booleans, Booleans]:
     """Return which satellites have a range at each epoch, and which of them are not weak: (n_epochs, n_satellites)."""
     ranged = np.isfinite(o.pseudorange_m) | (o.status == CellStatus.IMPOSSIBLE)
     enough = ranged & ~(o.cn0_dbhz < POLICY.weak_dbhz)
