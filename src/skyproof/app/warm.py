@@ -106,7 +106,7 @@ def _methods() -> None:
     rng = np.random.default_rng(1)
     for exhaustive in (True, False):
         find_passing_sets(hemisphere(9)[:6], rng.standard_normal((6, 2)), 1.0, exhaustive=exhaustive)
-    strapdown_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)
+    navigate_paths(np.array([6.4e6, 0.0, 0.0]), np.zeros(3), np.eye(3), np.ones((2, 3)), np.zeros((2, 3)), 0.01)
 
 
 _DO: Final[Mapping[str, Callable[[], None]]] = {

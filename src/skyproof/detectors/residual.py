@@ -279,7 +279,7 @@ def _list_far_off(
     if records.navigation is None or len(sets) != 1:
         return ()
     (chosen,) = sets
-    mean, measurements, usable = window_measurements(
+    mean, measurements, usable = measure_window(
         observations,
         records.navigation,
         multipath_sigma_m=settings.multipath_sigma_m,

@@ -115,7 +115,7 @@ def estimate_turn(
 
 def _subtract_ways(satellite_ecef_m: Reals, sent_m: Reals, place_m: Reals) -> tuple[Reals, Reals]:
     """Subtract ways from places (3, 3) from carriers (3, m), relative to the first epoch; also return unit vectors."""
-    _, unit, distance_m = line_of_sight(satellite_ecef_m, place_m)
+    _, unit, distance_m = compute_line_of_sight(satellite_ecef_m, place_m)
     left_m = sent_m - distance_m
     return left_m - left_m[0], unit
 

@@ -433,4 +433,4 @@ def _usual_interval_s(series: Series) -> float:
 
 def _quadratic(jump: Reals, covariance: Reals) -> Reals:
     """Compute the squared length (K,) of jumps (K, d) in the metric of their covariance."""
-    return np.asarray(np.einsum("...i,...ij,...j->...", jump, spd_inverse(covariance), jump))
+    return np.asarray(np.einsum("...i,...ij,...j->...", jump, invert_spd(covariance), jump))

@@ -302,7 +302,7 @@ def compute_directions(
 
     None if they give no position.
     """
-    mean, measurements, usable = window_measurements(
+    mean, measurements, usable = measure_window(
         observations,
         navigation,
         multipath_sigma_m=settings.multipath_sigma_m,

@@ -66,7 +66,7 @@ def find_two_skies(
         return None
     weight = np.exp(-0.5 * (cost - cost[best]))
     same = _is_same_pair(state, state[best], covariance, set_probability)
-    by_chance = float(chance_p_value(sigma_m, window_m=window_m, largest_statistic=statistic[best].max()))
+    by_chance = float(bound_chance_p_value(sigma_m, window_m=window_m, largest_statistic=statistic[best].max()))
     # Whatever set fits, what it leaves over was tried.
     doubt = float(weight[~same].sum() / weight.sum() + fitting.sum() * by_chance)
     if doubt > most_doubt:

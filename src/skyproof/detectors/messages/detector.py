@@ -257,7 +257,7 @@ def _find_below_horizon(records: Records, o: Observations) -> Iterator[tuple[str
         return
     place_m = max(sets, key=lambda s: len(s.signals)).position_ecef_m
     middle = o.read(o.gpst.size // 2, o.gpst.size // 2 + 1)
-    ranges = corrected_ranges(
+    ranges = correct_ranges(
         o.signals, middle.gpst, _fill_ranges(o, middle), records.navigation, with_unknown_delay=True
     )
     _, elevation_rad = azimuth_elevation(place_m, ranges.satellite_ecef_m[0])

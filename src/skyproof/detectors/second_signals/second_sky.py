@@ -52,7 +52,7 @@ def echoes_p_value(
             largest_m,
             window_m=unrelated_spread_m,
             largest_statistic=max(chosen.statistic, 1e-6) if single_kind else fits,
-            combinations=set_combinations(np.array(list(copies.values())), len(each_m)),
+            combinations=count_set_combinations(np.array(list(copies.values())), len(each_m)),
         )
     )
 
@@ -74,9 +74,9 @@ def second_sky_p_value(
     counts.
 
     Kinds that the largest has not (GPS shows one place, Galileo another) need no second signal. They belong to the same
-    sky unless the places are farther apart than errors explain (`skies.apart_p_value`). And few satellites with wrong
-    orbits, clocks or numbers, each by its own amount, fit one place by chance. Their delays spread at least as far as
-    its ranges are off at the other place (`_spread_m`).
+    sky unless the places are farther apart than errors explain (`skies.compute_apart_p_value`). And few satellites with
+    wrong orbits, clocks or numbers, each by its own amount, fit one place by chance. Their delays spread at least as
+    far as its ranges are off at the other place (`_spread_m`).
     """
     ordered = sorted(sets, key=lambda s: (-len(s.signals), s.statistic))
     if len(ordered) < 2:
@@ -122,7 +122,7 @@ def _chance_of_fit(
 
 def _p_value_of_same_place(first: ConsistentSet, other: ConsistentSet, sigma_m: float) -> float:
     covariance_m2 = first.covariance_m2 + other.covariance_m2
-    return apart_p_value(
+    return compute_apart_p_value(
         first.position_ecef_m - other.position_ecef_m,
         covariance_m2[:3, :3],
         SPEED_OF_LIGHT_M_S * (first.clock_bias_s - other.clock_bias_s),
