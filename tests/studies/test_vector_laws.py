@@ -406,46 +406,46 @@ def test_what_one_suspect_leaves_is_chi_square_if_it_is_the_right_one():
 
 def test_sets_that_explain_the_same_are_all_reported():
     y, white = vectors(SKY, attack_on(2, size=0.4), attack_on(2, size=200.0), 1, 22)
-    found = parity.explanations(y[0], white, 1e-3)
+    found = parity.find_explanations(y[0], white, 1e-3)
     assert [each.satellites for each in found] == [(0,)]
     quiet, white = vectors(SKY, NOBODY, NOBODY, 1, 23)
-    assert [each.satellites for each in parity.explanations(quiet[0], white, 1e-3)] == [()]
+    assert [each.satellites for each in parity.find_explanations(quiet[0], white, 1e-3)] == [()]
     # with six satellites every pair explains every attack on two
     pair = attack_on(2, size=0.3) + attack_on(20, size=-0.2)
     y, white = vectors(SKY, pair, 150.0 * pair[::-1], 1, 24)
-    found = parity.explanations(y[0], white, 1e-3)
+    found = parity.find_explanations(y[0], white, 1e-3)
     assert len(found) == 15
     assert {len(each.satellites) for each in found} == {2}
 
 
 def test_the_true_set_is_missed_as_often_as_stated():
     y, white = vectors(SKY, attack_on(2, size=0.1), attack_on(2, size=50.0), 500, 26)
-    missed = sum((0,) not in [each.satellites for each in parity.explanations(one, white, 0.1)] for one in y)
+    missed = sum((0,) not in [each.satellites for each in parity.find_explanations(one, white, 0.1)] for one in y)
     assert binomial_two_sided(missed, 500, 0.1) > 1e-3
 
 
 def test_of_sets_that_fit_those_far_less_likely_are_left_out_and_the_rest_is_wrong_as_often_as_stated():
     attack = attack_on(17, size=0.04)
     y, white = vectors(SKY, attack, 500.0 * attack, 400, 27)
-    found = [[each.satellites for each in parity.likely_sets(one, white, 0.1)] for one in y]
+    found = [[each.satellites for each in parity.select_likely_sets(one, white, 0.1)] for one in y]
     place = (PRNS.index(17),)
     wrong = sum(len(sets) > 0 and place not in sets for sets in found)
     assert binomial_survival(wrong, 400, 0.1) > 1e-3
     named = sum(sets == [place] for sets in found)
-    fit = [[each.satellites for each in parity.explanations(one, white, 0.05)] for one in y]
+    fit = [[each.satellites for each in parity.find_explanations(one, white, 0.05)] for one in y]
     assert named > sum(sets == [place] for sets in fit)
 
 
 def test_no_set_is_likely_where_as_many_cannot_be_told_apart():
     pair = attack_on(2, size=0.3) + attack_on(20, size=-0.2)
     y, white = vectors(SKY, pair, 150.0 * pair[::-1], 1, 24)
-    assert parity.likely_sets(y[0], white, 0.01) == ()
+    assert parity.select_likely_sets(y[0], white, 0.01) == ()
 
 
 def test_two_of_eight_satellites_can_be_named():
     pair = np.array([0.4, 0.0, 0.0, -0.4, 0.0, 0.0, 0.0, 0.0])
     y, white = vectors(EIGHT, pair, 500.0 * pair, 1, 25)
-    assert (0, 3) in [each.satellites for each in parity.explanations(y[0], white, 1e-3)]
+    assert (0, 3) in [each.satellites for each in parity.find_explanations(y[0], white, 1e-3)]
 
 
 def test_separability_of_skies():

@@ -14,7 +14,7 @@ from skyproof.studies.vector_sky import PRNS, SKY
 
 SIGNALS = tuple(SignalId(f"G{prn:02d}") for prn in PRNS)
 CODE_CHIPS, PHASE_RAD = 0.05, 0.07
-ONE = parity.whitener_of(SKY.parity, np.full(6, CODE_CHIPS), np.full(6, PHASE_RAD))
+ONE = parity.build_whitener(SKY.parity, np.full(6, CODE_CHIPS), np.full(6, PHASE_RAD))
 NO_ERRORS = np.zeros(6)
 
 
@@ -89,7 +89,7 @@ def test_a_sum_that_just_alarms_is_seen_at_the_step_in_which_it_does():
 def test_sums_stand_in_the_parity_space_whatever_its_basis_and_begin_anew_with_other_signals():
     rng = np.random.default_rng(5)
     u, q = looks(rng, 100)
-    turned = parity.whitener_of(
+    turned = parity.build_whitener(
         np.array([[0.6, 0.8], [-0.8, 0.6]]) @ SKY.parity, np.full(6, CODE_CHIPS), np.full(6, PHASE_RAD)
     )
     first = run_bank(SIGNALS, u, q, ONE, NO_ERRORS, 1e-3)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import stats
 from tests.detectors.dccaf.test_inverse_raim import UP_EAST, sky
-from tests.detectors.dccaf.test_inverse_raim import find_two_skies as drawn
+from tests.detectors.dccaf.test_inverse_raim import two_skies as drawn
 
 from skyproof.detectors.dccaf.two_skies import find_two_skies
 
