@@ -14,7 +14,7 @@ from skyproof.app.protect.document import document
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.protect.predictors import InertialUnit, predictors_of
 from skyproof.detectors.adapter import finding_from_evidence
-from skyproof.fusion.choice_findings import CHOSEN
+from skyproof.detectors.prediction.choice_findings import CHOSEN
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.nominal import nominal_constellation

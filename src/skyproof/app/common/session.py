@@ -14,8 +14,9 @@ from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import Windows, detectors_for, tier_of, windows_of
 from skyproof.detectors.base import Detector
+from skyproof.detectors.prediction.inertia import corrected_navigators
 from skyproof.detectors.registry import examine_window, instantiate, review_evidence
-from skyproof.fusion.decide import Deciding, decide
+from skyproof.fusion.decide import Deciding, decide, weigh
 from skyproof.gnss.time import seconds_between
 from skyproof.interruption import watch
 from skyproof.navigation.predictor import Predictor
@@ -59,11 +60,13 @@ class Session:
             receivers = [o.receiver for o in records.observations]
             findings = list[Finding]()
             states = dict(self._states)
-            for detector in _with_share(self.detectors, float(share)):
-                if Need.FINDINGS in detector.needs and not records.findings:
-                    records = replace(records, findings=tuple(findings))
-                found, states[detector.name] = examine_window(detector, records, states.get(detector.name))
-                findings += found
+            for _, tier in groupby(_with_share(self.detectors, float(share)), tier_of):
+                findings += filter(None, (weigh(findings, receiver) for receiver in receivers))
+                expected = {**records.expected, **corrected_navigators(states.get("inertia"))}
+                records = replace(records, findings=tuple(findings), expected=expected)
+                for detector in tier:
+                    found, states[detector.name] = examine_window(detector, records, states.get(detector.name))
+                    findings += found
             self._states = states
             now = [e for e in findings if e.start_gpst == records.start_gpst]  # some are of windows before
             self._deciding, together = decide(self._deciding, now, receivers, records.start_gpst, records.end_gpst)
