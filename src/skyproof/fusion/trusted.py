@@ -11,8 +11,18 @@ from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.policy import POLICY
 from skyproof.navigation.fix import fix_and_geometry
 from skyproof.navigation.protection import add_protection
-from skyproof.navigation.screen import screen_fix
-from skyproof.records import OBSERVABLES, CellStatus, Fix, Label, NavigationData, ObservationLog, Observations, SignalId
+from skyproof.navigation.screen import empty_epochs, screen_fix
+from skyproof.records import (
+    OBSERVABLES,
+    CellStatus,
+    Fix,
+    FixStatus,
+    Label,
+    NavigationData,
+    ObservationLog,
+    Observations,
+    SignalId,
+)
 
 __all__ = ["carries", "fix_of", "masked", "of_signals"]
 
@@ -55,7 +65,8 @@ def fix_of(
 
     ordinary : as a good receiver without protection makes it, which leaves measurements out that fit worst, and shows
         what the rest gives whether it fits or not.
-    integrity_risk : if given, with protection levels that promise it.
+    integrity_risk : if given, with protection levels that promise it, and no fix where none does: a satellite that no
+        other one checks may put it anywhere.
 
     Two signals of one transmission with the same label leave it open which is meant: neither is used.
     """
@@ -78,7 +89,11 @@ def fix_of(
         false_alarm_probability=POLICY.ordinary_alarm_probability if ordinary else None,
     )
     kept_fix = screen_fix(found, geometry, with_misfits=ordinary)
-    return kept_fix if integrity_risk is None else add_protection(kept_fix, geometry, integrity_risk=integrity_risk)
+    if integrity_risk is None:
+        return kept_fix
+    levelled = add_protection(kept_fix, geometry, integrity_risk=integrity_risk)
+    unchecked = (levelled.status == FixStatus.OK) & ~np.isfinite(levelled.protection_m).all(axis=1)
+    return empty_epochs(levelled, unchecked, np.where(unchecked, FixStatus.UNCHECKED, levelled.status).astype(np.uint8))
 
 
 def _one_kind_a_scale(signals: Sequence[SignalId], usable: Booleans) -> Booleans:

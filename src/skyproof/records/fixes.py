@@ -29,6 +29,7 @@ class FixStatus(IntEnum):
     NOT_CONVERGED = 3
     MISFIT = 4
     OFF_EARTH = 5
+    UNCHECKED = 6
 
 
 FIX_STATUS: dict[int, str] = {
@@ -38,6 +39,7 @@ FIX_STATUS: dict[int, str] = {
     FixStatus.NOT_CONVERGED: "did not converge",
     FixStatus.MISFIT: "residuals that fit no one position",
     FixStatus.OFF_EARTH: "off the Earth, by as few satellites as unknowns",
+    FixStatus.UNCHECKED: "no protection level: an alarm, or a satellite that no other checks",
 }
 """A `FixStatus` in words."""
 

@@ -16,7 +16,7 @@ from skyproof.fusion.decide import WindowWord
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource, LabelledSignal
 from skyproof.fusion.timeline import Onset
-from skyproof.records import Fix, SignalRef
+from skyproof.records import Fix, FixStatus, SignalRef
 from skyproof.testing import FalseSky, MeasuredScene
 
 SCENE = MeasuredScene(
@@ -96,6 +96,19 @@ def test_trusted_fixes_alone_have_a_protection_level_and_a_smaller_risk_a_larger
     assert (seldom > often).all()
     assert np.isnan(levels_of("false", 1e-2)).all()
     assert np.isnan(levels_of("unprotected", 1e-2)).all()
+
+
+@pytest.mark.parametrize(("satellites", "fixes"), [(4, 0), (5, 90)])
+def test_what_no_satellite_checks_is_no_fix_to_use(satellites, fixes):
+    """One range that is wrong by a kilometre shows in no residual of four."""
+    log = CLEAN.select_channels(range(satellites))
+    labels = [label for label in decision().labels if label.ref.signal in log.signals]
+    all_day = tuple(replace(label, last_epoch=89) for label in labels if label.label == "authentic")
+    shown = positions_of(log, replace(decision(), labels=all_day), RECORDS.navigation, Settings())
+    found = sum(int((fix.status == FixStatus.OK).sum()) for _, fix in shown.stretches("trusted"))
+    assert found == fixes
+    ordinary = next(iter(shown.stretches("unprotected")))[1]
+    assert (ordinary.status == FixStatus.OK).all()
 
 
 def test_what_there_is_no_fix_of_is_none():
