@@ -29,8 +29,8 @@ from rows import Row, parser_of, rows_of
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs
+from skyproof.app.protect.judging import judge
 from skyproof.app.protect.outcome import Outcome
-from skyproof.app.protect.run import judge
 from skyproof.app.receive.inputs import following_antennas
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.arrays import Reals

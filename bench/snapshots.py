@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
-from skyproof.app.protect.run import judge
+from skyproof.app.protect.judging import judge
 from skyproof.app.receive.short import observe_short
 from skyproof.arrays import Floats, Reals
 from skyproof.explain import explain

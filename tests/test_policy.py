@@ -78,6 +78,7 @@ COMPUTING = {
         "SERIES_POINTS",
     },
     "app/protect/positions": {"STRETCH_EPOCHS"},
+    "app/protect/preview": {"_FIRST_WINDOWS"},
     "app/protect/summary": {"MOST_NOTED"},
     "app/protect/takeover_pictures": {"_CLOCK", "_NS_A_M", "_PLACE", "_RECEIVERS", "_SATELLITES", "_STEP_CHIPS"},
     "app/receive/assembled": {"STRETCH_EPOCHS"},

@@ -10,64 +10,50 @@ from typing import Any
 import numpy as np
 
 from skyproof.app.common.body import (
-    Body,
     BodyFiles,
-    body_of,
     open_body,
     with_imu,
     with_logged_imu,
     with_stored_readings,
 )
-from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.folder import ClaimedFolder, claim
 from skyproof.app.common.kernels import JUDGING, RECEIVING, make_ready
 from skyproof.app.common.memory import give_back
 from skyproof.app.common.platform import Platform, read_platform
-from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
+from skyproof.app.common.platform_antennas import arrays_of
 from skyproof.app.common.platform_use import described, inputs_of, settings_of
 from skyproof.app.common.progress import Progress, Silent, Stage
-from skyproof.app.common.session import Session, examine_all
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.app.common.windows import asked, detectors_for, following_epochs, windows_of
-from skyproof.app.protect.coasting import carried_track
+from skyproof.app.common.windows import asked
 from skyproof.app.protect.document import document
-from skyproof.app.protect.duplicates import one_receiver_each
 from skyproof.app.protect.explanation import why_untested
-from skyproof.app.protect.hidden import hidden_drags
+from skyproof.app.protect.judging import judge
 from skyproof.app.protect.orbits import lacking_orbits, require_same_day, with_own_orbits
-from skyproof.app.protect.outcome import InputNote, Outcome, ReceiverOutcome
+from skyproof.app.protect.outcome import InputNote, Outcome
 from skyproof.app.protect.outputs import require_outputs_free, write_outputs
-from skyproof.app.protect.positions import KINDS, Track, positions_of
-from skyproof.app.protect.predictors import antenna_units, predictors_of, surveyed_positions, unit_of
+from skyproof.app.protect.predictors import antenna_units, unit_of
+from skyproof.app.protect.preview import Preview
 from skyproof.app.protect.so_far import NOTES, WordsSoFar
+from skyproof.app.protect.stated import Stated, find_span
 from skyproof.app.receive.inputs import antennas_of, following_antennas, list_paths, open_inputs
 from skyproof.app.receive.observed import ObservedFile, observed
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
 from skyproof.app.receive.short import is_short, observe_short, require_some
 from skyproof.app.receive.tracker import track
-from skyproof.detectors.prediction.choice import compared_skies, fixes_of_overlapping
-from skyproof.detectors.prediction.inertia import corrected_navigators
 from skyproof.errors import IncompleteOutput, InputError, NotEnoughData, SettingsError, readable
 from skyproof.formats.atomic_write import Unwritten, unwritten_words
 from skyproof.formats.byte_io import sha256
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
-from skyproof.fusion.fuse import Decision, fuse
 from skyproof.fusion.policy import POLICY
-from skyproof.gnss.time import iso, seconds_between, timedelta_from_s
+from skyproof.gnss.time import iso, seconds_between
 from skyproof.interruption import Stopped, came, deferred, heard
-from skyproof.navigation.predictor import Predictor
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
     AntennaArray,
-    FrontEndLevels,
     NavigationData,
     OpenFile,
-    ReceivedMessages,
-    ReceiverFixes,
-    Records,
     Samples,
-    SpinArm,
 )
 from skyproof.remarks import Remark, RemarkKind
 from skyproof.short_repr import ShortRepr
@@ -167,7 +153,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
             sources = open_inputs(paths, settings, navigation, called, workspace)
             carrier, body_files = _logged_imu(carrier, body_files, sources, str(platform or given.imu))
             body_files = with_stored_readings(body_files, workspace)
-            stated = _stated_sums(sources)
+            sidecars = _stated_sums(sources)
             names = [source.name for source in sources]
             if out is not None:
                 require_outputs_free(out, names, overwrite=given.overwrite)
@@ -181,25 +167,19 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
             units = antenna_units(unit_of(carrier, body_files, names, tables, _first_sample(sources)))
             recorded = any(isinstance(source, Samples) for source in sources)
             make_ready(RECEIVING if recorded else JUDGING, progress)
-        receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace, units)
+        stated = Stated(platform=carrier, files=body_files, names=names, tables=tables)
+        so_far = WordsSoFar(progress, workspace)
+        preview = Preview(stated, navigation, settings, arrays, so_far)
+        receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace, units, preview)
         give_back()
         _same_time(receptions, navigation)
         no_orbits = () if navigation is None else lacking_orbits(receptions, navigation)
         receptions = [_with_common_time(r, receptions) for r in receptions]
-        receptions = one_receiver_each(receptions, settings)
-        settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
-        start_gpst = _span_of(receptions).start_gpst
-        body = body_of(carrier, body_files, names, tables, start_gpst, settings.max_separation_m)
-        unit = unit_of(carrier, body_files, names, tables, start_gpst)
+        ready = stated.equip(receptions, settings)
+        receptions, settings, body, unit = list(ready.receptions), ready.settings, ready.body, ready.unit
+        so_far.begin_anew()
         outcome, cut_short = judge(
-            receptions,
-            navigation,
-            settings,
-            progress,
-            spin_arms_of(tables),
-            body,
-            workspace,
-            predictors=predictors_of(names, settings, carrier, tables, unit),
+            receptions, navigation, settings, progress, ready.spin_arms, body, ready.predictors, so_far
         )
         interrupted |= cut_short
         if (untested := why_untested(outcome)) is not None:
@@ -209,12 +189,12 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
         # Whoever interrupts does not wait for the sums of large files.
         sums = {} if came() else _sums(_files(receptions), progress)
         notes = [note for r in receptions for note in _notes(r, interrupted, sums)]
-        notes += [InputNote(path=path, format="sidecar", sha256=sum_, remarks=()) for path, sum_ in stated.items()]
+        notes += [InputNote(path=path, format="sidecar", sha256=sum_, remarks=()) for path, sum_ in sidecars.items()]
         if nav is not None:
             remarks = _navigation_remarks(navigation) + no_orbits
             notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=remarks))
         for path, kind, remarks in body_files.remarks(
-            body, _span_of(receptions), None if unit is None else unit.readings
+            body, find_span(receptions), None if unit is None else unit.readings
         ):
             notes.append(InputNote(path=readable(path), format=kind, sha256=body_files.sums[path], remarks=remarks))
         if platform is not None:
@@ -237,11 +217,20 @@ def _received(
     arrays: Mapping[str, AntennaArray],
     workspace: Workspace,
     units: Mapping[str, AntennaUnit],
+    preview: Preview,
 ) -> tuple[list[Reception], bool]:
     """What each source's receiver received, in their order, and whether a signal ended the tracking early."""
     recordings = [one for one in sources if isinstance(one, Samples) and not is_short(one)]
     trackers, interrupted = track(
-        recordings, settings, progress, navigation, summed=True, asked=asked(), workspace=workspace, units=units
+        recordings,
+        settings,
+        progress,
+        navigation,
+        summed=True,
+        asked=asked(),
+        workspace=workspace,
+        units=units,
+        look=preview.look if len(recordings) == len(sources) else None,
     )
     if not interrupted and len(recordings) == len(sources):
         require_signals(trackers)
@@ -287,15 +276,6 @@ def _first_sample(sources: Sequence[Samples | ObservedFile]) -> np.datetime64:
     """Of the recordings of which it is stated; NaT without one."""
     starts = [one.start_gpst for one in sources if isinstance(one, Samples) and one.start_gpst is not None]
     return min(starts, default=np.datetime64("NaT", "ns"))
-
-
-def _span_of(receptions: Sequence[Reception]) -> Records:
-    """From the start of the first recording to the last epoch of any; without times if nothing was received."""
-    received = [r.observations for r in receptions if r.observations is not None and r.observations.gpst.size]
-    if not received:
-        return Records(start_gpst=np.datetime64("NaT", "ns"), end_gpst=np.datetime64("NaT", "ns"))
-    starts = [o.gpst[0] - timedelta_from_s(float(o.elapsed_s[0])) for o in received]
-    return Records(start_gpst=min(starts), end_gpst=max(o.gpst[-1] for o in received))
 
 
 def verdict_of(
@@ -347,117 +327,6 @@ def _write(
         raise Stopped(f"the verdict is {verdict.verdict!r}, but not all files were written to {folder}") from None
 
 
-def judge(
-    receptions: Sequence[Reception],
-    navigation: NavigationData | None,
-    settings: Settings,
-    progress: Progress,
-    spin_arms: Sequence[SpinArm] = (),
-    body: Body | None = None,
-    workspace: Workspace | None = None,
-    predictors: Mapping[str, Predictor] | None = None,
-) -> tuple[Outcome, bool]:
-    """Windows, evidence, decision and fixes from what the receivers received, and whether a signal left windows out.
-
-    body : that carries all antennas. workspace : where evidence is written as it comes. predictors : by receiver, what
-        chooses between skies where nothing else does; from the settings alone if absent.
-    """
-    orbits = navigation if navigation is not None else _pooled([r.decoded for r in receptions])
-    received = [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
-    observed = [r.observations for r in received if r.observations is not None]
-    if predictors is None:
-        predictors = predictors_of([o.receiver for o in observed], settings)
-    windows = windows_of(
-        [WholeSource(o) for o in observed],
-        orbits,
-        settings,
-        taps=[r.taps for r in received if r.taps is not None],
-        vector_taps=[r.vector_taps for r in received if r.vector_taps is not None],
-        ccaf=[r.ccaf for r in received if r.ccaf is not None],
-        array_phases=[r.array_phases for r in received if r.array_phases is not None],
-        spin_arms=spin_arms,
-        body=body,
-        levels=_levels_of(received),
-        messages=_messages_of(received),
-        own_fixes=_own_fixes_of(received),
-        predictors=predictors,
-        changes={r.source.name: r.changes for r in received if r.changes is not None},
-    )
-    so_far = WordsSoFar(progress, workspace)
-    detectors = detectors_for(settings, windows.run, positions_ecef_m=surveyed_positions(predictors))
-    session = Session(windows, detectors)
-    evidence, sets, interrupted = examine_all(session, progress, so_far.take)
-    give_back()
-    decision = fuse(evidence, observed, sets)
-    navigators = corrected_navigators(session.state_of("inertia"))
-    choosing = session.state_of("prediction")
-    overlapping = fixes_of_overlapping(evidence, choosing)
-    standing_still = [o.receiver for o in observed] if settings.speed_max_m_s == 0.0 else []
-    hidden = hidden_drags(evidence, standing=standing_still, inertial=navigators)
-
-    def place(reception: Reception) -> ReceiverOutcome:
-        name = reception.observations.receiver if reception.observations is not None else ""
-        return _receiver_outcome(
-            reception,
-            decision,
-            orbits,
-            settings,
-            predictor=predictors.get(name),
-            overlapping=overlapping.get(name, ()),
-            hidden=hidden.get(name),
-        )
-
-    outcomes = [place(r) for r in receptions]
-    outcome = Outcome(
-        receivers=tuple(outcomes),
-        decision=decision,
-        evidence=evidence,
-        sets=sets,
-        navigation=orbits,
-        compared=compared_skies(choosing),
-    )
-    return outcome, interrupted
-
-
-def _levels_of(receptions: Sequence[Reception]) -> dict[str, FrontEndLevels]:
-    """Return the front ends' levels of the logs that have them, by receiver."""
-    sources = [r.source for r in receptions]
-    return {s.name: s.own.levels for s in sources if isinstance(s, ObservedFile) and s.own.levels is not None}
-
-
-def _own_fixes_of(receptions: Sequence[Reception]) -> dict[str, ReceiverFixes]:
-    """Return the fixes that receivers computed themselves, of the logs that have them, by receiver."""
-    sources = [r.source for r in receptions]
-    return {s.name: s.own.fixes for s in sources if isinstance(s, ObservedFile) and s.own.fixes is not None}
-
-
-def _messages_of(receptions: Sequence[Reception]) -> dict[str, ReceivedMessages]:
-    """Return the broadcast messages of the logs that have them, by receiver."""
-    sources = [r.source for r in receptions]
-    return {s.name: s.own.messages for s in sources if isinstance(s, ObservedFile) and s.own.messages is not None}
-
-
-def _receiver_outcome(
-    reception: Reception, decision: Decision, orbits: NavigationData, settings: Settings, **of_receiver: Any
-) -> ReceiverOutcome:
-    """of_receiver : the other arguments of `positions_of`."""
-    o = reception.observations
-    if o is None or not orbits.ephemerides:
-        return ReceiverOutcome(reception=reception)
-    positions = positions_of(o, decision, orbits, settings, **of_receiver)
-    tracks: dict[str, Track | None] = {kind: positions.track(kind) for kind in positions.masks}
-    if (carried := carried_track(positions)) is not None:
-        tracks |= [carried]
-    give_back()
-    order = [kind for kind in KINDS if kind in tracks]
-    found = {kind: tracks[kind] for kind in dict.fromkeys([*order, *tracks])}
-    return ReceiverOutcome(
-        reception=reception,
-        positions=positions,
-        tracks={kind: track for kind, track in found.items() if track is not None},
-    )
-
-
 def _require_two(settings: Settings, names: Sequence[str]) -> None:
     """Raise SettingsError if a distance is given for any other number of receivers than two."""
     if settings.antenna_distance_m is not None and len(names) != 2:
@@ -479,16 +348,6 @@ def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: Navig
             f"{sources[0].path}: it holds no orbits; give the navigation file of that day (--nav, RINEX), or have the "
             "receiver log the broadcast messages (UBX-RXM-SFRBX)"
         )
-
-
-def _pooled(decoded: Sequence[NavigationData]) -> NavigationData:
-    """What all receivers' signals sent, each data set once."""
-    sets = {(e.sat, e.week, e.toe, getattr(e, "message", "")): e for data in decoded for e in data.ephemerides}
-    ionosphere = next((d.ionosphere for d in decoded if d.ionosphere is not None), None)
-    utc = next((d.utc for d in decoded if d.utc is not None), None)
-    return NavigationData(
-        ephemerides=tuple(sets[key] for key in sorted(sets)), ionosphere=ionosphere, utc=utc, source="the signals"
-    )
 
 
 def _same_time(receptions: Sequence[Reception], navigation: NavigationData | None) -> None:

@@ -32,6 +32,13 @@ class WordsSoFar:
     def __init__(self, progress: Progress, workspace: Workspace | None) -> None:
         self._progress, self._workspace = progress, workspace
         self._word: VerdictWord | None = None
+        self._until: np.datetime64 | None = None
+
+    def begin_anew(self) -> None:
+        """Take the windows from the first one on once more; a word is told of what is later than before only."""
+        if self._workspace is not None:
+            for name in NOTES:
+                self._workspace.drop_notes(name)
 
     def take(self, step: DecidedWindow) -> None:
         """Note what was found in a window and decided, and tell the run's word where it is another one."""
@@ -39,6 +46,9 @@ class WordsSoFar:
         self.note(step.findings)
         self._note_words(step.deciding, end)
         word = step.deciding.word
+        if self._until is not None and end <= self._until:
+            return
+        self._until = end
         if word is not None and word != self._word:
             self._word = word
             self._progress.say(f"up to {clock_words(iso(end, 0))}: {word_shown(word)}")

@@ -90,11 +90,14 @@ def observe(
     navigation: NavigationData | None,
     array: AntennaArray | None = None,
     workspace: Workspace | None = None,
+    *,
+    diagnose: bool = True,
 ) -> Reception:
     """Time, observations and navigation data of one tracked recording.
 
     array : where its antennas are, if it has several and that is known.
     workspace : where the observations of a long recording are kept; a temporary folder if None.
+    diagnose : look for the reason where little was received, which takes seconds.
 
     The week comes from the recording's date, else from the navigation file, else from the message (which knows it
     modulo 1024, resolved by nothing better than the calendar's present era).
@@ -133,7 +136,7 @@ def observe(
                 "that antenna and its line"
             )
             remarks.append(Remark(instead, RemarkKind.BEARS))
-    found = _diagnosed(tracker) if observations is None or _is_doubtful(tracker) else None
+    found = _diagnosed(tracker) if diagnose and (observations is None or _is_doubtful(tracker)) else None
     if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: gaps say nothing
         remarks += gap_remarks(tracker.gaps, tracker.receiver.signal.period_s)
         remarks += oscillator_remarks_of(_dopplers_hz(tracker))

@@ -1,6 +1,6 @@
 """Recordings tracked side by side, block by block: every signal in them, and all that it sends."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -159,6 +159,7 @@ def track(
     asked: Asked | None = None,
     workspace: Workspace | None = None,
     units: Mapping[str, AntennaUnit] | None = None,
+    look: Callable[[Sequence[Tracker]], None] | None = None,
 ) -> tuple[list[Tracker], bool]:
     """Track all recordings side by side, so that an interruption leaves all equally far.
 
@@ -173,6 +174,8 @@ def track(
     workspace : where measurements are kept; a temporary folder if None.
 
     units : inertial units by recording, which carry vector tracking from row to row.
+
+    look : is called with the trackers after each block of all.
 
     Returns the trackers and whether a signal ended it early: what was tracked until then is kept.
     """
@@ -197,6 +200,8 @@ def track(
             for tracker in trackers:
                 running |= tracker.advance()
                 stage.advance(sum(t.examined_s for t in trackers))
+            if look is not None:
+                look(trackers)
     return trackers, interrupted()
 
 

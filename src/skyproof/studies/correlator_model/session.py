@@ -12,9 +12,9 @@ from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, following_epochs
 from skyproof.app.protect.document import document
+from skyproof.app.protect.judging import judge
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.protect.predictors import antenna_units, predictors_of, unit_of
-from skyproof.app.protect.run import judge
 from skyproof.app.receive.measured import MeasurementLog, RowLog
 from skyproof.app.receive.reception import Reception, observe
 from skyproof.app.receive.tracker import Tracker, guiding_of, receiver_settings

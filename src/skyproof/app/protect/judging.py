@@ -1,0 +1,168 @@
+"""Judge what receivers received: the session that examines it, the decision, and the fixes that may be used."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from skyproof.app.common.body import Body
+from skyproof.app.common.epoch_source import WholeSource
+from skyproof.app.common.memory import give_back
+from skyproof.app.common.progress import Progress
+from skyproof.app.common.session import Session, examine_all
+from skyproof.app.common.settings import Settings
+from skyproof.app.common.windows import detectors_for, windows_of
+from skyproof.app.protect.coasting import carried_track
+from skyproof.app.protect.hidden import hidden_drags
+from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
+from skyproof.app.protect.positions import KINDS, Track, positions_of
+from skyproof.app.protect.predictors import predictors_of, surveyed_positions
+from skyproof.app.protect.so_far import WordsSoFar
+from skyproof.app.receive.observed import ObservedFile
+from skyproof.app.receive.reception import Reception
+from skyproof.detectors.prediction.choice import compared_skies, fixes_of_overlapping
+from skyproof.detectors.prediction.inertia import corrected_navigators
+from skyproof.fusion.fuse import Decision, fuse
+from skyproof.navigation.predictor import Predictor
+from skyproof.records import FrontEndLevels, NavigationData, ReceivedMessages, ReceiverFixes, SpinArm
+
+__all__ = ["begin_session", "judge", "orbits_for"]
+
+
+def judge(
+    receptions: Sequence[Reception],
+    navigation: NavigationData | None,
+    settings: Settings,
+    progress: Progress,
+    spin_arms: Sequence[SpinArm] = (),
+    body: Body | None = None,
+    predictors: Mapping[str, Predictor] | None = None,
+    so_far: WordsSoFar | None = None,
+) -> tuple[Outcome, bool]:
+    """Return evidence, decision and fixes from what the receivers received, and whether a signal left windows out.
+
+    body : that carries all antennas. predictors : by receiver, what chooses between skies where nothing else does; from
+        the settings alone if absent. so_far : takes each window as it is decided.
+    """
+    orbits = orbits_for(receptions, navigation)
+    observed = [r.observations for r in _list_received(receptions) if r.observations is not None]
+    if predictors is None:
+        predictors = predictors_of([o.receiver for o in observed], settings)
+    session = begin_session(receptions, orbits, settings, spin_arms, body, predictors)
+    evidence, sets, interrupted = examine_all(session, progress, None if so_far is None else so_far.take)
+    give_back()
+    decision = fuse(evidence, observed, sets)
+    navigators = corrected_navigators(session.state_of("inertia"))
+    choosing = session.state_of("prediction")
+    overlapping = fixes_of_overlapping(evidence, choosing)
+    standing_still = [o.receiver for o in observed] if settings.speed_max_m_s == 0.0 else []
+    hidden = hidden_drags(evidence, standing=standing_still, inertial=navigators)
+
+    def place(reception: Reception) -> ReceiverOutcome:
+        name = reception.observations.receiver if reception.observations is not None else ""
+        return _receiver_outcome(
+            reception,
+            decision,
+            orbits,
+            settings,
+            predictor=predictors.get(name),
+            overlapping=overlapping.get(name, ()),
+            hidden=hidden.get(name),
+        )
+
+    outcomes = [place(r) for r in receptions]
+    outcome = Outcome(
+        receivers=tuple(outcomes),
+        decision=decision,
+        evidence=evidence,
+        sets=sets,
+        navigation=orbits,
+        compared=compared_skies(choosing),
+    )
+    return outcome, interrupted
+
+
+def orbits_for(receptions: Sequence[Reception], navigation: NavigationData | None) -> NavigationData:
+    """Return the orbits of the navigation file, else those that the signals of all receivers sent."""
+    return navigation if navigation is not None else _pool([r.decoded for r in receptions])
+
+
+def begin_session(
+    receptions: Sequence[Reception],
+    orbits: NavigationData,
+    settings: Settings,
+    spin_arms: Sequence[SpinArm],
+    body: Body | None,
+    predictors: Mapping[str, Predictor],
+) -> Session:
+    """Return the session of what receivers received, with every installed detector."""
+    received = _list_received(receptions)
+    windows = windows_of(
+        [WholeSource(r.observations) for r in received if r.observations is not None],
+        orbits,
+        settings,
+        taps=[r.taps for r in received if r.taps is not None],
+        vector_taps=[r.vector_taps for r in received if r.vector_taps is not None],
+        ccaf=[r.ccaf for r in received if r.ccaf is not None],
+        array_phases=[r.array_phases for r in received if r.array_phases is not None],
+        spin_arms=spin_arms,
+        body=body,
+        levels=_levels_of(received),
+        messages=_messages_of(received),
+        own_fixes=_own_fixes_of(received),
+        predictors=predictors,
+        changes={r.source.name: r.changes for r in received if r.changes is not None},
+    )
+    return Session(windows, detectors_for(settings, windows.run, positions_ecef_m=surveyed_positions(predictors)))
+
+
+def _list_received(receptions: Sequence[Reception]) -> list[Reception]:
+    """Return the receptions with two epochs or more."""
+    return [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
+
+
+def _levels_of(receptions: Sequence[Reception]) -> dict[str, FrontEndLevels]:
+    """Return the front ends' levels of the logs that have them, by receiver."""
+    sources = [r.source for r in receptions]
+    return {s.name: s.own.levels for s in sources if isinstance(s, ObservedFile) and s.own.levels is not None}
+
+
+def _own_fixes_of(receptions: Sequence[Reception]) -> dict[str, ReceiverFixes]:
+    """Return the fixes that receivers computed themselves, of the logs that have them, by receiver."""
+    sources = [r.source for r in receptions]
+    return {s.name: s.own.fixes for s in sources if isinstance(s, ObservedFile) and s.own.fixes is not None}
+
+
+def _messages_of(receptions: Sequence[Reception]) -> dict[str, ReceivedMessages]:
+    """Return the broadcast messages of the logs that have them, by receiver."""
+    sources = [r.source for r in receptions]
+    return {s.name: s.own.messages for s in sources if isinstance(s, ObservedFile) and s.own.messages is not None}
+
+
+def _receiver_outcome(
+    reception: Reception, decision: Decision, orbits: NavigationData, settings: Settings, **of_receiver: Any
+) -> ReceiverOutcome:
+    """of_receiver : the other arguments of `positions_of`."""
+    o = reception.observations
+    if o is None or not orbits.ephemerides:
+        return ReceiverOutcome(reception=reception)
+    positions = positions_of(o, decision, orbits, settings, **of_receiver)
+    tracks: dict[str, Track | None] = {kind: positions.track(kind) for kind in positions.masks}
+    if (carried := carried_track(positions)) is not None:
+        tracks |= [carried]
+    give_back()
+    order = [kind for kind in KINDS if kind in tracks]
+    found = {kind: tracks[kind] for kind in dict.fromkeys([*order, *tracks])}
+    return ReceiverOutcome(
+        reception=reception,
+        positions=positions,
+        tracks={kind: track for kind, track in found.items() if track is not None},
+    )
+
+
+def _pool(decoded: Sequence[NavigationData]) -> NavigationData:
+    """What all receivers' signals sent, each data set once."""
+    sets = {(e.sat, e.week, e.toe, getattr(e, "message", "")): e for data in decoded for e in data.ephemerides}
+    ionosphere = next((d.ionosphere for d in decoded if d.ionosphere is not None), None)
+    utc = next((d.utc for d in decoded if d.utc is not None), None)
+    return NavigationData(
+        ephemerides=tuple(sets[key] for key in sorted(sets)), ionosphere=ionosphere, utc=utc, source="the signals"
+    )

@@ -1,0 +1,71 @@
+"""Tell the words so far while recordings are still being tracked."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Final
+
+from skyproof.app.common.settings import Settings
+from skyproof.app.protect.judging import begin_session, orbits_for
+from skyproof.app.protect.so_far import WordsSoFar
+from skyproof.app.protect.stated import Stated
+from skyproof.app.receive.reception import observe
+from skyproof.app.receive.tracker import Tracker
+from skyproof.errors import SkyproofError
+from skyproof.formats.pieces import Workspace
+from skyproof.interruption import watch
+from skyproof.records import AntennaArray, NavigationData
+
+__all__ = ["Preview"]
+
+_FIRST_WINDOWS: Final = 1.5
+"""A window is complete half a window after its end."""
+
+
+class Preview:
+    """Look at what is tracked once the first window is complete, and then whenever twice as much is.
+
+    All looks together examine no more windows than the run itself does in the end, which begins anew: what comes later
+    may change what came before, such as the week or a half cycle.
+    """
+
+    def __init__(
+        self,
+        stated: Stated,
+        navigation: NavigationData | None,
+        settings: Settings,
+        arrays: Mapping[str, AntennaArray],
+        so_far: WordsSoFar,
+    ) -> None:
+        """Wait for the first window. arrays : where the antennas of receivers with several are."""
+        self._stated, self._navigation, self._settings = stated, navigation, settings
+        self._arrays, self._so_far = arrays, so_far
+        self._next_s = _FIRST_WINDOWS * settings.window_s
+
+    def look(self, trackers: Sequence[Tracker]) -> None:
+        """Examine the windows so far, if it is time; what is not to be judged yet is left for later."""
+        running_s = [tracker.examined_s for tracker in trackers if not (tracker.ended or tracker.broken)]
+        if not running_s or min(running_s) < self._next_s:
+            return
+        self._next_s = 2.0 * min(running_s)
+        with suppress(SkyproofError):
+            self._examine(trackers)
+
+    def _examine(self, trackers: Sequence[Tracker]) -> None:
+        interrupted = watch()
+        with Workspace() as kept:
+            receptions = [
+                observe(tracker, self._navigation, self._arrays.get(tracker.samples.name), kept, diagnose=False)
+                for tracker in trackers
+            ]
+            if any(r.observations is None or r.observations.gpst.size < 2 for r in receptions):
+                return
+            ready = self._stated.equip(receptions, self._settings)
+            orbits = orbits_for(ready.receptions, self._navigation)
+            session = begin_session(
+                ready.receptions, orbits, ready.settings, ready.spin_arms, ready.body, ready.predictors
+            )
+            self._so_far.begin_anew()
+            for step in session.steps():
+                self._so_far.take(step)
+                if interrupted():
+                    return

@@ -1,0 +1,43 @@
+"""The words so far come while recordings are being tracked, and nothing of them is in the result."""
+
+from contextlib import contextmanager
+
+import pytest
+from tests.app import kit
+
+from skyproof.app.protect import protect
+from skyproof.app.protect.so_far import NOTES
+
+
+class Listener:
+    """Progress that notes what it hears, in order."""
+
+    def __init__(self):
+        self.heard = []
+
+    def say(self, text):
+        self.heard.append(text)
+
+    def advance(self, to):
+        pass
+
+    @contextmanager
+    def stage(self, name, total):
+        self.heard.append(name)
+        yield self
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    return kit.record(kit.scenario_of(receivers=1, duration_s=20.0), tmp_path_factory.mktemp("preview"))
+
+
+def test_the_first_word_comes_before_all_is_tracked(recorded, tmp_path):
+    listener = Listener()
+    result = protect(recorded.paths, nav=recorded.nav, window_s=5.0, out=tmp_path / "out", progress=listener)
+    examining = next(n for n, text in enumerate(listener.heard) if text.startswith("examining"))
+    words = [n for n, text in enumerate(listener.heard) if text.startswith("up to ")]
+    assert words[0] < examining
+    assert len(words) == len({listener.heard[n].partition(": ")[2] for n in words})  # no word is told twice
+    assert result.verdict.verdict == "no_attack_seen"
+    assert not [path for name in NOTES for path in (tmp_path / "out").rglob(name)]
