@@ -22,8 +22,8 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs
 from skyproof.app.protect.judging import judge
 from skyproof.app.protect.outcome import Outcome
-from skyproof.app.receive.inputs import following_antennas
-from skyproof.app.receive.observed import ObservedFile, observed
+from skyproof.app.receive.inputs import adopt_antenna_multipath
+from skyproof.app.receive.observed import ObservedFile, observe_file
 from skyproof.errors import InputError, SkyproofError
 from skyproof.explain import explain
 from skyproof.records import NavigationData, ObservationLog, Observations
@@ -71,10 +71,10 @@ def cut_of(name: str, whole: ObservationLog) -> Observations:
 
 def judged(source: ObservedFile, o: Observations, navigation: NavigationData) -> Outcome:
     """Judge a log as `protect` does."""
-    reception = observed(replace(source, observations=o))
+    reception = observe_file(replace(source, observations=o))
     if reception.observations is None:
         raise InputError(f"{source.observations.receiver}: no epoch has a measurement")
-    settings = following_epochs(following_antennas(Settings(), [source]), [reception.observations])
+    settings = following_epochs(adopt_antenna_multipath(Settings(), [source]), [reception.observations])
     return judge([reception], navigation, settings, Silent())[0]
 
 

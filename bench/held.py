@@ -24,7 +24,7 @@ import tomli_w
 from skyproof.app.protect import protect
 from skyproof.app.protect.coasting import usable_fixes
 from skyproof.app.protect.outcome import Outcome
-from skyproof.app.scenes.simulate import scenario_of
+from skyproof.app.scenes.simulate import load_scenario
 from skyproof.arrays import Reals
 from skyproof.detectors.prediction.choice_findings import CHOSEN
 from skyproof.formats.rinex_nav import write_nav
@@ -110,7 +110,7 @@ SCENES: Final[dict[str, Held]] = {
 
 def scene_named(name: str, grade: str = "navigation", *, short: bool = False) -> Scene:
     """The scene, worked out. grade : of the inertial unit, where it has one."""
-    held, scenario = SCENES[name], scenario_of(name)
+    held, scenario = SCENES[name], load_scenario(name)
     (receiver,), (attack,) = scenario.receivers, scenario.attacks
     changes: dict[str, Any] = {}
     if short:

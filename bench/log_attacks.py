@@ -31,8 +31,8 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs
 from skyproof.app.protect.judging import judge
 from skyproof.app.protect.outcome import Outcome
-from skyproof.app.receive.inputs import following_antennas
-from skyproof.app.receive.observed import ObservedFile, observed
+from skyproof.app.receive.inputs import adopt_antenna_multipath
+from skyproof.app.receive.observed import ObservedFile, observe_file
 from skyproof.arrays import Reals
 from skyproof.detectors.code_motion.detector import select_primary_signals
 from skyproof.errors import SkyproofError
@@ -207,13 +207,13 @@ def judged(
     sources: list[ObservedFile] = [
         replace(open_real(name)[0], observations=o) for name, o in zip(names, attacked, strict=True)
     ]
-    receptions = [observed(source) for source in sources]
+    receptions = [observe_file(source) for source in sources]
     options: dict[str, Any] = {"standing": {"speed_max_m_s": 0.0}, "pair": {"antenna_distance_m": 0.99}}.get(
         equipment, {}
     )
     if equipment == "pair":
         options |= {"antenna_distance_sigma_m": 0.02}
-    settings = following_antennas(Settings(**options), sources)
+    settings = adopt_antenna_multipath(Settings(**options), sources)
     settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
     predictors = None
     if equipment == "surveyed":

@@ -21,7 +21,7 @@ from rows import Row, parser_of, rows_of
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs, windows_of
-from skyproof.app.receive.observed import observed
+from skyproof.app.receive.observed import observe_file
 from skyproof.detectors.levels.detector import SignalLevels, SignalLevelsSettings
 from skyproof.detectors.levels.front_end import carrier_name
 from skyproof.errors import SkyproofError
@@ -47,7 +47,7 @@ def usable() -> dict[str, Observations]:
             source, _ = open_real(name)
         except SkyproofError:
             continue
-        log = observed(source).observations
+        log = observe_file(source).observations
         if log is None or not log.gpst.size:
             continue
         o = log.read(0, log.gpst.size)

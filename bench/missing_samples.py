@@ -21,7 +21,7 @@ from rows import parser_of, rows_of
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import asked
 from skyproof.app.receive.reception import Reception
-from skyproof.app.receive.tracker import Tracker, receiver_settings
+from skyproof.app.receive.tracker import Tracker, build_receiver_settings
 from skyproof.arrays import Reals
 from skyproof.fusion.trusted import fix_of
 from skyproof.gnss.nominal import nominal_constellation
@@ -151,7 +151,7 @@ class CutReceiver(ModelReceiver):
 def received(drawn: Drawn, scene: Scene, navigation: NavigationData) -> tuple[Reception, Tracker]:
     """Return what the receiver makes of a scene, and how it tracked."""
     settings = Settings()
-    wanted = receiver_settings(GPS_SATS, settings, asked())
+    wanted = build_receiver_settings(GPS_SATS, settings, asked())
     receiver = CutReceiver(scene, wanted, np.random.default_rng([SEED, drawn.number]), drawn)
     return track_scene(scene, 0, receiver, navigation, settings)
 

@@ -22,11 +22,11 @@ from unittest.mock import patch
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command does: threads for small matrices only spin
 
 ROOMS = {
-    "formats: reading": ("run.open_inputs", "run.read_nav", "run.observed"),
+    "formats: reading": ("run.open_inputs", "run.read_nav", "run.observe_file"),
     "windows: consistent sets": ("windows.consistent_sets",),
-    "windows: keeping evidence": ("windows._Kept.take", "run.evidence_line"),
+    "windows: keeping evidence": ("windows._Kept.take", "run.write_evidence_line"),
     "fusion": ("run.departures", "run.displacements", "run.fuse", "run.choices"),
-    "positions": ("run.positions_of",),
+    "positions": ("run.set_up_positions",),
     "document": ("run.document",),
     "outputs: tables": ("outputs._write_fixes", "outputs._write_evidence", "outputs._write_signals"),
     "outputs: RINEX": ("outputs._write_orbits", "outputs._write_signals_of"),

@@ -22,7 +22,7 @@ from held import scene_named
 from scipy import special
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.scenes.simulate import scenario_of
+from skyproof.app.scenes.simulate import load_scenario
 from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
@@ -199,7 +199,7 @@ def received(names: tuple[str, ...]) -> Iterator[str]:
 
 
 def _scene_of(name: str) -> Scene:
-    scenario = scenario_of(name)
+    scenario = load_scenario(name)
     return scene_of(scenario, nominal_constellation(scenario.start_gpst))
 
 
@@ -207,7 +207,7 @@ def _scores(scene: Scene, seed: int) -> Reals:
     """(metrics, seconds) of a receiver: the largest deviation of any signal over its own scatter in
     its first seconds."""
     reception = receive_antenna(scene, 0, Settings(), scene.navigation, np.random.default_rng(seed))
-    (taps,) = [] if reception.taps is None else [reception.taps.between(SETTLED_S, scene.scenario.duration_s)]
+    (taps,) = [] if reception.taps is None else [reception.taps.select_between(SETTLED_S, scene.scenario.duration_s)]
     at = [int(np.argmin(np.abs(taps.delays_chips - delay))) for delay in (0.5, 0.0, -0.5)]
     first = [k for k, signal in enumerate(taps.signals) if signal.copy == "a"]
     seconds = int(taps.elapsed_s[-1]) - SETTLED_S

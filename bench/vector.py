@@ -17,7 +17,7 @@ from timing import Spread, line
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.reception import observe
-from skyproof.app.receive.tracker import Tracker, Workspace, _tracker
+from skyproof.app.receive.tracker import Tracker, Workspace, _set_up_tracker
 from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.detectors.correlators.correlator_laws import phase_discriminator
 from skyproof.detectors.correlators.vector_parity import build_whitener, parity_test, parity_vector
@@ -88,7 +88,7 @@ def _tracked(
 ) -> tuple[Tracker, float]:
     """A recording tracked to its end, and the processor's time from `from_s` on."""
     settings = Settings(tracking=tracking, not_driving=not_driving)
-    tracker = _tracker(samples, settings, navigation, False, asked or Asked(), Workspace())
+    tracker = _set_up_tracker(samples, settings, navigation, False, asked or Asked(), Workspace())
     if tracker.vector is not None and filter_settings is not None:
         tracker.vector = replace(tracker.vector, settings=filter_settings)
     begin = process_time()
@@ -146,7 +146,7 @@ def _alarms() -> Iterator[str]:
         reception = observe(tracker, navigation)
         assert reception.vector_taps is not None
         assert reception.observations is not None
-        taps = reception.vector_taps.between(0.0, ALARM_S)
+        taps = reception.vector_taps.select_between(0.0, ALARM_S)
         o = reception.observations.read(0, reception.observations.gpst.size)
         there = compute_directions(o, navigation, taps.signals, VectorSqmSettings())
         assert there is not None
@@ -276,7 +276,7 @@ def _judge() -> Iterator[str]:
         guided = "no filter"
         if (filtered := tracker.vector.filter) is not None:
             guided = f"{np.linalg.norm(filtered.mean[:3] - place_m):.1f} m"
-        taps = reception.vector_taps.between(0.5 * JUDGED_S, JUDGED_S)
+        taps = reception.vector_taps.select_between(0.5 * JUDGED_S, JUDGED_S)
         true = [k for k, signal in enumerate(taps.signals) if signal.sat not in false]
         value = _three(taps, true)
         u, q = code_discriminator(value[..., 0], value[..., 2]), phase_discriminator(value[..., 1])

@@ -72,7 +72,7 @@ def _correlators(
     reception = observe(tracker, navigation)
     taken = reception.taps if tracking == "scalar" else reception.vector_taps
     assert taken is not None
-    taps = taken.between(SETTLED_S + later_s, LENGTH_S + later_s)
+    taps = taken.select_between(SETTLED_S + later_s, LENGTH_S + later_s)
     pair = select_pair(taps)
     assert pair is not None
     value = np.full((len(taps.elapsed_s), 6, 3), np.nan, np.complex128)

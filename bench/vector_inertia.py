@@ -14,7 +14,7 @@ import numpy as np
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import asked
 from skyproof.app.receive.measured import MeasurementLog, RowLog
-from skyproof.app.receive.tracker import Tracker, guiding_of, receiver_settings
+from skyproof.app.receive.tracker import Tracker, build_receiver_settings, set_up_guiding
 from skyproof.formats.pieces import Workspace
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES
@@ -102,7 +102,7 @@ def passage(scene: Scene, unit: AntennaUnit | None, blocked_s: float, seed: int)
         read=lambda start, count: np.empty((0, count), np.float32),
         start_gpst=START,
     )
-    wanted = receiver_settings(GPS_SATS, settings, asked())
+    wanted = build_receiver_settings(GPS_SATS, settings, asked())
     receiver = ModelReceiver(scene, 0, wanted, np.random.default_rng(seed))
     end_s = FROM_S + blocked_s
     receiver.waves.amplitude[round(FROM_S / STEP_S) : round(end_s / STEP_S)] = 0.0
@@ -111,7 +111,7 @@ def passage(scene: Scene, unit: AntennaUnit | None, blocked_s: float, seed: int)
         receiver=receiver,
         measured=MeasurementLog(workspace, "rx", MEASURE_FRAMES * wanted.frame_s),
         grids=RowLog(workspace, "rx/grids"),
-        vector=guiding_of(samples, nominal_constellation(START), settings, unit),
+        vector=set_up_guiding(samples, nominal_constellation(START), settings, unit),
         checks=0,
     )
     off_m = np.inf

@@ -15,7 +15,7 @@ from vector import PLACE, START_GPST, _in_memory, _tracked
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.reception import observe
-from skyproof.app.receive.tracker import Workspace, _tracker
+from skyproof.app.receive.tracker import Workspace, _set_up_tracker
 from skyproof.arrays import Floats, Reals
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import nominal_constellation
@@ -95,7 +95,7 @@ def _followed(samples: Samples, planes: Floats, navigation: NavigationData, trac
     """A recording tracked, and its replicas on the way."""
     held = _in_memory(samples, planes)
     settings = Settings(tracking="scalar" if tracking == AGILE else tracking)
-    tracker = _tracker(held, settings, navigation, False, Asked(), Workspace())
+    tracker = _set_up_tracker(held, settings, navigation, False, Asked(), Workspace())
     if tracking == AGILE:
         own = tracker.receiver
         tracker.receiver = Receiver(own.rate_hz, own.if_hz, replace(own.settings, weak=AGILE_LOOPS))

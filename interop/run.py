@@ -22,7 +22,7 @@ import readers
 from tracks import Tracks, read_tracks
 
 from skyproof.app.receive import receive
-from skyproof.app.receive.time_tag import first_copies
+from skyproof.app.receive.time_tag import select_first_copies
 from skyproof.formats.raw import open_raw
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
@@ -182,7 +182,7 @@ def _report(case: Case, folder: Path) -> Iterator[str]:
     ours = read_tracks(files, "skyproof")
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     yield f"  skyproof: {len(ours.signals)} signals, {cpu_s:.1f} s of CPU"
-    fixed = fix(reception.observations, reception.decoded, signals=first_copies(reception.observations))
+    fixed = fix(reception.observations, reception.decoded, signals=select_first_copies(reception.observations))
     place_m = case.place_ecef_m if case.place_ecef_m is not None else np.nanmedian(fixed.position_ecef_m, axis=0)
     yield _offset("skyproof's own position of the copies a", fixed.position_ecef_m, place_m)
     for file in files:

@@ -16,7 +16,7 @@ from pydantic_core import PydanticUndefined
 from skyproof import detectors, fusion
 from skyproof.app import inspect, receive
 from skyproof.app.common.settings import Settings
-from skyproof.app.init.text import one_line
+from skyproof.app.init.text import write_one_line
 from skyproof.cli import app
 from skyproof.records.policy import numbers_of
 from skyproof.simulator import Site, ready_made
@@ -139,7 +139,7 @@ def keys(name: str) -> str:
         option = f"--{key.replace('_', '-')}"
         if model is Settings and option in OPTIONS:
             means = f"as `{option}`"
-        example = f"`{one_line(field.examples[0])}`" if field.examples else ""
+        example = f"`{write_one_line(field.examples[0])}`" if field.examples else ""
         rows.append((f"`{key}`", default, example, _cell(means[:1].upper() + means[1:])))
     heads = ["key", "default", "example", "means"]
     if not any(example for _, _, example, _ in rows):

@@ -15,8 +15,8 @@ import pytest
 
 from skyproof.app.fleet import FleetResult, fleet
 from skyproof.app.fleet.catalogue import CatalogueItem, read_catalogue
-from skyproof.app.fleet.piece import piece_of
-from skyproof.app.fleet.rows import FleetRow, row_of, write_rows
+from skyproof.app.fleet.piece import make_piece
+from skyproof.app.fleet.rows import FleetRow, make_row, write_rows
 from skyproof.app.scenes.simulate import simulate
 from skyproof.errors import InputError, OutputError, SettingsError, SkyproofError
 from skyproof.report.fleet import fleet_html
@@ -94,13 +94,13 @@ def test_what_an_item_reads_is_part_of_what_its_result_depends_on(tmp_path: Path
         (tmp_path / name).write_text("x")
     (tmp_path / "p.toml").write_text('[imu]\nfile = "imu.csv"\n')
     one = CatalogueItem(name="a", inputs=("a.bin",), nav="n.rnx", platform="p.toml", settings={})
-    before = piece_of(one, tmp_path).same_as
-    assert piece_of(one, tmp_path).same_as == before
-    assert piece_of(dataclasses.replace(one, settings={"window_s": 9.0}), tmp_path).same_as != before
+    before = make_piece(one, tmp_path).same_as
+    assert make_piece(one, tmp_path).same_as == before
+    assert make_piece(dataclasses.replace(one, settings={"window_s": 9.0}), tmp_path).same_as != before
     for name in ("a.bin", "a.toml", "n.rnx", "p.toml", "imu.csv"):
         stat = (tmp_path / name).stat()
         os.utime(tmp_path / name, ns=(stat.st_atime_ns, stat.st_mtime_ns + 1000))
-        after = piece_of(one, tmp_path).same_as
+        after = make_piece(one, tmp_path).same_as
         assert after != before, name
         before = after
 
@@ -112,9 +112,9 @@ def rows(folder: Path) -> list[FleetRow]:
     (folder / "done").mkdir()
     shutil.copy(SAMPLE, folder / "done" / "verdict.json")
     return [
-        row_of(done, folder / "done", None),
-        row_of(bad, folder / "bad", "a.obs: absent & more"),
-        row_of(open_, folder / "x", None),
+        make_row(done, folder / "done", None),
+        make_row(bad, folder / "bad", "a.obs: absent & more"),
+        make_row(open_, folder / "x", None),
     ]
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 
 from skyproof.app.protect.outcome import ReceiverOutcome
-from skyproof.app.protect.pictures import kinds_of
+from skyproof.app.protect.pictures import list_kinds
 from skyproof.app.protect.positions import Track
 from skyproof.app.receive import ReceiveResult
 from skyproof.app.receive.reception import Reception
-from skyproof.app.receive.run import signals_of
+from skyproof.app.receive.run import list_signals
 from skyproof.app.scenes.simulate import SimulateResult
 from skyproof.records import Fix, NavigationData, Observations, Samples, SignalId
 from skyproof.simulator.scenes import ready
@@ -47,7 +47,7 @@ def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> Non
     deaf = Reception(
         source=samples("<stern>"), observations=None, decoded=NOBODY, n_signals=0, examined_s=3.0, left_out="deaf"
     )
-    shown = ReceiveResult(receptions=(heard, deaf), signals=(signals_of(heard.observations), ()))._repr_html_()
+    shown = ReceiveResult(receptions=(heard, deaf), signals=(list_signals(heard.observations), ()))._repr_html_()
     for reported in (
         "bow: 2 signals in 3.0 s",
         "&lt;stern&gt;: 0 signals in 3.0 s; left out: deaf",
@@ -95,6 +95,6 @@ def test_while_two_skies_are_open_the_fixes_of_both_are_given_out() -> None:
     heard = Reception(source=samples("bow"), observations=None, decoded=NOBODY, n_signals=8, examined_s=3.0)
     skies = {"S1": track_at("bow", 6.378137e6), "S2": track_at("bow", 6.378237e6)}
     outcome = ReceiverOutcome(reception=heard, tracks=skies | {"unprotected": skies["S2"]})
-    assert kinds_of(outcome) == ["unprotected", "S1", "S2"]
+    assert list_kinds(outcome) == ["unprotected", "S1", "S2"]
     decided = ReceiverOutcome(reception=heard, tracks={"false": skies["S2"], "S2": skies["S2"]})
-    assert kinds_of(decided) == ["false"]
+    assert list_kinds(decided) == ["false"]

@@ -9,7 +9,7 @@ from tests.formats.test_rinex_obs_pieces import VERSION_3, file_2, file_3, put_t
 from tests.fuzz.readers import READERS
 from tests.written import write_table
 
-from skyproof.app.receive.inputs import stretch
+from skyproof.app.receive.inputs import cut_stretch
 from skyproof.app.receive.observed import open_observations
 from skyproof.formats.attitude import read_attitude
 from skyproof.formats.bounds import REMARKS, Remarks, limited
@@ -130,8 +130,8 @@ def test_a_part_before_the_cut_is_whole(tmp_path):
     assert worst(open_observations(path, start_s=2.0, duration_s=5.0).remarks) is RemarkKind.NOTE
     assert worst(open_observations(path, start_s=2.0, duration_s=50.0).remarks) is RemarkKind.CUT
     samples = cut_samples(tmp_path)
-    assert worst(stretch(samples, 0.0, 0.004).remarks) is RemarkKind.NOTE
-    assert worst(stretch(samples, 0.001, None).remarks) is RemarkKind.CUT
+    assert worst(cut_stretch(samples, 0.0, 0.004).remarks) is RemarkKind.NOTE
+    assert worst(cut_stretch(samples, 0.001, None).remarks) is RemarkKind.CUT
 
 
 def noise(n_bytes):

@@ -282,7 +282,7 @@ def test_what_a_satellite_says_of_utc_is_kept_once() -> None:
     assert received.utc_gpst[0] == gpst_of(2190, begin_s + 6.0)
     assert stated.leap_seconds_at(received.utc_gpst[0]) == 18
     assert stated.off_s(received.utc_gpst[0]) == utc.a0
-    assert len(received.between(gpst_of(2190, begin_s + 7.0), gpst_of(2191, 0.0)).utc) == 0
+    assert len(received.select_between(gpst_of(2190, begin_s + 7.0), gpst_of(2191, 0.0)).utc) == 0
 
 
 def test_leap_seconds_stand_in_a_page_without_utc() -> None:

@@ -112,7 +112,7 @@ def test_selected_rows_are_those_of_every_field(record, rows):
 @pytest.mark.parametrize("record", RECORDS, ids=lambda record: type(record).__name__)
 def test_between_has_its_begin_and_not_its_end(record):
     time = getattr(record, record.TIME)
-    np.testing.assert_array_equal(getattr(record.between(time[2], time[5]), record.TIME), time[2:5])
+    np.testing.assert_array_equal(getattr(record.select_between(time[2], time[5]), record.TIME), time[2:5])
 
 
 def test_every_record_that_can_be_selected_is_tried():

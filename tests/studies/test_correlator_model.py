@@ -5,7 +5,7 @@ import pytest
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import asked
-from skyproof.app.receive.tracker import receiver_settings
+from skyproof.app.receive.tracker import build_receiver_settings
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.gnss.signals import GPS_SATS
@@ -73,7 +73,7 @@ def received(receiver, blocks):
 
 @pytest.mark.long
 def test_both_receivers_measure_the_same_where_signals_overlap(scene):
-    settings = receiver_settings(GPS_SATS, Settings(), asked())
+    settings = build_receiver_settings(GPS_SATS, Settings(), asked())
     count = round(0.5 * RATE_HZ)
     (samples,) = samples_of(scene.scenario, scene.navigation)
     by_samples = received(

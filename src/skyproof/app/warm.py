@@ -1,6 +1,6 @@
 """Compile and cache every kernel, so that no user waits for it: `python -m skyproof.app.warm`, run by `make setup`.
 
-With the name of a job it does that one, and prints the names of kernels as they are compiled.
+With the name of a job it does that one, and prints the name of each compiled kernel.
 """
 
 import sys
@@ -18,7 +18,7 @@ from skyproof.app.common.progress import Stage
 from skyproof.app.common.rinex import write_channels
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import asked
-from skyproof.app.receive.inputs import only_recordings, open_inputs
+from skyproof.app.receive.inputs import open_inputs, require_recordings
 from skyproof.app.receive.tracker import track
 from skyproof.compiled import on_compiled
 from skyproof.decomposition.fit import bins_dictionary, decompose, taps_dictionary
@@ -41,9 +41,11 @@ from skyproof.simulator.scenario import FrontEnd
 from skyproof.statistics.directions import hemisphere
 
 
-def _receiver() -> None:
-    """Seconds of one receiver under a meaconer through simulator and receiver, until two signals of a satellite are
-    distinguished, then a moment of each kind of whole bytes behind a filter, one of them beside a line.
+def _run_receiver() -> None:
+    """Run simulator and receiver for seconds of one receiver under a meaconer.
+
+    Until two signals of a satellite are distinguished. Then a moment of each kind of whole bytes behind a filter, one
+    beside a line.
     """
     scenario = scenes.meaconed(duration_s=2.2, onset_s=-1.0)
     scenario = scenario.model_copy(update={"receivers": scenario.receivers[:1]})
@@ -51,23 +53,23 @@ def _receiver() -> None:
     line = Interference(kind="cw", transmit=scenario.attacks[0].transmit, power_db=20.0, offset_hz=1e5)
     with tempfile.TemporaryDirectory() as folder:
         recordings = write(scenario, navigation, Path(folder) / "bits")
-        track(only_recordings(open_inputs(recordings, Settings())), Settings(), asked=asked())
+        track(require_recordings(open_inputs(recordings, Settings())), Settings(), asked=asked())
         for bits, lines in ((8, (line,)), (16, ())):
             front_end = FrontEnd(encoding="int", bits=bits, bandwidth_hz=2e6)
             changed = {"duration_s": 0.1, "front_end": front_end, "interference": lines, "attacks": ()}
             recordings = write(scenario.model_copy(update=changed), navigation, Path(folder) / f"int{bits}")
-            track(only_recordings(open_inputs(recordings, Settings())), Settings())
-    _packed()
+            track(require_recordings(open_inputs(recordings, Settings())), Settings())
+    _read_packed()
 
 
-def _packed() -> None:
-    """Numbers of 12 bits, which no front end of the simulator gives."""
+def _read_packed() -> None:
+    """Read numbers of 12 bits, which no front end of the simulator gives."""
     packing = Packing(kind="complex", encoding="int", bits=12)
     PackedSamples(np.zeros(3, np.uint8), packing, [Chunk(0, 1)]).read(0, 1)
 
 
-def _overlaps() -> None:
-    """What needs more than one signal of a satellite within a chip."""
+def _run_overlaps() -> None:
+    """Run what needs more than one signal of a satellite within a chip."""
     rng, delays = np.random.default_rng(1), taps_dictionary(tuple(np.linspace(-2.0, 2.0, 21)), 5e6, GPS_L1_CA)
     noise = rng.standard_normal((2, 2, 21)) + 1j * rng.standard_normal((2, 2, 21))
     decompose(noise[:, 0], delays)
@@ -76,8 +78,8 @@ def _overlaps() -> None:
     fit_components(bursts, build_shapes(GPS_L1_CA, 7, tuple(np.linspace(-1.0, 1.0, 9)), 2e6, 1.0), np.ones((1, 4)))
 
 
-def _positions() -> None:
-    """Two skies in one receiver's measurements, told apart and written, and an integrated orbit of GLONASS."""
+def _run_positions() -> None:
+    """Compute two skies of one receiver and write them, and integrate an orbit of GLONASS."""
     scenario = scenes.meaconed(duration_s=3.0, onset_s=-1.0)
     navigation = nominal_constellation(scenario.start_gpst)
     (observations, *_), _ = observations_of(scenario, navigation, rng=np.random.default_rng(1))
@@ -101,8 +103,8 @@ def _positions() -> None:
         write_channels(Path(folder) / "bow.obs", observations, "warm", None, sets[0].signals)
 
 
-def _methods() -> None:
-    """What a study or an inertial unit needs."""
+def _run_methods() -> None:
+    """Run what a study or an inertial unit needs."""
     rng = np.random.default_rng(1)
     for exhaustive in (True, False):
         find_passing_sets(hemisphere(9)[:6], rng.standard_normal((6, 2)), 1.0, exhaustive=exhaustive)
@@ -110,10 +112,10 @@ def _methods() -> None:
 
 
 _DO: Final[Mapping[str, Callable[[], None]]] = {
-    "overlaps": _overlaps,
-    "receiver": _receiver,
-    "positions": _positions,
-    "methods": _methods,
+    "overlaps": _run_overlaps,
+    "receiver": _run_receiver,
+    "positions": _run_positions,
+    "methods": _run_methods,
 }
 
 
@@ -140,7 +142,7 @@ class _Printed:
 
 
 def warm(job: str | None = None) -> None:
-    """Do one job here, and print the kernels that are compiled; or all of them in processes side by side."""
+    """Do one job here and print the compiled kernels, or do all jobs in parallel processes."""
     if job is None:
         return make_ready(tuple(JOBS), _Printed())
     on_compiled(lambda name: print(name, flush=True))

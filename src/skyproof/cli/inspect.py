@@ -57,7 +57,7 @@ def inspect(
     json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
-    """Say what is in a recording, log or observation file, whether it is usable, and what would make it stronger."""
+    """Describe what is in a recording, log or observation file, whether it is usable, and what would make it stronger."""
     layout = {
         "rate_hz": rate_hz,
         "kind": kind,
@@ -81,13 +81,13 @@ def inspect(
         else:
             show_guess(Console(), unknown.guess)
         if plot or out is not None:
-            likeliest = unknown.likeliest()
+            likeliest = unknown.inspect_first_proposal()
             _write_pictures((likeliest,), file, out, overwrite=overwrite, quiet=json)
             if not json:
                 print(f"They show proposal 1; its rate of {likeliest.samples.rate_hz / 1e6:.10g} MHz is not certain.")
         return 0
     if json:
-        print_document(app.inspect.document_json(inspections))
+        print_document(app.inspect.write_document_json(inspections))
     else:
         for inspection in inspections:
             if isinstance(inspection, app.inspect.LogInspection):

@@ -62,7 +62,7 @@ def _show(result: "ReceiveResult", *, as_json: bool) -> None:
     if result.interrupted:
         complain("interrupted: this is what was received so far")
     if as_json:
-        print_document(app.receive.document_json(result))
+        print_document(app.receive.write_document_json(result))
     else:
         console = Console()
         for reception in result.receptions:

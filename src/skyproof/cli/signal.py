@@ -62,7 +62,7 @@ def _show_sidecar(console: Console, inspection: "Inspection") -> None:
     """What states how to read the file, and how to have it written."""
     path = Path(inspection.samples.path or inspection.samples.name)
     console.print(words(f"`receive` and `protect` need this beside it, as {path.with_suffix('.toml').name}:"))
-    for line in app.inspect.sidecar_lines(inspection):
+    for line in app.inspect.write_sidecar_lines(inspection):
         console.print(words(f"  {line}", style="dim"), soft_wrap=True)
     write = f"Not written; this writes it: skyproof inspect {shlex.quote(str(path))} --write {inspection.taken + 1}"
     console.print(words(write, style="green"), soft_wrap=True)

@@ -94,7 +94,7 @@ def simulate(
     if result.interrupted:
         complain(f"interrupted: {len(result.files)} files in {out} are complete, the others are missing")
     if json:
-        print_document(app.simulate.document_json(result))
+        print_document(app.simulate.write_document_json(result))
     else:
         _print_result(result)
     return interrupted_code() if result.interrupted else 0
@@ -130,7 +130,7 @@ def _print_result(result: "SimulateResult") -> None:
 
 def _print_scenes(*, as_json: bool) -> None:
     if as_json:
-        print_document(app.simulate.ready_made_json())
+        print_document(app.simulate.write_ready_made_json())
         return
     listed = table("scene", "what happens")
     for one in app.simulate.ready_made().values():

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.text import Text
 
 from skyproof.app.common.platform import read_platform
-from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
+from skyproof.app.common.platform_antennas import build_arrays, build_spin_arms
 from skyproof.cli.options import Debug, OneDocument
 from skyproof.cli.progress import progress
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table
@@ -112,8 +112,8 @@ def _on_platform(chosen: Study, settings: StudySettings, platform: Path | None) 
         raise SettingsError(f"{chosen.name} takes no --platform; geometry.array and geometry.arm do")
     receivers = read_platform(platform).receivers
     tables = {one.name or f"receiver {number}": one for number, one in enumerate(receivers, 1)}
-    arrays = arrays_of(tables, {name: len(one.antennas_m or ()) for name, one in tables.items()}, str(platform))
-    arms = spin_arms_of(tables)
+    arrays = build_arrays(tables, {name: len(one.antennas_m or ()) for name, one in tables.items()}, str(platform))
+    arms = build_spin_arms(tables)
     if not (arrays if chosen.platform == "antennas_m" else arms):
         raise SettingsError(f"{platform}: no receiver has {chosen.platform}, of which {chosen.name} is; give it there")
     return replace(settings, arrays=arrays, arms=arms)

@@ -11,7 +11,7 @@ __all__ = ["ENTRIES"]
 
 
 def _describe_parted(finding: Finding) -> str:
-    """Say which codes part, and the worst by how much."""
+    """State which codes part, and the worst by how much."""
     data: Mapping[str, Any] = finding.data
     side = "late" if data["late_m"] > 0.0 else "early"
     parted = f"{name_first(data['parted'])} in {finding.signals[0].receiver}"
@@ -22,7 +22,7 @@ def _describe_parted(finding: Finding) -> str:
 
 
 def _describe_step(finding: Finding) -> str:
-    """Say which bands part together, when and by how much."""
+    """State which bands part together, when and by how much."""
     data: Mapping[str, Any] = finding.data
     return (
         f"{data['first']} of {data['satellites']} satellites in {finding.signals[0].receiver} parts from "

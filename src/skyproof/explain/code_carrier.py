@@ -10,7 +10,7 @@ __all__ = ["ENTRIES"]
 
 
 def _describe_parted(finding: Finding) -> str:
-    """Say which codes leave their carriers, and the worst by how much."""
+    """State which codes leave their carriers, and the worst by how much."""
     names, data = name_first([str(ref.signal) for ref in finding.signals]), finding.data
     return (
         f"code and carrier part: {names} in {finding.signals[0].receiver}; {data['worst']} by {data['change_m']:.0f} m "

@@ -15,7 +15,7 @@ _TOO_FEW: Final = "{receiver} has {epochs} epochs with {satellites} satellites o
 
 
 def _describe_step(finding: Finding) -> str:
-    """Say what does not go on, when, by how much, and what that may be."""
+    """Describe what does not go on, when, by how much, and what that may be."""
     data: Mapping[str, Any] = finding.data
     found = {
         "position": f"the position jumps by {metres(data['position_m'])}",
@@ -38,7 +38,7 @@ def _describe_step(finding: Finding) -> str:
 
 
 def _describe_gap(finding: Finding) -> str:
-    """Say where samples are missing."""
+    """State where samples are missing."""
     data: Mapping[str, Any] = finding.data
     ahead = seconds(data["missing_s"])
     return (
@@ -48,7 +48,7 @@ def _describe_gap(finding: Finding) -> str:
 
 
 def _describe_motion(finding: Finding) -> str:
-    """Say how far the carriers move a receiver that is stated to stand."""
+    """State how far the carriers move a receiver that is stated to stand."""
     data: Mapping[str, Any] = finding.data
     return (
         f"the carriers of {data['satellites']} satellites in {finding.signals[0].receiver} move its position by "
@@ -57,7 +57,7 @@ def _describe_motion(finding: Finding) -> str:
 
 
 def _describe_drag(finding: Finding) -> str:
-    """Say how far codes move a receiver without its carriers."""
+    """State how far codes move a receiver without its carriers."""
     data: Mapping[str, Any] = finding.data
     return (
         f"the codes of {data['satellites']} satellites in {finding.signals[0].receiver} move its position by "

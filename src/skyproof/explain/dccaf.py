@@ -10,7 +10,7 @@ __all__ = ["ENTRIES"]
 
 
 def _describe_count(finding: Finding) -> str:
-    """Say how many satellites have a second signal, and what position those signals fit."""
+    """State how many satellites have a second signal, and what position those signals fit."""
     data: Mapping[str, Any] = finding.data
     words = (
         f"of {data['satellites']} satellites in {finding.signals[0].receiver}, {data['unlike']} have a second signal "

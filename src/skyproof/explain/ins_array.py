@@ -25,7 +25,7 @@ def _name_antennas(alone: str, together: str) -> Entry:
 
 
 def _describe_attitude(finding: Finding) -> str:
-    """Say how far the attitude that was given is from the one that the signals show."""
+    """State how far the attitude that was given is from the one that the signals show."""
     data: Mapping[str, Any] = finding.data
     how = f"{data['off_deg']:.0f} degrees from" if "off_deg" in data else "not"
     return (
@@ -35,7 +35,7 @@ def _describe_attitude(finding: Finding) -> str:
 
 
 def _count_true(finding: Finding) -> str:
-    """Say how many signals come from their satellites, and how many do not."""
+    """State how many signals come from their satellites, and how many do not."""
     data: Mapping[str, Any] = finding.data
     words = (
         f"{data['from_satellites']} of {data['of']} signals come to {finding.signals[0].receiver} from where their "
@@ -45,7 +45,7 @@ def _count_true(finding: Finding) -> str:
 
 
 def _describe_unlike(finding: Finding) -> str:
-    """Say how many signals do not come from their satellites, and that nothing shows why."""
+    """State how many signals do not come from their satellites, and that nothing shows why."""
     data: Mapping[str, Any] = finding.data
     which = f"{'the other ' if data['beside'] else ''}{len(finding.signals)}"
     return (

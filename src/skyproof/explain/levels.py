@@ -10,7 +10,7 @@ __all__ = ["ENTRIES"]
 
 
 def _describe_odd(finding: Finding) -> str:
-    """Say which test failed, and how."""
+    """State which test failed, and how."""
     data: Mapping[str, Any] = finding.data
     receiver = finding.signals[0].receiver
     match data["test"]:
@@ -33,7 +33,7 @@ def _describe_odd(finding: Finding) -> str:
 
 
 def _describe_fall(finding: Finding) -> str:
-    """Say by how much C/N0 falls, and on which carriers."""
+    """State by how much C/N0 falls, and on which carriers."""
     falls = ", ".join(f"{rise.fall_db:.0f} dB on {rise.carrier}" for rise in finding.interference or ())
     return f"C/N0 of all satellites in {finding.signals[0].receiver} falls: {falls}"
 

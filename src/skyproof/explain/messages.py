@@ -13,14 +13,14 @@ _REMEDY: Final = "the orbits of the day (--nav), or another receiver"
 
 
 def _count_odd(finding: Finding) -> str:
-    """Say how many satellites are odd."""
+    """State how many satellites are odd."""
     data: Mapping[str, Any] = finding.data
     number = f"{len(data['odd'])} of {data['satellites']} satellites"
     return f"{number} in {data['receiver']} are odd by their message or place"
 
 
 def _describe_odd(finding: Finding) -> str:
-    """Say how many satellites are odd, which, and how the first of them."""
+    """State how many satellites are odd, which, and how the first of them."""
     data: Mapping[str, Any] = finding.data
     amount = data["amount"]
     how = {

@@ -114,7 +114,7 @@ _REMEDIES: Final[Mapping[str, str]] = {
 
 
 def _describe(finding: Finding, code: str) -> str:
-    """Say what was found, and what may be wrong of a statement of the user."""
+    """Describe what was found, and what may be wrong of a statement of the user."""
     causes = finding.wrong_statements
     if code in ("statement_or_false", "few_without_doubtful"):
         found = _SENTENCES[str(finding.data["found"])].format_map(_collect_more(finding))
@@ -124,7 +124,7 @@ def _describe(finding: Finding, code: str) -> str:
 
 
 def _prescribe(finding: Finding, code: str) -> str | None:
-    """Say what would decide: a statement that may be wrong, checked, first."""
+    """Describe what would decide: a statement that may be wrong, checked, first."""
     template, causes = _REMEDIES.get(code), finding.wrong_statements
     remedy = None if template is None else template.format_map(_collect_more(finding))
     checked = [f"{causes[0].about} checked"] if causes else []
@@ -169,7 +169,7 @@ def _name_signals(fields: Mapping[str, Any]) -> str:
 
 
 def _name_distances(fields: Mapping[str, Any]) -> str:
-    """Say how far from the first one signals put the other antennas."""
+    """State how far from the first one signals put the other antennas."""
     first, *others = fields["receivers"]
     apart = zip(others, fields["apart_m"], fields["apart_sigma_m"], strict=False)
     places = [f"the antenna of {name} {d:.1f} ± {s:.1f} m from that of {first}" for name, d, s in apart]
@@ -185,7 +185,7 @@ def _name_second_signals(fields: Mapping[str, Any]) -> str:
 
 
 def _name_doubtful(finding: Finding) -> str:
-    """Say of how many satellites the antenna of false signals could have sent the signals."""
+    """State of how many satellites the antenna of false signals could have sent the signals."""
     if "doubtful" not in finding.data:
         return ""
     words = f"; {finding.data['doubtful']} of them could as well come from the antenna of the false signals"

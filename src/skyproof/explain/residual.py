@@ -16,7 +16,7 @@ _MISFIT: Final = "{n_satellites} satellites in {receiver} do not fit one positio
 
 
 def _describe_skies(finding: Finding) -> str:
-    """Say how many signals fit which positions, and how far those are apart in place and time."""
+    """State how many signals fit which positions, and how far those are apart in place and time."""
     data: Mapping[str, Any] = finding.data
     sizes = " and ".join(f"{size:.0f}" for size in data["sizes"])
     words = f"{sizes} signals in {finding.signals[0].receiver} fit positions up to {data['apart_m']:.0f} m apart"
@@ -27,7 +27,7 @@ def _describe_skies(finding: Finding) -> str:
 
 
 def _describe_orbits(finding: Finding) -> str:
-    """Say which satellites miss the place of the others, and by how much."""
+    """State which satellites miss the place of the others, and by how much."""
     data: Mapping[str, Any] = finding.data
     sats = ", ".join(data["far"][:_MOST_NAMED]) + (" and others" if len(data["far"]) > _MOST_NAMED else "")
     count = len({ref.signal.sat for ref in finding.signals})
@@ -38,7 +38,7 @@ def _describe_orbits(finding: Finding) -> str:
 
 
 def _describe_second_signals(finding: Finding) -> str:
-    """Say how many satellites have a second signal."""
+    """State how many satellites have a second signal."""
     doubled: Any = finding.data["doubled"]
     count = len({ref.signal.sat for ref in finding.signals})
     return (

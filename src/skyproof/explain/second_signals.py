@@ -12,7 +12,7 @@ _COUNT: Final = "{doubled} of {satellites} satellites in {receiver} have a secon
 
 
 def _describe_unlike_echoes(finding: Finding) -> str:
-    """Say how many satellites have a second signal, and how rarely echoes are like those of some of them."""
+    """State how many satellites have a second signal, and how rarely echoes are like those of some of them."""
     data: Mapping[str, Any] = finding.data
     words = _COUNT.format_map({**data, "receiver": finding.signals[0].receiver})
     cases = float(f"{1.0 / data['of_echoes']:.2g}")

@@ -12,7 +12,7 @@ _HOW: Final = {"begins": "begins about", "ends": "ends about", "turns": "comes f
 
 
 def _describe_changes(finding: Finding) -> str:
-    """Say which satellites' signals change, how and when."""
+    """State which satellites' signals change, how and when."""
     data: Mapping[str, Any] = finding.data
     changes = zip(data["changed"], data["kinds"], data["after_s"], strict=True)
     words = ", ".join(f"{signal} {_HOW[kind]} {after_s:.3g} s" for signal, kind, after_s in changes)

@@ -11,7 +11,7 @@ __all__ = ["ENTRIES"]
 
 
 def _describe_bent(finding: Finding) -> str:
-    """Say whose phases are not of one direction, and when."""
+    """State whose phases are not of one direction, and when."""
     data: Mapping[str, Any] = finding.data
     receiver = finding.signals[0].receiver
     words = "its phases are not of one direction"

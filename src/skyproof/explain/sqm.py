@@ -23,17 +23,17 @@ def _count_correlators(finding: Finding) -> str:
 
 
 def _describe_some(finding: Finding) -> str:
-    """Say whose correlators are distorted, by a reflection or a second signal."""
+    """State whose correlators are distorted, by a reflection or a second signal."""
     return f"{_name_correlators(finding)} are distorted, by a reflection or a second signal"
 
 
 def _describe_many(finding: Finding) -> str:
-    """Say whose correlators are distorted at once, by reflections all around or by second signals."""
+    """State whose correlators are distorted at once, by reflections all around or by second signals."""
     return f"{_count_correlators(finding)} are distorted at once, by reflections all around or by second signals"
 
 
 def _describe_earlier(finding: Finding) -> str:
-    """Say whose correlators hold a second signal that comes before the tracked one, as no reflection does."""
+    """State whose correlators hold a second signal that comes before the tracked one, as no reflection does."""
     return (
         f"{_count_correlators(finding)} hold a second signal of the same satellite that comes before the tracked one, "
         "which no reflection does"

@@ -10,7 +10,7 @@ __all__ = ["ENTRIES"]
 
 
 def _count(finding: Finding, names: str = "") -> str:
-    """Say how many satellites have codes that no orbit explains, or change places."""
+    """State how many satellites have codes that no orbit explains, or change places."""
     data: Mapping[str, Any] = finding.data
     if data["by"] == "codes":
         number = f"{len(data['sats'])} of {data['of']} satellites"
@@ -20,7 +20,7 @@ def _count(finding: Finding, names: str = "") -> str:
 
 
 def _name_torn(finding: Finding) -> str:
-    """Say how many satellites, and which."""
+    """State how many satellites, and which."""
     sats: Any = finding.data["sats"]
     return _count(finding, f" ({name_first(sats)})")
 

@@ -10,7 +10,7 @@ __all__ = ["ENTRIES"]
 
 
 def _describe_misfit(finding: Finding) -> str:
-    """Say that channels do not fit one position, since when, and which of them would explain it."""
+    """State that channels do not fit one position, since when, and which of them would explain it."""
     data: Mapping[str, Any] = finding.data
     when = f", seen at {data['seen_s']:.1f} s of the recording" if "seen_s" in data else ""
     when += f", from {data['began_s']:.1f} s on" if "began_s" in data else ""
@@ -21,7 +21,7 @@ def _describe_misfit(finding: Finding) -> str:
 
 
 def _name_suspects(data: Mapping[str, Any]) -> str:
-    """Say which signals alone would explain a misfit."""
+    """State which signals alone would explain a misfit."""
     number, size, names = data["sets"], data["set_size"], data["suspects"]
     if not number:
         return "so many that which of them are false does not show"

@@ -175,7 +175,7 @@ class ObservationSpool:
         return replace(Observations.joined((self._known, *parts)), receiver=self.receiver)
 
     def _part(self, number: int, rows: slice) -> Observations:
-        """Epochs of a piece, without what holds for its channels: `_known` has that."""
+        """Epochs of a piece, without what holds for its channels: `_rough_knowledge` has that."""
         signals, stored = self._pieces[number].signals, self._stored.read(number)
         arrays: dict[str, Any] = {name: stored[name][rows] for name in (*_OF_EPOCHS, *_OF_CELLS)}
         never = np.full(len(signals), np.inf)

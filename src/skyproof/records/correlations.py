@@ -29,7 +29,7 @@ class TimeSliced(Protocol[T_co]):
     @property
     def receiver(self) -> str: ...
 
-    def between(self, begin_s: float, end_s: float, /) -> T_co:
+    def select_between(self, begin_s: float, end_s: float, /) -> T_co:
         """What has begin <= `elapsed_s` < end, as one record."""
 
 

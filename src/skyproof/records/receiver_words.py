@@ -112,7 +112,7 @@ class ReceivedMessages(ShortRepr):
     utc_gpst: Instants = field(default_factory=lambda: np.empty(0, "M8[ns]"))
     utc: tuple[UtcStatement, ...] = ()
 
-    def between(self, start_gpst: np.datetime64, end_gpst: np.datetime64) -> "ReceivedMessages":
+    def select_between(self, start_gpst: np.datetime64, end_gpst: np.datetime64) -> "ReceivedMessages":
         """Return what has start <= time < end."""
         rows = np.flatnonzero((self.gpst >= start_gpst) & (self.gpst < end_gpst))
         times = np.flatnonzero((self.mistimed_gpst >= start_gpst) & (self.mistimed_gpst < end_gpst))

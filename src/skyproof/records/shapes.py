@@ -18,7 +18,7 @@ class Selectable:
     """A dataclass of which rows can be selected: epochs, mostly, along axis 0 of its arrays.
 
     BY_ROW : the fields that have these rows, each an array, a mapping to arrays, or None; all fields if it is empty.
-    TIME : the one of them by which `between` selects.
+    TIME : the one of them by which `select_between` selects.
     """
 
     __slots__ = ()
@@ -31,7 +31,7 @@ class Selectable:
         chosen: dict[str, Any] = {name: _rows_of(getattr(self, name), rows) for name in names}
         return replace(self, **chosen)  # type: ignore[type-var]
 
-    def between(self, begin: Any, end: Any) -> Self:
+    def select_between(self, begin: Any, end: Any) -> Self:
         """Select the rows with begin <= time < end: labels, or seconds where `TIME` is `elapsed_s`."""
         time = getattr(self, self.TIME)
         return self.select((time >= begin) & (time < end))

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.app.receive.reception import Reception
-from skyproof.app.receive.time_tag import clock_biases_s, shown_by
+from skyproof.app.receive.time_tag import compute_clock_biases_s, position_all_epochs
 from skyproof.arrays import Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -409,7 +409,7 @@ def _receive(
     observations, share = _make_observations(geometry, receiver, noise, rng)
     left_out = None
     if observations is not None:
-        biases_s = clock_biases_s(shown_by(iter([observations]), scene.navigation), receiver.gaps)
+        biases_s = compute_clock_biases_s(position_all_epochs(iter([observations]), scene.navigation), receiver.gaps)
         observations = observations if biases_s is None else anchor_label(observations, biases_s)
     else:
         left_out = "no signal heard"

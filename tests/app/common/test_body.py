@@ -15,7 +15,7 @@ from tests.written import write_table
 
 from skyproof.app.common.body import Body, Carried, body_of, body_states, open_body, with_imu, with_stored_readings
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_use import described
+from skyproof.app.common.platform_use import match_tables
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
 from skyproof.errors import InputError, SettingsError
@@ -76,7 +76,7 @@ def stated(**more):
 
 
 def body(carrier, names=("one",)):
-    return body_of(carrier, open_body(carrier), names, described(carrier, names), START, 300.0)
+    return body_of(carrier, open_body(carrier), names, match_tables(carrier, names), START, 300.0)
 
 
 def body_state(body, records, carried):
@@ -271,7 +271,7 @@ def test_readings_on_a_disk_give_the_same_states(tmp_path, monkeypatch, each):
     stored = with_stored_readings(files, Workspace(tmp_path))
     assert isinstance(stored.imu, StoredImuFile)
     names = ("one",)
-    held, read = (body_of(carrier, one, names, described(carrier, names), START, 300.0) for one in (files, stored))
+    held, read = (body_of(carrier, one, names, match_tables(carrier, names), START, 300.0) for one in (files, stored))
     for in_memory, from_disk in zip(*(through(one, [0.0, 10.0, 30.0], HOME)[0] for one in (held, read)), strict=True):
         np.testing.assert_array_equal(from_disk.attitude, in_memory.attitude)
         np.testing.assert_array_equal(from_disk.covariance, in_memory.covariance)

@@ -188,13 +188,13 @@ WRONG = [
     (f"{RECEIVER}antennas_m = []", "receivers[0].antennas_m holds 0 … 1"),
     (
         f'{RECEIVER}inputs = ["a", "b", "c"]\nantennas_m = [[0, 0, 0], [1, 0, 0]]',
-        "receivers[0].antennas_m: … 2 antennas … inputs of 3",
+        "receivers[0].antennas_m: … 2 antennas … inputs has 3",
     ),
     (f"{RECEIVER}antenna_sigma_m = 0", "receivers[0].antenna_sigma_m = 0 … 0"),
     (f"{RECEIVER}line_bias_cyc = 0.1", "receivers[0].line_bias_cyc = 0.1 … list"),
     (
         f"{RECEIVER}antennas_m = [[0, 0, 0], [1, 0, 0]]\nline_bias_cyc = [0.1]",
-        "receivers[0].line_bias_cyc: … 1 antennas … antennas_m of 2",
+        "receivers[0].line_bias_cyc: … 1 antennas … antennas_m has 2",
     ),
     (f"{SECOND}spin = {{ radius_m = 0, rate_hz = 1 }}", "receivers[1].spin.radius_m = 0 … 0"),
     (f"{SECOND}spin = {{ radius_m = 1, rate_hz = 0 }}", "receivers[1].spin.rate_hz: is 0 … turns"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_antennas import arrays_of, spin_arms_of
+from skyproof.app.common.platform_antennas import build_arrays, build_spin_arms
 from skyproof.app.common.platform_tables import PlatformReceiver
 from skyproof.errors import SettingsError
 
@@ -19,19 +19,19 @@ def tables(**keys: Any) -> dict[str, PlatformReceiver]:
 
 def test_an_array_is_where_its_antennas_are() -> None:
     described = tables(antennas_m=PLACES_M, antenna_sigma_m=0.002, line_bias_cyc=[0.0, 0.2, -0.1])
-    array = arrays_of(described, {"rx": 3})["rx"]
+    array = build_arrays(described, {"rx": 3})["rx"]
     assert np.array_equal(array.elements_m, PLACES_M)
     assert array.sigma_m == 0.002
     assert array.line_bias_cyc is not None
     assert array.line_bias_cyc.tolist() == [0.0, 0.2, -0.1]
-    unknown = arrays_of(tables(antennas_m=PLACES_M), {"rx": 3})["rx"]
+    unknown = build_arrays(tables(antennas_m=PLACES_M), {"rx": 3})["rx"]
     assert unknown.line_bias_cyc is None
     assert unknown.sigma_m is None
 
 
 def test_antennas_of_which_nobody_says_where_they_are_are_no_array() -> None:
-    assert arrays_of(tables(line_bias_cyc=[0.0, 0.1]), {"rx": 2}) == {}
-    assert arrays_of(tables(antennas_m=PLACES_M[:1]), {"rx": 1}) == {}
+    assert build_arrays(tables(line_bias_cyc=[0.0, 0.1]), {"rx": 2}) == {}
+    assert build_arrays(tables(antennas_m=PLACES_M[:1]), {"rx": 1}) == {}
 
 
 @pytest.mark.parametrize(
@@ -44,12 +44,12 @@ def test_antennas_of_which_nobody_says_where_they_are_are_no_array() -> None:
 )
 def test_another_number_of_antennas_than_the_inputs_have_is_refused(keys: Any, count: int, words: str) -> None:
     with pytest.raises(SettingsError, match=words):
-        arrays_of(tables(**keys), {"rx": count}, "p.toml")
+        build_arrays(tables(**keys), {"rx": count}, "p.toml")
 
 
 def test_an_arm_turns_with_its_rate() -> None:
-    (arm,) = spin_arms_of(tables(spin={"radius_m": 0.0951, "rate_hz": -0.25, "rate_sigma_hz": 0.001}))
+    (arm,) = build_spin_arms(tables(spin={"radius_m": 0.0951, "rate_hz": -0.25, "rate_sigma_hz": 0.001}))
     assert (arm.receiver, arm.radius_m) == ("rx", 0.0951)
     assert arm.rate_rad_s == pytest.approx(-0.5 * np.pi)
     assert arm.rate_sigma_rad_s == pytest.approx(0.002 * np.pi)
-    assert spin_arms_of(tables()) == ()
+    assert build_spin_arms(tables()) == ()

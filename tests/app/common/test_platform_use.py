@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tests.app.kit import ENU_M, PLACES
 
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_use import described, inputs_of, settings_of
+from skyproof.app.common.platform_use import derive_settings, match_tables, select_inputs
 from skyproof.app.common.settings import Settings
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -34,7 +34,7 @@ SURVEYED = [
 
 def used(settings: Settings | None = None, names: list[str] = NAMES, **tables: Any) -> tuple[Settings, tuple[str, ...]]:
     platform = Platform.model_validate(tables)
-    return settings_of(platform, settings or platform.protect, names, described(platform, names))
+    return derive_settings(platform, settings or platform.protect, names, match_tables(platform, names))
 
 
 def test_surveyed_positions_are_the_antennas_places() -> None:
@@ -182,15 +182,15 @@ def test_what_no_method_uses_stands_in_one_remark() -> None:
 
 def test_inputs_and_names_come_from_the_platform(tmp_path: Path) -> None:
     platform = Platform.model_validate({"receivers": [{"name": "rx1", "inputs": ["a.bin"]}, {"inputs": ["b.obs"]}]})
-    assert inputs_of(platform, []) == ([(Path("a.bin"),), (Path("b.obs"),)], ["rx1", None])
-    assert list(described(platform, ["rx1", "b"]).items()) == [
+    assert select_inputs(platform, []) == ([(Path("a.bin"),), (Path("b.obs"),)], ["rx1", None])
+    assert list(match_tables(platform, ["rx1", "b"]).items()) == [
         ("rx1", platform.receivers[0]),
         ("b", platform.receivers[1]),
     ]
-    assert inputs_of(Platform(), ["c.bin"]) == ([Path("c.bin")], [None])
-    assert described(Platform(), ["c"]) == {}
+    assert select_inputs(Platform(), ["c.bin"]) == ([Path("c.bin")], [None])
+    assert match_tables(Platform(), ["c"]) == {}
     alone = Platform.model_validate({"receivers": [{"body_m": [1.0, 0.0, 0.0]}]})
-    assert described(alone, ["c"]) == {"c": alone.receivers[0]}
+    assert match_tables(alone, ["c"]) == {"c": alone.receivers[0]}
 
 
 PAIR_M = [[0, 0, 0], [0.2, 0, 0]]
@@ -214,7 +214,7 @@ PAIR_M = [[0, 0, 0], [0.2, 0, 0]]
 )
 def test_antennas_of_a_receiver_are_opened_as_one(receivers: Any, given: list[str], inputs: Any, called: Any) -> None:
     wanted = [tuple(map(Path, one)) if isinstance(one, tuple) else Path(one) for one in inputs]
-    assert inputs_of(Platform.model_validate({"receivers": receivers}), given) == (wanted, called)
+    assert select_inputs(Platform.model_validate({"receivers": receivers}), given) == (wanted, called)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_antennas_of_a_receiver_are_opened_as_one(receivers: Any, given: list[st
 )
 def test_inputs_that_do_not_fit_the_platform_are_refused(receivers: Any, given: list[str], words: str) -> None:
     with pytest.raises(SettingsError, match=words):
-        inputs_of(Platform.model_validate({"receivers": receivers}), given, "p.toml")
+        select_inputs(Platform.model_validate({"receivers": receivers}), given, "p.toml")
 
 
 @pytest.mark.parametrize(
@@ -238,7 +238,7 @@ def test_inputs_that_do_not_fit_the_platform_are_refused(receivers: Any, given: 
 )
 def test_a_table_of_no_receiver_of_the_run_is_refused(receivers: Any, words: str) -> None:
     with pytest.raises(SettingsError, match=words):
-        described(Platform.model_validate({"receivers": receivers}), ["a", "b"], "p.toml")
+        match_tables(Platform.model_validate({"receivers": receivers}), ["a", "b"], "p.toml")
 
 
 @given(st.floats(-89.0, 89.0), st.floats(-180.0, 180.0), st.lists(st.floats(-3e4, 3e4), min_size=3, max_size=3))

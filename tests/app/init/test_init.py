@@ -22,7 +22,7 @@ from skyproof.app.common.platform_tables import (
 )
 from skyproof.app.common.settings import Settings
 from skyproof.app.init import init
-from skyproof.app.init.text import FoundReceiver, one_line, platform_lines
+from skyproof.app.init.text import FoundReceiver, write_one_line, write_platform_lines
 from skyproof.app.protect import protect
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.raw import SampleLayout, sidecar_text
@@ -97,7 +97,7 @@ def test_a_receiver_is_named_as_its_marker_where_no_other_is(measured: Path, tmp
 
 def test_every_key_can_be_completed_by_taking_its_sign_away(tmp_path: Path) -> None:
     receivers = [FoundReceiver("a", "a.bin", (), 1), FoundReceiver("b", "b.sigmf-meta", ("its channels",), 3)]
-    text = "\n".join(platform_lines(receivers, {}, "1"))
+    text = "\n".join(write_platform_lines(receivers, {}, "1"))
     assert set(tomllib.loads(text)) == {"receivers"}
     (tmp_path / "platform.toml").write_text(EXAMPLE.sub("", text).replace('file = "attitude.csv"', ""), "utf-8")
     tables = tomllib.loads((tmp_path / "platform.toml").read_text(encoding="utf-8"))
@@ -180,7 +180,7 @@ def test_what_cannot_be_opened_leaves_no_file(files: list[str], tmp_path: Path) 
 
 @pytest.mark.parametrize("value", ['a[ b, ]\\"ö\n\u2028', [], [1, [2.5, True]], {"a": [1.0], "b": "x"}])
 def test_a_value_on_one_line_reads_back(value: object) -> None:
-    line = one_line(value)
+    line = write_one_line(value)
     assert "\n" not in line
     assert tomllib.loads(f"x = {line}") == {"x": value}
 

@@ -10,12 +10,12 @@ import pytest
 from tests.recordings import COMPLEX_4, CTTC, REAL_12, REAL_24
 
 from skyproof import cli
-from skyproof.app.inspect.advice import advice
+from skyproof.app.inspect.advice import advise
 from skyproof.app.inspect.guess import guess
-from skyproof.app.inspect.inspection import Inspection, document_json
+from skyproof.app.inspect.inspection import Inspection, write_document_json
 from skyproof.app.inspect.run import inspect
 from skyproof.app.inspect.signal_pictures import write_pictures
-from skyproof.app.inspect.signals import _first_looks, inspect_samples
+from skyproof.app.inspect.signals import _search_readings, inspect_samples
 from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.records import SampleGap, Samples
@@ -31,7 +31,7 @@ START = np.datetime64("2024-03-03T11:59:58", "ns")
 def reported(path: Path, sidecar: str, folder: Path) -> dict:
     beside = folder / "how.toml"
     beside.write_text("[samples]\n" + sidecar, encoding="utf-8")
-    return json.loads(document_json(inspect(path, sidecar=beside)))
+    return json.loads(write_document_json(inspect(path, sidecar=beside)))
 
 
 def satellites(document: dict) -> set[int]:
@@ -285,15 +285,15 @@ def test_the_last_sentence_says_what_can_be_done_and_what_is_missing(stored: tup
     samples, _ = sky()
     short = inspect_samples(samples)
     assert "too short" in short.advice
-    long = advice(replace(samples, n_samples=int(60 * 4e6)), short.satellites, gaps=0, mirrored=False)
+    long = advise(replace(samples, n_samples=int(60 * 4e6)), short.satellites, gaps=0, mirrored=False)
     assert "`protect` can" in long
     assert "second receiver" in long
     assert "--nav" not in long
-    tens = advice(replace(samples, n_samples=int(20 * 4e6)), short.satellites, gaps=1, mirrored=False)
+    tens = advise(replace(samples, n_samples=int(20 * 4e6)), short.satellites, gaps=1, mirrored=False)
     assert "--nav" in tens
     assert "samples" in tens
-    assert "no satellite" in advice(samples, (), gaps=0, mirrored=False)
-    assert "no position" in advice(
+    assert "no satellite" in advise(samples, (), gaps=0, mirrored=False)
+    assert "no position" in advise(
         replace(samples, n_samples=int(60 * 4e6)), short.satellites[:3], gaps=0, mirrored=False
     )
 
@@ -359,8 +359,8 @@ def test_what_was_found_before_is_not_searched_again_and_shows_the_same(
     peaks = guess(path).proposals[0].peaks
     searched = []
     monkeypatch.setattr(
-        "skyproof.app.inspect.signals._first_looks",
-        lambda *reported, looks=_first_looks: searched.append(1) or looks(*reported),
+        "skyproof.app.inspect.signals._search_readings",
+        lambda *reported, looks=_search_readings: searched.append(1) or looks(*reported),
     )
     again = inspect_samples(described.samples, peaks=peaks)
     assert searched == []

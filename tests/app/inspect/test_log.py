@@ -10,7 +10,7 @@ from tests.logs.test_nmea import gga
 from tests.logs.test_ubx import rawx
 
 from skyproof.app.init.run import init
-from skyproof.app.inspect.inspection import document_json
+from skyproof.app.inspect.inspection import write_document_json
 from skyproof.app.inspect.log import LogInspection, inspect_log
 from skyproof.app.inspect.run import inspect
 from skyproof.errors import InputError
@@ -83,7 +83,7 @@ def test_sentences_alone_are_taken_for_their_fixes(tmp_path) -> None:
 
 
 def test_the_document_is_json_of_numbers_that_are_there(tmp_path) -> None:
-    document = json.loads(document_json(inspect(written(tmp_path, ubx_log()))))
+    document = json.loads(write_document_json(inspect(written(tmp_path, ubx_log()))))
     assert document["format"] == "skyproof-inspect-log/1"
     assert document["receiver"] == {"fixes": 0, "levels": 0, "states": 0, "alarms": 0}
     assert document["missing"][0]["name"] == "RXM-SFRBX"

@@ -12,7 +12,7 @@ from skyproof.app.protect import judge
 from skyproof.app.protect.coasting import usable_fixes
 from skyproof.app.protect.document import document
 from skyproof.app.protect.outcome import Outcome
-from skyproof.app.protect.predictors import InertialUnit, predictors_of
+from skyproof.app.protect.predictors import InertialUnit, build_predictors
 from skyproof.detectors.adapter import finding_from_evidence
 from skyproof.detectors.prediction.choice_findings import CHOSEN
 from skyproof.gnss.frames import heading_pitch_roll_rad
@@ -160,7 +160,7 @@ def inertia_of(scene: Scene, settings: Settings, grade: str, *, attitude_deg: fl
         )
     ins = InsSettings(grade=GRADES[grade], oscillator=OSCILLATORS["tcxo"])
     own = InertialUnit(readings=readings, settings=ins, levers_m={"bow": np.zeros(3)}, initial=initial)
-    return predictors_of(["bow"], settings, unit=own)
+    return build_predictors(["bow"], settings, unit=own)
 
 
 def _wrong_sky(heard, outcome: Outcome) -> bool | None:

@@ -136,7 +136,7 @@ def test_false_signals_of_one_transmitter_are_as_equal_as_noise_allows(tmp_path)
     (tracker,), _ = track([source], Settings())
     lines_cyc = np.array(kit.LINE_BIAS_CYC)
     places = AntennaArray(elements_m=np.array(kit.ELEMENTS_M), line_bias_cyc=lines_cyc)
-    phases = observe(tracker, None, places).array_phases.between(0.0, np.inf)
+    phases = observe(tracker, None, places).array_phases.select_between(0.0, np.inf)
     p_values = []
     for first in range(10, phases.gpst.size - 5, 5):
         rows = slice(first, first + 5)

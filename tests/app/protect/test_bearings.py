@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.app.protect.bearings import bearings_of, ellipse_95
+from skyproof.app.protect.bearings import ellipse_95, find_bearings
 from skyproof.app.protect.positions import Track
 from skyproof.detectors.adapter import finding_from_evidence
 from skyproof.fusion.labels import FalseSource
@@ -69,7 +69,7 @@ def seen(track, rng, *, several=False):
 
 def test_rays_of_a_receiver_that_moves_meet_at_the_transmitter():
     track = moved(12.0)
-    (bearing,) = bearings_of((SOURCE,), seen(track, np.random.default_rng(1)), {"array": track})
+    (bearing,) = find_bearings((SOURCE,), seen(track, np.random.default_rng(1)), {"array": track})
     error_m = bearing.meets.position_ecef_m - TARGET_M
     assert error_m @ np.linalg.solve(bearing.meets.covariance_m2, error_m) < 11.3  # 1 % of three degrees
     major_m, minor_m, azimuth_deg = ellipse_95(bearing.meets)
@@ -88,7 +88,7 @@ def test_rays_of_a_receiver_that_moves_meet_at_the_transmitter():
 
 def test_a_receiver_that_stands_has_a_ray_and_no_place():
     track = moved(0.0)
-    (bearing,) = bearings_of((SOURCE,), seen(track, np.random.default_rng(2)), {"array": track})
+    (bearing,) = find_bearings((SOURCE,), seen(track, np.random.default_rng(2)), {"array": track})
     assert bearing.meets is None
     assert bearing.ring() is None
     assert list(bearing.last) == ["array"]
@@ -97,5 +97,5 @@ def test_a_receiver_that_stands_has_a_ray_and_no_place():
 def test_open_directions_and_receivers_without_a_trusted_place_have_no_ray():
     track = moved(12.0)
     rng = np.random.default_rng(3)
-    assert list(bearings_of((SOURCE,), seen(track, rng, several=True), {"array": track})) == []
-    assert list(bearings_of((SOURCE,), seen(track, rng), {})) == []
+    assert list(find_bearings((SOURCE,), seen(track, rng, several=True), {"array": track})) == []
+    assert list(find_bearings((SOURCE,), seen(track, rng), {})) == []

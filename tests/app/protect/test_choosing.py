@@ -9,7 +9,7 @@ from tests.app.kit import START
 from tests.app.protect.choosing import choice_of, inertia_of, judged, led_away
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.protect.takeover_pictures import compared_skies, origins
+from skyproof.app.protect.takeover_pictures import compare_skies, list_origins
 
 STANDS = Settings(speed_max_m_s=0.0)
 
@@ -41,13 +41,13 @@ def test_fixes_are_trusted_then_held_then_trusted(pushed):
 
 def test_the_report_draws_what_was_expected_both_skies_and_where_positions_come_from(pushed):
     zero = pushed.outcome.receivers[0].reception.observations.gpst[0]
-    (compared,) = compared_skies(pushed.outcome, zero)
+    (compared,) = compare_skies(pushed.outcome, zero)
     away_m = {track.kind: float(np.hypot(track.east_m[0], track.north_m[0])) for track in compared.tracks}
     assert away_m["expected"] == 0.0
     assert away_m["trusted"] < 5.0 < away_m["false"]
     assert compared.chosen
     assert compared.wrong <= 1e-3
-    (came,) = origins(pushed.outcome, zero)
+    (came,) = list_origins(pushed.outcome, zero)
     assert [one.origin for one in came.usable] == ["trusted", "held", "trusted"]
     held = pushed.at_s[pushed.kind == "held"]
     assert came.usable[1].from_s == pytest.approx(held.min(), abs=0.6)

@@ -10,9 +10,9 @@ from scipy import special
 from tests.app.protect.test_positions import RECORDS, WHOLE, decision
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.protect.coasting import Flown, flown_on, step, usable_fixes
+from skyproof.app.protect.coasting import Flown, coast, step, usable_fixes
 from skyproof.app.protect.hidden import HiddenDrag
-from skyproof.app.protect.positions import positions_of
+from skyproof.app.protect.positions import set_up_positions
 from skyproof.navigation.nav_estimate import estimate_from_parts
 from skyproof.records import Fix
 
@@ -69,7 +69,7 @@ def test_pieces_give_what_the_whole_gives(good, cut):
 @pytest.mark.parametrize("speed_m_s", [0.0, None])
 def test_a_run_goes_on_where_its_receiver_stands_and_only_there(speed_m_s):
     settings = Settings(smoothing_s=20.0, speed_max_m_s=speed_m_s)
-    positions = positions_of(WHOLE, decision(), RECORDS.navigation, settings)
+    positions = set_up_positions(WHOLE, decision(), RECORDS.navigation, settings)
     found = list(usable_fixes(positions))
     trusted = [fix for kind, fix in found if kind == "trusted"]
     carried = [fix for kind, fix in found if kind == "held"]
@@ -116,7 +116,7 @@ def test_fixes_of_a_sky_that_overlaps_with_another_correct_the_unit_in_their_tur
     first = 0
     for stop in cuts:
         rows = slice(first, stop)
-        _, flown = flown_on(flown, "rx1", LABELS[rows], whole.select(rows))
+        _, flown = coast(flown, "rx1", LABELS[rows], whole.select(rows))
         first = stop
     assert [gpst for word, gpst in heard.told if word == "followed"] == times[1:]
     assert flown.coming == ()
@@ -126,7 +126,7 @@ def test_fixes_of_a_sky_that_overlaps_with_another_correct_the_unit_in_their_tur
 
 def test_doubtful_fixes_correct_no_unit_and_stay_what_they_are():
     heard, doubtful = Heard(), np.arange(12) >= 6
-    flown_on(Flown(predictor=heard), "rx1", LABELS, fix_at([True] * 9 + [False] * 3), doubtful)
+    coast(Flown(predictor=heard), "rx1", LABELS, fix_at([True] * 9 + [False] * 3), doubtful)
     bias = np.timedelta64(1_000_000, "ns")
     assert [gpst for word, gpst in heard.told if word == "learned"] == list(LABELS[:6] - bias)
     assert [word for word, _ in heard.told].count("until") == 3
@@ -150,7 +150,7 @@ def test_by_inertia_levels_and_what_is_hidden_grow_from_those_of_the_last_fix():
         jump_m=np.zeros(1),
         far_m=np.array([np.inf]),
     )
-    carried, _ = flown_on(Flown(predictor=Drifts(), hidden=drag, integrity_risk=1e-7), "rx1", LABELS, fix)
+    carried, _ = coast(Flown(predictor=Drifts(), hidden=drag, integrity_risk=1e-7), "rx1", LABELS, fix)
     seconds = (carried.gpst - LABELS[3]) / np.timedelta64(1, "s")
     assert carried.protection_m[:, 0] == pytest.approx(13.0 + seconds * np.sqrt(-2.0 * np.log(1e-7)), rel=1e-6)
     assert carried.protection_m[:, 1] == pytest.approx(13.5 - seconds * special.ndtri(0.5e-7), rel=1e-6)
@@ -168,6 +168,6 @@ def test_by_inertia_nothing_is_hidden_after_a_trusted_fix_and_no_level_after_ski
     )
     coming = (estimate_from_parts(LABELS[7], position_ecef_m=np.zeros(3), position_m2=np.eye(3)),)
     flown = Flown(predictor=Drifts(), hidden=drag, integrity_risk=1e-7, coming=coming)
-    carried, _ = flown_on(flown, "rx1", LABELS, fix)
+    carried, _ = coast(flown, "rx1", LABELS, fix)
     assert (carried.hidden_m == 0.0).all()
     assert np.isfinite(carried.protection_m[:, 0]).tolist() == [True] * 4 + [False] * 4

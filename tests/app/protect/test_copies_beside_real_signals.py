@@ -9,7 +9,7 @@ from tests.app.protect.captured import captured
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import detectors_for, following_epochs, windows_of
-from skyproof.app.receive.observed import observed, open_observations
+from skyproof.app.receive.observed import observe_file, open_observations
 from skyproof.formats.rinex_nav import glonass_channels, read_nav
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.orbits import satellite_state
@@ -98,7 +98,7 @@ def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, 
     path, rng, place_ecef_m = shared_data / "real" / folder, np.random.default_rng(0), np.array(PLACES_ECEF_M[name])
     navigation = read_nav(path / nav)
     opened = (open_observations(path / f, glonass_channels(navigation), duration_s=duration_s) for f in files)
-    logs = [observed(one).observations for one in opened]
+    logs = [observe_file(one).observations for one in opened]
     base, rover = (
         replace(of_kind(log.read(0, log.gpst.size)), receiver=receiver)
         for log, receiver in zip(logs, PLACES, strict=True)

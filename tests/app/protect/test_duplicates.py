@@ -11,7 +11,7 @@ from tests.app import kit
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge, protect
-from skyproof.app.protect.duplicates import one_receiver_each, same_noise
+from skyproof.app.protect.duplicates import find_shared_noise, leave_out_duplicates
 from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import track
 from skyproof.gnss.nominal import nominal_constellation
@@ -67,7 +67,7 @@ class Pair:
 
     def spoofed(self, *receptions):
         """The verdicts without and with the test of noise."""
-        taken = one_receiver_each(receptions, FAR)
+        taken = leave_out_duplicates(receptions, FAR)
         return [judge(list(some), self.navigation, FAR, Silent())[0].decision.verdict for some in (receptions, taken)]
 
 
@@ -103,11 +103,11 @@ def test_copies_are_seen_however_they_were_changed_and_another_antenna_is_none()
     for planes in copies:
         copy = pair.heard(planes)
         assert pair.spoofed(original, copy) == ["spoofed", "no_attack_seen"]
-        found = same_noise(original, copy, alpha=1e-6, code_sigma_m=1.0)
+        found = find_shared_noise(original, copy, alpha=1e-6, code_sigma_m=1.0)
         assert found is not None
         assert found.coefficient > 0.5
     other = pair.heard(pair.planes[1])
-    assert same_noise(original, other, alpha=0.1, code_sigma_m=1.0) is None
+    assert find_shared_noise(original, other, alpha=0.1, code_sigma_m=1.0) is None
     assert pair.spoofed(original, other) == ["no_attack_seen", "no_attack_seen"]  # nothing is given of the antennas
 
 
@@ -146,5 +146,5 @@ def test_a_jammer_that_two_antennas_hear_does_not_make_them_one():
     there_too = np.roll(there_too, shift)
     there_too = there_too * np.exp(2j * np.pi * np.mod(higher_hz / 2.6e6 * np.arange(first.size), 1.0))
     heard = pair.heard(planes_of(first + jammer[: first.size])), pair.heard(planes_of(second + there_too))
-    assert same_noise(*heard, alpha=1e-3, code_sigma_m=100.0) is not None  # but for the ranges they would be one
-    assert same_noise(*heard, alpha=1e-3, code_sigma_m=1.0) is None
+    assert find_shared_noise(*heard, alpha=1e-3, code_sigma_m=100.0) is not None  # but for the ranges they would be one
+    assert find_shared_noise(*heard, alpha=1e-3, code_sigma_m=1.0) is None

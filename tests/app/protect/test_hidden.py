@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.app.protect.test_noticed import START, finding
 
-from skyproof.app.protect.hidden import hidden_drags
+from skyproof.app.protect.hidden import bound_drags
 from skyproof.records import NoticedAttack
 
 
@@ -14,10 +14,10 @@ def noticed(drag_m_s=1.0, jump_m=10.0, motion_m_s=0.0):
 
 
 def hidden_m(findings, *seconds, since_s=0.0, standing=("rx1",), reach_s=0.0):
-    drag = hidden_drags(findings, standing=standing)["rx1"]
+    drag = bound_drags(findings, standing=standing)["rx1"]
     gpst = START + (1e9 * np.array(seconds)).astype("timedelta64[ns]")
     since = np.full(gpst.size, START + np.timedelta64(int(1e9 * since_s), "ns"))
-    return drag.between(since, gpst, gpst + np.timedelta64(int(1e9 * reach_s), "ns"))
+    return drag.select_between(since, gpst, gpst + np.timedelta64(int(1e9 * reach_s), "ns"))
 
 
 def test_it_grows_by_each_window_s_rate_beside_the_largest_jump_so_far():
@@ -51,9 +51,9 @@ def test_stated_to_stand_without_a_test_of_carriers_bounds_nothing():
 
 def test_of_a_receiver_with_an_inertial_unit_any_drag_is_bounded():
     found = [finding(0, *noticed(1.0, 10.0), NoticedAttack("drag", 0.3))]
-    drag = hidden_drags(found, standing=(), inertial=("rx1",))["rx1"]
+    drag = bound_drags(found, standing=(), inertial=("rx1",))["rx1"]
     gpst = np.array([START + np.timedelta64(10, "s")])
-    assert drag.between(np.array([START]), gpst, gpst) == pytest.approx([13.0])
+    assert drag.select_between(np.array([START]), gpst, gpst) == pytest.approx([13.0])
 
 
 def test_of_a_receiver_that_stands_it_does_not_grow_beyond_what_its_place_shows():

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from skyproof.app.protect.methods import of_detectors
+from skyproof.app.protect.methods import count_by_detector
 from skyproof.detectors.adapter import finding_from_evidence
 from skyproof.explain import explain
 from skyproof.records import Evidence, Finding, Hypothesis, SignalId, SignalRef
@@ -48,7 +48,7 @@ def assumed(window=0):
 
 
 def method(*pieces):
-    (found,) = of_detectors(pieces)
+    (found,) = count_by_detector(pieces)
     return found.method()
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.formats.test_verdict import SAMPLE
 
-from skyproof.app.protect.noticed import noticed_sizes
+from skyproof.app.protect.noticed import list_noticed_sizes
 from skyproof.records import Finding, Hypothesis, NoticedAttack, SignalId, SignalRef
 from skyproof.verdict import Verdict
 
@@ -28,19 +28,19 @@ def finding(window, *noticed, receiver="rx1", detector="continuity"):
 def test_the_best_test_of_the_worst_window_counts():
     jumps = [NoticedAttack("position_jump", size) for size in (8.0, 12.0, 5.0, 30.0)]
     found = [finding(0, jumps[0]), finding(0, jumps[3], detector="other"), finding(1, jumps[1]), finding(2, jumps[2])]
-    (size,) = noticed_sizes(found)
+    (size,) = list_noticed_sizes(found)
     assert (size.size, size.unit, size.detector, size.share_of_windows) == (12.0, "m", "continuity", 1.0)
 
 
 def test_windows_without_a_test_are_counted():
-    (size,) = noticed_sizes([finding(0, NoticedAttack("clock_jump", 3e-8)), finding(1), finding(2), finding(3)])
+    (size,) = list_noticed_sizes([finding(0, NoticedAttack("clock_jump", 3e-8)), finding(1), finding(2), finding(3)])
     assert size.share_of_windows == 0.25
     assert "25 %" in size.words
 
 
 def test_receivers_stand_apart():
     found = [finding(0, NoticedAttack("code_drag", 1.5), receiver=name) for name in ("rx2", "rx1")]
-    assert [size.receiver for size in noticed_sizes(found)] == ["rx1", "rx2"]
+    assert [size.receiver for size in list_noticed_sizes(found)] == ["rx1", "rx2"]
 
 
 @pytest.mark.parametrize(("word", "shown"), [("authentic", True), ("spoofed", False)])

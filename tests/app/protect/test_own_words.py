@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.app.protect.own_words import own_fix_of, own_states_of, with_a_place
+from skyproof.app.protect.own_words import compare_receiver_fix, list_receiver_states, select_rows_with_place
 from skyproof.app.protect.positions import Track
 from skyproof.formats.tables import FIXES_COLUMNS, own_fixes_columns
 from skyproof.gnss.frames import ecef_from_geodetic
@@ -64,7 +64,7 @@ def states(*rows: tuple[int, str, str, bool]) -> ReceiverStates:
 
 
 def test_words_that_stay_are_one_spell() -> None:
-    found = own_states_of(
+    found = list_receiver_states(
         states(
             (0, "jamming", "none", False),
             (1, "jamming", "none", False),
@@ -82,26 +82,26 @@ def test_words_that_stay_are_one_spell() -> None:
 
 
 def test_of_two_front_ends_the_one_that_alarms_counts() -> None:
-    found = own_states_of(states((0, "jamming", "none", False), (0, "jamming", "warning", True)))
+    found = list_receiver_states(states((0, "jamming", "none", False), (0, "jamming", "warning", True)))
     assert [(s.state, s.alarm) for s in found] == [("warning", True)]
 
 
 def test_of_many_spells_alarms_stay() -> None:
     flicker = [(k, "jamming", "none" if k % 2 else "unknown", False) for k in range(200)]
     flicker[150] = (150, "jamming", "critical", True)
-    found = own_states_of(states(*flicker))
+    found = list_receiver_states(states(*flicker))
     assert len(found) == 20
     assert [s.state for s in found].count("critical") == 1
 
 
 def test_a_receiver_that_says_nothing_has_no_words() -> None:
-    assert own_states_of(None) == ()
-    assert own_fix_of(None, None) is None
+    assert list_receiver_states(None) == ()
+    assert compare_receiver_fix(None, None) is None
 
 
 def test_the_distance_is_of_the_same_epochs() -> None:
     ours = trusted([0.0, 0.0, 0.0, np.nan, 0.0])
-    found = own_fix_of(own_fixes([0.0, 50.0, 900.0, 5000.0, 30.0]), ours)
+    found = compare_receiver_fix(own_fixes([0.0, 50.0, 900.0, 5000.0, 30.0]), ours)
     assert found is not None
     assert found.from_trusted_m == pytest.approx(30.0, abs=0.1)
     assert found.most_from_trusted_m == pytest.approx(900.0, abs=1.0)
@@ -110,7 +110,7 @@ def test_the_distance_is_of_the_same_epochs() -> None:
 
 
 def test_without_a_trusted_position_there_is_no_distance() -> None:
-    found = own_fix_of(own_fixes([0.0, 50.0]), None)
+    found = compare_receiver_fix(own_fixes([0.0, 50.0]), None)
     assert found is not None
     assert found.from_trusted_m is None
     assert found.lat_deg == pytest.approx(LAT_DEG + 50.0 * NORTH_DEG_A_METRE)
@@ -118,7 +118,7 @@ def test_without_a_trusted_position_there_is_no_distance() -> None:
 
 def test_its_rows_in_the_table_of_fixes_are_its_own() -> None:
     fixes = own_fixes([0.0, 50.0, 60.0])
-    columns = own_fixes_columns("rx1", fixes, with_a_place(fixes))
+    columns = own_fixes_columns("rx1", fixes, select_rows_with_place(fixes))
     assert tuple(columns) == FIXES_COLUMNS
     assert set(columns["kind"]) == {"receiver"}
     assert np.hypot(columns["sigma_east_m"], columns["sigma_north_m"]) == pytest.approx(2.0)

@@ -7,7 +7,7 @@ import pytest
 from tests.app import kit
 
 from skyproof.app.protect import pictures
-from skyproof.app.protect.pictures import pictures_of
+from skyproof.app.protect.pictures import build_pictures
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.report.page import report_html
 from skyproof.simulator.scenario import Meaconer
@@ -25,7 +25,7 @@ def judged(tmp_path_factory):
 
 @pytest.mark.long
 def test_every_signal_stands_at_a_peak_of_its_satellites_correlation(judged):
-    drawn = pictures_of(judged.outcome).profiles
+    drawn = build_pictures(judged.outcome).profiles
     assert len(drawn) == pictures.PROFILES
     for profile in drawn:
         assert [tag.label for tag in profile.tags] == ["authentic", "spoofed"]
@@ -38,7 +38,7 @@ def test_every_signal_stands_at_a_peak_of_its_satellites_correlation(judged):
 
 @pytest.mark.long
 def test_false_signals_share_their_range_difference_and_true_ones_do_not(judged):
-    drawn = pictures_of(judged.outcome).differences
+    drawn = build_pictures(judged.outcome).differences
     metres = {label: [d.metres for d in drawn if d.label == label] for label in ("authentic", "spoofed")}
     assert min(map(len, metres.values())) >= 8
     assert np.ptp(metres["spoofed"]) < 5.0
@@ -47,7 +47,7 @@ def test_false_signals_share_their_range_difference_and_true_ones_do_not(judged)
 
 @pytest.mark.long
 def test_the_truth_beside_the_recording_is_where_the_receiver_stood(judged):
-    drawn = pictures_of(judged.outcome)
+    drawn = build_pictures(judged.outcome)
     assert {place.receiver for place in drawn.truth} == {"bow", "stern"}
     for place in drawn.truth:
         trusted = next(t for t in drawn.tracks if (t.receiver, t.kind) == (place.receiver, "trusted"))
@@ -56,14 +56,14 @@ def test_the_truth_beside_the_recording_is_where_the_receiver_stood(judged):
 
 @pytest.mark.long
 def test_the_same_run_gives_the_same_page(judged):
-    pages = {report_html(judged.verdict, pictures_of(judged.outcome)) for _ in range(2)}
+    pages = {report_html(judged.verdict, build_pictures(judged.outcome)) for _ in range(2)}
     assert len(pages) == 1
 
 
 @pytest.mark.long
 def test_each_detector_that_ran_says_what_it_found(judged):
     ran = {m.detector for m in judged.verdict.methods if m.ran}
-    assert {finding.detector for finding in pictures_of(judged.outcome).findings} == ran
+    assert {finding.detector for finding in build_pictures(judged.outcome).findings} == ran
 
 
 def test_a_place_is_read_in_either_spelling(tmp_path):
@@ -78,7 +78,7 @@ def test_a_place_is_read_in_either_spelling(tmp_path):
             }
         )
     )
-    first, second = (pictures._stated_place(path, name) for name in ("rx1", "rx2"))
+    first, second = (pictures._read_place(path, name) for name in ("rx1", "rx2"))
     np.testing.assert_allclose(np.degrees(geodetic_from_ecef(first)[:2]), (57.7, 11.9))
     np.testing.assert_allclose(geodetic_from_ecef(second)[2], 3.0, atol=1e-6)
 
@@ -101,23 +101,23 @@ def test_a_place_is_read_in_either_spelling(tmp_path):
 def test_a_truth_file_that_is_not_understood_is_ignored(tmp_path, reported):
     path = tmp_path / "truth.json"
     path.write_text(reported)
-    assert pictures._stated_place(path, "rx1") is None
-    assert pictures._stated_place(tmp_path / "none.json", "rx1") is None
+    assert pictures._read_place(path, "rx1") is None
+    assert pictures._read_place(tmp_path / "none.json", "rx1") is None
 
 
 def test_a_receiver_that_moved_has_no_one_true_place(tmp_path):
     path = tmp_path / "truth.json"
     moved = {"name": "rx1", "position": PLACE, "position_at_end": PLACE | {"lat_deg": 57.71}}
     path.write_text(json.dumps({"receivers": [moved]}))
-    assert pictures._stated_place(path, "rx1") is None
+    assert pictures._read_place(path, "rx1") is None
 
 
 def test_where_a_moving_receiver_was_is_read_from_its_table(tmp_path):
     path = tmp_path / "rx1-truth.csv"
     path.write_text("gpst,true_s,x_m,y_m,z_m\n2024-05-14T10:00:00.0,0,1,2,3\n2024-05-14T10:00:00.1,0.1,2,4,6\n")
     at = np.datetime64("2024-05-14T10:00:00.05", "ns")
-    np.testing.assert_allclose(pictures._stated_on_the_way(path, at), (1.5, 3.0, 4.5))
-    assert pictures._stated_on_the_way(path, at + np.timedelta64(1, "s")) is None
+    np.testing.assert_allclose(pictures._interpolate_place(path, at), (1.5, 3.0, 4.5))
+    assert pictures._interpolate_place(path, at + np.timedelta64(1, "s")) is None
     for reported in (
         "",
         "a,b\n1,2\n",
@@ -125,4 +125,4 @@ def test_where_a_moving_receiver_was_is_read_from_its_table(tmp_path):
         "gpst,x_m,y_m,z_m\n2024-05-14T10:00:00,1,2\n",
     ):
         path.write_text(reported)
-        assert pictures._stated_on_the_way(path, at) is None
+        assert pictures._interpolate_place(path, at) is None

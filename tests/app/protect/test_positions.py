@@ -9,7 +9,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect import positions
 from skyproof.app.protect.coasting import usable_fixes
 from skyproof.app.protect.hidden import HiddenDrag
-from skyproof.app.protect.positions import positions_of
+from skyproof.app.protect.positions import set_up_positions
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.spool import ObservationSpool
 from skyproof.fusion.decide import WindowWord
@@ -48,7 +48,7 @@ def decision():
 
 def positions_in(log, smoothing_s=20.0):
     settings = Settings(smoothing_s=smoothing_s)
-    return positions_of(log, decision(), RECORDS.navigation, settings)
+    return set_up_positions(log, decision(), RECORDS.navigation, settings)
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_a_track_is_what_of_the_fixes_stays_at_hand(monkeypatch):
 def test_trusted_fixes_alone_have_a_protection_level_and_a_smaller_risk_a_larger_one():
     def levels_of(kind, risk):
         settings = Settings(smoothing_s=20.0, integrity_risk=risk)
-        found = positions_of(WHOLE, decision(), RECORDS.navigation, settings).whole(kind)
+        found = set_up_positions(WHOLE, decision(), RECORDS.navigation, settings).whole(kind)
         return found.protection_m[found.status == 0]
 
     often, seldom = levels_of("trusted", 1e-2), levels_of("trusted", 1e-7)
@@ -113,7 +113,7 @@ def test_what_no_satellite_checks_is_no_fix_to_use(satellites, fixes):
 
 def test_what_there_is_no_fix_of_is_none():
     false = tuple(s for s in decision().labels if s.label == "spoofed")
-    found = positions_of(WHOLE, replace(decision(), labels=false), RECORDS.navigation, Settings())
+    found = set_up_positions(WHOLE, replace(decision(), labels=false), RECORDS.navigation, Settings())
     assert found.track("trusted") is None
     assert found.whole("trusted") is None
     assert found.track("false") is not None
@@ -122,7 +122,7 @@ def test_what_there_is_no_fix_of_is_none():
 def clean_positions(labels=(), *, suspect_from=None, hidden=None, **settings):
     windows = () if suspect_from is None else (word("suspect", suspect_from, CLEAN.gpst[-1]),)
     decided = replace(decision(), verdict="no_attack_seen", labels=tuple(labels), sources=(), windows=windows)
-    return positions_of(CLEAN, decided, RECORDS.navigation, Settings(smoothing_s=20.0, **settings), hidden=hidden)
+    return set_up_positions(CLEAN, decided, RECORDS.navigation, Settings(smoothing_s=20.0, **settings), hidden=hidden)
 
 
 def word(name, start, end):

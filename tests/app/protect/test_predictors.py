@@ -8,8 +8,8 @@ from tests.app.kit import PLACES
 
 from skyproof.app.common.body import BodyFiles
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_use import described, settings_of
-from skyproof.app.protect.predictors import predictors_of, unit_of
+from skyproof.app.common.platform_use import derive_settings, match_tables
+from skyproof.app.protect.predictors import build_predictors, build_unit
 from skyproof.formats.imu import ImuFile
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.navigation.inertial_predictor import Inertial
@@ -30,10 +30,10 @@ READINGS = ImuFile(
 def of_platform(names=("a",), **tables):
     imu = {"imu": {"file": Path("imu.csv"), "lever_arm_m": [1.0, 0.0, -2.0], "grade": "tactical"}}
     platform = Platform.model_validate(tables | (imu if tables.pop("with_imu", False) else {}))
-    own = described(platform, names)
-    settings, _ = settings_of(platform, platform.protect, names, own)
-    unit = unit_of(platform, BodyFiles(imu=READINGS), names, own, START)
-    return predictors_of(names, settings, platform, own, unit)
+    own = match_tables(platform, names)
+    settings, _ = derive_settings(platform, platform.protect, names, own)
+    unit = build_unit(platform, BodyFiles(imu=READINGS), names, own, START)
+    return build_predictors(names, settings, platform, own, unit)
 
 
 def test_of_a_receiver_of_which_nothing_is_stated_nothing_is_expected():

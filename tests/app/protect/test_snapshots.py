@@ -8,7 +8,7 @@ import tomli_w
 from tests.app import kit
 
 from skyproof.app.protect import protect
-from skyproof.app.protect.pictures import pictures_of
+from skyproof.app.protect.pictures import build_pictures
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.recording import open_recording
 from skyproof.simulator.scenario import FrontEnd
@@ -168,7 +168,7 @@ def test_a_dead_file_among_those_of_the_antennas_is_left_out_and_reported(snapsh
     assert {copy for (_, copy), label in labels.items() if label == "spoofed"} == {"a"}
     assert {copy for (_, copy), label in labels.items() if label == "authentic"} == {"b"}
     assert (tmp_path / "out" / "report.html").is_file()
-    assert pictures_of(result.outcome).profiles  # of antenna 2
+    assert build_pictures(result.outcome).profiles  # of antenna 2
     assert left_out(result) == {("antennas_silent", "1")}
     remarks = [remark for note in result.verdict.inputs for remark in note.all_remarks]
     assert any("antenna 1: " in r for r in remarks)

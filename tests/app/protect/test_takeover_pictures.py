@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.app.protect.takeover_pictures import _taken_apart
+from skyproof.app.protect.takeover_pictures import _decompose_epoch
 from skyproof.detectors.dccaf.bursts import autocorrelate_code
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.records import Ccaf, SignalId
@@ -41,7 +41,7 @@ def grid(second_chips, second_db, second_deg, rng, n=4):
 @pytest.mark.parametrize(("chips", "db", "deg"), [(-0.5, -6.0, 120.0), (0.7, -3.0, -60.0), (0.4, -9.0, 90.0)])
 def test_a_second_signal_is_drawn_with_its_delay_power_and_phase(chips, db, deg):
     rng = np.random.default_rng(3)
-    (drawn,) = _taken_apart(grid(chips, db, deg, rng), np.arange(4), 1.0)
+    (drawn,) = _decompose_epoch(grid(chips, db, deg, rng), np.arange(4), 1.0)
     assert drawn.second_chips == pytest.approx(chips, abs=0.08)
     assert drawn.second_db == pytest.approx(db, abs=1.5)
     assert drawn.second_deg == pytest.approx(deg, abs=12.0)
@@ -52,4 +52,4 @@ def test_a_second_signal_is_drawn_with_its_delay_power_and_phase(chips, db, deg)
 
 
 def test_one_signal_alone_is_not_drawn():
-    assert not _taken_apart(grid(0.5, -200.0, 0.0, np.random.default_rng(3)), np.arange(4), 1.0)
+    assert not _decompose_epoch(grid(0.5, -200.0, 0.0, np.random.default_rng(3)), np.arange(4), 1.0)

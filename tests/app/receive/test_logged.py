@@ -10,7 +10,7 @@ from tests.logs.test_ubx import gps, hardware, pvt, rawx
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect import protect
-from skyproof.app.receive.inputs import following_antennas, open_inputs
+from skyproof.app.receive.inputs import adopt_antenna_multipath, open_inputs
 from skyproof.errors import InputError
 from skyproof.gnss.nominal import nominal_constellation
 from skyproof.remarks import Remark, RemarkKind
@@ -77,11 +77,11 @@ def test_a_phones_text_is_a_log_with_the_multipath_of_phones(tmp_path) -> None:
     path.write_text(HEADER + "".join(raw_line(Measured().at(k)) for k in range(4)))
     source = opened(path)
     assert source.observations.gpst.size == 4
-    assert following_antennas(Settings(), [source]).multipath_sigma_m == 15.0
-    assert following_antennas(Settings(multipath_sigma_m=2.0), [source]).multipath_sigma_m == 2.0
+    assert adopt_antenna_multipath(Settings(), [source]).multipath_sigma_m == 15.0
+    assert adopt_antenna_multipath(Settings(multipath_sigma_m=2.0), [source]).multipath_sigma_m == 2.0
     walk = tmp_path / "a.ubx"
     walk.write_bytes(epochs(5))
-    assert following_antennas(Settings(), [opened(walk)]).multipath_sigma_m == 1.0
+    assert adopt_antenna_multipath(Settings(), [opened(walk)]).multipath_sigma_m == 1.0
 
 
 def test_a_phones_text_without_measurements_says_so(tmp_path) -> None:

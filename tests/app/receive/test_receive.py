@@ -8,7 +8,7 @@ import pytest
 from tests.app import kit
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.receive import document_json, receive
+from skyproof.app.receive import receive, write_document_json
 from skyproof.app.receive.inputs import open_inputs
 from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import track
@@ -35,7 +35,7 @@ def test_two_signals_of_a_satellite_stand_in_two_files_and_all_in_the_document(r
     result = receive(recorded.paths, nav=recorded.nav, out=tmp_path, start_s=0.5)
     ((orbits, *observed),) = result.files
     assert (orbits, observed) == ("bow-nav.rnx", ["bow.obs", "bow-2.obs"])
-    (receiver,) = json.loads(document_json(result))["receivers"]
+    (receiver,) = json.loads(write_document_json(result))["receivers"]
     assert receiver["files"] == [orbits, *observed]
     assert receiver["examined_s"] == pytest.approx(8.5, abs=0.01)
     assert receiver["messages_differ"] == []  # a repeater repeats

@@ -44,7 +44,7 @@ def tracker_of(sky, planes=None, nav=NAV, **settings):
     planes = clean if planes is None else planes
     held = replace(samples, read=lambda first, count: planes[:, first : first + count])
     chosen = Settings(tracking="vector", **settings)
-    return tracking._tracker(held, chosen, nav, False, ASKED, tracking.Workspace())
+    return tracking._set_up_tracker(held, chosen, nav, False, ASKED, tracking.Workspace())
 
 
 def to_the_end(tracker):
@@ -82,7 +82,7 @@ def test_pieces_give_what_the_whole_gives(sky, whole, monkeypatch):
 
 
 def test_taps_of_guided_channels_alone_are_given_and_stand_about_zero(whole):
-    taps = observe(whole, NAV).vector_taps.between(0.0, 8.0)
+    taps = observe(whole, NAV).vector_taps.select_between(0.0, 8.0)
     guided = np.isfinite(taps.value).all(axis=(1, 2, 3))
     assert not guided[taps.elapsed_s < whole.vector.began_s].any()
     assert guided[(taps.elapsed_s > whole.vector.began_s + 0.5) & (taps.elapsed_s < 7.7)].all()
@@ -148,7 +148,7 @@ def test_a_satellite_that_does_not_drive_is_measured_and_not_guided(sky, whole):
     rows = tracker.measured.whole()
     (arc,) = (number for number, arc in tracker.arcs.items() if arc.signal.sat == sat)
     assert rows.elapsed_s[rows.arc == arc][-1] == rows.elapsed_s[-1]
-    taps = observe(tracker, NAV).vector_taps.between(6.0, 6.3)
+    taps = observe(tracker, NAV).vector_taps.select_between(6.0, 6.3)
     guided = {signal.sat: np.isfinite(taps.value[:, k]).any() for k, signal in enumerate(taps.signals)}
     assert not guided.pop(sat, False)
     assert guided

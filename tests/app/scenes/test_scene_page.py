@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from skyproof.app.scenes.pages import plot, write_pages
-from skyproof.app.scenes.scene_page import scene_page
+from skyproof.app.scenes.scene_page import write_scene_page
 from skyproof.cli import main
 from skyproof.simulator import scenes
 from skyproof.simulator.constellation import navigation_of
@@ -48,7 +48,7 @@ class Reader(HTMLParser):
 
 
 def page_of(scenario: Scenario) -> str:
-    return scene_page(scenario, navigation_of(scenario))
+    return write_scene_page(scenario, navigation_of(scenario))
 
 
 def simple(**changes: object) -> Scenario:

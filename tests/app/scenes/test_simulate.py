@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from skyproof.app.scenes import simulate as module
-from skyproof.app.scenes.simulate import document_json, ready_made, ready_made_json, scenario_of, simulate
+from skyproof.app.scenes.simulate import load_scenario, ready_made, simulate, write_document_json, write_ready_made_json
 from skyproof.errors import OutputError, ScenarioError, SettingsError
 from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import read_nav, write_nav
@@ -100,7 +100,7 @@ def test_all_that_is_made(tmp_path: Path) -> None:
     for path in result.recordings:
         (samples,) = open_recording(path)
         assert samples.duration_s == 4.0
-    document = json.loads(document_json(result))
+    document = json.loads(write_document_json(result))
     assert document["format"] == "skyproof-simulate/1"
     assert document["files"] == list(result.files)
 
@@ -192,7 +192,7 @@ def test_what_is_not_ours_is_not_removed(tmp_path: Path, text: str) -> None:
     for place in (tmp_path, folder):
         (place / "mine.txt").write_text("stays")
     (folder / "truth.json").write_text(text)
-    assert folder / "mine.txt" not in module.scene_in(folder)[1]
+    assert folder / "mine.txt" not in module.read_earlier_scene(folder)[1]
 
 
 def make(folder: Path, **options: object) -> None:
@@ -283,10 +283,10 @@ def test_measurements_of_a_moment_are_refused_or_left_out(tmp_path: Path) -> Non
 
 def test_every_ready_made_scene_has_a_sentence_and_can_be_asked_for() -> None:
     assert {"takeover", "clean", "spin"} <= set(ready_made())
-    listed = json.loads(ready_made_json())["scenes"]
+    listed = json.loads(write_ready_made_json())["scenes"]
     assert [one["name"] for one in listed] == list(ready_made())
     assert all(one["description"].endswith(".") for one in listed)
-    assert scenario_of("takeover").name == "takeover"
+    assert load_scenario("takeover").name == "takeover"
 
 
 @pytest.mark.parametrize(
@@ -300,13 +300,13 @@ def test_every_ready_made_scene_has_a_sentence_and_can_be_asked_for() -> None:
 )
 def test_a_scene_that_is_not_there_is_reported(name: str, words: str) -> None:
     with pytest.raises(ScenarioError, match=words):
-        scenario_of(name)
+        load_scenario(name)
 
 
 def test_a_folder_with_the_name_of_a_scene_is_no_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "takeover").mkdir()
-    assert scenario_of("takeover").name == "takeover"
+    assert load_scenario("takeover").name == "takeover"
 
 
 def test_sizes_are_written_in_words() -> None:

@@ -108,7 +108,7 @@ def test_without_the_right_taps_nothing_is_said():
         (replace(taps, delays_chips=np.array([0.5, 0.1, -0.5])), "no_pair"),
         (replace(taps, delays_chips=np.array([0.5, 0.0, -0.4])), "no_pair"),
         (replace(taps, value=np.full(taps.value.shape, np.nan, np.complex64)), "few_satellites"),
-        (taps.between(0.0, 0.3), "few_looks"),
+        (taps.select_between(0.0, 0.3), "few_looks"),
     ):
         (evidence,) = VectorSqm().examine(replace(records, vector_taps=(changed,)))[0]
         assert (evidence.says, evidence.failed, evidence.code) == ("undecided", False, code)

@@ -18,7 +18,7 @@ from tests.detectors.nulls import (
 
 from skyproof.app.common.body import Carried, body_of, body_states, open_body
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_use import described
+from skyproof.app.common.platform_use import match_tables
 from skyproof.detectors.dccaf.delays import (
     DccafSettings,
     estimate_delays,
@@ -250,7 +250,7 @@ def states_of(records):
         "receivers": [{"name": "rx1", "position": surveyed}, {"name": "rx2"}],
     }
     carrier, names = Platform.model_validate(tables), ("rx1", "rx2")
-    body = body_of(carrier, open_body(carrier), names, described(carrier, names), records.start_gpst, 300.0)
+    body = body_of(carrier, open_body(carrier), names, match_tables(carrier, names), records.start_gpst, 300.0)
     return body_states(body, records, Carried())[0]
 
 

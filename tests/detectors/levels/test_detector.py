@@ -56,7 +56,7 @@ def examine(levels_db, *, chains: FrontEndLevels | None = None, second_db=None, 
     for first in range(0, o.gpst.size, WINDOW):
         part = o.read(first, first + WINDOW)
         start, end = part.gpst[0], part.gpst[-1] + np.timedelta64(1, "s")
-        levels = {} if chains is None else {"rx1": chains.between(start, end)}
+        levels = {} if chains is None else {"rx1": chains.select_between(start, end)}
         records = Records(start_gpst=start, end_gpst=end, observations=(part,), levels=levels)
         evidence, state = detector.examine(records, state)
         found += evidence

@@ -6,7 +6,7 @@ does not reach from the attitude stated for the body. The place of a receiver's 
 - from the platform file, where the receiver is surveyed and does not move: then it is known, with its covariance;
 - from another receiver that is surveyed, as far off as the two may be apart;
 - else from what the signals of the window themselves show, which may be false. It is used for one thing: to say where
-  north and the vertical are. The state then has an infinite variance of position, so that nobody takes it for one, and
+  north and the vertical are. The state then has an infinite variance of position, so no one uses it as a position, and
   the attitude's variance holds for each of the positions that signals show in the window: signals that are true have a
   covariance that is, and those that are false gain nothing by it.
 
@@ -100,22 +100,22 @@ def with_stored_readings(files: BodyFiles, workspace: Workspace) -> BodyFiles:
 
 
 def _coverage(series: InertialReadings | Attitude | None, run: Records) -> tuple[str, ...]:
-    """What of a run a series leaves out; nothing where no signal told the time, which is said by itself."""
+    """Report the part of a run that a series leaves out. A run whose signals gave no time has a remark elsewhere."""
     if series is None or series.gpst.size == 1 or np.isnat(run.start_gpst):  # one alone holds at all times
         return ()
-    own = f"it is of {iso(series.gpst[0], 1)} to {iso(series.gpst[-1], 1)}, the signals of "
-    own += f"{iso(run.start_gpst, 1)} to {iso(run.end_gpst, 1)}"
+    span = f"it covers {iso(series.gpst[0], 1)} to {iso(series.gpst[-1], 1)}, the signals of "
+    span += f"{iso(run.start_gpst, 1)} to {iso(run.end_gpst, 1)}"
     if series.gpst[0] > run.end_gpst or series.gpst[-1] < run.start_gpst:
-        return (Remark(f"not used: {own}; check start_gpst", RemarkKind.BEARS),)
+        return (Remark(f"not used: {span}; check start_gpst", RemarkKind.BEARS),)
     missing = max(series.gpst[0] - run.start_gpst, run.end_gpst - series.gpst[-1])
     if missing > timedelta_from_s(POLICY.readings_missing_s):
-        partly = f"not there all the time: {own}; what needs it cannot run for the rest"
+        partly = f"not there all the time: {span}; what needs it cannot run for the rest"
         return (Remark(partly, RemarkKind.BEARS),)
     return ()
 
 
 def with_imu(platform: Platform, imu: str | Path | None) -> Platform:
-    """The platform with another file of inertial readings, if one is given."""
+    """Replace a platform's file of inertial readings, if another one is given."""
     if imu is None:
         return platform
     unit = PlatformImu(file=Path(imu)) if platform.imu is None else platform.imu.model_copy(update={"file": Path(imu)})
@@ -160,7 +160,7 @@ def with_logged_imu(
 
 
 def open_body(platform: Platform, where: str = "the platform file") -> BodyFiles:
-    """The files of the body, read and checked before any signal is worked on.
+    """Read and check the files of the body before any signal is processed.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def _angles(heading_deg: float, pitch_deg: float, roll_deg: float, sigma_deg: fl
 def _require_upright(imu: ImuFile, initial: Attitude, where: str) -> None:
     readings = imu.series(np.datetime64(0, "ns"))
     first = max(round(POLICY.levelled_s / imu.interval_s), 1)
-    state = _start(readings, initial, _EQUATOR)
+    state = _start_at_rest(readings, initial, _EQUATOR)
     tilt_rad = measure_apparent_tilt_rad(state, readings.specific_force_m_s2[:first])
     if tilt_rad > POLICY.most_tilt_rad:
         raise SettingsError(
@@ -207,8 +207,8 @@ def _require_upright(imu: ImuFile, initial: Attitude, where: str) -> None:
         )
 
 
-def _start(readings: InertialReadings, initial: Attitude, place_ecef_m: Reals) -> NavState:
-    """At the first reading, at rest: what moves it does not turn it."""
+def _start_at_rest(readings: InertialReadings, initial: Attitude, place_ecef_m: Reals) -> NavState:
+    """Build the navigation state at the first reading: at rest, with the stated attitude."""
     return NavState(
         gpst=readings.gpst[:1],
         position_ecef_m=place_ecef_m[None],
@@ -275,14 +275,14 @@ def body_of(
 
 
 def _places(names: Sequence[str], tables: Mapping[str, PlatformReceiver], apart_m: float) -> dict[str, KnownPlace]:
-    """Where each receiver's first antenna stands: as surveyed, or where the first surveyed one does, so far off."""
+    """Collect where each receiver's first antenna stands."""
     surveyed = {name: place for name in names if name in tables and (place := tables[name].position) is not None}
     if not surveyed:
         return {}
     first = next(iter(surveyed.values()))
     return {
-        name: KnownPlace(own.ecef_m, own.sigma_m**2 * np.eye(3))
-        if (own := surveyed.get(name)) is not None
+        name: KnownPlace(survey.ecef_m, survey.sigma_m**2 * np.eye(3))
+        if (survey := surveyed.get(name)) is not None
         else KnownPlace(first.ecef_m, (first.sigma_m**2 + apart_m**2) * np.eye(3))
         for name in names
     }
@@ -296,22 +296,24 @@ class Carried(NamedTuple):
 
 
 def body_states(body: Body, records: Records, carried: Carried) -> tuple[dict[str, NavState], Carried]:
-    """Return the body's state over a window, of each receiver of which it is known, and what the next window needs.
+    """Compute the body's state at each receiver over a window, and what the next window needs.
 
     The states share the attitude; the position is that of the receiver's own antenna.
     """
-    shown = [one.position_ecef_m for one in records.sets]
-    path, carried = _turned(body, records, carried, [place.ecef_m for place in body.places.values()] or shown)
+    set_places_ecef_m = [one.position_ecef_m for one in records.sets]
+    path, carried = _propagate_attitude(
+        body, records, carried, [place.ecef_m for place in body.places.values()] or set_places_ecef_m
+    )
     received = (*(o.receiver for o in records.observations), *(one.receiver for one in records.sets))
     states = {}
     for name in dict.fromkeys((*body.places, *received)):
-        state = _stood_at(body, records, path, carried.begun_ecef_m, body.places.get(name), shown)
+        state = _state_at_place(body, records, path, carried.begun_ecef_m, body.places.get(name), set_places_ecef_m)
         if state is not None:
             states[name] = state
     return states, carried
 
 
-def _stood_at(
+def _state_at_place(
     body: Body,
     records: Records,
     path: NavState | None,
@@ -319,7 +321,7 @@ def _stood_at(
     known: KnownPlace | None,
     shown: list[Reals],
 ) -> NavState | None:
-    """At a known place, or at one that signals show; None where neither place nor attitude is known.
+    """Place the body's attitude at a known place, or at one that the received signals give.
 
     path : of the inertial unit, level where that began.
     """
@@ -337,8 +339,10 @@ def _stood_at(
     return state if largest < TURN_MOST_RAD**2 else None
 
 
-def _turned(body: Body, records: Records, carried: Carried, places: list[Reals]) -> tuple[NavState | None, Carried]:
-    """The inertial unit's states over a window, of which only the attitude is of account."""
+def _propagate_attitude(
+    body: Body, records: Records, carried: Carried, places: list[Reals]
+) -> tuple[NavState | None, Carried]:
+    """Propagate the inertial unit over a window; only its attitude is used."""
     readings, grade = body.readings, body.grade
     if readings is None or body.initial is None or grade is None or readings.gpst[0] >= records.end_gpst:
         return None, carried
@@ -346,7 +350,7 @@ def _turned(body: Body, records: Records, carried: Carried, places: list[Reals])
     if begun is None:
         if not places:
             return None, carried
-        run, begun = begin_free_run(_start(readings, body.initial, places[0]), grade), places[0]
+        run, begun = begin_free_run(_start_at_rest(readings, body.initial, places[0]), grade), places[0]
     paths = list[NavState]()
     last_gpst = min(records.end_gpst, readings.gpst[-1])
     while run is not None and run.state.gpst[0] < last_gpst:
@@ -354,7 +358,7 @@ def _turned(body: Body, records: Records, carried: Carried, places: list[Reals])
         at_rest = replace(run.state, position_ecef_m=begun[None], velocity_ecef_m_s=np.zeros((1, 3)))
         path, run = coast(
             replace(run, state=at_rest),
-            _between(readings, run.state.gpst[0], end_gpst),
+            _select_readings(readings, run.state.gpst[0], end_gpst),
             grade,
             tilt_most_rad=np.inf,
             turn_most_rad=TURN_MOST_RAD,
@@ -363,18 +367,21 @@ def _turned(body: Body, records: Records, carried: Carried, places: list[Reals])
             paths.append(path)
         if run is not None and run.state.gpst[0] < end_gpst:  # the rest is shorter than an interval
             break
-    return (_joined(paths, records.start_gpst) if paths else None), Carried(run, begun)
+    return (_join_paths(paths, records.start_gpst) if paths else None), Carried(run, begun)
 
 
-def _between(readings: InertialReadings, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
-    """The readings later than an instant, up to the first that is not before the other."""
+def _select_readings(readings: InertialReadings, start_gpst: np.datetime64, end_gpst: np.datetime64) -> ImuSeries:
+    """Select the readings later than an instant, up to the first at or after the other."""
     first = int(np.searchsorted(readings.gpst, start_gpst, side="right"))
     stop = int(np.searchsorted(readings.gpst, end_gpst)) + 1
     return readings.select(slice(first, stop))
 
 
-def _joined(paths: list[NavState], start_gpst: np.datetime64) -> NavState:
-    """One path from pieces, each of which begins with the end of the one before; from the last state before on."""
+def _join_paths(paths: list[NavState], start_gpst: np.datetime64) -> NavState:
+    """Join consecutive pieces of a path, from the last state at or before an instant.
+
+    Each piece begins with the end of the one before.
+    """
     gpst: Instants = np.concatenate([paths[0].gpst[:1], *(path.gpst[1:] for path in paths)])
     kept = slice(max(int(np.searchsorted(gpst, start_gpst, side="right")) - 1, 0), None)
 

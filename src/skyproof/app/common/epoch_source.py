@@ -58,5 +58,5 @@ class FedSource:
         self._spool.append(piece)
 
     def end(self) -> None:
-        """Say that nothing more comes: the last window is then complete."""
+        """Mark the end of the epochs: the last window is then complete."""
         self._ended = True

@@ -11,7 +11,7 @@ from pathlib import Path
 from skyproof.errors import OutputError
 from skyproof.formats.bounds import listed
 
-__all__ = ["ClaimedFolder", "Stamps", "claim", "require_free", "stamps", "written_since"]
+__all__ = ["ClaimedFolder", "Stamps", "claim", "list_new_files", "list_stamps", "require_free"]
 
 Stamps = dict[str, tuple[int, int]]
 """What shows that a file is another one now: by name, its number on the disk and its time."""
@@ -19,7 +19,7 @@ Stamps = dict[str, tuple[int, int]]
 
 @dataclass(frozen=True)
 class ClaimedFolder:
-    """A folder that nobody else writes into while its `claim` lasts."""
+    """A folder that no other run writes into while its `claim` lasts."""
 
     path: Path
 
@@ -29,7 +29,7 @@ def claim(out: str | Path | ClaimedFolder) -> Iterator[ClaimedFolder]:
     """Make a folder, try to write in it, and keep other runs out of it during the block.
 
     At the end a folder that was made and holds nothing is removed. The system forgets the lock of a process that ends,
-    however it ends. A folder that the caller has claimed is taken as it is.
+    however it ends. A folder that the caller has claimed is used unchanged.
 
     Raises
     ------
@@ -105,13 +105,13 @@ def require_free(folder: Path, taken: Collection[str], earlier: Collection[str],
         )
 
 
-def stamps(folder: Path) -> Stamps:
-    """What is in the folder now, to be compared later."""
+def list_stamps(folder: Path) -> Stamps:
+    """List the files of a folder with their inodes and times, to compare later."""
     found = [(path.name, path.stat()) for path in folder.iterdir() if path.is_file()]
     return {name: (stat.st_ino, stat.st_mtime_ns) for name, stat in found}
 
 
-def written_since(folder: Path, before: Stamps) -> str:
-    """In words, the files that are new or another one since."""
-    names = sorted(name for name, stamp in stamps(folder).items() if before.get(name) != stamp)
+def list_new_files(folder: Path, before: Stamps) -> str:
+    """Name the files of a folder that are new or were replaced since."""
+    names = sorted(name for name, stamp in list_stamps(folder).items() if before.get(name) != stamp)
     return ", ".join(names) or "none"

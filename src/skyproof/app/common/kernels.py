@@ -1,4 +1,4 @@
-"""Machine code made before it is needed, in processes side by side, so that nobody waits for it in silence."""
+"""Machine code made before it is needed, in processes side by side, so that no user waits for it in silence."""
 
 import os
 import queue
@@ -64,15 +64,15 @@ def kernels_of(job: str) -> dict[str, Any]:
 
 
 def make_ready(jobs: Sequence[str], progress: Progress | None = None) -> None:
-    """Do the jobs of which most kernels lie nowhere ready, in processes; at once if there is none.
+    """Compile the kernels of the jobs that have most of theirs missing, in processes.
 
-    A few that are missing are compiled when they are used, as after a change of one module: a job is not begun for a
-    kernel that it may never make. Where nothing can be kept it is said, and each kernel is compiled when it is used. So
-    it is where a process of a job fails.
+    A few missing kernels are compiled when they are used, as after a change of one module: no job is begun for a kernel
+    that it may never make. Where no folder can keep kernels, or where a job fails, a message says that each kernel is
+    compiled when it is used.
     """
     progress = progress or Silent()
     kernels = {job: kernels_of(job) for job in jobs}
-    missing = {job: [name for name, one in kernels[job].items() if not is_kept(one)] for job in jobs}
+    missing = {job: [name for name, kernel in kernels[job].items() if not is_kept(kernel)] for job in jobs}
     needed = [job for job in jobs if 2 * len(missing[job]) > len(kernels[job])]
     if not needed:
         return
@@ -81,7 +81,7 @@ def make_ready(jobs: Sequence[str], progress: Progress | None = None) -> None:
     if folder is None:
         return _say(
             progress,
-            f"kernels are compiled as they are used, about a minute in all{explain_not_kept(first)}",
+            f"kernels are compiled when they are used, about a minute in all{explain_not_kept(first)}",
         )
     if not sys.executable:
         return
@@ -90,24 +90,24 @@ def make_ready(jobs: Sequence[str], progress: Progress | None = None) -> None:
         LOG.warning("compiling %d kernels, once: about a minute", len(names))
     with progress.stage("compiling kernels, once", float(len(names))) as stage:
         done: set[str] = set()
-        for name in _compiled_by(needed):
+        for name in _run_jobs(needed):
             done |= {name} & names
             stage.advance(float(len(done)))
     spent_s = time.monotonic() - begun_s
-    further = "" if len(done) == len(names) else "; the others are compiled as they are used"
+    further = "" if len(done) == len(names) else "; the others are compiled when they are used"
     _say(progress, f"{len(done)} of {len(names)} kernels compiled in {spent_s:.0f} s, and kept for all runs{further}")
 
 
 def _say(progress: Progress, text: str) -> None:
-    """To whoever watches, or to the log if nobody does: a minute of silence looks like a crash."""
+    """Report a line to the progress display, or to the log without one."""
     if isinstance(progress, Silent):
         LOG.warning(text)
     else:
         progress.say(text)
 
 
-def _compiled_by(jobs: Sequence[str]) -> Any:
-    """Run jobs in as many processes as there are cores, and give the names of kernels as they are compiled."""
+def _run_jobs(jobs: Sequence[str]) -> Any:
+    """Run jobs in as many processes as there are cores, and yield the names of compiled kernels."""
     waiting, lines = list(jobs), queue.SimpleQueue[str | None]()
     running: list[subprocess.Popen[str]] = []
 

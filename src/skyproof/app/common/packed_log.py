@@ -20,8 +20,10 @@ HELD_BYTES: Final = 1 << 20
 
 
 class PackedLog(Sequence[T], Generic[T]):
-    """Pieces (evidence, consistent sets) in the order of their windows. Each read gives them anew: equal, not the same
-    objects."""
+    """Pieces (evidence, consistent sets) in the order of their windows.
+
+    Each read returns new copies: equal, not the same objects.
+    """
 
     def __init__(self, pieces: Iterable[T] = ()) -> None:
         self._file = tempfile.SpooledTemporaryFile(HELD_BYTES)  # noqa: SIM115 (as long as the log)
@@ -32,8 +34,8 @@ class PackedLog(Sequence[T], Generic[T]):
 
     def extend(self, pieces: Iterable[T]) -> None:
         """Add pieces at the end. Raises OutputError if the temporary file cannot be written."""
-        for one in pieces:
-            self._last.append(one)
+        for piece in pieces:
+            self._last.append(piece)
             if len(self._last) == PACKED:
                 self._pack()
 
@@ -52,7 +54,7 @@ class PackedLog(Sequence[T], Generic[T]):
 
     def __iter__(self) -> Iterator[T]:
         for number in range(self._packs):
-            yield from self._stretch(number)
+            yield from self._unpack(number)
         yield from self._last
 
     @overload
@@ -65,14 +67,14 @@ class PackedLog(Sequence[T], Generic[T]):
         if not -len(self) <= index < len(self):
             raise IndexError(f"piece {index} of {len(self)}")
         number, place = divmod(index % len(self), PACKED)
-        return self._stretch(number)[place] if number < self._packs else self._last[place]
+        return self._unpack(number)[place] if number < self._packs else self._last[place]
 
     @property
     def _packs(self) -> int:
         return len(self._ends) - 1
 
-    def _stretch(self, number: int) -> list[T]:
-        """Unpacked; the one that was read last is kept."""
+    def _unpack(self, number: int) -> list[T]:
+        """Unpack a stretch of pieces; the one read last is kept."""
         if self._read[0] != number:
             self._file.seek(self._ends[number])
             packed = self._file.read(self._ends[number + 1] - self._ends[number])

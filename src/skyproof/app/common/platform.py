@@ -75,18 +75,18 @@ class Platform(Model):
 def _require_one_place(receivers: Sequence[PlatformReceiver]) -> None:
     """Raise ValueError where surveyed positions are far apart, or contradict the places in the body frame."""
     placed = [(number, r, r.position) for number, r in enumerate(receivers) if r.position is not None]
-    for at, (number, one, here) in enumerate(placed):
-        for other, two, there in placed[:at]:
-            apart_m = dist(here.ecef_m, there.ecef_m)
+    for at, (number, receiver, place) in enumerate(placed):
+        for other, other_receiver, other_place in placed[:at]:
+            apart_m = dist(place.ecef_m, other_place.ecef_m)
             if apart_m > POLICY.compared_within_m:
                 raise ValueError(
                     f"[{number}].position is {apart_m / 1e3:.0f} km from [{other}].position, expected "
                     f"{POLICY.compared_within_m / 1e3:.0f} km or less; check latitude and longitude of both"
                 )
-            if one.body_m is None or two.body_m is None:
+            if receiver.body_m is None or other_receiver.body_m is None:
                 continue
-            body_m = dist(one.antennas_body_m[0], two.antennas_body_m[0])
-            sigma_m = hypot(here.sigma_m, there.sigma_m, one.body_sigma_m, two.body_sigma_m)
+            body_m = dist(receiver.antennas_body_m[0], other_receiver.antennas_body_m[0])
+            sigma_m = hypot(place.sigma_m, other_place.sigma_m, receiver.body_sigma_m, other_receiver.body_sigma_m)
             if abs(apart_m - body_m) > POLICY.statements_agree_sigmas * sigma_m:
                 raise ValueError(
                     f"[{number}].position is {apart_m:.2f} m from [{other}].position, but their body_m are "
@@ -95,7 +95,7 @@ def _require_one_place(receivers: Sequence[PlatformReceiver]) -> None:
 
 
 def read_platform(path: Path) -> Platform:
-    """The platform in a TOML file; files that it names are looked for beside it.
+    """Read the platform of a TOML file; paths in it are relative to its folder.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def read_platform(path: Path) -> Platform:
 
 
 def platform_schema() -> dict[str, Any]:
-    """The JSON Schema (2020-12) of a platform file, by which editors of TOML complete and check keys.
+    """Return the JSON Schema (2020-12) of a platform file, for editors that complete and check keys.
 
     It is published as `SCHEMA_PATH`; what keys must agree on among each other is checked when the file is read.
     """

@@ -9,33 +9,33 @@ from skyproof.app.common.platform_tables import PlatformReceiver
 from skyproof.errors import SettingsError
 from skyproof.records import AntennaArray, SpinArm
 
-__all__ = ["arrays_of", "is_array", "spin_arms_of"]
+__all__ = ["build_arrays", "build_spin_arms", "is_array"]
 
 
 def is_array(table: PlatformReceiver) -> bool:
-    """Whether a receiver's table says that it has several antennas; one input may have several channels besides."""
+    """Test whether a receiver's table describes several antennas."""
     return max(len(table.inputs), len(table.antennas_m or ())) > 1
 
 
-def arrays_of(
+def build_arrays(
     tables: Mapping[str, PlatformReceiver], n_antennas: Mapping[str, int], where: str = "the platform file"
 ) -> dict[str, AntennaArray]:
-    """The receivers with several antennas whose places are known.
+    """Build the antenna arrays of the receivers whose antenna places are known.
 
     n_antennas : that each receiver's inputs have.
 
     Raises
     ------
-    SettingsError : a table is of more or fewer antennas than the inputs have.
+    SettingsError : a table has more or fewer antennas than the inputs.
     """
     arrays = {}
     for name, table in tables.items():
         count = n_antennas[name]
         for key in ("antennas_m", "line_bias_cyc"):
-            given = getattr(table, key)
-            if given is not None and len(given) != count:
+            values = getattr(table, key)
+            if values is not None and len(values) != count:
                 raise SettingsError(
-                    f"{where}: {key} of receiver {name} is of {len(given)} antennas, but its inputs have {count}; give "
+                    f"{where}: {key} of receiver {name} has {len(values)} antennas, but its inputs have {count}; give "
                     "one for each antenna: a file each, or one file whose channels they are"
                 )
         if count > 1 and table.antennas_m is not None:
@@ -47,8 +47,8 @@ def arrays_of(
     return arrays
 
 
-def spin_arms_of(tables: Mapping[str, PlatformReceiver]) -> tuple[SpinArm, ...]:
-    """The arms that turn a receiver's antenna."""
+def build_spin_arms(tables: Mapping[str, PlatformReceiver]) -> tuple[SpinArm, ...]:
+    """Build the arms that turn a receiver's antenna."""
     return tuple(
         SpinArm(
             receiver=name,

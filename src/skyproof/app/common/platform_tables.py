@@ -1,6 +1,6 @@
 """The tables of a platform file: receivers, attitude and inertial unit, as a person writes them.
 
-Body axes are forward, right, down. Positions are geodetic, WGS-84. Standard deviations are of each axis.
+Body axes are forward, right, down. Positions are geodetic, WGS-84. Standard deviations hold on each axis.
 """
 
 from datetime import datetime
@@ -65,7 +65,7 @@ class Surveyed(Model):
 
     @property
     def ecef_m(self) -> Reals:
-        """(3,) ECEF, WGS-84."""
+        """Return the position, (3,) ECEF, WGS-84."""
         return ecef_from_geodetic(np.radians(self.lat_deg), np.radians(self.lon_deg), self.height_m)
 
 
@@ -165,7 +165,7 @@ class PlatformReceiver(Model):
         count = len(places) if places is not None else len(files) if len(files) > 1 else None
         if values is not None and count is not None and len(values) != count:
             raise ValueError(
-                f"is of {len(values)} antennas, but {'antennas_m' if places is not None else 'inputs'} of {count}; "
+                f"has {len(values)} antennas, but {'antennas_m' if places is not None else 'inputs'} has {count}; "
                 "give one of each for every antenna"
             )
         return values
@@ -180,13 +180,13 @@ class PlatformReceiver(Model):
 
     @property
     def antennas_body_m(self) -> Reals:
-        """(n, 3) its antennas in the body frame; one at the frame's origin if nothing is given."""
+        """Return its antennas (n, 3) in the body frame; one at the origin if nothing is given."""
         origin = (0.0, 0.0, 0.0)
         return np.asarray(np.array(self.body_m or origin) + np.array(self.antennas_m or [origin]))
 
     @property
     def body_sigma_m(self) -> float:
-        """One sigma of `body_m` on each axis, as antennas of different receivers are known to each other."""
+        """Return the standard deviation of `body_m` on each axis, between antennas of two receivers."""
         return 0.1 if self.antenna_sigma_m is None else self.antenna_sigma_m
 
 
@@ -329,17 +329,17 @@ class PlatformImu(Model):
 
     @model_validator(mode="after")
     def _grade_or_numbers(self) -> Self:
-        given = [key for key in (*ERRORS, *GAIN_ERRORS) if getattr(self, key) is not None]
-        if self.grade is not None and given:
-            raise ValueError(f"grade and {given[0]} both state its errors; leave one out")
-        lacking = ", ".join(key for key in ERRORS if key not in given)
-        if given and lacking:
-            raise ValueError(f"{given[0]} is given, but not {lacking}; give all four, or a grade")
+        stated = [key for key in (*ERRORS, *GAIN_ERRORS) if getattr(self, key) is not None]
+        if self.grade is not None and stated:
+            raise ValueError(f"grade and {stated[0]} both state its errors; leave one out")
+        lacking = ", ".join(key for key in ERRORS if key not in stated)
+        if stated and lacking:
+            raise ValueError(f"{stated[0]} is given, but not {lacking}; give all four, or a grade")
         return self
 
     @property
     def errors(self) -> ImuGrade:
-        """The size of its errors: of the grade or the numbers given, else of the poorest units."""
+        """Return the size of its errors, by the grade or the numbers given, else the poorest units'."""
         if self.gyro_bias_deg_h is None:
             return GRADES[self.grade or "consumer"]
         numbers: dict[str, Any] = {name: getattr(self, name) or 0.0 for name in (*ERRORS, *GAIN_ERRORS)}
@@ -347,7 +347,7 @@ class PlatformImu(Model):
 
     @property
     def rotation(self) -> Reals:
-        """(3, 3) from the unit's axes to forward, right, down: `vector_body = rotation @ vector_unit`."""
+        """Return the rotation (3, 3) from the unit's axes to forward, right, down."""
         rows = AXES[self.axes] if isinstance(self.axes, str) else self.axes
-        left, _, right = np.linalg.svd(np.array(rows))
-        return np.asarray(left @ right)
+        left_vectors, _, right_vectors = np.linalg.svd(np.array(rows))
+        return np.asarray(left_vectors @ right_vectors)

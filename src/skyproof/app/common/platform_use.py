@@ -17,13 +17,13 @@ from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ROT_ENU_NED, rot_enu_ecef, rot_ned_body
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["described", "inputs_of", "settings_of"]
+__all__ = ["derive_settings", "match_tables", "select_inputs"]
 
 
-def inputs_of(
+def select_inputs(
     platform: Platform, given: Sequence[str | Path], where: str = "the platform file"
 ) -> tuple[list[Path | tuple[Path, ...]], list[str | None]]:
-    """The inputs of a run as `open_inputs` takes them, and the name of the receiver of each where it has one.
+    """Return the inputs of a run as `open_inputs` takes them, and the receiver's name of each.
 
     given : the inputs of the command line; with any, the platform may not name others. They are the antennas of the
         only receiver if that has as many; one that has the name of a receiver with several has them in its channels.
@@ -35,10 +35,10 @@ def inputs_of(
     """
     tables = platform.receivers
     if given:
-        both = [number for number, table in enumerate(tables) if table.inputs]
-        if both:
+        double = [number for number, table in enumerate(tables) if table.inputs]
+        if double:
             raise SettingsError(
-                f"{where}: receivers[{both[0]}] has inputs, and the command line as well: which receiver is which is "
+                f"{where}: receivers[{double[0]}] has inputs, and the command line as well: which receiver is which is "
                 "then not known; give all inputs in one of the two places"
             )
         paths = tuple(Path(path) for path in given)
@@ -54,10 +54,10 @@ def inputs_of(
     return [table.inputs for table in tables], [table.name for table in tables]
 
 
-def described(
+def match_tables(
     platform: Platform, names: Sequence[str], where: str = "the platform file"
 ) -> dict[str, PlatformReceiver]:
-    """The table of each receiver, by the name that it has in this run; none where there is no table.
+    """Return the table of each receiver that has one, by its name in this run.
 
     A receiver with inputs is the one opened in its turn, another one the one of its name, or the only one.
 
@@ -90,36 +90,36 @@ class _Use:
         return _Use({**self.settings, **other.settings}, self.keys | other.keys)
 
 
-def settings_of(
+def derive_settings(
     platform: Platform, settings: Settings, names: Sequence[str], tables: Mapping[str, PlatformReceiver]
 ) -> tuple[Settings, tuple[str, ...]]:
-    """The settings with all that follows from the platform, and remarks on what of it is not used.
+    """Add to the settings what follows from the platform, and remark on what is not used.
 
     settings : the run's options and the platform's table [protect], which come first.
-    names : of the run's receivers. tables : see `described`.
+    names : of the run's receivers. tables : see `match_tables`.
     """
-    use = _speed(platform) if settings.speed_max_m_s is None else _Use()
+    use = _bound_speed(platform) if settings.speed_max_m_s is None else _Use()
     if platform.oscillator is not None and settings.oscillator is None:
         use = use + _Use({"oscillator": platform.oscillator}, frozenset({"oscillator"}))
     remarks = []
     stated = next((key for key in ("antennas_enu_m", "antenna_distance_m") if getattr(settings, key) is not None), None)
     if len(names) > 1 and len(tables) == len(names):
-        places = _geometry(platform, {name: tables[name] for name in names})
+        places = _place_antennas(platform, {name: tables[name] for name in names})
         if stated is None:
             use = use + places
         elif places.keys:
             first = f"{stated} is a setting of this run, and comes before {', '.join(sorted(places.keys))}"
             remarks.append(Remark(first, RemarkKind.BEARS))
             use = use + _Use(keys=places.keys)
-    use = use + _Use(keys=_of_body(platform) | _expected(platform))
-    unused = [key for key in _given(platform) if key not in use.keys]
+    use = use + _Use(keys=_list_body_keys(platform) | _list_predictor_keys(platform))
+    unused = [key for key in _list_keys(platform) if key not in use.keys]
     if unused:
         remarks.append(Remark(f"{', '.join(unused)}: read, used by no method of this run", RemarkKind.BEARS))
     return resolve_settings(settings, **use.settings), tuple(remarks)
 
 
-def _given(platform: Platform) -> list[str]:
-    """The keys that stand in the file and say something of the platform; `platform_antennas` uses others."""
+def _list_keys(platform: Platform) -> list[str]:
+    """List the keys of the file that describe the platform; `platform_antennas` uses others."""
     top = [key for key in ("motion", "speed_max_m_s", "oscillator", "attitude", "imu") if getattr(platform, key)]
     return top + [
         f"receivers[{number}].{key}"
@@ -129,8 +129,8 @@ def _given(platform: Platform) -> list[str]:
     ]
 
 
-def _of_body(platform: Platform) -> frozenset[str]:
-    """The keys that `body` makes the state of: arrays are held against it."""
+def _list_body_keys(platform: Platform) -> frozenset[str]:
+    """List the keys that `body` uses for its state, where there are arrays to test against it."""
     if not any(is_array(table) and table.antennas_m for table in platform.receivers):
         return frozenset()
     placed = next((k for k, table in enumerate(platform.receivers) if table.position is not None), None)
@@ -138,8 +138,8 @@ def _of_body(platform: Platform) -> frozenset[str]:
     return frozenset({"attitude", "imu", *place})
 
 
-def _expected(platform: Platform) -> frozenset[str]:
-    """The keys by which `predictors` chooses between skies: surveyed positions, and inertia of what may move."""
+def _list_predictor_keys(platform: Platform) -> frozenset[str]:
+    """List the keys by which `predictors` chooses between skies: surveyed positions, inertia."""
     tables = platform.receivers
     if platform.motion == "moving":
         return frozenset({"imu"})
@@ -148,8 +148,8 @@ def _expected(platform: Platform) -> frozenset[str]:
     return frozenset(places | ({"imu"} if moves else set()))
 
 
-def _speed(platform: Platform) -> _Use:
-    """The bound of an antenna's speed: the platform's, and that of the arm that turns it."""
+def _bound_speed(platform: Platform) -> _Use:
+    """Bound an antenna's speed by the platform's and that of the arm that turns it."""
     bound_m_s = 0.0 if platform.motion == "static" else platform.speed_max_m_s
     if bound_m_s is None:
         return _Use()
@@ -157,9 +157,10 @@ def _speed(platform: Platform) -> _Use:
     return _Use({"speed_max_m_s": bound_m_s + max(arms_m_s, default=0.0)}, frozenset({"motion", "speed_max_m_s"}))
 
 
-def _geometry(platform: Platform, tables: Mapping[str, PlatformReceiver]) -> _Use:
-    """Where the antennas stand relative to each other: as surveyed, else in the body as it is turned, else how far
-    apart two are.
+def _place_antennas(platform: Platform, tables: Mapping[str, PlatformReceiver]) -> _Use:
+    """Place the antennas relative to each other.
+
+    By survey, else in the body with its attitude, else by the distance of two.
     """
     numbers = [platform.receivers.index(table) for table in tables.values()]
     positions = frozenset(f"receivers[{number}].position" for number in numbers)
@@ -167,13 +168,13 @@ def _geometry(platform: Platform, tables: Mapping[str, PlatformReceiver]) -> _Us
     surveyed = [table.position for table in tables.values() if table.position is not None]
     placed = [table for table in tables.values() if table.body_m is not None]
     if len(surveyed) == len(tables):  # the model has held body_m against them
-        return _Use(_surveyed(list(tables), surveyed), positions | bodies)
+        return _Use(_place_by_survey(list(tables), surveyed), positions | bodies)
     if len(placed) < len(tables):
         return _Use()
     body_m = np.array([table.antennas_body_m[0] for table in placed])
     sigma_m = max(table.body_sigma_m for table in placed)
-    if (rot := _turn(platform)) is not None and platform.attitude is not None:
-        arm_m = max(dist(one, body_m[0]) for one in body_m)
+    if (rot := _fixed_rotation(platform)) is not None and platform.attitude is not None:
+        arm_m = max(dist(antenna_m, body_m[0]) for antenna_m in body_m)
         sigma_m = hypot(sigma_m, arm_m * radians(platform.attitude.sigma_deg))
         enu_m = (body_m - body_m[0]) @ (ROT_ENU_NED @ rot).T
         return _Use(_antennas(list(tables), enu_m, sigma_m), bodies | {"attitude"})
@@ -183,7 +184,7 @@ def _geometry(platform: Platform, tables: Mapping[str, PlatformReceiver]) -> _Us
     return _Use()
 
 
-def _surveyed(names: Sequence[str], positions: Sequence[Surveyed]) -> dict[str, Any]:
+def _place_by_survey(names: Sequence[str], positions: Sequence[Surveyed]) -> dict[str, Any]:
     origin = positions[0]
     rot = rot_enu_ecef(radians(origin.lat_deg), radians(origin.lon_deg))
     enu_m = np.array([rot @ (place.ecef_m - origin.ecef_m) for place in positions])
@@ -195,8 +196,8 @@ def _antennas(names: Sequence[str], enu_m: Reals, sigma_m: float) -> dict[str, A
     return {"antennas_enu_m": places, "antennas_sigma_m": sigma_m}
 
 
-def _turn(platform: Platform) -> Reals | None:
-    """(3, 3) from body to north, east, down where the attitude is angles; those of a body that moves do not stay."""
+def _fixed_rotation(platform: Platform) -> Reals | None:
+    """Return the rotation (3, 3) from body to north, east, down where the attitude is fixed angles."""
     stated = platform.attitude
     if stated is None or stated.heading_deg is None or platform.motion == "moving":
         return None

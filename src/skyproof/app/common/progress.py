@@ -11,7 +11,7 @@ class Stage(Protocol):
     """A stretch of work with a known amount to do."""
 
     def advance(self, to: float) -> None:
-        """Say that `to` of the stage's total is done: the amount since its start, not since the last call."""
+        """Report that `to` of the stage's total is done, counted from its start."""
 
 
 class Progress(Protocol):
@@ -27,15 +27,15 @@ class Progress(Protocol):
 
 
 class Silent:
-    """Progress that nobody watches: the default of every use case."""
+    """Progress without a display: the default of every use case."""
 
     def advance(self, to: float) -> None:
-        """Nothing."""
+        """Ignore how far the stage is."""
 
     def say(self, text: str) -> None:
-        """Nothing."""
+        """Ignore the line."""
 
     @contextmanager
     def stage(self, name: str, total: float | None) -> Iterator[Stage]:
-        """A stage that says nothing."""
+        """Begin a silent stage."""
         yield self

@@ -13,13 +13,13 @@ from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.time import utc_from_gpst
 from skyproof.records import ObservationLog, SignalId
 
-__all__ = ["date_of", "is_ours", "one_a_transmission", "write_channels"]
+__all__ = ["first_epoch_utc", "group_by_transmission", "is_ours", "write_channels"]
 
 _MADE_BY = re.compile(rb"^skyproof\b.{,52} *PGM / RUN BY / DATE", re.MULTILINE)
 
 
 def is_ours(path: Path) -> bool:
-    """Whether the header of a RINEX file says that skyproof made it; not if it cannot be read."""
+    """Test whether the header of a RINEX file names skyproof as its maker; no if it is unreadable."""
     try:
         with path.open("rb") as file:
             return _MADE_BY.search(file.read(1000)) is not None
@@ -27,19 +27,20 @@ def is_ours(path: Path) -> bool:
         return False
 
 
-def date_of(observations: Iterable[ObservationLog | None]) -> np.datetime64 | None:
-    """The date (UTC) of files made of these: of the first epoch, so that equal inputs make equal bytes."""
+def first_epoch_utc(observations: Iterable[ObservationLog | None]) -> np.datetime64 | None:
+    """Return the date (UTC) of the first epoch, so that equal inputs make equal bytes."""
     starts = [o.gpst[0] for o in observations if o is not None]
     return utc_from_gpst(min(starts)) if starts else None
 
 
-def one_a_transmission(o: ObservationLog, mask: Booleans | None = None) -> list[tuple[SignalId, ...]]:
-    """The signals that were measured, where `mask` (n_epochs, n_signals) holds, dealt into groups with at most one of a
-    satellite, band and code in each.
+def group_by_transmission(o: ObservationLog, mask: Booleans | None = None) -> list[tuple[SignalId, ...]]:
+    """Group the measured signals so that no group has two of one satellite, band and code.
+
+    mask : (n_epochs, n_signals), which measurements count.
     """
     groups: list[dict[tuple[str, str, str], SignalId]] = []
-    there = np.flatnonzero(np.any(o.measured if mask is None else o.measured & mask, axis=0))
-    for signal in (o.signals[channel] for channel in there):
+    channels = np.flatnonzero(np.any(o.measured if mask is None else o.measured & mask, axis=0))
+    for signal in (o.signals[channel] for channel in channels):
         free = next((g for g in groups if signal.transmission not in g), None)
         if free is None:
             free = {}
@@ -66,5 +67,5 @@ def write_channels(
         marker=o.receiver,
         version=version("skyproof"),
         position_ecef_m=place,
-        created_utc=date_of([o]),
+        created_utc=first_epoch_utc([o]),
     )

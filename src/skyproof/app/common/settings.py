@@ -87,7 +87,7 @@ class Settings(BaseModel):
         description="For so long from the start of the run the signals are taken as true, unless there is a sign "
         "against it: where a receiver later gets two skies, what is predicted from then on says which is true. An "
         "inertial unit is corrected for longer: as long as no test fails. 0 takes nothing for true. Tests of whether a "
-        "receiver goes on begin with its first window, whatever this is.",
+        "receiver continues begin with its first window, whatever this is.",
     )
     wrong_choice_probability: Number = Field(
         default=1e-3,
@@ -163,7 +163,9 @@ class Settings(BaseModel):
 
 
 def resolve_settings(given: Settings | None = None, **options: Any) -> Settings:
-    """Options first, then what a platform file gives, then defaults. An option that is None was not given.
+    """Combine options, then what a platform file gives, then defaults.
+
+    An option that is None was not given.
 
     Raises SettingsError: what is wrong and what is expected.
     """

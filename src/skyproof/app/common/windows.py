@@ -286,10 +286,10 @@ class Windows:
             for window in cuts:
                 sets += find_consistent_sets(window, run.navigation, multipath_sigma_m=self.multipath_sigma_m)
         spans_s = {o.receiver: span_s(o, start, end) for o in run.observations}
-        grids = tuple(log.between(*spans_s[log.receiver]) for log in run.ccaf)
-        phases = (log.between(*spans_s[log.receiver]) for log in run.array_phases)
+        grids = tuple(log.select_between(*spans_s[log.receiver]) for log in run.ccaf)
+        phases = (log.select_between(*spans_s[log.receiver]) for log in run.array_phases)
         taps, vector_taps = (
-            tuple(one for log in logs if (one := log.between(*spans_s[log.receiver])).elapsed_s.size)
+            tuple(one for log in logs if (one := log.select_between(*spans_s[log.receiver])).elapsed_s.size)
             for logs in (run.taps, run.vector_taps)
         )
         return Records(
@@ -303,10 +303,10 @@ class Windows:
             ccaf=tuple(one for one in grids if one.gpst.size),
             array_phases=tuple(one for one in phases if one.gpst.size),
             spin_arms=run.spin_arms,
-            levels={name: levels.between(start, end) for name, levels in run.levels.items()}
+            levels={name: levels.select_between(start, end) for name, levels in run.levels.items()}
             | {one.receiver: levels_between_signals(one) for one in grids if one.gpst.size},
-            messages={name: messages.between(start, end) for name, messages in run.messages.items()},
-            own_fixes={name: fixes.between(start, end) for name, fixes in run.own_fixes.items()},
+            messages={name: messages.select_between(start, end) for name, messages in run.messages.items()},
+            own_fixes={name: fixes.select_between(start, end) for name, fixes in run.own_fixes.items()},
             standing=run.standing,
             inertial=run.inertial,
             expected=run.expected,

@@ -49,7 +49,7 @@ class CatalogueItem:
 
 
 def read_catalogue(path: Path) -> list[CatalogueItem]:
-    """The items of a catalogue, in its order.
+    """Read the items of a catalogue, in its order.
 
     Raises
     ------
@@ -61,8 +61,8 @@ def read_catalogue(path: Path) -> list[CatalogueItem]:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is no UTF-8; save the table as CSV in UTF-8") from error
-    delimiter = _delimiter_of(text)
-    lines = _rows(text, path, delimiter)
+    delimiter = _find_delimiter(text)
+    lines = _read_lines(text, path, delimiter)
     number, head = next(lines, (1, []))
     names = [name.strip() for name in head]
     _require_columns(names, f"{path}: line {number}")
@@ -87,18 +87,18 @@ def read_catalogue(path: Path) -> list[CatalogueItem]:
     return list(items.values())
 
 
-def _delimiter_of(text: str) -> str:
-    """What parts the columns: that by which most names in the first line are known."""
+def _find_delimiter(text: str) -> str:
+    """Find the delimiter by which most names of the first line are known columns."""
     head = next((line for line in text.splitlines() if line.strip()), "")
 
-    def known(delimiter: str) -> int:
+    def count_known(delimiter: str) -> int:
         return sum(name.strip().strip('"') in COLUMNS for name in head.split(delimiter))
 
-    return max(_WORDS, key=known)
+    return max(_WORDS, key=count_known)
 
 
-def _rows(text: str, path: Path, delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """Number and cells of each line that holds any."""
+def _read_lines(text: str, path: Path, delimiter: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and cells of each line that holds any."""
     rows = read_rows(text, str(path), "save the table as CSV again", delimiter=delimiter, strict=True)
     return ((number, cells) for number, cells in rows if any(cell.strip() for cell in cells))
 
@@ -120,10 +120,10 @@ def _require_columns(names: list[str], where: str) -> None:
 
 
 def _item(cells: dict[str, str], where: str) -> CatalogueItem:
-    inputs = tuple(one.strip() for one in cells.get("inputs", "").split(";") if one.strip())
+    inputs = tuple(path.strip() for path in cells.get("inputs", "").split(";") if path.strip())
     if not inputs and "platform" not in cells:
         raise InputError(f"{where}: inputs is empty; give one path a receiver, or a platform file that names them")
-    name = cells.get("name") or _named_after(inputs or (cells["platform"],))
+    name = cells.get("name") or _name_from_paths(inputs or (cells["platform"],))
     if not _NAME.fullmatch(name):
         raise InputError(
             f"{where}: name = {shortened(name)!r} cannot be that of a folder; give one of letters, digits, "
@@ -137,8 +137,8 @@ def _item(cells: dict[str, str], where: str) -> CatalogueItem:
     return CatalogueItem(name=name, inputs=inputs, settings=settings, **{key: cells.get(key) for key in FILES})
 
 
-def _named_after(paths: Sequence[str]) -> str:
-    """A name of the files' names up to their first point."""
+def _name_from_paths(paths: Sequence[str]) -> str:
+    """Make a name of the files' names up to their first point."""
     names = (Path(path).name.lstrip(".").partition(".")[0] for path in paths)
     return re.sub(r"[^\w+-]", "_", "_" + "+".join(names))[1:101] or "_"
 

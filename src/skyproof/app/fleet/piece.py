@@ -14,21 +14,19 @@ from skyproof.batch import Item
 from skyproof.errors import InputError, SkyproofError
 from skyproof.formats.documents import read_toml
 
-__all__ = ["piece_of", "protect_piece"]
+__all__ = ["make_piece", "protect_piece"]
 
 BESIDE = (".toml", ".sigmf-meta", ".sigmf-data")
 """Endings of what is read with an input."""
 
 
-def piece_of(item: CatalogueItem, folder: Path) -> Item:
-    """folder : of the catalogue."""
+def make_piece(item: CatalogueItem, folder: Path) -> Item:
+    """Describe an item as a piece of work. // folder : the catalogue's."""
     return Item(key=item.name, given=(item, str(folder.absolute())), same_as=_same_as(item, folder))
 
 
 def protect_piece(given: tuple[CatalogueItem, str], out: Path) -> None:
-    """Protect one item, in a process of its own: its paths are seen from the catalogue's folder, so that the outputs
-    name inputs as the catalogue does, wherever it stands.
-    """
+    """Protect one item in a process of its own, from the catalogue's folder."""
     item, folder = given
     try:
         os.chdir(folder)
@@ -40,12 +38,13 @@ def protect_piece(given: tuple[CatalogueItem, str], out: Path) -> None:
 
 
 def _same_as(item: CatalogueItem, folder: Path) -> str:
-    """The item, the version, and length and time of every file that is read: to read them whole takes as long as work
-    on them does.
+    """Describe what an item's result depends on: the item, the version, its files' lengths and times.
+
+    Reading the files whole would take as long as the work on them.
     """
-    paths = [folder / one for one in (*item.inputs, item.nav, item.imu, item.platform) if one is not None]
+    paths = [folder / name for name in (*item.inputs, item.nav, item.imu, item.platform) if name is not None]
     if item.platform is not None:
-        paths += _named_in(folder / item.platform)
+        paths += _list_paths(folder / item.platform)
     paths += [path.with_suffix(ending) for path in list(paths) for ending in BESIDE]
     files = {os.path.relpath(path, folder): _stamp(path) for path in paths}
     return json.dumps([asdict(item), files, version("skyproof")], sort_keys=True)
@@ -59,8 +58,11 @@ def _stamp(path: Path) -> tuple[int, int] | None:
     return found.st_size, found.st_mtime_ns
 
 
-def _named_in(platform: Path) -> list[Path]:
-    """Whatever a platform file names may be a file; one that cannot be read costs its item when that is begun."""
+def _list_paths(platform: Path) -> list[Path]:
+    """List the paths that a platform file names, each text that may be one.
+
+    An unreadable platform file fails its item when that is begun.
+    """
     try:
         table = read_toml(platform, "the platform file", "", "")
     except InputError:
@@ -72,5 +74,5 @@ def _texts(value: Any) -> Iterator[str]:
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict | list):
-        for one in value.values() if isinstance(value, dict) else value:
-            yield from _texts(one)
+        for element in value.values() if isinstance(value, dict) else value:
+            yield from _texts(element)

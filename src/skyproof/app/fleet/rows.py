@@ -13,7 +13,7 @@ from skyproof.formats.verdict import read_verdict
 from skyproof.records import LABELS
 from skyproof.verdict import Verdict
 
-__all__ = ["FleetRow", "row_of", "write_rows"]
+__all__ = ["FleetRow", "make_row", "write_rows"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,8 +63,10 @@ class FleetRow:
     position_hidden_m: float | None = None
 
 
-def row_of(item: CatalogueItem, results: Path, error: str | None) -> FleetRow:
-    """results : the item's folder. error : why it failed; None if it is done or was not run.
+def make_row(item: CatalogueItem, results: Path, error: str | None) -> FleetRow:
+    """Summarize an item's verdict, or why it has none, in a row.
+
+    results : the item's folder. error : why it failed; None if it is done or was not run.
 
     Raises
     ------

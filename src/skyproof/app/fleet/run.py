@@ -11,8 +11,8 @@ from skyproof.app.common.folder import claim, require_free
 from skyproof.app.common.kernels import RECEIVING, make_ready
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.fleet.catalogue import CatalogueItem, read_catalogue
-from skyproof.app.fleet.piece import piece_of, protect_piece
-from skyproof.app.fleet.rows import FleetRow, row_of, write_rows
+from skyproof.app.fleet.piece import make_piece, protect_piece
+from skyproof.app.fleet.rows import FleetRow, make_row, write_rows
 from skyproof.batch import ITEMS, Item, Processes, Runner, Store, run
 from skyproof.compiled import threads
 from skyproof.errors import OutputError, SettingsError
@@ -35,7 +35,7 @@ class FleetResult:
 
     @property
     def counts(self) -> Counter[str]:
-        """Items by verdict, those without one by how they ended: failed, not run."""
+        """Count items by verdict, those without one by how they ended: failed, not run."""
         return Counter(row.verdict or row.state for row in self.rows)
 
 
@@ -48,7 +48,7 @@ def fleet(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> FleetResult:
-    """Protect every item of a catalogue; the same bytes whatever did it, in however many processes.
+    """Protect every item of a catalogue; the same bytes in however many processes.
 
     Items that `out` has are not done again; those that failed are. An item that cannot be done costs itself.
 
@@ -68,7 +68,7 @@ def fleet(
     progress, path, folder = progress or Silent(), Path(catalogue), Path(out)
     items = read_catalogue(path)
     runner = _runner(workers, ray)
-    pieces = [piece_of(item, path.parent) for item in items]
+    pieces = [make_piece(item, path.parent) for item in items]
     with claim(folder):
         _require_free(folder)
         return _fleet(items, pieces, Store(folder), runner, overwrite, progress)
@@ -104,7 +104,7 @@ def _fleet(
             _require_same(pieces, store)
         with progress.stage(f"protecting {len(items)} items", float(len(items))) as stage, runner as doing:
             errors, interrupted = run(pieces, protect_piece, store, doing, report=stage.advance, say=progress.say)
-        rows = tuple(row_of(item, store.of(item.name), errors.get(item.name)) for item in items)
+        rows = tuple(make_row(item, store.of(item.name), errors.get(item.name)) for item in items)
         write_rows(rows, folder / TABLE)
         write_lines(folder / PAGE, [fleet_html(rows)], end="", encoding="utf-8")
     return FleetResult(rows=rows, folder=folder, interrupted=interrupted)
@@ -112,14 +112,14 @@ def _fleet(
 
 def _runner(workers: int | None, ray: str | None) -> AbstractContextManager[Runner]:
     if ray is not None:
-        return _ray_nodes(ray, workers)
+        return _load_ray_nodes(ray, workers)
     if workers is not None and workers < 1:
         raise SettingsError(f"workers is {workers}, expected 1 or more; leave it out for one a core")
     return Processes(threads() if workers is None else workers)
 
 
-def _ray_nodes(address: str, workers: int | None) -> AbstractContextManager[Runner]:
-    """Ray is loaded, and need be installed, only where it is asked for."""
+def _load_ray_nodes(address: str, workers: int | None) -> AbstractContextManager[Runner]:
+    """Load Ray, which need only be installed where a cluster is asked for."""
     if workers is not None:
         raise SettingsError("workers and ray are both given; a cluster does as many items as it has processors")
     try:

@@ -1,4 +1,4 @@
-"""`platform.toml` for the files at hand: which receiver has which, and what only a person knows as commented lines."""
+"""`platform.toml` for the files given: which receiver has which, and what only a person knows as commented lines."""
 
 import importlib.metadata
 import os
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from skyproof.app.common.platform import Platform, read_platform
-from skyproof.app.init.text import FoundReceiver, platform_lines
+from skyproof.app.init.text import FoundReceiver, write_platform_lines
 from skyproof.app.inspect.log import holds_measurements, inspect_log
 from skyproof.errors import InputError, OutputError
 from skyproof.formats.atomic_write import write_lines
@@ -51,24 +51,24 @@ def init(files: Sequence[str | Path], *, out: str | Path = "platform.toml", over
     """
     out = Path(out)
     paths = [Path(file) for file in files]
-    there = [path.resolve() for path in paths]
-    if any(out.resolve() in (path, path.parent / f"{path.stem}.toml") for path in there):
+    inputs = [path.resolve() for path in paths]
+    if any(out.resolve() in (path, path.parent / f"{path.stem}.toml") for path in inputs):
         raise OutputError(f"{out}: is an input or its sidecar; give another name with --out")
     if out.exists() and not overwrite:
         raise OutputError(f"{out}: already exists; give another name with --out, or --overwrite to replace it")
     series = [path for path in paths if path.suffix.lower() in _SERIES]
-    receivers = _named([_found(path, out.parent) for path in paths if path not in series])
+    receivers = _name_receivers([_read_input(path, out.parent) for path in paths if path not in series])
     if not receivers:
         raise InputError("no recording, log or observation file given; give one per receiver")
-    tables = _tables(series, out.parent)
+    tables = _assign_tables(series, out.parent)
     version = importlib.metadata.version("skyproof")
-    write_lines(out, platform_lines(receivers, tables, version), encoding="utf-8")
+    write_lines(out, write_platform_lines(receivers, tables, version), encoding="utf-8")
     return InitResult(path=out, platform=read_platform(out))
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Found:
-    """One input, what it says in words, and how many antennas it is of; `marker` as a header names it."""
+    """One input, what it says in words, and how many antennas it has; `marker` as a header names it."""
 
     path: Path
     input: str
@@ -77,68 +77,71 @@ class _Found:
     antennas: int = 1
 
 
-def _found(path: Path, folder: Path) -> _Found:
+def _read_input(path: Path, folder: Path) -> _Found:
     if holds_observations(path):
-        return _observed(path, folder)
+        return _read_observations(path, folder)
     if holds_measurements(path) and not path.with_suffix(".toml").exists():
-        return _logged(path, folder)
+        return _read_log(path, folder)
     channels = open_recording(path)
-    one = channels[0]
-    says = [f"{one.format or 'raw'}, {one.rate_hz / 1e6:g} Msps, {_when(one.start_gpst, one.duration_s)}"]
+    channel = channels[0]
+    time = _describe_time(channel.start_gpst, channel.duration_s)
+    says = [f"{channel.format or 'raw'}, {channel.rate_hz / 1e6:g} Msps, {time}"]
     if len(channels) > 1:
         says.append(f"its {len(channels)} channels are the receiver's antennas")
-    return _Found(path=path, input=_relative(path, folder), says=tuple(says), antennas=len(channels))
+    return _Found(path=path, input=_relative_path(path, folder), says=tuple(says), antennas=len(channels))
 
 
-def _observed(path: Path, folder: Path) -> _Found:
+def _read_observations(path: Path, folder: Path) -> _Found:
     file = read_obs(path)
     o = file.observations
     lasts_s = seconds_between(o.gpst[-1], o.gpst[0])
-    says = [f"RINEX {file.version:g} observations, {o.gpst.size} epochs, {_when(o.gpst[0], lasts_s)}"]
+    says = [f"RINEX {file.version:g} observations, {o.gpst.size} epochs, {_describe_time(o.gpst[0], lasts_s)}"]
     if file.position_ecef_m is not None and np.any(file.position_ecef_m):
         lat, lon, height_m = (float(value) for value in geodetic_from_ecef(file.position_ecef_m))
         says.append(
             f"its header says that it stands near lat_deg = {np.degrees(lat):.6f}, lon_deg = {np.degrees(lon):.6f}, "
             f"height_m = {height_m:.1f}, and not how nearly"
         )
-    return _Found(path=path, input=_relative(path, folder), says=tuple(says), marker=file.marker)
+    return _Found(path=path, input=_relative_path(path, folder), says=tuple(says), marker=file.marker)
 
 
-def _logged(path: Path, folder: Path) -> _Found:
+def _read_log(path: Path, folder: Path) -> _Found:
     """Return what a receiver's log says, and what it should hold besides."""
     log = inspect_log(path)
     if not log.epochs:
         raise InputError(f"{path}: {log.summary}; {'; '.join(log.configuration) or 'have the receiver log them'}")
-    says = [f"{log.format}, {log.epochs} epochs, {_when(log.start_gpst, log.duration_s)}"]
+    says = [f"{log.format}, {log.epochs} epochs, {_describe_time(log.start_gpst, log.duration_s)}"]
     says += [f"without {', '.join(wanted.name for wanted in log.missing)}, which would help"] if log.missing else []
-    return _Found(path=path, input=_relative(path, folder), says=(*says, *log.configuration))
+    return _Found(path=path, input=_relative_path(path, folder), says=(*says, *log.configuration))
 
 
-def _named(found: Sequence[_Found]) -> list[FoundReceiver]:
-    """Each under a name of its own: its marker's if that is no other's, else its file's."""
-    markers = [one.marker for one in found]
+def _name_receivers(found: Sequence[_Found]) -> list[FoundReceiver]:
+    """Name each receiver by its marker if no other has that, else by its file."""
+    markers = [input_file.marker for input_file in found]
     receivers: list[FoundReceiver] = []
-    for one in found:
-        text = one.marker if markers.count(one.marker) == 1 and one.marker else one.path.stem
-        name = _name(text, [receiver.name for receiver in receivers])
-        receivers.append(FoundReceiver(name, one.input, one.says, one.antennas))
+    for input_file in found:
+        text = (
+            input_file.marker if markers.count(input_file.marker) == 1 and input_file.marker else input_file.path.stem
+        )
+        name = _make_name(text, [receiver.name for receiver in receivers])
+        receivers.append(FoundReceiver(name, input_file.input, input_file.says, input_file.antennas))
     return receivers
 
 
-def _when(start_gpst: np.datetime64 | None, lasts_s: float) -> str:
+def _describe_time(start_gpst: np.datetime64 | None, lasts_s: float) -> str:
     start = "of unknown date" if start_gpst is None else f"from {iso(start_gpst, 3)} (GPS time)"
     return f"{start}, {lasts_s:.1f} s"
 
 
-def _name(text: str, names: Sequence[str]) -> str:
-    """A receiver's name that is not yet taken, of the letters that a name may have."""
+def _make_name(text: str, names: Sequence[str]) -> str:
+    """Make a receiver's name that is not yet taken, from the letters that a name may have."""
     plain = re.sub(r"[^A-Za-z0-9._-]+", "-", text).strip("._-")[:90] or "rx"
     candidates = (plain, *(f"{plain}-{number}" for number in range(2, len(names) + 3)))
     return next(name for name in candidates if name not in names)
 
 
-def _relative(path: Path, folder: Path) -> str:
-    """The path as it is written into a file in `folder`. Raises InputError if no text can hold it."""
+def _relative_path(path: Path, folder: Path) -> str:
+    """Make a path relative to a folder, as a file there names it. Raises InputError if no text can hold it."""
     text = Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
     try:
         text.encode()
@@ -147,14 +150,14 @@ def _relative(path: Path, folder: Path) -> str:
     return text
 
 
-def _tables(series: Sequence[Path], folder: Path) -> dict[str, str]:
-    """The file of each table that readings over time are for: "imu", "attitude"."""
+def _assign_tables(series: Sequence[Path], folder: Path) -> dict[str, str]:
+    """Assign each file of readings over time to its table: "imu" or "attitude"."""
     tables: dict[str, str] = {}
     for path in series:
         table = _table_of(path)
         if table in tables:
             raise InputError(f"{path}: a second file for [{table}], which has one; give one of the two")
-        tables[table] = _relative(path, folder)
+        tables[table] = _relative_path(path, folder)
     return tables
 
 

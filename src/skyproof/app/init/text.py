@@ -12,7 +12,7 @@ from skyproof.app.common.platform import Platform
 from skyproof.app.common.platform_tables import ERRORS, GAIN_ERRORS, PlatformImu, PlatformReceiver, StatedAttitude
 from skyproof.app.common.settings import Settings
 
-__all__ = ["FoundReceiver", "one_line", "platform_lines"]
+__all__ = ["FoundReceiver", "write_one_line", "write_platform_lines"]
 
 _WIDTH: Final = 100
 _INSTEAD: Final = (
@@ -39,8 +39,8 @@ class FoundReceiver:
     antennas: int
 
 
-def platform_lines(receivers: Sequence[FoundReceiver], files: Mapping[str, str], version: str) -> Iterator[str]:
-    """The lines of `platform.toml`.
+def write_platform_lines(receivers: Sequence[FoundReceiver], files: Mapping[str, str], version: str) -> Iterator[str]:
+    """Yield the lines of `platform.toml`.
 
     files : of the tables "imu" and "attitude", where there are any.
     """
@@ -60,7 +60,11 @@ def platform_lines(receivers: Sequence[FoundReceiver], files: Mapping[str, str],
 
 
 def _receiver(number: int, receiver: FoundReceiver) -> Iterator[str]:
-    yield from ("[[receivers]]", f"name = {one_line(receiver.name)}", f"inputs = {one_line([receiver.input])}")
+    yield from (
+        "[[receivers]]",
+        f"name = {write_one_line(receiver.name)}",
+        f"inputs = {write_one_line([receiver.input])}",
+    )
     yield from (line for words in receiver.says for line in _prose(words))
     of_several = {
         "antennas_m": [[0.0, round(_SPACING_M * antenna, 2), 0.0] for antenna in range(receiver.antennas)],
@@ -72,13 +76,13 @@ def _receiver(number: int, receiver: FoundReceiver) -> Iterator[str]:
 
 
 def _attitude(file: str | None) -> Iterator[str]:
-    """Behind #, even where there is a file of it: how good its angles are only a person can say."""
+    """Yield the table of the attitude behind #: only a person knows how good a file's angles are."""
     yield from _prose(str(Platform.model_fields["attitude"].description))
     yield "#[attitude]"
     if file is None:
         yield from _examples(StatedAttitude)
         return
-    yield f"#file = {one_line(file)}"
+    yield f"#file = {write_one_line(file)}"
     yield from _examples(StatedAttitude, skip=("file", "heading_deg", "pitch_deg", "roll_deg"))
 
 
@@ -88,14 +92,14 @@ def _imu(file: str | None) -> Iterator[str]:
         yield "#[imu]"
         yield from (*_prose(str(PlatformImu.model_fields["file"].description)), '#file = "imu.csv"')
     else:
-        yield from ("[imu]", f"file = {one_line(file)}")
+        yield from ("[imu]", f"file = {write_one_line(file)}")
     yield from _examples(PlatformImu, skip=("file",))
 
 
 def _examples(
     model: type[BaseModel], *, skip: Collection[str] = (), known: Mapping[str, Any] | None = None, words: bool = True
 ) -> Iterator[str]:
-    """Each key with what it means and a value, behind a #.
+    """Yield each key behind a # with its meaning and a value.
 
     known : values that are better than the model's examples.
     """
@@ -105,7 +109,7 @@ def _examples(
             continue
         if words:
             yield from _prose(str(field.description))
-        line = f"{key} = {one_line(value)}"
+        line = f"{key} = {write_one_line(value)}"
         yield from _prose(f"In place of {_INSTEAD[key]}: {line}") if key in _INSTEAD else [f"#{line}"]
 
 
@@ -113,10 +117,10 @@ def _prose(text: str) -> list[str]:
     return [f"# {line}" for line in wrap(text, _WIDTH, break_long_words=False, break_on_hyphens=False)]
 
 
-def one_line(value: Any) -> str:
-    """A value as TOML on one line, which tomli-w gives single values only."""
+def write_one_line(value: Any) -> str:
+    """Write a value as TOML on one line; tomli-w does so for single values only."""
     if isinstance(value, list):
-        return f"[{', '.join(map(one_line, value))}]"
+        return f"[{', '.join(map(write_one_line, value))}]"
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {one_line(one)}' for key, one in value.items())} }}"
+        return f"{{ {', '.join(f'{key} = {write_one_line(element)}' for key, element in value.items())} }}"
     return tomli_w.dumps({"x": value}).removeprefix("x = ").removesuffix("\n")

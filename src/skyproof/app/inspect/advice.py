@@ -9,7 +9,7 @@ from skyproof.recording.conditioning import MeasuredFrontEnd
 from skyproof.recording.survey import OscillatorError, Survey
 from skyproof.records import Samples
 
-__all__ = ["FoundSatellite", "advice", "correction_remark", "oscillator_remarks", "signal_remarks", "summary"]
+__all__ = ["FoundSatellite", "advise", "remark_on_correction", "remark_on_oscillator", "remark_on_signals", "summary"]
 
 
 class FoundSatellite(Protocol):
@@ -25,8 +25,8 @@ class FoundSatellite(Protocol):
     def peaks(self) -> int: ...
 
 
-def advice(samples: Samples, satellites: Sequence[FoundSatellite], *, gaps: int, mirrored: bool) -> str:
-    """One sentence: what `protect` can do, and what would make it stronger.
+def advise(samples: Samples, satellites: Sequence[FoundSatellite], *, gaps: int, mirrored: bool) -> str:
+    """Describe in one sentence what `protect` can do, and what would make it stronger.
 
     mirrored : whether the description reads the spectrum the wrong way round.
     """
@@ -43,7 +43,7 @@ def advice(samples: Samples, satellites: Sequence[FoundSatellite], *, gaps: int,
         needs.append(f"{POLICY.ephemeris_s:.0f} s of recording (with --nav {POLICY.subframe_s:.0f} s)")
         can = "is too short for `protect`, which follows signals for seconds"
         can += "; that several signals of one satellite are received suggests false ones already" if several else ""
-        return f"It {can}; what it needs: {_listed(needs)}."
+        return f"It {can}; what it needs: {_join_words(needs)}."
     if n < POLICY.fix_satellites:
         can = "can look for second signals of a satellite, but give no position"
         needs.append("a better view of the sky")
@@ -64,11 +64,13 @@ def advice(samples: Samples, satellites: Sequence[FoundSatellite], *, gaps: int,
     if gaps:
         needs.append("a recorder that loses no samples")
     needs.append("a second receiver some tens of metres away, recorded at the same time")
-    return f"`protect` {can}; stronger with {_listed(needs)}."
+    return f"`protect` {can}; stronger with {_join_words(needs)}."
 
 
-def signal_remarks(samples: Samples, survey: Survey, conjugate: bool | None, oscillator: OscillatorError) -> list[str]:
-    """What is odd about the signals."""
+def remark_on_signals(
+    samples: Samples, survey: Survey, conjugate: bool | None, oscillator: OscillatorError
+) -> list[str]:
+    """List what is odd about the signals."""
     remarks = []
     if conjugate:
         remarks.append(
@@ -83,7 +85,7 @@ def signal_remarks(samples: Samples, survey: Survey, conjugate: bool | None, osc
         )
     for known in samples.gaps:
         remarks.append(f"the recording says that {known.missing_samples} samples are missing at {known.at_sample}")
-    remarks += oscillator_remarks(oscillator)
+    remarks += remark_on_oscillator(oscillator)
     if abs(survey.clock_minus_lo_ppm) > 4.0 * survey.clock_minus_lo_sigma_ppm:
         remarks.append(
             f"the sampling clock is {survey.clock_minus_lo_ppm:+.3f} ± {survey.clock_minus_lo_sigma_ppm:.3f} ppm off "
@@ -92,8 +94,8 @@ def signal_remarks(samples: Samples, survey: Survey, conjugate: bool | None, osc
     return remarks
 
 
-def correction_remark(given: Samples, taken: Samples, sigma: float) -> str:
-    """What was wrong in how a recording is described, and what is used in its place; sigma : of either, relative."""
+def remark_on_correction(given: Samples, taken: Samples, sigma: float) -> str:
+    """Describe what was wrong in a recording's description, and what is used in its place."""
     if taken.rate_hz != given.rate_hz:
         ppm = 1e6 * (given.rate_hz / taken.rate_hz - 1.0)
         return (
@@ -110,8 +112,8 @@ def correction_remark(given: Samples, taken: Samples, sigma: float) -> str:
     )
 
 
-def oscillator_remarks(oscillator: OscillatorError) -> tuple[str, ...]:
-    """One remark if the oscillator is off for certain."""
+def remark_on_oscillator(oscillator: OscillatorError) -> tuple[str, ...]:
+    """Report an oscillator whose error is certain."""
     if not abs(oscillator.doppler_hz) > 3.0 * oscillator.sigma_hz:
         return ()
     high = "high" if oscillator.doppler_hz > 0.0 else "low"
@@ -130,7 +132,7 @@ def summary(
     conjugate: bool | None,
     front: MeasuredFrontEnd,
 ) -> str:
-    """One or two sentences: what is there, and whether it can be used."""
+    """Summarize in one or two sentences what is in the recording, and whether it is usable."""
     long = f"{samples.duration_s:.1f} s" if samples.duration_s >= 1.0 else f"{samples.duration_s * 1e3:.0f} ms"
     n = len(satellites)
     if n == 0:
@@ -153,5 +155,5 @@ def summary(
     return text + (f"; but {', '.join(but[:-1])}{' and ' if but[:-1] else ''}{but[-1]}." if but else ".")
 
 
-def _listed(words: Sequence[str]) -> str:
+def _join_words(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,4 +1,4 @@
-"""A recording that nothing describes: what it may be, ranked by what a search finds, and the sidecar that says so.
+"""A recording that nothing describes: what it may be, ranked by what a search finds, and the sidecar that describes it.
 
 What the bytes may mean comes from their statistics, how many samples a code period takes and where the carrier lies
 from what repeats in them, and whether all that is right from a search for satellites. The file's name and a WAV header
@@ -132,7 +132,7 @@ class Proposal:
     round_rate : whether the rate is one that people choose; another one is as exact as it could be measured.
     satellites : of the search, by name, with C/N0. log10_chance : that noise alone makes so much in all that was tried,
         as its decimal logarithm, 0 where nothing was found. power : of all signals found over the noise.
-    woven : of which channels the file seems to be woven: then no reading of one channel is right. None if of one.
+    woven : the channels that the file seems to interleave: then no reading of one channel is right. None if of one.
         Looked at in the best proposal only. peaks : what the search found, Dopplers off `layout.if_hz`.
     """
 
@@ -147,7 +147,7 @@ class Proposal:
 
     @property
     def interleaved(self) -> str:
-        """Of which channels the file seems to be woven, in words; empty if of one."""
+        """Name the channels that the file seems to interleave; empty if there is one."""
         return "" if self.woven is None else self.woven.words
 
     @property
@@ -155,7 +155,7 @@ class Proposal:
         return self.log10_chance < math.log10(POLICY.convincing_probability) and self.woven is None
 
     def document(self) -> dict[str, Any]:
-        """For --json."""
+        """Return the proposal as `--json` prints it."""
         layout = self.layout
         return {
             "layout": {
@@ -191,7 +191,7 @@ class Guess:
 
     @property
     def summary(self) -> str:
-        """What to do where nothing convincing was found."""
+        """Describe what to do where nothing convincing was found."""
         best = self.proposals[0].layout
         if woven := self.proposals[0].woven:
             return (
@@ -201,7 +201,9 @@ class Guess:
                 f"--bits {best.bits}{_order_option(best)}`, with --if-hz where L1 does not lie at zero; then write it "
                 "into the sidecar (channels, rate_hz, kind, encoding, bits)"
             )
-        numbers = " or ".join(dict.fromkeys(f"{one.layout.kind} {_numbers(one.layout)}" for one in self.proposals[:4]))
+        numbers = " or ".join(
+            dict.fromkeys(f"{proposal.layout.kind} {_numbers(proposal.layout)}" for proposal in self.proposals[:4])
+        )
         return (
             f"nothing says how to read it, and no {GPS_L1_CA.name} signal was found for certain in {self.tried} ways "
             f"that were tried; by its bytes it holds {numbers}. Give what you know of the recorder, at least the rate: "
@@ -243,36 +245,36 @@ def guess(path: str | Path) -> Guess:
     if not trials.certain:
         clear = math.log10(POLICY.clear_probability)
         doubtful = [look for look in looks if look.what.log10_chance > clear][:_LOOKED_AGAIN]
-        again = [replace(look, what=_repetition(look.samples, _SECOND_LENGTH)) for look in doubtful]
+        again = [replace(look, what=_measure_repetition(look.samples, _SECOND_LENGTH)) for look in doubtful]
         proposals += [trials.search(look) for look in again if look.repeats]
     if not any(proposal.satellites for proposal in proposals):
-        proposals += [trials.search(look) for look in _blind(looks)]
+        proposals += [trials.search(look) for look in _try_usual_rates(looks)]
     ranked = sorted(proposals, key=lambda one: (-one.power, one.log10_chance))
     if ranked and ranked[0].convincing:
-        ranked[0] = replace(ranked[0], woven=_woven(octets, ranked[0]))
+        ranked[0] = replace(ranked[0], woven=_find_interleaved(octets, ranked[0]))
     return Guess(
         path=path, proposals=tuple(_distinct(ranked))[:_MOST_READINGS], tried=trials.count, start_utc=hints.start_utc
     )
 
 
 def _order_option(layout: SampleLayout) -> str:
-    """The option that states the order of bits or bytes, if it is not the default."""
+    """Return the option that states the order of bits or bytes, if it is not the default."""
     if layout.packing.orders_bits and layout.bit_order != "msb-first":
         return f" --bit-order {layout.bit_order}"
     return f" --byte-order {layout.byte_order}" if layout.packing.orders_bytes and layout.byte_order == "big" else ""
 
 
-def _woven(octets: FileBytes, proposal: Proposal) -> Woven | None:
-    """Return of which channels a file is woven; None if of one."""
+def _find_interleaved(octets: FileBytes, proposal: Proposal) -> Woven | None:
+    """Find the channels that a file interleaves; None if it has one."""
     layout = proposal.layout
     samples = _samples(octets, layout.header_bytes, layout.packing)
     planes = samples.read(0, min(samples.n_samples, math.ceil(_PERIODS * GPS_L1_CA.period_s * layout.rate_hz)))
     planes -= planes.mean(axis=1, keepdims=True)
     signals = [
         InterleavedSignal(
-            sat=one.sat, carrier_hz=layout.if_hz + one.doppler_hz, delay_s=one.delay_s, cn0_dbhz=one.cn0_dbhz
+            sat=peak.sat, carrier_hz=layout.if_hz + peak.doppler_hz, delay_s=peak.delay_s, cn0_dbhz=peak.cn0_dbhz
         )
-        for one in proposal.peaks
+        for peak in proposal.peaks
     ]
     turn = turns(planes, layout.rate_hz, signals, real=layout.kind == "real")
     if turn.one_channel:
@@ -293,11 +295,11 @@ def _woven(octets: FileBytes, proposal: Proposal) -> Woven | None:
 
 def _distinct(proposals: Sequence[Proposal]) -> Iterator[Proposal]:
     seen = set()
-    for one in proposals:
-        key = (one.layout.packing, one.layout.rate_hz if one.satellites else 0.0)
+    for proposal in proposals:
+        key = (proposal.layout.packing, proposal.layout.rate_hz if proposal.satellites else 0.0)
         if key not in seen:
             seen.add(key)
-            yield one
+            yield proposal
 
 
 # --- looks: readings of the bytes, and what repeats in them
@@ -323,7 +325,7 @@ class _Look:
 
     @property
     def stated_rates(self) -> dict[str, float]:
-        """By what states them."""
+        """Return the stated sample rates, Hz, by what states them."""
         stated = {"the file's name": self.hints.rate_hz, "the WAV header": self.wav.rate_hz if self.wav else None}
         return {source: rate for source, rate in stated.items() if rate is not None}
 
@@ -333,12 +335,12 @@ class _Look:
 
     @property
     def order(self) -> tuple[bool, float]:
-        """What the name or an image contradicts comes last; what repeats more strongly, first."""
+        """Return the key that sorts looks: contradicted or imaged ones last, stronger repetition first."""
         return self._contradicted or self.imaged, -self.what.strength
 
     @property
     def imaged(self) -> bool:
-        """Whether complex samples show each signal twice, as real ones read so do."""
+        """Test whether complex samples show each signal twice, as real ones read so do."""
         return self.repeats and self.what.mirrored_share > POLICY.imaged_share
 
     @property
@@ -360,7 +362,9 @@ def _looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterat
     else:
         middle = header + (octets.size - header) // 2 // 48 * 48  # where numbers of any length begin
         body = octets[middle : middle + _LOOKED_AT] if octets.size > 2 * _LOOKED_AT else octets[header:]
-        packings = [(one.packing, one.header_bytes) for one in likely_packings(np.ascontiguousarray(body))]
+        packings = [
+            (candidate.packing, candidate.header_bytes) for candidate in likely_packings(np.ascontiguousarray(body))
+        ]
     for rank, (packing, skip) in enumerate(packings):
         # behind a header that was found by its looks, Q may be what seems to be I
         n_starts = packing.numbers if header and not wav and not packing.orders_bits else 1
@@ -374,7 +378,7 @@ def _looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterat
                     rank=rank,
                     hints=hints,
                     wav=wav,
-                    what=_repetition(samples, _FIRST_LENGTH),
+                    what=_measure_repetition(samples, _FIRST_LENGTH),
                 )
 
 
@@ -382,14 +386,14 @@ def _samples(octets: FileBytes, begin: int, packing: Packing) -> PackedSamples:
     return PackedSamples(octets, packing, [Chunk(begin, max(octets.size - begin, 0) * 8 // packing.frame_bits)])
 
 
-def _repetition(samples: PackedSamples, most: int) -> Repetition:
-    """Of so many samples at most."""
+def _measure_repetition(samples: PackedSamples, most: int) -> Repetition:
+    """Measure what repeats in so many samples at most."""
     planes = samples.read(0, usual_length(samples.n_samples, most))
     return repetition(planes[0] if samples.packing.kind == "real" else planes[0] + np.complex64(1j) * planes[1])
 
 
-def _blind(looks: Sequence[_Look]) -> Iterator[_Look]:
-    """Nothing repeats that a search confirms: the rates that are stated, or usual ones, in the likeliest readings."""
+def _try_usual_rates(looks: Sequence[_Look]) -> Iterator[_Look]:
+    """Yield the likeliest readings at stated or usual rates, where no search confirms a repetition."""
     likely = sorted(looks, key=lambda look: (look._contradicted, look.rank))[:2]
     for look in likely:
         for rate_hz in [rate for rate in look.stated_rates.values() if rate >= 1e6] or _TRIED_BLIND:
@@ -409,15 +413,15 @@ class _Trials:
 
     def search(self, look: _Look) -> Proposal:
         """Search one reading at its rate, around the carriers that are plausible, then around the one measured."""
-        rate_hz, rate_source = _rate_of(look)
+        rate_hz, rate_source = _choose_rate(look)
         measured_hz = look.what.carrier_cycles * rate_hz if look.rate_hz is None else None
-        carriers = _carriers(look, rate_hz, measured_hz)
-        found = self._peaks(look, rate_hz, carriers, POLICY.near_hz)
+        carriers = _list_carriers(look, rate_hz, measured_hz)
+        found = self._search_carriers(look, rate_hz, carriers, POLICY.near_hz)
         few = len(found) < POLICY.fix_satellites
         if measured_hz is not None and few and not self.certain and self.wide < _MOST_WIDE:
             self.wide += 1
-            found = max(found, self._peaks(look, rate_hz, [round(measured_hz, -3)], POLICY.wide_hz), key=len)
-        if_hz, if_source = _if_of(look, rate_hz, measured_hz, carriers, [hz for hz, _ in found.values()])
+            found = max(found, self._search_carriers(look, rate_hz, [round(measured_hz, -3)], POLICY.wide_hz), key=len)
+        if_hz, if_source = _choose_if(look, rate_hz, measured_hz, carriers, [hz for hz, _ in found.values()])
         cn0s = {sat: peak.cn0_dbhz for sat, (_, peak) in sorted(found.items())}
         log10_chance = sum(math.log10(max(peak.p_value, 1e-300)) for _, peak in found.values())
         self.certain = self.certain or len(found) >= POLICY.fix_satellites
@@ -433,13 +437,13 @@ class _Trials:
             peaks=tuple(replace(peak, doppler_hz=hz - if_hz) for _, (hz, peak) in sorted(found.items())),
         )
 
-    def _peaks(
+    def _search_carriers(
         self, look: _Look, rate_hz: float, carriers: Sequence[float], reach_hz: float
     ) -> dict[str, tuple[float, Peak]]:
-        """The strongest signal of each satellite, and its carrier in the samples, unless the band does not hold it."""
+        """Search the strongest signal of each satellite, and its carrier, in the band of the samples."""
         samples = look.samples
         n_periods = math.floor(samples.n_samples / rate_hz / GPS_L1_CA.period_s + 1e-6)
-        inside = [hz for hz in carriers if _holds(look, rate_hz, hz)]
+        inside = [hz for hz in carriers if _holds_main_lobe(look, rate_hz, hz)]
         if n_periods < 2 or not inside:
             return {}
         self.count += 1
@@ -460,16 +464,16 @@ class _Trials:
         return strongest
 
 
-def _holds(look: _Look, rate_hz: float, carrier_hz: float) -> bool:
-    """Whether the band of the samples has half the signal's main lobe on either side of the carrier."""
+def _holds_main_lobe(look: _Look, rate_hz: float, carrier_hz: float) -> bool:
+    """Test whether the samples' band has half the main lobe on either side of the carrier."""
     room_hz = 0.5 * GPS_L1_CA.chip_rate_hz
     if look.real:
         return room_hz < abs(carrier_hz) < 0.5 * rate_hz - room_hz
     return abs(carrier_hz) < 0.5 * rate_hz - room_hz
 
 
-def _rate_of(look: _Look) -> tuple[float, str]:
-    """The rate and where it comes from: what is stated or usual, if what repeats agrees with it."""
+def _choose_rate(look: _Look) -> tuple[float, str]:
+    """Choose the rate, stated or usual, that what repeats agrees with, and name its source."""
     stated = look.stated_rates
     if look.rate_hz is not None:
         source = next((source for source, rate in stated.items() if rate == look.rate_hz), "guessed: a usual rate")
@@ -486,10 +490,10 @@ def _rate_of(look: _Look) -> tuple[float, str]:
     return round(measured_hz, -1), "measured: code period"
 
 
-def _carriers(look: _Look, rate_hz: float, measured_hz: float | None) -> list[float]:
-    """Where to look: the nominal carriers that are stated or usual, near the one measured; of near ones the likely."""
-    stated = [] if look.hints.if_hz is None else [_folded(look, look.hints.if_hz, rate_hz)]
-    likely = list(dict.fromkeys([*stated, *_usual(look, rate_hz)]))
+def _list_carriers(look: _Look, rate_hz: float, measured_hz: float | None) -> list[float]:
+    """List the carriers to search: stated or usual ones near the one measured."""
+    stated = [] if look.hints.if_hz is None else [_fold_frequency(look, look.hints.if_hz, rate_hz)]
+    likely = list(dict.fromkeys([*stated, *_list_usual_ifs(look, rate_hz)]))
     if measured_hz is None:
         return likely[: len(stated) + 2] if look.real else likely[: max(1, len(stated))]
     apart: list[float] = []
@@ -499,22 +503,24 @@ def _carriers(look: _Look, rate_hz: float, measured_hz: float | None) -> list[fl
     return sorted(apart, key=lambda hz: abs(hz - measured_hz))[:2] or [round(measured_hz, -4)]
 
 
-def _usual(look: _Look, rate_hz: float) -> list[float]:
-    """Usual intermediate frequencies, the likeliest first; those of real samples as sampling folds them."""
+def _list_usual_ifs(look: _Look, rate_hz: float) -> list[float]:
+    """List usual intermediate frequencies, the likeliest first; of real samples as folded by sampling."""
     if look.real:
-        return [0.25 * rate_hz, *(_folded(look, hz, rate_hz) for hz in USUAL_IFS_HZ)]
+        return [0.25 * rate_hz, *(_fold_frequency(look, hz, rate_hz) for hz in USUAL_IFS_HZ)]
     return [sign * hz for hz in USUAL_IFS_HZ if hz < 0.5 * rate_hz for sign in (1.0, -1.0)]
 
 
-def _folded(look: _Look, hz: float, rate_hz: float) -> float:
+def _fold_frequency(look: _Look, hz: float, rate_hz: float) -> float:
     folded = math.remainder(hz, rate_hz)
     return abs(folded) if look.real else folded
 
 
-def _if_of(
+def _choose_if(
     look: _Look, rate_hz: float, measured_hz: float | None, carriers: Sequence[float], found_hz: Sequence[float]
 ) -> tuple[float, str]:
-    """The nominal intermediate frequency: a stated, usual or round one near the middle of the satellites' carriers.
+    """Choose the intermediate frequency: stated, usual or round, near the middle of the carriers.
+
+    A kilohertz or two off is the oscillator's error; an improbable frequency is worth several.
 
     A kilohertz or two off is the oscillator's error; a frequency that nobody would choose is worth several.
     """
@@ -524,12 +530,12 @@ def _if_of(
         return carriers[0], "measured: around what repeats"
     middle_hz = 0.5 * (min(found_hz) + max(found_hz))
     stated_hz = look.hints.if_hz
-    choices = [(0.5 if hz else 0.0, hz) for hz in _usual(look, rate_hz)]
+    choices = [(0.5 if hz else 0.0, hz) for hz in _list_usual_ifs(look, rate_hz)]
     choices += [(4.0, round(middle_hz, -5)), (8.0, round(middle_hz, -4)), (10.0, round(middle_hz, -3))]
     if stated_hz is not None:
-        choices.append((-1.0, _folded(look, stated_hz, rate_hz)))
+        choices.append((-1.0, _fold_frequency(look, stated_hz, rate_hz)))
     _, if_hz = min(choices, key=lambda choice: choice[0] + abs(choice[1] - middle_hz) / 2e3)
-    if stated_hz is not None and if_hz == _folded(look, stated_hz, rate_hz):
+    if stated_hz is not None and if_hz == _fold_frequency(look, stated_hz, rate_hz):
         return if_hz, "the file's name; the satellites agree"
     return if_hz + 0.0, "measured: amid the satellites"
 

@@ -18,7 +18,7 @@ from skyproof.recording.survey import OscillatorError, Survey
 from skyproof.records import Samples
 from skyproof.short_repr import ShortRepr, notebook_html
 
-__all__ = ["Inspection", "Satellite", "document_json", "plain"]
+__all__ = ["Inspection", "Satellite", "make_plain", "write_document_json"]
 _LEVELS_LISTED: Final = 16
 
 
@@ -46,8 +46,8 @@ class Inspection(ShortRepr):
     sources : where each fact of how to read it comes from; keys as in a sidecar, and "duration".
     proposals : where nothing described it, the ways to read it that were found; `taken` is the number of the one that
         was taken, from 0.
-    sidecar : what was written to say so, if it was; None otherwise.
-    given : the recording as it is described, where `samples` are read at another rate or carrier, by which its codes
+    sidecar : the sidecar that was written; None if none was.
+    given : the recording by its description, where `samples` are read at another rate or carrier, by which its codes
         and carriers agree; None otherwise. disagreement : how far they were apart.
     """
 
@@ -70,7 +70,7 @@ class Inspection(ShortRepr):
     disagreement: Disagreement | None = None
 
     def document(self) -> dict[str, Any]:
-        """As `--json` prints it: keys in order, numbers unrounded, None for what is absent."""
+        """Return the document that `--json` prints: keys in order, numbers unrounded, None for what is absent."""
         samples, front, survey = self.samples, self.front_end, self.survey
         few = front.levels.size <= _LEVELS_LISTED
         start, apart = samples.start_gpst, self.disagreement
@@ -145,11 +145,11 @@ class Inspection(ShortRepr):
             "proposal_taken": self.taken if self.proposals else None,
             "sidecar_written": self.sidecar,
         }
-        cleaned: dict[str, Any] = plain(document)
+        cleaned: dict[str, Any] = make_plain(document)
         return cleaned
 
     def _repr_html_(self) -> str:
-        """What it is, what is odd and which satellites were received, for a notebook."""
+        """Show the recording, its oddities and its satellites in a notebook."""
         samples = self.samples
         kind = "real" if self.front_end.real else "complex"
         columns = ("satellite", "C/N0, dB-Hz", "Doppler, Hz", "code phase, chips", "signals")
@@ -166,13 +166,13 @@ class Inspection(ShortRepr):
                 columns,
                 [
                     (
-                        one.sat,
-                        f"{one.cn0_dbhz:.1f}",
-                        f"{one.doppler_hz:+.0f}",
-                        f"{one.code_phase_chips:.1f}",
-                        str(one.peaks),
+                        satellite.sat,
+                        f"{satellite.cn0_dbhz:.1f}",
+                        f"{satellite.doppler_hz:+.0f}",
+                        f"{satellite.code_phase_chips:.1f}",
+                        str(satellite.peaks),
                     )
-                    for one in self.satellites
+                    for satellite in self.satellites
                 ],
             ),
         )
@@ -182,8 +182,8 @@ class _Documented(Protocol):
     def document(self) -> dict[str, Any]: ...
 
 
-def document_json(inspections: Sequence[_Documented]) -> str:
-    """The document of one recording; of several channels, a list of them."""
+def write_document_json(inspections: Sequence[_Documented]) -> str:
+    """Write the document of one recording; of several channels, a list of them."""
     documents = [inspection.document() for inspection in inspections]
     return json.dumps(documents[0] if len(documents) == 1 else documents, indent=1, allow_nan=False) + "\n"
 
@@ -193,12 +193,12 @@ def _layout_document(layout: SampleLayout) -> dict[str, Any]:
     return {key: iso(value) if isinstance(value, np.datetime64) else value for key, value in values.items()}
 
 
-def plain(value: Any) -> Any:
-    """For JSON: arrays as lists, numbers that are not finite as None."""
+def make_plain(value: Any) -> Any:
+    """Convert values for JSON: arrays as lists, numbers that are not finite as None."""
     if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
+        return {key: make_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [plain(item) for item in value]
+        return [make_plain(item) for item in value]
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, float | np.floating):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from skyproof.app.inspect.inspection import plain
+from skyproof.app.inspect.inspection import make_plain
 from skyproof.app.inspect.policy import POLICY
 from skyproof.arrays import Integers
 from skyproof.formats.bounds import limited
@@ -71,7 +71,7 @@ class LogInspection(ShortRepr):
 
     @property
     def summary(self) -> str:
-        """Say in a sentence what is there."""
+        """Describe in a sentence what is there."""
         if not self.epochs:
             return f"{self.format} without measurements of satellites"
         sats = {system: max(s.satellites for s in self.signals if s.system == system) for system in self.systems}
@@ -81,12 +81,12 @@ class LogInspection(ShortRepr):
 
     @property
     def systems(self) -> tuple[str, ...]:
-        """The letters of the systems, in order."""
+        """List the letters of the systems, in order."""
         return tuple(dict.fromkeys(s.system for s in self.signals))
 
     @property
     def advice(self) -> str:
-        """Say what `protect` can do with it, and what would make it stronger."""
+        """Describe what `protect` can do with it, and what would make it stronger."""
         if not self.epochs:
             return "`protect` can do nothing with it: it holds no measurements."
         if not self.ranged:
@@ -104,7 +104,7 @@ class LogInspection(ShortRepr):
         return f"`protect` takes it; stronger with {'; '.join(needs)}."
 
     def document(self) -> dict[str, Any]:
-        """As `--json` prints it: keys in order, numbers unrounded, None for what is absent."""
+        """Return the document that `--json` prints: keys in order, numbers unrounded, None for what is absent."""
         document = {
             "format": "skyproof-inspect-log/1",
             "path": self.path,
@@ -114,7 +114,7 @@ class LogInspection(ShortRepr):
             "epochs": self.epochs,
             "interval_s": self.interval_s,
             "gaps": self.gaps,
-            "signals": [vars(one) for one in self.signals],
+            "signals": [vars(entry) for entry in self.signals],
             "ranged": self.ranged,
             "messages": self.messages,
             "satellites_with_orbits": self.orbits,
@@ -122,16 +122,16 @@ class LogInspection(ShortRepr):
             "damaged_frames": self.damaged_frames,
             "cut": self.cut,
             "remarks": list(self.remarks),
-            "missing": [vars(one) for one in self.missing],
+            "missing": [vars(entry) for entry in self.missing],
             "configuration": list(self.configuration),
             "summary": self.summary,
             "advice": self.advice,
         }
-        cleaned: dict[str, Any] = plain(document)
+        cleaned: dict[str, Any] = make_plain(document)
         return cleaned
 
     def _repr_html_(self) -> str:
-        """What it is and which signals it holds, for a notebook."""
+        """Show the log and its signals in a notebook."""
         rows = [
             (s.system, s.band, s.code, str(s.satellites), str(s.most_at_once), f"{s.cn0_dbhz:.1f}")
             for s in self.signals
@@ -150,7 +150,7 @@ def holds_measurements(path: Path) -> bool:
 
 
 def inspect_log(path: Path) -> LogInspection:
-    """Say what is in a log or an observation file; damage is counted, and no log is too bare.
+    """Describe what is in a log or an observation file; damage is counted, and no log is too bare.
 
     Raises InputError if it cannot be read.
     """
@@ -158,18 +158,20 @@ def inspect_log(path: Path) -> LogInspection:
         kind = kind_of_log(file.read(HEAD_BYTES))
     content = FileBytes(path)
 
-    def blocks() -> Iterator[bytes]:
+    def read_blocks() -> Iterator[bytes]:
         return (content[at : at + PIECE_BYTES].tobytes() for at in range(0, size_of(path), PIECE_BYTES))
 
     counted = _Counted(str(path))
     if kind is None:
-        for piece in obs_pieces(blocks(), source=str(path)):
+        for piece in obs_pieces(read_blocks(), source=str(path)):
             counted.version = counted.version or piece.version
             counted.remarks += piece.remarks
             counted.measure(piece.observations)
     else:
-        near = kind.first_instant(blocks())
-        for logged in kind.read(blocks(), path.stem, Beside(near=near, first_day=GPS_EPOCH if near is None else None)):
+        near = kind.first_instant(read_blocks())
+        for logged in kind.read(
+            read_blocks(), path.stem, Beside(near=near, first_day=GPS_EPOCH if near is None else None)
+        ):
             counted.take(logged)
     return counted.inspection()
 
@@ -231,14 +233,14 @@ class _Counted:
         for column, signal in enumerate(o.signals):
             columns.setdefault((signal.sat[0], signal.band, signal.code), []).append(column)
         measured = o.measured
-        for key, own in columns.items():
-            there = measured[:, own]
-            if not there.any():
+        for key, columns_of_kind in columns.items():
+            present = measured[:, columns_of_kind]
+            if not present.any():
                 continue
             kind = self._kinds.setdefault(key, _Kind())
-            kind.sats |= {o.signals[k].sat for k in np.array(own)[there.any(axis=0)].tolist()}
-            kind.most = max(kind.most, int(there.sum(axis=1).max()))
-            levels = o.cn0_dbhz[:, own][there]
+            kind.sats |= {o.signals[k].sat for k in np.array(columns_of_kind)[present.any(axis=0)].tolist()}
+            kind.most = max(kind.most, int(present.sum(axis=1).max()))
+            levels = o.cn0_dbhz[:, columns_of_kind][present]
             kind.cn0_sum += float(np.nansum(levels))
             kind.cn0_count += int(np.isfinite(levels).sum())
 

@@ -14,18 +14,23 @@ from skyproof.formats.recording import open_recording
 from skyproof.gnss.time import iso
 from skyproof.records import Samples
 
-__all__ = ["is_described", "opened", "opened_as", "read_as"]
+__all__ = ["is_described", "open_described", "open_with_keys", "read_as"]
 
 
 def is_described(path: Path) -> bool:
-    """By SigMF or a sidecar. A file that is not there is left to those, who say so."""
+    """Test whether SigMF or a sidecar describes a file.
+
+    A missing file counts as described, so that their readers report it.
+    """
     if ".sigmf" in path.suffix or not path.is_file():
         return True
     return any(path.with_suffix(suffix).exists() for suffix in (".toml", ".sigmf-meta"))
 
 
-def opened(path: Path, sidecar: str | Path | None) -> tuple[tuple[Samples, ...], dict[str, str], SampleLayout | None]:
-    """Every channel, where its facts come from, and the layout that a sidecar gives."""
+def open_described(
+    path: Path, sidecar: str | Path | None
+) -> tuple[tuple[Samples, ...], dict[str, str], SampleLayout | None]:
+    """Open every channel, with the source of each fact and the layout that a sidecar gives."""
     recordings = open_recording(path, sidecar)
     if recordings[0].format != "raw":
         return recordings, _sources_of(recordings[0], SampleLayout.model_fields, "SigMF metadata"), None
@@ -34,17 +39,19 @@ def opened(path: Path, sidecar: str | Path | None) -> tuple[tuple[Samples, ...],
     return recordings, _sources_of(recordings[0], stated.model_fields_set, f"sidecar {beside.name}"), stated
 
 
-def opened_as(
+def open_with_keys(
     path: Path, sidecar: str | Path | None, given: Mapping[str, object]
 ) -> tuple[tuple[Samples, ...], dict[str, str], SampleLayout | None]:
-    """The same with keys of [samples] given beside the sidecar, or without one. Raises SettingsError."""
+    """Open every channel with keys of [samples] given beside the sidecar, or without one. // Raises SettingsError."""
     beside = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
     stated = read_sidecar(beside).model_dump(exclude_unset=True) if sidecar is not None or beside.is_file() else {}
     stated = {key: iso(value) if isinstance(value, np.datetime64) else value for key, value in stated.items()}
     try:
         layout = SampleLayout.model_validate({**stated, **given})
     except ValidationError as error:
-        faults = "; ".join(fault_words(".".join(map(str, one["loc"])), one) for one in error.errors(include_url=False))
+        faults = "; ".join(
+            fault_words(".".join(map(str, fault["loc"])), fault) for fault in error.errors(include_url=False)
+        )
         raise SettingsError(
             f"{path}: the options do not say how to read it: {faults}; give rate_hz, kind, encoding and bits at least"
         ) from error
@@ -62,7 +69,7 @@ def _sources_of(samples: Samples, stated: Any, by: str) -> dict[str, str]:
 
 
 def read_as(path: Path, layout: SampleLayout, name: str) -> Samples:
-    """The first channel of raw samples read by a layout, as if a sidecar of that name gave it."""
+    """Read the first channel of raw samples by a layout, as if a sidecar of that name gave it."""
     return _channels_as(path, layout, name)[0]
 
 

@@ -1,4 +1,4 @@
-"""What is in a recording, and is it usable: as it is described, or in the reading that shows satellites."""
+"""What is in a recording, and is it usable: by its description, or in the reading that shows satellites."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -6,9 +6,9 @@ from pathlib import Path
 
 from skyproof.app.inspect.inspection import Inspection
 from skyproof.app.inspect.log import LogInspection, holds_measurements, inspect_log
-from skyproof.app.inspect.opening import is_described, opened, opened_as
+from skyproof.app.inspect.opening import is_described, open_described, open_with_keys
 from skyproof.app.inspect.signals import inspect_recording
-from skyproof.app.inspect.undescribed import guessed
+from skyproof.app.inspect.undescribed import inspect_by_guess
 
 __all__ = ["inspect"]
 
@@ -20,7 +20,7 @@ def inspect(
     layout: Mapping[str, object] | None = None,
     write: bool | int = False,
 ) -> tuple[Inspection | LogInspection, ...]:
-    """Say what is in a recording: one `Inspection` for each channel that the file holds; or what is in a log.
+    """Describe what is in a recording: one `Inspection` for each channel that the file holds; or what is in a log.
 
         (inspection,) = sp.inspect("rx1.bin")
         print(inspection.summary, inspection.satellites)
@@ -46,21 +46,23 @@ def inspect(
     NotUnderstood : nothing describes the file, and nothing in it does. NotEnoughData : fewer than two code periods.
     """
     path = Path(path)
-    given = {key: value for key, value in (layout or {}).items() if value is not None}
-    if given:
-        recordings, sources, used = opened_as(path, sidecar, given)
+    keys = {key: value for key, value in (layout or {}).items() if value is not None}
+    if keys:
+        recordings, sources, used = open_with_keys(path, sidecar, keys)
     elif sidecar is not None or is_described(path):
-        recordings, sources, used = opened(path, sidecar)
+        recordings, sources, used = open_described(path, sidecar)
     elif holds_measurements(path):
         return (inspect_log(path),)
     else:
-        return (guessed(path, write),)
+        return (inspect_by_guess(path, write),)
     found = [inspect_recording(samples) for samples in recordings]
-    return tuple(replace(one, sources=sources | _measured_sources(one), layout=used) for one in found)
+    return tuple(
+        replace(inspection, sources=sources | _correction_sources(inspection), layout=used) for inspection in found
+    )
 
 
-def _measured_sources(found: Inspection) -> dict[str, str]:
-    """Of what is read otherwise than it is described."""
+def _correction_sources(found: Inspection) -> dict[str, str]:
+    """Name the source of the value that replaces a wrong one of the description."""
     if found.given is None:
         return {}
     key = "rate_hz" if found.given.rate_hz != found.samples.rate_hz else "if_hz"

@@ -38,7 +38,7 @@ def write_pictures(
         raise OutputError(
             f"{folder}: cannot be made ({error.strerror or error}); give --out a folder that can"
         ) from error
-    names = [f"{each.samples.name}-{what}.svg" for each in inspections for what in _PICTURES]
+    names = [f"{each.samples.name}-{kind}.svg" for each in inspections for kind in _PICTURES]
     taken = [name for name in names if (folder / name).exists()]
     require_free(folder, taken, taken, "pictures already", overwrite=overwrite)
     paths = []
@@ -48,11 +48,11 @@ def write_pictures(
         pictures = (
             levels_svg(front.levels, front.level_shares),
             spectrum_svg(front.frequency_hz, front.density, front.floor, marks),
-            correlation_svg(_lobes(inspection)),
+            correlation_svg(_correlate_lobes(inspection)),
         )
-        for what, picture in zip(_PICTURES, pictures, strict=True):
+        for kind, picture in zip(_PICTURES, pictures, strict=True):
             if picture:
-                paths.append(folder / f"{inspection.samples.name}-{what}.svg")
+                paths.append(folder / f"{inspection.samples.name}-{kind}.svg")
                 write_lines(paths[-1], [str(picture)], end="", encoding="utf-8")
     return tuple(paths)
 
@@ -62,8 +62,8 @@ def _top(inspection: "Inspection", frequency_hz: float) -> float:
     return float(inspection.front_end.density[max(at - 2, 0) : at + 3].max())
 
 
-def _lobes(inspection: "Inspection") -> list[Lobe]:
-    """Of the stretch that was searched, in the right reading of the spectrum."""
+def _correlate_lobes(inspection: "Inspection") -> list[Lobe]:
+    """Correlate the stretch that was searched, in the right reading of the spectrum."""
     begin, end = inspection.stretch
     count = min(end - begin, round(_CORRELATED_S * inspection.samples.rate_hz))
     planes = conditioned(inspection.samples, inspection.front_end).read(begin, count)
@@ -74,15 +74,17 @@ def _lobes(inspection: "Inspection") -> list[Lobe]:
         turned = abs(turned)
     carrier_hz = turned * inspection.front_end.carrier_hz
     powers = correlation_power(
-        planes, inspection.samples.rate_hz, {one.sat: carrier_hz + one.doppler_hz for one in inspection.satellites}
+        planes,
+        inspection.samples.rate_hz,
+        {satellite.sat: carrier_hz + satellite.doppler_hz for satellite in inspection.satellites},
     )
     return [
         Lobe(
-            sat=one.sat,
-            delay_chips=np.arange(powers[one.sat].size) / CELLS_PER_CHIP,
-            power=powers[one.sat],
-            cn0_dbhz=one.cn0_dbhz,
-            peaks=one.peaks,
+            sat=satellite.sat,
+            delay_chips=np.arange(powers[satellite.sat].size) / CELLS_PER_CHIP,
+            power=powers[satellite.sat],
+            cn0_dbhz=satellite.cn0_dbhz,
+            peaks=satellite.peaks,
         )
-        for one in inspection.satellites
+        for satellite in inspection.satellites
     ]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skyproof.app.inspect.advice import advice, correction_remark, signal_remarks, summary
+from skyproof.app.inspect.advice import advise, remark_on_correction, remark_on_signals, summary
 from skyproof.app.inspect.inspection import Inspection, Satellite
 from skyproof.app.inspect.policy import POLICY
 from skyproof.arrays import Floats
@@ -18,7 +18,7 @@ from skyproof.recording.conditioning import MeasuredFrontEnd, conditioned, measu
 from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, oscillator_error, survey
 from skyproof.records import Samples
 
-__all__ = ["inspect_recording", "inspect_samples", "inspection_of"]
+__all__ = ["assemble_inspection", "inspect_recording", "inspect_samples"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -29,8 +29,8 @@ class _View:
     carrier_hz: float
     mirrored: bool = False
 
-    def flipped(self, *, carrier_too: bool) -> "_View":
-        """The complex conjugate. With `carrier_too` what lay at the carrier is still looked at, mirrored in itself."""
+    def flip(self, *, carrier_too: bool) -> "_View":
+        """Return the complex conjugate. // With `carrier_too` the carrier's frequency is mirrored as well."""
         read = self.samples.read
 
         def conjugate(start: int, count: int) -> Floats:
@@ -46,15 +46,15 @@ class _View:
 
 
 def inspect_recording(samples: Samples) -> Inspection:
-    """Say what is in an open recording, from its front end's statistics and half a second of signals at most.
+    """Describe what is in an open recording, from its front end's statistics and half a second of signals at most.
 
     Where codes and carriers show that the rate or the carrier's frequency is stated wrong, it is read as they show.
 
     Raises NotEnoughData for fewer than two code periods.
     """
     first = inspect_samples(samples)
-    near = first if len(first.satellites) >= POLICY.fix_satellites else _at_another_rate(first)
-    apart = in_survey(near.survey, {one.sat: one.doppler_hz for one in near.satellites})
+    near = first if len(first.satellites) >= POLICY.fix_satellites else _inspect_other_rates(first)
+    apart = in_survey(near.survey, {satellite.sat: satellite.doppler_hz for satellite in near.satellites})
     if apart is None or not apart.certain or near.conjugate:
         return first
     right = correct_samples(near.samples, apart)
@@ -63,26 +63,26 @@ def inspect_recording(samples: Samples) -> Inspection:
         inspection,
         given=samples,
         disagreement=apart,
-        remarks=(correction_remark(samples, right, apart.sigma), *inspection.remarks),
+        remarks=(remark_on_correction(samples, right, apart.sigma), *inspection.remarks),
     )
 
 
-def _at_another_rate(first: Inspection) -> Inspection:
-    """The inspection at the nearest rate that shows enough satellites; that at the rate given if none does."""
+def _inspect_other_rates(first: Inspection) -> Inspection:
+    """Inspect at the nearest rate that shows enough satellites; at the rate given if none does."""
     if abs(first.front_end.carrier_hz) > 0.5 * first.samples.rate_hz:
         return first
     for ppm in POLICY.other_rates_ppm:
         other = replace(first.samples, rate_hz=first.samples.rate_hz * (1.0 + 1e-6 * ppm))
         view = _View(samples=conditioned(other, first.front_end), carrier_hz=first.front_end.carrier_hz)
         periods, reach_hz = POLICY.first_periods, POLICY.reach_hz
-        peaks = _search(view, 0, min(periods, _periods(other, other.n_samples)), 0.0, reach_hz)
+        peaks = _search(view, 0, min(periods, _count_periods(other, other.n_samples)), 0.0, reach_hz)
         if len({peak.sat for peak in peaks}) >= POLICY.fix_satellites:
             return inspect_samples(other)
     return first
 
 
 def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspection:
-    """Say what is in an open recording, read as it is described.
+    """Inspect an open recording by its description.
 
     peaks : what a search of its start has found, Dopplers off the nominal carrier; enough of them spare another.
 
@@ -97,50 +97,52 @@ def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspecti
     view = _View(samples=conditioned(samples, front), carrier_hz=front.carrier_hz)
     if abs(front.carrier_hz) > 0.5 * samples.rate_hz:
         away = f"the band recorded, around {samples.centre_hz / 1e6:.3f} MHz, does not hold {GPS_L1_CA.name}"
-        return inspection_of(samples, front, (), Survey(), None, (0, 0), (f"{away}; nothing was looked for",))
+        return assemble_inspection(samples, front, (), Survey(), None, (0, 0), (f"{away}; nothing was looked for",))
     found = [peak for peak in peaks if abs(peak.doppler_hz) < POLICY.second_reach_hz]
     if len(found) < POLICY.fix_satellites:
-        view, found = _first_looks(view, front.real)
+        view, found = _search_readings(view, front.real)
     if not found:
-        return inspection_of(samples, front, (), Survey(), None, (0, samples.n_samples))
+        return assemble_inspection(samples, front, (), Survey(), None, (0, samples.n_samples))
     measured = survey(view.samples, view.carrier_hz, found, false_alarm_probability=POLICY.alarm_probability)
-    conjugate = None if _readings(view, front.real) == 1 else view.mirrored
+    conjugate = None if _count_readings(view, front.real) == 1 else view.mirrored
     if measured.conjugate is not None:
         conjugate = view.mirrored != measured.conjugate
     if measured.conjugate:
-        view = view.flipped(carrier_too=True)
+        view = view.flip(carrier_too=True)
         found = [replace(peak, doppler_hz=-peak.doppler_hz) for peak in found]
-    stretch = _longest_stretch(samples, measured)
+    stretch = _find_longest_stretch(samples, measured)
     common = oscillator_error([peak.doppler_hz for peak in found])
     reach_hz = DOPPLER_LIMIT_HZ + 2.0 * common.sigma_hz
-    periods = _periods(samples, stretch[1] - stretch[0])
+    periods = _count_periods(samples, stretch[1] - stretch[0])
     final = _search(view, stretch[0], periods, common.doppler_hz, reach_hz)
     satellites = _satellites(final, stretch[0], samples) if final else _satellites(found, 0, samples)
-    return inspection_of(samples, front, satellites, measured, conjugate, stretch)
+    return assemble_inspection(samples, front, satellites, measured, conjugate, stretch)
 
 
-def _periods(samples: Samples, n_samples: int) -> int:
-    """Whole code periods in so many samples, up to the most that are searched."""
+def _count_periods(samples: Samples, n_samples: int) -> int:
+    """Count the whole code periods in so many samples, up to the most that are searched."""
     return min(math.floor(n_samples / samples.rate_hz / GPS_L1_CA.period_s + 1e-6), POLICY.second_periods)
 
 
-def _readings(view: _View, real: bool) -> int:
-    """How many readings of the spectrum differ in where they show satellites: one if the carrier is at zero."""
+def _count_readings(view: _View, real: bool) -> int:
+    """Count the readings of the spectrum that differ in where they show satellites."""
     return 1 if real or abs(view.carrier_hz) < 1.0 / GPS_L1_CA.period_s else 2
 
 
-def _first_looks(view: _View, real: bool) -> tuple[_View, list[Peak]]:
-    """The reading of the spectrum that shows satellites, and those: the first that shows enough, else the one that
-    shows most."""
-    views = [view, view.flipped(carrier_too=False)][: _readings(view, real)]
+def _search_readings(view: _View, real: bool) -> tuple[_View, list[Peak]]:
+    """Find the reading of the spectrum that shows satellites, and their peaks.
+
+    The first that shows enough, else the one that shows most.
+    """
+    views = [view, view.flip(carrier_too=False)][: _count_readings(view, real)]
     best: tuple[int, _View, list[Peak]] = (0, view, [])
     for periods, reach_hz in ((POLICY.first_periods, POLICY.reach_hz), (POLICY.second_periods, POLICY.second_reach_hz)):
-        for one in views:
-            length = min(periods, _periods(one.samples, one.samples.n_samples))
-            peaks = _search(one, 0, length, 0.0, reach_hz)
+        for reading in views:
+            length = min(periods, _count_periods(reading.samples, reading.samples.n_samples))
+            peaks = _search(reading, 0, length, 0.0, reach_hz)
             n_sats = len({peak.sat for peak in peaks})
             if n_sats > best[0]:
-                best = (n_sats, one, peaks)
+                best = (n_sats, reading, peaks)
         if best[0] >= POLICY.fix_satellites:
             break
     return best[1], best[2]
@@ -156,8 +158,8 @@ def _search(view: _View, start: int, periods: int, middle_hz: float, reach_hz: f
     return searcher.search(planes, view.carrier_hz, {sat: dopplers_hz for sat in GPS_SATS}, {})
 
 
-def _longest_stretch(samples: Samples, survey: Survey) -> tuple[int, int]:
-    """Between gaps, found or survey; the first of those that are all but as long as the longest."""
+def _find_longest_stretch(samples: Samples, survey: Survey) -> tuple[int, int]:
+    """Find the longest stretch without gaps, the first of those nearly as long."""
     guards = [(gap.at_sample, math.ceil(3.0 * gap.at_sigma_samples)) for gap in survey.gaps]
     guards += [(gap.at_sample, 0) for gap in samples.gaps]
     guards.sort()
@@ -190,7 +192,7 @@ def _satellites(peaks: Sequence[Peak], start: int, samples: Samples) -> tuple[Sa
     return tuple(satellites)
 
 
-def inspection_of(
+def assemble_inspection(
     samples: Samples,
     front: MeasuredFrontEnd,
     satellites: tuple[Satellite, ...],
@@ -199,7 +201,7 @@ def inspection_of(
     stretch: tuple[int, int],
     remarks: Sequence[str] = (),
 ) -> Inspection:
-    """What was found, with the oscillator's error, the remarks, the summary and the advice that follow from it."""
+    """Assemble an inspection with the oscillator's error, remarks, summary and advice."""
     oscillator = oscillator_error([satellite.doppler_hz for satellite in satellites])
     return Inspection(
         samples=samples,
@@ -209,7 +211,12 @@ def inspection_of(
         conjugate=conjugate,
         oscillator=oscillator,
         stretch=stretch,
-        remarks=(*samples.remarks, *remarks, *front.remarks, *signal_remarks(samples, survey, conjugate, oscillator)),
+        remarks=(
+            *samples.remarks,
+            *remarks,
+            *front.remarks,
+            *remark_on_signals(samples, survey, conjugate, oscillator),
+        ),
         summary=summary(samples, satellites, survey, conjugate, front),
-        advice=advice(samples, satellites, gaps=max(len(survey.gaps), len(samples.gaps)), mirrored=bool(conjugate)),
+        advice=advise(samples, satellites, gaps=max(len(survey.gaps), len(samples.gaps)), mirrored=bool(conjugate)),
     )

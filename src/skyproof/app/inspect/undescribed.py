@@ -1,4 +1,4 @@
-"""A recording that nothing describes: read in the way that shows satellites, and the sidecar that says so."""
+"""A recording that nothing describes: read in the way that shows satellites, and the sidecar that describes it."""
 
 import math
 from collections.abc import Mapping
@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from skyproof.app.inspect.guess import Guess, guess
-from skyproof.app.inspect.inspection import Inspection, plain
+from skyproof.app.inspect.inspection import Inspection, make_plain
 from skyproof.app.inspect.opening import read_as
 from skyproof.app.inspect.policy import POLICY
-from skyproof.app.inspect.signals import inspect_samples, inspection_of
+from skyproof.app.inspect.signals import assemble_inspection, inspect_samples
 from skyproof.errors import InputError, OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.raw import SampleLayout, sidecar_text
@@ -19,7 +19,7 @@ from skyproof.recording.conditioning import measure_front_end
 from skyproof.recording.survey import Survey
 from skyproof.records import Samples
 
-__all__ = ["NotUnderstood", "guessed", "sidecar_lines"]
+__all__ = ["NotUnderstood", "inspect_by_guess", "write_sidecar_lines"]
 
 
 class NotUnderstood(InputError):
@@ -30,8 +30,8 @@ class NotUnderstood(InputError):
         self.guess = tried
 
     def document(self) -> dict[str, Any]:
-        """For --json, in place of an inspection's."""
-        cleaned: dict[str, Any] = plain(
+        """Return what `--json` prints in place of an inspection."""
+        cleaned: dict[str, Any] = make_plain(
             {
                 "format": "skyproof-inspect/1",
                 "path": str(self.guess.path),
@@ -41,18 +41,18 @@ class NotUnderstood(InputError):
         )
         return cleaned
 
-    def likeliest(self) -> Inspection:
-        """The front end in the first proposal, without satellites: its frequencies are as sure as its rate.
+    def inspect_first_proposal(self) -> Inspection:
+        """Measure the front end in the first proposal, without satellites.
 
         Raises InputError if the samples do not change.
         """
         samples = read_as(self.guess.path, self.guess.proposals[0].layout, "proposal.toml")
         front = measure_front_end(samples, false_alarm_probability=POLICY.alarm_probability)
-        return inspection_of(samples, front, (), Survey(), None, (0, samples.n_samples))
+        return assemble_inspection(samples, front, (), Survey(), None, (0, samples.n_samples))
 
 
-def guessed(path: Path, write: bool | int) -> Inspection:
-    """The reading that shows satellites, corrected by what they show, and written down if asked for."""
+def inspect_by_guess(path: Path, write: bool | int) -> Inspection:
+    """Inspect in the reading that shows satellites, corrected by them; write its sidecar if asked."""
     found = guess(path)
     chosen = isinstance(write, int) and not isinstance(write, bool) and write > 0
     if chosen and write > len(found.proposals):
@@ -65,20 +65,18 @@ def guessed(path: Path, write: bool | int) -> Inspection:
     proposal = found.proposals[number]
     layout, sources, name = proposal.layout, dict(proposal.sources), path.with_suffix(".toml").name
     inspection = inspect_samples(read_as(path, layout, name), peaks=proposal.peaks)
-    if not proposal.round_rate and (better := _better_rate_hz(layout, inspection.survey)) is not None:
+    if not proposal.round_rate and (better := _choose_rate_hz(layout, inspection.survey)) is not None:
         layout = layout.model_copy(update={"rate_hz": better})
         sources["rate_hz"] = "measured: code period and drift"
         inspection = inspect_samples(read_as(path, layout, name), peaks=proposal.peaks)
     if inspection.conjugate:
-        layout, sources = _righted(layout, sources)
-        inspection = _inspection_righted(inspection, read_as(path, layout, name))
+        layout, sources = _mirror_layout(layout, sources)
+        inspection = _mirror_inspection(inspection, read_as(path, layout, name))
     inspection = replace(
         inspection,
         layout=layout,
         sources=sources | {"start_gpst": _start_words(found), "duration": "length of the file"},
-        proposals=tuple(
-            replace(one, layout=layout, sources=sources) if one is proposal else one for one in found.proposals
-        ),
+        proposals=tuple(replace(p, layout=layout, sources=sources) if p is proposal else p for p in found.proposals),
         taken=number,
         remarks=inspection.remarks
         + (
@@ -99,8 +97,8 @@ def _start_words(found: Guess) -> str:
     )
 
 
-def _better_rate_hz(layout: SampleLayout, survey: Survey) -> float | None:
-    """The rate by which sampling clock and local oscillator are one, as round as its error allows; None if unknown."""
+def _choose_rate_hz(layout: SampleLayout, survey: Survey) -> float | None:
+    """Choose the rate at which sampling clock and oscillator agree, rounded within its error."""
     sigma_hz = 1e-6 * survey.clock_minus_lo_sigma_ppm * layout.rate_hz
     if not abs(survey.clock_minus_lo_ppm) > 4.0 * survey.clock_minus_lo_sigma_ppm:
         return None
@@ -115,8 +113,8 @@ def _better_rate_hz(layout: SampleLayout, survey: Survey) -> float | None:
     return round(exact_hz, digits)
 
 
-def _righted(layout: SampleLayout, sources: Mapping[str, str]) -> tuple[SampleLayout, dict[str, str]]:
-    """The reading that turns the spectrum round."""
+def _mirror_layout(layout: SampleLayout, sources: Mapping[str, str]) -> tuple[SampleLayout, dict[str, str]]:
+    """Invert the reading of the spectrum in the layout."""
     sign = "measured: drift of code and carrier"
     key = "conjugate" if layout.kind == "complex" else "if_hz"
     changes: dict[str, Any] = {"conjugate": True} if layout.kind == "complex" else {"if_hz": -layout.if_hz}
@@ -125,16 +123,16 @@ def _righted(layout: SampleLayout, sources: Mapping[str, str]) -> tuple[SampleLa
     return SampleLayout.model_validate({**layout.model_dump(exclude_unset=True), **changes}), {**sources, key: sign}
 
 
-def _inspection_righted(inspection: Inspection, samples: Samples) -> Inspection:
-    """The same inspection of the recording read the other way round: its Dopplers are right already."""
+def _mirror_inspection(inspection: Inspection, samples: Samples) -> Inspection:
+    """Repeat the inspection's results for the mirrored recording: its Dopplers are right already."""
     front = measure_front_end(samples, false_alarm_probability=POLICY.alarm_probability)
     ratio = -inspection.survey.doppler_ratio if inspection.survey.conjugate else inspection.survey.doppler_ratio
     right = replace(inspection.survey, conjugate=False, doppler_ratio=ratio)
-    return inspection_of(samples, front, inspection.satellites, right, False, inspection.stretch)
+    return assemble_inspection(samples, front, inspection.satellites, right, False, inspection.stretch)
 
 
-def sidecar_lines(inspection: Inspection) -> list[str]:
-    """How to read a recording that nothing describes, and which of it was measured, as the lines of a sidecar."""
+def write_sidecar_lines(inspection: Inspection) -> list[str]:
+    """Write the lines of the sidecar of an undescribed recording, with what was measured."""
     assert inspection.layout is not None
     lines = [
         f"{line}  # {inspection.sources[key]}" if (key := line.split(" = ")[0]) in inspection.sources else line
@@ -149,7 +147,7 @@ def _with_sidecar(inspection: Inspection, sidecar: Path) -> Inspection:
     try:
         if sidecar.exists():
             return inspection
-        write_lines(sidecar, sidecar_lines(inspection), encoding="utf-8")
+        write_lines(sidecar, write_sidecar_lines(inspection), encoding="utf-8")
     except OutputError as error:
         return replace(inspection, remarks=(*inspection.remarks, f"the sidecar was not written: {error}"))
     return replace(inspection, sidecar=str(sidecar))

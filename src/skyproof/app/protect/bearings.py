@@ -15,7 +15,7 @@ from skyproof.gnss.time import seconds_between
 from skyproof.navigation.bearings import BearingRay, Meeting, locate_transmitter
 from skyproof.records import Direction, Finding
 
-__all__ = ["Bearing", "bearings_of", "ellipse_95"]
+__all__ = ["Bearing", "ellipse_95", "find_bearings"]
 
 _FAR_M: Final = 10e3
 """Rays are drawn so far where nothing says how far they go."""
@@ -32,9 +32,11 @@ class Bearing:
     last: dict[str, BearingRay]
     meets: Meeting | None
 
-    def drawn(self) -> Iterator[tuple[str, Reals, Reals]]:
-        """For each receiver: ray (2, 3) and a wedge (4, 3) of two sigmas to either side, in ECEF, level with the
-        receiver."""
+    def draw(self) -> Iterator[tuple[str, Reals, Reals]]:
+        """Yield the shapes of each receiver's ray: the ray (2, 3) and a wedge (4, 3), in ECEF.
+
+        The wedge spans two sigmas to either side; both are level with the receiver.
+        """
         for receiver, ray in self.last.items():
             reach_m = _FAR_M if self.meets is None else np.linalg.norm(self.meets.position_ecef_m - ray.place_ecef_m)
             edge_rad = _EDGE_SIGMAS * float(np.sqrt(ray.covariance_rad2[0, 0])) / max(np.cos(ray.elevation_rad), 0.1)
@@ -45,7 +47,7 @@ class Bearing:
             yield f"{self.source.name} from {receiver}", np.stack([here, ahead]), np.stack([here, left, right, here])
 
     def ring(self) -> Reals | None:
-        """(n, 3) the ellipse that holds the source with 95 % horizontally, in ECEF; None if rays do not meet."""
+        """Return the ellipse (n, 3) around the source with 95 % horizontally, in ECEF; None if rays do not meet."""
         if self.meets is None:
             return None
         east_north, turn = _horizontal(self.meets)
@@ -55,15 +57,15 @@ class Bearing:
         return np.asarray(self.meets.position_ecef_m + (vectors @ circle).T @ turn[:2])
 
 
-def bearings_of(
+def find_bearings(
     sources: Sequence[FalseSource], evidence: Sequence[Finding], trusted: Mapping[str, Track]
 ) -> Iterator[Bearing]:
-    """Of every source that is seen in one direction on the ground, by receivers whose place is trusted.
+    """Yield the bearing of every source seen in one direction by receivers at trusted places.
 
     trusted : by the receiver's name.
     """
     for source in sources:
-        rays = _rays(source, evidence, trusted)
+        rays = _list_rays(source, evidence, trusted)
         if rays:
             some = [rays[k][1] for k in np.unique(np.linspace(0, len(rays) - 1, POLICY.rays).astype(int))]
             found = locate_transmitter(some)
@@ -72,15 +74,17 @@ def bearings_of(
 
 
 def ellipse_95(found: Meeting) -> tuple[float, float, float]:
-    """Half axes, metres, the greater first, of the ellipse that holds 95 % horizontally, and the greater one's azimuth,
-    degrees."""
+    """Return half axes and azimuth of the ellipse that holds 95 % horizontally.
+
+    Half axes in metres, the greater first; its azimuth in degrees.
+    """
     values, vectors = np.linalg.eigh(_horizontal(found)[0])
     azimuth_deg = float(np.degrees(np.arctan2(*vectors[:, 1]))) % 180.0
     return _RADIUS_95 * float(np.sqrt(values[1])), _RADIUS_95 * float(np.sqrt(values[0])), azimuth_deg
 
 
 def _horizontal(found: Meeting) -> tuple[Reals, Reals]:
-    """Covariance (2, 2) to the east and north, and the rotation from ECEF to east, north, up."""
+    """Return the covariance (2, 2) to the east and north, and the rotation from ECEF to east, north, up."""
     lat, lon, _ = geodetic_from_ecef(found.position_ecef_m)
     turn = rot_enu_ecef(lat, lon)
     return np.asarray((turn @ found.covariance_m2 @ turn.T)[:2, :2]), turn
@@ -92,10 +96,10 @@ def _level(ray: BearingRay, azimuth_rad: float, reach_m: float) -> Reals:
     return np.asarray(ray.place_ecef_m + east_north @ rot_enu_ecef(lat, lon)[:2])
 
 
-def _rays(
+def _list_rays(
     source: FalseSource, evidence: Sequence[Finding], trusted: Mapping[str, Track]
 ) -> list[tuple[str, BearingRay]]:
-    """Receiver and ray, in the order of time."""
+    """List the source's rays with their receivers, in the order of time."""
     signals = frozenset(source.signals)
     rays = []
     for e in evidence:
@@ -105,13 +109,13 @@ def _rays(
         if direction.frame == "enu" and receiver in trusted:
             middle = e.start_gpst + (e.end_gpst - e.start_gpst) // 2
             half_s = 0.5 * seconds_between(e.end_gpst, e.start_gpst)
-            if (ray := _ray(trusted[receiver], middle, half_s + POLICY.ray_beside_s, direction)) is not None:
+            if (ray := _build_ray(trusted[receiver], middle, half_s + POLICY.ray_beside_s, direction)) is not None:
                 rays.append((receiver, ray))
     return rays
 
 
-def _ray(track: Track, gpst: np.datetime64, within_s: float, direction: Direction) -> BearingRay | None:
-    """From where the receiver was nearest to an instant."""
+def _build_ray(track: Track, gpst: np.datetime64, within_s: float, direction: Direction) -> BearingRay | None:
+    """Build the ray from where the receiver was nearest to an instant."""
     fixed = np.flatnonzero(track.fixed)
     apart_s = np.abs(seconds_between(track.gpst[fixed], gpst))
     if not fixed.size or apart_s.min() > within_s:

@@ -1,5 +1,6 @@
-"""Where a receiver is while no fix of satellites may be used: carried on from those before. A false signal does not
-move it.
+"""Extrapolate a receiver's position where no fix of satellites may be used.
+
+A false signal does not move it.
 
 A receiver that is known to stand is *held* where it was, as well known as it was, for as long as it takes. Its clock
 runs on with the last drift; how far that is off is not stated. What is carried from stretch to stretch is the last
@@ -10,8 +11,8 @@ One that has an inertial unit is where its navigator is, which all trusted and c
 of the last window before a test fails, in which an attack may have been there already. It is as well known as that
 says. What corrects it is also a true sky that overlaps with a false one, which stands in no row of measurements. A drag
 that no test noticed has also moved the velocity, by which what it may have moved the position by grows on.
-Its protection level is that of the last fix, for a bias of one satellite that stays as it is moves the velocity by
-nothing, and what the navigator's own errors exceed as seldom. A bias that grows while it corrects the unit is not
+Its protection level is that of the last fix, for a constant bias of one satellite moves the velocity by
+nothing, and what the navigator's own errors exceed as rarely. A bias that grows while it corrects the unit is not
 bounded.
 """
 
@@ -36,7 +37,7 @@ from skyproof.navigation.protection import compute_noise_levels
 from skyproof.records import Fix, FixStatus
 from skyproof.verdict import UsableKind
 
-__all__ = ["Flown", "Last", "carried_track", "flown_on", "join_fixes", "stands", "step", "usable_fixes"]
+__all__ = ["Flown", "Last", "carry_track", "coast", "is_standing", "join_fixes", "step", "usable_fixes"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,20 +55,20 @@ class Last:
     hidden_m_s: float = 0.0
 
 
-def stands(positions: Positions) -> bool:
-    """Whether the receiver is known not to move: the platform's `motion`, by the bound of its speed."""
+def is_standing(positions: Positions) -> bool:
+    """Test whether the platform holds the receiver still: its motion bounds the speed to zero."""
     return positions.settings.speed_max_m_s == 0.0
 
 
 def step(last: Last | None, receiver: str, gpst: Instants, fix: Fix | None) -> tuple[Fix | None, Last | None]:
-    """Fixes of a receiver that stands at those of its epochs (n,) that have none, and the last fix after them.
+    """Hold a standing receiver at its epochs (n,) without a fix, and return its last fix after them.
 
     gpst : labels by the receiver's clock. fix : those of satellites at the same epochs, None if there are none.
     """
     good = np.zeros(gpst.size, np.bool_) if fix is None else np.asarray(fix.status == FixStatus.OK)
     known = [] if last is None else [last]
     if fix is not None:
-        known += [_of(fix, gpst, int(row)) for row in np.flatnonzero(good)]
+        known += [_last_from_fix(fix, gpst, int(row)) for row in np.flatnonzero(good)]
     after = known[-1] if known else None
     # Before the first fix there is nothing to carry on.
     rows = np.flatnonzero(~good & ((np.cumsum(good) > 0) | (last is not None)))
@@ -75,31 +76,31 @@ def step(last: Last | None, receiver: str, gpst: Instants, fix: Fix | None) -> t
         return None, after
     number = np.cumsum(good)[rows] - (last is None)  # which of `known`
     carried = [known[k] for k in number]
-    ahead_s = np.array([seconds_between(gpst[row], one.gpst) for row, one in zip(rows, carried, strict=True)])
-    drift = np.array([one.clock_drift for one in carried])
-    bias_s = np.array([one.clock_bias_s for one in carried]) + ahead_s * np.nan_to_num(drift)
-    covariance = np.stack([one.covariance_m2 for one in carried])
+    ahead_s = np.array([seconds_between(gpst[row], last_fix.gpst) for row, last_fix in zip(rows, carried, strict=True)])
+    drift = np.array([last_fix.clock_drift for last_fix in carried])
+    bias_s = np.array([last_fix.clock_bias_s for last_fix in carried]) + ahead_s * np.nan_to_num(drift)
+    covariance = np.stack([last_fix.covariance_m2 for last_fix in carried])
     covariance[:, 3, :3] = covariance[:, :3, 3] = 0.0
     covariance[:, 3, 3] = np.inf
     return Fix(
         receiver=receiver,
         signals=(),
         gpst=gpst[rows] - timedelta_from_s(bias_s),
-        position_ecef_m=np.stack([one.position_ecef_m for one in carried]),
+        position_ecef_m=np.stack([last_fix.position_ecef_m for last_fix in carried]),
         velocity_ecef_m_s=np.zeros((rows.size, 3)),
         clock_bias_s=bias_s,
         clock_drift=drift,
         covariance_m2=covariance,
         residual_m=np.empty((rows.size, 0)),
         status=np.full(rows.size, FixStatus.OK, np.uint8),
-        protection_m=np.stack([one.protection_m for one in carried]),
-        hidden_m=np.array([one.hidden_m for one in carried]),
+        protection_m=np.stack([last_fix.protection_m for last_fix in carried]),
+        hidden_m=np.array([last_fix.hidden_m for last_fix in carried]),
     ), after
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flown:
-    """What is carried of a receiver that moves: what is expected of it, and its last trusted or consistent fix.
+    """The state that carries a moving receiver: its predictor, and its last trusted or consistent fix.
 
     coming : those of `Positions.overlapping` that are later. hidden : as of `Positions`. integrity_risk : of the
     protection levels; None promises none.
@@ -112,10 +113,10 @@ class Flown:
     integrity_risk: float | None = None
 
 
-def flown_on(
+def coast(
     flown: Flown, receiver: str, gpst: Instants, fix: Fix | None, doubtful: Booleans | None = None
 ) -> tuple[Fix | None, Flown]:
-    """Fixes by inertia at those of a receiver's epochs (n,) that have none, and what is carried on after them.
+    """Propagate by inertia over a receiver's epochs (n,) without a fix, and return the state after them.
 
     gpst : labels by the receiver's clock. fix : those of satellites at the same epochs, None if there are none.
     doubtful : (n,) which of them correct nothing.
@@ -129,29 +130,31 @@ def flown_on(
         if good[first] == 2:
             continue
         if fix is not None and good[first] == 1:
-            own = list(estimates_from_fix(fix.select(slice(first, stop)), every_s=POLICY.learned_interval_s))
-            predictor = predictor.learned(SkyFix(whole=own[0], each=tuple(map(scale_to_noise, own))))
-            last = _of(fix, gpst, stop - 1)
+            estimates = list(estimates_from_fix(fix.select(slice(first, stop)), every_s=POLICY.learned_interval_s))
+            predictor = predictor.learned(SkyFix(whole=estimates[0], each=tuple(map(scale_to_noise, estimates))))
+            last = _last_from_fix(fix, gpst, stop - 1)
             if flown.hidden is not None and last.hidden_m != 0.0:
                 last = replace(last, hidden_m_s=flown.hidden.rate_at(last.gpst))
             continue
         if last is not None:
-            predictor, coming, last = _free(predictor, coming, last, gpst[first:stop], found)
+            predictor, coming, last = _coast_freely(predictor, coming, last, gpst[first:stop], found)
     after = replace(flown, predictor=predictor, last=last, coming=coming)
-    return (_fixes(receiver, found, flown.integrity_risk) if found else None), after
+    return (_fixes_from_states(receiver, found, flown.integrity_risk) if found else None), after
 
 
-def _free(
+def _coast_freely(
     predictor: Inertial,
     coming: tuple[NavEstimate, ...],
     last: Last,
     gpst: Instants,
     found: list[tuple[NavEstimate, Last]],
 ) -> tuple[Inertial, tuple[NavEstimate, ...], Last]:
-    """Carried on over epochs, what is true at which is added to `found`; a clock that is not known runs on. What skies
-    that overlap correct has no protection level."""
+    """Propagate over epochs without any fix, adding the states to `found`; an unknown clock runs on.
+
+    Positions that overlapping skies corrected have no protection level.
+    """
     for label in gpst:
-        bias_s = _bias_s(last, label)
+        bias_s = _extrapolate_bias_s(last, label)
         at = label - timedelta_from_s(bias_s)
         while coming and coming[0].gpst <= at:
             if coming[0].gpst > last.gpst:
@@ -166,16 +169,16 @@ def _free(
     return predictor, coming, last
 
 
-def _bias_s(last: Last, gpst: np.datetime64) -> float:
-    """Of a clock that runs on."""
+def _extrapolate_bias_s(last: Last, gpst: np.datetime64) -> float:
+    """Extrapolate the clock bias by the last drift."""
     return last.clock_bias_s + float(seconds_between(gpst, last.gpst)) * float(np.nan_to_num(last.clock_drift))
 
 
-def _fixes(receiver: str, found: Sequence[tuple[NavEstimate, Last]], integrity_risk: float | None) -> Fix:
+def _fixes_from_states(receiver: str, found: Sequence[tuple[NavEstimate, Last]], integrity_risk: float | None) -> Fix:
     """Fixes of a navigator, each beside the last one of satellites before it."""
-    means, spreads = (np.stack([getattr(one, name) for one, _ in found]) for name in ("mean", "covariance"))
+    means, spreads = (np.stack([getattr(state, name) for state, _ in found]) for name in ("mean", "covariance"))
     rows = np.array([0, 1, 2, 6])
-    ahead_s = np.array([float(seconds_between(one.gpst, last.gpst)) + last.clock_bias_s for one, last in found])
+    ahead_s = np.array([float(seconds_between(state.gpst, last.gpst)) + last.clock_bias_s for state, last in found])
     levels_m = np.full((len(found), 2), np.nan)
     if integrity_risk is not None:
         lat_rad, lon_rad, _ = geodetic_from_ecef(means[:, :3])
@@ -185,7 +188,7 @@ def _fixes(receiver: str, found: Sequence[tuple[NavEstimate, Last]], integrity_r
     return Fix(
         receiver=receiver,
         signals=(),
-        gpst=np.array([one.gpst for one, _ in found]),
+        gpst=np.array([state.gpst for state, _ in found]),
         position_ecef_m=means[:, :3],
         velocity_ecef_m_s=means[:, 3:6],
         clock_bias_s=means[:, 6] / SPEED_OF_LIGHT_M_S,
@@ -198,7 +201,7 @@ def _fixes(receiver: str, found: Sequence[tuple[NavEstimate, Last]], integrity_r
     )
 
 
-def _of(fix: Fix, gpst: Instants, row: int) -> Last:
+def _last_from_fix(fix: Fix, gpst: Instants, row: int) -> Last:
     return Last(
         gpst=gpst[row],
         position_ecef_m=fix.position_ecef_m[row],
@@ -222,15 +225,15 @@ def usable_fixes(positions: Positions) -> Iterator[tuple[UsableKind, Fix]]:
             integrity_risk=positions.settings.integrity_risk,
         )
     doubtful = None if flown is None or positions.doubtful is None else positions.doubtful()
-    for rows, found in _stretches(positions):
+    for rows, found in _walk_stretches(positions):
         yield from found.items()
         fix = join_fixes(tuple(found.values()))
         if flown is not None:
-            here = None if doubtful is None else doubtful[rows] & ~_is_fixed(found.get("trusted"), rows)
-            between, flown = flown_on(flown, log.receiver, log.gpst[rows], fix, here)
+            doubtful_here = None if doubtful is None else doubtful[rows] & ~_is_fixed(found.get("trusted"), rows)
+            between, flown = coast(flown, log.receiver, log.gpst[rows], fix, doubtful_here)
             if between is not None:
                 yield "inertial", between
-        elif stands(positions):
+        elif is_standing(positions):
             between, last = step(last, log.receiver, log.gpst[rows], fix)
             if between is not None:
                 yield "held", between
@@ -240,8 +243,8 @@ def _is_fixed(fix: Fix | None, rows: slice) -> Booleans:
     return np.zeros(rows.stop - rows.start, np.bool_) if fix is None else np.asarray(fix.status == FixStatus.OK)
 
 
-def carried_track(positions: Positions) -> tuple[UsableKind, Track] | None:
-    """Return the kind of fixes that are carried on, and what stays at hand of them; None without any."""
+def carry_track(positions: Positions) -> tuple[UsableKind, Track] | None:
+    """Return the kind and track of the fixes that are carried on; None without any."""
     parts = [(kind, fix) for kind, fix in usable_fixes(positions) if kind in ("inertial", "held")]
     if not parts:
         return None
@@ -254,8 +257,7 @@ def carried_track(positions: Positions) -> tuple[UsableKind, Track] | None:
 
 
 def join_fixes(fixes: Sequence[Fix]) -> Fix | None:
-    """Return fixes of the same epochs, none of which has an epoch with another, as one that names no signals; None
-    without any."""
+    """Join fixes that share no epoch into one that names no signals; None without any."""
     if not fixes:
         return None
     names = [name for name in Fix.BY_ROW if name not in ("residual_m", "inter_system_s")]
@@ -267,15 +269,15 @@ def join_fixes(fixes: Sequence[Fix]) -> Fix | None:
     return Fix(receiver=fixes[0].receiver, signals=(), residual_m=np.empty((len(values["gpst"]), 0)), **values)
 
 
-def _stretches(positions: Positions) -> Iterator[tuple[slice, dict[SatelliteKind, Fix]]]:
-    """All epochs of the run in stretches, each with those of its fixes of satellites that there are."""
+def _walk_stretches(positions: Positions) -> Iterator[tuple[slice, dict[SatelliteKind, Fix]]]:
+    """Yield all epochs of the run in stretches, each with its fixes of satellites."""
     kinds = get_args(SatelliteKind)
     coming = {kind: positions.stretches(kind) for kind in kinds if kind in positions.masks}
     ahead = {kind: next(stretches, None) for kind, stretches in coming.items()}
     for rows in positions.cut():
-        here: dict[SatelliteKind, Fix] = {}
-        for kind, one in ahead.items():
-            if one is not None and one[0] == rows.start:
-                here[kind] = one[1]
-        ahead |= {kind: next(coming[kind], None) for kind in here}
-        yield rows, here
+        present: dict[SatelliteKind, Fix] = {}
+        for kind, pending in ahead.items():
+            if pending is not None and pending[0] == rows.start:
+                present[kind] = pending[1]
+        ahead |= {kind: next(coming[kind], None) for kind in present}
+        yield rows, present

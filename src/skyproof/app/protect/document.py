@@ -11,10 +11,10 @@ import numpy as np
 
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.explanation import WordReason, explain_word
-from skyproof.app.protect.methods import of_detectors
-from skyproof.app.protect.noticed import noticed_sizes
+from skyproof.app.protect.methods import count_by_detector
+from skyproof.app.protect.noticed import list_noticed_sizes
 from skyproof.app.protect.outcome import DIGITS, InputNote, Outcome, ReceiverOutcome
-from skyproof.app.protect.own_words import own_fix_of, own_states_of, own_words_of
+from skyproof.app.protect.own_words import compare_receiver_fix, list_receiver_states, select_receiver_words
 from skyproof.app.protect.positions import KINDS, Track, place_of, sigmas_enu_m
 from skyproof.app.protect.sources import list_sources
 from skyproof.app.protect.summary import summarize
@@ -40,18 +40,18 @@ from skyproof.verdict import (
     WindowResult,
 )
 
-__all__ = ["document", "versions"]
+__all__ = ["document", "list_versions"]
 
 
 def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *, interrupted: bool = False) -> Verdict:
     """Make the verdict document of an outcome."""
     decision = outcome.decision
-    windows = tuple(_window(one) for one in decision.windows)
+    windows = tuple(_window(row) for row in decision.windows)
     receivers = tuple(_receiver(r, windows) for r in outcome.receivers)
     onset = decision.onset
     word, why = decision.verdict, explain_word(outcome)
     summary = summarize(outcome, why)
-    ended = _interrupted(outcome) if interrupted else _cut(outcome, notes)
+    ended = _describe_interruption(outcome) if interrupted else _describe_cut(outcome, notes)
     if ended is not None:
         summary = f"{ended.what} {ended.when}; up to then: {summary}"
         if word == "authentic":  # an attack can begin after what was read
@@ -72,18 +72,18 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         since_latest_gpst=None if onset is None else iso(onset.seen, DIGITS),
         until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
-        wrong_statements=_wrong_statements(outcome.evidence),
+        wrong_statements=_count_wrong_statements(outcome.evidence),
         interference=_interference(outcome),
         windows=windows,
-        noticed=tuple(noticed_sizes(outcome.evidence)),
-        assumed=_assumed(outcome),
+        noticed=tuple(list_noticed_sizes(outcome.evidence)),
+        assumed=_list_assumptions(outcome),
         receivers=receivers,
         signals=tuple(_signals(outcome)),
         sources=tuple(list_sources(outcome)),
-        methods=tuple(one.method() for one in of_detectors(outcome.evidence)),
+        methods=tuple(row.method() for row in count_by_detector(outcome.evidence)),
         inputs=tuple(note.file() for note in notes),
         settings=settings.model_dump(mode="json"),
-        versions=versions(),
+        versions=list_versions(),
     )
 
 
@@ -97,47 +97,49 @@ class _Ended:
     remedy: str
 
 
-def _interrupted(outcome: Outcome) -> _Ended:
-    """Say when the user ended the run."""
+def _describe_interruption(outcome: Outcome) -> _Ended:
+    """State when the user ended the run."""
     read_s = max((r.reception.examined_s for r in outcome.receivers), default=0.0)
     whole_s = max((r.reception.source.duration_s for r in outcome.receivers), default=0.0)
     when = f"after {read_s:.1f} of {whole_s:.1f} s"
     return _Ended(what="Interrupted", when=when, reason=f"it ended {when}", remedy="the same command, run to its end")
 
 
-def _cut(outcome: Outcome, notes: Sequence[InputNote]) -> _Ended | None:
-    """Say which input ended before it should, the first of several receivers'; None if none did."""
+def _describe_cut(outcome: Outcome, notes: Sequence[InputNote]) -> _Ended | None:
+    """State which input ended before it should, the first of several receivers'; None if none did."""
     cut = {note.path: note.of_kind(RemarkKind.CUT) for note in notes if note.of_kind(RemarkKind.CUT)}
     if not cut:
         return None
     path, when = next(iter(cut)), "where it ends"
     for r in sorted((r.reception for r in outcome.receivers), key=lambda r: r.examined_s, reverse=True):
-        own = [one.path for one in (r.source, *(() if r.samples is None else r.samples.others)) if one.path in cut]
-        if own:
-            path, when = own[0], f"after {r.examined_s:.1f} s of {r.source.name}"
+        cut_parts = [
+            part.path for part in (r.source, *(() if r.samples is None else r.samples.others)) if part.path in cut
+        ]
+        if cut_parts:
+            path, when = cut_parts[0], f"after {r.examined_s:.1f} s of {r.source.name}"
     remedy = "the whole input, once its recorder or its copy has finished"
     return _Ended(what="An input ended", when=when, reason=f"{path}: {cut[path][0]}", remedy=remedy)
 
 
-def versions() -> dict[str, str]:
-    """What matters for doing the same again: of detectors those of other packages."""
+def list_versions() -> dict[str, str]:
+    """List the versions that matter for doing the same again; of detectors those of other packages."""
     names = ("skyproof", "numpy", "scipy", "numba")
-    own = {name: importlib.metadata.version(name) for name in names} | {"python": machine.python_version()}
-    return own | {f"detector {name}": package for name, package in list_foreign().items()}
+    packages = {name: importlib.metadata.version(name) for name in names} | {"python": machine.python_version()}
+    return packages | {f"detector {name}": package for name, package in list_foreign().items()}
 
 
-def _assumed(outcome: Outcome) -> str | None:
-    """Return under what word and labels hold, in the order of the windows; None where nothing is assumed."""
+def _list_assumptions(outcome: Outcome) -> str | None:
+    """State the assumptions under which word and labels hold; None where nothing is assumed."""
     words = ("authentic", "spoofed", "attack")
     found = (e for e in outcome.evidence if e.says in words or stands_beside(e))
     assumed = dict.fromkeys(words for e in found for words in explain(e).assumptions)
     if not assumed:
         return None
-    said = f"Assumed: {'; '.join(assumed)}."
+    sentence = f"Assumed: {'; '.join(assumed)}."
     if not any(s.label == "authentic" for s in outcome.decision.labels):
-        return said
+        return sentence
     alone = "The time of a receiver that is attacked alone at its true place is checked against its own history only."
-    return f"{said} {alone}"
+    return f"{sentence} {alone}"
 
 
 def _interference(outcome: Outcome) -> InterferenceResult:
@@ -174,8 +176,8 @@ def _interference(outcome: Outcome) -> InterferenceResult:
     return InterferenceResult(state="present" if spells else "none", spells=spells, weak_starts=weak_starts)
 
 
-def _wrong_statements(evidence: Sequence[Finding]) -> tuple[DoubtfulStatement, ...]:
-    """What else would explain failed tests: each kind of thing about each statement once, by how many tests it does."""
+def _count_wrong_statements(evidence: Sequence[Finding]) -> tuple[DoubtfulStatement, ...]:
+    """Count the statements of the user that would explain failed tests, the most frequent first."""
     count = Counter((cause.code, cause.about, cause.words) for e in evidence for cause in e.wrong_statements)
     value = {(cause.code, cause.about, cause.words): cause.value for e in evidence for cause in e.wrong_statements}
     return tuple(
@@ -195,7 +197,7 @@ def _window(word: WindowWord) -> WindowResult:
 
 
 def _receiver(r: ReceiverOutcome, windows: Sequence[WindowResult]) -> ReceiverResult:
-    source, own = r.reception.source, own_words_of(r.reception)
+    source, receiver_words = r.reception.source, select_receiver_words(r.reception)
     o = r.reception.observations
     start = source.start_gpst if o is None or o.gpst.size == 0 else _start(o)
     return ReceiverResult(
@@ -205,8 +207,8 @@ def _receiver(r: ReceiverOutcome, windows: Sequence[WindowResult]) -> ReceiverRe
         start_gpst=None if start is None else iso(start, DIGITS),
         duration_s=r.reception.examined_s,
         **{f"{kind}_fix": _position(r.tracks.get(kind)) for kind in KINDS},
-        own_fix=own_fix_of(own.fixes, r.tracks.get("trusted")),
-        own_states=own_states_of(own.states),
+        own_fix=compare_receiver_fix(receiver_words.fixes, r.tracks.get("trusted")),
+        own_states=list_receiver_states(receiver_words.states),
     )
 
 
@@ -262,21 +264,21 @@ def _signal(s: LabelledSignal, o: ObservationLog, labels: Sequence[LabelledSigna
         source=source,
         from_gpst=iso(o.gpst[s.first_epoch], DIGITS),
         to_gpst=iso(o.gpst[s.last_epoch], DIGITS),
-        cn0_dbhz=_mean(o.series("cn0_dbhz", column, *rows)),
-        doppler_hz=_mean(o.series("doppler_hz", column, *rows)),
-        delay_to_authentic_m=_delay_m(s, o, labels),
+        cn0_dbhz=_average(o.series("cn0_dbhz", column, *rows)),
+        doppler_hz=_average(o.series("doppler_hz", column, *rows)),
+        delay_to_authentic_m=_average_delay_m(s, o, labels),
         because=tuple(Because(detector=name, p_value=p) for name, p in s.because),
     )
 
 
-def _mean(values: Reals) -> float | None:
-    """Of what is known; None where nothing is."""
+def _average(values: Reals) -> float | None:
+    """Average the values that are known; None where none is."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else None
 
 
-def _delay_m(s: LabelledSignal, o: ObservationLog, labels: Sequence[LabelledSignal]) -> float | None:
-    """Mean code delay behind the authentic signal of the same transmission, over the epochs that both have."""
+def _average_delay_m(s: LabelledSignal, o: ObservationLog, labels: Sequence[LabelledSignal]) -> float | None:
+    """Average the code delay behind the authentic signal of the same transmission, over common epochs."""
     if s.label == "authentic":
         return 0.0
     delays = []
@@ -288,4 +290,4 @@ def _delay_m(s: LabelledSignal, o: ObservationLog, labels: Sequence[LabelledSign
             rows = first, max(min(s.last_epoch, other.last_epoch) + 1, first)
             a, b = o.signals.index(s.ref.signal), o.signals.index(other.ref.signal)
             delays.append(o.series("pseudorange_m", a, *rows) - o.series("pseudorange_m", b, *rows))
-    return _mean(np.concatenate(delays)) if delays else None
+    return _average(np.concatenate(delays)) if delays else None

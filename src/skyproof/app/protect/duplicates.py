@@ -23,7 +23,7 @@ from skyproof.recording.same_noise import N_ROWS, SharedNoise, rows_of, shared_n
 from skyproof.records import ObservationLog, Observations, Samples
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["one_receiver_each", "same_noise"]
+__all__ = ["find_shared_noise", "leave_out_duplicates"]
 
 _STRETCH_S: Final = N_ROWS * GPS_L1_CA.period_s
 _PLACES: Final = (0.5, 0.05, 0.95)  # of the common time
@@ -31,24 +31,24 @@ _PLACE_EPOCHS: Final = 1024
 _MARGIN: Final = np.timedelta64(2, "s")
 
 
-def one_receiver_each(receptions: Sequence[Reception], settings: Settings) -> list[Reception]:
-    """The receptions; of those that hold the same noise all but the one with most measurements are left out."""
+def leave_out_duplicates(receptions: Sequence[Reception], settings: Settings) -> list[Reception]:
+    """Leave out receptions that hold the same noise as another one with more measurements."""
     n = len(receptions)
     alpha = settings.false_alarm_probability_per_hour / max(n * (n - 1) // 2, 1)
     kept: list[Reception] = []
     left_out: dict[str, Reception] = {}
     for reception in sorted(receptions, key=_measurements, reverse=True):
         for other in kept:
-            found = same_noise(other, reception, alpha=alpha, code_sigma_m=settings.multipath_sigma_m)
+            found = find_shared_noise(other, reception, alpha=alpha, code_sigma_m=settings.multipath_sigma_m)
             if found is not None:
-                left_out[reception.source.name] = _left_out(reception, other, found)
+                left_out[reception.source.name] = _leave_out(reception, other, found)
                 break
         else:
             kept.append(reception)
     return [left_out.get(r.source.name, r) for r in receptions]
 
 
-def _left_out(reception: Reception, other: Reception, found: SharedNoise) -> Reception:
+def _leave_out(reception: Reception, other: Reception, found: SharedNoise) -> Reception:
     why = (
         f"holds the same noise as {other.source.name} (correlation {found.coefficient:.2f}): one antenna or one file "
         "recorded twice, or one transmitter that drowns all else in both; taken as one receiver"
@@ -66,8 +66,11 @@ def _measurements(reception: Reception) -> int:
     return 0 if o is None else int(o.measured.sum())
 
 
-def same_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_m: float) -> SharedNoise | None:
-    """The noise that two receptions share if they are one receiver's, where least of it is shared; else None.
+def find_shared_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_m: float) -> SharedNoise | None:
+    """Find the noise that two receptions share if they are one receiver's; else None.
+
+    Where that is so at the middle, both ends are compared as well: a transmitter's noise has a beginning. The result is
+    the least shared of the places.
 
     Looked at in the middle, and if it is there at both ends as well: a transmitter's noise begins one day.
 
@@ -76,22 +79,22 @@ def same_noise(first: Reception, second: Reception, *, alpha: float, code_sigma_
     """
     if first.observations is None or second.observations is None or first.samples is None or second.samples is None:
         return None
-    lags = _later(*_looked_at(first.observations, second.observations))
+    lags = _compute_lags(*_read_places(first.observations, second.observations))
     known = np.flatnonzero(np.isfinite(lags.later_s).any(axis=0))
     found: list[tuple[int, SharedNoise]] = []
     for place in _PLACES if known.size else ():
         at = int(known[int(place * (known.size - 1))])
-        noise = _stretch(first.samples, second.samples, lags, at)
+        noise = _correlate_noise(first.samples, second.samples, lags, at)
         if noise is None or noise.p_value >= alpha:
             return None
         found.append((at, noise))
-    if not found or _agreement(lags, found, code_sigma_m) < alpha:
+    if not found or _test_agreement(lags, found, code_sigma_m) < alpha:
         return None
     return min((noise for _, noise in found), key=lambda noise: noise.coefficient)
 
 
-def _looked_at(a: ObservationLog, b: ObservationLog) -> tuple[Observations, Observations]:
-    """The measurements around the places that are looked at; all of a short recording."""
+def _read_places(a: ObservationLog, b: ObservationLog) -> tuple[Observations, Observations]:
+    """Read the measurements around the places that are compared; all of a short recording."""
     n = a.gpst.size
     if n <= len(_PLACES) * _PLACE_EPOCHS:
         return a.read(0, n), b.read(0, b.gpst.size)
@@ -110,7 +113,7 @@ class _Lags:
     """By each pair of signals of one transmission: when the second receiver got what the first one had at an epoch.
 
     elapsed_s : (n_epochs,) of the first. later_s : (n_pairs, n_epochs) the second's elapsed time minus it; NaN where
-        one of the two was not measured. higher_hz : likewise, of the carrier. sigma_s : thermal, one sigma.
+        one of the two was not measured. higher_hz : the same of the carrier. sigma_s : thermal, one sigma.
     sats : (n_pairs,)
     """
 
@@ -120,31 +123,31 @@ class _Lags:
     higher_hz: Reals
     sigma_s: Reals
 
-    def near(self, at: int) -> Booleans:
-        """Epochs around one."""
+    def select_near(self, at: int) -> Booleans:
+        """Select the epochs around one."""
         return np.asarray(np.abs(self.elapsed_s - self.elapsed_s[at]) < POLICY.noise_beside_s)
 
-    def faster(self, near: Booleans) -> float:
-        """How much faster the second one's clock runs, by most signals."""
+    def clock_rate(self, near: Booleans) -> float:
+        """Estimate how much faster the second one's clock runs, by most signals."""
         steps = np.diff(self.later_s[:, near], axis=1) / np.diff(self.elapsed_s[near])
         return float(np.nanmedian(steps)) if np.isfinite(steps).any() else 0.0
 
 
-def _later(a: Observations, b: Observations) -> _Lags:
+def _compute_lags(a: Observations, b: Observations) -> _Lags:
     sent_a, sent_b = (
         seconds_between(o.gpst, a.gpst[0])[:, None] - o.pseudorange_m / SPEED_OF_LIGHT_M_S for o in (a, b)
     )
     sats, later_s, higher_hz, sigma_s = [], [], [], []
-    for i, one in enumerate(a.signals):
+    for i, signal in enumerate(a.signals):
         for j, other in enumerate(b.signals):
-            there = np.isfinite(sent_b[:, j])
-            if one.transmission != other.transmission or not there.any():
+            known = np.isfinite(sent_b[:, j])
+            if signal.transmission != other.transmission or not known.any():
                 continue
             there_b = [
-                np.interp(sent_a[:, i], sent_b[there, j], column[there], left=np.nan, right=np.nan)
+                np.interp(sent_a[:, i], sent_b[known, j], column[known], left=np.nan, right=np.nan)
                 for column in (b.elapsed_s, b.doppler_hz[:, j], b.pseudorange_sigma_m[:, j])
             ]
-            sats.append(one.sat)
+            sats.append(signal.sat)
             later_s.append(there_b[0] - a.elapsed_s)
             higher_hz.append(there_b[1] - a.doppler_hz[:, i])
             sigma_s.append(np.hypot(there_b[2], a.pseudorange_sigma_m[:, i]) / SPEED_OF_LIGHT_M_S)
@@ -158,16 +161,18 @@ def _later(a: Observations, b: Observations) -> _Lags:
     )
 
 
-def _stretch(first: Samples, second: Samples, lags: _Lags, at: int) -> SharedNoise | None:
-    """What noise the two share from epoch `at` of the first one on; its lag is that of the second's elapsed time.
+def _correlate_noise(first: Samples, second: Samples, lags: _Lags, at: int) -> SharedNoise | None:
+    """Correlate the noise of two recordings from epoch `at` of the first one on.
+
+    Its lag is in the second's elapsed time.
 
     None where a recording does not hold the stretch.
     """
-    near = lags.near(at)
+    near = lags.select_near(at)
     later_s = float(np.nanmedian(lags.later_s[:, at]))
-    length_s = (1.0 + lags.faster(near)) * _STRETCH_S
-    start_a, planes_a = _cut(first, lags.elapsed_s[at], _STRETCH_S)
-    start_b, planes_b = _cut(second, lags.elapsed_s[at] + later_s, length_s)
+    length_s = (1.0 + lags.clock_rate(near)) * _STRETCH_S
+    start_a, planes_a = _read_part(first, lags.elapsed_s[at], _STRETCH_S)
+    start_b, planes_b = _read_part(second, lags.elapsed_s[at] + later_s, length_s)
     if planes_a is None or planes_b is None:
         return None
     carrier_a_hz = carrier_at_hz(first)
@@ -187,15 +192,15 @@ def _stretch(first: Samples, second: Samples, lags: _Lags, at: int) -> SharedNoi
     return replace(noise, lag_s=noise.lag_s + start_b / second.rate_hz - start_a / first.rate_hz)
 
 
-def _cut(samples: Samples, start_s: float, length_s: float) -> tuple[int, Floats | None]:
-    """So much of a recording, and the number of its first sample; None where it ends before."""
+def _read_part(samples: Samples, start_s: float, length_s: float) -> tuple[int, Floats | None]:
+    """Read a part of a recording and the number of its first sample; None where it ends before."""
     start, count = round(start_s * samples.rate_hz), round(length_s * samples.rate_hz)
     inside = 0 <= start <= samples.n_samples - count
     return start, samples.read(start, count) if inside else None
 
 
-def _agreement(lags: _Lags, found: Sequence[tuple[int, SharedNoise]], code_sigma_m: float) -> float:
-    """p-value of satellites' signals that are all as late as the noise, but for one delay that is common to all.
+def _test_agreement(lags: _Lags, found: Sequence[tuple[int, SharedNoise]], code_sigma_m: float) -> float:
+    """Return the p-value that all satellites' signals are as late as the noise, but for a common delay.
 
     Chi-square of their scatter, one degree less than satellites. Of several pairs of signals the one that is nearest.
     """
@@ -203,7 +208,7 @@ def _agreement(lags: _Lags, found: Sequence[tuple[int, SharedNoise]], code_sigma
     off_s, variance = [], []
     for sat in sorted(set(lags.sats)):
         best = min(
-            (_beyond(lags, pair, found) for pair, other in enumerate(lags.sats) if other == sat),
+            (_delay_after_noise(lags, pair, found) for pair, other in enumerate(lags.sats) if other == sat),
             key=lambda one: abs(one[0]),
         )
         if np.isfinite(best[0]):
@@ -216,14 +221,17 @@ def _agreement(lags: _Lags, found: Sequence[tuple[int, SharedNoise]], code_sigma
     return float(chi_square_survival(weight @ apart_s**2, len(off_s) - 1))
 
 
-def _beyond(lags: _Lags, pair: int, found: Sequence[tuple[int, SharedNoise]]) -> tuple[float, float]:
-    """How much later than the noise a pair's signals are, and the thermal variance; infinite if nowhere measured."""
+def _delay_after_noise(lags: _Lags, pair: int, found: Sequence[tuple[int, SharedNoise]]) -> tuple[float, float]:
+    """Estimate how much later than the noise a pair's signals are, and the thermal variance.
+
+    Infinite if nowhere measured.
+    """
     off_s, variance = [], []
     for at, noise in found:
-        near = lags.near(at)
+        near = lags.select_near(at)
         since_s = lags.elapsed_s[near] - lags.elapsed_s[at]
-        values_s = lags.later_s[pair, near] - noise.lag_s - lags.faster(near) * since_s
-        there = np.isfinite(values_s)
-        off_s += values_s[there].tolist()
-        variance += (lags.sigma_s[pair, near][there] ** 2).tolist()
+        values_s = lags.later_s[pair, near] - noise.lag_s - lags.clock_rate(near) * since_s
+        known = np.isfinite(values_s)
+        off_s += values_s[known].tolist()
+        variance += (lags.sigma_s[pair, near][known] ** 2).tolist()
     return (float(np.mean(off_s)), float(np.mean(variance)) / len(off_s)) if off_s else (np.inf, 0.0)

@@ -27,7 +27,7 @@ _UNSEEN: dict[Need, str] = {
 """Attacks that pass unseen where records are lacking."""
 
 
-UNRANGED = "any false place and time that goes on from fix to fix: the log holds no ranges to hold it against"
+UNRANGED = "any false place and time that stays continuous from fix to fix: the log holds no ranges to hold it against"
 
 
 RANGES = "the receiver's measurements with ranges (UBX-RXM-RAWX, SBF MeasEpoch, RTCM MSM7)"
@@ -64,23 +64,23 @@ class WordReason:
 def explain_word(outcome: Outcome) -> WordReason:
     """Return why the word of a run is no stronger, from the finding that matters most."""
     decision = outcome.decision
-    left = describe_unexplained(decision.unexplained)
+    unexplained = describe_unexplained(decision.unexplained)
     if decision.suspicion is not None:
         found = decision.suspicion
         words = None if found.finding is None else explain(found.finding)
-        to_do = (words and words.remedy) or _cure(outcome) or "a longer recording"
+        to_do = (words and words.remedy) or _suggest_remedy(outcome) or "a longer recording"
         causes: Any = tuple(str(cause) for cause in found.may_also_be)
-        reason = words.sentence if words else left
+        reason = words.sentence if words else unexplained
         return WordReason(reason=reason, of_unexplained=words is None, may_also_be=causes, remedy=to_do)
     question = decision.open
     if question is None:
         return WordReason(reason=None)
     about = f"which signals of {', '.join(question.receivers)} are true"
-    why = left or "none of the tests that this input allows could decide"
-    remedy = _cure(outcome) or ("a longer recording" if left else None)
+    why = unexplained or "none of the tests that this input allows could decide"
+    remedy = _suggest_remedy(outcome) or ("a longer recording" if unexplained else None)
     if question.finding is not None:
         words = explain(question.finding)
-        why, remedy = words.sentence, words.remedy or _cure(outcome) or None
+        why, remedy = words.sentence, words.remedy or _suggest_remedy(outcome) or None
         why += f"; the same holds for {', '.join(question.also)}" if question.also else ""
         if remedy is not None and question.distance_m is not None:
             distance_m, sigma_m = question.distance_m
@@ -92,17 +92,17 @@ def explain_word(outcome: Outcome) -> WordReason:
     return WordReason(
         reason=f"it is not shown {about}: {why}",
         of_unexplained=question.finding is None,
-        not_excluded=_not_excluded(outcome),
+        not_excluded=_list_unseen_attacks(outcome),
         remedy=remedy,
     )
 
 
-def _not_excluded(outcome: Outcome) -> tuple[str, ...]:
-    """Attacks that the tests of a run in which all passed would not see, by what was received and what was lacking."""
+def _list_unseen_attacks(outcome: Outcome) -> tuple[str, ...]:
+    """List attacks that tests which all passed would not see, by what was received and what was missing."""
     ran = {e.detector for e in outcome.evidence if e.p_value is not None}
     lacking = {need for e in outcome.evidence if e.detector not in ran for need in e.lacking}
     found = [words for need, words in _UNSEEN.items() if need in lacking]
-    if _unranged(outcome):
+    if _has_no_ranges(outcome):
         found = [UNRANGED, _UNSEEN[Need.CCAF]]
     receivers = [r for r in outcome.receivers if r.reception.left_out is None]
     by_directions = not {Need.ARRAY_PHASES, Need.SPIN_ARMS} <= lacking
@@ -118,7 +118,7 @@ def _not_excluded(outcome: Outcome) -> tuple[str, ...]:
 
 
 def why_untested(outcome: Outcome) -> str | None:
-    """Say why no test at all could run, and what to give; None if any did."""
+    """Explain why no test at all could run, and what to give; None if any did."""
     if outcome.decision.verdict == "spoofed" or any(e.p_value is not None for e in outcome.evidence):
         return None
     receptions = [r.reception for r in outcome.receivers]
@@ -127,27 +127,26 @@ def why_untested(outcome: Outcome) -> str | None:
     ]
     if len(reasons) < len(receptions):
         names = [r.source.path or r.source.name for r in receptions if r.left_out is None]
-        reasons.append(
-            f"{', '.join(names)}: no test could run on what was received; give {_cure(outcome) or 'a longer recording'}"
-        )
+        remedy = _suggest_remedy(outcome) or "a longer recording"
+        reasons.append(f"{', '.join(names)}: no test could run on what was received; give {remedy}")
     return "; ".join([*reasons, *(words for r in receptions for words in (*r.source.remarks, *r.remarks))])
 
 
-def _cure(outcome: Outcome) -> str:
-    """What the user could bring that was lacking; of skies one of which is true, first what says where he is."""
+def _suggest_remedy(outcome: Outcome) -> str:
+    """Describe what the user could add that was missing; with two open skies, first what says where he is."""
     lacking = {need for e in outcome.evidence for need in e.lacking}
     remedies = (explain(e).remedy for e in outcome.evidence if e.says in ("spoofed", "attack"))
-    said = [remedy for remedy in remedies if remedy is not None]
-    cures = [*dict.fromkeys(said), *(NEEDS[need] for need in GIVEN if need in lacking)]
-    if _unranged(outcome):
+    suggested = [remedy for remedy in remedies if remedy is not None]
+    cures = [*dict.fromkeys(suggested), *(NEEDS[need] for need in GIVEN if need in lacking)]
+    if _has_no_ranges(outcome):
         cures.insert(0, RANGES)
     if outcome.decision.skies and Need.NAVIGATION not in lacking:
         cures.insert(0, PREDICTS)
     return ", or ".join(cures[:MOST_CURES])
 
 
-def _unranged(outcome: Outcome) -> bool:
-    """Whether no receiver gave ranges."""
+def _has_no_ranges(outcome: Outcome) -> bool:
+    """Test whether no receiver gave ranges."""
     sources = [r.reception.source for r in outcome.receivers]
     return all(isinstance(source, ObservedFile) and not source.ranged for source in sources)
 
@@ -165,15 +164,15 @@ def describe_unexplained(left: Sequence[Unexplained]) -> str:
     """Return how many signals stay unknown, how strong, and what would explain them; empty if there are none."""
     words_of_kinds = []
     for kind, words in _EXPLAINS.items():
-        own = [u for u in left if u.kind == kind]
-        if not own:
+        signals = [u for u in left if u.kind == kind]
+        if not signals:
             continue
-        over = [u.over_db for u in own if u.over_db is not None and np.isfinite(u.over_db)]
-        levels = [u.cn0_dbhz for u in own if np.isfinite(u.cn0_dbhz)]
+        over = [u.over_db for u in signals if u.over_db is not None and np.isfinite(u.over_db)]
+        levels = [u.cn0_dbhz for u in signals if np.isfinite(u.cn0_dbhz)]
         strong = f"up to {max(levels):.0f} dB-Hz" if levels else "of unknown strength"
         if over:
             strong += f", {abs(max(over)):.0f} dB {'above' if max(over) > 0.0 else 'below'} the other"
-        words_of_kinds.append(f"{len(own)} {words} ({strong})")
+        words_of_kinds.append(f"{len(signals)} {words} ({strong})")
     if not words_of_kinds:
         return ""
     n = len(left)

@@ -11,8 +11,8 @@ dragged against their carriers, and carriers against a receiver that is stated t
 A receiver that stands is held against its place in each window, which notices any move of `displacement` or more: so
 hidden is displacement + (code_drag + motion) T at most, however long it lasts.
 
-In both t is the middle of what a fix is smoothed over, if that is later than the fix itself, as it is near t0.
-Evidence that the signals come from the sky begins that anew; without any, signals are taken for true at the start.
+In both t is the middle of what a fix is smoothed over, if that is later than the fix itself, which it is near t0.
+Evidence that the signals come from the sky begins that again; without any, signals are taken for true at the start.
 A window without a figure has that of the next one, whose test looks back; after the last one nothing is bounded.
 
 Of a receiver that neither stands nor has an inertial unit nothing bounds codes and carriers that are dragged together,
@@ -24,12 +24,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skyproof.app.protect.noticed import TestedWindows, tested_windows
+from skyproof.app.protect.noticed import TestedWindows, collect_tested_windows
 from skyproof.arrays import Indices, Instants, Reals
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Finding, NoticedKind
 
-__all__ = ["HiddenDrag", "hidden_drags"]
+__all__ = ["HiddenDrag", "bound_drags"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,8 +46,8 @@ class HiddenDrag:
     jump_m: Reals
     far_m: Reals
 
-    def between(self, since: Instants, gpst: Instants, latest: Instants) -> Reals:
-        """Return by how much a position may have been moved from `since` to `gpst`, (n,) each, metres.
+    def bound_between(self, since: Instants, gpst: Instants, latest: Instants) -> Reals:
+        """Bound by how much a position may have been moved from `since` to `gpst`, (n,) each, metres.
 
         latest : of what it is smoothed over, (n,); a steady drag has moved the mean over it by as much as it has at the
             middle.
@@ -72,21 +72,24 @@ class HiddenDrag:
         return np.clip(np.searchsorted(self.edges_s, seconds, side="right") - 1, 0, self.rate_m_s.size - 1)
 
 
-def hidden_drags(
+def bound_drags(
     findings: Iterable[Finding], *, standing: Collection[str], inertial: Collection[str] = ()
 ) -> dict[str, HiddenDrag]:
-    """Return of each receiver that was tested what its tests would have missed.
+    """Bound for each tested receiver what its tests would have missed.
 
     standing : receivers that are stated to stand, whose carriers are held against that. inertial : with a unit.
     """
-    windows = tested_windows(findings)
+    windows = collect_tested_windows(findings)
     kinds: dict[str, tuple[NoticedKind, ...]] = dict.fromkeys(inertial, ("drag",))
     kinds |= dict.fromkeys(standing, ("code_drag", "motion"))
-    return {receiver: _hidden_drag(windows, receiver, kinds.get(receiver, ())) for receiver in windows.ends}
+    return {receiver: _bound_drag(windows, receiver, kinds.get(receiver, ())) for receiver in windows.ends}
 
 
-def _hidden_drag(windows: TestedWindows, receiver: str, kinds: Sequence[NoticedKind]) -> HiddenDrag:
-    """kinds : of drags, of which an attack may use all at once; none where nothing bounds them."""
+def _bound_drag(windows: TestedWindows, receiver: str, kinds: Sequence[NoticedKind]) -> HiddenDrag:
+    """Bound what one receiver's tests would have missed.
+
+    kinds : of drags; an attack may use all at once. Without any, nothing bounds them.
+    """
     ends = windows.ends[receiver]
     starts = np.array(sorted(ends), "datetime64[ns]")
 
@@ -98,14 +101,16 @@ def _hidden_drag(windows: TestedWindows, receiver: str, kinds: Sequence[NoticedK
     return HiddenDrag(
         zero=starts[0],
         edges_s=np.asarray(seconds_between(edges, starts[0]), np.float64),
-        rate_m_s=np.sum([_filled(sizes(kind)) for kind in kinds], axis=0) if kinds else np.full(starts.size, np.nan),
-        jump_m=_filled(sizes("position_jump")),
+        rate_m_s=np.sum([_fill_backward(sizes(kind)) for kind in kinds], axis=0)
+        if kinds
+        else np.full(starts.size, np.nan),
+        jump_m=_fill_backward(sizes("position_jump")),
         far_m=sizes("displacement", np.inf),
     )
 
 
-def _filled(values: Reals) -> Reals:
-    """Each NaN as the next number, (n,)."""
+def _fill_backward(values: Reals) -> Reals:
+    """Fill each NaN with the next number, (n,)."""
     known = np.isfinite(values)
     after = np.minimum.accumulate(np.where(known, np.arange(values.size), values.size)[::-1])[::-1]
     return np.append(values, np.nan)[after]

@@ -10,11 +10,11 @@ from skyproof.app.common.progress import Progress
 from skyproof.app.common.session import Session, examine_all
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import detectors_for, windows_of
-from skyproof.app.protect.coasting import carried_track
-from skyproof.app.protect.hidden import hidden_drags
+from skyproof.app.protect.coasting import carry_track
+from skyproof.app.protect.hidden import bound_drags
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
-from skyproof.app.protect.positions import KINDS, Track, positions_of
-from skyproof.app.protect.predictors import predictors_of, surveyed_positions
+from skyproof.app.protect.positions import KINDS, Track, set_up_positions
+from skyproof.app.protect.predictors import build_predictors, list_surveyed
 from skyproof.app.protect.so_far import WordsSoFar
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.app.receive.reception import Reception
@@ -45,7 +45,7 @@ def judge(
     orbits = orbits_for(receptions, navigation)
     observed = [r.observations for r in _list_received(receptions) if r.observations is not None]
     if predictors is None:
-        predictors = predictors_of([o.receiver for o in observed], settings)
+        predictors = build_predictors([o.receiver for o in observed], settings)
     session = begin_session(receptions, orbits, settings, spin_arms, body, predictors)
     evidence, sets, interrupted = examine_all(session, progress, None if so_far is None else so_far.take)
     give_back()
@@ -54,7 +54,7 @@ def judge(
     choosing = session.state_of("prediction")
     overlapping = fixes_of_overlapping(evidence, choosing)
     standing_still = [o.receiver for o in observed] if settings.speed_max_m_s == 0.0 else []
-    hidden = hidden_drags(evidence, standing=standing_still, inertial=navigators)
+    hidden = bound_drags(evidence, standing=standing_still, inertial=navigators)
 
     def place(reception: Reception) -> ReceiverOutcome:
         name = reception.observations.receiver if reception.observations is not None else ""
@@ -111,7 +111,7 @@ def begin_session(
         predictors=predictors,
         changes={r.source.name: r.changes for r in received if r.changes is not None},
     )
-    return Session(windows, detectors_for(settings, windows.run, positions_ecef_m=surveyed_positions(predictors)))
+    return Session(windows, detectors_for(settings, windows.run, positions_ecef_m=list_surveyed(predictors)))
 
 
 def _list_received(receptions: Sequence[Reception]) -> list[Reception]:
@@ -144,9 +144,9 @@ def _receiver_outcome(
     o = reception.observations
     if o is None or not orbits.ephemerides:
         return ReceiverOutcome(reception=reception)
-    positions = positions_of(o, decision, orbits, settings, **of_receiver)
+    positions = set_up_positions(o, decision, orbits, settings, **of_receiver)
     tracks: dict[str, Track | None] = {kind: positions.track(kind) for kind in positions.masks}
-    if (carried := carried_track(positions)) is not None:
+    if (carried := carry_track(positions)) is not None:
         tracks |= [carried]
     give_back()
     order = [kind for kind in KINDS if kind in tracks]

@@ -11,7 +11,7 @@ from skyproof.gnss.time import iso
 from skyproof.records import Finding
 from skyproof.verdict import Method
 
-__all__ = ["OfDetector", "of_detectors"]
+__all__ = ["OfDetector", "count_by_detector"]
 
 STRENGTH: Final = ("undecided", "clean", "multipath", "authentic", "failed", "attack", "spoofed")
 """What a test says, the stronger the later. A failed test outranks passed ones: it is what a reader must not miss."""
@@ -43,22 +43,22 @@ class OfDetector:
         self.tests += e.p_value is not None
         word = "failed" if e.failed else e.says
         known = self.telling.get(word)
-        if known is None or _p_value(e) < _p_value(known):
+        if known is None or _get_p_value(e) < _get_p_value(known):
             self.telling[word] = e
 
     @property
     def decision(self) -> str | None:
-        """The strongest word of all pieces; None where no test was made."""
+        """Return the strongest word of all pieces; None where no test was made."""
         return max(self.telling, key=STRENGTH.index, default=None)
 
     @property
     def most_telling(self) -> Finding | None:
-        """The piece that says most: the least p-value behind the decision; None without any."""
+        """Return the piece with the least p-value behind the decision; None without any."""
         return None if self.decision is None else self.telling[self.decision]
 
     @property
     def reason(self) -> Finding | None:
-        """The piece with the most frequent reason for deciding nothing; None where all pieces are tests."""
+        """Return the piece with the most frequent reason for deciding nothing; None where all are tests."""
         return max(self.reasons.values(), key=lambda counted: counted[0], default=(0, None))[1]
 
     def method(self) -> Method:
@@ -69,7 +69,7 @@ class OfDetector:
             detector=self.first.detector,
             ran=telling is not None,
             why_not=None if telling is not None else explain(self.reason or self.first).sentence,
-            would_need=self._would_need(),
+            would_need=self._suggest_remedy(),
             decision=self.decision,
             tests=self.tests,
             from_gpst=None if telling is None else _instant(telling.start_gpst),
@@ -80,8 +80,8 @@ class OfDetector:
             false_alarm_probability=asked.alpha,
         )
 
-    def _would_need(self) -> str | None:
-        """What would decide: by the telling piece, else by what is open beside a word that does not settle it."""
+    def _suggest_remedy(self) -> str | None:
+        """Describe what would decide: by the telling piece, else by what is open beside the word."""
         pieces = [self.most_telling]
         if self.decision not in ("authentic", "spoofed", "multipath"):
             pieces += [self.telling.get("undecided"), self.reason]
@@ -89,7 +89,7 @@ class OfDetector:
         return next((remedy for remedy in remedies if remedy is not None), None)
 
 
-def of_detectors(evidence: Iterable[Finding]) -> tuple[OfDetector, ...]:
+def count_by_detector(evidence: Iterable[Finding]) -> tuple[OfDetector, ...]:
     """Count the evidence of each detector, in the order of their names."""
     found: dict[str, OfDetector] = {}
     for e in evidence:
@@ -97,8 +97,8 @@ def of_detectors(evidence: Iterable[Finding]) -> tuple[OfDetector, ...]:
     return tuple(found[name] for name in sorted(found))
 
 
-def _p_value(e: Finding) -> float:
-    """Its p-value; beyond any where none is stated."""
+def _get_p_value(e: Finding) -> float:
+    """Return its p-value, or infinity where none is stated."""
     return np.inf if e.p_value is None else e.p_value
 
 

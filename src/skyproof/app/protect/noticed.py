@@ -9,7 +9,7 @@ import numpy as np
 from skyproof.records import Finding, NoticedKind
 from skyproof.verdict import NoticedSize
 
-__all__ = ["TestedWindows", "noticed_sizes", "tested_windows"]
+__all__ = ["TestedWindows", "collect_tested_windows", "list_noticed_sizes"]
 
 _UNITS: Final[dict[NoticedKind, str]] = {
     "position_jump": "m",
@@ -35,7 +35,7 @@ class TestedWindows:
     best: dict[tuple[str, NoticedKind], dict[np.datetime64, tuple[float, str]]]
 
 
-def tested_windows(findings: Iterable[Finding]) -> TestedWindows:
+def collect_tested_windows(findings: Iterable[Finding]) -> TestedWindows:
     """Collect what the tests of all windows would have noticed."""
     found = TestedWindows({}, {})
     for finding in findings:
@@ -50,12 +50,12 @@ def tested_windows(findings: Iterable[Finding]) -> TestedWindows:
     return found
 
 
-def noticed_sizes(findings: Iterable[Finding]) -> Iterator[NoticedSize]:
-    """Yield of each receiver and kind of attack the size that the best test of any window would have noticed.
+def list_noticed_sizes(findings: Iterable[Finding]) -> Iterator[NoticedSize]:
+    """Yield the size of each kind of attack that the best test of any window would notice.
 
-    A window of which no test gives a size counts as one in which the attack would have passed.
+    A window in which no test gives a size counts as one in which the attack would have passed.
     """
-    windows = tested_windows(findings)
+    windows = collect_tested_windows(findings)
     for (receiver, kind), best in sorted(windows.best.items(), key=lambda each: (each[0][0], _KINDS.index(each[0][1]))):
         size, detector = max(best.values())
         share = len(best) / len(windows.ends[receiver])

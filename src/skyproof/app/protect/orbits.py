@@ -1,4 +1,4 @@
-"""Whether the orbits that were given are of the signals that were received: of their day, and of their systems."""
+"""Test whether the orbits given fit the signals received: their day, and their systems."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,33 +15,33 @@ from skyproof.gnss.ephemeris import SYSTEM_NAMES, BroadcastEphemeris
 from skyproof.gnss.time import iso, seconds_between
 from skyproof.records import MeasurementSource, NavigationData, ObservationLog, Samples
 
-__all__ = ["lacking_orbits", "require_same_day", "with_own_orbits"]
+__all__ = ["add_logged_orbits", "list_missing_orbits", "require_same_day"]
 
 _MOST_REMARKS: Final = 3  # of the file, that stand in an error
 
 
-def with_own_orbits(
+def add_logged_orbits(
     navigation: NavigationData | None, sources: Sequence[Samples | ObservedFile]
 ) -> NavigationData | None:
-    """Add logs' own orbits to a file of the day before, none of which holds at a log's time.
+    """Add logs' own orbits to a file of the day before, which has none at a log's time.
 
-    Positions are then by the messages in the log, and the file tells whether these go on from it. A file of any other
-    time is left as it is.
+    Positions are then by the messages in the log, and the file tells whether these continue it. A file of any other
+    time stays unchanged.
     """
     if navigation is None:
         return None
-    own: list[BroadcastEphemeris] = []
+    logged: list[BroadcastEphemeris] = []
     for source in sources:
         if isinstance(source, ObservedFile) and source.start_gpst is not None and source.decoded.ephemerides:
             ages_s = [abs(seconds_between(source.start_gpst, e.reference_gpst)) for e in navigation.ephemerides]
             if not _any_holds(navigation, source.start_gpst) and min(ages_s, default=np.inf) <= MESSAGES.last_day_s:
-                own += source.decoded.ephemerides
-    if not own:
+                logged += source.decoded.ephemerides
+    if not logged:
         return navigation
     remark = "none of its orbits holds at the log's time: those of the log's messages are used, and held against it"
     return replace(
         navigation,
-        ephemerides=tuple(dict.fromkeys((*navigation.ephemerides, *own))),
+        ephemerides=tuple(dict.fromkeys((*navigation.ephemerides, *logged))),
         remarks=(*navigation.remarks, remark),
     )
 
@@ -62,12 +62,13 @@ def require_same_day(navigation: NavigationData, gpst: np.datetime64, source: Me
     if navigation.remarks and min(times) <= gpst <= max(times):
         span, remedy = "none of its orbits holds at its time:", "give the navigation file as it was received, unedited"
     raise InputError(
-        f"{navigation.source}: {span} {source.path} was recorded at {iso(gpst, 0)}{_left_out(navigation)}; {remedy}"
+        f"{navigation.source}: {span} {source.path} was recorded at {iso(gpst, 0)}"
+        f"{_quote_remarks(navigation)}; {remedy}"
     )
 
 
-def lacking_orbits(receptions: Sequence[Reception], navigation: NavigationData) -> tuple[str, ...]:
-    """Say which systems' and satellites' signals have no orbit at their time, and which are unhealthy by theirs.
+def list_missing_orbits(receptions: Sequence[Reception], navigation: NavigationData) -> tuple[str, ...]:
+    """List the systems and satellites without an orbit at their time, and those unhealthy by theirs.
 
     Raises
     ------
@@ -86,8 +87,9 @@ def lacking_orbits(receptions: Sequence[Reception], navigation: NavigationData) 
     lacking = {system: sats for system, sats in without.items() if system not in with_one}
     if logs and not served and all(isinstance(r.source, ObservedFile) for r in receptions):
         raise InputError(
-            f"{navigation.source}: no orbits for these signals: it has those of {_systems(with_one)}, the signals are "
-            f"of {_systems(without)}{_left_out(navigation)}; give the navigation file of that day with these systems"
+            f"{navigation.source}: no orbits for these signals: it has those of {_systems(with_one)}, the signals "
+            f"belong to {_systems(without)}{_quote_remarks(navigation)}; give the navigation file of that day with "
+            "these systems"
         )
     unhealthy = {e.sat for e in navigation.ephemerides if not e.healthy} & set().union(*without.values())
     words = [
@@ -113,7 +115,7 @@ def _systems(letters: Sequence[str] | set[str] | dict[str, set[str]]) -> str:
     return ", ".join(SYSTEM_NAMES.get(letter, letter) for letter in sorted(letters)) or "no system at that time"
 
 
-def _left_out(navigation: NavigationData) -> str:
-    """What the file's reader left out, for that may be why."""
+def _quote_remarks(navigation: NavigationData) -> str:
+    """Quote what the file's reader left out, which may be the reason."""
     remarks = navigation.remarks[:_MOST_REMARKS]
     return f" ({'; '.join(remarks)})" if remarks else ""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
 
-from skyproof.app.protect.bearings import Bearing, bearings_of
+from skyproof.app.protect.bearings import Bearing, find_bearings
 from skyproof.app.protect.positions import KINDS, Positions, Track
 from skyproof.app.receive.reception import Reception
 from skyproof.detectors.prediction.choice import Compared
@@ -65,17 +65,17 @@ class ReceiverOutcome(ShortRepr):
 
     @property
     def shown(self) -> dict[str, Track]:
-        """By the name of what shows it, whether a source of false signals or one of two open skies."""
+        """Return the tracks that sources of false signals or open skies show, by their names."""
         return {name: track for name, track in self.tracks.items() if name not in KINDS}
 
     @property
     def usable(self) -> Track | None:
-        """The fixes of the first kind that a user may use; None if there are none."""
+        """Return the track of the first kind that a user may use; None if there is none."""
         return next((self.tracks[kind] for kind in USABLE if kind in self.tracks), None)
 
     @cached_property
     def trusted(self) -> Fix | None:
-        """All fixes from authentic signals; None if there is none."""
+        """Return all fixes from authentic signals; None if there is none."""
         return None if self.positions is None else self.positions.whole("trusted")
 
 
@@ -95,6 +95,8 @@ class Outcome(ShortRepr):
 
     @cached_property
     def bearings(self) -> Mapping[str, Bearing]:
-        """Of the sources that are seen from trusted places, by their names."""
+        """Return the bearings of sources that are seen from trusted places, by their names."""
         trusted = {r.reception.source.name: r.tracks["trusted"] for r in self.receivers if "trusted" in r.tracks}
-        return {one.source.name: one for one in bearings_of(self.decision.sources, self.evidence, trusted)}
+        return {
+            bearing.source.name: bearing for bearing in find_bearings(self.decision.sources, self.evidence, trusted)
+        }

@@ -14,13 +14,13 @@ import tomli_w
 from skyproof.app.common.folder import require_free
 from skyproof.app.common.memory import give_back
 from skyproof.app.common.progress import Progress
-from skyproof.app.common.rinex import date_of, one_a_transmission, write_channels
+from skyproof.app.common.rinex import first_epoch_utc, group_by_transmission, write_channels
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.coasting import usable_fixes
-from skyproof.app.protect.document import versions
+from skyproof.app.protect.document import list_versions
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
-from skyproof.app.protect.own_words import own_words_of, with_a_place
-from skyproof.app.protect.pictures import kinds_of, pictures_of
+from skyproof.app.protect.own_words import select_receiver_words, select_rows_with_place
+from skyproof.app.protect.pictures import build_pictures, list_kinds
 from skyproof.app.protect.positions import KINDS, SatelliteKind, Track
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.errors import InputError
@@ -56,7 +56,7 @@ from skyproof.records import (
 from skyproof.report.page import report_html
 from skyproof.verdict import USABLE, Verdict
 
-__all__ = ["evidence_line", "require_outputs_free", "write_outputs"]
+__all__ = ["require_outputs_free", "write_evidence_line", "write_outputs"]
 
 VERDICT, REPORT, SETTINGS, NAVIGATION, TRACKS = "verdict.json", "report.html", "settings.toml", "nav.rnx", "tracks.kml"
 TABLES = ("fixes.csv", "fixes.parquet", "evidence.parquet", "signals.parquet")
@@ -71,17 +71,18 @@ def require_outputs_free(folder: Path, receivers: Iterable[str] = (), *, overwri
 
     receivers : their names, once they are known.
     """
-    output = _output("|".join(map(re.escape, receivers)))
+    output = _compile_names("|".join(map(re.escape, receivers)))
     names = {path.name for path in folder.iterdir() if output.fullmatch(path.name)}
     if (folder / UNFINISHED_RUN).exists() and not is_unfinished(folder):
         names.add(UNFINISHED_RUN)
-    words, earlier = _earlier(folder)
+    words, earlier = _read_earlier(folder)
     require_free(folder, names, earlier, f"the results of an earlier run ({words})", overwrite=overwrite)
 
 
-def _earlier(folder: Path) -> tuple[str, list[str]]:
-    """The word of an earlier run here, and the names of its files, by its verdict or by that of one that was killed
-    while its files appeared: the results of two runs never mix.
+def _read_earlier(folder: Path) -> tuple[str, list[str]]:
+    """Read the word of an earlier run in the folder, and the names of its files.
+
+    Also of one that was killed while its files appeared: the results of two runs never mix.
     """
     unfinished, word, receivers = folder / UNFINISHED, "", []
     for path in (unfinished / replaced(VERDICT), unfinished / VERDICT, folder / VERDICT):
@@ -89,13 +90,13 @@ def _earlier(folder: Path) -> tuple[str, list[str]]:
             document = read_json(path, "the verdict", "name another folder")
             if isinstance(document, dict) and str(document.get("format")).startswith("skyproof-verdict/"):
                 word = str(document.get("verdict"))
-                receivers += [re.escape(str(one.get("name"))) for one in document.get("receivers", [])]
-    own = _output("|".join(receivers))
-    return word, [path.name for path in folder.iterdir() if word and own.fullmatch(path.name)]
+                receivers += [re.escape(str(receiver.get("name"))) for receiver in document.get("receivers", [])]
+    outputs = _compile_names("|".join(receivers))
+    return word, [path.name for path in folder.iterdir() if word and outputs.fullmatch(path.name)]
 
 
-def _output(receivers: str) -> re.Pattern[str]:
-    """What a run writes: files of such names. receivers : their names, as a pattern."""
+def _compile_names(receivers: str) -> re.Pattern[str]:
+    """Compile the pattern of the names of a run's files. receivers : their names, as a pattern."""
     whole = "|".join(re.escape(name) for name in (VERDICT, REPORT, SETTINGS, *TABLES, NAVIGATION, TRACKS, CHECKSUMS))
     return re.compile(
         rf"{whole}|({receivers})-((authentic|other|unknown)(-\d+)?\.obs|(trusted|consistent)\.nmea)", re.DOTALL
@@ -114,39 +115,39 @@ def write_outputs(
         OutputStep((REPORT,), lambda part: _write_report(part, verdict, outcome)),
         OutputStep((SETTINGS,), lambda part: write_lines(part / SETTINGS, _settings_lines(settings), encoding="utf-8")),
         *_track_steps(outcome),
-        *_rinex_steps(outcome),
-        *_table_steps(outcome),
+        *_list_rinex_steps(outcome),
+        *_list_table_steps(outcome),
     ]
     names = [name for step in steps for name in step.names]
     sums = OutputStep((CHECKSUMS,), lambda part: write_checksums(part / CHECKSUMS, folder, names), after_all=True)
     with progress.stage("writing outputs", len(steps) + 1) as stage:
 
-        def done(count: int) -> None:
+        def report_done(count: int) -> None:
             give_back()
             stage.advance(count)
 
-        return write_in_turn(folder, [*steps, sums], ahead=2, instead_of=_earlier(folder)[1], done=done)
+        return write_in_turn(folder, [*steps, sums], ahead=2, instead_of=_read_earlier(folder)[1], done=report_done)
 
 
 def _write_report(folder: Path, verdict: Verdict, outcome: Outcome) -> None:
-    write_lines(folder / REPORT, [report_html(verdict, pictures_of(outcome))], encoding="utf-8")
+    write_lines(folder / REPORT, [report_html(verdict, build_pictures(outcome))], encoding="utf-8")
 
 
 def _settings_lines(settings: Settings) -> list[str]:
     values = settings.model_dump()
-    given = {name: value for name, value in values.items() if value is not None}
+    stated = {name: value for name, value in values.items() if value is not None}
     return [
-        f"# the settings of this run; skyproof {versions()['skyproof']}",
-        *tomli_w.dumps({"protect": given}).rstrip("\n").split("\n"),
-        *(f"# not given: {name}" for name in values if name not in given),
+        f"# the settings of this run; skyproof {list_versions()['skyproof']}",
+        *tomli_w.dumps({"protect": stated}).rstrip("\n").split("\n"),
+        *(f"# not given: {name}" for name in values if name not in stated),
     ]
 
 
 # ---------------------------------------------------------------------- tables
 
 
-def _table_steps(outcome: Outcome) -> list[OutputStep]:
-    """The tables, the largest last."""
+def _list_table_steps(outcome: Outcome) -> list[OutputStep]:
+    """List the steps that write the tables, the largest last."""
     writers = (_write_fixes, _write_evidence, _write_signals)
     names = (TABLES[:2], TABLES[2:3], TABLES[3:])
     return [OutputStep(each, partial(write, outcome)) for each, write in zip(names, writers, strict=True)]
@@ -156,13 +157,13 @@ def _write_fixes(outcome: Outcome, folder: Path) -> None:
     with growing_tables([folder / name for name in TABLES[:2]]) as take:
         take(fixes_columns([]))
         for r in outcome.receivers:
-            for kind, fix in _fixes(r):
+            for kind, fix in _walk_fixes(r):
                 take(fixes_columns([(kind, fix)]))
-            own = own_words_of(r.reception).fixes
-            rows = with_a_place(own)
+            receiver_fixes = select_receiver_words(r.reception).fixes
+            rows = select_rows_with_place(receiver_fixes)
             for first in range(0, rows.size, _TABLE_CELLS):
-                assert own is not None
-                take(own_fixes_columns(r.reception.source.name, own, rows[first : first + _TABLE_CELLS]))
+                assert receiver_fixes is not None
+                take(own_fixes_columns(r.reception.source.name, receiver_fixes, rows[first : first + _TABLE_CELLS]))
 
 
 def _write_evidence(outcome: Outcome, folder: Path) -> None:
@@ -176,33 +177,35 @@ def _write_signals(outcome: Outcome, folder: Path) -> None:
     logs = [r.reception.observations for r in outcome.receivers if r.reception.observations is not None]
     with growing_tables((folder / "signals.parquet",)) as take:
         for log in logs:
-            for first, part in _parts(log, max(_TABLE_CELLS // max(len(log.signals), 1), 1)):
-                take(_signal_columns(part, _label_cells(part, first, outcome.decision.labels)))
+            for first, part in _walk_log(log, max(_TABLE_CELLS // max(len(log.signals), 1), 1)):
+                take(_build_signal_columns(part, _label_cells(part, first, outcome.decision.labels)))
         if not logs:
             take({})
 
 
-def _fixes(r: ReceiverOutcome) -> Iterator[tuple[str, Fix]]:
-    """All fixes that are given out, each with its kind: those that may be used in order of time, then the others."""
+def _walk_fixes(r: ReceiverOutcome) -> Iterator[tuple[str, Fix]]:
+    """Yield all published fixes with their kinds: usable ones in order of time, then the others."""
     if r.positions is not None and r.usable is not None:
         yield from usable_fixes(r.positions)
-    for kind in kinds_of(r):
+    for kind in list_kinds(r):
         if kind not in USABLE:
-            yield from ((kind, fix) for _, fix in _stretches(r, kind))
+            yield from ((kind, fix) for _, fix in _walk_stretches(r, kind))
 
 
-def _stretches(r: ReceiverOutcome, kind: str) -> Iterator[tuple[int, Fix]]:
+def _walk_stretches(r: ReceiverOutcome, kind: str) -> Iterator[tuple[int, Fix]]:
     return iter(()) if r.positions is None else r.positions.stretches(kind)
 
 
-def _parts(log: ObservationLog, epochs: int) -> Iterator[tuple[int, Observations]]:
-    """A log in stretches of so many epochs, each with its first one."""
+def _walk_log(log: ObservationLog, epochs: int) -> Iterator[tuple[int, Observations]]:
+    """Yield a log in stretches of so many epochs, each with its first one."""
     for first in range(0, log.gpst.size, epochs):
         yield first, log.read(first, min(first + epochs, log.gpst.size))
 
 
-def _signal_columns(o: Observations, labels: Any) -> dict[str, Any]:
-    """One row per epoch and signal: the measurement, why it is missing, and its label, (n_epochs, n_signals).
+def _build_signal_columns(o: Observations, labels: Any) -> dict[str, Any]:
+    """Build one row per epoch and signal: the measurement, why it is missing, and its label.
+
+    labels : (n_epochs, n_signals).
 
     `receiver_clock` is what the receiver's clock shows, which pseudoranges count from; a fix of the same epoch has that
     less its clock bias.
@@ -254,15 +257,15 @@ def _evidence_columns(evidence: Sequence[Finding]) -> dict[str, Any]:
         "false_alarm_probability": numbers("alpha"),
         "log_likelihood_ratio": numbers("log_likelihood_ratio"),
         "code": words("code"),
-        "because": np.array([one.sentence for one in explained], dtype=str),
+        "because": np.array([explanation.sentence for explanation in explained], dtype=str),
         "may_also_be": np.array([", ".join(e.may_also_be) for e in evidence], dtype=str),
         "dated_gpst": instants("dated_gpst"),
-        "would_need": np.array([one.remedy or "" for one in explained], dtype=str),
+        "would_need": np.array([explanation.remedy or "" for explanation in explained], dtype=str),
     }
 
 
-def evidence_line(e: Finding) -> str:
-    """A piece of evidence as JSON, with the columns of evidence.parquet; null for what is absent."""
+def write_evidence_line(e: Finding) -> str:
+    """Write a piece of evidence as JSON with the columns of evidence.parquet; null for what is absent."""
     columns = {name: values[0].item() for name, values in _evidence_columns([e]).items()}
     instants = {"start_gpst": e.start_gpst, "end_gpst": e.end_gpst, "dated_gpst": e.dated_gpst}
     columns |= {name: None if t is None or np.isnat(t) else iso(t, 3) for name, t in instants.items()}
@@ -273,9 +276,10 @@ def evidence_line(e: Finding) -> str:
 # ---------------------------------------------------------------------- RINEX, KML, NMEA
 
 
-def _rinex_steps(outcome: Outcome) -> list[OutputStep]:
-    """The orbits, and of each receiver the signals of each label; of a transmission with several of them each in a file
-    of its own.
+def _list_rinex_steps(outcome: Outcome) -> list[OutputStep]:
+    """List the steps that write the orbits, and each receiver's signals of each label.
+
+    Several signals of one transmission go into a file each.
     """
     steps = []
     if outcome.navigation.ephemerides:
@@ -285,7 +289,7 @@ def _rinex_steps(outcome: Outcome) -> list[OutputStep]:
         if o is None or (isinstance(source, ObservedFile) and not source.ranged):
             continue
         for label, name in _LABEL_NAMES:
-            groups = one_a_transmission(o, carries(o, outcome.decision.labels, label))
+            groups = group_by_transmission(o, carries(o, outcome.decision.labels, label))
             for number, signals in enumerate(groups if label != "authentic" else groups[:1], 1):
                 file = f"{o.receiver}-{name}.obs" if number == 1 else f"{o.receiver}-{name}-{number}.obs"
                 steps.append(OutputStep((file,), partial(_write_signals_of, outcome, r, label, signals, file)))
@@ -293,7 +297,7 @@ def _rinex_steps(outcome: Outcome) -> list[OutputStep]:
 
 
 def _write_orbits(outcome: Outcome, folder: Path) -> None:
-    created = date_of(r.reception.observations for r in outcome.receivers)
+    created = first_epoch_utc(r.reception.observations for r in outcome.receivers)
     write_nav(folder / NAVIGATION, outcome.navigation, created=created)
 
 
@@ -321,33 +325,38 @@ def _write_tracks(outcome: Outcome, folder: Path) -> None:
     tracks = {
         f"{r.reception.source.name} {kind if kind in KINDS else f'{kind} possible'}": _points(r.tracks[kind])
         for r in outcome.receivers
-        for kind in kinds_of(r)
+        for kind in list_kinds(r)
     }
-    write_kml(folder / TRACKS, tracks | _own_tracks(outcome), _shapes(outcome))
+    write_kml(folder / TRACKS, tracks | _collect_receiver_tracks(outcome), _draw_shapes(outcome))
 
 
-def _own_tracks(outcome: Outcome) -> dict[str, Any]:
+def _collect_receiver_tracks(outcome: Outcome) -> dict[str, Any]:
     """Return what receivers computed themselves."""
     tracks = {}
     for r in outcome.receivers:
-        own = own_words_of(r.reception).fixes
-        rows = with_a_place(own)
-        if own is not None and rows.size:
-            lat, lon, height_m = geodetic_from_ecef(own.position_ecef_m[rows])
-            tracks[f"{r.reception.source.name} receiver"] = own.gpst[rows], np.degrees(lat), np.degrees(lon), height_m
+        receiver_fixes = select_receiver_words(r.reception).fixes
+        rows = select_rows_with_place(receiver_fixes)
+        if receiver_fixes is not None and rows.size:
+            lat, lon, height_m = geodetic_from_ecef(receiver_fixes.position_ecef_m[rows])
+            tracks[f"{r.reception.source.name} receiver"] = (
+                receiver_fixes.gpst[rows],
+                np.degrees(lat),
+                np.degrees(lon),
+                height_m,
+            )
     return tracks
 
 
 def _write_sentences(outcome: Outcome, r: ReceiverOutcome, kind: str, name: str, folder: Path) -> None:
-    fixes = (fix for _, fix in _stretches(r, kind))
+    fixes = (fix for _, fix in _walk_stretches(r, kind))
     write_nmea(folder / name, (line for fix in fixes for line in _sentences(fix, outcome.navigation)))
 
 
-def _shapes(outcome: Outcome) -> dict[str, Any]:
-    """Of each source the last ray to it from each receiver, two sigmas to either side, and where it stands."""
+def _draw_shapes(outcome: Outcome) -> dict[str, Any]:
+    """Draw each source's last rays, two sigmas to either side, and where it stands."""
     shapes = {}
     for name, bearing in outcome.bearings.items():
-        for words, line, wedge in bearing.drawn():
+        for words, line, wedge in bearing.draw():
             shapes[words] = _on_ground(line)
             shapes[f"{words}, two sigmas"] = _on_ground(wedge)
         if (ring := bearing.ring()) is not None and bearing.meets is not None:

@@ -17,23 +17,23 @@ from skyproof.logs.content import ReceiverStates
 from skyproof.records import ReceiverFixes
 from skyproof.verdict import OwnFix, OwnState
 
-__all__ = ["own_fix_of", "own_states_of", "own_words_of", "with_a_place"]
+__all__ = ["compare_receiver_fix", "list_receiver_states", "select_receiver_words", "select_rows_with_place"]
 
 _MOST_STATES: Final = 20
 """Spells of a subject that are listed: those that alarm first."""
 
 
-def own_words_of(reception: Reception) -> OwnWords:
+def select_receiver_words(reception: Reception) -> OwnWords:
     """Return what the receiver says of itself; nothing of a recording."""
     return reception.source.own if isinstance(reception.source, ObservedFile) else OwnWords()
 
 
-def with_a_place(fixes: ReceiverFixes | None) -> Integers:
+def select_rows_with_place(fixes: ReceiverFixes | None) -> Integers:
     """Return the rows of fixes that have a place."""
     return np.empty(0, np.intp) if fixes is None else np.flatnonzero(np.isfinite(fixes.position_ecef_m).all(axis=1))
 
 
-def own_states_of(states: ReceiverStates | None) -> tuple[OwnState, ...]:
+def list_receiver_states(states: ReceiverStates | None) -> tuple[OwnState, ...]:
     """Return spells of one word of each subject, in order of time; of several front ends the one that alarms."""
     if states is None:
         return ()
@@ -59,9 +59,9 @@ def _spells(states: ReceiverStates, subject: str) -> Iterator[OwnState]:
         )
 
 
-def own_fix_of(fixes: ReceiverFixes | None, trusted: Track | None) -> OwnFix | None:
+def compare_receiver_fix(fixes: ReceiverFixes | None, trusted: Track | None) -> OwnFix | None:
     """Return the receiver's last fix, and how far its fixes lie from the trusted ones of the same epochs."""
-    rows = with_a_place(fixes)
+    rows = select_rows_with_place(fixes)
     if fixes is None or not rows.size:
         return None
     last = int(rows[-1])

@@ -13,11 +13,11 @@ from typing import Any, Final, cast
 import numpy as np
 
 from skyproof.app.common.windows import cut
-from skyproof.app.protect.methods import of_detectors
+from skyproof.app.protect.methods import count_by_detector
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
-from skyproof.app.protect.own_words import own_words_of, with_a_place
+from skyproof.app.protect.own_words import select_receiver_words, select_rows_with_place
 from skyproof.app.protect.positions import KINDS, place_of
-from skyproof.app.protect.takeover_pictures import compared_skies, correlations, origins
+from skyproof.app.protect.takeover_pictures import compare_skies, decompose_correlations, list_origins
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Reals
 from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, align_ranges
@@ -50,7 +50,7 @@ from skyproof.report.pictures import (
 from skyproof.report.scene import STANDS_M
 from skyproof.verdict import USABLE, Label
 
-__all__ = ["kinds_of", "pictures_of"]
+__all__ = ["build_pictures", "list_kinds"]
 
 PROFILES: Final = 6
 """Satellites whose correlation is drawn: more would show the same again."""
@@ -61,23 +61,22 @@ COMPARED_WINDOWS: Final = 256  # from which the one to be drawn is chosen
 PERIOD_NS: Final = 1_000_000
 
 
-def kinds_of(r: ReceiverOutcome) -> list[str]:
-    """The kinds of a receiver's fixes that are given out: what is trusted, what is not; each consistent sky where it
-    is open which of several is true."""
+def list_kinds(r: ReceiverOutcome) -> list[str]:
+    """List the kinds of a receiver's published fixes: the trusted, the false, and each open sky."""
     possible = list(r.shown) if "false" not in r.tracks and len(r.shown) > 1 else []
     return [*(kind for kind in KINDS if kind in r.tracks), *possible]
 
 
-def pictures_of(outcome: Outcome) -> Pictures:
-    """Everything that the report draws beside the verdict."""
-    findings = tuple(_findings(outcome))
+def build_pictures(outcome: Outcome) -> Pictures:
+    """Build everything that the report draws beside the verdict."""
+    findings = tuple(_describe_findings(outcome))
     observed = [r for r in outcome.receivers if r.reception.observations is not None]
     if not observed:
         return Pictures(zero_gpst="1980-01-06T00:00:00", findings=findings)
     zero = min(r.reception.observations.gpst[0] for r in observed if r.reception.observations is not None)
     decision = outcome.decision
     onset = decision.onset if decision.onset is not None and decision.onset.sigma_s is not None else None
-    origin = _origin(outcome)
+    origin = _find_origin(outcome)
     return Pictures(
         zero_gpst=iso(zero, 3),
         origin=None if origin is None else place_of(origin),
@@ -86,13 +85,13 @@ def pictures_of(outcome: Outcome) -> Pictures:
         until_s=None if decision.until is None else float(seconds_between(decision.until, zero)),
         series=tuple(s for r in observed for s in _series(r.reception.observations, outcome, zero)),
         tracks=() if origin is None else tuple(t for r in observed for t in _tracks(r, origin)),
-        truth=() if origin is None else tuple(_truth(observed, origin)),
+        truth=() if origin is None else tuple(_read_truth(observed, origin)),
         sky=tuple(p for r in observed for p in _sky(r, outcome)),
-        profiles=tuple(_profiles(observed, outcome, zero)),
-        differences=tuple(_differences(observed, outcome)),
-        correlations=tuple(correlations(outcome, zero)),
-        compared=tuple(compared_skies(outcome, zero)),
-        origins=tuple(origins(outcome, zero)),
+        profiles=tuple(_correlate_profiles(observed, outcome, zero)),
+        differences=tuple(_compare_ranges(observed, outcome)),
+        correlations=tuple(decompose_correlations(outcome, zero)),
+        compared=tuple(compare_skies(outcome, zero)),
+        origins=tuple(list_origins(outcome, zero)),
         findings=findings,
     )
 
@@ -100,8 +99,8 @@ def pictures_of(outcome: Outcome) -> Pictures:
 # ---------------------------------------------------------------------- positions
 
 
-def _origin(outcome: Outcome) -> Any:
-    """The first place that may be used; without one, the first of any kind."""
+def _find_origin(outcome: Outcome) -> Any:
+    """Find the first place that may be used; without one, the first of any kind."""
     for kind in (*USABLE, "unprotected", "false"):
         for r in outcome.receivers:
             if kind in r.tracks:
@@ -118,7 +117,7 @@ def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
     rot = _enu(origin)
     name = r.reception.source.name
     tracks = []
-    for kind in kinds_of(r):
+    for kind in list_kinds(r):
         track = r.tracks[kind]
         enu = (track.position_ecef_m - origin) @ rot.T
         tracks.append(
@@ -130,15 +129,15 @@ def _tracks(r: ReceiverOutcome, origin: Any) -> list[FixTrack]:
                 covariance_m2=(rot @ track.last.covariance_m2[0, :3, :3] @ rot.T)[:2, :2],
             )
         )
-    own = own_words_of(r.reception).fixes
-    if (rows := with_a_place(own)).size and own is not None:
-        enu = (own.position_ecef_m[rows] - origin) @ rot.T
+    receiver_fixes = select_receiver_words(r.reception).fixes
+    if (rows := select_rows_with_place(receiver_fixes)).size and receiver_fixes is not None:
+        enu = (receiver_fixes.position_ecef_m[rows] - origin) @ rot.T
         tracks.append(FixTrack(receiver=name, kind="receiver", east_m=enu[:, 0], north_m=enu[:, 1]))
     return tracks
 
 
-def _truth(observed: Sequence[ReceiverOutcome], origin: Any) -> Iterator[TruePlace]:
-    """Where receivers truly were at their last fix, if files beside the recording state it, as of simulated ones."""
+def _read_truth(observed: Sequence[ReceiverOutcome], origin: Any) -> Iterator[TruePlace]:
+    """Yield the true places of receivers at their last fix, where files beside the recording state them."""
     rot = _enu(origin)
     for r in observed:
         source = r.reception.source
@@ -146,28 +145,31 @@ def _truth(observed: Sequence[ReceiverOutcome], origin: Any) -> Iterator[TruePla
         if not source.path or at_gpst is None:
             continue
         folder = Path(source.path).parent
-        place = _stated_place(folder / "truth.json", source.name)
+        place = _read_place(folder / "truth.json", source.name)
         if place is None:
-            place = _stated_on_the_way(folder / f"{source.name}-truth.csv", at_gpst)
+            place = _interpolate_place(folder / f"{source.name}-truth.csv", at_gpst)
         if place is not None:
             east_m, north_m, _ = rot @ (place - origin)
             yield TruePlace(receiver=source.name, east_m=float(east_m), north_m=float(north_m))
 
 
-def _stated_place(path: Path, name: str) -> Reals | None:
-    """(3,) ECEF, of a receiver that stands. What a file of this name holds and is not understood is ignored."""
+def _read_place(path: Path, name: str) -> Reals | None:
+    """Read the place (3,) ECEF of a receiver that stands.
+
+    Content that is not understood is ignored.
+    """
     try:
         stated = read_json(path, "the truth", "give that of the simulator")
-        own = next(one for one in stated["receivers"] if one["name"] == name)
-        places = [_ecef_m(own[key]) for key in ("position", "position_at_end") if key in own]
+        stated_receiver = next(row for row in stated["receivers"] if row["name"] == name)
+        places = [_ecef_m(stated_receiver[key]) for key in ("position", "position_at_end") if key in stated_receiver]
     except (InputError, ValueError, TypeError, LookupError, StopIteration):
         return None
     stands = all(np.linalg.norm(place - places[0]) < STANDS_M for place in places)
     return places[0] if places and stands else None
 
 
-def _stated_on_the_way(path: Path, at_gpst: np.datetime64) -> Reals | None:
-    """(3,) ECEF, from a table over time; None if the instant is not within it."""
+def _interpolate_place(path: Path, at_gpst: np.datetime64) -> Reals | None:
+    """Interpolate the place (3,) ECEF in a table over time; None if the instant is not within it."""
     try:
         lines = content_of(path, TRACK_BYTES, "the truth", "give that of the simulator").decode("utf-8").splitlines()
         rows = [(row["gpst"], row["x_m"], row["y_m"], row["z_m"]) for row in csv.DictReader(lines)]
@@ -251,22 +253,25 @@ class _Peak:
     doppler_hz: float
 
 
-def _profiles(observed: Sequence[ReceiverOutcome], outcome: Outcome, zero: np.datetime64) -> list[DelayProfile]:
-    """Correlation over delay of attacked satellites, in the first receiver that has satellites with several signals;
-    if none has, with signals that are not known to be true.
+def _correlate_profiles(
+    observed: Sequence[ReceiverOutcome], outcome: Outcome, zero: np.datetime64
+) -> list[DelayProfile]:
+    """Correlate attacked satellites over delay, in the first receiver with several signals of one.
+
+    If none has, in the first with signals that are not known to be true.
     """
     for several in (True, False):
         for r in observed:
             o, samples = r.reception.observations, r.reception.measured_samples
             if o is None or samples is None or not (labels := _labels_of(o, outcome)):
                 continue
-            if (epoch := _telling_epoch(o, labels, several)) is not None:
-                return _profiles_at(samples, o, labels, epoch, several, float(seconds_between(o.gpst[epoch], zero)))
+            if (epoch := _find_telling_epoch(o, labels, several)) is not None:
+                return _correlate_at(samples, o, labels, epoch, several, float(seconds_between(o.gpst[epoch], zero)))
     return []
 
 
-def _telling_epoch(o: ObservationLog, labels: Sequence[LabelledSignal], several: bool) -> int | None:
-    """The last epoch of those at which most satellites have several signals (or one that is not true)."""
+def _find_telling_epoch(o: ObservationLog, labels: Sequence[LabelledSignal], several: bool) -> int | None:
+    """Find the last epoch at which most satellites have several signals (or one that is not true)."""
     measured = o.measured
     signals: dict[tuple[str, str, str], Any] = {}
     false: dict[tuple[str, str, str], Any] = {}
@@ -287,18 +292,18 @@ def _telling_epoch(o: ObservationLog, labels: Sequence[LabelledSignal], several:
     return int(np.flatnonzero(attacked == attacked.max())[-1])
 
 
-def _profiles_at(
+def _correlate_at(
     samples: Samples, o: ObservationLog, labels: Sequence[LabelledSignal], epoch: int, several: bool, at_s: float
 ) -> list[DelayProfile]:
     length_s = min(0.05, float(o.elapsed_s[epoch]))
     start_s = float(o.elapsed_s[epoch]) - length_s
-    here = o.read(epoch, epoch + 1)
+    epoch_log = o.read(epoch, epoch + 1)
     groups: dict[str, list[_Peak]] = {}
     for s in labels:
-        if s.first_epoch <= epoch <= s.last_epoch and (peak := _peak(here, s, length_s)) is not None:
+        if s.first_epoch <= epoch <= s.last_epoch and (peak := _build_peak(epoch_log, s, length_s)) is not None:
             groups.setdefault(peak.sat, []).append(peak)
     chosen = [
-        sorted(group, key=_first_true)
+        sorted(group, key=_reference_order)
         for group in groups.values()
         if (len(group) >= 2 if several else group[0].label != "authentic")
     ]
@@ -332,8 +337,8 @@ def _profiles_at(
     ]
 
 
-def _peak(o: Observations, s: LabelledSignal, length_s: float) -> _Peak | None:
-    """Of a signal at the one epoch of `o`."""
+def _build_peak(o: Observations, s: LabelledSignal, length_s: float) -> _Peak | None:
+    """Build the peak of a signal at the one epoch of `o`."""
     column = o.signals.index(s.ref.signal)
     range_m, doppler_hz = float(o.pseudorange_m[0, column]), float(o.doppler_hz[0, column])
     if not np.isfinite(range_m + doppler_hz):
@@ -346,8 +351,8 @@ def _peak(o: Observations, s: LabelledSignal, length_s: float) -> _Peak | None:
     return _Peak(s.ref.signal.sat, s.label, float(o.cn0_dbhz[0, column]), range_m, delay_s, doppler_hz)
 
 
-def _first_true(peak: _Peak) -> tuple[bool, float]:
-    """Delays count from the authentic signal; without one from the first that arrives."""
+def _reference_order(peak: _Peak) -> tuple[bool, float]:
+    """Return the key that sorts peaks by reference: the authentic signal, else the first that arrives."""
     return peak.label != "authentic", peak.pseudorange_m
 
 
@@ -358,29 +363,30 @@ def _chips(peak: _Peak, reference: _Peak) -> float:
 # ---------------------------------------------------------------------- range differences
 
 
-def _differences(observed: Sequence[ReceiverOutcome], outcome: Outcome) -> Iterator[RangeDifference]:
-    """Per pair of receivers, how much longer each satellite's way is to the one than to the other, less the mean of
-    the satellites of the same label: from the window in which most of them can be compared, the last of those.
+def _compare_ranges(observed: Sequence[ReceiverOutcome], outcome: Outcome) -> Iterator[RangeDifference]:
+    """Yield per pair of receivers how much longer each satellite's range is to the one than to the other.
+
+    Less the mean of the satellites of the same label, from the last window in which most of them can be compared.
     """
     observations = [r.reception.observations for r in observed if r.reception.observations is not None]
     windows = sorted({(e.start_gpst, e.end_gpst) for e in outcome.evidence}, reverse=True)
     windows = windows[:: max(-(-len(windows) // COMPARED_WINDOWS), 1)]
     for pair in list(combinations(observations, 2))[:PAIRS]:
-        per_window = [_differences_in(pair, window, outcome) for window in windows]
+        per_window = [_compare_ranges_in(pair, window, outcome) for window in windows]
         yield from max(per_window, key=lambda found: (len({d.group for d in found}), len(found)), default=[])
 
 
-def _differences_in(
+def _compare_ranges_in(
     pair: tuple[ObservationLog, ObservationLog], window: tuple[np.datetime64, np.datetime64], outcome: Outcome
 ) -> list[RangeDifference]:
     cuts = [cut(o, *window) for o in pair]
     if any(o.gpst.size < 2 for o in cuts):
         return []
     records = Records(start_gpst=window[0], end_gpst=window[1], observations=tuple(cuts))
-    by_label = [_sets_by_label(o, window, outcome) for o in pair]
+    by_label = [_group_sets(o, window, outcome) for o in pair]
     found: list[RangeDifference] = []
     for label in (name for name in by_label[0] if name in by_label[1]):
-        for ranges in _alike(records, by_label[0][label], by_label[1][label]):
+        for ranges in _pair_sets(records, by_label[0][label], by_label[1][label]):
             group = len({d.group for d in found})
             found += [
                 RangeDifference(
@@ -395,8 +401,10 @@ def _differences_in(
     return found
 
 
-def _alike(records: Records, first: Sequence[ConsistentSet], second: Sequence[ConsistentSet]) -> Iterator[CommonRanges]:
-    """Ranges of pairs of sets, one from each receiver and each in one pair, those that differ least first.
+def _pair_sets(
+    records: Records, first: Sequence[ConsistentSet], second: Sequence[ConsistentSet]
+) -> Iterator[CommonRanges]:
+    """Pair sets of two receivers, one of each, by the least difference of their ranges.
 
     Where labels leave it open, that is how sets of one sky find each other.
     """
@@ -410,28 +418,28 @@ def _alike(records: Records, first: Sequence[ConsistentSet], second: Sequence[Co
             yield ranges
 
 
-def _sets_by_label(
+def _group_sets(
     o: ObservationLog, window: tuple[np.datetime64, np.datetime64], outcome: Outcome
 ) -> dict[Label, list[ConsistentSet]]:
-    """The consistent sets of the window by the label that most of their signals carry."""
+    """Group the window's consistent sets by the label that most of their signals carry."""
     middle = window[0] + (window[1] - window[0]) / 2
     row = int(np.clip(np.searchsorted(o.gpst, middle), 0, o.gpst.size - 1))
     labels = {s.ref.signal: s.label for s in _labels_of(o, outcome) if s.first_epoch <= row <= s.last_epoch}
     chosen: dict[Label, list[ConsistentSet]] = {}
-    first, stop = (bisect_left(outcome.sets, edge, key=lambda one: one.gpst) for edge in window)
-    for one in outcome.sets[first:stop]:
-        if one.receiver == o.receiver:
-            carried = [labels.get(signal, "unknown") for signal in one.signals]
-            chosen.setdefault(max(sorted(set(carried)), key=carried.count), []).append(one)
+    first, stop = (bisect_left(outcome.sets, edge, key=lambda s: s.gpst) for edge in window)
+    for candidate in outcome.sets[first:stop]:
+        if candidate.receiver == o.receiver:
+            carried = [labels.get(signal, "unknown") for signal in candidate.signals]
+            chosen.setdefault(max(sorted(set(carried)), key=carried.count), []).append(candidate)
     return chosen
 
 
 # ---------------------------------------------------------------------- evidence in words
 
 
-def _findings(outcome: Outcome) -> Iterator[MethodWords]:
-    for one in of_detectors(outcome.evidence):
-        found = one.most_telling
+def _describe_findings(outcome: Outcome) -> Iterator[MethodWords]:
+    for evidence in count_by_detector(outcome.evidence):
+        found = evidence.most_telling
         if found is not None:
             yield MethodWords(
                 detector=found.detector,

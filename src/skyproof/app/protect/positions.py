@@ -31,20 +31,20 @@ __all__ = [
     "SatelliteKind",
     "Track",
     "place_of",
-    "positions_of",
+    "set_up_positions",
     "sigmas_enu_m",
 ]
 
 SatelliteKind = Literal["trusted", "consistent"]
 """Of fixes that may be used, those of satellites."""
 KINDS: Final = (*USABLE, "false", "unprotected")
-"""Of a receiver's fixes. Others are named as the sources of false signals, or as skies of which one may be true."""
+"""Of a receiver's fixes. Others are named as the sources of false signals, or as skies, one of them possibly true."""
 STRETCH_EPOCHS: Final = 1024
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Track:
-    """What of the fixes of one kind stays at hand; each of n_epochs, NaN where there is no fix.
+    """Times, places and clock biases of fixes of one kind; n_epochs each, NaN where there is no fix.
 
     last : the last fix alone, one epoch.
     """
@@ -56,7 +56,7 @@ class Track:
 
     @property
     def fixed(self) -> Booleans:
-        """(n_epochs,) where there is a fix."""
+        """Return where there is a fix, (n_epochs,)."""
         return np.isfinite(self.clock_bias_s)
 
 
@@ -82,7 +82,10 @@ class Positions:
         yield from (slice(first, min(first + STRETCH_EPOCHS, n)) for first in range(0, n, STRETCH_EPOCHS))
 
     def stretches(self, kind: str) -> Iterator[tuple[int, Fix]]:
-        """The fixes of a kind as stretches, each with the epoch that it begins at; those without any are left out.
+        """Yield the fixes of a kind in stretches, each with its first epoch; empty ones are left out.
+
+        They are smoothed after the choice of signals: what a channel followed before or after it was captured does not
+        leak. Epochs with a trusted fix have no consistent one.
 
         Smoothed after the choice of signals: what a channel followed before or after it was captured does not leak.
         Epochs with a trusted fix have no consistent one.
@@ -92,26 +95,26 @@ class Positions:
             return
         mask = self.masks[kind]()
         trusted = self.masks["trusted"]() if kind == "consistent" else None
-        since, last = (self._evidence_epochs(), _last_of_runs(mask)) if kind == "consistent" else (None, None)
+        since, last = (self._find_evidence_epochs(), _find_run_ends(mask)) if kind == "consistent" else (None, None)
         for rows in self.cut():
             first, stop = rows.start, rows.stop
             wanted: Booleans = np.asarray(mask[first:stop].any(axis=1))
             if trusted is not None and wanted.any():
                 wanted &= ~self._is_trusted(trusted, first, stop)
-            found = self._fix(kind, mask, first, stop) if wanted.any() else None
+            found = self._compute_fix(kind, mask, first, stop) if wanted.any() else None
             if found is None:
                 continue
             if since is not None and last is not None:
-                found = self._with_hidden(_only(found, wanted), since, last, first)
+                found = self._add_hidden(_keep_epochs(found, wanted), since, last, first)
             elif kind == "trusted":
-                self._trusted[first] = _good(found)
-                found = replace(found, hidden_m=np.where(_good(found), 0.0, np.nan))
+                self._trusted[first] = _is_valid(found)
+                found = replace(found, hidden_m=np.where(_is_valid(found), 0.0, np.nan))
             if len(mask) <= STRETCH_EPOCHS:  # a short run is not computed again
                 self._kept[kind] = first, found
             yield first, found
 
-    def _fix(self, kind: str, mask: Booleans, first: int, stop: int) -> Fix | None:
-        """The fixes of epochs `first` to before `stop`, from the cells of a mask of the whole run."""
+    def _compute_fix(self, kind: str, mask: Booleans, first: int, stop: int) -> Fix | None:
+        """Compute the fixes of epochs `first` to before `stop`, from the cells of a mask of the whole run."""
         elapsed_s, reach_s = self.log.elapsed_s, 0.5 * self.settings.smoothing_s * (1.0 + 1e-6)
         rim_s = [elapsed_s[first] - reach_s, elapsed_s[stop - 1] + reach_s]
         begin, end = (int(row) for row in np.searchsorted(elapsed_s, rim_s))
@@ -128,25 +131,30 @@ class Positions:
     def _is_trusted(self, mask: Booleans, first: int, stop: int) -> Booleans:
         """(stop - first,) at which epochs there is a trusted fix."""
         if first not in self._trusted:
-            found = self._fix("trusted", mask, first, stop) if mask[first:stop].any() else None
-            self._trusted[first] = np.zeros(stop - first, np.bool_) if found is None else _good(found)
+            found = self._compute_fix("trusted", mask, first, stop) if mask[first:stop].any() else None
+            self._trusted[first] = np.zeros(stop - first, np.bool_) if found is None else _is_valid(found)
         return self._trusted[first]
 
-    def _evidence_epochs(self) -> Indices:
-        """(n_epochs,) the last epoch until then with enough signals for a fix that are shown to be true, or the first
-        one."""
-        shown = self.masks["trusted"]().sum(axis=1) >= POLICY.fix_signals
-        return np.asarray(np.maximum.accumulate(np.where(shown, np.arange(shown.size), 0)))
+    def _find_evidence_epochs(self) -> Indices:
+        """Find for each epoch the last one until then with enough authentic signals for a fix.
 
-    def _with_hidden(self, fix: Fix, since: Indices, last: Indices, first: int) -> Fix:
-        """The fix with what an attack may have moved it by since these epochs, (n_epochs,), smoothed up to others."""
+        (n_epochs,); the first epoch where there is none.
+        """
+        enough = self.masks["trusted"]().sum(axis=1) >= POLICY.fix_signals
+        return np.asarray(np.maximum.accumulate(np.where(enough, np.arange(enough.size), 0)))
+
+    def _add_hidden(self, fix: Fix, since: Indices, last: Indices, first: int) -> Fix:
+        """Add to a fix the bound of what an attack may have moved it by since these epochs, (n_epochs,).
+
+        last : up to where each epoch is smoothed.
+        """
         if self.hidden is None:
             return fix
         gpst = self.log.gpst
         rows = slice(first, first + fix.gpst.size)
         latest = np.minimum(gpst[rows] + timedelta_from_s(0.5 * self.settings.smoothing_s), gpst[last[rows]])
-        hidden_m = self.hidden.between(gpst[since[rows]], gpst[rows], latest)
-        return replace(fix, hidden_m=np.where(_good(fix), hidden_m, np.nan))
+        hidden_m = self.hidden.bound_between(gpst[since[rows]], gpst[rows], latest)
+        return replace(fix, hidden_m=np.where(_is_valid(fix), hidden_m, np.nan))
 
     @cached_property
     def _kept(self) -> dict[str, tuple[int, Fix]]:
@@ -154,16 +162,16 @@ class Positions:
 
     @cached_property
     def _trusted(self) -> dict[int, Booleans]:
-        """Epochs with a trusted fix, by the first epoch of their stretch."""
+        """Return the epochs with a trusted fix, by the first epoch of their stretch."""
         return {}
 
     def track(self, kind: str) -> Track | None:
-        """What stays at hand of a kind; None if there is no fix of it."""
+        """Reduce the fixes of a kind to a track; None if there is none."""
         n = self.log.gpst.size
         gpst, bias_s, place_m = self.log.gpst.copy(), np.full(n, np.nan), np.full((n, 3), np.nan)
         last: Fix | None = None
         for first, fix in self.stretches(kind):
-            good = np.flatnonzero(_good(fix))
+            good = np.flatnonzero(_is_valid(fix))
             gpst[first + good], bias_s[first + good] = fix.gpst[good], fix.clock_bias_s[good]
             place_m[first + good] = fix.position_ecef_m[good]
             last = fix.select(good[-1:]) if good.size else last
@@ -172,7 +180,7 @@ class Positions:
         return Track(gpst=gpst, position_ecef_m=place_m, clock_bias_s=bias_s, last=last)
 
     def whole(self, kind: str) -> Fix | None:
-        """All fixes of a kind as one record, in the memory that it takes; None if no stretch has any."""
+        """Join all fixes of a kind into one record; None if no stretch has any."""
         parts = list(self.stretches(kind)) if kind in self.masks else []
         if not parts:
             return None
@@ -203,24 +211,24 @@ class Positions:
         return Fix(receiver=self.log.receiver, signals=signals, inter_system_s=offsets, **values)
 
 
-def _last_of_runs(mask: Booleans) -> Indices:
-    """(n_epochs,) the last epoch of the run of epochs with any cell, (n_epochs, n_channels), that each is in."""
+def _find_run_ends(mask: Booleans) -> Indices:
+    """Find the last epoch of each epoch's run of epochs with any cell."""
     row = np.arange(len(mask))
     return np.asarray(np.minimum.accumulate(np.where(mask.any(axis=1), row.size, row)[::-1])[::-1] - 1)
 
 
-def _good(fix: Fix) -> Booleans:
-    """(n,)"""
+def _is_valid(fix: Fix) -> Booleans:
+    """Return which epochs have a valid fix, (n,)."""
     return np.asarray(fix.status == FixStatus.OK)
 
 
-def _only(fix: Fix, wanted: Booleans) -> Fix:
-    """The fix of some epochs, (n,)."""
-    status = np.where(wanted | ~_good(fix), fix.status, FixStatus.TOO_FEW).astype(np.uint8)
+def _keep_epochs(fix: Fix, wanted: Booleans) -> Fix:
+    """Keep a fix at some epochs, (n,)."""
+    status = np.where(wanted | ~_is_valid(fix), fix.status, FixStatus.TOO_FEW).astype(np.uint8)
     return empty_epochs(fix, ~wanted, status)
 
 
-def positions_of(
+def set_up_positions(
     log: ObservationLog,
     decision: Decision,
     orbits: NavigationData,
@@ -229,8 +237,11 @@ def positions_of(
     overlapping: tuple[NavEstimate, ...] = (),
     hidden: HiddenDrag | None = None,
 ) -> Positions:
-    """Of a receiver: from authentic signals, from consistent and from spoofed ones, as a receiver without protection
-    has them, and what each source of false signals shows, or each sky where it is open which is true."""
+    """Set up a receiver's positions of each kind.
+
+    From authentic, consistent and spoofed signals, and as each source or open sky shows them. The kind without
+    protection has them as an ordinary receiver does.
+    """
     labels = decision.labels
     masks: dict[str, Callable[[], Booleans]] = {
         "trusted": lambda: carries(log, labels, "authentic"),
@@ -239,15 +250,15 @@ def positions_of(
         "unprotected": lambda: followed(log),
     }
 
-    def showing(signals: tuple[SignalId, ...], decided: bool) -> Callable[[], Booleans]:
+    def mask_of(signals: tuple[SignalId, ...], decided: bool) -> Callable[[], Booleans]:
         if decided:
             return lambda: of_signals(log, signals) & carries(log, labels, "spoofed")
         return lambda: of_signals(log, signals)
 
     for sources, decided in ((decision.sources, True), (decision.skies, False)):
         for source in sources:
-            own = tuple(ref.signal for ref in source.signals if ref.receiver == log.receiver)
-            masks[source.name] = showing(own, decided)
+            source_signals = tuple(ref.signal for ref in source.signals if ref.receiver == log.receiver)
+            masks[source.name] = mask_of(source_signals, decided)
     return Positions(
         log=log,
         orbits=orbits,

@@ -1,4 +1,4 @@
-"""What a run knows of each receiver that says which of two skies is true: from its settings and the platform file."""
+"""Build each receiver's predictor from settings and platform file, to choose between two skies."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,13 +17,13 @@ from skyproof.navigation.predictor import Predictor, Standing, place_surveyed
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import Attitude, InertialReadings
 
-__all__ = ["InertialUnit", "antenna_units", "predictors_of", "surveyed_positions", "unit_of"]
+__all__ = ["InertialUnit", "build_antenna_units", "build_predictors", "build_unit", "list_surveyed"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InertialUnit:
     """A run's inertial unit. settings : but for oscillator and lever arm. levers_m : (3,) to the antenna of each
-    receiver of which it is known. initial : the attitude at the first reading, if stated."""
+    receiver with a known one. initial : the attitude at the first reading, if stated."""
 
     readings: InertialReadings
     settings: InsSettings
@@ -31,14 +31,16 @@ class InertialUnit:
     initial: Attitude | None
 
 
-def unit_of(
+def build_unit(
     platform: Platform,
     files: BodyFiles,
     names: Sequence[str],
     tables: Mapping[str, PlatformReceiver],
     zero_gpst: np.datetime64,
 ) -> InertialUnit | None:
-    """The inertial unit of a run, if it has one. zero_gpst : as of `body_of`; tables : see `described`.
+    """Build the inertial unit of a run, if it has one.
+
+    zero_gpst : as of `body_of`; tables : see `match_tables`.
 
     The lever arm is stated to the first receiver's antenna; to another one it is known where both have a place in the
     body.
@@ -61,8 +63,8 @@ def unit_of(
     )
 
 
-def antenna_units(unit: InertialUnit | None) -> dict[str, AntennaUnit]:
-    """By receiver, where attitude and lever arm are stated: what carries vector tracking from row to row."""
+def build_antenna_units(unit: InertialUnit | None) -> dict[str, AntennaUnit]:
+    """Return by receiver the unit that predicts vector tracking, where attitude and lever arm are stated."""
     if unit is None or unit.initial is None:
         return {}
     return {
@@ -71,35 +73,37 @@ def antenna_units(unit: InertialUnit | None) -> dict[str, AntennaUnit]:
     }
 
 
-def predictors_of(
+def build_predictors(
     names: Sequence[str],
     settings: Settings,
     platform: Platform | None = None,
     tables: Mapping[str, PlatformReceiver] | None = None,
     unit: InertialUnit | None = None,
 ) -> dict[str, Predictor]:
-    """By receiver; none of one of which neither place nor motion nor clock is known. tables : see `described`."""
+    """Build a predictor for each receiver whose place, motion or clock is known. // tables : see `match_tables`."""
     found = {}
     for name in names:
         moving = platform is not None and platform.motion == "moving"
         table = None if tables is None or moving else tables.get(name)
-        one = _predictor(name, settings, None if table is None else table.position, unit)
-        if one is not None:
-            found[name] = one
+        predictor = _build_predictor(name, settings, None if table is None else table.position, unit)
+        if predictor is not None:
+            found[name] = predictor
     return found
 
 
-def surveyed_positions(predictors: Mapping[str, Predictor]) -> dict[str, Reals]:
+def list_surveyed(predictors: Mapping[str, Predictor]) -> dict[str, Reals]:
     """List the receivers that stand where they were surveyed, (3,) ECEF."""
     return {
-        name: one.known.mean[:3]
-        for name, one in predictors.items()
-        if isinstance(one, Standing) and one.surveyed and one.known is not None
+        name: predictor.known.mean[:3]
+        for name, predictor in predictors.items()
+        if isinstance(predictor, Standing) and predictor.surveyed and predictor.known is not None
     }
 
 
-def _predictor(name: str, settings: Settings, place: Surveyed | None, unit: InertialUnit | None) -> Predictor | None:
-    """Of a receiver that stands its place says more than an inertial unit does."""
+def _build_predictor(
+    name: str, settings: Settings, place: Surveyed | None, unit: InertialUnit | None
+) -> Predictor | None:
+    """Build one receiver's predictor; a known place says more than an inertial unit."""
     by, assumes = [], []
     if place is not None:
         by, assumes = ["surveyed_place"], ["stands_where_surveyed"]

@@ -20,23 +20,23 @@ from skyproof.app.common.folder import ClaimedFolder, claim
 from skyproof.app.common.kernels import JUDGING, RECEIVING, make_ready
 from skyproof.app.common.memory import give_back
 from skyproof.app.common.platform import Platform, read_platform
-from skyproof.app.common.platform_antennas import arrays_of
-from skyproof.app.common.platform_use import described, inputs_of, settings_of
+from skyproof.app.common.platform_antennas import build_arrays
+from skyproof.app.common.platform_use import derive_settings, match_tables, select_inputs
 from skyproof.app.common.progress import Progress, Silent, Stage
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked
 from skyproof.app.protect.document import document
 from skyproof.app.protect.explanation import why_untested
 from skyproof.app.protect.judging import judge
-from skyproof.app.protect.orbits import lacking_orbits, require_same_day, with_own_orbits
+from skyproof.app.protect.orbits import add_logged_orbits, list_missing_orbits, require_same_day
 from skyproof.app.protect.outcome import InputNote, Outcome
 from skyproof.app.protect.outputs import require_outputs_free, write_outputs
-from skyproof.app.protect.predictors import antenna_units, unit_of
+from skyproof.app.protect.predictors import build_antenna_units, build_unit
 from skyproof.app.protect.preview import Preview
 from skyproof.app.protect.so_far import NOTES, WordsSoFar
 from skyproof.app.protect.stated import Stated, find_span
-from skyproof.app.receive.inputs import antennas_of, following_antennas, list_paths, open_inputs
-from skyproof.app.receive.observed import ObservedFile, observed
+from skyproof.app.receive.inputs import adopt_antenna_multipath, list_antennas, list_paths, open_inputs
+from skyproof.app.receive.observed import ObservedFile, observe_file
 from skyproof.app.receive.reception import Reception, observe, overlap_s, require_signals
 from skyproof.app.receive.short import is_short, observe_short, require_some
 from skyproof.app.receive.tracker import track
@@ -145,7 +145,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
     navigation = None if nav is None else read_nav(Path(nav))
     nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
     body_files = open_body(carrier, str(platform or given.imu))
-    paths, called = inputs_of(carrier, given.inputs, str(platform))
+    paths, called = select_inputs(carrier, given.inputs, str(platform))
     with deferred(), Workspace(out) as workspace:
         if workspace.removed:
             progress.say(f"{out}: what a run that was killed had found so far (unfinished-run) is removed")
@@ -157,14 +157,16 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
             names = [source.name for source in sources]
             if out is not None:
                 require_outputs_free(out, names, overwrite=given.overwrite)
-            tables = described(carrier, names, str(platform))
-            settings, unused = settings_of(carrier, settings, names, tables)
-            settings = following_antennas(settings, sources)
-            arrays = arrays_of(tables, {source.name: len(antennas_of(source)) for source in sources}, str(platform))
+            tables = match_tables(carrier, names, str(platform))
+            settings, unused = derive_settings(carrier, settings, names, tables)
+            settings = adopt_antenna_multipath(settings, sources)
+            arrays = build_arrays(
+                tables, {source.name: len(list_antennas(source)) for source in sources}, str(platform)
+            )
             _require_two(settings, names)
-            navigation = with_own_orbits(navigation, sources)
+            navigation = add_logged_orbits(navigation, sources)
             _require_orbits(sources, navigation)
-            units = antenna_units(unit_of(carrier, body_files, names, tables, _first_sample(sources)))
+            units = build_antenna_units(build_unit(carrier, body_files, names, tables, _first_sample(sources)))
             recorded = any(isinstance(source, Samples) for source in sources)
             make_ready(RECEIVING if recorded else JUDGING, progress)
         stated = Stated(platform=carrier, files=body_files, names=names, tables=tables)
@@ -173,7 +175,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
         receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace, units, preview)
         give_back()
         _same_time(receptions, navigation)
-        no_orbits = () if navigation is None else lacking_orbits(receptions, navigation)
+        no_orbits = () if navigation is None else list_missing_orbits(receptions, navigation)
         receptions = [_with_common_time(r, receptions) for r in receptions]
         ready = stated.equip(receptions, settings)
         receptions, settings, body, unit = list(ready.receptions), ready.settings, ready.body, ready.unit
@@ -239,7 +241,7 @@ def _received(
     def received(source: Samples | ObservedFile) -> Reception:
         if not isinstance(source, Samples):
             with nullcontext() if trackers else heard():  # what was tracked is not lost for it
-                return observed(source, workspace, navigation)
+                return observe_file(source, workspace, navigation)
         array = arrays.get(source.name)
         if is_short(source):
             return observe_short(source, navigation, settings, progress, array)

@@ -1,4 +1,4 @@
-"""Tell the word so far while a run goes on, and leave what was decided on the disk for whoever comes after a kill."""
+"""Tell the word so far during a run, and leave what was decided on the disk for whoever comes after a kill."""
 
 import json
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.session import DecidedWindow
-from skyproof.app.protect.outputs import evidence_line
+from skyproof.app.protect.outputs import write_evidence_line
 from skyproof.formats.pieces import Workspace
 from skyproof.fusion.decide import Deciding
 from skyproof.gnss.time import clock_words, iso
@@ -41,7 +41,7 @@ class WordsSoFar:
                 self._workspace.drop_notes(name)
 
     def take(self, step: DecidedWindow) -> None:
-        """Note what was found in a window and decided, and tell the run's word where it is another one."""
+        """Note a window's findings and decision, and report the run's word where it changed."""
         end = step.records.end_gpst
         self.note(step.findings)
         self._note_words(step.deciding, end)
@@ -56,7 +56,7 @@ class WordsSoFar:
     def note(self, findings: Sequence[Finding]) -> None:
         """Write findings down."""
         if self._workspace is not None:
-            self._workspace.note(_EVIDENCE, [evidence_line(e) for e in findings])
+            self._workspace.note(_EVIDENCE, [write_evidence_line(e) for e in findings])
 
     def _note_words(self, deciding: Deciding, end_gpst: np.datetime64) -> None:
         if self._workspace is None:

@@ -20,31 +20,31 @@ from skyproof.verdict import (
     SourcePlace,
 )
 
-__all__ = ["describe_direction", "describe_distance", "list_sources", "see_from"]
+__all__ = ["describe_direction", "describe_distance", "describe_origin", "list_sources"]
 
 
 def list_sources(outcome: Outcome) -> list[SourceModel]:
     models = []
     for source in (*outcome.decision.sources, *outcome.decision.skies):
-        shown = [r.tracks[source.name] for r in outcome.receivers if source.name in r.tracks]
-        places = [track.last.position_ecef_m[0] for track in shown]
+        tracks = [r.tracks[source.name] for r in outcome.receivers if source.name in r.tracks]
+        places = [track.last.position_ecef_m[0] for track in tracks]
         models.append(
             SourceModel(
                 name=source.name,
                 kind=_kind(source, outcome.decision),
                 sats=tuple(sorted({ref.signal.sat for ref in source.signals})),
-                **see_from(source, outcome),
-                stands=_stands(outcome.bearings.get(source.name)),
+                **describe_origin(source, outcome),
+                stands=_describe_place(outcome.bearings.get(source.name)),
                 shows=place_of(places[0]) if places else None,
-                shows_gpst=iso(shown[0].last.gpst[0], DIGITS) if shown else None,
-                time_offset_s=_time_offset_s(source.name, outcome),
+                shows_gpst=iso(tracks[0].last.gpst[0], DIGITS) if tracks else None,
+                time_offset_s=_estimate_delay_s(source.name, outcome),
             )
         )
     return models
 
 
-def _stands(bearing: Bearing | None) -> SourcePlace | None:
-    """Where a source's rays meet."""
+def _describe_place(bearing: Bearing | None) -> SourcePlace | None:
+    """Describe the place where a source's rays meet."""
     if bearing is None or bearing.meets is None:
         return None
     place = place_of(bearing.meets.position_ecef_m)
@@ -63,19 +63,22 @@ def _stands(bearing: Bearing | None) -> SourcePlace | None:
 
 
 def describe_distance(bearing: Bearing | None) -> str:
-    """How far away the rays meet, if they do."""
+    """Describe how far away the rays meet, if they do."""
     if bearing is None or bearing.meets is None:
         return ""
     away_m = [np.linalg.norm(bearing.meets.position_ecef_m - ray.place_ecef_m) for ray in bearing.last.values()]
     return f", {float(min(away_m)) / 1e3:.2g} km away at last"
 
 
-def see_from(source: FalseSource, outcome: Outcome) -> dict[str, Any]:
-    """From where a source's signals come, by the window that shows it best: what windows share does not average."""
+def describe_origin(source: FalseSource, outcome: Outcome) -> dict[str, Any]:
+    """Describe from where a source's signals come, by the window with the best directions.
+
+    What windows share does not average out.
+    """
     signals = frozenset(source.signals)
-    shown = [e.directions for e in outcome.evidence if e.directions and signals.issuperset(e.signals)]
-    best = min(shown, key=lambda directions: directions[0].sigma_rad, default=())
-    directions = tuple(_source_direction(one) for one in best)
+    seen = [e.directions for e in outcome.evidence if e.directions and signals.issuperset(e.signals)]
+    best = min(seen, key=lambda directions: directions[0].sigma_rad, default=())
+    directions = tuple(_source_direction(direction) for direction in best)
     keys = dict.fromkeys(("azimuth_deg", "elevation_deg", "direction_sigma_deg"))
     if len(directions) != 1:
         return {**keys, "directions": directions}
@@ -86,7 +89,7 @@ def see_from(source: FalseSource, outcome: Outcome) -> dict[str, Any]:
 
 
 def describe_direction(seen: dict[str, Any]) -> str:
-    """Where a source is seen, if that is one direction; empty else."""
+    """Describe where a source is seen, if that is one direction; empty else."""
     for body, whose in (("", ""), ("body_", " of the body")):
         azimuth_deg, elevation_deg = seen.get(f"{body}azimuth_deg"), seen.get(f"{body}elevation_deg")
         if azimuth_deg is not None and elevation_deg is not None:
@@ -117,16 +120,18 @@ def _kind(source: FalseSource, decision: Decision) -> str:
     )
 
 
-def _time_offset_s(name: str, outcome: Outcome) -> float | None:
-    """How late the signals of a source are, by the first receiver that shows it: its clock bias from them minus that
-    from authentic ones; while it is open which those are, from the sky that arrives first.
+def _estimate_delay_s(name: str, outcome: Outcome) -> float | None:
+    """Estimate how late a source's signals are, by the first receiver that shows it.
+
+    Its clock bias from them minus that from authentic ones; with open skies, minus that from the sky that arrives
+    first.
     """
     for r in outcome.receivers:
-        trusted, shown = r.tracks.get("trusted"), r.shown
-        if name not in shown or (trusted is None and len(shown) < 2):
+        trusted, tracks = r.tracks.get("trusted"), r.shown
+        if name not in tracks or (trusted is None and len(tracks) < 2):
             continue
-        reference = [trusted] if trusted is not None else list(shown.values())
-        offsets = [_median_difference_s(shown[name], other) for other in reference]
+        reference = [trusted] if trusted is not None else list(tracks.values())
+        offsets = [_median_difference_s(tracks[name], other) for other in reference]
         known = [offset for offset in offsets if offset is not None]
         if known:
             return max(known) if trusted is None else known[0]

@@ -7,12 +7,12 @@ import numpy as np
 
 from skyproof.app.common.body import Body, BodyFiles, body_of
 from skyproof.app.common.platform import Platform
-from skyproof.app.common.platform_antennas import spin_arms_of
+from skyproof.app.common.platform_antennas import build_spin_arms
 from skyproof.app.common.platform_tables import PlatformReceiver
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import following_epochs
-from skyproof.app.protect.duplicates import one_receiver_each
-from skyproof.app.protect.predictors import InertialUnit, predictors_of, unit_of
+from skyproof.app.protect.duplicates import leave_out_duplicates
+from skyproof.app.protect.predictors import InertialUnit, build_predictors, build_unit
 from skyproof.app.receive.reception import Reception
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.predictor import Predictor
@@ -47,18 +47,18 @@ class Stated:
 
         Raises InputError where what is stated does not belong to it.
         """
-        each = one_receiver_each(receptions, settings)
+        each = leave_out_duplicates(receptions, settings)
         settings = following_epochs(settings, [r.observations for r in each if r.observations is not None])
         start_gpst = find_span(each).start_gpst
         body = body_of(self.platform, self.files, self.names, self.tables, start_gpst, settings.max_separation_m)
-        unit = unit_of(self.platform, self.files, self.names, self.tables, start_gpst)
+        unit = build_unit(self.platform, self.files, self.names, self.tables, start_gpst)
         return ReadyRun(
             receptions=tuple(each),
             settings=settings,
-            spin_arms=spin_arms_of(self.tables),
+            spin_arms=build_spin_arms(self.tables),
             body=body,
             unit=unit,
-            predictors=predictors_of(self.names, settings, self.platform, self.tables, unit),
+            predictors=build_predictors(self.names, settings, self.platform, self.tables, unit),
         )
 
 

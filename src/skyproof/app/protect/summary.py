@@ -7,7 +7,7 @@ from typing import Any
 from skyproof.app.protect.explanation import WordReason, describe_unexplained
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.protect.positions import sigmas_enu_m
-from skyproof.app.protect.sources import describe_direction, describe_distance, see_from
+from skyproof.app.protect.sources import describe_direction, describe_distance, describe_origin
 from skyproof.explain import explain, stands_beside
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
@@ -20,23 +20,27 @@ __all__ = ["summarize"]
 
 def summarize(outcome: Outcome, why: WordReason) -> str:
     """Return what a run comes to, why the word is no stronger, and what stands beside it."""
-    words = _summary(outcome, why) + _noted(outcome) + _left_out(outcome)
+    words = _summary(outcome, why) + _describe_beside(outcome) + _describe_left_out(outcome)
     return words[:1].upper() + words[1:]
 
 
 def _summary(outcome: Outcome, why: WordReason) -> str:
     decision = outcome.decision
-    left = f" {words}." if (words := describe_unexplained(decision.unexplained)) else ""
+    unexplained = f" {words}." if (words := describe_unexplained(decision.unexplained)) else ""
     if decision.verdict == "authentic":
         n = len({s.ref.signal.sat for s in decision.labels if s.label == "authentic"})
-        kept = f" The {within}." if (within := _kept(outcome)) else ""
-        sign = (f".{left}" if left else "; no sign of spoofing.") + _without_fix(outcome) + _alone(outcome)
-        return f"The signals of {n} satellites come from the sky{sign}{_repeated(outcome)}{kept}"
+        kept = f" The {within}." if (within := _describe_accuracy(outcome)) else ""
+        sign = (
+            (f".{unexplained}" if unexplained else "; no sign of spoofing.")
+            + _describe_missing_fixes(outcome)
+            + _describe_times_alone(outcome)
+        )
+        return f"The signals of {n} satellites come from the sky{sign}{_describe_copies(outcome)}{kept}"
     if decision.verdict in ("suspect", "no_attack_seen"):
-        rest = "" if why.of_unexplained else left
+        rest = "" if why.of_unexplained else unexplained
         passed = "" if decision.verdict == "suspect" else "every test that this input allows passed; "
-        return f"{passed}{why.reason or ''}.{rest}{_without_fix(outcome)}{_repeated(outcome)}"
-    return _attack_words(outcome) + left + _without_fix(outcome) + _repeated(outcome)
+        return f"{passed}{why.reason or ''}.{rest}{_describe_missing_fixes(outcome)}{_describe_copies(outcome)}"
+    return _attack_words(outcome) + unexplained + _describe_missing_fixes(outcome) + _describe_copies(outcome)
 
 
 def _attack_words(outcome: Outcome) -> str:
@@ -44,14 +48,14 @@ def _attack_words(outcome: Outcome) -> str:
     since = _since(decision)
     if decision.sources:
         sats = {s.signal.sat for source in decision.sources for s in source.signals}
-        n = _least_transmitters(decision.sources)
+        n = _count_transmitters(decision.sources)
         by = "one transmitter" if n == 1 else f"{n} transmitters" if n else "a second sky beside the true one"
         if n < len([source for source in decision.sources if source.one_antenna]):
             by += " or more"
         if n == 1 and len(decision.sources) == 1:
-            by += describe_direction(see_from(decision.sources[0], outcome))
+            by += describe_direction(describe_origin(decision.sources[0], outcome))
             by += describe_distance(outcome.bearings.get(decision.sources[0].name))
-        kept = _kept(outcome)
+        kept = _describe_accuracy(outcome)
         were = "satellite was" if len(sats) == 1 else "satellites were"
         return f"{since}{len(sats)} {were} imitated by {by}{f'; the {kept}' if kept else ''}."
     if decision.skies:
@@ -62,17 +66,19 @@ def _attack_words(outcome: Outcome) -> str:
     return f"{since}some of the received signals cannot be authentic; which of them are true is not decided."
 
 
-def _least_transmitters(sources: Sequence[FalseSource]) -> int:
-    """How many there are at least: signals of different kinds are told apart from true ones by themselves, and may come
-    from one transmitter all the same."""
+def _count_transmitters(sources: Sequence[FalseSource]) -> int:
+    """Count the transmitters that there are at least.
+
+    Signals of different kinds may still come from one transmitter, so the most of one kind count.
+    """
     kinds = Counter(
         kind for source in sources if source.one_antenna for kind in {ref.signal.kind for ref in source.signals}
     )
     return max(kinds.values(), default=0)
 
 
-def _without_fix(outcome: Outcome) -> str:
-    """For how long the word is of receivers that nobody could have misled, as they had no fix."""
+def _describe_missing_fixes(outcome: Outcome) -> str:
+    """State for how long receivers without a fix could not have been misled."""
     together: dict[str, list[str]] = {}
     for receiver, seconds in outcome.decision.without_fix_s:
         together.setdefault(f"{seconds:.0f}", []).append(receiver)
@@ -82,8 +88,8 @@ def _without_fix(outcome: Outcome) -> str:
     )
 
 
-def _alone(outcome: Outcome) -> str:
-    """For how long the word is not of receivers that were recorded without the others."""
+def _describe_times_alone(outcome: Outcome) -> str:
+    """State for how long receivers were recorded without the others, which the word leaves out."""
     return "".join(
         f" Nothing is said of {seconds:.0f} s in which {receiver} was recorded and another receiver was not."
         for receiver, seconds in outcome.decision.alone_s
@@ -93,21 +99,25 @@ def _alone(outcome: Outcome) -> str:
 MOST_NOTED = 2
 
 
-def _noted(outcome: Outcome) -> str:
-    """What stands beside the verdict, whatever it is: each sentence once, what names signals first."""
+def _describe_beside(outcome: Outcome) -> str:
+    """Name what stands beside the verdict, whatever it is, each sentence once."""
     noted: dict[tuple[Any, ...], Finding] = {}
     for e in outcome.evidence:
         if stands_beside(e):
             key = (e.detector, e.code, *sorted({ref.receiver for ref in e.signals}))
             noted.setdefault(key, e)
     in_order = sorted(noted.values(), key=lambda e: e.says == "attack")
-    said = list(dict.fromkeys(explain(e).sentence for e in in_order))
-    more = f" {len(said) - MOST_NOTED} more such moments stand in the evidence." if len(said) > MOST_NOTED else ""
-    return "".join(f" {text[:1].upper()}{text[1:]}." for text in said[:MOST_NOTED]) + more
+    sentences = list(dict.fromkeys(explain(e).sentence for e in in_order))
+    more = (
+        f" {len(sentences) - MOST_NOTED} more such moments stand in the evidence."
+        if len(sentences) > MOST_NOTED
+        else ""
+    )
+    return "".join(f" {text[:1].upper()}{text[1:]}." for text in sentences[:MOST_NOTED]) + more
 
 
-def _repeated(outcome: Outcome) -> str:
-    """Late copies of a whole sky, named for what they are."""
+def _describe_copies(outcome: Outcome) -> str:
+    """Name late copies of a whole sky for what they are."""
     words = []
     for r in outcome.receivers:
         name = r.reception.source.name
@@ -122,8 +132,8 @@ def _repeated(outcome: Outcome) -> str:
     )
 
 
-def _left_out(outcome: Outcome) -> str:
-    """Which receivers had no part in the decision, where others had."""
+def _describe_left_out(outcome: Outcome) -> str:
+    """Name the receivers that had no part in the decision, where others had."""
     receptions = [r.reception for r in outcome.receivers if r.reception.left_out is not None]
     if len(receptions) == len(outcome.receivers):
         return ""
@@ -149,8 +159,8 @@ def _since(decision: Decision) -> str:
     return f"From {clock} on, " if onset.earliest is not None else f"Seen since {clock}, begun then or earlier: "
 
 
-def _kept(outcome: Outcome) -> str:
-    """Return how far the trusted positions can be relied on: the largest 95 % horizontal radius of the last fixes."""
+def _describe_accuracy(outcome: Outcome) -> str:
+    """State how far trusted positions are reliable: the largest 95 % horizontal radius of the last fixes."""
     radii = []
     for r in outcome.receivers:
         if (track := r.tracks.get("trusted")) is not None:

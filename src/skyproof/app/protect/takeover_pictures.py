@@ -27,7 +27,7 @@ from skyproof.report.pictures import FixTrack, Kind
 from skyproof.report.takeover import ComparedSkies, CorrelationParts, FixOrigins, OriginSpan, TimeOffset
 from skyproof.verdict import USABLE, UsableKind
 
-__all__ = ["compared_skies", "correlations", "origins"]
+__all__ = ["compare_skies", "decompose_correlations", "list_origins"]
 
 _SATELLITES: Final = 6
 """Whose correlation is drawn: more would show the same again."""
@@ -40,9 +40,9 @@ _NS_A_M: Final = 1e9 / SPEED_OF_LIGHT_M_S
 # ---------------------------------------------------------------------- correlation
 
 
-def correlations(outcome: Outcome, zero: np.datetime64) -> list[CorrelationParts]:
-    """Of the receiver and window in which `dccaf` found most; none where it found a clean sky."""
-    found = _most_telling(outcome)
+def decompose_correlations(outcome: Outcome, zero: np.datetime64) -> list[CorrelationParts]:
+    """Decompose the correlations of the window in which `dccaf` found most; none of a clean sky."""
+    found = _find_most_telling(outcome)
     if found is None:
         return []
     name = found.signals[0].receiver
@@ -52,13 +52,13 @@ def correlations(outcome: Outcome, zero: np.datetime64) -> list[CorrelationParts
         return []
     ends = np.searchsorted(o.gpst, np.array([found.start_gpst, found.end_gpst]))
     begin_s, end_s = (float(o.elapsed_s[min(int(row), o.elapsed_s.size - 1)]) for row in ends)
-    ccaf = grids.between(begin_s, end_s)
+    ccaf = grids.select_between(begin_s, end_s)
     epochs = last_burst(ccaf) if ccaf.gpst.size else np.empty(0, np.int64)
-    return _taken_apart(ccaf, epochs, float(seconds_between(ccaf.gpst[epochs[-1]], zero))) if epochs.size else []
+    return _decompose_epoch(ccaf, epochs, float(seconds_between(ccaf.gpst[epochs[-1]], zero))) if epochs.size else []
 
 
-def _most_telling(outcome: Outcome) -> Finding | None:
-    """The last of the least p-value among the pieces that are not of a clean sky."""
+def _find_most_telling(outcome: Outcome) -> Finding | None:
+    """Find the last finding of the least p-value that is not of a clean sky."""
     best: Finding | None = None
     for e in outcome.evidence:
         if e.detector != Dccaf.name or e.says == "clean" or e.p_value is None or e.lacking or not e.signals:
@@ -68,7 +68,7 @@ def _most_telling(outcome: Outcome) -> Finding | None:
     return best
 
 
-def _taken_apart(ccaf: Ccaf, epochs: Integers, at_s: float) -> list[CorrelationParts]:
+def _decompose_epoch(ccaf: Ccaf, epochs: Integers, at_s: float) -> list[CorrelationParts]:
     settings = DccafSettings()
     found = estimate_delays(ccaf, epochs, settings)
     rows = np.flatnonzero(np.isfinite(found.delay_chips).all(axis=1))
@@ -76,21 +76,23 @@ def _taken_apart(ccaf: Ccaf, epochs: Integers, at_s: float) -> list[CorrelationP
     for row in rows[np.argsort(found.p_value[rows], kind="stable")].tolist():
         surest.setdefault(ccaf.signals[row].sat, row)
     chosen = dict(list(surest.items())[:_SATELLITES])
-    return [_parts(ccaf, int(epochs[-1]), chosen[sat], found, settings, at_s) for sat in sorted(chosen)]
+    return [_build_parts(ccaf, int(epochs[-1]), chosen[sat], found, settings, at_s) for sat in sorted(chosen)]
 
 
-def _parts(ccaf: Ccaf, epoch: int, row: int, found: Delays, settings: DccafSettings, at_s: float) -> CorrelationParts:
+def _build_parts(
+    ccaf: Ccaf, epoch: int, row: int, found: Delays, settings: DccafSettings, at_s: float
+) -> CorrelationParts:
     taps = np.asarray(ccaf.delays_chips, np.float64)
     middle = int(np.argmin(np.abs(ccaf.dopplers_hz)))
     value = np.asarray(ccaf.value[epoch, row, middle], np.complex128) / np.sqrt(ccaf.noise_variance[epoch, row])
     signal, prn = ccaf.signals[row].plan, prn_of(ccaf.signals[row].sat)
-    own = build_shapes(signal, prn, tuple(taps.tolist()), ccaf.band_hz, settings.window_chips)
+    dictionary = build_shapes(signal, prn, tuple(taps.tolist()), ccaf.band_hz, settings.window_chips)
 
     def read(at: Reals, from_: Reals) -> Reals:
         return autocorrelate_code(signal, prn, at[:, None] - from_, ccaf.band_hz)
 
     delay = found.delay_chips[row]
-    size = estimate_amplitudes(value, own, read(taps, delay))
+    size = estimate_amplitudes(value, dictionary, read(taps, delay))
     order = np.argsort(-np.abs(size), kind="stable")
     delay, size = delay[order], size[order]
     drawn = np.arange(round((taps[-1] - taps[0]) / _STEP_CHIPS) + 1) * _STEP_CHIPS + taps[0]
@@ -100,7 +102,7 @@ def _parts(ccaf: Ccaf, epoch: int, row: int, found: Delays, settings: DccafSetti
         sat=ccaf.signals[row].sat,
         at_s=at_s,
         delays_chips=drawn - delay[0],
-        value=interpolate_taps(value, own, read(drawn, taps)) * turned,
+        value=interpolate_taps(value, dictionary, read(drawn, taps)) * turned,
         parts=np.abs(size)[:, None] * np.abs(read(drawn, delay).T),
         second_chips=float(delay[1] - delay[0]),
         second_db=float(20.0 * np.log10(np.abs(size[1]) / np.abs(size[0]))),
@@ -111,12 +113,15 @@ def _parts(ccaf: Ccaf, epoch: int, row: int, found: Delays, settings: DccafSetti
 # ---------------------------------------------------------------------- skies
 
 
-def compared_skies(outcome: Outcome, zero: np.datetime64) -> list[ComparedSkies]:
-    """Of each receiver that had two skies which something was expected of."""
-    return [_compared(one, float(seconds_between(one.expected.gpst, zero))) for one in outcome.compared[:_RECEIVERS]]
+def compare_skies(outcome: Outcome, zero: np.datetime64) -> list[ComparedSkies]:
+    """Compare the skies of each receiver that had two with its prediction."""
+    return [
+        _compare(compared, float(seconds_between(compared.expected.gpst, zero)))
+        for compared in outcome.compared[:_RECEIVERS]
+    ]
 
 
-def _compared(one: Compared, at_s: float) -> ComparedSkies:
+def _compare(one: Compared, at_s: float) -> ComparedSkies:
     chosen = one.choice.chosen
     named: list[tuple[str, Kind, NavEstimate]] = [("", "expected", one.expected)]
     for number, sky in enumerate(one.skies):
@@ -164,11 +169,13 @@ def _offset(name: str, kind: Kind, known: NavEstimate, expected: NavEstimate) ->
 # ---------------------------------------------------------------------- where positions come from
 
 
-def origins(outcome: Outcome, zero: np.datetime64) -> list[FixOrigins]:
-    """Of receivers with positions that may be used, where there is an attack or these are of several kinds."""
-    found = [one for r in outcome.receivers if (one := _origins(r, zero)) is not None]
+def list_origins(outcome: Outcome, zero: np.datetime64) -> list[FixOrigins]:
+    """List the origins of usable positions, where there is an attack or they are of several kinds."""
+    found = [found_origins for r in outcome.receivers if (found_origins := _origins(r, zero)) is not None]
     attacked = outcome.decision.verdict == "spoofed"
-    return [one for one in found if attacked or len({s.origin for s in one.usable}) > 1][:_RECEIVERS]
+    return [found_origins for found_origins in found if attacked or len({s.origin for s in found_origins.usable}) > 1][
+        :_RECEIVERS
+    ]
 
 
 def _origins(r: ReceiverOutcome, zero: np.datetime64) -> FixOrigins | None:

@@ -29,7 +29,7 @@ _ALIKE: Final = {
 
 
 def in_step(antennas: Sequence[Samples], name: str) -> Samples:
-    """One source of a receiver's antennas, in their order.
+    """Join the recordings of a receiver's antennas, in their order, into one source.
 
     name : of the receiver.
 
@@ -37,35 +37,36 @@ def in_step(antennas: Sequence[Samples], name: str) -> Samples:
     ------
     InputError : they differ in rate, frequency, length, start or gaps. A start that only some state holds for all.
     """
-    first, *others = antennas
-    start_gpst = next((one.start_gpst for one in antennas if one.start_gpst is not None), None)
-    for other in others:
+    first, *rest = antennas
+    start_gpst = next((recording.start_gpst for recording in antennas if recording.start_gpst is not None), None)
+    for other in rest:
         for key, (stated, to_do) in _ALIKE.items():
-            one, two = getattr(first, key), getattr(other, key)
-            if one != two and not (key == "start_gpst" and None in (one, two)):
+            value, other_value = getattr(first, key), getattr(other, key)
+            if value != other_value and not (key == "start_gpst" and None in (value, other_value)):
                 raise InputError(
-                    f"{other.path or other.name}: {stated.format(_shown(two))}, expected {stated.format(_shown(one))} "
+                    f"{other.path or other.name}: {stated.format(_describe_value(other_value))}, expected "
+                    f"{stated.format(_describe_value(value))} "
                     f"as of {first.path or first.name}, the first antenna of {name}; {to_do}"
                 )
-    names = [one.antenna for one in antennas]
+    names = [recording.antenna for recording in antennas]
     if len(set(names)) < len(names):
         names = [str(number) for number in range(1, len(names) + 1)]
-    of_all = [remark for remark in first.remarks if all(remark in other.remarks for other in others)]
-    own = [
+    of_all = [remark for remark in first.remarks if all(remark in other.remarks for other in rest)]
+    remarks_by_antenna = [
         Remark.reworded(remark, f"antenna {called}: {remark}")
-        for called, one in zip(names, antennas, strict=True)
+        for called, recording in zip(names, antennas, strict=True)
         for remark in (
-            *one.remarks,
-            *([Remark(f"nothing comes from it: {one.dead}", RemarkKind.BEARS)] if one.dead else ()),
+            *recording.remarks,
+            *([Remark(f"nothing comes from it: {recording.dead}", RemarkKind.BEARS)] if recording.dead else ()),
         )
         if remark not in of_all
     ]
-    first, *others = (replace(one, antenna=called) for called, one in zip(names, antennas, strict=True))
-    return replace(first, name=name, start_gpst=start_gpst, remarks=(*of_all, *own), others=tuple(others))
+    first, *rest = (replace(recording, antenna=called) for called, recording in zip(names, antennas, strict=True))
+    return replace(first, name=name, start_gpst=start_gpst, remarks=(*of_all, *remarks_by_antenna), others=tuple(rest))
 
 
-def _shown(value: Any) -> Any:
-    """Gaps as numbers of samples."""
+def _describe_value(value: Any) -> Any:
+    """Write gaps as numbers of samples."""
     if not isinstance(value, tuple):
         return value
     return ", ".join(f"{gap.missing_samples} before sample {gap.at_sample}" for gap in value) or "none"

@@ -32,7 +32,7 @@ class Assembled:
 
     @cached_property
     def elapsed_s(self) -> Reals:
-        """(n_epochs,) of all epochs, also of those without a measurement."""
+        """Return the times of all epochs (n_epochs,), also of those without a measurement."""
         return self.tracker.epoch_s * np.arange(1.0, self.tracker.n_epochs + 1)
 
     @cached_property
@@ -40,7 +40,7 @@ class Assembled:
         return {}
 
     def stretches(self, antenna: int, biases_s: Reals | None = None) -> Iterator[Observations]:
-        """What one antenna measured, its clock moved by `biases_s` (n_epochs,) as `anchor_label` does."""
+        """Yield one antenna's measurements, its clock moved by `biases_s` (n_epochs,) as `anchor_label` does."""
         measured = self.tracker.measured
         part = antenna if measured.n_antennas else None
         if part not in self._carriers:
@@ -60,8 +60,8 @@ class Assembled:
             )
             yield found if biases_s is None else anchor_label(found, biases_s[rows])
 
-    def on_antennas(self, biases_s: Reals | None, workspace: Workspace) -> tuple[ObservationLog, ...]:
-        """What each antenna measured; of a receiver with one, all that there is."""
+    def split_antennas(self, biases_s: Reals | None, workspace: Workspace) -> tuple[ObservationLog, ...]:
+        """Return each antenna's measurements; with one antenna, all that there are."""
         n = self.tracker.measured.n_antennas
         names = ["observations"] if not n else [f"observations-{antenna + 1}" for antenna in range(n)]
         return tuple(
@@ -70,26 +70,29 @@ class Assembled:
         )
 
     def taps(self) -> TimeSliced[Taps] | None:
-        """The correlators that were asked for, at the epochs of the observations."""
+        """Return the correlators that were requested, at the epochs of the observations."""
         return _Taps(self) if self.tracker.receiver.settings.looks_per_frame else None
 
     def vector_taps(self) -> TimeSliced[Taps] | None:
-        """Those of channels that one position steers, as their replicas gave them."""
+        """Return the correlators of channels that one position steers, as their replicas gave them."""
         if self.tracker.vector is None or not self.tracker.receiver.settings.looks_per_frame:
             return None
         return _Taps(self, as_replica=True)
 
     def ccaf(self, observations: ObservationLog) -> TimeSliced[Ccaf] | None:
-        """The correlation grids that were asked for."""
+        """Return the correlation grids that were requested."""
         grids = self.tracker.receiver.grids
         return None if grids is None else _Grids(self, grids, observations)
 
     def array_phases(self, array: AntennaArray, gpst: Instants) -> TimeSliced[ArrayPhases] | None:
-        """The carrier's phases on all antennas; None if there is no epoch. gpst : (n_epochs,) of the observations."""
+        """Return the carrier phases on all antennas; None if there is no epoch.
+
+        gpst : (n_epochs,) of the observations.
+        """
         return _Phases(self, array, gpst) if self.elapsed_s.size else None
 
     def rows_between(self, begin_s: float, end_s: float) -> slice:
-        """The epochs whose blocks have anything of begin <= t < end."""
+        """Select the epochs whose blocks have anything of begin <= t < end."""
         half_s = 0.5 * self.tracker.epoch_s
         first, stop = np.searchsorted(self.elapsed_s, [begin_s - half_s, end_s + half_s])
         return slice(int(first), int(stop))
@@ -110,7 +113,7 @@ class _Taps:
     def receiver(self) -> str:
         return self.of.tracker.samples.name
 
-    def between(self, begin_s: float, end_s: float) -> Taps:
+    def select_between(self, begin_s: float, end_s: float) -> Taps:
         rows, tracker = self.of.rows_between(begin_s, end_s), self.of.tracker
         receiver = tracker.receiver
         found = taps_of(
@@ -125,7 +128,7 @@ class _Taps:
             look_share=receiver.settings.look_share,
             as_replica=self.as_replica,
         )
-        return found.between(begin_s, end_s)
+        return found.select_between(begin_s, end_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +143,8 @@ class _Grids:
     def receiver(self) -> str:
         return self.of.tracker.samples.name
 
-    def between(self, begin_s: float, end_s: float) -> Ccaf:
-        grids = self.of.tracker.grids.between(begin_s, end_s)
+    def select_between(self, begin_s: float, end_s: float) -> Ccaf:
+        grids = self.of.tracker.grids.select_between(begin_s, end_s)
         return ccaf_of(self.receiver, grids, self.taken, self.of.arcs, self.of.label, self.observations)
 
 
@@ -157,7 +160,7 @@ class _Phases:
     def receiver(self) -> str:
         return self.of.tracker.samples.name
 
-    def between(self, begin_s: float, end_s: float) -> ArrayPhases:
+    def select_between(self, begin_s: float, end_s: float) -> ArrayPhases:
         rows, tracker = self.of.rows_between(begin_s, end_s), self.of.tracker
         found = array_phases_of(
             self.receiver,
@@ -169,4 +172,4 @@ class _Phases:
             carrier_hz=tracker.receiver.settings.signal.carrier_hz,
             averaged_s=tracker.epoch_s,
         )
-        return found.between(begin_s, end_s)
+        return found.select_between(begin_s, end_s)

@@ -1,4 +1,4 @@
-"""Samples that were never recorded, as zeros in their place: receiver time goes on, and with it every signal's code."""
+"""Put zeros in the place of samples that were never recorded: receiver time and the signals' codes continue."""
 
 from dataclasses import replace
 
@@ -9,11 +9,13 @@ from skyproof.arrays import Floats
 from skyproof.records import Samples
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["bridged"]
+__all__ = ["bridge_gaps"]
 
 
-def bridged(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[str, ...]]:
-    """The recording with its known gaps filled with zeros, and what was done in words; itself if it has none.
+def bridge_gaps(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[str, ...]]:
+    """Fill a recording's known gaps with zeros, and say what was done; itself if it has none.
+
+    It ends before the gap that would make more zeros than the policy allows; a remark says how to continue behind it.
 
     It ends before the gap that would make more zeros than the policy allows; a remark says how to go on behind it.
 
@@ -56,5 +58,5 @@ def bridged(samples: Samples, *, begun_s: float = 0.0) -> tuple[Samples, tuple[s
                 RemarkKind.CUT,
             )
         )
-    others = tuple(bridged(other)[0] for other in samples.others)
-    return replace(samples, n_samples=n_samples, read=read, gaps=(), others=others), tuple(remarks)
+    antennas = tuple(bridge_gaps(other)[0] for other in samples.others)
+    return replace(samples, n_samples=n_samples, read=read, gaps=(), others=antennas), tuple(remarks)

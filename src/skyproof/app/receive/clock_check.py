@@ -12,14 +12,15 @@ from skyproof.receiver.clock_agreement import Disagreement, correct_samples, in_
 from skyproof.receiver.measurement import Measurements
 from skyproof.records import Samples
 
-__all__ = ["agreeing"]
+__all__ = ["correct_disagreement"]
 
 
-def agreeing(
+def correct_disagreement(
     samples: Samples, measured: Measurements, arcs: Mapping[int, Arc], inspected: Callable[[], Inspection]
 ) -> tuple[Samples, Disagreement] | None:
-    """The recording at the rate or carrier by which codes and carriers agree, and how far they were apart; None if
-    there is nothing to correct, or too little to tell.
+    """Correct the rate or carrier by which codes and carriers disagree, and say by how much.
+
+    None if there is nothing to correct, or too little to tell.
 
     inspected : gives the recording's inspection.
     """

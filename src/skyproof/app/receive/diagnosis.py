@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from skyproof.app.inspect import Inspection, oscillator_remarks
+from skyproof.app.inspect import Inspection, remark_on_oscillator
 from skyproof.app.receive.policy import POLICY
 from skyproof.errors import NotEnoughData
 from skyproof.receiver.channels import Gap
@@ -13,7 +13,7 @@ from skyproof.recording.survey import oscillator_error
 from skyproof.records import Samples
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["Diagnosis", "diagnosis", "gap_remarks", "oscillator_remarks_of"]
+__all__ = ["Diagnosis", "diagnose", "remark_on_dopplers", "remark_on_gaps"]
 
 _REACH_STEP_HZ: Final = 1e3
 _MOST_GAPS: Final = 4
@@ -22,7 +22,7 @@ _MOST_GAPS: Final = 4
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """mirrored : whether the spectrum is inverted. cure : what to do, in words. n_sats : how many are received in it,
-    read as it is described."""
+    read by its description."""
 
     mirrored: bool
     cure: str
@@ -30,12 +30,12 @@ class Diagnosis:
 
     @property
     def is_misread(self) -> bool:
-        """Return whether the recording shows too few satellites, or an inverted spectrum, as it is described."""
+        """Return whether the recording, read by its description, shows too few satellites or an inverted spectrum."""
         return self.mirrored or self.n_sats < POLICY.fix_satellites
 
 
-def diagnosis(samples: Samples, doppler_max_hz: float, inspected: Callable[[], Inspection]) -> Diagnosis:
-    """Why the receiver finds few satellites or none in a recording, or no message in what it finds.
+def diagnose(samples: Samples, doppler_max_hz: float, inspected: Callable[[], Inspection]) -> Diagnosis:
+    """Explain why the receiver finds few satellites or none in a recording, or no message.
 
     doppler_max_hz : how far it searched. inspected : gives the recording's inspection.
     """
@@ -58,13 +58,13 @@ def diagnosis(samples: Samples, doppler_max_hz: float, inspected: Callable[[], I
     return Diagnosis(mirrored=bool(found.conjugate), cure="; ".join([*cures, more]), n_sats=received)
 
 
-def oscillator_remarks_of(dopplers_hz: Sequence[float]) -> tuple[str, ...]:
-    """A remark if the Dopplers of all satellites, one each, lie far to one side."""
-    return oscillator_remarks(oscillator_error(dopplers_hz))
+def remark_on_dopplers(dopplers_hz: Sequence[float]) -> tuple[str, ...]:
+    """Report the oscillator if the Dopplers of all satellites, one each, lie far to one side."""
+    return remark_on_oscillator(oscillator_error(dopplers_hz))
 
 
-def gap_remarks(gaps: Sequence[Gap], period_s: float) -> tuple[str, ...]:
-    """Where samples are missing unmarked, as the receiver noticed it."""
+def remark_on_gaps(gaps: Sequence[Gap], period_s: float) -> tuple[str, ...]:
+    """Report missing samples that the receiver noticed unmarked."""
     events: list[Gap] = []
     for gap in sorted(gaps, key=lambda gap: gap.elapsed_s):
         if events and gap.elapsed_s - events[-1].elapsed_s < POLICY.one_event_s:

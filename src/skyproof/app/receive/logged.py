@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from skyproof.app.receive.observed import ObservedFile, OwnWords, observed_file
+from skyproof.app.receive.observed import ObservedFile, OwnWords, gather_file
 from skyproof.errors import InputError
 from skyproof.formats.bounds import limited
 from skyproof.formats.byte_io import FileBytes, reading, size_of
@@ -67,15 +67,15 @@ def open_log(
     file.sum_as_read()
     gathered = _Gathered(str(path))
 
-    def blocks() -> Iterator[bytes]:
+    def read_blocks() -> Iterator[bytes]:
         return (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size_of(path), PIECE_BYTES))
 
-    near = kind.first_instant(blocks())
+    near = kind.first_instant(read_blocks())
     if near is None and navigation is not None and navigation.ephemerides:
         near = np.sort(navigation.reference_ns)[len(navigation.reference_ns) // 2].astype("M8[ns]")
     channels = None if navigation is None else glonass_channels(navigation)
     beside = Beside(near=near, first_day=GPS_EPOCH if near is None else None, channels=channels)
-    pieces = (gathered.take(piece) for piece in kind.read(blocks(), path.stem, beside))
+    pieces = (gathered.take(piece) for piece in kind.read(read_blocks(), path.stem, beside))
 
     def to_do() -> str:
         if gathered.undated:
@@ -85,7 +85,7 @@ def open_log(
             )
         return f"the log holds no measurements of a satellite; {kind.to_do}"
 
-    source = observed_file(path, file, pieces, to_do, start_s=start_s, duration_s=duration_s, workspace=workspace)
+    source = gather_file(path, file, pieces, to_do, start_s=start_s, duration_s=duration_s, workspace=workspace)
     return replace(
         source,
         format=f"receiver's log ({', '.join(gathered.protocols())})",
@@ -168,8 +168,8 @@ class _Gathered:
     def remarks(self) -> Iterator[str]:
         """Return what is to be said of the log."""
         listed = ", ".join(f"{name} {count}" for name, count in self._messages.most_common(_NAMED))
-        others = len(self._messages) - _NAMED
-        yield f"messages in the log: {listed}" + (f" and {others} more kinds" if others > 0 else "")
+        n_others = len(self._messages) - _NAMED
+        yield f"messages in the log: {listed}" + (f" and {n_others} more kinds" if n_others > 0 else "")
         if self._damaged:
             yield Remark(f"{self._damaged} frames fail their checksum and are left out", RemarkKind.BEARS)
         if self._cut:

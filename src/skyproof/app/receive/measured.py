@@ -1,7 +1,7 @@
 """What a receiver measures in a recording, written as it comes: a recording of any length in little memory.
 
-At hand stays what later has to be known of all of it: where each measurement is, and what its carrier's half cycles are
-found by.
+Kept in memory is what later has to be known of all of it: where each measurement is, and what its carrier's
+half cycles are found by.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -43,20 +43,23 @@ class RowLog(Generic[R]):
     """Rows of one recording in order of time, appended block by block and read in stretches."""
 
     def __init__(self, workspace: Workspace, name: str, keep: Callable[[R], dict[str, Any]] | None = None) -> None:
-        """An empty one, whose pieces go to the folder `name` of the workspace. keep : what of rows stays at hand."""
+        """Make an empty one, whose pieces go to the folder `name` of the workspace.
+
+        keep : the part of rows that is kept in memory.
+        """
         self._stored = ArrayPieces(workspace, name)
         self._keep = keep
         self._pieces: list[tuple[float, float, dict[str, Any]]] = []  # from, to, and what is at hand
         self._young: list[R] = []
 
     def append(self, rows: R, arcs: Mapping[int, Arc]) -> None:
-        """The rows of the next block, and the arcs that they are of. Raises OutputError if they cannot be written."""
+        """Append the rows of the next block, with their arcs. Raises OutputError if they cannot be written."""
         if not self._young or len(rows):
             self._young.append(rows)
-        begun_s = next((one.elapsed_s[0] for one in self._young if len(one)), np.inf)
+        begun_s = next((rows_before.elapsed_s[0] for rows_before in self._young if len(rows_before)), np.inf)
         if not len(rows) or rows.elapsed_s[-1] - begun_s < PIECE_S:
             return
-        piece = _joined(self._young)
+        piece = _join(self._young)
         signals = [arcs[number].signal for number in piece.arc.tolist()]
         names = {name: np.array([getattr(s, name) for s in signals], np.str_) for name in ("sat", "copy")}
         self._stored.append({f.name: getattr(piece, f.name) for f in fields(piece)} | names)
@@ -70,25 +73,25 @@ class RowLog(Generic[R]):
         self._stored.clear()
         self._pieces, self._young = [], []
 
-    def at_hand(self) -> dict[str, Any]:
-        """What stays at hand of all rows. Raises IndexError before anything was appended."""
+    def kept_columns(self) -> dict[str, Any]:
+        """Return the kept part of all rows. Raises IndexError before anything was appended."""
         parts = [kept for _, _, kept in self._pieces]
         if self._keep is not None:
-            parts.append(self._keep(_joined(self._young)))
+            parts.append(self._keep(_join(self._young)))
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-    def between(self, begin_s: float, end_s: float) -> R:
-        """What has begin <= `elapsed_s` < end. Raises IndexError before anything was appended."""
+    def select_between(self, begin_s: float, end_s: float) -> R:
+        """Read the rows with begin <= `elapsed_s` < end. Raises IndexError before anything was appended."""
         kind, parts = type(self._young[0]), []
         for number, (first_s, last_s, _) in enumerate(self._pieces):
             if first_s < end_s and last_s >= begin_s:
                 stored = self._stored.read(number)
                 parts.append(kind(**{f.name: stored[f.name] for f in fields(kind)}))
-        found = _joined([*parts, *self._young])
+        found = _join([*parts, *self._young])
         return found.select((found.elapsed_s >= begin_s) & (found.elapsed_s < end_s))
 
 
-def _joined(parts: Sequence[R]) -> R:
+def _join(parts: Sequence[R]) -> R:
     return type(parts[0])(
         **{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(parts[0])}
     )
@@ -100,7 +103,7 @@ class MeasurementLog:
     def __init__(self, workspace: Workspace, receiver: str, epoch_s: float) -> None:
         """An empty one. epoch_s : from one row of measurements to the next."""
         self.epoch_s = epoch_s
-        self._rows: RowLog[Measurements] = RowLog(workspace, f"{receiver}/measured", self._kept)
+        self._rows: RowLog[Measurements] = RowLog(workspace, f"{receiver}/measured", self._columns_to_keep)
         self._first: dict[int, Measurements] = {}
         self._dopplers_hz: dict[int, tuple[float, int]] = {}
         self._n = self.n_antennas = 0
@@ -109,7 +112,7 @@ class MeasurementLog:
         return self._n
 
     def append(self, measured: Measurements, arcs: Mapping[int, Arc]) -> None:
-        """The measurements of the next block, and the arcs that they are of."""
+        """Append the measurements of the next block, with their arcs."""
         numbers, rows = np.unique(measured.arc, return_index=True)
         for number, row in zip(numbers.tolist(), rows.tolist(), strict=True):
             if number not in self._first:
@@ -129,20 +132,20 @@ class MeasurementLog:
 
     @property
     def first(self) -> Measurements:
-        """Of each arc the first measurement."""
+        """Return the first measurement of each arc."""
         return Measurements.joined([self._first[number] for number in sorted(self._first)])
 
     def mean_doppler_hz(self) -> dict[int, float]:
-        """Of each arc; NaN if none is known."""
+        """Average the Dopplers of each arc; NaN if none is known."""
         return {number: total / n if n else np.nan for number, (total, n) in self._dopplers_hz.items()}
 
     def read(self, first: int, stop: int) -> Measurements:
-        """Those of the epochs from number `first` to before `stop`; the epoch at the first sample is number 0."""
-        return self._rows.between((first - 0.5) * self.epoch_s, (stop - 0.5) * self.epoch_s)
+        """Read the epochs from number `first` to before `stop`; the epoch at the first sample is number 0."""
+        return self._rows.select_between((first - 0.5) * self.epoch_s, (stop - 0.5) * self.epoch_s)
 
     def whole(self) -> Measurements:
-        """All of them, in the memory that they take."""
-        return self._rows.between(-np.inf, np.inf)
+        """Read all measurements, in the memory that they take."""
+        return self._rows.select_between(-np.inf, np.inf)
 
     def on_antenna(self, first: int, stop: int, antenna: int | None) -> Measurements:
         """`read` as one antenna of several measured; None stands for the only one."""
@@ -150,20 +153,23 @@ class MeasurementLog:
         return found if antenna is None else found.on_antenna(antenna)
 
     def counts(self, arcs: Mapping[int, Arc]) -> list[int]:
-        """How many measurements with a time of week each antenna has; of a receiver with one, it has. Of several those
-        count that most of them share, if there are any: one that was begun late has signals of its own."""
+        """Count the measurements with a time of week on each antenna, or on the only one.
+
+        Of several antennas those count that most of them share, if there are any: an antenna that began late has
+        signals of its own.
+        """
         timed = [number for number, arc in arcs.items() if arc.tow_ms_at_period_0 is not None]
-        columns = self._rows.at_hand()
+        columns = self._rows.kept_columns()
         rows = np.isin(columns["arc"], timed)
         if not self.n_antennas:
             return [int(rows.sum())]
-        there = columns["there"][rows]
-        shared = there.sum(axis=1) > 0.5 * self.n_antennas
-        return [int(n) for n in there[shared if shared.any() else slice(None)].sum(axis=0)]
+        present = columns["there"][rows]
+        shared = present.sum(axis=1) > 0.5 * self.n_antennas
+        return [int(n) for n in present[shared if shared.any() else slice(None)].sum(axis=0)]
 
     def carriers(self, arcs: Mapping[int, Arc], antenna: int | None) -> dict[int, ArcCarrier]:
-        """`observables.arc_carriers` of all measurements, or of those of one of several antennas."""
-        columns = self._rows.at_hand()
+        """Collect `observables.arc_carriers` of all arcs, or of those on one of several antennas."""
+        columns = self._rows.kept_columns()
         slipped = columns["slipped"]
         if antenna is not None:
             rows = columns["there"][:, antenna]
@@ -181,8 +187,8 @@ class MeasurementLog:
             averaged_s=self.epoch_s,
         )
 
-    def _kept(self, rows: Measurements) -> dict[str, Any]:
-        """What of rows stays at hand: some 14 bytes each."""
+    def _columns_to_keep(self, rows: Measurements) -> dict[str, Any]:
+        """Return the part of rows that is kept in memory: some 14 bytes each."""
         return {
             "epoch": np.rint(rows.elapsed_s / self.epoch_s).astype(np.int32),
             "arc": rows.arc.astype(np.int32),

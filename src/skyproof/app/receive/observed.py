@@ -35,7 +35,7 @@ from skyproof.records import (
 )
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["ObservedFile", "OwnWords", "observed", "observed_file", "open_observations", "same_measurements"]
+__all__ = ["ObservedFile", "OwnWords", "gather_file", "has_same_measurements", "observe_file", "open_observations"]
 
 NO_SAMPLES = (
     "holds measurements and no samples: no correlation is drawn, second signals of a satellite and the receiver's own "
@@ -81,13 +81,13 @@ class ObservedFile:
 
     @property
     def start_gpst(self) -> np.datetime64:
-        """The first epoch."""
+        """Return the first epoch."""
         start: np.datetime64 = self.observations.gpst[0]
         return start
 
     @property
     def duration_s(self) -> float:
-        """From the first epoch to the last."""
+        """Return the time from the first epoch to the last."""
         return float(seconds_between(self.observations.gpst[-1], self.observations.gpst[0]))
 
 
@@ -116,10 +116,10 @@ def open_observations(
         "the observation file holds no measurement of a satellite of GPS, Galileo, BeiDou, GLONASS or QZSS; give the "
         "file that the receiver wrote"
     )
-    return observed_file(path, file, pieces, lambda: to_do, start_s=start_s, duration_s=duration_s, workspace=workspace)
+    return gather_file(path, file, pieces, lambda: to_do, start_s=start_s, duration_s=duration_s, workspace=workspace)
 
 
-def observed_file(
+def gather_file(
     path: Path,
     file: FileBytes,
     pieces: Iterable[ObservationFile],
@@ -129,13 +129,15 @@ def observed_file(
     duration_s: float | None,
     workspace: Workspace | None,
 ) -> ObservedFile:
-    """Gather the pieces of a file that is being read; `without_any` says what to do if nothing was measured.
+    """Gather the pieces of a file that is being read.
+
+    `without_any` says what to do if nothing was measured.
 
     Raises InputError if nothing is judged in the stretch.
     """
     noted = _Noted()
     plain = path.with_suffix("") if path.suffix.lower() == ".gz" else path
-    stretch = _stretch(following(noted.all(pieces)), start_s, duration_s)
+    stretch = _cut_stretch(following(noted.all(pieces)), start_s, duration_s)
     try:
         observations = gathered(stretch, plain.stem, workspace or Workspace(), "as-given")
     except NothingGathered:
@@ -170,7 +172,7 @@ class _Noted:
         self._misread: dict[str, str] = {}
 
     def all(self, pieces: Iterable[ObservationFile]) -> Iterator[Observations]:
-        """The observations of the pieces."""
+        """Yield the observations of the pieces, and note the rest."""
         for piece in pieces:
             self.version = self.version or piece.version
             self._remarks |= {remark: remark for remark in piece.remarks}
@@ -190,18 +192,18 @@ class _Noted:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Each once, and not without end."""
+        """Return each remark once, up to a limit."""
         impossible = impossible_remarks(self._impossible, self._misread)
         return limited((*impossible, *self._remarks.values()), "further remarks")
 
 
 def _is_judged(signal: SignalId) -> bool:
-    """Whether orbits of the signal's system are read: those of GPS, Galileo, BeiDou, GLONASS and QZSS."""
+    """Test whether orbits of the signal's system are read. Those of GPS, Galileo, BeiDou, GLONASS and QZSS are."""
     return signal.sat[0] in SYSTEMS
 
 
-def _stretch(pieces: Iterable[Observations], start_s: float, duration_s: float | None) -> Iterator[Observations]:
-    """What lies from `start_s` on, `duration_s` long at most; elapsed time counts from the first epoch of it."""
+def _cut_stretch(pieces: Iterable[Observations], start_s: float, duration_s: float | None) -> Iterator[Observations]:
+    """Cut what lies from `start_s` on, `duration_s` long at most. Elapsed time counts from its first epoch."""
     begun_s: float | None = None
     for piece in pieces:
         rows = piece.elapsed_s >= start_s
@@ -220,36 +222,41 @@ def _stretch(pieces: Iterable[Observations], start_s: float, duration_s: float |
         )
 
 
-def same_measurements(a: ObservedFile, b: ObservedFile) -> bool:
-    """Whether two files hold the same pseudoranges at common epochs: noise never repeats itself to the millimetre."""
-    one, other = a.observations, b.observations
-    common = [s for s in one.signals if s in other.signals]
+def has_same_measurements(a: ObservedFile, b: ObservedFile) -> bool:
+    """Test whether two files hold the same pseudoranges at common epochs.
+
+    Noise never repeats itself to the millimetre.
+    """
+    log, other = a.observations, b.observations
+    common = [s for s in log.signals if s in other.signals]
     alike = compared = 0
-    for first in range(0, one.gpst.size, STRETCH_EPOCHS):
-        ours = one.read(first, first + STRETCH_EPOCHS)
+    for first in range(0, log.gpst.size, STRETCH_EPOCHS):
+        ours = log.read(first, first + STRETCH_EPOCHS)
         begin = int(np.searchsorted(other.gpst, ours.gpst[0]))
         theirs = other.read(begin, int(np.searchsorted(other.gpst, ours.gpst[-1], side="right")))
         _, rows, columns = np.intersect1d(ours.gpst, theirs.gpst, return_indices=True)
         x = ours.pseudorange_m[rows][:, [ours.signals.index(s) for s in common]]
         y = theirs.pseudorange_m[columns][:, [theirs.signals.index(s) for s in common]]
-        both = np.isfinite(x) & np.isfinite(y)
-        compared += int(both.sum())
-        alike += int(np.sum(x[both] == y[both]))
+        finite = np.isfinite(x) & np.isfinite(y)
+        compared += int(finite.sum())
+        alike += int(np.sum(x[finite] == y[finite]))
     return alike > 0.5 * compared
 
 
-def observed(
+def observe_file(
     source: ObservedFile, workspace: Workspace | None = None, navigation: NavigationData | None = None
 ) -> Reception:
-    """What a receiver measured, made ready to be compared: its clock without steps, labels that go with the ranges by
-    the orbits, Dopplers where it gave none.
+    """Prepare a receiver's measurements for comparison.
+
+    Its clock runs without steps, its labels agree with the ranges by the orbits, and missing Dopplers come from the
+    carriers.
 
     navigation : the orbits; those of the file's own messages if absent.
     """
     orbits = source.decoded if navigation is None else navigation
     clock = _Clock.of(source.observations, find_clock_steps(source.observations), orbits)
     made = _Made()
-    whole = gathered(made.ready(source.observations, clock), source.name, workspace or Workspace(), "observations")
+    whole = gathered(made.prepare(source.observations, clock), source.name, workspace or Workspace(), "observations")
     remarks = [*clock.remarks()]
     if made.derived:
         remarks.append(
@@ -275,20 +282,20 @@ class _Clock:
 
     @classmethod
     def of(cls, log: ObservationLog, steps: ClockSteps | None, navigation: NavigationData) -> "_Clock":
-        """Those of a log."""
+        """Estimate the clock's steps and label errors of a log."""
         firsts = range(0, log.gpst.size, STRETCH_EPOCHS)
-        parts = (_unstepped(log, steps, first, first + STRETCH_EPOCHS) for first in firsts)
+        parts = (_remove_steps(log, steps, first, first + STRETCH_EPOCHS) for first in firsts)
         return cls(log.gpst, steps, TagErrors.joined([estimate_tag_errors(part, navigation) for part in parts]))
 
-    def set_right(self, log: ObservationLog, first: int, stop: int) -> Observations:
-        """The epochs from `first` to before `stop`, without those whose labels are off otherwise than most."""
-        part = _unstepped(log, self.steps, first, stop).select(~self.tags.stray[first:stop])
+    def correct(self, log: ObservationLog, first: int, stop: int) -> Observations:
+        """Correct epochs `first` to before `stop`, without those whose labels are off unlike most."""
+        part = _remove_steps(log, self.steps, first, stop).select(~self.tags.stray[first:stop])
         if not self.tags.offset_s:
             return part
         return replace(part, gpst=part.gpst - timedelta_from_s(self.tags.offset_s))
 
     def remarks(self) -> Iterator[str]:
-        """What was put right."""
+        """Report what was corrected."""
         if self.steps is not None and self.steps.steps:
             times = [iso(step.gpst, 0)[11:] for step in self.steps.steps]
             yield (
@@ -319,7 +326,7 @@ def _first_times(times: Sequence[str]) -> str:
     return ", ".join(times[:MOST_TIMES_TOLD]) + more
 
 
-def _unstepped(log: ObservationLog, steps: ClockSteps | None, first: int, stop: int) -> Observations:
+def _remove_steps(log: ObservationLog, steps: ClockSteps | None, first: int, stop: int) -> Observations:
     part = log.read(first, stop)
     return part if steps is None else remove_clock_steps(part, steps, first)
 
@@ -331,15 +338,15 @@ class _Made:
     derived: int = 0
     phases: int = 0
 
-    def ready(self, log: ObservationLog, clock: _Clock) -> Iterator[Observations]:
-        """A log in stretches, as if its clock had run on, with Dopplers."""
+    def prepare(self, log: ObservationLog, clock: _Clock) -> Iterator[Observations]:
+        """Yield a log in stretches, as if its clock had run on, with Dopplers."""
         kept = np.cumsum(np.append(0, ~clock.tags.stray))
         usual_s = median_interval_s(log.elapsed_s if clock.steps is None else clock.steps.elapsed_s)
         for first in range(0, log.gpst.size, STRETCH_EPOCHS):
             begin, stop = max(first - RIM_EPOCHS, 0), min(first + STRETCH_EPOCHS, log.gpst.size)
-            part = clock.set_right(log, begin, stop + RIM_EPOCHS)
+            part = clock.correct(log, begin, stop + RIM_EPOCHS)
             whole, derived = fill_dopplers(part, usual_s)
-            own = slice(int(kept[first] - kept[begin]), int(kept[stop] - kept[begin]))
-            self.derived += int(derived[own].sum())
-            self.phases += int(np.isfinite(part.carrier_cyc[own]).sum())
-            yield whole.read(own.start, own.stop)
+            kept_rows = slice(int(kept[first] - kept[begin]), int(kept[stop] - kept[begin]))
+            self.derived += int(derived[kept_rows].sum())
+            self.phases += int(np.isfinite(part.carrier_cyc[kept_rows]).sum())
+            yield whole.read(kept_rows.start, kept_rows.stop)

@@ -24,7 +24,7 @@ class ReceivePolicy:
         "s",
         "Chosen: jumps of carriers and signals that come back are one gap within six searches of half a second.",
     )
-    near_utc_s: float = number(0.5, "s", "Labels off by leap seconds and less than half a second are of UTC.")
+    near_utc_s: float = number(0.5, "s", "Labels off by leap seconds and less than half a second are in UTC.")
     nearly_all_share: float = number(
         0.9, "1", "Chosen: the first antenna stands for the receiver unless another has measured a tenth more."
     )

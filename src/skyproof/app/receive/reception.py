@@ -6,9 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyproof.app.receive.assembled import Assembled
-from skyproof.app.receive.diagnosis import Diagnosis, diagnosis, gap_remarks, oscillator_remarks_of
+from skyproof.app.receive.diagnosis import Diagnosis, diagnose, remark_on_dopplers, remark_on_gaps
 from skyproof.app.receive.policy import POLICY
-from skyproof.app.receive.time_tag import clock_biases_s, near_date, shown_by, time_tag, timed_by_others, week_of
+from skyproof.app.receive.time_tag import (
+    compute_clock_biases_s,
+    estimate_time_tag,
+    find_week,
+    move_near_date,
+    position_all_epochs,
+    time_short_arcs,
+)
 from skyproof.app.receive.tracker import Tracker, carrier_at_hz
 from skyproof.arrays import Reals
 from skyproof.errors import InputError, NotEnoughData
@@ -31,7 +38,7 @@ from skyproof.records import (
 from skyproof.remarks import Remark, RemarkKind
 from skyproof.short_repr import ShortRepr
 
-__all__ = ["Reception", "nothing_found", "observe", "overlap_s", "require_signals"]
+__all__ = ["Reception", "explain_nothing_found", "observe", "overlap_s", "require_signals"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -45,7 +52,7 @@ class Reception(ShortRepr):
     taps, ccaf : correlators beside the observations, if they were asked for. vector_taps : of vector tracking.
     antennas : the same signals at the same epochs on each antenna, where the receiver has several.
     measured_on : number, from 0, of the antenna whose measurements `observations` are: the first, or if that has
-        clearly fewer the one that has most. Of a snapshot they are of all together, and it is the first of these.
+        clearly fewer the one that has most. In a snapshot all antennas share them, and it is the first of these.
     array_phases : the carrier's phases on all of them, if it is known where they are.
     changes : of signals within a snapshot; None of what is none.
     """
@@ -69,18 +76,18 @@ class Reception(ShortRepr):
 
     @property
     def noted(self) -> tuple[str, ...]:
-        """The remarks, and why there are no observations."""
+        """Return the remarks, and why there are no observations."""
         why = () if self.left_out is None else (Remark(f"left out: {self.left_out}", RemarkKind.BEARS),)
         return (*self.remarks, *why)
 
     @property
     def samples(self) -> Samples | None:
-        """The recording, where the source is one."""
+        """Return the recording, where the source is one."""
         return self.source if isinstance(self.source, Samples) else None
 
     @property
     def measured_samples(self) -> Samples | None:
-        """The samples that `observations` are measured in, where the source is a recording."""
+        """Return the samples that `observations` are measured in, where the source is a recording."""
         samples = self.samples
         return samples if samples is None else (samples, *samples.others)[self.measured_on]
 
@@ -93,7 +100,7 @@ def observe(
     *,
     diagnose: bool = True,
 ) -> Reception:
-    """Time, observations and navigation data of one tracked recording.
+    """Build time, observations and navigation data of one tracked recording.
 
     array : where its antennas are, if it has several and that is known.
     workspace : where the observations of a long recording are kept; a temporary folder if None.
@@ -105,10 +112,10 @@ def observe(
     samples = tracker.samples
     received = {arc.signal for arc in tracker.arcs.values()}
     remarks: list[str] = [*tracker.remarks, *(() if tracker.vector is None else tracker.vector.remarks)]
-    week = week_of(tracker, navigation, remarks)
-    label = time_tag(tracker, week)
+    week = find_week(tracker, navigation, remarks)
+    label = estimate_time_tag(tracker, week)
     if label is not None:
-        label = near_date(label, samples, tracker.arcs, remarks)
+        label = move_near_date(label, samples, tracker.arcs, remarks)
         week = label.week
     decoded = navigation_of(tracker.arcs, week, samples.path or samples.name)
     orbits = navigation if navigation is not None else decoded
@@ -116,35 +123,35 @@ def observe(
     best = 0
     observations = phases = taps = vector_taps = ccaf = None
     if label is not None:
-        best = _best(tracker.measured.counts(tracker.arcs))
+        best = _choose_antenna(tracker.measured.counts(tracker.arcs))
         assembled = Assembled(tracker, tracker.arcs, label)
-        shown = shown_by(assembled.stretches(best), orbits)
-        arcs = timed_by_others(tracker, shown, orbits, label, remarks)
+        positions = position_all_epochs(assembled.stretches(best), orbits)
+        arcs = time_short_arcs(tracker, positions, orbits, label, remarks)
         if arcs is not None:
             assembled = Assembled(tracker, arcs, label)
-            shown = shown_by(assembled.stretches(best), orbits)
-        biases_s = clock_biases_s(shown, tracker.gaps)
-        antennas = assembled.on_antennas(biases_s, workspace or Workspace())
+            positions = position_all_epochs(assembled.stretches(best), orbits)
+        biases_s = compute_clock_biases_s(positions, tracker.gaps)
+        antennas = assembled.split_antennas(biases_s, workspace or Workspace())
         observations = antennas[best]
         taps, vector_taps, ccaf = assembled.taps(), assembled.vector_taps(), assembled.ccaf(observations)
         if array is not None:
             phases = assembled.array_phases(array, observations.gpst)
-        remarks += _late_remarks(antennas, best, samples.rate_hz)
+        remarks += _remark_on_late(antennas, best, samples.rate_hz)
         if best:
             instead = (
                 f"its measurements are those on antenna {best + 1} of {len(antennas)}, for the first has fewer: check "
                 "that antenna and its line"
             )
             remarks.append(Remark(instead, RemarkKind.BEARS))
-    found = _diagnosed(tracker) if diagnose and (observations is None or _is_doubtful(tracker)) else None
+    found = _diagnose(tracker) if diagnose and (observations is None or _is_doubtful(tracker)) else None
     if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: gaps say nothing
-        remarks += gap_remarks(tracker.gaps, tracker.receiver.signal.period_s)
-        remarks += oscillator_remarks_of(_dopplers_hz(tracker))
+        remarks += remark_on_gaps(tracker.gaps, tracker.receiver.signal.period_s)
+        remarks += remark_on_dopplers(_average_dopplers_hz(tracker))
     differ = tuple(messages_that_differ(tracker.arcs))
     remarks += differ
     left_out = None
     if observations is None:
-        left_out = _no_time(tracker, len(received)) if received else _nothing_received(tracker, found)
+        left_out = _explain_no_time(tracker, len(received)) if received else _explain_nothing_received(tracker, found)
         left_out += "" if found is None else f"; {found.cure}"
     elif found is not None and found.is_misread:
         remarks.append(Remark(f"few signals as it was read, or none for long: {found.cure}", RemarkKind.BEARS))
@@ -166,25 +173,29 @@ def observe(
     )
 
 
-def _best(counts: Sequence[int]) -> int:
-    """The antenna whose measurements stand for the receiver: the first, if it has nearly as many as any.
+def _choose_antenna(counts: Sequence[int]) -> int:
+    """Choose the antenna whose measurements stand for the receiver.
+
+    The first, if it has nearly as many as any.
 
     counts : of measurements on each.
     """
     return 0 if counts[0] >= POLICY.nearly_all_share * max(counts) else int(np.argmax(counts))
 
 
-def _late_remarks(antennas: Sequence[ObservationLog], best: int, rate_hz: float) -> list[str]:
-    """Which antennas begin later or earlier than the one whose measurements are used: their signals are others, and
-    their ranges differ by the same for all satellites."""
-    said: list[str] = []
-    for number, one in enumerate(antennas):
-        apart_m = _apart_m(antennas[best], one)
+def _remark_on_late(antennas: Sequence[ObservationLog], best: int, rate_hz: float) -> list[str]:
+    """Report antennas that begin later or earlier than the one whose measurements are used.
+
+    Their signals are others, and their ranges differ by the same for all satellites.
+    """
+    remarks: list[str] = []
+    for number, antenna in enumerate(antennas):
+        apart_m = _compare_ranges_m(antennas[best], antenna)
         if number == best or len(apart_m) < POLICY.fix_satellites:
             continue
         middle_m = float(np.median(apart_m))
         late_s = -middle_m / SPEED_OF_LIGHT_M_S
-        late_m = POLICY.late_chips * one.signals[0].plan.chip_m
+        late_m = POLICY.late_chips * antenna.signals[0].plan.chip_m
         if abs(middle_m) > late_m and np.median(np.abs(apart_m - middle_m)) < late_m:
             whose = f"antenna {number + 1}" if late_s < 0.0 else "the others"
             late = (
@@ -192,12 +203,12 @@ def _late_remarks(antennas: Sequence[ObservationLog], best: int, rate_hz: float)
                 f"antenna {best + 1}, by the ranges of {len(apart_m)} satellites, and its phases are not used: record "
                 f"all antennas together, or leave out the first {round(abs(late_s) * rate_hz)} samples of {whose}"
             )
-            said.append(Remark(late, RemarkKind.BEARS))
-    return said
+            remarks.append(Remark(late, RemarkKind.BEARS))
+    return remarks
 
 
-def _apart_m(a: ObservationLog, b: ObservationLog) -> Reals:
-    """By how much ranges of b are longer than of a, satellite by satellite, of signals that only one of them has."""
+def _compare_ranges_m(a: ObservationLog, b: ObservationLog) -> Reals:
+    """Compare ranges of b with those of a by satellite, of signals that only one of them has."""
     apart = []
     only = a.measured.any(axis=0), b.measured.any(axis=0)
     for column in np.flatnonzero(only[0] & ~only[1]).tolist():
@@ -220,44 +231,45 @@ def require_signals(trackers: Sequence[Tracker]) -> None:
             raise InputError("; ".join(broken))
         paths = ", ".join(t.samples.path or t.samples.name for t in trackers)
         first = trackers[0]
-        found = diagnosis(first.samples, first.receiver.settings.doppler_max_hz, first.inspected)
-        raise NotEnoughData(f"{paths}: {_nothing_received(first, found)}; {found.cure}")
+        found = diagnose(first.samples, first.receiver.settings.doppler_max_hz, first.get_inspection)
+        raise NotEnoughData(f"{paths}: {_explain_nothing_received(first, found)}; {found.cure}")
 
 
 def _is_doubtful(tracker: Tracker) -> bool:
-    """Whether what was received looks as if the recording was not read as it should be."""
+    """Test whether the recording may not have been read correctly."""
     n_sats = len({arc.signal.sat for arc in tracker.arcs.values()})
     return n_sats < POLICY.fix_satellites or len(tracker.arcs) > POLICY.many_arcs * n_sats
 
 
-def _diagnosed(tracker: Tracker) -> Diagnosis | None:
-    """None of a recording that was left before its end: whoever interrupts does not wait."""
+def _diagnose(tracker: Tracker) -> Diagnosis | None:
+    """Diagnose a recording; None if it was left before its end, for an interrupting user does not wait."""
     if not tracker.ended:
         return None
-    return diagnosis(tracker.samples, tracker.receiver.settings.doppler_max_hz, tracker.inspected)
+    return diagnose(tracker.samples, tracker.receiver.settings.doppler_max_hz, tracker.get_inspection)
 
 
-def _dopplers_hz(tracker: Tracker) -> list[float]:
-    """The mean of each satellite's signals."""
+def _average_dopplers_hz(tracker: Tracker) -> list[float]:
+    """Average the Dopplers of each satellite's signals."""
     values: dict[str, list[float]] = {}
     for number, doppler_hz in tracker.measured.mean_doppler_hz().items():
         values.setdefault(tracker.arcs[number].signal.sat, []).append(doppler_hz)
     return [float(np.nanmean(of_sat)) for of_sat in values.values()]
 
 
-def _nothing_received(tracker: Tracker, found: Diagnosis | None) -> str:
-    """What to check if no satellite was followed, in the order of likelihood."""
+def _explain_nothing_received(tracker: Tracker, found: Diagnosis | None) -> str:
+    """Describe what to check if no satellite was tracked, in the order of likelihood."""
     samples = tracker.samples
     if found is not None and found.n_sats and samples.duration_s < POLICY.followed_s:
         return (
-            f"it holds {found.n_sats} satellites, read as it is described, but lasts {samples.duration_s:.3g} s, and "
-            f"signals have to be followed for seconds: give {POLICY.time_of_week_s:g} s or more{_at_once(samples)}"
+            f"it holds {found.n_sats} satellites, read by its description, but lasts {samples.duration_s:.3g} s, "
+            f"and signals have to be followed for seconds: give {POLICY.time_of_week_s:g} s or more"
+            f"{_suggest_snapshot(samples)}"
         )
-    return nothing_found(samples, tracker.examined_s)
+    return explain_nothing_found(samples, tracker.examined_s)
 
 
-def nothing_found(samples: Samples, examined_s: float) -> str:
-    """What to check of a recording in which no satellite is found, in the order of likelihood."""
+def explain_nothing_found(samples: Samples, examined_s: float) -> str:
+    """Describe what to check in a recording without satellites, in the order of likelihood."""
     length = f"{examined_s:.1f}" if examined_s >= 1.0 else f"{examined_s:.3g}"
     return (
         f"no GPS L1 C/A signal found in {length} s; it was read as {samples.format}, "
@@ -267,19 +279,19 @@ def nothing_found(samples: Samples, examined_s: float) -> str:
     )
 
 
-def _no_time(tracker: Tracker, n_signals: int) -> str:
-    """Why signals without a time of week are of no use, and what would give it."""
+def _explain_no_time(tracker: Tracker, n_signals: int) -> str:
+    """Explain why signals without a time of week are useless, and what would give it."""
     cure = (
         f"give {POLICY.time_of_week_s:g} s of signal or more"
         if tracker.examined_s < POLICY.time_of_week_s
         else "the signals are too weak or too often interrupted to read their messages"
     )
-    cure += _at_once(tracker.samples)
+    cure += _suggest_snapshot(tracker.samples)
     return f"{n_signals} signals found, but no time of week read from them in {tracker.examined_s:.1f} s: {cure}"
 
 
-def _at_once(samples: Samples) -> str:
-    """What of an array's recording can be judged without following signals."""
+def _suggest_snapshot(samples: Samples) -> str:
+    """Describe what of an array's recording can be judged without tracking signals."""
     if not samples.others:
         return ""
     return (
@@ -289,5 +301,5 @@ def _at_once(samples: Samples) -> str:
 
 
 def overlap_s(a: ObservationLog, b: ObservationLog) -> float:
-    """Common time of two receivers, seconds; negative if they were recorded one after the other."""
+    """Return the common time of two receivers, seconds; negative if one was recorded after the other."""
     return float(seconds_between(min(a.gpst[-1], b.gpst[-1]), max(a.gpst[0], b.gpst[0])))

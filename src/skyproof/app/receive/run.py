@@ -14,11 +14,11 @@ import numpy as np
 from skyproof.app.common.folder import claim, require_free
 from skyproof.app.common.kernels import RECEIVING, make_ready
 from skyproof.app.common.progress import Progress, Silent
-from skyproof.app.common.rinex import date_of, is_ours, one_a_transmission, write_channels
+from skyproof.app.common.rinex import first_epoch_utc, group_by_transmission, is_ours, write_channels
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.app.receive.inputs import list_paths, only_recordings, open_inputs
+from skyproof.app.receive.inputs import list_paths, open_inputs, require_recordings
 from skyproof.app.receive.reception import Reception, observe, require_signals
-from skyproof.app.receive.time_tag import first_copies
+from skyproof.app.receive.time_tag import select_first_copies
 from skyproof.app.receive.tracker import track
 from skyproof.errors import IncompleteOutput, NotEnoughData
 from skyproof.formats.atomic_write import OutputStep, Unwritten, unwritten_words, write_in_turn
@@ -30,7 +30,7 @@ from skyproof.navigation.fix import fix
 from skyproof.records import FixStatus, NavigationData, ObservationLog, Observations, SignalId
 from skyproof.short_repr import ShortRepr, notebook_html
 
-__all__ = ["ReceiveResult", "document_json", "receive", "signals_of"]
+__all__ = ["ReceiveResult", "list_signals", "receive", "write_document_json"]
 
 DIGITS: Final = 6  # of a second in instants
 HEADER_FIXES: Final = 25  # about so many make the approximate position of a header
@@ -55,7 +55,7 @@ class ReceiveResult(ShortRepr):
 
     @property
     def observations(self) -> ObservationLog:
-        """Those of the first receiver.
+        """Return the observations of the first receiver.
 
         Raises
         ------
@@ -69,7 +69,7 @@ class ReceiveResult(ShortRepr):
         return reception.observations
 
     def _repr_html_(self) -> str:
-        """The signals of each receiver, for a notebook."""
+        """Show the signals of each receiver in a notebook."""
         heads, rows = [], []
         for r, signals in zip(self.receptions, self.signals, strict=True):
             heads.append(
@@ -107,7 +107,7 @@ def receive(
 
     Parameters
     ----------
-    inputs : recordings, one per receiver, each by itself or together in a list: raw samples with their sidecar
+    inputs : recordings, one per receiver, as arguments or in a list: raw samples with their sidecar
         NAME.toml, or SigMF.
     nav : RINEX navigation file of that day; without one the orbits come from the signals.
     out : folder for NAME.obs, NAME-2.obs (second signals of satellites) and so on, and NAME-nav.rnx; None writes
@@ -133,15 +133,15 @@ def receive(
     settings = resolve_settings(None, **options)
     paths = list_paths(inputs)
     if out is None:
-        return _received(paths, nav, None, overwrite, settings, progress)[0]
+        return _receive(paths, nav, None, overwrite, settings, progress)[0]
     with claim(out) as claimed:
-        result, unwritten = _received(paths, nav, claimed.path, overwrite, settings, progress)
+        result, unwritten = _receive(paths, nav, claimed.path, overwrite, settings, progress)
     if unwritten:
         raise IncompleteOutput(unwritten_words(claimed.path, unwritten), result)
     return result
 
 
-def _received(
+def _receive(
     paths: Sequence[Path],
     nav: str | Path | None,
     out: Path | None,
@@ -149,9 +149,13 @@ def _received(
     settings: Settings,
     progress: Progress,
 ) -> tuple[ReceiveResult, tuple[Unwritten, ...]]:
-    """The result, and which of its files could not be written into the folder `out`."""
-    recordings = only_recordings(open_inputs(paths, settings))
-    earlier = () if out is None else _require_outputs_free(out, [one.name for one in recordings], overwrite=overwrite)
+    """Receive the recordings, and list the files that could not be written into the folder `out`."""
+    recordings = require_recordings(open_inputs(paths, settings))
+    earlier = (
+        ()
+        if out is None
+        else _require_outputs_free(out, [recording.name for recording in recordings], overwrite=overwrite)
+    )
     navigation = None if nav is None else read_nav(Path(nav))
     make_ready(RECEIVING, progress)
     with deferred(), Workspace(out) as workspace:
@@ -159,7 +163,7 @@ def _received(
         if not interrupted:
             require_signals(trackers)
         receptions = tuple(observe(tracker, navigation, workspace=workspace) for tracker in trackers)
-        signals = tuple(signals_of(r.observations) for r in receptions)
+        signals = tuple(list_signals(r.observations) for r in receptions)
         if out is None:
             return ReceiveResult(receptions=receptions, signals=signals, interrupted=came()), ()
         steps = [_steps(reception, navigation) for reception in receptions]
@@ -171,10 +175,13 @@ def _received(
 
 
 def _require_outputs_free(folder: Path, names: Sequence[str], *, overwrite: bool) -> list[str]:
-    """The files that earlier runs on recordings of these names wrote. Raises OutputError as `require_free` does."""
+    """Return the files that earlier runs on recordings of these names wrote.
+
+    Raises OutputError as `require_free` does.
+    """
     outputs = re.compile(rf"({'|'.join(map(re.escape, names))})(-nav\.rnx|(-\d+)?\.obs)")
-    there = [path for path in folder.iterdir() if outputs.fullmatch(path.name)]
-    taken, earlier = [path.name for path in there], [path.name for path in there if is_ours(path)]
+    present = [path for path in folder.iterdir() if outputs.fullmatch(path.name)]
+    taken, earlier = [path.name for path in present], [path.name for path in present if is_ours(path)]
     if (folder / UNFINISHED_RUN).exists() and not is_unfinished(folder):
         taken.append(UNFINISHED_RUN)
     require_free(folder, taken, earlier, "what was received earlier", overwrite=overwrite)
@@ -189,14 +196,14 @@ def _steps(reception: Reception, navigation: NavigationData | None) -> list[Outp
         name = f"{reception.source.name}-nav.rnx"
         steps.append(OutputStep((name,), partial(_write_orbits, reception, orbits, name)))
     o = reception.observations
-    for number, signals in enumerate(() if o is None else one_a_transmission(o), 1):
+    for number, signals in enumerate(() if o is None else group_by_transmission(o), 1):
         name = f"{reception.source.name}.obs" if number == 1 else f"{reception.source.name}-{number}.obs"
         steps.append(OutputStep((name,), partial(_write_signals, reception, orbits, signals, name)))
     return steps
 
 
 def _write_orbits(reception: Reception, orbits: NavigationData, name: str, folder: Path) -> None:
-    write_nav(folder / name, orbits, created=date_of([reception.observations]))
+    write_nav(folder / name, orbits, created=first_epoch_utc([reception.observations]))
 
 
 def _write_signals(
@@ -204,20 +211,20 @@ def _write_signals(
 ) -> None:
     o = reception.observations
     assert o is not None
-    write_channels(folder / name, o, "unjudged", _approximate_position_ecef_m(o, orbits), signals)
+    write_channels(folder / name, o, "unjudged", _estimate_place_ecef_m(o, orbits), signals)
 
 
-def _approximate_position_ecef_m(o: ObservationLog, orbits: NavigationData) -> Any:
-    """(3,) where the first copies say that the receiver stands, unjudged like them; None if they say nothing."""
+def _estimate_place_ecef_m(o: ObservationLog, orbits: NavigationData) -> Any:
+    """Estimate the place (3,) by the first copies, unjudged like them; None without a fix."""
     step = max(o.gpst.size // HEADER_FIXES, 1)
     some = Observations.joined([o.read(row, row + 1) for row in range(0, o.gpst.size, step)])
-    shown = fix(some, orbits, signals=first_copies(some))
-    good = shown.status == FixStatus.OK
-    return np.median(shown.position_ecef_m[good], axis=0) if good.any() else None
+    fixes = fix(some, orbits, signals=select_first_copies(some))
+    good = fixes.status == FixStatus.OK
+    return np.median(fixes.position_ecef_m[good], axis=0) if good.any() else None
 
 
-def document_json(result: ReceiveResult) -> str:
-    """What was received as one JSON document: keys in order, numbers unrounded, null for what is absent."""
+def write_document_json(result: ReceiveResult) -> str:
+    """Write what was received as one JSON document. Keys in order, numbers unrounded, null for what is absent."""
     document = {
         "format": "skyproof-receive/1",
         "version": version("skyproof"),
@@ -249,24 +256,24 @@ def _receiver(reception: Reception, signals: tuple[dict[str, Any], ...], files: 
     }
 
 
-def signals_of(o: ObservationLog | None) -> tuple[dict[str, Any], ...]:
-    """A row a signal, of what the `signals` of a receiver hold."""
-    return () if o is None else tuple(_signal(o, column) for column in range(len(o.signals)))
+def list_signals(o: ObservationLog | None) -> tuple[dict[str, Any], ...]:
+    """List the signals of a receiver in rows."""
+    return () if o is None else tuple(_describe_signal(o, column) for column in range(len(o.signals)))
 
 
-def _signal(o: ObservationLog, column: int) -> dict[str, Any]:
-    """One signal; without a pseudorange it never gave a time."""
+def _describe_signal(o: ObservationLog, column: int) -> dict[str, Any]:
+    """Describe one signal; without a pseudorange it never gave a time."""
     signal, received = o.signals[column], np.flatnonzero(o.measured[:, column])
-    there = received.size > 0
+    is_received = received.size > 0
     return {
         "sat": signal.sat,
         "band": signal.band,
         "code": signal.code,
         "copy": signal.copy,
         "found_s": float(o.found_elapsed_s[column]),
-        "first_gpst": iso(o.gpst[received[0]], DIGITS) if there else None,
-        "last_gpst": iso(o.gpst[received[-1]], DIGITS) if there else None,
+        "first_gpst": iso(o.gpst[received[0]], DIGITS) if is_received else None,
+        "last_gpst": iso(o.gpst[received[-1]], DIGITS) if is_received else None,
         "n_epochs": int(received.size),
-        "cn0_dbhz": float(np.median(o.series("cn0_dbhz", column)[received])) if there else None,
-        "doppler_hz": float(np.median(o.series("doppler_hz", column)[received])) if there else None,
+        "cn0_dbhz": float(np.median(o.series("cn0_dbhz", column)[received])) if is_received else None,
+        "doppler_hz": float(np.median(o.series("doppler_hz", column)[received])) if is_received else None,
     }

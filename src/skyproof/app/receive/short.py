@@ -13,22 +13,22 @@ import numpy as np
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
 from skyproof.app.inspect import inspect_recording
-from skyproof.app.receive.bridge import bridged
-from skyproof.app.receive.diagnosis import diagnosis
+from skyproof.app.receive.bridge import bridge_gaps
+from skyproof.app.receive.diagnosis import diagnose
 from skyproof.app.receive.policy import POLICY
-from skyproof.app.receive.reception import Reception, nothing_found
+from skyproof.app.receive.reception import Reception, explain_nothing_found
 from skyproof.app.receive.short_signals import (
     PERIOD_S,
     Found,
-    credible,
-    divided,
-    late_antennas,
-    of_all,
-    signals_in,
-    stretches,
+    divide_signals,
+    drop_cross_correlations,
+    find_late_antennas,
+    find_lost_antennas,
+    find_signals,
+    list_blocks,
 )
-from skyproof.app.receive.snapshot import RoughKnowledge, solved
-from skyproof.app.receive.tracker import cleaned
+from skyproof.app.receive.snapshot import RoughKnowledge, solve_position
+from skyproof.app.receive.tracker import clean_antennas
 from skyproof.arrays import Instants, Reals
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
@@ -56,7 +56,7 @@ __all__ = ["is_short", "observe_short", "require_some"]
 
 
 def is_short(source: MeasurementSource) -> bool:
-    """Whether a source is a recording too short for a signal to be followed."""
+    """Test whether a source is a recording too short to track a signal."""
     return isinstance(source, Samples) and source.duration_s < POLICY.snapshot_s
 
 
@@ -67,20 +67,20 @@ def observe_short(
     progress: Progress,
     array: AntennaArray | None = None,
 ) -> Reception:
-    """What one short recording holds.
+    """Measure what one short recording holds.
 
     array : where its antennas are, if it has several and that is known.
     """
-    clean, words = cleaned(samples)
-    whole, filled = bridged(clean, begun_s=settings.start_s)
+    clean, words = clean_antennas(samples)
+    whole, filled = bridge_gaps(clean, begun_s=settings.start_s)
     remarks: list[str] = [*words, *filled]
-    blocks = stretches(whole)
+    blocks = list_blocks(whole)
     found: list[Found] = []
     lost: list[int] = []
     if blocks:
         with progress.stage(f"searching {samples.name}", float(len(blocks))) as stage:
-            found = signals_in(whole, blocks, settings.doppler_max_hz, stage)
-        found, lost = of_all(credible(found, remarks))
+            found = find_signals(whole, blocks, settings.doppler_max_hz, stage)
+        found, lost = find_lost_antennas(drop_cross_correlations(found, remarks))
         remarks += [
             Remark(
                 f"antenna {number + 1} does not receive what the others do, and its phases are not used: check it, its "
@@ -89,10 +89,10 @@ def observe_short(
             )
             for number in lost
         ]
-        late = {k: periods for k, periods in late_antennas(found).items() if k not in lost}
+        late = {k: periods for k, periods in find_late_antennas(found).items() if k not in lost}
         remarks += [_late_remark(k, periods, samples.rate_hz) for k, periods in late.items()]
         lost = sorted({*lost, *late})
-        found = divided(found, lost)
+        found = divide_signals(found, lost)
     examined_s = sum(count for _, count in blocks) / whole.rate_hz
     reception = Reception(
         source=samples,
@@ -103,17 +103,17 @@ def observe_short(
         remarks=tuple(remarks),
     )
     if not found:
-        why = nothing_found(samples, examined_s)
-        why += f"; {diagnosis(samples, settings.doppler_max_hz, lambda: inspect_recording(samples)).cure}"
+        why = explain_nothing_found(samples, examined_s)
+        why += f"; {diagnose(samples, settings.doppler_max_hz, lambda: inspect_recording(samples)).cure}"
         return replace(reception, left_out=why)
-    measured, phases = _records(found, blocks, whole, array, lost)
-    measured, words = _with_ranges(measured, found, whole, navigation, settings)
+    measured, phases = _build_records(found, blocks, whole, array, lost)
+    measured, words = _add_ranges(measured, found, whole, navigation, settings)
     if examined_s < 0.9 * whole.duration_s:
         some = f"{len(blocks)} stretches of it were looked at, {examined_s:.3g} s of {whole.duration_s:.3g} s"
         words += (Remark(some, RemarkKind.BEARS),)
     words += (f"too short to follow signals: {examined_s:.3g} s were summed up at once",)
     phases = None if phases is None else replace(phases, gpst=measured.gpst)
-    heard = [k for k, one in enumerate((samples, *samples.others)) if not one.dead and k not in lost]
+    heard = [k for k, antenna in enumerate((samples, *samples.others)) if not antenna.dead and k not in lost]
     return replace(
         reception,
         observations=measured,
@@ -128,16 +128,16 @@ def _changes(found: Sequence[Found], o: Observations) -> SnapshotChanges:
     """Return which signals do not stay what they are throughout."""
     changes = tuple(
         SnapshotChange(
-            signal=one.signal,
-            kind=one.change.kind,
-            gpst=o.gpst[one.change.part],
-            after_s=float(o.elapsed_s[one.change.part]),
-            p_value=one.change.p_value,
+            signal=signal.signal,
+            kind=signal.change.kind,
+            gpst=o.gpst[signal.change.part],
+            after_s=float(o.elapsed_s[signal.change.part]),
+            p_value=signal.change.p_value,
         )
-        for one in found
-        if one.change is not None
+        for signal in found
+        if signal.change is not None
     )
-    return SnapshotChanges(signals=tuple(one.signal for one in found), changes=changes, chance=CHANCE)
+    return SnapshotChanges(signals=tuple(signal.signal for signal in found), changes=changes, chance=CHANCE)
 
 
 def _late_remark(antenna: int, periods: int, rate_hz: float) -> str:
@@ -161,42 +161,42 @@ def require_some(receptions: Sequence[Reception]) -> None:
 # ---------------------------------------------------------------------- records
 
 
-def _records(
+def _build_records(
     found: Sequence[Found],
     blocks: Sequence[tuple[int, int]],
     samples: Samples,
     array: AntennaArray | None,
     lost: Sequence[int],
 ) -> tuple[Observations, ArrayPhases | None]:
-    """Every part of every block as an epoch, without ranges: `pseudorange_m` holds nothing."""
+    """Record every part of every block as an epoch, without ranges: `pseudorange_m` is NaN."""
     n_parts = found[0].first.middle_s.size
     shape = (n_parts * len(blocks), len(found))
     n_antennas = 1 + len(samples.others)
-    own = {name: np.full(shape, np.nan) for name in ("doppler_hz", "cn0_dbhz", "doppler_sigma_hz")}
+    columns = {name: np.full(shape, np.nan) for name in ("doppler_hz", "cn0_dbhz", "doppler_sigma_hz")}
     phase_cyc, sigma_cyc = (np.full((*shape, n_antennas), np.nan) for _ in range(2))
-    for column, one in enumerate(found):
-        for number, block in enumerate(one.blocks):
+    for column, signal in enumerate(found):
+        for number, block in enumerate(signal.blocks):
             if block is None:
                 continue
-            rows = number * n_parts + np.flatnonzero(one.there[number])
-            own["doppler_hz"][rows, column] = block.code.doppler_hz
-            own["doppler_sigma_hz"][rows, column] = block.code.doppler_sigma_hz
-            share, there = one.share(number), one.there[number]
+            rows = number * n_parts + np.flatnonzero(signal.there[number])
+            columns["doppler_hz"][rows, column] = block.code.doppler_hz
+            columns["doppler_sigma_hz"][rows, column] = block.code.doppler_sigma_hz
+            share, present = signal.share(number), signal.there[number]
             mean_dbhz = 10.0 * np.log10(np.mean(10.0 ** (0.1 * block.cn0_dbhz)))
-            own["cn0_dbhz"][rows, column] = mean_dbhz + 20.0 * np.log10(share)
-            if not any(one.overlaps(other) for other in found):  # phases are then those of neither direction
+            columns["cn0_dbhz"][rows, column] = mean_dbhz + 20.0 * np.log10(share)
+            if not any(signal.overlaps(other) for other in found):  # phases are then those of neither direction
                 phase_cyc[rows, column], sigma_cyc[rows, column] = (
-                    block.phase_cyc[there],
-                    block.sigma_cyc[there] / share,
+                    block.phase_cyc[present],
+                    block.sigma_cyc[present] / share,
                 )
     phase_cyc[..., lost] = sigma_cyc[..., lost] = np.nan
     # Parts end where code periods do, which each signal has elsewhere, by less than a period.
     at_s = found[0].first.middle_s
     elapsed_s = np.concatenate([first / samples.rate_hz + at_s for first, _ in blocks])
     gpst = _instants(GPS_EPOCH if samples.start_gpst is None else samples.start_gpst, elapsed_s)
-    signals = tuple(one.signal for one in found)
+    signals = tuple(signal.signal for signal in found)
     nothing = np.full(shape, np.nan)
-    there = np.isfinite(own["doppler_hz"])
+    present = np.isfinite(columns["doppler_hz"])
     observations = Observations(
         receiver=samples.name,
         signals=signals,
@@ -206,8 +206,8 @@ def _records(
         carrier_cyc=nothing,
         pseudorange_sigma_m=nothing,
         carrier_sigma_cyc=nothing,
-        **own,
-        status=np.where(there, CellStatus.NO_RANGE, CellStatus.NOT_TRACKED).astype(np.uint8),
+        **columns,
+        status=np.where(present, CellStatus.NO_RANGE, CellStatus.NOT_TRACKED).astype(np.uint8),
         found_elapsed_s=np.zeros(len(found)),
         missed_elapsed_s=np.full(len(found), np.nan),
         carrier_hz=np.array(GPS_L1_CA.carrier_hz),
@@ -224,11 +224,10 @@ def _instants(begin: np.datetime64, elapsed_s: Reals) -> Instants:
     return np.asarray(begin + timedelta_from_s(elapsed_s))
 
 
-def _with_ranges(
+def _add_ranges(
     o: Observations, found: Sequence[Found], samples: Samples, navigation: NavigationData | None, settings: Settings
 ) -> tuple[Observations, tuple[str, ...]]:
-    """The measurements with ranges and their time, where orbits, a rough time and a position that fits give them; and
-    what is to be said of that."""
+    """Add ranges and their time, where orbits, a rough time and a position give them, and remark on it."""
     if samples.start_gpst is None:
         return o, (
             f"no start_gpst is stated: instants count as if it had begun at {str(GPS_EPOCH)[:19]}, and there is no "
@@ -239,30 +238,32 @@ def _with_ranges(
     at_s = found[0].first.code.elapsed_s
     at_gpst = _instants(samples.start_gpst, np.array([at_s]))[0]
     because = ""
-    for some in _one_a_satellite(found):
+    for some in _list_selections(found):
         words: list[str] = []
         phases, rules = (
-            [one.code_at(at_s) for one in some],
+            [signal.code_at(at_s) for signal in some],
             CoarseSettings(multipath_sigma_m=settings.multipath_sigma_m),
         )
-        coarse, used = solved(phases, at_gpst, navigation, _known(settings), words, rules)
+        coarse, used = solve_position(phases, at_gpst, navigation, _rough_knowledge(settings), words, rules)
         if coarse.status == 0:
             names = {code.sat for code in used}
-            shows = [one in some and one.signal.sat in names for one in found]
-            return _ranged(o, found, coarse, shows, navigation), tuple(words)
+            shows = [signal in some and signal.signal.sat in names for signal in found]
+            return _ranges_from_fix(o, found, coarse, shows, navigation), tuple(words)
         because = because or coarse.because
     return o, (f"no position: {because}",)
 
 
-def _one_a_satellite(found: Sequence[Found]) -> list[list[Found]]:
-    """Signals that may show one position: the strongest of each satellite, or the weakest, or those that are alone.
+def _list_selections(found: Sequence[Found]) -> list[list[Found]]:
+    """List selections of signals that may show one position.
+
+    The strongest of each satellite, or the weakest, or the satellites with one signal.
 
     Where a transmitter imitates some satellites of a sky, and all its signals are stronger than the true ones or all
     are weaker, one of the three is true, or false, throughout.
     """
     of_sat: dict[str, list[Found]] = {}
-    for one in sorted(found, key=lambda f: -f.energy):
-        of_sat.setdefault(one.signal.sat, []).append(one)
+    for signal in sorted(found, key=lambda f: -f.energy):
+        of_sat.setdefault(signal.signal.sat, []).append(signal)
     sats = sorted(of_sat)
     if all(len(ones) == 1 for ones in of_sat.values()):
         return [[of_sat[sat][0] for sat in sats]]
@@ -270,14 +271,14 @@ def _one_a_satellite(found: Sequence[Found]) -> list[list[Found]]:
     return [[of_sat[sat][0] for sat in sats], [of_sat[sat][-1] for sat in sats], alone]
 
 
-def _known(settings: Settings) -> RoughKnowledge:
+def _rough_knowledge(settings: Settings) -> RoughKnowledge:
     if settings.place_deg is None:
         return RoughKnowledge()
     lat_deg, lon_deg = settings.place_deg
     return RoughKnowledge(place_ecef_m=ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), 0.0))
 
 
-def _ranged(
+def _ranges_from_fix(
     o: Observations,
     found: Sequence[Found],
     coarse: CoarseFix,
@@ -287,30 +288,32 @@ def _ranged(
     gpst = _instants(coarse.gpst, o.elapsed_s - found[0].first.code.elapsed_s)
     code_s, sigma_s = (np.full(o.status.shape, np.nan) for _ in range(2))
     n_parts = found[0].first.middle_s.size
-    for column, one in enumerate(found):
-        for number, block in enumerate(one.blocks):
+    for column, signal in enumerate(found):
+        for number, block in enumerate(signal.blocks):
             if block is None:
                 continue
-            there = one.there[number]
-            rows = number * n_parts + np.flatnonzero(there)
+            present = signal.there[number]
+            rows = number * n_parts + np.flatnonzero(present)
             # From the middle of the signal's own periods to the epoch that all have in common.
-            later_s = found[0].first.middle_s[there] - block.middle_s[there]
-            code_s[rows, column] = block.code_s[there] + later_s * (1.0 + block.code.doppler_hz / GPS_L1_CA.carrier_hz)
-            sigma_s[rows, column] = block.code_sigma_s[there]
+            later_s = found[0].first.middle_s[present] - block.middle_s[present]
+            code_s[rows, column] = block.code_s[present] + later_s * (
+                1.0 + block.code.doppler_hz / GPS_L1_CA.carrier_hz
+            )
+            sigma_s[rows, column] = block.code_sigma_s[present]
     range_m = complete_ranges_m(
         np.mod(code_s, PERIOD_S),
-        [one.signal.sat for one in found],
+        [signal.signal.sat for signal in found],
         gpst,
         coarse.position_ecef_m,
         navigation,
         shows=shows,
         period_s=PERIOD_S,
     )
-    there = np.isfinite(range_m)
+    present = np.isfinite(range_m)
     return replace(
         o,
         gpst=gpst,
         pseudorange_m=range_m,
-        pseudorange_sigma_m=np.where(there, SPEED_OF_LIGHT_M_S * sigma_s, np.nan),
-        status=np.where(there, CellStatus.OK, o.status).astype(np.uint8),
+        pseudorange_sigma_m=np.where(present, SPEED_OF_LIGHT_M_S * sigma_s, np.nan),
+        status=np.where(present, CellStatus.OK, o.status).astype(np.uint8),
     )

@@ -9,7 +9,7 @@ from scipy import special
 
 from skyproof.app.common.progress import Stage
 from skyproof.app.receive.policy import POLICY
-from skyproof.app.receive.snapshot import searched
+from skyproof.app.receive.snapshot import search_samples
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Booleans, Complexes, Floats, Indices
 from skyproof.gnss.signals import GPS_L1_CA
@@ -20,7 +20,16 @@ from skyproof.receiver.snapshot_changes import Change, change_within
 from skyproof.records import Samples, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["PERIOD_S", "Found", "credible", "divided", "late_antennas", "of_all", "signals_in", "stretches"]
+__all__ = [
+    "PERIOD_S",
+    "Found",
+    "divide_signals",
+    "drop_cross_correlations",
+    "find_late_antennas",
+    "find_lost_antennas",
+    "find_signals",
+    "list_blocks",
+]
 
 PERIOD_S: Final = GPS_L1_CA.period_s
 _BLOCK_S: Final = 0.1
@@ -54,30 +63,30 @@ class Found:
 
     @property
     def cn0_dbhz(self) -> float:
-        """While it is there, of the antennas' sum."""
+        """Return the C/N0 of the antennas' sum, in the parts where the signal is present."""
         best = max((block for block in self.blocks if block is not None), key=lambda block: block.energy)
         return best.code.cn0_dbhz + 20.0 * float(np.log10(self.share(self.blocks.index(best))))
 
     def share(self, number: int) -> float:
-        """By how much its amplitude is greater in the parts of a block that are its own than it is in all of it."""
+        """Return by how much the amplitude in the signal's own parts of a block exceeds that of the whole."""
         amplitude = np.linalg.norm(self.sums[number], axis=1)
-        own = self.there[number]
-        return max(float(amplitude[own].mean() / amplitude.mean()), 1.0) if own.any() else 1.0
+        own_parts = self.there[number]
+        return max(float(amplitude[own_parts].mean() / amplitude.mean()), 1.0) if own_parts.any() else 1.0
 
     def overlaps(self, other: "Found") -> bool:
-        """Whether another signal of the satellite stands so near that each antenna's sum holds both."""
+        """Test whether another signal of the satellite is so near that each antenna's sum holds both."""
         if other is self or other.signal.sat != self.signal.sat or not (self.there & other.there).any():
             return False
-        apart_s = _wrapped_s(self.code_at(0.0).code_s - other.code_at(0.0).code_s)
+        apart_s = _wrap_s(self.code_at(0.0).code_s - other.code_at(0.0).code_s)
         return abs(apart_s) * GPS_L1_CA.chip_rate_hz < POLICY.overlap_chips
 
     def code_at(self, elapsed_s: float) -> CodePhase:
-        """Its code at another instant."""
+        """Return its code phase at another instant."""
         return _at(self.first.code, elapsed_s)
 
 
-def stretches(samples: Samples) -> list[tuple[int, int]]:
-    """First sample and number of samples of each stretch that is summed up at once."""
+def list_blocks(samples: Samples) -> list[tuple[int, int]]:
+    """List first sample and number of samples of each stretch that is summed at once."""
     if samples.duration_s < POLICY.least_s:
         return []
     if samples.duration_s <= POLICY.one_block_s:
@@ -87,48 +96,53 @@ def stretches(samples: Samples) -> list[tuple[int, int]]:
     return [(int(first), count) for first in np.linspace(0, samples.n_samples - count, number).astype(np.int64)]
 
 
-def signals_in(samples: Samples, blocks: Sequence[tuple[int, int]], doppler_max_hz: float, stage: Stage) -> list[Found]:
-    """All signals of the blocks. Looked for is where each begins, and at the very end: what is there for a part of a
-    recording only is there at one of them, if it lasts to its end or from one to the next."""
+def find_signals(
+    samples: Samples, blocks: Sequence[tuple[int, int]], doppler_max_hz: float, stage: Stage
+) -> list[Found]:
+    """Find all signals of the blocks.
+
+    Searches stand at the begin of each block and at the very end. They find every signal that lasts to the end, or from
+    one block to the next.
+    """
     known: list[tuple[str, list[SnapshotSignal]]] = []
     for number, (first, count) in enumerate(blocks):
         planes = samples.read_all(first, count)
-        at = _measurer(planes, samples, first)
+        at = _make_measurer(planes, samples, first)
         for sat, seen in known:
             seen.append(at(sat, seen[-1].code if _is_sound(seen[-1]) else _best(seen).code))
         tail = max(count - round(POLICY.searched_s * samples.rate_hz), 0)
         looks = sorted({0, tail} if number == len(blocks) - 1 else {0})
         fresh: list[tuple[str, SnapshotSignal]] = []
-        for peak in _peaks(planes, samples, looks, doppler_max_hz):
-            one = at(peak.sat, _code_of(peak, first / samples.rate_hz))
-            if _is_sound(one) and not any(sat == peak.sat and _is_same(seen[-1], one) for sat, seen in known):
-                fresh.append((peak.sat, one))
-        known += [(sat, [one]) for sat, one in _different(fresh)]
+        for peak in _search_peaks(planes, samples, looks, doppler_max_hz):
+            measure = at(peak.sat, _code_from_peak(peak, first / samples.rate_hz))
+            if _is_sound(measure) and not any(sat == peak.sat and _is_same(seen[-1], measure) for sat, seen in known):
+                fresh.append((peak.sat, measure))
+        known += [(sat, [measure]) for sat, measure in _keep_different(fresh)]
         stage.advance(number + 1.0)
     for number in reversed(range(len(blocks) - 1)):  # what came to light later, before
         if lacking := [(sat, seen) for sat, seen in known if len(seen) < len(blocks) - number]:
-            at = _measurer(samples.read_all(*blocks[number]), samples, blocks[number][0])
+            at = _make_measurer(samples.read_all(*blocks[number]), samples, blocks[number][0])
             for sat, seen in lacking:
                 seen.insert(0, at(sat, seen[0].code))
-    return _lettered(known)
+    return _assign_letters(known)
 
 
-def _measurer(planes: Floats, samples: Samples, first: int) -> Callable[[str, CodePhase], SnapshotSignal]:
-    """What measures a signal in a block by its code at another instant."""
+def _make_measurer(planes: Floats, samples: Samples, first: int) -> Callable[[str, CodePhase], SnapshotSignal]:
+    """Return a function that measures a signal in a block by its code at another instant."""
 
-    def measured(sat: str, code: CodePhase) -> SnapshotSignal:
+    def measure(sat: str, code: CodePhase) -> SnapshotSignal:
         begin_s = first / samples.rate_hz
         pace = 1.0 + code.doppler_hz / GPS_L1_CA.carrier_hz
         middle_s = 0.5 * (planes.shape[-1] - 1) / samples.rate_hz
         delay_s = middle_s - _at(code, begin_s + middle_s).code_s / pace
-        one = snapshot_signal(planes, samples.rate_hz, carrier_at_hz(samples), sat, delay_s, code.doppler_hz)
-        return replace(one, code=replace(one.code, elapsed_s=begin_s + one.code.elapsed_s))
+        signal = snapshot_signal(planes, samples.rate_hz, carrier_at_hz(samples), sat, delay_s, code.doppler_hz)
+        return replace(signal, code=replace(signal.code, elapsed_s=begin_s + signal.code.elapsed_s))
 
-    return measured
+    return measure
 
 
-def _code_of(peak: Peak, begin_s: float) -> CodePhase:
-    """A peak of a search that began so long after the first sample."""
+def _code_from_peak(peak: Peak, begin_s: float) -> CodePhase:
+    """Return the code phase of a peak of a search that began so long after the first sample."""
     return CodePhase(
         sat=peak.sat,
         elapsed_s=begin_s + peak.delay_s,
@@ -154,8 +168,8 @@ def _best(seen: Sequence[SnapshotSignal]) -> SnapshotSignal:
     return max(seen, key=lambda one: one.energy if one.code.found else -1.0)
 
 
-def _peaks(planes: Floats, samples: Samples, looks: Sequence[int], doppler_max_hz: float) -> list[Peak]:
-    """What searches from each of `looks` on find on single antennas, each signal once: as where it is strongest.
+def _search_peaks(planes: Floats, samples: Samples, looks: Sequence[int], doppler_max_hz: float) -> list[Peak]:
+    """Search single antennas from each of `looks` on, and keep each signal where it is strongest.
 
     Antennas are searched, from one end of the array to the other and then between, until `_NOTHING_NEW` in a row find
     nothing that others have not found: each further search costs as much as the first.
@@ -163,58 +177,58 @@ def _peaks(planes: Floats, samples: Samples, looks: Sequence[int], doppler_max_h
     kept: list[Peak] = []
     for look in looks:
         idle = 0
-        for antenna in _spread(len(planes)):
+        for antenna in _order_spread(len(planes)):
             if not planes[antenna].any():
                 continue
-            found = searched(planes[antenna, :, look:], samples.rate_hz, carrier_at_hz(samples), doppler_max_hz)
-            found = [_earlier(peak, look / samples.rate_hz) for peak in found]
-            fresh = [peak for peak in found if not any(_is_one(one, peak) for one in kept)]
-            same = [(one, peak) for one in kept for peak in found if _is_one(one, peak)]
-            better = {id(one): peak for one, peak in same if peak.cn0_dbhz > one.cn0_dbhz}
-            kept = [better.get(id(one), one) for one in kept] + fresh
+            found = search_samples(planes[antenna, :, look:], samples.rate_hz, carrier_at_hz(samples), doppler_max_hz)
+            found = [_shift_earlier(peak, look / samples.rate_hz) for peak in found]
+            fresh = [peak for peak in found if not any(_is_one(known, peak) for known in kept)]
+            same = [(known, peak) for known in kept for peak in found if _is_one(known, peak)]
+            better = {id(known): peak for known, peak in same if peak.cn0_dbhz > known.cn0_dbhz}
+            kept = [better.get(id(known), known) for known in kept] + fresh
             idle = 0 if fresh or not kept else idle + 1
             if idle == _NOTHING_NEW:
                 break
     return sorted(kept, key=lambda peak: -peak.cn0_dbhz)
 
 
-def _earlier(peak: Peak, by_s: float) -> Peak:
-    """A peak as of a search that began so much earlier."""
+def _shift_earlier(peak: Peak, by_s: float) -> Peak:
+    """Shift a peak to a search that began so much earlier."""
     return replace(peak, delay_s=(peak.delay_s + by_s) % (PERIOD_S / (1.0 + peak.doppler_hz / GPS_L1_CA.carrier_hz)))
 
 
-def _spread(count: int) -> list[int]:
-    """All numbers below `count`, each far from those before it: in the order of their bits reversed."""
+def _order_spread(count: int) -> list[int]:
+    """Order all numbers below `count`, each far from those before it: by their bits reversed."""
     bits = max(count - 1, 1).bit_length()
     return sorted(range(count), key=lambda number: int(f"{number:0{bits}b}"[::-1], 2))
 
 
 def _is_one(one: Peak, other: Peak) -> bool:
-    near = abs(_wrapped_s(one.delay_s - other.delay_s)) * GPS_L1_CA.chip_rate_hz < POLICY.same_signal_chips
+    near = abs(_wrap_s(one.delay_s - other.delay_s)) * GPS_L1_CA.chip_rate_hz < POLICY.same_signal_chips
     return one.sat == other.sat and near and abs(one.doppler_hz - other.doppler_hz) < POLICY.same_signal_hz
 
 
 def _is_same(one: SnapshotSignal, other: SnapshotSignal) -> bool:
-    """Of one block."""
-    near = abs(_wrapped_s(one.code.code_s - other.code.code_s)) * GPS_L1_CA.chip_rate_hz < POLICY.same_signal_chips
+    """Test whether two signals of one block are the same."""
+    near = abs(_wrap_s(one.code.code_s - other.code.code_s)) * GPS_L1_CA.chip_rate_hz < POLICY.same_signal_chips
     return near and abs(one.code.doppler_hz - other.code.doppler_hz) < POLICY.same_signal_hz
 
 
-def _wrapped_s(apart_s: float) -> float:
+def _wrap_s(apart_s: float) -> float:
     return (apart_s + 0.5 * PERIOD_S) % PERIOD_S - 0.5 * PERIOD_S
 
 
-def _different(seen: Sequence[tuple[str, SnapshotSignal]]) -> list[tuple[str, SnapshotSignal]]:
-    """Of two that turn out to be one, the stronger."""
+def _keep_different(seen: Sequence[tuple[str, SnapshotSignal]]) -> list[tuple[str, SnapshotSignal]]:
+    """Keep the stronger of two signals that turn out to be one."""
     kept: list[tuple[str, SnapshotSignal]] = []
-    for sat, one in sorted(seen, key=lambda pair: -pair[1].energy):
-        if not any(sat == other and _is_same(one, known) for other, known in kept):
-            kept.append((sat, one))
+    for sat, signal in sorted(seen, key=lambda pair: -pair[1].energy):
+        if not any(sat == other and _is_same(signal, known) for other, known in kept):
+            kept.append((sat, signal))
     return kept
 
 
-def _lettered(known: Sequence[tuple[str, Sequence[SnapshotSignal]]]) -> list[Found]:
-    """Signals of a satellite by letter, the strongest first."""
+def _assign_letters(known: Sequence[tuple[str, Sequence[SnapshotSignal]]]) -> list[Found]:
+    """Name the signals of each satellite by letters, the strongest first."""
     found = []
     for sat in sorted({sat for sat, _ in known}):
         of_sat = sorted((seen for other, seen in known if other == sat), key=lambda seen: -_best(seen).energy)
@@ -234,38 +248,41 @@ def _lettered(known: Sequence[tuple[str, Sequence[SnapshotSignal]]]) -> list[Fou
 # ---------------------------------------------------------------------- what does not belong there
 
 
-def credible(found: Sequence[Found], remarks: list[str]) -> list[Found]:
-    """Those that are too strong for a cross-correlation of the strongest."""
-    strongest_dbhz = max((one.cn0_dbhz for one in found), default=0.0)
+def drop_cross_correlations(found: Sequence[Found], remarks: list[str]) -> list[Found]:
+    """Drop signals so weak that they may be cross-correlations of the strongest."""
+    strongest_dbhz = max((signal.cn0_dbhz for signal in found), default=0.0)
     kept = []
-    for one in found:
-        below_db = strongest_dbhz - one.cn0_dbhz
+    for signal in found:
+        below_db = strongest_dbhz - signal.cn0_dbhz
         if below_db > POLICY.cross_db:
-            weak = f"{one.signal}: {below_db:.1f} dB below the strongest, as its cross-correlation would be; left out"
+            weak = (
+                f"{signal.signal}: {below_db:.1f} dB below the strongest, as its cross-correlation would be; left out"
+            )
             remarks.append(Remark(weak, RemarkKind.BEARS))
         else:
-            kept.append(one)
+            kept.append(signal)
     return kept
 
 
-def of_all(found: Sequence[Found]) -> tuple[list[Found], list[int]]:
-    """The signals, and which antennas have fewer than half of those that most antennas have; without signals that only
-    such antennas have."""
+def find_lost_antennas(found: Sequence[Found]) -> tuple[list[Found], list[int]]:
+    """Find antennas with fewer than half of the common signals, and drop signals only they have."""
     if not found or found[0].first.cn0_dbhz.size < POLICY.vote_antennas:
         return list(found), []
-    there = np.array([one.first.there for one in found])
-    common = there.mean(axis=1) > 0.5
+    present = np.array([signal.first.there for signal in found])
+    common = present.mean(axis=1) > 0.5
     if not common.any():
         return list(found), []
-    lost = there[common].mean(axis=0) < 0.5
-    kept = [one for one, own in zip(found, there, strict=True) if own[~lost].any()]
+    lost = present[common].mean(axis=0) < 0.5
+    kept = [signal for signal, presence in zip(found, present, strict=True) if presence[~lost].any()]
     return kept, np.flatnonzero(lost).tolist()
 
 
-def late_antennas(found: Sequence[Found]) -> dict[int, int]:
-    """Antennas whose samples begin later than those of the others, by so many code periods: less than a bit or two, so
-    that their codes agree and their data bits do not."""
-    blocks = [block for one in found for block in one.blocks if block is not None]
+def find_late_antennas(found: Sequence[Found]) -> dict[int, int]:
+    """Find the antennas whose samples begin some code periods later than the others'.
+
+    By less than a bit or two, so that their codes agree and their data bits do not.
+    """
+    blocks = [block for signal in found for block in signal.blocks if block is not None]
     if not blocks or len(blocks[0].later) < 2:
         return {}
     better = np.sum([block.later for block in blocks], axis=0)
@@ -276,9 +293,10 @@ def late_antennas(found: Sequence[Found]) -> dict[int, int]:
 # ---------------------------------------------------------------------- changes
 
 
-def divided(found: Sequence[Found], lost: Sequence[int]) -> list[Found]:
-    """The signals with the parts that are theirs: one that comes from elsewhere from a part on is two, before and
-    after. Where but for one antenna nothing would come from elsewhere, that antenna fails, and nothing is divided.
+def divide_signals(found: Sequence[Found], lost: Sequence[int]) -> list[Found]:
+    """Divide signals that come from elsewhere from a part on in two, before and after.
+
+    Where the change disappears without one antenna, that antenna fails, and nothing is divided.
 
     lost : antennas that are not to be used.
     """
@@ -294,27 +312,27 @@ def divided(found: Sequence[Found], lost: Sequence[int]) -> list[Found]:
                 changes = without
                 break
     kept = []
-    letters = {one.signal.sat: 0 for one in found}
-    for one in found:
-        letters[one.signal.sat] += 1
-    for one, change in zip(found, changes, strict=True):
+    letters = {signal.signal.sat: 0 for signal in found}
+    for signal in found:
+        letters[signal.signal.sat] += 1
+    for signal, change in zip(found, changes, strict=True):
         if change is None:
-            kept.append(one)
+            kept.append(signal)
             continue
-        after = (np.arange(one.there.size) >= change.part).reshape(one.there.shape)
-        own = after if change.kind == "begins" else ~after
-        kept.append(_part(one, own, change))
+        after = (np.arange(signal.there.size) >= change.part).reshape(signal.there.shape)
+        own_parts = after if change.kind == "begins" else ~after
+        kept.append(_part(signal, own_parts, change))
         if change.kind == "turns":
-            letter = chr(ord("a") + letters[one.signal.sat])
-            letters[one.signal.sat] += 1
-            kept.append(_part(replace(one, signal=replace(one.signal, copy=letter)), after, change))
-    return sorted((one for one in kept if any(one.blocks)), key=lambda one: one.signal)
+            letter = chr(ord("a") + letters[signal.signal.sat])
+            letters[signal.signal.sat] += 1
+            kept.append(_part(replace(signal, signal=replace(signal.signal, copy=letter)), after, change))
+    return sorted((signal for signal in kept if any(signal.blocks)), key=lambda s: s.signal)
 
 
 def _changes(found: Sequence[Found], antennas: Indices) -> list[Change | None]:
-    return [change_within(one.sums[..., antennas].reshape(-1, antennas.size)) for one in found]
+    return [change_within(signal.sums[..., antennas].reshape(-1, antennas.size)) for signal in found]
 
 
 def _part(one: Found, own: Booleans, change: Change) -> Found:
-    blocks = tuple(block if there.any() else None for block, there in zip(one.blocks, own, strict=True))
+    blocks = tuple(block if present.any() else None for block, present in zip(one.blocks, own, strict=True))
     return replace(one, blocks=blocks, there=own, change=change)

@@ -19,7 +19,7 @@ from skyproof.receiver.snapshot import CodePhase, code_phase
 from skyproof.records import Fix, FixStatus, NavigationData, Samples, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["RoughKnowledge", "Snapshot", "searched", "snapshot", "solved"]
+__all__ = ["RoughKnowledge", "Snapshot", "search_samples", "snapshot", "solve_position"]
 
 _DOPPLER_STEP_HZ = 500.0
 
@@ -58,7 +58,7 @@ def snapshot(
     ----------
     rough_gpst, rough_sigma_s : when the recording began, and one sigma of it; by default the recording's own date.
     place_ecef_m, place_sigma_m : (3,) rough place and one sigma of each coordinate; without one the Dopplers give it.
-    start_s, duration_s : the stretch; 0.02 to 0.1 s are of use, 0.16 s the most.
+    start_s, duration_s : the stretch; 0.02 to 0.1 s are useful, 0.16 s the most.
     doppler_max_hz : how far the search goes; the oscillator's error comes on top of the satellites' 5 kHz.
 
     Raises
@@ -80,23 +80,23 @@ def snapshot(
     remarks: list[str] = []
     phases = [
         code_phase(planes, samples.rate_hz, if_hz, peak.sat, peak.delay_s, peak.doppler_hz)
-        for peak in _strongest(searched(planes, samples.rate_hz, if_hz, doppler_max_hz), remarks)
+        for peak in _keep_strongest(search_samples(planes, samples.rate_hz, if_hz, doppler_max_hz), remarks)
     ]
-    phases = _credible(phases, remarks)
+    phases = _keep_credible(phases, remarks)
     middle_s = start_s + 0.5 * (count - 1) / samples.rate_hz
     at_gpst = begin + timedelta_from_s(middle_s)
     known = RoughKnowledge(rough_sigma_s=rough_sigma_s, place_ecef_m=place_ecef_m, place_sigma_m=place_sigma_m)
-    coarse, used = solved(phases, at_gpst, navigation, known, remarks, settings)
+    coarse, used = solve_position(phases, at_gpst, navigation, known, remarks, settings)
     return Snapshot(
         coarse=coarse,
         phases=tuple(used),
-        fix=_as_fix(samples.name, coarse) if coarse.status == 0 else None,
+        fix=_fix_from_coarse(samples.name, coarse) if coarse.status == 0 else None,
         remarks=tuple(remarks),
     )
 
 
-def searched(planes: Floats, rate_hz: float, if_hz: float, doppler_max_hz: float) -> list[Peak]:
-    """All signals that a search of one antenna's samples (2, n) finds."""
+def search_samples(planes: Floats, rate_hz: float, if_hz: float, doppler_max_hz: float) -> list[Peak]:
+    """Search one antenna's samples (2, n) for all signals."""
     periods = int((min(planes.shape[1] / rate_hz, POLICY.searched_s) - 2.0 / rate_hz) / GPS_L1_CA.period_s)
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings(n_sums=periods, doppler_step_hz=_DOPPLER_STEP_HZ))
     reach = int(np.ceil(doppler_max_hz / _DOPPLER_STEP_HZ))
@@ -113,7 +113,7 @@ class RoughKnowledge:
     place_sigma_m: float = 100e3
 
 
-def solved(
+def solve_position(
     phases: Sequence[CodePhase],
     at_gpst: np.datetime64,
     navigation: NavigationData,
@@ -121,7 +121,9 @@ def solved(
     remarks: list[str],
     settings: CoarseSettings | None = None,
 ) -> tuple[CoarseFix, list[CodePhase]]:
-    """The position that code phases of one instant show, one a satellite, and those used: all if there is none.
+    """Solve the position of code phases of one instant, and return the phases used; all if none fits.
+
+    One phase a satellite.
 
     remarks : gets what was left out.
     """
@@ -160,8 +162,11 @@ def solved(
     return coarse, used
 
 
-def _strongest(peaks: list[Peak], remarks: list[str]) -> list[Peak]:
-    """One per satellite. Which of several is the true one cannot be known in so short a time."""
+def _keep_strongest(peaks: list[Peak], remarks: list[str]) -> list[Peak]:
+    """Keep the strongest peak of each satellite.
+
+    In so short a time the true one cannot be known.
+    """
     kept: dict[str, Peak] = {}
     for peak in sorted(peaks, key=lambda p: -p.cn0_dbhz):
         if peak.sat in kept:
@@ -174,8 +179,8 @@ def _strongest(peaks: list[Peak], remarks: list[str]) -> list[Peak]:
     return [kept[sat] for sat in sorted(kept)]
 
 
-def _credible(phases: list[CodePhase], remarks: list[str]) -> list[CodePhase]:
-    """Those that could be measured and are too strong for a cross-correlation of the strongest."""
+def _keep_credible(phases: list[CodePhase], remarks: list[str]) -> list[CodePhase]:
+    """Keep the phases that were measured and are too strong for a cross-correlation of the strongest."""
     strongest_dbhz = max((p.cn0_dbhz for p in phases), default=0.0)
     kept = []
     for phase in phases:
@@ -193,8 +198,8 @@ def _credible(phases: list[CodePhase], remarks: list[str]) -> list[CodePhase]:
     return kept
 
 
-def _as_fix(receiver: str, coarse: CoarseFix) -> Fix:
-    """Position and clock: the clock is the rough time, so that its bias is minus the error of that."""
+def _fix_from_coarse(receiver: str, coarse: CoarseFix) -> Fix:
+    """Convert a coarse fix: its clock is the rough time, so the bias is minus that time's error."""
     to_fix = np.zeros((4, 5))
     to_fix[range(3), range(3)] = 1.0
     to_fix[3, 4] = -SPEED_OF_LIGHT_M_S

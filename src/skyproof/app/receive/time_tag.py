@@ -21,18 +21,18 @@ from skyproof.records import FixStatus, NavigationData, Observations, Samples, S
 
 __all__ = [
     "Shown",
-    "clock_biases_s",
-    "first_copies",
-    "near_date",
-    "shown_by",
-    "time_tag",
-    "timed_by_others",
-    "week_of",
+    "compute_clock_biases_s",
+    "estimate_time_tag",
+    "find_week",
+    "move_near_date",
+    "position_all_epochs",
+    "select_first_copies",
+    "time_short_arcs",
 ]
 
 
-def week_of(tracker: Tracker, navigation: NavigationData | None, remarks: list[str]) -> int:
-    """The recording's GPS week: of its date, else of the navigation file, else as the signals say it, nearest to today.
+def find_week(tracker: Tracker, navigation: NavigationData | None, remarks: list[str]) -> int:
+    """Find the recording's GPS week by its date, the navigation file or the signals, in this order.
 
     Raises InputError if no signal's week is that of the navigation file.
     """
@@ -42,11 +42,13 @@ def week_of(tracker: Tracker, navigation: NavigationData | None, remarks: list[s
     stated, near = min(stated_weeks(tracker.arcs), default=None), np.datetime64("now", "ns")
     if navigation is not None and navigation.ephemerides:
         week = int(np.median([e.week for e in navigation.ephemerides]))
-        if stated is not None and all((one - week + 1) % 1024 > 2 for one in stated_weeks(tracker.arcs)):
+        if stated is not None and all(
+            (stated_week - week + 1) % 1024 > 2 for stated_week in stated_weeks(tracker.arcs)
+        ):
             raise InputError(
-                f"{tracker.samples.path or tracker.samples.name}: its signals are of {_first_day(stated, near)} (or "
-                f"1024 weeks before or after), the navigation file is of {_first_day(week, near)}; give the file of "
-                "the day, or, if the signals may lie about it, start_gpst in the sidecar"
+                f"{tracker.samples.path or tracker.samples.name}: its signals are in {_describe_week(stated, near)} "
+                f"(or 1024 weeks before or after), the navigation file is for {_describe_week(week, near)}; give the "
+                "file of the day, or, if the signals may lie about it, start_gpst in the sidecar"
             )
         remarks.append(f"no date in the sidecar: GPS week {week} taken from the navigation file")
         return week
@@ -58,27 +60,29 @@ def week_of(tracker: Tracker, navigation: NavigationData | None, remarks: list[s
     return week
 
 
-def _first_day(week: int, near: np.datetime64) -> str:
-    """Of a week, whole or modulo 1024, in words."""
+def _describe_week(week: int, near: np.datetime64) -> str:
+    """Name the first day of a week, whole or modulo 1024."""
     whole = week if week >= 1024 else resolve_week(week, near)
     return f"GPS week {whole}, from {iso(GPS_EPOCH + np.timedelta64(7 * whole, 'D'), 0)[:10]} on"
 
 
-def time_tag(tracker: Tracker, week: int) -> ReceiverTimeTag | None:
-    """The label at the first sample: from what was measured before samples were missing, if that shows it."""
+def estimate_time_tag(tracker: Tracker, week: int) -> ReceiverTimeTag | None:
+    """Estimate the label at the first sample, from measurements before missing samples if possible."""
     first = tracker.measured.first
-    before = _segment(first.elapsed_s, tracker.gaps) == 0
+    before = _count_gaps(first.elapsed_s, tracker.gaps) == 0
     label = receiver_time_tag(first.select(before), tracker.arcs, week)
     return label if label is not None else receiver_time_tag(first, tracker.arcs, week)
 
 
-def _segment(elapsed_s: ArrayLike, gaps: Sequence[Gap]) -> Indices:
-    """How many unmarked gaps lie before each moment."""
+def _count_gaps(elapsed_s: ArrayLike, gaps: Sequence[Gap]) -> Indices:
+    """Count the unmarked gaps before each moment."""
     return np.searchsorted(np.sort([gap.elapsed_s for gap in gaps]), np.asarray(elapsed_s, float), side="right")
 
 
-def near_date(label: ReceiverTimeTag, samples: Samples, arcs: Mapping[int, Arc], remarks: list[str]) -> ReceiverTimeTag:
-    """The label in the week that brings it nearest to the recording's date; remarks if the signals say otherwise.
+def move_near_date(
+    label: ReceiverTimeTag, samples: Samples, arcs: Mapping[int, Arc], remarks: list[str]
+) -> ReceiverTimeTag:
+    """Move the label to the week nearest to the recording's date; remark if the signals say otherwise.
 
     A recorder's clock may never have been set. The message knows the week modulo 1024.
     """
@@ -89,7 +93,7 @@ def near_date(label: ReceiverTimeTag, samples: Samples, arcs: Mapping[int, Arc],
     turned = round(ahead_s / 604800.0)
     label = replace(label, week=int(week) - turned)
     off_s = ahead_s - 604800.0 * turned
-    stated = _week_of_message(arcs, label)
+    stated = _find_stated_week(arcs, label)
     if stated is not None and (stated - label.week) % 1024 != 0:
         label = replace(label, week=resolve_week(stated, samples.start_gpst))
         off_s += 604800.0 * (label.week - int(week) + turned)
@@ -101,8 +105,8 @@ def near_date(label: ReceiverTimeTag, samples: Samples, arcs: Mapping[int, Arc],
     return label
 
 
-def _week_of_message(arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> int | None:
-    """The week at `label`, modulo 1024, that most signals state; None if none does."""
+def _find_stated_week(arcs: Mapping[int, Arc], label: ReceiverTimeTag) -> int | None:
+    """Find the week at `label`, modulo 1024, that most signals state; None if none does."""
     half_week_s = 302_400
     weeks = Counter(
         (int(first.fields["week_mod_1024"]) - (first.tow_s < label.tow_ms * 1e-3 - half_week_s)) % 1024
@@ -126,11 +130,11 @@ class Shown:
     good: Booleans
 
 
-def shown_by(stretches: Iterator[Observations], orbits: NavigationData) -> Shown:
-    """By all epochs of a recording."""
+def position_all_epochs(stretches: Iterator[Observations], orbits: NavigationData) -> Shown:
+    """Compute the positions of all epochs of a recording, by the signals found first."""
     parts = []
     for part in stretches:
-        found = fix(part, orbits, signals=first_copies(part), elevation_mask_deg=0.0)
+        found = fix(part, orbits, signals=select_first_copies(part), elevation_mask_deg=0.0)
         parts.append(
             (found.gpst, part.elapsed_s, found.position_ecef_m, found.clock_bias_s, found.status == FixStatus.OK)
         )
@@ -138,20 +142,18 @@ def shown_by(stretches: Iterator[Observations], orbits: NavigationData) -> Shown
     return Shown(gpst=gpst, elapsed_s=elapsed_s, position_ecef_m=position_ecef_m, clock_bias_s=clock_bias_s, good=good)
 
 
-def timed_by_others(
+def time_short_arcs(
     tracker: Tracker, shown: Shown, orbits: NavigationData, label: ReceiverTimeTag, remarks: list[str]
 ) -> dict[int, Arc] | None:
-    """Arcs too short for a subframe take their time of week from the position that the others give; None if no arc
-    gains by it.
-    """
+    """Time arcs too short for a subframe by the others' position; None if no arc gains by it."""
     good = np.flatnonzero(shown.good)
     if good.size == 0:
         return None
-    segment = _segment(shown.elapsed_s[good], tracker.gaps)
+    segment = _count_gaps(shown.elapsed_s[good], tracker.gaps)
 
     def range_m(sat: str, elapsed_s: float) -> float | None:
         # Beyond a gap the receiver's clock is another one.
-        near = good[segment == _segment(elapsed_s, tracker.gaps)]
+        near = good[segment == _count_gaps(elapsed_s, tracker.gaps)]
         if near.size == 0:
             return None
         row = near[np.argmin(np.abs(shown.elapsed_s[near] - elapsed_s))]
@@ -179,17 +181,19 @@ def timed_by_others(
     return arcs
 
 
-def clock_biases_s(shown: Shown, gaps: Sequence[Gap]) -> Reals | None:
-    """By how much to move the clock label at each epoch, (n_epochs,), to bring it to within half a millisecond of what
-    most signals say; None where they give no fix at all. Where samples are missing unmarked it steps by what is
-    missing. Where the signals' time goes back, as in a recording joined to itself, it goes on with the samples.
+def compute_clock_biases_s(shown: Shown, gaps: Sequence[Gap]) -> Reals | None:
+    """Compute the shift of each epoch's clock label, (n_epochs,), to agree with most signals.
+
+    Labels agree to within half a millisecond. None where they give no fix at all. Where samples are missing unmarked it
+    steps by what is missing. Where the signals' time steps back, as in a recording joined to itself, it continues with
+    the samples.
     """
     known = np.isfinite(shown.clock_bias_s)
     if not known.any():
         return None
-    segment = _segment(shown.elapsed_s, gaps)
+    segment = _count_gaps(shown.elapsed_s, gaps)
     parts = np.unique(segment[known])
-    biases_s = np.array([np.median(shown.clock_bias_s[known & (segment == one)]) for one in parts])
+    biases_s = np.array([np.median(shown.clock_bias_s[known & (segment == part)]) for part in parts])
     biases_s = np.minimum.accumulate(biases_s)  # labels never go back, where the signals' time does
     chosen = biases_s[np.clip(np.searchsorted(parts, segment), 0, parts.size - 1)]
     # When a gap began is known to a few epochs only: the fixes themselves show on which side of it they lie.
@@ -197,8 +201,8 @@ def clock_biases_s(shown: Shown, gaps: Sequence[Gap]) -> Reals | None:
     return np.asarray(chosen)
 
 
-def first_copies(observations: Observations) -> tuple[SignalId, ...]:
-    """Of each satellite the signal that was found first."""
+def select_first_copies(observations: Observations) -> tuple[SignalId, ...]:
+    """Select the signal of each satellite that was found first."""
     first: dict[str, SignalId] = {}
     for signal in sorted(observations.signals, key=lambda s: (len(s.copy), s.copy)):
         first.setdefault(signal.sat, signal)

@@ -8,12 +8,12 @@ import numpy as np
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.settings import Settings
 from skyproof.app.inspect import Inspection, inspect_recording
-from skyproof.app.inspect.advice import correction_remark
-from skyproof.app.receive.bridge import bridged
-from skyproof.app.receive.clock_check import agreeing
+from skyproof.app.inspect.advice import remark_on_correction
+from skyproof.app.receive.bridge import bridge_gaps
+from skyproof.app.receive.clock_check import correct_disagreement
 from skyproof.app.receive.measured import MeasurementLog, RowLog
 from skyproof.app.receive.policy import POLICY
-from skyproof.app.receive.vector import Guiding, guided
+from skyproof.app.receive.vector import Guiding, guide_channels
 from skyproof.arrays import Floats
 from skyproof.errors import InputError
 from skyproof.formats.pieces import Workspace
@@ -29,7 +29,7 @@ from skyproof.recording.conditioning import conditioned, measure_front_end
 from skyproof.records import Asked, NavigationData, Samples
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["Tracker", "carrier_at_hz", "cleaned", "guiding_of", "receiver_settings", "track"]
+__all__ = ["Tracker", "build_receiver_settings", "carrier_at_hz", "clean_antennas", "set_up_guiding", "track"]
 
 BLOCK_S = 0.5
 
@@ -40,7 +40,7 @@ class Tracker:
 
     remarks : what was done to the samples before, and what ended them.
     broken : why the recording could be read no further, if it could not: all that came before counts.
-    given : the recording as it is described, if its codes and carriers agree at another rate or carrier only; `samples`
+    given : the recording by its description, if its codes and carriers agree at another rate or carrier only; `samples`
         are read so then, and `remarks` ends with it. checks : how often that is looked at yet.
     vector : of vector tracking.
     """
@@ -61,7 +61,7 @@ class Tracker:
     inspection: Inspection | None = None
 
     def advance(self) -> bool:
-        """Work on the next block; False when the recording has ended, or can be read no further."""
+        """Process the next block; False when the recording has ended, or can be read no further."""
         count = min(int(BLOCK_S * self.samples.rate_hz), self.samples.n_samples - self.position)
         if count <= 0 or self.broken:
             return False
@@ -72,15 +72,15 @@ class Tracker:
             only = f"only its first {self.examined_s:.1f} s were processed: {error}"
             self.remarks = (*self.remarks, Remark(only, RemarkKind.CUT))
             return False
-        for part in self._parts(planes):
+        for part in self._cut_block(planes):
             self._step(part)
         self.position += count
         if self.checks and (self.examined_s >= POLICY.checked_s or self.ended):
             self._check_clock()
         return True
 
-    def _parts(self, planes: Floats) -> Iterator[Floats]:
-        """A block, cut where a row of measurements is complete if that guides the loops."""
+    def _cut_block(self, planes: Floats) -> Iterator[Floats]:
+        """Yield a block, cut where a row of measurements is complete if that guides the loops."""
         first, stop = self.position, self.position + planes.shape[-1]
         while self.vector is not None:
             row = -(-self.state.frame // MEASURE_FRAMES) * MEASURE_FRAMES
@@ -99,11 +99,11 @@ class Tracker:
         self.gaps += output.gaps
         self.grids.append(output.grids, self.arcs)
         if self.vector is not None and self.state.frame > frame and (self.state.frame - 1) % MEASURE_FRAMES == 0:
-            self.vector, self.state = guided(self.vector, self.receiver, self.state, output, self.arcs)
+            self.vector, self.state = guide_channels(self.vector, self.receiver, self.state, output, self.arcs)
 
     def _check_clock(self) -> None:
-        """Begin anew where codes and carriers do not agree at the rate given."""
-        found = agreeing(self.samples, self.measured.whole(), self.arcs, self.inspected)
+        """Restart where codes and carriers do not agree at the rate given."""
+        found = correct_disagreement(self.samples, self.measured.whole(), self.arcs, self.get_inspection)
         self.checks = self.checks - 1 if found else 0
         if found is None:
             return
@@ -111,16 +111,16 @@ class Tracker:
         self.given = self.given or self.samples
         self.samples, apart = found
         self.inspection = None
-        self.remarks = (*self.remarks, correction_remark(self.given, self.samples, apart.sigma))
+        self.remarks = (*self.remarks, remark_on_correction(self.given, self.samples, apart.sigma))
         self.receiver = Receiver(self.samples.rate_hz, carrier_at_hz(self.samples), self.receiver.settings)
         self.state, self.position = ReceiverState(), 0
-        self.vector = None if self.vector is None else self.vector.anew()
+        self.vector = None if self.vector is None else self.vector.restart()
         self.measured.clear()
         self.grids.clear()
         self.arcs, self.gaps = {}, []
 
-    def inspected(self) -> Inspection:
-        """The inspection of `samples`, which takes seconds: made when it is first asked for.
+    def get_inspection(self) -> Inspection:
+        """Inspect `samples` at the first call, which takes seconds.
 
         Raises InputError and NotEnoughData as `inspect_recording` does.
         """
@@ -134,17 +134,17 @@ class Tracker:
 
     @property
     def ended(self) -> bool:
-        """Whether all of the recording was processed."""
+        """Return whether all of the recording was processed."""
         return self.position >= self.samples.n_samples
 
     @property
     def n_epochs(self) -> int:
-        """Rows of measurements so far; row number k, from 1 on, is at k times `epoch_s`."""
+        """Return the rows of measurements so far; row k, from 1 on, is at k times `epoch_s`."""
         return max(int(self.state.frame - 1) // MEASURE_FRAMES, 0)
 
     @property
     def epoch_s(self) -> float:
-        """From one row of measurements to the next."""
+        """Return the time between rows of measurements."""
         return self.measured.epoch_s
 
 
@@ -185,10 +185,12 @@ def track(
     interrupted = watch()
     kept = workspace or Workspace()
     trackers = [
-        _tracker(samples, settings, navigation, watchful, asked or Asked(), kept, (units or {}).get(samples.name))
+        _set_up_tracker(
+            samples, settings, navigation, watchful, asked or Asked(), kept, (units or {}).get(samples.name)
+        )
         for samples in recordings
     ]
-    for samples in (one for recording in recordings for one in (recording, *recording.others)):
+    for samples in (antenna for recording in recordings for antenna in (recording, *recording.others)):
         if summed and samples.file is not None:
             samples.file.sum_as_read()
     names = ", ".join(s.name for s in recordings)
@@ -205,7 +207,7 @@ def track(
     return trackers, interrupted()
 
 
-def _tracker(
+def _set_up_tracker(
     samples: Samples,
     settings: Settings,
     navigation: NavigationData | None,
@@ -214,11 +216,11 @@ def _tracker(
     workspace: Workspace,
     unit: AntennaUnit | None = None,
 ) -> Tracker:
-    """A recording made ready: what hurts in its samples taken off, gaps that it states bridged."""
-    clean, words = cleaned(samples)
-    whole, filled = bridged(clean, begun_s=settings.start_s)
-    sats, narrowed = _sats(samples, settings, navigation)
-    wanted = receiver_settings(sats, settings, asked, watchful=watchful)
+    """Set up a recording's tracker: disturbances removed from the samples, stated gaps bridged."""
+    clean, words = clean_antennas(samples)
+    whole, filled = bridge_gaps(clean, begun_s=settings.start_s)
+    sats, narrowed = _list_sats(samples, settings, navigation)
+    wanted = build_receiver_settings(sats, settings, asked, watchful=watchful)
     receiver = Receiver(samples.rate_hz, carrier_at_hz(samples), wanted)
     grids: RowLog[Grids] = RowLog(workspace, f"{samples.name}/grids")
     measured = MeasurementLog(workspace, samples.name, MEASURE_FRAMES * wanted.frame_s)
@@ -228,14 +230,17 @@ def _tracker(
         measured=measured,
         grids=grids,
         remarks=(*words, *filled, *narrowed),
-        vector=guiding_of(whole, navigation, settings, unit) if settings.tracking == "vector" else None,
+        vector=set_up_guiding(whole, navigation, settings, unit) if settings.tracking == "vector" else None,
     )
 
 
-def receiver_settings(
+def build_receiver_settings(
     sats: tuple[str, ...], settings: Settings, asked: Asked, *, watchful: bool = True
 ) -> ReceiverSettings:
-    """Of a receiver that looks for `sats` and takes the correlators asked for. watchful : as in `track`."""
+    """Build the settings of a receiver that searches `sats` and takes the requested correlators.
+
+    watchful : as in `track`.
+    """
     wanted = ReceiverSettings(
         sats=sats,
         doppler_max_hz=settings.doppler_max_hz,
@@ -253,10 +258,10 @@ def receiver_settings(
     )
 
 
-def guiding_of(
+def set_up_guiding(
     samples: Samples, navigation: NavigationData | None, settings: Settings, unit: AntennaUnit | None = None
 ) -> Guiding:
-    """Vector tracking that has not begun."""
+    """Set up vector tracking that has not begun."""
     near = samples.start_gpst if samples.start_gpst is not None else np.datetime64("now", "ns")
     week = int(week_and_tow(near)[0])
     if samples.start_gpst is None and navigation is not None and navigation.ephemerides:
@@ -264,15 +269,15 @@ def guiding_of(
     return Guiding(navigation=navigation, week=week, barred=frozenset(settings.not_driving or ()), unit=unit)
 
 
-def _sats(
+def _list_sats(
     samples: Samples, settings: Settings, navigation: NavigationData | None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The satellites to look for, and what was done to their list."""
+    """List the satellites to search, and remark on the list."""
     if settings.place_deg is None:
         return GPS_SATS, ()
     if navigation is None or samples.start_gpst is None:
         lacks = "a navigation file (--nav)" if navigation is None else "a date in the recording (start_gpst)"
-        return GPS_SATS, (f"every satellite was looked for: place_deg is of use with {lacks} only",)
+        return GPS_SATS, (f"every satellite was looked for: place_deg is useful with {lacks} only",)
     lat_rad, lon_rad = np.radians(settings.place_deg)
     end = samples.start_gpst + timedelta_from_s(samples.duration_s)
     above = list_sats_above(navigation, GPS_SATS, float(lat_rad), float(lon_rad), samples.start_gpst, end)
@@ -284,19 +289,21 @@ def _sats(
     return above, (f"only the {len(above)} satellites above the horizon of place_deg were looked for",)
 
 
-def cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
-    """A recording without what costs C/N0, and what was done in words; antenna by antenna, as each has a front end of
-    its own behind the one oscillator."""
+def clean_antennas(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """Remove what costs C/N0 from every antenna's samples, and say what was done.
+
+    Each antenna has a front end of its own behind the one oscillator.
+    """
     if not samples.others:
-        return _cleaned(samples)
-    (first, *others), done = zip(*map(_cleaned, (samples, *samples.others)), strict=True)
-    names = (one.antenna for one in (samples, *samples.others))
+        return _clean(samples)
+    (first, *rest), done = zip(*map(_clean, (samples, *samples.others)), strict=True)
+    names = (antenna.antenna for antenna in (samples, *samples.others))
     words = [f"antenna {name}: {word}" for name, words in zip(names, done, strict=True) for word in words]
-    return replace(first, others=tuple(others)), tuple(words)
+    return replace(first, others=tuple(rest)), tuple(words)
 
 
-def _cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
-    """The recording without what costs C/N0, and what was done; itself where nothing does, or too little shows it.
+def _clean(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
+    """Remove what costs C/N0 from the samples, and say what was done; unchanged if too little shows it.
 
     Figures of DC and imbalance are reported with the levels when a file is opened, and not again.
     """
@@ -315,5 +322,5 @@ def _cleaned(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
 
 
 def carrier_at_hz(samples: Samples) -> float:
-    """Where the nominal carrier lies in the samples: the frequency `centre_hz` lies at `if_hz`."""
+    """Return where the nominal carrier lies in the samples: the frequency `centre_hz` lies at `if_hz`."""
     return samples.if_hz + GPS_L1_CA.carrier_hz - samples.centre_hz

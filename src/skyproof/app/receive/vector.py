@@ -39,7 +39,7 @@ from skyproof.receiver.observables import WEEK_MS, ReceiverTimeTag, navigation_o
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverState, StepOutput
 from skyproof.records import NavigationData, SignalId
 
-__all__ = ["Guiding", "guided"]
+__all__ = ["Guiding", "guide_channels"]
 
 AHEAD_EPOCHS: Final = 24
 """For which orbits are computed at once: 5 s."""
@@ -56,7 +56,7 @@ class Guiding:
     has diverged; carried : its navigator. label : what the receiver's clock shows; None before a time of week was
     read. filter : None before it has begun. agreed : epochs in a row in which it was not contradicted. sky : orbits of
     the next epochs. driving : signals that drive the filter and are guided by it. out : those that ever went off it,
-    and until when they go by themselves. began_s : when the loops first followed the filter. diverged : how often it
+    and until when they track alone. began_s : when the loops first followed the filter. diverged : how often it
     went wrong. misfit_m : with which a filter could not begin.
     """
 
@@ -76,14 +76,14 @@ class Guiding:
     diverged: int = 0
     misfit_m: float | None = None
 
-    def anew(self) -> "Guiding":
-        """For the same recording from its first sample on."""
+    def restart(self) -> "Guiding":
+        """Return the state for the same recording from its first sample on."""
         known = replace(self, label=None, filter=None, agreed=0, sky=None, driving=frozenset(), out={}, carried=None)
         return replace(known, began_s=None, diverged=0, misfit_m=None)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is to be said of it when the recording has ended."""
+        """Return the remarks on vector tracking when the recording has ended."""
         if self.began_s is None:
             why = "no time of week, or fewer than five satellites with orbits"
             if self.misfit_m is not None:
@@ -112,30 +112,32 @@ class _Channels:
     doppler_sigma_hz: Reals
 
 
-def guided(
+def guide_channels(
     guiding: Guiding, receiver: Receiver, state: ReceiverState, output: StepOutput, arcs: Mapping[int, Arc]
 ) -> tuple[Guiding, ReceiverState]:
-    """Carry the filter over the row of measurements that a step has just completed, and guide the channels by it.
+    """Propagate the filter over the row of measurements just completed, and guide the channels by it.
 
     output : of a step that ended with the frame of a row.
     """
     elapsed_s = (state.frame - 1) * receiver.settings.frame_s
     if output.gaps:  # by an unknown time, all that was known of the clock has moved
         guiding = _without_filter(replace(guiding, label=None))
-    guiding = _known(guiding, output.measurements, arcs, elapsed_s)
+    guiding = _learn_time_and_orbits(guiding, output.measurements, arcs, elapsed_s)
     if guiding.label is None or guiding.navigation is None:
         return guiding, state
-    shown = Measurements.joined([output.measurements, output.noncoherent])
-    channels = _channels(guiding, receiver, state, shown, arcs, elapsed_s)
+    measured = Measurements.joined([output.measurements, output.noncoherent])
+    channels = _channels(guiding, receiver, state, measured, arcs, elapsed_s)
     if not channels.arcs:
         return guiding, state
     if guiding.filter is None:
-        return _begun(guiding, channels, elapsed_s, receiver), state
-    return _followed(guiding, receiver, state, channels, elapsed_s)
+        return _begin_filter(guiding, channels, elapsed_s, receiver), state
+    return _follow(guiding, receiver, state, channels, elapsed_s)
 
 
-def _known(guiding: Guiding, measured: Measurements, arcs: Mapping[int, Arc], elapsed_s: float) -> Guiding:
-    """With time and orbits, as soon as there are any."""
+def _learn_time_and_orbits(
+    guiding: Guiding, measured: Measurements, arcs: Mapping[int, Arc], elapsed_s: float
+) -> Guiding:
+    """Set time and orbits as soon as there are any."""
     if guiding.label is None:
         guiding = replace(guiding, label=receiver_time_tag(measured, arcs, guiding.week))
     if guiding.navigation is None and guiding.label is not None and (elapsed_s + 1e-6) % DECODE_S < 0.1:
@@ -161,17 +163,17 @@ def _channels(
     assert guiding.navigation is not None
     known = {ephemeris.sat for ephemeris in guiding.navigation.ephemerides} - guiding.barred
     of_sat: dict[str, int] = {}
-    for i, channel in sorted(enumerate(state.channels), key=lambda one: (one[1].copy or "~", one[1].found_s)):
+    for i, channel in sorted(enumerate(state.channels), key=lambda item: (item[1].copy or "~", item[1].found_s)):
         if channel.copy is not None and channel.telemetry.tow_ms_at_period_0 is not None and channel.sat in known:
             of_sat.setdefault(channel.sat, i)
     places = [i for _, i in sorted(of_sat.items())]
     chosen = [state.channels[i] for i in places]
     k = len(chosen)
-    sent_ms = np.array([one.telemetry.tow_ms_at_period_0 for one in chosen], np.int64)
+    sent_ms = np.array([channel_state.telemetry.tow_ms_at_period_0 for channel_state in chosen], np.int64)
     pseudorange_m, doppler_hz, range_sigma_m, doppler_sigma_hz = np.full((4, k), np.nan)
     row_of = {int(arc): row for row, arc in enumerate(measured.arc) if abs(measured.elapsed_s[row] - elapsed_s) < 1e-6}
-    for i, one in enumerate(chosen):
-        if (row := row_of.get(one.arc)) is None:
+    for i, channel_state in enumerate(chosen):
+        if (row := row_of.get(channel_state.arc)) is None:
             continue
         table = measured.table[row]
         whole_ms = _whole_ms(guiding.label, elapsed_s, sent_ms[i] + int(table[m.PERIODS]) * receiver.signal.period_ms)
@@ -183,8 +185,8 @@ def _channels(
     )
     whole_ms_all = np.array([_whole_ms(guiding.label, elapsed_s, int(sent)) for sent in sent_ms])
     return _Channels(
-        arcs=tuple(one.arc for one in chosen),
-        signals=tuple(arcs[one.arc].signal for one in chosen),
+        arcs=tuple(channel_state.arc for channel_state in chosen),
+        signals=tuple(arcs[channel_state.arc].signal for channel_state in chosen),
         sent_ms=sent_ms,
         rough_m=SPEED_OF_LIGHT_M_S * (whole_ms_all * 1e-3 - shown_s),
         rough_m_s=-SPEED_OF_LIGHT_M_S / receiver.signal.carrier_hz * doppler_shown_hz,
@@ -196,12 +198,12 @@ def _channels(
 
 
 def _whole_ms(label: ReceiverTimeTag, elapsed_s: float, sent_ms: int) -> int:
-    """Receiver time less time of transmission, both in whole milliseconds of the week."""
+    """Return receiver time less time of transmission, both in whole milliseconds of the week."""
     return (label.tow_ms + round(elapsed_s * 1e3) - sent_ms + WEEK_MS // 2) % WEEK_MS - WEEK_MS // 2
 
 
-def _begun(guiding: Guiding, channels: _Channels, elapsed_s: float, receiver: Receiver) -> Guiding:
-    """With a filter, if five satellites or more fit one position."""
+def _begin_filter(guiding: Guiding, channels: _Channels, elapsed_s: float, receiver: Receiver) -> Guiding:
+    """Begin the filter, if five satellites or more fit one position."""
     assert guiding.label is not None
     assert guiding.navigation is not None
     label = gpst(guiding.label.week, np.array([guiding.label.tow_ms * 1e-3 + elapsed_s]))
@@ -214,42 +216,42 @@ def _begun(guiding: Guiding, channels: _Channels, elapsed_s: float, receiver: Re
     place_m = rough.state_m[:3]
     if not misfit_m < POLICY.worst_start_m or not np.linalg.norm(place_m) < POLICY.farthest_m:
         return replace(guiding, misfit_m=misfit_m)
-    guiding, sky = _sky(guiding, receiver, channels, place_m, elapsed_s)
+    guiding, sky = _look_up_sky(guiding, receiver, channels, place_m, elapsed_s)
     began = start_state(_epoch(channels, sky, receiver, guiding.settings), sky, place_m, elapsed_s)
     driving = frozenset(signal for signal, uses in zip(channels.signals, used.tolist(), strict=True) if uses)
     at = (
         None
         if began is None or guiding.unit is None
-        else begin_motion(guiding.unit, began, _when(guiding, began, elapsed_s))
+        else begin_motion(guiding.unit, began, _true_time(guiding, began, elapsed_s))
     )
     return replace(guiding, filter=began, carried=at, agreed=0, driving=driving, out={})
 
 
-def _when(guiding: Guiding, filtered: VectorState, elapsed_s: float) -> np.datetime64:
-    """True GPS time of an epoch, by the filter's clock."""
+def _true_time(guiding: Guiding, filtered: VectorState, elapsed_s: float) -> np.datetime64:
+    """Return the true GPS time of an epoch, by the filter's clock."""
     assert guiding.label is not None
     late_s = float(filtered.mean[CLOCK]) / SPEED_OF_LIGHT_M_S
     return gpst(guiding.label.week, guiding.label.tow_ms * 1e-3 + elapsed_s - late_s)
 
 
-def _ahead(guiding: Guiding, elapsed_s: float) -> tuple[Guiding, VectorState]:
-    """The filter's state at the next row, by the inertial unit where there is one."""
+def _predict(guiding: Guiding, elapsed_s: float) -> tuple[Guiding, VectorState]:
+    """Predict the filter's state at the next row, by the inertial unit where there is one."""
     assert guiding.filter is not None
     if guiding.carried is None:
         return guiding, propagate_state(guiding.filter, elapsed_s, guiding.settings)
-    found = carry_motion(guiding.carried, _when(guiding, guiding.filter, elapsed_s))
+    found = carry_motion(guiding.carried, _true_time(guiding, guiding.filter, elapsed_s))
     if found is None:
         return replace(guiding, carried=None), propagate_state(guiding.filter, elapsed_s, guiding.settings)
-    own, (change, walk2) = found
-    return replace(guiding, carried=own), propagate_state(
+    carried_unit, (change, walk2) = found
+    return replace(guiding, carried=carried_unit), propagate_state(
         guiding.filter, elapsed_s, guiding.settings, change, walk2=walk2
     )
 
 
-def _sky(
+def _look_up_sky(
     guiding: Guiding, receiver: Receiver, channels: _Channels, place_ecef_m: Reals, elapsed_s: float
 ) -> tuple[Guiding, SkyEpoch]:
-    """Orbits at an epoch, computed ahead where they are not yet."""
+    """Look up the orbits at an epoch, computing them ahead where necessary."""
     assert guiding.label is not None
     assert guiding.navigation is not None
     known = guiding.sky
@@ -280,13 +282,13 @@ def _epoch(channels: _Channels, sky: SkyEpoch, receiver: Receiver, settings: Vec
     )
 
 
-def _followed(
+def _follow(
     guiding: Guiding, receiver: Receiver, state: ReceiverState, channels: _Channels, elapsed_s: float
 ) -> tuple[Guiding, ReceiverState]:
-    """The filter carried over a row, and the channels guided by it."""
+    """Propagate the filter over a row, and guide the channels by it."""
     assert guiding.filter is not None
-    guiding, before = _ahead(guiding, elapsed_s)
-    guiding, sky = _sky(guiding, receiver, channels, before.mean[:3], elapsed_s)
+    guiding, before = _predict(guiding, elapsed_s)
+    guiding, sky = _look_up_sky(guiding, receiver, channels, before.mean[:3], elapsed_s)
     epoch = _epoch(channels, sky, receiver, guiding.settings)
     waits = np.array([guiding.out.get(signal, -np.inf) > elapsed_s for signal in channels.signals])
     drove = np.array([signal in guiding.driving for signal in channels.signals])
@@ -295,42 +297,42 @@ def _followed(
     )
     predicted = predict_measurements(before.mean, sky)
     off_m, off_m_s = epoch.range_m - predicted.range_m, epoch.rate_m_s - predicted.rate_m_s
-    comes = ~waits & (_away(off_m, off_m_s, receiver) < limit)
+    comes = ~waits & (_exceed_bound(off_m, off_m_s, receiver) < limit)
     found = update_state(before, epoch, predicted, drove | comes, guiding.settings)
     if found.diverged:
         nothing = dict.fromkeys(channels.arcs, g.no_guide())
         # A unit that is not what is stated of it would lead the next filter wrong as well.
-        anew = replace(_without_filter(guiding), unit=None, diverged=guiding.diverged + 1)
-        return anew, receiver.guided(state, nothing)
+        fresh = replace(_without_filter(guiding), unit=None, diverged=guiding.diverged + 1)
+        return fresh, receiver.guided(state, nothing)
     off_m = np.fmax(np.abs(found.range_left_m), 0.5 * np.abs(epoch.range_m - found.range_m))
-    away = np.nan_to_num(np.where(drove | comes, _away(off_m, found.rate_left_m_s, receiver), 0.0))
+    away = np.nan_to_num(np.where(drove | comes, _exceed_bound(off_m, found.rate_left_m_s, receiver), 0.0))
     stays = (drove | comes) & ~((away == away.max()) & (away > 1.0))
-    left = [i for i in np.flatnonzero(drove & ~stays)]
+    leaving = [i for i in np.flatnonzero(drove & ~stays)]
     agreed = guiding.agreed + 1 if found.state.misses == 0 else 0
     guiding = replace(
         guiding,
         filter=found.state,
         agreed=agreed,
         driving=frozenset(channels.signals[i] for i in np.flatnonzero(stays)),
-        out={**guiding.out, **{channels.signals[i]: elapsed_s + POLICY.out_s for i in left}},
+        out={**guiding.out, **{channels.signals[i]: elapsed_s + POLICY.out_s for i in leaving}},
     )
-    guides = {channels.arcs[i]: g.no_guide() for i in left}
+    guides = {channels.arcs[i]: g.no_guide() for i in leaving}
     if guiding.began_s is not None or agreed >= POLICY.agreed_epochs:
         guiding = replace(guiding, began_s=elapsed_s if guiding.began_s is None else guiding.began_s)
     if agreed >= POLICY.agreed_epochs:
-        guides |= _guides(guiding, receiver, channels, found, sky, stays, elapsed_s)
+        guides |= _guide(guiding, receiver, channels, found, sky, stays, elapsed_s)
     return guiding, receiver.guided(state, guides)
 
 
-def _away(misfit_m: Reals, rate_left_m_s: Reals, receiver: Receiver) -> Reals:
-    """(k,) how far channels are off, over what is too far; NaN where neither is known."""
+def _exceed_bound(misfit_m: Reals, rate_left_m_s: Reals, receiver: Receiver) -> Reals:
+    """Return by how much channels exceed the bound of misfit, (k,); NaN where neither part is known."""
     signal = receiver.signal
     chips = np.abs(misfit_m) * signal.chip_rate_hz / SPEED_OF_LIGHT_M_S
     hz = np.abs(rate_left_m_s) * signal.carrier_hz / SPEED_OF_LIGHT_M_S
     return np.fmax(chips / POLICY.out_chips, hz / POLICY.out_hz)
 
 
-def _guides(
+def _guide(
     guiding: Guiding,
     receiver: Receiver,
     channels: _Channels,
@@ -339,7 +341,7 @@ def _guides(
     stays: Booleans,
     elapsed_s: float,
 ) -> dict[int, Reals]:
-    """Of the channels that stay and whose prediction is sure enough."""
+    """Guide the channels that stay and whose prediction is sure enough."""
     assert guiding.label is not None
     signal, settings = receiver.signal, receiver.settings
     sigma_m, sigma_m_s = (

@@ -6,7 +6,7 @@ from pathlib import Path
 from skyproof.app.common.folder import claim
 from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.scenes.scene_page import write_page
-from skyproof.app.scenes.simulate import scenario_of
+from skyproof.app.scenes.simulate import load_scenario
 from skyproof.formats.atomic_write import write_lines
 from skyproof.report.stability import AllanCurve, stability_html
 from skyproof.simulator import scenes
@@ -15,7 +15,7 @@ from skyproof.simulator.scenario import Scenario
 from skyproof.simulator.stability import Stability, clock_stability, imu_stability
 from skyproof.simulator.standalone import overridden
 
-__all__ = ["ERRORS_PAGE", "plot", "stability_page", "write_pages"]
+__all__ = ["ERRORS_PAGE", "plot", "write_pages", "write_stability_page"]
 
 ERRORS_PAGE = "errors.html"
 
@@ -30,20 +30,20 @@ def plot(
     ScenarioError : the scenario cannot be read, is not known, or makes no sense.
     OutputError : the page cannot be written.
     """
-    made = overridden(scenario_of(scenario), seed=seed, duration_s=duration_s)
+    made = overridden(load_scenario(scenario), seed=seed, duration_s=duration_s)
     path = folder / f"{made.name}.html"
     write_page(path, made, navigation_of(made))
     return path
 
 
-def stability_page() -> str:
-    """Allan deviations of generated clocks and inertial units beside theory; always the same characters."""
+def write_stability_page() -> str:
+    """Draw Allan deviations of generated clocks and inertial units beside theory."""
     imus, clocks = imu_stability(), clock_stability()
     plots = [
         (f"{heading.capitalize()}s", found[0].unit, tuple(map(_curve, found)))
         for heading, found in (
-            ("accelerometer", [one for one in imus if one.what == "accelerometer"]),
-            ("gyro", [one for one in imus if one.what == "gyro"]),
+            ("accelerometer", [curve for curve in imus if curve.what == "accelerometer"]),
+            ("gyro", [curve for curve in imus if curve.what == "gyro"]),
             ("oscillator", clocks),
         )
     ]
@@ -69,6 +69,6 @@ def write_pages(folder: str | Path, *, progress: Progress | None = None) -> list
             paths.append(plot(name, folder=folder))
             stage.advance(number)
         paths.append(folder / ERRORS_PAGE)
-        write_lines(paths[-1], [stability_page()], end="", encoding="utf-8")
+        write_lines(paths[-1], [write_stability_page()], end="", encoding="utf-8")
         stage.advance(len(names) + 1)
     return paths

@@ -35,7 +35,7 @@ from skyproof.simulator.scenario import Antenna, Attack, Scenario, SceneReceiver
 from skyproof.simulator.sites import Site
 from skyproof.simulator.sky import scene_of
 
-__all__ = ["PAGE", "scene_page", "write_page"]
+__all__ = ["PAGE", "write_page", "write_scene_page"]
 
 PAGE = "scene.html"
 
@@ -74,14 +74,16 @@ _ANGLES, _PLACE = ("heading_deg", "pitch_deg", "roll_deg"), ("lat_deg", "lon_deg
 _SINGLE = {"sat_db": "dB", "sat_code_m": "m", "sat_code_m_s": "m/s", "sat_doppler_hz": "Hz"}
 
 
-def scene_page(scenario: Scenario, navigation: NavigationData) -> str:
-    """The page of a scenario. The same scenario and navigation data give the same characters.
+def write_scene_page(scenario: Scenario, navigation: NavigationData) -> str:
+    """Draw the page of a scenario.
+
+    The same scenario and navigation data give the same characters.
 
     Raises ScenarioError as `skyproof.simulator.sky.scene_of` does.
     """
     scene = scene_of(scenario, navigation)
     firsts = _first_antennas(scene)
-    at_s = _moments(scenario)
+    at_s = _choose_moments(scenario)
     origin = firsts[0].point(np.array([firsts[0].receiver.start_offset_s])).position_ecef_m[0]
     lat_rad, lon_rad, _ = geodetic_from_ecef(origin)
     several = any(sky.receiver.name != sky.name for sky in scene.skies)
@@ -95,7 +97,7 @@ def scene_page(scenario: Scenario, navigation: NavigationData) -> str:
             origin=f"{_degrees(lat_rad, 'N', 'S')}, {_degrees(lon_rad, 'E', 'W')}, "
             f"where {firsts[0].receiver.name} begins",
             ways=tuple(_ways(scene, at_s, origin)),
-            displacements=tuple(_displacements(scene, firsts, at_s)),
+            displacements=tuple(_plot_displacements(scene, firsts, at_s)),
             arrays=tuple(_arrays(scenario)),
             skies=tuple(_sky(scene, sky) for sky in (firsts if len(firsts) <= _SEVERAL_SKIES else firsts[:1])),
             levels=tuple(series for sky in firsts for series in _levels(sky, at_s, scenario.duration_s)),
@@ -122,16 +124,16 @@ def scene_page(scenario: Scenario, navigation: NavigationData) -> str:
 
 
 def write_page(path: Path, scenario: Scenario, navigation: NavigationData) -> None:
-    """Write the page of a scenario. Raises ScenarioError as `scene_page`, OutputError if it cannot be written."""
-    write_lines(path, [scene_page(scenario, navigation)], end="", encoding="utf-8")
+    """Write the page of a scenario. Raises ScenarioError as `write_scene_page`, OutputError if it cannot be written."""
+    write_lines(path, [write_scene_page(scenario, navigation)], end="", encoding="utf-8")
 
 
 def _first_antennas(scene: Scene) -> list[ReceiverSky]:
     return [sky for sky in scene.skies if sky.antenna is sky.receiver.antennas[0]]
 
 
-def _moments(scenario: Scenario) -> Reals:
-    """Evenly spread, and on both sides of whatever changes at once."""
+def _choose_moments(scenario: Scenario) -> Reals:
+    """Space moments evenly, with one on both sides of whatever changes at once."""
     starts_s = [receiver.start_offset_s for receiver in scenario.receivers]
     first_s, last_s = min(starts_s), max(starts_s) + scenario.duration_s
     edges_s = [edge for attack in scenario.attacks for window in attack.windows_s for edge in window]
@@ -181,14 +183,14 @@ def _events(scene: Scene) -> Iterator[str]:
         sats = sorted({received.id.sat for sky in scene.skies for received in sky.signals if received.source == name})
         antennas = "" if not attack.antennas else f" from {1 + len(attack.antennas)} antennas"
         imitated = f"{_count(len(sats), 'satellite')} ({', '.join(sats)}){antennas}"
-        yield f"{name} {_does(attack)}; {imitated}, {_when(attack)}."
+        yield f"{name} {_does(attack)}; {imitated}, {_describe_times(attack)}."
     for source in scenario.interference:
-        yield f"{source.name or source.kind} transmits {_noise(source)}, {_when(source)}."
+        yield f"{source.name or source.kind} transmits {_noise(source)}, {_describe_times(source)}."
     for receiver in scenario.receivers:
         if receiver.multipath:
             yield f"{receiver.name} receives {_count(len(receiver.multipath), 'reflection')} of true signals besides."
     if not (scenario.attacks or scenario.interference):
-        yield "Nobody transmits but the satellites."
+        yield "Only the satellites transmit."
 
 
 def _does(attack: Attack) -> str:
@@ -208,7 +210,7 @@ def _noise(source: Interference) -> str:
     return "white noise"
 
 
-def _when(transmitter: Attack | Interference) -> str:
+def _describe_times(transmitter: Attack | Interference) -> str:
     begin = "from before the beginning" if transmitter.onset_s <= 0.0 else f"from {transmitter.onset_s:g} s"
     return begin + (" to the end" if transmitter.until_s is None else f" to {transmitter.until_s:g} s")
 
@@ -228,27 +230,29 @@ def _ways(scene: Scene, at_s: Reals, origin: Reals) -> Iterator[GroundTrack]:
 
     for name, trajectory in scene.trajectories.items():
         yield way(name, "receiver", lambda t_s, of=trajectory: motion_within(of, t_s), at_s)  # type: ignore[misc]
-    for name, attack, shown in zip(scenario.attack_names, scenario.attacks, scene.shown, strict=True):
+    for name, attack, path in zip(scenario.attack_names, scenario.attacks, scene.shown, strict=True):
         until_s = np.inf if attack.until_s is None else attack.until_s
         on_s = at_s[(at_s >= attack.onset_s) & (at_s <= until_s)]
         for number, site in enumerate(attack.transmit_sites):
             several = "" if number == 0 else f" antenna {number + 1}"
             yield way(f"{name}{several}", "transmits", _point(site), at_s)
-        yield way(name, "receives" if isinstance(attack, Meaconer) else "shows", shown, on_s)
+        yield way(name, "receives" if isinstance(attack, Meaconer) else "shows", path, on_s)
     for source in scenario.interference:
         yield way(source.name or source.kind, "disturbs", _point(source.transmit), at_s)
 
 
-def _displacements(scene: Scene, firsts: list[ReceiverSky], at_s: Reals) -> Iterator[tuple[str, tuple[PlotLine, ...]]]:
-    """Of attacks whose place shown moves against the receiver: a takeover's target, or else the first."""
+def _plot_displacements(
+    scene: Scene, firsts: list[ReceiverSky], at_s: Reals
+) -> Iterator[tuple[str, tuple[PlotLine, ...]]]:
+    """Plot how far the place that an attack shows moves from its target receiver, or else the first."""
     scenario = scene.scenario
-    for name, attack, shown in zip(scenario.attack_names, scenario.attacks, scene.shown, strict=True):
+    for name, attack, path in zip(scenario.attack_names, scenario.attacks, scene.shown, strict=True):
         target = attack.target if isinstance(attack, Takeover) else firsts[0].receiver.name
         sky = next(sky for sky in firsts if sky.receiver.name == target)
         on = np.any([(at_s >= begin) & (at_s <= end) for begin, end in attack.windows_s], axis=0)
         here_m = sky.point(at_s).position_ecef_m
         rot_enu = rot_enu_ecef(*geodetic_from_ecef(here_m)[:2])
-        away_m = np.einsum("nij,nj->ni", rot_enu, shown(at_s).position_ecef_m - here_m)
+        away_m = np.einsum("nij,nj->ni", rot_enu, path(at_s).position_ecef_m - here_m)
         away_m[~on] = np.nan
         if np.ptp(away_m[on], axis=0).max(initial=0.0) > STANDS_M:
             lines = tuple(
@@ -280,8 +284,8 @@ def _element(antenna: Antenna) -> Element:
 
 def _sky(scene: Scene, sky: ReceiverSky) -> SceneSky:
     half_s = np.array([sky.receiver.start_offset_s + 0.5 * scene.scenario.duration_s])
-    here = sky.point(half_s)
-    place = here.position_ecef_m[0]
+    motion = sky.point(half_s)
+    place = motion.position_ecef_m[0]
     row = int(np.abs(sky.knots_s - half_s).argmin())
     positions = [
         SkyPosition(
@@ -301,7 +305,7 @@ def _sky(scene: Scene, sky: ReceiverSky) -> SceneSky:
     transmitters += [(source.name or source.kind, source.transmit) for source in scene.scenario.interference]
     axes: list[SkySource] = []
     if _has_attitude(sky.receiver):
-        forward, right, down = here.attitude[0].T
+        forward, right, down = motion.attitude[0].T
         axes = [
             _direction(name, place, place + 1e3 * axis)
             for name, axis in (("forward", forward), ("right", right), ("up", -down))
@@ -324,21 +328,21 @@ def _direction(name: str, place: Reals, target: Reals) -> SkySource:
 
 
 def _has_attitude(receiver: SceneReceiver) -> bool:
-    given = {"heading_deg", "pitch_deg", "roll_deg"} & receiver.model_fields_set
+    angles = {"heading_deg", "pitch_deg", "roll_deg"} & receiver.model_fields_set
     extended = any(a.spin is not None or any(a.body_m) or a.gain != "isotropic" for a in receiver.antennas)
-    return bool(given) or receiver.path is not None or extended or receiver.imu is not None
+    return bool(angles) or receiver.path is not None or extended or receiver.imu is not None
 
 
 # --- over time
 
 
-def _received_at(received: ReceivedSignal, at_s: Reals) -> Any:
+def _is_received_at(received: ReceivedSignal, at_s: Reals) -> Any:
     return np.any([(at_s >= begin) & (at_s <= end) for begin, end in received.windows_s], axis=0)
 
 
 def _levels(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[SignalSeries]:
-    at_s = _own(sky, at_s, duration_s)
-    added = sum((_within(noise, at_s) for noise in sky.noises), np.zeros(at_s.shape))
+    at_s = _select_moments(sky, at_s, duration_s)
+    added = sum((_power_at(noise, at_s) for noise in sky.noises), np.zeros(at_s.shape))
     cn0_dbhz = sky.cn0_dbhz(at_s) - 10.0 * np.log10(1.0 + added)[:, np.newaxis]
     for column, received in enumerate(sky.signals):
         yield SignalSeries(
@@ -347,42 +351,42 @@ def _levels(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[Signal
             label=_label(received),
             seconds=at_s,
             cn0_dbhz=np.where(
-                _received_at(received, at_s) & (cn0_dbhz[:, column] >= _WEAKEST_DBHZ), cn0_dbhz[:, column], np.nan
+                _is_received_at(received, at_s) & (cn0_dbhz[:, column] >= _WEAKEST_DBHZ), cn0_dbhz[:, column], np.nan
             ),
         )
 
 
-def _own(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Reals:
-    """The moments within a receiver's recording."""
+def _select_moments(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Reals:
+    """Select the moments within a receiver's recording."""
     start_s = sky.receiver.start_offset_s
     return np.asarray(at_s[(at_s >= start_s) & (at_s <= start_s + duration_s)])
 
 
-def _within(source: Any, at_s: Reals) -> Reals:
-    """Power of noise or a jammer over the receiver's noise, nothing while it is off."""
+def _power_at(source: Any, at_s: Reals) -> Reals:
+    """Return the power of noise or a jammer over the receiver's noise, zero while it is off."""
     return np.asarray(np.where((at_s >= source.from_s) & (at_s <= source.until_s), source.power(at_s), 0.0))
 
 
 def _offsets(scene: Scene, sky: ReceiverSky, at_s: Reals) -> Iterator[PlotLine]:
-    at_s = _own(sky, at_s, scene.scenario.duration_s)
+    at_s = _select_moments(sky, at_s, scene.scenario.duration_s)
     behind_m = SPEED_OF_LIGHT_M_S * sky.code_delay_s(at_s)
     true = {received.id.sat: column for column, received in enumerate(sky.signals) if received.source == "sky"}
     for column, received in enumerate(sky.signals):
         other = true.get(received.id.sat)
         if received.source == "sky" or other is None:
             continue
-        both = _received_at(received, at_s) & _received_at(sky.signals[other], at_s)
+        received_together = _is_received_at(received, at_s) & _is_received_at(sky.signals[other], at_s)
         several = f" {received.source}" if len(scene.scenario.attacks) > 1 else ""
         yield PlotLine(
             name=f"{received.id.sat}{several}",
             kind="spoofed",
             seconds=at_s,
-            values=np.where(both, behind_m[:, column] - behind_m[:, other], np.nan),
+            values=np.where(received_together, behind_m[:, column] - behind_m[:, other], np.nan),
         )
 
 
 def _disturbance(scenario: Scenario, sky: ReceiverSky, at_s: Reals) -> Iterator[PlotLine]:
-    at_s = _own(sky, at_s, scenario.duration_s)
+    at_s = _select_moments(sky, at_s, scenario.duration_s)
     names = [
         name
         for name, attack in zip(scenario.attack_names, scenario.attacks, strict=True)
@@ -391,14 +395,14 @@ def _disturbance(scenario: Scenario, sky: ReceiverSky, at_s: Reals) -> Iterator[
     names += [source.name or source.kind for source in scenario.interference if source.kind == "noise"]
     names += [source.name or source.kind for source in scenario.interference if source.kind != "noise"]
     for name, source in zip(names, (*sky.noises, *sky.jammers), strict=True):
-        power = _within(source, at_s)
+        power = _power_at(source, at_s)
         yield PlotLine(
             name=name, kind="multipath", seconds=at_s, values=10.0 * np.log10(np.where(power > 0.0, power, np.nan))
         )
 
 
 def _reflections(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[PlotLine]:
-    at_s = _own(sky, at_s, duration_s)
+    at_s = _select_moments(sky, at_s, duration_s)
     for ray in sky.rays:
         received = sky.signals[ray.of]
         longer_m = SPEED_OF_LIGHT_M_S * ray.further_s(at_s)
@@ -406,17 +410,17 @@ def _reflections(sky: ReceiverSky, at_s: Reals, duration_s: float) -> Iterator[P
             name=received.id.sat,
             kind="multipath",
             seconds=at_s,
-            values=np.where(_received_at(received, at_s), longer_m, np.nan),
+            values=np.where(_is_received_at(received, at_s), longer_m, np.nan),
         )
 
 
 def _switching(scenario: Scenario, at_s: Reals) -> Iterator[Switching]:
     for name, attack in zip(scenario.attack_names, scenario.attacks, strict=True):
         on = np.any([(at_s >= begin) & (at_s <= end) for begin, end in attack.windows_s], axis=0)
-        what = "against the true signals"
+        compared_with = "against the true signals"
         yield Switching(
             name=name,
-            what=what,
+            what=compared_with,
             role="transmits",
             seconds=at_s,
             power_db=np.where(on, attack.power_at_db(at_s), np.nan),
@@ -449,11 +453,11 @@ def _settings(scenario: Scenario) -> Iterator[SettingGroup]:
     groups += [(f"Attack {name}", table) for name, table in zip(scenario.attack_names, parts["attacks"], strict=True)]
     groups += [(f"Interference {table['name'] or table['kind']}", table) for table in parts["interference"]]
     for heading, table in groups:
-        yield SettingGroup(heading, tuple(_lines(table)))
+        yield SettingGroup(heading, tuple(_list_settings(table)))
 
 
-def _lines(table: Any, prefix: str = "") -> Iterator[Setting]:
-    """Keys as they stand in the file; nothing for what is empty or idle."""
+def _list_settings(table: Any, prefix: str = "") -> Iterator[Setting]:
+    """Yield keys and values of the file, without empty or idle ones."""
     path = table.get("path")
     knows_places = isinstance(path, dict) and path["kind"] in ("file", "las-vegas")
     for key, value in table.items():
@@ -461,21 +465,21 @@ def _lines(table: Any, prefix: str = "") -> Iterator[Setting]:
             continue
         where = f"{prefix}{key}"
         if isinstance(value, dict):
-            yield from _lines(value, f"{where}.")
+            yield from _list_settings(value, f"{where}.")
         elif isinstance(value, list) and value and isinstance(value[0], dict):
             for number, item in enumerate(value):
-                yield from _lines(item, f"{where}[{number}].")
+                yield from _list_settings(item, f"{where}[{number}].")
         elif value not in ("", []):
-            yield Setting(where, _written(value), _unit(where))
+            yield Setting(where, _write_value(value), _unit(where))
 
 
-def _written(value: Any) -> str:
+def _write_value(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
         return f"{value:.12g}"
     if isinstance(value, list):
-        inside = [f"({_written(item)})" if isinstance(item, list) else _written(item) for item in value]
+        inside = [f"({_write_value(item)})" if isinstance(item, list) else _write_value(item) for item in value]
         return (" " if isinstance(value[0], list) else ", ").join(inside)
     return str(value)
 

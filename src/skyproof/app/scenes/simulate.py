@@ -49,12 +49,12 @@ __all__ = [
     "Depth",
     "ReceiverLog",
     "SimulateResult",
-    "document_json",
+    "load_scenario",
+    "read_earlier_scene",
     "ready_made",
-    "ready_made_json",
-    "scenario_of",
-    "scene_in",
     "simulate",
+    "write_document_json",
+    "write_ready_made_json",
 ]
 
 Depth = Literal["samples", "measurements", "all"]
@@ -83,15 +83,15 @@ class SimulateResult(ShortRepr):
     interrupted: bool = False
 
     def _repr_html_(self) -> str:
-        """What was made, for a notebook."""
+        """Show what was made in a notebook."""
         made = self.scenario
         attacks = ", ".join(made.attack_names) or "none"
         legend = (
             f"{made.description} {made.duration_s:g} s from {made.start_gpst} GPS time; receivers: "
             f"{', '.join(r.name for r in made.receivers)}; attacks: {attacks}."
         )
-        there = [(name, self.folder / name) for name in self.files]
-        rows = [(name, _size(path.stat().st_size)) for name, path in there if path.exists()]
+        listed = [(name, self.folder / name) for name in self.files]
+        rows = [(name, _size(path.stat().st_size)) for name, path in listed if path.exists()]
         return notebook_html(f"Scene {made.name}", [legend.strip()], ((f"file in {self.folder}", "size"), rows))
 
 
@@ -157,15 +157,15 @@ def simulate(
     OutputError : the folder cannot be written, holds what would be overwritten, or has not room enough for all.
     """
     progress, folder = progress or Silent(), Path(out)
-    made = overridden(scenario_of(scenario), seed=seed, duration_s=duration_s)
+    made = overridden(load_scenario(scenario), seed=seed, duration_s=duration_s)
     alone = standalone(made)
     with claim(folder):
-        older = scene_in(folder)[1]
+        older = read_earlier_scene(folder)[1]
         require_free(folder, (), [path.name for path in older], _EARLIER, overwrite=overwrite)
-        return _made(made, alone, folder, older, depth, container, log, plot, progress)
+        return _make(made, alone, folder, older, depth, container, log, plot, progress)
 
 
-def _made(
+def _make(
     made: Scenario,
     alone: Standalone,
     folder: Path,
@@ -185,23 +185,23 @@ def _made(
     kind = container_of(made.front_end, container if with_samples else None)
     navigation = navigation_of(made)
     scene = scene_of(made, navigation)
-    measured = _measured(scene, required=depth == "measurements", progress=progress) if with_measurements else []
-    logged = _logged(measured) if log is not None else []
+    measured = _measure(scene, required=depth == "measurements", progress=progress) if with_measurements else []
+    logged = _log_strongest(measured) if log is not None else []
     files = (
         _SCENARIO,
         NAVIGATION,
         *sorted(set(alone.files) - {NAVIGATION}),
         _TRUTH,
         *series_names(scene),
-        *(one.name for one in measured),
-        *(one.name for one in logged),
+        *(output.name for output in measured),
+        *(output.name for output in logged),
         *(sample_names(scene, kind) if with_samples else ()),
         *((PAGE,) * plot),
     )
     _require_different(files)
     octets = series_octets(scene) + (samples_octets(made) if with_samples else 0)
-    octets += _OBS_OCTETS * sum(one.observations.gpst.size * len(one.signals) for one in measured)
-    octets += sum(_UBX_OCTETS * one.observations.pseudorange_m.size for one in logged)
+    octets += _OBS_OCTETS * sum(output.observations.gpst.size * len(output.signals) for output in measured)
+    octets += sum(_UBX_OCTETS * output.observations.pseudorange_m.size for output in logged)
     taken = [name for name in files if (folder / name).exists()]
     require_free(folder, taken, [path.name for path in older], _EARLIER, overwrite=True)
     _require_room(folder, octets, older)
@@ -214,35 +214,35 @@ def _made(
         _write_inputs(folder, scene, alone)
         with progress.stage("writing truth and inertial readings", 1.0) as stage:
             write_series(scene, folder, progress=lambda done, total: stage.advance(done / total))
-        for one in measured:
-            _write_measured(folder, scene, one)
+        for output in measured:
+            _write_measured(folder, scene, output)
         for receiver in logged:
             _write_log(folder / receiver.name, receiver.observations, navigation)
         if plot:
             write_page(folder / PAGE, made, navigation)
         if with_samples:
-            what = f"rendering samples, {len(scene.skies)} antenna{'s' * (len(scene.skies) > 1)}"
-            with progress.stage(what, 1.0) as stage:
+            stage_name = f"rendering samples, {len(scene.skies)} antenna{'s' * (len(scene.skies) > 1)}"
+            with progress.stage(stage_name, 1.0) as stage:
                 write_samples(scene, folder, kind, progress=lambda done, total: stage.advance(done / total))
     except KeyboardInterrupt:
         interrupted = True
-    there = tuple(name for name in files if (folder / name).exists())
+    written = tuple(name for name in files if (folder / name).exists())
     return SimulateResult(
         scenario=made,
         folder=folder,
-        files=there,
+        files=written,
         interrupted=interrupted,
-        recordings=tuple(folder / name for name in there if name.endswith((".bin", ".sigmf-meta"))),
-        observations=tuple(folder / one.name for one in measured if one.name in there),
-        logs=tuple(folder / one.name for one in logged if one.name in there),
+        recordings=tuple(folder / name for name in written if name.endswith((".bin", ".sigmf-meta"))),
+        observations=tuple(folder / output.name for output in measured if output.name in written),
+        logs=tuple(folder / output.name for output in logged if output.name in written),
     )
 
 
 # --- which scene
 
 
-def scenario_of(scenario: str | Path | Scenario) -> Scenario:
-    """A scenario from a file, or a ready-made one by its name. Raises ScenarioError."""
+def load_scenario(scenario: str | Path | Scenario) -> Scenario:
+    """Read a scenario from a file, or take a ready-made one by its name. Raises ScenarioError."""
     if isinstance(scenario, Scenario):
         return scenario
     path, name = Path(scenario), str(scenario)
@@ -261,8 +261,8 @@ def scenario_of(scenario: str | Path | Scenario) -> Scenario:
 # --- measurements
 
 
-def _measured(scene: Scene, *, required: bool, progress: Progress) -> list[_Measured]:
-    """Every copy tracked, without samples: for each antenna a file for each letter, as `receive` names them."""
+def _measure(scene: Scene, *, required: bool, progress: Progress) -> list[_Measured]:
+    """Measure every copy without samples, in a file per antenna and letter as of `receive`."""
     duration_s, needed_s = scene.scenario.duration_s, 2.0 * _INTERVAL_S
     if duration_s < needed_s:
         words = f"duration_s: {duration_s:g} s; measurements are means over {_INTERVAL_S:g} s and need {needed_s:g} s"
@@ -290,8 +290,8 @@ def _write_measured(folder: Path, scene: Scene, one: _Measured) -> None:
     write_channels(folder / one.name, one.observations, one.label, place, one.signals)
 
 
-def _logged(measured: Sequence[_Measured]) -> list[_Logged]:
-    every = {one.observations.receiver: one.observations for one in measured}
+def _log_strongest(measured: Sequence[_Measured]) -> list[_Logged]:
+    every = {output.observations.receiver: output.observations for output in measured}
     return [_Logged(f"{name}.ubx", follow_strongest(o)) for name, o in every.items()]
 
 
@@ -333,8 +333,8 @@ def _write_inputs(folder: Path, scene: Scene, alone: Standalone) -> None:
 # --- the folder
 
 
-def scene_in(folder: Path) -> tuple[str, list[Path]]:
-    """The name and files of the scene that an earlier run wrote here, by its truth.json; "" and none without one."""
+def read_earlier_scene(folder: Path) -> tuple[str, list[Path]]:
+    """Read name and files of the scene that an earlier run wrote here; "" and none without a truth.json."""
     try:
         truth = read_json(folder / _TRUTH, "the truth", "name another folder")
     except InputError:
@@ -384,8 +384,8 @@ def _size(octets: float) -> str:
 # --- in words of JSON
 
 
-def document_json(result: SimulateResult) -> str:
-    """What was made as one JSON document."""
+def write_document_json(result: SimulateResult) -> str:
+    """Write what was made as one JSON document."""
     made = result.scenario
     document: dict[str, Any] = {
         "format": "skyproof-simulate/1",
@@ -405,8 +405,10 @@ def document_json(result: SimulateResult) -> str:
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def ready_made_json() -> str:
-    """The list of ready-made scenes as one JSON document."""
-    listed = [{"name": one.name, "description": one.title, "source": one.source} for one in ready_made().values()]
+def write_ready_made_json() -> str:
+    """List the ready-made scenes as one JSON document."""
+    listed = [
+        {"name": scene.name, "description": scene.title, "source": scene.source} for scene in ready_made().values()
+    ]
     document = {"format": "skyproof-scenes/1", "version": version("skyproof"), "scenes": listed}
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n"

@@ -1,4 +1,4 @@
-"""Whether the outputs and inputs of a run are still the bytes that they were."""
+"""Check that the outputs and inputs of a run are unchanged."""
 
 from skyproof.app.verify.run import FileState, Verified, verify
 

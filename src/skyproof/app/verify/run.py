@@ -41,17 +41,17 @@ class Verified:
 
     @property
     def unchanged(self) -> bool:
-        """No file is different or missing."""
-        return not any(one.state in ("different", "missing") for one in self.files)
+        """Test that no file is different or missing."""
+        return not any(file.state in ("different", "missing") for file in self.files)
 
     @property
     def complete(self) -> bool:
-        """Every input could be checked."""
-        return self.verdict is not None and not any(one.state in ("not found", "no sum") for one in self.files)
+        """Test that every input could be checked."""
+        return self.verdict is not None and not any(file.state in ("not found", "no sum") for file in self.files)
 
 
 def verify(folder: str | Path, *, inputs_in: str | Path | None = None, progress: Progress | None = None) -> Verified:
-    """Whether everything that `protect` wrote into a folder, and read for it, is byte for byte what it was.
+    """Test whether the outputs and inputs of a `protect` run are byte for byte unchanged.
 
     Sums show damage and mistakes. Whoever changes a file can change its sum as well: keep a copy of `checksums.sha256`
     where nobody else writes, or sign it.
@@ -68,13 +68,13 @@ def verify(folder: str | Path, *, inputs_in: str | Path | None = None, progress:
     """
     folder, progress = Path(folder), progress or Silent()
     outputs = tuple(_outputs(folder))
-    if not any(one.name == "verdict.json" and one.state == "same" for one in outputs):
+    if not any(output.name == "verdict.json" and output.state == "same" for output in outputs):
         return Verified(verdict=None, files=outputs)
     verdict = read_verdict(folder / "verdict.json")
     inputs: list[FileState] = []
     with progress.stage("computing checksums of the inputs", float(len(verdict.inputs))) as stage:
-        for number, given in enumerate(verdict.inputs, 1):
-            inputs.append(FileState(name=given.path, kind="input", state=_input(given, inputs_in)))
+        for number, input_file in enumerate(verdict.inputs, 1):
+            inputs.append(FileState(name=input_file.path, kind="input", state=_input(input_file, inputs_in)))
             stage.advance(float(number))
     return Verified(verdict=verdict, files=(*outputs, *inputs))
 

@@ -7,17 +7,17 @@ import numpy as np
 
 from skyproof.app.common.body import body_of, open_body
 from skyproof.app.common.platform import read_platform
-from skyproof.app.common.platform_use import described, settings_of
+from skyproof.app.common.platform_use import derive_settings, match_tables
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.common.windows import asked, following_epochs
 from skyproof.app.protect.document import document
 from skyproof.app.protect.judging import judge
 from skyproof.app.protect.outcome import Outcome
-from skyproof.app.protect.predictors import antenna_units, predictors_of, unit_of
+from skyproof.app.protect.predictors import build_antenna_units, build_predictors, build_unit
 from skyproof.app.receive.measured import MeasurementLog, RowLog
 from skyproof.app.receive.reception import Reception, observe
-from skyproof.app.receive.tracker import Tracker, guiding_of, receiver_settings
+from skyproof.app.receive.tracker import Tracker, build_receiver_settings, set_up_guiding
 from skyproof.formats.pieces import Workspace
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.navigation.vector_inertia import AntennaUnit
@@ -47,7 +47,7 @@ def receive_antenna(
     unit: AntennaUnit | None = None,
 ) -> Reception:
     """What a receiver behind drawn correlators receives at antenna number `index`."""
-    wanted = receiver_settings(GPS_SATS, settings, asked())
+    wanted = build_receiver_settings(GPS_SATS, settings, asked())
     return track_scene(scene, index, ModelReceiver(scene, index, wanted, rng), navigation, settings, unit)[0]
 
 
@@ -75,7 +75,7 @@ def track_scene(
         receiver=receiver,
         measured=MeasurementLog(workspace, name, MEASURE_FRAMES * receiver.settings.frame_s),
         grids=RowLog(workspace, f"{name}/grids"),
-        vector=guiding_of(samples, navigation, settings, unit) if settings.tracking == "vector" else None,
+        vector=set_up_guiding(samples, navigation, settings, unit) if settings.tracking == "vector" else None,
         checks=0,
     )
     while tracker.advance():
@@ -96,18 +96,18 @@ def protect_scene(
     """
     platform = read_platform(platform_path)
     names = [sky.name for sky in scene.skies]
-    tables = described(platform, names, str(platform_path))
-    settings, _ = settings_of(platform, resolve_settings(platform.protect), names, tables)
+    tables = match_tables(platform, names, str(platform_path))
+    settings, _ = derive_settings(platform, resolve_settings(platform.protect), names, tables)
     rng = np.random.default_rng(seed)
     start_gpst, files = scene.scenario.start_gpst, open_body(platform)
-    unit = unit_of(platform, files, names, tables, start_gpst)
-    carrying = antenna_units(unit)
+    unit = build_unit(platform, files, names, tables, start_gpst)
+    carrying = build_antenna_units(unit)
     receptions = [
         receive(scene, index, settings, navigation, rng, carrying.get(name)) for index, name in enumerate(names)
     ]
     observed = [r.observations for r in receptions if r.observations is not None]
     settings = following_epochs(settings, observed)
     body = body_of(platform, files, names, tables, start_gpst, settings.max_separation_m)
-    predictors = predictors_of(names, settings, platform, tables, unit)
+    predictors = build_predictors(names, settings, platform, tables, unit)
     outcome, _ = judge(receptions, navigation, settings, Silent(), body=body, predictors=predictors)
     return document(outcome, (), settings), outcome
