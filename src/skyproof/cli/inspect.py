@@ -57,7 +57,7 @@ def inspect(
     json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
-    """Describe what is in a recording, log or observation file, whether it is usable, and what would make it stronger."""
+    """Inspect a recording, log or observation file: whether it is usable, and what would make it stronger."""
     layout = {
         "rate_hz": rate_hz,
         "kind": kind,

@@ -55,7 +55,7 @@ def protect(
     ] = False,
     debug: Debug = False,
 ) -> int:
-    """State whether received signals are spoofed, since when and which, and give the position to be trusted."""
+    """Detect spoofed signals, since when and which, and give the position to be trusted."""
     with whatever_is_missing(partial(print_result, as_json=json, incomplete=True)):
         result = app.protect.protect(
             inputs or [],

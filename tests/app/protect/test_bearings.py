@@ -78,7 +78,7 @@ def test_rays_of_a_receiver_that_moves_meet_at_the_transmitter():
     ring = bearing.ring()
     away_m = np.linalg.norm(ring - bearing.meets.position_ecef_m, axis=1)
     assert (away_m.max(), away_m.min()) == (pytest.approx(major_m, rel=0.02), pytest.approx(minor_m, rel=0.02))
-    ((_, line, wedge),) = bearing.drawn()
+    ((_, line, wedge),) = bearing.draw()
     lat, lon, _ = geodetic_from_ecef(line[0])
     east, north, up = rot_enu_ecef(lat, lon) @ (line[1] - line[0])
     assert np.arctan2(east, north) % (2.0 * np.pi) == pytest.approx(bearing.last["array"].azimuth_rad, abs=1e-9)

@@ -104,7 +104,7 @@ def test_what_no_satellite_checks_is_no_fix_to_use(satellites, fixes):
     log = CLEAN.select_channels(range(satellites))
     labels = [label for label in decision().labels if label.ref.signal in log.signals]
     all_day = tuple(replace(label, last_epoch=89) for label in labels if label.label == "authentic")
-    shown = positions_of(log, replace(decision(), labels=all_day), RECORDS.navigation, Settings())
+    shown = set_up_positions(log, replace(decision(), labels=all_day), RECORDS.navigation, Settings())
     found = sum(int((fix.status == FixStatus.OK).sum()) for _, fix in shown.stretches("trusted"))
     assert found == fixes
     ordinary = next(iter(shown.stretches("unprotected")))[1]
