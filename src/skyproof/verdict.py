@@ -51,15 +51,15 @@ VERDICT_FORMAT: Literal["skyproof-verdict/2"] = "skyproof-verdict/2"
 CAUSES: Final[dict[CauseName, str]] = {
     "reflections": "reflections",
     "interference": "a jammer or other noise",
-    "gain": "a change of gain, or an antenna with much of it",
-    "shade": "shade",
-    "oscillator": "the receiver's oscillators",
+    "gain": "a change of gain, or a high-gain antenna",
+    "shade": "shading of the antenna",
+    "oscillator": "the receiver's oscillator",
     "motion": "motion of the antennas",
     "fault": "a fault of a satellite or of the receiver",
-    "orbits": "orbits or clocks that are wrong",
-    "statement": "something that was stated and is not true",
+    "orbits": "wrong orbits or clocks",
+    "statement": "a wrong statement in the platform file or command line",
     "missing_samples": "missing samples",
-    "joined": "a recording that was joined from several",
+    "joined": "a recording joined from several",
 }
 """Each cause as people read it."""
 UsableKind = Literal["trusted", "consistent", "inertial", "held"]
@@ -394,8 +394,8 @@ class WeakCarrier(_Model):
         """How weak, and that C/N0 alone does not tell why."""
         return (
             f"C/N0 of satellites on {self.carrier} in {self.receiver} is {self.cn0_dbhz:.0f} dB-Hz from the first "
-            f"epoch on, and an open sky gives {self.open_sky_dbhz:.0f} or more: noise from before, shade and a "
-            "poor antenna do so alike, and C/N0 alone does not tell which; the front end's level of a quiet hour would"
+            f"epoch on (open sky: {self.open_sky_dbhz:.0f} or more), by a jammer, shading or a poor antenna; the "
+            "front end's level in a quiet hour would tell which"
         )
 
 
@@ -425,10 +425,10 @@ class InterferenceResult(_Model):
 
 def _spell_words(spell: InterferenceSpell) -> str:
     until = "" if spell.until_gpst is None else f" until {clock_words(spell.until_gpst)}"
-    level = "" if spell.level_db is None else f", the front end takes in {spell.level_db:.0f} dB more"
+    level = "" if spell.level_db is None else f", the power in the front end rises by {spell.level_db:.0f} dB"
     lost = f", {spell.lost_signals} signals are lost" if "lost" in spell.signs else ""
     least = "at least " if "lost" in spell.signs else ""
-    shade = "; shade of the whole antenna would do the same" if spell.may_also_be else ""
+    shade = "; shading of the whole antenna would look the same" if spell.may_also_be else ""
     return (
         f"since {moment_words(spell.since_gpst)}{until} in {spell.receiver}: C/N0 of all satellites on "
         f"{', '.join(spell.carriers)} falls by {least}{spell.fall_db:.0f} dB{lost}{level}{shade}"
@@ -466,23 +466,23 @@ class NoticedSize(_Model):
 
 _HOW: Final[dict[UsableKind, str]] = {
     "trusted": "is trusted",
-    "consistent": "is consistent, not proven",
-    "inertial": "is carried on by inertia",
-    "held": "is held where it was",
+    "consistent": "is consistent, but not proven",
+    "inertial": "is dead-reckoned from the inertial unit",
+    "held": "is held at its last trusted place",
 }
 """What a position comes from, in words."""
 
 _NOTICED: Final[dict[NoticedKind, tuple[str, float, str]]] = {
     "position_jump": ("a jump of the position by", 1.0, "m"),
     "clock_jump": ("a jump of the time by", 1e9, "ns"),
-    "velocity_jump": ("a drag of the position that begins at", 1.0, "m/s"),
-    "clock_push": ("a push of the time that begins at", 1e9, "ns/s"),
-    "code_drag": ("codes that drag the position off without their carriers at", 1.0, "m/s"),
-    "motion": ("carriers that move a receiver at rest at", 1.0, "m/s"),
+    "velocity_jump": ("a drag of the position that starts abruptly at", 1.0, "m/s"),
+    "clock_push": ("a drag of the time that starts abruptly at", 1e9, "ns/s"),
+    "code_drag": ("a drag of the position by codes without carriers at", 1.0, "m/s"),
+    "motion": ("a drag by carriers of a receiver at rest at", 1.0, "m/s"),
     "drag": ("a drag of the position at", 1.0, "m/s"),
-    "displacement": ("a move from where the receiver stands, however slow, by", 1.0, "m"),
-    "one_transmitter": ("a transmitter that imitates", 1.0, "satellites"),
-    "elsewhere": ("a false signal from beside its satellite by", math.degrees(1.0), "degrees"),
+    "displacement": ("a move of the standing receiver, however slow, by", 1.0, "m"),
+    "one_transmitter": ("one transmitter that imitates", 1.0, "satellites"),
+    "elsewhere": ("a false signal whose direction is off its satellite by", math.degrees(1.0), "degrees"),
 }
 """Each kind in words, with the factor from its SI unit to the unit that is shown."""
 
@@ -573,8 +573,8 @@ class Verdict(_Model):
         if self.since_sigma_s is not None:
             return f"Since {since} ± {self.since_sigma_s:.2g} s{until}"
         if self.from_start:
-            return f"Since {since}, when the recording begins, or before{until}"
-        return f"Seen since {since}; it began then at the latest{until}"
+            return f"Since {since}, when the recording begins, or earlier{until}"
+        return f"Since {since} or earlier{until}"
 
     @property
     def explained(self) -> tuple[tuple[str, str], ...]:
@@ -613,8 +613,8 @@ class Verdict(_Model):
         if fix.hidden_m == 0.0:
             return said
         if fix.hidden_m is None:
-            return f"{said}; nothing bounds how far a takeover that looks like motion may have moved it"
-        return f"{said}; an attack since the start that no test noticed has moved it by {fix.hidden_m:.0f} m at most"
+            return f"{said}; an attack that looks like motion may have moved it any distance"
+        return f"{said}; an unnoticed attack since the start has moved it by {fix.hidden_m:.0f} m at most"
 
     @property
     def _own_words(self) -> str:

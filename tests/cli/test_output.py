@@ -10,6 +10,7 @@ from tests.cli.use_cases import FLEET, PROTECT, VERDICT, App, said
 from skyproof import cli
 from skyproof.cli import demo as demo_command
 from skyproof.formats.verdict import verdict_json
+from skyproof.report.what_now import Advice, what_now
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.verdict import Verdict
 
@@ -29,7 +30,7 @@ def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.Captu
     out = capsys.readouterr().out
     lines = [re.sub(" +", " ", line).strip() for line in out.splitlines()]
     assert lines[0] == "SPOOFED"
-    assert len(lines) < 27
+    assert len(lines) < 31
     for line in (
         "Since 2022-01-01 10:00:24 GPS time (10:00:06 UTC) ± 0.5 s",
         "rx1 trusted 59.4121000 16.8837000 31.0 0.8/1.1/2.3 0 10:00:59 10:00:41",
@@ -37,7 +38,7 @@ def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.Captu
         "rx1 1 authentic G05",
         "rx1 1 spoofed G05",
         "rx2 1 unknown G07",
-        "not tested: ins_array (the report says why)",
+        "Tests that could not run: ins_array (the report says why)",
         "report: result/report.html",
     ):
         assert line in lines, line
@@ -46,7 +47,9 @@ def test_the_summary_is_understood_in_ten_seconds(app: App, capsys: pytest.Captu
 def test_what_is_not_decided_is_said(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     app.verdict = said("spoofed")
     cli.main(PROTECT)
-    assert f"Not decided: {app.verdict.reason}\nTo resolve: {app.verdict.remedy}\n" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert f"Not decided: {app.verdict.reason}\n" in out
+    assert f"{Advice.SETTLE}: {app.verdict.remedy}\n" in out
 
 
 @pytest.mark.parametrize(("word", "first"), [("suspect", "SUSPECT"), ("no_attack_seen", "NO ATTACK SEEN")])
@@ -54,8 +57,12 @@ def test_the_word_stands_first(app: App, capsys: pytest.CaptureFixture[str], wor
     app.verdict = said(word)
     cli.main(PROTECT)
     out = capsys.readouterr().out
-    assert out.startswith(f"{first}\n")
-    assert f"To resolve: {app.verdict.remedy}\n" in out
+    lines = out.splitlines()
+    assert lines[0] == first
+    advice = [out.index(f"\n{what}: ") for what, _ in what_now(app.verdict)]
+    assert advice == sorted(advice)
+    assert advice[-1] < out.index(app.verdict.summary[:20])
+    assert out.count(app.verdict.remedy or "none") == 1
     assert ("\nNot excluded: " in out) == (word == "no_attack_seen")
 
 

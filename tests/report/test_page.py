@@ -25,6 +25,7 @@ from skyproof.report.pictures import (
     TruePlace,
 )
 from skyproof.report.summary import how_sure
+from skyproof.report.what_now import Advice
 from skyproof.report.words import p_value_words
 from skyproof.verdict import CAUSES, Verdict
 
@@ -211,9 +212,9 @@ def test_a_page_without_pictures_or_signals_says_so() -> None:
     for reported in (
         "No position",
         "No signals",
-        "No method",
+        "No test could run",
         *document["not_excluded"],
-        f"To resolve: {document['remedy']}.",
+        f"{Advice.PROVE} {document['remedy']}",
     ):
         assert reported in reader.text
     assert "figure" not in reader.tags
@@ -258,7 +259,7 @@ def test_a_failed_test_stands_first_with_its_window() -> None:
 def test_a_signal_that_changes_its_label_is_one_signal() -> None:
     signals = [SAMPLE["signals"][0], SAMPLE["signals"][0] | {"label": "unknown"}]
     reported = how_sure(Verdict.model_validate(SAMPLE | {"signals": signals}))[-1]
-    assert re.findall(r"\d \w+", reported) == ["1 signal", "1 authentic", "1 unknown", "1 with"]
+    assert re.findall(r"\d \w+", reported) == ["1 signal", "1 authentic", "1 unknown", "1 changed"]
 
 
 def facts_of(**changes: Any) -> dict[str, str]:
@@ -325,11 +326,14 @@ def test_skies_that_differ_are_drawn_each() -> None:
 def test_what_belongs_to_the_word_stands_apart() -> None:
     document = SAMPLE | {"reason": "which signals of rx1 are true", "remedy": "a second receiver"}
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
-    assert f"Not decided: {document['reason']}. To resolve: {document['remedy']}." in text
+    assert f"Not decided: {document['reason']}." in text
+    assert f"{Advice.SETTLE} {document['remedy']}" in text
     document |= {"verdict": "suspect", "may_also_be": ["shade", "gain"]}
     text = read(report_html(Verdict.model_validate(document), EMPTY)).text
     assert "Not decided:" not in text  # the summary of a suspicion is its reason
-    assert f": {CAUSES['shade']}, or {CAUSES['gain']}. To resolve:" in text
+    assert f": {CAUSES['shade']}, or {CAUSES['gain']}." in text
+    order = [text.index(part) for part in (Advice.RELY_ON_NOTHING, Advice.SETTLE, document["summary"], "May also be:")]
+    assert order == sorted(order)  # what to do, what would settle it, then why
 
 
 def top_of(page: str) -> str:

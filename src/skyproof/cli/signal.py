@@ -113,7 +113,7 @@ def _guessed(inspection: "Inspection") -> tuple[str, str]:
     taken = inspection.proposals[inspection.taken]
     others = [one for number, one in enumerate(inspection.proposals) if number != inspection.taken and one.satellites]
     rival = max(others, key=lambda one: one.power, default=None)
-    shown = f"{len(taken.satellites)} satellites; by noise once in 10^{-taken.log10_chance:.0f}"
+    shown = f"{len(taken.satellites)} satellites; p-value 10^{taken.log10_chance:.0f} under noise alone"
     if rival is None:
         return shown, "no other reading shows any"
     less_db = 10.0 * math.log10(taken.power / rival.power) if taken.power and rival.power else math.inf
@@ -135,7 +135,7 @@ def numbers_of(layout: "SampleLayout") -> str:
 
 
 def _proposals(proposals: "Sequence[Proposal]") -> Table:
-    rows = table("", "kind", "numbers", "rate MHz", "satellites", "chance by noise", numbers=3)
+    rows = table("", "kind", "numbers", "rate MHz", "satellites", "p-value, noise alone", numbers=3)
     for number, one in enumerate(proposals, 1):
         found = (f"{one.layout.rate_hz / 1e6:.10g}", str(len(one.satellites)), f"10^{one.log10_chance:.0f}")
         rows.add_row(

@@ -8,6 +8,8 @@ from rich.table import Table
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
 from skyproof.formats.verdict import verdict_json
 from skyproof.gnss.time import utc_words
+from skyproof.report.summary import explained
+from skyproof.report.what_now import what_now
 from skyproof.report.words import angle_words, in_minutes, leap_words
 from skyproof.verdict import Verdict, possible_places, word_shown
 
@@ -45,13 +47,14 @@ def print_result(result: "ProtectResult", *, as_json: bool, incomplete: bool = F
 def _print_summary(verdict: Verdict) -> None:
     console = Console()
     console.print(words(word_shown(verdict.verdict).upper(), style=STYLES.get(verdict.verdict, "bold")))
+    for advice, reason in what_now(verdict):
+        console.print(words(f"{advice}: {reason}", style="bold"))
+    console.print()
     console.print(words(verdict.summary))
     if verdict.since_gpst is not None:
         console.print(words(verdict.onset_words))
-    for heading, said in verdict.explained:
+    for heading, said in explained(verdict):
         console.print(words(f"{heading} {said}"))
-    if verdict.assumed:
-        console.print(words(verdict.assumed))
     starts = [receiver.start_gpst for receiver in verdict.receivers if receiver.start_gpst is not None]
     if starts:
         console.print(words(f"Clock times in sentences are GPS time: {leap_words(starts[0])}", style="dim"))
@@ -63,7 +66,7 @@ def _print_summary(verdict: Verdict) -> None:
         print_table(console, signals)
         console.print()
     if absent := [method.detector for method in verdict.methods if not method.ran]:
-        console.print(words(f"not tested: {', '.join(absent)} (the report says why)"))
+        console.print(words(f"Tests that could not run: {', '.join(absent)} (the report says why)"))
 
 
 def _positions(verdict: Verdict) -> Table:

@@ -20,7 +20,7 @@ def _name_tested(finding: Finding) -> str:
 def _describe_jump(finding: Finding) -> str:
     """Describe what jumps, when and by how much."""
     data: Mapping[str, Any] = finding.data
-    by = f"{data['moved_m']:.0f} m" if data["what"] == "position" else f"{1e6 * data['clock_s']:.3g} us"
+    by = f"{data['moved_m']:.0f} m" if data["what"] == "position" else f"{1e6 * data['clock_s']:.3g} µs"
     return f"{_name_tested(finding)} jumps by {by} at {clock(finding.dated_gpst, 1)}"
 
 

@@ -8,25 +8,24 @@ from skyproof.explain.entry import Entry
 __all__ = ["ENTRIES"]
 
 _OFF: Final = (
-    "position and velocity in {receiver} leave what the inertial unit lets expect by {statistic:.1f} m and "
-    "{off_m_s:.1f} m/s"
+    "position and velocity of {receiver} depart from the inertial prediction by {statistic:.1f} m and {off_m_s:.1f} m/s"
 )
-_REMEDY: Final = "a second receiver, or an inertial unit that is tried by manoeuvres before"
+_REMEDY: Final = "a second receiver, or a manoeuvre under clean signals first, which calibrates the inertial unit"
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     "not_aligned": Entry(
         "the inertial unit of {receiver} is not aligned yet, or no velocity is measured", "the attitude at its start"
     ),
-    "goes_on": Entry("position and velocity of {receiver} go on as the inertial unit lets expect"),
-    "departs": Entry(f"{_OFF}, which had gone on with the signals before", beside=True),
+    "goes_on": Entry("position and velocity of {receiver} agree with the inertial prediction"),
+    "departs": Entry(f"{_OFF}; until then signals and inertial unit agreed", beside=True),
     **{
         code: Entry(f"{_OFF}: {why}", _REMEDY)
         for code, why in {
-            "not_tried": "they have not gone on together before, and the unit or what is stated of it may be wrong",
-            "moved_more": "it was not moved so much before, and the unit or what is stated of it may be wrong",
-            "parts_slowly": "they part slowly, as they do if the unit errs",
-            "blow": "there was a blow, or an error in the unit's readings",
-            "by_some": "without some two satellites it may be chance, or reflections",
+            "not_tried": "the unit was not compared with clean signals before, so its errors may be larger than stated",
+            "moved_more": "this motion is stronger than any before, so the unit's errors may be larger than stated",
+            "parts_slowly": "the departure is slow, as with an error of the unit",
+            "blow": "the unit felt a shock, or its readings are wrong",
+            "by_some": "it vanishes without two of the satellites, so chance or reflections may explain it",
         }.items()
     },
 }

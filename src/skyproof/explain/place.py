@@ -23,7 +23,7 @@ def _say(why: str) -> Callable[[Finding], str]:
 
 def _remedy(finding: Finding) -> str:
     if finding.data["surveyed"]:
-        return "the surveyed position checked (WGS-84, height above the ellipsoid)"
+        return "a check of the surveyed position (WGS-84, height above the ellipsoid)"
     return "a second receiver"
 
 
@@ -31,7 +31,7 @@ ENTRIES: Final[Mapping[str, Entry]] = {
     "no_place": Entry("it is not known yet where {receiver} stands, or no position is found", "a longer recording"),
     "there": Entry("the signals put {receiver} where it stands, {statistic:.1f} m off"),
     "elsewhere": Entry(_say("; until then they had put it there"), beside=True),
-    "slip": Entry(_say(": {slip}, or they are false"), "the surveyed position checked"),
+    "slip": Entry(_say(": {slip}, or they are false"), "a check of the surveyed position"),
     "never_there": Entry(_say(": they are false, or what is stated of the place or of errors is wrong"), _remedy),
     "as_before": Entry(
         _say(": it is where they put it before, a little off; what is stated of the place may be wrong"), _remedy

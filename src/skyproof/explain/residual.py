@@ -23,7 +23,7 @@ def _describe_skies(finding: Finding) -> str:
     if "times_apart_s" not in data:
         return words
     late_s = data["times_apart_s"]
-    return f"{words}, and times {late_s * 1e6:.2f} us ({late_s * SPEED_OF_LIGHT_M_S:.0f} m) apart"
+    return f"{words}, and times {late_s * 1e6:.2f} µs ({late_s * SPEED_OF_LIGHT_M_S:.0f} m) apart"
 
 
 def _describe_orbits(finding: Finding) -> str:

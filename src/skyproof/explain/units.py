@@ -19,7 +19,7 @@ def metres(length_m: float) -> str:
 
 def seconds(time_s: float) -> str:
     """Return a time in the unit that leaves no zeros."""
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
         if time_s >= size:
             return f"{time_s / size:.4g} {unit}"
     return f"{time_s * 1e9:.0f} ns"

@@ -158,7 +158,8 @@ class WrongStatement:
     @property
     def sentence(self) -> str:
         """Say what may be wrong, and what would be right."""
-        return f"{self.about} may be wrong: {self.words}" + (f" ({self.value} would fit)" if self.value else "")
+        fits = f"; {self.value} would fit" if self.value else ""
+        return f"{self.about} may be wrong ({self.words}{fits})"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False, slots=True)

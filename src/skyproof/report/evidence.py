@@ -51,8 +51,9 @@ def quoted(detector: str) -> str:
 
 def by_chance(decision: str | None, p_value: float) -> str:
     """How often chance gives as much, and of what."""
-    otherwise = "were the signals false" if decision == "authentic" else "in a clean sky"
-    return f"{otherwise}, chance alone gives as much {evidence_words(p_value)} ({p_value_words(p_value)})."
+    otherwise = "if the signals were false" if decision == "authentic" else "under a clean sky"
+    often = evidence_words(p_value)
+    return f"{otherwise}, chance alone would give a result this strong {often} ({p_value_words(p_value)})."
 
 
 def _tested(method: Method, findings: tuple[MethodWords, ...]) -> Tested:
@@ -76,16 +77,16 @@ def _words_of_test(method: Method) -> list[str]:
     if method.p_value is not None:
         words = by_chance(method.decision, method.p_value)
         if method.decision == "undecided":  # what was tested, one antenna or a clean sky, the evidence says
-            words = f"it did not decide ({p_value_words(method.p_value)})."
+            words = f"the test did not decide ({p_value_words(method.p_value)})."
         sentences.append(words[0].upper() + words[1:])
     if method.from_gpst is not None:
         sentences.append(f"In the window {span_words(method.from_gpst, method.to_gpst)}, GPS time.")
     if method.statistic is not None:
-        against = f", its threshold {number_words(method.threshold)}" if method.threshold is not None else ""
+        against = f", threshold {number_words(method.threshold)}" if method.threshold is not None else ""
         sentences.append(f"Statistic {number_words(method.statistic)}{against}.")
     if not method.tests:
         return [*sentences, "No test was made."]
     made = f"{method.tests} {'test' if method.tests == 1 else 'tests'} made"
     if method.false_alarm_probability is not None:
-        made += f", false alarms allowed in each: {chance_words(method.false_alarm_probability)}"
+        made += f"; false-alarm limit of each: {chance_words(method.false_alarm_probability)}"
     return [*sentences, f"{made}."]

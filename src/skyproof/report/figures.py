@@ -77,17 +77,15 @@ def _maps(pictures: Pictures, minutes: bool) -> list[Figure]:
     keys = {
         "trusted": "disc: last trusted fix with its 95 % ellipse",
         "consistent": "open disc: last consistent fix, not proven, with its 95 % ellipse",
-        "inertial": "filled square: carried on by inertia",
-        "held": "open square: held, as the receiver stands",
-        "false": "diamond: what the false signals show",
-        "unprotected": "ring: what a receiver without protection shows",
+        "inertial": "filled square: dead reckoning by the inertial unit",
+        "held": "open square: last trusted place of the standing receiver",
+        "false": "diamond: position that the false signals show",
+        "unprotected": "ring: position without protection",
         "receiver": "large ring, dotted line: what the receiver itself computed",
         "possible": "triangle: a place that the evidence leaves open",
     }
     legend = [words for kind, words in keys.items() if kind in kinds]
-    legend += ["cross: the true place, by a file beside the recording, which the verdict does not use"] * bool(
-        pictures.truth
-    )
+    legend += ["cross: true place from the truth file, which the verdict does not use"] * bool(pictures.truth)
     origin = place_words(pictures.origin.lat_deg, pictures.origin.lon_deg, minutes=minutes)
     close = [
         track
@@ -98,10 +96,10 @@ def _maps(pictures: Pictures, minutes: bool) -> list[Figure]:
     ][:MOST_CLOSE]
     figures = [
         Figure(
-            "Where it was, where it seemed to be" if "false" in kinds else "Map of the fixes",
+            "True and false positions" if "false" in kinds else "Map of the fixes",
             overview,
             f"Metres east and north of {origin}. "
-            + "; ".join([*legend, "lines: the way there"]).capitalize()
+            + "; ".join([*legend, "lines: tracks"]).capitalize()
             + "."
             + "".join(_off_truth(track, pictures) for track in pictures.tracks if track not in close),
         )
@@ -127,10 +125,10 @@ def _off_truth(track: FixTrack, pictures: Pictures) -> str:
 
 
 ORIGINS = {
-    "trusted": "filled: satellites that are shown to be true",
-    "consistent": "half filled: satellites while no test had failed",
-    "inertial": "light: inertia, since the last of those",
-    "held": "dashed: held, as the receiver stands",
+    "trusted": "filled: authentic signals",
+    "consistent": "half filled: signals while no test failed",
+    "inertial": "light: inertial unit, from the last of those on",
+    "held": "dashed: last trusted place of the standing receiver",
 }
 
 
@@ -138,17 +136,16 @@ def _origins(pictures: Pictures) -> list[Figure]:
     zero = clock_words(pictures.zero_gpst)
     return [
         Figure(
-            f"What the position of {one.receiver} came from",
+            f"Source of the position of {one.receiver}",
             takeover.origins_plot(
                 one,
-                title=f"Origin of the position of {one.receiver} and error of an ordinary receiver over time",
+                title=f"Source of the position of {one.receiver} and error of an ordinary receiver over time",
                 zero=zero,
                 onset_s=pictures.onset_s,
                 until_s=pictures.until_s,
             ),
-            "Line: distance between what a receiver without protection shows and the position that may be used. Bar: "
-            f"what that came from ({'; '.join(ORIGINS[kind] for kind in ORIGINS if kind in _kinds(one))}); "
-            "nothing where there is none.",
+            "Line: distance between the unprotected and the usable position. Bar: source of the usable position "
+            f"({'; '.join(ORIGINS[kind] for kind in ORIGINS if kind in _kinds(one))}); a gap where there is none.",
         )
         for one in pictures.origins
     ]
@@ -262,10 +259,10 @@ def _proofs(pictures: Pictures) -> list[Figure]:
         rows = [d for d in pictures.differences if d.receivers == pair]
         figures.append(
             Figure(
-                f"The way to {pair[1]} against the way to {pair[0]}",
+                f"Range difference, {pair[1]} minus {pair[0]}",
                 proof.difference_plot(rows, title=f"Range differences between {pair[0]} and {pair[1]} by satellite"),
-                "How much longer a satellite’s way is to one antenna than to the other. From the sky every satellite "
-                "has a difference of its own; signals of one transmitter share theirs, and stand in one line.",
+                "Difference of the ranges from a satellite to the two antennas. Signals from the sky have a different "
+                "one for each satellite. Signals of one transmitter share one, and stand in one line.",
             )
         )
     return figures

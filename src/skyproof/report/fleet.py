@@ -1,4 +1,4 @@
-"""The page over all items of a fleet: how many came out how, and a line an item with a link to its own report."""
+"""The page over all items of a fleet: how many came out how, and one line for each item with a link to its report."""
 
 from collections import Counter
 from collections.abc import Sequence

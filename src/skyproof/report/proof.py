@@ -93,7 +93,7 @@ def difference_plot(differences: Sequence[RangeDifference], *, title: str) -> Ma
         parts.append(draw.path(x, y, f"series thin {label}"))
         parts += [draw.symbol(float(a), float(b), label, 4.5) for a, b in zip(x, y, strict=True)]
     first, second = differences[0].receivers
-    name = f"range to {second} less range to {first}, about its mean, m"
+    name = f"range to {second} minus range to {first}, less its mean, m"
     parts += [
         draw.rect(left, top, right, bottom, "frame"),
         draw.text((left + right) / 2.0, bottom + 31.0, name, anchor="middle", css="axis"),
@@ -137,7 +137,7 @@ def chance_scale(p_value: float, allowed: float | None, *, title: str) -> Markup
         draw.text(
             (left + right) / 2.0,
             y + 33.0,
-            "probability that chance alone gives as much",
+            "p-value: probability of such a result by chance",
             anchor="middle",
             css="small axis",
         ),

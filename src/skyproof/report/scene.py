@@ -429,9 +429,9 @@ def _switching(page: ScenePage) -> list[Figure]:
     if not picture:
         return []
     caption = (
-        "Filled while it transmits, the higher the stronger. Power of false signals is given against the true signal "
-        "of the same satellite, that of interference against the receiver's noise in its band; both at the first "
-        "receiver, at the distance of the beginning."
+        "Filled while a transmitter is on; height is power. The power of false signals is relative to the true signal "
+        "of the same satellite, that of interference to the receiver's noise in its band. Both hold at the first "
+        "receiver, at the distance at the start."
     )
     return [Figure("What is on when", picture, caption)]
 

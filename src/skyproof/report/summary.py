@@ -17,8 +17,8 @@ SURE = "95\N{NO-BREAK SPACE}%"
 SHORT_OF: dict[UsableKind, str] = {
     "trusted": "trusted",
     "consistent": "consistent, not proven",
-    "inertial": "by inertia",
-    "held": "held where it was",
+    "inertial": "dead-reckoned from the inertial unit",
+    "held": "held at its last trusted place",
 }
 
 
@@ -32,9 +32,9 @@ class Fact:
 
 
 def explained(verdict: Verdict) -> list[tuple[str, str]]:
-    """What belongs to the word beside the summary; and what is assumed."""
+    """Return headings and words below the answers, with the assumptions; the remedy is part of what to do."""
     assumed = [("Assumed:", verdict.assumed.removeprefix("Assumed: "))] if verdict.assumed is not None else []
-    return [*verdict.explained, *assumed]
+    return [*((name, words) for name, words in verdict.explained if words != verdict.remedy), *assumed]
 
 
 def scope(verdict: Verdict) -> str:
@@ -64,14 +64,16 @@ def facts(verdict: Verdict) -> list[Fact]:
     if usable:
         proven = all(kind == "trusted" for _, kind, _ in usable)
         lines = [_usable(verdict, r, kind, fix) for r, kind, fix in usable]
-        name = "True position" if proven else "Position that may be used"
+        name = "True position" if proven else "Usable position"
+        if all(ended(r) for r, _, _ in usable):
+            name = f"Last {name[:1].lower()}{name[1:]}"
         found.append(Fact(name, _few(lines), "authentic" if proven else ""))
         if open_still:
-            found.append(Fact("Skies, one of which is true, show", _few(skies)))
+            found.append(Fact("One of these skies is true", _few(skies)))
     elif open_still:
         found.append(Fact("True position: one of", _few(skies)))
     elif false:
-        found.append(Fact("True position", (("Not known", "no signals were shown to be true"),)))
+        found.append(Fact("True position", (("Not known", "no signal was proved authentic"),)))
     else:
         found.append(Fact("True position", (("Not known", _unprotected_words(verdict)),)))
     if false:
@@ -83,8 +85,8 @@ def facts(verdict: Verdict) -> list[Fact]:
 def _interference(spell: InterferenceSpell) -> tuple[str, str]:
     """Since when, and how much where."""
     until = "" if spell.until_gpst is None else f" to {instant_words(spell.until_gpst)[11:]}"
-    shade = ", or shade of the whole antenna" if spell.may_also_be else ""
-    said = f"GPS time, {spell.receiver}: C/N0 {spell.fall_db:.0f} dB down on {', '.join(spell.carriers)}{shade}"
+    shade = "; shading of the whole antenna would look the same" if spell.may_also_be else ""
+    said = f"GPS time, {spell.receiver}: C/N0 down by {spell.fall_db:.0f} dB on {', '.join(spell.carriers)}{shade}"
     return f"{instant_words(spell.since_gpst)[11:]}{until}", said
 
 
@@ -99,10 +101,10 @@ def _at(words: str, gpst: str | None) -> str:
 
 def _usable(verdict: Verdict, receiver: ReceiverResult, kind: UsableKind, fix: Position) -> tuple[str, str]:
     """A receiver's last fix that may be used; that it is not later where others are."""
-    later = ", not later" if ended(receiver) else ""
+    later = " and not later" if ended(receiver) else ""
     how = "" if kind == "trusted" else f", {SHORT_OF[kind]}"
     within = f"within {distance_words(within_m(fix))} horizontally ({SURE})"
-    hidden = f", and {distance_words(fix.hidden_m)} that an attack may hide" if fix.hidden_m else ""
+    hidden = f"; an attack may have moved it by up to {distance_words(fix.hidden_m)} unnoticed" if fix.hidden_m else ""
     return _place(verdict, fix), f"{_at(receiver.name, fix.gpst)}{later}{how}, {within}{hidden}"
 
 
@@ -124,7 +126,7 @@ def _when(verdict: Verdict) -> Fact:
     both = f"{verdict.since_gpst[:10]}, GPS time; {utc_words(verdict.since_gpst)} UTC"
     until = [f"until {moment_words(verdict.until_gpst)}"] if verdict.until_gpst is not None else []
     if sigma_s is None:
-        how = "there when the recording begins" if verdict.from_start else "first seen then, begun then or earlier"
+        how = "present when the recording begins" if verdict.from_start else "first seen then; may have begun earlier"
         return Fact(name, ((f"{clock} or before", "; ".join([f"{how}, {both}", *until])),), kind)
     return Fact(name, ((clock, "; ".join([f"± {sigma_s:.2g} s (one sigma), {both}", *until])),), kind)
 
@@ -141,18 +143,18 @@ def how_sure(verdict: Verdict) -> list[str]:
     """Sentences on how far the verdict can be relied on."""
     allowed = verdict.false_alarm_probability_per_hour
     sentences = [
-        f"Clean signals are called spoofed at most {rate_words(allowed)} (false-alarm probability asked for: "
+        f"Clean signals are called spoofed at most {rate_words(allowed)} (false-alarm probability set to "
         f"{allowed:g} per hour)."
     ]
     best = strongest(verdict)
     if best is not None and best.p_value is not None:
         sentences.append(
-            f"The strongest evidence is that of {quoted(best.detector)}: {by_chance(best.decision, best.p_value)}"
+            f"The strongest evidence comes from {quoted(best.detector)}: {by_chance(best.decision, best.p_value)}"
         )
     by_label = counts(verdict.signals)
     count = len({(s.receiver, s.sat, s.band, s.code, s.copy) for s in verdict.signals})
     changing = len(_labels(verdict.signals)) - count
-    twice = f"; {changing} with one label after another" if changing else ""
+    twice = f"; the label of {changing} changed" if changing else ""
     sentences.append(
         f"{count} signal{'s' * (count != 1)} received: {by_label}{twice}." if by_label else "No signals were received."
     )

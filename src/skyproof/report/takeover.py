@@ -242,7 +242,7 @@ def origins_plot(
     parts = [
         *_axes(across, up, scale, low + 14.0),
         draw.path(across.pixels(seconds), up.pixels(away_m), "curve"),
-        draw.text(left - 5.0, low + 9.0, "from", anchor="end", css="small axis"),
+        draw.text(left - 5.0, low + 9.0, "source", anchor="end", css="small axis"),
         *(
             draw.rect(across(one.from_s), low, max(across(one.to_s), across(one.from_s) + 1.0), low + 11.0, css)
             for one in origins.usable

@@ -10,17 +10,19 @@ from skyproof.verdict import USABLE, ReceiverResult, Verdict
 __all__ = ["LATE_S", "Advice", "ended", "what_now"]
 
 LATE_S = 3.0  # between a receiver's last fix that may be used and its last of all, from which on it is said
-OTHER_MEANS = "go by what needs no satellites: inertia, radar, landmarks, a clock of your own"
+OTHER_MEANS = "navigate by other means (inertia, radar, landmarks, a local clock)"
 
 
 class Advice(StrEnum):
     """What to do, as the page prints it."""
 
     NOTHING = "Nothing"
-    GO_ON = "Go on"
-    RELY_ON_NOTHING = "Do not rely on position or time"
+    GO_ON = "Keep using the receiver, with care"
+    RELY_ON_NOTHING = "Stop using satellite position and time"
+    SETTLE = "To settle it"
+    PROVE = "To prove it"
     USE_TRUSTED = "Use the trusted position"
-    USE_CARRIED = "Use the position that is carried on"
+    USE_CARRIED = "Use the dead-reckoned position"
     USE_NOTHING = "Use no position or time from satellites"
     DO_NOT_WAIT = "Do not wait"
     IGNORE_OTHERS = "Ignore what ordinary receivers show"
@@ -29,30 +31,30 @@ class Advice(StrEnum):
 def what_now(verdict: Verdict) -> tuple[tuple[Advice, str], ...]:
     """Lines of (what to do, why or with what), the most urgent first."""
     if verdict.verdict == "authentic":
-        return ((Advice.NOTHING, "use positions and time as they are, as long as what the verdict assumes holds"),)
+        return ((Advice.NOTHING, "use position and time as usual; this holds while the assumptions below hold"),)
+    remedy = () if verdict.remedy is None else (verdict.remedy,)
     lasting = {
         kind: [r for r in verdict.receivers if r.usable and r.usable[0] == kind and not ended(r)] for kind in USABLE
     }
     if verdict.verdict == "no_attack_seen":
         files = " and ".join(f"{r.name}-consistent.nmea" for r in lasting["consistent"])
-        use = f"with the consistent position below, which is not proven; its track is in {files}; " if files else ""
-        return ((Advice.GO_ON, f"{use}know the limits: what is not excluded stands above"),)
+        use = f"; the position below is consistent but not proven (track in {files})" if files else ""
+        go_on = (Advice.GO_ON, f"nothing points to an attack, but the attacks under “Not excluded” would pass{use}")
+        return (go_on, *((Advice.PROVE, words) for words in remedy))
     carried = [*lasting["inertial"], *lasting["held"]]
-    lines = (
-        [(Advice.USE_CARRIED, "below, which no signal moves; its track is in fixes.csv and tracks.kml")]
-        if carried
-        else []
-    )
+    lines = [(Advice.USE_CARRIED, "below, which signals cannot move; its track is in fixes.csv")] if carried else []
     if verdict.verdict == "suspect":
-        return (*lines, (Advice.RELY_ON_NOTHING, f"until this is resolved; {OTHER_MEANS}"))
+        stop = (Advice.RELY_ON_NOTHING, f"{OTHER_MEANS} until this is settled")
+        return (*lines, stop, *((Advice.SETTLE, words) for words in remedy))
     if lasting["trusted"]:
         files = " and ".join(f"{r.name}-trusted.nmea" for r in lasting["trusted"])
-        lines.insert(0, (Advice.USE_TRUSTED, f"below; its track is in fixes.csv, tracks.kml and {files}"))
+        lines.insert(0, (Advice.USE_TRUSTED, f"below; its track is in {files}"))
     if not lines:
         since = f" since {clock_words(verdict.since_gpst)}" if verdict.since_gpst is not None else ""
-        lines.append((Advice.USE_NOTHING, f"under attack{since}; {OTHER_MEANS}"))
+        lines.append((Advice.USE_NOTHING, f"{OTHER_MEANS}; the attack is on{since}"))
     usable = [r for r in verdict.receivers if r.usable is not None]
-    return (*lines, _ignore(usable, verdict)) if usable else tuple(lines)
+    settle = [(Advice.SETTLE, words) for words in remedy]
+    return (*lines, *([_ignore(usable, verdict)] if usable else []), *settle)
 
 
 def ended(receiver: ReceiverResult) -> bool:
@@ -67,8 +69,8 @@ def _ignore(usable: list[ReceiverResult], verdict: Verdict) -> tuple[Advice, str
     """Whether an ordinary receiver is led away: by the one that is led farthest."""
     r = max(usable, key=led_away_m)
     if not led_away_m(r) or r.unprotected_fix is None:
-        return Advice.DO_NOT_WAIT, "an ordinary receiver is still right here; it can be taken over at any time"
-    words = f"{r.name} without protection is off by {away_words(r, r.unprotected_fix)}"
+        return Advice.DO_NOT_WAIT, "the unprotected position is still right; it can change at any time"
+    words = f"without protection {r.name} is off by {away_words(r, r.unprotected_fix)}"
     offsets_s = [source.time_offset_s for source in verdict.sources if source.time_offset_s]
     if len(offsets_s) == 1:
         words += f"; the false time is {seconds_words(abs(offsets_s[0]))} {'behind' if offsets_s[0] > 0.0 else 'ahead'}"

@@ -55,7 +55,7 @@ DETECTORS: dict[str, tuple[Tested, bool]] = {
 }  # fmt: skip
 """What is tested, and whether the variance is known."""
 FORMS: dict[str, tuple[bool, Degrees]] = {
-    "corrected": (True, "all"), "printed root": (False, "all"), "printed degrees": (True, "printed"),
+    "corrected": (True, "all"), "root as printed": (False, "all"), "degrees of freedom as printed": (True, "printed"),
 }  # fmt: skip
 """Whitened by the inverse root; degrees of freedom."""
 NOMINAL = (0.01, 0.001)
@@ -133,7 +133,7 @@ FALSE_ALARM = Study(
     run=_false_alarm,
     charts=(
         Axes(title="Rate of pairs not recognised, nominal 1 %", x="receivers", y="p_fa", x_label="receivers",
-              y_label="P_FA", by=("form", "detector"), where={"nominal": 0.01, "n": 30}, y_log=True),
+              y_label="false-alarm probability", by=("form", "detector"), where={"nominal": 0.01, "n": 30}, y_log=True),
     ),
     claims=(
         Claim(what="worst rate at 1 % of 1a, 1b, 2a, 2b with 2, 3, 5 receivers and 5, 30, 120 epochs, over nominal",
@@ -142,19 +142,19 @@ FALSE_ALARM = Study(
               tolerance=_by_count(0.001)),
         *(
             Claim(what=f"1a at 1 % with the root that equation 8 prints, {receivers} receivers", paper=0.01,
-                  reference=expected, same=_form("printed root", "1a", receivers),
+                  reference=expected, same=_form("root as printed", "1a", receivers),
                   better=_form("corrected", "1a", receivers), tolerance=0.02)
             for receivers, expected in ((2, 0.31), (3, 0.53), (5, 0.75))
         ),
         *(
             Claim(what=f"1b at 1 % with the root that equation 8 prints, {receivers} receivers", paper=0.01,
-                  reference=expected, same=_form("printed root", "1b", receivers),
+                  reference=expected, same=_form("root as printed", "1b", receivers),
                   better=_form("corrected", "1b", receivers), tolerance=0.006)
             for receivers, expected in ((3, 0.028), (5, 0.075))
         ),
         *(
             Claim(what=f"1a at 1 % with the degrees of freedom that are printed, {receivers} receivers", paper=0.01,
-                  reference=expected, same=_form("printed degrees", "1a", receivers),
+                  reference=expected, same=_form("degrees of freedom as printed", "1a", receivers),
                   better=_form("corrected", "1a", receivers), tolerance=0.01)
             for receivers, expected in ((3, 0.055), (5, 0.33))
         ),
@@ -640,9 +640,11 @@ TIME_TAGS = Study(
     figure="Section 2, statement on time tags",
     run=_time_tags,
     charts=(
-        Axes(title="Code, error of the time tags", x="n", y="p_fa", x_label="window, s", y_label="P_FA",
+        Axes(title="Code, error of the time tags", x="n", y="p_fa", x_label="window, s",
+              y_label="false-alarm probability",
               by=("offset_s",), where={"detector": "1b"}, y_log=True),
-        Axes(title="Carrier, relative drift of the clocks", x="n", y="p_fa", x_label="window, s", y_label="P_FA",
+        Axes(title="Carrier, relative drift of the clocks", x="n", y="p_fa", x_label="window, s",
+              y_label="false-alarm probability",
               by=("drift",), where={"detector": "2b"}, y_log=True),
     ),
     claims=(

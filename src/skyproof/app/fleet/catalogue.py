@@ -1,4 +1,4 @@
-"""The catalogue of a fleet: a CSV table with a line an item, as a spreadsheet writes it.
+"""The catalogue of a fleet: a CSV table with one line for each item, as a spreadsheet writes it.
 
     name,inputs,nav,antenna_distance_m
     harbour,harbour/bow.bin;harbour/stern.bin,brdc0010.22n,61.5
@@ -56,7 +56,7 @@ def read_catalogue(path: Path) -> list[CatalogueItem]:
     InputError : it cannot be read, or a line or column is wrong; names file, line and column. SettingsError : a
         setting makes no sense.
     """
-    content = text_of(path, METADATA_BYTES, "the catalogue", "give a CSV file with a line an item")
+    content = text_of(path, METADATA_BYTES, "the catalogue", "give a CSV file with one line for each item")
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -83,7 +83,7 @@ def read_catalogue(path: Path) -> list[CatalogueItem]:
             )
         at[taken], items[item.name] = number, item
     if not items:
-        raise InputError(f"{path}: no item; write a line an item under the first line, which names the columns")
+        raise InputError(f"{path}: no item; write one line for each item below the first line, which names the columns")
     return list(items.values())
 
 

@@ -54,7 +54,7 @@ def fleet(
 
     Parameters
     ----------
-    catalogue : CSV, a line an item; see `skyproof.app.fleet.catalogue`.
+    catalogue : CSV, one line for each item; see `skyproof.app.fleet.catalogue`.
     out : folder, made if absent: items/NAME holds what `protect` writes for each, fleet.html and fleet.parquet all.
     workers : processes; as many as cores if None.
     ray : address of a Ray cluster, whose nodes do the items in place of processes of this machine.

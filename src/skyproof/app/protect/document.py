@@ -57,7 +57,7 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         if word == "authentic":  # an attack can begin after what was read
             word, why = "no_attack_seen", WordReason(reason=ended.reason, remedy=ended.remedy)
         if word == "no_attack_seen":
-            why = replace(why, not_excluded=(f"what comes {ended.when}", *why.not_excluded))
+            why = replace(why, not_excluded=(f"any attack {ended.when}", *why.not_excluded))
     return Verdict(
         format=VERDICT_FORMAT,
         verdict=word,
@@ -102,7 +102,9 @@ def _describe_interruption(outcome: Outcome) -> _Ended:
     read_s = max((r.reception.examined_s for r in outcome.receivers), default=0.0)
     whole_s = max((r.reception.source.duration_s for r in outcome.receivers), default=0.0)
     when = f"after {read_s:.1f} of {whole_s:.1f} s"
-    return _Ended(what="Interrupted", when=when, reason=f"it ended {when}", remedy="the same command, run to its end")
+    return _Ended(
+        what="Interrupted", when=when, reason=f"the run ended {when}", remedy="the same command, run to its end"
+    )
 
 
 def _describe_cut(outcome: Outcome, notes: Sequence[InputNote]) -> _Ended | None:

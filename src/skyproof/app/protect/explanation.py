@@ -10,6 +10,7 @@ from skyproof.app.protect.outcome import Outcome
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.detectors.base import NEEDS
 from skyproof.explain import explain
+from skyproof.explain.entry import join
 from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.records import (
     CauseName,
@@ -20,14 +21,14 @@ __all__ = ["WordReason", "describe_unexplained", "explain_word", "why_untested"]
 
 
 _UNSEEN: dict[Need, str] = {
-    Need.NAVIGATION: "any false position and time: without orbits none was computed",
-    Need.SETS: "a false position: too few satellites to hold their ranges against each other",
-    Need.CCAF: "a second signal within a chip of the true one, which measurements without samples do not show",
+    Need.NAVIGATION: "any false position and time, as no position was computed for lack of orbits",
+    Need.SETS: "a false position, as there are too few satellites to compare their ranges",
+    Need.CCAF: "a second signal within a chip (300 m) of the true one, which only samples show",
 }
 """Attacks that pass unseen where records are lacking."""
 
 
-UNRANGED = "any false place and time that stays continuous from fix to fix: the log holds no ranges to hold it against"
+UNRANGED = "any false position and time without a jump, as the log holds no ranges"
 
 
 RANGES = "the receiver's measurements with ranges (UBX-RXM-RAWX, SBF MeasEpoch, RTCM MSM7)"
@@ -42,8 +43,8 @@ MOST_CURES = 2
 
 
 PREDICTS = (
-    'where the receiver is or how it moves, in a platform file: that it stands (motion = "static"), its surveyed '
-    "position, its oscillator, or an inertial unit"
+    'a platform file that says where the receiver is or how it moves: that it stands still (motion = "static"), its '
+    "surveyed position, its oscillator, or an inertial unit"
 )
 
 
@@ -75,22 +76,24 @@ def explain_word(outcome: Outcome) -> WordReason:
     question = decision.open
     if question is None:
         return WordReason(reason=None)
-    about = f"which signals of {', '.join(question.receivers)} are true"
-    why = unexplained or "none of the tests that this input allows could decide"
+    names = join(question.receivers)
+    about = f"which signals of {names} are true"
+    why = unexplained or "none of these tests can decide"
     remedy = _suggest_remedy(outcome) or ("a longer recording" if unexplained else None)
     if question.finding is not None:
         words = explain(question.finding)
         why, remedy = words.sentence, words.remedy or _suggest_remedy(outcome) or None
-        why += f"; the same holds for {', '.join(question.also)}" if question.also else ""
+        why += f"; the same holds for {join(question.also)}" if question.also else ""
         if remedy is not None and question.distance_m is not None:
             distance_m, sigma_m = question.distance_m
             remedy += (
-                f"; these signals come from the sky if the antennas stand {distance_m:.1f} ± {sigma_m:.1f} m apart"
+                f"; if the antennas stand {distance_m:.1f} ± {sigma_m:.1f} m apart, these signals come from the sky"
             )
+    because = f": {why}" if unexplained or question.finding is not None else ""
     if decision.verdict == "spoofed":
         return WordReason(reason=f"{about}: {why}", remedy=remedy)
     return WordReason(
-        reason=f"it is not shown {about}: {why}",
+        reason=f"none of these tests can prove the signals of {names} authentic{because}",
         of_unexplained=question.finding is None,
         not_excluded=_list_unseen_attacks(outcome),
         remedy=remedy,
@@ -107,14 +110,14 @@ def _list_unseen_attacks(outcome: Outcome) -> tuple[str, ...]:
     receivers = [r for r in outcome.receivers if r.reception.left_out is None]
     by_directions = not {Need.ARRAY_PHASES, Need.SPIN_ARMS} <= lacking
     if len(receivers) > 1:
-        found.append("a false sky that reaches one of the receivers alone")
+        found.append("a false sky that reaches only one of the receivers")
     elif not by_directions:
-        found.append("a consistent false sky from the first moment on, which one antenna cannot tell from a true one")
+        found.append("a false sky present from the start, which one antenna cannot tell from the true one")
     done = ran | {e.detector for e in outcome.evidence if e.lacking}
     reasons = {(e.detector, e.code): e for e in outcome.evidence if e.detector not in done}
     idle = {e.detector for e in reasons.values() if explain(e).remedy not in (None, "nothing")}
-    found += [f"what {', '.join(sorted(idle))} would show, with enough to test"] if idle else []
-    return (*found, "a takeover that drags position and time by less than the tests can see")
+    found += [f"what {join(sorted(idle))} would have found with more data"] if idle else []
+    return (*found, "an attack that drags position and time too slowly for these tests")
 
 
 def why_untested(outcome: Outcome) -> str | None:
@@ -152,11 +155,11 @@ def _has_no_ranges(outcome: Outcome) -> bool:
 
 
 _EXPLAINS: dict[Kind, str] = {
-    "double": "beside another one of its satellite: an echo or a false signal would explain it",
-    "rival": "earlier or stronger than a true one of its satellite: a false signal would explain it",
-    "misfit": "not fitting what the others show: a fault, an echo alone or a false signal would explain it",
-    "echo": "later and weaker than a true one of its satellite: an echo would explain it",
-    "untested": "without a comparison that tells: received by one receiver only, too shortly, or too much alike",
+    "double": "beside another signal of the satellite, as an echo or a false signal would be",
+    "rival": "earlier or stronger than a true signal of the satellite, as a false signal would be",
+    "misfit": "in conflict with the others, as a fault, an echo alone or a false signal would be",
+    "echo": "later and weaker than a true signal of the satellite, as an echo would be",
+    "untested": "too short, too similar to others, or received by one receiver only",
 }
 
 
@@ -176,4 +179,4 @@ def describe_unexplained(left: Sequence[Unexplained]) -> str:
     if not words_of_kinds:
         return ""
     n = len(left)
-    return f"{n} further signal{'s stay' if n > 1 else ' stays'} unexplained: {'; '.join(words_of_kinds)}"
+    return f"{n} more signal{'s' if n > 1 else ''} could not be explained: {'; '.join(words_of_kinds)}"

@@ -38,7 +38,7 @@ def _summary(outcome: Outcome, why: WordReason) -> str:
         return f"The signals of {n} satellites come from the sky{sign}{_describe_copies(outcome)}{kept}"
     if decision.verdict in ("suspect", "no_attack_seen"):
         rest = "" if why.of_unexplained else unexplained
-        passed = "" if decision.verdict == "suspect" else "every test that this input allows passed; "
+        passed = "" if decision.verdict == "suspect" else "every test that could run passed, but "
         return f"{passed}{why.reason or ''}.{rest}{_describe_missing_fixes(outcome)}{_describe_copies(outcome)}"
     return _attack_words(outcome) + unexplained + _describe_missing_fixes(outcome) + _describe_copies(outcome)
 
@@ -60,10 +60,10 @@ def _attack_words(outcome: Outcome) -> str:
         return f"{since}{len(sats)} {were} imitated by {by}{f'; the {kept}' if kept else ''}."
     if decision.skies:
         return (
-            f"{since}two or more skies are received, each consistent with a position and time of its own; "
-            "which of them is true is not decided."
+            f"{since}two or more skies are received, each with a position and time of its own; "
+            "no test could decide which of them is true."
         )
-    return f"{since}some of the received signals cannot be authentic; which of them are true is not decided."
+    return f"{since}some of the received signals cannot be authentic; no test could decide which of them are true."
 
 
 def _count_transmitters(sources: Sequence[FalseSource]) -> int:
@@ -91,7 +91,7 @@ def _describe_missing_fixes(outcome: Outcome) -> str:
 def _describe_times_alone(outcome: Outcome) -> str:
     """State for how long receivers were recorded without the others, which the word leaves out."""
     return "".join(
-        f" Nothing is said of {seconds:.0f} s in which {receiver} was recorded and another receiver was not."
+        f" The verdict does not cover {seconds:.0f} s in which {receiver} was recorded and another receiver was not."
         for receiver, seconds in outcome.decision.alone_s
     )
 
@@ -109,9 +109,7 @@ def _describe_beside(outcome: Outcome) -> str:
     in_order = sorted(noted.values(), key=lambda e: e.says == "attack")
     sentences = list(dict.fromkeys(explain(e).sentence for e in in_order))
     more = (
-        f" {len(sentences) - MOST_NOTED} more such moments stand in the evidence."
-        if len(sentences) > MOST_NOTED
-        else ""
+        f" The evidence lists {len(sentences) - MOST_NOTED} more such moments." if len(sentences) > MOST_NOTED else ""
     )
     return "".join(f" {text[:1].upper()}{text[1:]}." for text in sentences[:MOST_NOTED]) + more
 
@@ -127,8 +125,8 @@ def _describe_copies(outcome: Outcome) -> str:
     if not words:
         return ""
     return (
-        f" The signals of {' and '.join(words)} are received again, late and weaker: a repeater or a reflector, which "
-        "shows no other place."
+        f" The signals of {' and '.join(words)} are received twice, the second time later and weaker, as from a "
+        "repeater or a reflector; they show no other position."
     )
 
 
@@ -138,14 +136,14 @@ def _describe_left_out(outcome: Outcome) -> str:
     if len(receptions) == len(outcome.receivers):
         return ""
     words = "".join(
-        f" {r.source.name} holds the same noise as {r.same_as}: one antenna or one file recorded twice; taken as one "
-        "receiver."
+        f" {r.source.name} holds the same noise as {r.same_as}: one antenna or file, recorded twice. The two count as "
+        "one receiver."
         for r in receptions
         if r.same_as is not None
     )
     names = [r.source.name for r in receptions if r.same_as is None]
     if names:
-        words += f" Without {' and '.join(names)}, which gave no measurements (the remarks on the inputs say why)."
+        words += f" {' and '.join(names)} gave no measurements (the remarks on the inputs say why)."
     return words
 
 
@@ -155,8 +153,8 @@ def _since(decision: Decision) -> str:
         return ""
     clock = clock_words(iso(onset.seen if onset.earliest is None else onset.gpst, 0))
     if onset.from_start:
-        return f"From the start on, {clock}, "
-    return f"From {clock} on, " if onset.earliest is not None else f"Seen since {clock}, begun then or earlier: "
+        return f"From the start of the recording, {clock}, "
+    return f"From {clock} on, " if onset.earliest is not None else f"From {clock} at the latest, "
 
 
 def _describe_accuracy(outcome: Outcome) -> str:
