@@ -27,8 +27,8 @@ from skyproof.arrays import Reals
 from skyproof.detectors.array.spin import Levels, Spin, SpinSettings, estimate_levels
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.orbits import compute_satellite_state_s
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import Records, SpinArm
 from skyproof.statistics.directions import direction_cosines
@@ -122,8 +122,8 @@ class DrawnArm:
         angles = []
         for k in true:
             orbit = records.navigation.best(records.observations[0].signals[k].sat, scene.start_gpst)
-            where = satellite_state_s(orbit, week, tow_s).position_ecef_m
-            angles.append(azimuth_elevation(records.sets[0].position_ecef_m, where))
+            where = compute_satellite_state_s(orbit, week, tow_s).position_ecef_m
+            angles.append(compute_azimuth_elevation(records.sets[0].position_ecef_m, where))
         azimuth, elevation = rng.uniform(0.0, 2.0 * np.pi), np.radians(rng.uniform(5.0, 40.0))
         off, turned = np.radians(rng.uniform(0.3, 2.0)), rng.uniform(0.0, 2.0 * np.pi)
         near = azimuth + off * np.cos(turned) / np.cos(elevation), elevation + off * np.sin(turned)

@@ -20,7 +20,7 @@ import tomli_w
 from clean_grids import CHIP_M, SURROUNDINGS, Sky
 
 from skyproof.app.protect.outcome import Outcome
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, SceneReceiver
 from skyproof.simulator.scenario import Sky as SceneSky
@@ -38,7 +38,7 @@ def scene(name: str, number: int) -> Scene:
     """One of a surroundings."""
     rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(list(SURROUNDINGS).index(name), number)))
     start = np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(int(rng.integers(126_230_400)), "s")
-    navigation = nominal_constellation(start)
+    navigation = make_nominal_constellation(start)
     plain = _scenario(rng, start, name)
     under = scene_of(plain, navigation).skies[0]
     middle = under.knots_s.size // 2

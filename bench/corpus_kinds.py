@@ -39,7 +39,7 @@ from skyproof.app.protect.outcome import Outcome
 from skyproof.detectors.array.spin import Spin, SpinSettings
 from skyproof.errors import SkyproofError
 from skyproof.fusion.fuse import fuse
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Evidence
 from skyproof.simulator.constellation import navigation_of
@@ -192,7 +192,7 @@ def _takeover(rest: str) -> Row:
         if drawn.given == "imu":
             write_series(scene, folder)
         platform = takeovers.platform_of(drawn, folder, tracking or "scalar", clean_start_s=TAKEOVER_FROM_S)
-        navigation = nominal_constellation(drawn.start_gpst)
+        navigation = make_nominal_constellation(drawn.start_gpst)
         _, outcome = protect_scene(scene, navigation, platform, drawn.seed)
     fixes = takeovers.fixes_of(drawn, scene, outcome)
     counts = {"wrong_fixes": fixes["wrong"], "right_fixes": fixes["fixes"] - fixes["wrong"]}

@@ -35,7 +35,7 @@ from skyproof.errors import SkyproofError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef, rot_ned_body
-from skyproof.gnss.geoid import geoid_separation_m
+from skyproof.gnss.geoid import interpolate_geoid_m
 from skyproof.records import Observations
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
@@ -404,7 +404,7 @@ def damage_positions(rng: np.random.Generator, sky: Sky, inputs: Inputs) -> None
     for k in which:
         one = places[k]
         if what == "sea level":
-            one["height_m"] -= float(geoid_separation_m(one["lat_deg"], one["lon_deg"]))
+            one["height_m"] -= float(interpolate_geoid_m(one["lat_deg"], one["lon_deg"]))
         if what == "feet":
             one["height_m"] /= 0.3048
         if what == "ground":

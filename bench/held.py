@@ -30,7 +30,7 @@ from skyproof.detectors.prediction.choice_findings import CHOSEN
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import heading_pitch_roll_rad
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, FixStatus
 from skyproof.simulator.files import write_samples, write_series
@@ -123,7 +123,7 @@ def scene_named(name: str, grade: str = "navigation", *, short: bool = False) ->
     if receiver.imu is not None:
         changes["receivers"] = (receiver.model_copy(update={"imu": SceneImu(grade=grade, rate_hz=100.0)}),)
     scenario = scenario.model_copy(update=changes)
-    return scene_of(scenario, nominal_constellation(scenario.start_gpst))
+    return scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
 
 
 def row_of(scene: Scene, name: str, folder: Path, grade: str, *, samples: bool) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import scenes, write
 
 SRC = Path(__file__).resolve().parent.parent / "src"
@@ -159,7 +159,7 @@ def _pragmas(root: Path) -> int:
 def _visited(src: Path) -> list[str]:
     """Files of which a function ran; the scene is made by this checkout, whichever `src` is asked."""
     scenario = scenes.meaconed(duration_s=DURATION_S, onset_s=ONSET_S)
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     with tempfile.TemporaryDirectory() as folder:
         write(scenario, navigation, Path(folder))
         write_nav(Path(folder) / "broadcast.rnx", navigation)

@@ -24,8 +24,8 @@ from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.ephemeris import Ephemeris
-from skyproof.gnss.lnav import quantised
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.lnav import quantise
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.logs.ubx_write import ubx_log
 from skyproof.records import NavigationData, Observations, Samples
 from skyproof.simulator.kinds import Kind
@@ -109,7 +109,7 @@ def _rendered(minutes: int) -> tuple[list[Samples], NavigationData]:
         front_end=FrontEnd(rate_hz=RATE_HZ),
         receivers=_receivers("ocxo"),
     )
-    navigation = nominal_constellation(START + np.timedelta64(30 * minutes, "s"))
+    navigation = make_nominal_constellation(START + np.timedelta64(30 * minutes, "s"))
     return list(samples_of(scenario, navigation)), navigation
 
 
@@ -171,7 +171,7 @@ def measurements(kind: str, hours: int, folder: Path, receivers: int = 2) -> Non
 def _sent_at(e: Ephemeris, hour: int) -> Ephemeris:
     """Return the data set of an hour, whose numbers are those of the message where the logs hold it."""
     later = hours_later(e, hour)
-    return quantised(later) if e.sat[0] == "G" else later
+    return quantise(later) if e.sat[0] == "G" else later
 
 
 def _rinex(o: Observations, hour: int) -> Iterator[bytes]:

@@ -23,7 +23,7 @@ from timing import line, take_turns
 
 from skyproof.errors import InputError
 from skyproof.formats.sigmf import open_sigmf
-from skyproof.formats.sigmf_keys import checked, parsed
+from skyproof.formats.sigmf_keys import check_keys, parse_meta
 
 INPUTS = 1000
 CAPTURES = 10_000
@@ -71,7 +71,9 @@ def report() -> Iterator[str]:
     few, many = json.dumps(WHOLE).encode(), _long().encode()
     for name, text in (("3 captures", few), (f"{CAPTURES} captures", many)):
         ours, theirs = take_turns(
-            lambda text=text: checked(parsed(text, "x"), "x"), lambda text=text: _library(text), clock=process_time
+            lambda text=text: check_keys(parse_meta(text, "x"), "x"),
+            lambda text=text: _library(text),
+            clock=process_time,
         )
         yield line(f"{name}, ours", ours * 1e3, "ms")
         yield line(f"{name}, sigmf", theirs * 1e3, "ms")

@@ -24,7 +24,7 @@ from skyproof.app.receive.reception import Reception
 from skyproof.app.receive.tracker import Tracker, build_receiver_settings
 from skyproof.arrays import Reals
 from skyproof.fusion.trusted import fix_of
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import seconds_between
 from skyproof.receiver.settings import ReceiverSettings
@@ -66,7 +66,7 @@ def made(number: int) -> tuple[Drawn, Scene, NavigationData]:
     """The scene of a number, whatever others are drawn."""
     rng = np.random.default_rng(np.random.SeedSequence(SEED, spawn_key=(number,)))
     start = np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(int(rng.integers(126_230_400)), "s")
-    navigation = nominal_constellation(start)
+    navigation = make_nominal_constellation(start)
     rate_hz = float(rng.choice([4e6, 5e6]))
     missing_s = float(1e-4 * 500.0 ** rng.random()) if rng.random() < 0.75 else 0.0
     if missing_s and np.random.default_rng([SEED, number]).random() < WHOLE:

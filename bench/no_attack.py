@@ -29,9 +29,9 @@ from skyproof.detectors.second_signals.detector import SecondSignals, SecondSign
 from skyproof.detectors.second_signals.echoes import EchoModel
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.navigation.sets import find_consistent_sets
 from skyproof.records import Observations, Records
 from skyproof.studies.uniformity_echoes import echo_delays_m
@@ -156,7 +156,9 @@ def _elevations(scene: MeasuredScene) -> dict[str, float]:
     for sat in {signal.sat for o in scene.records(np.random.default_rng(0)).observations for signal in o.signals}:
         orbit = scene.navigation.best(sat, scene.start_gpst)
         assert orbit is not None
-        found[sat] = float(azimuth_elevation(place, satellite_state(orbit, scene.start_gpst).position_ecef_m)[1])
+        found[sat] = float(
+            compute_azimuth_elevation(place, compute_satellite_state(orbit, scene.start_gpst).position_ecef_m)[1]
+        )
     return found
 
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.simulator.files import write_samples
 from skyproof.simulator.scenario import FrontEnd, Meaconer, Scenario, ScenePlace, SceneReceiver, Sky
 from skyproof.simulator.sky import scene_of
@@ -48,10 +48,10 @@ def cell(pair: str, sky: int, seconds: float, power_db: float) -> str:
     begin = process_time()
     distance_m, direction, names = PAIRS[pair]
     start = FIRST + np.timedelta64(80 * sky, "m")
-    navigation = nominal_constellation(start)
+    navigation = make_nominal_constellation(start)
     base = ecef_from_geodetic(*np.radians(BASE_DEG[:2]), BASE_DEG[2])
     up = {
-        orbit.sat: float(azimuth_elevation(base, satellite_state(orbit, start).position_ecef_m)[1])
+        orbit.sat: float(compute_azimuth_elevation(base, compute_satellite_state(orbit, start).position_ecef_m)[1])
         for orbit in navigation.ephemerides
     }
     meaconer = ScenePlace(**place_of(MEACONER_ENU_M))

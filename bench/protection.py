@@ -24,7 +24,7 @@ from timing import Spread, line
 import skyproof
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import scenes, write
 from skyproof.simulator.scenario import FrontEnd, Scenario
 
@@ -39,7 +39,7 @@ PACKAGE = Path(skyproof.__file__).parent
 def report() -> Iterator[str]:
     """Rows of the table."""
     scenario = scenes.meaconed(duration_s=DURATION_S, onset_s=ONSET_S)
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     with tempfile.TemporaryDirectory() as folder:
         write(scenario, navigation, Path(folder))
         write_nav(Path(folder) / "broadcast.rnx", navigation)
@@ -71,7 +71,7 @@ def _standing(receivers: int, rate_hz: float, duration_s: float) -> Iterator[str
     more = [first.model_copy(update={"name": f"r{n}", "lat_deg": first.lat_deg + n * NORTH_DEG}) for n in (1, 2)]
     front_end = FrontEnd(rate_hz=rate_hz, bandwidth_hz=0.8 * rate_hz, encoding="sign-magnitude", bits=2)
     scenario = pair.model_copy(update={"receivers": (first, *more)[:receivers], "front_end": front_end})
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         files = write(scenario, navigation, folder)

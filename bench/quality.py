@@ -18,7 +18,7 @@ from skyproof.app.receive.tracker import track
 from skyproof.detectors.correlators.second_component import combine_smallest, distortion
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.explain import stands_beside
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import Finding, Records, Taps
 from skyproof.simulator import FrontEnd, ScenePlace, clean, scenes
 from skyproof.simulator.correlators import correlate
@@ -134,7 +134,7 @@ def _cost() -> Iterator[str]:
         seed=3,
         front_end=FrontEnd(rate_hz=RATE_HZ, encoding="int", bits=8),
     )
-    navigation = nominal_constellation(START_GPST)
+    navigation = make_nominal_constellation(START_GPST)
     (samples,) = samples_of(scenario, navigation)
     planes = samples.read(0, samples.n_samples)
     (held,) = [samples.__class__(**{**vars(samples), "read": lambda start, n: planes[:, start : start + n]})]
@@ -175,7 +175,7 @@ def _windows(
     start_s: float = 0.0,
 ) -> Iterator[Taps]:
     """The correlators of every whole window, of channels on the signals of one copy."""
-    scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
+    scene = scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
     columns = [k for k, s in enumerate(scene.skies[receiver].signals) if s.id.copy == copy]
     asked, tracked = TAPS, aligned(scene, receiver, columns)
     looks = np.arange(0.0, WINDOW_S, asked.every_s) + 0.5 * asked.coherent_s

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from timing import line, take_turns
 
-from skyproof.formats.raw import SampleLayout, sidecar_text
+from skyproof.formats.raw import SampleLayout, write_sidecar_text
 from skyproof.formats.recording import open_recording
-from skyproof.formats.sigmf import sigmf_meta
+from skyproof.formats.sigmf import meta_from_layout
 from skyproof.records import Samples
 
 N_SAMPLES = 1 << 22  # of the file; a second at 4 Msps
@@ -31,8 +31,8 @@ def report() -> Iterator[str]:
             path = Path(folder) / f"{encoding}{bits}.sigmf-data"
             stored = _stored(layout)
             stored.tofile(path)
-            path.with_suffix(".sigmf-meta").write_text(json.dumps(sigmf_meta(layout)), encoding="utf-8")
-            path.with_suffix(".toml").write_text(sidecar_text(layout), encoding="utf-8")
+            path.with_suffix(".sigmf-meta").write_text(json.dumps(meta_from_layout(layout)), encoding="utf-8")
+            path.with_suffix(".toml").write_text(write_sidecar_text(layout), encoding="utf-8")
             yield from _rows(path, f"{encoding}, {bits} bits", stored if bits >= 8 else None)
 
 

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyproof.formats.rinex_nav import glonass_channels, read_nav
+from skyproof.formats.rinex_nav import get_glonass_channels, read_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.navigation.least_squares import compute_line_of_sight
 from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import CellStatus, NavigationData, Observations, SignalId
@@ -93,7 +93,7 @@ def report() -> Iterator[str]:
 
 
 def _read(folder: Path, path: str, navigation: NavigationData) -> tuple[Observations, Reals]:
-    found = read_obs(folder / path, glonass_channels=glonass_channels(navigation))
+    found = read_obs(folder / path, glonass_channels=get_glonass_channels(navigation))
     return found.observations, np.asarray(found.position_ecef_m)
 
 
@@ -156,7 +156,7 @@ def _law(arcs: list[Reals], step_s: float) -> tuple[float, float, float]:
 def _elevation_deg(o: Observations, navigation: NavigationData, place: Reals) -> Reals:
     satellites, _ = _satellites(o, navigation)
     with np.errstate(invalid="ignore"):
-        return np.degrees(azimuth_elevation(place, satellites)[1])
+        return np.degrees(compute_azimuth_elevation(place, satellites)[1])
 
 
 def _satellites(o: Observations, navigation: NavigationData) -> tuple[Reals, Reals]:
@@ -213,7 +213,7 @@ def _less_geometry(o: Observations, navigation: NavigationData, place: Reals) ->
     satellites, range_m = _satellites(o, navigation)
     turned, unit, distance_m = compute_line_of_sight(satellites, place)
     with np.errstate(invalid="ignore"):
-        return range_m - distance_m, unit, np.degrees(azimuth_elevation(place, turned)[1])
+        return range_m - distance_m, unit, np.degrees(compute_azimuth_elevation(place, turned)[1])
 
 
 def _same_signals(a: Observations, b: Observations, system: str, band: str, codes: tuple[str, ...]) -> list[Any]:

@@ -20,7 +20,7 @@ import numpy as np
 from timing import Spread, line
 
 from skyproof.formats.raw import open_raw
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import FrontEnd, ScenePlace, clean, scenes, write
 
 START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")
@@ -59,7 +59,7 @@ def report() -> Iterator[str]:
             scenario = scenes.meaconed(duration_s=duration_s, onset_s=1.0).model_copy(
                 update={"front_end": FrontEnd(rate_hz=rate_hz, encoding="int", bits=bits)}
             )
-            path = write(scenario, nominal_constellation(scenario.start_gpst), folder / f"{rate_hz:.0f}")[0]
+            path = write(scenario, make_nominal_constellation(scenario.start_gpst), folder / f"{rate_hz:.0f}")[0]
             yield from _rows(f"meaconed, {text}{rate_hz / 1e6:g} Msps, {duration_s:g} s", path, folder)
             path.unlink()
         yield from _peers(folder)
@@ -114,7 +114,7 @@ def _clean(folder: Path, rate_hz: float, duration_s: float) -> Path:
         front_end=FrontEnd(rate_hz=rate_hz, encoding="int", bits=8),
         seed=11,
     )
-    return write(scenario, nominal_constellation(START_GPST), folder / f"clean-{rate_hz:.0f}-{duration_s:g}")[0]
+    return write(scenario, make_nominal_constellation(START_GPST), folder / f"clean-{rate_hz:.0f}-{duration_s:g}")[0]
 
 
 def _received(path: Path, out: Path) -> Run:

@@ -8,7 +8,7 @@ import numpy as np
 from pair_trials import trial
 from waves import CHIP_S, RATE_HZ, Cell, Wave, add, bits, noise
 
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver.acquisition import KnownSignal, Peak, Searcher
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
@@ -69,7 +69,7 @@ def clean_recording(duration_s: float, seed: int) -> tuple[float, list[str]]:
     start = np.datetime64("2024-05-14T09:59:58", "ns")
     place = ScenePlace(lat_deg=-60.0 + 17.0 * (seed % 8), lon_deg=(41.0 * seed) % 360.0 - 180.0, height_m=50.0)
     scenario = scenes.clean(place, start, receivers=1, duration_s=duration_s, seed=seed)
-    samples = samples_of(scenario, nominal_constellation(start))[0]
+    samples = samples_of(scenario, make_nominal_constellation(start))[0]
     receiver, state, arcs, epochs = Receiver(samples.rate_hz), ReceiverState(), {}, 0
     n = round(samples.rate_hz)
     for begin in range(0, samples.n_samples, n):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from timing import line, take_turns
 
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import prn_of
 from skyproof.simulator import (
     Antenna,
@@ -38,7 +38,7 @@ LONG_S = 3600.0
 def report() -> Iterator[str]:
     """Rows of the table."""
     scenario = scenes.meaconed(duration_s=DURATION_S, onset_s=0.0)
-    scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
+    scene = scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
     rendering = rendering_of(scene, 0)
     signals = len(rendering.sky.signals)
     blocks = range(-(-rendering.n_samples // 131_072))
@@ -65,7 +65,7 @@ def _growth() -> Iterator[str]:
     """How the work grows with satellites, rate and antennas: 8-bit samples behind a filter, noise included."""
     place = ScenePlace(lat_deg=47.38, lon_deg=8.54, height_m=450.0)
     start = np.datetime64("2024-05-14T09:59:58", "ns")
-    navigation = nominal_constellation(start)
+    navigation = make_nominal_constellation(start)
     whole = clean(place, start, receivers=1, duration_s=DURATION_S, mask_deg=0.0)
     sats = tuple(heard.id.sat for heard in scene_of(whole, navigation).skies[0].signals)[:12]
     cases = ((6, 4e6, 1), (12, 4e6, 1), (12, 25e6, 1), (12, 4e6, 4))
@@ -121,7 +121,7 @@ def _correlators(scene: Scene) -> Iterator[str]:
 def _measurements() -> Iterator[str]:
     """Satellite-epochs of both receivers of a long scene."""
     scenario = scenes.meaconed(duration_s=LONG_S, onset_s=1.0)
-    scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
+    scene = scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
     short = scene_of(scenario.model_copy(update={"duration_s": 60.0}), scene.navigation)
     rng, geometries = np.random.default_rng(1), ideal_measurements_of(scene)
     cells, few = (sum(each.there.size for each in those) for those in (geometries, ideal_measurements_of(short)))

@@ -26,7 +26,7 @@ from skyproof.app.scenes.simulate import load_scenario
 from skyproof.arrays import Complexes, Reals
 from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.received import Scene
 from skyproof.simulator.sky import scene_of
 from skyproof.studies import quality_metrics as sqm
@@ -200,7 +200,7 @@ def received(names: tuple[str, ...]) -> Iterator[str]:
 
 def _scene_of(name: str) -> Scene:
     scenario = load_scenario(name)
-    return scene_of(scenario, nominal_constellation(scenario.start_gpst))
+    return scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
 
 
 def _scores(scene: Scene, seed: int) -> Reals:

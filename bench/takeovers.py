@@ -35,7 +35,7 @@ from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Fix, FixStatus
 from skyproof.simulator.attacks import Takeover
@@ -142,7 +142,7 @@ def draw(number: int, longest_s: float = LONGEST_S) -> Drawn:
 
 def made(drawn: Drawn) -> tuple[Scenario, Scene]:
     """The scene of the highest satellites, worked out."""
-    navigation = nominal_constellation(drawn.start_gpst)
+    navigation = make_nominal_constellation(drawn.start_gpst)
     under = scene_of(_scenario(drawn, None).model_copy(update={"attacks": ()}), navigation)
     sky = under.skies[0]
     order = np.argsort(-sky.el_rad[sky.knots_s.size // 2])[:MOST_SATS]
@@ -254,20 +254,20 @@ def examine(number: int, way: Way) -> dict[str, Any]:
 
 def _by_samples(drawn: Drawn, scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
     paths, nav = write_samples(scene, folder, "raw"), folder / "nav.rnx"
-    write_nav(nav, nominal_constellation(drawn.start_gpst))
+    write_nav(nav, make_nominal_constellation(drawn.start_gpst))
     result = protect(paths, nav=nav, platform=platform)
     return result.verdict, result.outcome
 
 
 def _by_correlators(drawn: Drawn, scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
-    return protect_scene(scene, nominal_constellation(drawn.start_gpst), platform, drawn.seed)
+    return protect_scene(scene, make_nominal_constellation(drawn.start_gpst), platform, drawn.seed)
 
 
 def _by_measurements(drawn: Drawn, scene: Scene, folder: Path, platform: Path) -> tuple[Verdict, Outcome]:
     def receive(scene: Scene, index: int, settings: Any, navigation: Any, rng: Any, unit: Any = None) -> Reception:
         return model_receptions(scene, ChannelNoise(code_m=0.5), rng=rng)[index].reception
 
-    return protect_scene(scene, nominal_constellation(drawn.start_gpst), platform, drawn.seed, receive)
+    return protect_scene(scene, make_nominal_constellation(drawn.start_gpst), platform, drawn.seed, receive)
 
 
 LEVELS = {"correlators": _by_correlators, "measurements": _by_measurements, "samples": _by_samples}

@@ -30,7 +30,7 @@ from skyproof.detectors.correlators.vector_sqm_detector import (
     t_squared_survival,
 )
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.navigation.vector_filter import VectorSettings
 from skyproof.receiver import measurement as m
 from skyproof.records import Asked, Finding, NavigationData, Records, Samples, Taps, TapsAsked
@@ -102,12 +102,12 @@ def _cost() -> Iterator[str]:
     yield f"vector over scalar tracking, {COST_RATE_HZ / 1e6:g} Msps, the same channels, once both are under way"
     for mask_deg in (25.0, 10.0):
         scenario = _clean(COST_S, COST_RATE_HZ, mask_deg)
-        samples = samples_of(scenario, nominal_constellation(START_GPST))[0]
+        samples = samples_of(scenario, make_nominal_constellation(START_GPST))[0]
         held = _in_memory(samples, samples.read(0, samples.n_samples))
         took: dict[str, list[float]] = {"scalar": [], "vector": []}
         for _ in range(RUNS + 1):
             for tracking, seconds in took.items():
-                tracker, cpu_s = _tracked(held, nominal_constellation(START_GPST), tracking, from_s=COST_FROM_S)
+                tracker, cpu_s = _tracked(held, make_nominal_constellation(START_GPST), tracking, from_s=COST_FROM_S)
                 seconds.append(cpu_s)
         n = len(tracker.state.channels)
         cells = n * (COST_S - COST_FROM_S) * COST_RATE_HZ * 1e-9
@@ -205,7 +205,7 @@ def _blockage() -> Iterator[str]:
 
 def _blocked(share: float, blocked_s: float) -> Iterator[str]:
     scenario = _clean(7.0 + blocked_s + 3.0, 2.6e6)
-    navigation = nominal_constellation(START_GPST)
+    navigation = make_nominal_constellation(START_GPST)
     samples = samples_of(scenario, navigation)[0]
     planes = samples.read(0, samples.n_samples)
     gone = slice(round(7.0 * samples.rate_hz), round((7.0 + blocked_s) * samples.rate_hz))

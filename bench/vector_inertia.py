@@ -18,7 +18,7 @@ from skyproof.app.receive.tracker import Tracker, build_receiver_settings, set_u
 from skyproof.formats.pieces import Workspace
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.navigation.ins import InsSettings
@@ -76,7 +76,7 @@ def scene(grade: str | None = "tactical", seconds: float = FROM_S + LONGEST_S + 
         front_end=FrontEnd(rate_hz=5e6, bandwidth_hz=4e6, encoding="int", bits=8),
         sky=Sky(zenith_cn0_dbhz=48.0, horizon_cn0_dbhz=44.0),
     )
-    return scene_of(scenario, nominal_constellation(START))
+    return scene_of(scenario, make_nominal_constellation(START))
 
 
 def unit_of(scene: Scene, wrong_deg: float = 0.0) -> AntennaUnit:
@@ -111,7 +111,7 @@ def passage(scene: Scene, unit: AntennaUnit | None, blocked_s: float, seed: int)
         receiver=receiver,
         measured=MeasurementLog(workspace, "rx", MEASURE_FRAMES * wanted.frame_s),
         grids=RowLog(workspace, "rx/grids"),
-        vector=set_up_guiding(samples, nominal_constellation(START), settings, unit),
+        vector=set_up_guiding(samples, make_nominal_constellation(START), settings, unit),
         checks=0,
     )
     off_m = np.inf

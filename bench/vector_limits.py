@@ -18,7 +18,7 @@ from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import Workspace, _set_up_tracker
 from skyproof.arrays import Floats, Reals
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.navigation.fix import fix
 from skyproof.receiver import guidance as g
@@ -86,7 +86,7 @@ def _in_view(scene: Scenario) -> tuple[str, ...]:
 
 
 def _rendered(scene: Scenario) -> tuple[Samples, Floats, NavigationData]:
-    navigation = nominal_constellation(START_GPST)
+    navigation = make_nominal_constellation(START_GPST)
     samples = samples_of(scene, navigation)[0]
     return samples, samples.read(0, samples.n_samples), navigation
 

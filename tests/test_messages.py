@@ -29,7 +29,7 @@ from skyproof.detectors.second_signals.detector import SecondSignalsSettings
 from skyproof.errors import InputError, NotEnoughData, OutputError, ScenarioError, SettingsError, fault_words
 from skyproof.formats import byte_io, sigmf
 from skyproof.formats.atomic_write import OutputStep, write_in_turn
-from skyproof.formats.crinex import expanded
+from skyproof.formats.crinex import expand
 from skyproof.formats.raw import read_sidecar
 from skyproof.formats.sigmf import open_sigmf
 from skyproof.records import Samples
@@ -231,9 +231,9 @@ def test_an_archive_that_is_cut_before_its_samples_is_refused(tmp_path: Path) ->
 def test_compact_rinex_of_another_kind_or_without_an_end_is_refused() -> None:
     head = f"{'2.0':20}{'COMPACT RINEX FORMAT':40}CRINEX VERS   / TYPE"
     with pytest.raises(InputError, match=r"a\.crx, line 1: .*'2\.0', .*\b1\.0 or 3\.0"):
-        expanded(f"{head}\n".encode(), source="a.crx")
+        expand(f"{head}\n".encode(), source="a.crx")
     with pytest.raises(InputError, match=r"a\.crx, line 2: .*END OF HEADER"):
-        expanded(f"{head.replace('2.0', '3.0')}\nany\n".encode(), source="a.crx")
+        expand(f"{head.replace('2.0', '3.0')}\nany\n".encode(), source="a.crx")
 
 
 # --- the folder

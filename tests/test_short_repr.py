@@ -9,7 +9,7 @@ import pytest
 from skyproof import records
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.spool import ObservationSpool
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import AntennaArray, Baseline, Observations, Records, SignalId, Taps
 from skyproof.short_repr import ShortRepr, summarize
 from skyproof.testing import MeasuredScene
@@ -61,7 +61,7 @@ def test_measurements_on_a_disk_show_the_same():
     "record",
     [
         WINDOW,
-        nominal_constellation(np.datetime64("2024-05-14T10:00:00", "ns")),
+        make_nominal_constellation(np.datetime64("2024-05-14T10:00:00", "ns")),
         Taps(
             receiver="rx",
             signals=tuple(SignalId(f"G{k:02d}") for k in range(1, 33)),

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from skyproof.formats.tables import Column, growing_tables
+from skyproof.formats.tables import Column, open_growing_tables
 
 
 def write_table(path: Path, columns: Mapping[str, Column]) -> None:
     """One block of columns, each (n_rows,), as a file that ends in .csv or .parquet."""
-    with growing_tables([path]) as take:
+    with open_growing_tables([path]) as take:
         take(columns)

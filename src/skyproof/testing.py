@@ -26,12 +26,12 @@ from skyproof.detectors.adapter import get_signals
 from skyproof.detectors.base import Detector
 from skyproof.detectors.registry import find_result_fault, instantiate
 from skyproof.explain import explain
-from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
+from skyproof.gnss.atmosphere import compute_klobuchar_s, compute_troposphere_m
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state_s
+from skyproof.gnss.sky import compute_azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import timedelta_from_s, week_and_tow
 from skyproof.records import (
     AnyFinding,
@@ -443,7 +443,7 @@ class MeasuredScene:
     _sets: tuple[ConsistentSet, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        navigation = nominal_constellation(self.start_gpst)
+        navigation = make_nominal_constellation(self.start_gpst)
         object.__setattr__(self, "navigation", navigation)
         lat_deg, lon_deg, height_m = self.place_deg
         geodetic = np.radians(lat_deg), np.radians(lon_deg), height_m
@@ -507,8 +507,8 @@ class MeasuredScene:
         week, tow_s = week_and_tow(self.start_gpst)
         heights = []
         for orbit in navigation.ephemerides:
-            position = satellite_state_s(orbit, week, tow_s).position_ecef_m
-            heights.append(float(azimuth_elevation(place_ecef_m, position)[1]))
+            position = compute_satellite_state_s(orbit, week, tow_s).position_ecef_m
+            heights.append(float(compute_azimuth_elevation(place_ecef_m, position)[1]))
         highest = np.argsort(heights)[::-1][: self.max_satellites]
         return [navigation.ephemerides[k] for k in sorted(highest) if np.degrees(heights[k]) >= self.mask_deg]
 
@@ -564,14 +564,14 @@ def _range_m(
     week, tow_s = week_and_tow(start_gpst)
     travel_s: Reals = np.full(true_s.shape, 0.075)
     for _ in range(4):  # each takes the error down by v/c
-        state = satellite_state_s(orbit, week, tow_s + true_s - travel_s)
+        state = compute_satellite_state_s(orbit, week, tow_s + true_s - travel_s)
         turned_ecef_m = rotate_to_reception(state.position_ecef_m, travel_s)
         travel_s = np.linalg.norm(turned_ecef_m - place_ecef_m, axis=-1) / SPEED_OF_LIGHT_M_S
-    az_rad, el_rad = azimuth_elevation(place_ecef_m, turned_ecef_m)
+    az_rad, el_rad = compute_azimuth_elevation(place_ecef_m, turned_ecef_m)
     lat_rad, lon_rad, height_m = geodetic_from_ecef(place_ecef_m)
-    delay_m = troposphere_delay_m(lat_rad, height_m, el_rad)
+    delay_m = compute_troposphere_m(lat_rad, height_m, el_rad)
     if navigation.ionosphere is not None:
-        delay_m = delay_m + SPEED_OF_LIGHT_M_S * klobuchar_delay_s(
+        delay_m = delay_m + SPEED_OF_LIGHT_M_S * compute_klobuchar_s(
             navigation.ionosphere, lat_rad, lon_rad, az_rad, el_rad, tow_s
         )
     return np.asarray(SPEED_OF_LIGHT_M_S * (travel_s - state.clock_s + orbit.tgd) + delay_m, float)

@@ -14,7 +14,7 @@ from typing import Annotated, Final, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, model_validator
 
-from skyproof.gnss.time import clock_words, instant_words, moment_words, utc_words
+from skyproof.gnss.time import format_clock, format_instant, format_moment, format_utc
 from skyproof.records import WORDS, CauseName, InterferenceSign, Label, NoticedKind, VerdictWord
 from skyproof.short_repr import notebook_html
 
@@ -424,13 +424,13 @@ class InterferenceResult(_Model):
 
 
 def _spell_words(spell: InterferenceSpell) -> str:
-    until = "" if spell.until_gpst is None else f" until {clock_words(spell.until_gpst)}"
+    until = "" if spell.until_gpst is None else f" until {format_clock(spell.until_gpst)}"
     level = "" if spell.level_db is None else f", the power in the front end rises by {spell.level_db:.0f} dB"
     lost = f", {spell.lost_signals} signals are lost" if "lost" in spell.signs else ""
     least = "at least " if "lost" in spell.signs else ""
     shade = "; shading of the whole antenna would look the same" if spell.may_also_be else ""
     return (
-        f"since {moment_words(spell.since_gpst)}{until} in {spell.receiver}: C/N0 of all satellites on "
+        f"since {format_moment(spell.since_gpst)}{until} in {spell.receiver}: C/N0 of all satellites on "
         f"{', '.join(spell.carriers)} falls by {least}{spell.fall_db:.0f} dB{lost}{level}{shade}"
     )
 
@@ -560,16 +560,16 @@ class Verdict(_Model):
     @property
     def from_start(self) -> bool:
         """Whether the attack was on when the recording of a receiver began."""
-        starts = {instant_words(r.start_gpst) for r in self.receivers if r.start_gpst is not None}
-        return self.since_gpst is not None and self.since_sigma_s is None and instant_words(self.since_gpst) in starts
+        starts = {format_instant(r.start_gpst) for r in self.receivers if r.start_gpst is not None}
+        return self.since_gpst is not None and self.since_sigma_s is None and format_instant(self.since_gpst) in starts
 
     @property
     def onset_words(self) -> str:
         """When the attack or the suspicion began and ended, as far as that is known; empty without one."""
         if self.since_gpst is None:
             return ""
-        since = moment_words(self.since_gpst)
-        until = "" if self.until_gpst is None else f", until {moment_words(self.until_gpst)}"
+        since = format_moment(self.since_gpst)
+        until = "" if self.until_gpst is None else f", until {format_moment(self.until_gpst)}"
         if self.since_sigma_s is not None:
             return f"Since {since} ± {self.since_sigma_s:.2g} s{until}"
         if self.from_start:
@@ -609,7 +609,7 @@ class Verdict(_Model):
 
     def _usable_words(self, receiver: ReceiverResult, kind: UsableKind, fix: Position) -> str:
         within_m = radius_95_m(fix.sigma_east_m, fix.sigma_north_m)
-        said = f"{receiver.name} {_HOW[kind]}: within {within_m:.1f} m horizontally (95 %) at {clock_words(fix.gpst)}"
+        said = f"{receiver.name} {_HOW[kind]}: within {within_m:.1f} m horizontally (95 %) at {format_clock(fix.gpst)}"
         if fix.hidden_m == 0.0:
             return said
         if fix.hidden_m is None:
@@ -624,7 +624,7 @@ class Verdict(_Model):
         for r in self.receivers:
             alarms = [s for s in r.own_states if s.alarm]
             said += [
-                f"{r.name} says {s.subject} {s.state} from {clock_words(s.since_gpst)} to {clock_words(s.until_gpst)}"
+                f"{r.name} says {s.subject} {s.state} from {format_clock(s.since_gpst)} to {format_clock(s.until_gpst)}"
                 for s in alarms
             ]
             if r.own_states and not alarms and ours:
@@ -649,7 +649,7 @@ class Verdict(_Model):
             (
                 name,
                 kind,
-                f"{instant_words(fix.gpst)}, {utc_words(fix.gpst)}",
+                f"{format_instant(fix.gpst)}, {format_utc(fix.gpst)}",
                 f"{fix.lat_deg:.7f}",
                 f"{fix.lon_deg:.7f}",
                 f"{fix.height_m:.1f}",
@@ -664,7 +664,7 @@ class Verdict(_Model):
                 source.name,
                 ""
                 if source.shows_gpst is None
-                else f"{instant_words(source.shows_gpst)}, {utc_words(source.shows_gpst)}",
+                else f"{format_instant(source.shows_gpst)}, {format_utc(source.shows_gpst)}",
                 f"{place.lat_deg:.7f}",
                 f"{place.lon_deg:.7f}",
                 f"{place.height_m:.1f}",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from skyproof.app.protect import ProtectResult, protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import Fix, NavigationData, Observations
 from skyproof.simulator.files import write
 from skyproof.simulator.measurements import NoiseModel, observations_of
@@ -125,7 +125,7 @@ class Recorded:
 
 
 def record(scenario: Scenario, folder: Path, *, navigation: NavigationData | None = None) -> Recorded:
-    navigation = navigation or nominal_constellation(scenario.start_gpst)
+    navigation = navigation or make_nominal_constellation(scenario.start_gpst)
     paths = write(scenario, navigation, folder)
     write_nav(folder / "broadcast.rnx", navigation)
     return Recorded(paths, folder / "broadcast.rnx", scene_of(scenario, navigation))
@@ -185,6 +185,6 @@ def error_m(fix: Fix, place: ScenePlace) -> NDArray[np.float64]:
 def measured(duration_s: float) -> tuple[NavigationData, tuple[Observations, ...]]:
     """Orbits, and what the first two receivers measure of them, an epoch a second, with the errors of loops."""
     scenario = scenario_of(duration_s=duration_s)
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
     return navigation, observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)[0]

@@ -13,7 +13,7 @@ from skyproof.app.protect import judge
 from skyproof.app.receive.reception import Reception, observe
 from skyproof.app.receive.tracker import track
 from skyproof.fusion.fuse import fuse
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import scenes
 from skyproof.simulator.measurements import NoiseModel, observations_of
 from skyproof.simulator.samples import samples_of
@@ -48,7 +48,7 @@ def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, in
             zenith_cn0_dbhz=float(rng.uniform(42.0, 52.0)),
             horizon_cn0_dbhz=float(rng.uniform(34.0, 42.0)),
         )
-        navigation = nominal_constellation(start)
+        navigation = make_nominal_constellation(start)
         noise = NoiseModel(sigma_m=0.7, ar1=float(rng.choice([0.0, 0.9])), constant_m=1.0)
         observed, _ = observations_of(scenario, navigation, rng=rng, noise=noise)
         session = session_of([WholeSource(o) for o in observed], navigation, settings)
@@ -76,7 +76,7 @@ def test_false_verdicts_on_clean_measurements_come_at_most_at_the_stated_rate():
 
 def protect_in_memory(scenario, baseline_m=None):
     """Verdict's decision on a scene rendered to samples, without files."""
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     settings = Settings(antenna_distance_m=baseline_m)
     trackers, _ = track(samples_of(scenario, navigation), settings, asked=asked())
     receptions: list[Reception] = [observe(tracker, navigation) for tracker in trackers]

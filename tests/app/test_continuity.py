@@ -14,7 +14,7 @@ from skyproof.app.protect.document import document
 from skyproof.app.receive.reception import Reception
 from skyproof.detectors.continuity.detector import Continuity
 from skyproof.detectors.registry import load_detectors
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import OBSERVABLES, NavigationData, Samples
 from skyproof.simulator.measurements import NoiseModel, observations_of
 from skyproof.simulator.scenario import FrontEnd
@@ -53,7 +53,7 @@ def judged(observed, navigation):
 def pair():
     """Two receivers, 61 m apart, over 35 s."""
     scenario = kit.scenario_of(duration_s=35.0)
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     noise = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3)
     observed, _ = observations_of(scenario, navigation, rng=np.random.default_rng(1), interval_s=EPOCH_S, noise=noise)
     return observed, navigation

@@ -9,7 +9,7 @@ from tests.cli.use_cases import FLEET, PROTECT, VERDICT, App, said
 
 from skyproof import cli
 from skyproof.cli import demo as demo_command
-from skyproof.formats.verdict import verdict_json
+from skyproof.formats.verdict import write_verdict_json
 from skyproof.report.what_now import Advice, what_now
 from skyproof.simulator.scenes import ready, ready_made
 from skyproof.verdict import Verdict
@@ -21,7 +21,7 @@ def test_json_is_one_document_and_nothing_else(
 ) -> None:
     cli.main([*command, "--json"])
     out, err = capsys.readouterr()
-    assert out == verdict_json(VERDICT)
+    assert out == write_verdict_json(VERDICT)
     assert re.search(rf"skyproof: doing {command[0]}\nskyproof: .* \[red\]\n", err)
 
 

@@ -12,7 +12,7 @@ from tests.cli.use_cases import PROTECT, VERDICT, App
 
 from skyproof import cli
 from skyproof.cli import progress as progress_of
-from skyproof.formats.verdict import verdict_json
+from skyproof.formats.verdict import write_verdict_json
 
 
 def test_bars_at_a_terminal_go_to_standard_error_and_leave_nothing_behind(
@@ -21,7 +21,7 @@ def test_bars_at_a_terminal_go_to_standard_error_and_leave_nothing_behind(
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     cli.main([*PROTECT, "--json"])
     out, err = capsys.readouterr()
-    assert out == verdict_json(VERDICT)
+    assert out == write_verdict_json(VERDICT)
     assert "doing protect" in err
     assert "[red]" in err
     assert "skyproof: doing" not in err

@@ -12,13 +12,13 @@ from skyproof.detectors.array.array_model import predict_directions
 from skyproof.detectors.array.ins_array import InsArraySettings
 from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.detectors.second_signals.detector import SecondSignalsSettings, elevation_rad
-from skyproof.gnss.codes import ca_code
+from skyproof.gnss.codes import generate_ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.sets import find_consistent_sets
 from skyproof.records import ArrayPhases, Ccaf, NavState, Observations, Records, SignalId, SpinArm, Taps
@@ -178,7 +178,7 @@ def own_correlation(prn, lag_chips, band_hz=CCAF_RATE_HZ):
 @cache
 def side_lobes(prn):
     """A code with itself at whole chips from -6 to 6."""
-    code = ca_code(prn).astype(int)
+    code = generate_ca_code(prn).astype(int)
     return tuple(int(code @ np.roll(code, k)) / 1023.0 for k in range(-6, 7))
 
 
@@ -279,7 +279,7 @@ def anywhere(rng, count):
 
 # An array on a body whose attitude is known ---------------------------------------------------------------------------
 
-NAVIGATION = nominal_constellation(START)
+NAVIGATION = make_nominal_constellation(START)
 PLACE = np.radians(59.0), np.radians(17.0), 100.0
 PLACE_M = ecef_from_geodetic(*PLACE)
 ELEMENTS_M = equilateral_triangle(1.0) * SPEED_OF_LIGHT_M_S / L1_HZ
@@ -290,7 +290,7 @@ def in_view():
     week, tow_s = week_and_tow(START)
     found = []
     for orbit in NAVIGATION.ephemerides:
-        el_rad = azimuth_elevation(PLACE_M, satellite_state_s(orbit, week, tow_s).position_ecef_m)[1]
+        el_rad = compute_azimuth_elevation(PLACE_M, compute_satellite_state_s(orbit, week, tow_s).position_ecef_m)[1]
         if el_rad > np.radians(10.0):
             found.append(SignalId(orbit.sat))
     return tuple(sorted(found))[:8]

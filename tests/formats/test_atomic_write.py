@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 
 from skyproof.errors import OutputError
 from skyproof.formats import atomic_write
-from skyproof.formats.atomic_write import OutputStep, Unwritten, unwritten_words, write_in_turn, write_lines, writing
+from skyproof.formats.atomic_write import (
+    OutputStep,
+    Unwritten,
+    describe_missing,
+    write_in_turn,
+    write_lines,
+    write_whole,
+)
 
 NAMES = ("verdict.json", "report.html", "a.csv", "sums")
 
@@ -120,7 +127,7 @@ def test_a_folder_that_takes_nothing_loses_nothing(tmp_path, monkeypatch):
 
 def test_missing_files_are_named_with_one_cause(tmp_path):
     full = OutputError("x/a cannot be written (No space left on device): the disk is full; free space")
-    words = unwritten_words(Path("out"), [Unwritten(("a", "b"), full), Unwritten(("c",), full)])
+    words = describe_missing(Path("out"), [Unwritten(("a", "b"), full), Unwritten(("c",), full)])
     assert words.startswith("out lacks a, b, c: ")
     assert words.count("disk") == 1
     assert "--overwrite" in words
@@ -135,14 +142,14 @@ def test_what_is_hidden_is_not_named(tmp_path):
 
 def test_what_a_killed_writer_left_goes_with_the_next_and_what_another_writes_stays(tmp_path):
     def half() -> None:
-        with writing(tmp_path / "[x].bin") as file:
+        with write_whole(tmp_path / "[x].bin") as file:
             file.write(b"half")
             file.flush()
             os.kill(os.getpid(), signal.SIGKILL)
 
     assert killed_at(99, half) == signal.SIGKILL
     assert [path.suffix for path in tmp_path.iterdir()] == [".part"]
-    with writing(tmp_path / "[x].bin") as file:
+    with write_whole(tmp_path / "[x].bin") as file:
         file.write(b"one")
         write_lines(tmp_path / "[x].bin", ["another"])
         assert len(list(tmp_path.iterdir())) == 2

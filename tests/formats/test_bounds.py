@@ -25,11 +25,11 @@ from tests.fuzz.readers import READERS
 from skyproof.app.common.platform import read_platform
 from skyproof.errors import InputError, ScenarioError, SettingsError, SkyproofError
 from skyproof.formats import byte_io, crinex, rinex_obs_read, track
-from skyproof.formats.bounds import CAPTURES, DEPTH, first_few, require_toml_depth
+from skyproof.formats.bounds import CAPTURES, DEPTH, describe_first, require_toml_depth
 from skyproof.formats.raw import read_sidecar
 from skyproof.formats.rinex_nav import parse_nav, read_nav
 from skyproof.formats.rinex_obs_read import parse_obs, read_obs
-from skyproof.formats.sigmf_keys import parsed as parsed_meta
+from skyproof.formats.sigmf_keys import parse_meta as parsed_meta
 from skyproof.formats.track import parse_csv, parse_kml, parse_nmea
 from skyproof.gnss.time import parse_iso
 from skyproof.remarks import Remark
@@ -166,7 +166,7 @@ def test_long_keys_and_values_are_shortened_in_a_message(tmp_path: Path) -> None
 
 def test_the_middle_of_an_endless_message_is_left_out() -> None:
     assert str(InputError("a" + "b" * 10**6 + "c")) == f"a{'b' * 1499} ... {'b' * 1499}c"
-    assert first_few(range(12), str) == [*map(str, range(10)), "and 2 more"]
+    assert describe_first(range(12), str) == [*map(str, range(10)), "and 2 more"]
 
 
 # --- instants
@@ -334,14 +334,14 @@ def test_what_follows_a_missing_line_of_a_compact_file_is_left_out_and_reported(
     seen_m = whole.observations.pseudorange_m
     np.testing.assert_array_equal(seen_m, [[2e7, 2.1e7], [2e7 + 1, 2.1e7 + 2], [2e7 + 2, 2.1e7 + 4]])
     del lines[line_number]
-    _, remarks = crinex.expanded("\n".join([*lines, ""]).encode())
+    _, remarks = crinex.expand("\n".join([*lines, ""]).encode())
     assert any(map(Remark.kind_of, remarks))
 
 
 def test_a_compact_file_that_expands_to_more_than_is_read_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(crinex, "OBSERVATION_BYTES", 100)
     with pytest.raises(InputError, match=r"a\.crx: .*\bMiB\b"):
-        crinex.expanded("\n".join(COMPACT).encode(), source="a.crx")
+        crinex.expand("\n".join(COMPACT).encode(), source="a.crx")
 
 
 # --- tracks
@@ -397,6 +397,6 @@ def test_more_tags_than_are_read_are_refused(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_the_bound_of_a_file_holds_to_the_byte(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"12345")
-    assert byte_io.content_of(tmp_path / "a", 5, "it", "fix it") == b"12345"
+    assert byte_io.read_content(tmp_path / "a", 5, "it", "fix it") == b"12345"
     with pytest.raises(InputError, match=r"\bit .*MiB.*; fix it$"):
-        byte_io.content_of(tmp_path / "a", 4, "it", "fix it")
+        byte_io.read_content(tmp_path / "a", 4, "it", "fix it")

@@ -7,9 +7,9 @@ from tests.fuzz.readers import READERS
 
 from skyproof.app.fleet.catalogue import read_catalogue
 from skyproof.errors import InputError, ScenarioError, SkyproofError
-from skyproof.formats.rinex_obs_pieces import obs_pieces
+from skyproof.formats.rinex_obs_pieces import read_obs_pieces
 from skyproof.formats.rinex_obs_read import holds_observations
-from skyproof.formats.signatures import other_than_samples
+from skyproof.formats.signatures import identify_other
 
 MARK = b"\xef\xbb\xbf"
 DOORS = [name for name in READERS if name not in ("archive", "bytes", "any")]
@@ -61,13 +61,13 @@ def test_an_input_of_protect_with_a_mark_is_an_observation_file(tmp_path):
     seed = text_seeds("obs")[0]
     path = write(tmp_path, "obs", MARK + seed)
     assert holds_observations(path)
-    marked, plain = (next(obs_pieces([content])) for content in (MARK + seed, seed))
+    marked, plain = (next(read_obs_pieces([content])) for content in (MARK + seed, seed))
     assert marked.observations.signals == plain.observations.signals
 
 
 def test_an_observation_file_in_utf_16_is_no_recording(tmp_path):
     path = write(tmp_path, "obs", text_seeds("obs")[0].decode().encode("utf-16"))
-    assert other_than_samples(path.read_bytes()[:4096])[0] == "text in UTF-16"
+    assert identify_other(path.read_bytes()[:4096])[0] == "text in UTF-16"
 
 
 def test_a_catalogue_with_a_mark_is_read(tmp_path):

@@ -12,11 +12,11 @@ from tests.written import write_table
 from skyproof.app.receive.inputs import cut_stretch
 from skyproof.app.receive.observed import open_observations
 from skyproof.formats.attitude import read_attitude
-from skyproof.formats.bounds import REMARKS, Remarks, limited
+from skyproof.formats.bounds import REMARKS, Remarks, limit_remarks
 from skyproof.formats.byte_io import FileBytes
 from skyproof.formats.imu import COLUMNS, read_imu
 from skyproof.formats.raw import open_raw
-from skyproof.formats.rinex_obs_pieces import obs_pieces
+from skyproof.formats.rinex_obs_pieces import read_obs_pieces
 from skyproof.formats.rinex_obs_read import parse_obs
 from skyproof.formats.sigmf import open_sigmf
 from skyproof.remarks import Remark, RemarkKind
@@ -36,7 +36,7 @@ def worst(remarks):
 
 def read_pieces(content):
     """The observations of a file and all its remarks."""
-    found = list(obs_pieces([content], source="a.obs"))
+    found = list(read_obs_pieces([content], source="a.obs"))
     return put_together(found), [remark for piece in found for remark in piece.remarks]
 
 
@@ -206,7 +206,7 @@ def test_the_gravest_remarks_are_never_among_the_others():
     notes = [f"note {k}" for k in range(30)]
     bearing = [Remark(f"left out {k}", RemarkKind.BEARS) for k in range(30)]
     cut = Remark("cut", RemarkKind.CUT)
-    kept = limited([*notes, *bearing, *notes, cut], "more")
+    kept = limit_remarks([*notes, *bearing, *notes, cut], "more")
     assert kept[0] == cut
     assert [Remark.kind_of(one) for one in kept] == [2] + (REMARKS + 1) * [1] + (REMARKS + 1) * [0]
     assert kept[REMARKS + 1] == kept[-1] == "20 more"

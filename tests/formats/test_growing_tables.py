@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from skyproof.errors import OutputError
-from skyproof.formats.tables import growing_tables
+from skyproof.formats.tables import open_growing_tables
 
 COLUMNS = {
     "gpst": np.datetime64("2024-01-01T00:00:00", "ns") + np.arange(7) * np.timedelta64(1_000_000_007, "ns"),
@@ -25,7 +25,7 @@ def blocks(*edges):
 @pytest.mark.parametrize("edges", [(0, 7), (0, 1, 4, 4, 7), (0, 0, 7)])
 def test_blocks_of_any_size_make_the_same_table(tmp_path, edges):
     paths = [tmp_path / "t.csv", tmp_path / "t.parquet"]
-    with growing_tables(paths, {"grade": "tactical"}) as take:
+    with open_growing_tables(paths, {"grade": "tactical"}) as take:
         for block in blocks(*edges):
             take(block)
     with open(paths[0], newline="") as file:
@@ -42,7 +42,7 @@ def test_blocks_of_any_size_make_the_same_table(tmp_path, edges):
 
 
 def test_no_rows_keep_the_columns(tmp_path):
-    with growing_tables([tmp_path / "t.csv", tmp_path / "t.parquet"]) as take:
+    with open_growing_tables([tmp_path / "t.csv", tmp_path / "t.parquet"]) as take:
         take(blocks(0, 0)[0])
     assert (tmp_path / "t.csv").read_text() == "gpst,sat,range_m,n\n"
     assert pq.read_table(tmp_path / "t.parquet").column_names == ["gpst", "sat", "range_m", "n"]
@@ -51,7 +51,7 @@ def test_no_rows_keep_the_columns(tmp_path):
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_what_is_interrupted_leaves_nothing(tmp_path, error):
     def write():
-        with growing_tables([tmp_path / "t.csv", tmp_path / "t.parquet"]) as take:
+        with open_growing_tables([tmp_path / "t.csv", tmp_path / "t.parquet"]) as take:
             take(blocks(0, 4)[0])
             raise error
 
@@ -61,5 +61,5 @@ def test_what_is_interrupted_leaves_nothing(tmp_path, error):
 
 
 def test_another_ending_is_reported(tmp_path):
-    with pytest.raises(OutputError, match=r"\.xlsx"), growing_tables([tmp_path / "t.xlsx"]):
+    with pytest.raises(OutputError, match=r"\.xlsx"), open_growing_tables([tmp_path / "t.xlsx"]):
         pass

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from skyproof.formats.kml import kml_lines, write_kml
+from skyproof.formats.kml import write_kml, write_kml_lines
 
 KML, GX = "{http://www.opengis.net/kml/2.2}", "{http://www.google.com/kml/ext/2.2}"
 
@@ -16,7 +16,7 @@ def track(n_points=3, lat_deg=59.41):
 
 
 def document(tracks, **more):
-    root = ElementTree.fromstring("\n".join(kml_lines(tracks, **more)).encode())
+    root = ElementTree.fromstring("\n".join(write_kml_lines(tracks, **more)).encode())
     assert root.tag == f"{KML}kml"
     assert len(root) == 1
     return root[0]
@@ -80,7 +80,7 @@ def test_points_lines_and_areas_are_drawn_as_such():
         "S1 from rx1": ([59.0, 59.1], [-16.0, -16.2]),
         "S1 within": ([59.0, 59.1, 59.2, 59.0], [-16.0, -16.2, -16.1, -16.0]),
     }
-    root = ElementTree.fromstring("\n".join(kml_lines({}, shapes)).encode())
+    root = ElementTree.fromstring("\n".join(write_kml_lines({}, shapes)).encode())
     found = {p.findtext(f"{KML}name"): p for p in root.iter(f"{KML}Placemark")}
     assert list(found) == list(shapes)
     point, line, area = found.values()

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyproof.formats.nmea import nmea_sentences, write_nmea
+from skyproof.formats.nmea import write_nmea, write_nmea_sentences
 from skyproof.gnss.time import gpst_from_utc
 
 FIELDS = {"GGA": 14, "RMC": 12, "GST": 8, "TXT": 4}  # NMEA 0183 (RMC with the mode of 2.3)
@@ -37,7 +37,7 @@ def angle(text, side):
 
 def epoch(utc="2022-01-01T21:45:58", lat_deg=59.41, lon_deg=16.88, height_m=52.3142, satellites=9, **more):
     gpst = np.array([gpst_from_utc(np.datetime64(utc))])
-    sentences = list(nmea_sentences(gpst, [lat_deg], [lon_deg], [height_m], [satellites], **more))
+    sentences = list(write_nmea_sentences(gpst, [lat_deg], [lon_deg], [height_m], [satellites], **more))
     found = [fields_of(sentence, more.get("talker", "GP")) for sentence in sentences]
     return [kind for kind, _ in found], dict(found)
 
@@ -67,7 +67,7 @@ def test_time_is_utc_and_rounded_as_a_whole():
     assert found["GGA"][0] == found["RMC"][0] == "000000.00"
     assert found["RMC"][8] == "010122"
     gpst = np.array(["2022-01-01T21:45:58"], "datetime64[ns]")
-    first = next(nmea_sentences(gpst, [1.0], [2.0], [3.0], [4]))
+    first = next(write_nmea_sentences(gpst, [1.0], [2.0], [3.0], [4]))
     assert fields_of(first)[1][0] == "214540.00"
 
 
@@ -121,7 +121,7 @@ def test_lines_end_as_a_serial_line_does(tmp_path):
     gpst = np.datetime64("2022-01-01T21:45:58", "ns") + np.arange(4) * np.timedelta64(1, "s")
     gpst[2] = "NaT"
     path = tmp_path / "trusted.nmea"
-    write_nmea(path, nmea_sentences(gpst, np.full(4, 59.0), np.full(4, 16.0), np.full(4, 50.0), np.full(4, 9)))
+    write_nmea(path, write_nmea_sentences(gpst, np.full(4, 59.0), np.full(4, 16.0), np.full(4, 50.0), np.full(4, 9)))
     octets = path.read_bytes()
     assert octets.endswith(b"\r\n")
     lines = octets.decode("ascii").split("\r\n")[:-1]

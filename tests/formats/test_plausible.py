@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from skyproof.formats.plausible import impossible_remarks, leave_out_impossible
+from skyproof.formats.plausible import describe_impossible, leave_out_impossible
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.records import SignalId
 
@@ -164,8 +164,8 @@ def test_a_type_that_was_misread_before_stays_left_out():
 
 def test_ten_types_are_named_and_the_others_counted():
     counts = {f"G C{k}X": k for k in range(1, 15)}
-    (words,) = impossible_remarks(counts, {})
+    (words,) = describe_impossible(counts, {})
     assert "G C14X 14" in words
     assert "G C4X" not in words
     assert words.endswith("and 4 more")
-    assert impossible_remarks({}, {}) == []
+    assert describe_impossible({}, {}) == []

@@ -16,11 +16,11 @@ from skyproof.errors import InputError
 from skyproof.formats.raw import (
     SampleLayout,
     check_levels,
+    compute_sha256,
     open_raw,
     open_raw_channels,
     read_sidecar,
-    sha256,
-    sidecar_text,
+    write_sidecar_text,
 )
 from skyproof.records import Samples
 from skyproof.remarks import Remark, RemarkKind
@@ -83,7 +83,7 @@ def write(folder, layout, octets, name="rec"):
     """A recording and its sidecar."""
     path = Path(folder) / f"{name}.bin"
     path.write_bytes(b"\xa5" * layout.header_bytes + octets)
-    path.with_suffix(".toml").write_text(sidecar_text(layout), encoding="utf-8")
+    path.with_suffix(".toml").write_text(write_sidecar_text(layout), encoding="utf-8")
     return path
 
 
@@ -268,7 +268,7 @@ def test_a_sidecar_written_reads_back(tmp_path_factory, fields):
     encoding, bits = fields.pop("packing")
     layout = SampleLayout(encoding=encoding, bits=bits, **fields)
     path = tmp_path_factory.getbasetemp() / "sidecar.toml"
-    path.write_text(sidecar_text(layout), encoding="utf-8", newline="")
+    path.write_text(write_sidecar_text(layout), encoding="utf-8", newline="")
     assert read_sidecar(path) == layout
 
 
@@ -394,7 +394,7 @@ def test_a_cut_recording_loses_its_last_part_of_a_sample_and_says_so(tmp_path, b
 @pytest.mark.parametrize(("octets", "header"), [(b"\x01\x02\x03", 0), (b"\x01" * 8, 8), (b"\x01" * 8, 100)])
 def test_less_than_one_sample_is_reported(tmp_path, octets, header):
     path = write(tmp_path, layout_of("int", 16), octets)
-    path.with_suffix(".toml").write_text(sidecar_text(layout_of("int", 16, header_bytes=header)))
+    path.with_suffix(".toml").write_text(write_sidecar_text(layout_of("int", 16, header_bytes=header)))
     with pytest.raises(InputError, match=r"\b32 bits"):
         open_raw(path)
 
@@ -404,10 +404,10 @@ def test_the_digest_is_that_of_the_file_and_its_progress_is_reported(tmp_path):
     octets = np.random.default_rng(1).bytes(5_000_000)
     path.write_bytes(octets)
     reported = []
-    assert sha256(path, lambda done, size: reported.append((done, size))) == hashlib.sha256(octets).hexdigest()
+    assert compute_sha256(path, lambda done, size: reported.append((done, size))) == hashlib.sha256(octets).hexdigest()
     assert reported == [(1 << 22, 5_000_000), (5_000_000, 5_000_000)]
     with pytest.raises(InputError, match=r"\bgone\b.*exist"):
-        sha256(tmp_path / "gone")
+        compute_sha256(tmp_path / "gone")
 
 
 # --- damage
@@ -570,7 +570,7 @@ def test_the_rendered_pair_reads_as_its_notes_say(shared_data):
 def test_a_recorded_file_has_two_bit_levels(shared_data, tmp_path):
     layout = SampleLayout(rate_hz=12e6, kind="real", encoding="int", bits=8, centre_hz=1575.42e6, if_hz=3e6)
     sidecar = tmp_path / "l1.toml"
-    sidecar.write_text(sidecar_text(layout))
+    sidecar.write_text(write_sidecar_text(layout))
     samples = open_raw(shared_data / "real" / "iq-pocketsdr" / "L1_20211125_004000_12MHz_I.bin", sidecar)
     assert samples.n_samples == 1_200_000
     assert np.unique(samples.read(0, 100_000)[0]).tolist() == [-3, -1, 1, 3]

@@ -5,9 +5,9 @@ import struct
 import numpy as np
 import pytest
 
-from skyproof.formats.names import NameHints, hints_of
-from skyproof.formats.readings import header_length, likely_packings
-from skyproof.formats.signatures import WavHeader, other_than_samples, wav_header
+from skyproof.formats.names import NameHints, read_hints
+from skyproof.formats.readings import list_likely_packings, measure_header
+from skyproof.formats.signatures import WavHeader, identify_other, read_wav_header
 
 N = 1 << 17
 
@@ -22,7 +22,7 @@ def octets(values: np.ndarray, kind: str) -> np.ndarray:
 
 
 def kinds_of(stored: np.ndarray) -> set[tuple]:
-    return {(one.packing.encoding, one.packing.bits) for one in likely_packings(stored)}
+    return {(one.packing.encoding, one.packing.bits) for one in list_likely_packings(stored)}
 
 
 @pytest.mark.parametrize("rms", [3.0, 20.0, 60.0])
@@ -37,8 +37,8 @@ def test_whole_bytes_are_recognized_by_their_hump(rms: float) -> None:
 def test_wide_numbers_are_recognized_by_their_quiet_byte(rms: float, order: str) -> None:
     stored = octets(normal(rms), f"{'<' if order == 'little' else '>'}i2")
     assert kinds_of(stored) == {("int", 16)}
-    assert {one.packing.byte_order for one in likely_packings(stored)} == {order}
-    assert {one.header_bytes for one in likely_packings(stored)} == {0}
+    assert {one.packing.byte_order for one in list_likely_packings(stored)} == {order}
+    assert {one.header_bytes for one in list_likely_packings(stored)} == {0}
 
 
 @pytest.mark.parametrize("order", ["little", "big"])
@@ -46,7 +46,7 @@ def test_wide_numbers_are_recognized_by_their_quiet_byte(rms: float, order: str)
 @pytest.mark.parametrize("rms", [0.4, 1.0, 3.0])
 def test_the_order_of_wide_numbers_with_quiet_low_bytes_is_found(rms: float, step: float, order: str) -> None:
     values = np.clip(step * np.round(normal(rms)), -32768, 32767)
-    (first, *_) = likely_packings(octets(values, f"{'<' if order == 'little' else '>'}i2"))
+    (first, *_) = list_likely_packings(octets(values, f"{'<' if order == 'little' else '>'}i2"))
     assert (first.packing.encoding, first.packing.bits, first.packing.byte_order) == ("int", 16, order)
     assert first.header_bytes == 0
 
@@ -56,7 +56,7 @@ def test_the_order_of_wide_numbers_with_quiet_low_bytes_is_found(rms: float, ste
 def test_wide_numbers_of_two_values_are_one_stream(level: int, order: str) -> None:
     """In either order they are the same signal."""
     stored = octets(np.where(normal(1.0) > 0.0, level, -level), f"{'<' if order == 'little' else '>'}i2")
-    assert {(one.packing.bits, one.header_bytes) for one in likely_packings(stored)} == {(16, 0)}
+    assert {(one.packing.bits, one.header_bytes) for one in list_likely_packings(stored)} == {(16, 0)}
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])
@@ -69,7 +69,7 @@ def test_two_channels_of_whole_bytes_from_one_antenna_are_no_wide_numbers(noise:
 
 def test_a_wide_number_that_begins_late_is_found() -> None:
     stored = np.concatenate([np.zeros(1, np.uint8), octets(normal(100.0), "<i2")])
-    assert {(one.packing.byte_order, one.header_bytes) for one in likely_packings(stored)} == {("little", 1)}
+    assert {(one.packing.byte_order, one.header_bytes) for one in list_likely_packings(stored)} == {("little", 1)}
 
 
 @pytest.mark.parametrize(("kind", "bits"), [("<f4", 32), (">f4", 32), ("<f8", 64), (">f8", 64)])
@@ -92,7 +92,7 @@ def twelve(values, order):
 def test_packed_numbers_of_twelve_bits_are_recognized(rms, order, skip, encoding) -> None:
     values = np.clip(np.rint(normal(rms)[:96_000]), -2048, 2047).astype(int)
     stored = twelve(values + (2048 if encoding == "offset-binary" else 0), order)
-    found = likely_packings(np.frombuffer(stored, np.uint8)[3 - skip : -skip or None])
+    found = list_likely_packings(np.frombuffer(stored, np.uint8)[3 - skip : -skip or None])
     best = found[0]
     assert (best.packing.encoding, best.packing.bits, best.packing.bit_order) == (encoding, 12, order)
     assert best.header_bytes == skip
@@ -100,7 +100,7 @@ def test_packed_numbers_of_twelve_bits_are_recognized(rms, order, skip, encoding
 
 def test_numbers_of_24_bits_are_not_taken_for_twelve() -> None:
     stored = np.rint(normal(1e5)[:64_000]).astype("<i4").view(np.uint8).reshape(-1, 4)[:, :3].ravel()
-    assert not any(one.packing.bits == 12 for one in likely_packings(stored[: stored.size // 48 * 48]))
+    assert not any(one.packing.bits == 12 for one in list_likely_packings(stored[: stored.size // 48 * 48]))
 
 
 def test_numbers_of_two_and_four_bits_are_recognized_by_their_codes() -> None:
@@ -118,19 +118,19 @@ def test_numbers_of_two_and_four_bits_are_recognized_by_their_codes() -> None:
 def test_what_shows_nothing_is_taken_for_signs() -> None:
     stored = np.frombuffer(np.random.default_rng(3).bytes(N), np.uint8)
     assert kinds_of(stored) == {("sign", 1)}
-    assert {one.packing.bit_order for one in likely_packings(stored)} == {"msb-first", "lsb-first"}
+    assert {one.packing.bit_order for one in list_likely_packings(stored)} == {"msb-first", "lsb-first"}
 
 
 @pytest.mark.parametrize("header", [b"", b"made by a recorder".ljust(512, b"\0"), bytes(8192)])
 def test_a_header_ends_where_the_bytes_change(header: bytes) -> None:
     stored = np.frombuffer(header + np.random.default_rng(4).bytes(N), np.uint8)
-    assert header_length(stored) == len(header)
+    assert measure_header(stored) == len(header)
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_samples_alone_have_no_header(seed: int) -> None:
-    assert header_length(octets(normal(20.0, seed), "<i1")) == 0
-    assert header_length(octets(normal(60.0, seed), "<i2")) == 0
+    assert measure_header(octets(normal(20.0, seed), "<i1")) == 0
+    assert measure_header(octets(normal(60.0, seed), "<i2")) == 0
 
 
 @pytest.mark.parametrize(
@@ -145,25 +145,25 @@ def test_samples_alone_have_no_header(seed: int) -> None:
     ],
 )
 def test_what_holds_no_samples_is_named(head: bytes, what: str) -> None:
-    known = other_than_samples(head)
+    known = identify_other(head)
     assert known is not None
     assert what in known[0]
 
 
 def test_samples_are_not_taken_for_anything_else() -> None:
     for seed in range(200):
-        assert other_than_samples(np.random.default_rng(seed).bytes(4096)) is None
-        assert other_than_samples(octets(normal(20.0, seed)[:4096], "<i1").tobytes()) is None
+        assert identify_other(np.random.default_rng(seed).bytes(4096)) is None
+        assert identify_other(octets(normal(20.0, seed)[:4096], "<i1").tobytes()) is None
 
 
 def test_a_wav_header_states_how_to_read_what_follows() -> None:
     head = struct.pack("<4sI4s4sIHHIIHH", b"RIFF", 0, b"WAVE", b"fmt ", 16, 1, 2, 2_500_000, 10_000_000, 4, 16)
     extra = struct.pack("<4sI", b"LIST", 3) + b"abc\0"
-    found = wav_header(head + extra + struct.pack("<4sI", b"data", 1000) + bytes(100))
+    found = read_wav_header(head + extra + struct.pack("<4sI", b"data", 1000) + bytes(100))
     assert found == WavHeader(rate_hz=2.5e6, channels=2, encoding="int", bits=16, header_bytes=56, data_bytes=1000)
-    assert wav_header(b"RIFF" + bytes(100)) is None
+    assert read_wav_header(b"RIFF" + bytes(100)) is None
     adpcm = head.replace(struct.pack("<HH", 1, 2), struct.pack("<HH", 17, 2))
-    assert wav_header(adpcm + struct.pack("<4sI", b"data", 1000)) is None
+    assert read_wav_header(adpcm + struct.pack("<4sI", b"data", 1000)) is None
 
 
 @pytest.mark.parametrize(
@@ -184,4 +184,4 @@ def test_a_wav_header_states_how_to_read_what_follows() -> None:
     ],
 )
 def test_a_name_states_what_it_states(name: str, reported: NameHints) -> None:
-    assert hints_of(name) == reported
+    assert read_hints(name) == reported

@@ -10,9 +10,9 @@ import pytest
 
 from skyproof.errors import InputError
 from skyproof.formats.layout import Chunk, PackedSamples, Packing, _split
-from skyproof.formats.raw import SampleLayout, sidecar_text
+from skyproof.formats.raw import SampleLayout, write_sidecar_text
 from skyproof.formats.recording import open_recording
-from skyproof.formats.sigmf import sigmf_meta
+from skyproof.formats.sigmf import meta_from_layout
 
 LAYOUT = SampleLayout(rate_hz=4e6, kind="complex", encoding="int", bits=8, centre_hz=1575.42e6)
 GIB = 1 << 30
@@ -26,9 +26,9 @@ def write(folder, name="rec.bin", *, sidecar=False, meta=False):
     path = folder / name
     path.write_bytes(noise(5000).tobytes())
     if sidecar:
-        path.with_suffix(".toml").write_text(sidecar_text(LAYOUT))
+        path.with_suffix(".toml").write_text(write_sidecar_text(LAYOUT))
     if meta:
-        path.with_suffix(".sigmf-meta").write_text(json.dumps(sigmf_meta(LAYOUT)))
+        path.with_suffix(".sigmf-meta").write_text(json.dumps(meta_from_layout(LAYOUT)))
     return path
 
 

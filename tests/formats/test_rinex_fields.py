@@ -37,7 +37,7 @@ def lay_out_in_python(values, there, indicator):
 def lay_out(kernel, values, there, indicator):
     heads = np.array([list(head.encode()) for head in HEADS[: len(values)]], np.uint8)
     names = np.array([list(name.encode()) for name in NAMES], np.uint8)
-    out = np.empty(len(values) * rinex_fields.most_bytes(heads.shape[1], SLOTS), np.uint8)
+    out = np.empty(len(values) * rinex_fields.bound_bytes(heads.shape[1], SLOTS), np.uint8)
     count = kernel(values, there, indicator, heads, SAT_OF, names, SLOT, SLOTS, out)
     return out[:count].tobytes().decode("ascii")
 

@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyproof.errors import InputError, OutputError
-from skyproof.formats.rinex_nav import glonass_channels, parse_nav, read_nav, write_nav
+from skyproof.formats.rinex_nav import get_glonass_channels, parse_nav, read_nav, write_nav
 from skyproof.gnss.ephemeris import Ephemeris, NavigationData, UtcParameters
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import gpst, parse_iso, seconds_between, week_and_tow
 
 VERSION_2 = """\
@@ -324,7 +324,7 @@ def test_a_glonass_record_is_a_state_in_metres_at_its_instant_of_gps_time():
     assert eph.acceleration_m_s2 == pytest.approx((9.313225746155e-07, -9.313225746155e-07, 9.313225746155e-07))
     assert (eph.frequency_number, eph.health, eph.delta_tau_n) == (-7, 0, 2.793967723846e-09)
     assert eph.message_tow == 293400.0
-    assert glonass_channels(NavigationData(ephemerides=(eph,))) == {"R10": -7}
+    assert get_glonass_channels(NavigationData(ephemerides=(eph,))) == {"R10": -7}
 
 
 def test_version_2_counts_a_glonass_frame_from_midnight():
@@ -514,7 +514,7 @@ def test_what_is_written_reads_back_the_same(tmp_path, lines):
 
 
 def test_a_written_file_has_the_columns_of_the_format(tmp_path):
-    navigation = nominal_constellation(parse_iso("2022-01-01T21:46:00"))
+    navigation = make_nominal_constellation(parse_iso("2022-01-01T21:46:00"))
     write_nav(tmp_path / "nav.rnx", navigation)
     lines = (tmp_path / "nav.rnx").read_text(encoding="ascii").splitlines()
     assert lines[0] == "     3.05           N: GNSS NAV DATA    G: GPS              RINEX VERSION / TYPE"

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from skyproof.errors import InputError
 from skyproof.formats import rinex_obs_pieces
-from skyproof.formats.rinex_obs_pieces import following, obs_pieces
+from skyproof.formats.rinex_obs_pieces import continue_pieces, read_obs_pieces
 from skyproof.formats.rinex_obs_read import parse_obs
 from skyproof.records import Observations
 from skyproof.remarks import Remark, RemarkKind
@@ -33,7 +33,7 @@ VERSION_2 = [
 
 def put_together(pieces):
     """The observations of pieces of a file as one record."""
-    return Observations.joined([*following(piece.observations for piece in pieces)])
+    return Observations.joined([*continue_pieces(piece.observations for piece in pieces)])
 
 
 def cell(value, lli=" "):
@@ -98,7 +98,7 @@ def test_pieces_put_together_are_the_whole_file(content, data):
     packed = data.draw(st.booleans())
     given_bytes = gzip.compress(content) if packed else content
     cuts = [min(cut, len(given_bytes)) for cut in cuts]
-    found = list(obs_pieces(blocks(given_bytes, cuts), piece_bytes=piece_bytes))
+    found = list(read_obs_pieces(blocks(given_bytes, cuts), piece_bytes=piece_bytes))
     whole = parse_obs(content)
     same(put_together(found), whole.observations)
     remarks = [remark for piece in found for remark in piece.remarks]
@@ -107,7 +107,7 @@ def test_pieces_put_together_are_the_whole_file(content, data):
 
 def test_no_piece_is_larger_than_was_asked_for():
     content = file_3(600)
-    found = list(obs_pieces(blocks(content, range(500, len(content), 500)), piece_bytes=4000))
+    found = list(read_obs_pieces(blocks(content, range(500, len(content), 500)), piece_bytes=4000))
     assert len(found) > 20
     assert max(piece.observations.gpst.size for piece in found) < 30
     assert sum(piece.observations.gpst.size for piece in found) == 600
@@ -123,7 +123,7 @@ def test_no_piece_is_larger_than_was_asked_for():
 )
 def test_a_damaged_file_is_refused_where_it_is_come_upon(content, words):
     with pytest.raises(InputError, match=words):
-        list(obs_pieces([content], source="a.obs"))
+        list(read_obs_pieces([content], source="a.obs"))
 
 
 CRINEX = [
@@ -155,28 +155,28 @@ def test_a_gzip_bomb_is_refused_before_it_is_read(monkeypatch, head, filling):
             yield content[at : at + 4096]
 
     with pytest.raises(InputError):
-        list(obs_pieces(counted(), source="b.gz"))
+        list(read_obs_pieces(counted(), source="b.gz"))
     assert blocks_read * 4096 < 0.7 * len(content)
 
 
 def test_what_is_unpacked_has_a_bound(monkeypatch):
     monkeypatch.setattr(rinex_obs_pieces, "STREAM_BYTES", 2000)
     with pytest.raises(InputError, match=r"unpacked.*MiB"):
-        list(obs_pieces([gzip.compress(file_3())]))
+        list(read_obs_pieces([gzip.compress(file_3())]))
 
 
 def test_garbage_amid_epochs_costs_no_others(monkeypatch):
     monkeypatch.setattr(rinex_obs_pieces, "EPOCH_BYTES", 4096)
     whole = file_3()
     at = whole.index(b"> 2024 05 14 10 00 12.")
-    found = put_together(obs_pieces([whole[:at], b"\0" * 20_000, b"\n", whole[at:]], piece_bytes=1024))
+    found = put_together(read_obs_pieces([whole[:at], b"\0" * 20_000, b"\n", whole[at:]], piece_bytes=1024))
     assert found.gpst.size == parse_obs(whole).observations.gpst.size
 
 
 def test_remarks_on_a_compact_file_and_a_header_come_through():
     content = "\n".join([*CRINEX, VERSION_3[0], TYPES_3.replace("G    4", "G    6"), *VERSION_3[2:]])
     epochs = ["> 2024 05 14 10 00 01.0000000  0  1      G05", "", "3&20000000000   ", f"{'':24}x"]
-    pieces = list(obs_pieces(["\n".join([content, *epochs, ""]).encode()]))
+    pieces = list(read_obs_pieces(["\n".join([content, *epochs, ""]).encode()]))
     remarks = " ".join(pieces[-1].remarks)
     assert re.search(r"\b6 \w+ types of G .*\b4\b", remarks)
     assert any(Remark.kind_of(remark) is RemarkKind.CUT for remark in pieces[-1].remarks)
@@ -198,6 +198,6 @@ REAL = [
 @pytest.mark.parametrize("name", REAL)
 def test_real_files_in_pieces_are_the_whole_file(shared_data, name):
     content = (shared_data / "real" / name).read_bytes()
-    found = list(obs_pieces(blocks(content, range(10_007, len(content), 10_007)), piece_bytes=1 << 15))
+    found = list(read_obs_pieces(blocks(content, range(10_007, len(content), 10_007)), piece_bytes=1 << 15))
     whole = parse_obs(gzip.decompress(content) if name.endswith(".gz") else content)
     same(put_together(found), whole.observations)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyproof.errors import InputError
-from skyproof.formats.crinex import expanded
+from skyproof.formats.crinex import expand
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.formats.rinex_obs_read import parse_obs, read_obs
 from skyproof.records import Observations, SignalId
@@ -513,7 +513,7 @@ def test_compact_differences_of_every_order_and_a_fresh_start_are_summed():
     body = ["> 2024 10 27 15 47 40.0000000  0  1      G05", "", reported[0]]
     for k, number in enumerate(reported[1:], start=1):
         body += [" " * 20 + f"{k}", "", number]
-    plain, remarks = expanded("\n".join([*header, *body, ""]).encode())
+    plain, remarks = expand("\n".join([*header, *body, ""]).encode())
     assert remarks == ()
     lines = plain.decode().splitlines()
     numbers = [round(1e3 * float(text[3:17])) for text in lines if text.startswith("G05")]

@@ -24,8 +24,8 @@ from tests.formats.sigmf_files import (
 
 from skyproof.errors import InputError
 from skyproof.formats.layout import FITTING_BITS
-from skyproof.formats.raw import SampleLayout, open_raw, sidecar_text
-from skyproof.formats.sigmf import open_sigmf, sha512_remarks, sigmf_meta
+from skyproof.formats.raw import SampleLayout, open_raw, write_sidecar_text
+from skyproof.formats.sigmf import check_sha512, meta_from_layout, open_sigmf
 from skyproof.records import SampleGap
 
 # --- what is read
@@ -101,8 +101,8 @@ def test_what_a_sidecar_says_metadata_of_sigmf_say_as_well(tmp_path, data):
     )
     octets = np.random.default_rng(data.draw(st.integers(0, 9))).bytes(960)
     (tmp_path / "rec.bin").write_bytes(b"\xa5" * layout.header_bytes + octets)
-    (tmp_path / "rec.toml").write_text(sidecar_text(layout))
-    meta = sigmf_meta(layout)
+    (tmp_path / "rec.toml").write_text(write_sidecar_text(layout))
+    meta = meta_from_layout(layout)
     validate.validate(meta)
     raw, samples = open_raw(tmp_path / "rec.bin"), one(write(tmp_path, meta, (tmp_path / "rec.bin").read_bytes()))
     np.testing.assert_array_equal(samples.read(0, 9999), raw.read(0, 9999))
@@ -124,8 +124,10 @@ def test_packed_channels_read_as_each_by_itself(tmp_path, data):
     )
     n_channels = data.draw(st.integers(2, 4))
     octets = np.random.default_rng(data.draw(st.integers(0, 9))).bytes(240)
-    flat = one(write(tmp_path, sigmf_meta(layout), octets, "flat")).read(0, 9999)
-    for channel, samples in enumerate(open_sigmf(write(tmp_path, sigmf_meta(layout, n_channels=n_channels), octets))):
+    flat = one(write(tmp_path, meta_from_layout(layout), octets, "flat")).read(0, 9999)
+    for channel, samples in enumerate(
+        open_sigmf(write(tmp_path, meta_from_layout(layout, n_channels=n_channels), octets))
+    ):
         start = data.draw(st.integers(0, samples.n_samples))
         np.testing.assert_array_equal(samples.read(start, 77), flat[:, channel::n_channels][:, start : start + 77])
 
@@ -349,11 +351,11 @@ def test_a_digest_that_differs_is_reported_and_one_that_agrees_is_not(tmp_path):
     path = write(tmp_path, meta_of(sha512=right), octets)
     assert one(path).remarks == ()
     reported = []
-    assert sha512_remarks(path, lambda done, size: reported.append((done, size))) == ()
+    assert check_sha512(path, lambda done, size: reported.append((done, size))) == ()
     assert reported == [(10_000, 10_000)]
     path.with_suffix(".sigmf-data").write_bytes(octets[:-1] + b"\x00")
     assert "core:sha512" in one(path).remarks[0]
-    assert len(sha512_remarks(path)) == 1
+    assert len(check_sha512(path)) == 1
 
 
 def test_long_data_are_not_digested_on_opening(tmp_path):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyproof.formats.pieces import _CONTENTS, UNFINISHED_RUN, ArrayPieces, Workspace, is_unfinished
-from skyproof.formats.spool import ObservationSpool, gathered
+from skyproof.formats.spool import ObservationSpool, gather
 from skyproof.records import Observations
 from skyproof.testing import MeasuredScene
 
@@ -83,7 +83,7 @@ def test_what_does_not_follow_in_time_is_refused_and_loses_nothing():
 @pytest.mark.parametrize("held_epochs", [0, 15, 40])
 def test_few_pieces_stay_in_memory_and_many_go_to_the_disk(held_epochs, monkeypatch):
     monkeypatch.setattr("skyproof.formats.spool.HELD_EPOCHS", held_epochs)
-    log = gathered(cut(SLIPPING, [10, 20]), "rx1", Workspace())
+    log = gather(cut(SLIPPING, [10, 20]), "rx1", Workspace())
     assert isinstance(log, Observations) == (held_epochs == 40)
     assert_equal(log.read(0, 40), replace(SLIPPING, receiver="rx1"))
 

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from tests.written import write_table
 
 from skyproof.errors import OutputError
-from skyproof.formats.atomic_write import write_lines, writing
-from skyproof.formats.tables import FIXES_COLUMNS, fixes_columns
+from skyproof.formats.atomic_write import write_lines, write_whole
+from skyproof.formats.tables import FIXES_COLUMNS, build_fixes_columns
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.records import Fix, SignalId
 
@@ -90,7 +90,7 @@ def test_a_table_longer_than_a_block_is_whole(tmp_path):
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_a_table_without_rows_keeps_its_columns(tmp_path, ending):
     path = tmp_path / f"fixes.{ending}"
-    write_table(path, fixes_columns([]))
+    write_table(path, build_fixes_columns([]))
     names = pq.read_table(path).column_names if ending == "parquet" else path.read_text().strip().split(",")
     assert names == list(FIXES_COLUMNS)
 
@@ -139,11 +139,11 @@ def test_fixes_have_the_columns_of_the_design():
         "receiver,gpst,kind,lat_deg,lon_deg,height_m,sigma_east_m,sigma_north_m,sigma_up_m,clock_bias_m,satellites,"
         "horizontal_protection_m,vertical_protection_m,hidden_m"
     )
-    assert tuple(fixes_columns([("trusted", fix_of())])) == FIXES_COLUMNS
+    assert tuple(build_fixes_columns([("trusted", fix_of())])) == FIXES_COLUMNS
 
 
 def test_an_epoch_with_a_fix_is_a_row():
-    table = fixes_columns([("trusted", fix_of()), ("false", fix_of("rx2", -33.5, -70.25, status=(1, 0, 0)))])
+    table = build_fixes_columns([("trusted", fix_of()), ("false", fix_of("rx2", -33.5, -70.25, status=(1, 0, 0)))])
     assert table["receiver"].tolist() == ["rx1", "rx1", "rx2", "rx2"]
     assert table["kind"].tolist() == ["trusted", "trusted", "false", "false"]
     assert table["gpst"].astype(str).tolist() == [f"2022-01-01T21:45:{s}.000000000" for s in ("58", "59", "59")] + [
@@ -157,7 +157,7 @@ def test_an_epoch_with_a_fix_is_a_row():
 
 
 def test_sigmas_are_east_north_up():
-    table = fixes_columns([("trusted", fix_of(lat_deg=-20.0, lon_deg=130.0))])
+    table = build_fixes_columns([("trusted", fix_of(lat_deg=-20.0, lon_deg=130.0))])
     np.testing.assert_allclose(table["sigma_east_m"], 1.0, rtol=1e-9)
     np.testing.assert_allclose(table["sigma_north_m"], 2.0, rtol=1e-9)
     np.testing.assert_allclose(table["sigma_up_m"], 5.0, rtol=1e-9)
@@ -165,13 +165,13 @@ def test_sigmas_are_east_north_up():
 
 def test_a_protection_level_that_is_not_promised_is_empty():
     fix = replace(fix_of(), protection_m=np.array([[3.0, 5.0], [np.nan, 6.0], [np.nan, np.nan]]))
-    table = fixes_columns([("trusted", fix), ("false", fix_of())])
+    table = build_fixes_columns([("trusted", fix), ("false", fix_of())])
     np.testing.assert_array_equal(table["horizontal_protection_m"], [3.0, np.nan, np.nan, np.nan])
     np.testing.assert_array_equal(table["vertical_protection_m"], [5.0, 6.0, np.nan, np.nan])
 
 
 def test_csv_and_parquet_of_the_fixes_agree(tmp_path):
-    table = fixes_columns([("trusted", fix_of())])
+    table = build_fixes_columns([("trusted", fix_of())])
     write_table(tmp_path / "fixes.csv", table)
     write_table(tmp_path / "fixes.parquet", table)
     from_parquet = pq.read_table(tmp_path / "fixes.parquet").to_pylist()
@@ -190,14 +190,14 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path):
     path.write_text("old")
 
     def break_off():
-        with writing(path) as file:
+        with write_whole(path) as file:
             file.write(b"half")
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         break_off()
     assert path.read_text() == "old"
-    with writing(path) as file:
+    with write_whole(path) as file:
         file.write(b"new")
         assert path.read_text() == "old"
     assert path.read_text() == "new"

@@ -8,7 +8,7 @@ from tests.written import write_table
 
 from skyproof.errors import InputError
 from skyproof.formats.kml import write_kml
-from skyproof.formats.nmea import nmea_sentences, write_nmea
+from skyproof.formats.nmea import write_nmea, write_nmea_sentences
 from skyproof.formats.track import parse_csv, parse_kml, parse_nmea, read_track
 from skyproof.gnss.frames import ecef_from_geodetic
 
@@ -45,7 +45,7 @@ GGA = "GPGGA,214540.50,5924.600000,N,01652.800000,W,1,09,0.9,10.50,M,60.2,M,,"
 @pytest.mark.parametrize("place", [(59.41, -16.88), (-33.9, 151.2), (0.0, 179.9999)])
 def test_nmea_comes_back_to_its_digits(tmp_path, place):
     gpst, *places = points(20, *place)
-    write_nmea(tmp_path / "a.nmea", nmea_sentences(gpst, *places, 9, speed_m_s=1.0, course_deg=90.0))
+    write_nmea(tmp_path / "a.nmea", write_nmea_sentences(gpst, *places, 9, speed_m_s=1.0, course_deg=90.0))
     track = read_track(tmp_path / "a.nmea")
     assert apart_m(track, places) < 3e-3
     np.testing.assert_array_equal(track.t_s, 0.5 * np.arange(20))
@@ -56,13 +56,13 @@ def test_nmea_comes_back_to_its_digits(tmp_path, place):
 
 def test_nmea_heights_are_altitude_and_separation():
     gpst, *places = points()
-    track = parse_nmea(nmea_sentences(gpst, *places, 9, geoid_separation_m=60.2))
+    track = parse_nmea(write_nmea_sentences(gpst, *places, 9, geoid_separation_m=60.2))
     assert apart_m(track, places) < 6e-3
 
 
 def test_nmea_goes_on_over_midnight():
     later, *places = points(start=np.datetime64("2022-05-04T00:00:13", "ns"))
-    track = parse_nmea(nmea_sentences(later, *places, 9))
+    track = parse_nmea(write_nmea_sentences(later, *places, 9))
     assert track.start_gpst == later[0]
     assert track.t_s[-1] == 9.5
 
@@ -124,7 +124,7 @@ def test_a_table_in_seconds_and_ecef_has_no_date(tmp_path):
 @given(st.floats(-89.9, 89.9), st.floats(-180.0, 180.0), st.floats(-400.0, 20_000.0))
 def test_any_place_comes_back_through_nmea(lat_deg, lon_deg, height_m):
     places = [np.array([value]) for value in (lat_deg, lon_deg, height_m)]
-    track = parse_nmea(nmea_sentences(np.array([START]), *places, 9))
+    track = parse_nmea(write_nmea_sentences(np.array([START]), *places, 9))
     assert apart_m(track, places) < 3e-3
 
 
@@ -167,7 +167,7 @@ def test_a_table_that_holds_no_track_is_refused(text, words):
 def test_damaged_sentences_and_epochs_without_a_fix_are_left_out_and_reported():
     gpst, *places = points()
     places[0][7] = np.nan
-    lines = list(nmea_sentences(gpst, *places, 9, geoid_separation_m=60.2))
+    lines = list(write_nmea_sentences(gpst, *places, 9, geoid_separation_m=60.2))
     lines[0] = lines[0].replace("59", "58")  # GGA of the first epoch; its RMC still has the place
     track = parse_nmea(["noise", *lines, "$GPGSV,1,1,00", line("GPGGA,21454")])
     assert track.t_s.size == 19

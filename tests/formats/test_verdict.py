@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyproof.errors import InputError, OutputError
-from skyproof.formats.verdict import SCHEMA_PATH, read_verdict, verdict_json, verdict_schema, write_verdict
+from skyproof.formats.verdict import SCHEMA_PATH, make_verdict_schema, read_verdict, write_verdict, write_verdict_json
 from skyproof.verdict import Verdict
 
 SAMPLE_PATH = Path(__file__).with_name("verdict-sample.json")
@@ -65,7 +65,7 @@ def objects(value: Any, path: str = "") -> Iterator[tuple[str, str]]:
 
 
 def test_the_keys_are_those_of_the_format_in_its_order() -> None:
-    found = set(objects(json.loads(verdict_json(Verdict.model_validate(SAMPLE)))))
+    found = set(objects(json.loads(write_verdict_json(Verdict.model_validate(SAMPLE)))))
     assert found == set(KEYS.items())
 
 
@@ -73,7 +73,7 @@ def test_what_was_written_reads_back_the_same(tmp_path: Path) -> None:
     verdict = read_verdict(SAMPLE_PATH)
     write_verdict(tmp_path / "verdict.json", verdict)
     text = (tmp_path / "verdict.json").read_text(encoding="utf-8")
-    assert text == verdict_json(verdict)
+    assert text == write_verdict_json(verdict)
     assert text.endswith("}\n")
     assert text.startswith('{\n "format": "skyproof-verdict/2",\n "verdict"')
     assert json.loads(text) == SAMPLE
@@ -84,14 +84,14 @@ def test_what_was_written_reads_back_the_same(tmp_path: Path) -> None:
 def test_numbers_are_not_rounded(value: float) -> None:
     document = copy.deepcopy(SAMPLE)
     document["signals"][0]["doppler_hz"] = value
-    text = verdict_json(Verdict.model_validate(document))
+    text = write_verdict_json(Verdict.model_validate(document))
     assert json.loads(text)["signals"][0]["doppler_hz"] == value
 
 
 def test_text_stays_text() -> None:
     document = copy.deepcopy(SAMPLE)
     document["inputs"][0]["path"] = 'Ø "båt".bin'
-    assert 'Ø \\"båt\\".bin' in verdict_json(Verdict.model_validate(document))
+    assert 'Ø \\"båt\\".bin' in write_verdict_json(Verdict.model_validate(document))
 
 
 # The schema
@@ -161,7 +161,7 @@ def faults(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> Iterator
 
 def test_the_published_schema_is_the_one_of_the_models() -> None:
     published = json.loads(SCHEMA_PATH.read_text(encoding="utf-8"))
-    assert published == verdict_schema(), (
+    assert published == make_verdict_schema(), (
         "write it anew: python -c 'import json; from skyproof.formats.verdict import *; "
         'SCHEMA_PATH.write_text(json.dumps(verdict_schema(), indent=1) + "\\n")\''
     )
@@ -200,7 +200,7 @@ def descriptions(schema: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 def test_every_number_has_its_unit_in_the_schema() -> None:
     units = {"_m": "metres", "_s": "seconds", "_hz": "hertz", "_deg": "degrees", "_dbhz": "dB-Hz", "_gpst": "GPS time"}
-    for name, description in descriptions(verdict_schema()):
+    for name, description in descriptions(make_verdict_schema()):
         for suffix, unit in units.items():
             assert not name.endswith(suffix) or unit in description, name
 

@@ -95,7 +95,7 @@ class Invented:
         )
 
     @staticmethod
-    def restated(finding, **changes):
+    def restate(finding, **changes):
         """The same but for these fields of what the detector says."""
         return finding_from_evidence(replace(finding.estimates["evidence"], **changes))
 

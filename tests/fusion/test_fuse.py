@@ -201,7 +201,7 @@ def test_a_test_that_fails_in_one_window_makes_the_run_suspect(invented, pair):
 def test_only_a_rejected_sky_is_a_suspicion(invented, pair, changes):
     failed = invented.evidence(2, "undecided", *SKY)
     assert fuse([failed], pair, []).verdict == "suspect"
-    assert fuse([invented.restated(failed, **changes)], pair, []).verdict == "no_attack_seen"
+    assert fuse([invented.restate(failed, **changes)], pair, []).verdict == "no_attack_seen"
 
 
 def test_a_suspicion_is_dated_by_the_test_that_dates_it(invented, pair):
@@ -250,7 +250,7 @@ def test_an_attack_is_dated_by_what_overruled_just_before(invented, pair):
     attack = invented.evidence(2, "attack", *SKY)
     failed = invented.evidence(1, "undecided", *SKY, detector="two", dated_gpst=invented.at(16.5))
     assert fuse([failed, attack], pair, []).onset.seen == invented.at(30.0)
-    overruled = invented.restated(failed, overrules=True)
+    overruled = invented.restate(failed, overrules=True)
     assert fuse([overruled, attack], pair, []).onset.seen == invented.at(16.5)
     long_ago = replace(overruled, dated_gpst=invented.at(4.0))
     assert fuse([long_ago, attack], pair, []).onset.seen == invented.at(30.0)

@@ -182,7 +182,7 @@ def test_a_failed_test_that_overrules_leaves_its_signals_open_whatever_others_sa
     labels = label_signals(evidence, [invented.observations()])
     assert [label for label, *_ in stretches(labels)] == ["authentic", "unknown", "authentic"]
     assert stretches(labels, "G10a") == [("authentic", 0, 39)]
-    passed = invented.restated(broken, p_value=0.5)
+    passed = invented.restate(broken, p_value=0.5)
     assert stretches(label_signals([*evidence[:-1], passed], [invented.observations()])) == [("authentic", 0, 39)]
 
 

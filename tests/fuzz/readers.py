@@ -15,16 +15,16 @@ from tests.logs.test_ubx import gps, hardware, pvt, radio, rawx
 
 from skyproof.app.common.platform import read_platform
 from skyproof.formats.attitude import read_attitude
-from skyproof.formats.byte_io import content_of
+from skyproof.formats.byte_io import read_content
 from skyproof.formats.imu import read_imu
 from skyproof.formats.raw import open_raw
-from skyproof.formats.readings import header_length, likely_packings
+from skyproof.formats.readings import list_likely_packings, measure_header
 from skyproof.formats.recording import open_recording
-from skyproof.formats.rinex_nav import glonass_channels, read_nav
-from skyproof.formats.rinex_obs_pieces import following, obs_pieces
+from skyproof.formats.rinex_nav import get_glonass_channels, read_nav
+from skyproof.formats.rinex_obs_pieces import continue_pieces, read_obs_pieces
 from skyproof.formats.rinex_obs_read import read_obs
-from skyproof.formats.sigmf import open_sigmf, sha512_remarks
-from skyproof.formats.signatures import head_of, other_than_samples, wav_header
+from skyproof.formats.sigmf import check_sha512, open_sigmf
+from skyproof.formats.signatures import identify_other, read_head, read_wav_header
 from skyproof.formats.track import read_track
 from skyproof.formats.verdict import read_verdict
 from skyproof.logs.content import Beside
@@ -65,7 +65,7 @@ def _in_time(*instants: np.datetime64 | None) -> None:
 
 def _nav(path: Path) -> None:
     navigation = read_nav(path)
-    glonass_channels(navigation)
+    get_glonass_channels(navigation)
     _in_time(*(ephemeris.reference_gpst for ephemeris in navigation.ephemerides))
 
 
@@ -76,13 +76,13 @@ def _obs(path: Path) -> None:
 
 def _content(path: Path) -> bytes:
     """Read what is given on in blocks, from regular files only, as all readers do."""
-    return content_of(path, 1 << 30, "the file", "give a smaller one")
+    return read_content(path, 1 << 30, "the file", "give a smaller one")
 
 
 def _pieces(path: Path) -> None:
     content = _content(path)
     blocks = (content[k : k + 3001] for k in range(0, len(content), 3001))
-    for piece in following(found.observations for found in obs_pieces(blocks, piece_bytes=4096)):
+    for piece in continue_pieces(found.observations for found in read_obs_pieces(blocks, piece_bytes=4096)):
         _in_time(piece.gpst.min(), piece.gpst.max())
 
 
@@ -114,17 +114,17 @@ def _sidecar(path: Path) -> None:
 
 def _sigmf(path: Path) -> None:
     _samples(open_sigmf(path))
-    sha512_remarks(path)
+    check_sha512(path)
 
 
 def _bytes(path: Path) -> None:
-    head = head_of(path)
-    other_than_samples(head)
-    wav_header(head)
+    head = read_head(path)
+    identify_other(head)
+    read_wav_header(head)
     octets = np.fromfile(path, np.uint8)
-    header_length(octets)
+    measure_header(octets)
     if octets.size >= 64:
-        likely_packings(octets[: octets.size // 16 * 16])
+        list_likely_packings(octets[: octets.size // 16 * 16])
 
 
 def _any(path: Path) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.gnss.codes import UNUSED_DELAYS_CHIPS, UNUSED_PRNS, ca_code, gold_code
+from skyproof.gnss.codes import UNUSED_DELAYS_CHIPS, UNUSED_PRNS, generate_ca_code, generate_gold_code
 
 FIRST_TEN_OCTAL = (
     0o1440, 0o1620, 0o1710, 0o1744, 0o1133, 0o1455, 0o1131, 0o1454, 0o1626, 0o1504, 0o1642, 0o1750, 0o1764, 0o1772,
@@ -24,7 +24,7 @@ G2_STAGES = (
 
 
 def first_ten(prn):
-    return int("".join("1" if chip < 0 else "0" for chip in ca_code(prn)[:10]), 2)
+    return int("".join("1" if chip < 0 else "0" for chip in generate_ca_code(prn)[:10]), 2)
 
 
 def code_by_stages(stage_a, stage_b):
@@ -49,11 +49,11 @@ def test_the_first_ten_chips_of_sbas_are_those_of_the_standard(prn, octal):
 
 @pytest.mark.parametrize(("prn", "stages"), [*enumerate(G2_STAGES, start=1)])
 def test_a_delayed_register_equals_the_sum_of_two_stages(prn, stages):
-    np.testing.assert_array_equal(ca_code(prn), code_by_stages(*stages))
+    np.testing.assert_array_equal(generate_ca_code(prn), code_by_stages(*stages))
 
 
 def test_codes_are_gold_codes():
-    codes = np.array([ca_code(prn) for prn in range(1, 33)], dtype=float)
+    codes = np.array([generate_ca_code(prn) for prn in range(1, 33)], dtype=float)
     assert set(codes.sum(axis=-1)) == {-1.0}  # 512 ones, 511 zeros
     spectra = np.fft.fft(codes)
     products = np.rint(np.fft.ifft(spectra[:, None] * spectra.conj()).real).astype(int)
@@ -65,20 +65,20 @@ def test_codes_are_gold_codes():
 
 
 def test_a_code_is_made_once_and_read_only():
-    assert ca_code(5) is ca_code(5)
-    assert ca_code(5).dtype == np.int8
+    assert generate_ca_code(5) is generate_ca_code(5)
+    assert generate_ca_code(5).dtype == np.int8
     with pytest.raises(ValueError, match="read-only"):
-        ca_code(5)[0] = 0
+        generate_ca_code(5)[0] = 0
 
 
 def test_codes_for_calibrating_belong_to_no_satellite():
-    sent = {ca_code(prn).tobytes() for prn in (*range(1, 33), *range(120, 159), *range(193, 203))}
-    assert not sent & {ca_code(prn).tobytes() for prn in UNUSED_PRNS}
-    assert not sent & {gold_code(delay).tobytes() for delay in UNUSED_DELAYS_CHIPS}
+    sent = {generate_ca_code(prn).tobytes() for prn in (*range(1, 33), *range(120, 159), *range(193, 203))}
+    assert not sent & {generate_ca_code(prn).tobytes() for prn in UNUSED_PRNS}
+    assert not sent & {generate_gold_code(delay).tobytes() for delay in UNUSED_DELAYS_CHIPS}
     assert len(UNUSED_DELAYS_CHIPS) == 1023 - 209  # PRN 34 and 37 share one
 
 
 @pytest.mark.parametrize("prn", [0, 211, -3])
 def test_a_prn_without_a_code_is_refused(prn):
     with pytest.raises(ValueError, match=rf"PRN {prn} "):
-        ca_code(prn)
+        generate_ca_code(prn)

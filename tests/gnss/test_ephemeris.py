@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 
 from skyproof.gnss.ephemeris import NavigationData
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import gpst
 
-EPHEMERIS = nominal_constellation(gpst(2190, 0.0)).ephemerides[4]
+EPHEMERIS = make_nominal_constellation(gpst(2190, 0.0)).ephemerides[4]
 
 
 def test_the_ephemeris_nearest_in_time_is_the_best_one():

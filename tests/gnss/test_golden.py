@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from skyproof.formats.rinex_nav import read_nav
-from skyproof.gnss.atmosphere import klobuchar_delay_s, saastamoinen_zenith_m
+from skyproof.gnss.atmosphere import compute_klobuchar_s, compute_saastamoinen_m
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Klobuchar
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.orbits import compute_satellite_state_s
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.gnss.time import gpst, gpst_from_utc, leap_seconds, utc_from_gpst, week_and_tow
 
 # RTKLIB (pyrtklib 0.2.7), readrnx and eph2pos: file, satellite, week, second of week, IODE, ECEF m, clock s.
@@ -94,7 +94,7 @@ WEEKS = (
 def test_orbits_and_clocks_are_those_of_rtklib(shared_data, file, sat, week, tow_s, iode, position_m, clock_s):
     ephemeris = read_nav(shared_data / file).best(sat, gpst(week, tow_s))
     assert ephemeris.iode == iode
-    state = satellite_state_s(ephemeris, week, tow_s)
+    state = compute_satellite_state_s(ephemeris, week, tow_s)
     np.testing.assert_allclose(state.position_ecef_m, position_m, rtol=0.0, atol=1e-4)
     # RTKLIB reads the polynomial at satellite time less its own clock: af1 times half a millisecond is 1e-14 s.
     assert abs(float(state.clock_s) - clock_s) < 3e-14
@@ -102,14 +102,14 @@ def test_orbits_and_clocks_are_those_of_rtklib(shared_data, file, sat, week, tow
 
 @pytest.mark.parametrize(("lat_deg", "lon_deg", "az_deg", "el_deg", "tow_s", "delay_m"), IONOSPHERE)
 def test_the_ionosphere_is_that_of_rtklib(lat_deg, lon_deg, az_deg, el_deg, tow_s, delay_m):
-    delay_s = klobuchar_delay_s(KLOBUCHAR, *np.radians([lat_deg, lon_deg, az_deg, el_deg]), tow_s)
+    delay_s = compute_klobuchar_s(KLOBUCHAR, *np.radians([lat_deg, lon_deg, az_deg, el_deg]), tow_s)
     assert float(delay_s) * SPEED_OF_LIGHT_M_S == pytest.approx(delay_m, abs=1e-6)
 
 
 @pytest.mark.parametrize(("lat_deg", "height_m", "zenith_m"), TROPOSPHERE)
 def test_the_troposphere_at_the_zenith_is_that_of_rtklib(lat_deg, height_m, zenith_m):
     # Both after Saastamoinen with a vapour pressure by the same formula; 0.1 mm.
-    assert float(saastamoinen_zenith_m(np.radians(lat_deg), height_m)) == pytest.approx(zenith_m, abs=1e-4)
+    assert float(compute_saastamoinen_m(np.radians(lat_deg), height_m)) == pytest.approx(zenith_m, abs=1e-4)
 
 
 @pytest.mark.parametrize(("lat_deg", "lon_deg", "height_m", "ecef_m"), PLACES)
@@ -127,7 +127,7 @@ def test_directions_are_those_of_pymap3d(lat_deg, lon_deg, height_m, enu_m, az_d
     lat_rad, lon_rad = np.radians([lat_deg, lon_deg])
     here_m = ecef_from_geodetic(lat_rad, lon_rad, height_m)
     np.testing.assert_allclose(rot_enu_ecef(lat_rad, lon_rad) @ (SEEN_M - here_m), enu_m, rtol=0.0, atol=2e-5)
-    az_rad, el_rad = azimuth_elevation(here_m, SEEN_M)
+    az_rad, el_rad = compute_azimuth_elevation(here_m, SEEN_M)
     assert np.degrees(az_rad) == pytest.approx(az_deg, abs=1e-9)
     assert np.degrees(el_rad) == pytest.approx(el_deg, abs=1e-9)
 

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyproof.formats.rinex_nav import read_nav
-from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
-from skyproof.gnss.codes import ca_code
+from skyproof.gnss.atmosphere import compute_klobuchar_s, compute_troposphere_m
+from skyproof.gnss.codes import generate_ca_code
 from skyproof.gnss.constants import GPS_PI, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Klobuchar, UtcParameters
 from skyproof.gnss.frames import ecef_from_geodetic
@@ -24,11 +24,11 @@ from skyproof.gnss.lnav import (
     ephemeris_from_subframes,
     find_subframes,
     ionosphere_and_utc,
-    quantised,
+    quantise,
 )
-from skyproof.gnss.nominal import NOMINAL_KLOBUCHAR, nominal_constellation
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
+from skyproof.gnss.nominal import NOMINAL_KLOBUCHAR, make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state_s
+from skyproof.gnss.sky import compute_azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import parse_iso
 
 G32 = {
@@ -69,7 +69,7 @@ G32 = {
         0x14C110EC,
     ),
 }
-NAVIGATION = nominal_constellation(parse_iso("2022-01-01T21:46:00"))
+NAVIGATION = make_nominal_constellation(parse_iso("2022-01-01T21:46:00"))
 EPHEMERIS = NAVIGATION.ephemerides[4]
 UTC = UtcParameters(a0=2.79396772385e-09, a1=7.9936057773e-15, tot=147456.0, wnt=2191, leap_seconds=18)
 STREAM = encode_subframes(EPHEMERIS, NOMINAL_KLOBUCHAR, UTC, 596760, 2190, 10)
@@ -148,12 +148,12 @@ def test_real_messages_explain_real_pseudoranges(shared_data):
             eph = ephemeris_from_subframes(found[1], found[2], found[3], f"G{prn:02d}", week + 100)
             assert eph.week == week
             travel_s = measured_m[prn] / SPEED_OF_LIGHT_M_S
-            state = satellite_state_s(eph, week, tow_s - travel_s)
+            state = compute_satellite_state_s(eph, week, tow_s - travel_s)
             sat_m = rotate_to_reception(state.position_ecef_m, travel_s)
-            az_rad, el_rad = azimuth_elevation(rx_m, sat_m)
-            iono_s = klobuchar_delay_s(NOMINAL_KLOBUCHAR, lat_rad, lon_rad, az_rad, el_rad, tow_s)
+            az_rad, el_rad = compute_azimuth_elevation(rx_m, sat_m)
+            iono_s = compute_klobuchar_s(NOMINAL_KLOBUCHAR, lat_rad, lon_rad, az_rad, el_rad, tow_s)
             clock_s = state.clock_s - eph.tgd
-            expected_m = np.linalg.norm(sat_m - rx_m) + troposphere_delay_m(lat_rad, height_m, el_rad)
+            expected_m = np.linalg.norm(sat_m - rx_m) + compute_troposphere_m(lat_rad, height_m, el_rad)
             residuals_m.append(measured_m[prn] - expected_m - SPEED_OF_LIGHT_M_S * (iono_s - clock_s))
     assert len(residuals_m) >= 4
     assert np.ptp(residuals_m) < 20.0  # beside the receiver's clock there are left: another day's ionosphere, noise
@@ -176,7 +176,7 @@ def rendered_subframes(shared_data, authentic_rows):
         rate_hz_s = (rows["doppler_hz"][k + 1] - rows["doppler_hz"][k]) / second_s
         phase_cyc = rows["phase_cycles"][k] + rows["doppler_hz"][k] * t_s + rate_hz_s * t_s**2 / 2.0
         send_s = sent_s[k] + (sent_s[k + 1] - sent_s[k]) * t_s / second_s
-        code = ca_code(18)[np.floor(send_s * 1.023e6 % 1023).astype(int)]
+        code = generate_ca_code(18)[np.floor(send_s * 1.023e6 % 1023).astype(int)]
         bits = np.floor(send_s / 0.02).astype(int) - first_bit
         upright = (samples * np.exp(-2j * np.pi * phase_cyc)).real * code
         sums += np.bincount(bits[bits >= 0], upright[bits >= 0], 3000)
@@ -294,7 +294,7 @@ def test_every_field_of_an_ephemeris_comes_back(eph, inverted):
     stream = encode_subframes(eph, None, None, 596760, 2190, 3) ^ inverted
     back = ephemeris_from_subframes(*subframes_of(stream), eph.sat, 2000)
     assert repr(back) == repr(eph)
-    assert repr(quantised(eph)) == repr(eph)
+    assert repr(quantise(eph)) == repr(eph)
 
 
 @settings(max_examples=60)
@@ -328,7 +328,7 @@ def test_only_page_18_of_subframe_4_holds_the_ionosphere():
 
 def test_a_real_ephemeris_keeps_its_values_to_a_step_of_the_message():
     eph = replace(EPHEMERIS, m0=1.23456789012345, crs=-84.91, af0=-1.17e-4)
-    sent = quantised(eph)
+    sent = quantise(eph)
     assert sent.m0 == pytest.approx(eph.m0, abs=GPS_PI * 2.0**-32)
     assert sent.crs == -84.90625
     assert sent.af0 == pytest.approx(eph.af0, abs=2.0**-32)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.ephemeris import GlonassEphemeris
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbit_agreement import contradicted
-from skyproof.gnss.orbit_faults import orbit_fault
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbit_agreement import find_contradicted
+from skyproof.gnss.orbit_faults import find_orbit_fault
 from skyproof.gnss.time import gpst
 
-FIRST = nominal_constellation(gpst(2300, 7200.0)).ephemerides[0]
+FIRST = make_nominal_constellation(gpst(2300, 7200.0)).ephemerides[0]
 GLONASS = GlonassEphemeris(  # R10 of KMS3, 8 June 2022
     sat="R10",
     week=2213,
@@ -46,7 +46,7 @@ SETS = tuple(follow(FIRST, hours) for hours in (0, 2, 4))
 
 
 def test_data_sets_of_one_orbit_agree():
-    assert contradicted(SETS) == {}
+    assert find_contradicted(SETS) == {}
 
 
 @pytest.mark.parametrize(
@@ -59,26 +59,26 @@ def test_the_one_that_contradicts_two_is_named(change, which):
     ((name, by),) = change.items()
     sets = list(SETS)
     sets[which] = replace(sets[which], **{name: getattr(sets[which], name) + by})
-    assert set(contradicted(sets)) == {which}
+    assert set(find_contradicted(sets)) == {which}
 
 
 def test_of_two_alone_that_differ_neither_is_believed():
-    assert set(contradicted((FIRST, replace(FIRST, m0=FIRST.m0 + 1e-4)))) == {0, 1}
+    assert set(find_contradicted((FIRST, replace(FIRST, m0=FIRST.m0 + 1e-4)))) == {0, 1}
 
 
 def test_of_two_for_one_time_the_neighbours_tell():
     wrong = replace(SETS[1], m0=SETS[1].m0 + 1e-4)
-    assert set(contradicted((*SETS, wrong))) == {3}
+    assert set(find_contradicted((*SETS, wrong))) == {3}
 
 
 def test_equal_copies_and_the_unhealthy_say_nothing():
-    assert contradicted((FIRST, FIRST, replace(FIRST, health=63, m0=FIRST.m0 + 1.0))) == {}
+    assert find_contradicted((FIRST, FIRST, replace(FIRST, health=63, m0=FIRST.m0 + 1.0))) == {}
 
 
 def test_a_glonass_orbit_with_another_one_is_named():
     wrong = replace(GLONASS, position_m=tuple(1.001 * x for x in GLONASS.position_m))
-    assert orbit_fault(GLONASS) is None
-    assert set(contradicted((GLONASS, wrong))) == {0, 1}
+    assert find_orbit_fault(GLONASS) is None
+    assert set(find_contradicted((GLONASS, wrong))) == {0, 1}
 
 
 @pytest.mark.parametrize(
@@ -98,8 +98,8 @@ def test_a_glonass_orbit_with_another_one_is_named():
     ids=lambda change: "-".join(change),
 )
 def test_what_no_message_holds_is_a_fault(change):
-    assert orbit_fault(FIRST) is None
-    assert orbit_fault(replace(FIRST, **change)) is not None
+    assert find_orbit_fault(FIRST) is None
+    assert find_orbit_fault(replace(FIRST, **change)) is not None
 
 
 @pytest.mark.parametrize(
@@ -115,4 +115,4 @@ def test_what_no_message_holds_is_a_fault(change):
     ids=lambda change: "-".join(change),
 )
 def test_what_no_glonass_message_holds_is_a_fault(change):
-    assert orbit_fault(replace(GLONASS, **change)) is not None
+    assert find_orbit_fault(replace(GLONASS, **change)) is not None

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyproof.formats.rinex_nav import read_nav
-from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
+from skyproof.gnss.atmosphere import compute_klobuchar_s, compute_troposphere_m
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef
-from skyproof.gnss.orbits import satellite_state, satellite_state_s
-from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
+from skyproof.gnss.orbits import compute_satellite_state, compute_satellite_state_s
+from skyproof.gnss.sky import compute_azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import gpst, gpst_from_utc
 
 # G05 of 1 January 2022, 22:00, from the IGS broadcast file of the day, rounded; every term is at work.
@@ -76,14 +76,14 @@ def slow_position_m(eph, tk):
 @given(st.floats(-4 * 3600.0, 4 * 3600.0), st.floats(0.0, 0.03), st.floats(-np.pi, np.pi))
 def test_positions_are_those_of_an_independent_computation(since_toe_s, e, m0):
     eph = replace(EPHEMERIS, e=e, m0=m0)
-    ours_m = satellite_state_s(eph, eph.week, eph.toe + since_toe_s).position_ecef_m
+    ours_m = compute_satellite_state_s(eph, eph.week, eph.toe + since_toe_s).position_ecef_m
     np.testing.assert_allclose(ours_m, slow_position_m(eph, since_toe_s), atol=1e-6)
 
 
 @given(st.floats(-4 * 3600.0, 4 * 3600.0))
 def test_velocity_and_clock_drift_are_the_rates_of_position_and_clock(since_toe_s):
     eph = replace(EPHEMERIS, af2=1e-16, e=0.02)
-    states = satellite_state_s(eph, eph.week, eph.toe + since_toe_s + np.array([-1.0, 0.0, 1.0]))
+    states = compute_satellite_state_s(eph, eph.week, eph.toe + since_toe_s + np.array([-1.0, 0.0, 1.0]))
     moved_m = states.position_ecef_m[2] - states.position_ecef_m[0]
     np.testing.assert_allclose(states.velocity_ecef_m_s[1], moved_m / 2.0, atol=1e-4)  # third derivative / 6: 2e-5
     gained_s = states.clock_s[2] - states.clock_s[0]
@@ -95,32 +95,32 @@ def test_the_clock_holds_polynomial_and_relativity_but_no_group_delay():
     eccentric_rad = np.pi / 2 + 0.01  # to first order of e
     # IS-GPS-200N, 20.3.3.3.3.1.
     expected_s = 1e-4 - 4.442807633e-10 * 0.01 * eph.sqrt_a * np.sin(eccentric_rad)
-    assert satellite_state_s(eph, eph.week, eph.toe).clock_s == pytest.approx(expected_s, abs=1e-14)
-    later = satellite_state_s(replace(EPHEMERIS, e=0.0), EPHEMERIS.week, EPHEMERIS.toc + 1000.0)
+    assert compute_satellite_state_s(eph, eph.week, eph.toe).clock_s == pytest.approx(expected_s, abs=1e-14)
+    later = compute_satellite_state_s(replace(EPHEMERIS, e=0.0), EPHEMERIS.week, EPHEMERIS.toc + 1000.0)
     assert later.clock_s == pytest.approx(-1.1e-4 - 3.4e-9 + 2e-13, abs=1e-18)
 
 
 def test_instants_and_seconds_of_week_give_the_same_state():
     tow_s = np.linspace(590000.0, 604000.0, 6).reshape(2, 3).round(3)
-    by_label = satellite_state(EPHEMERIS, gpst(np.array(2190), tow_s))
-    by_second = satellite_state_s(EPHEMERIS, 2190, tow_s)
+    by_label = compute_satellite_state(EPHEMERIS, gpst(np.array(2190), tow_s))
+    by_second = compute_satellite_state_s(EPHEMERIS, 2190, tow_s)
     assert by_label.position_ecef_m.shape == by_label.velocity_ecef_m_s.shape == (2, 3, 3)
     assert by_label.clock_s.shape == by_label.clock_drift.shape == (2, 3)
     np.testing.assert_allclose(by_label.position_ecef_m, by_second.position_ecef_m, atol=1e-5)
     np.testing.assert_allclose(by_label.clock_s, by_second.clock_s, atol=1e-19)
-    one = satellite_state(EPHEMERIS, gpst(2190, 590000.0))
+    one = compute_satellite_state(EPHEMERIS, gpst(2190, 590000.0))
     assert one.position_ecef_m.shape == (3,)
     np.testing.assert_array_equal(one.position_ecef_m, by_label.position_ecef_m[0, 0])
 
 
 def test_an_orbit_runs_on_over_the_end_of_the_week():
     eph = replace(EPHEMERIS, week=2191, toe=0.0, toc_week=2191, toc=0.0)
-    across = satellite_state_s(eph, [2190, 2190, 2191, 2191], [604799.0, 604800.0, 0.0, 1.0])
+    across = compute_satellite_state_s(eph, [2190, 2190, 2191, 2191], [604799.0, 604800.0, 0.0, 1.0])
     np.testing.assert_allclose(across.position_ecef_m[1], across.position_ecef_m[2], atol=1e-9)
     steps_m = np.diff(across.position_ecef_m[[0, 2, 3]], axis=0)
     np.testing.assert_allclose(steps_m[0], steps_m[1], atol=1.0)
     old_toe = replace(EPHEMERIS, toe=0.0, week=2190, toc_week=2189, toc=604784.0)
-    assert abs(satellite_state_s(old_toe, 2190, 0.0).clock_s - old_toe.af0) < 1e-7  # 16 s after toc, not a week
+    assert abs(compute_satellite_state_s(old_toe, 2190, 0.0).clock_s - old_toe.af0) < 1e-7  # 16 s after toc, not a week
 
 
 @pytest.mark.shared_data
@@ -139,11 +139,11 @@ def test_the_sky_of_an_independent_program_is_ours(shared_data, authentic_rows):
         eph = navigation.best(f"G{prn:02d}", gpst(2190, tow_s[0]))
         delay_s = np.full_like(tow_s, 0.075)
         for _ in range(5):
-            state = satellite_state_s(eph, 2190, tow_s - delay_s)
+            state = compute_satellite_state_s(eph, 2190, tow_s - delay_s)
             range_m = np.linalg.norm(rotate_to_reception(state.position_ecef_m, delay_s) - rx_m, axis=-1)
-            az_rad, el_rad = azimuth_elevation(rx_m, rotate_to_reception(state.position_ecef_m, delay_s))
-            iono_s = klobuchar_delay_s(navigation.ionosphere, lat_rad, lon_rad, az_rad, el_rad, tow_s)
-            tropo_s = troposphere_delay_m(lat_rad, height_m, el_rad) / SPEED_OF_LIGHT_M_S
+            az_rad, el_rad = compute_azimuth_elevation(rx_m, rotate_to_reception(state.position_ecef_m, delay_s))
+            iono_s = compute_klobuchar_s(navigation.ionosphere, lat_rad, lon_rad, az_rad, el_rad, tow_s)
+            tropo_s = compute_troposphere_m(lat_rad, height_m, el_rad) / SPEED_OF_LIGHT_M_S
             delay_s = range_m / SPEED_OF_LIGHT_M_S + iono_s + tropo_s
         code_delay_s = delay_s - (state.clock_s - eph.tgd)
         np.testing.assert_allclose(np.degrees(az_rad), rows["az_deg"][mine], atol=1e-4)  # written to four decimals
@@ -163,7 +163,10 @@ def test_neighbouring_broadcast_orbits_agree_where_they_meet(shared_data):
         for second in ephemerides:
             if first.sat == second.sat and (first.week, first.toe + 7200.0) == (second.week, second.toe):
                 middle = gpst(first.week, first.toe + 3600.0)
-                gap_m = satellite_state(first, middle).position_ecef_m - satellite_state(second, middle).position_ecef_m
+                gap_m = (
+                    compute_satellite_state(first, middle).position_ecef_m
+                    - compute_satellite_state(second, middle).position_ecef_m
+                )
                 gaps_m.append(np.linalg.norm(gap_m))
     assert len(gaps_m) > 250
     assert np.median(gaps_m) < 1.0  # the control segment's fits: metres at the worst, decimetres as a rule
@@ -210,7 +213,9 @@ def test_satellites_are_where_the_tracking_radars_see_them(shared_data):
             utc, radar_m = two_line_position_m(first, second)
             eph = navigation.best(name.strip(), gpst_from_utc(utc), max_age_s=3600.0)
             if eph is not None:
-                gaps_m.append(np.linalg.norm(satellite_state(eph, gpst_from_utc(utc)).position_ecef_m - radar_m))
+                gaps_m.append(
+                    np.linalg.norm(compute_satellite_state(eph, gpst_from_utc(utc)).position_ecef_m - radar_m)
+                )
     assert len(gaps_m) >= 15
     assert np.median(gaps_m) < 25e3
     assert max(gaps_m) < 60e3

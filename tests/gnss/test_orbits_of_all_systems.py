@@ -10,7 +10,7 @@ from tests.gnss.orbit_twin import clock_polynomial_s
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.gnss import orbit_kernels
 from skyproof.gnss.ephemeris import Ephemeris, GlonassEphemeris, NavigationData, group_delay_s
-from skyproof.gnss.orbits import satellite_state, satellite_state_s
+from skyproof.gnss.orbits import compute_satellite_state, compute_satellite_state_s
 from skyproof.gnss.time import gpst
 
 # RTKLIB (pyrtklib 0.2.7), readrnx with eph2pos and geph2pos, on real/rinex-mosaic-1m/base.nav: satellite, message,
@@ -48,7 +48,7 @@ def test_positions_and_clocks_are_those_of_rtklib(shared_data, sat, message, tow
     at = gpst(2320, tow_s)
     (eph, *_) = [e for e in navigation.ephemerides if e.sat == sat and getattr(e, "message", "FDMA") == message
                  and abs((at - e.reference_gpst) / np.timedelta64(1, "ns") - since_s * 1e9) < 0.5]  # fmt: skip
-    state = satellite_state(eph, at)
+    state = compute_satellite_state(eph, at)
     # The printed digits; of GLONASS RTKLIB has a GM that ends at ...44 instead of 4418: 2 mm in 20 min.
     tolerance_m = 3e-3 if sat[0] == "R" else 2e-4
     np.testing.assert_allclose(state.position_ecef_m, ecef_m, rtol=0, atol=tolerance_m)
@@ -59,8 +59,8 @@ def test_positions_and_clocks_are_those_of_rtklib(shared_data, sat, message, tow
                          ids=["geostationary", "BeiDou", "Galileo", "GLONASS"])  # fmt: skip
 def test_velocity_and_drift_are_the_rates_of_position_and_clock(eph):
     tow_s = eph.toe + np.array([-700.0, 10.0, 845.0])
-    before, after = (satellite_state_s(eph, eph.week, tow_s + h) for h in (-0.5, 0.5))
-    state = satellite_state_s(eph, eph.week, tow_s)
+    before, after = (compute_satellite_state_s(eph, eph.week, tow_s + h) for h in (-0.5, 0.5))
+    state = compute_satellite_state_s(eph, eph.week, tow_s)
     np.testing.assert_allclose(after.position_ecef_m - before.position_ecef_m, state.velocity_ecef_m_s, atol=2e-6)
     np.testing.assert_allclose(after.clock_s - before.clock_s, state.clock_drift, atol=1e-19)
 
@@ -83,17 +83,17 @@ def test_the_kernel_of_orbits_equals_its_numpy_twin(eph, kernel):
 
 def test_an_instant_of_glonass_does_not_depend_on_which_others_are_asked_for():
     tow_s = GLONASS.toe + np.linspace(-900.0, 900.0, 37)
-    together = satellite_state_s(GLONASS, GLONASS.week, tow_s.reshape(1, 37)).position_ecef_m[0]
-    alone = np.array([satellite_state_s(GLONASS, GLONASS.week, t).position_ecef_m for t in tow_s])
+    together = compute_satellite_state_s(GLONASS, GLONASS.week, tow_s.reshape(1, 37)).position_ecef_m[0]
+    alone = np.array([compute_satellite_state_s(GLONASS, GLONASS.week, t).position_ecef_m for t in tow_s])
     np.testing.assert_array_equal(together, alone)
-    assert np.isnan(satellite_state_s(GLONASS, GLONASS.week + 1, GLONASS.toe).position_ecef_m).all()
+    assert np.isnan(compute_satellite_state_s(GLONASS, GLONASS.week + 1, GLONASS.toe).position_ecef_m).all()
 
 
 def test_glonass_there_and_back_comes_home():
-    state = satellite_state_s(GLONASS, GLONASS.week, GLONASS.toe + 900.0)
+    state = compute_satellite_state_s(GLONASS, GLONASS.week, GLONASS.toe + 900.0)
     there = replace(GLONASS, toe=GLONASS.toe + 900.0, position_m=tuple(state.position_ecef_m),
                     velocity_m_s=tuple(state.velocity_ecef_m_s))  # fmt: skip
-    back = satellite_state_s(there, GLONASS.week, GLONASS.toe)
+    back = compute_satellite_state_s(there, GLONASS.week, GLONASS.toe)
     np.testing.assert_allclose(back.position_ecef_m, GLONASS.position_m, atol=1e-4)
 
 

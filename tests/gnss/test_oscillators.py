@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES, clock_step
+from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES, compute_clock_step
 from skyproof.simulator.clocks import clock
 
 
@@ -11,8 +11,8 @@ from skyproof.simulator.clocks import clock
 def test_two_states_have_at_least_the_allan_deviation_of_the_class(name):
     oscillator = OSCILLATORS[name]
     tau = np.geomspace(0.1, 1000.0, 25)
-    white = clock_step(oscillator, 1e-3)[1][0, 0] / 1e-3
-    walk = clock_step(oscillator, 1.0)[1][1, 1]
+    white = compute_clock_step(oscillator, 1e-3)[1][0, 0] / 1e-3
+    walk = compute_clock_step(oscillator, 1.0)[1][1, 1]
     found = np.sqrt(white / tau + walk * tau / 3.0)
     assert np.all(found >= oscillator.allan_deviation(tau) * (1 - 1e-3))
     middle = np.sqrt(white / 30.0 + walk * 10.0)
@@ -20,9 +20,9 @@ def test_two_states_have_at_least_the_allan_deviation_of_the_class(name):
 
 
 def test_steps_add_up():
-    whole, noise = clock_step(OSCILLATORS["ocxo"], 10.0)
-    first, first_noise = clock_step(OSCILLATORS["ocxo"], 4.0)
-    second, second_noise = clock_step(OSCILLATORS["ocxo"], 6.0)
+    whole, noise = compute_clock_step(OSCILLATORS["ocxo"], 10.0)
+    first, first_noise = compute_clock_step(OSCILLATORS["ocxo"], 4.0)
+    second, second_noise = compute_clock_step(OSCILLATORS["ocxo"], 6.0)
     assert second @ first == pytest.approx(whole)
     assert second @ first_noise @ second.T + second_noise == pytest.approx(noise, rel=1e-12)
 
@@ -34,8 +34,8 @@ def test_clocks_are_off_as_far_as_predicted(name, least):
     for seed in range(60):
         phase = clock(name, seed=seed, duration_s=40.0).offset_s(np.array([0.0, 5.0, 35.0]))
         slope = (phase[1] - phase[0]) / 5.0
-        _, noise = clock_step(OSCILLATORS[name], 5.0)
-        moves, later = clock_step(OSCILLATORS[name], 30.0)
+        _, noise = compute_clock_step(OSCILLATORS[name], 5.0)
+        moves, later = compute_clock_step(OSCILLATORS[name], 30.0)
         back = np.array([1.0 / 5.0, -1.0])  # error of that slope as the drift at its end
         variance = moves[0, 1] ** 2 * (back @ noise @ back) + later[0, 0]
         squares.append((phase[2] - phase[1] - 30.0 * slope) ** 2 / variance)

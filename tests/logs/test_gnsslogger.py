@@ -10,8 +10,8 @@ from tests.logs.phone import COLUMNS, FULL_BIAS_NS, HEADER, WEEK_NS, Measured, r
 
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef
-from skyproof.gnss.lnav import encode_subframes, words_hold
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.lnav import check_words, encode_subframes
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.logs.content import LogPiece
 from skyproof.logs.gnsslogger import is_gnsslogger, read_gnsslogger
@@ -322,9 +322,9 @@ def test_levels_stand_once_a_band() -> None:
 
 @pytest.mark.parametrize("form", ["sent", "inverted", "source"])
 def test_lnav_rows_give_the_frames_that_were_encoded(form) -> None:
-    sent = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[4]
+    sent = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[4]
     words = encode_subframes(sent, None, None, 30_000, sent.week, 5).reshape(5, 10, 30).astype(np.uint8)
-    source = words_hold(words.reshape(5, 300).astype(np.int8))[0].astype(np.uint8)
+    source = check_words(words.reshape(5, 300).astype(np.int8))[0].astype(np.uint8)
     given = words ^ 1 if form == "inverted" else words.copy()
     if form == "source":
         given[:, :, :24] = source

@@ -9,13 +9,13 @@ from tests.logs.test_ubx import gps, rawx
 
 from skyproof.gnss.constants import GPS_PI, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData, UtcParameters, group_delay_s
-from skyproof.gnss.lnav import encode_subframes, words_hold
+from skyproof.gnss.lnav import check_words, encode_subframes
 from skyproof.gnss.messages.beidou import _D1, _D2_PAGES, _DIVIDED, d1_utc, d2_ephemeris, d2_page
 from skyproof.gnss.messages.bit_fields import BitField, read_fields
 from skyproof.gnss.messages.galileo import _INAV, inav_utc
 from skyproof.gnss.messages.glonass import _STRINGS, glonass_ephemeris, glonass_string
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.gnss.time import gpst as gpst_of
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.logs.content import BroadcastFrames
@@ -54,10 +54,10 @@ def test_messages_of_one_satellite_say_the_same(walk) -> None:
     compared = 0
     for a, b in combinations(navigation.ephemerides, 2):
         if a.sat == b.sat and a.message != b.message:
-            places = [satellite_state(e, at).position_ecef_m for e in (a, b)]
+            places = [compute_satellite_state(e, at).position_ecef_m for e in (a, b)]
             same = {a.message, b.message} in ({"INAV", "FNAV"}, {"BCNAV1", "BCNAV2"}) and a.toe == b.toe
             assert np.linalg.norm(places[0] - places[1]) < (1e-3 if same else 3.0), (a.sat, a.message, b.message)
-            clocks_m = [satellite_state(e, at).clock_s * SPEED_OF_LIGHT_M_S for e in (a, b)]
+            clocks_m = [compute_satellite_state(e, at).clock_s * SPEED_OF_LIGHT_M_S for e in (a, b)]
             assert a.sat[0] == "E" or abs(clocks_m[0] - clocks_m[1]) < 0.5
             compared += 1
     assert compared >= 20
@@ -71,12 +71,12 @@ def packed(bits: np.ndarray) -> np.ndarray:
 
 
 def test_lnav_frames_give_what_was_encoded() -> None:
-    navigation = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns"))
+    navigation = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns"))
     sent = navigation.ephemerides[0]
     tow_s = 6 * (int(sent.toe) // 6 - 300)
     tow_s -= tow_s % 30
     bits = encode_subframes(sent, None, None, tow_s, sent.week, 5).reshape(5, 300)
-    source = words_hold(bits)[0].reshape(5, 240)
+    source = check_words(bits)[0].reshape(5, 240)
     frames = BroadcastFrames(
         kind="LNAV",
         gpst=np.array([sent.reference_gpst] * 5),
@@ -114,9 +114,9 @@ def test_lnav_frames_give_what_was_encoded() -> None:
 )
 def test_a_frame_is_mistimed_only_where_its_time_is_known(early_s, late_s, open_s, mistimed) -> None:
     """As where a log has lost the epochs beside a frame, or the receiver writes it behind its next epoch."""
-    sent = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
+    sent = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
     tow_s = int(sent.toe) // 30 * 30
-    source = words_hold(encode_subframes(sent, None, None, tow_s, sent.week, 5).reshape(5, 300))[0].reshape(5, 240)
+    source = check_words(encode_subframes(sent, None, None, tow_s, sent.week, 5).reshape(5, 300))[0].reshape(5, 240)
     gpst = gpst_of(sent.week, tow_s + 6.0) - timedelta_from_s(early_s)
     since, until = (
         np.array([gpst + timedelta_from_s(s) if s == s else np.datetime64("NaT", "ns")]) for s in (-late_s, open_s)
@@ -152,7 +152,7 @@ def put(field: BitField, value: float, n_bits: int) -> int:
 
 
 def test_d2_pages_give_the_numbers_that_were_put() -> None:
-    e = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
+    e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
     values = {name: getattr(e, name) for name in ("m0", "i0", "omega0", "omega", "cus", "cis", "idot")}
     values |= {"af0": -2.5e-4, "af1": 3e-11, "cuc": -4e-7, "e": 0.0123, "cic": 6e-8, "omega_dot": -5e-9}
     values |= {"sqrt_a": 6493.4, "toe": 3600.0, "toc": 3600.0, "week_mod_8192": 834, "tgd": -3.1e-9, "tgd2": 2.2e-9}
@@ -253,7 +253,7 @@ def test_the_orbits_of_modern_messages_alone_give_the_fix(walk) -> None:
 
 def lnav_frames(sat: str, bits: np.ndarray, gpst: np.datetime64) -> BroadcastFrames:
     """Return subframes (n, 300 bits) that came at one time."""
-    source = words_hold(bits)[0].reshape(-1, 240)
+    source = check_words(bits)[0].reshape(-1, 240)
     n = len(source)
     return BroadcastFrames(
         kind="LNAV",
@@ -268,7 +268,7 @@ def lnav_frames(sat: str, bits: np.ndarray, gpst: np.datetime64) -> BroadcastFra
 
 
 def test_what_a_satellite_says_of_utc_is_kept_once() -> None:
-    sent = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
+    sent = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
     utc = UtcParameters(a0=3.0 * 2.0**-30, a1=0.0, tot=147456.0, wnt=2190, leap_seconds=18)
     begin_s = 750 * 700 + 30 * 17 + 18  # page 18 of subframe 4
     bits = encode_subframes(sent, None, utc, begin_s, 2190, 1).reshape(1, 300)
@@ -286,7 +286,7 @@ def test_what_a_satellite_says_of_utc_is_kept_once() -> None:
 
 
 def test_leap_seconds_stand_in_a_page_without_utc() -> None:
-    navigation = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns"))
+    navigation = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns"))
     sent, begin_s = navigation.ephemerides[0], 750 * 700 + 30 * 17 + 18
     bits = encode_subframes(sent, navigation.ionosphere, None, begin_s, 2190, 1).reshape(1, 300)
     collector = OrbitCollector()
@@ -332,7 +332,7 @@ def test_galileo_says_the_utc_that_is_known(walk) -> None:
 
 def written_late(interval_s: int, off_s: int) -> list[bytes]:
     """Return epochs of a log, each followed by the subframes that ended since the last one, of another time."""
-    sent = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
+    sent = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[0]
     begin_s = int(sent.toe) // 30 * 30
     bits = encode_subframes(sent, None, None, begin_s + off_s, sent.week, 50).reshape(50, 300)
     head = bytes([0, int(sent.sat[1:]), 0, 0, 10, 0, 2, 0])
@@ -340,7 +340,7 @@ def written_late(interval_s: int, off_s: int) -> list[bytes]:
     for second in range(interval_s, 300, interval_s):
         epoch = rawx(begin_s + second + 1e-3, sent.week, [gps(1000)])
         for k in range((second - interval_s) // 6, second // 6):
-            words = words_hold(bits[k])[0].astype(np.int64) @ (1 << np.arange(23, -1, -1)) << 6
+            words = check_words(bits[k])[0].astype(np.int64) @ (1 << np.arange(23, -1, -1)) << 6
             epoch += ubx_frame(0x02, 0x13, head + words.astype("<u4").tobytes())
         epochs.append(epoch)
     return epochs

@@ -11,8 +11,8 @@ from tests.logs.frames import sbf_block
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.lnav import encode_subframes
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.logs.content import LogPiece
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.stream import read_log
@@ -209,7 +209,7 @@ def test_gains_are_levels() -> None:
 
 @pytest.mark.parametrize("inverted", [False, True])
 def test_lnav_blocks_give_their_orbit(inverted) -> None:
-    sent = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[4]
+    sent = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[4]
     tow_s = int(sent.toe) // 30 * 30 - 1800
     bits = encode_subframes(sent, None, None, tow_s, sent.week, 3).reshape(3, 300) ^ int(inverted)
     blocks = []
@@ -239,7 +239,7 @@ def test_real_pages_give_orbits_that_go_on(shared_data, name) -> None:
         for a, b in pairwise(own):
             middle = a.reference_gpst + (b.reference_gpst - a.reference_gpst) / 2
             if b.reference_gpst - a.reference_gpst <= np.timedelta64(3600, "s"):
-                places = [satellite_state(e, middle).position_ecef_m for e in (a, b)]
+                places = [compute_satellite_state(e, middle).position_ecef_m for e in (a, b)]
                 assert np.linalg.norm(places[0] - places[1]) < 5.0
                 compared += 1
     assert compared or name in ("change_wt5", "fgi_galrawinav-270923", "custom_metrics")

@@ -10,7 +10,7 @@ from tests.logs.frames import ubx_frame as frame_by_hand
 from tests.logs.test_ubx import RAWX, fields
 
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.gnss.time import gpst
 from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.stream import read_log
@@ -118,7 +118,9 @@ def test_messages_give_the_orbits(scene) -> None:
     found = collector.navigation("log").ephemerides
     assert {e.sat for e in found} == {s.sat for s in o.signals}
     for e in found:
-        places = [satellite_state(one, o.gpst[-1]).position_ecef_m for one in (e, navigation.best(e.sat, o.gpst[-1]))]
+        places = [
+            compute_satellite_state(one, o.gpst[-1]).position_ecef_m for one in (e, navigation.best(e.sat, o.gpst[-1]))
+        ]
         assert np.linalg.norm(places[0] - places[1]) < 0.5
     # Each subframe comes once, in the second after it has arrived.
     (frames,) = piece.frames

@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 
-from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
+from skyproof.gnss.atmosphere import compute_klobuchar_s, compute_troposphere_m
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, L1_HZ, SPEED_OF_LIGHT_M_S, WGS84_A_M, WGS84_F
 from skyproof.gnss.ephemeris import Klobuchar
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -142,7 +142,8 @@ def compute_atmosphere(
     (k,), L1 without it (IS-GPS-200N, 20.3.3.3.3.3). Above 11 km the troposphere thins out with a scale of 6.3 km.
     """
     lat_rad, lon_rad, height_m = (value[..., None] for value in geodetic_from_ecef(position_ecef_m))
-    # As `sky.azimuth_elevation`, which would find the place once more: the dearest step where candidates are many.
+    # As `sky.compute_azimuth_elevation`, which would find the place once more: the dearest step where candidates are
+    # many.
     enu_m = (satellite_ecef_m - position_ecef_m[..., None, :]) @ np.swapaxes(
         rot_enu_ecef(lat_rad, lon_rad)[..., 0, :, :], -1, -2
     )
@@ -151,10 +152,10 @@ def compute_atmosphere(
     above_rad = np.maximum(el_rad, 0.0)
     place = (lat_rad, lon_rad, az_rad, above_rad, np.asarray(tow_s)[..., None])
     if ionosphere is None:
-        ionosphere_m = _UNKNOWN_IN_NIGHTS * SPEED_OF_LIGHT_M_S * klobuchar_delay_s(_NIGHT, *place)
+        ionosphere_m = _UNKNOWN_IN_NIGHTS * SPEED_OF_LIGHT_M_S * compute_klobuchar_s(_NIGHT, *place)
         ionosphere_sigma_m = ionosphere_m
     else:
-        ionosphere_m = SPEED_OF_LIGHT_M_S * klobuchar_delay_s(ionosphere, *place)
+        ionosphere_m = SPEED_OF_LIGHT_M_S * compute_klobuchar_s(ionosphere, *place)
         ionosphere_sigma_m = ionosphere_share * ionosphere_m
     if carrier_hz is not None:
         slower = (L1_HZ / carrier_hz) ** 2
@@ -162,7 +163,7 @@ def compute_atmosphere(
     thin = np.exp(-np.clip(height_m - 11000.0, 0.0, 1e6) / 6340.0)
     return AtmosphereDelays(
         elevation_rad=el_rad,
-        delay_m=ionosphere_m + thin * troposphere_delay_m(lat_rad, height_m, above_rad),
+        delay_m=ionosphere_m + thin * compute_troposphere_m(lat_rad, height_m, above_rad),
         sigma_m=ionosphere_sigma_m,
         ionosphere_m=ionosphere_m,
     )

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
+from skyproof.gnss.atmosphere import compute_klobuchar_s, compute_troposphere_m
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import NavigationData, Observations, SignalId
@@ -26,7 +26,7 @@ START = np.datetime64("2022-03-04T05:10:00", "ns")
 
 
 def navigation(start: np.datetime64 = START) -> NavigationData:
-    return nominal_constellation(start)
+    return make_nominal_constellation(start)
 
 
 def place(lat_deg: float, lon_deg: float, height_m: float) -> np.ndarray:
@@ -68,7 +68,7 @@ def measured(
     bias_s = np.broadcast_to(np.asarray(bias_s, float), gpst.shape)
     travel = np.full(gpst.shape, 0.07)
     for _ in range(5):  # each round is a million times closer
-        state = satellite_state_s(ephemeris, week, tow - bias_s - travel)
+        state = compute_satellite_state_s(ephemeris, week, tow - bias_s - travel)
         # In the inertial frame that is ECEF at reception, a thing fixed to the Earth stood `travel` further west.
         satellite = turned(state.position_ecef_m, -EARTH_RATE * travel)
         distance = np.linalg.norm(satellite - position, axis=-1)
@@ -80,8 +80,8 @@ def measured(
     troposphere, ionosphere = np.zeros_like(distance), np.zeros_like(distance)
     if air:
         above = np.maximum(elevation, 0.0)
-        troposphere = troposphere_delay_m(lat, height, above) * np.exp(-np.clip(height - 11000, 0, 1e6) / 6340)
-        ionosphere = C * klobuchar_delay_s(nav.ionosphere, lat, lon, azimuth, above, tow - bias_s)
+        troposphere = compute_troposphere_m(lat, height, above) * np.exp(-np.clip(height - 11000, 0, 1e6) / 6340)
+        ionosphere = C * compute_klobuchar_s(nav.ionosphere, lat, lon, azimuth, above, tow - bias_s)
     airless = distance + C * bias_s - C * (state.clock_s - ephemeris.tgd)
     return Truth(airless + troposphere + ionosphere, airless + troposphere - ionosphere, airless, elevation)
 

@@ -7,7 +7,7 @@ import pytest
 from tests.navigation import sky
 
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, solve_coarse_fix
 from skyproof.records import NavigationData
@@ -59,7 +59,7 @@ class Shot:
 def shot(rng, *, noise: float = 1.0, period_s: float = 1e-3, drift: float | None = None) -> Shot:
     """Anywhere on the Earth, at any second of some days: 50 ms at 40 to 48 dB-Hz."""
     gpst = np.datetime64("2024-03-03T00:00:00", "ns") + np.timedelta64(int(rng.integers(0, 3 * 86400 * 10**9)), "ns")
-    navigation = nominal_constellation(gpst)
+    navigation = make_nominal_constellation(gpst)
     place = sky.place(np.degrees(np.arcsin(rng.uniform(-1, 1))), rng.uniform(-180, 180), rng.uniform(0, 3000))
     drift = rng.uniform(-5e-6, 5e-6) if drift is None else drift
     around = gpst + np.array([-STEP_S, 0.0, STEP_S]) * np.timedelta64(10**9, "ns")

@@ -6,10 +6,10 @@ from tests.gnss import orbit_twin
 from tests.navigation import sky
 
 from skyproof.formats.rinex_nav import read_nav
-from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
+from skyproof.gnss.atmosphere import compute_klobuchar_s, compute_troposphere_m
 from skyproof.gnss.ephemeris import MAX_AGE_S, group_delay_s
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import compute_atmosphere, correct_ranges
 from skyproof.records import NavigationData, SignalId
@@ -34,8 +34,8 @@ def test_an_epoch_label_wrong_by_a_second_moves_no_satellite():
 
 
 def test_each_epoch_takes_the_ephemeris_that_navigation_calls_best():
-    early = nominal_constellation(np.datetime64("2022-03-04T04:00:00", "ns"))
-    late = nominal_constellation(np.datetime64("2022-03-04T06:00:00", "ns"))
+    early = make_nominal_constellation(np.datetime64("2022-03-04T04:00:00", "ns"))
+    late = make_nominal_constellation(np.datetime64("2022-03-04T06:00:00", "ns"))
     shifted = tuple(replace(e, af0=e.af0 + 1e-6) for e in late.ephemerides)
     nav = NavigationData(ephemerides=early.ephemerides + shifted)
     gpst = np.datetime64("2022-03-04T04:50:00", "ns") + np.arange(0, 1200, 60) * np.timedelta64(1, "s")
@@ -118,11 +118,11 @@ def test_the_atmosphere_is_that_of_the_models():
     nav, position = sky.navigation(), sky.place(45.0, 5.0, 300.0)
     lat, lon = np.radians(45.0), np.radians(5.0)
     satellite = np.stack([sky.moved(position, 1e7 * x, 5e6, 2e7) for x in (-1.0, 0.3, 4.0)])
-    az, el = azimuth_elevation(position, satellite)
+    az, el = compute_azimuth_elevation(position, satellite)
     delays = compute_atmosphere(position, satellite, np.float64(43200.0), nav.ionosphere, ionosphere_share=0.5)
-    ionosphere = sky.C * klobuchar_delay_s(nav.ionosphere, lat, lon, az, el, 43200.0)
+    ionosphere = sky.C * compute_klobuchar_s(nav.ionosphere, lat, lon, az, el, 43200.0)
     np.testing.assert_allclose(delays.elevation_rad, el, atol=1e-12)
-    np.testing.assert_allclose(delays.delay_m, ionosphere + troposphere_delay_m(lat, 300.0, el), atol=1e-7)
+    np.testing.assert_allclose(delays.delay_m, ionosphere + compute_troposphere_m(lat, 300.0, el), atol=1e-7)
     np.testing.assert_allclose(delays.sigma_m, 0.5 * ionosphere, atol=1e-9)
 
 
@@ -130,7 +130,7 @@ def test_without_parameters_the_ionosphere_is_uncertain_by_as_much_as_is_taken()
     position = sky.place(45.0, 5.0, 0.0)
     delays = compute_atmosphere(position, sky.moved(position, 0.0, 0.0, 2e7)[None], np.float64(0.0), None)
     np.testing.assert_allclose(delays.sigma_m, 3.0, atol=0.02)
-    np.testing.assert_allclose(delays.delay_m - delays.sigma_m, troposphere_delay_m(np.radians(45.0), 0.0, np.pi / 2))
+    np.testing.assert_allclose(delays.delay_m - delays.sigma_m, compute_troposphere_m(np.radians(45.0), 0.0, np.pi / 2))
 
 
 def test_the_ionosphere_goes_with_the_inverse_square_of_the_carrier():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.formats.rinex_nav import glonass_channels, read_nav
+from skyproof.formats.rinex_nav import get_glonass_channels, read_nav
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.navigation.sets import find_consistent_sets
 
@@ -32,7 +32,7 @@ def test_all_systems_and_bands_of_a_clean_sky_are_one_set_at_the_true_place(shar
     observations, orbits, systems, truth = FILES[name]
     navigation = read_nav(shared_data / "real" / orbits)
     path = shared_data / "real" / observations
-    o = read_obs(path, glonass_channels=glonass_channels(navigation)).observations
+    o = read_obs(path, glonass_channels=get_glonass_channels(navigation)).observations
     for first in (0, o.gpst.size // 2):
         window = o.select(slice(first, first + 10))
         (found,) = find_consistent_sets(window, navigation)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import scenes
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
@@ -19,7 +19,7 @@ class Rendered:
     def __init__(self, scenario, receiver=0) -> None:  # type: ignore[no-untyped-def]
         self.receiver = receiver
         self.scenario = scenario
-        self.navigation = nominal_constellation(scenario.start_gpst)
+        self.navigation = make_nominal_constellation(scenario.start_gpst)
         self.scene: Scene = scene_of(scenario, self.navigation)
         self.samples = samples_of(scenario, self.navigation)[receiver]
         self.planes = self.samples.read(0, self.samples.n_samples)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tests.receiver.conftest import PLACE, START
 
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver.antennas import combining, unwrapped
@@ -44,7 +44,7 @@ class Array:
             receivers=[receiver],
             front_end=FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=2.1e6, encoding="int", bits=8),
         )
-        navigation = nominal_constellation(START)
+        navigation = make_nominal_constellation(START)
         self.skies = scene_of(scenario, navigation).skies
         self.planes = np.stack([one.read(0, one.n_samples) for one in samples_of(scenario, navigation)])
 

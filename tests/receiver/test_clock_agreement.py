@@ -12,7 +12,7 @@ from skyproof.gnss.constants import L1_HZ
 from skyproof.receiver import measurement as m
 from skyproof.receiver.clock_agreement import Disagreement, correct_samples, in_survey, in_tracks
 from skyproof.receiver.measurement import Measurements
-from skyproof.recording.survey import survey
+from skyproof.recording.survey import survey_recorder
 from skyproof.records import Samples
 
 PPM = 1e-6
@@ -24,7 +24,7 @@ def measured_at(wrong_ppm, rate_hz=2.6e6, **front_end):
     given_hz = samples.rate_hz * (1.0 + wrong_ppm * PPM)
     for one in heard:
         one.doppler_hz += wrong_ppm * PPM * (samples.if_hz + one.doppler_hz)
-    reported = survey(replace(samples, rate_hz=given_hz), samples.if_hz, heard)
+    reported = survey_recorder(replace(samples, rate_hz=given_hz), samples.if_hz, heard)
     return replace(samples, rate_hz=given_hz), reported, {one.sat: one.doppler_hz for one in heard}
 
 

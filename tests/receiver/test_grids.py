@@ -7,7 +7,7 @@ import pytest
 
 from skyproof.decomposition.correlation import band_share, correlation
 from skyproof.decomposition.fit import decompose, taps_dictionary
-from skyproof.gnss.codes import ca_code
+from skyproof.gnss.codes import generate_ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
@@ -24,7 +24,7 @@ FIRST = 37
 def passed_code(prn=PRN, points=64):
     """One period of the code behind a low-pass of 3.2 MHz, `points` a chip, of mean square 1."""
     line = np.fft.rfftfreq(1023 * points, 1.0 / points)
-    chips = np.fft.rfft(np.repeat(ca_code(prn).astype(float), points))
+    chips = np.fft.rfft(np.repeat(generate_ca_code(prn).astype(float), points))
     falling = np.clip((np.abs(line) * CA_CHIP_RATE_HZ / 1.6e6 - 0.75) / 0.5, 0.0, 1.0)
     code = np.fft.irfft(chips * (0.5 + 0.5 * np.cos(np.pi * falling)))
     return code / np.sqrt(np.mean(code**2))
@@ -139,7 +139,7 @@ def test_without_bits_or_with_too_few_periods_there_is_no_grid():
 
 @pytest.mark.parametrize("prn", [1, 7, 32])
 def test_noise_is_measured_where_the_code_is_quiet(prn):
-    code = ca_code(prn).astype(int)
+    code = generate_ca_code(prn).astype(int)
     lags = np.array(noise_delays(GPS_L1_CA, f"G{prn:02d}"), int)
     assert len(set(lags)) == 16
     assert np.abs(lags).min() > 3

@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from tests.receiver.test_telemetry import feed, prompts
 
 from skyproof.gnss.lnav import encode_subframes
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import telemetry as tm
 from skyproof.receiver.polarity import Stretch, half_cycles, joined, stretches_of
 
-NAVIGATION = nominal_constellation(np.datetime64("2024-03-03T12:00:00", "ns"))
+NAVIGATION = make_nominal_constellation(np.datetime64("2024-03-03T12:00:00", "ns"))
 MESSAGE = encode_subframes(NAVIGATION.ephemerides[0], None, None, 43_200, NAVIGATION.ephemerides[0].week, 4)
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.receiver import measurement as m
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
@@ -62,7 +62,7 @@ def planes():
         seed=3,
         front_end=FrontEnd(rate_hz=RATE_HZ, encoding="sign-magnitude", bits=2),
     )
-    samples = samples_of(scenario, nominal_constellation(START))[0]
+    samples = samples_of(scenario, make_nominal_constellation(START))[0]
     return samples.read(0, samples.n_samples)
 
 

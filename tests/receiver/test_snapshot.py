@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skyproof.gnss.codes import ca_code
+from skyproof.gnss.codes import generate_ca_code
 from skyproof.receiver.snapshot import code_phase
 
 RATE_HZ = 2.6e6
@@ -21,7 +21,7 @@ def wave(rng, rate_hz, duration_s, prn, delay_s, doppler_hz, cn0_dbhz, bits=True
     sign = rng.choice([-1.0, 1.0], 20)[(np.floor(chips / 1023).astype(int) + rng.integers(20)) // 20 + 1] if bits else 1
     amplitude = np.sqrt(2.0 * 10 ** (cn0_dbhz / 10) / rate_hz)
     turn = np.exp(2j * np.pi * doppler_hz / rate_hz * k)
-    signal = amplitude * sign * ca_code(prn)[np.floor(chips).astype(int) % 1023] * turn
+    signal = amplitude * sign * generate_ca_code(prn)[np.floor(chips).astype(int) % 1023] * turn
     return (np.stack([signal.real, signal.imag]) + rng.normal(size=(2, k.size))).astype(np.float32)
 
 

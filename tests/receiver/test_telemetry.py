@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.lnav import encode_subframes
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import telemetry as tm
 
-NAVIGATION = nominal_constellation(np.datetime64("2024-03-03T12:00:00", "ns"))
+NAVIGATION = make_nominal_constellation(np.datetime64("2024-03-03T12:00:00", "ns"))
 WEEK = NAVIGATION.ephemerides[0].week
 TOW_S = 43_200
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy import signal as filters
 from scipy import stats
 
-from skyproof.gnss.codes import ca_code
-from skyproof.recording.conditioning import LOSS_LIMIT_DB, Conditioner, conditioned, measure_front_end
+from skyproof.gnss.codes import generate_ca_code
+from skyproof.recording.conditioning import LOSS_LIMIT_DB, Conditioner, condition, measure_front_end
 from skyproof.records import Samples
 
 RATE_HZ = 4e6
@@ -41,7 +41,7 @@ def wave(n, frequency_hz, power_over_n0_dbhz, rate_hz=RATE_HZ):
 
 def replica(prn, n, *, delay_chips=0.0, doppler_hz=0.0, rate_hz=RATE_HZ):
     time_s = np.arange(n) / rate_hz
-    chips = ca_code(prn)[np.floor(time_s * 1.023e6 - delay_chips).astype(int) % 1023]
+    chips = generate_ca_code(prn)[np.floor(time_s * 1.023e6 - delay_chips).astype(int) % 1023]
     return chips * np.exp(2j * np.pi * np.mod(doppler_hz * time_s, 1.0))
 
 
@@ -70,7 +70,7 @@ def test_a_clean_front_end_is_left_alone_and_costs_nothing():
     front = measure_front_end(samples)
     assert not front.acts
     assert front.remarks == ()
-    assert conditioned(samples, front) is samples
+    assert condition(samples, front) is samples
     block = samples.read(0, 1000)
     out, state = Conditioner(front).step(None, block)
     assert out is block
@@ -117,7 +117,7 @@ def test_a_line_costs_what_theory_says_and_is_notched(over_signal_db):
     assert line.loss_db == pytest.approx(theory_db, abs=0.3)
     undisturbed_dbhz = cn0_dbhz(clean[:, 4000:-4000])
     assert undisturbed_dbhz - cn0_dbhz(samples.read(0, n)) == pytest.approx(theory_db, abs=1.5)  # few codes, few lines
-    corrected = conditioned(samples, front).read(4000, n - 8000)  # at the ends a notch is not settled
+    corrected = condition(samples, front).read(4000, n - 8000)  # at the ends a notch is not settled
     assert undisturbed_dbhz - cn0_dbhz(corrected) < 0.15
 
 
@@ -149,7 +149,7 @@ def test_a_line_in_real_samples_is_notched():
     (found,) = front.notched
     assert found.frequency_hz == pytest.approx(3.1e6, abs=60.0)
     assert found.jn0_dbhz == pytest.approx(70.0, abs=0.3)
-    corrected = conditioned(samples, front).read(50_000, 1_000_000)
+    corrected = condition(samples, front).read(50_000, 1_000_000)
     assert not corrected[1].any()
     left = 2.0 * np.mean(
         corrected[0] * np.exp(-2j * np.pi * np.mod(3.1e6 / rate_hz * np.arange(50_000, 1_050_000), 1.0))
@@ -182,7 +182,7 @@ def test_wide_lines_are_not_notched_until_a_peak_has_others_beside_it(power_dbhz
     assert any(remark.startswith(f"{hurting - len(front.notched)} more line") for remark in front.remarks)
     base = replica(7, n)
     clean = np.stack([base.real, base.imag]).astype(np.float32)
-    out = conditioned(recording(clean), replace(front, dc=np.zeros(2), dc_loss_db=0.0)).read(20_000, 200_000)
+    out = condition(recording(clean), replace(front, dc=np.zeros(2), dc_loss_db=0.0)).read(20_000, 200_000)
     received = out[0] + 1j * out[1]
     lags = np.arange(-30, 31)
     replicas = np.array([np.roll(base, lag)[20_000:220_000] for lag in lags])
@@ -198,7 +198,7 @@ def test_a_notch_biases_neither_code_nor_carrier(line_hz, prn):
     assert len(front.notched) == 1
     delay_chips, doppler_hz = 200.3, -2750.0
     base = replica(prn, n, delay_chips=delay_chips, doppler_hz=doppler_hz)
-    corrected = conditioned(recording(np.stack([base.real, base.imag])), front).read(40_000, 320_000)
+    corrected = condition(recording(np.stack([base.real, base.imag])), front).read(40_000, 320_000)
     corrected = (corrected[0] + 1j * corrected[1]).astype(np.complex128)
 
     def correlation(offset_chips, planes):
@@ -228,7 +228,7 @@ def test_dc_of_one_rms_is_measured_and_removed():
     front = measure_front_end(samples)
     assert front.removes_dc
     assert front.dc_loss_db == pytest.approx(10.0 * np.log10(1.0 + 0.5 * RATE_HZ / 1.023e6), abs=0.1)
-    corrected = conditioned(samples, front).read(0, n)
+    corrected = condition(samples, front).read(0, n)
     assert np.abs(corrected.mean(axis=1)).max() < 0.01
     assert cn0_dbhz(clean) - cn0_dbhz(corrected) < 0.05
 
@@ -245,7 +245,7 @@ def test_imbalance_of_a_decibel_and_five_degrees_is_measured_and_its_image_remov
     assert front.phase_imbalance_deg == pytest.approx(5.0, abs=0.3)
     assert front.image_db == pytest.approx(-22.8, abs=0.3)
     assert front.balances
-    corrected = conditioned(samples, replace(front, lines=())).read(0, n)
+    corrected = condition(samples, replace(front, lines=())).read(0, n)
 
     def power_at(frequency_hz, planes):
         base = (planes[0] + 1j * planes[1]).astype(np.complex128)
@@ -305,7 +305,7 @@ def test_a_step_changes_neither_its_state_nor_its_block():
 
 @pytest.mark.parametrize(("start", "count"), [(0, 3000), (12_345, 777), (29_000, 5000), (30_000, 10)])
 def test_a_stretch_read_is_that_of_the_whole_at_its_own_time(start, count):
-    corrected = conditioned(recording(HURT), FRONT)
+    corrected = condition(recording(HURT), FRONT)
     whole = corrected.read(0, HURT.shape[1])
     assert whole.shape == HURT.shape
     np.testing.assert_allclose(corrected.read(start, count), whole[:, start : start + count], rtol=0.0, atol=1e-5)

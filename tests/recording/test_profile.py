@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
-from skyproof.recording.profile import delay_profiles
+from skyproof.recording.profile import compute_delay_profiles
 from skyproof.records import Samples
 
 RATE_HZ, IF_HZ = 4.092e6, 0.3e6
@@ -42,7 +42,7 @@ def recording(signals: list[One], cn0_dbhz: float, duration_s: float = 0.06, see
 def test_each_signal_of_a_satellite_has_its_peak() -> None:
     chip_s = 1.0 / GPS_L1_CA.chip_rate_hz
     true, false = One("G05", 0.3e-3, 3200.0), One("G05", 0.3e-3 + 4.5 * chip_s, 3210.0)
-    delays, powers = delay_profiles(recording([true, false], 48.0), IF_HZ, [true], -3.0, 8.0)
+    delays, powers = compute_delay_profiles(recording([true, false], 48.0), IF_HZ, [true], -3.0, 8.0)
     (power,) = powers
     for at in (0.0, 4.5):
         near = np.abs(delays - at) < 1.5
@@ -56,27 +56,29 @@ def test_the_stretch_may_begin_anywhere() -> None:
     samples = recording([one], 48.0)
     start_s = 0.0101234
     moved = One("G12", (one.delay_s - (1.0 + one.doppler_hz / GPS_L1_CA.carrier_hz) * start_s) % 1e-3, one.doppler_hz)
-    delays, powers = delay_profiles(samples, IF_HZ, [moved], -2.0, 2.0, start_s=start_s, duration_s=0.02)
+    delays, powers = compute_delay_profiles(samples, IF_HZ, [moved], -2.0, 2.0, start_s=start_s, duration_s=0.02)
     assert delays[np.argmax(powers[0])] == pytest.approx(0.0, abs=0.15)
 
 
 def test_noise_alone_is_one() -> None:
-    _, powers = delay_profiles(recording([], 0.0), IF_HZ, [One("G05", 0.3e-3, 0.0)], -10.0, 10.0)
+    _, powers = compute_delay_profiles(recording([], 0.0), IF_HZ, [One("G05", 0.3e-3, 0.0)], -10.0, 10.0)
     assert powers.mean() == pytest.approx(1.0, abs=0.1)
 
 
 def test_points_are_no_more_than_asked_for() -> None:
-    delays, powers = delay_profiles(recording([], 0.0), IF_HZ, [One("G05", 0.0, 0.0)], -10.0, 50.0, most_points=100)
+    delays, powers = compute_delay_profiles(
+        recording([], 0.0), IF_HZ, [One("G05", 0.0, 0.0)], -10.0, 50.0, most_points=100
+    )
     assert delays.size == powers.shape[1] <= 101
     np.testing.assert_allclose(np.diff(delays), delays[1] - delays[0])
 
 
 def test_a_stretch_without_a_code_period_is_refused() -> None:
     with pytest.raises(ValueError, match="code period"):
-        delay_profiles(recording([], 0.0, 0.002), IF_HZ, [One("G05", 0.0, 0.0)], -1.0, 1.0, start_s=0.0015)
+        compute_delay_profiles(recording([], 0.0, 0.002), IF_HZ, [One("G05", 0.0, 0.0)], -1.0, 1.0, start_s=0.0015)
 
 
 def test_zeros_alone_have_no_profile() -> None:
     samples = Samples(name="rx", rate_hz=RATE_HZ, n_samples=245_520, read=lambda start, count: np.zeros((2, count)))
     with pytest.raises(ValueError, match="zeros"):
-        delay_profiles(samples, IF_HZ, [One("G05", 0.3e-3, 3200.0)], -3.0, 8.0)
+        compute_delay_profiles(samples, IF_HZ, [One("G05", 0.3e-3, 3200.0)], -3.0, 8.0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.gnss.codes import ca_code
-from skyproof.recording.repetition import repetition
+from skyproof.gnss.codes import generate_ca_code
+from skyproof.recording.repetition import find_repetition
 
 PRNS = (3, 7, 12, 19, 24, 31)
 
@@ -20,7 +20,7 @@ def signals(
     for prn in PRNS:
         doppler_hz, delay_s, phase = rng.uniform(-5e3, 5e3), rng.uniform(0.0, 1e-3), rng.uniform()
         at = (time_s - delay_s) * (1.0 + doppler_hz / 1575.42e6)
-        chips = ca_code(prn)[np.floor(at * 1.023e6).astype(np.int64) % 1023]
+        chips = generate_ca_code(prn)[np.floor(at * 1.023e6).astype(np.int64) % 1023]
         bits = rng.choice([-1.0, 1.0], 1000)[np.floor(at / 0.02).astype(np.int64) % 1000]
         wave += chips * bits * np.exp(2j * np.pi * ((if_hz + doppler_hz) * time_s + phase))
     amplitude = np.sqrt(10.0 ** (cn0_dbhz / 10.0) / rate_hz)
@@ -34,7 +34,7 @@ def signals(
     [(2.048e6, 0.0, False), (4.1e6, 300e3, False), (16.3676e6, 4.1304e6, True), (5_432_100.0, -0.7e6, False)],
 )
 def test_period_and_carrier_are_found_without_a_guess(rate_hz: float, if_hz: float, real: bool) -> None:
-    found = repetition(signals(rate_hz, if_hz, 0.04, cn0_dbhz=50.0, real=real))
+    found = find_repetition(signals(rate_hz, if_hz, 0.04, cn0_dbhz=50.0, real=real))
     assert found.log10_chance < -10.0
     assert abs(found.period_samples - rate_hz * 1e-3) < 4.0 * found.period_sigma
     assert found.period_sigma < 0.05 * rate_hz / 1.023e6
@@ -48,7 +48,7 @@ def test_noise_repeats_as_seldom_as_its_chance_says(real: bool) -> None:
     alarms = 0
     for _ in range(trials):
         wave = rng.standard_normal((2, n))
-        found = repetition(wave[0].astype(np.float32) if real else (wave[0] + 1j * wave[1]).astype(np.complex64))
+        found = find_repetition(wave[0].astype(np.float32) if real else (wave[0] + 1j * wave[1]).astype(np.complex64))
         alarms += found.log10_chance < np.log10(level)
     # The chance allows for each lag apart, but their sums share multiples: fewer alarms come. None would be a fault.
     assert stats.binomtest(alarms, trials, level, alternative="greater").pvalue > 1e-3
@@ -61,28 +61,28 @@ def test_lines_and_colour_do_not_repeat() -> None:
     noise = rng.standard_normal((2, n)).T @ np.array([1.0, 1j])
     coloured = np.convolve(noise, np.hanning(9), mode="same")
     line = 3.0 * np.exp(2j * np.pi * 0.1234 * np.arange(n))
-    assert repetition((coloured + line).astype(np.complex64)).log10_chance > -3.0
+    assert find_repetition((coloured + line).astype(np.complex64)).log10_chance > -3.0
 
 
 def test_a_line_hides_no_signals() -> None:
     wave = signals(2.6e6, 0.0, 0.05)
     line = 30.0 * np.exp(2j * np.pi * 0.1234 * np.arange(wave.size))
-    found = repetition((wave + line).astype(np.complex64))
+    found = find_repetition((wave + line).astype(np.complex64))
     assert found.log10_chance < -10.0
     assert found.period_samples == pytest.approx(2600.0, abs=0.2)
 
 
 def test_real_samples_read_as_complex_show_images() -> None:
     real = signals(10e6, 1.6e6, 0.1, cn0_dbhz=50.0, real=True)
-    folded = repetition((real[0::2] + 1j * real[1::2]).astype(np.complex64))
+    folded = find_repetition((real[0::2] + 1j * real[1::2]).astype(np.complex64))
     assert folded.mirrored_share > 0.02
-    assert repetition(signals(5e6, 1.6e6, 0.1, cn0_dbhz=50.0)).mirrored_share < 0.01
+    assert find_repetition(signals(5e6, 1.6e6, 0.1, cn0_dbhz=50.0)).mirrored_share < 0.01
 
 
 def test_the_error_of_the_period_is_what_its_sigma_says() -> None:
     ratios = []
     for seed in range(20):
-        found = repetition(signals(2.6e6, 0.0, 0.05, seed=seed))
+        found = find_repetition(signals(2.6e6, 0.0, 0.05, seed=seed))
         ratios.append((found.period_samples - 2600.0) / found.period_sigma)
     assert np.abs(ratios).max() < 4.0
     assert np.std(ratios) > 0.15  # not stated many times too large either
@@ -90,4 +90,4 @@ def test_the_error_of_the_period_is_what_its_sigma_says() -> None:
 
 def test_too_few_samples_are_refused() -> None:
     with pytest.raises(ValueError, match="2000 samples"):
-        repetition(np.zeros(2000, np.complex64))
+        find_repetition(np.zeros(2000, np.complex64))

@@ -7,16 +7,16 @@ from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.recording.same_noise import (
     EXPLAINED,
     N_ROWS,
-    explained,
-    rows_of,
-    shared_noise,
-    usable_hz,
-    without_repetition,
+    bound_explained,
+    correlate_noise,
+    cut_rows,
+    find_usable_hz,
+    remove_repetition,
 )
 
 RATE_HZ = 2.6e6
 N = round(N_ROWS * 1e-3 * RATE_HZ)
-CELLS = int(usable_hz(RATE_HZ, 0.0, real=False) * 1e-3)
+CELLS = int(find_usable_hz(RATE_HZ, 0.0, real=False) * 1e-3)
 
 
 def noise(rng, n=N):
@@ -48,11 +48,11 @@ def quantised(wave, bits):
 
 
 def seen(first, second):
-    return shared_noise(first, second, period_s=GPS_L1_CA.period_s)
+    return correlate_noise(first, second, period_s=GPS_L1_CA.period_s)
 
 
 def found(first, second, carrier_cycles=0.0):
-    return seen(rows_of(first, carrier_cycles, CELLS), rows_of(second, carrier_cycles, CELLS))
+    return seen(cut_rows(first, carrier_cycles, CELLS), cut_rows(second, carrier_cycles, CELLS))
 
 
 @pytest.mark.parametrize("bits", [1, 2, None])
@@ -95,7 +95,8 @@ def test_a_recording_of_another_rate_and_kind_is_compared_as_well():
     real = np.fft.ifft(np.fft.ifftshift(wide)).real
     first = quantised(np.fft.ifft(np.fft.ifftshift(antenna)), 1)
     reported = seen(
-        rows_of(first, 0.0, CELLS), rows_of(np.stack([np.sign(real), 0.0 * real]).astype(np.float32), 0.7 / 4.0, CELLS)
+        cut_rows(first, 0.0, CELLS),
+        cut_rows(np.stack([np.sign(real), 0.0 * real]).astype(np.float32), 0.7 / 4.0, CELLS),
     )
     assert reported.coefficient > 0.6
     assert abs(reported.lag_s) < 1e-8
@@ -122,12 +123,12 @@ def test_no_strength_of_common_signals_is_taken_for_common_noise(sats, bits):
     rng = np.random.default_rng([6, sats, bits or 0])
     for stronger_db in range(0, 31, 3):
         first, second = sky(rng, cn0_dbhz=45.0 + stronger_db, sats=sats)
-        rows = [rows_of(quantised(one + noise(rng), bits), 0.0, CELLS) for one in (first, second)]
-        left = [without_repetition(one)[0] for one in rows]
+        rows = [cut_rows(quantised(one + noise(rng), bits), 0.0, CELLS) for one in (first, second)]
+        left = [remove_repetition(one)[0] for one in rows]
         reported = seen(*rows)
         repeats = max(1.0 - np.sum(np.abs(b) ** 2) / np.sum(np.abs(a) ** 2) for a, b in zip(rows, left, strict=True))
         assert reported.p_value == 1.0
-        assert reported.coefficient < 0.5 * explained(float(repeats))
+        assert reported.coefficient < 0.5 * bound_explained(float(repeats))
 
 
 @pytest.mark.long
@@ -156,5 +157,5 @@ def test_what_is_explained_is_called_common_noise_no_oftener_than_stated():
 
 
 def test_the_bound_grows_with_what_repeats():
-    assert explained(0.1) == EXPLAINED
-    assert EXPLAINED < explained(0.5) < explained(0.6) < explained(0.64) == 1.0
+    assert bound_explained(0.1) == EXPLAINED
+    assert EXPLAINED < bound_explained(0.5) < bound_explained(0.6) < bound_explained(0.64) == 1.0

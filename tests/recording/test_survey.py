@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from skyproof.gnss.codes import ca_code
+from skyproof.gnss.codes import generate_ca_code
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.sky import azimuth_elevation
-from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, oscillator_error, survey
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state
+from skyproof.gnss.sky import compute_azimuth_elevation
+from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, estimate_oscillator_error, survey_recorder
 from skyproof.simulator import scenes
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
@@ -35,7 +35,7 @@ def recorded(rate_hz, *, duration_s=0.1, seed=0, **front_end):
         seed=seed,
         front_end=FrontEnd(rate_hz=rate_hz, **front_end),
     )
-    navigation = nominal_constellation(START)
+    navigation = make_nominal_constellation(START)
     samples, sky = samples_of(scenario, navigation)[0], scene_of(scenario, navigation).skies[0]
     late_s = sky.true_minus_elapsed_s(0.0)
     delays_s, rates = sky.code_delay_s(late_s), sky.carrier_delay_rate(late_s)
@@ -71,7 +71,7 @@ def without(samples, at_sample, count):
 )
 def test_missing_samples_are_found_where_and_as_many_as_they_are(rate_hz, front_end, at_sample, count):
     samples, heard = recorded(rate_hz, **front_end)
-    (gap,) = survey(without(samples, at_sample, count), samples.if_hz, heard).gaps
+    (gap,) = survey_recorder(without(samples, at_sample, count), samples.if_hz, heard).gaps
     assert abs(gap.at_sample - at_sample) < 4.0 * gap.at_sigma_samples + 1.0
     assert gap.at_sigma_samples < 50e-6 * rate_hz
     period = rate_hz * 1e-3
@@ -83,7 +83,7 @@ def test_missing_samples_are_found_where_and_as_many_as_they_are(rate_hz, front_
 def test_two_gaps_are_told_apart():
     samples, heard = recorded(4e6, **INT8)
     twice = without(without(samples, 280_000, 1500), 120_000, 333)
-    first, second = survey(twice, 0.0, heard).gaps
+    first, second = survey_recorder(twice, 0.0, heard).gaps
     assert abs(first.at_sample - 120_000) < 4.0 * first.at_sigma_samples + 1.0
     assert abs(second.at_sample - (280_000 - 333)) < 4.0 * second.at_sigma_samples + 1.0
     assert first.missing_samples == pytest.approx(333, abs=0.4)
@@ -92,7 +92,7 @@ def test_two_gaps_are_told_apart():
 
 def test_whole_code_periods_are_missing_without_a_sign():
     samples, heard = recorded(4e6, **INT8)
-    assert survey(without(samples, 200_000, 8000), 0.0, heard).gaps == ()
+    assert survey_recorder(without(samples, 200_000, 8000), 0.0, heard).gaps == ()
 
 
 @pytest.mark.filterwarnings("error")
@@ -102,7 +102,7 @@ def test_nothing_is_said_of_samples_that_do_not_change(still):
     planes = samples.read(0, samples.n_samples).copy()
     planes[:, still] = 0.0
     cut = replace(samples, read=lambda start, count: planes[:, start : start + count])
-    assert survey(cut, 0.0, heard) == Survey()
+    assert survey_recorder(cut, 0.0, heard) == Survey()
 
 
 def test_the_jump_of_one_satellite_is_no_gap():
@@ -112,18 +112,18 @@ def test_the_jump_of_one_satellite_is_no_gap():
     time_s = np.arange(n) / 4e6
     jump_chips = np.where(time_s > 0.05, 100.0, 0.0)
     at_chip = (time_s * (1.0 + strong.doppler_hz / 1575.42e6) - strong.delay_s) * 1.023e6 - jump_chips
-    false = 240.0 * ca_code(int(strong.sat[1:]))[np.floor(at_chip).astype(int) % 1023]
+    false = 240.0 * generate_ca_code(int(strong.sat[1:]))[np.floor(at_chip).astype(int) % 1023]
     turned = false * np.exp(2j * np.pi * strong.doppler_hz * time_s)
     planes = samples.read(0, n) + 0.1 * np.stack([turned.real, turned.imag])
     spoofed = replace(samples, read=lambda start, count: planes[:, start : start + count])
-    assert survey(spoofed, 0.0, heard).gaps == ()
+    assert survey_recorder(spoofed, 0.0, heard).gaps == ()
 
 
 def counted(trials, wanted):
     alarms, ratios, clocks = 0, [], []
     for seed in range(trials):
         samples, heard = recorded(2.6e6, seed=seed)
-        reported = survey(samples, 0.0, heard, false_alarm_probability=wanted)
+        reported = survey_recorder(samples, 0.0, heard, false_alarm_probability=wanted)
         alarms += bool(reported.gaps)
         ratios.append((reported.doppler_ratio - 1.0) / reported.doppler_ratio_sigma)
         clocks.append(reported.clock_minus_lo_ppm / reported.clock_minus_lo_sigma_ppm)
@@ -147,11 +147,11 @@ def test_gaps_are_found_in_continuous_recordings_no_oftener_than_stated_and_sigm
 
 def test_a_mirrored_spectrum_is_found():
     samples, heard = recorded(2.6e6)
-    right = survey(samples, 0.0, heard)
+    right = survey_recorder(samples, 0.0, heard)
     assert right.conjugate is False
     mirrored = replace(samples, read=lambda start, count: samples.read(start, count) * np.float32([[1.0], [-1.0]]))
     seen = [SimpleNamespace(sat=one.sat, delay_s=one.delay_s, doppler_hz=-one.doppler_hz) for one in heard]
-    wrong = survey(mirrored, 0.0, seen)
+    wrong = survey_recorder(mirrored, 0.0, seen)
     assert wrong.conjugate is True
     assert wrong.conjugate_error_probability < 1e-3
     assert wrong.doppler_ratio == pytest.approx(-1.0, abs=4.0 * wrong.doppler_ratio_sigma)
@@ -159,7 +159,7 @@ def test_a_mirrored_spectrum_is_found():
 
 def test_four_milliseconds_do_not_show_whether_the_spectrum_is_mirrored():
     samples, heard = recorded(2.6e6, duration_s=0.004)
-    reported = survey(samples, 0.0, heard)
+    reported = survey_recorder(samples, 0.0, heard)
     assert reported.conjugate is None
     assert reported.conjugate_error_probability == 0.5
 
@@ -167,39 +167,39 @@ def test_four_milliseconds_do_not_show_whether_the_spectrum_is_mirrored():
 def test_a_sampling_clock_of_its_own_is_found():
     """A rate stated 2 ppm too low: delays in seconds seem to grow by 2 microseconds a second."""
     samples, heard = recorded(2.6e6, duration_s=0.3)
-    coupled = survey(samples, 0.0, heard)
+    coupled = survey_recorder(samples, 0.0, heard)
     assert abs(coupled.clock_minus_lo_ppm) < 4.0 * coupled.clock_minus_lo_sigma_ppm
-    off = survey(replace(samples, rate_hz=2.6e6 * (1.0 - 2e-6)), 0.0, heard)
+    off = survey_recorder(replace(samples, rate_hz=2.6e6 * (1.0 - 2e-6)), 0.0, heard)
     assert off.gaps == ()
     assert off.clock_minus_lo_ppm == pytest.approx(2.0, abs=4.0 * off.clock_minus_lo_sigma_ppm)
 
 
 def test_two_satellites_show_nothing():
     samples, heard = recorded(2.6e6, duration_s=0.02)
-    assert survey(samples, 0.0, heard[:2]) == Survey()
+    assert survey_recorder(samples, 0.0, heard[:2]) == Survey()
 
 
 def test_the_middle_of_the_dopplers_is_as_near_to_zero_as_stated():
     rng = np.random.default_rng(2)
-    navigation = nominal_constellation(START)
+    navigation = make_nominal_constellation(START)
     instants = START + (rng.uniform(-3600.0, 3600.0, 400) * 1e9).astype("timedelta64[ns]")
     places = ecef_from_geodetic(np.arcsin(rng.uniform(-0.95, 0.95, 400)), rng.uniform(-np.pi, np.pi, 400), 0.0)
-    states = [satellite_state(one, instants) for one in navigation.ephemerides]
+    states = [compute_satellite_state(one, instants) for one in navigation.ephemerides]
     position = np.stack([state.position_ecef_m for state in states])
     velocity = np.stack([state.velocity_ecef_m_s for state in states])
     away = position - places
     doppler_hz = -np.sum(away * velocity, axis=-1) / np.linalg.norm(away, axis=-1) / 299_792_458.0 * 1575.42e6
-    above = azimuth_elevation(places, position)[1] > np.radians(10.0)
+    above = compute_azimuth_elevation(places, position)[1] > np.radians(10.0)
     assert np.abs(doppler_hz[above]).max() < DOPPLER_LIMIT_HZ
     for n in (1, 4, 6, 8):
         middles = []
         for column in range(instants.size):
             values = doppler_hz[above[:, column], column]
             if values.size >= n:
-                reported = oscillator_error(rng.choice(values, n, replace=False) + 700.0)
+                reported = estimate_oscillator_error(rng.choice(values, n, replace=False) + 700.0)
                 middles.append((reported.doppler_hz - 700.0) / reported.sigma_hz)
         assert 0.85 < np.std(middles) < 1.15
 
 
 def test_without_satellites_the_oscillator_is_not_known():
-    assert np.isnan(oscillator_error([]).doppler_hz)
+    assert np.isnan(estimate_oscillator_error([]).doppler_hz)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from tests.report.sample import EMPTY, SAMPLE, VERDICT, pictures
 
-from skyproof.gnss.time import clock_words
+from skyproof.gnss.time import format_clock
 from skyproof.report import evidence
 from skyproof.report.evidence import by_chance
 from skyproof.report.figures import Pictures
@@ -277,7 +277,7 @@ def test_the_top_answers_since_when_where_and_how_sure() -> None:
     assert reported["True position"].startswith(shown)
     (false,) = (answer for asked, answer in reported.items() if "false signals" in asked)
     assert "rx1 seems" in false
-    assert false.endswith(f" {clock_words('2022-01-01T10:00:59.9')}")
+    assert false.endswith(f" {format_clock('2022-01-01T10:00:59.9')}")
     assert "How sure" not in reported
 
 

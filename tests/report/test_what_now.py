@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.report.sample import SAMPLE
 
-from skyproof.gnss.time import clock_words
+from skyproof.gnss.time import format_clock
 from skyproof.report.positions import radius_95_m
 from skyproof.report.what_now import Advice, what_now
 from skyproof.verdict import Verdict
@@ -39,7 +39,7 @@ def test_an_attack_that_harms_nobody_yet_is_not_said_to_harm() -> None:
 def test_without_a_trusted_position_no_satellite_is_to_be_used() -> None:
     [(what, why)] = what_now(verdict_of(false_fix=FALSE))
     assert what is Advice.USE_NOTHING
-    assert f" {clock_words('2022-01-01T10:00:24')}" in why
+    assert f" {format_clock('2022-01-01T10:00:24')}" in why
 
 
 def test_a_trusted_position_that_has_ended_is_none_for_now() -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyproof.gnss.time import clock_words, instant_words, moment_words
+from skyproof.gnss.time import format_clock, format_instant, format_moment
 from skyproof.report.evidence import by_chance
 from skyproof.report.words import (
     angle_words,
@@ -61,8 +61,8 @@ def test_numbers_of_any_size_stay_readable() -> None:
 
 
 def test_instants_lose_idle_zeros_and_stretches_a_second_date() -> None:
-    assert instant_words("2022-01-01T10:00:24.500000") == "2022-01-01 10:00:24.5"
-    assert instant_words("2022-01-01T10:00:20") == "2022-01-01 10:00:20"
+    assert format_instant("2022-01-01T10:00:24.500000") == "2022-01-01 10:00:24.5"
+    assert format_instant("2022-01-01T10:00:20") == "2022-01-01 10:00:20"
     assert span_words("2022-01-01T10:00:00", "2022-01-01T10:01:00") == "2022-01-01 10:00:00 to 10:01:00"
     assert span_words("2022-01-01T23:59:00", "2022-01-02T00:01:00") == "2022-01-01 23:59:00 to 2022-01-02 00:01:00"
     assert span_words(None, "2022-01-01T10:01:00") == "unknown to 2022-01-01 10:01:00"
@@ -108,5 +108,5 @@ def test_no_more_is_claimed_of_evidence_than_was_counted() -> None:
     ],
 )
 def test_instants_stand_by_both_clocks(gpst: str, by_both: str, clock: str) -> None:
-    assert (moment_words(gpst), clock_words(gpst)) == (by_both, clock)
+    assert (format_moment(gpst), format_clock(gpst)) == (by_both, clock)
     assert leap_words(gpst) == "UTC + 18 s"

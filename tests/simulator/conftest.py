@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.ephemeris import NavigationData
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.scenario import Meaconer, Scenario, ScenePlace, SceneReceiver
 
 START = np.datetime64("2023-03-04T05:06:07.25", "ns")
@@ -12,7 +12,7 @@ START = np.datetime64("2023-03-04T05:06:07.25", "ns")
 
 @pytest.fixture(scope="session")
 def navigation() -> NavigationData:
-    return nominal_constellation(START)
+    return make_nominal_constellation(START)
 
 
 @pytest.fixture(scope="session")

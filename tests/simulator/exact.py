@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyproof.arrays import Reals
-from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
+from skyproof.gnss.atmosphere import compute_klobuchar_s, compute_troposphere_m
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris, NavigationData
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
+from skyproof.gnss.orbits import compute_satellite_state_s
+from skyproof.gnss.sky import compute_azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.simulator.sites import ScenePlace
 
@@ -41,16 +41,16 @@ def delays_at(
     received_s = tow_s + np.asarray(true_s, np.float64)
     travel_s = np.full(received_s.shape, 0.075)
     for _ in range(4):  # each round shrinks the error by the satellite's speed over that of light, 1e-5
-        state = satellite_state_s(ephemeris, week, received_s - travel_s)
+        state = compute_satellite_state_s(ephemeris, week, received_s - travel_s)
         sat_ecef_m = rotate_to_reception(state.position_ecef_m, travel_s)
         range_m = np.linalg.norm(sat_ecef_m - rx_ecef_m, axis=-1)
         travel_s = range_m / SPEED_OF_LIGHT_M_S
-    az_rad, el_rad = azimuth_elevation(rx_ecef_m, sat_ecef_m)
+    az_rad, el_rad = compute_azimuth_elevation(rx_ecef_m, sat_ecef_m)
     up_rad = np.maximum(el_rad, 0.0)  # the models end at the horizon
-    troposphere_s = troposphere_delay_m(lat_rad, height_m, up_rad) / SPEED_OF_LIGHT_M_S
+    troposphere_s = compute_troposphere_m(lat_rad, height_m, up_rad) / SPEED_OF_LIGHT_M_S
     klobuchar = navigation.ionosphere
     ionosphere_s = (
-        klobuchar_delay_s(klobuchar, lat_rad, lon_rad, az_rad, up_rad, received_s)
+        compute_klobuchar_s(klobuchar, lat_rad, lon_rad, az_rad, up_rad, received_s)
         if klobuchar is not None
         else np.zeros_like(travel_s)
     )

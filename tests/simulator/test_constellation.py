@@ -9,9 +9,9 @@ import pytest
 from skyproof.errors import InputError, ScenarioError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.ephemeris import Ephemeris
-from skyproof.gnss.lnav import quantised
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbit_faults import orbit_fault
+from skyproof.gnss.lnav import quantise
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbit_faults import find_orbit_fault
 from skyproof.simulator.constellation import navigation_of
 from skyproof.simulator.scenario import Scenario, parse_scenario
 from skyproof.simulator.sky import scene_of
@@ -33,7 +33,7 @@ def scenario(lat_deg: float = 30.0, *, descending: bool = False, **sky: Any) -> 
 
 def test_without_a_word_it_is_the_nominal_constellation() -> None:
     table = scenario(directions=None)
-    assert navigation_of(table) == nominal_constellation(table.start_gpst)
+    assert navigation_of(table) == make_nominal_constellation(table.start_gpst)
 
 
 def test_a_navigation_file_is_read(tmp_path: Path) -> None:
@@ -70,10 +70,10 @@ def test_they_move_as_gps_satellites_do() -> None:
     for one, other in zip(up, down, strict=True):
         assert isinstance(one, Ephemeris)
         assert isinstance(other, Ephemeris)
-        assert quantised(one) == one  # a receiver that decodes the message has the same orbit
-        assert orbit_fault(one) is None
+        assert quantise(one) == one  # a receiver that decodes the message has the same orbit
+        assert find_orbit_fault(one) is None
         assert one.m0 != other.m0
-    nominal = nominal_constellation(scenario().start_gpst).ephemerides[0]
+    nominal = make_nominal_constellation(scenario().start_gpst).ephemerides[0]
     assert isinstance(nominal, Ephemeris)
     assert {eph.sqrt_a for eph in up if isinstance(eph, Ephemeris)} == {nominal.sqrt_a}
     for descending, sign in ((False, 1.0), (True, -1.0)):

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from skyproof.errors import ScenarioError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.gravity import compute_gravity_m_s2
 from skyproof.gnss.imu_grades import GRADES, ImuGrade
 from skyproof.gnss.time import GPS_EPOCH, seconds_between
 from skyproof.simulator.inertial import (
@@ -142,7 +142,7 @@ def reference_strapdown(series, start, lever_m=(0.0, 0.0, 0.0)):
     position = place + velocity * halves_s[:, None]
     for _ in range(7):
         ecef = np.einsum("nji,nj->ni", earth, position)
-        attraction = gravity_ecef_m_s2(ecef) + np.cross(spin, np.cross(spin, ecef))
+        attraction = compute_gravity_m_s2(ecef) + np.cross(spin, np.cross(spin, ecef))
         acceleration = force + np.einsum("nij,nj->ni", earth, attraction)
         twice = make_interp_spline(halves_s, acceleration, k=5).antiderivative(2)
         position = place + velocity * halves_s[:, None] + twice(halves_s) - twice(0.0)
@@ -183,7 +183,7 @@ def test_the_approach_and_a_course_with_banked_turns_come_back_too():
 def test_at_rest_it_feels_gravity_upwards_and_the_earths_rotation():
     series = inertial(static, rate_hz=50.0, duration_s=2.0).read(0, 100)
     attitude = static(np.zeros(1)).attitude[0]
-    gravity = gravity_ecef_m_s2(ORIGIN_M)
+    gravity = compute_gravity_m_s2(ORIGIN_M)
     np.testing.assert_allclose(series.specific_force_m_s2, np.tile(-attitude.T @ gravity, (100, 1)), atol=1e-12)
     np.testing.assert_allclose(series.angular_rate_rad_s, np.tile(attitude.T[:, 2] * EARTH_RAD_S, (100, 1)), rtol=1e-12)
     # upwards: east, north, up of what a level unit feels

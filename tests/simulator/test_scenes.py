@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import week_and_tow
 from skyproof.simulator.scenario import Scenario, ScenePlace
 from skyproof.simulator.scenes import clean, demo
@@ -20,7 +20,7 @@ def baseline_m(scenario: Scenario) -> float:
 
 def test_the_demo_has_ten_satellites_each_with_a_copy_of_its_own() -> None:
     scenario = demo()
-    scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
+    scene = scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
     assert baseline_m(scenario) == pytest.approx(60.0, abs=5.0)
     for sky in scene.skies:
         code_m = 299_792_458.0 * sky.code_delay_s(20.0)
@@ -57,6 +57,6 @@ def test_a_clean_scene_stands_where_and_when_it_is_asked(place: ScenePlace) -> N
     scenario = clean(place, np.datetime64("2031-10-05T23:59:50"), baseline_m=100.0, receivers=3)
     assert baseline_m(scenario) == pytest.approx(100.0, rel=0.01)
     assert len(scenario.receivers) == 3
-    scene = scene_of(scenario, nominal_constellation(scenario.start_gpst))
+    scene = scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
     assert set(scene.labels.values()) == {"authentic"}
     assert all(len(sky.signals) >= 6 for sky in scene.skies)

@@ -10,12 +10,12 @@ import pytest
 from tests.simulator.exact import delays_at
 
 from skyproof.formats.rinex_nav import read_nav
-from skyproof.gnss.atmosphere import klobuchar_delay_s
+from skyproof.gnss.atmosphere import compute_klobuchar_s
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.sky import rotate_to_reception, unit_vectors
+from skyproof.gnss.orbits import compute_satellite_state
+from skyproof.gnss.sky import compute_unit_vectors, rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import SignalRef
 from skyproof.simulator.received import ReceiverSky, Scene
@@ -64,8 +64,8 @@ def test_double_differences_of_authentic_signals_are_the_baseline_on_the_sight_l
         ephemeris = navigation.best(sat, scene.scenario.start_gpst)
         assert ephemeris is not None
         sent = scene.scenario.start_gpst + np.timedelta64(round((true_s - 0.075) * 1e9), "ns")
-        sat_ecef_m = rotate_to_reception(satellite_state(ephemeris, sent).position_ecef_m, 0.075)
-        sights.append(unit_vectors(middle, sat_ecef_m))
+        sat_ecef_m = rotate_to_reception(compute_satellite_state(ephemeris, sent).position_ecef_m, 0.075)
+        sights.append(compute_unit_vectors(middle, sat_ecef_m))
     expected_m = -np.array(sights) @ (ecef(two) - ecef(one))
     double_m = (two_m - one_m) - (two_m - one_m)[0]
     assert np.abs(expected_m - expected_m[0]).max() > 30.0
@@ -80,7 +80,7 @@ def test_code_minus_carrier_is_twice_the_ionosphere(scene: Scene, navigation: Na
     apart_s = sky.code_delay_s(true_s) - sky.carrier_delay_s(true_s)
     for column, heard in enumerate(sky.signals):
         place = sky.receiver if heard.label == "authentic" else scene.scenario.attacks[0].shows
-        ionosphere_s = klobuchar_delay_s(
+        ionosphere_s = compute_klobuchar_s(
             navigation.ionosphere,
             np.radians(place.lat_deg),
             np.radians(place.lon_deg),

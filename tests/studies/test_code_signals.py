@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from tests.gnss.orbit_twin import clock_polynomial_s
 
-from skyproof.formats.rinex_nav import glonass_channels, read_nav
+from skyproof.formats.rinex_nav import get_glonass_channels, read_nav
 from skyproof.formats.rinex_obs_read import parse_obs, read_obs
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import group_delay_s
-from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.ranges import compute_atmosphere
@@ -61,7 +61,7 @@ def test_codes_of_every_system_fit_a_known_place_after_a_clock_of_their_own(shar
     """
     folder = shared_data / "real" / "rinex-mosaic-1m"
     navigation = read_nav(folder / "base.nav")
-    seen = read_obs(folder / "base.obs", glonass_channels=glonass_channels(navigation)).observations
+    seen = read_obs(folder / "base.obs", glonass_channels=get_glonass_channels(navigation)).observations
     week, tow_s = week_and_tow(seen.gpst)
     residual_m: dict[str, list[float]] = {}
     for signal in code_positioning_signals(seen):
@@ -70,7 +70,7 @@ def test_codes_of_every_system_fit_a_known_place_after_a_clock_of_their_own(shar
             continue
         code_m = seen.pseudorange_m[:, seen.signals.index(signal)]
         sent_s = tow_s - code_m / SPEED_OF_LIGHT_M_S
-        state = satellite_state_s(eph, week, sent_s - clock_polynomial_s(eph, week, sent_s))
+        state = compute_satellite_state_s(eph, week, sent_s - clock_polynomial_s(eph, week, sent_s))
         travel_s = np.linalg.norm(state.position_ecef_m - BASE_ECEF_M, axis=-1) / SPEED_OF_LIGHT_M_S
         sat_ecef_m = rotate_to_reception(state.position_ecef_m, travel_s)
         air = compute_atmosphere(

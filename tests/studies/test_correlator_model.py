@@ -7,7 +7,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import asked
 from skyproof.app.receive.tracker import build_receiver_settings
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import GPS_SATS
 from skyproof.receiver import measurement as m
 from skyproof.receiver.grids import Grids
@@ -47,7 +47,7 @@ def scene():
         attacks=(attack,),
         sky=Sky(zenith_cn0_dbhz=50.0, horizon_cn0_dbhz=44.0),
     )
-    return scene_of(scenario, nominal_constellation(START))
+    return scene_of(scenario, make_nominal_constellation(START))
 
 
 def received(receiver, blocks):

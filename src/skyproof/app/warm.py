@@ -26,8 +26,8 @@ from skyproof.detectors.dccaf.bursts import build_shapes, fit_components
 from skyproof.detectors.dccaf.inverse_raim import find_passing_sets
 from skyproof.formats.layout import Chunk, PackedSamples, Packing
 from skyproof.gnss.ephemeris import GlonassEphemeris
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_positions_m, satellite_state
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_positions_m, compute_satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.fix import fix
@@ -49,7 +49,7 @@ def _run_receiver() -> None:
     """
     scenario = scenes.meaconed(duration_s=2.2, onset_s=-1.0)
     scenario = scenario.model_copy(update={"receivers": scenario.receivers[:1]})
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     line = Interference(kind="cw", transmit=scenario.attacks[0].transmit, power_db=20.0, offset_hz=1e5)
     with tempfile.TemporaryDirectory() as folder:
         recordings = write(scenario, navigation, Path(folder) / "bits")
@@ -81,7 +81,7 @@ def _run_overlaps() -> None:
 def _run_positions() -> None:
     """Compute two skies of one receiver and write them, and integrate an orbit of GLONASS."""
     scenario = scenes.meaconed(duration_s=3.0, onset_s=-1.0)
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     (observations, *_), _ = observations_of(scenario, navigation, rng=np.random.default_rng(1))
     sets = find_consistent_sets(observations, navigation)
     fix(observations, navigation, signals=sets[0].signals)
@@ -97,8 +97,8 @@ def _run_positions() -> None:
         velocity_m_s=(0.0, 3.9e3, 0.0),
         acceleration_m_s2=(0.0, 0.0, 0.0),
     )
-    satellite_state(glonass, scenario.start_gpst)
-    satellite_positions_m((glonass,), scenario.start_gpst)
+    compute_satellite_state(glonass, scenario.start_gpst)
+    compute_satellite_positions_m((glonass,), scenario.start_gpst)
     with tempfile.TemporaryDirectory() as folder:
         write_channels(Path(folder) / "bow.obs", observations, "warm", None, sets[0].signals)
 

@@ -21,7 +21,7 @@ from uuid import uuid4
 
 from skyproof.batch.item import Item
 from skyproof.errors import OutputError
-from skyproof.formats.atomic_write import output_error
+from skyproof.formats.atomic_write import describe_output_error
 
 __all__ = ["ITEMS", "Store"]
 
@@ -49,7 +49,7 @@ class Store:
                 path.mkdir(parents=True, exist_ok=True)
             self._lock = os.open(self._done, os.O_RDONLY)
         except OSError as error:
-            raise output_error(self.folder, error) from error
+            raise describe_output_error(self.folder, error) from error
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

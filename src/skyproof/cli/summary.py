@@ -6,8 +6,8 @@ from rich.console import Console
 from rich.table import Table
 
 from skyproof.cli.screen import complain, print_document, print_path, print_table, table, words
-from skyproof.formats.verdict import verdict_json
-from skyproof.gnss.time import utc_words
+from skyproof.formats.verdict import write_verdict_json
+from skyproof.gnss.time import format_utc
 from skyproof.report.summary import explained
 from skyproof.report.what_now import what_now
 from skyproof.report.words import angle_words, in_minutes, leap_words
@@ -36,7 +36,7 @@ def print_result(result: "ProtectResult", *, as_json: bool, incomplete: bool = F
         for given in result.verdict.inputs:
             for remark in (*given.cut, *given.left_out):
                 complain(f"{given.path}: {remark}")
-        print_document(verdict_json(result.verdict))
+        print_document(write_verdict_json(result.verdict))
     else:
         _print_summary(result.verdict)
         report = None if result.folder is None else result.folder / "report.html"
@@ -116,7 +116,7 @@ def _angles(verdict: Verdict, lat_deg: float, lon_deg: float) -> tuple[str, str]
 
 def _clocks(gpst: str | None) -> tuple[str, str]:
     """Hours, minutes and seconds by GPS time and by UTC."""
-    return ("", "") if gpst is None else (gpst[11:19], utc_words(gpst)[11:19])
+    return ("", "") if gpst is None else (gpst[11:19], format_utc(gpst)[11:19])
 
 
 def _signals(verdict: Verdict) -> Table:

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 
 __all__ = ["clock", "metres", "seconds"]
 
 
 def clock(gpst: np.datetime64 | None, digits: int = 0) -> str:
     """Return the time of day, "12:00:00.0"."""
-    return "an unknown time" if gpst is None else iso(gpst, digits)[11:]
+    return "an unknown time" if gpst is None else format_iso(gpst, digits)[11:]
 
 
 def metres(length_m: float) -> str:

@@ -18,12 +18,12 @@ __all__ = [
     "UNFINISHED",
     "OutputStep",
     "Unwritten",
-    "output_error",
-    "replaced",
-    "unwritten_words",
+    "describe_missing",
+    "describe_output_error",
+    "name_replaced",
     "write_in_turn",
     "write_lines",
-    "writing",
+    "write_whole",
 ]
 
 UNFINISHED: Final = ".skyproof-unfinished"
@@ -45,11 +45,11 @@ _REMEDIES = {
 
 
 @contextlib.contextmanager
-def writing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """An open file that appears at `path` when the block ends well; otherwise whatever stood there stays.
+def write_whole(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """Open a file that appears at `path` when the block ends well; otherwise the old file stays.
 
-    The bytes go to a hidden file in the same folder, which then takes the name in one step, so a reader never sees
-    half a file. A symbolic link keeps pointing where it did. What a writer that was killed left behind is removed.
+    The bytes go to a hidden file in the same folder, which then takes the name in one step, so a reader never sees half
+    a file. A symbolic link keeps pointing where it did. Remains of a killed writer are removed.
 
     Raises
     ------
@@ -62,8 +62,8 @@ def writing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     try:
         if target.exists() and not target.is_file():
             raise OSError(errno.EISDIR if target.is_dir() else errno.EINVAL, "not a regular file")
-        for left in target.parent.glob(f"{hidden}.*.part"):
-            _remove_left(left)
+        for old_part in target.parent.glob(f"{hidden}.*.part"):
+            _remove_remains(old_part)
         with open(part, "xb") as file:
             fcntl.flock(file, fcntl.LOCK_EX)  # while it is held, the file has a writer
             yield file
@@ -71,7 +71,7 @@ def writing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
             os.fsync(file.fileno())
             os.replace(part, target)
     except OSError as error:
-        raise output_error(path, error) from error
+        raise describe_output_error(path, error) from error
     finally:
         with contextlib.suppress(OSError):  # after success it has its name already
             part.unlink(missing_ok=True)
@@ -114,8 +114,8 @@ def write_in_turn(
     ----------
     ahead : so many steps appear together, in place of what an earlier run wrote; the first file of the first step last.
     instead_of : names of files in `folder` that an earlier run wrote: they go before the first file appears. Until that
-        is there, the one of its name is kept as `replaced(name)` in the unfinished folder, for whoever comes after a
-        kill.
+        is there, the one of its name is kept as `name_replaced(name)` in the unfinished folder, for whoever comes
+        after a kill.
     done : called with the number of steps that are behind.
     """
     if not steps:
@@ -124,7 +124,7 @@ def write_in_turn(
     unwritten: list[Unwritten] = []
     failure: Exception | None = None
     try:
-        _empty(part, first)
+        _empty_folder(part, first)
         for number, step in enumerate(steps, 1):
             if step.after_all and unwritten:
                 unwritten.append(Unwritten(step.names, unwritten[0].error))
@@ -140,7 +140,7 @@ def write_in_turn(
             behind = number if number >= ahead else 0
             done(number)
     except OSError as error:
-        failure = output_error(folder, error)
+        failure = describe_output_error(folder, error)
     finally:
         shutil.rmtree(part, ignore_errors=True)
     failed_names = {name for each in unwritten for name in each.names}
@@ -150,12 +150,12 @@ def write_in_turn(
     return tuple(unwritten)
 
 
-def _empty(part: Path, first: str) -> None:
+def _empty_folder(part: Path, first: str) -> None:
     """Make the unfinished folder, and remove what a run that was killed left there."""
     part.mkdir(exist_ok=True)
-    for left in part.iterdir():
-        if left.name != replaced(first):
-            left.unlink()
+    for old_part in part.iterdir():
+        if old_part.name != name_replaced(first):
+            old_part.unlink()
 
 
 def _attempt(step: OutputStep, part: Path) -> Unwritten | None:
@@ -171,49 +171,49 @@ def _attempt(step: OutputStep, part: Path) -> Unwritten | None:
 
 
 def _replace(folder: Path, part: Path, first: str, instead_of: Iterable[str]) -> None:
-    """Put what is in `part` into `folder`, the file `first` last, in place of what an earlier run wrote."""
-    new = {path.name for path in part.iterdir()} - {replaced(first)}
+    """Move the files of `part` into `folder`, the file `first` last, in place of those of an earlier run."""
+    new = {path.name for path in part.iterdir()} - {name_replaced(first)}
     if (folder / first).exists():
-        os.replace(folder / first, part / replaced(first))
+        os.replace(folder / first, part / name_replaced(first))
     for name in {*instead_of, *new}:
         (folder / name).unlink(missing_ok=True)
     for name in sorted(new, key=lambda name: (name == first, name)):
         os.replace(part / name, folder / name)
-    (part / replaced(first)).unlink(missing_ok=True)
+    (part / name_replaced(first)).unlink(missing_ok=True)
 
 
-def unwritten_words(folder: Path, unwritten: Sequence[Unwritten]) -> str:
-    """Say which files are missing in a folder, why, and what to do."""
+def describe_missing(folder: Path, unwritten: Sequence[Unwritten]) -> str:
+    """Describe which files are missing in a folder, why, and what to do."""
     names = [name for each in unwritten for name in each.names]
-    causes = "; ".join(dict.fromkeys(_cause(each.error) for each in unwritten))
+    causes = "; ".join(dict.fromkeys(_describe_cause(each.error) for each in unwritten))
     return (
         f"{folder} lacks {', '.join(names)}: {causes}. What is there is whole; the same command with --overwrite "
         "writes all again"
     )
 
 
-def _cause(error: Exception) -> str:
-    """Why a file could not be written, without its name."""
+def _describe_cause(error: Exception) -> str:
+    """Describe why a file could not be written, without its name."""
     if isinstance(error, OutputError):
         _, cannot, why = str(error).partition(_CANNOT)
         return f"{cannot.strip()} {why}" if cannot else str(error)
     return f"unexpected {type(error).__name__}: {error}. This is a fault of skyproof, not of the input"
 
 
-def replaced(name: str) -> str:
-    """What a file is called that is about to be replaced."""
+def name_replaced(name: str) -> str:
+    """Name a file that is about to be replaced."""
     return f"replaced-{name}"
 
 
-def _remove_left(part: Path) -> None:
-    """Remove a hidden file that nobody writes any more."""
+def _remove_remains(part: Path) -> None:
+    """Remove a hidden file whose writer is gone."""
     with contextlib.suppress(OSError), open(part, "rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         part.unlink()
 
 
-def output_error(path: str | os.PathLike[str], error: OSError) -> OutputError:
-    """What could not be written, why, and what to do."""
+def describe_output_error(path: str | os.PathLike[str], error: OSError) -> OutputError:
+    """Describe an output that could not be written: why, and what to do."""
     remedy = _REMEDIES.get(error.errno or 0, "choose another place")
     return OutputError(f"{os.fspath(path)}{_CANNOT}({error.strerror or error}): {remedy}")
 
@@ -221,9 +221,9 @@ def output_error(path: str | os.PathLike[str], error: OSError) -> OutputError:
 def write_lines(
     path: str | os.PathLike[str], lines: Iterable[str], *, end: str = "\n", encoding: str = "ascii"
 ) -> None:
-    """Write `lines`, each followed by `end`, as `writing` does. A character that `encoding` lacks becomes "?".
+    """Write `lines`, each followed by `end`, as `write_whole` does. A character that `encoding` lacks becomes "?".
 
-    Raises OutputError as `writing` does.
+    Raises OutputError as `write_whole` does.
     """
-    with writing(path) as file:
+    with write_whole(path) as file:
         file.writelines((line + end).encode(encoding, "replace") for line in lines)

@@ -1,4 +1,4 @@
-"""How a body is turned, from CSV or Parquet: what a compass, a vessel's gyro or an inertial system of its own logs.
+"""Read a body's attitude over time from CSV or Parquet, as a compass or an inertial system logs it.
 
 Columns: `gpst` or `time_s` (see `skyproof.formats.timed_rows`), `heading_deg` (from true north to the right),
 `pitch_deg` (forward up), `roll_deg` (right side down). A row that lacks an angle is left out.
@@ -37,14 +37,17 @@ class AttitudeFile:
     remarks: tuple[str, ...] = ()
 
     def attitude(self, zero_gpst: np.datetime64, sigma_rad: float) -> Attitude:
-        """The angles in GPS time. zero_gpst : of `time_s` = 0; of no account where the file has `gpst`."""
+        """Convert the angles to GPS time.
+
+        zero_gpst : instant of `time_s` = 0, unused where the file has `gpst`.
+        """
         zero: np.datetime64 = np.datetime64(0, "ns") if self.dated else zero_gpst.astype("datetime64[ns]")
         gpst: Instants = zero + self.time_ns.astype("timedelta64[ns]")
         return Attitude(gpst=gpst, angles_rad=self.angles_rad, sigma_rad=sigma_rad)
 
 
 def read_attitude(path: str | os.PathLike[str]) -> AttitudeFile:
-    """The angles in a file that ends in .csv or .parquet.
+    """Read the angles in a file that ends in .csv or .parquet.
 
     Raises
     ------
@@ -64,7 +67,7 @@ def read_attitude(path: str | os.PathLike[str]) -> AttitudeFile:
         time_ns=rows.time_ns[whole],
         dated=rows.dated,
         angles_rad=np.radians(angles_deg),
-        remarks=(*rows.remarks, *_remarks(angles_deg, len(rows.values) - whole.size)),
+        remarks=(*rows.remarks, *_make_remarks(angles_deg, len(rows.values) - whole.size)),
     )
 
 
@@ -79,7 +82,7 @@ def _require_degrees(rows: TimedRows, angles_deg: Reals, whole: Indices) -> None
         )
 
 
-def _remarks(angles_deg: Reals, left_out: int) -> tuple[str, ...]:
+def _make_remarks(angles_deg: Reals, left_out: int) -> tuple[str, ...]:
     headings = angles_deg[:, 0]
     circle = np.abs(headings).max() < _CIRCLE_RAD[1] and np.ptp(headings) > _CIRCLE_RAD[0]
     return (

@@ -1,6 +1,6 @@
-"""How much is read of a file: the bounds that keep a broken or hostile one from taking all memory, or hours.
+"""Bounds on how much is read of a file, so that a broken or hostile one does not take all memory, or hours.
 
-What lies beyond a bound is refused by an InputError that names it, or costs the line or record it stands in, and is
+Input beyond a bound is refused by an InputError that names it, or costs the line or record it stands in, and is
 reported. Years are bounded where instants are made, in `skyproof.gnss.time`; the length of a message in
 `skyproof.errors`.
 """
@@ -32,9 +32,9 @@ __all__ = [
     "TRACK_BYTES",
     "XML_TAGS",
     "Remarks",
-    "first_few",
-    "limited",
-    "listed",
+    "describe_first",
+    "limit_remarks",
+    "list_names",
     "require_toml_depth",
 ]
 
@@ -116,7 +116,7 @@ class Remarks:
         return [*self.named, *([Remark(f"{self.others} {others}", self.kind)] if self.others else [])]
 
 
-def limited(remarks: Iterable[str], others: str) -> tuple[str, ...]:
+def limit_remarks(remarks: Iterable[str], others: str) -> tuple[str, ...]:
     """Return each remark once, the gravest kinds first; beyond `REMARKS` of one kind "3 ..." of the others."""
     by_kind: dict[RemarkKind, list[str]] = {kind: [] for kind in sorted(RemarkKind, reverse=True)}
     for remark in dict.fromkeys(remarks):
@@ -129,13 +129,13 @@ def limited(remarks: Iterable[str], others: str) -> tuple[str, ...]:
     return tuple(kept)
 
 
-def listed(names: Sequence[str]) -> str:
+def list_names(names: Sequence[str]) -> str:
     """Return names with commas; the first few, "and 3 more", where there are more than `REMARKS`."""
     more = f" and {len(names) - REMARKS} more" if len(names) > REMARKS else ""
     return ", ".join(names[:REMARKS]) + more
 
 
-def first_few(faults: Sequence[_Fault], words: Callable[[_Fault], str]) -> list[str]:
-    """The first faults in words, and how many more there are."""
+def describe_first(faults: Sequence[_Fault], words: Callable[[_Fault], str]) -> list[str]:
+    """Describe the first faults, and count the others."""
     more = [f"and {len(faults) - REMARKS} more"] if len(faults) > REMARKS else []
     return [*map(words, faults[:REMARKS]), *more]

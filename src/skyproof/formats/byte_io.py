@@ -1,4 +1,4 @@
-"""Files as bytes: how long they are, any stretch of them, their digest, and words for the ways in which that fails."""
+"""Read files as bytes: length, any stretch, digest, and messages for the ways in which that fails."""
 
 import contextlib
 import gzip
@@ -21,16 +21,16 @@ from skyproof.remarks import Remark, RemarkKind
 __all__ = [
     "GZIP",
     "FileBytes",
-    "beginning",
-    "content_of",
-    "digest",
-    "reading",
+    "compute_digest",
+    "compute_sha256",
+    "measure_size",
+    "read_content",
+    "read_text",
+    "report_reading",
     "require_size",
-    "sha256",
-    "size_of",
-    "text_of",
-    "unpacked",
-    "without_mark",
+    "strip_mark",
+    "unpack_beginning",
+    "unpack_text",
 ]
 
 _HASH_BLOCK = 1 << 22
@@ -41,17 +41,17 @@ _LONGEST_HEADER = 1 << 16
 """What is skipped before the bytes that are worked on, and read for the sum alone at once."""
 
 
-def size_of(path: Path) -> int:
-    """Length of a regular file in bytes. Raises InputError if it is none or cannot be looked at."""
-    with reading(path):
+def measure_size(path: Path) -> int:
+    """Return the length of a regular file in bytes. Raises InputError if it is not one or cannot be read."""
+    with report_reading(path):
         size = path.stat().st_size
     if not path.is_file():
         raise InputError(f"{path} is not a regular file; give the file of a recording")
     return size
 
 
-def content_of(path: Path, most: int, what: str, to_do: str) -> bytes:
-    """A whole regular file of at most `most` bytes.
+def read_content(path: Path, most: int, what: str, to_do: str) -> bytes:
+    """Read a whole regular file of at most `most` bytes.
 
     what, to_do : begin and end the message: "the navigation file", "give one".
 
@@ -77,12 +77,12 @@ def content_of(path: Path, most: int, what: str, to_do: str) -> bytes:
     return content
 
 
-def text_of(path: Path, most: int, what: str, to_do: str) -> bytes:
-    """Return a whole file of text, without its byte order mark; otherwise as `content_of` and `without_mark`."""
-    return without_mark(content_of(path, most, what, to_do), str(path))
+def read_text(path: Path, most: int, what: str, to_do: str) -> bytes:
+    """Return a whole file of text, without its byte order mark; otherwise as `read_content` and `strip_mark`."""
+    return strip_mark(read_content(path, most, what, to_do), str(path))
 
 
-def without_mark(text: bytes, where: str) -> bytes:
+def strip_mark(text: bytes, where: str) -> bytes:
     """Return text without the byte order mark that some editors write before UTF-8.
 
     where : begins a message.
@@ -97,23 +97,26 @@ def without_mark(text: bytes, where: str) -> bytes:
     return text.removeprefix(_UTF_8_MARK)
 
 
-def unpacked(path: Path, most: int, what: str, to_do: str) -> bytes:
-    """A whole file of text, plain or gzip, of at most `most` bytes packed and unpacked; otherwise as `text_of`."""
-    content = content_of(path, most, what, to_do)
+def unpack_text(path: Path, most: int, what: str, to_do: str) -> bytes:
+    """Read a whole text file, plain or gzip, of at most `most` bytes packed and unpacked.
+
+    Otherwise as `read_text`.
+    """
+    content = read_content(path, most, what, to_do)
     if content[:2] == b"\x1f\x9d":
         raise InputError(f"{path}: compressed by `compress` (.Z), expected plain text or gzip; uncompress it first")
     if content[:2] != GZIP:
-        return without_mark(content, str(path))
+        return strip_mark(content, str(path))
     try:
         content = gzip.GzipFile(fileobj=io.BytesIO(content)).read(most + 1)
     except (EOFError, OSError, zlib.error) as error:
         raise InputError(f"{path}: damaged gzip file ({error}); fetch or compress it again") from None
     require_size(len(content), most, f"{path}: {what}, unpacked,", to_do)
-    return without_mark(content, str(path))
+    return strip_mark(content, str(path))
 
 
-def beginning(head: bytes) -> bytes:
-    """The first bytes of a file, unpacked where they are those of a gzip file, without a byte order mark of UTF-8."""
+def unpack_beginning(head: bytes) -> bytes:
+    """Unpack the first bytes of a file if they are gzip, and strip a byte order mark of UTF-8."""
     if head[:2] == GZIP:
         with contextlib.suppress(zlib.error):
             head = zlib.decompressobj(wbits=31).decompress(head, len(head))
@@ -142,7 +145,7 @@ class FileBytes:
     """
 
     def __init__(self, path: Path, start: int = 0, size: int | None = None) -> None:
-        with reading(path):
+        with report_reading(path):
             self._descriptor = os.open(path, os.O_RDONLY)
             weakref.finalize(self, os.close, self._descriptor)
             self._opened = os.fstat(self._descriptor)
@@ -164,14 +167,14 @@ class FileBytes:
         return octets
 
     def sum_as_read(self) -> None:
-        """From now on bytes go into the sum as they are read, those that are read in order: see `sha256`."""
+        """Add bytes to the sum from now on as they are read in order: see `compute_sha256`."""
         self._sum = hashlib.sha256()
 
     def sha256(self, progress: Callable[[int, int], None] | None = None) -> str | None:
-        """SHA-256 of the whole file, in hexadecimal, from the bytes that were read since `sum_as_read` as they were.
+        """Return the SHA-256 of the whole file, in hexadecimal; bytes read since `sum_as_read` count as read.
 
-        The others are read now; of a file that was cut meanwhile it is the sum of what there was. None where the bytes
-        as they were read are not known any more: they were read in disorder, and the file was changed.
+        The others are read now; for a file that was cut meanwhile it is the sum of the bytes that remained. None where
+        the bytes as read are no longer known: they were read out of order, and the file was changed.
         `progress(bytes_done, bytes_in_all)` is called after every 4 MiB.
         """
         self._sum = self._sum or hashlib.sha256()
@@ -186,7 +189,10 @@ class FileBytes:
         return self._sum.hexdigest()
 
     def changes(self) -> tuple[str, ...]:
-        """Say what became of the file since it was opened; a file that ends otherwise, or was written to, is `CUT`."""
+        """Report what became of the file since it was opened.
+
+        A file that now ends elsewhere, or was written to, is `CUT`.
+        """
         now, was = os.fstat(self._descriptor), self._opened
         if now.st_size > was.st_size:
             more = now.st_size - was.st_size
@@ -220,7 +226,7 @@ class FileBytes:
 
     def _fill(self, at: int, octets: NDArray[np.uint8]) -> None:
         done = 0
-        with reading(self.path):
+        with report_reading(self.path):
             while done < octets.size:
                 count = os.preadv(self._descriptor, [octets[done:].data], at + done)
                 if count == 0:
@@ -247,20 +253,20 @@ class FileBytes:
         self._summed = end
 
 
-def sha256(path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None) -> str:
-    """SHA-256 of a file, in hexadecimal; `progress(bytes_done, bytes_in_all)` is called after every 4 MiB.
+def compute_sha256(path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None) -> str:
+    """Compute the SHA-256 of a file, in hexadecimal; `progress(done, total)` is called every 4 MiB.
 
     Raises InputError if the file cannot be read.
     """
-    return digest(Path(path), "sha256", 0, size_of(Path(path)), progress)
+    return compute_digest(Path(path), "sha256", 0, measure_size(Path(path)), progress)
 
 
-def digest(
+def compute_digest(
     path: Path, algorithm: str, start: int, size: int, progress: Callable[[int, int], None] | None = None
 ) -> str:
-    """The digest, in hexadecimal, of at most `size` bytes from byte `start` on; otherwise as `sha256`."""
+    """Compute the digest, in hexadecimal, of at most `size` bytes from byte `start` on, as `compute_sha256` does."""
     state, done = hashlib.new(algorithm), 0
-    with reading(path), open(path, "rb") as file:
+    with report_reading(path), open(path, "rb") as file:
         file.seek(start)
         while block := file.read(min(_HASH_BLOCK, size - done)):
             state.update(block)
@@ -271,8 +277,8 @@ def digest(
 
 
 @contextlib.contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """What the system says of a file that cannot be read, as InputError."""
+def report_reading(path: Path) -> Iterator[None]:
+    """Turn the system's errors about a file that cannot be read into InputError."""
     try:
         yield
     except FileNotFoundError as error:

@@ -1,4 +1,4 @@
-"""Sums of the files of a folder, as `sha256sum --check` reads them: 64 hexadecimal digits, two spaces, the name."""
+"""Checksums of a folder's files, as `sha256sum --check` reads them: 64 hexadecimal digits, two spaces, the name."""
 
 import re
 from collections.abc import Iterable
@@ -8,7 +8,7 @@ from typing import Final
 from skyproof.errors import InputError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.bounds import METADATA_BYTES
-from skyproof.formats.byte_io import sha256, text_of
+from skyproof.formats.byte_io import compute_sha256, read_text
 
 __all__ = ["CHECKSUMS", "read_checksums", "write_checksums"]
 
@@ -24,20 +24,20 @@ def write_checksums(path: Path, folder: Path, names: Iterable[str]) -> None:
     ------
     InputError : one cannot be read. OutputError : the sums cannot be written.
     """
-    write_lines(path, [f"{sha256(folder / name)}  {name}" for name in sorted(names)], encoding="utf-8")
+    write_lines(path, [f"{compute_sha256(folder / name)}  {name}" for name in sorted(names)], encoding="utf-8")
 
 
 def read_checksums(path: Path) -> dict[str, str]:
-    """The SHA-256 of each file, hexadecimal, by its name.
+    """Read the SHA-256 of each file, hexadecimal, by its name.
 
     Raises
     ------
     InputError : the file cannot be read, or a line is none of `write_checksums`.
     """
-    what, remedy = "the list of sums", "give the folder that skyproof protect wrote"
+    title, remedy = "the list of sums", "give the folder that skyproof protect wrote"
     sums: dict[str, str] = {}
     for number, line in enumerate(
-        text_of(path, METADATA_BYTES, what, remedy).decode("utf-8", "replace").splitlines(), 1
+        read_text(path, METADATA_BYTES, title, remedy).decode("utf-8", "replace").splitlines(), 1
     ):
         if (found := _LINE.fullmatch(line)) is None:
             raise InputError(

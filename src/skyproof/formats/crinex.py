@@ -1,10 +1,10 @@
-"""Compact RINEX ("Hatanaka compression"), versions 1.0 and 3.0: back to plain RINEX.
+"""Expand Compact RINEX ("Hatanaka compression"), versions 1.0 and 3.0, to plain RINEX.
 
 Y. Hatanaka, "A Compression Format and Tools for GNSS Observation Data", Bulletin of the GSI 55 (2008), and the format
 notes of RNXCMP. Numbers are differences of whole thousandths in time, of an order that each arc states; texts are the
-characters that changed. A damaged number costs its arc until that starts anew; where lines do not follow each other as
-they must, all is lost until the next epoch that is written in full. What cannot be continued is left out,
-never guessed.
+characters that changed. A damaged number costs its arc until a new one starts. Where lines do not follow each other as
+they must, all is lost until the next epoch that is written in full. Data that cannot be continued are left out, never
+guessed.
 """
 
 import re
@@ -18,7 +18,7 @@ from skyproof.formats.bounds import EPOCH_BYTES, LINES_WITHOUT_EPOCH, OBSERVATIO
 from skyproof.formats.byte_io import require_size
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["Expander", "expanded", "is_compact"]
+__all__ = ["Expander", "expand", "is_compact"]
 
 _MOST_TYPES: Final = 100
 _MOST_LINES: Final = 1002  # of an epoch: its head, its clock, and what three digits count
@@ -27,17 +27,17 @@ _SAT: Final = re.compile(r"[GRECJSI ][ 0-9][0-9]", re.ASCII)
 
 
 def is_compact(content: bytes) -> bool:
-    """Whether a file that begins so is compact RINEX."""
-    return _begins(content[:100].split(b"\n", 1)[0].decode("latin-1"))
+    """Test whether a file that begins with this content is compact RINEX."""
+    return _is_first_line(content[:100].split(b"\n", 1)[0].decode("latin-1"))
 
 
-def _begins(line: str) -> bool:
-    """Whether a line is the first of a compact file."""
+def _is_first_line(line: str) -> bool:
+    """Test whether a line is the first of a compact file."""
     return line[60:80].rstrip() == "CRINEX VERS   / TYPE"
 
 
-def expanded(content: bytes, *, source: str = "observations") -> tuple[bytes, tuple[str, ...]]:
-    """The plain RINEX file, and remarks on what was damaged.
+def expand(content: bytes, *, source: str = "observations") -> tuple[bytes, tuple[str, ...]]:
+    """Expand a file to plain RINEX, and report what was damaged.
 
     Raises
     ------
@@ -69,24 +69,24 @@ class Expander:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was damaged so far, and how the file ends once `rest` was taken."""
+        """Report the damage so far, and how the file ends once `rest` was taken."""
         words = "further places where the compact RINEX is damaged"
         return (*self._cut, *self._remarks.words(words))
 
     def take(self, content: bytes) -> bytes:
-        """The plain lines that these bytes complete. Raises InputError as `expanded` does."""
+        """Return the plain lines that these bytes complete. Raises InputError as `expand` does."""
         *whole, self._waiting = (self._waiting + content).split(b"\n")
         require_size(len(self._waiting), EPOCH_BYTES, f"{self._source}: a line", "fetch the file again")
         self._lines += [line.decode("latin-1").rstrip("\r") for line in whole]
-        return self._expanded(ahead=_MOST_LINES)
+        return self._expand(ahead=_MOST_LINES)
 
     def rest(self) -> bytes:
-        """The plain lines of what is left at the end. Raises InputError as `expanded` does.
+        """Return the plain lines of the remaining bytes at the end. Raises InputError as `expand` does.
 
         A last line without an end is left out: where it is cut, its last number is another one.
         """
         unended, self._waiting = bool(self._waiting), b""
-        plain = self._expanded(ahead=0)
+        plain = self._expand(ahead=0)
         if self._decoder is None and not self._done:
             raise InputError(
                 f"{self._source}, line {len(self._lines)}: the file ends before END OF HEADER; fetch it again"
@@ -99,17 +99,17 @@ class Expander:
             self._cut = (_cut(f"within the epoch that begins in line {self._decoder.unfinished}"),)
         return plain
 
-    def _expanded(self, *, ahead: int) -> bytes:
-        """The plain lines of all epochs that lie whole within the lines at hand: `ahead` lines are enough for any."""
+    def _expand(self, *, ahead: int) -> bytes:
+        """Expand all epochs that lie whole within the lines so far: `ahead` lines are enough for any."""
         plain: list[str] = []
         if self._decoder is None:
-            plain = self._begun()
+            plain = self._read_header()
         position = 0
         while self._decoder is not None and position < len(self._lines) - ahead:
-            if _begins(self._lines[position]):  # files that were put together
+            if _is_first_line(self._lines[position]):  # files that were put together
                 self._forget(position)
                 self._decoder, position = None, 0
-                plain += self._begun()
+                plain += self._read_header()
                 continue
             before = position
             position, epoch = self._decoder.epoch(self._lines, position, self._done)
@@ -124,12 +124,12 @@ class Expander:
         return "".join(f"{line}\n" for line in plain).encode("latin-1")
 
     def _forget(self, count: int) -> None:
-        """Leave the first lines, which are done."""
+        """Drop the first lines, which are done."""
         del self._lines[:count]
         self._done += count
 
-    def _begun(self) -> list[str]:
-        """The header's lines, once it is there whole."""
+    def _read_header(self) -> list[str]:
+        """Read the header's lines once they are complete."""
         version = self._lines[0][:20].strip() if self._lines else ""
         if self._lines and version not in ("1.0", "3.0"):
             raise InputError(
@@ -148,8 +148,8 @@ def _cut(where: str) -> Remark:
     return Remark(f"the compact RINEX is cut: it ends {where}", RemarkKind.CUT)
 
 
-def _patched(old: str, change: str) -> str:
-    """The text with its changes: a space keeps what stands there, "&" makes it a space."""
+def _patch(old: str, change: str) -> str:
+    """Apply changes to a text: a space keeps the character, "&" makes it a space."""
     merged = [(o if c == " " else " " if c == "&" else c) for o, c in zip(old.ljust(len(change)), change, strict=False)]
     return "".join(merged) + old[len(change) :]
 
@@ -215,11 +215,13 @@ class _Decoder(ABC):
 
     @abstractmethod
     def plain(self, head: str, clock: int | None, sats: Sequence[str], data: Sequence[str]) -> list[str]:
-        """The plain lines of an epoch: its head, the receiver's clock, its satellites and their data."""
+        """Write the plain lines of an epoch: its head, the receiver's clock, its satellites and their data."""
 
     def epoch(self, lines: Sequence[str], position: int, before: int) -> tuple[int, list[str]]:
-        """Where the next epoch begins, and the plain lines of this one (none if it is lost); `before` lines of the
-        file lie before these."""
+        """Decode one epoch: return where the next begins, and its plain lines (none if it is lost).
+
+        `before` lines of the file lie before these.
+        """
         if not self.head and not lines[position].startswith(self.begins):
             return position + 1, []  # after damage: until an epoch that is written in full
         number = before + position + 1
@@ -236,7 +238,7 @@ class _Decoder(ABC):
         return position + 1, []
 
     def _tell_unfinished(self) -> None:
-        """What seemed to be the end of the file was damage."""
+        """Report that an apparent end of the file was damage."""
         if self.unfinished is not None:
             self._tell_lost(self.unfinished, "an epoch of more lines than follow")
             self.unfinished = None
@@ -249,7 +251,7 @@ class _Decoder(ABC):
         if line.startswith(self.begins):
             self.head, self.satellites, self.clock = line[1:], {}, {}  # written in full: everything starts anew
         else:
-            self.head = _patched(self.head, line[1:])
+            self.head = _patch(self.head, line[1:])
         head = self.begins_plain + self.head
         try:
             flag, count = int(head[self.flag_at]), int(head[self.count_at])
@@ -270,14 +272,14 @@ class _Decoder(ABC):
         texts = lines[position + 2 : end]
         if len(listed) != 3 * count or not all(map(_SAT.fullmatch, sats)) or len(set(sats)) < count:
             raise _Lost("satellites that are no list of names")
-        follows = lines[end][:1] if end < len(lines) and not _begins(lines[end]) else ""
+        follows = lines[end][:1] if end < len(lines) and not _is_first_line(lines[end]) else ""
         if follows not in ("", " ", self.begins) or any(text.startswith(self.begins) for text in texts):
             raise _Lost("a line too many or too few")
-        clock = _value(self.clock, 0, lines[position + 1].strip())
+        clock = _read_value(self.clock, 0, lines[position + 1].strip())
         # who is absent once starts anew
         self.satellites = {sat: self.satellites.get(sat, _Satellite()) for sat in sats}
         data = [
-            _cells(self.satellites[sat], text, self.types.get(sat[0], self.types.get("", 0)))
+            _write_cells(self.satellites[sat], text, self.types.get(sat[0], self.types.get("", 0)))
             for sat, text in zip(sats, texts, strict=True)
         ]
         return end, self.plain(head, clock, sats, data)
@@ -287,8 +289,8 @@ class _Decoder(ABC):
         return ">" if self.begins == ">" else " "
 
 
-def _value(arcs: dict[int, _Arc], key: int, text: str) -> int | None:
-    """The next value of an arc, None where there is none or it cannot be known. Raises _Lost if it never began."""
+def _read_value(arcs: dict[int, _Arc], key: int, text: str) -> int | None:
+    """Return the next value of an arc, None if absent or unknowable. Raises _Lost if the arc never began."""
     if not text:
         arcs.pop(key, None)
         return None
@@ -309,14 +311,14 @@ def _value(arcs: dict[int, _Arc], key: int, text: str) -> int | None:
     return value
 
 
-def _cells(satellite: _Satellite, text: str, n_types: int) -> str:
-    """One satellite's observations in 16 columns each: value, loss of lock, strength."""
+def _write_cells(satellite: _Satellite, text: str, n_types: int) -> str:
+    """Write one satellite's observations in 16 columns each: value, loss of lock, strength."""
     parts = text.split(" ", n_types)
     parts += [""] * (n_types - len(parts))
-    satellite.marks = _patched(satellite.marks.ljust(2 * n_types), parts[n_types] if len(parts) > n_types else "")
+    satellite.marks = _patch(satellite.marks.ljust(2 * n_types), parts[n_types] if len(parts) > n_types else "")
     cells = []
     for k in range(n_types):
-        value = _value(satellite.arcs, k, parts[k])
+        value = _read_value(satellite.arcs, k, parts[k])
         if value is None:
             cells.append(" " * 16)
         else:
@@ -340,8 +342,8 @@ class _Version3(_Decoder):
                 self.types[line[0]] = _count_of_types(line[3:6])
 
     def plain(self, head: str, clock: int | None, sats: Sequence[str], data: Sequence[str]) -> list[str]:
-        shown = "" if clock is None else f"      {clock / 1e12:15.12f}"
-        return [head[:35] + shown, *(sat + cells.rstrip() for sat, cells in zip(sats, data, strict=True))]
+        clock_text = "" if clock is None else f"      {clock / 1e12:15.12f}"
+        return [head[:35] + clock_text, *(sat + cells.rstrip() for sat, cells in zip(sats, data, strict=True))]
 
 
 class _Version1(_Decoder):
@@ -353,9 +355,9 @@ class _Version1(_Decoder):
                 self.types[""] = _count_of_types(line[:6])
 
     def plain(self, head: str, clock: int | None, sats: Sequence[str], data: Sequence[str]) -> list[str]:
-        shown = "" if clock is None else f"{clock / 1e9:12.9f}"
+        clock_text = "" if clock is None else f"{clock / 1e9:12.9f}"
         rows = ["".join(sats[k : k + 12]) for k in range(0, max(len(sats), 1), 12)]
-        lines = [(f"{head[:32]}{rows[0]:36}{shown}").rstrip(), *(" " * 32 + row for row in rows[1:])]
+        lines = [(f"{head[:32]}{rows[0]:36}{clock_text}").rstrip(), *(" " * 32 + row for row in rows[1:])]
         for cells in data:
             lines += [cells[k : k + 80].rstrip() for k in range(0, max(len(cells), 1), 80)]
         return lines

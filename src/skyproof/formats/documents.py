@@ -10,9 +10,9 @@ from typing import Any
 
 from skyproof.errors import InputError
 from skyproof.formats.bounds import METADATA_BYTES, SETTINGS_BYTES, require_toml_depth
-from skyproof.formats.byte_io import content_of, text_of, without_mark
+from skyproof.formats.byte_io import read_content, read_text, strip_mark
 
-__all__ = ["json_of", "read_json", "read_rows", "read_toml"]
+__all__ = ["parse_json", "read_json", "read_rows", "read_toml"]
 
 
 def read_rows(
@@ -31,7 +31,7 @@ def read_rows(
 
 
 def read_toml(path: Path, what: str, no_toml: str, to_do: str) -> dict[str, Any]:
-    """The tables of a TOML file.
+    """Read the tables of a TOML file.
 
     what : the file in words, for what the system says of it: "the platform file".
     no_toml : what to do about a file that is no TOML. to_do : about one that cannot be read.
@@ -40,7 +40,7 @@ def read_toml(path: Path, what: str, no_toml: str, to_do: str) -> dict[str, Any]
     ------
     InputError : the file cannot be read, is too long or too deep, or is no TOML in UTF-8.
     """
-    content = text_of(path, SETTINGS_BYTES, what, to_do)
+    content = read_text(path, SETTINGS_BYTES, what, to_do)
     try:
         text = content.decode("utf-8")
         require_toml_depth(text)
@@ -52,14 +52,14 @@ def read_toml(path: Path, what: str, no_toml: str, to_do: str) -> dict[str, Any]
 
 
 def read_json(path: Path, what: str, to_do: str) -> Any:
-    """What a file of JSON holds. Raises InputError as `read_toml`, and as `json_of`."""
-    return json_of(content_of(path, METADATA_BYTES, what, to_do), str(path), to_do)
+    """Read a JSON file. Raises InputError as `read_toml` and `parse_json` do."""
+    return parse_json(read_content(path, METADATA_BYTES, what, to_do), str(path), to_do)
 
 
-def json_of(content: bytes, where: str, to_do: str) -> Any:
-    """What bytes of JSON in UTF-8 hold. `where` begins a message, `to_do` ends it. Raises InputError."""
+def parse_json(content: bytes, where: str, to_do: str) -> Any:
+    """Parse bytes of JSON in UTF-8. `where` begins a message, `to_do` ends it. Raises InputError."""
     try:
-        return json.loads(without_mark(content, where).decode("utf-8"))
+        return json.loads(strip_mark(content, where).decode("utf-8"))
     except UnicodeDecodeError as error:
         raise InputError(f"{where}: byte {error.start} is not UTF-8; {to_do}") from error
     except RecursionError as error:

@@ -28,7 +28,7 @@ from skyproof.formats.timed_rows import TimedRows, read_timed_rows
 from skyproof.records import ImuSeries
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["COLUMNS", "ImuFile", "imu_of", "read_imu"]
+__all__ = ["COLUMNS", "ImuFile", "imu_from_rows", "read_imu"]
 
 COLUMNS: Final = tuple(f"accel_{axis}_m_s2" for axis in "xyz") + tuple(f"gyro_{axis}_rad_s" for axis in "xyz")
 _NO_READING: Final = 1e5  # m/s2 or rad/s: what no unit measures
@@ -36,7 +36,7 @@ _UNEVEN: Final = 0.2  # of an interval, root mean square: more is no even rate
 _REPEATED: Final = 0.05  # of the rows, if a logger reads faster than the unit renews; fewer are chance
 _EVEN_S: Final = 10.0
 _INTERVAL_S: Final = 1e-4, 0.5
-"""Between readings. Units give 10 to 4000 a second, seldom 10 000. In half a second a body turns and brakes too much
+"""Between readings. Units give 10 to 4000 a second, rarely 10 000. In half a second a body turns and brakes too much
 for one mean; and readings a second apart or more are what a time in milliseconds looks like."""
 _TIME_UNITS: Final = {
     "milliseconds": 1e-3,
@@ -72,7 +72,10 @@ class ImuFile:
     remarks: tuple[str, ...] = ()
 
     def series(self, zero_gpst: np.datetime64) -> ImuSeries:
-        """The readings in GPS time. zero_gpst : of `time_s` = 0; of no account where the file has `gpst`."""
+        """Convert the readings to GPS time.
+
+        zero_gpst : instant of `time_s` = 0, unused where the file has `gpst`.
+        """
         zero: np.datetime64 = np.datetime64(0, "ns") if self.dated else zero_gpst.astype("datetime64[ns]")
         gpst: Instants = zero + self.time_ns.astype("timedelta64[ns]")
         return ImuSeries(
@@ -84,47 +87,47 @@ class ImuFile:
 
 
 def read_imu(path: str | os.PathLike[str], *, rot_body_unit: ArrayLike | None = None) -> ImuFile:
-    """The readings in a file that ends in .csv or .parquet, in body axes (forward, right, down).
+    """Read the readings in a file that ends in .csv or .parquet, in body axes (forward, right, down).
 
     rot_body_unit : (3, 3) rotation from the unit's axes to the body's; the same axes if absent.
 
     Raises
     ------
-    InputError : as `read_timed_rows`; rows that come at no even rate or at one that no unit has, fewer than two whole
-        ones, or numbers that no body on the Earth gives in these units.
+    InputError : as `read_timed_rows`; rows at no even rate, or at one that no unit has; fewer than two whole ones;
+    numbers that no body on the Earth gives in these units.
     """
-    return imu_of(read_timed_rows(path, COLUMNS, "the inertial readings"), rot_body_unit=rot_body_unit)
+    return imu_from_rows(read_timed_rows(path, COLUMNS, "the inertial readings"), rot_body_unit=rot_body_unit)
 
 
-def imu_of(rows: TimedRows, *, rot_body_unit: ArrayLike | None = None) -> ImuFile:
+def imu_from_rows(rows: TimedRows, *, rot_body_unit: ArrayLike | None = None) -> ImuFile:
     """Return the readings in rows with the columns `COLUMNS`; otherwise as `read_imu`."""
     whole = np.flatnonzero((np.abs(rows.values) < _NO_READING).all(axis=1))
     if whole.size < 2:
         raise InputError(
             f"{rows.source}: {whole.size} rows have all six readings, expected two or more; give a file with readings"
         )
-    whole, late_s, repeats = _renewed(rows, whole)
+    whole, late_s, repeats = _select_renewed(rows, whole)
     force, rate = rows.values[whole, :3], rows.values[whole, 3:]
     _require_interval(rows, whole)
-    interval_s, steps = _rate(rows, whole, late_s)
+    interval_s, steps = _estimate_rate(rows, whole, late_s)
     _require_force(rows.source, force)
     _require_turning(rows.source, force, rate, steps, interval_s)
     rotation = np.eye(3) if rot_body_unit is None else np.asarray(rot_body_unit, np.float64)
     return ImuFile(
         source=rows.source,
-        time_ns=_even(rows.time_ns[whole], steps, interval_s) if late_s > 0.0 else rows.time_ns[whole],
+        time_ns=_even_times(rows.time_ns[whole], steps, interval_s) if late_s > 0.0 else rows.time_ns[whole],
         dated=rows.dated,
         interval_s=interval_s,
         specific_force_m_s2=force @ rotation.T,
         angular_rate_rad_s=rate @ rotation.T,
-        remarks=(*rows.remarks, *repeats, *_missing(steps, interval_s)),
+        remarks=(*rows.remarks, *repeats, *_report_gaps(steps, interval_s)),
     )
 
 
-def _renewed(rows: TimedRows, whole: Indices) -> tuple[Indices, float, tuple[str, ...]]:
-    """The rows that do not repeat the reading before, by how much their times may be late, and what to report.
+def _select_renewed(rows: TimedRows, whole: Indices) -> tuple[Indices, float, tuple[str, ...]]:
+    """Select the rows that do not repeat the reading before; with their lateness, and what to report.
 
-    Where nothing but repeats is there, a reading without noise is that of a body that stands: all rows are kept.
+    Where there are only repeats, a reading without noise is that of a body that stands: all rows are kept.
     """
     new = np.append(True, (np.diff(rows.values[whole], axis=0) != 0.0).any(axis=1))
     repeated = int(whole.size - new.sum())
@@ -155,8 +158,10 @@ def _require_interval(rows: TimedRows, whole: Indices) -> None:
     )
 
 
-def _rate(rows: TimedRows, whole: Indices, late_s: float = 0.0) -> tuple[float, Integers]:
-    """Length of an interval, and how many of them lie between neighbouring readings (n - 1,): more than one at a gap.
+def _estimate_rate(rows: TimedRows, whole: Indices, late_s: float = 0.0) -> tuple[float, Integers]:
+    """Estimate an interval's length, and count the intervals between neighbouring readings (n - 1,).
+
+    A gap has more than one.
 
     late_s : by which each time may be late. Raises InputError if no even rate can be seen in them.
     """
@@ -179,7 +184,7 @@ def _rate(rows: TimedRows, whole: Indices, late_s: float = 0.0) -> tuple[float, 
     return interval_s, steps.astype(np.int64)
 
 
-def _even(time_ns: Integers, steps: Integers, interval_s: float) -> Integers:
+def _even_times(time_ns: Integers, steps: Integers, interval_s: float) -> Integers:
     """Times (n,) without the lateness of each: even intervals, which follow the mean over `_EVEN_S`."""
     even_ns = np.append(0, np.cumsum(steps)) * (1e9 * interval_s)
     late_ns = (time_ns - time_ns[0]) - even_ns
@@ -187,8 +192,8 @@ def _even(time_ns: Integers, steps: Integers, interval_s: float) -> Integers:
     return np.asarray(time_ns[0] + np.rint(even_ns + usual_ns).astype(np.int64))
 
 
-def _missing(steps: Integers, interval_s: float) -> tuple[str, ...]:
-    """What to report of gaps."""
+def _report_gaps(steps: Integers, interval_s: float) -> tuple[str, ...]:
+    """Report gaps."""
     gaps = steps[steps > 1]
     if not gaps.size:
         return ()
@@ -220,17 +225,17 @@ def _require_force(source: str, force: Reals) -> None:
 
 
 def _require_turning(source: str, force: Reals, rate: Reals, steps: Integers, interval_s: float) -> None:
-    """Raise InputError if the rates are in degrees a second, or turn the other way than gravity in the accelerometers.
+    """Raise InputError if the rates are in degrees a second, or turn against the accelerometers.
 
-    Between two blocks of half a second the direction of the mean force turns by minus the angle that the gyros sum up,
-    but for accelerations, which have nothing to do with it: the slope of the one over the other is 1, with its own
-    error. Where nothing tilts it is 0 within that error, and says nothing.
+    Between two blocks of half a second the direction of the mean force turns by minus the angle that the gyros sum up.
+    Accelerations disturb that, but are unrelated to it. So the slope of one over the other is 1, with its own error.
+    Where nothing tilts it is 0 within that error, which decides nothing.
     """
     length = max(round(_BLOCK_S / interval_s), 1)
     count = len(rate) // length
     means = rate[: count * length].reshape(count, length, 3).mean(axis=1)
     fastest = float(np.linalg.norm(means, axis=1).max(initial=0.0)) if length * interval_s > 0.5 * _BLOCK_S else 0.0
-    slope, sigma = _slope(force, means, steps, length, interval_s)
+    slope, sigma = _fit_slope(force, means, steps, length, interval_s)
     remedy = "expected rad/s; multiply them by pi / 180"
     if slope > _SURE * sigma and _ALIKE[0] < np.degrees(slope) < _ALIKE[1]:
         raise InputError(
@@ -249,8 +254,8 @@ def _require_turning(source: str, force: Reals, rate: Reals, steps: Integers, in
         )
 
 
-def _slope(force: Reals, means: Reals, steps: Integers, length: int, interval_s: float) -> tuple[float, float]:
-    """Of what gravity's direction does over what the gyros say, and its standard error (infinite if there is none)."""
+def _fit_slope(force: Reals, means: Reals, steps: Integers, length: int, interval_s: float) -> tuple[float, float]:
+    """Fit the turn of gravity's direction over the gyros' angle; with its standard error (infinite if unknown)."""
     count = len(means)
     ends = np.concatenate(([0], np.cumsum(steps)))
     whole = ends[length - 1 :: length][:count] - ends[: count * length : length] == length - 1  # no gap within
@@ -258,11 +263,11 @@ def _slope(force: Reals, means: Reals, steps: Integers, length: int, interval_s:
     pull = force[: count * length].reshape(count, length, 3).mean(axis=1)
     pull /= np.linalg.norm(pull, axis=1, keepdims=True) + 1e-300
     turn = 0.5 * (means[1:] + means[:-1]) * (length * interval_s)
-    seen, said = np.diff(pull, axis=0), -np.cross(turn, 0.5 * (pull[1:] + pull[:-1]))
+    seen, gyro_turn = np.diff(pull, axis=0), -np.cross(turn, 0.5 * (pull[1:] + pull[:-1]))
     used = whole[1:] & whole[:-1] & joined & (np.linalg.norm(seen, axis=1) < 0.5)
-    seen, said = seen[used].ravel(), said[used].ravel()
-    power = float(said @ said)
+    seen, gyro_turn = seen[used].ravel(), gyro_turn[used].ravel()
+    power = float(gyro_turn @ gyro_turn)
     if seen.size < 30 or power == 0.0:
         return 0.0, np.inf
-    slope = float(said @ seen) / power
-    return slope, float(np.sqrt(np.mean((seen - slope * said) ** 2) / power))
+    slope = float(gyro_turn @ seen) / power
+    return slope, float(np.sqrt(np.mean((seen - slope * gyro_turn) ** 2) / power))

@@ -1,4 +1,4 @@
-"""Inertial readings of a long run on a disk in pieces, read back by window: at hand are only their times."""
+"""Inertial readings of a long run on a disk in pieces, read back by window: only their times stay in memory."""
 
 from typing import Final
 
@@ -21,7 +21,7 @@ class StoredReadings:
     """`InertialReadings` whose values are on a disk."""
 
     def __init__(self, gpst: Instants, interval_s: float, pieces: ArrayPieces) -> None:
-        """Of pieces of `PIECE_READINGS` readings each, the last one of fewer; `gpst` (n,) is of all."""
+        """Join pieces of `PIECE_READINGS` readings each, the last one with fewer. `gpst` (n,) holds all times."""
         self.gpst, self.interval_s, self._pieces = gpst, interval_s, pieces
         self._each = len(pieces.read_one(0, "specific_force_m_s2"))
 
@@ -35,7 +35,7 @@ class StoredReadings:
             piece = self._pieces.read(number)
             for name in _VALUES:
                 parts[name].append(piece[name][max(first - begin, 0) : stop - begin])
-        values: dict[str, Reals] = {name: np.concatenate(own) for name, own in parts.items()}
+        values: dict[str, Reals] = {name: np.concatenate(arrays) for name, arrays in parts.items()}
         return ImuSeries(gpst=self.gpst[first:stop], interval_s=self.interval_s, **values)
 
 

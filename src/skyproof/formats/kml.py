@@ -1,4 +1,4 @@
-"""Tracks for a globe: KML 2.2 (OGC 07-147r2) with Google's gx:Track, which gives every point its time."""
+"""Write tracks for a globe: KML 2.2 (OGC 07-147r2) with Google's gx:Track, which gives every point its time."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Instants, Reals
 from skyproof.formats.atomic_write import write_lines
-from skyproof.gnss.time import iso, utc_from_gpst
+from skyproof.gnss.time import format_iso, utc_from_gpst
 
-__all__ = ["Shape", "Track", "kml_lines", "write_kml"]
+__all__ = ["Shape", "Track", "write_kml", "write_kml_lines"]
 
 Track = tuple[Instants, ArrayLike, ArrayLike, ArrayLike]
 """gpst, lat_deg, lon_deg, height_m above the ellipsoid, each of shape (n_points,); a point with a NaN is left out."""
@@ -41,15 +41,15 @@ def write_kml(
     *,
     name: str = "skyproof",
 ) -> None:
-    """Write `tracks` and `shapes` to `path`, as `kml_lines` says. Raises ValueError as that does, OutputError as
+    """Write `tracks` and `shapes` to `path`, as `write_kml_lines` says. Raises ValueError as that does, OutputError as
     `writing` does."""
-    write_lines(path, kml_lines(tracks, shapes, name=name), encoding="utf-8")
+    write_lines(path, write_kml_lines(tracks, shapes, name=name), encoding="utf-8")
 
 
-def kml_lines(
+def write_kml_lines(
     tracks: Mapping[str, Track], shapes: Mapping[str, Shape] | None = None, *, name: str = "skyproof"
 ) -> Iterator[str]:
-    """The lines of a KML document with one placemark a track, times in UTC to the millisecond.
+    """Write the lines of a KML document with one placemark a track, times in UTC to the millisecond.
 
     Points are laid on the ground: KML counts heights from the geoid, ours count from the ellipsoid, and the two are up
     to 100 m apart. The heights stand in the file all the same.
@@ -67,12 +67,12 @@ def kml_lines(
     ValueError : a name that ends in no kind.
     """
     for track in tracks:
-        if _kind(track) not in _STYLES:
+        if _kind_from_name(track) not in _STYLES:
             raise ValueError(f'the track "{track}" must end in one of {", ".join(_STYLES)}')
     yield '<?xml version="1.0" encoding="UTF-8"?>'
     yield '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">'
     yield "<Document>"
-    yield f"<name>{_text(name)}</name>"
+    yield f"<name>{_escape_text(name)}</name>"
     for kind, (colour, width) in _STYLES.items():
         yield (
             f"<Style id={quoteattr(kind)}><IconStyle><color>{colour}</color></IconStyle>"
@@ -83,14 +83,14 @@ def kml_lines(
         f"<PolyStyle><color>40{_SHAPE_COLOUR}</color></PolyStyle></Style>"
     )
     for track, points in tracks.items():
-        yield from _placemark(track, *points)
+        yield from _write_placemark(track, *points)
     for shape, corners in (shapes or {}).items():
-        yield from _shape(shape, *corners)
+        yield from _write_shape(shape, *corners)
     yield "</Document>"
     yield "</kml>"
 
 
-def _placemark(
+def _write_placemark(
     track: str, gpst: Instants, lat_deg: ArrayLike, lon_deg: ArrayLike, height_m: ArrayLike
 ) -> Iterator[str]:
     places: Reals = np.stack([np.asarray(column, np.float64) for column in (lon_deg, lat_deg, height_m)], axis=-1)
@@ -98,19 +98,19 @@ def _placemark(
     if not good.any():
         return
     yield "<Placemark>"
-    yield f"<name>{_text(track)}</name>"
+    yield f"<name>{_escape_text(track)}</name>"
     yield "<description>Heights are above the WGS-84 ellipsoid; the track is drawn on the ground.</description>"
-    yield f"<styleUrl>#{_kind(track)}</styleUrl>"
+    yield f"<styleUrl>#{_kind_from_name(track)}</styleUrl>"
     yield "<gx:Track><altitudeMode>clampToGround</altitudeMode>"
-    yield from (f"<when>{iso(utc_from_gpst(instant), 3)}Z</when>" for instant in gpst[good])
+    yield from (f"<when>{format_iso(utc_from_gpst(instant), 3)}Z</when>" for instant in gpst[good])
     yield from (f"<gx:coord>{lon:.9f} {lat:.9f} {height:.3f}</gx:coord>" for lon, lat, height in places[good].tolist())
     yield "</gx:Track>"
     yield "</Placemark>"
 
 
-def _shape(name: str, lat_deg: ArrayLike, lon_deg: ArrayLike) -> Iterator[str]:
+def _write_shape(name: str, lat_deg: ArrayLike, lon_deg: ArrayLike) -> Iterator[str]:
     corners = [f"{lon:.9f},{lat:.9f}" for lat, lon in np.transpose([lat_deg, lon_deg]).tolist()]
-    yield f"<Placemark><name>{_text(name)}</name><styleUrl>#{_SHAPE_STYLE}</styleUrl>"
+    yield f"<Placemark><name>{_escape_text(name)}</name><styleUrl>#{_SHAPE_STYLE}</styleUrl>"
     text = f"<coordinates>{' '.join(corners)}</coordinates>"
     if len(corners) == 1:
         yield f"<Point>{text}</Point>"
@@ -122,10 +122,10 @@ def _shape(name: str, lat_deg: ArrayLike, lon_deg: ArrayLike) -> Iterator[str]:
     yield "</Placemark>"
 
 
-def _kind(track: str) -> str:
+def _kind_from_name(track: str) -> str:
     return track.rpartition(" ")[2]
 
 
-def _text(text: str) -> str:
-    """Text that XML can hold: escaped, and no control characters, for which XML has no form at all."""
+def _escape_text(text: str) -> str:
+    """Escape text for XML, and replace control characters, which XML cannot hold."""
     return escape("".join(letter if letter.isprintable() else " " for letter in text))

@@ -1,4 +1,4 @@
-"""Measurements and fixes as the labelled tables of pandas and xarray, which are extras of the package."""
+"""Convert measurements and fixes to labelled tables of pandas and xarray, which are extras of the package."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.errors import SettingsError
-from skyproof.formats.tables import fixes_columns
+from skyproof.formats.tables import build_fixes_columns
 from skyproof.records import OBSERVABLES, CellStatus, Fix, ObservationLog, Observations
 
 __all__ = ["to_dataframe", "to_xarray"]
@@ -39,8 +39,8 @@ def to_dataframe(record: ObservationLog | Fix) -> Any:
     ------
     SettingsError : pandas is not installed.
     """
-    pandas = _library("pandas", "to_dataframe")
-    return pandas.DataFrame(_fix_rows(record) if isinstance(record, Fix) else _cells(record))
+    pandas = _load_library("pandas", "to_dataframe")
+    return pandas.DataFrame(_fix_rows(record) if isinstance(record, Fix) else _list_cells(record))
 
 
 def to_xarray(record: ObservationLog | Fix) -> Any:
@@ -62,16 +62,16 @@ def to_xarray(record: ObservationLog | Fix) -> Any:
     ------
     SettingsError : xarray is not installed.
     """
-    xarray = _library("xarray", "to_xarray")
+    xarray = _load_library("xarray", "to_xarray")
     if isinstance(record, Fix):
         columns = _fix_rows(record)
         times = columns.pop("gpst")
         columns.pop("receiver")
-        variables = {name: ("gpst", column, _attributes(name)) for name, column in columns.items()}
+        variables = {name: ("gpst", column, _get_attributes(name)) for name, column in columns.items()}
         return xarray.Dataset(variables, {"gpst": times}, {"receiver": record.receiver})
-    o = _all(record)
+    o = _read_all(record)
     cells = {
-        name: (("gpst", "signal"), getattr(o, name), _attributes(name))
+        name: (("gpst", "signal"), getattr(o, name), _get_attributes(name))
         for name in (*OBSERVABLES, "status", "half_cycle_open")
     }
     of_signals = {name: getattr(o, name) for name in ("carrier_hz", "found_elapsed_s", "missed_elapsed_s")}
@@ -79,13 +79,13 @@ def to_xarray(record: ObservationLog | Fix) -> Any:
     coordinates = {
         "gpst": o.gpst,
         "signal": [str(signal) for signal in o.signals],
-        "elapsed_s": ("gpst", o.elapsed_s, _attributes("elapsed_s")),
-        **{name: ("signal", values, _attributes(name)) for name, values in of_signals.items()},
+        "elapsed_s": ("gpst", o.elapsed_s, _get_attributes("elapsed_s")),
+        **{name: ("signal", values, _get_attributes(name)) for name, values in of_signals.items()},
     }
     return xarray.Dataset(cells, coordinates, {"receiver": o.receiver, "averaged_s": o.averaged_s})
 
 
-def _library(name: str, asker: str) -> Any:
+def _load_library(name: str, asker: str) -> Any:
     """Load a library that is there only if it was asked for."""
     try:
         return import_module(name)
@@ -95,17 +95,17 @@ def _library(name: str, asker: str) -> Any:
         ) from error
 
 
-def _all(log: ObservationLog) -> Observations:
+def _read_all(log: ObservationLog) -> Observations:
     return log.read(0, log.gpst.size)
 
 
 def _fix_rows(fix: Fix) -> dict[str, NDArray[Any]]:
-    columns = fixes_columns([("", fix)])
+    columns = build_fixes_columns([("", fix)])
     return {"receiver": columns["receiver"]} | {name: c for name, c in columns.items() if name not in _OF_RUN}
 
 
-def _cells(log: ObservationLog) -> dict[str, NDArray[Any]]:
-    o = _all(log)
+def _list_cells(log: ObservationLog) -> dict[str, NDArray[Any]]:
+    o = _read_all(log)
     rows, channels = np.nonzero(o.status != CellStatus.NOT_TRACKED)
     names = np.array([(s.sat, s.band, s.code, s.copy) for s in o.signals], np.str_).reshape(-1, 4)
     status = np.array([CellStatus(number).name for number in sorted(CellStatus)])
@@ -121,6 +121,6 @@ def _cells(log: ObservationLog) -> dict[str, NDArray[Any]]:
     }
 
 
-def _attributes(name: str) -> Mapping[str, str]:
+def _get_attributes(name: str) -> Mapping[str, str]:
     unit = _UNITS.get(name.rpartition("_")[2])
     return {} if unit is None else {"units": unit}

@@ -1,4 +1,4 @@
-"""Numbers in bytes to planes of samples: one way of reading for every container.
+"""Convert numbers in bytes to planes of samples: one way of reading for every container.
 
 Numbers follow each other as I0 Q0 I1 Q1 ... (real: I0 I1 ...); with several channels the samples of one instant follow
 each other, channel by channel. Numbers of fewer than 8 bits fill a byte from its highest bits on (msb-first) or from
@@ -36,7 +36,7 @@ __all__ = [
     "Kind",
     "PackedSamples",
     "Packing",
-    "twelve_bit_codes",
+    "unpack_twelve_bits",
 ]
 
 Kind = Literal["real", "complex"]
@@ -76,27 +76,27 @@ class Packing:
 
     @property
     def numbers(self) -> int:
-        """How many numbers one sample of one channel has: 2 if complex, else 1."""
+        """Count the numbers of one sample of one channel: 2 if complex, else 1."""
         return 2 if self.kind == "complex" else 1
 
     @property
     def frame_bits(self) -> int:
-        """The bits of one sample of all channels."""
+        """Count the bits of one sample of all channels."""
         return self.bits * self.numbers * self.n_channels
 
     @property
     def orders_bits(self) -> bool:
-        """Whether numbers share bytes, so that `bit_order` counts."""
+        """Return whether numbers share bytes, so that `bit_order` counts."""
         return self.bits % 8 > 0
 
     @property
     def orders_bytes(self) -> bool:
-        """Whether a number has several whole bytes, so that `byte_order` counts."""
+        """Return whether a number has several whole bytes, so that `byte_order` counts."""
         return self.bits > 8 and not self.orders_bits
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The stored type of numbers of whole bytes."""
+        """Return the stored type of numbers of whole bytes."""
         letter = {"int": "i", "float": "f"}.get(self.encoding, "u")
         return np.dtype(f"{'<' if self.byte_order == 'little' else '>'}{letter}{self.bits // 8}")
 
@@ -127,16 +127,16 @@ class PackedSamples:
         self._first = list(accumulate(lengths, initial=0))  # sample of each chunk, and the end
         self._aligned = math.lcm(packing.frame_bits, 8) // packing.frame_bits  # samples that fill whole bytes
         self._piece = max(8 * _PIECE_BYTES // packing.frame_bits // self._aligned, 1) * self._aligned
-        self._unpacking = _unpacking_tables(packing, channel) if packing.bits < 8 else None
-        self._values_12 = _values(np.arange(1 << 12), packing.encoding, 12) if packing.bits == 12 else None
+        self._unpacking = _build_tables(packing, channel) if packing.bits < 8 else None
+        self._values_12 = _decode_values(np.arange(1 << 12), packing.encoding, 12) if packing.bits == 12 else None
 
     @property
     def n_samples(self) -> int:
-        """In all chunks together."""
+        """Count the samples of all chunks."""
         return self._first[-1]
 
     def read(self, start: int, count: int) -> Floats:
-        """Planar I and Q, float32 of shape (2, count), of the samples from `start` on; fewer only at the end.
+        """Read planar I and Q, float32 of shape (2, count), from sample `start` on; fewer only at the end.
 
         The numbers are the encoding's own; a float that is not finite is read as zero. ValueError for less than zero.
         """
@@ -149,7 +149,7 @@ class PackedSamples:
         return planes
 
     def read_as_stored(self, start: int, count: int) -> Floats:
-        """The same with the floats that are not finite."""
+        """Read the same, and keep the floats that are not finite."""
         if start < 0 or count < 0:
             raise ValueError(f"start {start} and count {count} must not be negative")
         count = max(0, min(count, self.n_samples - start))
@@ -165,7 +165,7 @@ class PackedSamples:
         return planes
 
     def _fill(self, chunk: Chunk, start: int, planes: Floats) -> None:
-        """The samples of a chunk from its sample `start` on."""
+        """Fill planes with the samples of a chunk from its sample `start` on."""
         begin = start // self._aligned * self._aligned
         end_bit = (start + planes.shape[1]) * self.packing.frame_bits
         first_byte = chunk.at_byte + begin * self.packing.frame_bits // 8
@@ -183,16 +183,18 @@ class PackedSamples:
 # --- several numbers a byte
 
 
-def _unpacking_tables(packing: Packing, channel: int) -> tuple[Floats, int, int]:
-    """Shape (numbers, 256, samples a byte), I and Q of each byte's samples; of how many channels, and which, these are.
+def _build_tables(packing: Packing, channel: int) -> tuple[Floats, int, int]:
+    """Build tables (numbers, 256, samples a byte) of I and Q by byte.
 
-    Where a byte holds whole instants of all channels, the tables know the one channel only.
+    Returns them with their number of channels, and which channel they read.
+
+    Where a byte holds whole instants of all channels, the tables have the one channel only.
     """
     per_byte = 8 // packing.bits
     place = np.arange(per_byte)
     shift = packing.bits * (place[::-1] if packing.bit_order == "msb-first" else place)
     codes = (np.arange(256)[:, np.newaxis] >> shift) & (2**packing.bits - 1)
-    values = _values(codes, packing.encoding, packing.bits).reshape(256, -1, packing.numbers)
+    values = _decode_values(codes, packing.encoding, packing.bits).reshape(256, -1, packing.numbers)
     tables = values.transpose(2, 0, 1)[:: -1 if packing.swap_iq else 1]
     if tables.shape[2] % packing.n_channels == 0:
         return np.ascontiguousarray(tables[:, :, channel :: packing.n_channels]), 1, 0
@@ -200,7 +202,7 @@ def _unpacking_tables(packing: Packing, channel: int) -> tuple[Floats, int, int]
 
 
 def _unpack(octets: Octets, tables: Floats, n_channels: int, channel: int, start: int, planes: Floats) -> None:
-    """Whole bytes of one channel by one look-up each, what sticks out at the edges sample by sample."""
+    """Unpack whole bytes of one channel by one look-up each, and the samples at the edges one by one."""
     count, per_byte = planes.shape[1], tables.shape[2]
     head = min(-start % per_byte, count) if n_channels == 1 else count
     n_bytes = (count - head) // per_byte
@@ -220,7 +222,7 @@ def _unpack(octets: Octets, tables: Floats, n_channels: int, channel: int, start
 # --- two numbers in three bytes
 
 
-def twelve_bit_codes(octets: Octets, bit_order: BitOrder) -> Integers:
+def unpack_twelve_bits(octets: Octets, bit_order: BitOrder) -> Integers:
     """Return the codes 0 to 4095 in bytes of shape (3 n,), as int64 of shape (n, 2)."""
     first, middle, last = octets.reshape(-1, 3).T.astype(np.int64)
     if bit_order == "lsb-first":
@@ -229,7 +231,10 @@ def twelve_bit_codes(octets: Octets, bit_order: BitOrder) -> Integers:
 
 
 def _unpack_12(octets: Octets, packing: Packing, values: Floats, channel: int, start: int, planes: Floats) -> None:
-    """Numbers whose places in their three bytes are alike by one loop each: all of a plane, or every other one."""
+    """Unpack numbers of 12 bits: those at the same place in their three bytes by one loop each.
+
+    That is all of a plane, or every other one.
+    """
     step = packing.numbers * packing.n_channels
     turns = 1 + step % 2
     for number, plane in enumerate(planes[: packing.numbers][:: -1 if packing.swap_iq else 1]):
@@ -251,8 +256,10 @@ def _unpack_12(octets: Octets, packing: Packing, values: Floats, channel: int, s
 def _fill_12(
     octets: Octets, values: Floats, whole: int, middle: int, stride: int, low_nibble: bool, plane: Floats
 ) -> None:
-    """What the codes mean, by a table of 16 kB: each of a whole byte and half of the middle one, whose low half has the
-    highest bits, or whose high half the lowest ones.
+    """Look up codes of 12 bits in a table of 16 kB.
+
+    Each has a whole byte and half of the middle one: the low half has the highest bits, or the high half the lowest
+    ones.
     """
     if low_nibble:
         for k in range(plane.size):
@@ -272,7 +279,7 @@ def _convert(octets: Octets, packing: Packing, channel: int, start: int, planes:
     stored = stored[:, channel * numbers : (channel + 1) * numbers]
     rows = planes[:numbers][:: -1 if packing.swap_iq else 1]
     if packing.encoding not in ("int", "float") and packing.bits > _EXACT_BITS:
-        rows[...] = _values(stored.T.astype(np.int64), packing.encoding, packing.bits)
+        rows[...] = _decode_values(stored.T.astype(np.int64), packing.encoding, packing.bits)
         return
     if numbers == 2 and stored.flags.c_contiguous and stored.flags.aligned and stored.dtype.isnative:
         _split(stored.reshape(-1), rows[0], rows[1])
@@ -283,21 +290,22 @@ def _convert(octets: Octets, packing: Packing, channel: int, start: int, planes:
         rows *= 2.0
         rows -= 2.0**packing.bits - 1.0
     elif packing.encoding == "sign-magnitude":
-        rows[...] = _values(rows.astype(np.int64), packing.encoding, packing.bits)
+        rows[...] = _decode_values(rows.astype(np.int64), packing.encoding, packing.bits)
 
 
 @compiled
 def _split(stored: NDArray[Any], i: Floats, q: Floats) -> None:
-    """I0 Q0 I1 Q1 ... to planes. With the stride a literal it is compiled to vector shuffles, 0.15 ns a sample where
-    NumPy's strided copy takes 0.8.
+    """Split I0 Q0 I1 Q1 ... into planes.
+
+    With a literal stride this compiles to vector shuffles, 0.15 ns a sample where NumPy's strided copy takes 0.8.
     """
     for k in range(i.size):
         i[k] = stored[2 * k]
         q[k] = stored[2 * k + 1]
 
 
-def _values(codes: Integers, encoding: Encoding, bits: int) -> Floats:
-    """What the codes 0 .. 2^bits - 1 mean, any shape."""
+def _decode_values(codes: Integers, encoding: Encoding, bits: int) -> Floats:
+    """Convert the codes 0 .. 2^bits - 1 to their values, any shape."""
     half = 1 << (bits - 1)
     if encoding == "sign":
         values = 1 - 2 * codes

@@ -1,4 +1,4 @@
-"""Are the samples plausible? A look at a few stretches of a recording, whatever container it came in."""
+"""Check whether samples are plausible, from a few stretches of a recording in any container."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -12,7 +12,7 @@ from skyproof.formats.layout import PackedSamples
 from skyproof.records import Samples
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["channels_of", "check_levels", "looked_at", "without_dead"]
+__all__ = ["add_levels", "check_levels", "drop_dead", "open_channels"]
 
 _STRETCHES, _STRETCH_SAMPLES = 16, 32768  # what the check of levels looks at: at most half a million samples
 _DC_LIMIT = 0.05  # of the rms; above that the line at zero frequency costs acquisition more than 0.01 dB
@@ -23,8 +23,8 @@ _SATURATED, _SATURATED_FEW_LEVELS = 0.10, 0.60
 (Max, IRE Trans. Inf. Theory 6, 1960: 32 % with 4, 8 % with 8 equally spaced levels of least distortion)."""
 
 
-def channels_of(one: Samples, packed: Sequence[PackedSamples], stated_by: str) -> list[Samples]:
-    """Each channel of a recording as one of its own; those that never change are `dead`.
+def open_channels(one: Samples, packed: Sequence[PackedSamples], stated_by: str) -> list[Samples]:
+    """Open each channel of a recording as a recording; those that never change are `dead`.
 
     one : the recording but for `read`; its name and antenna get the channel's number where there are several.
     """
@@ -34,28 +34,28 @@ def channels_of(one: Samples, packed: Sequence[PackedSamples], stated_by: str) -
         if len(packed) > 1:
             samples = replace(samples, name=f"{one.name}-{number}", antenna=f"{one.antenna}-{number}")
         try:
-            opened.append(looked_at(samples, channel, stated_by))
+            opened.append(add_levels(samples, channel, stated_by))
         except InputError as error:
             dead = f"{samples.name}: {error}" if len(packed) > 1 else str(error)
-            opened.append(replace(samples, read=_silence(samples.n_samples), dead=dead))
+            opened.append(replace(samples, read=_make_silence(samples.n_samples), dead=dead))
     return opened
 
 
-def without_dead(channels: Sequence[Samples]) -> tuple[Samples, ...]:
-    """The channels that change, which say of the others that they are left out. Raises InputError if none does."""
-    dead = [one.dead for one in channels if one.dead]
+def drop_dead(channels: Sequence[Samples]) -> tuple[Samples, ...]:
+    """Select the channels that change; they report the others as left out. Raises InputError if none does."""
+    dead = [channel.dead for channel in channels if channel.dead]
     if len(dead) == len(channels):
         raise InputError(dead[0])
     words = tuple(Remark(f"left out: {why}", RemarkKind.BEARS) for why in dead)
-    return tuple(replace(one, remarks=(*one.remarks, *words)) for one in channels if not one.dead)
+    return tuple(replace(channel, remarks=(*channel.remarks, *words)) for channel in channels if not channel.dead)
 
 
-def _silence(n_samples: int) -> Callable[[int, int], Floats]:
+def _make_silence(n_samples: int) -> Callable[[int, int], Floats]:
     return lambda start, count: np.zeros((2, max(0, min(count, n_samples - start))), np.float32)
 
 
-def looked_at(samples: Samples, packed: PackedSamples, stated_by: str) -> Samples:
-    """The recording with what its levels show added to its remarks.
+def add_levels(samples: Samples, packed: PackedSamples, stated_by: str) -> Samples:
+    """Add remarks on a recording's levels.
 
     stated_by : what says how to read it, for the words: "encoding and bits of rx.toml".
 
@@ -63,7 +63,7 @@ def looked_at(samples: Samples, packed: PackedSamples, stated_by: str) -> Sample
     ------
     InputError : no stretch that was looked at changes, or none holds finite numbers.
     """
-    finite = _finite_remarks(samples, packed, stated_by) if packed.packing.encoding == "float" else ()
+    finite = _report_not_finite(samples, packed, stated_by) if packed.packing.encoding == "float" else ()
     levels = check_levels(samples, kind=packed.packing.kind, stated_by=stated_by)
     return replace(samples, remarks=(*samples.remarks, *finite, *levels))
 
@@ -71,7 +71,7 @@ def looked_at(samples: Samples, packed: PackedSamples, stated_by: str) -> Sample
 def check_levels(
     samples: Samples, *, kind: Literal["real", "complex"] = "complex", stated_by: str = "what says how to read it"
 ) -> tuple[str, ...]:
-    """What the levels of the samples show, from at most 16 stretches spread over the recording.
+    """Report on the levels of the samples, from at most 16 stretches spread over the recording.
 
     Remarks on stretches that do not change, saturation, DC offset and I/Q imbalance, in words.
 
@@ -79,18 +79,18 @@ def check_levels(
     ------
     InputError : no stretch changes at all.
     """
-    stretches = [samples.read(start, count) for start, count in _stretches(samples.n_samples)]
+    stretches = [samples.read(start, count) for start, count in _choose_stretches(samples.n_samples)]
     planes = np.concatenate(stretches, axis=1)[: 2 if kind == "complex" else 1].astype(np.float64)
     still = [bool((stretch == stretch[:, :1]).all()) for stretch in stretches]
     if all(still):
-        what = "all samples are zero" if not planes.any() else f"all samples are {planes[0, 0]:g}"
+        finding = "all samples are zero" if not planes.any() else f"all samples are {planes[0, 0]:g}"
         raise InputError(
-            f"{samples.path or samples.name}: {what} in {_all_of(len(stretches))} looked at; there is nothing to "
-            f"receive: check the recorder, and {stated_by}"
+            f"{samples.path or samples.name}: {finding} in {_count_words(len(stretches))} looked at; there is nothing "
+            f"to receive: check the recorder, and {stated_by}"
         )
     remarks = []
     if any(still):
-        first_s = _stretches(samples.n_samples)[still.index(True)][0] / samples.rate_hz
+        first_s = _choose_stretches(samples.n_samples)[still.index(True)][0] / samples.rate_hz
         remarks.append(
             Remark(
                 f"the samples do not change in {sum(still)} of {len(still)} stretches looked at, first at "
@@ -98,21 +98,21 @@ def check_levels(
                 RemarkKind.BEARS,
             )
         )
-    return (*remarks, *_saturation(planes), *_offsets(planes, stated_by))
+    return (*remarks, *_report_saturation(planes), *_report_offsets(planes, stated_by))
 
 
-def _all_of(n_stretches: int) -> str:
+def _count_words(n_stretches: int) -> str:
     return "the one stretch" if n_stretches == 1 else f"each of the {n_stretches} stretches"
 
 
-def _stretches(n_samples: int) -> list[tuple[int, int]]:
+def _choose_stretches(n_samples: int) -> list[tuple[int, int]]:
     if n_samples <= _STRETCHES * _STRETCH_SAMPLES:
         return [(start, min(_STRETCH_SAMPLES, n_samples - start)) for start in range(0, n_samples, _STRETCH_SAMPLES)]
     starts = np.linspace(0, n_samples - _STRETCH_SAMPLES, _STRETCHES).astype(np.int64)
     return [(int(start), _STRETCH_SAMPLES) for start in starts]
 
 
-def _saturation(planes: Reals) -> list[str]:
+def _report_saturation(planes: Reals) -> list[str]:
     levels = np.unique(planes[:, :_STRETCH_SAMPLES]).size
     extreme = np.mean((planes == planes.max()) | (planes == planes.min()))
     if levels <= 2 or extreme <= (_SATURATED_FEW_LEVELS if levels <= _FEW_LEVELS else _SATURATED):
@@ -123,7 +123,7 @@ def _saturation(planes: Reals) -> list[str]:
     ]
 
 
-def _offsets(planes: Reals, stated_by: str) -> list[str]:
+def _report_offsets(planes: Reals, stated_by: str) -> list[str]:
     mean, deviation = planes.mean(axis=1), planes.std(axis=1)
     names = "IQ"[: len(planes)]
     if not deviation.all():
@@ -142,12 +142,14 @@ def _offsets(planes: Reals, stated_by: str) -> list[str]:
     return remarks
 
 
-def _finite_remarks(samples: Samples, packed: PackedSamples, stated_by: str) -> tuple[str, ...]:
-    planes = np.concatenate([packed.read_as_stored(*stretch) for stretch in _stretches(packed.n_samples)], axis=1)
+def _report_not_finite(samples: Samples, packed: PackedSamples, stated_by: str) -> tuple[str, ...]:
+    planes = np.concatenate(
+        [packed.read_as_stored(*stretch) for stretch in _choose_stretches(packed.n_samples)], axis=1
+    )
     bad = 1.0 - np.isfinite(planes).all(axis=0).mean()
     if bad == 0.0:
         return ()
-    what = f"{bad:.2%} of the samples looked at are not finite numbers"
+    finding = f"{bad:.2%} of the samples looked at are not finite numbers"
     if bad == 1.0:
-        raise InputError(f"{samples.path}: {what}; check {stated_by}")
-    return (Remark(f"{what} and read as zero: check {stated_by}, and the recorder", RemarkKind.BEARS),)
+        raise InputError(f"{samples.path}: {finding}; check {stated_by}")
+    return (Remark(f"{finding} and read as zero: check {stated_by}, and the recorder", RemarkKind.BEARS),)

@@ -1,4 +1,4 @@
-"""What all TOML files that people write share: frozen tables that refuse what they do not know, and their faults."""
+"""Base of all TOML files that people write: frozen tables that refuse unknown keys, and their faults in words."""
 
 from collections.abc import Iterator
 from datetime import date, datetime
@@ -22,15 +22,15 @@ from pydantic import (
 from pydantic_core import ErrorDetails
 
 from skyproof.errors import fault_words, shortened, shown
-from skyproof.formats.bounds import first_few
-from skyproof.gnss.time import iso, parse_iso
+from skyproof.formats.bounds import describe_first
+from skyproof.gnss.time import format_iso, parse_iso
 
-__all__ = ["FilePath", "Instant", "Model", "Name", "Number", "faults_of", "repeated"]
+__all__ = ["FilePath", "Instant", "Model", "Name", "Number", "describe_faults", "find_repeated"]
 
 NAME: Final = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"  # names become file names
 
 
-def _instant(value: Any) -> np.datetime64:
+def _parse_instant(value: Any) -> np.datetime64:
     if isinstance(value, date):  # or a datetime, which is one
         if isinstance(value, datetime) and value.tzinfo is not None:
             raise ValueError("has a time zone; write GPS time without a zone, as in 2022-01-01T21:45:58")
@@ -43,11 +43,11 @@ def _instant(value: Any) -> np.datetime64:
     return parse_iso(value)
 
 
-def _written(value: np.datetime64) -> str:
-    return iso(value, 9)
+def _format_instant(value: np.datetime64) -> str:
+    return format_iso(value, 9)
 
 
-def _beside(path: Path, info: ValidationInfo) -> Path:
+def _resolve_beside(path: Path, info: ValidationInfo) -> Path:
     if not path.name or "\0" in str(path):
         raise ValueError("not the name of a file; give its path, relative to this file")
     folder: Path = (info.context or {}).get("folder", Path())
@@ -59,11 +59,11 @@ Number = Annotated[float, Strict()]
 """Whole or not; a text that holds one is refused."""
 Instant = Annotated[
     np.datetime64,
-    PlainValidator(_instant),
-    PlainSerializer(_written, return_type=str),
+    PlainValidator(_parse_instant),
+    PlainSerializer(_format_instant, return_type=str),
     WithJsonSchema({"type": "string", "description": "GPS time without a zone, as 2022-01-01T21:45:58"}),
 ]
-FilePath = Annotated[Path, AfterValidator(_beside)]
+FilePath = Annotated[Path, AfterValidator(_resolve_beside)]
 """A file. Relative paths count from the folder that the validation's context names."""
 
 
@@ -73,24 +73,25 @@ class Model(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, arbitrary_types_allowed=True)
 
 
-def repeated(names: list[Any]) -> list[int]:
-    """Where a list holds what it held before."""
+def find_repeated(names: list[Any]) -> list[int]:
+    """Find where a list repeats an earlier member."""
     return [number for number, name in enumerate(names) if name in names[:number]]
 
 
-def faults_of(error: ValidationError, root: type[BaseModel]) -> list[str]:
-    """What is wrong with a table, in words: the first faults with the path of their key as it stands in the file
-    ("receivers[1].spin.rate_hz"), what came and what was expected, and how many more there are. Unknown keys are
-    named with the nearest one that is known there.
+def describe_faults(error: ValidationError, root: type[BaseModel]) -> list[str]:
+    """Describe what is wrong with a table: each fault by key, value and expectation.
+
+    The first faults are named with the path of their key as in the file ("receivers[1].spin.rate_hz"); the others are
+    counted. An unknown key is named with the nearest known one.
     """
     faults = error.errors(include_url=False)
     with_members = {fault["loc"][:k] for fault in faults for k in range(len(fault["loc"]))}
     # a list is too short because of faults in its members, which are named themselves
     first = [fault for fault in faults if fault["type"] != "too_short" or fault["loc"] not in with_members]
-    return first_few(first, lambda fault: _words(fault, root))
+    return describe_first(first, lambda fault: _describe_fault(fault, root))
 
 
-def _words(fault: ErrorDetails, root: type[BaseModel]) -> str:
+def _describe_fault(fault: ErrorDetails, root: type[BaseModel]) -> str:
     kind, loc = fault["type"], fault["loc"]
     parts: list[str] = []
     known: Any = root
@@ -98,12 +99,16 @@ def _words(fault: ErrorDetails, root: type[BaseModel]) -> str:
         if isinstance(part, int):
             parts.append(f"[{part}]")
             continue
-        tagged = {model.model_fields["kind"].default: model for model in _models(known) if "kind" in model.model_fields}
+        tagged = {
+            model.model_fields["kind"].default: model
+            for model in _iterate_models(known)
+            if "kind" in model.model_fields
+        }
         if part in tagged and place > 0:  # what kind of table it is stands in the place, not in the file
             known = tagged[part]
             continue
         parts.append(f".{part}")
-        for model in _models(known):
+        for model in _iterate_models(known):
             if part in model.model_fields:
                 known = model.model_fields[part].annotation
                 break
@@ -111,7 +116,7 @@ def _words(fault: ErrorDetails, root: type[BaseModel]) -> str:
             known = known if kind == "extra_forbidden" else None
     path = shortened("".join(parts).lstrip("."))
     if kind == "extra_forbidden":
-        names = [name for model in _models(known) for name in model.model_fields]
+        names = [name for model in _iterate_models(known) for name in model.model_fields]
         near = get_close_matches(str(loc[-1])[:60], names, 1, cutoff=0.5)
         hint = f", did you mean {near[0]}?" if near else ""
         return f"{path}: unknown key{hint}; known here: {', '.join(names)}"
@@ -120,10 +125,10 @@ def _words(fault: ErrorDetails, root: type[BaseModel]) -> str:
     return fault_words(path, fault)
 
 
-def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    """The models that an annotation names."""
+def _iterate_models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Iterate over the models that an annotation names."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     else:
         for part in get_args(annotation):
-            yield from _models(part)
+            yield from _iterate_models(part)

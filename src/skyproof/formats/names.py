@@ -1,4 +1,4 @@
-"""What the name of a recording says of it: rate, frequencies, the numbers' type, the date. Names lie; all is a hint."""
+"""Read hints from a recording's name: rate, frequencies, the numbers' type, the date. Names may be wrong."""
 
 import re
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 from skyproof.formats.layout import Encoding, Kind
 
-__all__ = ["NameHints", "hints_of"]
+__all__ = ["NameHints", "read_hints"]
 
 _NUMBER: Final = r"(\d+(?:[.p]\d+)?)"
 _SCALES: Final = {"k": 1e3, "m": 1e6, "g": 1e9, "": 1.0}
@@ -57,15 +57,15 @@ class NameHints:
     start_utc: np.datetime64 | None = None
 
 
-def hints_of(name: str) -> NameHints:
-    """What a file's name says, ending included."""
+def read_hints(name: str) -> NameHints:
+    """Read the hints in a file's name, ending included."""
     text = name.lower()
     rate_hz = if_hz = centre_hz = None
     if found := re.search(rf"(?:^|[^a-z])if[_=-]?(-?){_NUMBER}\s*([kmg]?)(?:hz)?", text):
-        if_hz = round(float(f"{found[1]}{_value(found[2])}") * _scale(found[3], _value(found[2])), 3)
+        if_hz = round(float(f"{found[1]}{_parse_value(found[2])}") * _find_scale(found[3], _parse_value(found[2])), 3)
         text = text.replace(found[0], "_")
     for found in re.finditer(rf"(?<![\d.]){_NUMBER}\s*([kmg]?)hz", text):
-        value_hz = round(_value(found[1]) * _SCALES[found[2]], 3)
+        value_hz = round(_parse_value(found[1]) * _SCALES[found[2]], 3)
         if _CARRIERS_HZ[0] < value_hz < _CARRIERS_HZ[1]:
             centre_hz = value_hz
             text = text.replace(found[0], "_")
@@ -74,8 +74,8 @@ def hints_of(name: str) -> NameHints:
         rf"(?<![\d.]){_NUMBER}\s*([kmg])(?:sps|s/s|samp|hz|s(?![a-z]))",
     ):
         if found := re.search(pattern, text):
-            value = _value(found[1])
-            value_hz = round(value * _scale(found[2], value), 3)
+            value = _parse_value(found[1])
+            value_hz = round(value * _find_scale(found[2], value), 3)
             if 1e6 <= value_hz <= 1e9:
                 rate_hz = value_hz
                 break
@@ -93,12 +93,12 @@ def hints_of(name: str) -> NameHints:
     )
 
 
-def _value(text: str) -> float:
+def _parse_value(text: str) -> float:
     return float(text.replace("p", "."))
 
 
-def _scale(letter: str, value: float) -> float:
-    """A bare number below a thousand is meant in megahertz."""
+def _find_scale(letter: str, value: float) -> float:
+    """Scale a number by its letter; a bare one below a thousand is in megahertz."""
     return _SCALES[letter] if letter else 1e6 if value < 1000.0 else 1.0
 
 

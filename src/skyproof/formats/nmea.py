@@ -1,4 +1,4 @@
-"""Fixes as NMEA 0183 sentences, for chart plotters and whatever else reads a receiver's serial line.
+"""Write fixes as NMEA 0183 sentences, for chart plotters and other readers of a receiver's serial line.
 
 NMEA 0183 version 4.11: GGA, RMC and GST, and TXT for what these cannot say.
 """
@@ -16,7 +16,7 @@ from skyproof.arrays import Instants
 from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.time import utc_from_gpst
 
-__all__ = ["nmea_sentences", "write_nmea"]
+__all__ = ["write_nmea", "write_nmea_sentences"]
 
 _KNOTS_PER_M_S = 3600.0 / 1852.0
 _MINUTE_DIGITS = 6  # 2 mm; with the digits below, no sentence is longer than the 82 characters that NMEA allows
@@ -27,7 +27,7 @@ def write_nmea(path: str | os.PathLike[str], sentences: Iterable[str]) -> None:
     write_lines(path, sentences, end="\r\n")
 
 
-def nmea_sentences(
+def write_nmea_sentences(
     gpst: Instants,
     lat_deg: ArrayLike,
     lon_deg: ArrayLike,
@@ -43,12 +43,14 @@ def nmea_sentences(
     sigma_up_m: ArrayLike | None = None,
     talker: str = "GP",
 ) -> Iterator[str]:
-    """The sentences of each epoch, without their ends: GGA, RMC, then GST if sigmas are known, then TXT if needed.
+    """Write the sentences of each epoch: GGA, RMC, GST if sigmas are known, TXT if needed.
+
+    They have no line ends.
 
     NMEA counts altitude from the geoid; altitude and separation add up to the height above the ellipsoid. Without
     `geoid_separation_m` GGA leaves both empty rather than wrong by up to 100 m, and the height above the ellipsoid
-    follows in a TXT sentence: "HAE=52.314".
-    An epoch without a position says so (quality 0, status V). Times are UTC, to 10 ms.
+    follows in a TXT sentence: "HAE=52.314". An epoch without a position has quality 0 and status V. Times are UTC, to
+    10 ms.
 
     Parameters
     ----------
@@ -65,10 +67,10 @@ def nmea_sentences(
     )[:-1]
     for instant, *row in zip(gpst, *(column.tolist() for column in columns), strict=True):
         if not np.isnat(instant):
-            yield from (_sentence(talker, *fields) for fields in _epoch(_utc(instant), *row))
+            yield from (_write_sentence(talker, *fields) for fields in _write_epoch(_round_utc(instant), *row))
 
 
-def _epoch(
+def _write_epoch(
     utc: datetime,
     lat_deg: float,
     lon_deg: float,
@@ -85,17 +87,21 @@ def _epoch(
     time = f"{utc:%H%M%S}.{utc.microsecond // 10_000:02d}"
     fixed = np.isfinite(lat_deg) and np.isfinite(lon_deg)
     separation_m = round(separation_m, 1) if np.isfinite(separation_m) else separation_m  # as it is written
-    place = (_angle(lat_deg, 2), "NS"[lat_deg < 0], _angle(lon_deg, 3), "EW"[lon_deg < 0]) if fixed else ("",) * 4
+    place = (
+        (_format_angle(lat_deg, 2), "NS"[lat_deg < 0], _format_angle(lon_deg, 3), "EW"[lon_deg < 0])
+        if fixed
+        else ("",) * 4
+    )
     yield (
         "GGA",
         time,
         *place,
         "1" if fixed else "0",
-        _number(satellites if fixed else 0.0, "02.0f"),
-        _number(min(hdop, 99.9), ".1f"),
-        _number(height_m - separation_m, ".2f"),
+        _format_number(satellites if fixed else 0.0, "02.0f"),
+        _format_number(min(hdop, 99.9), ".1f"),
+        _format_number(height_m - separation_m, ".2f"),
         "M",
-        _number(separation_m, ".1f"),
+        _format_number(separation_m, ".1f"),
         "M",
         "",
         "",
@@ -105,38 +111,38 @@ def _epoch(
         time,
         "A" if fixed else "V",
         *place,
-        _number(speed_m_s * _KNOTS_PER_M_S, ".3f"),
-        _number(course_deg % 360.0, ".2f"),
+        _format_number(speed_m_s * _KNOTS_PER_M_S, ".3f"),
+        _format_number(course_deg % 360.0, ".2f"),
         f"{utc:%d%m%y}",
         "",
         "",
         "A" if fixed else "N",
     )
     if np.isfinite(sigma_east_m) and np.isfinite(sigma_north_m):
-        sigmas_m = (_number(sigma_m, ".3f") for sigma_m in (sigma_north_m, sigma_east_m, sigma_up_m))
+        sigmas_m = (_format_number(sigma_m, ".3f") for sigma_m in (sigma_north_m, sigma_east_m, sigma_up_m))
         yield ("GST", time, "", "", "", "", *sigmas_m)
     if np.isfinite(height_m) and not np.isfinite(separation_m):
         yield ("TXT", "01", "01", "02", f"HAE={height_m:.3f}")
 
 
-def _sentence(talker: str, *fields: str) -> str:
+def _write_sentence(talker: str, *fields: str) -> str:
     text = talker + ",".join(fields)
     return f"${text}*{reduce(xor, text.encode('ascii')):02X}"
 
 
-def _utc(instant: np.datetime64) -> datetime:
-    """UTC rounded to 10 ms, here and not field by field, so that no field reads 60 seconds."""
+def _round_utc(instant: np.datetime64) -> datetime:
+    """Round UTC to 10 ms here, not field by field, so that no field reads 60 seconds."""
     rounded = utc_from_gpst(instant) + np.timedelta64(5, "ms")
     utc: datetime = rounded.astype("datetime64[us]").item()
     return utc.replace(microsecond=utc.microsecond // 10_000 * 10_000)
 
 
-def _angle(angle_deg: float, degree_digits: int) -> str:
-    """dddmm.mmmmmm, rounded as a whole, so that no field reads 60 minutes."""
+def _format_angle(angle_deg: float, degree_digits: int) -> str:
+    """Format dddmm.mmmmmm, rounded as a whole, so that no field reads 60 minutes."""
     unit = 10**_MINUTE_DIGITS
     degrees, units = divmod(round(abs(angle_deg) * 60 * unit), 60 * unit)
     return f"{degrees:0{degree_digits}d}{units // unit:02d}.{units % unit:0{_MINUTE_DIGITS}d}"
 
 
-def _number(value: float, form: str) -> str:
+def _format_number(value: float, form: str) -> str:
     return f"{value:{form}}" if np.isfinite(value) else ""

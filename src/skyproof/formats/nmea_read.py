@@ -1,4 +1,4 @@
-"""What one NMEA 0183 sentence states, whatever it is read for (NMEA 0183 version 4.11)."""
+"""Parse one NMEA 0183 sentence (version 4.11), whatever it is read for."""
 
 import re
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ import numpy as np
 
 from skyproof.gnss.time import require_year
 
-__all__ = ["FARTHEST_M", "Sentence", "fields_of", "read_sentence"]
+__all__ = ["FARTHEST_M", "Sentence", "read_sentence", "split_fields"]
 
 _TIME: Final = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d|60)(\.\d+)?", re.ASCII)
 _ANGLE: Final = re.compile(r"\d{1,3}([0-5]\d)(\.\d*)?", re.ASCII)
@@ -44,7 +44,7 @@ class Sentence:
     strengths: tuple[tuple[int, int, float], ...] = ()
 
 
-def fields_of(sentence: str) -> list[str] | None:
+def split_fields(sentence: str) -> list[str] | None:
     """Return the fields of a sentence without its checksum, which may be absent; None if it is wrong."""
     body, star, checksum = sentence[1:].strip().partition("*")
     if star and checksum.upper() != f"{reduce(xor, body.encode('utf-8'), 0):02X}":
@@ -74,41 +74,41 @@ def _take_time(text: str, sentence: Sentence) -> None:
 
 
 def _take_place(fields: Sequence[str], sentence: Sentence) -> None:
-    sentence.lat_deg, sentence.lon_deg = _angle_deg(*fields[:2]), _angle_deg(*fields[2:4])
+    sentence.lat_deg, sentence.lon_deg = _parse_angle_deg(*fields[:2]), _parse_angle_deg(*fields[2:4])
 
 
 _ESTIMATED: Final = frozenset("EMS")
 """Of the modes of a fix: estimated, manual input, simulator."""
 
 
-def _gga(fields: Sequence[str], sentence: Sentence) -> None:
+def _take_gga(fields: Sequence[str], sentence: Sentence) -> None:
     fixed = fields[6] not in ("", "0")
     sentence.estimated = fields[6] in ("6", "7", "8")
     if fixed:
         _take_place(fields[2:6], sentence)
-        sentence.altitude_m, sentence.separation_m = _metres(fields[9]), _metres(fields[11])
+        sentence.altitude_m, sentence.separation_m = _parse_metres(fields[9]), _parse_metres(fields[11])
         sentence.satellites = int(fields[7] or -1)
     _take_time(fields[1], sentence)
 
 
-def _gns(fields: Sequence[str], sentence: Sentence) -> None:
+def _take_gns(fields: Sequence[str], sentence: Sentence) -> None:
     modes = fields[6].strip("N")
     sentence.estimated = set(modes) <= _ESTIMATED
     if modes:
         _take_place(fields[2:6], sentence)
-        sentence.altitude_m, sentence.separation_m = _metres(fields[9]), _metres(fields[10])
+        sentence.altitude_m, sentence.separation_m = _parse_metres(fields[9]), _parse_metres(fields[10])
         sentence.satellites = int(fields[7] or -1)
     _take_time(fields[1], sentence)
 
 
-def _gll(fields: Sequence[str], sentence: Sentence) -> None:
+def _take_gll(fields: Sequence[str], sentence: Sentence) -> None:
     sentence.estimated = bool(_ESTIMATED & set(fields[7:8]))
     if fields[6] == "A":
         _take_place(fields[1:5], sentence)
     _take_time(fields[5], sentence)
 
 
-def _rmc(fields: Sequence[str], sentence: Sentence) -> None:
+def _take_rmc(fields: Sequence[str], sentence: Sentence) -> None:
     sentence.date = _date(fields[9], "%d%m%y") if fields[9] else None
     sentence.estimated = bool(_ESTIMATED & set(fields[12:13]))
     if fields[2] == "A":
@@ -116,19 +116,19 @@ def _rmc(fields: Sequence[str], sentence: Sentence) -> None:
     _take_time(fields[1], sentence)
 
 
-def _zda(fields: Sequence[str], sentence: Sentence) -> None:
+def _take_zda(fields: Sequence[str], sentence: Sentence) -> None:
     if fields[2] and fields[3] and fields[4]:
         sentence.date = _date(f"{fields[2]:0>2}{fields[3]:0>2}{fields[4]}", "%d%m%Y")
     _take_time(fields[1], sentence)
 
 
-def _gst(fields: Sequence[str], sentence: Sentence) -> None:
-    north_m, east_m, up_m = (_metres(text) for text in fields[6:9])
+def _take_gst(fields: Sequence[str], sentence: Sentence) -> None:
+    north_m, east_m, up_m = (_parse_metres(text) for text in fields[6:9])
     sentence.sigma_enu_m = east_m, north_m, up_m
     _take_time(fields[1], sentence)
 
 
-def _gsv(fields: Sequence[str], sentence: Sentence) -> None:
+def _take_gsv(fields: Sequence[str], sentence: Sentence) -> None:
     """Read up to four satellites; one field more than theirs names the signal."""
     rest = fields[4:]
     signal = int(rest[-1], 16) if len(rest) % _SATS_A_SENTENCE == 1 and rest[-1] else 0
@@ -138,10 +138,18 @@ def _gsv(fields: Sequence[str], sentence: Sentence) -> None:
     sentence.strengths = tuple((int(number), signal, level) for number, level in levels if 0.0 < level < 100.0)
 
 
-_KINDS: Final = {"GGA": _gga, "GNS": _gns, "GLL": _gll, "RMC": _rmc, "ZDA": _zda, "GST": _gst, "GSV": _gsv}
+_KINDS: Final = {
+    "GGA": _take_gga,
+    "GNS": _take_gns,
+    "GLL": _take_gll,
+    "RMC": _take_rmc,
+    "ZDA": _take_zda,
+    "GST": _take_gst,
+    "GSV": _take_gsv,
+}
 
 
-def _angle_deg(text: str, side: str) -> float:
+def _parse_angle_deg(text: str, side: str) -> float:
     if not _ANGLE.fullmatch(text):
         raise ValueError(f"angle {text!r}")
     point = text.index(".") if "." in text else len(text)
@@ -151,8 +159,8 @@ def _angle_deg(text: str, side: str) -> float:
     return -value if side in "SW" else value
 
 
-def _metres(text: str) -> float:
-    """NaN for an empty field."""
+def _parse_metres(text: str) -> float:
+    """Parse metres; NaN for an empty field."""
     if not text:
         return np.nan
     if not abs(metres := float(text)) < FARTHEST_M:

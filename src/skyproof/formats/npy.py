@@ -1,4 +1,4 @@
-"""Recordings in one NumPy file, NAME.npy: its type says how numbers are stored, its shape which of them are channels.
+"""Open recordings in one NumPy file, NAME.npy: its type says how numbers are stored, its shape the channels.
 
 The longer axis of the array is time, the other one, if there is one, the channels; so (24, 1047552) and (1047552, 24)
 are both 24 channels. Complex numbers are I and Q; of integers and floats each is a real sample. What is not in the file
@@ -25,10 +25,10 @@ import numpy as np
 from numpy.lib import format as npy_format
 
 from skyproof.errors import InputError, readable
-from skyproof.formats.byte_io import FileBytes, size_of
+from skyproof.formats.byte_io import FileBytes, measure_size
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, Kind, PackedSamples
-from skyproof.formats.levels import channels_of, without_dead
-from skyproof.formats.raw import MOST_CHANNELS, read_sidecar, samples_of_layout
+from skyproof.formats.levels import drop_dead, open_channels
+from skyproof.formats.raw import MOST_CHANNELS, read_sidecar, samples_from_layout
 from skyproof.records import Samples
 
 __all__ = ["open_npy"]
@@ -63,15 +63,15 @@ def open_npy(
     InputError : as `open_raw_channels`; the file is no array of numbers, has more axes than two, or is cut.
     """
     path = Path(path)
-    size = size_of(path)
-    stored = _header(path, size)
+    size = measure_size(path)
+    stored = _read_header(path, size)
     sidecar = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
     if not sidecar.exists():
         raise InputError(
             f"{path}: nothing states its rate, for there is no sidecar {sidecar}; write it: "
             "samples = {rate_hz = 16368000.0, if_hz = 4092000.0}"
         )
-    layout = read_sidecar(sidecar, **_stated(stored.dtype))
+    layout = read_sidecar(sidecar, **_layout_from_type(stored.dtype))
     if layout.channels != 1 or layout.header_bytes:
         raise InputError(f"{sidecar}: channels and header_bytes are those of {path.name} itself; leave them out")
     packed_bits = layout.bits * layout.packing.numbers
@@ -91,21 +91,24 @@ def open_npy(
         woven = layout.model_copy(update={"channels": stored.channels}).packing
         chunks = [(woven, Chunk(0, n_samples), channel) for channel in range(stored.channels)]
     packed = [PackedSamples(octets, packing, [chunk], channel) for packing, chunk, channel in chunks]
-    samples = samples_of_layout(path, layout, n_samples, packed[0], octets, format="NumPy", stated_in=sidecar)
-    channels = channels_of(samples, packed, f"{sidecar.name} and the array in {path.name}")
-    return tuple(channels) if dead else without_dead(channels)
+    samples = samples_from_layout(path, layout, n_samples, packed[0], octets, format="NumPy", stated_in=sidecar)
+    channels = open_channels(samples, packed, f"{sidecar.name} and the array in {path.name}")
+    return tuple(channels) if dead else drop_dead(channels)
 
 
-def _header(path: Path, size: int) -> _Stored:
-    """What stands before the numbers."""
+def _read_header(path: Path, size: int) -> _Stored:
+    """Read the header before the numbers."""
     head = BytesIO(FileBytes(path, 0, size)[: min(size, _LONGEST_HEADER)].tobytes())
     try:
         version = npy_format.read_magic(head)
         read = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
         shape, fortran, dtype = read(head)
     except ValueError as error:
-        raise InputError(f"{readable(str(path))}: not a NumPy file ({readable(str(error))}); save it anew") from None
-    if dtype.kind not in _STORED or _stated(dtype)["bits"] not in FITTING_BITS[_stated(dtype)["encoding"]]:
+        raise InputError(f"{readable(str(path))}: not a NumPy file ({readable(str(error))}); save it again") from None
+    if (
+        dtype.kind not in _STORED
+        or _layout_from_type(dtype)["bits"] not in FITTING_BITS[_layout_from_type(dtype)["encoding"]]
+    ):
         raise InputError(
             f"{path}: an array of {dtype}, expected integers of 8 to 32 bits, floats of 32 or 64, or complex numbers"
         )
@@ -117,12 +120,12 @@ def _header(path: Path, size: int) -> _Stored:
     first_is_time = len(shape) == 1 or shape[0] == length
     needed = head.tell() + channels * length * dtype.itemsize
     if size < needed:
-        raise InputError(f"{path}: {size} bytes, but its header announces {needed}; the file is cut, copy it anew")
+        raise InputError(f"{path}: {size} bytes, but its header announces {needed}; the file is cut, copy it again")
     return _Stored(dtype, head.tell(), channels, length, by_row=first_is_time == bool(fortran) or channels == 1)
 
 
-def _stated(dtype: np.dtype[Any]) -> dict[str, Any]:
-    """The keys of a layout that a type stands for."""
+def _layout_from_type(dtype: np.dtype[Any]) -> dict[str, Any]:
+    """Return the keys of a layout that a type stands for."""
     kind, encoding = _STORED[dtype.kind]
     bits = 8 * dtype.itemsize // (2 if kind == "complex" else 1)
     return {

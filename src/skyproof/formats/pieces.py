@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.errors import OutputError
-from skyproof.formats.atomic_write import writing
+from skyproof.formats.atomic_write import write_whole
 
 __all__ = ["UNFINISHED_RUN", "ArrayPieces", "Workspace", "is_unfinished"]
 
@@ -62,9 +62,9 @@ class Workspace:
     """
 
     def __init__(self, out: Path | None = None) -> None:
-        """Of a run whose outputs go to the folder `out`; None if it writes none.
+        """Prepare for a run with outputs in the folder `out`; None if it writes none.
 
-        What a run that was killed left in `out` is removed; `removed` says whether there was any.
+        Remains of a killed run in `out` are removed; `removed` says whether there were any.
         """
         self._out = out
         self._takes = out is not None
@@ -91,7 +91,7 @@ class Workspace:
             return
         octets = "".join(f"{line}\n" for line in lines).encode()
         try:
-            with (self._described_folder(name) / name).open("ab", buffering=0) as file:
+            with (self._make_described_folder(name) / name).open("ab", buffering=0) as file:
                 if (taken := file.write(octets)) < len(octets):
                     file.truncate(file.tell() - taken)
                     self._takes = False
@@ -102,32 +102,36 @@ class Workspace:
         """Remove what `note` wrote: its room is for the outputs, which hold it too."""
         if self._out is not None and name in self._described:
             (self._out / UNFINISHED_RUN / name).unlink(missing_ok=True)
-            self._describe([one for one in self._described if one != name])
+            self._describe([note for note in self._described if note != name])
 
-    def own(self, name: str) -> str:
-        """A name that nothing else in the folder has."""
-        own = next(one for k in count(1) if (one := name if k == 1 else f"{name}-{k}") not in self._names)
-        self._names.add(own)
-        return own
+    def reserve_name(self, name: str) -> str:
+        """Reserve a name that nothing else in the folder has."""
+        reserved = next(
+            candidate for k in count(1) if (candidate := name if k == 1 else f"{name}-{k}") not in self._names
+        )
+        self._names.add(reserved)
+        return reserved
 
     def save(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> Path | None:
         """Write arrays into a file, whole or not at all, and return its path; None if no disk takes it."""
         if self._takes:
             try:
-                return _saved(self._described_folder(name) / name, arrays)
+                return _save(self._make_described_folder(name) / name, arrays)
             except (OSError, OutputError):
                 self._takes = False
         try:
             self._temporary = self._temporary or tempfile.TemporaryDirectory(prefix="skyproof-")
-            return _saved(Path(self._temporary.name) / name, arrays)
+            return _save(Path(self._temporary.name) / name, arrays)
         except OSError:
             return None
 
-    def _described_folder(self, name: str) -> Path:
-        """The folder in that of the outputs, with a text that says what is in it: `name` too."""
+    def _make_described_folder(self, name: str) -> Path:
+        """Make the folder within the outputs' folder, with a text that describes its content, `name` too."""
         assert self._out is not None
         folder = self._out / UNFINISHED_RUN
-        kind = next((one for one in _CONTENTS if any(part.startswith(one) for part in Path(name).parts)), "")
+        kind = next(
+            (content for content in _CONTENTS if any(part.startswith(content) for part in Path(name).parts)), ""
+        )
         if kind not in self._described:
             folder.mkdir(parents=True, exist_ok=True)
             self._describe([*self._described, kind])
@@ -135,13 +139,13 @@ class Workspace:
 
     def _describe(self, kinds: list[str]) -> None:
         assert self._out is not None
-        with writing(self._out / UNFINISHED_RUN / _README) as file:
-            file.write("\n".join([_HEAD, *(_CONTENTS[one] for one in kinds if one)]).encode())
+        with write_whole(self._out / UNFINISHED_RUN / _README) as file:
+            file.write("\n".join([_HEAD, *(_CONTENTS[kind] for kind in kinds if kind)]).encode())
         self._described = kinds
 
 
 def is_unfinished(out: Path) -> bool:
-    """Whether a run that was killed left a folder in `out`: one of that name may be somebody else's."""
+    """Test whether a killed run left its folder in `out`: another's folder may have that name."""
     folder = out / UNFINISHED_RUN
     try:
         text = (folder / _README).read_text(encoding="utf-8", errors="replace")
@@ -150,7 +154,7 @@ def is_unfinished(out: Path) -> bool:
     return text.startswith(_HEAD.partition("\n")[0][:40])
 
 
-def _saved(path: Path, arrays: Mapping[str, NDArray[Any]]) -> Path:
+def _save(path: Path, arrays: Mapping[str, NDArray[Any]]) -> Path:
     part = path.with_suffix(".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -162,7 +166,7 @@ def _saved(path: Path, arrays: Mapping[str, NDArray[Any]]) -> Path:
     return path
 
 
-def _copied(arrays: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
+def _copy(arrays: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
     return {name: np.array(values) for name, values in arrays.items()}
 
 
@@ -170,9 +174,9 @@ class ArrayPieces:
     """Pieces in the order in which they were appended, each some named arrays."""
 
     def __init__(self, workspace: Workspace, name: str) -> None:
-        """None yet; their folder is `name` in the workspace, or if that is taken NAME-2 and so on."""
+        """Start without pieces; their folder is `name` in the workspace, or NAME-2 and so on if taken."""
         self._workspace = workspace  # held, so that a temporary folder lasts as long as its pieces
-        self._name = workspace.own(name)
+        self._name = workspace.reserve_name(name)
         self._pieces: list[Path | Mapping[str, NDArray[Any]]] = []
         self._cached: dict[int, Mapping[str, NDArray[Any]]] = {}
 
@@ -181,10 +185,10 @@ class ArrayPieces:
 
     def append(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Write a piece; one that no disk takes stays in memory, so that a full disk costs no answer."""
-        self._pieces.append(self._workspace.save(f"{self._name}/{len(self):06d}.npz", arrays) or _copied(arrays))
+        self._pieces.append(self._workspace.save(f"{self._name}/{len(self):06d}.npz", arrays) or _copy(arrays))
 
     def read(self, number: int) -> Mapping[str, NDArray[Any]]:
-        """The arrays of one piece; those read last are kept, since stretches that follow each other share them."""
+        """Read the arrays of one piece; the last ones stay cached, since neighbouring stretches share them."""
         piece = self._pieces[number]
         if not isinstance(piece, Path):
             return piece
@@ -195,7 +199,7 @@ class ArrayPieces:
         return self._cached[number]
 
     def read_one(self, number: int, name: str) -> NDArray[Any]:
-        """One array of one piece."""
+        """Read one array of one piece."""
         piece = self._pieces[number]
         if not isinstance(piece, Path):
             return piece[name]
@@ -206,7 +210,7 @@ class ArrayPieces:
         return array
 
     def clear(self) -> None:
-        """Forget and remove all pieces."""
+        """Remove all pieces."""
         for folder in {piece.parent for piece in self._pieces if isinstance(piece, Path)}:
             shutil.rmtree(folder, ignore_errors=True)
         self._pieces, self._cached = [], {}

@@ -1,4 +1,4 @@
-"""What no satellite and no receiver gives: cells that are misread, found by their numbers alone.
+"""Find cells that no satellite and receiver can give: misread ones, by their numbers alone.
 
 A pseudorange is c times the time of travel by two clocks. Its bounds are those of the satellite's orbit, seen from the
 Earth's surface or the air, widened by what a receiver's clock may be off. A clock that is off further shifts all ranges
@@ -17,14 +17,14 @@ from typing import Final
 import numpy as np
 
 from skyproof.arrays import Booleans, Indices, Reals
-from skyproof.formats.bounds import first_few
+from skyproof.formats.bounds import describe_first
 from skyproof.gnss.constants import FASTEST_M_S, SPEED_OF_LIGHT_M_S, WGS84_A_M
 from skyproof.gnss.ephemeris import GEOSTATIONARY
 from skyproof.gnss.signals import rinex_attribute
 from skyproof.records import SignalId
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["LETTERS", "Implausible", "impossible_remarks", "leave_out_impossible"]
+__all__ = ["LETTERS", "Implausible", "describe_impossible", "leave_out_impossible"]
 
 _GEOSYNCHRONOUS_KM: Final = 41_900.0, 42_500.0
 _ORBITS_KM: Final = {
@@ -57,10 +57,10 @@ LETTERS: Final = {"pseudorange_m": "C", "carrier_cyc": "L", "doppler_hz": "D", "
 
 @dataclass(frozen=True)
 class Implausible:
-    """What was left out.
+    """Cells that were left out.
 
     counts : cells by type, such as "G C2W". misread : types that were left out as a whole, and why. remarks : on types
-    that were kept. ranges : (n_epochs, n_signals) where a pseudorange of a type that was kept was left out.
+    that were kept. ranges : (n_epochs, n_signals), where a pseudorange of a kept type is missing now.
     """
 
     counts: dict[str, int] = field(default_factory=dict)
@@ -89,12 +89,12 @@ def leave_out_impossible(
     wavelength_m = SPEED_OF_LIGHT_M_S / carrier_hz
     lowest_dbhz, highest_dbhz = _CN0_DBHZ
     possible = {
-        "pseudorange_m": _possible_ranges(kept["pseudorange_m"], signals),
+        "pseudorange_m": _mark_possible_ranges(kept["pseudorange_m"], signals),
         "doppler_hz": ~(np.abs(kept["doppler_hz"] * wavelength_m) > FASTEST_M_S),
         "cn0_dbhz": ~((kept["cn0_dbhz"] < lowest_dbhz) | (kept["cn0_dbhz"] > highest_dbhz)),
     }
-    types = _types_of(signals)
-    others = [name for name, columns in types.items() if _mostly_impossible(kept, possible, columns)]
+    types = _group_by_type(signals)
+    impossible_types = [name for name, columns in types.items() if _are_mostly_impossible(kept, possible, columns)]
     for name, fits in possible.items():
         kept[name][~fits] = np.nan
     faults, remarks, counts = dict(misread or {}), list[str](), dict[str, int]()
@@ -102,7 +102,7 @@ def leave_out_impossible(
     for name, columns in types.items():
         called = {observable: f"{name[0]} {letter}{name[1:]}" for observable, letter in LETTERS.items()}
         rates = _Rates.of(kept, columns, elapsed_s, wavelength_m)
-        for observable, words, out in _faults(rates, of_others=name in others):
+        for observable, words, out in _find_faults(rates, of_others=name in impossible_types):
             if out:
                 faults.setdefault(called[observable], words)
             elif called[observable] not in faults:
@@ -115,30 +115,30 @@ def leave_out_impossible(
             gone = np.isfinite(cells[observable][:, columns]) & ~np.isfinite(values[:, columns])
             if gone.any():
                 counts[called[observable]] = int(gone.sum())
-    ranges[:, [column for name in others for column in types[name]]] = False
+    ranges[:, [column for name in impossible_types for column in types[name]]] = False
     return kept, Implausible(counts, faults, tuple(remarks), ranges)
 
 
-def impossible_remarks(counts: Mapping[str, int], misread: Mapping[str, str]) -> list[str]:
-    """Return what was left out in words: how many cells of which types, and the types as a whole with the reason."""
+def describe_impossible(counts: Mapping[str, int], misread: Mapping[str, str]) -> list[str]:
+    """Describe what is left out: the number of cells by type, and whole types with the reason."""
     if not counts:
         return []
     most = sorted(counts, key=lambda name: -counts[name])
-    listed = ", ".join(first_few(most, lambda name: f"{name} {counts[name]}"))
-    reasons = [f"{', '.join(first_few(names, str))} {words}" for words, names in _by_words(misread).items()]
-    what = f"{sum(counts.values())} cells hold no value that a receiver can measure and are left out: {listed}"
-    return [Remark(words, RemarkKind.BEARS) for words in (what, *reasons)]
+    listed = ", ".join(describe_first(most, lambda name: f"{name} {counts[name]}"))
+    reasons = [f"{', '.join(describe_first(names, str))} {words}" for words, names in _group_by_words(misread).items()]
+    counted = f"{sum(counts.values())} cells hold no value that a receiver can measure and are left out: {listed}"
+    return [Remark(words, RemarkKind.BEARS) for words in (counted, *reasons)]
 
 
-def _by_words(misread: Mapping[str, str]) -> dict[str, list[str]]:
+def _group_by_words(misread: Mapping[str, str]) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for name, words in misread.items():
         found.setdefault(words, []).append(name)
     return found
 
 
-def _types_of(signals: Sequence[SignalId]) -> dict[str, Indices]:
-    """Columns by system, band and code, such as "G2W"."""
+def _group_by_type(signals: Sequence[SignalId]) -> dict[str, Indices]:
+    """Group columns by system, band and code, such as "G2W"."""
     names = np.array([f"{s.sat[0]}{rinex_attribute(s.sat, s.band, s.code) or s.band + s.code}" for s in signals])
     return {str(name): np.flatnonzero(names == name) for name in np.unique(names)}
 
@@ -146,7 +146,7 @@ def _types_of(signals: Sequence[SignalId]) -> dict[str, Indices]:
 # --- each cell by itself
 
 
-def _range_bounds_m(signals: Sequence[SignalId]) -> tuple[Reals, Reals]:
+def _compute_range_bounds_m(signals: Sequence[SignalId]) -> tuple[Reals, Reals]:
     """Return the least and the greatest range of each signal's satellite, from overhead and from the horizon."""
     orbits_km = [_GEOSYNCHRONOUS_KM if s.sat in GEOSTATIONARY else _ORBITS_KM[s.sat[0]] for s in signals]
     lowest_m, highest_m = 1e3 * np.array(orbits_km).reshape(-1, 2).T
@@ -155,9 +155,9 @@ def _range_bounds_m(signals: Sequence[SignalId]) -> tuple[Reals, Reals]:
     return lowest_m - top_m, np.sqrt(highest_m**2 - WGS84_A_M**2) + beyond_horizon_m
 
 
-def _possible_ranges(range_m: Reals, signals: Sequence[SignalId]) -> Booleans:
+def _mark_possible_ranges(range_m: Reals, signals: Sequence[SignalId]) -> Booleans:
     """Return where a range is possible, or missing."""
-    least_m, most_m = _range_bounds_m(signals)
+    least_m, most_m = _compute_range_bounds_m(signals)
     clock_m = _CLOCK_S * SPEED_OF_LIGHT_M_S
     missing = np.isnan(range_m)
     possible = missing | ((range_m >= least_m - clock_m) & (range_m <= most_m + clock_m))
@@ -173,7 +173,7 @@ def _possible_ranges(range_m: Reals, signals: Sequence[SignalId]) -> Booleans:
     return np.asarray(possible)
 
 
-def _mostly_impossible(cells: Mapping[str, Reals], possible: Mapping[str, Booleans], columns: Indices) -> bool:
+def _are_mostly_impossible(cells: Mapping[str, Reals], possible: Mapping[str, Booleans], columns: Indices) -> bool:
     count = int(np.isfinite(cells["pseudorange_m"][:, columns]).sum())
     wrong = int((~possible["pseudorange_m"][:, columns]).sum())
     return count >= _PAIRS and wrong >= _MISREAD * count
@@ -211,54 +211,55 @@ class _Rates:
         )
 
 
-def _faults(rates: _Rates, *, of_others: bool) -> list[tuple[str, str, bool]]:
+def _find_faults(rates: _Rates, *, of_others: bool) -> list[tuple[str, str, bool]]:
     """Return observable, words, and whether it is to be left out, for each fault of a type.
 
     of_others : whether its pseudoranges are impossible, so that its columns may be those of other types.
     """
-    if of_others and not _agree(rates.doppler, rates.carrier):
+    if of_others and not _do_agree(rates.doppler, rates.carrier):
         words = "left out: the pseudoranges are impossible, carrier and Doppler do not agree: columns of other types"
         return [(observable, words, True) for observable in ("carrier_cyc", "doppler_hz")]
     faults = list[tuple[str, str, bool]]()
-    unit = _unit_of(rates.carrier, rates.code, rates.wavelength_m)
-    if unit == "metres" and _agree(rates.doppler, rates.carrier):
+    unit = _find_unit(rates.carrier, rates.code, rates.wavelength_m)
+    if unit == "metres" and _do_agree(rates.doppler, rates.carrier):
         faults.append(("pseudorange_m", "left out: cycles of the carrier, expected metres", True))
     elif unit:
         faults.append(("carrier_cyc", f"left out: {unit}, expected cycles that grow with the range", True))
-    elif _disagree(rates.carrier, rates.code):
+    elif _do_disagree(rates.carrier, rates.code):
         faults.append(("carrier_cyc", "does not follow the pseudoranges; kept, for an attack can do that", False))
     wrong = any(observable == "carrier_cyc" and out for observable, _, out in faults)
     of_carrier = bool(np.isfinite(rates.carrier).any()) and not wrong
-    reference, what = (rates.carrier, "carrier phases") if of_carrier else (rates.code, "pseudoranges")
-    unit = _unit_of(rates.doppler, reference, rates.wavelength_m)
+    reference, reference_name = (rates.carrier, "carrier phases") if of_carrier else (rates.code, "pseudoranges")
+    unit = _find_unit(rates.doppler, reference, rates.wavelength_m)
     if unit:
         words = unit.replace("cycles", "hertz").replace("metres", "metres a second")
         faults.append(("doppler_hz", f"left out: {words}, expected hertz that fall as the range rate grows", True))
-    elif _disagree(rates.doppler, reference) and rates.strengths:
+    elif _do_disagree(rates.doppler, reference) and rates.strengths:
         faults.append(("doppler_hz", "left out: numbers as of C/N0, expected hertz", True))
-    elif _disagree(rates.doppler, reference):
-        faults.append(("doppler_hz", f"does not follow the {what}; kept, for an attack can do that", False))
+    elif _do_disagree(rates.doppler, reference):
+        faults.append(("doppler_hz", f"does not follow the {reference_name}; kept, for an attack can do that", False))
     return faults
 
 
-def _ratios(rate: Reals, reference: Reals) -> Reals:
+def _compute_ratios(rate: Reals, reference: Reals) -> Reals:
     """Return one rate over the other, where satellites move apart: each off the mean of its epoch.
 
-    So a drift of the receiver's clock is of no account, which some receivers take out of one observable alone.
+    So a drift of the receiver's clock does not matter, which some receivers take out of one observable alone.
     """
-    both = np.isfinite(rate) & np.isfinite(reference)
-    both &= both.sum(axis=1, keepdims=True) >= _SATELLITES
-    count = np.maximum(both.sum(axis=1, keepdims=True), 1)
+    usable = np.isfinite(rate) & np.isfinite(reference)
+    usable &= usable.sum(axis=1, keepdims=True) >= _SATELLITES
+    count = np.maximum(usable.sum(axis=1, keepdims=True), 1)
     rate, reference = (
-        np.where(both, x, 0.0) - np.where(both, x, 0.0).sum(axis=1, keepdims=True) / count for x in (rate, reference)
+        np.where(usable, x, 0.0) - np.where(usable, x, 0.0).sum(axis=1, keepdims=True) / count
+        for x in (rate, reference)
     )
-    used = both & (np.abs(reference) > _MOVING_M_S)
+    used = usable & (np.abs(reference) > _MOVING_M_S)
     return np.asarray(rate[used] / reference[used])
 
 
-def _unit_of(rate: Reals, reference: Reals, wavelength_m: float) -> str:
+def _find_unit(rate: Reals, reference: Reals, wavelength_m: float) -> str:
     """Return the unit and sign, other than the right ones, that make the rate what it is; "" if none does."""
-    ratios = _ratios(rate, reference)
+    ratios = _compute_ratios(rate, reference)
     if ratios.size < _PAIRS:
         return ""
     median = float(np.median(ratios))
@@ -275,11 +276,11 @@ def _unit_of(rate: Reals, reference: Reals, wavelength_m: float) -> str:
     return ""
 
 
-def _agree(rate: Reals, reference: Reals) -> bool:
-    ratios = _ratios(rate, reference)
+def _do_agree(rate: Reals, reference: Reals) -> bool:
+    ratios = _compute_ratios(rate, reference)
     return ratios.size >= _PAIRS and bool(np.mean(np.abs(ratios - 1.0) < _AGREEING) > _AGREEING)
 
 
-def _disagree(rate: Reals, reference: Reals) -> bool:
-    ratios = _ratios(rate, reference)
+def _do_disagree(rate: Reals, reference: Reals) -> bool:
+    ratios = _compute_ratios(rate, reference)
     return ratios.size >= _PAIRS and not np.mean(np.abs(ratios - 1.0) < _AGREEING) > _AGREEING

@@ -26,26 +26,26 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, ValidationError, model_validator
 
 from skyproof.errors import InputError, readable, shortened, shown
-from skyproof.formats.bounds import first_few
-from skyproof.formats.byte_io import FileBytes, sha256, size_of
+from skyproof.formats.bounds import describe_first
+from skyproof.formats.byte_io import FileBytes, compute_sha256, measure_size
 from skyproof.formats.documents import read_toml
 from skyproof.formats.layout import FITTING_BITS, BitOrder, ByteOrder, Chunk, Encoding, Kind, PackedSamples, Packing
-from skyproof.formats.levels import channels_of, check_levels, without_dead
-from skyproof.formats.signatures import head_of, other_than_samples
+from skyproof.formats.levels import check_levels, drop_dead, open_channels
+from skyproof.formats.signatures import identify_other, read_head
 from skyproof.gnss.constants import L1_HZ
-from skyproof.gnss.time import GPS_EPOCH, iso, parse_iso
+from skyproof.gnss.time import GPS_EPOCH, format_iso, parse_iso
 from skyproof.records import Samples
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
     "SampleLayout",
     "check_levels",
+    "compute_sha256",
     "open_raw",
     "open_raw_channels",
     "read_sidecar",
-    "samples_of_layout",
-    "sha256",
-    "sidecar_text",
+    "samples_from_layout",
+    "write_sidecar_text",
 ]
 
 MOST_CHANNELS: Final = 64
@@ -55,7 +55,7 @@ _EXAMPLE: Final = 'samples = {rate_hz = 2600000.0, kind = "complex", encoding = 
 # --- the sidecar
 
 
-def _instant(value: object) -> np.datetime64:
+def _parse_instant(value: object) -> np.datetime64:
     text = value.isoformat() if isinstance(value, datetime) else value
     if not isinstance(text, str):
         raise ValueError("not an instant")
@@ -91,13 +91,13 @@ class SampleLayout(BaseModel):
     header_bytes: int = Field(0, ge=0, description="how many bytes to skip at the start, zero or more")
     swap_iq: bool = Field(False, description="true if Q comes before I, else false")
     conjugate: bool = Field(False, description="true if the spectrum is inverted (Q is negated then), else false")
-    start_gpst: Annotated[np.datetime64 | None, PlainValidator(_instant)] = Field(
+    start_gpst: Annotated[np.datetime64 | None, PlainValidator(_parse_instant)] = Field(
         None, description='GPS time without a zone, as "2022-01-01T21:45:58"'
     )
     antenna: str = Field("1", min_length=1, description="the antenna's name")
 
     @model_validator(mode="after")
-    def _fits_together(self) -> Self:
+    def _check_together(self) -> Self:
         faults = []
         if self.bits not in FITTING_BITS[self.encoding]:
             fitting = ", ".join(map(str, FITTING_BITS[self.encoding]))
@@ -117,12 +117,12 @@ class SampleLayout(BaseModel):
 
     @property
     def numbers(self) -> int:
-        """How many numbers one sample has: 2 if complex, else 1."""
+        """Count the numbers of one sample: 2 if complex, else 1."""
         return self.packing.numbers
 
     @property
     def packing(self) -> Packing:
-        """What the bytes mean."""
+        """Return the packing of the bytes."""
         return Packing(
             kind=self.kind,
             encoding=self.encoding,
@@ -142,7 +142,9 @@ class _Sidecar(BaseModel):
 
 
 def read_sidecar(path: str | os.PathLike[str], **known: Any) -> SampleLayout:
-    """The sidecar at `path`. Raises InputError, which names every fault: key, what came, what was expected.
+    """Read the sidecar at `path`.
+
+    Raises InputError, which names every fault: key, what came, what was expected.
 
     known : keys of its table that the recording itself says; stated in the sidecar that counts.
     """
@@ -157,19 +159,21 @@ def read_sidecar(path: str | os.PathLike[str], **known: Any) -> SampleLayout:
     try:
         return _Sidecar.model_validate(content).samples
     except ValidationError as error:
-        raise InputError(f"{path}: " + "; ".join(first_few(error.errors(include_url=False), _fault))) from error
+        raise InputError(
+            f"{path}: " + "; ".join(describe_first(error.errors(include_url=False), _describe_fault))
+        ) from error
 
 
-def sidecar_text(layout: SampleLayout) -> str:
-    """The text of a sidecar that `read_sidecar` reads back as `layout`; keys left at their default are left out."""
+def write_sidecar_text(layout: SampleLayout) -> str:
+    """Write the text of a sidecar that `read_sidecar` reads back as `layout`; defaults are left out."""
     table = layout.model_dump(exclude_unset=True, exclude_none=True)
     if layout.start_gpst is not None:
-        table["start_gpst"] = iso(layout.start_gpst, 9)  # TOML's own date-times end at the microsecond
+        table["start_gpst"] = format_iso(layout.start_gpst, 9)  # TOML's own date-times end at the microsecond
     return f"# how to read the samples\n{tomli_w.dumps({'samples': table})}"
 
 
-def _fault(fault: Any) -> str:
-    """One fault that Pydantic found, in the words of the one who wrote the sidecar."""
+def _describe_fault(fault: Any) -> str:
+    """Describe one fault that Pydantic found, in the words of the sidecar's writer."""
     if fault["type"] == "value_error" and len(fault["loc"]) < 2:
         return str(fault["ctx"]["error"])
     key = str(fault["loc"][-1])
@@ -218,12 +222,12 @@ def open_raw_channels(
     InputError : a file is missing, empty or unreadable, the sidecar is wrong, or the samples never change.
     """
     path = Path(path)
-    size = size_of(path)
+    size = measure_size(path)
     if size == 0:
         raise InputError(f"{path} is empty; check the recorder or the copy")
     sidecar = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
     if not sidecar.exists():
-        if known := other_than_samples(head_of(path)):
+        if known := identify_other(read_head(path)):
             raise InputError(f"{path} looks like {known[0]}; {known[1]}")
         raise InputError(
             f"{path}: nothing says how to read it, for there is no sidecar {sidecar}; run `skyproof inspect {path}`, "
@@ -250,15 +254,15 @@ def open_raw_channels(
         )
     stored = FileBytes(path, layout.header_bytes, body - tail)
     packed = [PackedSamples(stored, packing, [Chunk(0, n_samples)], channel) for channel in range(layout.channels)]
-    samples = samples_of_layout(
+    samples = samples_from_layout(
         path, layout, n_samples, packed[0], stored, format="raw", stated_in=sidecar, remarks=tuple(remarks)
     )
     stated_by = f"kind, encoding, bits, byte_order and header_bytes of {sidecar.name}"
-    channels = channels_of(samples, packed, stated_by)
-    return tuple(channels) if dead else without_dead(channels)
+    channels = open_channels(samples, packed, stated_by)
+    return tuple(channels) if dead else drop_dead(channels)
 
 
-def samples_of_layout(
+def samples_from_layout(
     path: Path,
     layout: SampleLayout,
     n_samples: int,
@@ -269,7 +273,7 @@ def samples_of_layout(
     stated_in: Path | None = None,
     remarks: tuple[str, ...] = (),
 ) -> Samples:
-    """One channel of a file as a recording, described by a sidecar."""
+    """Describe one channel of a file as a recording, by a sidecar."""
     return Samples(
         name=readable(path.stem),
         rate_hz=layout.rate_hz,

@@ -1,4 +1,4 @@
-"""What bytes may mean: the packings that their statistics allow, the most probable first.
+"""Guess what bytes mean: the packings that their statistics allow, the most probable first.
 
 A front end hands over noise, whose numbers lie close around zero, alike on either side, small ones more often. So in
 the right packing a histogram has one hump in the middle; in a wrong one it has teeth, or is flat:
@@ -9,7 +9,7 @@ the right packing a histogram has one hump in the middle; in a wrong one it has 
 - floats: all are finite, and within a few powers of ten of each other;
 - whole bytes: one hump, around 0 or around 128, or few values;
 - several numbers a byte: the same of their codes; two-bit codes show it by which of them are alike;
-- one bit: all bytes are about equally frequent, as they are when nothing else fits.
+- one bit: all bytes are about equally frequent, as also when nothing else fits.
 
 How a stream of numbers is divided into samples, and in which order they lie within a byte, does not show so; what
 repeats in them, and what a search finds, does.
@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyproof.arrays import Integers, Octets, Reals
-from skyproof.formats.layout import BitOrder, ByteOrder, Encoding, Kind, Packing, twelve_bit_codes
+from skyproof.formats.layout import BitOrder, ByteOrder, Encoding, Kind, Packing, unpack_twelve_bits
 
-__all__ = ["Likely", "header_length", "likely_packings"]
+__all__ = ["Likely", "list_likely_packings", "measure_header"]
 
 _HEADER_MOST: Final = 1 << 16
 _HEADER_NATS: Final = 25.0
@@ -54,14 +54,14 @@ class Likely:
     header_bytes: int = 0
 
 
-def header_length(octets: Octets) -> int:
-    """How many bytes at the start are text or mostly zero where the rest is not: 0 if there is no such stretch.
+def measure_header(octets: Octets) -> int:
+    """Count the bytes at the start that are text or mostly zero, where the rest is not; 0 if none.
 
     octets : (n,) from the start of the file on, long enough to be mostly samples.
     """
     if octets.size < 4 * 1024:
         return 0
-    if still := _still_length(octets):
+    if still := _measure_still(octets):
         return still
     bulk = octets[octets.size // 2 :]
     rest = np.empty((2, 256))
@@ -82,39 +82,47 @@ def header_length(octets: Octets) -> int:
     return length
 
 
-def _still_length(octets: Octets) -> int:
-    """How many bytes at the start are all one, if they are many; whole blocks of 4096, so that numbers stay whole."""
+def _measure_still(octets: Octets) -> int:
+    """Count the bytes at the start that are all equal, if many.
+
+    Whole blocks of 4096, so that numbers stay whole.
+    """
     changes = np.flatnonzero(octets != octets[0])
     length = int(changes[0]) if changes.size else 0
     return length // 4096 * 4096
 
 
-def likely_packings(octets: Octets) -> list[Likely]:
-    """The packings that fit `octets`, (n,) whole samples from the body of a file, the most probable first."""
-    floats = _floats(octets)
+def list_likely_packings(octets: Octets) -> list[Likely]:
+    """List the packings that fit `octets`, (n,) whole samples from a file's body, the most probable first."""
+    floats = _find_floats(octets)
     if floats:
         return floats
-    wide = _wide(octets)
+    wide = _find_wide(octets)
     if wide:
         return wide
-    found = _twelve_bits(octets) or _whole_bytes(octets)
+    found = _find_twelve_bits(octets) or _find_whole_bytes(octets)
     if not found:
-        found = _nibbles(octets) or _pairs(octets)
+        found = _find_nibbles(octets) or _find_pairs(octets)
     return found
 
 
-def _both_kinds(encoding: Encoding, bits: int, **more: object) -> list[Packing]:
+def _list_both_kinds(encoding: Encoding, bits: int, **more: object) -> list[Packing]:
     kinds: tuple[Kind, Kind] = ("complex", "real")
     return [Packing(kind=kind, encoding=encoding, bits=bits, **more) for kind in kinds]  # type: ignore[arg-type]
 
 
-def _packed(encoding: Encoding, bits: int) -> list[Likely]:
+def _list_packed(encoding: Encoding, bits: int) -> list[Likely]:
     orders: tuple[BitOrder, BitOrder] = ("msb-first", "lsb-first")
-    return [Likely(packing=one) for order in orders for one in _both_kinds(encoding, bits, bit_order=order)]
+    return [
+        Likely(packing=packing) for order in orders for packing in _list_both_kinds(encoding, bits, bit_order=order)
+    ]
 
 
-def _floats(octets: Octets) -> list[Likely]:
-    """Both orders where numbers begin before any bytes are skipped: whole numbers are plausible floats a byte late."""
+def _find_floats(octets: Octets) -> list[Likely]:
+    """Find floats in both byte orders, where numbers begin before any bytes are skipped.
+
+    Whole numbers are plausible floats a byte late.
+    """
     orders: tuple[ByteOrder, ByteOrder] = ("little", "big")
     for bits in (32, 64):
         size = bits // 8
@@ -122,13 +130,13 @@ def _floats(octets: Octets) -> list[Likely]:
             whole = octets[skip : skip + (octets.size - skip) // size * size]
             for order in orders:
                 stored = whole.view(f"{'<' if order == 'little' else '>'}f{size}")
-                if stored.size and _plausible(stored):
-                    packings = _both_kinds("float", bits, byte_order=order)
-                    return [Likely(packing=one, header_bytes=skip) for one in packings]
+                if stored.size and _are_plausible(stored):
+                    packings = _list_both_kinds("float", bits, byte_order=order)
+                    return [Likely(packing=packing, header_bytes=skip) for packing in packings]
     return []
 
 
-def _plausible(stored: NDArray[np.floating]) -> bool:
+def _are_plausible(stored: NDArray[np.floating]) -> bool:
     with np.errstate(all="ignore"):
         sizes = np.abs(stored[:65536].astype(np.float64))
         if not np.isfinite(sizes).mean() > 0.99:
@@ -141,49 +149,56 @@ def _plausible(stored: NDArray[np.floating]) -> bool:
         return bool(1e-12 < middle < 1e12 and good.mean() > 0.995)
 
 
-def _wide(octets: Octets) -> list[Likely]:
-    """Numbers of 16 and 32 bits, by which of their bytes has least entropy, or by bytes that predict each other."""
-    entropy = np.array([_entropy(octets[place::4]) for place in range(4)])
+def _find_wide(octets: Octets) -> list[Likely]:
+    """Find numbers of 16 and 32 bits, by their byte of least entropy, or by bytes that predict each other."""
+    entropy = np.array([_compute_entropy(octets[place::4]) for place in range(4)])
     if max(abs(entropy[0] - entropy[2]), abs(entropy[1] - entropy[3])) > _ENTROPY_APART:
         size, skips = 4, [0, 1, 2, 3]
     elif abs(entropy[0] - entropy[1]) > _ENTROPY_APART:
         size, skips = 2, [0, 1]
-    elif (first := _first_bound(octets, entropy)) is not None:
+    elif (first := _find_first_bound(octets, entropy)) is not None:
         size, skips = 2, [first]
     else:
         return []
-    encoding, order, skip = _order_of(octets, size, skips)
-    return [Likely(packing=one, header_bytes=skip) for one in _both_kinds(encoding, 8 * size, byte_order=order)]
+    encoding, order, skip = _choose_order(octets, size, skips)
+    return [
+        Likely(packing=packing, header_bytes=skip) for packing in _list_both_kinds(encoding, 8 * size, byte_order=order)
+    ]
 
 
-def _twelve_bits(octets: Octets) -> list[Likely]:
-    """Numbers of 12 bits, by which bytes of three have least entropy; where both of them spread alike, and least.
+def _find_twelve_bits(octets: Octets) -> list[Likely]:
+    """Find numbers of 12 bits by the bytes of three with least entropy.
+
+    Both numbers have to spread alike, and least.
 
     In a wrong order one of the two has the bits that count least above those that count most. So have the two halves of
     numbers of 24 bits, which are none of these.
     """
-    entropy = [_entropy(octets[place::3]) for place in range(3)]
+    entropy = [_compute_entropy(octets[place::3]) for place in range(3)]
     if max(entropy) - min(entropy) < _ENTROPY_APART:
         return []
     encodings: tuple[Encoding, Encoding] = ("int", "offset-binary")
     orders: tuple[BitOrder, BitOrder] = ("msb-first", "lsb-first")
     found: list[tuple[float, Likely]] = []
     for skip, order in product(range(3), orders):
-        codes = twelve_bit_codes(octets[skip : skip + (octets.size - skip) // 3 * 3][: 3 * _SHAPED], order)
+        codes = unpack_twelve_bits(octets[skip : skip + (octets.size - skip) // 3 * 3][: 3 * _SHAPED], order)
         for encoding in encodings:
-            shapes = [_shape_of((c ^ 2048) - 2048 if encoding == "int" else c - 2048) for c in codes.T]
+            shapes = [_measure_shape((c ^ 2048) - 2048 if encoding == "int" else c - 2048) for c in codes.T]
             sigmas = [shape.sigma for shape in shapes]
-            if max(sigmas) > _SPREAD_ALIKE * min(sigmas) or any(one.kurtosis < _HUMPED or one.beside for one in shapes):
+            if max(sigmas) > _SPREAD_ALIKE * min(sigmas) or any(
+                each_shape.kurtosis < _HUMPED or each_shape.beside for each_shape in shapes
+            ):
                 continue
-            packings = _both_kinds(encoding, 12, bit_order=order)
-            found += [(max(sigmas), Likely(packing=one, header_bytes=skip)) for one in packings]
+            packings = _list_both_kinds(encoding, 12, bit_order=order)
+            found += [(max(sigmas), Likely(packing=each_shape, header_bytes=skip)) for each_shape in packings]
     narrowest = min((sigma for sigma, _ in found), default=0.0)
     return [likely for sigma, likely in found if sigma < _SPREAD_ALIKE * narrowest]
 
 
-def _first_bound(octets: Octets, entropy: Reals) -> int | None:
-    """Where pairs begin if every other byte depends on the one before it, and not by the one behind, as in numbers of
-    few values; None if that is not so.
+def _find_first_bound(octets: Octets, entropy: Reals) -> int | None:
+    """Find where pairs begin, if every other byte depends on the one before it only.
+
+    So it is in numbers of few values; None if it is not so.
 
     Two channels that hold the same numbers are bound as well, but alike.
     """
@@ -191,29 +206,29 @@ def _first_bound(octets: Octets, entropy: Reals) -> int | None:
     least = float(min(entropy[:2]))
     if least < _ENTROPY_APART or np.array_equal(pairs[:, 0], pairs[:, 1]):
         return None
-    shared = _shared_bits(octets, entropy), _shared_bits(octets[1:-1], entropy)
+    shared = _compute_shared_bits(octets, entropy), _compute_shared_bits(octets[1:-1], entropy)
     bound = max(shared) > _BOUND * least and min(shared) < 0.5 * max(shared)
     return int(shared[1] > shared[0]) if bound else None
 
 
-def _shared_bits(octets: Octets, entropy: Reals) -> float:
-    """Mutual information of the first and second byte of each pair, in bits."""
+def _compute_shared_bits(octets: Octets, entropy: Reals) -> float:
+    """Compute the mutual information of the first and second byte of each pair, in bits."""
     pairs = octets[: octets.size // 2 * 2].view("<u2")
     shares = np.bincount(pairs, minlength=1 << 16) / pairs.size
     shares = shares[shares > 0.0]
     return float(entropy[0] + entropy[1] + np.sum(shares * np.log2(shares)))
 
 
-def _order_of(octets: Octets, size: int, skips: list[int]) -> tuple[Encoding, ByteOrder, int]:
-    """How numbers of `size` bytes are stored, and how many bytes come before the first.
+def _choose_order(octets: Octets, size: int, skips: list[int]) -> tuple[Encoding, ByteOrder, int]:
+    """Choose how numbers of `size` bytes are stored, and how many bytes come before the first.
 
     In a wrong order the byte that counts most is one that counts little or another number's: then the numbers are flat
     or have two humps, negative ones look like large positive ones, or all spread wider than in the right order. Where
-    nothing of that decides, no bytes skipped are more probable.
+    none of these decides, no skipped bytes are more probable.
     """
     encodings: tuple[Encoding, Encoding] = ("int", "offset-binary")
     orders: tuple[ByteOrder, ByteOrder] = ("little", "big")
-    shapes = {choice: _shape(octets, size, *choice) for choice in product(encodings, orders, skips)}
+    shapes = {choice: _read_shape(octets, size, *choice) for choice in product(encodings, orders, skips)}
     most = max(shape.kurtosis for shape in shapes.values())
     shapes = {choice: shape for choice, shape in shapes.items() if shape.kurtosis > most - _FLATTER}
     shapes = {choice: shape for choice, shape in shapes.items() if not shape.beside} or shapes
@@ -223,9 +238,11 @@ def _order_of(octets: Octets, size: int, skips: list[int]) -> tuple[Encoding, By
 
 @dataclass(frozen=True, kw_only=True)
 class _Shape:
-    """Of a histogram. kurtosis : 1 of two values, 1.8 of all alike, 3 of noise, of which as much counts as tells them
-    apart. beside : whether it lies beside zero by about its width, as where -1 is read as the greatest number; in
-    offset binary also by more, for numbers far from the middle are as well stored as signed ones.
+    """Shape of a histogram.
+
+    kurtosis : 1 for two values, 1.8 for a uniform one, 3 for noise; only what tells these apart counts. beside :
+    whether it lies beside zero by about its width, as where -1 is read as the greatest number. In offset binary also by
+    more, since numbers far from the middle may as well be signed ones.
     """
 
     kurtosis: float
@@ -233,14 +250,14 @@ class _Shape:
     beside: bool
 
 
-def _shape(octets: Octets, size: int, encoding: Encoding, order: ByteOrder, skip: int) -> _Shape:
+def _read_shape(octets: Octets, size: int, encoding: Encoding, order: ByteOrder, skip: int) -> _Shape:
     letter = "u" if encoding == "offset-binary" else "i"
     stored = octets[skip : skip + (octets.size - skip) // size * size][: _SHAPED * size]
     numbers = stored.view(f"{'<' if order == 'little' else '>'}{letter}{size}").astype(np.float64)
-    return _shape_of(numbers - (0.0 if encoding == "int" else 2.0 ** (8 * size - 1)), everywhere=encoding != "int")
+    return _measure_shape(numbers - (0.0 if encoding == "int" else 2.0 ** (8 * size - 1)), everywhere=encoding != "int")
 
 
-def _shape_of(numbers: NDArray[Any], *, everywhere: bool = True) -> _Shape:
+def _measure_shape(numbers: NDArray[Any], *, everywhere: bool = True) -> _Shape:
     """Return the shape of numbers whose middle is zero. everywhere : whether any mean far off is beside it."""
     mean, sigma = float(numbers.mean()), max(float(numbers.std()), 1e-30)
     off = abs(mean) / sigma
@@ -249,21 +266,21 @@ def _shape_of(numbers: NDArray[Any], *, everywhere: bool = True) -> _Shape:
     return _Shape(kurtosis=min(kurtosis, _HUMPED), sigma=sigma, beside=beside)
 
 
-def _whole_bytes(octets: Octets) -> list[Likely]:
+def _find_whole_bytes(octets: Octets) -> list[Likely]:
     counts = np.bincount(octets, minlength=256)
     shares = counts / octets.size
-    around_128 = _around_128(octets)
+    around_128 = _is_around_128(octets)
     if np.count_nonzero(counts) > _FEW_VALUES:
         ordered = shares if around_128 else np.roll(shares, 128)
         ends, ordered = ordered[[0, -1]], ordered[1:-1]
         clipped = ends.sum() > _CLIPPED * ordered[[0, -1]].sum()
-        if (ordered.max() < _FLAT / 256 and not clipped) or _steps(ordered) > _HUMP * ordered.max() + 0.05:
+        if (ordered.max() < _FLAT / 256 and not clipped) or _sum_steps(ordered) > _HUMP * ordered.max() + 0.05:
             return []
     encoding: Encoding = "offset-binary" if around_128 else "int"
-    return [Likely(packing=one) for one in _both_kinds(encoding, 8)]
+    return [Likely(packing=packing) for packing in _list_both_kinds(encoding, 8)]
 
 
-def _nibbles(octets: Octets) -> list[Likely]:
+def _find_nibbles(octets: Octets) -> list[Likely]:
     codes = np.concatenate([octets >> 4, octets & 15])
     shares = np.bincount(codes, minlength=16) / codes.size
     if shares.max() < _FLAT / 16:
@@ -273,48 +290,51 @@ def _nibbles(octets: Octets) -> list[Likely]:
         "offset-binary": np.arange(16),
         "sign-magnitude": np.concatenate([np.arange(15, 7, -1), np.arange(8)]),
     }
-    steps = {encoding: _steps(shares[order]) / shares.max() for encoding, order in orders.items()}
+    steps = {encoding: _sum_steps(shares[order]) / shares.max() for encoding, order in orders.items()}
     best = min(steps, key=lambda encoding: steps[encoding])
-    return _packed(best, 4) if steps[best] < 2.4 and _alike(shares[orders[best]]) else []
+    return _list_packed(best, 4) if steps[best] < 2.4 and _is_centred(shares[orders[best]]) else []
 
 
-def _pairs(octets: Octets) -> list[Likely]:
-    """Two bits a number, or one. With four levels the outer ones are rarer than the inner, and either pair is alike."""
+def _find_pairs(octets: Octets) -> list[Likely]:
+    """Find numbers of two bits, or one.
+
+    With four levels the outer ones are rarer than the inner, and either pair is alike.
+    """
     codes = np.concatenate([(octets >> shift) & 3 for shift in (0, 2, 4, 6)])
     shares = np.bincount(codes, minlength=4) / codes.size
     uneven = float(np.abs(shares - 0.25).max())
     if uneven < _FAIR:
-        return _bits()
+        return _list_bits()
     by_magnitude = abs(shares[0] - shares[2]) + abs(shares[1] - shares[3])
     by_offset = abs(shares[0] - shares[3]) + abs(shares[1] - shares[2])
     if by_magnitude < by_offset:
         # no two signs do that, unless one of them is far from even
-        return [*_packed("sign-magnitude", 2), *(_bits() if uneven < _UNEVEN else ())]
-    return [*_packed("offset-binary" if shares[0] + shares[3] < 0.5 else "int", 2), *_bits()]
+        return [*_list_packed("sign-magnitude", 2), *(_list_bits() if uneven < _UNEVEN else ())]
+    return [*_list_packed("offset-binary" if shares[0] + shares[3] < 0.5 else "int", 2), *_list_bits()]
 
 
-def _bits() -> list[Likely]:
-    return _packed("sign", 1)
+def _list_bits() -> list[Likely]:
+    return _list_packed("sign", 1)
 
 
-def _around_128(octets: Octets) -> bool:
+def _is_around_128(octets: Octets) -> bool:
     counts = np.bincount(octets, minlength=256)
     if np.count_nonzero(counts) > _FEW_VALUES:
         counts[[0, 127, 128, 255]] = 0  # where clipped numbers pile up, in either reading
     return bool(counts[64:192].sum() > 0.5 * counts.sum())
 
 
-def _steps(shares: Reals) -> float:
+def _sum_steps(shares: Reals) -> float:
     return float(np.abs(np.diff(shares, prepend=0.0, append=0.0)).sum())
 
 
-def _alike(shares: Reals) -> bool:
-    """Whether the middle of the histogram lies near the middle."""
+def _is_centred(shares: Reals) -> bool:
+    """Test whether the middle of the histogram lies near the middle."""
     middle = float(np.sum(shares * np.arange(shares.size)))
     return abs(middle - 0.5 * (shares.size - 1)) < 0.1 * shares.size
 
 
-def _entropy(octets: Octets) -> float:
+def _compute_entropy(octets: Octets) -> float:
     shares = np.bincount(octets, minlength=256) / octets.size
     shares = shares[shares > 0.0]
     return float(-np.sum(shares * np.log2(shares)))

@@ -1,4 +1,4 @@
-"""Any recording of samples: what kind of file it is decides how it is opened."""
+"""Open any recording of samples, by what kind of file it is."""
 
 import os
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""The body of a RINEX observation file as columns: which lines are which satellite's, and the numbers in them.
+"""Read the body of a RINEX observation file as columns: which lines are which satellite's, and their numbers.
 
-Lines are found and numbers parsed for the whole body at once; only the line that begins an epoch is looked at by
-itself. RINEX 2.11, tables A2 and 5.1; 3.05, table A3.
+Lines are found and numbers parsed for the whole body at once; only the line that begins an epoch is looked at alone.
+RINEX 2.11, tables A2 and 5.1; 3.05, table A3.
 """
 
 import re
@@ -24,12 +24,12 @@ __all__ = [
     "Lines",
     "Restate",
     "SatelliteRows",
-    "cells",
-    "heads_of",
-    "layout_change",
-    "lines_of",
-    "rows_2",
-    "rows_3",
+    "find_heads",
+    "find_rows_2",
+    "find_rows_3",
+    "parse_cells",
+    "read_layout_change",
+    "split_lines",
 ]
 
 Layout = dict[str, tuple[str, ...]]
@@ -80,7 +80,7 @@ class Lines:
         return self.start.size
 
     def column(self, k: int) -> NDArray[np.uint8]:
-        """Character `k` of every line, a space beyond its end."""
+        """Return character `k` of every line, a space beyond its end."""
         at = self.start + k
         inside = at < self.end
         return np.where(inside, self.text[np.where(inside, at, 0)], np.uint8(32)) if len(self) else self.text[:0]
@@ -117,8 +117,8 @@ class Cells:
     bad: Integers
 
 
-def lines_of(text: NDArray[np.uint8], first_number: int = 1) -> Lines:
-    """Lines that end by LF or CR LF; the last may have no end."""
+def split_lines(text: NDArray[np.uint8], first_number: int = 1) -> Lines:
+    """Split text into lines that end by LF or CR LF; the last may have no end."""
     pieces = [np.flatnonzero(text[k : k + _AT_ONCE] == 10) + k for k in range(0, text.size, _AT_ONCE)]
     end = np.concatenate(pieces) if pieces else np.empty(0, np.int64)
     if text.size and (end.size == 0 or end[-1] != text.size - 1):
@@ -155,22 +155,22 @@ class _Walk:
 
     @property
     def is_readable(self) -> bool:
-        """Whether the observation types that hold here are known."""
+        """Return whether the current observation types are known."""
         return bool(self.layouts[-1])
 
-    def labelled(self, begin: int, end: int) -> list[int]:
-        """Which of these lines have the label of a header line."""
+    def _find_labelled(self, begin: int, end: int) -> list[int]:
+        """List which of these lines have the label of a header line."""
         first, last = np.searchsorted(self._labelled, (begin, end))
         return self._labelled[first:last].tolist() if last > first else []
 
-    def header(self, labelled: Sequence[int]) -> bool:
+    def take_header(self, _find_labelled: Sequence[int]) -> bool:
         """Take the lines of a header that stands in the data without an event record; False if they change nothing."""
-        texts = [self.lines[k] for k in labelled]
+        texts = [self.lines[k] for k in _find_labelled]
         if not any(text[60:80].rstrip() in _HEADER for text in texts):
             return False
         layout, remarks = self.restate(texts, self.layouts[-1])
         self.layouts.append(layout)
-        line = self.lines.first_number + labelled[0]
+        line = self.lines.first_number + _find_labelled[0]
         self.remarks += [Remark.reworded(remark, f"line {line}: {remark}") for remark in remarks]
         return True
 
@@ -183,13 +183,13 @@ class _Walk:
         self.events.append((flag, len(self.flag)))
         if not self.is_readable:
             return
-        changed, remarks = layout_change(stated, self.layouts[-1])
+        changed, remarks = read_layout_change(stated, self.layouts[-1])
         self.remarks += remarks
         if changed != self.layouts[-1]:
             self.layouts.append(changed)
 
-    def instant(self, date: str, clock: str) -> int:
-        """Nanoseconds since 1970 of "2022 06 08" and "10 00 00.0000000"; ValueError for anything else."""
+    def parse_instant(self, date: str, clock: str) -> int:
+        """Convert "2022 06 08" and "10 00 00.0000000" to nanoseconds since 1970; ValueError for anything else."""
         day = self.days.get(date)
         if day is None:
             year, month, number = (int(part) for part in (date[:-6], date[-5:-3], date[-2:]))
@@ -203,11 +203,11 @@ class _Walk:
             raise ValueError(clock)
         return (day + hour * 3600 + minute * 60) * 1_000_000_000 + round(second * 1e9)
 
-    def _event_remarks(self) -> list[str]:
-        """What events state and when: from which epoch on."""
+    def _report_events(self) -> list[str]:
+        """Report what events state, and before which epochs."""
         stated = []
         for flag in sorted({flag for flag, _ in self.events}):
-            nexts = [epoch for own, epoch in self.events if own == flag]
+            nexts = [epoch for event_flag, epoch in self.events if event_flag == flag]
             times = [str(np.datetime64(self.instant_ns[k], "ns"))[11:19] for k in nexts if k < len(self.instant_ns)]
             more = f" and {len(times) - _TIMES} more" if len(times) > _TIMES else ""
             when = f", before {', '.join(times[:_TIMES])}{more}" if times else ""
@@ -223,8 +223,8 @@ class _Walk:
             number = self.lines.first_number + self.cut
             ends = f"it ends within the epoch that begins in line {number}, which is left out"
             cut.append(Remark(f"the file is cut: {ends}", RemarkKind.CUT))
-        others = damaged.words("further places with damaged epochs left out")
-        remarks = (*cut, *self.remarks, *self._event_remarks(), *others)
+        further = damaged.words("further places with damaged epochs left out")
+        remarks = (*cut, *self.remarks, *self._report_events(), *further)
         layout = np.array(self.layout, np.int64)
         return SatelliteRows(
             np.array(self.instant_ns, np.int64),
@@ -238,7 +238,7 @@ class _Walk:
         )
 
 
-def layout_change(lines: Sequence[str], layout: Layout) -> tuple[Layout, list[str]]:
+def read_layout_change(lines: Sequence[str], layout: Layout) -> tuple[Layout, list[str]]:
     """Return the layout after these header lines, which state observation types or not, and what is wrong in them.
 
     The names count, for data stand in their order; where another number of them is stated, that is reported.
@@ -274,15 +274,15 @@ def layout_change(lines: Sequence[str], layout: Layout) -> tuple[Layout, list[st
     return changed, remarks
 
 
-def _count(text: str) -> int:
-    """A number of lines or types, 0 if there is none; ValueError for anything but digits."""
+def _parse_count(text: str) -> int:
+    """Parse a number of lines or types, 0 if blank; ValueError for anything but digits."""
     if text.strip() and not text.strip().isdecimal():
         raise ValueError(text)
     return int(text.strip() or 0)
 
 
-def rows_3(lines: Lines, layout: Layout, restate: Restate, *, to_end: bool = True) -> SatelliteRows:
-    """Versions 3 and 4: an epoch begins with ">", and every satellite has a line that begins with its name.
+def find_rows_3(lines: Lines, layout: Layout, restate: Restate, *, to_end: bool = True) -> SatelliteRows:
+    """Find the rows of versions 3 and 4: ">" begins an epoch, and a satellite's name each of its lines.
 
     to_end : whether the file ends with these lines.
     """
@@ -291,14 +291,14 @@ def rows_3(lines: Lines, layout: Layout, restate: Restate, *, to_end: bool = Tru
     filled = np.append(0, np.cumsum(lines.end > lines.start))
     nexts = np.append(heads, len(lines))[1:]
     owner = np.full(len(lines), -1, np.int64)
-    if labelled := walk.labelled(0, int(heads[0]) if heads.size else len(lines)):
-        walk.header(labelled)
+    if _find_labelled := walk._find_labelled(0, int(heads[0]) if heads.size else len(lines)):
+        walk.take_header(_find_labelled)
     for k, following in zip(heads.tolist(), nexts.tolist(), strict=True):
         text, first, begun = lines[k], k + 1, False
         at_end = to_end and following == len(lines)
         follow = int(filled[following] - filled[k + 1])
         try:
-            flag, count = int(text[31:32]), _count(text[32:35])
+            flag, count = int(text[31:32]), _parse_count(text[32:35])
             if at_end and follow < count:
                 walk.cut = k
             if 2 <= flag <= 5:
@@ -307,32 +307,32 @@ def rows_3(lines: Lines, layout: Layout, restate: Restate, *, to_end: bool = Tru
             elif flag > 6:
                 raise ValueError(text)
             elif walk.is_readable and walk.cut != k:  # of half an epoch the other signals would seem lost
-                walk.begin(walk.instant(text[2:12], text[13:29]), flag)
+                walk.begin(walk.parse_instant(text[2:12], text[13:29]), flag)
                 begun = True
         except (ValueError, KeyError):
             if at_end and not follow:
                 walk.cut = k
             else:
                 walk.damaged.append(k)
-        labelled = walk.labelled(first, following)
-        end = labelled[0] if labelled and walk.header(labelled) else following
+        _find_labelled = walk._find_labelled(first, following)
+        end = _find_labelled[0] if _find_labelled and walk.take_header(_find_labelled) else following
         if begun:
             owner[k + 1 : end] = len(walk.flag) - 1
-            owner[[j for j in labelled if j < end]] = -1
-            there = np.count_nonzero((owner >= 0)[k + 1 : end] & (lines.end > lines.start)[k + 1 : end])
-            if there != count and walk.cut != k:
+            owner[[j for j in _find_labelled if j < end]] = -1
+            present = np.count_nonzero((owner >= 0)[k + 1 : end] & (lines.end > lines.start)[k + 1 : end])
+            if present != count and walk.cut != k:
                 walk.damaged.append(k)
                 owner[k + 1 : end] = -1  # lines are missing: perhaps also the head of an epoch, whose rows stand here
     line = np.flatnonzero(owner >= 0)
-    sat = _sat(lines.column(0)[line], lines.column(1)[line], lines.column(2)[line])
+    sat = _parse_sat(lines.column(0)[line], lines.column(1)[line], lines.column(2)[line])
     known = sat > 0
     if walk.flag and not known.all():
         walk.damaged.extend(k for k in line[~known].tolist() if lines.end[k] > lines.start[k])
     return walk.rows(sat[known], owner[line[known]], line[known])
 
 
-def _sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.uint8]) -> Integers:
-    """Letter times 100 plus number; 0 where it is no name. "G 3" is G03."""
+def _parse_sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.uint8]) -> Integers:
+    """Convert a satellite's name to letter times 100 plus number; 0 where it is no name. "G 3" is G03."""
     tens = np.where(tens == 32, np.uint8(48), tens)
     number = (tens.astype(np.int64) - 48) * 10 + ones.astype(np.int64) - 48
     digits = (tens >= 48) & (tens <= 57) & (ones >= 48) & (ones <= 57)
@@ -340,8 +340,10 @@ def _sat(letter: NDArray[np.uint8], tens: NDArray[np.uint8], ones: NDArray[np.ui
     return np.where(digits & is_letter & (number > 0), letter.astype(np.int64) * 100 + number, 0)
 
 
-def rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, to_end: bool = True) -> SatelliteRows:
-    """Version 2: a head of one line or more names the satellites, whose records are lines of five fields, unnamed.
+def find_rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, to_end: bool = True) -> SatelliteRows:
+    """Find the rows of version 2: a head names the satellites, whose records are lines of five fields.
+
+    The head has one line or more; the records are unnamed.
 
     to_end : whether the file ends with these lines.
     """
@@ -353,8 +355,8 @@ def rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, to_en
         at = int(np.searchsorted(heads, k))
         head = int(heads[at]) if at < heads.size else total
         if head > k:
-            labelled = walk.labelled(k, head)
-            end = labelled[0] if labelled and walk.header(labelled) else head
+            _find_labelled = walk._find_labelled(k, head)
+            end = _find_labelled[0] if _find_labelled and walk.take_header(_find_labelled) else head
             if walk.is_readable and any(lines[j].strip() for j in range(k, min(end, k + 3))):
                 walk.damaged.append(k)
             k = head
@@ -362,14 +364,14 @@ def rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, to_en
         following = int(heads[at + 1]) if at + 1 < heads.size else total
         text = lines[k]
         try:
-            flag, count = int(text[28:29] or 0), _count(text[29:32])
+            flag, count = int(text[28:29] or 0), _parse_count(text[29:32])
             if 2 <= flag <= 5:
                 walk.event(flag, [lines[j] for j in range(k + 1, min(k + 1 + count, total))])
                 walk.cut = k if to_end and k + 1 + count > total else walk.cut
                 k += 1 + count
                 continue
             date, clock = f"{text[1:3]} {text[4:6]} {text[7:9]}", f"{text[10:12]} {text[13:15]} {text[15:26]}"
-            instant_ns = walk.instant(date, clock)
+            instant_ns = walk.parse_instant(date, clock)
         except ValueError:
             if to_end and k + 1 == total:
                 walk.cut = k
@@ -377,8 +379,8 @@ def rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, to_en
                 walk.damaged.append(k)
             k += 1
             continue
-        labelled = walk.labelled(k + 1, following)
-        following = labelled[0] if labelled else following
+        _find_labelled = walk._find_labelled(k + 1, following)
+        following = _find_labelled[0] if _find_labelled else following
         if not walk.is_readable:
             k += 1
             continue
@@ -386,7 +388,7 @@ def rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, to_en
         each = max(-(-len(walk.layouts[-1].get("", ())) // 5), 1)
         data = k + n_heads
         names = "".join(lines[j].ljust(68)[32:68] for j in range(k, min(data, total)))
-        codes = [_code(names[3 * j : 3 * j + 3], system) for j in range(count)]
+        codes = [_parse_code(names[3 * j : 3 * j + 3], system) for j in range(count)]
         end = data + count * each
         if end > following and not (following == total and end > total):
             walk.damaged.append(k)  # a line is missing: nothing says whose
@@ -407,13 +409,16 @@ def rows_2(lines: Lines, layout: Layout, system: str, restate: Restate, *, to_en
     return walk.rows(np.array(sat, np.int64), np.array(epoch, np.int64), np.array(first, np.int64))
 
 
-def _code(name: str, system: str) -> int:
+def _parse_code(name: str, system: str) -> int:
     letter, number = name[:1].strip() or system, name[1:].strip()
     return ord(letter) * 100 + int(number) if letter in "GRECJSI" and number.isdecimal() and int(number) > 0 else 0
 
 
-def heads_of(lines: Lines, version: float) -> tuple[Integers, Booleans]:
-    """Lines that begin an epoch or an event, in order, and which of them are epochs with measurements (flag 0 or 1)."""
+def find_heads(lines: Lines, version: float) -> tuple[Integers, Booleans]:
+    """Find the lines that begin an epoch or an event, in order.
+
+    Returns them, and which have measurements (flag 0 or 1).
+    """
     old = version < 3.0
     heads = np.flatnonzero(_looks_like_a_head(lines) if old else lines.column(0) == ord(">"))
     flag = lines.column(28 if old else 31)[heads]
@@ -421,7 +426,7 @@ def heads_of(lines: Lines, version: float) -> tuple[Integers, Booleans]:
 
 
 def _looks_like_a_head(lines: Lines) -> Booleans:
-    """Where the point of the seconds and the flag stand as in no line of data, or an event without a time."""
+    """Mark lines with the seconds' point and the flag as in no line of data, or an event without a time."""
     digit = lines.column(28)
     blank = lines.column(26) == 32
     blank &= lines.column(27) == 32
@@ -436,8 +441,8 @@ def _looks_like_a_head(lines: Lines) -> Booleans:
 # --- the numbers
 
 
-def cells(lines: Lines, first: Integers, kept: Sequence[int], *, five_a_line: bool, name_columns: int) -> Cells:
-    """Fields number `kept` of the records whose first lines are given.
+def parse_cells(lines: Lines, first: Integers, kept: Sequence[int], *, five_a_line: bool, name_columns: int) -> Cells:
+    """Parse fields number `kept` of the records with these first lines.
 
     Each field is a number in 14 columns (F14.3), the loss-of-lock indicator and the strength. Zero and blank are no
     measurement.
@@ -458,7 +463,7 @@ def cells(lines: Lines, first: Integers, kept: Sequence[int], *, five_a_line: bo
         offset = np.arange(_FIELD)
         where = at[..., None] + offset
         text = np.where(offset < room[..., None], lines.text[np.minimum(where, lines.text.size - 1)], np.uint8(32))
-        value[rows], wrong = _numbers(text, room)
+        value[rows], wrong = _parse_numbers(text, room)
         bad[rows] = wrong.any(axis=1)
         for marks, k in ((lli, 14), (strength, 15)):
             digit = text[..., k] - np.uint8(48)
@@ -466,8 +471,11 @@ def cells(lines: Lines, first: Integers, kept: Sequence[int], *, five_a_line: bo
     return Cells(value, lli, strength, first[bad])
 
 
-def _numbers(text: NDArray[np.uint8], room: Integers) -> tuple[Reals, Booleans]:
-    """F14.3 of characters (..., 16) as float64, NaN for blank or zero; and where a field is not a number, or is cut."""
+def _parse_numbers(text: NDArray[np.uint8], room: Integers) -> tuple[Reals, Booleans]:
+    """Parse F14.3 of characters (..., 16) as float64, NaN for blank or zero.
+
+    Returns the values, and where a field is no number, or cut.
+    """
     value = np.full(text.shape[:-1], np.nan)
     wrong = np.zeros(text.shape[:-1], np.bool_)
     filled = np.flatnonzero((text[..., :14] != 32).any(axis=-1))
@@ -487,15 +495,15 @@ def _numbers(text: NDArray[np.uint8], room: Integers) -> tuple[Reals, Booleans]:
     number = np.where(is_digit, digit, 0).astype(np.float64) @ _SCALE / 1000.0  # whole numbers below 2^53: exact
     number = np.where(n_minus == 1, -number, number)
     odd = np.flatnonzero(~plain)
-    number[odd] = [_number(field_[k].tobytes()) for k in odd]
+    number[odd] = [_parse_number(field_[k].tobytes()) for k in odd]
     number[room.reshape(-1)[filled] < 14] = np.nan  # cut before its last digit
     wrong.reshape(-1)[filled] = np.isnan(number)
     value.reshape(-1)[filled] = np.where(number == 0.0, np.nan, number)
     return value, wrong
 
 
-def _number(text: bytes) -> float:
-    """A number that is not written as F14.3; NaN for what is none."""
+def _parse_number(text: bytes) -> float:
+    """Parse a number that is not written as F14.3; NaN if it is none."""
     plain = text.strip()
     if not plain or plain.strip(b"+-.0123456789"):
         return float("nan")

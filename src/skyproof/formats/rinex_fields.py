@@ -7,7 +7,7 @@ import numpy as np
 
 from skyproof.compiled import compiled
 
-__all__ = ["lay_out", "most_bytes"]
+__all__ = ["bound_bytes", "lay_out"]
 
 FIELD: Final = 16
 """Of a value: F14.3, loss of lock, strength."""
@@ -16,14 +16,14 @@ _BLANK, _MINUS, _POINT, _ZERO, _END = (ord(letter) for letter in " -.0\n")
 _SPLIT: Final = 134217729.0  # 2^27 + 1
 
 
-def most_bytes(head_bytes: int, slots: "np.ndarray[tuple[int], np.dtype[np.int64]]") -> int:
+def bound_bytes(head_bytes: int, slots: "np.ndarray[tuple[int], np.dtype[np.int64]]") -> int:
     """Return how many bytes an epoch's record has at most; slots (s,) of each satellite."""
     return head_bytes + 4 + int(np.sum(4 + _SIGNAL * slots))
 
 
 @compiled
-def _thousandths(size):  # type: ignore[no-untyped-def]
-    """A number from 0 to 1e13 in thousandths, rounded as text is: to nearest, exact halves to even.
+def _round_thousandths(size):  # type: ignore[no-untyped-def]
+    """Round a number from 0 to 1e13 to thousandths, as text is: to nearest, exact halves to even.
 
     Its product with 1000 is taken with what its rounding loses (T. J. Dekker, Numerische Mathematik 18, 1971).
     """
@@ -41,13 +41,13 @@ def _thousandths(size):  # type: ignore[no-untyped-def]
 @compiled
 def _put_number(value, out, at):  # type: ignore[no-untyped-def]
     """Write a value as F14.3 into `out` from `at` on, which is blank."""
-    left, place, digits = _thousandths(abs(value)), at + 13, 0
-    while left > 0 or digits < 4:
+    remaining, place, digits = _round_thousandths(abs(value)), at + 13, 0
+    while remaining > 0 or digits < 4:
         if digits == 3:
             out[place] = _POINT
             place -= 1
-        out[place] = _ZERO + left % 10
-        left //= 10
+        out[place] = _ZERO + remaining % 10
+        remaining //= 10
         place -= 1
         digits += 1
     if copysign(1.0, value) < 0.0:
@@ -70,7 +70,7 @@ def lay_out(values, there, indicator, heads, sat_of, names, slot, slots, out):  
 
     values (n, c, 4), there (n, c), indicator (n, c) of loss of lock; heads (n, h) bytes of each epoch's line up to the
     number of satellites. sat_of (c,) ascending, names (s, 3) bytes, slots (s,) signals that each satellite has room
-    for, slot (c,) which of them a channel is. out : as many bytes as `most_bytes` says for each epoch.
+    for, slot (c,) which of them a channel is. out : as many bytes as `bound_bytes` says for each epoch.
     """
     at = 0
     for n in range(values.shape[0]):

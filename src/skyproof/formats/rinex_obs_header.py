@@ -11,11 +11,11 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.errors import InputError, readable
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, Remarks
-from skyproof.formats.rinex_cells import Layout, layout_change
+from skyproof.formats.rinex_cells import Layout, read_layout_change
 from skyproof.gnss.time import require_year
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["TO_DO", "Header", "header_of"]
+__all__ = ["TO_DO", "Header", "read_header"]
 
 TO_DO: Final = "give a RINEX observation file (2.1x, 3.0x, 4.0x), plain, compact (.crx, .21d) or gzip"
 _TIME_SYSTEMS: Final = {"R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS"}  # of a file of one system that states none
@@ -47,7 +47,7 @@ class Header:
     remarks: Remarks = field(default_factory=Remarks)
 
     def take(self, line: str, label: str) -> None:
-        """What the line states. ValueError if it cannot be read."""
+        """Take in what a line states. ValueError if it cannot be read."""
         text = line[:60]
         if label == "MARKER NAME":
             self.marker = text.strip()
@@ -56,17 +56,17 @@ class Header:
         elif label == "ANT # / TYPE":
             self.antenna = text[20:40].strip()
         elif label == "APPROX POSITION XYZ":
-            position_m = _vector(text)
+            position_m = _parse_vector(text)
             self.position_ecef_m = position_m if np.linalg.norm(position_m) > 1e6 else None
         elif label == "ANTENNA: DELTA H/E/N":
-            self.antenna_delta_hen_m = _vector(text)
+            self.antenna_delta_hen_m = _parse_vector(text)
         elif label == "INTERVAL":
-            interval_s = _finite(text[:10])
+            interval_s = _parse_finite(text[:10])
             self.interval_s = interval_s if interval_s > 0.0 else None
         elif label == "TIME OF FIRST OBS":
             self.time_system = text[48:51].strip()
         elif label == "TIME OF LAST OBS":
-            self.last_ns = _instant_ns(text)
+            self.last_ns = _parse_instant_ns(text)
         elif label == "LEAP SECONDS":
             self.leap_seconds = int(text[:6])
         elif label == "GLONASS SLOT / FRQ #":
@@ -80,17 +80,19 @@ class Header:
         """Return the remarks on header lines."""
         return self.remarks.words("further header lines left out")
 
-    def restated(self, lines: Sequence[str], layout: Layout) -> tuple[Layout, list[str]]:
+    def restate(self, lines: Sequence[str], layout: Layout) -> tuple[Layout, list[str]]:
         """Return the observation types from a header inside the data on, and remarks.
 
-        There are none, so that what follows is left out, where the lines name none, or are of another version, time
-        system or receiver than this header.
+        No types remain, so that the data that follow are left out, where the lines name none. So also where they belong
+        to another version, time system or receiver than this header.
         """
         begins = any(line[60:80].rstrip() == "RINEX VERSION / TYPE" for line in lines)
         ends = any(line[60:80].rstrip() == "END OF HEADER" for line in lines)
-        changed, remarks = layout_change(lines, {} if begins else layout)
+        changed, remarks = read_layout_change(lines, {} if begins else layout)
         named = any(changed.values()) and any(line[60:80].rstrip() in _TYPES for line in lines)
-        faults = self._other(lines) + ([] if named or not (begins or ends) else ["that names no observation types"])
+        faults = self._find_other(lines) + (
+            [] if named or not (begins or ends) else ["that names no observation types"]
+        )
         if faults:
             return {}, [Remark(f"a header inside the data {faults[0]}: what follows is left out", RemarkKind.BEARS)]
         for line in lines:
@@ -100,17 +102,17 @@ class Header:
         self.misread = {}
         return changed, ["a header inside the data: the observation types that it names hold from there", *remarks]
 
-    def _other(self, lines: Sequence[str]) -> list[str]:
-        """In what these lines of a header are of another file than this one."""
+    def _find_other(self, lines: Sequence[str]) -> list[str]:
+        """List how these header lines belong to another file than this one."""
         of = Header(version=self.version, system=self.system, source=self.source)
         for line in lines:
             label = line[60:80].rstrip()
             if label == "RINEX VERSION / TYPE":
-                of.version = _version(line[:9])
+                of.version = _parse_version(line[:9])
             elif label in ("MARKER NAME", "REC # / TYPE / VERS", "TIME OF FIRST OBS"):
                 of.take(line, label)
         faults = []
-        if _rules(of.version) != _rules(self.version):
+        if _find_rules(of.version) != _find_rules(self.version):
             faults.append(f"of RINEX {of.version:g}, expected {self.version:g} as before")
         if of.time_system and of.time_system != self.time_system:
             faults.append(f"of the time system {of.time_system}, expected {self.time_system} as before")
@@ -122,42 +124,45 @@ class Header:
         return faults
 
 
-def _instant_ns(text: str) -> int:
+def _parse_instant_ns(text: str) -> int:
     """Return nanoseconds since 1970 of an instant in a header: 5I6, F13.7 (RINEX 3.05, table A2)."""
     year, month, day, hour, minute = (int(text[6 * k : 6 * k + 6]) for k in range(5))
     require_year(year)
     minutes = np.datetime64(f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}", "ns")
-    return int(minutes.astype(np.int64)) + round(_finite(text[30:43]) * 1e9)
+    return int(minutes.astype(np.int64)) + round(_parse_finite(text[30:43]) * 1e9)
 
 
-def _version(text: str) -> float:
+def _parse_version(text: str) -> float:
     """Return the version that the first columns of a header state; 0 if they state none."""
     number = text.strip()
     return float(number) if number.replace(".", "", 1).isdecimal() else 0.0
 
 
-def _rules(version: float) -> tuple[bool, bool]:
+def _find_rules(version: float) -> tuple[bool, bool]:
     """Return what decides how lines are laid out and types are named."""
     return version < 3.0, 3.015 < version < 3.025
 
 
-def _vector(text: str) -> Reals:
-    return np.array([_finite(text[k : k + 14]) for k in (0, 14, 28)])
+def _parse_vector(text: str) -> Reals:
+    return np.array([_parse_finite(text[k : k + 14]) for k in (0, 14, 28)])
 
 
-def _finite(text: str) -> float:
+def _parse_finite(text: str) -> float:
     number = float(text)
     if not abs(number) < 1e12:
         raise ValueError(text)
     return number
 
 
-def header_of(content: bytes, source: str) -> tuple[Header, int]:
-    """The header and where the body begins. Raises InputError if there is none, or it names no observation types."""
+def read_header(content: bytes, source: str) -> tuple[Header, int]:
+    """Read the header, and find where the body begins.
+
+    Raises InputError without a header, or without observation types in it.
+    """
     first = content[: max(content.find(b"\n", 0, 200), 0) or 80].decode("latin-1")
     if first[60:80].rstrip() != "RINEX VERSION / TYPE":
         raise InputError(f"{source}, line 1: {first[:40]!r}, expected RINEX VERSION / TYPE in column 61; {TO_DO}")
-    version = _version(first[:9])
+    version = _parse_version(first[:9])
     if not 2.0 <= version < 5.0:
         raise InputError(f"{source}, line 1: RINEX version {first[:9].strip()!r}, expected 2, 3 or 4; {TO_DO}")
     if first[20:21].upper() != "O":
@@ -182,7 +187,7 @@ def header_of(content: bytes, source: str) -> tuple[Header, int]:
             header.remarks.add(f"line {header.n_lines}: {label} cannot be read and is left out")
     else:
         raise InputError(f"{source}, line {header.n_lines}: the file ends before END OF HEADER; fetch it again")
-    header.layout, faults = layout_change(lines, {})
+    header.layout, faults = read_layout_change(lines, {})
     for fault in faults:
         header.remarks.add(fault)
     if not any(header.layout.values()):

@@ -1,4 +1,4 @@
-"""An observation file in pieces, one after the other: epochs of it as they come, in memory that does not grow.
+"""Read an observation file in pieces, one after the other, in memory that does not grow.
 
 The bytes may be packed by gzip and compact. A piece holds whole epochs, with the events that come before them; what an
 event changes holds for the pieces that follow. Pieces put together are what `parse_obs` makes of the whole file, but
@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from skyproof.errors import InputError
 from skyproof.formats.bounds import EPOCH_BYTES, OBSERVATION_BYTES, STREAM_BYTES
-from skyproof.formats.byte_io import GZIP, require_size, without_mark
+from skyproof.formats.byte_io import GZIP, require_size, strip_mark
 from skyproof.formats.crinex import Expander, is_compact
-from skyproof.formats.rinex_cells import Lines, heads_of, lines_of
-from skyproof.formats.rinex_obs_header import Header, header_of
-from skyproof.formats.rinex_obs_read import ObservationFile, file_of, require_text
+from skyproof.formats.rinex_cells import Lines, find_heads, split_lines
+from skyproof.formats.rinex_obs_header import Header, read_header
+from skyproof.formats.rinex_obs_read import ObservationFile, read_file, require_text
 from skyproof.records import CellStatus, Observations, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["PIECE_BYTES", "following", "obs_pieces"]
+__all__ = ["PIECE_BYTES", "continue_pieces", "read_obs_pieces"]
 
 PIECE_BYTES: Final = 1 << 20
 _DAMAGED: Final = "the observation file is a damaged gzip file"
@@ -32,7 +32,7 @@ _TELLING_BYTES: Final = 100  # whether a file is compact
 _END_OF_HEADER: Final = b"END OF HEADER"
 
 
-def obs_pieces(
+def read_obs_pieces(
     blocks: Iterable[bytes],
     *,
     source: str = "observations",
@@ -40,7 +40,7 @@ def obs_pieces(
     glonass_channels: Mapping[str, int] | None = None,
     piece_bytes: int = PIECE_BYTES,
 ) -> Iterator[ObservationFile]:
-    """The observations in the blocks of a RINEX file's bytes, cut anywhere, piece by piece.
+    """Read the observations in the blocks of a RINEX file's bytes, cut anywhere, piece by piece.
 
     A piece is what about `piece_bytes` of plain text hold; pieces without a signal that is kept and without a remark
     are left out. Each has the signals that are in it and counts its elapsed time from its own first epoch. The last one
@@ -67,15 +67,17 @@ def obs_pieces(
                 if len(text) > EPOCH_BYTES:
                     raise InputError(f"{source}: no END OF HEADER in {len(text)} bytes; fetch the file again")
                 continue
-            header, body_at = header_of(text, source)
+            header, body_at = read_header(text, source)
             text, line = text[body_at:], header.n_lines + 1
         if len(text) >= piece_bytes or ended:
             require_text(text, source)
-            lines = lines_of(np.frombuffer(text, np.uint8), line)
-            whole = len(lines) if ended else _whole(lines, header)
+            lines = split_lines(np.frombuffer(text, np.uint8), line)
+            whole = len(lines) if ended else _count_whole(lines, header)
             if not whole and len(text) > max(EPOCH_BYTES, piece_bytes):  # no text of epochs
                 whole = len(lines)
-            found = file_of(_first(lines, whole), header, keep=keep, glonass_channels=glonass_channels, to_end=ended)
+            found = read_file(
+                _take_first(lines, whole), header, keep=keep, glonass_channels=glonass_channels, to_end=ended
+            )
             idle = 0 if found.observations.gpst.size else idle + len(text)
             require_size(idle, OBSERVATION_BYTES, f"{source}, line {line}: what has no epoch", "fetch the file again")
             if ended:
@@ -97,13 +99,13 @@ class _Plain:
         self._source = source
 
     def of(self, blocks: Iterable[bytes]) -> Iterator[bytes]:
-        """Unpack the blocks. Raises InputError as `obs_pieces` does."""
-        blocks = _from_the_start(iter(blocks), len(GZIP))
+        """Unpack the blocks. Raises InputError as `read_obs_pieces` does."""
+        blocks = _join_first(iter(blocks), len(GZIP))
         first = next(blocks, b"")
         packed = first.startswith(GZIP)
         blocks = itertools.chain((first,), blocks)
-        text = _from_the_start(self._unpacked(blocks) if packed else blocks, _TELLING_BYTES)
-        first = without_mark(next(text, b""), self._source)
+        text = _join_first(self._unpack(blocks) if packed else blocks, _TELLING_BYTES)
+        first = strip_mark(next(text, b""), self._source)
         if not is_compact(first):
             yield first
             yield from text
@@ -114,7 +116,7 @@ class _Plain:
         yield expander.rest()
         self.remarks += expander.remarks
 
-    def _unpacked(self, blocks: Iterator[bytes]) -> Iterator[bytes]:
+    def _unpack(self, blocks: Iterator[bytes]) -> Iterator[bytes]:
         state, size = zlib.decompressobj(wbits=31), 0
         for block in blocks:
             rest = block
@@ -128,8 +130,8 @@ class _Plain:
                 except zlib.error as error:
                     raise InputError(f"{self._source}: {_DAMAGED} ({error}); fetch or compress it again") from None
                 size += len(plain)
-                what = f"{self._source}: the observation file, unpacked,"
-                require_size(size, STREAM_BYTES, what, "cut it into shorter ones")
+                title = f"{self._source}: the observation file, unpacked,"
+                require_size(size, STREAM_BYTES, title, "cut it into shorter ones")
                 yield plain
                 rest = state.unused_data if state.eof else state.unconsumed_tail
         if not state.eof:
@@ -137,8 +139,8 @@ class _Plain:
             self.remarks += (Remark("the gzip file is cut: it ends early; fetch it again", RemarkKind.CUT),)
 
 
-def _from_the_start(blocks: Iterator[bytes], least: int) -> Iterator[bytes]:
-    """The blocks, of which the first has `least` bytes or more, or all there are."""
+def _join_first(blocks: Iterator[bytes], least: int) -> Iterator[bytes]:
+    """Join the first blocks until they have `least` bytes or more, or all there are."""
     first = b""
     for block in blocks:
         first += block
@@ -148,48 +150,50 @@ def _from_the_start(blocks: Iterator[bytes], least: int) -> Iterator[bytes]:
     yield from blocks
 
 
-def _whole(lines: Lines, header: Header) -> int:
-    """How many lines hold whole epochs: up to the head that follows the last epoch but one, so that events before an
-    epoch stay with it."""
-    heads, measured = heads_of(lines, header.version)
+def _count_whole(lines: Lines, header: Header) -> int:
+    """Count the lines that hold whole epochs.
+
+    They end at the head after the last epoch but one, so that events before an epoch stay with it.
+    """
+    heads, measured = find_heads(lines, header.version)
     epochs = np.flatnonzero(measured)
     return int(heads[epochs[-2] + 1]) if epochs.size > 1 else 0
 
 
-def _first(lines: Lines, count: int) -> Lines:
+def _take_first(lines: Lines, count: int) -> Lines:
     return Lines(lines.text, lines.start[:count], lines.end[:count], lines.first_number)
 
 
-def following(pieces: Iterable[Observations]) -> Iterator[Observations]:
-    """Pieces of one file as pieces of one run: each goes on where those before it ended.
+def continue_pieces(pieces: Iterable[Observations]) -> Iterator[Observations]:
+    """Join pieces of one file to one run: each continues where those before it ended.
 
-    Epochs that do not come after those before are left out. A phase that may be half a cycle off where it was not
-    before, or the other way round, is a slip, as within a piece. Time is counted from the first epoch of all.
+    Epochs that do not come after those before are left out. A phase that may now be half a cycle off and was not
+    before, or the reverse, is a slip, as within a piece. Time is counted from the first epoch of all.
     """
     begin: np.datetime64 | None = None
     last: np.datetime64 | None = None
     marks: dict[SignalId, bool] = {}
     for piece in pieces:
-        kept = piece if last is None else _later(piece, last)
+        kept = piece if last is None else _select_later(piece, last)
         if not kept.gpst.size:
             continue
         begin = kept.gpst[0] if begin is None else begin
         elapsed_s = (kept.gpst - begin) / np.timedelta64(1, "ns") * 1e-9
-        there = kept.status != CellStatus.NOT_TRACKED
-        first = there.argmax(axis=0)
+        present = kept.status != CellStatus.NOT_TRACKED
+        first = present.argmax(axis=0)
         before_s = np.nan if last is None else (last - begin) / np.timedelta64(1, "ns") * 1e-9
         last = kept.gpst[-1]
         yield replace(
             kept,
             elapsed_s=elapsed_s,
-            status=_slipping(kept, marks),
+            status=_mark_slips(kept, marks),
             found_elapsed_s=elapsed_s[first],
             missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], before_s),
         )
 
 
-def _later(piece: Observations, last: np.datetime64) -> Observations:
-    """The epochs after `last`, with the signals that they have."""
+def _select_later(piece: Observations, last: np.datetime64) -> Observations:
+    """Select the epochs after `last`, with the signals that they have."""
     rows = piece.gpst > last
     if rows.all():
         return piece
@@ -197,15 +201,15 @@ def _later(piece: Observations, last: np.datetime64) -> Observations:
     return later.select_channels(np.flatnonzero((later.status != CellStatus.NOT_TRACKED).any(axis=0)))
 
 
-def _slipping(piece: Observations, marks: dict[SignalId, bool]) -> NDArray[np.uint8]:
-    """The status of the cells, where a first phase that is marked otherwise than the last one before is a slip.
+def _mark_slips(piece: Observations, marks: dict[SignalId, bool]) -> NDArray[np.uint8]:
+    """Mark as a slip each first phase whose half-cycle mark differs from the last one before.
 
-    marks : of each signal's last phase; brought forward.
+    marks : of each signal's last phase; updated.
     """
     status = piece.status.copy()
-    there = np.isfinite(piece.carrier_cyc)
+    present = np.isfinite(piece.carrier_cyc)
     for column, signal in enumerate(piece.signals):
-        rows = np.flatnonzero(there[:, column])
+        rows = np.flatnonzero(present[:, column])
         if not rows.size:
             continue
         first, mark = rows[0], piece.half_cycle_open[rows, column]

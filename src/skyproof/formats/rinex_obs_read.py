@@ -1,4 +1,4 @@
-"""RINEX observation files to observations: versions 2.10 and 2.11, 3.0x and 4.0x, compact and gzip too, all systems.
+"""Read RINEX observation files: versions 2.10 and 2.11, 3.0x and 4.0x, compact and gzip too, all systems.
 
 Damage costs the cell, the satellite or the epoch that is damaged and is reported in the remarks, never the file; of a
 compact file it costs all that continues from it.
@@ -15,26 +15,26 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Booleans, Instants, Integers, Reals
 from skyproof.errors import InputError
-from skyproof.formats.bounds import EMPTY_CELLS, OBSERVATION_BYTES, Remarks, listed
-from skyproof.formats.byte_io import beginning, unpacked
-from skyproof.formats.crinex import expanded, is_compact
-from skyproof.formats.plausible import LETTERS, Implausible, impossible_remarks, leave_out_impossible
-from skyproof.formats.rinex_cells import Lines, SatelliteRows, cells, lines_of, rows_2, rows_3
-from skyproof.formats.rinex_obs_header import TO_DO, Header, header_of
-from skyproof.formats.rinex_obs_types import KINDS, names_remarks, signals_of
-from skyproof.formats.signatures import head_of
+from skyproof.formats.bounds import EMPTY_CELLS, OBSERVATION_BYTES, Remarks, list_names
+from skyproof.formats.byte_io import unpack_beginning, unpack_text
+from skyproof.formats.crinex import expand, is_compact
+from skyproof.formats.plausible import LETTERS, Implausible, describe_impossible, leave_out_impossible
+from skyproof.formats.rinex_cells import Lines, SatelliteRows, find_rows_2, find_rows_3, parse_cells, split_lines
+from skyproof.formats.rinex_obs_header import TO_DO, Header, read_header
+from skyproof.formats.rinex_obs_types import KINDS, map_signals, report_names
+from skyproof.formats.signatures import read_head
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S
 from skyproof.gnss.signals import carrier_hz_of
 from skyproof.gnss.thermal_noise import carrier_sigma_cyc, code_sigma_m, doppler_sigma_hz
-from skyproof.gnss.time import gpst_from_utc, iso
+from skyproof.gnss.time import format_iso, gpst_from_utc
 from skyproof.records import CellStatus, Observations, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
 __all__ = [
     "ObservationFile",
-    "file_of",
     "holds_observations",
     "parse_obs",
+    "read_file",
     "read_obs",
     "require_text",
 ]
@@ -78,26 +78,26 @@ def read_obs(
     keep: Callable[[SignalId], bool] | None = None,
     glonass_channels: Mapping[str, int] | None = None,
 ) -> ObservationFile:
-    """The observations in a RINEX file, plain, compact or gzip.
+    """Read the observations in a RINEX file, plain, compact or gzip.
 
     Parameters
     ----------
-    keep : which signals; all without it. What is left out is not even parsed.
-    glonass_channels : frequency numbers where the header has none, as `rinex_nav.glonass_channels` gives them.
+    keep : which signals; all without it. The others are not even parsed.
+    glonass_channels : frequency numbers where the header has none, as `rinex_nav.get_glonass_channels` gives them.
 
     Raises
     ------
     InputError : the file cannot be read, is no RINEX observation file, or holds no observation.
     """
-    content = unpacked(Path(path), OBSERVATION_BYTES, "the observation file", TO_DO)
+    content = unpack_text(Path(path), OBSERVATION_BYTES, "the observation file", TO_DO)
     return parse_obs(content, source=str(path), keep=keep, glonass_channels=glonass_channels)
 
 
 def holds_observations(path: Path) -> bool:
-    """Whether a file begins as a RINEX observation file does, plain, compact or gzip."""
+    """Test whether a file begins as a RINEX observation file does, plain, compact or gzip."""
     if not path.is_file():
         return False
-    first = beginning(head_of(path)).split(b"\n", 1)[0]
+    first = unpack_beginning(read_head(path)).split(b"\n", 1)[0]
     compact = first[60:80].rstrip() == b"CRINEX VERS   / TYPE"
     return compact or (first[60:80].rstrip() == b"RINEX VERSION / TYPE" and first[20:21].upper() == b"O")
 
@@ -109,13 +109,13 @@ def parse_obs(
     keep: Callable[[SignalId], bool] | None = None,
     glonass_channels: Mapping[str, int] | None = None,
 ) -> ObservationFile:
-    """The observations in the bytes of a RINEX file; `source` names it in messages.
+    """Parse the bytes of a RINEX observation file; `source` names it in messages.
 
-    Loss of lock, slips stated by event records and a power failure become status 3 (cycle slip), and so does a phase
-    that may be half a cycle off and then may not, or the other way round. Sigmas are those of thermal noise in textbook
-    loops: code by an early-minus-late loop of 1 Hz and 0.5 chip, phase and frequency by loops of 15 Hz, 20 ms
-    of integration (Kaplan and Hegarty, Understanding GPS/GNSS, 3rd ed., 8.9); without C/N0 by that of the strength
-    indicator, and 40 dB-Hz where there is none either, which the remarks report.
+    Loss of lock, slips stated by event records and a power failure become status 3 (cycle slip). So does a phase that
+    may be half a cycle off and then may not, or the reverse. Sigmas are those of thermal noise in textbook loops: code
+    by an early-minus-late loop of 1 Hz and 0.5 chip, phase and frequency by loops of 15 Hz, 20 ms of integration
+    (Kaplan and Hegarty, Understanding GPS/GNSS, 3rd ed., 8.9). Without C/N0 the strength indicator gives them, and 40
+    dB-Hz where there is none either, which the remarks report.
 
     Raises
     ------
@@ -123,12 +123,12 @@ def parse_obs(
     """
     compact_remarks: tuple[str, ...] = ()
     if is_compact(content):
-        content, compact_remarks = expanded(content, source=source)
+        content, compact_remarks = expand(content, source=source)
     require_text(content, source)
-    header, body_at = header_of(content, source)
-    lines = lines_of(np.frombuffer(content, np.uint8)[body_at:], header.n_lines + 1)
-    found = file_of(lines, header, keep=keep, glonass_channels=glonass_channels)
-    impossible = impossible_remarks(found.impossible, found.misread)
+    header, body_at = read_header(content, source)
+    lines = split_lines(np.frombuffer(content, np.uint8)[body_at:], header.n_lines + 1)
+    found = read_file(lines, header, keep=keep, glonass_channels=glonass_channels)
+    impossible = describe_impossible(found.impossible, found.misread)
     remarks = [*compact_remarks, *header.remark_words(), *impossible, *found.remarks]
     if not found.observations.signals:
         first = f"; {found.remarks[0]}" if found.remarks else ""
@@ -137,12 +137,12 @@ def parse_obs(
 
 
 def require_text(content: bytes, source: str) -> None:
-    """Raise InputError for hardly more than empty lines, of which the tables would take all memory."""
+    """Raise InputError for hardly more than empty lines, whose tables would take all memory."""
     if content.count(b"\n") > _EMPTY_LINES + len(content) // 16:
         raise InputError(f"{source}: hardly more than empty lines; {TO_DO}")
 
 
-def file_of(
+def read_file(
     lines: Lines,
     header: "Header",
     *,
@@ -150,32 +150,31 @@ def file_of(
     glonass_channels: Mapping[str, int] | None = None,
     to_end: bool = True,
 ) -> ObservationFile:
-    """The observations in lines of the body, which may have none; and changes of the observation types into `header`,
-    so that it is that of the lines that follow.
+    """Read the observations in lines of the body, which may have none.
 
-    to_end : whether the file ends with these lines.
+    Changes of the observation types go into `header`, for later lines.
     """
     rows = (
-        rows_3(lines, header.layout, header.restated, to_end=to_end)
+        find_rows_3(lines, header.layout, header.restate, to_end=to_end)
         if header.version >= 3.0
-        else rows_2(lines, header.layout, header.system, header.restated, to_end=to_end)
+        else find_rows_2(lines, header.layout, header.system, header.restate, to_end=to_end)
     )
     header.layout = rows.layouts[-1]
     numbers = dict(glonass_channels or {}) | header.glonass_channels
-    table, implausible = _plausible(_Table.of(lines, rows, header, keep), header, numbers)
+    table, implausible = _leave_out_implausible(_Table.of(lines, rows, header, keep), header, numbers)
     remarks = [
-        *(_end_remarks(lines, rows, header) if to_end else ()),
-        *names_remarks(rows.layouts, header.version),
+        *(_report_end(lines, rows, header) if to_end else ()),
+        *report_names(rows.layouts, header.version),
         *implausible.remarks,
         *rows.remarks,
         *table.remarks,
     ]
     unnumbered = sorted({s.sat for s in table.signals if s.band in ("G1", "G2") and s.sat not in numbers})
     if unnumbered:
-        unknown = f"no frequency number of {listed(unnumbered)}: their carriers are not known"
+        unknown = f"no frequency number of {list_names(unnumbered)}: their carriers are not known"
         remarks.append(Remark(unknown, RemarkKind.BEARS))
     return ObservationFile(
-        observations=_observations(table, header, numbers, remarks),
+        observations=_make_observations(table, header, numbers, remarks),
         version=header.version,
         marker=header.marker,
         receiver=header.receiver,
@@ -192,10 +191,10 @@ def file_of(
     )
 
 
-def _end_remarks(lines: Lines, rows: SatelliteRows, header: "Header") -> Iterable[str]:
+def _report_end(lines: Lines, rows: SatelliteRows, header: "Header") -> Iterable[str]:
     """Say what shows that more was to come after the last of the lines."""
-    said = any(Remark.kind_of(remark) is RemarkKind.CUT for remark in rows.remarks)
-    if said:
+    reported = any(Remark.kind_of(remark) is RemarkKind.CUT for remark in rows.remarks)
+    if reported:
         return
     if lines.text.size and lines.text[-1] != ord("\n"):
         number = lines.first_number + len(lines) - 1
@@ -206,9 +205,9 @@ def _end_remarks(lines: Lines, rows: SatelliteRows, header: "Header") -> Iterabl
         return
     last_ns = int(rows.instant_ns.max()) if rows.instant_ns.size else None
     if last_ns is not None and header.last_ns is not None and header.last_ns - last_ns > _LATE_NS:
-        stated, found = (iso(np.datetime64(ns, "ns"), 0).replace("T", " ") for ns in (header.last_ns, last_ns))
+        stated, found = (format_iso(np.datetime64(ns, "ns"), 0).replace("T", " ") for ns in (header.last_ns, last_ns))
         yield Remark(
-            f"the header states observations until {stated}, but the last are of {found}: the file is cut, or its "
+            f"the header states observations until {stated}, but the last belong to {found}: the file is cut, or its "
             "header is that of a longer one",
             RemarkKind.BEARS,
         )
@@ -239,7 +238,7 @@ class _Table:
 
     @classmethod
     def of(cls, lines: Lines, rows: SatelliteRows, header: Header, keep: Callable[[SignalId], bool] | None) -> "_Table":
-        place, instant_ns, remarks = _epochs_in_order(rows)
+        place, instant_ns, remarks = _order_epochs(rows)
         observed = rows.flag[rows.epoch] < 6
         bad: list[int] = []
         blocks: list[_Block] = []
@@ -248,8 +247,8 @@ class _Table:
                 types = types_by_system.get(letter, types_by_system.get("", ()))
                 its = np.flatnonzero(observed & (rows.layout == layout) & (rows.sat // 100 == ord(letter)))
                 its = its[place[rows.epoch[its]] >= 0]
-                fields = signals_of(types, letter, header.version)
-                blocks += _blocks(lines, rows, its, fields, header, keep, place, bad)
+                fields = map_signals(types, letter, header.version)
+                blocks += _read_blocks(lines, rows, its, fields, header, keep, place, bad)
         signals = tuple(sorted({block[0] for block in blocks}))
         column = {signal: k for k, signal in enumerate(signals)}
         shape = (instant_ns.size, len(signals))
@@ -267,7 +266,9 @@ class _Table:
             strength[epochs, column[signal]] = marks
             lost[epochs, column[signal]] = slips
             half_open[epochs, column[signal]] = halves
-        lost |= _stated_slips(rows, place, instant_ns, signals) | _changes(half_open, np.isfinite(numbers["L"]))
+        lost |= _mark_stated_slips(rows, place, instant_ns, signals) | _mark_changes(
+            half_open, np.isfinite(numbers["L"])
+        )
         faults = Remarks()
         for k in sorted(set(bad)):
             faults.add(f"line {lines.first_number + k}: a field that is not a number is left out")
@@ -275,8 +276,11 @@ class _Table:
         return cls(signals, instant_ns, numbers, strength, lost, half_open, (*remarks, *words))
 
 
-def _epochs_in_order(rows: SatelliteRows) -> tuple[Integers, Integers, list[str]]:
-    """Where each epoch of the file stands in time (-1 for what is none), those times, and what was put right."""
+def _order_epochs(rows: SatelliteRows) -> tuple[Integers, Integers, list[str]]:
+    """Order the epochs of the file in time.
+
+    Returns each one's place (-1 for none), the times, and remarks on repairs.
+    """
     epochs = np.flatnonzero(rows.flag < 6)
     order = epochs[np.argsort(rows.instant_ns[epochs], kind="stable")]
     instant_ns = rows.instant_ns[order]
@@ -292,7 +296,7 @@ def _epochs_in_order(rows: SatelliteRows) -> tuple[Integers, Integers, list[str]
     return place, instant_ns[new], remarks
 
 
-def _blocks(
+def _read_blocks(
     lines: Lines,
     rows: SatelliteRows,
     its: Integers,
@@ -302,7 +306,7 @@ def _blocks(
     place: Integers,
     bad: list[int],
 ) -> Iterable[_Block]:
-    """What the rows `its` of one system hold of each signal."""
+    """Read the numbers of each signal in the rows `its` of one system."""
     sats = np.unique(rows.sat[its]).tolist()
     names = {sat: f"{chr(sat // 100)}{sat % 100:02d}" for sat in sats}
     wanted = {
@@ -319,41 +323,41 @@ def _blocks(
             "header is damaged; fetch the file again"
         )
     old = header.version < 3.0
-    parsed = cells(lines, rows.line[its], kept, five_a_line=old, name_columns=0 if old else 3)
+    parsed = parse_cells(lines, rows.line[its], kept, five_a_line=old, name_columns=0 if old else 3)
     bad.extend(parsed.bad.tolist())
     at = {column: k for k, column in enumerate(kept)}
     blocks = []
     failed = rows.flag[rows.epoch[its]] == 1
     for sat in sats:
-        own = np.flatnonzero(rows.sat[its] == sat)
+        sat_rows = np.flatnonzero(rows.sat[its] == sat)
         for signal, columns in wanted.items():
             if keep is not None and not keep(SignalId(names[sat], *signal)):
                 continue
-            values = {kind: parsed.value[own, at[column]] for kind, column in columns.items()}
-            there = np.any([np.isfinite(values[kind]) for kind in "CLD" if kind in values] or [[False]], axis=0)
-            if not there.any():
+            values = {kind: parsed.value[sat_rows, at[column]] for kind, column in columns.items()}
+            present = np.any([np.isfinite(values[kind]) for kind in "CLD" if kind in values] or [[False]], axis=0)
+            if not present.any():
                 continue
             first = at[columns.get("C", columns.get("L", next(iter(columns.values()))))]
             phase = at.get(columns.get("L", -1))
-            slip, half_open = np.zeros(own.size, np.bool_), np.zeros(own.size, np.bool_)
+            slip, half_open = np.zeros(sat_rows.size, np.bool_), np.zeros(sat_rows.size, np.bool_)
             if phase is not None:
-                slip = np.isfinite(values["L"]) & ((parsed.lli[own, phase] & 1 > 0) | failed[own])
-                half_open = np.isfinite(values["L"]) & (parsed.lli[own, phase] & 2 > 0)
-            strength = parsed.strength[own, first]
+                slip = np.isfinite(values["L"]) & ((parsed.lli[sat_rows, phase] & 1 > 0) | failed[sat_rows])
+                half_open = np.isfinite(values["L"]) & (parsed.lli[sat_rows, phase] & 2 > 0)
+            strength = parsed.strength[sat_rows, first]
             if phase is not None:
-                strength = np.maximum(strength, parsed.strength[own, phase])
-            epochs = place[rows.epoch[its[own[there]]]]
-            chosen = {kind: value[there] for kind, value in values.items()}
+                strength = np.maximum(strength, parsed.strength[sat_rows, phase])
+            epochs = place[rows.epoch[its[sat_rows[present]]]]
+            chosen = {kind: value[present] for kind, value in values.items()}
             blocks.append(
-                (SignalId(names[sat], *signal), epochs, chosen, strength[there], slip[there], half_open[there])
+                (SignalId(names[sat], *signal), epochs, chosen, strength[present], slip[present], half_open[present])
             )
     return blocks
 
 
-def _stated_slips(
+def _mark_stated_slips(
     rows: SatelliteRows, place: Integers, instant_ns: Integers, signals: tuple[SignalId, ...]
 ) -> Booleans:
-    """Where event records (flag 6) report a slip: at their satellites' first epoch from then on."""
+    """Mark slips that event records (flag 6) report, at their satellites' first epoch from then on."""
     lost = np.zeros((instant_ns.size, len(signals)), np.bool_)
     for row in np.flatnonzero(rows.flag[rows.epoch] == 6):
         epoch = int(np.searchsorted(instant_ns, rows.instant_ns[rows.epoch[row]]))
@@ -363,8 +367,8 @@ def _stated_slips(
     return lost
 
 
-def _changes(marks: Booleans, there: Booleans) -> Booleans:
-    """Where a mark differs from that of the same signal's last measurement before; all (n_epochs, n_signals)."""
+def _mark_changes(marks: Booleans, there: Booleans) -> Booleans:
+    """Mark where a flag differs from that of the same signal's measurement before; all (n_epochs, n_signals)."""
     changed = np.zeros_like(marks)
     for column in np.flatnonzero(marks.any(axis=0)):
         epochs = np.flatnonzero(there[:, column])
@@ -375,8 +379,8 @@ def _changes(marks: Booleans, there: Booleans) -> Booleans:
 # --- the record
 
 
-def _plausible(table: _Table, header: Header, channels: Mapping[str, int]) -> tuple[_Table, Implausible]:
-    """Return the table without cells that are impossible, and without signals of which nothing stays.
+def _leave_out_implausible(table: _Table, header: Header, channels: Mapping[str, int]) -> tuple[_Table, Implausible]:
+    """Return the table without impossible cells, and without signals that then have none.
 
     Types that are misread as a whole go into `header`, for the lines that follow.
     """
@@ -384,7 +388,7 @@ def _plausible(table: _Table, header: Header, channels: Mapping[str, int]) -> tu
         {name: table.numbers[kind] for name, kind in LETTERS.items()},
         signals=table.signals,
         elapsed_s=np.asarray((table.instant_ns - table.instant_ns[:1]) * 1e-9, np.float64),
-        carrier_hz=_carriers_hz(table.signals, channels),
+        carrier_hz=_find_carriers_hz(table.signals, channels),
         misread=header.misread,
     )
     header.misread = implausible.misread
@@ -406,35 +410,35 @@ def _plausible(table: _Table, header: Header, channels: Mapping[str, int]) -> tu
     )
 
 
-def _carriers_hz(signals: Sequence[SignalId], channels: Mapping[str, int]) -> Reals:
+def _find_carriers_hz(signals: Sequence[SignalId], channels: Mapping[str, int]) -> Reals:
     return np.array([carrier_hz_of(s.band, channels.get(s.sat)) for s in signals], np.float64)
 
 
-def _observations(table: _Table, header: Header, channels: Mapping[str, int], remarks: list[str]) -> Observations:
+def _make_observations(table: _Table, header: Header, channels: Mapping[str, int], remarks: list[str]) -> Observations:
     code_m, phase_cyc, doppler_hz, cn0_dbhz = (table.numbers[kind] for kind in KINDS)
-    there = np.isfinite(code_m) | np.isfinite(phase_cyc) | np.isfinite(doppler_hz)
+    present = np.isfinite(code_m) | np.isfinite(phase_cyc) | np.isfinite(doppler_hz)
     by_strength = np.where(table.strength > 0, 6.0 * table.strength + 3.0, _UNKNOWN_CN0_DBHZ)
-    unknown = there & ~np.isfinite(cn0_dbhz)
+    unknown = present & ~np.isfinite(cn0_dbhz)
     if unknown.any():
-        where = "all" if unknown.sum() == there.sum() else "some"
+        where = "all" if unknown.sum() == present.sum() else "some"
         instead = f"the strength indicator or of {_UNKNOWN_CN0_DBHZ:g} dB-Hz"
         remarks.append(f"C/N0 is missing in {where} cells: sigmas there are those of {instead}")
     assumed_dbhz = np.where(np.isfinite(cn0_dbhz), cn0_dbhz, by_strength)
     chip_m = np.array([s.plan.chip_m for s in table.signals])
-    status = np.where(there, np.where(table.lost, CellStatus.SLIP, CellStatus.OK), CellStatus.NOT_TRACKED)
+    status = np.where(present, np.where(table.lost, CellStatus.SLIP, CellStatus.OK), CellStatus.NOT_TRACKED)
     if table.impossible is not None:
         status[table.impossible] = CellStatus.IMPOSSIBLE
     elapsed_s = np.asarray((table.instant_ns - table.instant_ns[:1]) * 1e-9, np.float64)
-    first = there.argmax(axis=0) if len(there) else np.zeros(len(table.signals), np.intp)
+    first = present.argmax(axis=0) if len(present) else np.zeros(len(table.signals), np.intp)
     return Observations(
         receiver=header.marker or "rx1",
         signals=table.signals,
-        gpst=_gpst(table.instant_ns.astype("datetime64[ns]"), header),
+        gpst=_convert_to_gpst(table.instant_ns.astype("datetime64[ns]"), header),
         elapsed_s=elapsed_s,
         pseudorange_m=code_m,
         carrier_cyc=phase_cyc,
         doppler_hz=doppler_hz,
-        cn0_dbhz=np.where(there, cn0_dbhz, np.nan),
+        cn0_dbhz=np.where(present, cn0_dbhz, np.nan),
         pseudorange_sigma_m=np.where(np.isfinite(code_m), code_sigma_m(assumed_dbhz, chip_m), np.nan),
         carrier_sigma_cyc=np.where(np.isfinite(phase_cyc), carrier_sigma_cyc(assumed_dbhz), np.nan),
         doppler_sigma_hz=np.where(np.isfinite(doppler_hz), doppler_sigma_hz(assumed_dbhz), np.nan),
@@ -442,12 +446,12 @@ def _observations(table: _Table, header: Header, channels: Mapping[str, int], re
         half_cycle_open=table.half_open,
         found_elapsed_s=elapsed_s[first],
         missed_elapsed_s=np.where(first > 0, elapsed_s[np.maximum(first - 1, 0)], np.nan),
-        carrier_hz=_carriers_hz(table.signals, channels),
+        carrier_hz=_find_carriers_hz(table.signals, channels),
     )
 
 
-def _gpst(instants: Instants, header: Header) -> Instants:
-    """Instants of the file's time system as GPS time (RINEX 3.05, 4.1): GLONASS's is UTC."""
+def _convert_to_gpst(instants: Instants, header: Header) -> Instants:
+    """Convert instants of the file's time system to GPS time (RINEX 3.05, 4.1): GLONASS's is UTC."""
     if header.time_system in ("GLO", "UTC") and instants.size:
         return np.asarray(instants + (gpst_from_utc(instants[0]) - instants[0]))
     if header.time_system in ("BDT", "BDS"):

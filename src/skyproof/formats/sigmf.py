@@ -8,7 +8,7 @@ numbers are offset binary: v has the value 2v - (2^bits - 1), so that the middle
 - Captures of one tuning are one recording; another tuning is another recording, NAME-1575.42MHz, ...
 - Where core:global_index runs ahead of the samples, samples are missing: a `SampleGap`.
 - core:datetime is UTC and becomes `start_gpst`, carried back to the first sample.
-- A capture without core:frequency, or another key of its tuning, goes on with that of the capture before.
+- A capture without core:frequency, or another key of its tuning, keeps that of the capture before.
 - Without core:frequency in any capture so far the samples are taken to be centred on L1, which is reported.
 
 What SigMF has no word for stands in keys of the namespace skyproof; the first three in a capture, or in the global
@@ -40,18 +40,29 @@ import numpy as np
 
 from skyproof.errors import InputError, readable
 from skyproof.formats.bounds import METADATA_BYTES
-from skyproof.formats.byte_io import FileBytes, content_of, digest, reading, require_size, size_of
+from skyproof.formats.byte_io import FileBytes, compute_digest, measure_size, read_content, report_reading, require_size
 from skyproof.formats.layout import FITTING_BITS, Chunk, Encoding, PackedSamples, Packing
-from skyproof.formats.levels import channels_of, without_dead
+from skyproof.formats.levels import drop_dead, open_channels
 from skyproof.formats.raw import SampleLayout
-from skyproof.formats.sigmf_keys import DATATYPE, LARGEST, Capture, Global, Meta, checked, expected, parsed, shown, some
+from skyproof.formats.sigmf_keys import (
+    DATATYPE,
+    LARGEST,
+    Capture,
+    Global,
+    Meta,
+    check_keys,
+    describe_expected,
+    format_value,
+    join_some,
+    parse_meta,
+)
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.time import (
     FIRST_YEAR,
     GPS_EPOCH,
     LAST_YEAR,
+    format_iso,
     gpst_from_utc,
-    iso,
     seconds_between,
     timedelta_from_s,
     utc_from_gpst,
@@ -59,7 +70,7 @@ from skyproof.gnss.time import (
 from skyproof.records import SampleGap, Samples
 from skyproof.remarks import Remark, RemarkKind
 
-__all__ = ["open_sigmf", "sha512_remarks", "sigmf_meta"]
+__all__ = ["check_sha512", "meta_from_layout", "open_sigmf"]
 
 _SMALL_DATA: Final = 1 << 26  # bytes; a check of them is done in passing, in a tenth of a second
 _MOST_TUNINGS: Final = 32
@@ -91,8 +102,8 @@ class _Segment:
     place: str  # in the metadata, for words
 
 
-def _packing(general: Global, where: str, remarks: list[str]) -> Packing:
-    """What the bytes mean, but for swapped or inverted Q, which a capture may state."""
+def _read_packing(general: Global, where: str, remarks: list[str]) -> Packing:
+    """Read what the bytes mean, but for swapped or inverted Q, which a capture may state."""
     match = DATATYPE.fullmatch(general.datatype)
     assert match is not None  # checked with the other keys
     encoding: Encoding = {"f": "float", "i": "int", "u": "offset-binary"}[match[2][0]]  # type: ignore[assignment]
@@ -119,10 +130,10 @@ def _packing(general: Global, where: str, remarks: list[str]) -> Packing:
     )
 
 
-def _tuning(general: Global, segment: _Segment, packing: Packing, where: str) -> _Tuning:
+def _read_tuning(general: Global, segment: _Segment, packing: Packing, where: str) -> _Tuning:
     def stated(key: str) -> Any:
-        here = getattr(segment.capture, key)
-        return here if here is not None else getattr(general, key)
+        value = getattr(segment.capture, key)
+        return value if value is not None else getattr(general, key)
 
     if packing.kind == "real" and stated("if_hz") is None:
         raise InputError(
@@ -138,11 +149,11 @@ def _tuning(general: Global, segment: _Segment, packing: Packing, where: str) ->
     return _Tuning(segment.capture.frequency, if_hz, bool(stated("conjugate")), bool(stated("swap_iq")))
 
 
-def _carried_on(segments: Sequence[_Segment], general: Global, remarks: list[str]) -> list[_Segment]:
+def _carry_tuning(segments: Sequence[_Segment], general: Global, remarks: list[str]) -> list[_Segment]:
     """Return the segments, each with the tuning of the one before where its capture states none.
 
-    The specification leaves open whether a value goes on (sigmf/SigMF issue 124). A recorder that tunes anew states it;
-    one that begins a capture for another reason, a gap for one, often does not.
+    The specification leaves open whether a value carries over (sigmf/SigMF issue 124). A recorder that is tuned again
+    states it; one that begins a capture for another reason, a gap for one, often does not.
     """
     carried: list[_Segment] = []
     silent: list[str] = []
@@ -154,13 +165,13 @@ def _carried_on(segments: Sequence[_Segment], general: Global, remarks: list[str
             silent.append(segment.place)
         carried.append(replace(segment, capture=segment.capture.model_copy(update=update)) if update else segment)
     if silent:
-        listed = ", ".join(some(silent, ", "))
+        listed = ", ".join(join_some(silent, ", "))
         remarks.append(f"no core:frequency is given in {listed}: that of the capture before goes on")
     return carried
 
 
-def _segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list[str]) -> list[_Segment]:
-    """The captures as they lie in a data set of `size` bytes. What stands before the first belongs to the first."""
+def _find_segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list[str]) -> list[_Segment]:
+    """Find the captures in a data set of `size` bytes. Samples before the first belong to the first."""
     general, frame_bits = meta.general, packing.frame_bits
     end = size - general.trailing_bytes
     captures = list(meta.captures) or [Capture.model_validate({"core:sample_start": general.offset})]
@@ -188,8 +199,8 @@ def _segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list
                 f"byte; give a number of which {frame_bits}-bit samples fill bytes"
             )
         at_byte += (start - before) * frame_bits // 8 + headers[number]
-        given = indices[number]
-        index = given if given is not None else index + start - before
+        stated_index = indices[number]
+        index = stated_index if stated_index is not None else index + start - before
         room = (end - at_byte) * 8 // frame_bits
         last = number + 1 == len(captures)
         planned = room if last else starts[number + 1] - start
@@ -220,8 +231,8 @@ def _segments(meta: Meta, packing: Packing, size: int, where: str, remarks: list
     return segments
 
 
-def _gaps(segments: Sequence[_Segment], rate_hz: float, remarks: list[str]) -> tuple[SampleGap, ...]:
-    """Where the count of the stream runs ahead of the samples of one recording."""
+def _find_gaps(segments: Sequence[_Segment], rate_hz: float, remarks: list[str]) -> tuple[SampleGap, ...]:
+    """Find where the count of the stream runs ahead of the samples of one recording."""
     gaps, missed = [], []
     at_sample = segments[0].chunk.n_samples
     for before, after in pairwise(segments):
@@ -238,12 +249,15 @@ def _gaps(segments: Sequence[_Segment], rate_hz: float, remarks: list[str]) -> t
                 )
             )
         at_sample += after.chunk.n_samples
-    remarks += [f"samples are missing by core:global_index: {text}" for text in some(missed, ", ")]
+    remarks += [f"samples are missing by core:global_index: {text}" for text in join_some(missed, ", ")]
     return tuple(gaps)
 
 
-def _dates(segments: Sequence[_Segment], rate_hz: float, where: str, remarks: list[str]) -> np.datetime64 | None:
-    """GPS time of the first sample, by the first capture that is dated; a remark where dates and samples disagree."""
+def _find_start(segments: Sequence[_Segment], rate_hz: float, where: str, remarks: list[str]) -> np.datetime64 | None:
+    """Return the GPS time of the first sample, by the first dated capture.
+
+    Dates that disagree with the samples are reported.
+    """
     dated = [(segment, date) for segment in segments if (date := _date(segment, where, remarks)) is not None]
     if not dated:
         return None
@@ -278,7 +292,7 @@ def _date(segment: _Segment, where: str, remarks: list[str]) -> np.datetime64 | 
         label += zone if match[8] == "-" else -zone
     except (ValueError, OverflowError) as error:
         raise InputError(
-            f"{where}: {segment.place}.core:datetime = {shown(text)}, expected UTC, as 2022-01-01T21:45:40.000Z"
+            f"{where}: {segment.place}.core:datetime = {format_value(text)}, expected UTC, as 2022-01-01T21:45:40.000Z"
         ) from error
     if not FIRST_YEAR <= label.year <= LAST_YEAR or np.datetime64(label.replace(tzinfo=None), "ns") < GPS_EPOCH:
         remarks.append(f"core:datetime of {segment.place}, {text}, is not a GPS time: the recorder's clock was not set")
@@ -287,7 +301,7 @@ def _date(segment: _Segment, where: str, remarks: list[str]) -> np.datetime64 | 
     return gpst_from_utc(utc) + np.timedelta64(leap_s, "s")
 
 
-def _annotation_remarks(meta: Meta) -> list[str]:
+def _report_annotations(meta: Meta) -> list[str]:
     if not meta.annotations:
         return []
     labels = []
@@ -295,8 +309,8 @@ def _annotation_remarks(meta: Meta) -> list[str]:
         label = annotation.get("core:label") if isinstance(annotation, dict) else None
         start = annotation.get("core:sample_start") if isinstance(annotation, dict) else None
         if isinstance(label, str) and label and isinstance(start, int | float) and abs(start) < LARGEST:
-            labels.append(f"{shown(label)} at {(start - meta.general.offset) / meta.general.sample_rate:.3f} s")
-    texts = some(labels, ", ")
+            labels.append(f"{format_value(label)} at {(start - meta.general.offset) / meta.general.sample_rate:.3f} s")
+    texts = join_some(labels, ", ")
     return [f"{len(meta.annotations)} annotation{'s' * (len(meta.annotations) > 1)}" + "".join(f": {t}" for t in texts)]
 
 
@@ -323,7 +337,7 @@ def open_sigmf(path: str | os.PathLike[str], *, dead: bool = False) -> tuple[Sam
     dead : as of `open_raw_channels`.
 
     Nothing but a few stretches of the samples, for the check of levels, is read now, however long they are; only data
-    of less than 64 MiB are held against core:sha512 (`sha512_remarks` does it for any).
+    of less than 64 MiB are held against core:sha512 (`check_sha512` does it for any).
 
     Returns
     -------
@@ -336,40 +350,40 @@ def open_sigmf(path: str | os.PathLike[str], *, dead: bool = False) -> tuple[Sam
     InputError : a file is missing or unreadable, the metadata are wrong or need an extension that is not known, or no
         sample ever changes.
     """
-    channels = [_recordings(source) for source in _sources(Path(path))]
-    return tuple(one for of_source in channels for one in (of_source if dead else without_dead(of_source)))
+    channels = [_open_recordings(source) for source in _find_sources(Path(path))]
+    return tuple(channel for of_source in channels for channel in (of_source if dead else drop_dead(of_source)))
 
 
-def sha512_remarks(path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None) -> tuple[str, ...]:
-    """A remark for each data set that is not the one its core:sha512 was made of; all their bytes are read.
+def check_sha512(path: str | os.PathLike[str], progress: Callable[[int, int], None] | None = None) -> tuple[str, ...]:
+    """Report each data set that does not match its core:sha512; all their bytes are read.
 
     progress : called with the bytes done and the bytes in all of a data set after every 4 MiB.
 
     Raises InputError as `open_sigmf` for files that cannot be read.
     """
-    return tuple(remark for source in _sources(Path(path)) for remark in _digest_remarks(source, progress))
+    return tuple(remark for source in _find_sources(Path(path)) for remark in _check_digest(source, progress))
 
 
-def _digest_remarks(source: _Source, progress: Callable[[int, int], None] | None = None) -> list[str]:
+def _check_digest(source: _Source, progress: Callable[[int, int], None] | None = None) -> list[str]:
     stated = source.meta.general.sha512
-    if stated is None or digest(source.data, "sha512", source.start, source.size, progress) == stated.lower():
+    if stated is None or compute_digest(source.data, "sha512", source.start, source.size, progress) == stated.lower():
         return []
     other = "the samples are not those that core:sha512 was made of: they were damaged, or changed after it was written"
     return [Remark(other, RemarkKind.BEARS)]
 
 
-def _recordings(source: _Source) -> list[Samples]:
+def _open_recordings(source: _Source) -> list[Samples]:
     meta, where, rate_hz = source.meta, source.where, source.meta.general.sample_rate
-    remarks = [*source.remarks, *checked(meta, where)]
-    packing = _packing(meta.general, where, remarks)
-    segments = _carried_on(_segments(meta, packing, source.size, where, remarks), meta.general, remarks)
+    remarks = [*source.remarks, *check_keys(meta, where)]
+    packing = _read_packing(meta.general, where, remarks)
+    segments = _carry_tuning(_find_segments(meta, packing, source.size, where, remarks), meta.general, remarks)
     if source.size < _SMALL_DATA:
-        remarks += _digest_remarks(source)
-    remarks += _annotation_remarks(meta)
+        remarks += _check_digest(source)
+    remarks += _report_annotations(meta)
     tuned: dict[_Tuning, list[_Segment]] = {}
     for segment in segments:
         if segment.chunk.n_samples:
-            tuned.setdefault(_tuning(meta.general, segment, packing, where), []).append(segment)
+            tuned.setdefault(_read_tuning(meta.general, segment, packing, where), []).append(segment)
     if len(tuned) > _MOST_TUNINGS:
         raise InputError(
             f"{where}: its captures have {len(tuned)} tunings, more than {_MOST_TUNINGS}; cut out those that are wanted"
@@ -379,16 +393,16 @@ def _recordings(source: _Source) -> list[Samples]:
     octets = FileBytes(source.data, source.start, source.size)
     stated_by = f"core:datatype, core:num_channels and core:header_bytes of {where}"
     opened: list[Samples] = []
-    for tuning, name in zip(tuned, _names(source.name, tuned), strict=True):
-        here = list(remarks)
-        start_gpst = _dates(tuned[tuning], rate_hz, where, here)
-        gaps = _gaps(tuned[tuning], rate_hz, here)
+    for tuning, name in zip(tuned, _name_tunings(source.name, tuned), strict=True):
+        tuning_remarks = list(remarks)
+        start_gpst = _find_start(tuned[tuning], rate_hz, where, tuning_remarks)
+        gaps = _find_gaps(tuned[tuning], rate_hz, tuning_remarks)
         if tuning.centre_hz is None:
-            here.append("no core:frequency is given: the samples are taken to be centred on L1, 1575.42 MHz")
+            tuning_remarks.append("no core:frequency is given: the samples are taken to be centred on L1, 1575.42 MHz")
         packing_here = replace(packing, swap_iq=tuning.swap_iq, conjugate=tuning.conjugate)
-        chunks = _joined([segment.chunk for segment in tuned[tuning]], packing)
+        chunks = _join_chunks([segment.chunk for segment in tuned[tuning]], packing)
         packed = [PackedSamples(octets, packing_here, chunks, channel) for channel in range(packing.n_channels)]
-        one = Samples(
+        recording = Samples(
             name=readable(name),
             rate_hz=rate_hz,
             n_samples=sum(s.chunk.n_samples for s in tuned[tuning]),
@@ -399,25 +413,25 @@ def _recordings(source: _Source) -> list[Samples]:
             antenna=meta.general.antenna,
             path=readable(str(source.data)),
             format="SigMF",
-            remarks=tuple(here),
+            remarks=tuple(tuning_remarks),
             gaps=gaps,
             file=octets,
             stated_in=source.beside,
         )
-        opened += channels_of(one, packed, stated_by)
+        opened += open_channels(recording, packed, stated_by)
     return opened
 
 
-def _names(name: str, tunings: Iterable[_Tuning]) -> list[str]:
-    """A name for each tuning: that of the data set, with the frequency where there are several."""
+def _name_tunings(name: str, tunings: Iterable[_Tuning]) -> list[str]:
+    """Name each tuning: by the data set, with the frequency where there are several."""
     names = [name if t.centre_hz is None else f"{name}-{t.centre_hz / 1e6:.9g}MHz" for t in tunings]
     if len(names) == 1:
         return [name]
     return [text if names.count(text) == 1 else f"{text}-{number}" for number, text in enumerate(names, 1)]
 
 
-def _joined(chunks: Iterable[Chunk], packing: Packing) -> list[Chunk]:
-    """Chunks that follow each other without a byte between are one."""
+def _join_chunks(chunks: Iterable[Chunk], packing: Packing) -> list[Chunk]:
+    """Join chunks that follow each other without a byte between."""
     joined: list[Chunk] = []
     for chunk in chunks:
         last = joined[-1] if joined else None
@@ -428,20 +442,20 @@ def _joined(chunks: Iterable[Chunk], packing: Packing) -> list[Chunk]:
     return joined
 
 
-def _sources(path: Path) -> list[_Source]:
+def _find_sources(path: Path) -> list[_Source]:
     if path.suffix == ".sigmf":
-        return _archived(path)
+        return _open_archive(path)
     meta_path = path.with_suffix(".sigmf-meta")
     if path != meta_path:
-        size_of(path)  # the file that was asked for comes first
+        measure_size(path)  # the file that was asked for comes first
         if not meta_path.exists():
             raise InputError(
                 f"{path}: nothing says how to read it, for there is no {meta_path} beside it; fetch that as well"
             )
-    size_of(meta_path)  # what does not exist is said as for samples
-    text = content_of(meta_path, METADATA_BYTES, "the metadata of SigMF", "give the .sigmf-meta, not the samples")
-    meta = parsed(text, str(meta_path))
-    dataset = _dataset(meta, meta_path.stem, str(meta_path))
+    measure_size(meta_path)  # what does not exist is said as for samples
+    text = read_content(meta_path, METADATA_BYTES, "the metadata of SigMF", "give the .sigmf-meta, not the samples")
+    meta = parse_meta(text, str(meta_path))
+    dataset = _name_dataset(meta, meta_path.stem, str(meta_path))
     data, remarks = meta_path.with_name(dataset), []
     if path != meta_path:
         if meta.general.dataset not in (None, path.name):
@@ -449,30 +463,32 @@ def _sources(path: Path) -> list[_Source]:
         data = path
     elif meta.general.metadata_only and not data.exists():
         raise InputError(f"{meta_path}: metadata without samples (core:metadata_only); give a recording with samples")
-    size = size_of(data)
+    size = measure_size(data)
     if size == 0:
         raise InputError(f"{data} is empty; check the recorder or the copy")
     return [_Source(meta, str(meta_path), meta_path.stem, data, 0, size, tuple(remarks), meta_path)]
 
 
-def _dataset(meta: Meta, stem: str, where: str) -> str:
+def _name_dataset(meta: Meta, stem: str, where: str) -> str:
     name = meta.general.dataset
     if name is None:
         return f"{stem}.sigmf-data"
     if not name.strip(".") or {"/", "\\", "\0"} & set(name):
-        raise InputError(f"{where}: global.core:dataset = {shown(name)}, expected {expected('core:dataset')}")
+        raise InputError(
+            f"{where}: global.core:dataset = {format_value(name)}, expected {describe_expected('core:dataset')}"
+        )
     return name
 
 
-def _archived(path: Path) -> list[_Source]:
-    """The recordings of an archive: its samples lie in one piece each, so that they can be read where they are."""
-    size = size_of(path)
+def _open_archive(path: Path) -> list[_Source]:
+    """Open the recordings of an archive: its samples lie in one piece each and are read in place."""
+    size = measure_size(path)
     members: dict[str, tarfile.TarInfo] = {}
     metas: dict[str, bytes] = {}
     room = METADATA_BYTES
     remarks: tuple[str, ...] = ()
     try:
-        with reading(path), tarfile.open(path, "r:") as tar:
+        with report_reading(path), tarfile.open(path, "r:") as tar:
             try:
                 for member in tar:
                     members[member.name] = member
@@ -487,15 +503,15 @@ def _archived(path: Path) -> list[_Source]:
         raise InputError(f"{path}: not a SigMF archive, or a damaged one ({error}); fetch it again") from error
     if not metas:
         raise InputError(f"{path}: holds no .sigmf-meta; a SigMF archive is a tar file with NAME.sigmf-meta in it")
-    return [_archived_one(path, size, name, text, members, remarks) for name, text in metas.items()]
+    return [_open_member(path, size, name, text, members, remarks) for name, text in metas.items()]
 
 
-def _archived_one(
+def _open_member(
     path: Path, size: int, name: str, text: bytes, members: dict[str, tarfile.TarInfo], remarks: tuple[str, ...]
 ) -> _Source:
     where, inside = f"{path}: {name}", PurePosixPath(name)
-    meta = parsed(text, where)
-    dataset = str(inside.with_name(_dataset(meta, inside.stem, where)))
+    meta = parse_meta(text, where)
+    dataset = str(inside.with_name(_name_dataset(meta, inside.stem, where)))
     member = members.get(dataset)
     if member is None or not member.isfile() or member.issparse():
         raise InputError(f"{where}: its samples, {dataset}, are not in the archive in one piece; unpack it with tar")
@@ -511,8 +527,8 @@ def _archived_one(
 # --- and back
 
 
-def sigmf_meta(layout: SampleLayout, *, n_channels: int = 1) -> dict[str, Any]:
-    """The metadata of SigMF that say what a sidecar says, as an object of JSON: `open_sigmf` reads the same samples.
+def meta_from_layout(layout: SampleLayout, *, n_channels: int = 1) -> dict[str, Any]:
+    """Convert a sidecar to SigMF metadata, a JSON object: `open_sigmf` reads the same samples.
 
     n_channels : how many channels follow each other in the file.
     """
@@ -530,7 +546,7 @@ def sigmf_meta(layout: SampleLayout, *, n_channels: int = 1) -> dict[str, Any]:
     if layout.header_bytes:
         capture["core:header_bytes"] = layout.header_bytes
     if layout.start_gpst is not None:
-        capture["core:datetime"] = f"{iso(utc_from_gpst(layout.start_gpst), 9)}Z"
+        capture["core:datetime"] = f"{format_iso(utc_from_gpst(layout.start_gpst), 9)}Z"
     ours: dict[str, Any] = {} if layout.antenna == "1" else {"skyproof:antenna": layout.antenna}
     if not plain:
         ours |= {

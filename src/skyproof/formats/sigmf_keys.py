@@ -1,4 +1,4 @@
-"""The keys of SigMF 1.2.6 that say how to read samples, checked, and what is wrong with them in words.
+"""Check the keys of SigMF 1.2.6 that say how to read samples, and describe their faults.
 
 Specification: SigMF, version 1.2.6, sections Global Object, Captures Array and Extensions; the keys of the namespace
 skyproof are those of `skyproof.formats.sigmf`.
@@ -13,11 +13,22 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from skyproof.errors import InputError, shortened
-from skyproof.formats.bounds import CAPTURES, first_few
-from skyproof.formats.documents import json_of
+from skyproof.formats.bounds import CAPTURES, describe_first
+from skyproof.formats.documents import parse_json
 from skyproof.formats.layout import BitOrder, Encoding
 
-__all__ = ["DATATYPE", "LARGEST", "Capture", "Global", "Meta", "checked", "expected", "parsed", "shown", "some"]
+__all__ = [
+    "DATATYPE",
+    "LARGEST",
+    "Capture",
+    "Global",
+    "Meta",
+    "check_keys",
+    "describe_expected",
+    "format_value",
+    "join_some",
+    "parse_meta",
+]
 
 DATATYPE: Final = re.compile(r"([cr])(f32|f64|i32|i16|i8|u32|u16|u8)(?:_([lb])e)?")
 LARGEST: Final = 2**63 - 1  # that a count of samples or bytes may be
@@ -38,15 +49,15 @@ _KNOWN_CORE: Final = {
     },
     "captures": {"geolocation", "comment", "description"},
 }
-"""Keys of the specification that say nothing of how to read the samples."""
+"""Keys of the specification that do not affect how to read the samples."""
 
 
-def _whole(value: object) -> object:
-    """Writers whose numbers are all floats write 4096.0."""
+def _make_whole(value: object) -> object:
+    """Convert whole floats to int: writers whose numbers are all floats write 4096.0."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-_Count = Annotated[int, BeforeValidator(_whole), Field(ge=0, le=LARGEST)]
+_Count = Annotated[int, BeforeValidator(_make_whole), Field(ge=0, le=LARGEST)]
 
 
 class _Part(BaseModel):
@@ -127,14 +138,17 @@ _DESCRIPTIONS: Final = {
 }
 
 
-def expected(key: str) -> str:
-    """What a key should hold, in words."""
+def describe_expected(key: str) -> str:
+    """Describe what a key should hold."""
     return _DESCRIPTIONS[key]
 
 
-def parsed(text: bytes, where: str) -> Meta:
-    """The metadata in `text`. Raises InputError, which names the faults: key, what came, what was expected."""
-    content = json_of(text, where, "the file is damaged or is not SigMF metadata: fetch it again")
+def parse_meta(text: bytes, where: str) -> Meta:
+    """Parse the metadata in `text`.
+
+    Raises InputError, which names the faults: key, what came, what was expected.
+    """
+    content = parse_json(text, where, "the file is damaged or is not SigMF metadata: fetch it again")
     captures = content.get("captures") if isinstance(content, dict) else None
     if isinstance(captures, list) and len(captures) > CAPTURES:
         raise InputError(
@@ -144,37 +158,39 @@ def parsed(text: bytes, where: str) -> Meta:
         return Meta.model_validate(content)
     except ValidationError as error:
         faults = error.errors(include_url=False)
-        raise InputError(f"{where}: " + "; ".join(dict.fromkeys(first_few(faults, _fault)))) from error
+        raise InputError(f"{where}: " + "; ".join(dict.fromkeys(describe_first(faults, _describe_fault)))) from error
 
 
-def _fault(fault: Any) -> str:
-    """One fault that Pydantic found, in the words of the one who wrote the metadata."""
+def _describe_fault(fault: Any) -> str:
+    """Describe one fault that Pydantic found, in the words of the metadata's writer."""
     known = [part for part in fault["loc"] if isinstance(part, int) or part in _DESCRIPTIONS]
     path = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in known).lstrip(".")
     if fault["type"] == "extra_forbidden":
         key = str(fault["loc"][-1])
-        return f"{shown(key)} is not part of SigMF metadata" + _near(key, ("global", "captures", "annotations"))
+        return f"{format_value(key)} is not part of SigMF metadata" + _suggest_near(
+            key, ("global", "captures", "annotations")
+        )
     if not known:
-        return f"{shown(fault['input'])}, expected an object with global, captures and annotations"
-    right = expected(next((part for part in reversed(known) if isinstance(part, str)), "global"))
+        return f"{format_value(fault['input'])}, expected an object with global, captures and annotations"
+    right = describe_expected(next((part for part in reversed(known) if isinstance(part, str)), "global"))
     if fault["type"] == "missing":
         return f"{path} is missing; expected {right}"
-    return f"{path} = {shown(fault['input'])}, expected {right}"
+    return f"{path} = {format_value(fault['input'])}, expected {right}"
 
 
-def _near(key: str, known: Iterable[str]) -> str:
+def _suggest_near(key: str, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(key[:60], known, n=1, cutoff=0.6)
     return f"; did you mean {near[0]}?" if near else ""
 
 
-def shown(value: object) -> str:
-    """A value as it stands in the metadata, shortened."""
+def format_value(value: object) -> str:
+    """Format a value as it stands in the metadata, shortened."""
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def checked(meta: Meta, where: str) -> tuple[str, ...]:
-    """Raise InputError for what cannot be followed; remarks on keys that say nothing to this reader."""
+def check_keys(meta: Meta, where: str) -> tuple[str, ...]:
+    """Raise InputError for keys that cannot be followed; return remarks on keys without a meaning here."""
     extensions = meta.general.extensions if isinstance(meta.general.extensions, list) else []
     needed = [e.name for e in extensions if not e.optional and e.name != "skyproof"]
     if needed:
@@ -194,24 +210,24 @@ def checked(meta: Meta, where: str) -> tuple[str, ...]:
                 foreign |= {} if namespace in declared else {key: None}
             elif namespace == "skyproof" or name not in _KNOWN_CORE[scope]:
                 strange.append((place, key, part))
-    if wrong := [one for one in strange if one[1].startswith("skyproof:")]:
-        raise InputError(f"{where}: " + "; ".join(first_few(wrong, _unknown)))
-    remarks = ["; ".join(first_few(strange, _unknown))] if strange else []
+    if wrong := [found for found in strange if found[1].startswith("skyproof:")]:
+        raise InputError(f"{where}: " + "; ".join(describe_first(wrong, _describe_unknown)))
+    remarks = ["; ".join(describe_first(strange, _describe_unknown))] if strange else []
     if foreign and not isinstance(meta.general.extensions, dict):
         remarks.append(
             "keys that SigMF does not have and core:extensions does not declare were ignored: "
-            + ", ".join(some(foreign, ", "))
+            + ", ".join(join_some(foreign, ", "))
         )
     return tuple(remarks)
 
 
-def _unknown(key: tuple[str, str, _Part]) -> str:
+def _describe_unknown(key: tuple[str, str, _Part]) -> str:
     place, name, part = key
     known = [str(field.alias) for field in type(part).model_fields.values()]
-    return f"{place}.{shortened(name)} is not a known key{_near(name, known)}"
+    return f"{place}.{shortened(name)} is not a known key{_suggest_near(name, known)}"
 
 
-def some(texts: Iterable[str], between: str) -> list[str]:
-    """The texts in one, not more than a few of them; an empty list if there are none."""
+def join_some(texts: Iterable[str], between: str) -> list[str]:
+    """Join a few of the texts to one; an empty list if there are none."""
     all_of_them = list(texts)
-    return [between.join(first_few(all_of_them, shortened))] if all_of_them else []
+    return [between.join(describe_first(all_of_them, shortened))] if all_of_them else []

@@ -1,7 +1,7 @@
-"""What a SigMF recording says of itself beyond how to read its samples, and collections of recordings.
+"""Write SigMF metadata beyond how to read the samples, and collections of recordings.
 
 Signal Metadata Format, specification 1.2.6: sections Global Object, Captures Array, Annotations Array and Collection
-Format. How to read the samples is said by `skyproof.formats.sigmf.sigmf_meta`.
+Format. `skyproof.formats.sigmf.meta_from_layout` writes how to read the samples.
 """
 
 import hashlib
@@ -11,30 +11,30 @@ from typing import Any, Final
 
 from skyproof.formats.layout import Encoding
 from skyproof.formats.raw import SampleLayout
-from skyproof.formats.sigmf import sigmf_meta
+from skyproof.formats.sigmf import meta_from_layout
 
-__all__ = ["annotation", "collection_json", "fits_sigmf", "geolocation", "recording_json"]
+__all__ = ["fits_sigmf", "make_annotation", "make_geolocation", "write_collection_json", "write_recording_json"]
 
 _PLAIN: Final[tuple[Encoding, ...]] = ("int", "float")
 
 
 def fits_sigmf(encoding: str, bits: int) -> bool:
-    """Whether SigMF's own data types hold such numbers, so that any reader of SigMF can read them."""
+    """Return whether SigMF's own data types hold such numbers, so that any reader of SigMF can read them."""
     return encoding in _PLAIN and bits >= 8
 
 
-def annotation(first: int, count: int | None, label: str, comment: str) -> dict[str, Any]:
-    """A stretch of samples with a label; to the end without `count`."""
+def make_annotation(first: int, count: int | None, label: str, comment: str) -> dict[str, Any]:
+    """Make an annotation of a stretch of samples with a label; to the end without `count`."""
     of_samples = {} if count is None else {"core:sample_count": count}
     return {"core:sample_start": first} | of_samples | {"core:label": label, "core:comment": comment}
 
 
-def geolocation(lat_deg: float, lon_deg: float, height_m: float) -> dict[str, Any]:
-    """A point of GeoJSON (RFC 7946): longitude first, height over the ellipsoid."""
+def make_geolocation(lat_deg: float, lon_deg: float, height_m: float) -> dict[str, Any]:
+    """Make a point of GeoJSON (RFC 7946): longitude first, height over the ellipsoid."""
     return {"type": "Point", "coordinates": [lon_deg, lat_deg, height_m]}
 
 
-def recording_json(
+def write_recording_json(
     layout: SampleLayout,
     *,
     sha512: str,
@@ -46,13 +46,13 @@ def recording_json(
     annotations: Sequence[Mapping[str, Any]] = (),
     collection: str | None = None,
 ) -> str:
-    """The text of NAME.sigmf-meta.
+    """Write the text of NAME.sigmf-meta.
 
-    place : a `geolocation`, of the whole recording, or of its first sample if the receiver `moves`.
+    place : a `make_geolocation`, of the whole recording, or of its first sample if the receiver `moves`.
     annotations : in any order; they are written by their first sample.
     collection : the name, without ending, of the collection that it belongs to.
     """
-    meta = sigmf_meta(layout)
+    meta = meta_from_layout(layout)
     general, (capture,) = meta["global"], meta["captures"]
     general |= {"core:sha512": sha512, "core:description": description, "core:recorder": recorder, "core:hw": hw}
     if collection is not None:
@@ -62,8 +62,8 @@ def recording_json(
     return json.dumps(meta, indent=1, ensure_ascii=False) + "\n"
 
 
-def collection_json(recordings: Mapping[str, bytes], *, description: str) -> str:
-    """The text of NAME.sigmf-collection: recordings by their names without ending, each with the bytes of its metadata.
+def write_collection_json(recordings: Mapping[str, bytes], *, description: str) -> str:
+    """Write NAME.sigmf-collection: recordings by name without ending, each with its metadata's bytes.
 
     Order is kept.
     """

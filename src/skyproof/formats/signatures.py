@@ -1,4 +1,4 @@
-"""What a file is by its first bytes: what holds no samples is named, and a WAV header states how to read them."""
+"""Tell what a file is by its first bytes: name files without samples, and read WAV headers."""
 
 import string
 import struct
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from skyproof.formats.byte_io import reading
+from skyproof.formats.byte_io import report_reading
 from skyproof.formats.layout import Encoding
 
-__all__ = ["HEAD", "WavHeader", "head_of", "other_than_samples", "wav_header"]
+__all__ = ["HEAD", "WavHeader", "identify_other", "read_head", "read_wav_header"]
 
 HEAD: Final = 4096
 """Bytes that are looked at."""
@@ -59,17 +59,17 @@ class WavHeader:
     data_bytes: int
 
 
-def head_of(path: Path) -> bytes:
-    """The first bytes of a file. Raises InputError if it cannot be read."""
-    with reading(path), open(path, "rb") as file:
+def read_head(path: Path) -> bytes:
+    """Read the first bytes of a file. Raises InputError if it cannot be read."""
+    with report_reading(path), open(path, "rb") as file:
         return file.read(HEAD)
 
 
-def other_than_samples(head: bytes) -> tuple[str, str] | None:
-    """What a file that begins so is, if it is known to hold no bare samples, and what to do with it."""
-    for at, signature, what, to_do in _SIGNATURES:
+def identify_other(head: bytes) -> tuple[str, str] | None:
+    """Name a file that is known to hold no bare samples, by its first bytes, and say what to do with it."""
+    for at, signature, name, to_do in _SIGNATURES:
         if head[at:].startswith(signature):
-            return what, to_do
+            return name, to_do
     if head.startswith(_UBX):
         return "a UBX stream of a receiver", _SAMPLES
     if head.startswith(b"$G"):
@@ -78,11 +78,11 @@ def other_than_samples(head: bytes) -> tuple[str, str] | None:
         return "an RTCM 3 stream", _SAMPLES
     if _is_utf_16(head):
         return "text in UTF-16", "save it in UTF-8"
-    return _kind_of_text(head) if _is_text(head) else None
+    return _identify_text(head) if _is_text(head) else None
 
 
 def _is_rtcm(head: bytes) -> bool:
-    """Two frames of 0xD3, six zero bits and ten bits of length, one after the other."""
+    """Test for two frames of 0xD3, six zero bits and ten bits of length, one after the other."""
     at = 0
     for _ in range(3):
         if len(head) < at + 3 or head[at] != 0xD3 or head[at + 1] & 0xFC:
@@ -92,7 +92,7 @@ def _is_rtcm(head: bytes) -> bool:
 
 
 def _is_utf_16(head: bytes) -> bool:
-    """Whether a byte order mark of UTF-16 comes before text of which nearly every other byte is zero."""
+    """Test for a byte order mark of UTF-16 before text with nearly every other byte zero."""
     if head[:2] not in (b"\xff\xfe", b"\xfe\xff"):
         return False
     high = head[3::2] if head[0] == 0xFF else head[2::2]
@@ -110,7 +110,7 @@ def _is_text(head: bytes) -> bool:
     return sum(octet in _PRINTABLE or octet > 0x7F for octet in head) >= 0.99 * len(head)
 
 
-def _kind_of_text(head: bytes) -> tuple[str, str]:
+def _identify_text(head: bytes) -> tuple[str, str]:
     first = head.split(b"\n", 1)[0]
     if b"RINEX VERSION" in first:
         return ("a RINEX navigation file", _NAV) if b"NAV" in first.upper() else ("a RINEX observation file", _OBSERVED)
@@ -123,8 +123,8 @@ def _kind_of_text(head: bytes) -> tuple[str, str]:
     return "text", _SAMPLES
 
 
-def wav_header(head: bytes) -> WavHeader | None:
-    """What the header of a WAV file says (RIFF, "Multimedia Programming Interface", 1991; RF64, EBU Tech 3306).
+def read_wav_header(head: bytes) -> WavHeader | None:
+    """Read the header of a WAV file (RIFF, "Multimedia Programming Interface", 1991; RF64, EBU Tech 3306).
 
     None if it is none, or one whose samples are compressed.
     """

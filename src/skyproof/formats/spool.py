@@ -16,7 +16,7 @@ from skyproof.formats.pieces import ArrayPieces, Workspace
 from skyproof.records import OBSERVABLES, ObservationLog, Observations, SignalId
 from skyproof.short_repr import summarize
 
-__all__ = ["NothingGathered", "ObservationSpool", "gathered", "named"]
+__all__ = ["NothingGathered", "ObservationSpool", "gather", "rename_receiver"]
 
 HELD_EPOCHS: Final = 4096
 """As many are kept in memory, as one record."""
@@ -28,13 +28,13 @@ class NothingGathered(ValueError):
     """There was no piece."""
 
 
-def gathered(
+def gather(
     pieces: Iterable[Observations],
     receiver: str,
     workspace: Workspace,
     name: str = "observations",
 ) -> ObservationLog:
-    """Pieces as they come, as one record if they are few, else on the disk of the workspace, in a folder of that name.
+    """Gather pieces to one record if they are few, else on the workspace's disk, in a folder of that name.
 
     Raises
     ------
@@ -45,10 +45,10 @@ def gathered(
     for piece in pieces:
         if spool is None:
             held.append(piece)
-            if sum(one.gpst.size for one in held) > HELD_EPOCHS:
+            if sum(held_piece.gpst.size for held_piece in held) > HELD_EPOCHS:
                 spool = ObservationSpool(workspace, receiver, name)
-                for one in held:
-                    spool.append(one)
+                for held_piece in held:
+                    spool.append(held_piece)
                 held.clear()
         else:
             spool.append(piece)
@@ -56,11 +56,11 @@ def gathered(
         return spool
     if not held:
         raise NothingGathered
-    return named(Observations.joined(held), receiver)
+    return rename_receiver(Observations.joined(held), receiver)
 
 
-def named(log: ObservationLog, receiver: str) -> ObservationLog:
-    """The same measurements as those of a receiver of that name."""
+def rename_receiver(log: ObservationLog, receiver: str) -> ObservationLog:
+    """Return the same measurements under a receiver's name."""
     if isinstance(log, Observations):
         return replace(log, receiver=receiver)
     other = copy(log)
@@ -91,11 +91,11 @@ class ObservationSpool:
     """An `ObservationLog` whose pieces are appended. Its channels are the signals of all pieces, in their order."""
 
     def __init__(self, workspace: Workspace, receiver: str, name: str = "observations") -> None:
-        """An empty one, in a folder of the receiver and that name."""
+        """Start an empty spool in a folder of the receiver and that name."""
         self.receiver = receiver
         self._stored = ArrayPieces(workspace, f"{receiver}/{name}")
         self._pieces: list[_Piece] = []
-        self._known = _nothing_of(receiver)  # what is known of the channels of all pieces
+        self._known = _make_empty(receiver)  # what is known of the channels of all pieces
         self._times: dict[str, NDArray[Any]] = {}
 
     def __repr__(self) -> str:
@@ -128,11 +128,11 @@ class ObservationSpool:
 
     @property
     def gpst(self) -> Instants:
-        return self._time("gpst")
+        return self._join_times("gpst")
 
     @property
     def elapsed_s(self) -> Reals:
-        return self._time("elapsed_s")
+        return self._join_times("elapsed_s")
 
     @property
     def measured(self) -> Booleans:
@@ -155,27 +155,27 @@ class ObservationSpool:
         return self._known.carrier_hz
 
     def series(self, name: str, channel: int, first: int = 0, stop: int | None = None) -> Reals:
-        """One observable (a field of `Observations`) of one channel, of the epochs from `first` to before `stop`."""
+        """Read one observable (a field of `Observations`) of one channel, from epoch `first` to before `stop`."""
         signal = self.signals[channel]
         stop = self.gpst.size if stop is None else min(stop, self.gpst.size)
         values = np.full(max(stop - first, 0), np.nan)
-        for number, rows, into in self._between(first, stop):
+        for number, rows, into in self._find_between(first, stop):
             signals = self._pieces[number].signals
             if signal in signals:
                 values[into] = self._stored.read_one(number, name)[rows, signals.index(signal)]
         return values
 
     def read(self, first: int, stop: int) -> Observations:
-        """The epochs from `first` to before `stop`, of all channels.
+        """Read the epochs from `first` to before `stop`, of all channels.
 
         Raises OSError if what was written cannot be read.
         """
         stop = min(stop, self.gpst.size)
-        parts = [self._part(number, rows) for number, rows, _ in self._between(first, stop)]
+        parts = [self._read_part(number, rows) for number, rows, _ in self._find_between(first, stop)]
         return replace(Observations.joined((self._known, *parts)), receiver=self.receiver)
 
-    def _part(self, number: int, rows: slice) -> Observations:
-        """Epochs of a piece, without what holds for its channels: `_rough_knowledge` has that."""
+    def _read_part(self, number: int, rows: slice) -> Observations:
+        """Read epochs of a piece, without the fields of its channels: `_known` has those."""
         signals, stored = self._pieces[number].signals, self._stored.read(number)
         arrays: dict[str, Any] = {name: stored[name][rows] for name in (*_OF_EPOCHS, *_OF_CELLS)}
         never = np.full(len(signals), np.inf)
@@ -183,15 +183,15 @@ class ObservationSpool:
             self._known, signals=signals, found_elapsed_s=never, missed_elapsed_s=never, carrier_hz=never, **arrays
         )
 
-    def _between(self, first: int, stop: int) -> Iterator[tuple[int, slice, slice]]:
-        """The pieces that have epochs of a stretch: which of their own, and where those stand in the stretch."""
+    def _find_between(self, first: int, stop: int) -> Iterator[tuple[int, slice, slice]]:
+        """Find the pieces that overlap a stretch, with the rows in the piece and in the stretch."""
         for number, piece in enumerate(self._pieces):
             begin, end = max(first, piece.first), min(stop, piece.stop)
             if begin < end:
                 yield number, slice(begin - piece.first, end - piece.first), slice(begin - first, end - first)
 
-    def _time(self, name: str) -> NDArray[Any]:
-        """What every epoch has, of all pieces; put together once after a piece came, which then holds a part of it."""
+    def _join_times(self, name: str) -> NDArray[Any]:
+        """Join an epoch field of all pieces once after a piece came; each piece then keeps a view of it."""
         if name not in self._times:
             dtype = "datetime64[ns]" if name == "gpst" else np.float64
             whole = np.concatenate([np.empty(0, dtype), *(getattr(piece, name) for piece in self._pieces)])
@@ -204,16 +204,16 @@ class ObservationSpool:
         signals = self.signals
         whole = np.zeros((self._pieces[-1].stop if self._pieces else 0, len(signals)), np.bool_)
         for piece in self._pieces:
-            whole[piece.first : piece.stop, _columns(piece.signals, signals)] = piece.flag(name)
+            whole[piece.first : piece.stop, _find_columns(piece.signals, signals)] = piece.flag(name)
         return whole
 
 
-def _columns(own: Sequence[SignalId], signals: Sequence[SignalId]) -> NDArray[np.intp]:
+def _find_columns(own: Sequence[SignalId], signals: Sequence[SignalId]) -> NDArray[np.intp]:
     at = {signal: column for column, signal in enumerate(signals)}
     return np.array([at[signal] for signal in own], np.intp)
 
 
-def _nothing_of(receiver: str) -> Observations:
+def _make_empty(receiver: str) -> Observations:
     none = np.empty((0, 0))
     cells: dict[str, Any] = dict.fromkeys(OBSERVABLES, none)
     return Observations(

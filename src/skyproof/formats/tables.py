@@ -1,4 +1,4 @@
-"""Tables of columns, as CSV for people and Parquet for programs, and the columns of the table of fixes."""
+"""Write tables of columns, as CSV for people and Parquet for programs, and name the columns of fixes."""
 
 import contextlib
 import csv
@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Integers
 from skyproof.errors import OutputError
-from skyproof.formats.atomic_write import writing
+from skyproof.formats.atomic_write import write_whole
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import Fix, FixStatus, ReceiverFixes
 
-__all__ = ["FIXES_COLUMNS", "Column", "Words", "fixes_columns", "growing_tables", "own_fixes_columns"]
+__all__ = ["FIXES_COLUMNS", "Column", "Words", "build_fixes_columns", "build_own_fixes_columns", "open_growing_tables"]
 
 
 @dataclass(frozen=True, eq=False)
 class Words:
-    """A column of texts, few of which differ: `words` by `codes` (n,)."""
+    """A column of few different texts: `words` by `codes` (n,)."""
 
     codes: NDArray[Any]
     words: Sequence[str]
@@ -56,18 +56,19 @@ FIXES_COLUMNS: Final = (
 _CSV_ROWS: Final = 8192  # turned to text at once, so that memory does not grow with the table
 
 
-def _unknown(path: str | os.PathLike[str], ending: str) -> OutputError:
+def _refuse_ending(path: str | os.PathLike[str], ending: str) -> OutputError:
     return OutputError(f'{os.fspath(path)}: cannot write a table that ends in "{ending}"; use .csv or .parquet')
 
 
 @contextlib.contextmanager
-def growing_tables(
+def open_growing_tables(
     paths: Sequence[str | os.PathLike[str]], metadata: Mapping[str, str] | None = None
 ) -> Iterator[Callable[[Mapping[str, Column]], None]]:
-    """One table in files that end in .csv or .parquet, written block by block, so that memory does not grow with it.
+    """Write one table to .csv or .parquet files block by block, so that memory does not grow with it.
 
-    Gives a function that takes the next block of columns, each of shape (n_rows,): the same names and types each time,
-    and at least one block, which may be empty. The files appear when the block of code ends well, or not at all.
+    It yields a function that takes the next block of columns, each of shape (n_rows,): the same names and types each
+    time. At least one block is needed, which may be empty. The files appear when the block of code ends well, or not at
+    all.
 
     What is missing (NaN, NaT, None) is an empty field in CSV and null in Parquet. CSV is UTF-8 with a line of names,
     instants as ISO 8601 in nanoseconds without a zone, floats with the fewest digits that read back the same. Parquet
@@ -80,7 +81,7 @@ def growing_tables(
     ValueError : the columns are not of one length.
     """
     with contextlib.ExitStack() as stack:
-        takers = [_taker(stack, path, metadata or {}) for path in paths]
+        takers = [_open_taker(stack, path, metadata or {}) for path in paths]
 
         def take(columns: Mapping[str, Column]) -> None:
             shapes = {name: np.shape(c.codes if isinstance(c, Words) else c) for name, c in columns.items()}
@@ -92,18 +93,18 @@ def growing_tables(
         yield take
 
 
-def _taker(
+def _open_taker(
     stack: contextlib.ExitStack, path: str | os.PathLike[str], metadata: Mapping[str, str]
 ) -> Callable[[Mapping[str, Column]], None]:
     ending = Path(path).suffix.lower()
     if ending not in (".csv", ".parquet"):
-        raise _unknown(path, ending)
-    file = stack.enter_context(writing(path))
+        raise _refuse_ending(path, ending)
+    file = stack.enter_context(write_whole(path))
     writer: Any = None
 
     def take_parquet(columns: Mapping[str, Column]) -> None:
         nonlocal writer
-        table = pa.table({name: _arrow(column) for name, column in columns.items()})
+        table = pa.table({name: _convert_to_arrow(column) for name, column in columns.items()})
         if writer is None:
             writer = stack.enter_context(pq.ParquetWriter(file, table.schema.with_metadata(dict(metadata))))
         writer.write_table(table)
@@ -112,15 +113,15 @@ def _taker(
 
     def take_csv(columns: Mapping[str, Column]) -> None:
         nonlocal begun
-        for line in _csv_lines(columns, headed=not begun):
+        for line in _write_csv_lines(columns, headed=not begun):
             file.write(f"{line}\n".encode())
         begun = True
 
     return take_parquet if ending == ".parquet" else take_csv
 
 
-def fixes_columns(fixes: Iterable[tuple[str, Fix]]) -> dict[str, NDArray[Any]]:
-    """The table of fixes, `FIXES_COLUMNS`, of any number of (kind, Fix): one row per receiver, kind and epoch.
+def build_fixes_columns(fixes: Iterable[tuple[str, Fix]]) -> dict[str, NDArray[Any]]:
+    """Build the table of fixes, `FIXES_COLUMNS`, of (kind, Fix) pairs: a row per receiver, kind and epoch.
 
     `kind` is "trusted", "consistent", "inertial", "held", "false", "unprotected" or the name of a sky that may be the
     true one. `gpst` is the time that the signals of the fix give: the receiver's clock less the clock bias. An epoch
@@ -140,7 +141,7 @@ def fixes_columns(fixes: Iterable[tuple[str, Fix]]) -> dict[str, NDArray[Any]]:
     return {name: np.concatenate([empty[name], *(part[name] for part in parts)]) for name in FIXES_COLUMNS}
 
 
-def own_fixes_columns(receiver: str, fixes: ReceiverFixes, rows: Integers) -> dict[str, NDArray[Any]]:
+def build_own_fixes_columns(receiver: str, fixes: ReceiverFixes, rows: Integers) -> dict[str, NDArray[Any]]:
     """Return rows of the table of fixes that a receiver computed itself; `kind` is "receiver".
 
     Its accuracy to the east and the north is what it states horizontally over the root of two.
@@ -193,7 +194,7 @@ def _fix_columns(kind: str, fix: Fix) -> dict[str, NDArray[Any]]:
     return dict(zip(FIXES_COLUMNS, values, strict=True))
 
 
-def _arrow(column: Column) -> Any:
+def _convert_to_arrow(column: Column) -> Any:
     if isinstance(column, Words):
         return pa.array(list(column.words), pa.string()).take(pa.array(column.codes))
     column = np.asarray(column)
@@ -203,29 +204,29 @@ def _arrow(column: Column) -> Any:
     return values.cast(pa.string()) if pa.types.is_null(values.type) else values  # texts, none of them there
 
 
-def _csv_lines(columns: Mapping[str, Column], *, headed: bool) -> Iterator[str]:
+def _write_csv_lines(columns: Mapping[str, Column], *, headed: bool) -> Iterator[str]:
     arrays = [np.asarray(column) for column in columns.values()]
     if headed:
-        yield _csv_text([columns.keys()])
+        yield _write_csv_text([columns.keys()])
     for start in range(0, len(arrays[0]) if arrays else 0, _CSV_ROWS):
-        part = [_texts(a[start : start + _CSV_ROWS]) for a in arrays]
-        yield _csv_text(zip(*part, strict=True))
+        part = [_format_texts(a[start : start + _CSV_ROWS]) for a in arrays]
+        yield _write_csv_text(zip(*part, strict=True))
 
 
-def _csv_text(rows: Iterable[Iterable[str]]) -> str:
+def _write_csv_text(rows: Iterable[Iterable[str]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue().removesuffix("\n")
 
 
-def _texts(values: NDArray[Any]) -> list[str]:
+def _format_texts(values: NDArray[Any]) -> list[str]:
     if values.dtype.kind == "M":
         texts: list[str] = np.datetime_as_string(values.astype("datetime64[ns]")).tolist()
         return ["" if text == "NaT" else text for text in texts]
-    return [_text(value) for value in values.tolist()]
+    return [_format_text(value) for value in values.tolist()]
 
 
-def _text(value: object) -> str:
+def _format_text(value: object) -> str:
     if value is None or value != value:  # NaN alone differs from itself
         return ""
     return str(value).lower() if isinstance(value, bool) else repr(value) if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""Rows of numbers with a time each, from CSV or Parquet: what sensors and loggers write.
+"""Read rows of numbers with a time each, from CSV or Parquet, as sensors and loggers write them.
 
 The time stands in `gpst` (GPS time: ISO 8601 without a zone in CSV, a timestamp without a zone in Parquet) or in
 `time_s`, seconds from a start that the file does not state. Times rise. Other columns do no harm. An empty field, NaN
@@ -21,7 +21,7 @@ import pyarrow.parquet as pq
 from skyproof.arrays import Integers, Reals
 from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import SECONDS, SERIES_BYTES, SERIES_ROWS
-from skyproof.formats.byte_io import content_of, text_of
+from skyproof.formats.byte_io import read_content, read_text
 from skyproof.formats.documents import read_rows
 from skyproof.gnss.time import FIRST_YEAR, LAST_YEAR, parse_iso
 from skyproof.remarks import Remark, RemarkKind
@@ -37,10 +37,9 @@ _NAT: Final = np.iinfo(np.int64).min
 class TimedRows:
     """The rows of a file.
 
-    time_ns : (n,) rising, whole nanoseconds: of `datetime64[ns]` if `dated`, else since `time_s` = 0.
-    values : (n, k) one column for each name that was asked for; NaN where a number is missing.
-    where : of a row's number, the place of that row in the file: "imu.csv: line 7".
-    remarks : on what was left out.
+    time_ns : (n,) rising, whole nanoseconds: of `datetime64[ns]` if `dated`, else since `time_s` = 0. values : (n, k)
+    one column for each name that was asked for; NaN where a number is missing. where : of a row's number, the place of
+    that row in the file: "imu.csv: line 7". remarks : on rows left out.
     """
 
     source: str
@@ -52,7 +51,7 @@ class TimedRows:
 
 
 def read_timed_rows(path: str | os.PathLike[str], columns: Sequence[str], what: str) -> TimedRows:
-    """The named columns of a file that ends in .csv or .parquet, over its times.
+    """Read the named columns of a file that ends in .csv or .parquet, over its times.
 
     what : the file in words, for messages: "the inertial readings".
 
@@ -65,11 +64,11 @@ def read_timed_rows(path: str | os.PathLike[str], columns: Sequence[str], what: 
     source, ending = os.fspath(path), Path(path).suffix.lower()
     if ending not in (".csv", ".parquet"):
         raise InputError(f'{source}: {what} cannot be read from a file that ends in "{ending}"; give .csv or .parquet')
-    content_or_text = text_of if ending == ".csv" else content_of
+    content_or_text = read_text if ending == ".csv" else read_content
     content = content_or_text(Path(path), SERIES_BYTES, what, "give a table of rows over time")
     remarks: tuple[str, ...] = ()
     if ending == ".csv":
-        content, remarks = _whole_rows(content, columns)
+        content, remarks = _drop_cut_row(content, columns)
     read = _read_csv if ending == ".csv" else _read_parquet
     time, times, values, where = read(content, columns, source)
     if times.size == 0:
@@ -82,8 +81,8 @@ def read_timed_rows(path: str | os.PathLike[str], columns: Sequence[str], what: 
 _Read = tuple[str, Integers, Reals, Callable[[int], str]]
 
 
-def _columns_of(names: Sequence[str], columns: Sequence[str], where: str) -> str:
-    """The column of time. Raises InputError where a column is missing or appears twice."""
+def _find_time_column(names: Sequence[str], columns: Sequence[str], where: str) -> str:
+    """Find the column of time. Raises InputError where a column is missing or appears twice."""
     time = next((name for name in TIMES if name in names), None)
     lacking = ([" or ".join(TIMES)] if time is None else []) + [name for name in columns if name not in names]
     if time is None or lacking:
@@ -101,32 +100,32 @@ def _columns_of(names: Sequence[str], columns: Sequence[str], where: str) -> str
 
 
 def _read_csv(content: bytes, columns: Sequence[str], source: str) -> _Read:
-    """By PyArrow, which is fast; where that fails row by row, which says where."""
+    """Read CSV by PyArrow, which is fast; where that fails, row by row, to name the row."""
     head, _, rest = content.partition(b"\n")
-    names = _names(head, source)
-    time = _columns_of(names, columns, f"{source}: line 1")
+    names = _read_names(head, source)
+    time = _find_time_column(names, columns, f"{source}: line 1")
 
     def where(row: int) -> str:
-        rows = (line for line, fields in _rows(content, source) if fields)
+        rows = (line for line, fields in _iterate_rows(content, source) if fields)
         return f"{source}: line {next(line for number, line in enumerate(rows) if number == row)}"
 
     types = {name: pa.float64() for name in columns} | {time: pa.timestamp("ns") if time == "gpst" else pa.float64()}
     try:
         table = pa_csv.read_csv(
             pa.py_buffer(rest),
-            read_options=pa_csv.ReadOptions(column_names=_unlike(names)),
+            read_options=pa_csv.ReadOptions(column_names=_make_unlike(names)),
             convert_options=pa_csv.ConvertOptions(
                 column_types=types, include_columns=[time, *columns], strings_can_be_null=False
             ),
         )
     except pa.ArrowInvalid:
-        times, values = _row_by_row(content, names, time, columns, source)
+        times, values = _read_row_by_row(content, names, time, columns, source)
         return time, times, values, where
     _require_rows(table.num_rows, source)
-    return time, _nanoseconds(table.column(time), time, where), _numbers(table, columns, source), where
+    return time, _convert_to_ns(table.column(time), time, where), _convert_numbers(table, columns, source), where
 
 
-def _whole_rows(content: bytes, columns: Sequence[str]) -> tuple[bytes, tuple[str, ...]]:
+def _drop_cut_row(content: bytes, columns: Sequence[str]) -> tuple[bytes, tuple[str, ...]]:
     """Return the content without a last row that is cut, and a remark on that.
 
     A last row may lack its line end (RFC 4180, 2). It is cut if fields are missing, or the last one cannot be read.
@@ -134,7 +133,7 @@ def _whole_rows(content: bytes, columns: Sequence[str]) -> tuple[bytes, tuple[st
     kept, newline, last = content.rpartition(b"\n")
     if not newline or not last.strip():
         return content, ()
-    names, fields = _names(content.partition(b"\n")[0], ""), _names(last, "")
+    names, fields = _read_names(content.partition(b"\n")[0], ""), _read_names(last, "")
     by_name = dict(zip(names, fields, strict=False))
     numbers = [text for name, text in by_name.items() if name in columns or name == "time_s"]
     if len(fields) >= len(names) and fields[-1] and all(map(_is_number, numbers)):
@@ -152,51 +151,53 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _names(head: bytes, source: str) -> list[str]:
+def _read_names(head: bytes, source: str) -> list[str]:
     try:
         return [name.strip() for name in next(csv.reader([head.decode("utf-8", errors="replace")]), [])]
     except csv.Error as error:  # a field of more than 131072 characters
         raise InputError(f"{source}: line 1: {error}; begin with a line that names the columns") from error
 
 
-def _unlike(names: Sequence[str]) -> list[str]:
-    """Names with those that stand twice made different; only columns that nobody asked for do."""
+def _make_unlike(names: Sequence[str]) -> list[str]:
+    """Make repeated names different; only columns that were not asked for repeat."""
     return [name if name and name not in names[:k] else f"{k}: {name}" for k, name in enumerate(names)]
 
 
-def _rows(content: bytes, source: str) -> Iterator[tuple[int, list[str]]]:
-    """Each row after the first with its last line."""
+def _iterate_rows(content: bytes, source: str) -> Iterator[tuple[int, list[str]]]:
+    """Iterate over the rows after the first, each with its last line."""
     return islice(read_rows(content.decode("utf-8", errors="replace"), source), 1, None)
 
 
-def _row_by_row(
+def _read_row_by_row(
     content: bytes, names: Sequence[str], time: str, columns: Sequence[str], source: str
 ) -> tuple[Integers, Reals]:
     at, where_values = names.index(time), [names.index(name) for name in columns]
     times, values = list[int](), list[list[float]]()
-    for line, fields in _rows(content, source):
+    for line, fields in _iterate_rows(content, source):
         if not fields:
             continue
         where = f"{source}: line {line}"
         if len(fields) != len(names):
             raise InputError(f"{where}: {len(fields)} fields, expected {len(names)}; fix the line or leave it out")
         _require_rows(len(times), source)
-        times.append(_instant_ns(fields[at].strip(), time, where))
-        values.append([_number(fields[k].strip(), name, where) for k, name in zip(where_values, columns, strict=True)])
+        times.append(_parse_instant_ns(fields[at].strip(), time, where))
+        values.append(
+            [_parse_number(fields[k].strip(), name, where) for k, name in zip(where_values, columns, strict=True)]
+        )
     return np.array(times, np.int64), np.array(values, np.float64).reshape(len(times), len(columns))
 
 
-def _instant_ns(text: str, time: str, where: str) -> int:
+def _parse_instant_ns(text: str, time: str, where: str) -> int:
     if time == "gpst":
         try:
             return int(parse_iso(text).astype(np.int64))
         except ValueError as error:
             raise InputError(f"{where}, gpst: {error}; fix it or leave the line out") from error
-    time_s = _number(text, time, where)
+    time_s = _parse_number(text, time, where)
     return _NAT if np.isnan(time_s) or abs(time_s) > SECONDS else round(time_s * 1e9)
 
 
-def _number(text: str, column: str, where: str) -> float:
+def _parse_number(text: str, column: str, where: str) -> float:
     try:
         return float(text) if text else np.nan
     except ValueError:
@@ -212,7 +213,7 @@ def _read_parquet(content: bytes, columns: Sequence[str], source: str) -> _Read:
     try:
         file = pq.ParquetFile(pa.BufferReader(content))
         names = file.schema_arrow.names
-        time = _columns_of(names, columns, source)
+        time = _find_time_column(names, columns, source)
         _require_rows(file.metadata.num_rows, source)
         table = file.read(columns=[time, *columns])
     except (pa.ArrowException, OSError) as error:
@@ -228,13 +229,13 @@ def _read_parquet(content: bytes, columns: Sequence[str], source: str) -> _Read:
             f"{source}: the column gpst is of type {of_time.type}, expected a timestamp without a zone; store GPS time "
             "so, or give time_s"
         )
-    return time, _nanoseconds(of_time, time, where), _numbers(table, columns, source), where
+    return time, _convert_to_ns(of_time, time, where), _convert_numbers(table, columns, source), where
 
 
 # Both -----------------------------------------------------------------------------------------------------------------
 
 
-def _numbers(table: pa.Table, columns: Sequence[str], source: str) -> Reals:
+def _convert_numbers(table: pa.Table, columns: Sequence[str], source: str) -> Reals:
     values = np.empty((table.num_rows, len(columns)))
     for k, name in enumerate(columns):
         column = table.column(name)
@@ -244,8 +245,8 @@ def _numbers(table: pa.Table, columns: Sequence[str], source: str) -> Reals:
     return values
 
 
-def _nanoseconds(column: pa.ChunkedArray, time: str, where: Callable[[int], str]) -> Integers:
-    """Whole nanoseconds; `_NAT` where there is no time."""
+def _convert_to_ns(column: pa.ChunkedArray, time: str, where: Callable[[int], str]) -> Integers:
+    """Convert times to whole nanoseconds; `_NAT` where there is none."""
     if time == "gpst":
         try:
             instants = column.cast(pa.timestamp("ns")).to_numpy().astype("datetime64[ns]")

@@ -1,4 +1,4 @@
-"""Where something was: points over time from CSV, NMEA 0183 or KML.
+"""Read points over time from CSV, NMEA 0183 or KML.
 
     CSV   a line of names, then rows. Time: `t_s` (seconds) or `gpst` (ISO 8601 without a zone). Place: `lat_deg`,
           `lon_deg`, `height_m` above the ellipsoid, or `x_ecef_m`, `y_ecef_m`, `z_ecef_m`. Attitude, if there is one:
@@ -24,9 +24,9 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.errors import InputError, shortened
 from skyproof.formats.bounds import CHARACTERS_OF_LINE, SECONDS, TRACK_BYTES, XML_TAGS
-from skyproof.formats.byte_io import text_of
+from skyproof.formats.byte_io import read_text
 from skyproof.formats.documents import read_rows
-from skyproof.formats.nmea_read import FARTHEST_M, fields_of, read_sentence
+from skyproof.formats.nmea_read import FARTHEST_M, read_sentence, split_fields
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.time import gpst_from_utc, parse_iso, require_year
 from skyproof.records import freeze
@@ -69,7 +69,7 @@ class RecordedTrack:
 def read_track(
     path: str | os.PathLike[str], *, name: str | None = None, geoid_separation_m: float | None = None
 ) -> RecordedTrack:
-    """The points in a file that ends in .csv, .nmea, .txt (NMEA too) or .kml.
+    """Read the points in a file that ends in .csv, .nmea, .txt (NMEA too) or .kml.
 
     Parameters
     ----------
@@ -78,14 +78,14 @@ def read_track(
 
     Raises
     ------
-    InputError : the file cannot be read, its ending is another one, it holds no points, their times do not rise, or
-        there are several tracks and `name` says not which.
+    InputError : the file cannot be read, or has another ending; it holds no points, or their times do not rise; or it
+    holds several tracks and `name` does not choose one.
     """
     source = os.fspath(path)
     ending = Path(path).suffix.lower()
     if ending not in (".csv", ".nmea", ".txt", ".kml"):
         raise InputError(f'{source}: cannot read a track from a file that ends in "{ending}"; give .csv, .nmea or .kml')
-    content = text_of(Path(path), TRACK_BYTES, "the track", "give a file of points")
+    content = read_text(Path(path), TRACK_BYTES, "the track", "give a file of points")
     text = content.decode("utf-8", errors="replace")
     if ending == ".kml":
         return parse_kml(text, source=source, name=name, geoid_separation_m=geoid_separation_m)
@@ -98,7 +98,10 @@ def read_track(
 
 
 def parse_csv(text: str, *, source: str = "CSV") -> RecordedTrack:
-    """The points of a table, see above. Rows without a place are left out. Raises InputError as `read_track` does."""
+    """Parse the points of a table, see above.
+
+    Rows without a place are left out. Raises InputError as `read_track` does.
+    """
     rows = read_rows(text, source)
     names = [name.strip() for name in next(rows, (1, list[str]()))[1]]
     time = next((name for name in ("t_s", "gpst") if name in names), None)
@@ -127,8 +130,10 @@ def parse_csv(text: str, *, source: str = "CSV") -> RecordedTrack:
         if not all(fields[:3]):
             left_out += 1
             continue
-        instants.append(_instant_ns(when, time, where))
-        numbers.append([_number(field, name, where) for field, name in zip(fields, (*place, *angles), strict=True)])
+        instants.append(_parse_instant_ns(when, time, where))
+        numbers.append(
+            [_parse_number(field, name, where) for field, name in zip(fields, (*place, *angles), strict=True)]
+        )
         lines.append(number)
     if not numbers:
         raise InputError(f"{source}: no row has a place; give a file with points")
@@ -136,17 +141,19 @@ def parse_csv(text: str, *, source: str = "CSV") -> RecordedTrack:
     remarks = (f"{left_out} rows without a place are left out",) if left_out else ()
     return RecordedTrack(
         source=source,
-        position_ecef_m=_within(table[:, :3], source, lines) if place is _ECEF else _ecef(table[:, :3], source, lines),
-        t_s=_rising_s(instants, source, lines),
+        position_ecef_m=_check_near_earth(table[:, :3], source, lines)
+        if place is _ECEF
+        else _convert_to_ecef(table[:, :3], source, lines),
+        t_s=_count_rising_s(instants, source, lines),
         start_gpst=np.datetime64(instants[0], "ns") if time == "gpst" else None,
         attitude_rad=np.radians(table[:, 3:]) if angles else None,
         remarks=remarks,
     )
 
 
-def _instant_ns(text: str, column: str, where: str) -> int:
+def _parse_instant_ns(text: str, column: str, where: str) -> int:
     if column == "t_s":
-        t_s = _number(text, column, where)
+        t_s = _parse_number(text, column, where)
         if abs(t_s) > SECONDS:
             raise InputError(f"{where}, t_s: {t_s:g} s, expected at most {SECONDS:g}; count from the first point")
         return round(t_s * 1e9)
@@ -156,7 +163,7 @@ def _instant_ns(text: str, column: str, where: str) -> int:
         raise InputError(f"{where}, gpst: {error}") from error
 
 
-def _number(text: str, column: str, where: str) -> float:
+def _parse_number(text: str, column: str, where: str) -> float:
     try:
         value = float(text)
     except ValueError:
@@ -185,7 +192,9 @@ class _Epoch:
 
 
 def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m: float | None = None) -> RecordedTrack:
-    """The fixes of GGA and RMC sentences; those of one time of day make one point. Raises InputError as `read_track`.
+    """Parse the fixes of GGA and RMC sentences; those of one time of day make one point.
+
+    Raises InputError as `read_track` does.
 
     The height is GGA's altitude plus its separation (or `geoid_separation_m`), or what a TXT sentence says as "HAE=".
     """
@@ -196,7 +205,7 @@ def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m
         if start < 0:
             continue
         try:
-            fields = fields_of(line[start:])
+            fields = split_fields(line[start:])
             if fields is None or len(line) > CHARACTERS_OF_LINE:
                 raise ValueError("checksum, or length")
             _take(fields, epochs, number)
@@ -212,22 +221,22 @@ def parse_nmea(lines: Iterable[str], *, source: str = "NMEA", geoid_separation_m
         remarks.append(f"{damaged} damaged sentences are left out")
     if len(good) < len(epochs):
         remarks.append(f"{len(epochs) - len(good)} epochs without a position are left out")
-    instants, dated = _dated_ns(epochs)
+    instants, dated = _date_epochs(epochs)
     columns = np.array([(e.lat_deg, e.lon_deg, e.altitude_m, e.separation_m, e.height_m) for e in good])
-    heights_m, of_heights = _heights_m(columns[:, 2], columns[:, 3], columns[:, 4], geoid_separation_m)
+    heights_m, of_heights = _compute_heights_m(columns[:, 2], columns[:, 3], columns[:, 4], geoid_separation_m)
     kept = [instants[id(epoch)] for epoch in good]
     at_lines = [epoch.line for epoch in good]
     return RecordedTrack(
         source=source,
-        position_ecef_m=_ecef(np.column_stack([columns[:, :2], heights_m]), source, at_lines),
-        t_s=_rising_s(kept, source, at_lines),
+        position_ecef_m=_convert_to_ecef(np.column_stack([columns[:, :2], heights_m]), source, at_lines),
+        t_s=_count_rising_s(kept, source, at_lines),
         start_gpst=np.datetime64(kept[0], "ns") if dated else None,
         remarks=(*remarks, *of_heights),
     )
 
 
 def _take(fields: Sequence[str], epochs: list[_Epoch], line: int) -> None:
-    """Put what a sentence states into its epoch. Raises ValueError or IndexError if it is damaged."""
+    """Take what a sentence states into its epoch. Raises ValueError or IndexError if it is damaged."""
     if fields[0][2:] == "TXT" and epochs and (found := _HEIGHT.search(fields[-1])):
         epochs[-1].height_m = float(found[1])
     sentence = read_sentence(fields) if fields[0][2:] in ("GGA", "RMC") else None
@@ -246,8 +255,10 @@ def _take(fields: Sequence[str], epochs: list[_Epoch], line: int) -> None:
             epoch.lat_deg, epoch.lon_deg = sentence.lat_deg, sentence.lon_deg
 
 
-def _dated_ns(epochs: Sequence[_Epoch]) -> tuple[dict[int, int], bool]:
-    """Each epoch's instant in GPS time, by its id, and whether a date is given: without one, days count from 0.
+def _date_epochs(epochs: Sequence[_Epoch]) -> tuple[dict[int, int], bool]:
+    """Compute each epoch's GPS time, by its id, and whether a date is known.
+
+    Without one, days count from 0.
 
     Midnight lies where the time of day falls by more than half a day.
     """
@@ -262,10 +273,10 @@ def _dated_ns(epochs: Sequence[_Epoch]) -> tuple[dict[int, int], bool]:
     return {id(epoch): int(t) + epoch.leap_ns for epoch, t in zip(epochs, utc_ns, strict=True)}, bool(dates)
 
 
-def _heights_m(
+def _compute_heights_m(
     altitude_m: Reals, separation_m: Reals, height_m: Reals, geoid_separation_m: float | None
 ) -> tuple[Reals, list[str]]:
-    """Heights above the ellipsoid (n,), and what was assumed."""
+    """Compute heights above the ellipsoid (n,), and report assumptions."""
     remarks = []
     if geoid_separation_m is not None:
         separation_m = np.where(np.isnan(separation_m), geoid_separation_m, separation_m)
@@ -299,7 +310,9 @@ class _Points:
 def parse_kml(
     text: str, *, source: str = "KML", name: str | None = None, geoid_separation_m: float | None = None
 ) -> RecordedTrack:
-    """The points of the one placemark that has some, or of the one called `name`. Raises InputError as `read_track`.
+    """Parse the points of the one placemark that has some, or of the one called `name`.
+
+    Raises InputError as `read_track` does.
 
     Absolute heights count from the geoid; others are taken as they stand, for heights above the ellipsoid.
     """
@@ -311,7 +324,9 @@ def parse_kml(
         raise InputError(f"{source}: not KML: {error}; give a .kml file (unpack a .kmz)") from error
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2] if isinstance(element.tag, str) else ""
-    marks = [(mark.findtext("name", "").strip(), points) for mark in root.iter("Placemark") for points in _points(mark)]
+    marks = [
+        (mark.findtext("name", "").strip(), points) for mark in root.iter("Placemark") for points in _find_points(mark)
+    ]
     names = ", ".join(f'"{title}"' for title, _ in marks)
     chosen = [points for title, points in marks if name is None or title == name]
     if not chosen:
@@ -319,11 +334,11 @@ def parse_kml(
         raise InputError(f"{source}: no {wanted} with points, but {names or 'none at all'}; give one that is there")
     if len(chosen) > 1:
         raise InputError(f"{source}: holds {len(chosen)} tracks ({names}), expected one; say which by its name")
-    return _kml_track(chosen[0], source, geoid_separation_m)
+    return _make_kml_track(chosen[0], source, geoid_separation_m)
 
 
-def _points(mark: ElementTree.Element) -> Iterator[_Points]:
-    """The tracks of a placemark, those of a gx:MultiTrack as one; without any, its lines."""
+def _find_points(mark: ElementTree.Element) -> Iterator[_Points]:
+    """Find the tracks of a placemark, those of a gx:MultiTrack as one; without any, its lines."""
     tracks = [
         _Points(
             times=[(element.text or "").strip() for element in track.findall("when")],
@@ -347,7 +362,7 @@ def _points(mark: ElementTree.Element) -> Iterator[_Points]:
             yield _Points([], words, [], line.findtext("altitudeMode", "clampToGround").strip())
 
 
-def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -> RecordedTrack:
+def _make_kml_track(points: _Points, source: str, geoid_separation_m: float | None) -> RecordedTrack:
     timed = bool(points.times)
     if timed and len(points.times) != len(points.coordinates):
         raise InputError(
@@ -364,7 +379,10 @@ def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -
         raise InputError(f"{source}: the track has no points; give a file with points")
     places = np.array(
         [
-            [_number(word, "coordinates", f"{source}: point {k + 1}") for word in (*points.coordinates[k], "0")[:3]]
+            [
+                _parse_number(word, "coordinates", f"{source}: point {k + 1}")
+                for word in (*points.coordinates[k], "0")[:3]
+            ]
             for k in kept
         ]
     )
@@ -378,9 +396,9 @@ def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -
     elif points.mode.startswith("relative"):
         remarks.append("heights are those above the ground, taken as if above the ellipsoid")
     numbers = [k + 1 for k in kept]
-    instants = [_when_ns(points.times[k], f"{source}: point {k + 1}") for k in kept] if timed else []
+    instants = [_parse_when_ns(points.times[k], f"{source}: point {k + 1}") for k in kept] if timed else []
     angles = [
-        [_number(word, "gx:angles", f"{source}: point {k + 1}") for word in points.angles[k]]
+        [_parse_number(word, "gx:angles", f"{source}: point {k + 1}") for word in points.angles[k]]
         for k in kept
         if points.angles
     ]
@@ -388,15 +406,15 @@ def _kml_track(points: _Points, source: str, geoid_separation_m: float | None) -
         raise InputError(f"{source}: gx:angles with other than 3 numbers; give heading, tilt and roll")
     return RecordedTrack(
         source=source,
-        position_ecef_m=_ecef(places[:, [1, 0, 2]], source, numbers, "point"),
-        t_s=_rising_s(instants, source, numbers, "point") if timed else None,
+        position_ecef_m=_convert_to_ecef(places[:, [1, 0, 2]], source, numbers, "point"),
+        t_s=_count_rising_s(instants, source, numbers, "point") if timed else None,
         start_gpst=np.datetime64(instants[0], "ns") if timed else None,
         attitude_rad=np.radians(np.array(angles)) if angles else None,
         remarks=tuple(remarks),
     )
 
 
-def _when_ns(text: str, where: str) -> int:
+def _parse_when_ns(text: str, where: str) -> int:
     try:
         utc = datetime.fromisoformat(text)
         utc = utc.astimezone(UTC).replace(tzinfo=None) if utc.tzinfo is not None else utc
@@ -411,8 +429,8 @@ def _when_ns(text: str, where: str) -> int:
 # --- all of them
 
 
-def _ecef(places: Reals, source: str, lines: Sequence[int], word: str = "line") -> Reals:
-    """(n, 3) latitude and longitude in degrees and height to ECEF."""
+def _convert_to_ecef(places: Reals, source: str, lines: Sequence[int], word: str = "line") -> Reals:
+    """Convert (n, 3) latitude and longitude in degrees and height to ECEF."""
     beyond = np.abs(places) > (90.0, 360.0, FARTHEST_M)
     for row in np.flatnonzero(beyond.any(axis=1)).tolist():
         lat_deg, lon_deg, height_m = places[row]
@@ -423,8 +441,8 @@ def _ecef(places: Reals, source: str, lines: Sequence[int], word: str = "line") 
     return ecef_from_geodetic(np.radians(places[:, 0]), np.radians(places[:, 1]), places[:, 2])
 
 
-def _within(position_ecef_m: Reals, source: str, lines: Sequence[int]) -> Reals:
-    """(n, 3) ECEF as they are. Raises InputError for what is not near the Earth."""
+def _check_near_earth(position_ecef_m: Reals, source: str, lines: Sequence[int]) -> Reals:
+    """Check that ECEF positions (n, 3) are near the Earth. Raises InputError otherwise."""
     for row in np.flatnonzero((np.abs(position_ecef_m) > FARTHEST_M).any(axis=1)).tolist():
         raise InputError(
             f"{source}: line {lines[row]}: a coordinate of {np.abs(position_ecef_m[row]).max():g} m, expected ECEF in "
@@ -433,8 +451,8 @@ def _within(position_ecef_m: Reals, source: str, lines: Sequence[int]) -> Reals:
     return position_ecef_m
 
 
-def _rising_s(instants: Sequence[int], source: str, lines: Sequence[int], word: str = "line") -> Reals:
-    """Seconds since the first of whole nanoseconds. Raises InputError if they do not rise."""
+def _count_rising_s(instants: Sequence[int], source: str, lines: Sequence[int], word: str = "line") -> Reals:
+    """Convert whole nanoseconds to seconds since the first. Raises InputError if they do not rise."""
     ns = np.array(instants, np.int64)
     for row in np.flatnonzero(np.diff(ns) <= 0).tolist():
         raise InputError(

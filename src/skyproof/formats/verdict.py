@@ -1,7 +1,7 @@
 """`verdict.json`: the verdict as one UTF-8 document, and its published JSON Schema.
 
-The schema is the file `verdict.schema.json` beside this module (JSON Schema 2020-12); `verdict_schema` makes it from
-the models, and a test holds the two together.
+The schema is the file `verdict.schema.json` beside this module (JSON Schema 2020-12); `make_verdict_schema` makes it
+from the models, and a test holds the two together.
 """
 
 import json
@@ -12,18 +12,18 @@ from typing import Any
 from pydantic import ValidationError
 
 from skyproof.errors import InputError, fault_words
-from skyproof.formats.atomic_write import writing
-from skyproof.formats.bounds import METADATA_BYTES, first_few
-from skyproof.formats.byte_io import text_of
+from skyproof.formats.atomic_write import write_whole
+from skyproof.formats.bounds import METADATA_BYTES, describe_first
+from skyproof.formats.byte_io import read_text
 from skyproof.verdict import VERDICT_FORMAT, Verdict
 
-__all__ = ["SCHEMA_PATH", "read_verdict", "verdict_json", "verdict_schema", "write_verdict"]
+__all__ = ["SCHEMA_PATH", "make_verdict_schema", "read_verdict", "write_verdict", "write_verdict_json"]
 
 SCHEMA_PATH = Path(__file__).with_name("verdict.schema.json")
 
 
-def verdict_json(verdict: Verdict) -> str:
-    """The document: keys in the order of the models, numbers unrounded, null for what is absent."""
+def write_verdict_json(verdict: Verdict) -> str:
+    """Write the document: keys in the order of the models, numbers unrounded, null for what is absent."""
     return json.dumps(verdict.model_dump(mode="json"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -34,8 +34,8 @@ def write_verdict(path: str | os.PathLike[str], verdict: Verdict) -> None:
     ------
     OutputError : the file cannot be written.
     """
-    with writing(path) as file:
-        file.write(verdict_json(verdict).encode())
+    with write_whole(path) as file:
+        file.write(write_verdict_json(verdict).encode())
 
 
 def read_verdict(path: str | os.PathLike[str]) -> Verdict:
@@ -46,14 +46,14 @@ def read_verdict(path: str | os.PathLike[str]) -> Verdict:
     InputError : the file cannot be read, is not JSON or is not a verdict; the message lists what is wrong and where.
     """
     name = os.fspath(path)
-    text = text_of(Path(path), METADATA_BYTES, "the verdict", "give the path of a verdict.json")
+    text = read_text(Path(path), METADATA_BYTES, "the verdict", "give the path of a verdict.json")
     try:
         return Verdict.model_validate_json(text, strict=True)
     except ValidationError as error:
-        faults = first_few(error.errors(include_url=False), lambda fault: fault_words(_place(fault["loc"]), fault))
+        faults = describe_first(error.errors(include_url=False), lambda fault: fault_words(_place(fault["loc"]), fault))
         raise InputError(
             f"{name} is not a {VERDICT_FORMAT} document: {'; '.join(faults)}. "
-            "Let skyproof write it anew, or compare it with the published schema, verdict.schema.json"
+            "Let skyproof write it again, or compare it with the published schema, verdict.schema.json"
         ) from error
 
 
@@ -64,6 +64,6 @@ def _place(location: tuple[int | str, ...]) -> str:
     return path
 
 
-def verdict_schema() -> dict[str, Any]:
-    """The JSON Schema of the document: every key required, none beside them."""
+def make_verdict_schema() -> dict[str, Any]:
+    """Return the JSON Schema of the document: every key required, none beside them."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Verdict.model_json_schema()}

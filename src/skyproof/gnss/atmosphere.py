@@ -7,13 +7,15 @@ from skyproof.arrays import Reals
 from skyproof.gnss.constants import SECONDS_PER_DAY
 from skyproof.gnss.ephemeris import Klobuchar
 
-__all__ = ["klobuchar_delay_s", "saastamoinen_zenith_m", "troposphere_delay_m"]
+__all__ = ["compute_klobuchar_s", "compute_saastamoinen_m", "compute_troposphere_m"]
 
 
-def klobuchar_delay_s(
+def compute_klobuchar_s(
     klobuchar: Klobuchar, lat_rad: ArrayLike, lon_rad: ArrayLike, az_rad: ArrayLike, el_rad: ArrayLike, tow_s: ArrayLike
 ) -> Reals:
-    """Delay of the L1 code by the ionosphere in seconds (IS-GPS-200N, 20.3.3.5.2.5); the carrier is early by as much.
+    """Compute the delay of the L1 code by the ionosphere in seconds (IS-GPS-200N, 20.3.3.5.2.5).
+
+    The carrier is early by as much.
 
     Parameters
     ----------
@@ -36,8 +38,8 @@ def klobuchar_delay_s(
     return np.asarray(obliquity * (5e-9 + day))
 
 
-def saastamoinen_zenith_m(lat_rad: ArrayLike, height_m: ArrayLike, humidity: float = 0.6) -> Reals:
-    """Zenith delay of the troposphere in metres, hydrostatic and wet, in the standard atmosphere.
+def compute_saastamoinen_m(lat_rad: ArrayLike, height_m: ArrayLike, humidity: float = 0.6) -> Reals:
+    """Compute the zenith delay of the troposphere, hydrostatic and wet, in the standard atmosphere, metres.
 
     Saastamoinen, "Atmospheric correction for the troposphere and stratosphere in radio ranging of satellites", Geophys.
     Monogr. 15, 1972; ICAO standard atmosphere with 1013.25 hPa and 15 C at sea level. Heights are held to
@@ -51,7 +53,10 @@ def saastamoinen_zenith_m(lat_rad: ArrayLike, height_m: ArrayLike, humidity: flo
     return np.asarray(0.0022768 * pressure_hpa / gravity + 0.002277 * (1255.0 / temperature_k + 0.05) * vapour_hpa)
 
 
-def troposphere_delay_m(lat_rad: ArrayLike, height_m: ArrayLike, el_rad: ArrayLike, humidity: float = 0.6) -> Reals:
-    """Delay towards elevation `el_rad` in metres: zenith delay mapped by RTCA DO-229, A.4.2.4, good above 4 degrees."""
+def compute_troposphere_m(lat_rad: ArrayLike, height_m: ArrayLike, el_rad: ArrayLike, humidity: float = 0.6) -> Reals:
+    """Compute the delay towards elevation `el_rad` in metres.
+
+    The zenith delay is mapped by RTCA DO-229, A.4.2.4, good above 4 degrees.
+    """
     mapping = 1.001 / np.sqrt(0.002001 + np.sin(np.asarray(el_rad, np.float64)) ** 2)
-    return np.asarray(saastamoinen_zenith_m(lat_rad, height_m, humidity) * mapping)
+    return np.asarray(compute_saastamoinen_m(lat_rad, height_m, humidity) * mapping)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from skyproof.gnss.constants import CA_CODE_LENGTH
 
-__all__ = ["UNUSED_DELAYS_CHIPS", "UNUSED_PRNS", "ca_code", "gold_code"]
+__all__ = ["UNUSED_DELAYS_CHIPS", "UNUSED_PRNS", "generate_ca_code", "generate_gold_code"]
 
 _G1_TAPS: Final = (3, 10)  # 1 + X^3 + X^10
 _G2_TAPS: Final = (2, 3, 6, 8, 9, 10)  # 1 + X^2 + X^3 + X^6 + X^8 + X^9 + X^10
@@ -30,32 +30,37 @@ UNUSED_PRNS: Final = (33, 34, 35, 36)
 """PRNs of table 3-Ia that no satellite sends (reserved for other uses; 37 repeats 34): for calibrating a search."""
 
 UNUSED_DELAYS_CHIPS: Final = tuple(sorted(set(range(CA_CODE_LENGTH)) - set(_G2_DELAYS_CHIPS)))
-"""G2 delays of Gold codes that no listed transmitter sends: more codes for calibrating, through `gold_code`."""
+"""G2 delays of Gold codes that no listed transmitter sends: more codes for calibrating, by `generate_gold_code`."""
 
 
 @cache
-def ca_code(prn: int) -> NDArray[np.int8]:
-    """One period of the C/A code of `prn` (1 to 210; 1 to 32 are GPS): shape (1023,), +1 for chip 0, -1 for chip 1.
+def generate_ca_code(prn: int) -> NDArray[np.int8]:
+    """Generate one period of the C/A code of `prn`: shape (1023,), +1 for chip 0, -1 for chip 1.
+
+    PRN 1 to 210 have a code; 1 to 32 are GPS.
 
     Computed once and read-only. Raises ValueError for a PRN without a code.
     """
     if not 1 <= prn <= len(_G2_DELAYS_CHIPS):
         raise ValueError(f"PRN {prn} has no C/A code; expected 1 to {len(_G2_DELAYS_CHIPS)}")
-    return gold_code(_G2_DELAYS_CHIPS[prn - 1])
+    return generate_gold_code(_G2_DELAYS_CHIPS[prn - 1])
 
 
 @cache
-def gold_code(delay_chips: int) -> NDArray[np.int8]:
-    """The Gold code G1 xor G2 delayed by `delay_chips`: shape (1023,), +1 for chip 0, -1 for chip 1, read-only."""
-    chips = _register(_G1_TAPS) ^ np.roll(_register(_G2_TAPS), delay_chips)
+def generate_gold_code(delay_chips: int) -> NDArray[np.int8]:
+    """Generate the Gold code G1 xor G2 delayed by `delay_chips`.
+
+    Shape (1023,), +1 for chip 0, -1 for chip 1, read-only.
+    """
+    chips = _run_register(_G1_TAPS) ^ np.roll(_run_register(_G2_TAPS), delay_chips)
     code = (1 - 2 * chips).astype(np.int8)
     code.flags.writeable = False
     return code
 
 
 @cache
-def _register(taps: tuple[int, ...]) -> NDArray[np.int8]:
-    """One period of a 10-stage shift register, all ones at the start, fed back from `taps`, output at stage 10."""
+def _run_register(taps: tuple[int, ...]) -> NDArray[np.int8]:
+    """Run a 10-stage shift register for one period: all ones at the start, feedback `taps`, output stage 10."""
     stages = [1] * 10
     chips = np.empty(CA_CODE_LENGTH, dtype=np.int8)
     for k in range(CA_CODE_LENGTH):

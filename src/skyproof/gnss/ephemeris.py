@@ -60,7 +60,7 @@ class Ephemeris:
     ura_index : index of the accuracy in metres on GPS's scale, whatever the system.
     a_dot, delta_n_dot : m/s and rad/s^2, by which axis and mean motion change; of CNAV and B-CNAV.
     delays_s : of these, band, codes and group delay of each signal, which they state one by one.
-    message : which one it is of: LNAV, CNAV, INAV, FNAV, D1, D2, BCNAV1, BCNAV2. Clocks of INAV and FNAV differ by
+    message : that carries it: LNAV, CNAV, INAV, FNAV, D1, D2, BCNAV1, BCNAV2. Clocks of INAV and FNAV differ by
         their pair of signals.
     """
 
@@ -104,12 +104,12 @@ class Ephemeris:
 
     @property
     def reference_gpst(self) -> np.datetime64:
-        """The time of ephemeris as a GPS instant."""
+        """Return the time of ephemeris as a GPS instant."""
         return instant(self.week, self.toe + ahead_of_system_s(self.sat))
 
     @property
     def healthy(self) -> bool:
-        """Whether its message calls the first band's signal good.
+        """Return whether its message calls the first band's signal good.
 
         The last bit of QZSS is about L1C/B, which no receiver of L1 C/A tracks (IS-QZSS-PNT-005, 5.4.1).
         """
@@ -117,7 +117,7 @@ class Ephemeris:
 
     @cached_property
     def orbit_row(self) -> Reals:
-        """(N_ORBIT,) clock and orbit as kernels take them."""
+        """Return clock and orbit (N_ORBIT,) as kernels take them."""
         row = np.empty(k.N_ORBIT)
         row[k.KIND] = k.GEOSTATIONARY if self.sat in GEOSTATIONARY else k.KEPLER
         row[k.WEEK : k.AF2 + 1] = (
@@ -173,17 +173,17 @@ class GlonassEphemeris:
 
     @property
     def reference_gpst(self) -> np.datetime64:
-        """The time of ephemeris as a GPS instant."""
+        """Return the time of ephemeris as a GPS instant."""
         return instant(self.week, self.toe)
 
     @property
     def healthy(self) -> bool:
-        """Whether its message calls it good."""
+        """Return whether its message calls it good."""
         return self.health == 0
 
     @cached_property
     def orbit_row(self) -> Reals:
-        """(N_ORBIT,) clock and state as kernels take them."""
+        """Return clock and state (N_ORBIT,) as kernels take them."""
         row = np.zeros(k.N_ORBIT)
         row[k.KIND] = k.GLONASS
         row[k.WEEK : k.AF2 + 1] = self.week, self.toe, 0.0, self.week, self.toe, -self.tau_n, self.gamma_n, 0.0
@@ -197,18 +197,23 @@ BroadcastEphemeris = Ephemeris | GlonassEphemeris
 
 
 def ahead_of_system_s(sat: str) -> float:
-    """GPS time minus the time of the satellite's system, in whole seconds, GLONASS's leap seconds taken as added."""
+    """Return GPS time minus the time of the satellite's system, in whole seconds.
+
+    GLONASS's leap seconds count as added.
+    """
     return BDT_BEHIND_GPST_S if sat.startswith("C") else 0.0
 
 
 def group_delay_s(ephemeris: BroadcastEphemeris, band: str, code: str) -> float:
-    """What the user of this signal alone takes off the satellite's clock, in seconds; NaN where the message gives none.
+    """Return the group delay that a user of one signal subtracts from the satellite's clock, in seconds.
+
+    NaN where the message gives none.
 
     GPS and QZSS: TGD on L1, gamma times that on L2 (IS-GPS-200N, 20.3.3.3.3.2). Galileo: the clock is that of the pair
     E1, E5b in I/NAV and E1, E5a in F/NAV, and the delay between the same two counts (OS SIS ICD 2.1, 5.1.5). BeiDou:
-    the clock is that of B3I, TGD1 counts on B1I and TGD2 on B2I (BDS-SIS-ICD-B1I-3.0, 5.2.4.10); D1 says nothing of
-    B1C, which takes TGD1 for its nearest relative on almost the same carrier. CNAV and B-CNAV state it by signal
-    (IS-GPS-200N, 30.3.3.3.1.1.1; BDS-SIS-ICD-B1C-1.0, 7.6). GLONASS: the clock is that of G1.
+    the clock is that of B3I, TGD1 counts on B1I and TGD2 on B2I (BDS-SIS-ICD-B1I-3.0, 5.2.4.10); D1 has no delay of
+    B1C, which takes TGD1, of almost the same carrier. CNAV and B-CNAV state it by signal (IS-GPS-200N, 30.3.3.3.1.1.1;
+    BDS-SIS-ICD-B1C-1.0, 7.6). GLONASS: the clock is that of G1.
     """
     if isinstance(ephemeris, GlonassEphemeris):
         return {"G1": 0.0, "G2": ephemeris.delta_tau_n}.get(band, np.nan)
@@ -282,42 +287,42 @@ class NavigationData(ShortRepr):
 
     @cached_property
     def orbit_rows(self) -> Reals:
-        """(n, N_ORBIT) all ephemerides as kernels take them."""
+        """Return all ephemerides (n, N_ORBIT) as kernels take them."""
         return np.array([e.orbit_row for e in self.ephemerides]).reshape(-1, k.N_ORBIT)
 
     @cached_property
     def reference_ns(self) -> Integers:
-        """(n,) the times of all ephemerides, in nanoseconds since 1970."""
+        """Return the times of all ephemerides (n,), in nanoseconds since 1970."""
         return np.array([e.reference_gpst for e in self.ephemerides], "M8[ns]").astype(np.int64)
 
     @cached_property
     def healthy_rows(self) -> Mapping[str, Indices]:
-        """By satellite: which of the ephemerides are its healthy ones."""
+        """Group the rows of healthy ephemerides by satellite."""
         rows: dict[str, list[int]] = {}
         for row, ephemeris in enumerate(self.ephemerides):
             if ephemeris.healthy:
                 rows.setdefault(ephemeris.sat, []).append(row)
-        return {sat: np.array(own, np.intp) for sat, own in rows.items()}
+        return {sat: np.array(numbers, np.intp) for sat, numbers in rows.items()}
 
     @cached_property
-    def _serving(self) -> dict[tuple[str, str, str], tuple[Indices, Reals]]:
+    def _found_serving(self) -> dict[tuple[str, str, str], tuple[Indices, Reals]]:
         return {}
 
-    def serving(self, sat: str, band: str, code: str) -> tuple[Indices, Reals]:
-        """Which of the ephemerides may serve a signal, all healthy ones of its satellite, and its group delay by each.
+    def find_serving(self, sat: str, band: str, code: str) -> tuple[Indices, Reals]:
+        """Find the ephemerides that serve a signal, all healthy ones of its satellite; with its group delays.
 
         Returns
         -------
         (k,) rows of `ephemerides` and (k,) seconds, NaN where the message does not give the delay.
         """
-        if (found := self._serving.get((sat, band, code))) is None:
+        if (found := self._found_serving.get((sat, band, code))) is None:
             rows = self.healthy_rows.get(sat, np.zeros(0, np.intp))
             delays_s = np.array([group_delay_s(self.ephemerides[row], band, code) for row in rows], float)
-            found = self._serving[sat, band, code] = rows, delays_s
+            found = self._found_serving[sat, band, code] = rows, delays_s
         return found
 
     def best(self, sat: str, gpst: np.datetime64, *, max_age_s: float | None = None) -> BroadcastEphemeris | None:
-        """The healthy ephemeris of `sat` nearest in time to `gpst`; None if none is within `max_age_s`.
+        """Find the healthy ephemeris of `sat` nearest in time to `gpst`; None if none is within `max_age_s`.
 
         Without `max_age_s` it is that of the system, `MAX_AGE_S`.
         """

@@ -18,8 +18,8 @@ class ImuGrade:
 
     velocity_random_walk_m_s_rts, angular_random_walk_rad_rts : white noise, in m/s and rad per square root of a second.
     ..._instability : standard deviation of the Gauss-Markov bias, whose Allan deviation peaks at 0.617 of it.
-    ..._repeatability : of the constant bias, drawn anew at each turn-on (each seed).
-    ..._scale : of the scale factor, without unit; misalignment_rad : of each sensor axis toward each other axis.
+    ..._repeatability : of the constant bias, drawn again at each turn-on (each seed). ..._scale : of the scale factor,
+    without unit; misalignment_rad : of each sensor axis toward each other axis.
     """
 
     velocity_random_walk_m_s_rts: float
@@ -45,12 +45,12 @@ def imu_grade(
     misalignment_mrad: float = 0.0,
     source: str = "as stated",
 ) -> ImuGrade:
-    """The grade of figures of a data sheet.
+    """Make a grade from the figures of a data sheet.
 
     Bias is what a unit has after turn-on, one sigma; a tenth of it changes during a run (300 s), which is our choice.
-    Noise is angular and velocity random walk. Scale factors are of gyros and accelerometers alike.
+    Noise is angular and velocity random walk. Scale factors hold for gyros and accelerometers alike.
     """
-    return _grade(
+    return _convert_grade(
         m_s_rthour=accel_noise_m_s_sqrt_h,
         milli_g=_IN_RUN * 1e-3 * accel_bias_ug,
         deg_rthour=gyro_noise_deg_sqrt_h,
@@ -64,7 +64,7 @@ def imu_grade(
     )
 
 
-def _grade(
+def _convert_grade(
     *,
     m_s_rthour: float,
     milli_g: float,
@@ -77,7 +77,7 @@ def _grade(
     misalignment_mrad: float,
     source: str,
 ) -> ImuGrade:
-    """In the units of data sheets."""
+    """Convert figures in the units of data sheets."""
     return ImuGrade(
         velocity_random_walk_m_s_rts=m_s_rthour / 60.0,
         angular_random_walk_rad_rts=np.radians(deg_rthour) / 60.0,
@@ -117,7 +117,7 @@ GRADES: dict[str, ImuGrade] = {
         misalignment_mrad=1.0,
         source=f"between consumer and tactical of {_GROVES}; the figures are ours, of calibrated MEMS units",
     ),
-    "navigation": _grade(
+    "navigation": _convert_grade(
         **_NAVIGATION,
         turn_on_milli_g=0.025,
         turn_on_deg_hour=0.003,
@@ -126,7 +126,7 @@ GRADES: dict[str, ImuGrade] = {
         misalignment_mrad=0.025,
         source=f"{_TABLE} (Honeywell HG9900); {_OURS}",
     ),
-    "tactical": _grade(
+    "tactical": _convert_grade(
         **_TACTICAL,
         turn_on_milli_g=0.75,
         turn_on_deg_hour=4.0,
@@ -135,7 +135,7 @@ GRADES: dict[str, ImuGrade] = {
         misalignment_mrad=1.0,
         source=f"{_TABLE} (Safran STIM300); {_OURS}",
     ),
-    "navigation-calibrated": _grade(
+    "navigation-calibrated": _convert_grade(
         **_NAVIGATION,
         turn_on_milli_g=0.01,
         turn_on_deg_hour=0.002,
@@ -144,7 +144,7 @@ GRADES: dict[str, ImuGrade] = {
         misalignment_mrad=0.01,
         source=f"{_TABLE}; {_OURS}, {_CALIBRATED}",
     ),
-    "tactical-calibrated": _grade(
+    "tactical-calibrated": _convert_grade(
         **_TACTICAL,
         turn_on_milli_g=0.2,
         turn_on_deg_hour=1.0,

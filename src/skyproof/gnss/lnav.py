@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from skyproof.arrays import Booleans, Integers
 from skyproof.gnss.constants import GPS_PI, SECONDS_PER_DAY, SECONDS_PER_WEEK
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, UtcParameters, UtcStatement
-from skyproof.gnss.orbit_faults import orbit_fault
-from skyproof.gnss.time import gpst, leap_seconds, nearest_week
+from skyproof.gnss.orbit_faults import find_orbit_fault
+from skyproof.gnss.time import find_nearest_week, gpst, leap_seconds
 
 __all__ = [
     "BITS_PER_SUBFRAME",
@@ -25,18 +25,18 @@ __all__ = [
     "Bits",
     "How",
     "Subframe",
+    "check_words",
     "decode_how",
     "decode_subframe",
     "encode_subframes",
     "ephemeris_from_subframes",
     "find_subframes",
+    "find_word_signs",
     "fit_interval_h",
     "ionosphere_and_utc",
-    "quantised",
+    "quantise",
     "subframe_from_source",
     "utc_statement",
-    "word_signs",
-    "words_hold",
 ]
 
 Bits = NDArray[np.int8]
@@ -66,13 +66,13 @@ _PARITY: Final = np.array([[bit in row for row in _PARITY_OF] for bit in range(1
 _PARITY_OF_LAST_TWO: Final = np.array([[1, 0, 1, 0, 0, 1], [0, 1, 0, 1, 1, 0]], dtype=np.int8)  # rows D29*, D30*
 
 
-def _parity(data: Bits, last_two: Bits) -> Bits:
-    """Six parity bits (..., 6) of source bits (..., 24) after a word that ended in `last_two` (..., 2)."""
+def _compute_parity(data: Bits, last_two: Bits) -> Bits:
+    """Compute six parity bits (..., 6) of source bits (..., 24) after a word that ended in `last_two` (..., 2)."""
     return np.asarray((data @ _PARITY + last_two @ _PARITY_OF_LAST_TWO) & 1, dtype=np.int8)
 
 
-def words_hold(bits: Bits) -> tuple[Bits, Booleans]:
-    """Source bits and parity verdict of the whole words at the start of a subframe, of upright polarity.
+def check_words(bits: Bits) -> tuple[Bits, Booleans]:
+    """Check the parity of the whole words at the start of a subframe of upright polarity.
 
     Parameters
     ----------
@@ -87,24 +87,24 @@ def words_hold(bits: Bits) -> tuple[Bits, Booleans]:
     last_two = np.zeros((*words.shape[:-1], 2), dtype=np.int8)
     last_two[..., 1:, :] = words[..., :-1, 28:]
     data = words[..., :24] ^ last_two[..., 1:]
-    return data, (_parity(data, last_two) == words[..., 24:]).all(axis=-1)
+    return data, (_compute_parity(data, last_two) == words[..., 24:]).all(axis=-1)
 
 
-def word_signs(bits: Bits, start: int) -> tuple[Integers, Booleans, NDArray[np.int8]]:
-    """What each whole word of a stream of bits (n,), of which a subframe starts at bit `start`, shows of its polarity.
+def find_word_signs(bits: Bits, start: int) -> tuple[Integers, Booleans, NDArray[np.int8]]:
+    """Find the polarity of each whole word in a stream of bits (n,) with a subframe at bit `start`.
 
     Returns
     -------
     at : (n_words,) first bit of each word that has at least two bits before it.
     holds : (n_words,) whether its parity is right, in either polarity as long as those two bits came in the same.
-    signs : (n_words,) +1 upright, -1 inverted by the bits of it that are known (the preamble, and the zeros in which
-        words 2 and 10 end, 20.3.3.2); 0 for other words and where it does not hold.
+    signs : (n_words,) +1 upright, -1 inverted, by its known bits; 0 for other words and where it does not hold. Known
+    are the preamble, and the zeros in which words 2 and 10 end (20.3.3.2).
     """
     first = start % 30 if start % 30 > 1 else start % 30 + 30
     at = np.arange(first, bits.size - 29, 30)
     words = bits[at[:, None] + np.arange(30)]
     last_two = bits[at[:, None] + np.arange(-2, 0)]
-    holds = (_parity(words[:, :24] ^ last_two[:, 1:], last_two) == words[:, 24:]).all(axis=-1)
+    holds = (_compute_parity(words[:, :24] ^ last_two[:, 1:], last_two) == words[:, 24:]).all(axis=-1)
     signs = np.zeros(at.size, np.int8)
     number = (at - start) // 30 % 10
     for which, begin, expected in ((0, 0, _PREAMBLE), (1, 28, _ZEROS), (9, 28, _ZEROS)):
@@ -115,17 +115,20 @@ def word_signs(bits: Bits, start: int) -> tuple[Integers, Booleans, NDArray[np.i
 
 
 def _encode_words(data: Bits) -> Bits:
-    """300 bits from source bits (10, 24). Bits 23 and 24 of words 2 and 10 are chosen so that those end in zeros."""
+    """Encode source bits (10, 24) as 300 bits.
+
+    Bits 23 and 24 of words 2 and 10 are chosen so that those end in zeros.
+    """
     words = np.empty((10, 30), dtype=np.int8)
     last_two = np.zeros(2, dtype=np.int8)
     for k, source in enumerate(data.copy()):
         if k in (1, 9):
             source[22:] = 0
-            d29, d30 = _parity(source, last_two)[4:]
+            d29, d30 = _compute_parity(source, last_two)[4:]
             source[23] = d29  # D29 takes in bit 24, D30 takes in bits 23 and 24
             source[22] = d30 ^ d29
         words[k, :24] = source ^ last_two[1]
-        words[k, 24:] = _parity(source, last_two)
+        words[k, 24:] = _compute_parity(source, last_two)
         last_two = words[k, 28:]
     return words.reshape(BITS_PER_SUBFRAME)
 
@@ -153,11 +156,11 @@ class _Field:
 
     @property
     def step(self) -> float:
-        """What the least significant bit is worth."""
+        """Return the value of the least significant bit."""
         return self.scale * GPS_PI if self.angle else self.scale
 
     def value(self, source: int) -> float:
-        """The value in the 240 source bits `source`, an integer whose highest bit is bit 1 of the subframe."""
+        """Extract the value from 240 source bits, an integer whose highest bit is bit 1 of the subframe."""
         raw = 0
         for first, length in self.runs:
             raw = raw << length | _cut(source, first, length)
@@ -166,27 +169,27 @@ class _Field:
         return raw if self.whole else raw * self.scale * (GPS_PI if self.angle else 1.0)
 
     def put(self, value: float) -> int:
-        """The source bits that carry `value`; ValueError if it does not fit."""
+        """Encode `value` as source bits; ValueError if it does not fit."""
         raw = round(value / GPS_PI / self.scale) if self.angle else round(value / self.scale)
         lowest = -(1 << (self.length - 1)) if self.signed else 0
         if not lowest <= raw < lowest + (1 << self.length):
             raise ValueError(f"{self.name} = {value} does not fit into {self.length} bits of {self.step:g}")
         raw %= 1 << self.length
-        source, left = 0, self.length
+        source, remaining = 0, self.length
         for first, length in self.runs:
-            left -= length
-            source |= (raw >> left & (1 << length) - 1) << _shift(first, length)
+            remaining -= length
+            source |= (raw >> remaining & (1 << length) - 1) << _find_shift(first, length)
         return source
 
 
-def _shift(first: int, length: int) -> int:
-    """How far a run of bits stands from the right end of the 240 source bits (the parity bits are left out)."""
+def _find_shift(first: int, length: int) -> int:
+    """Return how far a run of bits stands from the right end of the 240 source bits (without parity bits)."""
     word, bit = divmod(first - 1, 30)
     return 240 - 24 * word - bit - length
 
 
 def _cut(source: int, first: int, length: int) -> int:
-    return source >> _shift(first, length) & (1 << length) - 1
+    return source >> _find_shift(first, length) & (1 << length) - 1
 
 
 _HOW: Final = (
@@ -283,19 +286,22 @@ class Subframe(How):
 
 
 def decode_how(bits: Bits) -> How | None:
-    """The time of week from the first 60 bits of a subframe, of either polarity; None as for `decode_subframe`."""
-    source, inverted = _source(np.asarray(bits[:60], dtype=np.int8), 2)
-    return None if source is None else _how(source, inverted)
+    """Decode the time of week from the first 60 bits of a subframe, of either polarity.
+
+    None as for `decode_subframe`.
+    """
+    source, inverted = _decode_source(np.asarray(bits[:60], dtype=np.int8), 2)
+    return None if source is None else _read_how(source, inverted)
 
 
 def decode_subframe(bits: Bits) -> Subframe | None:
-    """The subframe in `bits`, shape (300,), of either polarity.
+    """Decode the subframe in `bits`, shape (300,), of either polarity.
 
     None unless the preamble, the subframe's number, the zeros that words 2 and 10 end in, and the parity of all ten
     words hold.
     """
-    source, inverted = _source(np.asarray(bits, dtype=np.int8), 10)
-    return None if source is None else _subframe(source, inverted)
+    source, inverted = _decode_source(np.asarray(bits, dtype=np.int8), 10)
+    return None if source is None else _read_subframe(source, inverted)
 
 
 def subframe_from_source(source: int) -> Subframe | None:
@@ -303,11 +309,11 @@ def subframe_from_source(source: int) -> Subframe | None:
 
     None unless the preamble is there and the subframe's number fits its time.
     """
-    return _subframe(source, False) if source >> 232 == _PREAMBLE_VALUE else None
+    return _read_subframe(source, False) if source >> 232 == _PREAMBLE_VALUE else None
 
 
-def _subframe(source: int, inverted: bool) -> Subframe | None:
-    how = _how(source, inverted)
+def _read_subframe(source: int, inverted: bool) -> Subframe | None:
+    how = _read_how(source, inverted)
     if how is None:
         return None
     table = _FIELDS[how.id]
@@ -319,7 +325,7 @@ def _subframe(source: int, inverted: bool) -> Subframe | None:
 
 
 def find_subframes(bits: Bits) -> list[int]:
-    """Where subframes start in a stream of bits (n,) of one unknown polarity, rising.
+    """Find where subframes start in a stream of bits (n,) of one unknown polarity, in order.
 
     A start is where a preamble stands at the head of two words that hold, with a subframe number that fits the time;
     the last one may be cut off after these 60 bits. All of this happens by chance once in 2^24 bits, so the starts
@@ -339,23 +345,26 @@ def find_subframes(bits: Bits) -> list[int]:
             families.setdefault((phase, how.inverted, count_at_zero), []).append(start)
 
     def weight(starts: list[int]) -> tuple[int, int]:
-        return len(starts), _words_that_hold(bits[starts[0] : starts[0] + BITS_PER_SUBFRAME])
+        return len(starts), _count_words(bits[starts[0] : starts[0] + BITS_PER_SUBFRAME])
 
     return max(families.values(), key=weight, default=[])
 
 
-def _words_that_hold(bits: Bits) -> int:
+def _count_words(bits: Bits) -> int:
     upright = bits ^ (1 - bits[0])
-    return int(words_hold(upright[: bits.size // 30 * 30])[1].sum())
+    return int(check_words(upright[: bits.size // 30 * 30])[1].sum())
 
 
-def _source(bits: Bits, n_words: int) -> tuple[int | None, bool]:
-    """All source bits as one integer of 240, highest bit first (zeros for words not asked for), or None; inverted?"""
+def _decode_source(bits: Bits, n_words: int) -> tuple[int | None, bool]:
+    """Decode all source bits to one integer of 240, highest bit first, or None.
+
+    Returns whether they were inverted, too. Words not asked for are zeros.
+    """
     if bits.size != 30 * n_words:
         raise ValueError(f"{bits.size} bits given, expected {30 * n_words}")
     inverted = bool(bits[0] == 0)  # the preamble begins with a one
     upright = bits ^ np.int8(inverted)
-    data, holds = words_hold(upright)
+    data, holds = check_words(upright)
     ends = upright.reshape(-1, 30)[1::8, 28:]  # words 2 and 10 end in zeros: 20.3.3.2
     if not holds.all() or ends.any() or (data[0, :8] != _PREAMBLE).any():
         return None, inverted
@@ -363,16 +372,19 @@ def _source(bits: Bits, n_words: int) -> tuple[int | None, bool]:
     return source << 24 * (10 - n_words), inverted
 
 
-def _how(source: int, inverted: bool) -> How | None:
+def _read_how(source: int, inverted: bool) -> How | None:
     values = {field.name: int(field.value(source)) for field in _HOW}
     tow_s = (values["how"] - 1) % _HOW_COUNTS * SUBFRAME_S  # the word gives the start of the next subframe
-    if values["how"] >= _HOW_COUNTS or values["id"] != _id_at(tow_s):
+    if values["how"] >= _HOW_COUNTS or values["id"] != _find_id(tow_s):
         return None
     return How(id=values["id"], tow_s=tow_s, inverted=inverted, alert=bool(values["alert"]))
 
 
-def _id_at(tow_s: int) -> int:
-    """The subframe that starts at this second: every half minute of the week starts with 1 (20.3.4.1)."""
+def _find_id(tow_s: int) -> int:
+    """Return the number of the subframe that starts at this second.
+
+    Every half minute of the week starts with 1 (20.3.4.1).
+    """
     return tow_s // SUBFRAME_S % 5 + 1
 
 
@@ -390,10 +402,10 @@ _FIT_HOURS: Final = (
 def ephemeris_from_subframes(
     sub1: Subframe, sub2: Subframe, sub3: Subframe, sat: str, week_near: int
 ) -> Ephemeris | None:
-    """The ephemeris that subframes 1, 2 and 3 of one satellite make together.
+    """Combine subframes 1, 2 and 3 of one satellite to an ephemeris.
 
-    None unless they are of one data set (IODC and both IODEs agree, IS-GPS-200N, 20.3.4.4) and the orbit is one that
-    a GPS satellite can have. `week_near` is a full week within ten years of the truth.
+    None unless they belong to one data set (IODC and both IODEs agree, IS-GPS-200N, 20.3.4.4), with an orbit that a GPS
+    satellite can have. `week_near` is a full week within ten years of the truth.
     """
     if (sub1.id, sub2.id, sub3.id) != (1, 2, 3):
         raise ValueError(f"subframes {sub1.id}, {sub2.id}, {sub3.id} given, expected 1, 2, 3")
@@ -401,7 +413,7 @@ def ephemeris_from_subframes(
     if iode != sub3.fields["iode"] or iode != int(sub1.fields["iodc"]) % 256:
         return None
     merged: dict[str, Any] = {**sub1.fields, **sub2.fields, **sub3.fields}
-    week = nearest_week(merged["week_mod_1024"], week_near, 1024)
+    week = find_nearest_week(merged["week_mod_1024"], week_near, 1024)
     ephemeris = Ephemeris(
         sat=sat,
         week=week + round((sub1.tow_s - merged["toe"]) / SECONDS_PER_WEEK),
@@ -409,11 +421,11 @@ def ephemeris_from_subframes(
         fit_interval_h=fit_interval_h(merged["iodc"]) if merged["fit_interval_flag"] else 4.0,
         **{name: value for name, value in merged.items() if name in _EPHEMERIS_FIELDS},
     )
-    return ephemeris if orbit_fault(ephemeris) is None else None
+    return ephemeris if find_orbit_fault(ephemeris) is None else None
 
 
 def ionosphere_and_utc(sub4: Subframe, week_near: int) -> tuple[Klobuchar, UtcParameters] | None:
-    """Ionosphere and UTC from page 18 of subframe 4; None for any other subframe or page."""
+    """Extract ionosphere and UTC from page 18 of subframe 4; None for any other subframe or page."""
     if "alpha0" not in sub4.fields:
         return None
     values: Any = sub4.fields
@@ -425,19 +437,22 @@ def ionosphere_and_utc(sub4: Subframe, week_near: int) -> tuple[Klobuchar, UtcPa
         a0=values["a0"],
         a1=values["a1"],
         tot=values["tot"],
-        wnt=nearest_week(values["wnt_mod_256"], week_near, 256),
+        wnt=find_nearest_week(values["wnt_mod_256"], week_near, 256),
         leap_seconds=values["leap_seconds"],
     )
     return klobuchar, utc
 
 
 def utc_statement(sub4: Subframe, sat: str, week_near: int) -> UtcStatement | None:
-    """What page 18 of subframe 4 says of UTC, and of a change of leap seconds; None for any other subframe or page."""
+    """Extract UTC, and a change of leap seconds, from page 18 of subframe 4.
+
+    None for any other subframe or page.
+    """
     found = ionosphere_and_utc(sub4, week_near)
     if found is None:
         return None
     values, utc = sub4.fields, found[1]
-    week = nearest_week(int(values["wn_lsf_mod_256"]), week_near, 256)
+    week = find_nearest_week(int(values["wn_lsf_mod_256"]), week_near, 256)
     return UtcStatement(
         sat=sat,
         utc=utc,
@@ -462,7 +477,9 @@ def encode_subframes(
     week: int,
     count: int,
 ) -> Bits:
-    """Bits (count * 300,) that the satellite sends from second `tow_of_start` (a multiple of 6) of full week `week`.
+    """Encode the bits (count * 300,) that the satellite sends from `tow_of_start` of full week `week`.
+
+    `tow_of_start` is a multiple of 6 s.
 
     Subframes 1 to 5 in turn, pages of 4 and 5 by the time as in a superframe that starts with the week. Page 18 of
     subframe 4 carries ionosphere and UTC (without one of them zeros, and the leap seconds of the time; a dummy page
@@ -477,18 +494,18 @@ def encode_subframes(
     stream = np.empty((count, BITS_PER_SUBFRAME), dtype=np.int8)
     for k in range(count):
         week_k, number = divmod(first + k, _HOW_COUNTS)
-        sub_id, page = _id_at(number * SUBFRAME_S), number // 5 % 25 + 1
+        sub_id, page = _find_id(number * SUBFRAME_S), number // 5 % 25 + 1
         kind = page * 10 + sub_id if sub_id > 3 else sub_id
         if (week_k, kind) not in bodies:
-            bodies[week_k, kind] = _body(ephemeris, klobuchar, utc, sub_id, page, week_k)
+            bodies[week_k, kind] = _encode_body(ephemeris, klobuchar, utc, sub_id, page, week_k)
         head = {"preamble": 0b10001011, "how": (number + 1) % _HOW_COUNTS, "alert": 0, "anti_spoof": 1, "id": sub_id}
-        source = bodies[week_k, kind] | _put(_HOW, head)
-        stream[k] = _encode_words(_bits_of(source).reshape(10, 24))
+        source = bodies[week_k, kind] | _encode_fields(_HOW, head)
+        stream[k] = _encode_words(_unpack_bits(source).reshape(10, 24))
     return stream.reshape(-1)
 
 
-def quantised(ephemeris: Ephemeris) -> Ephemeris:
-    """The ephemeris as a receiver gets it: each value rounded to what its field in the message can hold."""
+def quantise(ephemeris: Ephemeris) -> Ephemeris:
+    """Round each value of an ephemeris to what its field in the message can hold, as a receiver gets it."""
     values = asdict(ephemeris)
     for table in (_FIELDS[1], _FIELDS[2], _FIELDS[3]):
         for field in table:
@@ -497,10 +514,10 @@ def quantised(ephemeris: Ephemeris) -> Ephemeris:
     return replace(ephemeris, **values)
 
 
-def _body(
+def _encode_body(
     ephemeris: Ephemeris, klobuchar: Klobuchar | None, utc: UtcParameters | None, sub_id: int, page: int, week: int
 ) -> int:
-    """Words 3 to 10 of a subframe as source bits."""
+    """Encode words 3 to 10 of a subframe as source bits."""
     if sub_id <= 3:
         values = asdict(ephemeris) | {
             "week_mod_1024": week % 1024,
@@ -508,19 +525,19 @@ def _body(
             "fit_interval_flag": int(ephemeris.fit_interval_h > 4.0),
             "aodo": 31,  # 20.3.3.4.4: the correction table of page 13 is not to be used
         }
-        return _put(_FIELDS[sub_id], values)
+        return _encode_fields(_FIELDS[sub_id], values)
     if (sub_id, page) == (4, _IONOSPHERE_PAGE) and (klobuchar or utc):
-        return _put(_PAGE, {"data_id": 1, "sv_id": _IONOSPHERE_SV_ID}) | _put(
-            _IONOSPHERE_AND_UTC, _ionosphere_and_utc_values(klobuchar, utc, week)
+        return _encode_fields(_PAGE, {"data_id": 1, "sv_id": _IONOSPHERE_SV_ID}) | _encode_fields(
+            _IONOSPHERE_AND_UTC, _list_page_values(klobuchar, utc, week)
         )
     filler = sum(_Field("", ((first, length),)).put(0xAAAAAA >> 24 - length) for first, length in _DUMMY_RUNS)
-    return _put(_PAGE, {"data_id": 1, "sv_id": 0}) | filler
+    return _encode_fields(_PAGE, {"data_id": 1, "sv_id": 0}) | filler
 
 
 _DUMMY_RUNS: Final = ((69, 16), *((first, 24) for first in range(91, 271, 30)), (271, 22))
 
 
-def _ionosphere_and_utc_values(klobuchar: Klobuchar | None, utc: UtcParameters | None, week: int) -> dict[str, float]:
+def _list_page_values(klobuchar: Klobuchar | None, utc: UtcParameters | None, week: int) -> dict[str, float]:
     klobuchar = klobuchar or Klobuchar(alpha=(0.0,) * 4, beta=(0.0,) * 4)
     utc = utc or UtcParameters(a0=0.0, a1=0.0, tot=0.0, wnt=week, leap_seconds=leap_seconds(gpst(week, 0.0)))
     values = {f"alpha{k}": value for k, value in enumerate(klobuchar.alpha)}
@@ -537,9 +554,9 @@ def _ionosphere_and_utc_values(klobuchar: Klobuchar | None, utc: UtcParameters |
     }
 
 
-def _put(table: tuple[_Field, ...], values: Mapping[str, float]) -> int:
+def _encode_fields(table: tuple[_Field, ...], values: Mapping[str, float]) -> int:
     return sum(field.put(values[field.name]) for field in table)
 
 
-def _bits_of(source: int) -> Bits:
+def _unpack_bits(source: int) -> Bits:
     return np.unpackbits(np.frombuffer(source.to_bytes(30, "big"), dtype=np.uint8)).astype(np.int8)

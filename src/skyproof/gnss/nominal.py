@@ -6,12 +6,12 @@ import numpy as np
 
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, GPS_PI, MU_M3_S2
 from skyproof.gnss.ephemeris import Ephemeris, Klobuchar, NavigationData, UtcParameters
-from skyproof.gnss.lnav import quantised
+from skyproof.gnss.lnav import quantise
 from skyproof.gnss.signals import sat_name
 from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import leap_seconds, seconds_between, week_and_tow
 
-__all__ = ["NOMINAL_KLOBUCHAR", "nominal_constellation"]
+__all__ = ["NOMINAL_KLOBUCHAR", "make_nominal_constellation"]
 
 NOMINAL_KLOBUCHAR: Final = Klobuchar(
     alpha=(13 * 2.0**-30, -1 * 2.0**-27, -1 * 2.0**-24, 2 * 2.0**-24),
@@ -46,8 +46,8 @@ _MEAN_MOTION_RAD_S: Final = 2.0 * (EARTH_ROTATION_RAD_S - _NODE_RATE_RAD_S)  # k
 _TOE_STEP_S: Final = 7200.0
 
 
-def nominal_constellation(gpst: np.datetime64) -> NavigationData:
-    """Ephemerides of the nominal constellation valid around `gpst`, any date; the same call gives the same bits.
+def make_nominal_constellation(gpst: np.datetime64) -> NavigationData:
+    """Generate ephemerides of the nominal constellation around `gpst`, any date, always the same bits.
 
     There are 31 satellites: one in each of the 27 published slots and four more (G28 to G31). Orbits, clocks and group
     delays differ a little from satellite to satellite as real ones do. Time of ephemeris is the full two hours nearest
@@ -57,20 +57,20 @@ def nominal_constellation(gpst: np.datetime64) -> NavigationData:
     toe = instant(week, round(tow_s / _TOE_STEP_S) * _TOE_STEP_S)
     week, _ = week_and_tow(toe)
     return NavigationData(
-        ephemerides=tuple(_ephemeris(prn, *slot, toe) for prn, slot in enumerate(_SLOTS, start=1)),
+        ephemerides=tuple(_make_ephemeris(prn, *slot, toe) for prn, slot in enumerate(_SLOTS, start=1)),
         ionosphere=NOMINAL_KLOBUCHAR,
         utc=UtcParameters(a0=0.0, a1=0.0, tot=147456.0, wnt=week, leap_seconds=leap_seconds(toe)),
         source="nominal constellation",
     )
 
 
-def _ephemeris(prn: int, node_deg: float, u_deg: float, toe: np.datetime64) -> Ephemeris:
+def _make_ephemeris(prn: int, node_deg: float, u_deg: float, toe: np.datetime64) -> Ephemeris:
     week, toe_s = week_and_tow(toe)
     since_s = seconds_between(toe, _EPOCH)
     longitude_rad = np.radians(node_deg - _GREENWICH_DEG) + (_NODE_RATE_RAD_S - EARTH_ROTATION_RAD_S) * since_s
     omega_rad = prn * 2.4  # the perigees are anywhere: the golden angle spreads them
     clock_rate = ((prn * 5) % 13 - 6) * 2.0**-40  # within 6e-12
-    return quantised(
+    return quantise(
         Ephemeris(
             sat=sat_name(prn),
             week=week,
@@ -86,9 +86,9 @@ def _ephemeris(prn: int, node_deg: float, u_deg: float, toe: np.datetime64) -> E
             sqrt_a=_A_M**0.5,
             e=0.001 + (prn * 3) % 11 * 0.001,
             i0=np.radians(_INCLINATION_DEG),
-            omega0=_wrapped(longitude_rad + EARTH_ROTATION_RAD_S * toe_s),
-            omega=_wrapped(omega_rad),
-            m0=_wrapped(np.radians(u_deg) + _MEAN_MOTION_RAD_S * since_s - omega_rad),
+            omega0=_wrap(longitude_rad + EARTH_ROTATION_RAD_S * toe_s),
+            omega=_wrap(omega_rad),
+            m0=_wrap(np.radians(u_deg) + _MEAN_MOTION_RAD_S * since_s - omega_rad),
             delta_n=_MEAN_MOTION_RAD_S - (MU_M3_S2 / _A_M**3) ** 0.5,
             idot=0.0,
             omega_dot=_NODE_RATE_RAD_S,
@@ -102,7 +102,7 @@ def _ephemeris(prn: int, node_deg: float, u_deg: float, toe: np.datetime64) -> E
     )
 
 
-def _wrapped(angle_rad: float) -> float:
-    """To -pi .. pi less one step, which is what 32 bits of a semicircle hold."""
+def _wrap(angle_rad: float) -> float:
+    """Wrap an angle to -pi .. pi less one step, which is what 32 bits of a semicircle hold."""
     step_rad = GPS_PI * 2.0**-31
     return float((round(angle_rad / step_rad) + 2**31) % 2**32 - 2**31) * step_rad

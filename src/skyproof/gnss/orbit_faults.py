@@ -1,4 +1,4 @@
-"""What no broadcast orbit, clock or ionosphere can be: the ranges of the messages' fields, and orbits nobody flies.
+"""Find orbits, clocks and ionospheres that no satellite broadcasts: beyond a field's range, or impossible to fly.
 
 A navigation file that was edited, converted wrongly or damaged holds numbers that no satellite sends. The bounds are
 what the fields of the messages can hold: IS-GPS-200N, tables 20-I, 20-III and 20-X; IS-QZSS-PNT-005, 4.3.2; Galileo OS
@@ -18,7 +18,7 @@ from skyproof.gnss.constants import (
 )
 from skyproof.gnss.ephemeris import SYSTEM_NAMES, BroadcastEphemeris, Ephemeris, GlonassEphemeris, Klobuchar
 
-__all__ = ["clock_fault", "ionosphere_fault", "orbit_fault"]
+__all__ = ["find_clock_fault", "find_ionosphere_fault", "find_orbit_fault"]
 
 _MOST_APART_S: Final = 600.0
 """Between the times of clock and of orbit of one data set: satellites send both for one instant (IS-GPS-200N,
@@ -67,10 +67,10 @@ al., Geophysical Research Letters 32, 2005, L12S02)."""
 _GEOMAGNETIC_SEMICIRCLES: Final = np.linspace(-0.48, 0.48, 97)  # 0.416 of latitude and 0.064 (20.3.3.5.2.5)
 
 
-def orbit_fault(ephemeris: BroadcastEphemeris) -> str | None:
-    """Say what of an ephemeris no satellite of its system sends; None where nothing is wrong."""
+def find_orbit_fault(ephemeris: BroadcastEphemeris) -> str | None:
+    """Name what no satellite of its system sends in an ephemeris; None where nothing is wrong."""
     if isinstance(ephemeris, GlonassEphemeris):
-        return _glonass_fault(ephemeris)
+        return _find_glonass_fault(ephemeris)
     sqrt_a_from, sqrt_a_to, e_to, i0_from, i0_to = _ORBITS[ephemeris.sat[0]]
     flown = (
         sqrt_a_from < ephemeris.sqrt_a < sqrt_a_to
@@ -83,10 +83,10 @@ def orbit_fault(ephemeris: BroadcastEphemeris) -> str | None:
     if not flown:
         return f"no {SYSTEM_NAMES[ephemeris.sat[0]]} satellite can have its orbit"
     values = [(name, getattr(ephemeris, name), largest) for name, largest in _LARGEST[ephemeris.sat[0]].items()]
-    return _overflow(values) or clock_fault(ephemeris)
+    return _find_overflow(values) or find_clock_fault(ephemeris)
 
 
-def _overflow(values: Iterable[tuple[str, float, float]]) -> str | None:
+def _find_overflow(values: Iterable[tuple[str, float, float]]) -> str | None:
     """Name the first of some values, each with its largest, that does not fit into its field."""
     for name, value, largest in values:
         if not abs(value) <= largest * _ROUNDED:
@@ -94,16 +94,16 @@ def _overflow(values: Iterable[tuple[str, float, float]]) -> str | None:
     return None
 
 
-def clock_fault(ephemeris: Ephemeris) -> str | None:
-    """Say that the times of clock and of orbit are those of different data sets; None where they are of one."""
+def find_clock_fault(ephemeris: Ephemeris) -> str | None:
+    """Report times of clock and orbit that belong to different data sets; None where they agree."""
     apart_s = (ephemeris.toc_week - ephemeris.week) * SECONDS_PER_WEEK + ephemeris.toc - ephemeris.toe
     if abs(apart_s) <= _MOST_APART_S:
         return None
     return f"its time of clock is {apart_s / 3600.0:+.2f} h from its time of ephemeris, expected the same"
 
 
-def _glonass_fault(ephemeris: GlonassEphemeris) -> str | None:
-    """Vis-viva gives the axis of the orbit from position and velocity, turned back to a frame at rest."""
+def _find_glonass_fault(ephemeris: GlonassEphemeris) -> str | None:
+    """Check the axis of the orbit by vis-viva, from position and velocity in a frame at rest."""
     position, velocity = np.array(ephemeris.position_m), np.array(ephemeris.velocity_m_s)
     x, y, _ = position
     at_rest = velocity + GLONASS_EARTH_ROTATION_RAD_S * np.array([-y, x, 0.0])
@@ -112,7 +112,7 @@ def _glonass_fault(ephemeris: GlonassEphemeris) -> str | None:
         axis_m = 1.0 / np.float64(2.0 / max(radius, 1.0) - float(at_rest @ at_rest) / GLONASS_MU_M3_S2)
     if not _GLONASS_AXIS_M[0] < axis_m < _GLONASS_AXIS_M[1]:
         return "no GLONASS satellite can have its orbit"
-    return _overflow(
+    return _find_overflow(
         (
             ("tau_n", ephemeris.tau_n, _GLONASS_TAU_S),
             ("gamma_n", ephemeris.gamma_n, _GLONASS_GAMMA),
@@ -121,11 +121,14 @@ def _glonass_fault(ephemeris: GlonassEphemeris) -> str | None:
     )
 
 
-def ionosphere_fault(ionosphere: Klobuchar) -> str | None:
-    """Say why no message can hold these parameters, or no ionosphere be so dense; None where nothing is wrong."""
+def find_ionosphere_fault(ionosphere: Klobuchar) -> str | None:
+    """Report why no message can hold these parameters, or no ionosphere be so dense.
+
+    None where nothing is wrong.
+    """
     for name, bounds in _KLOBUCHAR.items():
         numbered = enumerate(zip(getattr(ionosphere, name), bounds, strict=True))
-        if fault := _overflow((f"{name}{k}", value, largest) for k, (value, largest) in numbered):
+        if fault := _find_overflow((f"{name}{k}", value, largest) for k, (value, largest) in numbered):
             return fault
     amplitude_s = np.polynomial.polynomial.polyval(_GEOMAGNETIC_SEMICIRCLES, ionosphere.alpha)
     if (most_s := 5e-9 + float(amplitude_s.max())) > _MOST_VERTICAL_S:

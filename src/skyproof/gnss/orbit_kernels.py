@@ -64,14 +64,14 @@ _GLONASS_MOST_STEPS: Final = 1440  # a day; the force model is no good beyond an
 
 
 @compiled(error_model="numpy")
-def _since(orbit, week_at, second_at, week, tow_s):  # type: ignore[no-untyped-def]
-    """Seconds since a second of a week of the system's time, both of which stand in `orbit`."""
+def _compute_since(orbit, week_at, second_at, week, tow_s):  # type: ignore[no-untyped-def]
+    """Return the seconds since a second of a week of the system's time; both stand in `orbit`."""
     return (week - orbit[week_at]) * _WEEK_S + (tow_s - orbit[second_at] - orbit[AHEAD])
 
 
 @compiled(error_model="numpy")
-def _kepler(orbit, tk, dt, out):  # type: ignore[no-untyped-def]
-    """Symbols of IS-GPS-200N, table 20-IV (elements of coordinate systems, and broadcast satellite velocity).
+def _fill_kepler(orbit, tk, dt, out):  # type: ignore[no-untyped-def]
+    """Compute position, velocity and clock by Kepler's form (symbols of IS-GPS-200N, table 20-IV).
 
     Kepler's equation by Newton's steps: six reach rounding for e below 0.2; GPS stays below 0.03, Galileo's two
     satellites that missed their orbit have 0.17.
@@ -119,7 +119,10 @@ def _kepler(orbit, tk, dt, out):  # type: ignore[no-untyped-def]
 
 @compiled(error_model="numpy")
 def _turn_with_the_earth(tk, rotation_rad_s, out):  # type: ignore[no-untyped-def]
-    """BDS-SIS-ICD-B1I-3.0, 5.2.4.12: a geostationary orbit is given in a tilted frame that stands still from toe on."""
+    """Rotate a geostationary orbit to the Earth's frame (BDS-SIS-ICD-B1I-3.0, 5.2.4.12).
+
+    It is given in a tilted frame that stands still from toe on.
+    """
     sine, cosine = np.sin(rotation_rad_s * tk), np.cos(rotation_rad_s * tk)
     for first in (0, 3):
         x, y, z = out[first], out[first + 1], out[first + 2]
@@ -130,8 +133,11 @@ def _turn_with_the_earth(tk, rotation_rad_s, out):  # type: ignore[no-untyped-de
 
 
 @compiled(error_model="numpy")
-def _glonass_rates(orbit, state, rates):  # type: ignore[no-untyped-def]
-    """Velocity and acceleration in the rotating frame: gravity with J2, Coriolis, sun and moon (ICD 5.1, A.3.1.2)."""
+def _fill_glonass_rates(orbit, state, rates):  # type: ignore[no-untyped-def]
+    """Compute velocity and acceleration in the rotating frame: gravity with J2, Coriolis, sun and moon.
+
+    GLONASS ICD 5.1, A.3.1.2.
+    """
     x, y, z = state[0], state[1], state[2]
     r2 = x * x + y * y + z * z
     gravity = GLONASS_MU_M3_S2 / (r2 * np.sqrt(r2))
@@ -146,26 +152,27 @@ def _glonass_rates(orbit, state, rates):  # type: ignore[no-untyped-def]
 
 
 @compiled(error_model="numpy")
-def _runge_kutta(orbit, state, step_s, rates, middle, out):  # type: ignore[no-untyped-def]
-    """out = state after a step; rates (4, 6) and middle (6,) are for the work."""
+def _step_runge_kutta(orbit, state, step_s, rates, middle, out):  # type: ignore[no-untyped-def]
+    """Fill out with the state after a step; rates (4, 6) and middle (6,) are for the work."""
     for stage in range(4):
         for k in range(6):
             if stage == 0:
                 middle[k] = state[k]
             else:
                 middle[k] = state[k] + (1.0 if stage == 3 else 0.5) * step_s * rates[stage - 1, k]
-        _glonass_rates(orbit, middle, rates[stage])
+        _fill_glonass_rates(orbit, middle, rates[stage])
     for k in range(6):
         out[k] = state[k] + step_s / 6.0 * (rates[0, k] + 2.0 * rates[1, k] + 2.0 * rates[2, k] + rates[3, k])
 
 
 @compiled(error_model="numpy")
 def _integrate(orbit, since_s, node, steps, rates, middle, out):  # type: ignore[no-untyped-def]
-    """out = state by Runge-Kutta from t_b in whole minutes, and one shorter step to the instant; returns the steps.
+    """Fill out with the state by Runge-Kutta from t_b: whole minutes, then one shorter step.
 
-    So the answer of an instant does not depend on which others are asked for. node (6,) : the state after `steps`
-    whole minutes of another instant, from which it goes on where it can; none of `steps` 0. NaN more than a day from
-    t_b.
+    Returns the steps.
+
+    So the answer of an instant does not depend on which others are asked for. node (6,) : the state after `steps` whole
+    minutes of another instant, where it continues if it can; none for `steps` 0. NaN more than a day from t_b.
     """
     if not abs(since_s) <= _GLONASS_STEP_S * _GLONASS_MOST_STEPS:
         out[:] = np.nan
@@ -176,10 +183,10 @@ def _integrate(orbit, since_s, node, steps, rates, middle, out):  # type: ignore
         steps = 0
     step_s = np.copysign(_GLONASS_STEP_S, since_s)
     while steps != wanted:
-        _runge_kutta(orbit, node, step_s, rates, middle, out)
+        _step_runge_kutta(orbit, node, step_s, rates, middle, out)
         node[:] = out[:6]
         steps += 1 if wanted > steps else -1
-    _runge_kutta(orbit, node, since_s - steps * _GLONASS_STEP_S, rates, middle, out)
+    _step_runge_kutta(orbit, node, since_s - steps * _GLONASS_STEP_S, rates, middle, out)
     out[6] = orbit[AF0] + orbit[AF1] * since_s
     out[7] = orbit[AF1]
     return steps
@@ -187,27 +194,27 @@ def _integrate(orbit, since_s, node, steps, rates, middle, out):  # type: ignore
 
 @compiled(error_model="numpy")
 def fill_states(orbit, week, tow_s, out):  # type: ignore[no-untyped-def]
-    """out (n, N_STATE) = states at seconds `tow_s` (n,) of `week` (n,) by the row `orbit`."""
+    """Fill out (n, N_STATE) with states at seconds `tow_s` (n,) of `week` (n,) by the row `orbit`."""
     node, rates, middle, steps = np.empty(6), np.empty((4, 6)), np.empty(6), 0
     for k in range(tow_s.size):
-        tk = _since(orbit, WEEK, TOE, week[k], tow_s[k])
+        tk = _compute_since(orbit, WEEK, TOE, week[k], tow_s[k])
         if orbit[KIND] == GLONASS:
             steps = _integrate(orbit, tk, node, steps, rates, middle, out[k])
         else:
-            _kepler(orbit, tk, _since(orbit, TOC_WEEK, TOC, week[k], tow_s[k]), out[k])
+            _fill_kepler(orbit, tk, _compute_since(orbit, TOC_WEEK, TOC, week[k], tow_s[k]), out[k])
 
 
 @compiled(error_model="numpy")
 def fill_states_at(orbits, week, tow_s, out):  # type: ignore[no-untyped-def]
-    """out (k, N_STATE) = states of the rows `orbits` at one instant."""
+    """Fill out (k, N_STATE) with states of the rows `orbits` at one instant."""
     node, rates, middle = np.empty(6), np.empty((4, 6)), np.empty(6)
     for k in range(len(orbits)):
         orbit = orbits[k]
-        tk = _since(orbit, WEEK, TOE, week, tow_s)
+        tk = _compute_since(orbit, WEEK, TOE, week, tow_s)
         if orbit[KIND] == GLONASS:
             _integrate(orbit, tk, node, 0, rates, middle, out[k])
         else:
-            _kepler(orbit, tk, _since(orbit, TOC_WEEK, TOC, week, tow_s), out[k])
+            _fill_kepler(orbit, tk, _compute_since(orbit, TOC_WEEK, TOC, week, tow_s), out[k])
 
 
 @compiled(error_model="numpy")
@@ -229,13 +236,15 @@ def fill_ranges(  # type: ignore[no-untyped-def]
     range_m,
     delay_unknown,
 ):
-    """The satellites' side of all cells (epoch, channel) that a fresh orbit serves; the others are left as they are.
+    """Fill the satellites' side of all cells (epoch, channel) that a fresh orbit serves.
+
+    The other cells stay unchanged.
 
     Parameters
     ----------
     pseudorange_m (n, c); week, tow_s, gpst_ns (n,) of each epoch.
-    first (c + 1,) : where each channel's orbits begin in `serving`, rows of `orbits` (k, N_ORBIT) and `toe_ns` (k,),
-        and in `delay_s`, the signal's group delay by each, NaN if it gives none. most_ns (c,) : age at most.
+    first (c + 1,) : where each channel's orbits begin in `find_serving`, rows of `orbits` (k, N_ORBIT) and `toe_ns`
+        (k,), and in `delay_s`, the signal's group delay by each, NaN if it gives none. most_ns (c,) : age at most.
     sent_tow_s, drift, range_m, delay_unknown (n, c), position, velocity (n, c, 3) : filled, see `navigation.Ranges`.
     """
     state = np.empty(N_STATE)
@@ -257,14 +266,14 @@ def fill_ranges(  # type: ignore[no-untyped-def]
             if np.isnan(pseudorange_m[epoch, channel]):
                 continue
             at_s = tow_s[epoch] - pseudorange_m[epoch, channel] / SPEED_OF_LIGHT_M_S  # by the satellite's clock
-            dt = _since(orbit, TOC_WEEK, TOC, week[epoch], at_s)
+            dt = _compute_since(orbit, TOC_WEEK, TOC, week[epoch], at_s)
             # Without relativity: the 50 ns that it makes at most do not move a satellite by a millimetre.
             at_s -= orbit[AF0] + orbit[AF1] * dt + orbit[AF2] * dt**2
-            tk = _since(orbit, WEEK, TOE, week[epoch], at_s)
+            tk = _compute_since(orbit, WEEK, TOE, week[epoch], at_s)
             if orbit[KIND] == GLONASS:
                 steps = _integrate(orbit, tk, node, steps, rates, middle, state)
             else:
-                _kepler(orbit, tk, _since(orbit, TOC_WEEK, TOC, week[epoch], at_s), state)
+                _fill_kepler(orbit, tk, _compute_since(orbit, TOC_WEEK, TOC, week[epoch], at_s), state)
             sent_tow_s[epoch, channel] = at_s
             position[epoch, channel] = state[:3]
             velocity[epoch, channel] = state[3:6]

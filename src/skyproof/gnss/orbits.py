@@ -1,4 +1,4 @@
-"""Position, velocity and clock of a satellite from its broadcast ephemeris: Kepler's form, or GLONASS's state."""
+"""Compute position, velocity and clock of a satellite from its broadcast ephemeris."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from skyproof.gnss.orbit_rows import N_ORBIT, N_STATE
 from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import seconds_between, week_and_tow
 
-__all__ = ["SatelliteState", "satellite_positions_m", "satellite_state", "satellite_state_s"]
+__all__ = ["SatelliteState", "compute_satellite_positions_m", "compute_satellite_state", "compute_satellite_state_s"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,18 +34,18 @@ class SatelliteState:
     clock_drift: Reals
 
 
-def satellite_state(ephemeris: BroadcastEphemeris, gpst: Instants | np.datetime64) -> SatelliteState:
-    """State at GPS instants `gpst` (...), which are times of transmission.
+def compute_satellite_state(ephemeris: BroadcastEphemeris, gpst: Instants | np.datetime64) -> SatelliteState:
+    """Compute the state at GPS instants `gpst` (...), which are times of transmission.
 
     IS-GPS-200N, 20.3.3.3.3.1, 20.3.3.4.3; Galileo OS SIS ICD 2.1, 5.1.1; BDS-SIS-ICD-B1I-3.0, 5.2.4.12; GLONASS ICD
     L1, L2 5.1, A.3.1.2.
     """
     since_week_s = np.asarray(seconds_between(gpst, instant(ephemeris.week, 0.0)))
-    return satellite_state_s(ephemeris, ephemeris.week, since_week_s)
+    return compute_satellite_state_s(ephemeris, ephemeris.week, since_week_s)
 
 
-def satellite_state_s(ephemeris: BroadcastEphemeris, week: ArrayLike, tow_s: ArrayLike) -> SatelliteState:
-    """The same for full GPS weeks and float64 seconds of week (which may run over its ends); shapes broadcast."""
+def compute_satellite_state_s(ephemeris: BroadcastEphemeris, week: ArrayLike, tow_s: ArrayLike) -> SatelliteState:
+    """Compute the state for full GPS weeks and float64 seconds of week (also beyond its ends); shapes broadcast."""
     weeks, seconds = np.broadcast_arrays(np.asarray(week, np.int64), np.asarray(tow_s, np.float64))
     states = np.empty((seconds.size, N_STATE))
     fill_states(ephemeris.orbit_row, weeks.ravel(), seconds.ravel(), states)
@@ -58,8 +58,8 @@ def satellite_state_s(ephemeris: BroadcastEphemeris, week: ArrayLike, tow_s: Arr
     )
 
 
-def satellite_positions_m(ephemerides: Sequence[BroadcastEphemeris], gpst: np.datetime64) -> Reals:
-    """Positions (k, 3) of several satellites at one instant of transmission, ECEF of that instant."""
+def compute_satellite_positions_m(ephemerides: Sequence[BroadcastEphemeris], gpst: np.datetime64) -> Reals:
+    """Compute positions (k, 3) of several satellites at one instant of transmission, ECEF of that instant."""
     states = np.empty((len(ephemerides), N_STATE))
     rows = np.array([ephemeris.orbit_row for ephemeris in ephemerides]).reshape(-1, N_ORBIT)
     fill_states_at(rows, *week_and_tow(gpst), states)

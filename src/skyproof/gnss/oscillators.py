@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Reals
 
-__all__ = ["OSCILLATORS", "PLATFORM_CLASSES", "Oscillator", "clock_step"]
+__all__ = ["OSCILLATORS", "PLATFORM_CLASSES", "Oscillator", "compute_clock_step"]
 
 _MIDDLE_S: Final = 30.0  # averaging time at which two states do no more than the flicker noise that they stand for
 
@@ -26,7 +26,7 @@ class Oscillator:
     source: str = ""
 
     def allan_deviation(self, tau_s: ArrayLike) -> Reals:
-        """By theory, at averaging times of any shape (NIST SP 1065, table 3)."""
+        """Compute the Allan deviation by theory, at averaging times of any shape (NIST SP 1065, table 3)."""
         tau_s = np.asarray(tau_s, np.float64)
         return np.asarray(
             np.sqrt(
@@ -49,7 +49,7 @@ OSCILLATORS: dict[str, Oscillator] = {
         white_s=1.8e-19,
         flicker=7e-24,
         source="limits of a chip-scale atomic clock's data sheet (Microchip SA.45s): Allan deviation 3e-10 at 1 s, "
-        "1e-11 at 1000 s, of which the flicker takes what the white noise leaves; it says nothing of a random walk",
+        "1e-11 at 1000 s, the flicker takes what the white noise leaves; a random walk is not stated",
     ),
 }
 """By class. Typical values: single oscillators of one class differ by factors of several."""
@@ -59,13 +59,13 @@ PLATFORM_CLASSES: Final = {"quartz": "tcxo", "tcxo": "tcxo", "ocxo": "ocxo", "cs
 differs from a compensated one by temperature, over minutes and hours; over seconds it has the noise of a poor one."""
 
 
-def clock_step(oscillator: Oscillator, seconds: float) -> tuple[Reals, Reals]:
-    """Transition (2, 2) and noise (2, 2) of a clock's offset in s and its drift over a time.
+def compute_clock_step(oscillator: Oscillator, seconds: float) -> tuple[Reals, Reals]:
+    """Return transition (2, 2) and noise (2, 2) of a clock's offset in s and its drift over a time.
 
     Exact for white and random-walk frequency noise (Brown and Hwang, Introduction to Random Signals and Applied Kalman
-    Filtering, 4th ed., 9.3). Flicker noise has no two states. It is taken for as much white and walking noise as
-    together have its Allan deviation at 30 s, and at every other averaging time a larger one: 1.3 times at 10 and 90 s.
-    Steady ageing and what temperature and acceleration do are not in it.
+    Filtering, 4th ed., 9.3). Flicker noise has no two states. White and walking noise stand for it that together have
+    its Allan deviation at 30 s, and a larger one at every other averaging time: 1.3 times at 10 and 90 s. Steady ageing
+    and effects of temperature and acceleration are not in it.
     """
     flicker = 2.0 * np.log(2.0) * oscillator.flicker
     white = 0.5 * oscillator.white_s + 0.5 * flicker * _MIDDLE_S

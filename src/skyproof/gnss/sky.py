@@ -1,4 +1,4 @@
-"""Where a satellite stands, seen from a receiver. Positions are ECEF; `rx` and `sat` broadcast over leading axes."""
+"""Directions of satellites seen from a receiver. Positions are ECEF; `rx` and `sat` broadcast over leading axes."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -7,11 +7,13 @@ from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 
-__all__ = ["azimuth_elevation", "rotate_to_reception", "unit_vectors"]
+__all__ = ["compute_azimuth_elevation", "compute_unit_vectors", "rotate_to_reception"]
 
 
-def azimuth_elevation(rx_ecef_m: ArrayLike, sat_ecef_m: ArrayLike) -> tuple[Reals, Reals]:
-    """Azimuth (0 to 2 pi, from north over east) and elevation (-pi/2 to pi/2, above the ellipsoid's tangent), rad.
+def compute_azimuth_elevation(rx_ecef_m: ArrayLike, sat_ecef_m: ArrayLike) -> tuple[Reals, Reals]:
+    """Compute azimuth (0 to 2 pi, from north over east) and elevation (-pi/2 to pi/2), rad.
+
+    The elevation is above the ellipsoid's tangent.
 
     Parameters
     ----------
@@ -27,7 +29,7 @@ def azimuth_elevation(rx_ecef_m: ArrayLike, sat_ecef_m: ArrayLike) -> tuple[Real
 
 
 def rotate_to_reception(sat_ecef_m: ArrayLike, travel_s: ArrayLike) -> Reals:
-    """ECEF at transmission to ECEF at reception, `travel_s` later: the Earth has turned (IS-GPS-200N, 20.3.3.4.3.4).
+    """Rotate ECEF at transmission to ECEF at reception, `travel_s` later (IS-GPS-200N, 20.3.3.4.3.4).
 
     Parameters
     ----------
@@ -42,7 +44,7 @@ def rotate_to_reception(sat_ecef_m: ArrayLike, travel_s: ArrayLike) -> Reals:
     return np.stack((x_m, y_m, np.broadcast_to(z_m, x_m.shape)), axis=-1)
 
 
-def unit_vectors(rx_ecef_m: ArrayLike, sat_ecef_m: ArrayLike) -> Reals:
-    """Unit vectors from receiver to satellite, shape (..., 3), in the frame of the arguments."""
+def compute_unit_vectors(rx_ecef_m: ArrayLike, sat_ecef_m: ArrayLike) -> Reals:
+    """Compute unit vectors from receiver to satellite, shape (..., 3), in the frame of the arguments."""
     difference_m = np.asarray(sat_ecef_m, np.float64) - np.asarray(rx_ecef_m, np.float64)
     return np.asarray(difference_m / np.linalg.norm(difference_m, axis=-1, keepdims=True))

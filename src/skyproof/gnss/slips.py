@@ -13,7 +13,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import FOOT_M
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.geoid import GEOID_SIGMA_M, geoid_separation_m
+from skyproof.gnss.geoid import GEOID_SIGMA_M, interpolate_geoid_m
 
 __all__ = [
     "HEIGHT",
@@ -21,9 +21,9 @@ __all__ = [
     "DistanceSlip",
     "PositionSlip",
     "VectorSlip",
-    "distance_slips",
-    "position_slips",
-    "vector_slips",
+    "list_distance_slips",
+    "list_position_slips",
+    "list_vector_slips",
 ]
 
 UNLISTED: Final = "wrong_statement"
@@ -32,7 +32,7 @@ HEIGHT: Final = "height"
 """Code of a height that is wrong by any amount, as of a mark on the ground below an antenna."""
 _YARD_M: Final = 0.9144
 _ANY_HEIGHT_M: Final = 1e4
-"""One sigma of a height that says nothing."""
+"""One sigma of a height that is left open."""
 _MODEL_SIGMA_M: Final = float(np.hypot(GEOID_SIGMA_M, 1.0))
 """Of a height above the geoid made one above the ellipsoid, one sigma: the grid, the model, and levelling to it."""
 
@@ -69,7 +69,7 @@ class VectorSlip:
     turn: Reals
 
 
-def position_slips(position_ecef_m: Reals) -> tuple[PositionSlip, ...]:
+def list_position_slips(position_ecef_m: Reals) -> tuple[PositionSlip, ...]:
     """List where an antenna may stand that was stated to be at `position_ecef_m` (3,).
 
     The last one leaves the height open: it holds if the level position is right.
@@ -85,26 +85,28 @@ def position_slips(position_ecef_m: Reals) -> tuple[PositionSlip, ...]:
     )
     found = []
     for code, words, base_m, geoids in heights:
-        up_m = base_m + geoids * float(geoid_separation_m(lat, lon))
+        up_m = base_m + geoids * float(interpolate_geoid_m(lat, lon))
         sigma_m = geoids * _MODEL_SIGMA_M + abs(base_m - height_m) * 1e-4
-        found.append(_position(code, words, lat, lon, up_m, sigma_m, value=f"height_m = {up_m:.1f}"))
-    for code, words, other_lat, other_lon in _level_slips(lat, lon):
+        found.append(_make_position(code, words, lat, lon, up_m, sigma_m, value=f"height_m = {up_m:.1f}"))
+    for code, words, other_lat, other_lon in _iterate_level_slips(lat, lon):
         value = f"lat_deg = {other_lat:.7f}, lon_deg = {other_lon:.7f}"
-        found.append(_position(code, words, other_lat, other_lon, height_m, 0.0, value=value))
-    found.append(_position(HEIGHT, "its height is wrong", lat, lon, height_m, _ANY_HEIGHT_M, value="another height_m"))
+        found.append(_make_position(code, words, other_lat, other_lon, height_m, 0.0, value=value))
+    found.append(
+        _make_position(HEIGHT, "its height is wrong", lat, lon, height_m, _ANY_HEIGHT_M, value="another height_m")
+    )
     return tuple(found)
 
 
-def _level_slips(lat: float, lon: float) -> Iterator[tuple[str, str, float, float]]:
-    """Code, words, latitude and longitude in degrees."""
+def _iterate_level_slips(lat: float, lon: float) -> Iterator[tuple[str, str, float, float]]:
+    """Iterate over code, words, latitude and longitude in degrees."""
     if abs(lon) <= 90.0:
         yield "latitude_and_longitude_swapped", "latitude and longitude are exchanged", lon, lat
     yield "longitude_sign", "the longitude has the wrong sign", lat, -lon
     yield "latitude_sign", "the latitude has the wrong sign", -lat, lon
     yield "signs", "latitude and longitude have the wrong sign", -lat, -lon
     for code, words, read in (
-        ("degrees_and_minutes", "degrees and minutes are written as a decimal number", _from_minutes),
-        ("degrees_minutes_seconds", "degrees, minutes and seconds are written as a decimal number", _from_seconds),
+        ("degrees_and_minutes", "degrees and minutes are written as a decimal number", _read_minutes),
+        ("degrees_minutes_seconds", "degrees, minutes and seconds are written as a decimal number", _read_seconds),
     ):
         other_lat, other_lon = read(lat), read(lon)
         if other_lat is not None and other_lon is not None:
@@ -115,15 +117,15 @@ def _level_slips(lat: float, lon: float) -> Iterator[tuple[str, str, float, floa
             yield f"longitude_{code}", f"of the longitude {words}", lat, other_lon
 
 
-def _from_minutes(value: float) -> float | None:
-    """35.0808 read as 35 degrees and 08.08 minutes; None where that is no number of minutes."""
+def _read_minutes(value: float) -> float | None:
+    """Read 35.0808 as 35 degrees and 08.08 minutes; None where that is no number of minutes."""
     degrees = np.floor(abs(value) + 1e-12)
     minutes = 100.0 * (abs(value) - degrees)
     return float(np.copysign(degrees + minutes / 60.0, value)) if minutes < 60.0 else None
 
 
-def _from_seconds(value: float) -> float | None:
-    """35.080503 read as 35 degrees, 08 minutes and 05.03 seconds; None where those are no minutes or seconds."""
+def _read_seconds(value: float) -> float | None:
+    """Read 35.080503 as 35 degrees, 08 minutes and 05.03 seconds; None where those are no minutes or seconds."""
     degrees = np.floor(abs(value) + 1e-12)
     hundredths = 100.0 * (abs(value) - degrees)
     minutes = np.floor(hundredths + 1e-9)
@@ -133,7 +135,7 @@ def _from_seconds(value: float) -> float | None:
     return float(np.copysign(degrees + minutes / 60.0 + seconds / 3600.0, value))
 
 
-def _position(
+def _make_position(
     code: str, words: str, lat: float, lon: float, height_m: float, sigma_up_m: float, *, value: str
 ) -> PositionSlip:
     lat_rad, lon_rad = np.radians(lat), np.radians(lon)
@@ -162,15 +164,15 @@ _SCALES: Final = (
 """Code, words, and what a length that is stated so has to be multiplied by."""
 
 
-def distance_slips(distance_m: float) -> tuple[DistanceSlip, ...]:
+def list_distance_slips(distance_m: float) -> tuple[DistanceSlip, ...]:
     """List how far apart two antennas may be that were stated to be `distance_m` apart."""
     return tuple(DistanceSlip(code=code, words=words, distance_m=distance_m * by) for code, words, by in _SCALES)
 
 
-def vector_slips() -> tuple[VectorSlip, ...]:
+def list_vector_slips() -> tuple[VectorSlip, ...]:
     """List what may have been done to places that are stated as east, north, up.
 
-    Turns of any angle, as by a wrong attitude, are not among them: they leave distances as they are.
+    Turns of any angle, as by a wrong attitude, are not among them: they do not change distances.
     """
     east, north, up = np.eye(3)
     axes = (

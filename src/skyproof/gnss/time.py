@@ -16,21 +16,21 @@ __all__ = [
     "GPS_EPOCH",
     "GPS_EPOCH_NS",
     "LEAPS_KNOWN_UNTIL",
-    "clock_words",
+    "format_clock",
+    "format_instant",
+    "format_iso",
+    "format_moment",
+    "format_rinex_date",
+    "format_utc",
     "gpst",
     "gpst_from_utc",
-    "instant_words",
-    "iso",
     "leap_seconds",
-    "moment_words",
     "parse_iso",
     "require_year",
     "resolve_week",
-    "rinex_date",
     "seconds_between",
     "timedelta_from_s",
     "utc_from_gpst",
-    "utc_words",
     "week_and_tow",
 ]
 
@@ -78,7 +78,7 @@ def gpst(week: NDArray[Any], tow_s: ArrayLike) -> Instants: ...
 @overload
 def gpst(week: ArrayLike, tow_s: NDArray[Any]) -> Instants: ...
 def gpst(week: Any, tow_s: Any) -> Any:
-    """The instant of full GPS week `week` and second `tow_s` of that week, to the nanosecond.
+    """Return the instant of full GPS week `week` and second `tow_s` of that week, to the nanosecond.
 
     Scalars or arrays that broadcast. `tow_s` may lie outside 0..604800: it is carried over.
     """
@@ -94,14 +94,17 @@ def week_and_tow(t: np.datetime64) -> tuple[int, float]: ...
 @overload
 def week_and_tow(t: Instants) -> tuple[Integers, Reals]: ...
 def week_and_tow(t: Any) -> Any:
-    """Full GPS week and second of week of instants of any shape; the second is good to a nanosecond."""
+    """Return full GPS week and second of week of instants of any shape; the second is good to a nanosecond."""
     week, in_week_ns = np.divmod(_ns_since(t, GPS_EPOCH), _NS_PER_WEEK)
     tow_s = in_week_ns / _NS
     return (int(week), float(tow_s)) if np.ndim(week) == 0 else (week, tow_s)
 
 
 def seconds_between(later: Any, earlier: Any) -> Any:
-    """`later` minus `earlier` in seconds (float64; arrays broadcast): a difference of labels, never a measurement."""
+    """Return `later` minus `earlier` in seconds (float64; arrays broadcast).
+
+    It is a difference of labels, never a measurement.
+    """
     seconds = _ns_since(later, earlier) / _NS
     return float(seconds) if np.ndim(seconds) == 0 else seconds
 
@@ -117,19 +120,22 @@ def timedelta_from_s(seconds: Any) -> Any:
     return np.rint(np.asarray(seconds) * _NS).astype("timedelta64[ns]")
 
 
-def iso(t: np.datetime64, digits: int = 3) -> str:
-    """ISO 8601 without zone, rounded to `digits` (0 to 9) decimals of the second: "2022-01-01T21:45:58.000"."""
+def format_iso(t: np.datetime64, digits: int = 3) -> str:
+    """Format ISO 8601 without zone: "2022-01-01T21:45:58.000".
+
+    Seconds are rounded to `digits` (0 to 9) decimals.
+    """
     if not 0 <= digits <= 9:
         raise ValueError(f"digits is {digits}, expected 0 to 9")
     step_ns = 10 ** (9 - digits)
-    ns = int(_instant(t).astype(np.int64))
+    ns = int(_convert_to_ns(t).astype(np.int64))
     rounded = np.datetime64((ns + step_ns // 2) // step_ns * step_ns, "ns")
     whole, _, fraction = str(rounded).partition(".")
     return f"{whole}.{fraction[:digits]}" if digits else whole
 
 
 def parse_iso(text: str) -> np.datetime64:
-    """The instant that ISO 8601 `text` without a zone names, such as "2022-01-01T21:45:58.5" or "2022-01-01".
+    """Parse ISO 8601 `text` without a zone, such as "2022-01-01T21:45:58.5" or "2022-01-01".
 
     Raises ValueError for anything else, a zone included: GPS time has none; and for a year before 1980 or after 2199.
     """
@@ -146,39 +152,42 @@ def require_year(year: int) -> None:
 
 
 def leap_seconds(t: np.datetime64) -> int:
-    """GPS minus UTC in seconds at GPS instant `t`, from the table built in (18 from 2017 on)."""
-    return int(np.searchsorted(_LEAPS_AT_GPST, _instant(t), side="right"))
+    """Return GPS minus UTC in seconds at GPS instant `t`, from the table built in (18 from 2017 on)."""
+    return int(np.searchsorted(_LEAPS_AT_GPST, _convert_to_ns(t), side="right"))
 
 
-def rinex_date(utc: np.datetime64) -> str:
-    """The date of a RINEX header, "20220101 214540 UTC" (RINEX 3.05, table A2)."""
-    return iso(utc, 0).translate({ord("-"): None, ord(":"): None, ord("T"): " "}) + " UTC"
+def format_rinex_date(utc: np.datetime64) -> str:
+    """Format the date of a RINEX header, "20220101 214540 UTC" (RINEX 3.05, table A2)."""
+    return format_iso(utc, 0).translate({ord("-"): None, ord(":"): None, ord("T"): " "}) + " UTC"
 
 
 def utc_from_gpst(t: np.datetime64) -> np.datetime64:
-    """UTC label of GPS instant `t`. A leap second itself (23:59:60) gets the label of the second after it."""
-    return _instant(t) - np.timedelta64(leap_seconds(t), "s")
+    """Convert GPS instant `t` to its UTC label.
+
+    A leap second itself (23:59:60) gets the label of the second after it.
+    """
+    return _convert_to_ns(t) - np.timedelta64(leap_seconds(t), "s")
 
 
 def gpst_from_utc(t: np.datetime64) -> np.datetime64:
-    """GPS instant of UTC label `t`."""
-    leaps = int(np.searchsorted(_LEAPS_AT_UTC, _instant(t), side="right"))
-    return _instant(t) + np.timedelta64(leaps, "s")
+    """Convert UTC label `t` to its GPS instant."""
+    leaps = int(np.searchsorted(_LEAPS_AT_UTC, _convert_to_ns(t), side="right"))
+    return _convert_to_ns(t) + np.timedelta64(leaps, "s")
 
 
 def resolve_week(week_mod_1024: int, near: np.datetime64) -> int:
-    """The full week that is `week_mod_1024` modulo 1024 and nearest to the instant `near`, ten years either way."""
-    week_near, _ = week_and_tow(_instant(near))
-    return nearest_week(week_mod_1024, week_near, 1024)
+    """Find the full week that is `week_mod_1024` modulo 1024 and nearest to `near`, ten years either way."""
+    week_near, _ = week_and_tow(_convert_to_ns(near))
+    return find_nearest_week(week_mod_1024, week_near, 1024)
 
 
-def nearest_week(week: int, week_near: int, modulus: int) -> int:
-    """The full week nearest to `week_near` that equals `week` modulo `modulus` (1024 or 256 in LNAV)."""
+def find_nearest_week(week: int, week_near: int, modulus: int) -> int:
+    """Find the full week nearest to `week_near` that equals `week` modulo `modulus` (1024 or 256 in LNAV)."""
     return week_near + (week - week_near + modulus // 2) % modulus - modulus // 2
 
 
-def _instant(t: np.datetime64) -> np.datetime64:
-    """A label of any resolution as one of nanoseconds."""
+def _convert_to_ns(t: np.datetime64) -> np.datetime64:
+    """Convert a label of any resolution to nanoseconds."""
     instant: np.datetime64 = t.astype("datetime64[ns]")
     return instant
 
@@ -188,28 +197,28 @@ def _ns_since(later: Any, earlier: Any) -> Any:
     return difference.astype(np.int64)
 
 
-def instant_words(instant: str) -> str:
-    """An instant as a person writes it: date, space, time, to the millisecond, no idle zeros."""
+def format_instant(instant: str) -> str:
+    """Format an instant for people: date, space, time, to the millisecond, without trailing zeros."""
     whole, _, fraction = instant.replace("T", " ").partition(".")
     fraction = fraction[:3].rstrip("0")
     return f"{whole}.{fraction}" if fraction else whole
 
 
-def utc_words(gpst: str) -> str:
-    """UTC of an instant in GPS time, as `instant_words`."""
-    return instant_words(iso(utc_from_gpst(np.datetime64(gpst, "ns")), 9))
+def format_utc(gpst: str) -> str:
+    """Format UTC of an instant in GPS time, as `format_instant` does."""
+    return format_instant(format_iso(utc_from_gpst(np.datetime64(gpst, "ns")), 9))
 
 
-def moment_words(gpst: str) -> str:
-    """An instant by both clocks: 2024-05-14 10:00:06.5 GPS time (09:59:48.5 UTC)."""
-    return f"{instant_words(gpst)} GPS time ({_on_day(utc_words(gpst), gpst[:10])} UTC)"
+def format_moment(gpst: str) -> str:
+    """Format an instant by both clocks: 2024-05-14 10:00:06.5 GPS time (09:59:48.5 UTC)."""
+    return f"{format_instant(gpst)} GPS time ({_drop_day(format_utc(gpst), gpst[:10])} UTC)"
 
 
-def clock_words(gpst: str) -> str:
-    """An instant by both clocks without its day: 10:00:06.5 GPS time (09:59:48.5 UTC)."""
-    return f"{instant_words(gpst)[11:]} GPS time ({_on_day(utc_words(gpst), gpst[:10])} UTC)"
+def format_clock(gpst: str) -> str:
+    """Format an instant by both clocks without its day: 10:00:06.5 GPS time (09:59:48.5 UTC)."""
+    return f"{format_instant(gpst)[11:]} GPS time ({_drop_day(format_utc(gpst), gpst[:10])} UTC)"
 
 
-def _on_day(utc: str, day: str) -> str:
-    """UTC without its date where that is the day of GPS time."""
+def _drop_day(utc: str, day: str) -> str:
+    """Drop the date of UTC where that is the day of GPS time."""
     return utc.removeprefix(f"{day} ")

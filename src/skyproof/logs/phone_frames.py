@@ -5,7 +5,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.arrays import Booleans, Instants, Integers, Octets
-from skyproof.gnss.lnav import words_hold
+from skyproof.gnss.lnav import check_words
 from skyproof.logs.content import FRAME_BITS, BroadcastFrames, MessageKind
 from skyproof.records import SignalId
 
@@ -51,7 +51,7 @@ def _lnav_bits(words: Any) -> tuple[Octets, Booleans]:
     encoded[:, 1:, :24] ^= words[:, :-1, 29:]
     bits, holds = np.zeros((len(words), 240), np.uint8), np.zeros(len(words), np.bool_)
     for candidate in (upright, encoded):
-        data, right = words_hold(candidate.reshape(len(words), 300))
+        data, right = check_words(candidate.reshape(len(words), 300))
         fits = right.all(axis=1) & ~holds
         bits[fits], holds = data[fits].reshape(-1, 240), holds | fits
     return bits, holds

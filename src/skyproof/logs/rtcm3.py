@@ -16,7 +16,7 @@ from skyproof.arrays import Booleans, Integers, Octets, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef
-from skyproof.gnss.messages.rtcm import EPHEMERIS_MESSAGES, RelayedOrbit, relayed_orbit
+from skyproof.gnss.messages.rtcm import EPHEMERIS_MESSAGES, RelayedOrbit, read_relayed_orbit
 from skyproof.gnss.signals import carrier_hz_of
 from skyproof.gnss.time import GPS_EPOCH, leap_seconds, week_and_tow
 from skyproof.logs.content import Beside, LogPiece
@@ -131,7 +131,7 @@ class Rtcm3Reader:
         """Give the orbits that differ from the satellite's last ones, and the octet where each begins."""
         for row in np.flatnonzero(content.kind == _ORBIT).tolist():
             octets = content.octets_of(row)
-            orbit = relayed_orbit(octets, self._week)
+            orbit = read_relayed_orbit(octets, self._week)
             if orbit is None or self._relayed.get((orbit.number, orbit.sat)) == octets:
                 continue
             self._relayed[orbit.number, orbit.sat] = octets

@@ -14,7 +14,7 @@ from skyproof.arrays import Booleans, Integers, Octets, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import GEOSTATIONARY
-from skyproof.gnss.lnav import words_hold
+from skyproof.gnss.lnav import check_words
 from skyproof.gnss.signals import carrier_hz_of, rinex_signal
 from skyproof.gnss.time import GPS_EPOCH_NS
 from skyproof.logs.content import FRAME_BITS, BroadcastFrames, LogPiece, MessageKind, ReceiverStates, untimed_remark
@@ -537,7 +537,7 @@ def _lnav_source(bits: Octets) -> tuple[Octets, Booleans]:
     """Return the 240 source bits of subframes of 300, and where they hold: by their parity, or as data put upright."""
     sent = bits[:, :300].astype(np.int8)
     upright = sent ^ (1 - sent[:, :1])
-    data, holds = words_hold(upright)
+    data, holds = check_words(upright)
     plain = sent.reshape(-1, 10, 30)[:, :, :24]
     by_parity = holds.all(axis=1, keepdims=True)
     source = np.where(by_parity, data.reshape(-1, 240), plain.reshape(-1, 240))

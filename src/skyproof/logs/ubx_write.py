@@ -12,7 +12,7 @@ import numpy as np
 
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.lnav import SUBFRAME_S, encode_subframes, words_hold
+from skyproof.gnss.lnav import SUBFRAME_S, check_words, encode_subframes
 from skyproof.gnss.signals import frequency_number_of, rinex_attribute
 from skyproof.gnss.time import GPS_EPOCH, leap_seconds, seconds_between, utc_from_gpst, week_and_tow
 from skyproof.logs.ubx import SIGNAL_NUMBERS
@@ -148,7 +148,7 @@ def _subframes(o: Observations, k: int, navigation: NavigationData, sent: dict[s
         if sat in sent and sent[sat] == arrived - 1 and isinstance(ephemeris, Ephemeris):
             week, tow_s = divmod(SUBFRAME_S * (arrived - 1), 604_800)
             bits = encode_subframes(ephemeris, navigation.ionosphere, navigation.utc, tow_s, week, 1)
-            data, _ = words_hold(bits)
+            data, _ = check_words(bits)
             words = np.concatenate([data.reshape(10, 24), bits.reshape(10, 30)[:, 24:]], axis=1).astype(np.int64)
             numbers = words @ (1 << np.arange(29, -1, -1))
             head = bytes([0, int(sat[1:]), 0, 0, 10, 0, 2, 0])

@@ -21,7 +21,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.gnss.frames import EARTH_RAD_S, geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.gravity import compute_gravity_m_s2
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.inertia import FreeRun, select_readings
 from skyproof.navigation.ins import ATTITUDE, SIZE, InsSettings, InsState, apply_correction, begin, subtract_errors
@@ -184,7 +184,7 @@ def _align_by_velocities(readings: ImuSeries, turned: Reals, fixes: Sequence[Nav
     pushes = np.einsum("nij,nj->ni", turned[:-1], readings.specific_force_m_s2) * readings.interval_s
     rows = np.searchsorted(readings.gpst, np.array([fix.gpst for fix in fixes]), side="right")
     felt = np.diff(np.concatenate((np.zeros((1, 3)), np.cumsum(pushes, axis=0)))[rows], axis=0)
-    pull = gravity_ecef_m_s2(places[:-1]) - 2.0 * np.cross(EARTH_RAD_S, speeds[:-1])
+    pull = compute_gravity_m_s2(places[:-1]) - 2.0 * np.cross(EARTH_RAD_S, speeds[:-1])
     return _find_rotation(np.diff(speeds, axis=0) - pull * np.diff(at_s)[:, None], felt)
 
 

@@ -23,9 +23,9 @@ import numpy as np
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import MU_M3_S2, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import EARTH_RAD_S, ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.signals import SignalPlan
-from skyproof.gnss.sky import azimuth_elevation, rotate_to_reception
+from skyproof.gnss.sky import compute_azimuth_elevation, rotate_to_reception
 from skyproof.gnss.time import timedelta_from_s, week_and_tow
 from skyproof.navigation.least_squares import compute_line_of_sight, invert_spd
 from skyproof.navigation.ranges import compute_atmosphere
@@ -258,7 +258,7 @@ def _predict_sky(problem: _Problem, state: Reals) -> _Sky:
     travel_s = np.full((*late_s.shape, len(problem.ephemerides)), 0.075)
     for _ in range(2):  # 75 ms is right to 10 ms or 8 m of range; once more, to 20 ns
         orbits = [
-            satellite_state_s(e, problem.week, problem.tow_s + late_s - travel_s[..., k])
+            compute_satellite_state_s(e, problem.week, problem.tow_s + late_s - travel_s[..., k])
             for k, e in enumerate(problem.ephemerides)
         ]
         sent_m = np.stack([o.position_ecef_m for o in orbits], axis=-2)
@@ -417,8 +417,10 @@ def _list_places(problem: _Problem) -> Reals:
     lat_rad = np.arcsin((2.0 * n + 1.0) / _GRID_POINTS - 1.0)
     lon_rad = np.mod(n * np.pi * (3.0 - np.sqrt(5.0)), 2.0 * np.pi) - np.pi
     places = ecef_from_geodetic(lat_rad, lon_rad, np.full(n.size, problem.settings.height_m))
-    sent_m = np.stack([satellite_state_s(e, problem.week, problem.tow_s).position_ecef_m for e in problem.ephemerides])
-    _, el_rad = azimuth_elevation(places[:, None, :], sent_m)
+    sent_m = np.stack(
+        [compute_satellite_state_s(e, problem.week, problem.tow_s).position_ecef_m for e in problem.ephemerides]
+    )
+    _, el_rad = compute_azimuth_elevation(places[:, None, :], sent_m)
     lowest = el_rad.min(axis=1)
     return np.asarray(places[lowest > min(np.radians(-5.0), lowest.max() - np.radians(5.0))])
 

@@ -146,7 +146,7 @@ def _convert_to_geodetic(x_m, y_m, z_m):  # type: ignore[no-untyped-def]
 
 @compiled(error_model="numpy")
 def _compute_zenith_m(lat_rad, height_m):  # type: ignore[no-untyped-def]
-    """Compute the tropospheric zenith delay: `gnss.atmosphere.saastamoinen_zenith_m`, thinned out above 11 km."""
+    """Compute the tropospheric zenith delay: `gnss.atmosphere.compute_saastamoinen_m`, thinned out above 11 km."""
     low_m = min(max(height_m, 0.0), 11000.0)
     pressure_hpa = 1013.25 * (1.0 - 2.2557e-5 * low_m) ** 5.2568
     temperature_k = 15.0 - 6.5e-3 * low_m + 273.15
@@ -158,7 +158,7 @@ def _compute_zenith_m(lat_rad, height_m):  # type: ignore[no-untyped-def]
 
 @compiled(error_model="numpy")
 def _compute_ionosphere_s(klobuchar, lat_rad, lon_rad, az_rad, el_rad, tow_s):  # type: ignore[no-untyped-def]
-    """Compute the delay of `gnss.atmosphere.klobuchar_delay_s`; klobuchar (8,) : alpha, then beta."""
+    """Compute the delay of `gnss.atmosphere.compute_klobuchar_s`; klobuchar (8,) : alpha, then beta."""
     lat, lon, el = lat_rad / np.pi, lon_rad / np.pi, el_rad / np.pi
     psi = 0.0137 / (el + 0.11) - 0.022
     lat_i = min(max(lat + psi * cos(az_rad), -0.416), 0.416)

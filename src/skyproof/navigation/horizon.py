@@ -6,8 +6,8 @@ import numpy as np
 
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.orbits import compute_satellite_state
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.gnss.time import seconds_between
 
 __all__ = ["MARGIN_DEG", "list_sats_above"]
@@ -36,8 +36,8 @@ def list_sats_above(
     for sat in sats:
         ephemeris = navigation.best(sat, first_gpst)
         if ephemeris is not None:
-            positions = np.stack([satellite_state(ephemeris, gpst).position_ecef_m for gpst in at])
-            el_rad = azimuth_elevation(place_ecef_m, positions)[1]
+            positions = np.stack([compute_satellite_state(ephemeris, gpst).position_ecef_m for gpst in at])
+            el_rad = compute_azimuth_elevation(place_ecef_m, positions)[1]
             if el_rad.max() > -np.radians(MARGIN_DEG):
                 above.append(sat)
     return tuple(above)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skyproof.arrays import Instants, Integers, Reals
-from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.gravity import compute_gravity_m_s2
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.ins_errors import attach_covariance, build_start_covariance, propagate_covariance
@@ -73,7 +73,7 @@ def begin_free_run(start: NavState, grade: ImuGrade) -> FreeRun:
     covariance = build_start_covariance(grade)
     covariance[:9, :9] = start.covariance[-1]
     turn2, tilt2 = compute_turn_and_tilt(state, covariance[None])
-    gravity = float(np.linalg.norm(gravity_ecef_m_s2(state.position_ecef_m[0])))
+    gravity = float(np.linalg.norm(compute_gravity_m_s2(state.position_ecef_m[0])))
     covariance[_BIAS, _BIAS] += 2.0 * gravity**2 * float(tilt2[0] * turn2[0])
     return FreeRun(state=state, covariance=covariance)
 
@@ -230,7 +230,7 @@ def measure_apparent_tilt_rad(state: NavState, specific_force_m_s2: ArrayLike) -
     Accelerations tilt the latter: a vehicle's by some degrees, an aircraft's in a turn by as much as it banks.
     """
     felt = state.attitude[-1] @ np.mean(np.asarray(specific_force_m_s2, np.float64), axis=0)
-    up = -gravity_ecef_m_s2(state.position_ecef_m[-1])
+    up = -compute_gravity_m_s2(state.position_ecef_m[-1])
     return float(np.arctan2(np.linalg.norm(np.cross(felt, up)), felt @ up))
 
 

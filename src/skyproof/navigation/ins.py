@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.imu_grades import ImuGrade
-from skyproof.gnss.oscillators import Oscillator, clock_step
+from skyproof.gnss.oscillators import Oscillator, compute_clock_step
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.inertia import FreeRun, coast, compute_turn_and_tilt
 from skyproof.navigation.ins_errors import GAINS, STATES, build_start_covariance
@@ -235,7 +235,7 @@ def subtract_errors(readings: ImuSeries, bias: Reals, gain: Reals) -> ImuSeries:
 
 def _propagate_clock_and_lasting(settings: InsSettings, seconds: float) -> tuple[Reals, Reals]:
     """Return the transition and noise (6, 6) of the clock and of the lasting errors."""
-    moves, noise_s2 = clock_step(settings.oscillator, seconds)
+    moves, noise_s2 = compute_clock_step(settings.oscillator, seconds)
     fade = np.exp(-seconds / settings.lasting_s)
     return (
         linalg.block_diag(moves, fade * np.eye(4)),

@@ -27,7 +27,7 @@ from scipy.spatial.transform import Rotation
 
 from skyproof.arrays import Reals
 from skyproof.gnss.frames import EARTH_RAD_S
-from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.gravity import compute_gravity_m_s2
 from skyproof.gnss.imu_grades import ImuGrade
 from skyproof.gnss.time import seconds_between
 from skyproof.records import NavState
@@ -161,7 +161,7 @@ class _Felt(NamedTuple):
 def _average_readings(path: NavState, steps_s: Reals) -> _Felt:
     velocity = 0.5 * (path.velocity_ecef_m_s[1:] + path.velocity_ecef_m_s[:-1])
     place = 0.5 * (path.position_ecef_m[1:] + path.position_ecef_m[:-1])
-    pull = gravity_ecef_m_s2(place)
+    pull = compute_gravity_m_s2(place)
     force = np.diff(path.velocity_ecef_m_s, axis=0) / steps_s + 2.0 * np.cross(EARTH_RAD_S, velocity) - pull
     turned = Rotation.from_matrix(np.swapaxes(path.attitude[:-1], -1, -2) @ path.attitude[1:]).as_rotvec()
     attitude = path.attitude[:-1] @ Rotation.from_rotvec(0.5 * turned).as_matrix()
@@ -179,7 +179,7 @@ def _build_rates(path: NavState, felt: _Felt, grade: ImuGrade) -> Reals:
     place, attitude = felt.place, felt.attitude
     span_m = 1000.0 * np.eye(3)
     gradient = (
-        gravity_ecef_m_s2(place[:, None, :] + span_m) - gravity_ecef_m_s2(place[:, None, :] - span_m)
+        compute_gravity_m_s2(place[:, None, :] + span_m) - compute_gravity_m_s2(place[:, None, :] - span_m)
     ) / 2000.0  # symmetric
     rates = np.zeros((len(place), _CORE, _CORE))
     rates[:, 0:3, 3:6] = np.eye(3)

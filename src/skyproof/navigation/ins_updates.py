@@ -10,7 +10,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.gnss.frames import EARTH_RAD_S
-from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.gravity import compute_gravity_m_s2
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.ins import (
     ATTITUDE,
@@ -45,7 +45,7 @@ def _compute_antenna(state: InsState, settings: InsSettings, gpst: np.datetime64
     swing = state.attitude @ np.cross(rate - EARTH_RAD_S @ state.attitude, settings.lever_m)
     speed, pull = state.velocity_ecef_m_s + swing, np.zeros(3)
     if state.run.last is not None:
-        pull = state.attitude @ force + gravity_ecef_m_s2(state.position_ecef_m) - 2.0 * np.cross(EARTH_RAD_S, speed)
+        pull = state.attitude @ force + compute_gravity_m_s2(state.position_ecef_m) - 2.0 * np.cross(EARTH_RAD_S, speed)
     clock_m = state.clock_m + [ahead_s * state.clock_m[1], 0.0]
     h = np.zeros((KNOWN, SIZE))
     h[0:3, POSITION] = h[3:6, VELOCITY] = np.eye(3)

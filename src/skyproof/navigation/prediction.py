@@ -4,7 +4,7 @@ The prediction carries a trusted fix to a later time by any of these:
 
 - an inertial navigator that it corrected (`ins`, `ins_updates.expect_fix`);
 - a body that stands: its position stays, its velocity is nothing (`predict_standing`);
-- the clock, by its oscillator's class, in either case (`gnss.oscillators.clock_step`).
+- the clock, by its oscillator's class, in either case (`gnss.oscillators.compute_clock_step`).
 
 `choose` then compares it with the fix that each sky gives. With z_j the fix of sky j, R_j its covariance and N(m, P)
 the prediction, it takes for given that at most one sky is true, that each is as likely to be so before, and that a
@@ -32,7 +32,7 @@ from scipy import special
 
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.oscillators import Oscillator, clock_step
+from skyproof.gnss.oscillators import Oscillator, compute_clock_step
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.nav_estimate import KNOWN, NavEstimate
 from skyproof.statistics.distributions import chi_square_survival
@@ -71,7 +71,7 @@ def predict_standing(
     seconds = float(seconds_between(gpst, last.gpst))
     moves, noise = np.eye(KNOWN), np.zeros((KNOWN, KNOWN))
     moves[_PLACE, _SPEED] = moves[_SPEED, _SPEED] = 0.0
-    moves[_CLOCK, _CLOCK], noise_s2 = clock_step(oscillator, seconds)
+    moves[_CLOCK, _CLOCK], noise_s2 = compute_clock_step(oscillator, seconds)
     noise[_CLOCK, _CLOCK] = SPEED_OF_LIGHT_M_S**2 * noise_s2
     noise[_SPEED, _SPEED] = sway_m_s**2 * np.eye(3)
     open_ = ~np.isfinite(np.diag(last.covariance))

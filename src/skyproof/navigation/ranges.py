@@ -196,7 +196,7 @@ def _list_ephemerides(
     """
     serving = []
     for signal in signals:
-        rows, delay_s = navigation.serving(signal.sat, signal.band, signal.code)
+        rows, delay_s = navigation.find_serving(signal.sat, signal.band, signal.code)
         known = np.isfinite(delay_s)
         serving.append((rows, delay_s) if with_unknown_delay and not known.any() else (rows[known], delay_s[known]))
     first = np.cumsum([0, *(rows.size for rows, _ in serving)])

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S
-from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.gravity import compute_gravity_m_s2
 from skyproof.records import ImuSeries, NavState
 
 __all__ = ["navigate", "navigate_paths"]
@@ -258,5 +258,5 @@ def _compute_gravity(x: float, y: float, z: float, cell_m: float) -> tuple[Reals
     """
     place_ecef_m = cell_m * np.array([x, y, z])
     step = 1000.0 * np.eye(3)
-    sides = gravity_ecef_m_s2(place_ecef_m + np.concatenate((step, -step)))
-    return place_ecef_m, gravity_ecef_m_s2(place_ecef_m), np.asarray((sides[:3] - sides[3:]).T / 2000.0)
+    sides = compute_gravity_m_s2(place_ecef_m + np.concatenate((step, -step)))
+    return place_ecef_m, compute_gravity_m_s2(place_ecef_m), np.asarray((sides[:3] - sides[3:]).T / 2000.0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from skyproof.arrays import Instants, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.records import NavigationData
 
 __all__ = ["complete_ranges_m"]
@@ -43,7 +43,7 @@ def complete_ranges_m(
     predicted_s = np.full(code_s.shape, np.nan)
     for column, sat in enumerate(sats):
         if (ephemeris := navigation.best(sat, gpst[0])) is not None:
-            state = satellite_state(ephemeris, gpst - _TRAVEL)
+            state = compute_satellite_state(ephemeris, gpst - _TRAVEL)
             away_m = np.linalg.norm(state.position_ecef_m - position_ecef_m, axis=-1)
             predicted_s[:, column] = away_m / SPEED_OF_LIGHT_M_S - state.clock_s
     over_s = label_s[:, None] - code_s - predicted_s

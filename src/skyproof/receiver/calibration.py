@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from skyproof.arrays import Floats, Reals
-from skyproof.gnss.codes import UNUSED_DELAYS_CHIPS, gold_code
+from skyproof.gnss.codes import UNUSED_DELAYS_CHIPS, generate_gold_code
 
 __all__ = ["Tail", "exponent", "tail_of", "unused_codes", "white_tail"]
 
@@ -77,4 +77,4 @@ def white_tail(n_sums: int) -> Tail:
 def unused_codes(count: int) -> list[NDArray[np.int8]]:
     """`count` Gold codes that no satellite sends, spread over the family: int8 of shape (1023,), +-1."""
     picks = np.linspace(0, len(UNUSED_DELAYS_CHIPS) - 1, count).astype(np.int64)
-    return [gold_code(UNUSED_DELAYS_CHIPS[int(k)]) for k in picks]
+    return [generate_gold_code(UNUSED_DELAYS_CHIPS[int(k)]) for k in picks]

@@ -20,7 +20,7 @@ from skyproof.arrays import Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalPlan
 from skyproof.receiver import measurement as m
 from skyproof.receiver.measurement import Measurements
-from skyproof.recording.survey import Survey, oscillator_error
+from skyproof.recording.survey import Survey, estimate_oscillator_error
 from skyproof.records import Samples
 
 __all__ = ["Disagreement", "correct_samples", "in_survey", "in_tracks"]
@@ -107,7 +107,7 @@ def in_tracks(
 def _disagreement(
     share: float, sigma: float, dopplers_hz: Sequence[float] | Reals, least: float, signal: SignalPlan
 ) -> Disagreement:
-    oscillator = oscillator_error(dopplers_hz)
+    oscillator = estimate_oscillator_error(dopplers_hz)
     return Disagreement(
         code_minus_carrier=share,
         sigma=sigma,

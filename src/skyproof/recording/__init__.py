@@ -1,1 +1,1 @@
-"""What a recording is like before anything is tracked: spectrum, front end, sampling clock, gaps, what repeats."""
+"""Measure a recording before anything is tracked: spectrum, front end, sampling clock, gaps, repetition."""

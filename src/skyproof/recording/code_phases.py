@@ -1,4 +1,4 @@
-"""Code phases of the satellites found, in short stretches, against what their Dopplers predict."""
+"""Measure code phases of found satellites in short stretches, against what their Dopplers predict."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ __all__ = [
     "CodeBlocks",
     "FoundSignal",
     "Tracks",
-    "blocks_of",
-    "by_stretch",
-    "correlation_spectra",
-    "kept_bins",
-    "peak_at",
-    "predicted_delay_s",
-    "ramp_of",
-    "tracks_of",
+    "compute_ramp",
+    "correlate_spectra",
+    "correlate_tracks",
+    "find_peak",
+    "group_by_stretch",
+    "list_bins",
+    "predict_delay_s",
+    "read_blocks",
 ]
 
 CELLS = 2400  # of a code period: 2.4 samples a microsecond hold the main lobe of a C/A code
@@ -79,14 +79,14 @@ class Tracks:
     noise: Reals  # (n_sats,) mean power of one block's cell
 
 
-def blocks_of(samples: Samples, carrier_hz: float, n_blocks: int, signal: SignalPlan) -> CodeBlocks:
-    """The first `n_blocks` code periods, the nominal carrier taken off; fewer if the recording ends before."""
+def read_blocks(samples: Samples, carrier_hz: float, n_blocks: int, signal: SignalPlan) -> CodeBlocks:
+    """Read the first `n_blocks` code periods, the nominal carrier taken off; fewer if the recording is short."""
     exact = samples.rate_hz * signal.period_s
     size = round(exact)
     first = np.round(np.arange(n_blocks) * exact).astype(np.int64)
     first = first[first + size <= samples.n_samples]
     phasor = np.exp(-2j * np.pi * np.mod(carrier_hz / samples.rate_hz * np.arange(size), 1.0)).astype(np.complex64)
-    kept = kept_bins(size, samples.rate_hz)
+    kept = list_bins(size, samples.rate_hz)
     waves = np.zeros((first.size, CELLS), np.complex64)
     changing = True
     for row, start in enumerate(first):  # one period at a time: memory stays with the few cells that are kept
@@ -100,19 +100,19 @@ def blocks_of(samples: Samples, carrier_hz: float, n_blocks: int, signal: Signal
     )
 
 
-def kept_bins(size: int, rate_hz: float) -> Integers:
-    """Indices of the FFT bins that are kept, which count from the end for negative frequencies."""
+def list_bins(size: int, rate_hz: float) -> Integers:
+    """Return the indices of the FFT bins to keep, which count from the end for negative frequencies."""
     reach = min(int(_BAND_HZ * size / rate_hz), (size - 1) // 2, CELLS // 2 - 1)
     return np.arange(-reach, reach + 1)
 
 
-def correlation_spectra(blocks: CodeBlocks, received: FoundSignal) -> ComplexFloats:
-    """Spectra of all blocks, Doppler taken off, times the conjugate one of the code."""
+def correlate_spectra(blocks: CodeBlocks, received: FoundSignal) -> ComplexFloats:
+    """Multiply the spectra of all blocks, Doppler taken off, by the conjugate spectrum of the code."""
     size, rate_hz = blocks.block_samples, blocks.rate_hz
     chips = blocks.signal.code(prn_of(received.sat))
     fine = np.arange(8 * CELLS) * (blocks.block_s / (8 * CELLS)) * blocks.signal.chip_rate_hz
     code = fft.fft(chips[np.floor(fine).astype(np.int64) % chips.size].astype(np.float64))
-    kept = kept_bins(size, rate_hz)
+    kept = list_bins(size, rate_hz)
     replica = np.zeros(CELLS, np.complex64)
     replica[kept] = np.conj(code[kept]) / (8 * CELLS)
     turns = np.mod(received.doppler_hz * blocks.block_s / CELLS * np.arange(CELLS), 1.0)
@@ -120,47 +120,54 @@ def correlation_spectra(blocks: CodeBlocks, received: FoundSignal) -> ComplexFlo
     return spectra
 
 
-def tracks_of(blocks: CodeBlocks, signals: Sequence[FoundSignal], spectra: ComplexFloats, ratio: float) -> Tracks:
-    """All satellites in all stretches. `ratio` : of code Doppler to carrier Doppler, 1 or -1."""
+def correlate_tracks(
+    blocks: CodeBlocks, signals: Sequence[FoundSignal], spectra: ComplexFloats, ratio: float
+) -> Tracks:
+    """Correlate all satellites in all stretches.
+
+    ratio : of code Doppler to carrier Doppler, 1 or -1.
+    """
     n_blocks = spectra.shape[1]
     periods = int(np.clip(n_blocks // _STRETCHES, 1, _MOST_PERIODS))
     n_stretches = n_blocks // periods
     around = np.empty((len(signals), n_stretches, CELLS), np.float32)
     for row, received in enumerate(signals):
         # one ramp a stretch: within it the delay moves by a few hundredths of a chip, and half a sample for rounding
-        ramps = ramp_of(blocks, by_stretch(predicted_delay_s(blocks, received, ratio), periods).mean(axis=1))
+        ramps = compute_ramp(blocks, group_by_stretch(predict_delay_s(blocks, received, ratio), periods).mean(axis=1))
         for j, ramp in enumerate(ramps):
             waves = fft.ifft(spectra[row, j * periods : (j + 1) * periods] * ramp, axis=-1)
             around[row, j] = np.sum(waves.real**2 + waves.imag**2, axis=0)
     noise = np.median(around[:, :, ::3], axis=(1, 2)) / special.gammaincinv(periods, 0.5)
     around /= noise[:, np.newaxis, np.newaxis] * periods
-    middle_s = (by_stretch(blocks.first_sample, periods).mean(axis=1) + 0.5 * blocks.block_samples) / blocks.rate_hz
+    middle_s = (
+        group_by_stretch(blocks.first_sample, periods).mean(axis=1) + 0.5 * blocks.block_samples
+    ) / blocks.rate_hz
     return Tracks(spectra=spectra, around=around, middle_s=middle_s, ratio=ratio, periods=periods, noise=noise)
 
 
-def by_stretch(values: Reals | Integers, periods: int) -> Reals:
-    """Values of all blocks as (n_stretches, periods); what fills no stretch is left out."""
+def group_by_stretch(values: Reals | Integers, periods: int) -> Reals:
+    """Group values of all blocks as (n_stretches, periods); a last part of a stretch is left out."""
     n_stretches = values.size // periods
     return np.asarray(values[: n_stretches * periods].reshape(n_stretches, periods), np.float64)
 
 
-def predicted_delay_s(blocks: CodeBlocks, received: FoundSignal, ratio: float) -> Reals:
-    """Delay of the code's start after each block's first sample, not reduced to one period."""
+def predict_delay_s(blocks: CodeBlocks, received: FoundSignal, ratio: float) -> Reals:
+    """Predict the delay of the code's start after each block's first sample, not reduced to one period."""
     start_s = blocks.first_sample / blocks.rate_hz
     # whole periods are taken off exactly: the blocks' starts are rounded to samples
     past_s = start_s - np.arange(start_s.size) * blocks.signal.period_s
     return received.delay_s - past_s - ratio * received.doppler_hz / blocks.signal.carrier_hz * start_s
 
 
-def ramp_of(blocks: CodeBlocks, delay_s: Reals) -> ComplexFloats:
-    """What brings a delay to the first cell: (..., CELLS)."""
+def compute_ramp(blocks: CodeBlocks, delay_s: Reals) -> ComplexFloats:
+    """Compute the phase ramp that brings a delay to the first cell: (..., CELLS)."""
     bins = fft.fftfreq(CELLS, 1.0 / CELLS)
     turns = np.multiply.outer(np.asarray(delay_s) / blocks.block_s, bins)
     return np.asarray(np.exp(2j * np.pi * np.mod(turns, 1.0)), np.complex64)
 
 
-def peak_at(power: Reals | Floats) -> float:
-    """Cells of the highest of `AT_START`, by the parabola through it and its neighbours."""
+def find_peak(power: Reals | Floats) -> float:
+    """Find the cells of the highest of `AT_START`, by the parabola through it and its neighbours."""
     best = int(np.clip(np.argmax(power), 1, power.size - 2))
     low, middle, high = (float(value) for value in power[best - 1 : best + 2])
     bend = low - 2.0 * middle + high

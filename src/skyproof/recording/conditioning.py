@@ -1,4 +1,4 @@
-"""What the front end did to the samples, measured; and what of it costs signals, taken off.
+"""Measure what the front end did to the samples, and remove what costs signals.
 
 Measured on stretches spread over a recording: DC, imbalance of I and Q, levels, the band, narrow-band lines. A line of
 power J at the distance f from the carrier raises the noise density N0 that a signal with the chip rate Rc meets to
@@ -8,11 +8,11 @@ power J at the distance f from the carrier raises the noise density N0 that a si
 (Betz, Navigation 48(4), 2001, eqs. 6 and 7, the spectrum of the code taken as smooth; DC is a line at zero frequency).
 What costs more than `LOSS_LIMIT_DB` is taken off; nothing is done where nothing hurts, and then it costs nothing.
 
-What it does to signals: removing DC and balancing I and Q leave them as they are but for a common factor. A notch is
-one minus a triangular low-pass around the line, symmetric in time after a delay of `delay_samples`, so its frequency
-response is real: every correlation function stays Hermitian around its peak, for any code, Doppler and bandwidth. Code
-and carrier are therefore not biased (`tests/recording/test_conditioning.py` measures it), and the delay is common to
-all satellites. `conditioned` takes the delay off; `Conditioner.step`, for what runs over time, states it.
+Effects on signals: removing DC and balancing I and Q change them by a common factor only. A notch is one minus a
+triangular low-pass around the line, symmetric in time after a delay of `delay_samples`, so its frequency response is
+real: every correlation function stays Hermitian around its peak, for any code, Doppler and bandwidth. Code and carrier
+are therefore not biased (`tests/recording/test_conditioning.py` measures it), and the delay is common to all
+satellites. `condition` takes the delay off; `Conditioner.step`, for what runs over time, states it.
 """
 
 import math
@@ -26,7 +26,14 @@ from scipy import special
 from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import GPS_L1_CA, SignalPlan
-from skyproof.recording.spectrum import GUARD, density_of, floor_and_lines, line_threshold, noise_bins, tone
+from skyproof.recording.spectrum import (
+    GUARD,
+    compute_line_threshold,
+    count_noise_bins,
+    estimate_density,
+    find_floor_and_lines,
+    measure_tone,
+)
 from skyproof.records import Samples, freeze
 
 __all__ = [
@@ -35,7 +42,7 @@ __all__ = [
     "ConditionerState",
     "MeasuredFrontEnd",
     "SpectralLine",
-    "conditioned",
+    "condition",
     "measure_front_end",
 ]
 
@@ -149,7 +156,7 @@ class MeasuredFrontEnd:
 
     @property
     def balances(self) -> bool:
-        """Whether the imbalance is both certain and felt."""
+        """Return whether the imbalance is both certain and felt."""
         certain = (
             abs(self.gain_imbalance_db) > IMBALANCE_SIGMAS * self.gain_imbalance_sigma_db
             or abs(self.phase_imbalance_deg) > IMBALANCE_SIGMAS * self.phase_imbalance_sigma_deg
@@ -158,7 +165,7 @@ class MeasuredFrontEnd:
 
     @property
     def notched(self) -> tuple[SpectralLine, ...]:
-        """The lines that are taken off: those that hurt, the worst first, but for those for which there is no room."""
+        """List the lines that are removed: harmful ones, the worst first, as far as there is room."""
         taken: tuple[SpectralLine, ...] = ()
         for line in sorted((line for line in self.lines if line.hurts), key=lambda line: -line.loss_db):
             most = MOST_NOTCHES if line.loss_db > WORTH_DB else FEW_NOTCHES
@@ -168,7 +175,7 @@ class MeasuredFrontEnd:
 
     @property
     def notch_hz(self) -> float:
-        """The width of all notches, wide enough for the widest of the lines."""
+        """Return the width of all notches, wide enough for the widest of the lines."""
         return _notch_hz(self.notched)
 
     @property
@@ -177,7 +184,7 @@ class MeasuredFrontEnd:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was found and what is done about it, in words; empty for a clean front end."""
+        """Describe findings and actions; empty for a clean front end."""
         remarks = []
         if self.removes_dc:
             offsets = " and ".join(f"{o:+.2f}" for o in (self.dc / self.rms)[: 1 if self.real else 2])
@@ -193,22 +200,25 @@ class MeasuredFrontEnd:
                 f"a line at {line.frequency_hz / 1e3:+.1f} kHz, {line.jn0_dbhz:.0f} dB-Hz over the noise "
                 f"density, costs {line.loss_db:.2f} dB of C/N0 and is notched"
             )
-        if left := len(hurting) - len(self.notched):
-            what = "line hurts and is" if left == 1 else "lines hurt and are"
+        if left_in := len(hurting) - len(self.notched):
+            words = "line hurts and is" if left_in == 1 else "lines hurt and are"
             remarks.append(
-                f"{left} more {what} left in: notches of more than {FEW_NOTCHES * NOTCH_HZ / 1e3:g} kHz together "
+                f"{left_in} more {words} left in: notches of more than {FEW_NOTCHES * NOTCH_HZ / 1e3:g} kHz together "
                 f"({MOST_NOTCHES * NOTCH_HZ / 1e3:g} kHz of lines that cost {WORTH_DB:g} dB each) bend the signals"
             )
         if harmless := [line for line in self.lines if not line.hurts]:
             at = ", ".join(f"{line.frequency_hz / 1e3:+.1f}" for line in harmless[:6])
             more = f" and {len(harmless) - 6} more" if len(harmless) > 6 else ""
-            what = "line that costs" if len(harmless) == 1 else "lines that cost"
-            remarks.append(f"{len(harmless)} narrow {what} less than {LOSS_LIMIT_DB:g} dB left in, at {at} kHz{more}")
+            words = "line that costs" if len(harmless) == 1 else "lines that cost"
+            remarks.append(f"{len(harmless)} narrow {words} less than {LOSS_LIMIT_DB:g} dB left in, at {at} kHz{more}")
         return tuple(remarks)
 
 
 def _notch_hz(lines: Sequence[SpectralLine]) -> float:
-    """Of notches that take off lines of their width as well as sharp ones: twenty times the widest's, at least."""
+    """Choose the width of notches that remove wide lines as well as sharp ones.
+
+    It is twenty times the widest line's, at least.
+    """
     return max([NOTCH_HZ, *(20.0 * line.width_hz for line in lines)])
 
 
@@ -224,8 +234,8 @@ def measure_front_end(
     ----------
     samples : the recording; samples whose Q is zero throughout are taken as real.
     signal : what is to be received, for what hurts it.
-    false_alarm_probability : of one line or more reported where there is only noise, however its spectrum is shaped
-        (as long as it changes little over some 60 bins of rate/4096).
+    false_alarm_probability : of one line or more reported where there is only noise, of any spectrum that changes
+    little over some 60 bins of rate/4096.
 
     Raises
     ------
@@ -233,22 +243,22 @@ def measure_front_end(
     """
     if samples.n_samples < 4 * _LEAST_FFT:
         raise ValueError(f"{samples.n_samples} samples are too few to measure a front end; at least {4 * _LEAST_FFT}")
-    stretches = [samples.read(start, count).astype(np.float64) for start, count in _stretches(samples.n_samples)]
+    stretches = [samples.read(start, count).astype(np.float64) for start, count in _choose_stretches(samples.n_samples)]
     planes = np.concatenate(stretches, axis=1)
     real = not planes[1].any()
     dc, rms = planes.mean(axis=1), planes.std(axis=1)
     if not rms.any():
         raise ValueError("the samples never change")
     carrier_hz = samples.if_hz + signal.carrier_hz - samples.centre_hz
-    n_fft = _fft_length(min(stretch.shape[1] for stretch in stretches), planes.shape[1])
-    frequency_hz, density, n_averaged = density_of(stretches, dc, samples.rate_hz, n_fft, real=real)
+    n_fft = _choose_fft_length(min(stretch.shape[1] for stretch in stretches), planes.shape[1])
+    frequency_hz, density, n_averaged = estimate_density(stretches, dc, samples.rate_hz, n_fft, real=real)
     step_hz = samples.rate_hz / n_fft
     usable = np.ones(frequency_hz.size, bool)
     if real:  # next to zero and to half the rate a bin holds its own image: another distribution
         usable[:GUARD] = usable[-GUARD:] = False
-    threshold = line_threshold(n_averaged, false_alarm_probability / np.count_nonzero(usable))
+    threshold = compute_line_threshold(n_averaged, false_alarm_probability / np.count_nonzero(usable))
     mean_over_median = n_averaged / float(special.gammaincinv(n_averaged, 0.5))
-    floor, groups = floor_and_lines(density, threshold, usable, mean_over_median, circular=not real)
+    floor, groups = find_floor_and_lines(density, threshold, usable, mean_over_median, circular=not real)
     weight = np.sinc((frequency_hz - carrier_hz) / signal.chip_rate_hz) ** 2
     inside = np.abs(carrier_hz) <= samples.rate_hz / 2.0
     n0 = float(np.sum(floor * weight) / np.sum(weight)) if inside else math.nan
@@ -259,7 +269,7 @@ def measure_front_end(
 
     lines = []
     for bins in groups:
-        at_hz, power, width_hz = tone(bins, frequency_hz, density, floor, step_hz)
+        at_hz, power, width_hz = measure_tone(bins, frequency_hz, density, floor, step_hz)
         lines.append(
             SpectralLine(
                 frequency_hz=at_hz,
@@ -269,9 +279,9 @@ def measure_front_end(
                 loss_db=loss_db(power, at_hz),
             )
         )
-    gain, skew, image_db = (math.nan, math.nan, math.nan) if real else _imbalance(planes, dc, rms)
-    levels, shares, extreme = _levels(planes[:1] if real else planes)
-    low, high = _band(frequency_hz, floor, carrier_hz)
+    gain, skew, image_db = (math.nan, math.nan, math.nan) if real else _estimate_imbalance(planes, dc, rms)
+    levels, shares, extreme = _count_levels(planes[:1] if real else planes)
+    low, high = _find_band(frequency_hz, floor, carrier_hz)
     return MeasuredFrontEnd(
         rate_hz=samples.rate_hz,
         real=real,
@@ -295,14 +305,14 @@ def measure_front_end(
         n0=n0,
         noise_bandwidth_hz=float(np.sum(floor) * step_hz / n0),
         band_hz=(low, high),
-        resolution_hz=noise_bins(n_fft) * step_hz,
+        resolution_hz=count_noise_bins(n_fft) * step_hz,
         line_threshold_db=10.0 * math.log10(threshold),
         false_alarm_probability=false_alarm_probability,
         lines=tuple(sorted(lines, key=lambda line: (-line.loss_db, -line.over_floor_db))),
     )
 
 
-def _stretches(n_samples: int) -> list[tuple[int, int]]:
+def _choose_stretches(n_samples: int) -> list[tuple[int, int]]:
     if n_samples <= _STRETCHES * _STRETCH_SAMPLES:
         count = min(n_samples, _STRETCH_SAMPLES)
         return [(start, count) for start in range(0, n_samples - count + 1, count)]
@@ -310,13 +320,13 @@ def _stretches(n_samples: int) -> list[tuple[int, int]]:
     return [(int(start), _STRETCH_SAMPLES) for start in starts]
 
 
-def _fft_length(stretch: int, n_samples: int) -> int:
+def _choose_fft_length(stretch: int, n_samples: int) -> int:
     wanted = min(_MOST_FFT, stretch, max(n_samples // _SEGMENTS, _LEAST_FFT))
     return int(2 ** math.floor(math.log2(wanted)))
 
 
-def _imbalance(planes: Reals, dc: Reals, rms: Reals) -> tuple[float, float, float]:
-    """Gain of I over Q, how much less than a right angle lies between them (rad), and the image's power in dB.
+def _estimate_imbalance(planes: Reals, dc: Reals, rms: Reals) -> tuple[float, float, float]:
+    """Estimate gain of I over Q, skew from a right angle (rad), and the image's power in dB.
 
     Noise and signals from a band that is not symmetric around zero by chance have E[I^2] = E[Q^2] and E[IQ] = 0.
     """
@@ -328,7 +338,7 @@ def _imbalance(planes: Reals, dc: Reals, rms: Reals) -> tuple[float, float, floa
     return gain, skew, float(10.0 * np.log10(max(abs(gain - turn) ** 2 / abs(gain + turn) ** 2, 1e-12)))
 
 
-def _levels(planes: Reals) -> tuple[Reals, Reals, float]:
+def _count_levels(planes: Reals) -> tuple[Reals, Reals, float]:
     values, counts = np.unique(planes, return_counts=True)
     extreme = float((counts[0] + counts[-1]) / planes.size)
     if values.size > _LEVELS:
@@ -337,8 +347,8 @@ def _levels(planes: Reals) -> tuple[Reals, Reals, float]:
     return values, counts / planes.size, extreme
 
 
-def _band(frequency_hz: Reals, floor: Reals, carrier_hz: float) -> tuple[float, float]:
-    """Where the floor falls to half its level at the carrier, going away from there on either side."""
+def _find_band(frequency_hz: Reals, floor: Reals, carrier_hz: float) -> tuple[float, float]:
+    """Find where the floor falls to half its level at the carrier, on either side of it."""
     smooth = np.convolve(np.pad(floor, 8, mode="edge"), np.ones(17) / 17.0, mode="valid")
     near = int(np.argmin(np.abs(frequency_hz - carrier_hz)))
     low_bins = np.flatnonzero(smooth[: near + 1] < 0.5 * smooth[near])
@@ -369,11 +379,11 @@ class Conditioner:
         self.front_end = front_end
         self.turns = np.array([line.frequency_hz / front_end.rate_hz for line in front_end.notched])
         self.length = max(round(front_end.rate_hz / front_end.notch_hz), 2) if self.turns.size else 1
-        self.matrix, self.offset = _correction(front_end)
+        self.matrix, self.offset = _compute_correction(front_end)
 
     @property
     def delay_samples(self) -> int:
-        """How much later each sample comes out than it went in: the same for all signals."""
+        """Return how much later each sample comes out than it went in: the same for all signals."""
         return self.length - 1
 
     @property
@@ -388,7 +398,7 @@ class Conditioner:
         )
 
     def step(self, state: ConditionerState | None, block: Floats) -> tuple[Floats, ConditionerState]:
-        """The next samples, corrected and `delay_samples` late, and the state after them.
+        """Correct the next samples; return them `delay_samples` late, and the state after them.
 
         Parameters
         ----------
@@ -397,8 +407,8 @@ class Conditioner:
 
         Returns
         -------
-        float32, shape (2, n), the very block if nothing is to be done; and the new state. Pieces of any lengths give,
-        bit by bit, what the whole gives.
+        float32, shape (2, n), the same block if nothing is to be done; and the new state. Pieces of any lengths give
+        the result of the whole, bit by bit.
         """
         state = state if state is not None else self.initial
         n = block.shape[1]
@@ -406,7 +416,7 @@ class Conditioner:
         if not self.front_end.acts:
             return block, replace(state, position=position)
         straight = np.empty((2, n), np.float32)
-        _straighten(block, self.matrix, self.offset, straight)
+        _balance(block, self.matrix, self.offset, straight)
         if not self.turns.size:
             return straight, replace(state, position=position)
         late = np.concatenate([state.held, straight], axis=1)
@@ -414,7 +424,7 @@ class Conditioner:
         out = late[:, :n].copy()
         waves, firsts, sums = state.waves.copy(), state.firsts.copy(), state.sums.copy()
         for row in range(self.turns.size):
-            _notch(
+            _apply_notch(
                 straight,
                 out,
                 waves[row],
@@ -429,8 +439,8 @@ class Conditioner:
         return out, ConditionerState(position=position, held=held, waves=waves, firsts=firsts, sums=sums)
 
 
-def conditioned(samples: Samples, front_end: MeasuredFrontEnd) -> Samples:
-    """The recording with what hurts taken off, sample for sample at its own time; itself if nothing hurts.
+def condition(samples: Samples, front_end: MeasuredFrontEnd) -> Samples:
+    """Correct a recording sample for sample at its own time; itself if nothing hurts.
 
     A stretch read is the same whatever was read before, but for the last bit of the rounding. Within two
     `delay_samples` of the recording's ends a notch knows only part of the line, and leaves the rest.
@@ -456,8 +466,8 @@ def conditioned(samples: Samples, front_end: MeasuredFrontEnd) -> Samples:
     return replace(samples, read=read)
 
 
-def _correction(front_end: MeasuredFrontEnd) -> tuple[Reals, Reals]:
-    """Matrix and offset so that matrix @ (planes - offset) is centred and balanced; I keeps its scale."""
+def _compute_correction(front_end: MeasuredFrontEnd) -> tuple[Reals, Reals]:
+    """Compute matrix and offset so that matrix @ (planes - offset) is centred and balanced; I keeps its scale."""
     matrix, offset = np.eye(2), np.zeros(2)
     if front_end.removes_dc:
         offset = np.array(front_end.dc)
@@ -469,7 +479,7 @@ def _correction(front_end: MeasuredFrontEnd) -> tuple[Reals, Reals]:
 
 
 @compiled
-def _straighten(block: Floats, matrix: Reals, offset: Reals, out: Floats) -> None:
+def _balance(block: Floats, matrix: Reals, offset: Reals, out: Floats) -> None:
     a = np.float32(matrix[1, 0])
     b = np.float32(matrix[1, 1])
     at_i = np.float32(offset[0])
@@ -481,7 +491,7 @@ def _straighten(block: Floats, matrix: Reals, offset: Reals, out: Floats) -> Non
 
 
 @compiled
-def _notch(
+def _apply_notch(
     block: Floats,
     out: Floats,
     waves: Complexes,

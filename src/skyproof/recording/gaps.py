@@ -1,4 +1,4 @@
-"""Samples that were lost: where, and how many, from the jumps of the code phases."""
+"""Find where samples were lost, and how many, from the jumps of the code phases."""
 
 import math
 from collections.abc import Sequence
@@ -8,11 +8,11 @@ import numpy as np
 
 from skyproof.arrays import Floats, Reals
 from skyproof.gnss.signals import prn_of
-from skyproof.recording.code_phases import CodeBlocks, FoundSignal, Tracks, predicted_delay_s, ramp_of
-from skyproof.recording.jumps import DelayLevels, fitted_levels, segment_of
+from skyproof.recording.code_phases import CodeBlocks, FoundSignal, Tracks, compute_ramp, predict_delay_s
+from skyproof.recording.jumps import DelayLevels, find_segments, fit_model
 from skyproof.records import Samples
 
-__all__ = ["MissingSamples", "gaps_of"]
+__all__ = ["MissingSamples", "find_gaps"]
 _PLACE_PERIODS = (2, 1)  # to either side of a gap, for its exact place: then few data bits change in between
 _ELSEWHERE_CHIPS = (205.5, 507.5, 809.5)
 
@@ -32,7 +32,7 @@ class MissingSamples:
     period_samples: float
 
 
-def gaps_of(
+def find_gaps(
     samples: Samples,
     carrier_hz: float,
     blocks: CodeBlocks,
@@ -40,21 +40,21 @@ def gaps_of(
     tracks: Tracks,
     levels: DelayLevels,
 ) -> tuple[MissingSamples, ...]:
-    """Place and size of each jump; the stretch that holds a jump has no part in its size."""
+    """Estimate place and size of each jump; the stretch that holds a jump has no part in its size."""
     places = [
-        _gap_at(samples, carrier_hz, blocks, signals, tracks, levels, row) for row in range(1, len(levels.breaks))
+        _locate_gap(samples, carrier_hz, blocks, signals, tracks, levels, row) for row in range(1, len(levels.breaks))
     ]
     middle_s = tracks.middle_s
     half_s = 0.5 * tracks.periods * blocks.signal.period_s
     used = np.ones(middle_s.size, bool)
     for at, sigma in places:
         used &= np.abs(middle_s - at / blocks.rate_hz) > half_s + sigma / blocks.rate_hz
-    segment = segment_of(levels.breaks, middle_s.size)
+    segment = find_segments(levels.breaks, middle_s.size)
     for number in range(len(levels.breaks)):  # a level needs at least one stretch
         if not used[segment == number].any():
             used[segment == number] = True
     model_s = levels.offset_s[segment] + levels.drift * middle_s
-    final = fitted_levels(middle_s, levels.errors_s + model_s, levels.sigma_s, levels.breaks, used)
+    final = fit_model(middle_s, levels.errors_s + model_s, levels.sigma_s, levels.breaks, used)
     period = blocks.rate_hz * blocks.signal.period_s
     gaps = []
     for row, (at, sigma) in enumerate(places, 1):
@@ -74,7 +74,7 @@ def gaps_of(
     return tuple(gaps)
 
 
-def _gap_at(
+def _locate_gap(
     samples: Samples,
     carrier_hz: float,
     blocks: CodeBlocks,
@@ -83,7 +83,9 @@ def _gap_at(
     levels: DelayLevels,
     row: int,
 ) -> tuple[float, float]:
-    """The first sample after jump number `row`: mean and spread of its likelihood, each place being as likely before.
+    """Locate the first sample after jump number `row`.
+
+    Returns mean and spread of its likelihood, with a flat prior.
 
     First among code periods, by the powers at the delays before and after; then among samples, by the energies of the
     two coherent sums, up to the place and from it on, of every satellite.
@@ -95,9 +97,9 @@ def _gap_at(
     extra_s = levels.offset_s[[row - 1, row]] + levels.drift * tracks.middle_s[k]
     gain = np.zeros(part.stop - part.start)
     for number, received in enumerate(signals):
-        delay_s = predicted_delay_s(blocks, received, tracks.ratio)[part]
+        delay_s = predict_delay_s(blocks, received, tracks.ratio)[part]
         before, after = (
-            np.abs(np.mean(tracks.spectra[number, part] * ramp_of(blocks, delay_s + extra), axis=1)) ** 2
+            np.abs(np.mean(tracks.spectra[number, part] * compute_ramp(blocks, delay_s + extra), axis=1)) ** 2
             for extra in extra_s
         )
         gain += (after - before) / tracks.noise[number]
@@ -107,11 +109,13 @@ def _gap_at(
     for periods in _PLACE_PERIODS:
         start = max(0, round(at) - periods * blocks.block_samples)
         count = min(round(at) + periods * blocks.block_samples, samples.n_samples) - start
-        at, sigma = _likeliest(samples.read(start, count), start, carrier_hz, blocks, signals, tracks.ratio, extra_s)
+        at, sigma = _find_likeliest(
+            samples.read(start, count), start, carrier_hz, blocks, signals, tracks.ratio, extra_s
+        )
     return at, sigma
 
 
-def _likeliest(
+def _find_likeliest(
     planes: Floats,
     start: int,
     carrier_hz: float,
@@ -120,7 +124,7 @@ def _likeliest(
     ratio: float,
     extra_s: Reals,
 ) -> tuple[float, float]:
-    """Mean and spread of where, in a stretch that begins at sample `start`, the delay changes between two values."""
+    """Estimate where in a stretch, from sample `start` on, the delay changes: mean and spread."""
     count = planes.shape[1]
     wave = (planes[0] + 1j * planes[1]).astype(np.complex128)
     time_s = (start + np.arange(count)) / blocks.rate_hz

@@ -1,10 +1,10 @@
-"""Several channels in one stream of numbers, which one reading cannot tell apart: does it matter where a sample stands?
+"""Detect several channels in one stream of numbers, by where in a turn each sample stands.
 
 In the samples of one channel a signal has one carrier. Where channels take turns, sample by sample, each position of
 the turn has an amplitude and a phase of its own, and so the signal has as many carriers, apart by the rate over their
 number (Vaidyanathan, Multirate Systems and Filter Banks, chapter 4). Real channels read as I and Q make mirror images.
-The powers there are compared with those of the code at delays where the signal is not, so that a line of a disturber,
-which is there at all delays, shows nothing. Channels of equal phases, as behind a splitter, have no images; then their
+The powers there are compared with those of the code at delays without the signal. So an interfering line, which is
+present at all delays, does not count. Channels of equal phases, as behind a splitter, have no images; then their
 powers, or the correlation of neighbours, go with the position.
 """
 
@@ -66,7 +66,7 @@ def turns(
     real: bool,
     code: SignalPlan = GPS_L1_CA,
 ) -> Turns:
-    """After how many samples the same channel comes again, by the images of signals that were found.
+    """Count the samples after which the same channel comes again, by the images of signals found.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def turns(
     signals : found in them; the strongest are looked at.
     """
     as_read = _turns(planes, rate_hz, signals, real, code)
-    single = [one for one in signals if _single(one, rate_hz)]
+    single = [found for found in signals if _is_single(found, rate_hz)]
     if as_read.one_channel or not single:
         return as_read
     # mirror images among the images of turns look like turns of twice the length
@@ -82,13 +82,13 @@ def turns(
     return Turns(samples=samples if samples > 1 or as_read.mirrored else as_read.samples, mirrored=as_read.mirrored)
 
 
-def _single(one: InterleavedSignal, rate_hz: float) -> bool:
-    """Whether mirror images lie clear of all the signal's own images."""
+def _is_single(one: InterleavedSignal, rate_hz: float) -> bool:
+    """Test whether mirror images lie clear of all the signal's own images."""
     return abs(math.remainder(2.0 * one.carrier_hz, rate_hz / _POSITIONS)) > _APART_HZ
 
 
 def _turns(planes: Floats, rate_hz: float, signals: Sequence[InterleavedSignal], real: bool, code: SignalPlan) -> Turns:
-    chosen = sorted(signals, key=lambda one: -one.cn0_dbhz)[:_MOST_SIGNALS]
+    chosen = sorted(signals, key=lambda found: -found.cn0_dbhz)[:_MOST_SIGNALS]
     per_period = rate_hz * code.period_s
     n_periods = min(int(planes.shape[1] / per_period), max(_LEAST_PERIODS, int(_MOST_SAMPLES / per_period)))
     size = int(per_period) // _POSITIONS * _POSITIONS
@@ -100,27 +100,27 @@ def _turns(planes: Floats, rate_hz: float, signals: Sequence[InterleavedSignal],
     wave = planes[0, index] + np.complex64(1j) * planes[1, index]
     straight, mirrored = np.zeros((2, _POSITIONS)), np.zeros((2, _POSITIONS))
     whole = 0.0
-    for one in chosen:
-        powers, level = _powers(wave, index, rate_hz, one, code)
+    for found in chosen:
+        powers, level = _average_powers(wave, index, rate_hz, found, code)
         own_hz = np.arange(_POSITIONS) * rate_hz / _POSITIONS
-        twice = np.abs(np.remainder(2.0 * one.carrier_hz + own_hz + 0.5 * rate_hz, rate_hz) - 0.5 * rate_hz)
+        twice = np.abs(np.remainder(2.0 * found.carrier_hz + own_hz + 0.5 * rate_hz, rate_hz) - 0.5 * rate_hz)
         clear = twice > _APART_HZ if real else np.ones(_POSITIONS, bool)
         straight += np.where(clear, (powers - level, level**2), 0.0)
         whole += float(powers[0] - level[0])
         if not real and twice[0] > _APART_HZ:
-            powers, level = _powers(wave.conj(), index, rate_hz, one, code)
+            powers, level = _average_powers(wave.conj(), index, rate_hz, found, code)
             mirrored += np.stack([powers - level, level**2])
-    images = np.flatnonzero(_stands_out(straight, whole, len(index)) | _swings(planes))
+    images = np.flatnonzero(_mark_outstanding(straight, whole, len(index)) | _mark_swings(planes))
     return Turns(
         samples=_POSITIONS // math.gcd(_POSITIONS, *(int(image) for image in images)),
-        mirrored=bool(_stands_out(mirrored, whole, len(index)).any()),
+        mirrored=bool(_mark_outstanding(mirrored, whole, len(index)).any()),
     )
 
 
-def _powers(
+def _average_powers(
     wave: ComplexFloats, index: Integers, rate_hz: float, one: InterleavedSignal, code: SignalPlan
 ) -> tuple[Reals, Reals]:
-    """At the carrier and its images, means over the code periods: of the signal, and beside it.
+    """Average powers of the signal, and beside it, over code periods, at the carrier and its images.
 
     The Doppler of the code is less than a tenth of a chip in ten periods and left out.
     """
@@ -136,19 +136,19 @@ def _powers(
     return at(0.0), np.mean([at(off) for off in _OFF_CHIPS], axis=0)
 
 
-def _stands_out(over: Reals, whole: float, n_periods: int) -> Booleans:
-    """over : (2, positions) of the power over the level beside, and the level's square, both summed over signals.
+def _mark_outstanding(over: Reals, whole: float, n_periods: int) -> Booleans:
+    """Mark positions whose power stands out.
 
-    A mean of n powers of complex noise has the variance of its level squared over n.
+    over : (2, positions) of the power over the level beside, and the level's square, both summed over signals.
     """
     sigma = np.sqrt(over[1] / n_periods * (1.0 + 1.0 / len(_OFF_CHIPS)))
     return np.asarray((over[0] > _SHARE * whole) & (over[0] > _SIGMAS * sigma) & (over[1] > 0.0))
 
 
-def _swings(planes: Floats) -> Booleans:
-    """At which frequencies of the position the power or the correlation of neighbours swings.
+def _mark_swings(planes: Floats) -> Booleans:
+    """Mark the frequencies of the position at which the power or the correlation of neighbours swings.
 
-    Lines are cut out first: of the sampling clock's parts, which front ends let in, the beats would do so too.
+    Lines are cut out first: those of the sampling clock, which front ends let in, would swing too.
     """
     spectrum = fft.fft(planes[0] + np.complex64(1j) * planes[1])
     power = np.abs(spectrum) ** 2

@@ -1,4 +1,4 @@
-"""Jumps that the code phases of all satellites make alike, and the delays between them."""
+"""Find jumps that the code phases of all satellites make alike, and the delays between them."""
 
 import math
 from collections.abc import Sequence
@@ -13,22 +13,22 @@ from skyproof.recording.code_phases import (
     CodeBlocks,
     FoundSignal,
     Tracks,
-    by_stretch,
-    kept_bins,
-    predicted_delay_s,
-    ramp_of,
+    compute_ramp,
+    group_by_stretch,
+    list_bins,
+    predict_delay_s,
 )
 
-__all__ = ["LEAST_SATS", "DelayLevels", "fitted_levels", "jumps_of", "levels_of", "segment_of"]
+__all__ = ["LEAST_SATS", "DelayLevels", "find_jumps", "find_segments", "fit_levels", "fit_model"]
 _ARM_CHIPS = 0.5  # between early and prompt
 LEAST_SATS = 3
 
 
-def jumps_of(tracks: Tracks, probability: float) -> tuple[list[int], list[int]]:
-    """Stretches at which the common delay jumps by more than a chip or so, and the delay (in cells) from each on.
+def find_jumps(tracks: Tracks, probability: float) -> tuple[list[int], list[int]]:
+    """Find stretches where the common delay jumps by a chip or more, and the delay (in cells) after each.
 
-    The sum over satellites and periods of noise alone is Gamma; what exceeds its quantile for all delays and stretches,
-    and stands above everything near the delay expected, is where the satellites are.
+    The sum over satellites and periods of noise alone is Gamma. The satellites are where it exceeds its quantile for
+    all delays and stretches, and everything near the expected delay.
     """
     total = np.sum(tracks.around, axis=0)
     shape = tracks.around.shape[0] * tracks.periods
@@ -37,8 +37,8 @@ def jumps_of(tracks: Tracks, probability: float) -> tuple[list[int], list[int]]:
     breaks, cells = [0], [0]
     near = np.arange(-3, 4)
     for j, cell in enumerate(best):
-        here = total[j, (cells[-1] + near) % CELLS].max()
-        if total[j, cell] <= threshold or total[j, cell] <= here:
+        near_power = total[j, (cells[-1] + near) % CELLS].max()
+        if total[j, cell] <= threshold or total[j, cell] <= near_power:
             continue
         mine = tracks.around[:, j]
         moved = mine[:, (cell + near) % CELLS].max(axis=1) > mine[:, (cells[-1] + near) % CELLS].max(axis=1)
@@ -67,7 +67,7 @@ class DelayLevels:
     used: Booleans
 
 
-def levels_of(
+def fit_levels(
     blocks: CodeBlocks,
     signals: Sequence[FoundSignal],
     tracks: Tracks,
@@ -79,24 +79,24 @@ def levels_of(
     middle_s, n_stretches = tracks.middle_s, tracks.middle_s.size
     used = np.ones(n_stretches, bool)
     centred = (np.array(cells) + CELLS // 2) % CELLS - CELLS // 2
-    centre_s = (centred * (blocks.block_s / CELLS))[segment_of(breaks, n_stretches)]
+    centre_s = (centred * (blocks.block_s / CELLS))[find_segments(breaks, n_stretches)]
     errors_s, sigma_s = _delay_errors(blocks, signals, tracks, centre_s)
     # Each pass measures nearer to the peaks, where early and late are balanced; smaller jumps show once drift is off.
     for look in (False, True, False):
-        common_s, common_sigma_s = weighted_mean(errors_s, sigma_s)
+        common_s, common_sigma_s = average_weighted(errors_s, sigma_s)
         offset_s, drift, _ = _fit(middle_s, centre_s + common_s, common_sigma_s, breaks, used)
-        centre_s = offset_s[segment_of(breaks, n_stretches)] + drift * middle_s
+        centre_s = offset_s[find_segments(breaks, n_stretches)] + drift * middle_s
         errors_s, sigma_s = _delay_errors(blocks, signals, tracks, centre_s)
         if look:
-            breaks, used = _smaller_jumps(middle_s, errors_s, sigma_s, breaks, used, probability)
-    return fitted_levels(middle_s, centre_s + errors_s, sigma_s, breaks, used)
+            breaks, used = _find_smaller_jumps(middle_s, errors_s, sigma_s, breaks, used, probability)
+    return fit_model(middle_s, centre_s + errors_s, sigma_s, breaks, used)
 
 
-def fitted_levels(middle_s: Reals, delay_s: Reals, sigma_s: Reals, breaks: list[int], used: Booleans) -> DelayLevels:
-    """The model of the delays (n_sats, n_stretches) of all satellites, fitted to the stretches used."""
-    common_s, common_sigma_s = weighted_mean(delay_s, sigma_s)
+def fit_model(middle_s: Reals, delay_s: Reals, sigma_s: Reals, breaks: list[int], used: Booleans) -> DelayLevels:
+    """Fit the model of the delays (n_sats, n_stretches) of all satellites to the stretches used."""
+    common_s, common_sigma_s = average_weighted(delay_s, sigma_s)
     offset_s, drift, covariance = _fit(middle_s, common_s, common_sigma_s, breaks, used)
-    model_s = offset_s[segment_of(breaks, middle_s.size)] + drift * middle_s
+    model_s = offset_s[find_segments(breaks, middle_s.size)] + drift * middle_s
     return DelayLevels(
         breaks=breaks,
         offset_s=offset_s,
@@ -108,7 +108,7 @@ def fitted_levels(middle_s: Reals, delay_s: Reals, sigma_s: Reals, breaks: list[
     )
 
 
-def segment_of(breaks: Sequence[int], n_stretches: int) -> Integers:
+def find_segments(breaks: Sequence[int], n_stretches: int) -> Integers:
     return np.searchsorted(np.asarray(breaks), np.arange(n_stretches), side="right") - 1
 
 
@@ -125,11 +125,11 @@ def _delay_errors(
     bins = fft.fftfreq(CELLS, 1.0 / CELLS)
     arms = np.exp(2j * np.pi * np.outer(bins, [-_ARM_CHIPS, _ARM_CHIPS]) * chip_s / blocks.block_s) / CELLS
     arms = arms.astype(np.complex64)
-    slope_per_chip = _early_late_slope(blocks)
+    slope_per_chip = _compute_slope(blocks)
     errors_s, sigma_s = np.empty((len(signals), n_stretches)), np.empty(len(signals))
     for row, received in enumerate(signals):
-        delay_s = by_stretch(predicted_delay_s(blocks, received, tracks.ratio), periods).mean(axis=1) + centre_s
-        replicas = ramp_of(blocks, delay_s)[:, :, np.newaxis] * arms
+        delay_s = group_by_stretch(predict_delay_s(blocks, received, tracks.ratio), periods).mean(axis=1) + centre_s
+        replicas = compute_ramp(blocks, delay_s)[:, :, np.newaxis] * arms
         spectra = tracks.spectra[row, : n_stretches * periods].reshape(n_stretches, periods, CELLS)
         early, late = (np.abs(spectra @ replicas) ** 2).sum(axis=1).T / tracks.noise[row]
         ratio = max(float(np.mean(early + late)) / (2.0 * periods) - 1.0, 0.01)  # signal to noise on either arm
@@ -139,33 +139,36 @@ def _delay_errors(
     return errors_s, sigma_s
 
 
-def _early_late_slope(blocks: CodeBlocks) -> float:
-    """Change of (late - early) / (late + early) per chip of delay, for a smooth code spectrum in the band kept."""
+def _compute_slope(blocks: CodeBlocks) -> float:
+    """Compute the change of (late - early) / (late + early) per chip.
+
+    The code spectrum is smooth in the band kept.
+    """
     chips = blocks.block_s * blocks.signal.chip_rate_hz
-    bins = kept_bins(blocks.block_samples, blocks.rate_hz)
+    bins = list_bins(blocks.block_samples, blocks.rate_hz)
     angle = 2.0 * np.pi * bins / chips
     weight = np.sinc(bins / chips) ** 2
     shape, steepness = np.sum(weight * np.cos(angle * _ARM_CHIPS)), np.sum(weight * angle * np.sin(angle * _ARM_CHIPS))
     return float(2.0 * steepness / shape)
 
 
-def weighted_mean(values: Reals, sigma: Reals) -> tuple[Reals, float]:
-    """Mean over satellites (axis 0) by their sigmas, and its sigma: no less than what the scatter shows."""
+def average_weighted(values: Reals, sigma: Reals) -> tuple[Reals, float]:
+    """Average over satellites (axis 0) by their sigmas; its sigma is no less than the scatter shows."""
     weight = 1.0 / sigma**2
     mean = weight @ values / weight.sum()
     stated = 1.0 / math.sqrt(weight.sum())
     if mean.size < 8:
         return mean, stated
     # second differences know neither level nor drift, and their median no jump; variance 6 of white noise
-    shown = 1.4826 * float(np.median(np.abs(np.diff(mean, 2)))) / math.sqrt(6.0)
-    return mean, max(stated, shown)
+    scatter = 1.4826 * float(np.median(np.abs(np.diff(mean, 2)))) / math.sqrt(6.0)
+    return mean, max(stated, scatter)
 
 
 def _fit(
     time_s: Reals, values: Reals, sigma: float, breaks: Sequence[int], used: Booleans
 ) -> tuple[Reals, float, Reals]:
-    """Least squares of a level from each break on and one drift, none where there is too little to tell it."""
-    segment = segment_of(breaks, time_s.size)
+    """Fit a level from each break on and one drift by least squares; no drift where too few stretches show it."""
+    segment = find_segments(breaks, time_s.size)
     design = np.zeros((time_s.size, len(breaks) + 1))
     design[np.arange(time_s.size), segment] = 1.0
     if np.count_nonzero(used) > len(breaks) + 1:
@@ -175,23 +178,26 @@ def _fit(
     return solution[:-1], float(solution[-1]), sigma**2 * (inverse @ inverse.T)
 
 
-def _smaller_jumps(
+def _find_smaller_jumps(
     time_s: Reals, errors_s: Reals, sigma_s: Reals, breaks: list[int], used: Booleans, probability: float
 ) -> tuple[list[int], Booleans]:
-    """Breaks, with those added where the common delay jumps by more than noise does anywhere with `probability`.
+    """Add breaks where the common delay jumps by more than noise does anywhere with `probability`.
 
     A break at k is a jump within the stretch before it, which belongs to neither side and is used no more. The
     strongest satellite must not be the only one that jumps.
     """
     limit = float(special.ndtri(1.0 - 0.5 * probability / max(time_s.size, 1)))
-    others = np.arange(sigma_s.size) != np.argmin(sigma_s)
-    series = [weighted_mean(errors_s, sigma_s), weighted_mean(errors_s[others], sigma_s[others])]
+    without_strongest = np.arange(sigma_s.size) != np.argmin(sigma_s)
+    series = [
+        average_weighted(errors_s, sigma_s),
+        average_weighted(errors_s[without_strongest], sigma_s[without_strongest]),
+    ]
 
     def without(k: int) -> Booleans:
         return np.asarray(used & (np.arange(time_s.size) != k - 1))
 
     def possible(k: int) -> bool:
-        segment = segment_of(sorted([*breaks, k]), time_s.size)
+        segment = find_segments(sorted([*breaks, k]), time_s.size)
         return k not in breaks and np.unique(segment[without(k)]).size == len(breaks) + 1
 
     def significance(k: int, which: int) -> float:

@@ -1,4 +1,4 @@
-"""The correlation of signals over a whole code period, for pictures: plain sums of powers, nothing is searched."""
+"""Correlate signals over a whole code period, for pictures: plain sums of powers, without a search."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -9,19 +9,21 @@ from scipy import fft
 from skyproof.arrays import Floats, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalPlan, prn_of
 
-__all__ = ["CELLS_PER_CHIP", "correlation_power"]
+__all__ = ["CELLS_PER_CHIP", "compute_correlation_power"]
 
 CELLS_PER_CHIP: Final = 2
 
 
-def correlation_power(
+def compute_correlation_power(
     samples: Floats,
     rate_hz: float,
     carriers_hz: Mapping[str, float],
     *,
     signal: SignalPlan = GPS_L1_CA,
 ) -> dict[str, Reals]:
-    """Power of each satellite's code at all delays over the median, which noise has; powers of the periods are added.
+    """Compute each satellite's code power at all delays over the median, which noise has.
+
+    Powers of the periods are added.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Correlation of a few code periods over delay: what a person looks at to see how many signals a satellite has.
+"""Correlate a few code periods over delay: a person sees there how many signals a satellite has.
 
 Each period is correlated coherently, and the powers of the periods are added, so that neither data bits nor the phases
 of several signals matter.
@@ -16,14 +16,14 @@ from skyproof.gnss.signals import GPS_L1_CA, SignalPlan, prn_of
 from skyproof.recording.code_phases import FoundSignal
 from skyproof.records import Samples
 
-__all__ = ["delay_profiles"]
+__all__ = ["compute_delay_profiles"]
 
 _BAND_HZ: Final = 1.2e6  # to either side: more holds little of a C/A code's power, and noise
 _STEPS: Final = 10  # a chip: finer than the band can show
 _ELSEWHERE: Final = (0.2, 0.8)  # of a period from the signal: where its correlation is noise
 
 
-def delay_profiles(
+def compute_delay_profiles(
     samples: Samples,
     carrier_hz: float,
     signals: Sequence[FoundSignal],
@@ -35,7 +35,7 @@ def delay_profiles(
     most_points: int = 160,
     signal: SignalPlan = GPS_L1_CA,
 ) -> tuple[Reals, Reals]:
-    """Power over delay around signals whose place is known, in units of the noise's: 1 where there is noise alone.
+    """Compute power over delay around signals at a known place, in units of the noise's power.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def delay_profiles(
     Returns delays, chips (D,), and powers (K, D).
     Raises ValueError if the stretch holds no code period, or no noise: zeros alone.
     """
-    periods, first = _periods(samples, carrier_hz, start_s, duration_s, signal)
+    periods, first = _read_periods(samples, carrier_hz, start_s, duration_s, signal)
     if not periods.any():
         raise ValueError(f"nothing but zeros within {duration_s:g} s from {start_s:g} s on")
     reach = periods.shape[1] // 2
@@ -59,12 +59,14 @@ def delay_profiles(
     far = slice(*(round(share * fine) for share in _ELSEWHERE))
     begun_s = first / samples.rate_hz - start_s
     powers = np.empty((len(signals), steps.size))
-    for row, one in enumerate(signals):
-        late_s = one.delay_s - one.doppler_hz / signal.carrier_hz * begun_s - begun_s
-        ramp = _turns(np.outer(np.mod(late_s / signal.period_s, 1.0), lines))
+    for row, found in enumerate(signals):
+        late_s = found.delay_s - found.doppler_hz / signal.carrier_hz * begun_s - begun_s
+        ramp = _rotate(np.outer(np.mod(late_s / signal.period_s, 1.0), lines))
         padded = np.zeros((first.size, fine), np.complex64)
         padded[:, lines] = (
-            _at_doppler(periods, one.doppler_hz, signal) * ramp * np.conj(_code_lines(one.sat, lines, signal))
+            _remove_doppler(periods, found.doppler_hz, signal)
+            * ramp
+            * np.conj(_compute_code_lines(found.sat, lines, signal))
         )
         waves = fft.ifft(padded, axis=1)
         power = np.asarray(np.mean(waves.real**2 + waves.imag**2, axis=0), np.float64)
@@ -72,18 +74,18 @@ def delay_profiles(
     return steps / _STEPS, powers
 
 
-def _turns(cycles: NDArray[np.floating[Any]]) -> ComplexFloats:
-    """exp(j 2 pi cycles)."""
+def _rotate(cycles: NDArray[np.floating[Any]]) -> ComplexFloats:
+    """Compute exp(j 2 pi cycles)."""
     angle = (2.0 * np.pi * np.mod(cycles, 1.0)).astype(np.float32)
     turns = np.empty(angle.shape, np.complex64)
     turns.real, turns.imag = np.cos(angle), np.sin(angle)
     return turns
 
 
-def _periods(
+def _read_periods(
     samples: Samples, carrier_hz: float, start_s: float, duration_s: float, signal: SignalPlan
 ) -> tuple[ComplexFloats, Integers]:
-    """Spectra of one code period after the other at the nominal carrier (n, 2 reach + 1), and each one's first sample.
+    """Compute spectra of code periods at the nominal carrier (n, 2 reach + 1), and each first sample.
 
     Only the lines within the band are kept, which bounds memory and work whatever the rate.
     """
@@ -95,21 +97,21 @@ def _periods(
         raise ValueError(f"no code period of {signal.period_s:g} s within {duration_s:g} s from {start_s:g} s on")
     planes = samples.read(int(first[0]), int(first[-1] - first[0]) + size)
     rows = first[:, np.newaxis] - first[0] + np.arange(size)
-    waves = (planes[0][rows] + 1j * planes[1][rows]) * _turns(-carrier_hz / samples.rate_hz * np.arange(size))
+    waves = (planes[0][rows] + 1j * planes[1][rows]) * _rotate(-carrier_hz / samples.rate_hz * np.arange(size))
     reach = min(int(_BAND_HZ * signal.period_s), (size - 1) // 2)
     return fft.fft(waves.astype(np.complex64), axis=1)[:, np.arange(-reach, reach + 1)], first
 
 
-def _at_doppler(periods: ComplexFloats, doppler_hz: float, signal: SignalPlan) -> ComplexFloats:
-    """The same with a Doppler taken off: back to few samples a period, turned, and to lines again."""
+def _remove_doppler(periods: ComplexFloats, doppler_hz: float, signal: SignalPlan) -> ComplexFloats:
+    """Take a Doppler off the spectra: back to few samples a period, turned, and to lines again."""
     lines = periods.shape[1]
     waves = fft.ifft(fft.ifftshift(periods, axes=1), axis=1)
-    turned = waves * _turns(-doppler_hz * signal.period_s / lines * np.arange(lines))
+    turned = waves * _rotate(-doppler_hz * signal.period_s / lines * np.arange(lines))
     return np.asarray(fft.fftshift(fft.fft(turned, axis=1), axes=1), np.complex64)
 
 
-def _code_lines(sat: str, lines: Integers, signal: SignalPlan) -> ComplexFloats:
-    """Spectral lines of the periodic code with rectangular chips."""
+def _compute_code_lines(sat: str, lines: Integers, signal: SignalPlan) -> ComplexFloats:
+    """Compute spectral lines of the periodic code with rectangular chips."""
     code = fft.fft(signal.code(prn_of(sat)).astype(np.float64))
     part = lines / code.size
     return np.asarray(code[lines % code.size] * np.sinc(part) * np.exp(-1j * np.pi * part), np.complex64)

@@ -1,13 +1,13 @@
-"""How many samples a code period takes and where the carrier lies, from the samples alone: no rate, no code is known.
+"""Find how many samples a code period takes and where the carrier lies, with neither rate nor code known.
 
 A code that repeats makes samples one period apart alike. All satellites do so at the same lag, whatever their codes and
 their Dopplers, which only turn the phase of each one's part. So the autocorrelation of the samples has a peak at each
 whole number of periods, as wide as a chip, and under it the carrier turns.
 
-The samples are first made white: power over its local median, with what stands far above it cut. Then lines of
-disturbers, which repeat as well, leave nothing, and |r|^2 over its mean is a standard exponential variable at each lag
-where nothing repeats (Kay, Detection Theory, 2.2: the sum of many independent terms is complex normal). The sum over M
-multiples of a lag is Gamma(M). tests/recording/test_repetition.py counts false alarms.
+The samples are first made white: power over its local median, with high lines cut. Then interfering lines, which repeat
+as well, vanish. |r|^2 over its mean is a standard exponential variable at each lag where nothing repeats (Kay,
+Detection Theory, 2.2: the sum of many independent terms is complex normal). The sum over M multiples of a lag is
+Gamma(M). tests/recording/test_repetition.py counts false alarms.
 """
 
 import math
@@ -21,7 +21,7 @@ from scipy import fft, special
 from skyproof.arrays import ComplexFloats, Floats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalPlan
 
-__all__ = ["Repetition", "repetition", "usual_length"]
+__all__ = ["Repetition", "choose_length", "find_repetition"]
 
 LEAST_SAMPLES: Final = 3000
 _LEAST_PERIOD, _MOST_PERIOD = 1000, 110_000
@@ -61,14 +61,14 @@ class Repetition:
     mirrored_share: float = 0.0
 
 
-def usual_length(n_samples: int, most: int) -> int:
-    """How many samples to take, at most: a multiple of a power of two, for the transform's sake, if there are many."""
+def choose_length(n_samples: int, most: int) -> int:
+    """Choose how many samples to take, at most: a multiple of a power of two, for the transform, if many."""
     n_samples = min(n_samples, most)
     return n_samples if n_samples < 2 * _GRAIN else n_samples // _GRAIN * _GRAIN
 
 
-def repetition(wave: ComplexFloats | Floats, *, signal: SignalPlan = GPS_L1_CA) -> Repetition:
-    """The most repeating lag of samples of unknown rate.
+def find_repetition(wave: ComplexFloats | Floats, *, signal: SignalPlan = GPS_L1_CA) -> Repetition:
+    """Find the most repeating lag of samples of unknown rate.
 
     Parameters
     ----------
@@ -83,37 +83,38 @@ def repetition(wave: ComplexFloats | Floats, *, signal: SignalPlan = GPS_L1_CA) 
     if n < LEAST_SAMPLES:
         raise ValueError(f"{n} samples; at least {LEAST_SAMPLES} are needed to see a code repeat")
     real = not np.iscomplexobj(wave)
-    lobes, powers, images = _autocorrelation(wave, real)
+    lobes, powers, images = _autocorrelate(wave, real)
     longest = min(_MOST_PERIOD, n // 3)
     lags = np.concatenate([np.arange(_LEAST_PERIOD, min(_FINE_TO, longest), _FINE), np.arange(_FINE_TO, longest)])
     counts = np.minimum(_MULTIPLES, (n // 2) // lags).astype(np.int64)
     total = np.zeros(lags.size)
     for multiple in range(1, _MULTIPLES + 1):
         inside = counts >= multiple
-        total[inside] += powers[_near(multiple * lags[inside])]
-    chances = _log10_gamma(counts, total)
+        total[inside] += powers[_round_lags(multiple * lags[inside])]
+    chances = _compute_log10_gamma(counts, total)
     best = int(np.argmin(chances - 1e-3 * total))  # beyond the least float the sum decides
-    lag = _fundamental(powers, float(lags[best]), n)
-    period, sigma = _refined(powers, lag, n, signal.code_length)
+    lag = _find_fundamental(powers, float(lags[best]), n)
+    period, sigma = _refine(powers, lag, n, signal.code_length)
     count = min(_MULTIPLES, int((n // 2) / lag))
-    multiples = _near(lag * np.arange(1, count + 1))
+    multiples = _round_lags(lag * np.arange(1, count + 1))
     plain, imaged = (float(np.sum(kind[multiples])) for kind in (powers, images))
-    chance = min(0.0, float(_log10_gamma(np.array([count]), np.array([plain]))[0]) + math.log10(lags.size))
+    chance = min(0.0, float(_compute_log10_gamma(np.array([count]), np.array([plain]))[0]) + math.log10(lags.size))
     return Repetition(
         period_samples=period,
         period_sigma=sigma,
-        carrier_cycles=_carrier(lobes, period, n, signal.code_length, real),
+        carrier_cycles=_find_carrier(lobes, period, n, signal.code_length, real),
         log10_chance=chance,
         strength=plain / n,
         mirrored_share=max(imaged - 3.0 * count, 0.0) / max(plain, 1.0),
     )
 
 
-def _autocorrelation(wave: ComplexFloats | Floats, real: bool) -> tuple[ComplexFloats, Reals, Reals]:
-    """Of the whitened samples, circular, at all lags; its power over the mean that noise has; and the same of the
-    correlation with the samples' own mirror image.
+def _autocorrelate(wave: ComplexFloats | Floats, real: bool) -> tuple[ComplexFloats, Reals, Reals]:
+    """Autocorrelate the whitened samples, circularly, at all lags.
 
-    Of real samples that of the positive frequencies: its magnitude does not swing with the carrier.
+    Returns the autocorrelation; its power over the mean of noise; and the same power for the correlation with the
+    samples' own mirror image. Of real samples the positive frequencies are used: then the magnitude does not swing with
+    the carrier.
     """
     n = wave.size
     spectrum = fft.rfft(wave)[1 : n // 2] if real else fft.fft(wave)
@@ -129,49 +130,50 @@ def _autocorrelation(wave: ComplexFloats | Floats, real: bool) -> tuple[ComplexF
     whole = np.zeros(n, np.complex64)
     whole[1 if real else 0 :][: white.size] = white - mean
     lobes = fft.ifft(whole, overwrite_x=True)
-    powers = _power(lobes) * (n**2 / (white.size * float(np.var(white)) + 1e-30))
+    powers = _compute_power(lobes) * (n**2 / (white.size * float(np.var(white)) + 1e-30))
     if real:
         return lobes, powers, np.zeros(n)
     straight = spectrum * np.sqrt(white / np.maximum(power, 1e-30))
     mirror = straight[(-np.arange(n)) % n]
     # each pair of frequencies comes twice: the lags are half as many independent numbers with twice the power
-    return lobes, powers, _power(fft.ifft(straight * mirror)) * (0.5 * n / float(mean) ** 2)
+    return lobes, powers, _compute_power(fft.ifft(straight * mirror)) * (0.5 * n / float(mean) ** 2)
 
 
-def _power(values: ComplexFloats) -> Reals:
+def _compute_power(values: ComplexFloats) -> Reals:
     return np.asarray(values.real**2 + values.imag**2, np.float64)
 
 
-def _log10_gamma(counts: Integers, total: Reals) -> Reals:
-    """Logarithm of the chance that the sum of so many exponential variables is more than `total`."""
+def _compute_log10_gamma(counts: Integers, total: Reals) -> Reals:
+    """Compute the logarithm of the chance that the sum of so many exponential variables exceeds `total`."""
     chance = special.gammaincc(counts, total)
     # far out the incomplete gamma function is e^-x x^(m-1) / (m-1)!
     far = (-total + (counts - 1) * np.log(np.maximum(total, 1.0)) - special.gammaln(counts)) / math.log(10.0)
     return np.asarray(np.where(chance > 1e-250, np.log10(np.maximum(chance, 1e-300)), far))
 
 
-def _near(lags: NDArray[np.floating]) -> Integers:
+def _round_lags(lags: NDArray[np.floating]) -> Integers:
     return np.asarray(np.round(lags), np.int64)
 
 
-def _fundamental(powers: Reals, lag: float, n: int) -> float:
-    """The shortest lag that divides `lag` and of which those multiples stand out that are none of a longer such one.
+def _find_fundamental(powers: Reals, lag: float, n: int) -> float:
+    """Find the shortest lag that divides `lag` and stands out at multiples of its own.
 
-    Not step by step: at twice the period the satellites may have cancelled each other, where at once it they do not.
+    Multiples of a longer such lag do not count. It is not done step by step: satellites may cancel at twice the period,
+    though not at once it.
     """
     for divisor in range(min(_DIVISORS, int(lag / _LEAST_PERIOD)), 1, -1):
         shorter = lag / divisor
         multiples = np.arange(1, min(2 * _MULTIPLES, int((n // 2) / shorter)) + 1)
-        at = _near(multiples[np.gcd(multiples, divisor) == 1] * shorter)
+        at = _round_lags(multiples[np.gcd(multiples, divisor) == 1] * shorter)
         seen = np.maximum(powers[at], np.maximum(powers[at - 1], powers[at + 1]))
-        chance = 10.0 ** float(_log10_gamma(np.array([at.size]), np.array([seen.sum()]))[0])
+        chance = 10.0 ** float(_compute_log10_gamma(np.array([at.size]), np.array([seen.sum()]))[0])
         if chance * 3 ** min(at.size, 12) < _CERTAIN / _DIVISORS:
             return shorter
     return lag
 
 
-def _refined(powers: Reals, lag: float, n: int, chips: int) -> tuple[float, float]:
-    """The lag made exact, and one sigma: the middles of the peaks at its multiples on one line through zero."""
+def _refine(powers: Reals, lag: float, n: int, chips: int) -> tuple[float, float]:
+    """Refine the lag, with one sigma: the middles of the peaks at its multiples on one line through zero."""
     period, width, most = lag, max(1, round(lag / chips)), min(2 * _MULTIPLES, int((n // 2) / lag) - 1)
     moment = spread = 0.0
     for multiple in range(1, most + 1):
@@ -189,8 +191,11 @@ def _refined(powers: Reals, lag: float, n: int, chips: int) -> tuple[float, floa
     return period, 0.3 * width / math.sqrt(max(spread, 1.0)) + 0.02 * width / max(1, most)
 
 
-def _carrier(lobes: ComplexFloats, period: float, n: int, chips: int, real: bool) -> float:
-    """Around which frequency lies what repeats: spectra of the peaks, each with a phase of its own, added in power."""
+def _find_carrier(lobes: ComplexFloats, period: float, n: int, chips: int, real: bool) -> float:
+    """Find the frequency around which signals repeat.
+
+    Spectra of the peaks, each with a phase of its own, are added in power.
+    """
     width = max(2, round(1.5 * period / chips))
     offsets = np.arange(-width, width + 1)
     shape = 1.0 - np.abs(offsets) / (width + 1.0)

@@ -1,17 +1,16 @@
-"""Whether two stretches of samples hold the same noise: then they are of one antenna, or one is a copy of the other.
+"""Test whether two stretches of samples hold the same noise: one antenna, or a copy.
 
 Two antennas receive signals in common, and under a strong transmitter hardly anything else. But signals repeat with
-their code: written as rows of one code period, each of them (what a filter or a coarse quantiser makes of it included)
-is a matrix of rank one, times the bits and the carrier's turns, while noise has full rank. So the rows are freed of
-every component that stands above what noise can have (`without_repetition`), and what is left is correlated. Nothing
-has to be known of the signals.
+their code. Written as rows of one code period, each is a matrix of rank one, times the bits and the carrier's turns; so
+are the products of a filter or a coarse quantiser. Noise has full rank. So every component above what noise can have is
+removed from the rows (`remove_repetition`), and the rest is correlated. The signals need not be known.
 
 Rows are correlated one by one, and their powers added: carriers may differ by a tenth of the reciprocal of a code
-period, and their phase may drift. Under independent noise the sum over M rows of |r|^2 over its mean is Gamma(M); with
-a common part of coefficient rho it is half a non-central chi-square variable of 2 M degrees and non-centrality
-2 M N rho^2, for N cells a row. The null is the worst that two antennas under common signals can have: the rho of
-`explained`. So p-values are far too large rather than uniform, and where more repeats than noise can stand beside,
-nothing is said. tests/recording/test_same_noise.py counts, up to signals 30 dB stronger than the sky's.
+period, and their phase may drift. Under independent noise the sum over M rows of |r|^2 over its mean is Gamma(M). With
+a common part of coefficient rho it is half a non-central chi-square variable of 2 M degrees and non-centrality 2 M N
+rho^2, for N cells a row. The null is the worst that two antennas under common signals can have: the rho of
+`bound_explained`. So p-values are far too large rather than uniform. Nothing is reported where more repeats than noise
+can stand beside. tests/recording/test_same_noise.py counts, up to signals 30 dB stronger than the sky's.
 """
 
 import math
@@ -30,11 +29,11 @@ __all__ = [
     "EXPLAINED",
     "N_ROWS",
     "SharedNoise",
-    "explained",
-    "rows_of",
-    "shared_noise",
-    "usable_hz",
-    "without_repetition",
+    "bound_explained",
+    "correlate_noise",
+    "cut_rows",
+    "find_usable_hz",
+    "remove_repetition",
 ]
 
 N_ROWS: Final = 80
@@ -68,14 +67,14 @@ class SharedNoise:
 NOTHING: Final = SharedNoise(coefficient=0.0, lag_s=0.0, p_value=1.0)
 
 
-def usable_hz(rate_hz: float, carrier_at_hz: float, *, real: bool) -> float:
-    """The band around the carrier that the samples hold, two-sided."""
+def find_usable_hz(rate_hz: float, carrier_at_hz: float, *, real: bool) -> float:
+    """Return the band around the carrier that the samples hold, two-sided."""
     low_hz, high_hz = (0.0 if real else -0.5 * rate_hz), 0.5 * rate_hz
     return max(min(2.0 * min(carrier_at_hz - low_hz, high_hz - carrier_at_hz), _BAND_HZ), 0.0)
 
 
-def rows_of(planes: Floats, carrier_cycles: float, cells: int) -> ComplexFloats:
-    """The band around the carrier, white, as rows of one code period: (N_ROWS, cells).
+def cut_rows(planes: Floats, carrier_cycles: float, cells: int) -> ComplexFloats:
+    """Cut the band around the carrier, white, into rows of one code period: (N_ROWS, cells).
 
     planes : (2, n) I and Q of `N_ROWS` code periods, by the clock of the recording that this one is compared with.
     carrier_cycles : where the carrier lies, cycles a sample. cells : the band times a code period.
@@ -93,8 +92,8 @@ def rows_of(planes: Floats, carrier_cycles: float, cells: int) -> ComplexFloats:
     return rows
 
 
-def without_repetition(rows: ComplexFloats) -> tuple[ComplexFloats, int]:
-    """What does not repeat from row to row, and how many components did.
+def remove_repetition(rows: ComplexFloats) -> tuple[ComplexFloats, int]:
+    """Remove what repeats from row to row; return the rest, and how many components were removed.
 
     Components are taken off, the strongest first, while the next stands above the edge of what noise has: the mean of
     those that remain times (1 + sqrt(rows / cells))^2 (Marchenko and Pastur, 1967).
@@ -103,21 +102,21 @@ def without_repetition(rows: ComplexFloats) -> tuple[ComplexFloats, int]:
     values, vectors = np.linalg.eigh((rows @ rows.conj().T).astype(np.complex128))
     taken = 0
     while taken < n_rows - 1:
-        left = n_rows - taken
-        edge = float(np.mean(values[:left])) * (1.0 + math.sqrt(left / cells)) ** 2
-        if values[left - 1] <= edge:
+        remaining = n_rows - taken
+        edge = float(np.mean(values[:remaining])) * (1.0 + math.sqrt(remaining / cells)) ** 2
+        if values[remaining - 1] <= edge:
             break
         taken += 1
     signals = vectors[:, n_rows - taken :].astype(np.complex64)
     return rows - signals @ (signals.conj().T @ rows), taken
 
 
-def explained(repeating: float) -> float:
-    """The largest correlation coefficient that two antennas' samples have left when this share of their power repeats.
+def bound_explained(repeating: float) -> float:
+    """Bound the correlation coefficient left between two antennas when this share of their power repeats.
 
-    A quantiser mixes signals with each other, and the mixtures are too many to be taken off. Of one bit, the coarsest,
-    two Gaussian inputs of correlation rho give outputs of 2 / pi asin(rho), of which 2 / pi rho repeats as the inputs
-    do (Van Vleck and Middleton, 1966). Any finer one mixes less. From 2 / pi on nothing is left to decide by.
+    A quantiser mixes signals with each other, and the mixtures are too many to be removed. One bit is the coarsest.
+    There two Gaussian inputs of correlation rho give outputs of 2 / pi asin(rho), and 2 / pi rho of it repeats as the
+    inputs do (Van Vleck and Middleton, 1966). Any finer one mixes less. From 2 / pi on nothing decides.
     """
     rho = 0.5 * math.pi * repeating
     if rho >= 1.0:
@@ -125,28 +124,33 @@ def explained(repeating: float) -> float:
     return max(EXPLAINED, (math.asin(rho) / (0.5 * math.pi) - repeating) / (1.0 - repeating))
 
 
-def shared_noise(first: ComplexFloats, second: ComplexFloats, *, period_s: float) -> SharedNoise:
+def correlate_noise(first: ComplexFloats, second: ComplexFloats, *, period_s: float) -> SharedNoise:
     """Correlate what two stretches hold besides what repeats; the second was cut to begin within half a period.
 
-    first, second : (n_rows, cells) as `rows_of` gives them, of the same shape.
+    first, second : (n_rows, cells) as `cut_rows` gives them, of the same shape.
     """
     n_rows, cells = first.shape
-    (one, of_one), (other, of_other) = without_repetition(first), without_repetition(second)
+    (first_rest, of_one), (second_rest, of_other) = remove_repetition(first), remove_repetition(second)
     if n_rows - max(of_one, of_other) < _LEAST_LEFT * n_rows:
         return NOTHING
-    repeating = 1.0 - min(_energy(one).sum() / _energy(first).sum(), _energy(other).sum() / _energy(second).sum())
-    common = explained(float(repeating))
+    repeating = 1.0 - min(
+        _sum_energy(first_rest).sum() / _sum_energy(first).sum(),
+        _sum_energy(second_rest).sum() / _sum_energy(second).sum(),
+    )
+    common = bound_explained(float(repeating))
     if common >= 1.0:
         return NOTHING
-    spectrum = fft.fftshift(fft.fft(other, axis=1) * np.conj(fft.fft(one, axis=1)), axes=1)
+    spectrum = fft.fftshift(fft.fft(second_rest, axis=1) * np.conj(fft.fft(first_rest, axis=1)), axes=1)
     correlation = _FINE * fft.ifft(spectrum, _FINE * cells, axis=1)
-    share = np.abs(correlation) ** 2 / np.maximum(_energy(one) * _energy(other), 1e-30)[:, np.newaxis]
+    share = (
+        np.abs(correlation) ** 2 / np.maximum(_sum_energy(first_rest) * _sum_energy(second_rest), 1e-30)[:, np.newaxis]
+    )
     total = cells * np.sum(share, axis=0)
     best = int(np.argmax(total))
     excess = max(float(total[best]) / n_rows - 1.0, 0.0) / cells
     noncentrality = 2.0 * n_rows * cells * common**2
     p_value = total.size * noncentral_chi_square_tail(2.0 * float(total[best]), 2.0 * n_rows, noncentrality)
-    lag = (best + _top(total, best)) / total.size
+    lag = (best + _interpolate_top(total, best)) / total.size
     return SharedNoise(
         coefficient=math.sqrt(min(excess, 1.0)),
         lag_s=((lag + 0.5) % 1.0 - 0.5) * period_s,
@@ -154,12 +158,12 @@ def shared_noise(first: ComplexFloats, second: ComplexFloats, *, period_s: float
     )
 
 
-def _energy(rows: ComplexFloats) -> Reals:
+def _sum_energy(rows: ComplexFloats) -> Reals:
     return np.asarray(np.sum(np.abs(rows) ** 2, axis=1, dtype=np.float64))
 
 
-def _top(values: NDArray[np.floating], best: int) -> float:
-    """Where between its neighbours the highest value has its top: that of a parabola."""
+def _interpolate_top(values: NDArray[np.floating], best: int) -> float:
+    """Find where between its neighbours the highest value has its top: that of a parabola."""
     before, at, after = (math.sqrt(float(values[(best + k) % values.size])) for k in (-1, 0, 1))
     bend = before - 2.0 * at + after
     return 0.5 * (before - after) / bend if bend < 0.0 else 0.0

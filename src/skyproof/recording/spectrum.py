@@ -1,4 +1,4 @@
-"""Power density of samples, its floor, and the narrow-band lines that stand out of it."""
+"""Estimate the power density of samples, its floor, and narrow-band lines above it."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,14 @@ from scipy import fft, special
 
 from skyproof.arrays import Booleans, Integers, Reals
 
-__all__ = ["GUARD", "density_of", "floor_and_lines", "line_threshold", "noise_bins", "tone"]
+__all__ = [
+    "GUARD",
+    "compute_line_threshold",
+    "count_noise_bins",
+    "estimate_density",
+    "find_floor_and_lines",
+    "measure_tone",
+]
 
 GUARD: Final = 5
 _SIDE: Final = 24
@@ -21,8 +28,8 @@ _BLACKMAN_HARRIS: Final = (0.35875, -0.48829, 0.14128, -0.01168)
 1978, table 1: four terms, -92 dB."""
 
 
-def line_threshold(n_averaged: int, probability: float) -> float:
-    """What a bin over its floor exceeds with `probability`, if there is only noise.
+def compute_line_threshold(n_averaged: int, probability: float) -> float:
+    """Compute the level over its floor that a bin of noise exceeds with `probability`.
 
     A bin is the mean of `n_averaged` independent exponential variables: Gamma. The floor is the greater one of the
     medians of `_SIDE` bins on either side, each nearly normal; the threshold allows for its spread.
@@ -47,16 +54,16 @@ def _window(n_fft: int) -> Reals:
     return np.asarray(sum(a * np.cos(2.0 * np.pi * k * turns) for k, a in enumerate(_BLACKMAN_HARRIS)), np.float64)
 
 
-def noise_bins(n_fft: int) -> float:
-    """Noise bandwidth of a bin, in bins."""
+def count_noise_bins(n_fft: int) -> float:
+    """Return the noise bandwidth of a bin, in bins."""
     window = _window(n_fft)
     return float(n_fft * np.sum(window**2) / np.sum(window) ** 2)
 
 
-def density_of(
+def estimate_density(
     stretches: Sequence[Reals], dc: Reals, rate_hz: float, n_fft: int, *, real: bool
 ) -> tuple[Reals, Reals, int]:
-    """Power density by Welch's method, frequencies ascending; and how many periodograms it is the mean of.
+    """Estimate power density by Welch's method, frequencies ascending; and count the periodograms.
 
     Neighbours overlap by half, which this window makes all but independent (correlation of powers 0.001).
     """
@@ -76,17 +83,20 @@ def density_of(
     return fft.fftshift(fft.fftfreq(n_fft, 1.0 / rate_hz)), fft.fftshift(density), count
 
 
-def floor_and_lines(
+def find_floor_and_lines(
     density: Reals, threshold: float, usable: Booleans, mean_over_median: float, *, circular: bool
 ) -> tuple[Reals, list[Integers]]:
-    """The floor, and for each line the bins it covers. Lines found are left out of the floor, until no more come."""
+    """Find the floor, and the bins that each line covers.
+
+    Lines found are left out of the floor, until no more come.
+    """
     covered: Booleans = np.zeros(density.size, np.bool_)
     found: Booleans = covered
     floor = density
     for _ in range(8):
-        floor = mean_over_median * _floor(density, covered, circular=circular)
+        floor = mean_over_median * _estimate_floor(density, covered, circular=circular)
         found = np.asarray((density > threshold * np.maximum(floor, _STOP_BAND * floor.max())) & usable)
-        wide = _widened(found, GUARD - 1, circular=circular)
+        wide = _widen(found, GUARD - 1, circular=circular)
         if not (wide & ~covered).any():
             break
         covered = np.asarray(covered | wide, np.bool_)
@@ -99,27 +109,27 @@ def floor_and_lines(
     return floor, [b % density.size if circular else b[(b >= 0) & (b < density.size)] for b in bins]
 
 
-def _widened(flags: Booleans, reach: int, *, circular: bool) -> Booleans:
+def _widen(flags: Booleans, reach: int, *, circular: bool) -> Booleans:
     padded = np.pad(flags, reach, mode="wrap" if circular else "constant")
     return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).any(axis=1), np.bool_)
 
 
-def _floor(density: Reals, covered: Booleans, *, circular: bool) -> Reals:
-    """The greater one of the medians on either side, so that no slope or edge of the band is taken for a line."""
+def _estimate_floor(density: Reals, covered: Booleans, *, circular: bool) -> Reals:
+    """Take the greater one of the medians on either side, so that no slope or edge of the band counts as a line."""
     reach = GUARD + _SIDE
     kept = np.where(covered, np.nan, density)
     padded = np.pad(kept, reach, mode="wrap") if circular else np.pad(kept, reach, mode="reflect")
     window = np.lib.stride_tricks.sliding_window_view(padded, _SIDE)
     with np.errstate(all="ignore"):
-        medians = _nan_median(window)
-    left, right = medians[: density.size], medians[GUARD + reach + 1 : GUARD + reach + 1 + density.size]
-    floor = np.fmax(left, right)
+        medians = _compute_nan_median(window)
+    below, above = medians[: density.size], medians[GUARD + reach + 1 : GUARD + reach + 1 + density.size]
+    floor = np.fmax(below, above)
     fallback = float(np.nanmedian(kept)) if not covered.all() else float(np.median(density))
     return np.where(np.isfinite(floor) & (floor > 0.0), floor, fallback)
 
 
-def _nan_median(windows: Reals) -> Reals:
-    """Median along the last axis of what is not NaN (NaN if fewer than a quarter is not)."""
+def _compute_nan_median(windows: Reals) -> Reals:
+    """Compute the median along the last axis without NaN (NaN if fewer than a quarter are numbers)."""
     ordered = np.sort(windows, axis=-1)  # NaN come last
     count = np.count_nonzero(np.isfinite(ordered), axis=-1)
     rows = np.arange(ordered.shape[0])
@@ -127,10 +137,10 @@ def _nan_median(windows: Reals) -> Reals:
     return np.where(count >= _SIDE // 4, middle, np.nan)
 
 
-def tone(
+def measure_tone(
     bins: Integers, frequency_hz: Reals, density: Reals, floor: Reals, step_hz: float
 ) -> tuple[float, float, float]:
-    """Frequency, power and rms width of the line in `bins`."""
+    """Measure frequency, power and rms width of the line in `bins`."""
     excess = np.maximum(density[bins] - floor[bins], 0.0)
     power = float(np.sum(excess) * step_hz)
     top = int(np.argmax(excess))
@@ -147,17 +157,17 @@ def tone(
     return at_hz, power, width_hz
 
 
-def _lobe_variance() -> float:
-    """Of the power of the window's main lobe around its middle, in squared bins."""
+def _compute_lobe_variance() -> float:
+    """Compute the variance of the power of the window's main lobe around its middle, in squared bins."""
     lobe = np.abs(fft.fft(_window(256)))[np.arange(-4, 5)] ** 2
     return float(np.sum(lobe * np.arange(-4, 5) ** 2) / np.sum(lobe))
 
 
-def _alike() -> float:
-    """How many neighbouring bins the window makes of one: the sum of the correlations of their powers."""
+def _count_alike() -> float:
+    """Count how many neighbouring bins the window makes of one: the sum of the correlations of their powers."""
     window = _window(256)
     return float(256 * np.sum(window**4) / np.sum(window**2) ** 2)
 
 
-_LOBE_VARIANCE: Final = _lobe_variance()
-_ALIKE: Final = _alike()
+_LOBE_VARIANCE: Final = _compute_lobe_variance()
+_ALIKE: Final = _count_alike()

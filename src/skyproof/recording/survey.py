@@ -1,12 +1,12 @@
-"""What the signals in a recording show of the recorder: lost samples, a mirrored spectrum, its oscillator and clock.
+"""Infer lost samples, a mirrored spectrum, and oscillator and clock errors of a recorder from its signals.
 
 Everything follows from the code phases of the satellites already found, measured in short stretches against what their
 Dopplers predict: delay(t) = delay(0) - k t doppler / carrier.
 
 - Samples that were lost make the delay of all satellites jump alike.
 - k is one. If I and Q are swapped or one of them is inverted, the Doppler is seen with the wrong sign, and k is -1.
-- What is left and common to all satellites is the sampling clock's error less that of the local oscillator: none, if
-  one oscillator makes both.
+- The remaining drift that all satellites share is the sampling clock's error less that of the local oscillator: none,
+if one oscillator makes both.
 """
 
 import math
@@ -25,16 +25,16 @@ from skyproof.recording.code_phases import (
     CodeBlocks,
     FoundSignal,
     Tracks,
-    blocks_of,
-    correlation_spectra,
-    peak_at,
-    tracks_of,
+    correlate_spectra,
+    correlate_tracks,
+    find_peak,
+    read_blocks,
 )
-from skyproof.recording.gaps import MissingSamples, gaps_of
-from skyproof.recording.jumps import LEAST_SATS, DelayLevels, jumps_of, levels_of
+from skyproof.recording.gaps import MissingSamples, find_gaps
+from skyproof.recording.jumps import LEAST_SATS, DelayLevels, find_jumps, fit_levels
 from skyproof.records import Samples
 
-__all__ = ["DOPPLER_LIMIT_HZ", "OscillatorError", "Survey", "oscillator_error", "survey"]
+__all__ = ["DOPPLER_LIMIT_HZ", "OscillatorError", "Survey", "estimate_oscillator_error", "survey_recorder"]
 DOPPLER_LIMIT_HZ: Final = 5e3
 """Of a GPS satellite's L1 carrier for a receiver that moves slowly on the Earth: 4.9 kHz at the horizon."""
 _RANGE_MIDDLE_SIGMA_HZ: Final = (
@@ -95,8 +95,10 @@ class OscillatorError:
     sigma_hz: float
 
 
-def oscillator_error(dopplers_hz: Sequence[float] | Reals) -> OscillatorError:
-    """The Doppler common to all satellites, with orbits and place unknown: the middle of their range.
+def estimate_oscillator_error(dopplers_hz: Sequence[float] | Reals) -> OscillatorError:
+    """Estimate the Doppler common to all satellites: the middle of their range.
+
+    Orbits and place are unknown.
 
     True Dopplers lie within 4.9 kHz of zero, on either side alike. One sigma is that of the middle for as many
     satellites as there are. NaN without a satellite.
@@ -109,7 +111,7 @@ def oscillator_error(dopplers_hz: Sequence[float] | Reals) -> OscillatorError:
     return OscillatorError(doppler_hz=middle, sigma_hz=sigma_hz)
 
 
-def survey(
+def survey_recorder(
     samples: Samples,
     carrier_hz: float,
     signals: Sequence[FoundSignal],
@@ -119,7 +121,7 @@ def survey(
     longest_s: float = 0.5,
     _drifts: bool = True,
 ) -> Survey:
-    """What the code phases of `signals` show of the recorder, from at most the first `longest_s`.
+    """Survey the recorder by the code phases of `signals`, from at most the first `longest_s`.
 
     Parameters
     ----------
@@ -133,18 +135,19 @@ def survey(
     n_blocks = int(min(longest_s, samples.duration_s) / signal.period_s)
     if len(unique) < LEAST_SATS or n_blocks < 3:
         return Survey()
-    blocks = blocks_of(samples, carrier_hz, n_blocks, signal)
+    blocks = read_blocks(samples, carrier_hz, n_blocks, signal)
     if not blocks.changing:
         return Survey()
-    spectra = np.stack([correlation_spectra(blocks, received) for received in unique])
+    spectra = np.stack([correlate_spectra(blocks, received) for received in unique])
     # the wrong sign of the Doppler smears the peaks of a long recording: take the one that gives more
     lines = [
-        (tracks, *_line(blocks, tracks)) for tracks in (tracks_of(blocks, unique, spectra, r) for r in (1.0, -1.0))
+        (tracks, *_find_line(blocks, tracks))
+        for tracks in (correlate_tracks(blocks, unique, spectra, r) for r in (1.0, -1.0))
     ]
     tracks, _, drift = max(lines, key=lambda line: line[1])
     if drift != 0.0 and _drifts:
-        met = _met(blocks, unique, tracks, drift)
-        return _drifting(
+        met = _move_to_line(blocks, unique, tracks, drift)
+        return _survey_drifting(
             samples,
             carrier_hz,
             met,
@@ -153,17 +156,17 @@ def survey(
             false_alarm_probability=false_alarm_probability,
             longest_s=longest_s,
         )
-    breaks, cells = jumps_of(tracks, false_alarm_probability / 2.0)
-    levels = levels_of(blocks, unique, tracks, breaks, cells, false_alarm_probability / 2.0)
-    gaps = gaps_of(samples, carrier_hz, blocks, unique, tracks, levels)
-    return replace(_reading(unique, tracks, levels, signal), gaps=gaps)
+    breaks, cells = find_jumps(tracks, false_alarm_probability / 2.0)
+    levels = fit_levels(blocks, unique, tracks, breaks, cells, false_alarm_probability / 2.0)
+    gaps = find_gaps(samples, carrier_hz, blocks, unique, tracks, levels)
+    return replace(_read_drifts(unique, tracks, levels, signal), gaps=gaps)
 
 
-def _line(blocks: CodeBlocks, tracks: Tracks) -> tuple[float, float]:
-    """The power along the straight line of common delays that holds most, and its drift: 0 unless a drift that makes
-    more than a cell or so of difference holds clearly more.
+def _find_line(blocks: CodeBlocks, tracks: Tracks) -> tuple[float, float]:
+    """Find the straight line of common delays that holds most power: that power, and the drift.
 
-    Without drift any delay is looked at: what a gap does to it is the same for either sign of the Doppler.
+    The drift is 0 unless one that makes more than a cell or so of difference holds clearly more. Without drift any
+    delay is tried: a gap changes it equally for either sign of the Doppler.
     """
     total = np.sum(tracks.around, axis=0)
     level = float(np.max(np.sum(total, axis=0)))
@@ -176,7 +179,7 @@ def _line(blocks: CodeBlocks, tracks: Tracks) -> tuple[float, float]:
     stretches = np.arange(tracks.middle_s.size)
     power = np.zeros(drifts.size)
     for number, drift in enumerate(drifts):
-        power[number] = np.max(np.sum(total[stretches, _along(tracks, drift, cell_s)], axis=1))
+        power[number] = np.max(np.sum(total[stretches, _list_cells(tracks, drift, cell_s)], axis=1))
     best = int(np.argmax(power))
     noise = float(tracks.around.shape[0] * tracks.middle_s.size)
     if power[best] - noise < _CLEARLY * max(level - noise, 0.0) + _LINE_SIGMAS * math.sqrt(noise / tracks.periods):
@@ -184,24 +187,24 @@ def _line(blocks: CodeBlocks, tracks: Tracks) -> tuple[float, float]:
     return float(power[best]), float(drifts[best])
 
 
-def _along(tracks: Tracks, drift: float, cell_s: float) -> Integers:
-    """Cells of a drifting delay in each stretch, for each of those at the start: (n_starts, n_stretches)."""
+def _list_cells(tracks: Tracks, drift: float, cell_s: float) -> Integers:
+    """List the cells of a drifting delay in each stretch, for each start: (n_starts, n_stretches)."""
     cells: Integers = (np.round(drift * tracks.middle_s / cell_s).astype(np.int64) + AT_START[:, np.newaxis]) % CELLS
     return cells
 
 
-def _met(blocks: CodeBlocks, signals: Sequence[FoundSignal], tracks: Tracks, drift: float) -> list["_Moved"]:
-    """The signals with the delays that they have along the line: a search at a wrong rate smears each by chips."""
+def _move_to_line(blocks: CodeBlocks, signals: Sequence[FoundSignal], tracks: Tracks, drift: float) -> list["_Moved"]:
+    """Give the signals their delays along the line: a search at a wrong rate smears each by chips."""
     cell_s = blocks.block_s / CELLS
-    cells = _along(tracks, drift, cell_s)
-    starts = [peak_at(np.sum(mine[np.arange(mine.shape[0]), cells], axis=1)) for mine in tracks.around]
+    cells = _list_cells(tracks, drift, cell_s)
+    starts = [find_peak(np.sum(mine[np.arange(mine.shape[0]), cells], axis=1)) for mine in tracks.around]
     return [
-        _Moved(sat=one.sat, delay_s=one.delay_s + start * cell_s, doppler_hz=one.doppler_hz)
-        for one, start in zip(signals, starts, strict=True)
+        _Moved(sat=received.sat, delay_s=received.delay_s + start * cell_s, doppler_hz=received.doppler_hz)
+        for received, start in zip(signals, starts, strict=True)
     ]
 
 
-def _drifting(
+def _survey_drifting(
     samples: Samples,
     carrier_hz: float,
     signals: Sequence[FoundSignal],
@@ -211,16 +214,20 @@ def _drifting(
     false_alarm_probability: float,
     longest_s: float,
 ) -> Survey:
-    """The survey at the rate by which the common drift is nearly none, and what that rate is off.
+    """Survey again at the rate that nearly removes the common drift. Reports by how much that rate is off.
 
     A carrier's frequency is in cycles a sample: at another rate it is another one in hertz.
     """
     rated = replace(samples, rate_hz=samples.rate_hz / (1.0 - drift))
     moved = [
-        _Moved(sat=one.sat, delay_s=one.delay_s, doppler_hz=one.doppler_hz + drift * (carrier_hz + one.doppler_hz))
-        for one in signals
+        _Moved(
+            sat=received.sat,
+            delay_s=received.delay_s,
+            doppler_hz=received.doppler_hz + drift * (carrier_hz + received.doppler_hz),
+        )
+        for received in signals
     ]
-    found = survey(
+    found = survey_recorder(
         rated,
         carrier_hz,
         moved,
@@ -232,15 +239,15 @@ def _drifting(
     return replace(found, clock_minus_lo_ppm=found.clock_minus_lo_ppm + 1e6 * drift)
 
 
-def _reading(signals: Sequence[FoundSignal], tracks: Tracks, levels: DelayLevels, signal: SignalPlan) -> Survey:
-    """Code Doppler over carrier Doppler, and what of the code's drift is common, from each satellite's own drift."""
+def _read_drifts(signals: Sequence[FoundSignal], tracks: Tracks, levels: DelayLevels, signal: SignalPlan) -> Survey:
+    """Estimate code Doppler over carrier Doppler, and the code's common drift, from each satellite's own drift."""
     used = levels.used
     time_s = tracks.middle_s[used] - tracks.middle_s[used].mean()
     if time_s.size < 3:
         return Survey()
     errors_s = levels.errors_s[:, used]
     drift = levels.drift + errors_s @ time_s / np.sum(time_s**2)
-    excess = _excess(errors_s, levels.sigma_s, time_s, drift - levels.drift)
+    excess = _compute_excess(errors_s, levels.sigma_s, time_s, drift - levels.drift)
     sigma = levels.sigma_s * excess / math.sqrt(np.sum(time_s**2))
     expected = np.array([received.doppler_hz for received in signals]) / signal.carrier_hz
     design = np.stack([np.ones(len(signals)), expected], axis=1) / sigma[:, np.newaxis]
@@ -263,8 +270,8 @@ def _reading(signals: Sequence[FoundSignal], tracks: Tracks, levels: DelayLevels
     )
 
 
-def _excess(errors_s: Reals, sigma_s: Reals, time_s: Reals, drift: Reals) -> float:
-    """Scatter of the delays around each satellite's own line over what noise explains, at least one."""
-    left = errors_s - errors_s.mean(axis=1, keepdims=True) - np.outer(drift, time_s)
+def _compute_excess(errors_s: Reals, sigma_s: Reals, time_s: Reals, drift: Reals) -> float:
+    """Compute the scatter of the delays around each satellite's line over what noise explains, at least one."""
+    residual_s = errors_s - errors_s.mean(axis=1, keepdims=True) - np.outer(drift, time_s)
     freedom = errors_s.shape[0] * (time_s.size - 2)
-    return max(1.0, math.sqrt(float(np.sum((left / sigma_s[:, np.newaxis]) ** 2)) / freedom))
+    return max(1.0, math.sqrt(float(np.sum((residual_s / sigma_s[:, np.newaxis]) ** 2)) / freedom))

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from skyproof.gnss.time import clock_words
+from skyproof.gnss.time import format_clock
 from skyproof.report import pictures as draw
 from skyproof.report import proof, takeover
 from skyproof.report.pictures import (
@@ -133,7 +133,7 @@ ORIGINS = {
 
 
 def _origins(pictures: Pictures) -> list[Figure]:
-    zero = clock_words(pictures.zero_gpst)
+    zero = format_clock(pictures.zero_gpst)
     return [
         Figure(
             f"Source of the position of {one.receiver}",
@@ -227,7 +227,7 @@ def _time_lines(pictures: Pictures) -> list[Figure]:
             draw.time_line(
                 [series for series in pictures.series if series.receiver == receiver],
                 title=f"Carrier to noise density and label of every signal of {receiver} over time",
-                zero=clock_words(pictures.zero_gpst),
+                zero=format_clock(pictures.zero_gpst),
                 onset_s=pictures.onset_s,
                 onset_sigma_s=pictures.onset_sigma_s,
                 until_s=pictures.until_s,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from skyproof.gnss.time import clock_words, instant_words, moment_words, utc_words
+from skyproof.gnss.time import format_clock, format_instant, format_moment, format_utc
 from skyproof.records import LABELS
 from skyproof.report.evidence import by_chance, quoted, strongest
 from skyproof.report.positions import away_words, within_m
@@ -43,7 +43,7 @@ def scope(verdict: Verdict) -> str:
     parts = [f"{n} receiver{'s' * (n != 1)}"]
     starts = sorted(r.start_gpst for r in verdict.receivers if r.start_gpst is not None)
     if starts:
-        parts.append(f"from {moment_words(starts[0])}")
+        parts.append(f"from {format_moment(starts[0])}")
     longest_s = max((r.duration_s for r in verdict.receivers), default=0.0)
     return ", ".join([*parts, f"{number_words(longest_s)} s"]) if longest_s else ", ".join(parts)
 
@@ -84,10 +84,10 @@ def facts(verdict: Verdict) -> list[Fact]:
 
 def _interference(spell: InterferenceSpell) -> tuple[str, str]:
     """Since when, and how much where."""
-    until = "" if spell.until_gpst is None else f" to {instant_words(spell.until_gpst)[11:]}"
+    until = "" if spell.until_gpst is None else f" to {format_instant(spell.until_gpst)[11:]}"
     shade = "; shading of the whole antenna would look the same" if spell.may_also_be else ""
     said = f"GPS time, {spell.receiver}: C/N0 down by {spell.fall_db:.0f} dB on {', '.join(spell.carriers)}{shade}"
-    return f"{instant_words(spell.since_gpst)[11:]}{until}", said
+    return f"{format_instant(spell.since_gpst)[11:]}{until}", said
 
 
 def _place(verdict: Verdict, place: Place | Position) -> str:
@@ -96,7 +96,7 @@ def _place(verdict: Verdict, place: Place | Position) -> str:
 
 def _at(words: str, gpst: str | None) -> str:
     """Words with an instant behind them, by both clocks."""
-    return words if gpst is None else f"{words}, at {clock_words(gpst)}"
+    return words if gpst is None else f"{words}, at {format_clock(gpst)}"
 
 
 def _usable(verdict: Verdict, receiver: ReceiverResult, kind: UsableKind, fix: Position) -> tuple[str, str]:
@@ -122,9 +122,9 @@ def _when(verdict: Verdict) -> Fact:
     name, kind, sigma_s = f"{verdict.verdict.capitalize()} since", verdict.verdict, verdict.since_sigma_s
     if verdict.since_gpst is None:
         return Fact(name, (("Not known", ""),), kind)
-    clock = instant_words(verdict.since_gpst)[11:]
-    both = f"{verdict.since_gpst[:10]}, GPS time; {utc_words(verdict.since_gpst)} UTC"
-    until = [f"until {moment_words(verdict.until_gpst)}"] if verdict.until_gpst is not None else []
+    clock = format_instant(verdict.since_gpst)[11:]
+    both = f"{verdict.since_gpst[:10]}, GPS time; {format_utc(verdict.since_gpst)} UTC"
+    until = [f"until {format_moment(verdict.until_gpst)}"] if verdict.until_gpst is not None else []
     if sigma_s is None:
         how = "present when the recording begins" if verdict.from_start else "first seen then; may have begun earlier"
         return Fact(name, ((f"{clock} or before", "; ".join([f"{how}, {both}", *until])),), kind)

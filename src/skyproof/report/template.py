@@ -6,7 +6,7 @@ from functools import cache
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from skyproof.gnss.time import instant_words, moment_words, utc_words
+from skyproof.gnss.time import format_instant, format_moment, format_utc
 from skyproof.report.words import angle_words, p_value_words, place_words, seconds_words, span_words
 
 __all__ = ["Figure", "environment"]
@@ -38,9 +38,9 @@ def environment() -> Environment:
     )
     environment.filters |= {
         "fixed": _fixed,
-        "instant": instant_words,
-        "moment": moment_words,
-        "utc": utc_words,
+        "instant": format_instant,
+        "moment": format_moment,
+        "utc": format_utc,
         "p_value": p_value_words,
         "seconds": seconds_words,
     }

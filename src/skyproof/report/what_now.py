@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 
-from skyproof.gnss.time import clock_words
+from skyproof.gnss.time import format_clock
 from skyproof.report.positions import away_words, led_away_m
 from skyproof.report.words import seconds_apart, seconds_words
 from skyproof.verdict import USABLE, ReceiverResult, Verdict
@@ -50,7 +50,7 @@ def what_now(verdict: Verdict) -> tuple[tuple[Advice, str], ...]:
         files = " and ".join(f"{r.name}-trusted.nmea" for r in lasting["trusted"])
         lines.insert(0, (Advice.USE_TRUSTED, f"below; its track is in {files}"))
     if not lines:
-        since = f" since {clock_words(verdict.since_gpst)}" if verdict.since_gpst is not None else ""
+        since = f" since {format_clock(verdict.since_gpst)}" if verdict.since_gpst is not None else ""
         lines.append((Advice.USE_NOTHING, f"{OTHER_MEANS}; the attack is on{since}"))
     usable = [r for r in verdict.receivers if r.usable is not None]
     settle = [(Advice.SETTLE, words) for words in remedy]

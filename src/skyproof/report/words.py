@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.gnss.time import instant_words, leap_seconds
+from skyproof.gnss.time import format_instant, leap_seconds
 from skyproof.verdict import Verdict
 
 __all__ = [
@@ -102,7 +102,7 @@ def seconds_apart(later: str, earlier: str) -> float:
 
 def span_words(first: str | None, last: str | None, day: str = "") -> str:
     """A stretch of time; the date stands once if it is the same, and not at all if it is `day`."""
-    begin, end = ("unknown" if instant is None else instant_words(instant) for instant in (first, last))
+    begin, end = ("unknown" if instant is None else format_instant(instant) for instant in (first, last))
     same_day = first is not None and last is not None and first[:10] == last[:10]
     return f"{begin} to {end[11:] if same_day else end}".removeprefix(f"{day} " if same_day and day else "")
 

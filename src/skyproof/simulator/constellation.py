@@ -14,8 +14,8 @@ from skyproof.formats.rinex_nav import read_nav
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, GPS_PI, MU_M3_S2, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris, NavigationData
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.lnav import quantised
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.lnav import quantise
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import prn_of
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import gpst, seconds_between
@@ -40,7 +40,7 @@ def navigation_of(scenario: Scenario) -> NavigationData:
     """
     if scenario.navigation is not None:
         return read_nav(scenario.navigation)
-    nominal = nominal_constellation(scenario.start_gpst)
+    nominal = make_nominal_constellation(scenario.start_gpst)
     if scenario.sky.directions is None:
         return nominal
     here_ecef_m = trajectory_of(scenario.receivers[0], "receivers[0]").at([0.0]).position_ecef_m[0]
@@ -55,7 +55,7 @@ def navigation_of(scenario: Scenario) -> NavigationData:
                 f"degrees, where GPS satellites never come (at most {np.degrees(_STEEPEST_RAD):.1f} here); give "
                 "another direction"
             )
-        ephemerides.append(quantised(eph))
+        ephemerides.append(quantise(eph))
     return replace(nominal, ephemerides=tuple(ephemerides), source="satellites in given directions")
 
 

@@ -27,13 +27,19 @@ from numpy.typing import NDArray
 from skyproof.arrays import Floats
 from skyproof.compiled import compiled
 from skyproof.errors import OutputError, SettingsError
-from skyproof.formats.atomic_write import write_lines, writing
-from skyproof.formats.raw import SampleLayout, sidecar_text
-from skyproof.formats.sigmf_write import annotation, collection_json, fits_sigmf, geolocation, recording_json
-from skyproof.formats.tables import growing_tables
+from skyproof.formats.atomic_write import write_lines, write_whole
+from skyproof.formats.raw import SampleLayout, write_sidecar_text
+from skyproof.formats.sigmf_write import (
+    fits_sigmf,
+    make_annotation,
+    make_geolocation,
+    write_collection_json,
+    write_recording_json,
+)
+from skyproof.formats.tables import open_growing_tables
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import geodetic_from_ecef
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 from skyproof.simulator.inertial import ImuReadings
 from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.samples import BLOCK, Rendering, ahead_of, quantised, rendering_of, rough_start
@@ -147,7 +153,7 @@ def write_samples(scene: Scene, folder: Path, container: Container, *, progress:
     metas: dict[str, bytes] = {}
     for rendering in renderings:
         name, digest = rendering.sky.name, hashlib.sha512()
-        with writing(folder / f"{name}{data_ending}") as file, closing(_packed_blocks(rendering)) as blocks:
+        with write_whole(folder / f"{name}{data_ending}") as file, closing(_packed_blocks(rendering)) as blocks:
             for octets, count in blocks:
                 file.write(octets)
                 if container == "sigmf":
@@ -156,13 +162,13 @@ def write_samples(scene: Scene, folder: Path, container: Container, *, progress:
                 if progress is not None:
                     progress(done, total)
         if container == "raw":
-            text = sidecar_text(_layout(scene, rendering))
+            text = write_sidecar_text(_layout(scene, rendering))
         else:
             text = _sigmf_text(scene, rendering, digest.hexdigest())
             metas[name] = text.encode()
         write_lines(folder / f"{name}{meta_ending}", [text], end="", encoding="utf-8")
     if _is_collection(scene, container):
-        text = collection_json(metas, description=_described(scene))
+        text = write_collection_json(metas, description=_described(scene))
         write_lines(folder / _collection(scene), [text], end="", encoding="utf-8")
     return [folder / f"{sky.name}{data_ending if container == 'raw' else meta_ending}" for sky in scene.skies]
 
@@ -190,7 +196,7 @@ def _layout(scene: Scene, rendering: Rendering) -> SampleLayout:
             "encoding": front_end.encoding,
             "bits": front_end.bits,
             "bit_order": "msb-first",
-            "start_gpst": iso(rough_start(scene, rendering.sky), 0),
+            "start_gpst": format_iso(rough_start(scene, rendering.sky), 0),
         }
         | ({} if antenna == "1" else {"antenna": antenna})
     )
@@ -200,7 +206,7 @@ def _sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
     sky, scenario = rendering.sky, scene.scenario
     start_s = sky.receiver.start_offset_s
     lat_rad, lon_rad, height_m = geodetic_from_ecef(sky.point(np.array([start_s])).position_ecef_m[0])
-    place = geolocation(
+    place = make_geolocation(
         round(float(np.degrees(lat_rad)), 9), round(float(np.degrees(lon_rad)), 9), round(float(height_m), 4)
     )
     received = [window for name in scenario.attack_names for window in windows_of(sky, name)]
@@ -212,7 +218,7 @@ def _sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
     ]
     of_several = len(scene.skies) > 1
     moves = sky.receiver.path is not None or sky.antenna.spin is not None
-    return recording_json(
+    return write_recording_json(
         _layout(scene, rendering),
         sha512=sha512,
         place=place,
@@ -232,8 +238,8 @@ def _annotated(scene: Scene, rendering: Rendering, received: SourceWindow, comme
     first, last = np.clip(edges, 0, rendering.n_samples).astype(np.int64).tolist()
     if first >= last:
         return None
-    came = iso(moment(scene, edges_s[0]), 9) if np.isfinite(edges_s[0]) else "before the scene"
-    return annotation(first, last - first, name, f"{comment}; the first wave arrives at GPS time {came}")
+    came = format_iso(moment(scene, edges_s[0]), 9) if np.isfinite(edges_s[0]) else "before the scene"
+    return make_annotation(first, last - first, name, f"{comment}; the first wave arrives at GPS time {came}")
 
 
 def _packed_blocks(rendering: Rendering) -> Generator[tuple[bytes, int], None, None]:
@@ -307,7 +313,7 @@ def write_series(
     paths: list[Path] = []
     for number, (stem, metadata, blocks) in enumerate(series):
         places = [folder / f"{stem}{ending}" for ending in _TABLES]
-        with growing_tables(places, metadata) as take:
+        with open_growing_tables(places, metadata) as take:
             for block in blocks:
                 take(block)
         paths += places

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.frames import EARTH_RAD_S
-from skyproof.gnss.gravity import gravity_ecef_m_s2
+from skyproof.gnss.gravity import compute_gravity_m_s2
 from skyproof.gnss.imu_grades import GRADES, ImuGrade
 from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
 from skyproof.records import ImuSeries
@@ -243,7 +243,7 @@ def _means(motion_at: Callable[[Reals], MotionLike], edges_s: Reals, lever_m: Re
     swing = np.cross(rate_rad_s, lever_m)  # of the lever arm, in body axes
     position_m = motion.position_ecef_m + _turned(motion.attitude, lever_m)
     velocity_m_s = motion.velocity_ecef_m_s + _turned(motion.attitude, swing)
-    pull = motion.acceleration_ecef_m_s2 + 2.0 * np.cross(EARTH_RAD_S, velocity_m_s) - gravity_ecef_m_s2(position_m)
+    pull = motion.acceleration_ecef_m_s2 + 2.0 * np.cross(EARTH_RAD_S, velocity_m_s) - compute_gravity_m_s2(position_m)
     force = _turned(to_body, pull) + np.cross(rate_rad_s, swing)
     both = np.stack([force, rate_rad_s + _turned(to_body, EARTH_RAD_S)], axis=1)
     means = np.einsum("nkaj,k->naj", both.reshape(edges_s.size - 1, shares.size, 2, 3), weights)

@@ -13,7 +13,7 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, GLONASS_EARTH_ROTATION_RAD_S, GLONASS_MU_M3_S2
 from skyproof.gnss.ephemeris import Ephemeris, GlonassEphemeris, NavigationData, ahead_of_system_s
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import seconds_between, week_and_tow
 
@@ -50,7 +50,7 @@ def nominal_systems(gpst: np.datetime64, systems: str = "GECR") -> NavigationDat
     Time of ephemeris is the full half hour nearest to `gpst` (of GPS the two hours); neighbouring sets of Galileo and
     BeiDou lie on one orbit, those of GLONASS nearly, as they have no further harmonics than its model.
     """
-    gps = nominal_constellation(gpst)
+    gps = make_nominal_constellation(gpst)
     like = next(e for e in gps.ephemerides if isinstance(e, Ephemeris))
     week, tow_s = week_and_tow(gpst)
     toe = instant(week, round(tow_s / _TOE_STEP_S) * _TOE_STEP_S)

@@ -17,7 +17,7 @@ from skyproof.arrays import Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import BroadcastEphemeris, group_delay_s
-from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.time import week_and_tow
 
 __all__ = ["FIRST_SIGNAL", "Orbits", "Sight", "orbits_between"]
@@ -86,7 +86,7 @@ def orbits_between(
     knots_s = first_s - _EARLIEST_S + KNOT_S * np.arange(n_knots, dtype=np.float64)
     rows = np.empty((n_knots, len(ephemerides), 4))
     for column, ephemeris in enumerate(ephemerides):
-        state = satellite_state_s(ephemeris, week, tow_s + knots_s)
+        state = compute_satellite_state_s(ephemeris, week, tow_s + knots_s)
         rows[:, column, :3] = state.position_ecef_m
         rows[:, column, 3] = state.clock_s - group_delay_s(ephemeris, *FIRST_SIGNAL[ephemeris.sat[0]])
     pieces = np.moveaxis(scipy.interpolate.CubicSpline(knots_s, rows).c, 0, -1)

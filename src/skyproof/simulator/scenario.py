@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from skyproof.errors import InputError, ScenarioError, shortened
 from skyproof.formats.documents import read_toml
-from skyproof.formats.models import Instant, Model, Name, faults_of
+from skyproof.formats.models import Instant, Model, Name, describe_faults
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.simulator.attacks import Attack, Interference, Meaconer, Spoofer, Takeover, TransmitAntenna
@@ -290,7 +290,7 @@ def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Sce
     try:
         return Scenario.model_validate(dict(table))
     except ValidationError as error:
-        raise ScenarioError(f"{source}: {'; '.join(faults_of(error, Scenario))}") from error
+        raise ScenarioError(f"{source}: {'; '.join(describe_faults(error, Scenario))}") from error
 
 
 def read_scenario(path: Path) -> Scenario:

@@ -11,7 +11,7 @@ from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 from skyproof.records import SignalId
 from skyproof.simulator.attacks import Meaconer, Takeover
 from skyproof.simulator.clocks import Clock, clock
@@ -77,7 +77,7 @@ class _World:
         if not ephemerides:
             raise ScenarioError(
                 f"start_gpst: {navigation.source or 'the navigation data'} has no healthy satellite for "
-                f"{iso(scenario.start_gpst, 0)}; give the navigation file of that day"
+                f"{format_iso(scenario.start_gpst, 0)}; give the navigation file of that day"
             )
         starts_s = [receiver.start_offset_s for receiver in scenario.receivers]
         first_s, last_s = min(starts_s) - _MARGIN_S, max(starts_s) + scenario.duration_s + _MARGIN_S

@@ -9,7 +9,7 @@ import tomli_w
 
 from skyproof.errors import InputError, ScenarioError
 from skyproof.formats.bounds import NAVIGATION_BYTES, TRACK_BYTES
-from skyproof.formats.byte_io import unpacked
+from skyproof.formats.byte_io import unpack_text
 from skyproof.simulator.scenario import Scenario, parse_scenario
 
 __all__ = ["NAVIGATION", "Standalone", "overridden", "resolved", "standalone"]
@@ -80,6 +80,6 @@ def _tables(value: Any) -> Iterator[dict[str, Any]]:
 
 def _read(path: Path, key: str, most: int) -> bytes:
     try:
-        return unpacked(path, most, "it", "give a file that can")
+        return unpack_text(path, most, "it", "give a file that can")
     except InputError as error:
         raise ScenarioError(f"{key}: {error}") from error

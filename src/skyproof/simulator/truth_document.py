@@ -11,7 +11,7 @@ from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 from skyproof.simulator.attacks import Interference, Takeover
 from skyproof.simulator.platforms import Point, motion_within
 from skyproof.simulator.received import ReceiverSky, Scene
@@ -42,7 +42,7 @@ def truth_of(
         "scene": made.name,
         "description": made.description,
         "seed": made.seed,
-        "start_gpst": iso(made.start_gpst, 9),
+        "start_gpst": format_iso(made.start_gpst, 9),
         "duration_s": made.duration_s,
         "navigation": navigation or scene.navigation.source,
         "versions": {name: version(name) for name in ("skyproof", "numpy")},
@@ -103,8 +103,8 @@ def _receiver_truth(scene: Scene, sky: ReceiverSky) -> dict[str, Any]:
         "position_is": "of this antenna at the first and the last moment of the recording",
         "path": "static" if receiver.path is None else receiver.path.kind,
         "attitude_deg": _attitude_deg(scene, receiver, ends_s[0]),
-        "true_start_gpst": iso(moment(scene, ends_s[0]), 9),
-        "true_end_gpst": iso(moment(scene, ends_s[1]), 9),
+        "true_start_gpst": format_iso(moment(scene, ends_s[0]), 9),
+        "true_end_gpst": format_iso(moment(scene, ends_s[1]), 9),
         "clock_offset_at_start_s": receiver.clock_offset_s,
         "clock_offset_at_end_s": float(offset_s[1]),
         "clock_drift_at_start": float(drift[0]),
@@ -151,8 +151,8 @@ def _signal_truths(scene: Scene, sky: ReceiverSky) -> list[dict[str, Any]]:
                 "copy": received.id.copy,
                 "label": received.label,
                 "source": received.source,
-                "from_gpst": iso(moment(scene, ends_s[0]), 9),
-                "to_gpst": iso(moment(scene, ends_s[1]), 9),
+                "from_gpst": format_iso(moment(scene, ends_s[0]), 9),
+                "to_gpst": format_iso(moment(scene, ends_s[1]), 9),
                 "cn0_dbhz_first_last": _rounded(sky.cn0_dbhz(ends_s)[:, column], 3),
                 "az_deg_first_last": _rounded(
                     _degrees(ends_s, sky.knots_s, np.unwrap(sky.az_rad[:, column])) % 360.0, 3
@@ -174,8 +174,8 @@ def _attack_truth(scene: Scene, number: int) -> dict[str, Any]:
         "name": name,
         "kind": attack.kind,
         "transmit_antenna": _place(attack.transmit),
-        "onset_gpst": iso(moment(scene, attack.onset_s), 9),
-        "until_gpst": None if attack.until_s is None else iso(moment(scene, attack.until_s), 9),
+        "onset_gpst": format_iso(moment(scene, attack.onset_s), 9),
+        "until_gpst": None if attack.until_s is None else format_iso(moment(scene, attack.until_s), 9),
         "onset_means": "first wave leaves the transmit antenna at this GPS time",
         "on_gpst": _on_gpst(scene, attack.windows_s),
         "heard": {sky.name: _on_gpst(scene, [(b, e) for _, b, e in windows_of(sky, name)]) for sky in scene.skies},
@@ -209,15 +209,18 @@ def _interference_truth(scene: Scene, number: int) -> dict[str, Any]:
         "name": source.name or source.kind,
         "kind": source.kind,
         "transmit_antenna": _place(source.transmit),
-        "onset_gpst": iso(moment(scene, source.onset_s), 9),
-        "until_gpst": None if source.until_s is None else iso(moment(scene, source.until_s), 9),
+        "onset_gpst": format_iso(moment(scene, source.onset_s), 9),
+        "until_gpst": None if source.until_s is None else format_iso(moment(scene, source.until_s), 9),
         "heard": {sky.name: _on_gpst(scene, [interference_of(scene, sky)[number][1:]]) for sky in scene.skies},
     }
 
 
 def _on_gpst(scene: Scene, windows: Sequence[tuple[float, float]]) -> list[list[str | None]]:
     """From when to when; none where the scene has no end of it."""
-    return [[iso(moment(scene, edge_s), 9) if np.isfinite(edge_s) else None for edge_s in window] for window in windows]
+    return [
+        [format_iso(moment(scene, edge_s), 9) if np.isfinite(edge_s) else None for edge_s in window]
+        for window in windows
+    ]
 
 
 def _last_s(scene: Scene, until_s: float | None) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import scipy
 
 from skyproof.arrays import Integers, Reals
-from skyproof.gnss.atmosphere import klobuchar_delay_s, troposphere_delay_m
+from skyproof.gnss.atmosphere import compute_klobuchar_s, compute_troposphere_m
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Klobuchar
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -36,10 +36,10 @@ class View:
         up_rad = np.maximum(self.el_rad, 0.0)  # the models end at the horizon
         troposphere_s, ionosphere_s = np.zeros(up_rad.shape), np.zeros(up_rad.shape)
         if scenario.sky.troposphere:
-            troposphere_s = troposphere_delay_m(lat_rad, height_m, up_rad) / SPEED_OF_LIGHT_M_S
+            troposphere_s = compute_troposphere_m(lat_rad, height_m, up_rad) / SPEED_OF_LIGHT_M_S
         if scenario.sky.ionosphere and ionosphere is not None:
             _, tow_s = week_and_tow(scenario.start_gpst)
-            ionosphere_s = klobuchar_delay_s(
+            ionosphere_s = compute_klobuchar_s(
                 ionosphere, lat_rad, lon_rad, self.az_rad, up_rad, tow_s + knots_s[:, np.newaxis]
             )
         air_s = np.stack([troposphere_s + ionosphere_s, troposphere_s - ionosphere_s], axis=1)

@@ -9,9 +9,9 @@ import numpy as np
 from skyproof.arrays import Reals
 from skyproof.detectors.dccaf.inverse_raim import find_passing_sets
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import unit_vectors
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state_s
+from skyproof.gnss.sky import compute_unit_vectors
 from skyproof.gnss.time import week_and_tow
 from skyproof.report.chart import Axes
 from skyproof.studies.base import Claim, Row, Study, StudySettings, value_of
@@ -56,9 +56,9 @@ class _Skies:
             when = _START + np.timedelta64(int(rng.integers(86_400)), "s")
             place = ecef_from_geodetic(np.arcsin(rng.uniform(-1.0, 1.0)), rng.uniform(-np.pi, np.pi), 0.0)
             week, tow_s = week_and_tow(when)
-            orbits = nominal_constellation(when).ephemerides
-            ecef_m = np.stack([satellite_state_s(orbit, week, tow_s).position_ecef_m for orbit in orbits])
-            units = unit_vectors(place, ecef_m) @ rot_enu_ecef(*geodetic_from_ecef(place)[:2]).T
+            orbits = make_nominal_constellation(when).ephemerides
+            ecef_m = np.stack([compute_satellite_state_s(orbit, week, tow_s).position_ecef_m for orbit in orbits])
+            units = compute_unit_vectors(place, ecef_m) @ rot_enu_ecef(*geodetic_from_ecef(place)[:2]).T
             self._seen.append(units[units[:, 2] > np.sin(np.radians(_MASK_DEG))])
 
     def some(self, satellites: int) -> Reals:

@@ -22,8 +22,8 @@ from skyproof.arrays import Booleans, Reals
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state_s
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.time import week_and_tow
 from skyproof.statistics.distributions import f_threshold, noncentral_f_survival
 from skyproof.studies.double_difference import Tested, counting_rule, pairs_rejected
@@ -177,14 +177,14 @@ def geometries() -> tuple[SatelliteTracks, ...]:
 
 def _sats_enu_m(orbits: Sequence[Ephemeris], when: np.datetime64, seconds: Reals) -> Reals:
     week, tow_s = week_and_tow(when)
-    ecef_m = np.stack([satellite_state_s(o, week, tow_s + seconds).position_ecef_m for o in orbits], axis=1)
+    ecef_m = np.stack([compute_satellite_state_s(o, week, tow_s + seconds).position_ecef_m for o in orbits], axis=1)
     base_ecef_m, rot = ecef_from_geodetic(*BASE_GEODETIC), rot_enu_ecef(*BASE_GEODETIC[:2])
     return np.asarray((ecef_m - base_ecef_m) @ rot.T)
 
 
 def _slots(when: np.datetime64) -> list[Ephemeris]:
     """Orbits in the 24 slots."""
-    orbits = [orbit for orbit in nominal_constellation(when).ephemerides if isinstance(orbit, Ephemeris)]
+    orbits = [orbit for orbit in make_nominal_constellation(when).ephemerides if isinstance(orbit, Ephemeris)]
     return [
         replace(orbit, m0=orbit.m0 + np.radians(_MOVED_DEG.get(orbit.sat, 0.0)))
         for orbit in orbits

@@ -15,7 +15,7 @@ from scipy import special
 
 from skyproof.arrays import Indices, Reals
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.navigation.fix import FixGeometry, fix_and_geometry
 from skyproof.navigation.protection import add_protection
 from skyproof.navigation.raim import fit_whitened
@@ -80,7 +80,7 @@ def _somewhere(rng: np.random.Generator, seed: int) -> _Sky:
     )
     start = np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(int(rng.integers(126_230_400)), "s")
     scenario = clean(place, start, duration_s=SKY_S, receivers=1, mask_deg=8.0, seed=seed)
-    navigation = nominal_constellation(start)
+    navigation = make_nominal_constellation(start)
     scene = scene_of(scenario, navigation)
     ideal = ideal_measurements_of(scene)
     (observed,), _ = draw(ideal, rng=rng)

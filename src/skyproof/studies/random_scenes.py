@@ -12,7 +12,7 @@ import numpy as np
 from skyproof.errors import ScenarioError
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.attacks import TransmitAntenna
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import (
@@ -316,7 +316,7 @@ def build_scene(drawn: DrawnScene, *, n_sats: int | None = None) -> BuiltScene |
 
     n_sats : the highest so many satellites alone, for what takes long with many.
     """
-    navigation = nominal_constellation(drawn.start_gpst)
+    navigation = make_nominal_constellation(drawn.start_gpst)
     clean = _scenario(drawn, [], [])
     under = scene_of(clean, navigation)
     if n_sats is not None:

@@ -15,7 +15,7 @@ from skyproof.app.protect import protect
 from skyproof.app.receive.inputs import open_inputs
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 
 # --- the file
 
@@ -130,7 +130,7 @@ def test_a_receiver_that_hears_nothing_costs_itself_and_not_the_run(run, pair, t
 
 @pytest.mark.usefixtures("untracked")
 def test_a_navigation_file_of_another_day_is_refused(run, pair, tmp_path):
-    write_nav(tmp_path / "old.rnx", nominal_constellation(np.datetime64("2024-05-12T10:00:00", "ns")))
+    write_nav(tmp_path / "old.rnx", make_nominal_constellation(np.datetime64("2024-05-12T10:00:00", "ns")))
     ended = run(*pair.paths, nav=tmp_path / "old.rnx")
     assert_refused(
         ended,
@@ -209,7 +209,7 @@ def test_a_date_in_the_wrong_week_is_reported_and_the_messages_week_is_used(run,
 def test_a_navigation_file_whose_week_no_signal_states_is_refused_where_the_recording_has_no_date(run, tmp_path):
     recorded = kit.record(kit.scenario_of(receivers=1, duration_s=10.0), tmp_path)
     undated = copied(recorded.paths[0], tmp_path / "undated", start_gpst="")
-    write_nav(tmp_path / "old.rnx", nominal_constellation(np.datetime64("2005-04-02T21:46:00", "ns")))
+    write_nav(tmp_path / "old.rnx", make_nominal_constellation(np.datetime64("2005-04-02T21:46:00", "ns")))
     assert_refused(
         run(undated, nav=tmp_path / "old.rnx"),
         f"{undated}: ",

@@ -19,7 +19,7 @@ from skyproof.app.common.platform_use import match_tables
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import windows_of
 from skyproof.errors import InputError, SettingsError
-from skyproof.formats.byte_io import sha256
+from skyproof.formats.byte_io import compute_sha256
 from skyproof.formats.imu import COLUMNS
 from skyproof.formats.imu_pieces import StoredImuFile
 from skyproof.formats.pieces import Workspace
@@ -340,7 +340,7 @@ def test_readings_without_an_initial_attitude_are_read_and_that_is_reported(tmp_
     assert body_of(carrier, files, ("one",), {}, START, 300.0) is None
     ((path, kind, remarks),) = files.remarks(None, window(0.0, 10.0))
     assert (path, kind) == (unit["file"], "inertial readings")
-    assert files.sums[path] == sha256(path)
+    assert files.sums[path] == compute_sha256(path)
     assert "not stated" in remarks[-1]
     late = files.remarks(None, window(1e5, 2e5), files.imu.series(START))
     assert "2022-01-01T10:29:58.0" in next(late)[2][-1]

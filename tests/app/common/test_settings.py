@@ -8,7 +8,7 @@ from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.protect.document import document
 from skyproof.app.protect.outcome import Outcome
 from skyproof.errors import SettingsError
-from skyproof.formats.verdict import verdict_json
+from skyproof.formats.verdict import write_verdict_json
 from skyproof.fusion.fuse import fuse
 from skyproof.records import NavigationData
 
@@ -24,7 +24,7 @@ def test_every_setting_stands_in_the_verdict():
         receivers=(), decision=fuse([], [], []), evidence=(), sets=(), navigation=NavigationData(ephemerides=())
     )
     verdict = document(nothing, [], Settings(**EVERYTHING))
-    reported = json.loads(verdict_json(verdict))["settings"]
+    reported = json.loads(write_verdict_json(verdict))["settings"]
     assert set(reported) == set(Settings.model_fields)
     assert reported | EVERYTHING == reported
 

@@ -25,7 +25,7 @@ from skyproof.app.init import init
 from skyproof.app.init.text import FoundReceiver, write_one_line, write_platform_lines
 from skyproof.app.protect import protect
 from skyproof.errors import InputError, OutputError
-from skyproof.formats.raw import SampleLayout, sidecar_text
+from skyproof.formats.raw import SampleLayout, write_sidecar_text
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.frames import ecef_from_geodetic
@@ -58,7 +58,7 @@ def recording(folder: Path, name: str = "rx 1.bin") -> Path:
     layout = SampleLayout.model_validate(
         {"rate_hz": 2e6, "kind": "complex", "encoding": "int", "bits": 8, "start_gpst": "2022-01-01T10:29:58"}
     )
-    (folder / name).with_suffix(".toml").write_text(sidecar_text(layout), encoding="utf-8")
+    (folder / name).with_suffix(".toml").write_text(write_sidecar_text(layout), encoding="utf-8")
     return folder / name
 
 

@@ -19,7 +19,7 @@ from skyproof.app.inspect import NotUnderstood, inspect
 from skyproof.app.inspect.guess import guess
 from skyproof.errors import InputError, NotEnoughData, SettingsError
 from skyproof.formats.raw import read_sidecar
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import scenes
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd, ScenePlace, Sky
@@ -44,7 +44,7 @@ def sky(rate_hz: float, if_hz: float, real: bool, seed: int, duration_s: float =
         place, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=seed, front_end=front_end
     )
     scenario = scenario.model_copy(update={"sky": Sky(zenith_cn0_dbhz=cn0s[0], horizon_cn0_dbhz=cn0s[1])})
-    samples = samples_of(scenario, nominal_constellation(START))[0]
+    samples = samples_of(scenario, make_nominal_constellation(START))[0]
     planes = samples.read(0, samples.n_samples)[: 1 if real else 2]
     return planes / planes.std()
 

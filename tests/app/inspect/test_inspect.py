@@ -17,7 +17,7 @@ from skyproof.app.inspect.run import inspect
 from skyproof.app.inspect.signal_pictures import write_pictures
 from skyproof.app.inspect.signals import _search_readings, inspect_samples
 from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsError
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import SampleGap, Samples
 from skyproof.simulator import scenes
 from skyproof.simulator.samples import samples_of
@@ -145,7 +145,7 @@ def sky(*, if_hz: float = 0.0, duration_s: float = 0.06) -> tuple[Samples, set[s
         PLACE, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=2, front_end=front_end
     )
     assert scenario.receivers[0].lo_ppm == pytest.approx(LO_PPM, abs=0.01)
-    navigation = nominal_constellation(START)
+    navigation = make_nominal_constellation(START)
     heard = {signal.id.sat for signal in scene_of(scenario, navigation).skies[0].signals}
     return samples_of(scenario, navigation)[0], heard
 

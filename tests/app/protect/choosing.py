@@ -17,7 +17,7 @@ from skyproof.detectors.adapter import finding_from_evidence
 from skyproof.detectors.prediction.choice_findings import CHOSEN
 from skyproof.gnss.frames import heading_pitch_roll_rad
 from skyproof.gnss.imu_grades import GRADES
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.ins import InsSettings
 from skyproof.records import Attitude, Evidence, Finding, FixStatus, Records, SignalId, SignalRef
@@ -28,7 +28,7 @@ from skyproof.simulator.truth import imus_of
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 from skyproof.verdict import Verdict
 
-NAVIGATION = nominal_constellation(START)
+NAVIGATION = make_nominal_constellation(START)
 WAVE_M_S = 299_792_458.0
 
 

@@ -10,9 +10,9 @@ from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import detectors_for, following_epochs, windows_of
 from skyproof.app.receive.observed import observe_file, open_observations
-from skyproof.formats.rinex_nav import glonass_channels, read_nav
+from skyproof.formats.rinex_nav import get_glonass_channels, read_nav
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.records import CellStatus
 
 pytestmark = [pytest.mark.shared_data, pytest.mark.long]
@@ -63,7 +63,7 @@ def false_sky(observations, navigation, place_ecef_m):
         for k, signal in enumerate(observations.signals):
             orbit = navigation.best(signal.sat, instant) if signal.kind == KIND else None
             if orbit is not None:
-                sat_ecef_m = satellite_state(orbit, instant).position_ecef_m
+                sat_ecef_m = compute_satellite_state(orbit, instant).position_ecef_m
                 away_m = [np.linalg.norm(sat_ecef_m - p) for p in (there_ecef_m, place_ecef_m)]
                 moved_m[n, k] = away_m[0] - away_m[1]
     return replace(
@@ -97,7 +97,7 @@ def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, 
     folder, files, nav, given, duration_s = FILES[name]
     path, rng, place_ecef_m = shared_data / "real" / folder, np.random.default_rng(0), np.array(PLACES_ECEF_M[name])
     navigation = read_nav(path / nav)
-    opened = (open_observations(path / f, glonass_channels(navigation), duration_s=duration_s) for f in files)
+    opened = (open_observations(path / f, get_glonass_channels(navigation), duration_s=duration_s) for f in files)
     logs = [observe_file(one).observations for one in opened]
     base, rover = (
         replace(of_kind(log.read(0, log.gpst.size)), receiver=receiver)

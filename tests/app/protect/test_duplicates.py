@@ -14,7 +14,7 @@ from skyproof.app.protect import judge, protect
 from skyproof.app.protect.duplicates import find_shared_noise, leave_out_duplicates
 from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import track
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd
 
@@ -44,7 +44,7 @@ class Pair:
 
     def __init__(self, front_end):
         scenario = kit.scenario_of(duration_s=DURATION_S, front_end=front_end)
-        self.navigation = nominal_constellation(scenario.start_gpst)
+        self.navigation = make_nominal_constellation(scenario.start_gpst)
         self.rng = np.random.default_rng(1)
         first, second = samples_of(scenario, self.navigation)
         self.planes = [s.read(0, s.n_samples) for s in (first, second)]

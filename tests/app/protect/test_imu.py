@@ -9,12 +9,12 @@ from tests.written import write_table
 
 from skyproof.app.protect import protect
 from skyproof.errors import InputError
-from skyproof.formats.byte_io import sha256
+from skyproof.formats.byte_io import compute_sha256
 from skyproof.formats.imu import COLUMNS
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.measurements import NoiseModel, observations_of
 
 
@@ -23,7 +23,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Half a minute of one receiver, its orbits, and readings at rest that count from the recording's start."""
     folder = tmp_path_factory.mktemp("imu")
     scenario = scenario_of(receivers=1, duration_s=31.0)
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     (one,), _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=NoiseModel(sigma_m=0.5))
     write_obs(folder / "bow.obs", one, signals=one.signals, holds="simulated", marker="bow", version="test")
     write_nav(folder / "brdc.rnx", navigation)
@@ -39,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_readings_are_an_input_of_the_run_with_their_sum_and_remarks(folder: Path) -> None:
     result = protect([folder / "bow.obs"], nav=folder / "brdc.rnx", platform=folder / "platform.toml")
     note = next(note for note in result.verdict.inputs if note.format == "inertial readings")
-    assert (note.path, note.sha256) == (str(folder / "imu.csv"), sha256(folder / "imu.csv"))
+    assert (note.path, note.sha256) == (str(folder / "imu.csv"), compute_sha256(folder / "imu.csv"))
     assert list(note.all_remarks) == []
     lacking = {need for evidence in result.outcome.evidence for need in evidence.lacking}
     assert "array_phases" in lacking

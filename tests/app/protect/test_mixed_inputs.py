@@ -7,7 +7,7 @@ from tests.app.protect.captured import captured
 
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_obs import write_obs
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.measurements import NoiseModel, observations_of
 
 pytestmark = pytest.mark.long
@@ -20,7 +20,7 @@ MIDDLE = 20
 def scene(tmp_path_factory):
     """Both receivers' samples, and what receivers of measurements would have written once a second."""
     scenario = scenario_of(duration_s=40.0)
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     recorded = record(scenario, tmp_path_factory.mktemp("mixed"), navigation=navigation)
     rng = np.random.default_rng(5)
     measured, _ = observations_of(scenario, navigation, rng=rng, noise=NoiseModel(sigma_m=0.5, constant_m=0.3))

@@ -16,7 +16,7 @@ from skyproof.detectors.continuity.series import Limits, build_series
 from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.navigation.clock import anchor_label
 from skyproof.navigation.fix import fix
 from skyproof.records import CellStatus, FixStatus, Observations
@@ -108,7 +108,7 @@ def test_any_interval_a_clock_that_is_set_and_what_a_receiver_does_not_report(
 ):
     """One receiver sets its clock by a millisecond in the middle, and reports neither Doppler nor C/N0."""
     scenario = scenario_of(duration_s=duration_s)
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     rng = np.random.default_rng(7)
     (bow, stern), _ = observations_of(
         scenario, navigation, rng=rng, interval_s=interval_s, noise=NoiseModel(sigma_m=0.5, constant_m=0.3)
@@ -164,7 +164,7 @@ def test_observation_files_alone_need_orbits(measured, tmp_path):
 
 
 def test_orbits_of_another_day_are_refused_without_advice_for_recordings(measured, tmp_path):
-    write_nav(tmp_path / "late.rnx", nominal_constellation(np.datetime64("2031-03-03", "ns")))
+    write_nav(tmp_path / "late.rnx", make_nominal_constellation(np.datetime64("2031-03-03", "ns")))
     with pytest.raises(InputError, match=r"late\.rnx: .*\b2031\b.*\bday$"):
         protect(written(tmp_path, *measured[:2]), nav=tmp_path / "late.rnx")
 

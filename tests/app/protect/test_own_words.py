@@ -5,7 +5,7 @@ import pytest
 
 from skyproof.app.protect.own_words import compare_receiver_fix, list_receiver_states, select_rows_with_place
 from skyproof.app.protect.positions import Track
-from skyproof.formats.tables import FIXES_COLUMNS, own_fixes_columns
+from skyproof.formats.tables import FIXES_COLUMNS, build_own_fixes_columns
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.logs.content import ReceiverStates
 from skyproof.records import Fix, ReceiverFixes
@@ -118,7 +118,7 @@ def test_without_a_trusted_position_there_is_no_distance() -> None:
 
 def test_its_rows_in_the_table_of_fixes_are_its_own() -> None:
     fixes = own_fixes([0.0, 50.0, 60.0])
-    columns = own_fixes_columns("rx1", fixes, select_rows_with_place(fixes))
+    columns = build_own_fixes_columns("rx1", fixes, select_rows_with_place(fixes))
     assert tuple(columns) == FIXES_COLUMNS
     assert set(columns["kind"]) == {"receiver"}
     assert np.hypot(columns["sigma_east_m"], columns["sigma_north_m"]) == pytest.approx(2.0)

@@ -13,7 +13,7 @@ from tests.app.kit import DISTANCE_M, START, scenario_of
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.files import write
 from skyproof.simulator.measurements import NoiseModel, observations_of
 from skyproof.simulator.scenario import FrontEnd
@@ -50,7 +50,7 @@ def of_stretches(stretch, held, piece_bytes=None) -> dict:
 def observed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("observed")
     scenario = scenario_of(duration_s=41.0)
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     noise = NoiseModel(sigma_m=0.5, constant_m=0.3)
     measured, _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)
     for o in measured:
@@ -91,7 +91,7 @@ def test_observation_files_in_many_pieces_give_the_same_bytes(observed, tmp_path
 def recorded(tmp_path_factory):
     folder = tmp_path_factory.mktemp("recorded")
     scenario = scenario_of(duration_s=20.0, front_end=FrontEnd(rate_hz=2.0e6))
-    navigation = nominal_constellation(START)
+    navigation = make_nominal_constellation(START)
     write(scenario, navigation, folder)
     write_nav(folder / "nav.rnx", navigation)
     paths, nav = [folder / f"{receiver.name}.bin" for receiver in scenario.receivers], folder / "nav.rnx"

@@ -9,7 +9,7 @@ from tests.app.kit import ENU_M, PLACES
 
 from skyproof.app.protect import protect
 from skyproof.errors import InputError, SettingsError
-from skyproof.formats.byte_io import sha256
+from skyproof.formats.byte_io import compute_sha256
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 
@@ -43,7 +43,7 @@ def test_a_platform_file_is_all_that_a_run_needs(folder: Path, tmp_path: Path) -
     np.testing.assert_allclose(result.verdict.settings["antennas_enu_m"]["stern"], ENU_M["stern"], atol=1e-6)
     assert result.verdict.settings["speed_max_m_s"] == 0.0
     note = result.verdict.inputs[-1]
-    assert (note.path, note.format, note.sha256) == (str(path), "platform", sha256(path))
+    assert (note.path, note.format, note.sha256) == (str(path), "platform", compute_sha256(path))
     assert list(note.all_remarks) == []
     assert result.verdict.settings["oscillator"] == "tcxo"
 

@@ -8,11 +8,11 @@ import pytest
 from tests.app.protect.captured import captured
 
 from skyproof.app.protect import ProtectResult, protect
-from skyproof.formats.rinex_nav import glonass_channels, read_nav
+from skyproof.formats.rinex_nav import get_glonass_channels, read_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.formats.rinex_obs_read import read_obs
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 
 pytestmark = [pytest.mark.shared_data, pytest.mark.long]
 
@@ -117,7 +117,7 @@ def protect_captured(pair, shared_data, folder):
     of the second, and the first's."""
     paths, nav = paths_of(pair, shared_data)
     navigation = read_nav(nav)
-    base, rover = (read_obs(path, glonass_channels=glonass_channels(navigation)).observations for path in paths)
+    base, rover = (read_obs(path, glonass_channels=get_glonass_channels(navigation)).observations for path in paths)
     middle = rover.gpst.size // 2 if not pair.more else 20
     rover = captured(rover, base, middle, rng=np.random.default_rng(1))
     signals = tuple(s for s in rover.signals if s.sat[0] in "GECRJ")
@@ -130,7 +130,7 @@ def test_a_captured_receiver_with_few_satellites_is_open_since_then(shared_data,
     """Seven to nine satellites whose ranges are as of one antenna: echoes in place of blocked signals may be so."""
     result, _, rover, _, middle = protect_captured(PAIRS["3 km"], shared_data, tmp_path)
     assert result.verdict.verdict == "suspect"
-    since = iso(rover.gpst[middle], 6)
+    since = format_iso(rover.gpst[middle], 6)
     assert not [s for s in result.verdict.signals if s.label == "authentic" and s.to_gpst > since]
     assert [e for e in result.outcome.evidence if e.code in ("one_antenna_or_few_echoes", "elsewhere_by_few")]
 
@@ -147,10 +147,10 @@ def test_a_receiver_that_is_captured_is_spoofed_since_then_and_its_signals_are_n
     compared = {s for s in signals if s in base.signals}
     for s in verdict.signals:
         if s.label == "authentic":
-            assert s.to_gpst <= iso(since + window // 2, 6), (s.receiver, s.sat, s.to_gpst)
+            assert s.to_gpst <= format_iso(since + window // 2, 6), (s.receiver, s.sat, s.to_gpst)
         if s.label == "spoofed":
             assert (s.sat, s.band, s.code) in {c.transmission for c in compared}
-            assert s.from_gpst >= iso(since - window // 2, 6), (s.receiver, s.sat, s.from_gpst)
+            assert s.from_gpst >= format_iso(since - window // 2, 6), (s.receiver, s.sat, s.from_gpst)
     there = np.isfinite(rover.pseudorange_m[middle:]).mean(axis=0) > 0.9
     compared = {s for s, whole in zip(rover.signals, there, strict=True) if whole and s in compared}
     named = {(s.receiver, s.sat, s.band, s.code) for s in verdict.signals if s.label == "spoofed"}

@@ -14,7 +14,7 @@ from skyproof.app.protect import protect
 from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
-from skyproof.gnss.geoid import geoid_separation_m
+from skyproof.gnss.geoid import interpolate_geoid_m
 
 BOW, STERN = PLACES[:2]
 APART_M = float(np.linalg.norm(ENU_M["stern"]))
@@ -57,7 +57,7 @@ def test_positions_as_they_are_make_a_clean_sky_authentic(recorded, tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "code"),
     [
-        ({"height_m": STERN.height_m - geoid_separation_m(STERN.lat_deg, STERN.lon_deg)}, "height_above_sea_level"),
+        ({"height_m": STERN.height_m - interpolate_geoid_m(STERN.lat_deg, STERN.lon_deg)}, "height_above_sea_level"),
         ({"height_m": STERN.height_m / 0.3048}, "height_in_feet"),
         ({"height_m": STERN.height_m - 18.0}, "height"),
         ({"lat_deg": STERN.lat_deg - 0.0007}, "wrong_statement"),

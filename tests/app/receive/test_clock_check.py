@@ -12,7 +12,7 @@ from skyproof.app.inspect import inspect_recording
 from skyproof.app.receive.reception import observe, require_signals
 from skyproof.app.receive.tracker import track
 from skyproof.errors import NotEnoughData
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import scenes
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
@@ -27,7 +27,7 @@ def recorded(duration_s: float, seed: int = 0):
     scenario = scenes.clean(
         PLACE, START, duration_s=duration_s, receivers=1, mask_deg=15.0, seed=seed, front_end=FrontEnd(rate_hz=RATE_HZ)
     )
-    samples = samples_of(scenario, nominal_constellation(START))[0]
+    samples = samples_of(scenario, make_nominal_constellation(START))[0]
     planes = samples.read(0, samples.n_samples)
     return replace(samples, read=lambda start, count: planes[:, start : start + count])
 

@@ -9,7 +9,7 @@ from tests.app import kit
 from skyproof.app.common.settings import Settings
 from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import track
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import SampleGap, Samples
 from skyproof.simulator.samples import samples_of
 from skyproof.simulator.scenario import FrontEnd
@@ -28,7 +28,7 @@ def sky():
     scenario = kit.scenario_of(
         receivers=1, duration_s=24.0, front_end=FrontEnd(rate_hz=RATE_HZ, encoding="sign-magnitude", bits=2)
     )
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     (samples,) = samples_of(scenario, navigation)
     planes = samples.read(0, samples.n_samples).astype(np.int8)
     return replace(samples, read=reader(planes)), scene_of(scenario, navigation), navigation

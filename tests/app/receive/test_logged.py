@@ -12,7 +12,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect import protect
 from skyproof.app.receive.inputs import adopt_antenna_multipath, open_inputs
 from skyproof.errors import InputError
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.remarks import Remark, RemarkKind
 
 WALK = "real/imu-gnss-walk/gnss_1730.ubx"
@@ -118,7 +118,7 @@ def test_a_log_without_a_week_asks_for_orbits(tmp_path) -> None:
 def test_orbits_beside_a_log_say_its_week(tmp_path) -> None:
     path = tmp_path / "a.rtcm3"
     path.write_bytes(b"".join(simple(602_000_000 + 1000 * k) for k in range(5)))
-    navigation = nominal_constellation(np.datetime64("2022-01-01T22:00:00", "ns"))
+    navigation = make_nominal_constellation(np.datetime64("2022-01-01T22:00:00", "ns"))
     assert opened(path, navigation).start_gpst == np.datetime64("2022-01-01T23:13:20", "ns")
 
 

@@ -10,7 +10,7 @@ from skyproof.errors import NotEnoughData
 from skyproof.formats.raw import open_raw
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import samples_of, scenes
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
 
@@ -32,7 +32,7 @@ def recording():
         front_end=front_end,
         seed=4,
     )
-    navigation = nominal_constellation(START)
+    navigation = make_nominal_constellation(START)
     return samples_of(scenario, navigation)[0], navigation
 
 

@@ -9,7 +9,7 @@ from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.app.receive import tracker as tracking
 from skyproof.app.receive.reception import observe
 from skyproof.errors import SettingsError
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.navigation.fix import fix
 from skyproof.receiver import measurement as m
 from skyproof.records import Asked, TapsAsked
@@ -19,7 +19,7 @@ from skyproof.simulator.scenario import FrontEnd, ScenePlace
 
 START = np.datetime64("2024-05-14T09:59:58", "ns")
 RATE_HZ = 1.6e6
-NAV = nominal_constellation(START)
+NAV = make_nominal_constellation(START)
 ASKED = Asked(taps=TapsAsked(delays_chips=(0.5, -0.5), every_s=0.02, coherent_s=0.004))
 
 
@@ -185,7 +185,7 @@ def test_a_filter_gone_wrong_is_given_up_within_a_second_and_comes_back(sky, wro
 
 
 def test_orbits_of_another_day_do_not_begin_a_filter_and_are_reported(sky):
-    other = nominal_constellation(START + np.timedelta64(9, "h"))
+    other = make_nominal_constellation(START + np.timedelta64(9, "h"))
     moved = replace(
         NAV,
         ephemerides=tuple(replace(e, m0=o.m0) for e in NAV.ephemerides for o in other.ephemerides if o.sat == e.sat),

@@ -15,7 +15,7 @@ from skyproof.errors import OutputError, ScenarioError, SettingsError
 from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import read_nav, write_nav
 from skyproof.formats.rinex_obs_read import read_obs
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.logs.stream import read_log
 from skyproof.records import SignalId
 from skyproof.simulator.scenario import FrontEnd, Meaconer, Scenario, SceneImu, ScenePlace, SceneReceiver
@@ -107,7 +107,7 @@ def test_all_that_is_made(tmp_path: Path) -> None:
 
 def test_the_resolved_scenario_makes_the_same_bytes(tmp_path: Path) -> None:
     navigation = tmp_path / "day.22n"
-    write_nav(navigation, nominal_constellation(START))
+    write_nav(navigation, make_nominal_constellation(START))
     simulate(small(navigation=navigation), out=tmp_path / "a", seed=9)
     simulate(tmp_path / "a" / "scenario.toml", out=tmp_path / "b")
     first = octets_in(tmp_path / "a")

@@ -8,8 +8,8 @@ from scipy.stats import binom
 
 from skyproof.detectors.array.spin import Spin, SpinSettings
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.orbits import compute_satellite_state_s
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import Cause, SpinArm
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
@@ -62,8 +62,8 @@ def turning(
         az, el = FROM
         if k < n:
             orbit = records.navigation.best(o.signals[k].sat, SCENE.start_gpst)
-            where = satellite_state_s(orbit, week, tow_s).position_ecef_m
-            az, el = azimuth_elevation(records.sets[0].position_ecef_m, where)
+            where = compute_satellite_state_s(orbit, week, tow_s).position_ecef_m
+            az, el = compute_azimuth_elevation(records.sets[0].position_ecef_m, where)
         towards = direction_of((az, el))
         if moved_rad is not None and k == 0:
             across = np.cross(towards, rng.normal(size=3))

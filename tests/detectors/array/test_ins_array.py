@@ -12,9 +12,9 @@ from skyproof.detectors.array.array_common import ArrayCommon
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
 from skyproof.explain import stands_beside
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state_s
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.gnss.time import week_and_tow
 from skyproof.records import Cause, ConsistentSet, Records, SignalId
 from skyproof.statistics.directions import (
@@ -26,8 +26,8 @@ def test_predicted_directions_are_those_of_azimuth_and_elevation():
     week, tow_s = week_and_tow(START)
     by_sat = {orbit.sat: orbit for orbit in NAVIGATION.ephemerides}
     for k, signal in enumerate(SIGNALS):
-        position_m = satellite_state_s(by_sat[signal.sat], week, tow_s).position_ecef_m
-        az, el = azimuth_elevation(PLACE_M, position_m)
+        position_m = compute_satellite_state_s(by_sat[signal.sat], week, tow_s).position_ecef_m
+        az, el = compute_azimuth_elevation(PLACE_M, position_m)
         forward_right_down = [np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), -np.sin(el)]
         np.testing.assert_allclose(TRUE[0, k], forward_right_down, atol=3e-5)  # the satellite moves on by 300 m
 
@@ -119,7 +119,9 @@ def low_satellite():
     """The signal of a satellite twenty degrees or more below the horizon."""
     week, tow_s = week_and_tow(START)
     for orbit in NAVIGATION.ephemerides:
-        if azimuth_elevation(PLACE_M, satellite_state_s(orbit, week, tow_s).position_ecef_m)[1] < np.radians(-20.0):
+        if compute_azimuth_elevation(PLACE_M, compute_satellite_state_s(orbit, week, tow_s).position_ecef_m)[
+            1
+        ] < np.radians(-20.0):
             return SignalId(orbit.sat)
     raise AssertionError("all satellites are in view")
 
@@ -281,6 +283,6 @@ def test_rare_alarms_let_no_false_signal_into_the_fit(seed):
 
 def test_without_an_ephemeris_of_any_satellite_it_says_so():
     records = array_records(np.random.default_rng(10))
-    late = nominal_constellation(START + np.timedelta64(40, "D"))
+    late = make_nominal_constellation(START + np.timedelta64(40, "D"))
     (said,), _ = InsArray().examine(Records(**(vars(records) | {"navigation": late})))
     assert (said.says, said.code) == ("undecided", "no_signal")

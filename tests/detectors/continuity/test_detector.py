@@ -14,7 +14,7 @@ from skyproof.detectors.continuity.series import Limits, build_series
 from skyproof.detectors.continuity.steps import compare_sides, fit_jumps, p_values
 from skyproof.errors import SettingsError
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.navigation.rates import fill_dopplers
 from skyproof.records import OBSERVABLES, Cause, ConsistentSet, Records
 from skyproof.simulator.measurement_errors import FieldErrors
@@ -27,7 +27,7 @@ START = "2023-03-04T05:06:07"
 PLACE = {"lat_deg": 40.0, "lon_deg": -3.0, "height_m": 650.0}
 PLACE_RAD = np.radians(PLACE["lat_deg"]), np.radians(PLACE["lon_deg"])
 PLACE_ECEF_M = ecef_from_geodetic(*PLACE_RAD, PLACE["height_m"])
-NAVIGATION = nominal_constellation(np.datetime64(START, "ns"))
+NAVIGATION = make_nominal_constellation(np.datetime64(START, "ns"))
 CORNERS = [[0, 0, 0], [800, 0, 0], [800, 500, 0], [0, 500, 0], [0, 0, 30]]
 MOTIONS = {
     "standing": {},

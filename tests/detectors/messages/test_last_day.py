@@ -17,11 +17,11 @@ from skyproof.detectors.messages.last_day import (
 )
 from skyproof.detectors.messages.policy import POLICY
 from skyproof.gnss.constants import EARTH_ROTATION_RAD_S, MU_M3_S2, SPEED_OF_LIGHT_M_S
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.gnss.time import timedelta_from_s
 
-SENT = replace(nominal_constellation(np.datetime64("2024-05-14T10:00:00", "ns")).ephemerides[0], ura_index=0)
+SENT = replace(make_nominal_constellation(np.datetime64("2024-05-14T10:00:00", "ns")).ephemerides[0], ura_index=0)
 MOON_M3_S2, MOON_M = 4.903e12, 3.633e8  # at its nearest
 SUN_M3_S2, SUN_M = 1.3271e20, 1.471e11
 EARTH_M, J2 = 6.378137e6, 1.0826e-3
@@ -56,7 +56,7 @@ def test_an_orbit_under_moon_and_sun_stays_within_the_bound(moon_rad: float) -> 
     """Elements are fitted to four hours of it, as the ground segment does, and carried on for a day."""
     at_s = np.arange(-7200.0, 86_401.0, 900.0)
     labels = SENT.reference_gpst + timedelta_from_s(at_s)
-    fixed = satellite_state(SENT, labels).position_ecef_m[[0, 1]]
+    fixed = compute_satellite_state(SENT, labels).position_ecef_m[[0, 1]]
     turn = [rotation(t) for t in at_s]
     first, second = turn[0].T @ fixed[0], turn[1].T @ fixed[1]
     normal = np.cross(first, second)
@@ -73,7 +73,7 @@ def test_an_orbit_under_moon_and_sun_stays_within_the_bound(moon_rad: float) -> 
 
     def off_m(steps: np.ndarray, rows: np.ndarray) -> np.ndarray:
         fields = {name: getattr(near, name) + STEPS[name] * x for name, x in zip(FITTED, steps, strict=True)}
-        return satellite_state(replace(near, **fields), labels[rows]).position_ecef_m - truth_m[rows]
+        return compute_satellite_state(replace(near, **fields), labels[rows]).position_ecef_m - truth_m[rows]
 
     found = least_squares(lambda x: off_m(x, served).ravel(), np.zeros(len(FITTED)), x_scale="jac", max_nfev=200)
     assert np.abs(off_m(found.x, served)).max() < 5.0

@@ -8,9 +8,9 @@ from scipy import stats
 
 from skyproof.detectors.messages.laws import chance_of_difference, range_difference_m, serve_together
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 
-SENT = replace(nominal_constellation(np.datetime64("2024-05-14T10:00:00", "ns")).ephemerides[0], ura_index=0)
+SENT = replace(make_nominal_constellation(np.datetime64("2024-05-14T10:00:00", "ns")).ephemerides[0], ura_index=0)
 
 
 def test_a_clock_is_a_range_in_full() -> None:

@@ -8,7 +8,7 @@ import pytest
 from skyproof.detectors.multi_receiver.detector import MultiReceiver
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
-from skyproof.gnss.slips import UNLISTED, position_slips
+from skyproof.gnss.slips import UNLISTED, list_position_slips
 from skyproof.testing import FalseSky, MeasuredScene, TrackErrors
 
 TRUE_M = (24.0, 18.0, 6.0)
@@ -98,7 +98,7 @@ def test_a_position_with_a_likely_slip_is_named_with_what_is_right(code):
         stated_m["rx2"] = ecef_from_geodetic(np.radians(57.42), np.radians(11.56), height_m)
     # What was stated is such that the slip gives the truth.
     for _ in range(200):
-        (slip,) = (s for s in position_slips(stated_m["rx2"]) if s.code == code)
+        (slip,) = (s for s in list_position_slips(stated_m["rx2"]) if s.code == code)
         stated_m["rx2"] = stated_m["rx2"] - (slip.position_ecef_m - here_m - rot.T @ TRUE_M)
     places = {name: tuple(rot @ (place - here_m)) for name, place in stated_m.items()}
     evidence = reviewed(windows({}, {}), antennas_enu_m=places, positions_ecef_m=stated_m)

@@ -149,7 +149,7 @@ def test_the_start_is_not_clean_where_that_of_a_receiver_nearby_is_not(led_away)
     nearby = replace(taken.observations, receiver="rx2")
     subject = tuple(replace(ref, receiver="rx2") for ref in taken.evidence[0].signals)
     for window, believed in ((0, False), (3, True)):
-        doubted = taken.invented.restated(taken.evidence[window], subject=subject, says="attack")
+        doubted = taken.invented.restate(taken.evidence[window], subject=subject, says="attack")
         evidence = sorted([*taken.evidence, doubted], key=lambda e: e.start_gpst)
         found, _ = walk(taken, evidence, taken.sets, standing(), [nearby])
         assert any(e.says == "authentic" for e in found) is believed
@@ -231,7 +231,7 @@ def test_a_push_of_the_clock_is_recognized_by_an_oscillator_whether_or_not_it_st
 
 def test_without_an_alarm_two_skies_are_left_alone(led_away):
     taken = led_away()
-    taken.evidence = [taken.invented.restated(e, says="clean") for e in taken.evidence]
+    taken.evidence = [taken.invented.restate(e, says="clean") for e in taken.evidence]
     assert not after(taken, taken.chosen(standing()), "spoofed")
 
 
@@ -239,7 +239,7 @@ def test_while_skies_have_not_parted_the_first_windows_are_true_and_nothing_else
     taken = led_away(away=1.0 * EAST)
     assert taken.first is None
     taken.evidence = [
-        taken.invented.restated(e, says="attack") if e.start_gpst >= taken.invented.at(80.0) else e
+        taken.invented.restate(e, says="attack") if e.start_gpst >= taken.invented.at(80.0) else e
         for e in taken.evidence
     ]
     decision = taken.decided(standing())
@@ -376,7 +376,7 @@ def overlapping(taken, apart_m, doubt=3.2e-4, reflected=(1e-6, 1.0), sigma_m=3.0
         order = int(rng.choice([-1, 1]))
         skies = (OverlappingSkies(sets=tuple(shown[::order]), doubt=doubt, reflected=reflected[::order]),)
         says = "attack" if window == 6 else "clean"
-        evidence.append(taken.invented.restated(one, says=says, overlapping=skies if window >= 6 else ()))
+        evidence.append(taken.invented.restate(one, says=says, overlapping=skies if window >= 6 else ()))
     return evidence
 
 
@@ -419,5 +419,5 @@ def test_of_skies_that_have_not_parted_or_are_in_doubt_none_is_chosen(led_away, 
 
 def test_skies_that_overlap_where_no_test_shows_an_attack_are_not_compared(led_away):
     taken = led_away()
-    calm = [taken.invented.restated(e, says="clean") for e in overlapping(taken, 100.0)]
+    calm = [taken.invented.restate(e, says="clean") for e in overlapping(taken, 100.0)]
     assert chosen_of(taken, calm, standing())[:2] == ([], ())

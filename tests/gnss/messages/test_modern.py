@@ -10,11 +10,11 @@ from tests.logs.test_orbits import put
 from skyproof.gnss.constants import GPS_PI
 from skyproof.gnss.ephemeris import group_delay_s
 from skyproof.gnss.messages import modern
-from skyproof.gnss.messages.bit_fields import crc_24q
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.messages.bit_fields import compute_crc_24q
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state
 
-SENT = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
+SENT = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
 VALUES = {name: getattr(SENT, name) for name in ("m0", "e", "omega", "omega0", "i0", "toe", "toc")}
 VALUES |= {"a_dot": 0.0125, "delta_n": 4e-9, "delta_n_dot": -2e-13, "idot": 3e-11, "crs": -60.25, "crc": 210.5}
 VALUES |= {"cus": 7e-6, "cuc": -3e-6, "cis": 5e-8, "cic": -9e-8, "af0": 2.5e-4, "af1": -3e-12, "af2": 0.0}
@@ -48,7 +48,7 @@ DELAYS = {"tgd_steps": -300, "l1ca_steps": 20, "l2c_steps": -4096, "l5i_steps": 
 def test_the_checksum_is_that_of_other_frames_with_it() -> None:
     frame = rtcm3_frame(b"anything")
     body = frame[:-3]
-    assert crc_24q(int.from_bytes(body, "big"), 8 * len(body)) == int.from_bytes(frame[-3:], "big")
+    assert compute_crc_24q(int.from_bytes(body, "big"), 8 * len(body)) == int.from_bytes(frame[-3:], "big")
 
 
 def test_cnav_messages_give_the_orbit_that_was_put() -> None:
@@ -96,12 +96,17 @@ def test_an_axis_and_motion_that_change_move_the_satellite() -> None:
     plain = modern.cnav_ephemeris(cnav_of(cnav(10, TOW_S), cnav(11, TOW_S), cnav(30, TOW_S)), "G04", SENT.week)
     still = replace(plain, a_dot=0.0, delta_n_dot=0.0)
     at = plain.reference_gpst + np.timedelta64(3600, "s")
-    apart_m = np.linalg.norm(satellite_state(plain, at).position_ecef_m - satellite_state(still, at).position_ecef_m)
+    apart_m = np.linalg.norm(
+        compute_satellite_state(plain, at).position_ecef_m - compute_satellite_state(still, at).position_ecef_m
+    )
     along_m = 0.5 * 2e-13 * 3600.0**2 * SENT.sqrt_a**2
     assert apart_m == pytest.approx(np.hypot(along_m, 45.0), rel=0.1)
     step = np.timedelta64(500, "ms")
-    moved_m = satellite_state(plain, at + step).position_ecef_m - satellite_state(plain, at - step).position_ecef_m
-    assert satellite_state(plain, at).velocity_ecef_m_s == pytest.approx(moved_m, abs=1e-3)
+    moved_m = (
+        compute_satellite_state(plain, at + step).position_ecef_m
+        - compute_satellite_state(plain, at - step).position_ecef_m
+    )
+    assert compute_satellite_state(plain, at).velocity_ecef_m_s == pytest.approx(moved_m, abs=1e-3)
 
 
 BDS = VALUES | {

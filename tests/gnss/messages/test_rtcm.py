@@ -10,9 +10,9 @@ from tests.logs.test_orbits import put
 
 from skyproof.gnss.constants import GPS_PI
 from skyproof.gnss.ephemeris import Ephemeris
-from skyproof.gnss.messages.rtcm import _FIELDS, relayed_orbit
-from skyproof.gnss.nominal import nominal_constellation
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.messages.rtcm import _FIELDS, read_relayed_orbit
+from skyproof.gnss.nominal import make_nominal_constellation
+from skyproof.gnss.orbits import compute_satellite_state
 
 NAMES = {
     1019: {"crs": 86, "delta_n": 87, "m0": 88, "cuc": 89, "e": 90, "cus": 91, "sqrt_a": 92, "toe": 93, "cic": 94}
@@ -44,7 +44,7 @@ KILOMETRES = {f"{axis}_{name}" for axis in "xyz" for name in ("velocity_m_s", "p
 def assert_same(message, content: bytes) -> None:
     """Compare every named field of a message with pyrtcm's."""
     number = int(message.identity)
-    orbit = relayed_orbit(content, 2300)
+    orbit = read_relayed_orbit(content, 2300)
     for name, field in NAMES[number].items():
         theirs = float(getattr(message, f"DF{field:03d}"))
         scale = GPS_PI if name in ANGLES else 1e3 if name in KILOMETRES else PLAIN.get(name, 1.0)
@@ -90,10 +90,10 @@ def sent_as(number: int, e: Ephemeris, more: dict[str, float]) -> bytes:
 
 @pytest.mark.parametrize(("number", "week_0", "modulus"), [(1019, 0, 1024), (1045, 1024, 4096), (1046, 1024, 4096)])
 def test_a_relayed_orbit_is_where_the_satellite_is(number, week_0, modulus) -> None:
-    e = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
+    e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
     galileo = number != 1019
     sent = {"sv": 4, "week": (e.week - week_0) % modulus, "sqrt_a": 5440.6 if galileo else e.sqrt_a}
-    orbit = relayed_orbit(sent_as(number, e, sent), e.week + 3)
+    orbit = read_relayed_orbit(sent_as(number, e, sent), e.week + 3)
     assert (orbit.sat, orbit.week) == ("E04" if galileo else "G04", e.week)
     assert orbit.toe_s == e.toe
     made = orbit.ephemeris(e.reference_gpst - np.timedelta64(1800, "s"))
@@ -101,45 +101,45 @@ def test_a_relayed_orbit_is_where_the_satellite_is(number, week_0, modulus) -> N
     assert made.message == {1019: "LNAV", 1045: "FNAV", 1046: "INAV"}[number]
     if not galileo:
         at = e.reference_gpst
-        apart = satellite_state(made, at).position_ecef_m - satellite_state(e, at).position_ecef_m
+        apart = compute_satellite_state(made, at).position_ecef_m - compute_satellite_state(e, at).position_ecef_m
         assert np.linalg.norm(apart) < 1.0
 
 
 def test_a_relayed_orbit_of_the_next_week_is_of_it() -> None:
-    e = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
+    e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
     content = sent_as(1019, e, {"sv": 4, "week": 100, "toe": 0.0, "toc": 0.0})
-    orbit = relayed_orbit(content, 2148)
+    orbit = read_relayed_orbit(content, 2148)
     saturday = np.datetime64("2021-03-13T23:30:00", "ns")  # of week 2148
     assert orbit.week == 2148
     assert orbit.ephemeris(saturday).week == 2149
 
 
 def test_beidou_and_qzss_keep_their_own_seconds() -> None:
-    e = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
+    e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
     more = {"sv": 2, "week": 834, "toe": 3600.0, "toc": 3600.0, "sqrt_a": 6493.4, "i0": 0.05, "omega_dot": -2e-9}
     at = np.datetime64("2022-01-02T00:40:00", "ns")  # week 2191; 1356 + 834 is the one before
-    made = relayed_orbit(sent_as(1042, e, more), 2190).ephemeris(at)
+    made = read_relayed_orbit(sent_as(1042, e, more), 2190).ephemeris(at)
     assert (made.sat, made.week, made.toe, made.message) == ("C02", 2191, 3600.0, "D2")
     more = {"sv": 3, "week": 2190 % 1024, "sqrt_a": 6493.4, "i0": 0.7, "e": 0.07}
-    made = relayed_orbit(sent_as(1044, e, more), 2190).ephemeris(e.reference_gpst)
+    made = read_relayed_orbit(sent_as(1044, e, more), 2190).ephemeris(e.reference_gpst)
     assert (made.sat, made.week, made.message) == ("J03", e.week, "LNAV")
 
 
 def test_galileo_health_is_packed_as_rinex_has_it() -> None:
-    e = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
+    e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
     more = {"sv": 4, "week": 1166, "sqrt_a": 5440.6, "e1_invalid": 1, "e1_health": 2, "e5b_health": 1, "e5a_health": 3}
     at = e.reference_gpst
-    assert relayed_orbit(sent_as(1046, e, more), 2190).ephemeris(at).health == 0b010_000_101
-    assert relayed_orbit(sent_as(1045, e, more), 2190).ephemeris(at).health == 0b110_000
+    assert read_relayed_orbit(sent_as(1046, e, more), 2190).ephemeris(at).health == 0b010_000_101
+    assert read_relayed_orbit(sent_as(1045, e, more), 2190).ephemeris(at).health == 0b110_000
 
 
 def test_short_messages_and_orbits_nobody_flies_are_none() -> None:
-    e = nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
+    e = make_nominal_constellation(np.datetime64("2022-01-01T20:00:00", "ns")).ephemerides[3]
     content = sent_as(1019, e, {"sv": 4, "week": 142})
-    assert relayed_orbit(content[:-1], 2190) is None
-    assert relayed_orbit(b"", 2190) is None
-    assert relayed_orbit(sent_as(1019, e, {"sv": 0, "week": 142}), 2190) is None
+    assert read_relayed_orbit(content[:-1], 2190) is None
+    assert read_relayed_orbit(b"", 2190) is None
+    assert read_relayed_orbit(sent_as(1019, e, {"sv": 0, "week": 142}), 2190) is None
     assert (
-        relayed_orbit(sent_as(1019, e, {"sv": 4, "week": 142, "sqrt_a": 10.0}), 2190).ephemeris(e.reference_gpst)
+        read_relayed_orbit(sent_as(1019, e, {"sv": 4, "week": 142, "sqrt_a": 10.0}), 2190).ephemeris(e.reference_gpst)
         is None
     )

@@ -26,15 +26,15 @@ from skyproof.app.common.platform_tables import PlatformImu, PlatformReceiver
 from skyproof.arrays import Instants, Reals
 from skyproof.errors import SettingsError
 from skyproof.formats.attitude import AttitudeFile, read_attitude
-from skyproof.formats.byte_io import sha256
-from skyproof.formats.imu import ImuFile, imu_of, read_imu
+from skyproof.formats.byte_io import compute_sha256
+from skyproof.formats.imu import ImuFile, imu_from_rows, read_imu
 from skyproof.formats.imu_pieces import StoredImuFile, store_readings
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.timed_rows import TimedRows
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic
 from skyproof.gnss.imu_grades import ImuGrade
-from skyproof.gnss.time import iso, timedelta_from_s
+from skyproof.gnss.time import format_iso, timedelta_from_s
 from skyproof.logs.content import InertialRows
 from skyproof.navigation.attitude import (
     bound_direction_error_rad,
@@ -103,8 +103,8 @@ def _coverage(series: InertialReadings | Attitude | None, run: Records) -> tuple
     """Report the part of a run that a series leaves out. A run whose signals gave no time has a remark elsewhere."""
     if series is None or series.gpst.size == 1 or np.isnat(run.start_gpst):  # one alone holds at all times
         return ()
-    span = f"it covers {iso(series.gpst[0], 1)} to {iso(series.gpst[-1], 1)}, the signals of "
-    span += f"{iso(run.start_gpst, 1)} to {iso(run.end_gpst, 1)}"
+    span = f"it covers {format_iso(series.gpst[0], 1)} to {format_iso(series.gpst[-1], 1)}, the signals of "
+    span += f"{format_iso(run.start_gpst, 1)} to {format_iso(run.end_gpst, 1)}"
     if series.gpst[0] > run.end_gpst or series.gpst[-1] < run.start_gpst:
         return (Remark(f"not used: {span}; check start_gpst", RemarkKind.BEARS),)
     missing = max(series.gpst[0] - run.start_gpst, run.end_gpst - series.gpst[-1])
@@ -153,9 +153,9 @@ def with_logged_imu(
         values=np.hstack([rows.specific_force_m_s2, rows.angular_rate_rad_s])[rising],
         where=lambda row: f"{path}: inertial reading {row + 1}",
     )
-    imu = imu_of(table, rot_body_unit=None if unit is None else unit.rotation)
+    imu = imu_from_rows(table, rot_body_unit=None if unit is None else unit.rotation)
     initial = None if unit is None else _initial_of(unit, imu, where)
-    sums = {**files.sums, path: sha256(path)}
+    sums = {**files.sums, path: compute_sha256(path)}
     return with_imu(platform, path), replace(files, imu=imu, initial=initial, sums=sums)
 
 
@@ -170,7 +170,7 @@ def open_body(platform: Platform, where: str = "the platform file") -> BodyFiles
     stated, unit = platform.attitude, platform.imu
     attitude = None if stated is None or stated.file is None else read_attitude(stated.file)
     files = [path for path in (None if unit is None else unit.file, None if stated is None else stated.file) if path]
-    sums = {str(path): sha256(path) for path in files}
+    sums = {str(path): compute_sha256(path) for path in files}
     if unit is None or unit.file is None:
         return BodyFiles(attitude=attitude, sums=sums)
     imu = read_imu(unit.file, rot_body_unit=unit.rotation)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from skyproof.errors import OutputError
-from skyproof.formats.bounds import listed
+from skyproof.formats.bounds import list_names
 
 __all__ = ["ClaimedFolder", "Stamps", "claim", "list_new_files", "list_stamps", "require_free"]
 
@@ -95,13 +95,13 @@ def require_free(folder: Path, taken: Collection[str], earlier: Collection[str],
     """
     if foreign := sorted(set(taken) - set(earlier)):
         raise OutputError(
-            f"{folder}: {listed(foreign)} would be overwritten, and no earlier run of this command wrote it there; "
+            f"{folder}: {list_names(foreign)} would be overwritten, and no earlier run of this command wrote it there; "
             "move it away, or name another folder with --out"
         )
     if earlier and not overwrite:
         raise OutputError(
-            f"{folder} holds {what}: {listed(sorted(earlier))}; name another folder with --out, or give --overwrite "
-            "to replace them"
+            f"{folder} holds {what}: {list_names(sorted(earlier))}; name another folder with --out, or give "
+            "--overwrite to replace them"
         )
 
 

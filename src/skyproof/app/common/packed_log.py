@@ -6,7 +6,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, Generic, TypeVar, overload
 
-from skyproof.formats.atomic_write import output_error
+from skyproof.formats.atomic_write import describe_output_error
 
 __all__ = ["PACKED", "PackedLog"]
 
@@ -45,7 +45,7 @@ class PackedLog(Sequence[T], Generic[T]):
             self._file.seek(self._ends[-1])
             self._file.write(packed)
         except OSError as error:
-            raise output_error(tempfile.gettempdir(), error) from error
+            raise describe_output_error(tempfile.gettempdir(), error) from error
         self._ends.append(self._ends[-1] + len(packed))
         self._last = []
 

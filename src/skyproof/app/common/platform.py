@@ -11,7 +11,7 @@ from skyproof.app.common.platform_tables import PlatformImu, PlatformReceiver, S
 from skyproof.app.common.settings import Settings
 from skyproof.errors import SettingsError
 from skyproof.formats.documents import read_toml
-from skyproof.formats.models import Model, Number, faults_of, repeated
+from skyproof.formats.models import Model, Number, describe_faults, find_repeated
 from skyproof.fusion.policy import POLICY
 
 __all__ = ["SCHEMA_PATH", "Platform", "platform_schema", "read_platform"]
@@ -51,10 +51,10 @@ class Platform(Model):
     @classmethod
     def _agree(cls, receivers: tuple[PlatformReceiver, ...]) -> tuple[PlatformReceiver, ...]:
         names = [receiver.name or f"[{number}]" for number, receiver in enumerate(receivers)]
-        for number in repeated(names):
+        for number in find_repeated(names):
             raise ValueError(f"[{number}].name is {names[number]} once more; give each receiver its own")
         files = [(number, path) for number, receiver in enumerate(receivers) for path in receiver.inputs]
-        for at in repeated([path for _, path in files]):
+        for at in find_repeated([path for _, path in files]):
             number, path = files[at]
             raise ValueError(
                 f"[{number}].inputs has {path.name} once more: two receivers that are one would look like signals from "
@@ -107,7 +107,7 @@ def read_platform(path: Path) -> Platform:
     try:
         return Platform.model_validate(table, context={"folder": path.parent})
     except ValidationError as error:
-        raise SettingsError(f"{path}: {'; '.join(faults_of(error, Platform))}") from error
+        raise SettingsError(f"{path}: {'; '.join(describe_faults(error, Platform))}") from error
 
 
 def platform_schema() -> dict[str, Any]:

@@ -12,7 +12,7 @@ from pydantic import Field, PlainValidator, ValidationInfo, WithJsonSchema, fiel
 
 from skyproof.arrays import Reals
 from skyproof.errors import shown
-from skyproof.formats.models import FilePath, Instant, Model, Name, Number, repeated
+from skyproof.formats.models import FilePath, Instant, Model, Name, Number, find_repeated
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.imu_grades import GRADES, ImuGrade, imu_grade
 
@@ -154,7 +154,7 @@ class PlatformReceiver(Model):
     @field_validator("inputs")
     @classmethod
     def _once_each(cls, inputs: tuple[Path, ...]) -> tuple[Path, ...]:
-        for number in repeated(list(inputs)):
+        for number in find_repeated(list(inputs)):
             raise ValueError(f"[{number}] is {inputs[number].name} once more; give each antenna's own recording")
         return inputs
 

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from skyproof.errors import SettingsError
-from skyproof.formats.models import Number, faults_of
+from skyproof.formats.models import Number, describe_faults
 from skyproof.gnss.signals import GPS_SATS
 
 __all__ = ["Settings", "resolve_settings"]
@@ -173,4 +173,4 @@ def resolve_settings(given: Settings | None = None, **options: Any) -> Settings:
     try:
         return Settings(**(table | {key: value for key, value in options.items() if value is not None}))
     except ValidationError as error:
-        raise SettingsError(f"setting {'; '.join(faults_of(error, Settings))}") from error
+        raise SettingsError(f"setting {'; '.join(describe_faults(error, Settings))}") from error

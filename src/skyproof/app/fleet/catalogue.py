@@ -20,7 +20,7 @@ from typing import Any, Final
 from skyproof.app.common.settings import Settings, resolve_settings
 from skyproof.errors import InputError, SettingsError, shortened
 from skyproof.formats.bounds import METADATA_BYTES
-from skyproof.formats.byte_io import text_of
+from skyproof.formats.byte_io import read_text
 from skyproof.formats.documents import read_rows
 
 __all__ = ["CatalogueItem", "read_catalogue"]
@@ -56,7 +56,7 @@ def read_catalogue(path: Path) -> list[CatalogueItem]:
     InputError : it cannot be read, or a line or column is wrong; names file, line and column. SettingsError : a
         setting makes no sense.
     """
-    content = text_of(path, METADATA_BYTES, "the catalogue", "give a CSV file with one line for each item")
+    content = read_text(path, METADATA_BYTES, "the catalogue", "give a CSV file with one line for each item")
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from skyproof.app.fleet.catalogue import CatalogueItem
-from skyproof.formats.tables import Column, growing_tables
+from skyproof.formats.tables import Column, open_growing_tables
 from skyproof.formats.verdict import read_verdict
 from skyproof.records import LABELS
 from skyproof.verdict import Verdict
@@ -102,8 +102,8 @@ def _of_verdict(verdict: Verdict) -> dict[str, Any]:
 
 
 def write_rows(rows: Sequence[FleetRow], path: Path) -> None:
-    """Raises OutputError as `growing_tables` does."""
-    with growing_tables([path]) as take:
+    """Raises OutputError as `open_growing_tables` does."""
+    with open_growing_tables([path]) as take:
         take(
             {field.name: _column(field.name, [getattr(row, field.name) for row in rows]) for field in fields(FleetRow)}
         )

@@ -17,7 +17,7 @@ from skyproof.batch import ITEMS, Item, Processes, Runner, Store, run
 from skyproof.compiled import threads
 from skyproof.errors import OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
-from skyproof.formats.bounds import listed
+from skyproof.formats.bounds import list_names
 from skyproof.report.fleet import fleet_html
 
 __all__ = ["PAGE", "TABLE", "FleetResult", "fleet"]
@@ -85,7 +85,7 @@ def _require_same(pieces: Sequence[Item], store: Store) -> None:
     if changed := [item.key for item in pieces if store.has_other(item)]:
         raise OutputError(
             f"{store.folder}: done there of other files or settings, or by another version of skyproof: "
-            f"{listed(sorted(changed))}; name another folder with --out, or give --overwrite to do them again"
+            f"{list_names(sorted(changed))}; name another folder with --out, or give --overwrite to do them again"
         )
 
 

@@ -19,7 +19,7 @@ from skyproof.formats.imu import read_imu
 from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_obs_read import holds_observations, read_obs
 from skyproof.gnss.frames import geodetic_from_ecef
-from skyproof.gnss.time import iso, seconds_between
+from skyproof.gnss.time import format_iso, seconds_between
 
 __all__ = ["InitResult", "init"]
 
@@ -129,7 +129,7 @@ def _name_receivers(found: Sequence[_Found]) -> list[FoundReceiver]:
 
 
 def _describe_time(start_gpst: np.datetime64 | None, lasts_s: float) -> str:
-    start = "of unknown date" if start_gpst is None else f"from {iso(start_gpst, 3)} (GPS time)"
+    start = "of unknown date" if start_gpst is None else f"from {format_iso(start_gpst, 3)} (GPS time)"
     return f"{start}, {lasts_s:.1f} s"
 
 

@@ -15,17 +15,17 @@ import numpy as np
 
 from skyproof.app.inspect.policy import POLICY
 from skyproof.errors import InputError, NotEnoughData
-from skyproof.formats.byte_io import FileBytes, size_of
+from skyproof.formats.byte_io import FileBytes, measure_size
 from skyproof.formats.layout import Chunk, Kind, PackedSamples, Packing
-from skyproof.formats.names import NameHints, hints_of
+from skyproof.formats.names import NameHints, read_hints
 from skyproof.formats.raw import SampleLayout
-from skyproof.formats.readings import header_length, likely_packings
-from skyproof.formats.signatures import WavHeader, head_of, other_than_samples, wav_header
+from skyproof.formats.readings import list_likely_packings, measure_header
+from skyproof.formats.signatures import WavHeader, identify_other, read_head, read_wav_header
 from skyproof.gnss.constants import L1_HZ
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.recording.interleaving import InterleavedSignal, turns
-from skyproof.recording.repetition import LEAST_SAMPLES, Repetition, repetition, usual_length
+from skyproof.recording.repetition import LEAST_SAMPLES, Repetition, choose_length, find_repetition
 
 __all__ = ["Guess", "Proposal", "guess"]
 
@@ -221,13 +221,13 @@ def guess(path: str | Path) -> Guess:
     NotEnoughData : too few bytes to say anything.
     """
     path = Path(path)
-    size = size_of(path)
+    size = measure_size(path)
     if size == 0:
         raise InputError(f"{path} is empty; check the recorder or the copy")
-    head = head_of(path)
-    if known := other_than_samples(head):
+    head = read_head(path)
+    if known := identify_other(head):
         raise InputError(f"{path} looks like {known[0]}; {known[1]}")
-    hints, wav = hints_of(path.name), wav_header(head)
+    hints, wav = read_hints(path.name), read_wav_header(head)
     if head[:4] == b"RIFF" and wav is None:
         raise InputError(
             f"{path} is a RIFF file whose samples cannot be read; convert it to PCM WAV with 1 or 2 channels"
@@ -353,7 +353,7 @@ class _Look:
 
 
 def _looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterator[_Look]:
-    header = wav.header_bytes if wav else header_length(octets[: 4 * _LOOKED_AT])
+    header = wav.header_bytes if wav else measure_header(octets[: 4 * _LOOKED_AT])
     if octets.size - header < LEAST_SAMPLES // 4:
         return
     if wav:
@@ -363,7 +363,8 @@ def _looks(octets: FileBytes, hints: NameHints, wav: WavHeader | None) -> Iterat
         middle = header + (octets.size - header) // 2 // 48 * 48  # where numbers of any length begin
         body = octets[middle : middle + _LOOKED_AT] if octets.size > 2 * _LOOKED_AT else octets[header:]
         packings = [
-            (candidate.packing, candidate.header_bytes) for candidate in likely_packings(np.ascontiguousarray(body))
+            (candidate.packing, candidate.header_bytes)
+            for candidate in list_likely_packings(np.ascontiguousarray(body))
         ]
     for rank, (packing, skip) in enumerate(packings):
         # behind a header that was found by its looks, Q may be what seems to be I
@@ -388,8 +389,8 @@ def _samples(octets: FileBytes, begin: int, packing: Packing) -> PackedSamples:
 
 def _measure_repetition(samples: PackedSamples, most: int) -> Repetition:
     """Measure what repeats in so many samples at most."""
-    planes = samples.read(0, usual_length(samples.n_samples, most))
-    return repetition(planes[0] if samples.packing.kind == "real" else planes[0] + np.complex64(1j) * planes[1])
+    planes = samples.read(0, choose_length(samples.n_samples, most))
+    return find_repetition(planes[0] if samples.packing.kind == "real" else planes[0] + np.complex64(1j) * planes[1])
 
 
 def _try_usual_rates(looks: Sequence[_Look]) -> Iterator[_Look]:

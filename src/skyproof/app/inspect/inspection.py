@@ -11,7 +11,7 @@ import numpy as np
 from skyproof.app.inspect.guess import Proposal
 from skyproof.formats.raw import SampleLayout
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 from skyproof.receiver.clock_agreement import Disagreement
 from skyproof.recording.conditioning import MeasuredFrontEnd
 from skyproof.recording.survey import OscillatorError, Survey
@@ -87,7 +87,7 @@ class Inspection(ShortRepr):
             "code_minus_carrier_ppm": None if apart is None else apart.code_minus_carrier * 1e6,
             "code_minus_carrier_sigma_ppm": None if apart is None else apart.sigma * 1e6,
             "duration_s": samples.duration_s,
-            "start_gpst": None if start is None else iso(start),
+            "start_gpst": None if start is None else format_iso(start),
             "layout": None if self.layout is None else _layout_document(self.layout),
             "sources": dict(self.sources),
             "levels": {
@@ -190,7 +190,7 @@ def write_document_json(inspections: Sequence[_Documented]) -> str:
 
 def _layout_document(layout: SampleLayout) -> dict[str, Any]:
     values = {key: getattr(layout, key) for key in type(layout).model_fields}
-    return {key: iso(value) if isinstance(value, np.datetime64) else value for key, value in values.items()}
+    return {key: format_iso(value) if isinstance(value, np.datetime64) else value for key, value in values.items()}
 
 
 def make_plain(value: Any) -> Any:

@@ -10,11 +10,11 @@ import numpy as np
 from skyproof.app.inspect.inspection import make_plain
 from skyproof.app.inspect.policy import POLICY
 from skyproof.arrays import Integers
-from skyproof.formats.bounds import limited
-from skyproof.formats.byte_io import FileBytes, reading, size_of
-from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, obs_pieces
+from skyproof.formats.bounds import limit_remarks
+from skyproof.formats.byte_io import FileBytes, measure_size, report_reading
+from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, read_obs_pieces
 from skyproof.formats.rinex_obs_read import holds_observations
-from skyproof.gnss.time import GPS_EPOCH, iso, seconds_between
+from skyproof.gnss.time import GPS_EPOCH, format_iso, seconds_between
 from skyproof.logs.content import Beside, LogPiece
 from skyproof.logs.kinds import HEAD_BYTES, kind_of_log
 from skyproof.logs.orbits import OrbitCollector
@@ -109,7 +109,7 @@ class LogInspection(ShortRepr):
             "format": "skyproof-inspect-log/1",
             "path": self.path,
             "log_format": self.format,
-            "start_gpst": None if self.start_gpst is None else iso(self.start_gpst),
+            "start_gpst": None if self.start_gpst is None else format_iso(self.start_gpst),
             "duration_s": self.duration_s,
             "epochs": self.epochs,
             "interval_s": self.interval_s,
@@ -144,7 +144,7 @@ def holds_measurements(path: Path) -> bool:
     """Tell by its first bytes whether a file is a receiver's log or an observation file."""
     if not path.is_file():
         return False
-    with reading(path), open(path, "rb") as file:
+    with report_reading(path), open(path, "rb") as file:
         head = file.read(HEAD_BYTES)
     return kind_of_log(head) is not None or holds_observations(path)
 
@@ -154,16 +154,16 @@ def inspect_log(path: Path) -> LogInspection:
 
     Raises InputError if it cannot be read.
     """
-    with reading(path), open(path, "rb") as file:
+    with report_reading(path), open(path, "rb") as file:
         kind = kind_of_log(file.read(HEAD_BYTES))
     content = FileBytes(path)
 
     def read_blocks() -> Iterator[bytes]:
-        return (content[at : at + PIECE_BYTES].tobytes() for at in range(0, size_of(path), PIECE_BYTES))
+        return (content[at : at + PIECE_BYTES].tobytes() for at in range(0, measure_size(path), PIECE_BYTES))
 
     counted = _Counted(str(path))
     if kind is None:
-        for piece in obs_pieces(read_blocks(), source=str(path)):
+        for piece in read_obs_pieces(read_blocks(), source=str(path)):
             counted.version = counted.version or piece.version
             counted.remarks += piece.remarks
             counted.measure(piece.observations)
@@ -276,7 +276,7 @@ class _Counted:
             alarms=self._alarms,
             damaged_frames=self._damaged,
             cut=self._cut,
-            remarks=limited(tuple(dict.fromkeys(str(remark) for remark in self.remarks)), "further remarks"),
+            remarks=limit_remarks(tuple(dict.fromkeys(str(remark) for remark in self.remarks)), "further remarks"),
             missing=missing,
             configuration=tuple(configure(missing, interval_s)),
         )

@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import ValidationError
 
 from skyproof.errors import SettingsError, fault_words
-from skyproof.formats.raw import SampleLayout, open_raw_channels, read_sidecar, sidecar_text
+from skyproof.formats.raw import SampleLayout, open_raw_channels, read_sidecar, write_sidecar_text
 from skyproof.formats.recording import open_recording
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 from skyproof.records import Samples
 
 __all__ = ["is_described", "open_described", "open_with_keys", "read_as"]
@@ -45,7 +45,7 @@ def open_with_keys(
     """Open every channel with keys of [samples] given beside the sidecar, or without one. // Raises SettingsError."""
     beside = Path(sidecar) if sidecar is not None else path.with_suffix(".toml")
     stated = read_sidecar(beside).model_dump(exclude_unset=True) if sidecar is not None or beside.is_file() else {}
-    stated = {key: iso(value) if isinstance(value, np.datetime64) else value for key, value in stated.items()}
+    stated = {key: format_iso(value) if isinstance(value, np.datetime64) else value for key, value in stated.items()}
     try:
         layout = SampleLayout.model_validate({**stated, **given})
     except ValidationError as error:
@@ -76,5 +76,5 @@ def read_as(path: Path, layout: SampleLayout, name: str) -> Samples:
 def _channels_as(path: Path, layout: SampleLayout, name: str) -> tuple[Samples, ...]:
     with tempfile.TemporaryDirectory() as folder:
         written = Path(folder) / name
-        written.write_text(sidecar_text(layout), encoding="utf-8")
+        written.write_text(write_sidecar_text(layout), encoding="utf-8")
         return open_raw_channels(path, written)

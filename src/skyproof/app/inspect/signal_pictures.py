@@ -10,8 +10,8 @@ from skyproof.app.common.folder import require_free
 from skyproof.errors import OutputError
 from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.recording.conditioning import conditioned
-from skyproof.recording.lobes import CELLS_PER_CHIP, correlation_power
+from skyproof.recording.conditioning import condition
+from skyproof.recording.lobes import CELLS_PER_CHIP, compute_correlation_power
 from skyproof.report.signal import Lobe, Mark, correlation_svg, levels_svg, spectrum_svg
 
 if TYPE_CHECKING:
@@ -66,14 +66,14 @@ def _correlate_lobes(inspection: "Inspection") -> list[Lobe]:
     """Correlate the stretch that was searched, in the right reading of the spectrum."""
     begin, end = inspection.stretch
     count = min(end - begin, round(_CORRELATED_S * inspection.samples.rate_hz))
-    planes = conditioned(inspection.samples, inspection.front_end).read(begin, count)
+    planes = condition(inspection.samples, inspection.front_end).read(begin, count)
     turned = -1.0 if inspection.conjugate else 1.0
     if inspection.conjugate:
         planes = np.stack([planes[0], -planes[1]])
     if inspection.front_end.real:
         turned = abs(turned)
     carrier_hz = turned * inspection.front_end.carrier_hz
-    powers = correlation_power(
+    powers = compute_correlation_power(
         planes,
         inspection.samples.rate_hz,
         {satellite.sat: carrier_hz + satellite.doppler_hz for satellite in inspection.satellites},

@@ -14,8 +14,8 @@ from skyproof.errors import NotEnoughData
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
 from skyproof.receiver.clock_agreement import correct_samples, in_survey
-from skyproof.recording.conditioning import MeasuredFrontEnd, conditioned, measure_front_end
-from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, oscillator_error, survey
+from skyproof.recording.conditioning import MeasuredFrontEnd, condition, measure_front_end
+from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, estimate_oscillator_error, survey_recorder
 from skyproof.records import Samples
 
 __all__ = ["assemble_inspection", "inspect_recording", "inspect_samples"]
@@ -73,7 +73,7 @@ def _inspect_other_rates(first: Inspection) -> Inspection:
         return first
     for ppm in POLICY.other_rates_ppm:
         other = replace(first.samples, rate_hz=first.samples.rate_hz * (1.0 + 1e-6 * ppm))
-        view = _View(samples=conditioned(other, first.front_end), carrier_hz=first.front_end.carrier_hz)
+        view = _View(samples=condition(other, first.front_end), carrier_hz=first.front_end.carrier_hz)
         periods, reach_hz = POLICY.first_periods, POLICY.reach_hz
         peaks = _search(view, 0, min(periods, _count_periods(other, other.n_samples)), 0.0, reach_hz)
         if len({peak.sat for peak in peaks}) >= POLICY.fix_satellites:
@@ -94,7 +94,7 @@ def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspecti
             f"{POLICY.least_periods} ms at least: give a longer recording, or check rate_hz and bits"
         )
     front = measure_front_end(samples, false_alarm_probability=POLICY.alarm_probability)
-    view = _View(samples=conditioned(samples, front), carrier_hz=front.carrier_hz)
+    view = _View(samples=condition(samples, front), carrier_hz=front.carrier_hz)
     if abs(front.carrier_hz) > 0.5 * samples.rate_hz:
         away = f"the band recorded, around {samples.centre_hz / 1e6:.3f} MHz, does not hold {GPS_L1_CA.name}"
         return assemble_inspection(samples, front, (), Survey(), None, (0, 0), (f"{away}; nothing was looked for",))
@@ -103,7 +103,7 @@ def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspecti
         view, found = _search_readings(view, front.real)
     if not found:
         return assemble_inspection(samples, front, (), Survey(), None, (0, samples.n_samples))
-    measured = survey(view.samples, view.carrier_hz, found, false_alarm_probability=POLICY.alarm_probability)
+    measured = survey_recorder(view.samples, view.carrier_hz, found, false_alarm_probability=POLICY.alarm_probability)
     conjugate = None if _count_readings(view, front.real) == 1 else view.mirrored
     if measured.conjugate is not None:
         conjugate = view.mirrored != measured.conjugate
@@ -111,7 +111,7 @@ def inspect_samples(samples: Samples, *, peaks: Sequence[Peak] = ()) -> Inspecti
         view = view.flip(carrier_too=True)
         found = [replace(peak, doppler_hz=-peak.doppler_hz) for peak in found]
     stretch = _find_longest_stretch(samples, measured)
-    common = oscillator_error([peak.doppler_hz for peak in found])
+    common = estimate_oscillator_error([peak.doppler_hz for peak in found])
     reach_hz = DOPPLER_LIMIT_HZ + 2.0 * common.sigma_hz
     periods = _count_periods(samples, stretch[1] - stretch[0])
     final = _search(view, stretch[0], periods, common.doppler_hz, reach_hz)
@@ -202,7 +202,7 @@ def assemble_inspection(
     remarks: Sequence[str] = (),
 ) -> Inspection:
     """Assemble an inspection with the oscillator's error, remarks, summary and advice."""
-    oscillator = oscillator_error([satellite.doppler_hz for satellite in satellites])
+    oscillator = estimate_oscillator_error([satellite.doppler_hz for satellite in satellites])
     return Inspection(
         samples=samples,
         front_end=front,

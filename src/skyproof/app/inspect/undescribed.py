@@ -13,8 +13,8 @@ from skyproof.app.inspect.policy import POLICY
 from skyproof.app.inspect.signals import assemble_inspection, inspect_samples
 from skyproof.errors import InputError, OutputError, SettingsError
 from skyproof.formats.atomic_write import write_lines
-from skyproof.formats.raw import SampleLayout, sidecar_text
-from skyproof.gnss.time import iso
+from skyproof.formats.raw import SampleLayout, write_sidecar_text
+from skyproof.gnss.time import format_iso
 from skyproof.recording.conditioning import measure_front_end
 from skyproof.recording.survey import Survey
 from skyproof.records import Samples
@@ -93,7 +93,9 @@ def inspect_by_guess(path: Path, write: bool | int) -> Inspection:
 
 def _start_words(found: Guess) -> str:
     return (
-        "nothing states it" if found.start_utc is None else f"not taken; the file's name has {iso(found.start_utc, 0)}"
+        "nothing states it"
+        if found.start_utc is None
+        else f"not taken; the file's name has {format_iso(found.start_utc, 0)}"
     )
 
 
@@ -136,7 +138,7 @@ def write_sidecar_lines(inspection: Inspection) -> list[str]:
     assert inspection.layout is not None
     lines = [
         f"{line}  # {inspection.sources[key]}" if (key := line.split(" = ")[0]) in inspection.sources else line
-        for line in sidecar_text(inspection.layout).splitlines()
+        for line in write_sidecar_text(inspection.layout).splitlines()
     ]
     lines[0] += ", determined by `skyproof inspect`"
     return lines

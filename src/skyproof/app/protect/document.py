@@ -23,7 +23,7 @@ from skyproof.detectors.entries import list_foreign
 from skyproof.explain import explain, stands_beside
 from skyproof.fusion.decide import WindowWord, worst_of
 from skyproof.fusion.labels import LabelledSignal
-from skyproof.gnss.time import iso, timedelta_from_s
+from skyproof.gnss.time import format_iso, timedelta_from_s
 from skyproof.records import CauseName, Finding, ObservationLog
 from skyproof.remarks import RemarkKind
 from skyproof.verdict import (
@@ -66,11 +66,11 @@ def document(outcome: Outcome, notes: Sequence[InputNote], settings: Settings, *
         may_also_be=why.may_also_be,
         not_excluded=why.not_excluded,
         remedy=why.remedy,
-        since_gpst=None if onset is None else iso(onset.gpst, DIGITS),
+        since_gpst=None if onset is None else format_iso(onset.gpst, DIGITS),
         since_sigma_s=None if onset is None else onset.sigma_s,
-        since_earliest_gpst=None if onset is None or onset.earliest is None else iso(onset.earliest, DIGITS),
-        since_latest_gpst=None if onset is None else iso(onset.seen, DIGITS),
-        until_gpst=None if decision.until is None else iso(decision.until, DIGITS),
+        since_earliest_gpst=None if onset is None or onset.earliest is None else format_iso(onset.earliest, DIGITS),
+        since_latest_gpst=None if onset is None else format_iso(onset.seen, DIGITS),
+        until_gpst=None if decision.until is None else format_iso(decision.until, DIGITS),
         false_alarm_probability_per_hour=settings.false_alarm_probability_per_hour,
         wrong_statements=_count_wrong_statements(outcome.evidence),
         interference=_interference(outcome),
@@ -151,7 +151,7 @@ def _interference(outcome: Outcome) -> InterferenceResult:
         WeakCarrier(
             receiver=weak.receiver,
             carrier=weak.carrier,
-            since_gpst=iso(weak.from_gpst, DIGITS),
+            since_gpst=format_iso(weak.from_gpst, DIGITS),
             cn0_dbhz=weak.cn0_dbhz,
             open_sky_dbhz=weak.least_dbhz,
         )
@@ -164,8 +164,8 @@ def _interference(outcome: Outcome) -> InterferenceResult:
         InterferenceSpell(
             receiver=spell.receiver,
             carriers=spell.carriers,
-            since_gpst=iso(spell.since_gpst, DIGITS),
-            until_gpst=None if spell.until_gpst is None else iso(spell.until_gpst, DIGITS),
+            since_gpst=format_iso(spell.since_gpst, DIGITS),
+            until_gpst=None if spell.until_gpst is None else format_iso(spell.until_gpst, DIGITS),
             fall_db=spell.fall_db,
             fall_sigma_db=spell.sigma_db,
             level_db=spell.level_db,
@@ -192,8 +192,8 @@ def _window(word: WindowWord) -> WindowResult:
     return WindowResult(
         receiver=word.receiver,
         word=word.word,
-        from_gpst=iso(word.start_gpst, DIGITS),
-        to_gpst=iso(word.end_gpst, DIGITS),
+        from_gpst=format_iso(word.start_gpst, DIGITS),
+        to_gpst=format_iso(word.end_gpst, DIGITS),
         may_also_be=cast("tuple[CauseName, ...]", word.causes),
     )
 
@@ -206,7 +206,7 @@ def _receiver(r: ReceiverOutcome, windows: Sequence[WindowResult]) -> ReceiverRe
         name=source.name,
         word=worst_of(window.word for window in windows if window.receiver == source.name),
         input=source.path or source.name,
-        start_gpst=None if start is None else iso(start, DIGITS),
+        start_gpst=None if start is None else format_iso(start, DIGITS),
         duration_s=r.reception.examined_s,
         **{f"{kind}_fix": _position(r.tracks.get(kind)) for kind in KINDS},
         own_fix=compare_receiver_fix(receiver_words.fixes, r.tracks.get("trusted")),
@@ -227,7 +227,7 @@ def _position(track: Track | None) -> Position | None:
     east, north, up = sigmas_enu_m(fix)
     horizontal, vertical = (float(level) if np.isfinite(level) else None for level in fix.protection_m[0])
     return Position(
-        gpst=iso(fix.gpst[0], DIGITS),
+        gpst=format_iso(fix.gpst[0], DIGITS),
         lat_deg=place.lat_deg,
         lon_deg=place.lon_deg,
         height_m=place.height_m,
@@ -264,8 +264,8 @@ def _signal(s: LabelledSignal, o: ObservationLog, labels: Sequence[LabelledSigna
         copy=s.ref.signal.copy,
         label=s.label,
         source=source,
-        from_gpst=iso(o.gpst[s.first_epoch], DIGITS),
-        to_gpst=iso(o.gpst[s.last_epoch], DIGITS),
+        from_gpst=format_iso(o.gpst[s.first_epoch], DIGITS),
+        to_gpst=format_iso(o.gpst[s.last_epoch], DIGITS),
         cn0_dbhz=_average(o.series("cn0_dbhz", column, *rows)),
         doppler_hz=_average(o.series("doppler_hz", column, *rows)),
         delay_to_authentic_m=_average_delay_m(s, o, labels),

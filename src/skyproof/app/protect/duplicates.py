@@ -19,7 +19,7 @@ from skyproof.fusion.policy import POLICY
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
-from skyproof.recording.same_noise import N_ROWS, SharedNoise, rows_of, shared_noise, usable_hz
+from skyproof.recording.same_noise import N_ROWS, SharedNoise, correlate_noise, cut_rows, find_usable_hz
 from skyproof.records import ObservationLog, Observations, Samples
 from skyproof.statistics.distributions import chi_square_survival
 
@@ -178,15 +178,15 @@ def _correlate_noise(first: Samples, second: Samples, lags: _Lags, at: int) -> S
     carrier_a_hz = carrier_at_hz(first)
     carrier_b_hz = carrier_at_hz(second) + float(np.nanmedian(lags.higher_hz[:, near]))
     band_hz = min(
-        usable_hz(first.rate_hz, carrier_a_hz, real=not planes_a[1].any()),
-        usable_hz(second.rate_hz, carrier_b_hz, real=not planes_b[1].any()),
+        find_usable_hz(first.rate_hz, carrier_a_hz, real=not planes_a[1].any()),
+        find_usable_hz(second.rate_hz, carrier_b_hz, real=not planes_b[1].any()),
     )
     cells = int(band_hz * GPS_L1_CA.period_s)
     if cells < POLICY.noise_cells:
         return None
-    noise = shared_noise(
-        rows_of(planes_a, carrier_a_hz / first.rate_hz, cells),
-        rows_of(planes_b, carrier_b_hz / second.rate_hz, cells),
+    noise = correlate_noise(
+        cut_rows(planes_a, carrier_a_hz / first.rate_hz, cells),
+        cut_rows(planes_b, carrier_b_hz / second.rate_hz, cells),
         period_s=GPS_L1_CA.period_s,
     )
     return replace(noise, lag_s=noise.lag_s + start_b / second.rate_hz - start_a / first.rate_hz)

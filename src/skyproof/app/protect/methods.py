@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from skyproof.explain import explain, stands_beside
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 from skyproof.records import Finding
 from skyproof.verdict import Method
 
@@ -103,4 +103,4 @@ def _get_p_value(e: Finding) -> float:
 
 
 def _instant(gpst: np.datetime64) -> str | None:
-    return None if np.isnat(gpst) else iso(gpst)
+    return None if np.isnat(gpst) else format_iso(gpst)

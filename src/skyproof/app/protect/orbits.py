@@ -10,9 +10,9 @@ from skyproof.app.receive.observed import ObservedFile
 from skyproof.app.receive.reception import Reception
 from skyproof.detectors.messages.policy import POLICY as MESSAGES
 from skyproof.errors import InputError
-from skyproof.formats.bounds import listed
+from skyproof.formats.bounds import list_names
 from skyproof.gnss.ephemeris import SYSTEM_NAMES, BroadcastEphemeris
-from skyproof.gnss.time import iso, seconds_between
+from skyproof.gnss.time import format_iso, seconds_between
 from skyproof.records import MeasurementSource, NavigationData, ObservationLog, Samples
 
 __all__ = ["add_logged_orbits", "list_missing_orbits", "require_same_day"]
@@ -57,12 +57,12 @@ def require_same_day(navigation: NavigationData, gpst: np.datetime64, source: Me
         if isinstance(source, Samples)
         else ""
     )
-    span = f"its orbits are for {iso(min(times), 0)} to {iso(max(times), 0)}, but"
+    span = f"its orbits are for {format_iso(min(times), 0)} to {format_iso(max(times), 0)}, but"
     remedy = f"give the navigation file of that day{otherwise}"
     if navigation.remarks and min(times) <= gpst <= max(times):
         span, remedy = "none of its orbits holds at its time:", "give the navigation file as it was received, unedited"
     raise InputError(
-        f"{navigation.source}: {span} {source.path} was recorded at {iso(gpst, 0)}"
+        f"{navigation.source}: {span} {source.path} was recorded at {format_iso(gpst, 0)}"
         f"{_quote_remarks(navigation)}; {remedy}"
     )
 
@@ -97,9 +97,11 @@ def list_missing_orbits(receptions: Sequence[Reception], navigation: NavigationD
         for system, sats in sorted(lacking.items())
     ]
     if some := sorted(set().union(*(without[system] for system in without if system in with_one)) - unhealthy):
-        words.append(f"no orbits at their time for {listed(some)}, whose signals are not tested")
+        words.append(f"no orbits at their time for {list_names(some)}, whose signals are not tested")
     if unhealthy:
-        words.append(f"unhealthy by their orbits, so that their signals are not tested: {listed(sorted(unhealthy))}")
+        words.append(
+            f"unhealthy by their orbits, so that their signals are not tested: {list_names(sorted(unhealthy))}"
+        )
     return tuple(words)
 
 

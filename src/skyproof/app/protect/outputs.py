@@ -25,20 +25,20 @@ from skyproof.app.protect.positions import KINDS, SatelliteKind, Track
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.errors import InputError
 from skyproof.explain import explain
-from skyproof.formats.atomic_write import UNFINISHED, OutputStep, Unwritten, replaced, write_in_turn, write_lines
+from skyproof.formats.atomic_write import UNFINISHED, OutputStep, Unwritten, name_replaced, write_in_turn, write_lines
 from skyproof.formats.checksums import CHECKSUMS, write_checksums
 from skyproof.formats.documents import read_json
 from skyproof.formats.kml import write_kml
-from skyproof.formats.nmea import nmea_sentences, write_nmea
+from skyproof.formats.nmea import write_nmea, write_nmea_sentences
 from skyproof.formats.pieces import UNFINISHED_RUN, is_unfinished
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.formats.tables import Words, fixes_columns, growing_tables, own_fixes_columns
+from skyproof.formats.tables import Words, build_fixes_columns, build_own_fixes_columns, open_growing_tables
 from skyproof.formats.verdict import write_verdict
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.fusion.trusted import carries
 from skyproof.gnss.frames import geodetic_from_ecef
-from skyproof.gnss.geoid import GEOID_SIGMA_M, geoid_separation_m
-from skyproof.gnss.time import iso
+from skyproof.gnss.geoid import GEOID_SIGMA_M, interpolate_geoid_m
+from skyproof.gnss.time import format_iso
 from skyproof.navigation.dilution import compute_horizontal_dilution
 from skyproof.records import (
     CELL_STATUS,
@@ -85,7 +85,7 @@ def _read_earlier(folder: Path) -> tuple[str, list[str]]:
     Also of one that was killed while its files appeared: the results of two runs never mix.
     """
     unfinished, word, receivers = folder / UNFINISHED, "", []
-    for path in (unfinished / replaced(VERDICT), unfinished / VERDICT, folder / VERDICT):
+    for path in (unfinished / name_replaced(VERDICT), unfinished / VERDICT, folder / VERDICT):
         with suppress(InputError):
             document = read_json(path, "the verdict", "name another folder")
             if isinstance(document, dict) and str(document.get("format")).startswith("skyproof-verdict/"):
@@ -154,20 +154,22 @@ def _list_table_steps(outcome: Outcome) -> list[OutputStep]:
 
 
 def _write_fixes(outcome: Outcome, folder: Path) -> None:
-    with growing_tables([folder / name for name in TABLES[:2]]) as take:
-        take(fixes_columns([]))
+    with open_growing_tables([folder / name for name in TABLES[:2]]) as take:
+        take(build_fixes_columns([]))
         for r in outcome.receivers:
             for kind, fix in _walk_fixes(r):
-                take(fixes_columns([(kind, fix)]))
+                take(build_fixes_columns([(kind, fix)]))
             receiver_fixes = select_receiver_words(r.reception).fixes
             rows = select_rows_with_place(receiver_fixes)
             for first in range(0, rows.size, _TABLE_CELLS):
                 assert receiver_fixes is not None
-                take(own_fixes_columns(r.reception.source.name, receiver_fixes, rows[first : first + _TABLE_CELLS]))
+                take(
+                    build_own_fixes_columns(r.reception.source.name, receiver_fixes, rows[first : first + _TABLE_CELLS])
+                )
 
 
 def _write_evidence(outcome: Outcome, folder: Path) -> None:
-    with growing_tables((folder / "evidence.parquet",)) as take:
+    with open_growing_tables((folder / "evidence.parquet",)) as take:
         take(_evidence_columns([]))
         for first in range(0, len(outcome.evidence), _TABLE_EVIDENCE):
             take(_evidence_columns(outcome.evidence[first : first + _TABLE_EVIDENCE]))
@@ -175,7 +177,7 @@ def _write_evidence(outcome: Outcome, folder: Path) -> None:
 
 def _write_signals(outcome: Outcome, folder: Path) -> None:
     logs = [r.reception.observations for r in outcome.receivers if r.reception.observations is not None]
-    with growing_tables((folder / "signals.parquet",)) as take:
+    with open_growing_tables((folder / "signals.parquet",)) as take:
         for log in logs:
             for first, part in _walk_log(log, max(_TABLE_CELLS // max(len(log.signals), 1), 1)):
                 take(_build_signal_columns(part, _label_cells(part, first, outcome.decision.labels)))
@@ -268,7 +270,7 @@ def write_evidence_line(e: Finding) -> str:
     """Write a piece of evidence as JSON with the columns of evidence.parquet; null for what is absent."""
     columns = {name: values[0].item() for name, values in _evidence_columns([e]).items()}
     instants = {"start_gpst": e.start_gpst, "end_gpst": e.end_gpst, "dated_gpst": e.dated_gpst}
-    columns |= {name: None if t is None or np.isnat(t) else iso(t, 3) for name, t in instants.items()}
+    columns |= {name: None if t is None or np.isnat(t) else format_iso(t, 3) for name, t in instants.items()}
     absent = {name: None if isinstance(value, float) and np.isnan(value) else value for name, value in columns.items()}
     return json.dumps(absent, ensure_ascii=False, allow_nan=False)
 
@@ -377,15 +379,15 @@ def _points(track: Track) -> tuple[Any, Any, Any, Any]:
 
 
 def _sentences(fix: Fix, navigation: NavigationData) -> Iterator[str]:
-    columns = fixes_columns([("trusted", fix)])
+    columns = build_fixes_columns([("trusted", fix)])
     place = columns["lat_deg"], columns["lon_deg"]
-    return nmea_sentences(
+    return write_nmea_sentences(
         columns["gpst"],
         *place,
         columns["height_m"],
         columns["satellites"],
         hdop=compute_horizontal_dilution(fix, navigation)[fix.status == FixStatus.OK],
-        geoid_separation_m=geoid_separation_m(*place),
+        geoid_separation_m=interpolate_geoid_m(*place),
         sigma_east_m=columns["sigma_east_m"],
         sigma_north_m=columns["sigma_north_m"],
         sigma_up_m=np.hypot(columns["sigma_up_m"], GEOID_SIGMA_M),

@@ -12,7 +12,7 @@ from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Integers, Reals
 from skyproof.fusion.policy import POLICY
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 from skyproof.logs.content import ReceiverStates
 from skyproof.records import ReceiverFixes
 from skyproof.verdict import OwnFix, OwnState
@@ -54,8 +54,8 @@ def _spells(states: ReceiverStates, subject: str) -> Iterator[OwnState]:
             subject=cast(Any, subject),
             state=str(words[begin]),
             alarm=bool(alarms[begin]),
-            since_gpst=iso(states.gpst[rows[begin]], DIGITS),
-            until_gpst=iso(states.gpst[rows[end]], DIGITS),
+            since_gpst=format_iso(states.gpst[rows[begin]], DIGITS),
+            until_gpst=format_iso(states.gpst[rows[end]], DIGITS),
         )
 
 
@@ -70,14 +70,14 @@ def compare_receiver_fix(fixes: ReceiverFixes | None, trusted: Track | None) -> 
     away_m, epochs = _away_m(fixes, rows, trusted)
     most = int(np.argmax(away_m)) if away_m.size else None
     return OwnFix(
-        gpst=iso(fixes.gpst[last], DIGITS),
+        gpst=format_iso(fixes.gpst[last], DIGITS),
         lat_deg=float(np.degrees(lat)),
         lon_deg=float(np.degrees(lon)),
         height_m=height_m,
         horizontal_sigma_m=sigma_m if np.isfinite(sigma_m) else None,
         from_trusted_m=float(away_m[-1]) if away_m.size else None,
         most_from_trusted_m=None if most is None else float(away_m[most]),
-        most_from_trusted_gpst=None if most is None else iso(fixes.gpst[epochs[most]], DIGITS),
+        most_from_trusted_gpst=None if most is None else format_iso(fixes.gpst[epochs[most]], DIGITS),
     )
 
 

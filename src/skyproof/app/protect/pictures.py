@@ -24,16 +24,16 @@ from skyproof.detectors.multi_receiver.common_epochs import CommonRanges, align_
 from skyproof.errors import InputError
 from skyproof.explain import explain
 from skyproof.formats.bounds import TRACK_BYTES
-from skyproof.formats.byte_io import content_of
+from skyproof.formats.byte_io import read_content
 from skyproof.formats.documents import read_json
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.gnss.sky import azimuth_elevation
-from skyproof.gnss.time import iso, seconds_between
-from skyproof.recording.profile import delay_profiles
+from skyproof.gnss.sky import compute_azimuth_elevation
+from skyproof.gnss.time import format_iso, seconds_between
+from skyproof.recording.profile import compute_delay_profiles
 from skyproof.records import ConsistentSet, ObservationLog, Observations, Records, Samples
 from skyproof.report.drawing import thin
 from skyproof.report.figures import Pictures
@@ -78,7 +78,7 @@ def build_pictures(outcome: Outcome) -> Pictures:
     onset = decision.onset if decision.onset is not None and decision.onset.sigma_s is not None else None
     origin = _find_origin(outcome)
     return Pictures(
-        zero_gpst=iso(zero, 3),
+        zero_gpst=format_iso(zero, 3),
         origin=None if origin is None else place_of(origin),
         onset_s=None if onset is None else float(seconds_between(onset.gpst, zero)),
         onset_sigma_s=None if onset is None else onset.sigma_s,
@@ -171,7 +171,7 @@ def _read_place(path: Path, name: str) -> Reals | None:
 def _interpolate_place(path: Path, at_gpst: np.datetime64) -> Reals | None:
     """Interpolate the place (3,) ECEF in a table over time; None if the instant is not within it."""
     try:
-        lines = content_of(path, TRACK_BYTES, "the truth", "give that of the simulator").decode("utf-8").splitlines()
+        lines = read_content(path, TRACK_BYTES, "the truth", "give that of the simulator").decode("utf-8").splitlines()
         rows = [(row["gpst"], row["x_m"], row["y_m"], row["z_m"]) for row in csv.DictReader(lines)]
         since_s = np.array([float(seconds_between(np.datetime64(row[0], "ns"), at_gpst)) for row in rows])
         places = np.array([row[1:] for row in rows], np.float64)
@@ -224,8 +224,8 @@ def _sky(r: ReceiverOutcome, outcome: Outcome) -> list[SkyPosition]:
     for s in _labels_of(o, outcome):
         ephemeris = outcome.navigation.best(s.ref.signal.sat, o.gpst[s.last_epoch])
         if ephemeris is not None:
-            state = satellite_state(ephemeris, o.gpst[s.last_epoch])
-            azimuth, elevation = azimuth_elevation(place, state.position_ecef_m)
+            state = compute_satellite_state(ephemeris, o.gpst[s.last_epoch])
+            azimuth, elevation = compute_azimuth_elevation(place, state.position_ecef_m)
             positions.append(
                 SkyPosition(
                     receiver=o.receiver,
@@ -313,7 +313,7 @@ def _correlate_at(
     offsets = [_chips(p, group[0]) for group in chosen for p in group]
     first, last = min(offsets, default=0.0) - 2.5, max(offsets, default=0.0) + 2.5
     try:
-        delays_chips, powers = delay_profiles(
+        delays_chips, powers = compute_delay_profiles(
             samples,
             carrier_at_hz(samples),
             [group[0] for group in chosen],
@@ -444,6 +444,6 @@ def _describe_findings(outcome: Outcome) -> Iterator[MethodWords]:
             yield MethodWords(
                 detector=found.detector,
                 words=explain(found).sentence,
-                from_gpst=iso(found.start_gpst, 3),
-                to_gpst=iso(found.end_gpst, 3),
+                from_gpst=format_iso(found.start_gpst, 3),
+                to_gpst=format_iso(found.end_gpst, 3),
             )

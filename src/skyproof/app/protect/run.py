@@ -41,12 +41,12 @@ from skyproof.app.receive.reception import Reception, observe, overlap_s, requir
 from skyproof.app.receive.short import is_short, observe_short, require_some
 from skyproof.app.receive.tracker import track
 from skyproof.errors import IncompleteOutput, InputError, NotEnoughData, SettingsError, readable
-from skyproof.formats.atomic_write import Unwritten, unwritten_words
-from skyproof.formats.byte_io import sha256
+from skyproof.formats.atomic_write import Unwritten, describe_missing
+from skyproof.formats.byte_io import compute_sha256
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.fusion.policy import POLICY
-from skyproof.gnss.time import iso, seconds_between
+from skyproof.gnss.time import format_iso, seconds_between
 from skyproof.interruption import Stopped, came, deferred, heard
 from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.records import (
@@ -112,7 +112,7 @@ def protect(
     """
     progress = progress or Silent()
     carrier = with_imu(Platform() if platform is None else read_platform(Path(platform)), imu)
-    platform_sum = None if platform is None else sha256(platform)
+    platform_sum = None if platform is None else compute_sha256(platform)
     settings = resolve_settings(carrier.protect, **options)
     with nullcontext() if out is None else claim(out) as claimed:
         folder = None if claimed is None else claimed.path
@@ -121,7 +121,7 @@ def protect(
         given = _Given(inputs, nav, imu, platform, carrier, platform_sum, settings, overwrite)
         result, unwritten = _protected(given, folder, progress)
     if folder is not None and unwritten:
-        raise IncompleteOutput(unwritten_words(folder, unwritten), result)
+        raise IncompleteOutput(describe_missing(folder, unwritten), result)
     return result
 
 
@@ -143,7 +143,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
     """The result, and which of its files could not be written into the folder `out`."""
     nav, platform, carrier, settings = given.nav, given.platform, given.carrier, given.settings
     navigation = None if nav is None else read_nav(Path(nav))
-    nav_sum = None if nav is None else sha256(nav)  # now, of what was read: it may be gone at the end
+    nav_sum = None if nav is None else compute_sha256(nav)  # now, of what was read: it may be gone at the end
     body_files = open_body(carrier, str(platform or given.imu))
     paths, called = select_inputs(carrier, given.inputs, str(platform))
     with deferred(), Workspace(out) as workspace:
@@ -359,9 +359,9 @@ def _same_time(receptions: Sequence[Reception], navigation: NavigationData | Non
     for (path, a), (other_path, b) in combinations(received, 2):
         if overlap_s(a, b) <= 0.0:
             raise InputError(
-                f"{other_path} was recorded from {iso(b.gpst[0], 1)} to {iso(b.gpst[-1], 1)}, but {path} from "
-                f"{iso(a.gpst[0], 1)} to {iso(a.gpst[-1], 1)} (GPS time, by the signals): there is no common "
-                "time to compare them in; give recordings of the same time, or protect each alone"
+                f"{other_path} was recorded from {format_iso(b.gpst[0], 1)} to {format_iso(b.gpst[-1], 1)}, but {path} "
+                f"from {format_iso(a.gpst[0], 1)} to {format_iso(a.gpst[-1], 1)} (GPS time, by the signals): there "
+                "is no common time to compare them in; give recordings of the same time, or protect each alone"
             )
     if navigation is not None:
         for r in receptions:
@@ -397,7 +397,7 @@ def _files(receptions: Sequence[Reception]) -> dict[str, OpenFile]:
 def _stated_sums(sources: Sequence[Samples | ObservedFile]) -> dict[str, str]:
     """SHA-256 of what says how to read the recordings, now: it was just read, and may be gone at the end."""
     files = [one.stated_in for source in sources if isinstance(source, Samples) for one in (source, *source.others)]
-    return {readable(str(file)): sha256(file) for file in dict.fromkeys(files) if file is not None}
+    return {readable(str(file)): compute_sha256(file) for file in dict.fromkeys(files) if file is not None}
 
 
 def _sums(files: Mapping[str, OpenFile], progress: Progress) -> dict[str, str | None]:

@@ -11,7 +11,7 @@ from skyproof.app.common.session import DecidedWindow
 from skyproof.app.protect.outputs import write_evidence_line
 from skyproof.formats.pieces import Workspace
 from skyproof.fusion.decide import Deciding
-from skyproof.gnss.time import clock_words, iso
+from skyproof.gnss.time import format_clock, format_iso
 from skyproof.records import Finding, VerdictWord
 from skyproof.verdict import word_shown
 
@@ -51,7 +51,7 @@ class WordsSoFar:
         self._until = end
         if word is not None and word != self._word:
             self._word = word
-            self._progress.say(f"up to {clock_words(iso(end, 0))}: {word_shown(word)}")
+            self._progress.say(f"up to {format_clock(format_iso(end, 0))}: {word_shown(word)}")
 
     def note(self, findings: Sequence[Finding]) -> None:
         """Write findings down."""
@@ -66,8 +66,8 @@ class WordsSoFar:
             {
                 "receiver": word.receiver,
                 "word": word.word,
-                "since_gpst": iso(word.start_gpst, 3),
-                "until_gpst": iso(word.end_gpst, 3),
+                "since_gpst": format_iso(word.start_gpst, 3),
+                "until_gpst": format_iso(word.end_gpst, 3),
                 "may_also_be": list(word.causes),
                 "run": deciding.word,
             }

@@ -10,7 +10,7 @@ from skyproof.app.protect.positions import Track, place_of
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 from skyproof.records import (
     Direction,
 )
@@ -36,7 +36,7 @@ def list_sources(outcome: Outcome) -> list[SourceModel]:
                 **describe_origin(source, outcome),
                 stands=_describe_place(outcome.bearings.get(source.name)),
                 shows=place_of(places[0]) if places else None,
-                shows_gpst=iso(tracks[0].last.gpst[0], DIGITS) if tracks else None,
+                shows_gpst=format_iso(tracks[0].last.gpst[0], DIGITS) if tracks else None,
                 time_offset_s=_estimate_delay_s(source.name, outcome),
             )
         )

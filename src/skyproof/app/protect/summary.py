@@ -11,7 +11,7 @@ from skyproof.app.protect.sources import describe_direction, describe_distance, 
 from skyproof.explain import explain, stands_beside
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
-from skyproof.gnss.time import clock_words, iso
+from skyproof.gnss.time import format_clock, format_iso
 from skyproof.records import Finding
 from skyproof.verdict import radius_95_m
 
@@ -151,7 +151,7 @@ def _since(decision: Decision) -> str:
     onset = decision.onset
     if onset is None:
         return ""
-    clock = clock_words(iso(onset.seen if onset.earliest is None else onset.gpst, 0))
+    clock = format_clock(format_iso(onset.seen if onset.earliest is None else onset.gpst, 0))
     if onset.from_start:
         return f"From the start of the recording, {clock}, "
     return f"From {clock} on, " if onset.earliest is not None else f"From {clock} at the latest, "

@@ -10,7 +10,7 @@ import numpy as np
 from skyproof.app.receive.tracker import Tracker
 from skyproof.arrays import Instants, Reals
 from skyproof.formats.pieces import Workspace
-from skyproof.formats.spool import gathered
+from skyproof.formats.spool import gather
 from skyproof.navigation.clock import anchor_label
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.grids import GridCorrelator
@@ -65,7 +65,7 @@ class Assembled:
         n = self.tracker.measured.n_antennas
         names = ["observations"] if not n else [f"observations-{antenna + 1}" for antenna in range(n)]
         return tuple(
-            gathered(self.stretches(antenna, biases_s), self.tracker.samples.name, workspace, name)
+            gather(self.stretches(antenna, biases_s), self.tracker.samples.name, workspace, name)
             for antenna, name in enumerate(names)
         )
 

@@ -9,7 +9,7 @@ from skyproof.app.inspect import Inspection, remark_on_oscillator
 from skyproof.app.receive.policy import POLICY
 from skyproof.errors import NotEnoughData
 from skyproof.receiver.channels import Gap
-from skyproof.recording.survey import oscillator_error
+from skyproof.recording.survey import estimate_oscillator_error
 from skyproof.records import Samples
 from skyproof.remarks import Remark, RemarkKind
 
@@ -60,7 +60,7 @@ def diagnose(samples: Samples, doppler_max_hz: float, inspected: Callable[[], In
 
 def remark_on_dopplers(dopplers_hz: Sequence[float]) -> tuple[str, ...]:
     """Report the oscillator if the Dopplers of all satellites, one each, lie far to one side."""
-    return remark_on_oscillator(oscillator_error(dopplers_hz))
+    return remark_on_oscillator(estimate_oscillator_error(dopplers_hz))
 
 
 def remark_on_gaps(gaps: Sequence[Gap], period_s: float) -> tuple[str, ...]:

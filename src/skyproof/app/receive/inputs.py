@@ -15,9 +15,9 @@ from skyproof.app.receive.observed import ObservedFile, has_same_measurements, o
 from skyproof.errors import InputError, SettingsError, shown
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.recording import open_recording
-from skyproof.formats.rinex_nav import glonass_channels
+from skyproof.formats.rinex_nav import get_glonass_channels
 from skyproof.formats.rinex_obs_read import holds_observations
-from skyproof.formats.spool import named
+from skyproof.formats.spool import rename_receiver
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.records import NavigationData, Samples
 from skyproof.remarks import Remark
@@ -149,7 +149,7 @@ def _open_file(
             cut_stretch(recording, settings.start_s, settings.duration_s)
             for recording in open_recording(path, dead=dead)
         )
-    channels = None if navigation is None else glonass_channels(navigation)
+    channels = None if navigation is None else get_glonass_channels(navigation)
     return (
         open_observations(
             path, channels, start_s=settings.start_s, duration_s=settings.duration_s, workspace=workspace
@@ -177,7 +177,7 @@ def list_antennas(source: Samples | ObservedFile) -> tuple[Samples | ObservedFil
 def _rename(source: Samples | ObservedFile, name: str) -> Samples | ObservedFile:
     if isinstance(source, Samples):
         return replace(source, name=name)
-    return replace(source, name=name, observations=named(source.observations, name))
+    return replace(source, name=name, observations=rename_receiver(source.observations, name))
 
 
 def _shorten(name: str) -> str:

@@ -10,11 +10,11 @@ import numpy as np
 
 from skyproof.app.receive.observed import ObservedFile, OwnWords, gather_file
 from skyproof.errors import InputError
-from skyproof.formats.bounds import limited
-from skyproof.formats.byte_io import FileBytes, reading, size_of
+from skyproof.formats.bounds import limit_remarks
+from skyproof.formats.byte_io import FileBytes, measure_size, report_reading
 from skyproof.formats.pieces import Workspace
 from skyproof.formats.plausible import LETTERS, leave_out_impossible
-from skyproof.formats.rinex_nav import glonass_channels
+from skyproof.formats.rinex_nav import get_glonass_channels
 from skyproof.formats.rinex_obs_pieces import PIECE_BYTES
 from skyproof.formats.rinex_obs_read import ObservationFile
 from skyproof.gnss.signals import frequency_number_of
@@ -37,8 +37,8 @@ def holds_log(path: Path) -> bool:
 
 
 def _kind_of(path: Path) -> LogKind | None:
-    size_of(path)  # a folder is refused as samples are
-    with reading(path), open(path, "rb") as file:
+    measure_size(path)  # a folder is refused as samples are
+    with report_reading(path), open(path, "rb") as file:
         return kind_of_log(file.read(HEAD_BYTES))
 
 
@@ -68,12 +68,12 @@ def open_log(
     gathered = _Gathered(str(path))
 
     def read_blocks() -> Iterator[bytes]:
-        return (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size_of(path), PIECE_BYTES))
+        return (file[at : at + PIECE_BYTES].tobytes() for at in range(0, measure_size(path), PIECE_BYTES))
 
     near = kind.first_instant(read_blocks())
     if near is None and navigation is not None and navigation.ephemerides:
         near = np.sort(navigation.reference_ns)[len(navigation.reference_ns) // 2].astype("M8[ns]")
-    channels = None if navigation is None else glonass_channels(navigation)
+    channels = None if navigation is None else get_glonass_channels(navigation)
     beside = Beside(near=near, first_day=GPS_EPOCH if near is None else None, channels=channels)
     pieces = (gathered.take(piece) for piece in kind.read(read_blocks(), path.stem, beside))
 
@@ -176,7 +176,7 @@ class _Gathered:
             yield Remark("the log ends inside a frame: it was cut, or is still growing", RemarkKind.CUT)
         if self.undated:
             yield Remark(f"{self.undated} epochs before the week is known are left out", RemarkKind.BEARS)
-        yield from limited(self._remarks, "further remarks")
+        yield from limit_remarks(self._remarks, "further remarks")
 
 
 def _frequency_numbers(o: Observations) -> dict[str, int]:

@@ -11,14 +11,14 @@ from skyproof.app.receive.policy import POLICY
 from skyproof.app.receive.reception import Reception
 from skyproof.arrays import Instants
 from skyproof.errors import InputError
-from skyproof.formats.bounds import limited
-from skyproof.formats.byte_io import FileBytes, size_of
+from skyproof.formats.bounds import limit_remarks
+from skyproof.formats.byte_io import FileBytes, measure_size
 from skyproof.formats.pieces import Workspace
-from skyproof.formats.plausible import impossible_remarks
-from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, following, obs_pieces
+from skyproof.formats.plausible import describe_impossible
+from skyproof.formats.rinex_obs_pieces import PIECE_BYTES, continue_pieces, read_obs_pieces
 from skyproof.formats.rinex_obs_read import ObservationFile
-from skyproof.formats.spool import NothingGathered, gathered
-from skyproof.gnss.time import iso, leap_seconds, seconds_between, timedelta_from_s
+from skyproof.formats.spool import NothingGathered, gather
+from skyproof.gnss.time import format_iso, leap_seconds, seconds_between, timedelta_from_s
 from skyproof.logs.content import InertialRows, ReceiverStates
 from skyproof.navigation.clock import ClockSteps, find_clock_steps, remove_clock_steps
 from skyproof.navigation.rates import RIM_EPOCHS, fill_dopplers
@@ -110,8 +110,8 @@ def open_observations(
     """
     file = FileBytes(path)
     file.sum_as_read()
-    blocks = (file[at : at + PIECE_BYTES].tobytes() for at in range(0, size_of(path), PIECE_BYTES))
-    pieces = obs_pieces(blocks, source=str(path), keep=_is_judged, glonass_channels=glonass_channels)
+    blocks = (file[at : at + PIECE_BYTES].tobytes() for at in range(0, measure_size(path), PIECE_BYTES))
+    pieces = read_obs_pieces(blocks, source=str(path), keep=_is_judged, glonass_channels=glonass_channels)
     to_do = (
         "the observation file holds no measurement of a satellite of GPS, Galileo, BeiDou, GLONASS or QZSS; give the "
         "file that the receiver wrote"
@@ -137,9 +137,9 @@ def gather_file(
     """
     noted = _Noted()
     plain = path.with_suffix("") if path.suffix.lower() == ".gz" else path
-    stretch = _cut_stretch(following(noted.all(pieces)), start_s, duration_s)
+    stretch = _cut_stretch(continue_pieces(noted.all(pieces)), start_s, duration_s)
     try:
-        observations = gathered(stretch, plain.stem, workspace or Workspace(), "as-given")
+        observations = gather(stretch, plain.stem, workspace or Workspace(), "as-given")
     except NothingGathered:
         if not noted.epochs:
             raise InputError(f"{path}: {without_any()}") from None
@@ -193,8 +193,8 @@ class _Noted:
     @property
     def remarks(self) -> tuple[str, ...]:
         """Return each remark once, up to a limit."""
-        impossible = impossible_remarks(self._impossible, self._misread)
-        return limited((*impossible, *self._remarks.values()), "further remarks")
+        impossible = describe_impossible(self._impossible, self._misread)
+        return limit_remarks((*impossible, *self._remarks.values()), "further remarks")
 
 
 def _is_judged(signal: SignalId) -> bool:
@@ -256,7 +256,7 @@ def observe_file(
     orbits = source.decoded if navigation is None else navigation
     clock = _Clock.of(source.observations, find_clock_steps(source.observations), orbits)
     made = _Made()
-    whole = gathered(made.prepare(source.observations, clock), source.name, workspace or Workspace(), "observations")
+    whole = gather(made.prepare(source.observations, clock), source.name, workspace or Workspace(), "observations")
     remarks = [*clock.remarks()]
     if made.derived:
         remarks.append(
@@ -297,7 +297,7 @@ class _Clock:
     def remarks(self) -> Iterator[str]:
         """Report what was corrected."""
         if self.steps is not None and self.steps.steps:
-            times = [iso(step.gpst, 0)[11:] for step in self.steps.steps]
+            times = [format_iso(step.gpst, 0)[11:] for step in self.steps.steps]
             yield (
                 f"the receiver's clock steps by whole milliseconds at {_first_times(times)}; it is taken as if it did "
                 "not"
@@ -312,7 +312,7 @@ class _Clock:
                 RemarkKind.BEARS,
             )
         if stray.any():
-            times = [iso(when, 1)[11:] for when in self.gpst[stray]]
+            times = [format_iso(when, 1)[11:] for when in self.gpst[stray]]
             errors_s = self.tags.error_s[stray]
             yield Remark(
                 f"{len(times)} epochs are left out, at {_first_times(times)}: their times are not those at which their "

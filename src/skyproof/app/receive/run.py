@@ -21,10 +21,10 @@ from skyproof.app.receive.reception import Reception, observe, require_signals
 from skyproof.app.receive.time_tag import select_first_copies
 from skyproof.app.receive.tracker import track
 from skyproof.errors import IncompleteOutput, NotEnoughData
-from skyproof.formats.atomic_write import OutputStep, Unwritten, unwritten_words, write_in_turn
+from skyproof.formats.atomic_write import OutputStep, Unwritten, describe_missing, write_in_turn
 from skyproof.formats.pieces import UNFINISHED_RUN, Workspace, is_unfinished
 from skyproof.formats.rinex_nav import read_nav, write_nav
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 from skyproof.interruption import came, deferred
 from skyproof.navigation.fix import fix
 from skyproof.records import FixStatus, NavigationData, ObservationLog, Observations, SignalId
@@ -137,7 +137,7 @@ def receive(
     with claim(out) as claimed:
         result, unwritten = _receive(paths, nav, claimed.path, overwrite, settings, progress)
     if unwritten:
-        raise IncompleteOutput(unwritten_words(claimed.path, unwritten), result)
+        raise IncompleteOutput(describe_missing(claimed.path, unwritten), result)
     return result
 
 
@@ -271,8 +271,8 @@ def _describe_signal(o: ObservationLog, column: int) -> dict[str, Any]:
         "code": signal.code,
         "copy": signal.copy,
         "found_s": float(o.found_elapsed_s[column]),
-        "first_gpst": iso(o.gpst[received[0]], DIGITS) if is_received else None,
-        "last_gpst": iso(o.gpst[received[-1]], DIGITS) if is_received else None,
+        "first_gpst": format_iso(o.gpst[received[0]], DIGITS) if is_received else None,
+        "last_gpst": format_iso(o.gpst[received[-1]], DIGITS) if is_received else None,
         "n_epochs": int(received.size),
         "cn0_dbhz": float(np.median(o.series("cn0_dbhz", column)[received])) if is_received else None,
         "doppler_hz": float(np.median(o.series("doppler_hz", column)[received])) if is_received else None,

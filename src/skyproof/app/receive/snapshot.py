@@ -9,7 +9,7 @@ from skyproof.app.receive.policy import POLICY
 from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Floats, Reals
 from skyproof.errors import NotEnoughData
-from skyproof.formats.bounds import listed
+from skyproof.formats.bounds import list_names
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import timedelta_from_s
@@ -156,7 +156,7 @@ def solve_position(
     if coarse.status != 0:
         return coarse, list(phases)
     if len(used) < len(phases):
-        left_out = listed([p.sat for p in phases if p not in used])
+        left_out = list_names([p.sat for p in phases if p not in used])
         weakest_words = f"{left_out}: the weakest, left out until the others fitted one position"
         remarks.append(Remark(weakest_words, RemarkKind.BEARS))
     return coarse, used

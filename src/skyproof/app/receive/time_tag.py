@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from skyproof.app.receive.tracker import Tracker
 from skyproof.arrays import Booleans, Indices, Instants, Reals
 from skyproof.errors import InputError
-from skyproof.formats.bounds import listed
+from skyproof.formats.bounds import list_names
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.time import GPS_EPOCH, iso, resolve_week, timedelta_from_s, week_and_tow
+from skyproof.gnss.orbits import compute_satellite_state
+from skyproof.gnss.time import GPS_EPOCH, format_iso, resolve_week, timedelta_from_s, week_and_tow
 from skyproof.navigation.fix import fix
 from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.observables import ReceiverTimeTag, receiver_time_tag, stated_weeks, timed_by_range
@@ -63,7 +63,7 @@ def find_week(tracker: Tracker, navigation: NavigationData | None, remarks: list
 def _describe_week(week: int, near: np.datetime64) -> str:
     """Name the first day of a week, whole or modulo 1024."""
     whole = week if week >= 1024 else resolve_week(week, near)
-    return f"GPS week {whole}, from {iso(GPS_EPOCH + np.timedelta64(7 * whole, 'D'), 0)[:10]} on"
+    return f"GPS week {whole}, from {format_iso(GPS_EPOCH + np.timedelta64(7 * whole, 'D'), 0)[:10]} on"
 
 
 def estimate_time_tag(tracker: Tracker, week: int) -> ReceiverTimeTag | None:
@@ -99,8 +99,8 @@ def move_near_date(
         off_s += 604800.0 * (label.week - int(week) + turned)
     if abs(off_s) > 2.0:
         remarks.append(
-            f"the sidecar's start_gpst is {iso(samples.start_gpst, 0)}, but the signals' own time differs from it by "
-            f"{off_s:+.1f} s; the signals' time is used"
+            f"the sidecar's start_gpst is {format_iso(samples.start_gpst, 0)}, but the signals' own time differs from "
+            f"it by {off_s:+.1f} s; the signals' time is used"
         )
     return label
 
@@ -161,7 +161,7 @@ def time_short_arcs(
         if ephemeris is None:
             return None
         later = timedelta_from_s(elapsed_s - float(shown.elapsed_s[row]))
-        state = satellite_state(ephemeris, shown.gpst[row] + later - np.timedelta64(75, "ms"))
+        state = compute_satellite_state(ephemeris, shown.gpst[row] + later - np.timedelta64(75, "ms"))
         clock_s = float(shown.clock_bias_s[row]) - float(state.clock_s)
         away_m = float(np.linalg.norm(state.position_ecef_m - shown.position_ecef_m[row]))
         return away_m + SPEED_OF_LIGHT_M_S * clock_s
@@ -175,7 +175,7 @@ def time_short_arcs(
     if not gained:
         return None
     remarks.append(
-        f"{listed(gained)}: received too shortly for a time of week of their own; it was taken from the range that "
+        f"{list_names(gained)}: received too shortly for a time of week of their own; it was taken from the range that "
         "the position of the others predicts"
     )
     return arcs

@@ -25,7 +25,7 @@ from skyproof.navigation.vector_inertia import AntennaUnit
 from skyproof.receiver.channels import Arc, Gap
 from skyproof.receiver.grids import Grids
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverSettings, ReceiverState
-from skyproof.recording.conditioning import conditioned, measure_front_end
+from skyproof.recording.conditioning import condition, measure_front_end
 from skyproof.records import Asked, NavigationData, Samples
 from skyproof.remarks import Remark, RemarkKind
 
@@ -318,7 +318,7 @@ def _clean(samples: Samples) -> tuple[Samples, tuple[str, ...]]:
         f"a line at {line.frequency_hz / 1e3:+.1f} kHz cost {line.loss_db:.2f} dB of C/N0 and is notched"
         for line in front.notched
     ]
-    return conditioned(samples, front), tuple(done)
+    return condition(samples, front), tuple(done)
 
 
 def carrier_at_hz(samples: Samples) -> float:

@@ -11,7 +11,7 @@ from skyproof.app.protect.outputs import require_outputs_free
 from skyproof.app.scenes.simulate import read_earlier_scene
 from skyproof.formats.atomic_write import write_lines
 from skyproof.formats.rinex_nav import write_nav
-from skyproof.gnss.nominal import nominal_constellation
+from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import utc_from_gpst
 from skyproof.simulator import scenes
 from skyproof.simulator.files import write
@@ -60,7 +60,7 @@ def _simulate(scenario: Scenario, folder: Path, progress: Progress) -> tuple[lis
     """Simulate the recordings and the navigation file."""
     before = list_stamps(folder)
     make_ready(RECEIVING, progress)
-    navigation = nominal_constellation(scenario.start_gpst)
+    navigation = make_nominal_constellation(scenario.start_gpst)
     nav = folder / NAVIGATION
     try:
         with progress.stage("simulating two receivers, jammed and then meaconed", 1.0) as stage:

@@ -13,8 +13,8 @@ from skyproof.formats.atomic_write import write_lines
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.sky import azimuth_elevation
-from skyproof.gnss.time import instant_words, iso
+from skyproof.gnss.sky import compute_azimuth_elevation
+from skyproof.gnss.time import format_instant, format_iso
 from skyproof.report.pictures import SignalSeries, SkyPosition, SkySource
 from skyproof.report.scene import (
     STANDS_M,
@@ -149,7 +149,7 @@ def _choose_moments(scenario: Scenario) -> Reals:
 
 def _facts(scene: Scene) -> Iterator[str]:
     scenario = scene.scenario
-    begins = instant_words(iso(scenario.start_gpst, 3))
+    begins = format_instant(format_iso(scenario.start_gpst, 3))
     antennas = len(scene.skies)
     receivers = _count(len(scenario.receivers), "receiver")
     if antennas > len(scenario.receivers):
@@ -323,7 +323,7 @@ def _label(received: ReceivedSignal) -> Any:
 
 
 def _direction(name: str, place: Reals, target: Reals) -> SkySource:
-    az_rad, el_rad = azimuth_elevation(place, target)
+    az_rad, el_rad = compute_azimuth_elevation(place, target)
     return SkySource(name=name, azimuth_deg=float(np.degrees(az_rad)), elevation_deg=float(np.degrees(el_rad)))
 
 
@@ -445,7 +445,7 @@ def _settings(scenario: Scenario) -> Iterator[SettingGroup]:
     parts = {key: entries.pop(key) for key in ("receivers", "attacks", "interference", "sky", "front_end")}
     if scenario.navigation is not None:
         entries["navigation"] = Path(scenario.navigation).name
-    entries["start_gpst"] = instant_words(entries["start_gpst"])
+    entries["start_gpst"] = format_instant(entries["start_gpst"])
     for key in ("description", "source"):
         entries.pop(key, None)
     groups = [("Scene", entries), ("Sky", parts["sky"]), ("Front end", parts["front_end"])]

@@ -16,7 +16,7 @@ from skyproof.app.common.progress import Progress, Silent
 from skyproof.app.common.rinex import write_channels
 from skyproof.app.scenes.scene_page import PAGE, write_page
 from skyproof.errors import InputError, OutputError, ScenarioError, SettingsError
-from skyproof.formats.atomic_write import write_lines, writing
+from skyproof.formats.atomic_write import write_lines, write_whole
 from skyproof.formats.documents import read_json
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.time import utc_from_gpst
@@ -310,7 +310,7 @@ def _write_log(path: Path, o: Observations, navigation: NavigationData) -> None:
         clock_drift=found.clock_drift,
         satellites=n_used,
     )
-    with writing(path) as file:
+    with write_whole(path) as file:
         file.writelines(ubx_log(o, navigation, fixes))
 
 
@@ -319,7 +319,7 @@ def _write_log(path: Path, o: Observations, navigation: NavigationData) -> None:
 
 def _write_inputs(folder: Path, scene: Scene, alone: Standalone) -> None:
     for name, octets in alone.files.items():
-        with writing(folder / name) as file:
+        with write_whole(folder / name) as file:
             file.write(octets)
     if NAVIGATION not in alone.files:
         write_nav(folder / NAVIGATION, scene.navigation, created=utc_from_gpst(scene.scenario.start_gpst))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from skyproof.app.common.progress import Progress, Silent
-from skyproof.formats.byte_io import sha256
+from skyproof.formats.byte_io import compute_sha256
 from skyproof.formats.checksums import CHECKSUMS, read_checksums
 from skyproof.formats.verdict import read_verdict
 from skyproof.verdict import InputFile, Verdict
@@ -83,7 +83,7 @@ def _outputs(folder: Path) -> Iterator[FileState]:
     sums = read_checksums(folder / CHECKSUMS)
     for name, sum_then in sums.items():
         path = folder / name
-        state: State = "missing" if not path.is_file() else "same" if sha256(path) == sum_then else "different"
+        state: State = "missing" if not path.is_file() else "same" if compute_sha256(path) == sum_then else "different"
         yield FileState(name=name, kind="output", state=state)
     for path in sorted(folder.iterdir()):
         if path.name not in sums and path.name != CHECKSUMS:
@@ -96,4 +96,4 @@ def _input(given: InputFile, inputs_in: str | Path | None) -> State:
     path = Path(given.path) if inputs_in is None else Path(inputs_in) / Path(given.path).name
     if not path.is_file():
         return "not found"
-    return "same" if sha256(path) == given.sha256 else "different"
+    return "same" if compute_sha256(path) == given.sha256 else "different"

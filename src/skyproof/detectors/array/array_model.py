@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Booleans, Indices, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
-from skyproof.gnss.orbits import satellite_state_s
-from skyproof.gnss.sky import rotate_to_reception, unit_vectors
+from skyproof.gnss.orbits import compute_satellite_state_s
+from skyproof.gnss.sky import compute_unit_vectors, rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.nav_state import interpolate_state, mark_covered
 from skyproof.records import ArrayPhases, NavigationData, NavState
@@ -227,10 +227,10 @@ def predict_directions(phases: ArrayPhases, state: NavState, navigation: Navigat
             continue
         travel_s = np.full(gpst.shape, 0.075)
         for _ in range(2):
-            sent_m = satellite_state_s(orbit, week, tow_s - travel_s).position_ecef_m
+            sent_m = compute_satellite_state_s(orbit, week, tow_s - travel_s).position_ecef_m
             satellite_m = rotate_to_reception(sent_m, travel_s)
             travel_s = np.linalg.norm(satellite_m - body.position_ecef_m, axis=-1) / SPEED_OF_LIGHT_M_S
-        to_satellite = unit_vectors(body.position_ecef_m, satellite_m)
+        to_satellite = compute_unit_vectors(body.position_ecef_m, satellite_m)
         direction[inside, channel] = np.einsum("kij,ki->kj", body.attitude, to_satellite)
     return direction
 

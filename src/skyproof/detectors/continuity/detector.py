@@ -32,7 +32,7 @@ from skyproof.detectors.continuity.standing import find_carrier_motion
 from skyproof.detectors.continuity.steps import Step, find_largest_steps
 from skyproof.detectors.continuity.whole_sky import SkyMotion, select_least_likely
 from skyproof.errors import SettingsError, require_probability
-from skyproof.gnss.time import iso
+from skyproof.gnss.time import format_iso
 from skyproof.records import (
     BY_NAME,
     Cause,
@@ -314,7 +314,7 @@ class _Window:
     def _report_unbroken(self, signals: tuple[SignalRef, ...], look: _Look, steps: Sequence[Step]) -> Finding:
         step = min(steps, key=lambda step: (-step.missing_s, step.p_value))
         if step.missing_s > 0.0 and step.row >= look.new:
-            data: dict[str, Datum] = {"at": iso(look.stretch.gpst[step.row], 1), "missing_s": step.missing_s}
+            data: dict[str, Datum] = {"at": format_iso(look.stretch.gpst[step.row], 1), "missing_s": step.missing_s}
             return self.report.pass_over(signals, NotTested("time_ahead", data))
         statistic: dict[str, Datum] = {"statistic": step.statistic}
         noticed = tuple(

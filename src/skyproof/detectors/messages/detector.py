@@ -39,7 +39,7 @@ from skyproof.detectors.messages.policy import POLICY
 from skyproof.detectors.messages.utc import leap_seconds_expected, seconds_beyond_utc
 from skyproof.errors import require_probability
 from skyproof.gnss.ephemeris import MAX_AGE_S, Ephemeris, UtcStatement
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.ranges import correct_ranges
 from skyproof.records import (
@@ -260,7 +260,7 @@ def _find_below_horizon(records: Records, o: Observations) -> Iterator[tuple[str
     ranges = correct_ranges(
         o.signals, middle.gpst, _fill_ranges(o, middle), records.navigation, with_unknown_delay=True
     )
-    _, elevation_rad = azimuth_elevation(place_m, ranges.satellite_ecef_m[0])
+    _, elevation_rad = compute_azimuth_elevation(place_m, ranges.satellite_ecef_m[0])
     lowest_rad = lowest_elevation_rad(place_m)
     for k in np.flatnonzero(np.isfinite(elevation_rad) & (elevation_rad < lowest_rad)):
         yield o.signals[k].sat, _Oddity("below_horizon", float(np.degrees(-elevation_rad[k])))

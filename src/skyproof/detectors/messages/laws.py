@@ -21,7 +21,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.lnav import URA_M
-from skyproof.gnss.orbits import satellite_state
+from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.gnss.time import seconds_between
 from skyproof.statistics.distributions import normal_two_sided
 
@@ -52,7 +52,7 @@ def range_difference_m(first: Ephemeris, second: Ephemeris) -> float:
 
 def differences_m(first: Ephemeris, second: Ephemeris, gpst: np.datetime64) -> tuple[float, float, float]:
     """Return by how much two data sets differ at an instant: upwards, along and across together, and by the clock."""
-    state, other = (satellite_state(each, gpst) for each in (first, second))
+    state, other = (compute_satellite_state(each, gpst) for each in (first, second))
     apart_m = state.position_ecef_m - other.position_ecef_m
     up = state.position_ecef_m / np.linalg.norm(state.position_ecef_m)
     radial_m = float(apart_m @ up)

@@ -22,7 +22,7 @@ from skyproof.compiled import compiled
 from skyproof.detectors.multi_receiver.one_antenna import BaselineEstimate
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.slips import HEIGHT, distance_slips, position_slips, vector_slips
+from skyproof.gnss.slips import HEIGHT, list_distance_slips, list_position_slips, list_vector_slips
 from skyproof.records import Baseline, Datum
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
@@ -166,7 +166,7 @@ class AntennaPlaces:
         open_m2 = self.sigma_m**2 * np.eye(place_m.size)
         if self.positions_ecef_m is not None and all(name in self.positions_ecef_m for name in receivers):
             yield from self._position_slips(receivers, open_m2)
-        for slip in vector_slips():
+        for slip in list_vector_slips():
             turned = _Guess(place_m @ slip.turn.T, open_m2)
             yield GeometrySlip(slip.code, self.key, slip.words, "", turned)
         for k, name in enumerate(receivers):
@@ -183,7 +183,7 @@ class AntennaPlaces:
         """Yield the slips of each receiver alone, and of all of them alike."""
         assert self.positions_ecef_m is not None
         stated_m = np.array([self.positions_ecef_m[name] for name in receivers])
-        every = [{slip.code: slip for slip in position_slips(place_m)} for place_m in stated_m]
+        every = [{slip.code: slip for slip in list_position_slips(place_m)} for place_m in stated_m]
         for k, name in enumerate(receivers):
             for slip in every[k].values():
                 place_m, covariance_m2 = stated_m.copy(), open_m2.copy()
@@ -253,7 +253,7 @@ class AntennaDistance:
         return self.distance_m
 
     def slips(self, receivers: Sequence[str]) -> Iterator[GeometrySlip]:
-        for slip in distance_slips(self.distance_m):
+        for slip in list_distance_slips(self.distance_m):
             sigma_m = max(self.sigma_m * slip.distance_m / self.distance_m, POLICY.least_distance_sigma_m)
             value = f"{self.key} = {slip.distance_m:.4g}"
             fit = AntennaDistance(slip.distance_m, sigma_m)

@@ -38,8 +38,8 @@ from skyproof.detectors.multi_receiver.one_antenna import (
 )
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
-from skyproof.gnss.orbits import satellite_positions_m
-from skyproof.gnss.sky import rotate_to_reception, unit_vectors
+from skyproof.gnss.orbits import compute_satellite_positions_m
+from skyproof.gnss.sky import compute_unit_vectors, rotate_to_reception
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.records import Baseline, ConsistentSet, Kind, NavigationData, Records, SignalRef
 from skyproof.statistics.autoregression import correlation_grid
@@ -172,8 +172,8 @@ class Pairing:
         if len(known) < len(orbits):
             return None
         lat_rad, lon_rad, _ = geodetic_from_ecef(place)
-        sat_ecef_m = satellite_positions_m(known, when - timedelta_from_s(_TRAVEL_S))
-        units = unit_vectors(place, rotate_to_reception(sat_ecef_m, _TRAVEL_S))
+        sat_ecef_m = compute_satellite_positions_m(known, when - timedelta_from_s(_TRAVEL_S))
+        units = compute_unit_vectors(place, rotate_to_reception(sat_ecef_m, _TRAVEL_S))
         unit_enu = np.asarray(units @ rot_enu_ecef(lat_rad, lon_rad).T)
         unit_enu[:, 2] += _THINNER / np.maximum(unit_enu[:, 2], POLICY.least_elevation_sine)
         _, _, matrix = compute_contrasts(self.ranges.range_m[..., :2], self.ranges.sigma_m[:, :2], self.ranges.kinds)

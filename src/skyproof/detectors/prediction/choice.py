@@ -50,7 +50,7 @@ from skyproof.fusion.corrected import CorrectedNavigator
 from skyproof.fusion.policy import POLICY
 from skyproof.fusion.skies import name_skies, sky_onset
 from skyproof.fusion.timeline import Onset, Pair, compare_pairs
-from skyproof.gnss.time import iso, timedelta_from_s
+from skyproof.gnss.time import format_iso, timedelta_from_s
 from skyproof.navigation.nav_estimate import NavEstimate
 from skyproof.navigation.prediction import Choice, are_parted_unseen, choose, fit_p_value
 from skyproof.navigation.predictor import Predictor, SkyFix
@@ -369,7 +369,7 @@ class _Here:
         if until is None:
             return {"assumes": assumes}
         concert = () if until <= watch.clean_until else ("no_concert",)
-        return {"assumes": (*concert, "clean_start", *assumes), "clean_until": iso(until, 0)[11:]}
+        return {"assumes": (*concert, "clean_start", *assumes), "clean_until": format_iso(until, 0)[11:]}
 
     def _judge(self, watch: _Watch) -> tuple[list[Finding], _Watch]:
         """Return what is said of the skies that the receiver's channels follow."""

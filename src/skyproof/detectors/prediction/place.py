@@ -29,7 +29,7 @@ from skyproof.detectors.prediction.policy import POLICY
 from skyproof.errors import require_probability
 from skyproof.fusion.candidates import FixMaker, SkyCandidates, candidates_in, reference_kind
 from skyproof.gnss.frames import geodetic_from_ecef
-from skyproof.gnss.slips import HEIGHT, UNLISTED, position_slips
+from skyproof.gnss.slips import HEIGHT, UNLISTED, list_position_slips
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, mark_unknown
 from skyproof.navigation.prediction import fit_p_value
@@ -228,7 +228,7 @@ class _Here:
         lat, lon, height_m = geodetic_from_ecef(shown.fix.mean[:3])
         height = f"height_m = {float(height_m):.1f}"
         found = []
-        for slip in position_slips(shown.expected.mean[:3]):
+        for slip in list_position_slips(shown.expected.mean[:3]):
             mean, covariance = shown.expected.mean.copy(), shown.expected.covariance.copy()
             mean[:3] = slip.position_ecef_m
             covariance[:3, :3] += slip.covariance_m2

@@ -23,8 +23,8 @@ from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.second_signals.echoes import EchoModel, Second, echo_p_value, false_over_echo
 from skyproof.detectors.second_signals.policy import POLICY
 from skyproof.errors import SettingsError, require_probability
-from skyproof.gnss.orbits import satellite_state
-from skyproof.gnss.sky import azimuth_elevation
+from skyproof.gnss.orbits import compute_satellite_state
+from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.records import (
     Cause,
     ConsistentSet,
@@ -235,7 +235,11 @@ def elevation_rad(navigation: NavigationData | None, sets: Sequence[ConsistentSe
     orbit = navigation.best(sat, sets[0].gpst) if navigation is not None and sets else None
     if orbit is None:
         return float("nan")
-    return float(azimuth_elevation(sets[0].position_ecef_m, satellite_state(orbit, sets[0].gpst).position_ecef_m)[1])
+    return float(
+        compute_azimuth_elevation(
+            sets[0].position_ecef_m, compute_satellite_state(orbit, sets[0].gpst).position_ecef_m
+        )[1]
+    )
 
 
 class SecondSignals:

@@ -10,7 +10,7 @@ from typing import Any, Final
 from skyproof.gnss.constants import BDT_BEHIND_GPST_S, SECONDS_PER_DAY
 from skyproof.gnss.ephemeris import Ephemeris, UtcParameters, UtcStatement
 from skyproof.gnss.messages.bit_fields import EPHEMERIS_NAMES, BitField, Words, read_fields
-from skyproof.gnss.time import gpst, nearest_week
+from skyproof.gnss.time import find_nearest_week, gpst
 
 __all__ = ["d1_ephemeris", "d1_subframe", "d1_utc", "d2_ephemeris", "d2_page"]
 
@@ -84,7 +84,7 @@ def d1_utc(subframe: Mapping[str, float], sat: str, week_near: int) -> UtcStatem
     """
     if subframe.get("page") != _UTC_PAGE:
         return None
-    week = nearest_week(int(subframe["wn_lsf_mod_256"]) + _WEEK_0, week_near, 256)
+    week = find_nearest_week(int(subframe["wn_lsf_mod_256"]) + _WEEK_0, week_near, 256)
     leap_seconds, later = (int(subframe[name] + BDT_BEHIND_GPST_S) for name in ("leap_seconds", "leap_seconds_future"))
     # Its parameters count from the beginning of the week.
     return UtcStatement(
@@ -107,7 +107,7 @@ def d1_ephemeris(subframes: Words, sat: str, week_near: int) -> Ephemeris | None
         return None
     merged: dict[str, Any] = {**subframes[3], **subframes[2], **subframes[1]}
     merged["toe"] = merged["toe_high"] + merged["toe_low"]
-    return _ephemeris(merged, sat, week_near, "D1")
+    return _make_ephemeris(merged, sat, week_near, "D1")
 
 
 _D2_PAGES: Final[dict[int, tuple[BitField, ...]]] = {
@@ -192,11 +192,11 @@ def d2_ephemeris(pages: Words, sat: str, week_near: int) -> Ephemeris | None:
         n_bits = field.runs[0][1] + n_low
         merged[name] = field.value(int(merged[f"{name}_high"]) << n_low | int(merged[f"{name}_low"]), n_bits)
     merged["sow_s"] = first_s
-    return _ephemeris(merged, sat, week_near, "D2")
+    return _make_ephemeris(merged, sat, week_near, "D2")
 
 
-def _ephemeris(merged: Mapping[str, Any], sat: str, week_near: int, message: str) -> Ephemeris:
-    sent_week = nearest_week(int(merged["week_mod_8192"]) + _WEEK_0, week_near, 8192)
+def _make_ephemeris(merged: Mapping[str, Any], sat: str, week_near: int, message: str) -> Ephemeris:
+    sent_week = find_nearest_week(int(merged["week_mod_8192"]) + _WEEK_0, week_near, 8192)
     return Ephemeris(
         sat=sat,
         week=sent_week + round((merged["sow_s"] - merged["toe"]) / 604_800),

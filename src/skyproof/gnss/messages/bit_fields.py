@@ -10,12 +10,12 @@ __all__ = [
     "EPHEMERIS_NAMES",
     "BitField",
     "Words",
-    "angle",
+    "angle_options",
     "chain_fields",
-    "crc_24q",
-    "magnitude",
+    "compute_crc_24q",
+    "magnitude_options",
     "read_fields",
-    "signed",
+    "sign_options",
 ]
 
 Words = Mapping[int, Mapping[str, float]]
@@ -25,7 +25,7 @@ EPHEMERIS_NAMES: Final = (
     *("toe", "toc", "af0", "af1", "af2", "tgd", "tgd2", "sqrt_a", "e", "i0", "omega0", "omega", "m0", "delta_n"),
     *("idot", "omega_dot", "crs", "crc", "cus", "cuc", "cis", "cic"),
 )
-"""Fields of `Ephemeris` that a message gives as they are."""
+"""Fields of `Ephemeris` that a message gives unchanged."""
 
 
 @dataclass(frozen=True)
@@ -67,17 +67,17 @@ def chain_fields(first: int, *fields: tuple[str, int] | tuple[str, int, dict[str
     return tuple(chained)
 
 
-def signed(scale: float) -> dict[str, Any]:
+def sign_options(scale: float) -> dict[str, Any]:
     """Return what makes a field one in two's complement."""
     return {"scale": scale, "signed": True}
 
 
-def angle(scale: float) -> dict[str, Any]:
+def angle_options(scale: float) -> dict[str, Any]:
     """Return what makes a field a signed angle in semicircles."""
     return {"scale": scale, "signed": True, "angle": True}
 
 
-def magnitude(scale: float) -> dict[str, Any]:
+def magnitude_options(scale: float) -> dict[str, Any]:
     """Return what makes a field a magnitude behind a sign bit."""
     return {"scale": scale, "magnitude": True}
 
@@ -90,7 +90,7 @@ def read_fields(fields: tuple[BitField, ...], frame: int, n_bits: int) -> Mappin
 _CRC_24Q: Final = 0x1864CFB
 
 
-def crc_24q(bits: int, n_bits: int) -> int:
+def compute_crc_24q(bits: int, n_bits: int) -> int:
     """Return the remainder of so many bits (IS-GPS-200N, 30.3.5; Galileo OS SIS ICD 2.1, 4.3.2.3)."""
     value = bits << 24
     for k in range(n_bits + 23, 23, -1):

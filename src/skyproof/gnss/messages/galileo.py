@@ -7,8 +7,8 @@ from typing import Any, Final
 from skyproof.gnss.constants import SECONDS_PER_DAY
 from skyproof.gnss.ephemeris import Ephemeris, UtcParameters, UtcStatement
 from skyproof.gnss.lnav import URA_M
-from skyproof.gnss.messages.bit_fields import EPHEMERIS_NAMES, BitField, Words, crc_24q, read_fields
-from skyproof.gnss.time import gpst, nearest_week
+from skyproof.gnss.messages.bit_fields import EPHEMERIS_NAMES, BitField, Words, compute_crc_24q, read_fields
+from skyproof.gnss.time import find_nearest_week, gpst
 
 __all__ = ["fnav_ephemeris", "fnav_page", "inav_ephemeris", "inav_utc", "inav_word", "sisa_m"]
 
@@ -17,7 +17,7 @@ _INAV_BITS, _WORD_BITS, _FNAV_BITS = 240, 128, 244
 _SISA_STEPS_M: Final = ((50, 0.0, 0.01), (75, 0.5, 0.02), (100, 1.0, 0.04), (126, 2.0, 0.16))  # table 89
 
 
-def _clock(first: int) -> tuple[BitField, ...]:
+def _list_clock_fields(first: int) -> tuple[BitField, ...]:
     """Return time of clock and polynomial, which both messages pack alike."""
     return (
         BitField("toc", ((first, 14),), 60.0),
@@ -57,7 +57,7 @@ _INAV: Final[dict[int, tuple[BitField, ...]]] = {
         BitField("svid", ((16, 6),)),
         BitField("cic", ((22, 16),), 2.0**-29, signed=True),
         BitField("cis", ((38, 16),), 2.0**-29, signed=True),
-        *_clock(54),
+        *_list_clock_fields(54),
     ),
     5: (
         BitField("tgd", ((47, 10),), 2.0**-32, signed=True),
@@ -85,7 +85,7 @@ _FNAV: Final[dict[int, tuple[BitField, ...]]] = {
     1: (
         BitField("svid", ((6, 6),)),
         BitField("iode", ((12, 10),)),
-        *_clock(22),
+        *_list_clock_fields(22),
         BitField("sisa", ((94, 8),)),
         BitField("tgd", ((143, 10),), 2.0**-32, signed=True),
         BitField("e5a_health", ((153, 2),)),
@@ -131,7 +131,7 @@ def inav_word(frame: int) -> tuple[int, Mapping[str, float]] | None:
     if even >> 118 != 0b00 or odd >> 118 != 0b10:  # even or odd, and a nominal page
         return None
     covered = (even >> 6) << 82 | odd >> 38  # 114 bits of the even page and 82 of the odd one
-    if crc_24q(covered, 196) != odd >> 14 & 0xFFFFFF:
+    if compute_crc_24q(covered, 196) != odd >> 14 & 0xFFFFFF:
         return None
     word = (even >> 6 & (1 << 112) - 1) << 16 | odd >> 102 & 0xFFFF
     kind = word >> 122
@@ -140,14 +140,14 @@ def inav_word(frame: int) -> tuple[int, Mapping[str, float]] | None:
 
 def fnav_page(frame: int) -> tuple[int, Mapping[str, float]] | None:
     """Return type and numbers of a page (244 bits); None where its checksum fails."""
-    if crc_24q(frame >> 30, 214) != frame >> 6 & 0xFFFFFF:
+    if compute_crc_24q(frame >> 30, 214) != frame >> 6 & 0xFFFFFF:
         return None
     kind = frame >> 238
     return kind, read_fields(_FNAV.get(kind, ()), frame, _FNAV_BITS)
 
 
 def inav_ephemeris(words: Words, sat: str, week_near: int) -> Ephemeris | None:
-    """Return the ephemeris that words 1 to 5 make; None unless 1 to 4 are of one issue of data.
+    """Return the ephemeris that words 1 to 5 make; None unless 1 to 4 share one issue of data.
 
     week_near : a full GPS week within 39 years of the truth.
     """
@@ -161,24 +161,24 @@ def inav_ephemeris(words: Words, sat: str, week_near: int) -> Ephemeris | None:
     health |= int(of_five["e5b_invalid"]) << 6 | int(of_five["e5b_health"]) << 7
     merged: dict[str, Any] = {**words[1], **words[2], **words[3], **words[4]}
     merged |= {"tgd": of_five["tgd"], "tgd2": of_five["tgd2"]}
-    return _ephemeris(merged, sat, of_five, week_near, health, "INAV")
+    return _make_ephemeris(merged, sat, of_five, week_near, health, "INAV")
 
 
 def fnav_ephemeris(pages: Words, sat: str, week_near: int) -> Ephemeris | None:
-    """Return the ephemeris that pages 1 to 4 make; None unless all are of one issue of data."""
+    """Return the ephemeris that pages 1 to 4 make; None unless all share one issue of data."""
     if not all(kind in pages for kind in (1, 2, 3, 4)):
         return None
     if len({pages[kind]["iode"] for kind in (1, 2, 3, 4)}) != 1 or pages[1]["svid"] != int(sat[1:]):
         return None
     health = (int(pages[1]["e5a_invalid"]) | int(pages[1]["e5a_health"]) << 1) << 3  # bits 3 to 5
     merged: dict[str, Any] = {**pages[1], **pages[2], **pages[3], **pages[4], "tgd2": 0.0}
-    return _ephemeris(merged, sat, pages[1], week_near, health, "FNAV")
+    return _make_ephemeris(merged, sat, pages[1], week_near, health, "FNAV")
 
 
-def _ephemeris(
+def _make_ephemeris(
     merged: dict[str, Any], sat: str, timed: Mapping[str, float], week_near: int, health: int, message: str
 ) -> Ephemeris:
-    sent_week = nearest_week(int(timed["week_mod_4096"]) + _GST_WEEK_0, week_near, 4096)
+    sent_week = find_nearest_week(int(timed["week_mod_4096"]) + _GST_WEEK_0, week_near, 4096)
 
     def week_of(second: float) -> int:
         """Return the week of a time of ephemeris or clock, which lies within half a week of when it was sent."""
@@ -199,8 +199,8 @@ def _ephemeris(
 
 def inav_utc(word: Mapping[str, float], sat: str, week_near: int) -> UtcStatement:
     """Return what word 6 says of UTC (5.1.7). week_near : a full GPS week within two years of the truth."""
-    week = nearest_week(int(word["wnt_mod_256"]) + _GST_WEEK_0, week_near, 256)
-    later_week = nearest_week(int(word["wn_lsf_mod_256"]) + _GST_WEEK_0, week_near, 256)
+    week = find_nearest_week(int(word["wnt_mod_256"]) + _GST_WEEK_0, week_near, 256)
+    later_week = find_nearest_week(int(word["wn_lsf_mod_256"]) + _GST_WEEK_0, week_near, 256)
     leap_seconds = int(word["leap_seconds"])
     return UtcStatement(
         sat=sat,

@@ -11,9 +11,17 @@ from typing import Any, Final
 
 from skyproof.gnss.constants import BDT_WEEK_0, GPS_PI
 from skyproof.gnss.ephemeris import GEOSTATIONARY, Ephemeris
-from skyproof.gnss.messages.bit_fields import BitField, Words, angle, chain_fields, crc_24q, read_fields, signed
-from skyproof.gnss.orbit_faults import orbit_fault
-from skyproof.gnss.time import nearest_week
+from skyproof.gnss.messages.bit_fields import (
+    BitField,
+    Words,
+    angle_options,
+    chain_fields,
+    compute_crc_24q,
+    read_fields,
+    sign_options,
+)
+from skyproof.gnss.orbit_faults import find_orbit_fault
+from skyproof.gnss.time import find_nearest_week
 
 __all__ = [
     "bcnav1_ephemeris",
@@ -38,32 +46,32 @@ _Chained = tuple[str, int, dict[str, Any]]
 
 
 _ORBIT: Final = (
-    ("delta_a", 26, signed(2.0**-9)),
-    ("a_dot", 25, signed(2.0**-21)),
-    ("delta_n", 17, angle(2.0**-44)),
-    ("delta_n_dot", 23, angle(2.0**-57)),
-    ("m0", 33, angle(2.0**-32)),
+    ("delta_a", 26, sign_options(2.0**-9)),
+    ("a_dot", 25, sign_options(2.0**-21)),
+    ("delta_n", 17, angle_options(2.0**-44)),
+    ("delta_n_dot", 23, angle_options(2.0**-57)),
+    ("m0", 33, angle_options(2.0**-32)),
     ("e", 33, {"scale": 2.0**-34}),
-    ("omega", 33, angle(2.0**-32)),
+    ("omega", 33, angle_options(2.0**-32)),
 )
 _HARMONICS: Final = (
-    ("idot", 15, angle(2.0**-44)),
-    ("cis", 16, signed(2.0**-30)),
-    ("cic", 16, signed(2.0**-30)),
-    ("crs", 24, signed(2.0**-8)),
-    ("crc", 24, signed(2.0**-8)),
-    ("cus", 21, signed(2.0**-30)),
-    ("cuc", 21, signed(2.0**-30)),
+    ("idot", 15, angle_options(2.0**-44)),
+    ("cis", 16, sign_options(2.0**-30)),
+    ("cic", 16, sign_options(2.0**-30)),
+    ("crs", 24, sign_options(2.0**-8)),
+    ("crc", 24, sign_options(2.0**-8)),
+    ("cus", 21, sign_options(2.0**-30)),
+    ("cuc", 21, sign_options(2.0**-30)),
 )
-_PLANE: Final = (("omega0", 33, angle(2.0**-32)), ("i0", 33, angle(2.0**-32)))
+_PLANE: Final = (("omega0", 33, angle_options(2.0**-32)), ("i0", 33, angle_options(2.0**-32)))
 _TOE: Final = ("toe", 11, {"scale": 300.0})
 _CLOCK: Final = (
     *chain_fields(
         60,
         ("toc", 11, {"scale": 300.0}),
-        ("af0", 26, signed(2.0**-35)),
-        ("af1", 20, signed(2.0**-48)),
-        ("af2", 10, signed(2.0**-60)),
+        ("af0", 26, sign_options(2.0**-35)),
+        ("af1", 20, sign_options(2.0**-48)),
+        ("af2", 10, sign_options(2.0**-60)),
     ),
 )
 _CNAV: Final[dict[int, tuple[BitField, ...]]] = {
@@ -73,28 +81,28 @@ _CNAV: Final[dict[int, tuple[BitField, ...]]] = {
         BitField("ura_ed", ((65, 5),), signed=True),
         *chain_fields(70, _TOE, *_ORBIT),
     ),
-    11: chain_fields(38, _TOE, *_PLANE, ("delta_omega_dot", 17, angle(2.0**-44)), *_HARMONICS),
+    11: chain_fields(38, _TOE, *_PLANE, ("delta_omega_dot", 17, angle_options(2.0**-44)), *_HARMONICS),
     30: (
         *_CLOCK,
         *chain_fields(127, *((f"{name}_steps", 13, {"signed": True}) for name in ("tgd", "l1ca", "l2c", "l5i", "l5q"))),
     ),
     **dict.fromkeys(range(31, 38), _CLOCK),
 }
-"""Of the message types (figures 30-1 to 30-8). Group delays are in steps of 2^-35 s, one of which means none."""
+"""Of the message types (figures 30-1 to 30-8). Group delays are in steps of 2^-35 s; one value means none."""
 _FIRST: Final[tuple[_Chained, ...]] = (_TOE, ("kind", 2, {}), *_ORBIT)
-_SECOND: Final = (*_PLANE, ("omega_dot", 19, angle(2.0**-44)), *_HARMONICS)
+_SECOND: Final = (*_PLANE, ("omega_dot", 19, angle_options(2.0**-44)), *_HARMONICS)
 _BDS_CLOCK: Final = (
     ("toc", 11, {"scale": 300.0}),
-    ("af0", 25, signed(2.0**-34)),
-    ("af1", 22, signed(2.0**-50)),
-    ("af2", 11, signed(2.0**-66)),
+    ("af0", 25, sign_options(2.0**-34)),
+    ("af1", 22, sign_options(2.0**-50)),
+    ("af2", 11, sign_options(2.0**-66)),
 )
 _BCNAV2: Final[dict[int, tuple[BitField, ...]]] = {
     10: (BitField("week_bdt", ((30, 13),)), BitField("iode", ((53, 8),)), *chain_fields(61, *_FIRST)),
     11: (BitField("health", ((30, 2),)), *chain_fields(42, *_SECOND)),
     30: (
         *chain_fields(42, *_BDS_CLOCK, ("iodc", 10, {})),
-        *chain_fields(121, ("tgd_b2a", 12, signed(2.0**-34)), ("isc_b2a", 12, signed(2.0**-34))),
+        *chain_fields(121, ("tgd_b2a", 12, sign_options(2.0**-34)), ("isc_b2a", 12, sign_options(2.0**-34))),
         BitField("tgd_b1c", ((219, 12),), 2.0**-34, signed=True),
     ),
 }
@@ -107,13 +115,13 @@ _BCNAV1: Final = chain_fields(
     *_FIRST,
     *_SECOND,
     *_BDS_CLOCK,
-    *((name, 12, signed(2.0**-34)) for name in ("tgd_b2a", "isc_b1c", "tgd_b1c")),
+    *((name, 12, sign_options(2.0**-34)) for name in ("tgd_b2a", "isc_b1c", "tgd_b1c")),
 )
 
 
-def _checked(frame: int, n_bits: int) -> bool:
+def _check_crc(frame: int, n_bits: int) -> bool:
     """Tell whether the checksum in the last 24 bits of a frame holds."""
-    return crc_24q(frame >> 24, n_bits - 24) == frame & 0xFFFFFF
+    return compute_crc_24q(frame >> 24, n_bits - 24) == frame & 0xFFFFFF
 
 
 def cnav_message(frame: int) -> tuple[int, Mapping[str, float]] | None:
@@ -121,7 +129,7 @@ def cnav_message(frame: int) -> tuple[int, Mapping[str, float]] | None:
 
     Types 30 to 37 have the clock, 30 the group delays too.
     """
-    if frame >> 292 != _PREAMBLE or not _checked(frame, _CNAV_BITS):
+    if frame >> 292 != _PREAMBLE or not _check_crc(frame, _CNAV_BITS):
         return None
     kind = frame >> 280 & 63
     head = {"prn": float(frame >> 286 & 63), "tow_s": 6.0 * (frame >> 263 & 0x1FFFF)}
@@ -129,7 +137,7 @@ def cnav_message(frame: int) -> tuple[int, Mapping[str, float]] | None:
 
 
 def cnav_ephemeris(messages: Words, sat: str, week_near: int) -> Ephemeris | None:
-    """Return the ephemeris that messages 10, 11, 30 and one with the clock make; None unless they are of one time.
+    """Return the ephemeris that messages 10, 11, 30 and one with the clock make; None unless they have one time.
 
     None of QZSS, whose axis and node count from elsewhere; its LNAV says the same.
 
@@ -142,11 +150,11 @@ def cnav_ephemeris(messages: Words, sat: str, week_near: int) -> Ephemeris | Non
     clock = next((c for c in clocks if c["toc"] == first["toe"] == second["toe"]), None)
     if clock is None or sat[0] != "G" or first["prn"] != int(sat[1:]):
         return None
-    week = nearest_week(int(first["week_mod_8192"]), week_near, 8192)
+    week = find_nearest_week(int(first["week_mod_8192"]), week_near, 8192)
     values: dict[str, Any] = {**clock, **second, **first}
     values["omega_dot"] = _OMEGA_DOT + values["delta_omega_dot"]
-    delays_s = _gps_delays_s(messages[30])
-    return _ephemeris(
+    delays_s = _list_gps_delays_s(messages[30])
+    return _make_ephemeris(
         values,
         sat,
         _AXIS_M["GPS"],
@@ -159,7 +167,7 @@ def cnav_ephemeris(messages: Words, sat: str, week_near: int) -> Ephemeris | Non
     )
 
 
-def _gps_delays_s(message: Mapping[str, float]) -> tuple[tuple[str, str, float], ...]:
+def _list_gps_delays_s(message: Mapping[str, float]) -> tuple[tuple[str, str, float], ...]:
     """Return what users of single signals take off the clock: group delay less the signal's own correction."""
     tgd = message["tgd_steps"]
     if tgd == _UNKNOWN:
@@ -177,7 +185,7 @@ def _gps_delays_s(message: Mapping[str, float]) -> tuple[tuple[str, str, float],
 
 def bcnav2_message(frame: int) -> tuple[int, Mapping[str, float]] | None:
     """Return type and numbers of a message of B-CNAV2 (288 bits); None where its checksum fails."""
-    if not _checked(frame, _BCNAV2_BITS):
+    if not _check_crc(frame, _BCNAV2_BITS):
         return None
     kind = frame >> 276 & 63
     head = {"prn": float(frame >> 282), "sow_s": 3.0 * (frame >> 258 & 0x3FFFF)}
@@ -185,7 +193,7 @@ def bcnav2_message(frame: int) -> tuple[int, Mapping[str, float]] | None:
 
 
 def bcnav2_ephemeris(messages: Words, sat: str, week_near: int) -> Ephemeris | None:
-    """Return the ephemeris that messages 10, 11 and 30 make; None unless they are of one issue and came one by one.
+    """Return the ephemeris that messages 10, 11 and 30 make; None unless they share one issue and came in order.
 
     Message 11 has no issue of its own: it is the one that follows 10, within the minute.
     """
@@ -197,12 +205,12 @@ def bcnav2_ephemeris(messages: Words, sat: str, week_near: int) -> Ephemeris | N
     values: dict[str, Any] = {**clock, **second, **first}
     b1c, b2a = values["tgd_b1c"], values["tgd_b2a"]
     delays_s = (("B1C", "1P 1X", b1c), ("B2a", "5P 5X", b2a), ("B2a", "5D", b2a + values["isc_b2a"]))
-    return _beidou(values, sat, week_near, first["sow_s"], "BCNAV2", int(values["health"]), delays_s)
+    return _make_beidou(values, sat, week_near, first["sow_s"], "BCNAV2", int(values["health"]), delays_s)
 
 
 def bcnav1_subframe(frame: int) -> tuple[int, Mapping[str, float]] | None:
     """Return 2 and the numbers of subframe 2 of B-CNAV1 (600 bits); None where its checksum fails."""
-    return (2, read_fields(_BCNAV1, frame, _BCNAV1_BITS)) if _checked(frame, _BCNAV1_BITS) else None
+    return (2, read_fields(_BCNAV1, frame, _BCNAV1_BITS)) if _check_crc(frame, _BCNAV1_BITS) else None
 
 
 def bcnav1_ephemeris(subframes: Words, sat: str, week_near: int) -> Ephemeris | None:
@@ -212,10 +220,10 @@ def bcnav1_ephemeris(subframes: Words, sat: str, week_near: int) -> Ephemeris | 
         return None
     b1c, b2a = values["tgd_b1c"], values["tgd_b2a"]
     delays_s = (("B1C", "1P 1X", b1c), ("B1C", "1D", b1c + values["isc_b1c"]), ("B2a", "5P 5X", b2a))
-    return _beidou(values, sat, week_near, 3600.0 * values["hour"], "BCNAV1", 0, delays_s)
+    return _make_beidou(values, sat, week_near, 3600.0 * values["hour"], "BCNAV1", 0, delays_s)
 
 
-def _beidou(
+def _make_beidou(
     values: dict[str, Any],
     sat: str,
     week_near: int,
@@ -227,8 +235,8 @@ def _beidou(
     """Return an ephemeris of BeiDou-3; None of a kind of orbit that sends no B-CNAV."""
     if sat in GEOSTATIONARY or values["kind"] not in (2, 3):
         return None
-    week = nearest_week(int(values["week_bdt"]) + BDT_WEEK_0, week_near, 8192)
-    return _ephemeris(
+    week = find_nearest_week(int(values["week_bdt"]) + BDT_WEEK_0, week_near, 8192)
+    return _make_ephemeris(
         values,
         sat,
         _AXIS_M["IGSO" if values["kind"] == 2 else "MEO"],
@@ -250,8 +258,8 @@ _AS_THEY_ARE: Final = (
 )
 
 
-def _ephemeris(values: Mapping[str, Any], sat: str, axis_m: float, week: int, **more: Any) -> Ephemeris | None:
-    """Return the ephemeris of a week; None for an orbit that nobody flies."""
+def _make_ephemeris(values: Mapping[str, Any], sat: str, axis_m: float, week: int, **more: Any) -> Ephemeris | None:
+    """Return the ephemeris of a week; None for an impossible orbit."""
     axis_m += values["delta_a"]
     if axis_m <= 0.0:
         return None
@@ -264,4 +272,4 @@ def _ephemeris(values: Mapping[str, Any], sat: str, axis_m: float, week: int, **
         **(issues | more),
         **{name: values[name] for name in _AS_THEY_ARE},
     )
-    return made if orbit_fault(made) is None else None
+    return made if find_orbit_fault(made) is None else None

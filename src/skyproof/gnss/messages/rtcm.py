@@ -15,60 +15,60 @@ from skyproof.gnss.lnav import URA_M, fit_interval_h
 from skyproof.gnss.messages.bit_fields import (
     EPHEMERIS_NAMES,
     BitField,
-    angle,
+    angle_options,
     chain_fields,
-    magnitude,
+    magnitude_options,
     read_fields,
-    signed,
+    sign_options,
 )
 from skyproof.gnss.messages.galileo import sisa_m
 from skyproof.gnss.messages.glonass import glonass_ephemeris
-from skyproof.gnss.orbit_faults import orbit_fault
-from skyproof.gnss.time import nearest_week, week_and_tow
+from skyproof.gnss.orbit_faults import find_orbit_fault
+from skyproof.gnss.time import find_nearest_week, week_and_tow
 
-__all__ = ["EPHEMERIS_MESSAGES", "RelayedOrbit", "relayed_orbit"]
+__all__ = ["EPHEMERIS_MESSAGES", "RelayedOrbit", "read_relayed_orbit"]
 
 
 _ORBIT_OF_GPS: Final = (
-    ("crs", 16, signed(2.0**-5)),
-    ("delta_n", 16, angle(2.0**-43)),
-    ("m0", 32, angle(2.0**-31)),
-    ("cuc", 16, signed(2.0**-29)),
+    ("crs", 16, sign_options(2.0**-5)),
+    ("delta_n", 16, angle_options(2.0**-43)),
+    ("m0", 32, angle_options(2.0**-31)),
+    ("cuc", 16, sign_options(2.0**-29)),
     ("e", 32, {"scale": 2.0**-33}),
-    ("cus", 16, signed(2.0**-29)),
+    ("cus", 16, sign_options(2.0**-29)),
     ("sqrt_a", 32, {"scale": 2.0**-19}),
 )
 _PLANE_OF_GPS: Final = (
-    ("cic", 16, signed(2.0**-29)),
-    ("omega0", 32, angle(2.0**-31)),
-    ("cis", 16, signed(2.0**-29)),
-    ("i0", 32, angle(2.0**-31)),
-    ("crc", 16, signed(2.0**-5)),
-    ("omega", 32, angle(2.0**-31)),
-    ("omega_dot", 24, angle(2.0**-43)),
+    ("cic", 16, sign_options(2.0**-29)),
+    ("omega0", 32, angle_options(2.0**-31)),
+    ("cis", 16, sign_options(2.0**-29)),
+    ("i0", 32, angle_options(2.0**-31)),
+    ("crc", 16, sign_options(2.0**-5)),
+    ("omega", 32, angle_options(2.0**-31)),
+    ("omega_dot", 24, angle_options(2.0**-43)),
 )
 _CLOCK_OF_GPS: Final = (
     ("toc", 16, {"scale": 16.0}),
-    ("af2", 8, signed(2.0**-55)),
-    ("af1", 16, signed(2.0**-43)),
-    ("af0", 22, signed(2.0**-31)),
+    ("af2", 8, sign_options(2.0**-55)),
+    ("af1", 16, sign_options(2.0**-43)),
+    ("af0", 22, sign_options(2.0**-31)),
 )
 _GALILEO: Final = (
     ("week", 12),
     ("iode", 10),
     ("sisa", 8),
-    ("idot", 14, angle(2.0**-43)),
+    ("idot", 14, angle_options(2.0**-43)),
     ("toc", 14, {"scale": 60.0}),
-    ("af2", 6, signed(2.0**-59)),
-    ("af1", 21, signed(2.0**-46)),
-    ("af0", 31, signed(2.0**-34)),
+    ("af2", 6, sign_options(2.0**-59)),
+    ("af1", 21, sign_options(2.0**-46)),
+    ("af0", 31, sign_options(2.0**-34)),
     *_ORBIT_OF_GPS,
     ("toe", 14, {"scale": 60.0}),
     *_PLANE_OF_GPS,
-    ("tgd", 10, signed(2.0**-32)),
+    ("tgd", 10, sign_options(2.0**-32)),
 )
 _STATE: Final = tuple(
-    (f"{axis}_{name}", length, magnitude(scale))
+    (f"{axis}_{name}", length, magnitude_options(scale))
     for axis in "xyz"
     for name, length, scale in (
         ("velocity_m_s", 24, 1e3 * 2.0**-20),
@@ -83,14 +83,14 @@ _FIELDS: Final[dict[int, tuple[BitField, ...]]] = {
         ("week", 10),
         ("ura_index", 4),
         ("code_on_l2", 2),
-        ("idot", 14, angle(2.0**-43)),
+        ("idot", 14, angle_options(2.0**-43)),
         ("iode", 8),
         *_CLOCK_OF_GPS,
         ("iodc", 10),
         *_ORBIT_OF_GPS,
         ("toe", 16, {"scale": 16.0}),
         *_PLANE_OF_GPS,
-        ("tgd", 8, signed(2.0**-31)),
+        ("tgd", 8, sign_options(2.0**-31)),
         ("health", 6),
         ("l2_p_flag", 1),
         ("fit", 1),
@@ -107,11 +107,11 @@ _FIELDS: Final[dict[int, tuple[BitField, ...]]] = {
         ("reference_steps", 7),
         *_STATE,
         ("p3", 1),
-        ("gamma_n", 11, magnitude(2.0**-40)),
+        ("gamma_n", 11, magnitude_options(2.0**-40)),
         ("p", 2),
         ("ill", 1),
-        ("tau_n", 22, magnitude(2.0**-30)),
-        ("delta_tau_n", 5, magnitude(2.0**-30)),
+        ("tau_n", 22, magnitude_options(2.0**-30)),
+        ("delta_tau_n", 5, magnitude_options(2.0**-30)),
         ("age_days", 5),
     ),
     1042: chain_fields(
@@ -119,30 +119,30 @@ _FIELDS: Final[dict[int, tuple[BitField, ...]]] = {
         ("sv", 6),
         ("week", 13),
         ("ura_index", 4),
-        ("idot", 14, angle(2.0**-43)),
+        ("idot", 14, angle_options(2.0**-43)),
         ("iode", 5),
         ("toc", 17, {"scale": 8.0}),
-        ("af2", 11, signed(2.0**-66)),
-        ("af1", 22, signed(2.0**-50)),
-        ("af0", 24, signed(2.0**-33)),
+        ("af2", 11, sign_options(2.0**-66)),
+        ("af1", 22, sign_options(2.0**-50)),
+        ("af0", 24, sign_options(2.0**-33)),
         ("iodc", 5),
-        ("crs", 18, signed(2.0**-6)),
-        ("delta_n", 16, angle(2.0**-43)),
-        ("m0", 32, angle(2.0**-31)),
-        ("cuc", 18, signed(2.0**-31)),
+        ("crs", 18, sign_options(2.0**-6)),
+        ("delta_n", 16, angle_options(2.0**-43)),
+        ("m0", 32, angle_options(2.0**-31)),
+        ("cuc", 18, sign_options(2.0**-31)),
         ("e", 32, {"scale": 2.0**-33}),
-        ("cus", 18, signed(2.0**-31)),
+        ("cus", 18, sign_options(2.0**-31)),
         ("sqrt_a", 32, {"scale": 2.0**-19}),
         ("toe", 17, {"scale": 8.0}),
-        ("cic", 18, signed(2.0**-31)),
-        ("omega0", 32, angle(2.0**-31)),
-        ("cis", 18, signed(2.0**-31)),
-        ("i0", 32, angle(2.0**-31)),
-        ("crc", 18, signed(2.0**-6)),
-        ("omega", 32, angle(2.0**-31)),
-        ("omega_dot", 24, angle(2.0**-43)),
-        ("tgd", 10, signed(1e-10)),
-        ("tgd2", 10, signed(1e-10)),
+        ("cic", 18, sign_options(2.0**-31)),
+        ("omega0", 32, angle_options(2.0**-31)),
+        ("cis", 18, sign_options(2.0**-31)),
+        ("i0", 32, angle_options(2.0**-31)),
+        ("crc", 18, sign_options(2.0**-6)),
+        ("omega", 32, angle_options(2.0**-31)),
+        ("omega_dot", 24, angle_options(2.0**-43)),
+        ("tgd", 10, sign_options(1e-10)),
+        ("tgd2", 10, sign_options(1e-10)),
         ("health", 1),
     ),
     1044: chain_fields(
@@ -153,12 +153,12 @@ _FIELDS: Final[dict[int, tuple[BitField, ...]]] = {
         *_ORBIT_OF_GPS,
         ("toe", 16, {"scale": 16.0}),
         *_PLANE_OF_GPS,
-        ("idot", 14, angle(2.0**-43)),
+        ("idot", 14, angle_options(2.0**-43)),
         ("code_on_l2", 2),
         ("week", 10),
         ("ura_index", 4),
         ("health", 6),
-        ("tgd", 8, signed(2.0**-31)),
+        ("tgd", 8, sign_options(2.0**-31)),
         ("iodc", 10),
         ("fit", 1),
     ),
@@ -167,7 +167,7 @@ _FIELDS: Final[dict[int, tuple[BitField, ...]]] = {
         12,
         ("sv", 6),
         *_GALILEO,
-        ("tgd2", 10, signed(2.0**-32)),
+        ("tgd2", 10, sign_options(2.0**-32)),
         ("e5b_health", 2),
         ("e5b_invalid", 1),
         ("e1_health", 2),
@@ -201,17 +201,17 @@ class RelayedOrbit:
     values: Mapping[str, float]
 
     def ephemeris(self, received_gpst: np.datetime64) -> BroadcastEphemeris | None:
-        """Return the orbit as of when it came; None for one that nobody flies."""
-        made = self._glonass(received_gpst) if self.sat[0] == "R" else self._kepler(received_gpst)
-        return None if made is None or orbit_fault(made) is not None else made
+        """Return the orbit as of when it came; None for an impossible one."""
+        made = self._make_glonass(received_gpst) if self.sat[0] == "R" else self._make_kepler(received_gpst)
+        return None if made is None or find_orbit_fault(made) is not None else made
 
-    def _glonass(self, received_gpst: np.datetime64) -> BroadcastEphemeris | None:
+    def _make_glonass(self, received_gpst: np.datetime64) -> BroadcastEphemeris | None:
         if self.channel is None:
             return None
         values = {**self.values, "health": int(self.values["ill_b"]) << 2}
         return glonass_ephemeris({1: {}, 2: {}, 3: {}, 4: values}, self.sat, received_gpst, self.channel)
 
-    def _kepler(self, received_gpst: np.datetime64) -> Ephemeris:
+    def _make_kepler(self, received_gpst: np.datetime64) -> Ephemeris:
         system, message, _, _ = EPHEMERIS_MESSAGES[self.number]
         values: dict[str, Any] = {"tgd2": 0.0, **self.values}
         week, tow_s = week_and_tow(received_gpst)
@@ -222,7 +222,7 @@ class RelayedOrbit:
 
         more: dict[str, Any] = {}
         if system == "E":
-            more = {"iodc": values["iode"], "health": _galileo_health(values)}
+            more = {"iodc": values["iode"], "health": _pack_galileo_health(values)}
             more["ura_index"] = bisect.bisect_left(URA_M, sisa_m(int(values["sisa"])))
         elif system != "C":
             more = {name: int(values[name]) for name in ("code_on_l2", "l2_p_flag") if name in values}
@@ -240,7 +240,7 @@ class RelayedOrbit:
         )
 
 
-def _galileo_health(values: Mapping[str, float]) -> int:
+def _pack_galileo_health(values: Mapping[str, float]) -> int:
     """Return the bits as RINEX packs them (3.05, table A8): E1-B in 0 to 2, E5a in 3 to 5, E5b in 6 to 8."""
     places = {"e1": 0, "e5a": 3, "e5b": 6}
     return sum(
@@ -250,7 +250,7 @@ def _galileo_health(values: Mapping[str, float]) -> int:
     )
 
 
-def relayed_orbit(content: bytes, week_near: int) -> RelayedOrbit | None:
+def read_relayed_orbit(content: bytes, week_near: int) -> RelayedOrbit | None:
     """Read an ephemeris message; None for another one, one that is too short, or of a satellite that has no name.
 
     content : of the frame, from the message's number on. week_near : a full GPS week within half of the modulus of
@@ -277,7 +277,7 @@ def relayed_orbit(content: bytes, week_near: int) -> RelayedOrbit | None:
     return RelayedOrbit(
         number=number,
         sat=f"{system}{sv:02d}",
-        week=nearest_week(int(values["week"]) + week_0, week_near, modulus),
+        week=find_nearest_week(int(values["week"]) + week_0, week_near, modulus),
         toe_s=values["toe"] + ahead_of_system_s(system),
         channel=None,
         values=values,

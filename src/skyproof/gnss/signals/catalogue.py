@@ -26,7 +26,7 @@ _OF_BAND: Final = {plan.band: plan for plan in reversed(PLANS)}
 def plan_of(system: str, band: str, code: str) -> SignalPlan:
     """Return the plan of a signal by its system's letter, its band and its code (`SignalId`).
 
-    A code that no plan names is a signal of its own, with the chips of the first plan of that system and band, or of
+    A code that no plan names is a signal of its own. It has the chips of the first plan of that system and band, or of
     that band in another system. Raises ValueError for a band that no system has.
     """
     of_band = [plan for plan in PLANS if plan.band == band]

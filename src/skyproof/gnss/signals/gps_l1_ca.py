@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from skyproof.gnss.codes import ca_code
+from skyproof.gnss.codes import generate_ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, CA_CODE_LENGTH, L1_HZ
 from skyproof.gnss.lnav import (
     BITS_PER_SUBFRAME,
@@ -10,7 +10,7 @@ from skyproof.gnss.lnav import (
     decode_how,
     decode_subframe,
     find_subframes,
-    word_signs,
+    find_word_signs,
 )
 from skyproof.gnss.signals.plan import MessageDecoder, SignalPlan
 
@@ -30,7 +30,7 @@ _LNAV: Final = MessageDecoder(
     read_time=decode_how,
     read_frame=decode_subframe,
     keeps=_is_kept,
-    sign_words=word_signs,
+    sign_words=find_word_signs,
 )
 
 GPS_L1_CA: Final = SignalPlan(
@@ -44,7 +44,7 @@ GPS_L1_CA: Final = SignalPlan(
     symbol_s=0.02,
     message="LNAV",
     decoder=_LNAV,
-    code=ca_code,
+    code=generate_ca_code,
     strongest_dbw=-153.0,  # 6.3.1
     highest_side_lobe=65.0 / CA_CODE_LENGTH,  # three-valued Gold codes: -65, -1, 63
 )

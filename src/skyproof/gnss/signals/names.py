@@ -50,7 +50,7 @@ _FDMA: Final = ("G1", "G2")
 
 
 def rinex_signal(system: str, attribute: str, version: float = 3.05) -> tuple[str, str] | None:
-    """Band and code of a RINEX 3 signal such as "1C"; None for a band that the system does not have.
+    """Return band and code of a RINEX 3 signal such as "1C"; None for a band that the system has not.
 
     C/A codes are "CA" (GPS, QZSS, SBAS on L1, GLONASS on G1 and G2), BeiDou's codes keep the band's digit ("2I", "1P"),
     all others are the attribute ("Q"). Version 3.02 wrote BeiDou's B1I as band 1.
@@ -69,7 +69,7 @@ def rinex_signal(system: str, attribute: str, version: float = 3.05) -> tuple[st
 
 
 def rinex_attribute(sat: str, band: str, code: str) -> str | None:
-    """What RINEX 3.05 calls a signal, "1C" for instance; None where it has no name for it."""
+    """Return what RINEX 3.05 calls a signal, "1C" for instance; None where it has no name for it."""
     digits = [digit for digit, name in _BANDS.get(sat[0], {}).items() if name == ("B2" if band == "B2b" else band)]
     candidates = [code] if sat[0] == "C" else [digit + ("C" if code == "CA" else code) for digit in digits]
     return next((c for c in candidates if len(c) == 2 and rinex_signal(sat[0], c) == (band, code)), None)

@@ -15,7 +15,7 @@ __all__ = ["MessageDecoder", "SignalPlan"]
 Bits = NDArray[np.int8]
 
 
-def _no_code(prn: int) -> NDArray[np.int8]:
+def _refuse_code(prn: int) -> NDArray[np.int8]:
     raise ValueError(f"the code of PRN {prn} is not known: the signal is not received from samples")
 
 
@@ -23,10 +23,10 @@ def _no_code(prn: int) -> NDArray[np.int8]:
 class MessageDecoder:
     """Read a message from a channel's bits, 0 or 1, of either polarity.
 
-    frame_bits, head_bits, word_bits : of what is whole by itself, of what states its time, of what parity covers.
+    frame_bits, head_bits, word_bits : of a complete frame, of the head that states its time, of a word with parity.
     find_frames : bits (n,) to where frames start. read_time, read_frame : the head or the whole of a frame to what it
-        states, None where it does not hold. keeps : whether a frame's fields are of use to the receiver.
-    sign_words : as `gnss.lnav.word_signs`.
+        states, None where it does not hold. keeps : whether the receiver uses a frame's fields.
+    sign_words : as `gnss.lnav.find_word_signs`.
     """
 
     frame_bits: int
@@ -44,7 +44,7 @@ class SignalPlan:
     """Describe a signal that satellites send: carrier, code, symbols, message.
 
     systems : letters of the systems whose satellites send it. band, codes : as receivers name it (`SignalId`). Several
-        codes are components of one signal, of which a receiver takes one or both (RINEX 3.05, tables 4 to 10).
+    codes are components of one signal; a receiver takes one or both (RINEX 3.05, tables 4 to 10).
     carrier_hz : nominal; where satellites have frequency numbers, that of number 0. carrier_step_hz : from number to
         number; 0 without them.
     chip_rate_hz : of the code; of two codes that alternate chip by chip, of both together.
@@ -54,8 +54,8 @@ class SignalPlan:
         decoder : of its bits; None where no samples of the signal are received.
     code : one period of the primary code of a PRN, int8 of shape (code_length,), +-1. It raises ValueError for a PRN
         without a code, and for all where no samples of the signal are received.
-    strongest_dbw : received in an antenna of 0 dBi at most; of signals of which it is not stated that of the strongest,
-        Galileo's E5 and GPS's L5.
+    strongest_dbw : received in an antenna of 0 dBi at most; where not stated, that of the strongest, Galileo's E5 and
+    GPS's L5.
     highest_side_lobe : of the primary codes with each other, and of one with itself beyond a chip, as a share of the
         peak's amplitude; NaN where not known.
     """
@@ -72,31 +72,31 @@ class SignalPlan:
     symbol_s: float = 0.0
     message: str = ""
     decoder: MessageDecoder | None = None
-    code: Callable[[int], NDArray[np.int8]] = _no_code
+    code: Callable[[int], NDArray[np.int8]] = _refuse_code
     strongest_dbw: float = -148.0
     highest_side_lobe: float = float("nan")
 
     @property
     def has_code(self) -> bool:
-        """Whether the chips of its codes are known."""
-        return self.code is not _no_code
+        """Return whether the chips of its codes are known."""
+        return self.code is not _refuse_code
 
     @property
     def chip_m(self) -> float:
-        """Length of a chip, metres."""
+        """Return the length of a chip, metres."""
         return SPEED_OF_LIGHT_M_S / self.chip_rate_hz
 
     @property
     def period_s(self) -> float:
-        """Duration of one period of the primary code."""
+        """Return the duration of one period of the primary code."""
         return self.code_length / self.chip_rate_hz
 
     @property
     def period_ms(self) -> int:
-        """Duration of one period of the primary code in the milliseconds by which times of week are counted."""
+        """Return the duration of one period of the primary code in milliseconds, as times of week count."""
         return round(1000.0 * self.period_s)
 
     @property
     def periods_per_symbol(self) -> int:
-        """Periods of the primary code in a symbol."""
+        """Return the number of periods of the primary code in a symbol."""
         return round(self.symbol_s / self.period_s)

@@ -6,7 +6,7 @@ IS-QZSS-PNT-005 and IS-QZSS-L6-004; RTCA DO-229F, appendix A, and DO-401; NavIC 
 from dataclasses import replace
 from typing import Final
 
-from skyproof.gnss.codes import ca_code
+from skyproof.gnss.codes import generate_ca_code
 from skyproof.gnss.signals.gps import L1C, L2C, L5
 from skyproof.gnss.signals.gps_l1_ca import GPS_L1_CA
 from skyproof.gnss.signals.plan import SignalPlan
@@ -43,7 +43,7 @@ SBAS: Final = (
         code_length=1023,
         symbol_s=0.002,
         message="SBAS",
-        code=ca_code,
+        code=generate_ca_code,
         highest_side_lobe=GPS_L1_CA.highest_side_lobe,
     ),
     SignalPlan(
