@@ -19,7 +19,7 @@ from rows import Row, parser_of, rows_of
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import following_epochs
+from skyproof.app.common.windows import widen_windows
 from skyproof.app.protect.judging import judge
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.receive.inputs import adopt_antenna_multipath
@@ -74,7 +74,7 @@ def judged(source: ObservedFile, o: Observations, navigation: NavigationData) ->
     reception = observe_file(replace(source, observations=o))
     if reception.observations is None:
         raise InputError(f"{source.observations.receiver}: no epoch has a measurement")
-    settings = following_epochs(adopt_antenna_multipath(Settings(), [source]), [reception.observations])
+    settings = widen_windows(adopt_antenna_multipath(Settings(), [source]), [reception.observations])
     return judge([reception], navigation, settings, Silent())[0]
 
 

@@ -32,7 +32,7 @@ from rows import Row
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import following_epochs
+from skyproof.app.common.windows import widen_windows
 from skyproof.app.inspect.run import inspect
 from skyproof.app.protect import judge, protect
 from skyproof.app.protect.outcome import Outcome
@@ -203,7 +203,7 @@ def _missing(number: str) -> Row:
     """Samples that are missing from signals that overlap, behind drawn correlators."""
     drawn, scene, navigation = missing_samples.made(int(number))
     reception, tracker = missing_samples.received(drawn, scene, navigation)
-    settings = following_epochs(Settings(), [] if reception.observations is None else [reception.observations])
+    settings = widen_windows(Settings(), [] if reception.observations is None else [reception.observations])
     outcome, _ = judge([reception], navigation, settings, Silent())
     kept = keep_outcome(outcome, CAPTURED, {})
     return {drawn.push: kept | {"gaps": [[round(gap.elapsed_s, 3), gap.shift_s] for gap in tracker.gaps]}}

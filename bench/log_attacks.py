@@ -28,7 +28,7 @@ from rows import Row, parser_of, rows_of
 
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import following_epochs
+from skyproof.app.common.windows import widen_windows
 from skyproof.app.protect.judging import judge
 from skyproof.app.protect.outcome import Outcome
 from skyproof.app.receive.inputs import adopt_antenna_multipath
@@ -214,7 +214,7 @@ def judged(
     if equipment == "pair":
         options |= {"antenna_distance_sigma_m": 0.02}
     settings = adopt_antenna_multipath(Settings(**options), sources)
-    settings = following_epochs(settings, [r.observations for r in receptions if r.observations is not None])
+    settings = widen_windows(settings, [r.observations for r in receptions if r.observations is not None])
     predictors = None
     if equipment == "surveyed":
         place = place_surveyed(

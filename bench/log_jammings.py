@@ -20,13 +20,13 @@ from real_logs import LOGS, cut_log, open_real
 from rows import Row, parser_of, rows_of
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import following_epochs, windows_of
+from skyproof.app.common.windows import widen_windows, windows_of
 from skyproof.app.receive.observed import observe_file
 from skyproof.detectors.levels.detector import SignalLevels, SignalLevelsSettings
 from skyproof.detectors.levels.front_end import carrier_name
 from skyproof.errors import SkyproofError
 from skyproof.explain import explain
-from skyproof.fusion.interference import Spell, spells_of
+from skyproof.fusion.interference import Spell, join_spells
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Evidence, NavigationData, Observations
 from skyproof.studies.log_attacks import Jamming, put_jamming
@@ -51,7 +51,7 @@ def usable() -> dict[str, Observations]:
         if log is None or not log.gpst.size:
             continue
         o = log.read(0, log.gpst.size)
-        window_s = following_epochs(Settings(), [o]).window_s
+        window_s = widen_windows(Settings(), [o]).window_s
         if np.isfinite(o.cn0_dbhz).any() and o.elapsed_s[-1] >= LEAST_WINDOWS * window_s:
             found[name] = o
     return found
@@ -60,7 +60,7 @@ def usable() -> dict[str, Observations]:
 def examine(o: Observations) -> list[Evidence]:
     """Return what the detector says of each window."""
     detector = SignalLevels(SignalLevelsSettings(false_alarm_probability=RATE))
-    settings = following_epochs(Settings(), [o])
+    settings = widen_windows(Settings(), [o])
     state: Any = None
     found: list[Evidence] = []
     for records in windows_of([o], NavigationData(ephemerides=()), settings):
@@ -83,7 +83,7 @@ def row_of(name: str) -> Row:
         begin_s = rng.uniform(0.0, 0.5) * last_s
         o = cut_log(whole, begin_s, begin_s + rng.uniform(0.5, 1.0) * last_s)
         found = examine(o)
-        return row | _counts(found, spells_of(found, [o]) or (), o) | {"seconds": float(o.elapsed_s[-1])}
+        return row | _counts(found, join_spells(found, [o]) or (), o) | {"seconds": float(o.elapsed_s[-1])}
     begin_s = rng.uniform(0.3, 0.6) * last_s
     lasts_s = max(rng.uniform(10.0, last_s / 3.0), 3.0 * usual_s) if last_s > 30.0 else last_s / 3.0
     lasts_s = max(float(rng.uniform(2.0, 6.0)), usual_s) if what == "short" else lasts_s
@@ -95,7 +95,7 @@ def row_of(name: str) -> Row:
     )
     o = put_jamming(whole, jamming, rng)
     found = examine(o)
-    spells = spells_of(found, [o]) or ()
+    spells = join_spells(found, [o]) or ()
     rows = np.flatnonzero((o.elapsed_s >= jamming.begin_s) & (o.elapsed_s < jamming.end_s))
     row |= {"loss_db": jamming.loss_db, "upper_only": jamming.upper_only, "lasts_s": round(lasts_s, 1)}
     return row | _counts(found, spells, o) | _against_truth(spells, o, rows, jamming)

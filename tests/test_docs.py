@@ -18,7 +18,7 @@ import pytest
 import skyproof
 from skyproof.app.common.platform import Platform, read_platform
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import detectors_for
+from skyproof.app.common.windows import instantiate_detectors
 from skyproof.cli import app, main
 from skyproof.formats.raw import SampleLayout, read_sidecar
 from skyproof.formats.sigmf import open_sigmf
@@ -346,7 +346,7 @@ def test_the_detector_of_the_manual_meets_the_contract_and_is_found(
     for test in tests:
         test()  # type: ignore[operator]
     nothing = Records(start_gpst=np.datetime64("NaT"), end_gpst=np.datetime64("NaT"))
-    assert "restless" in {detector.name for detector in detectors_for(Settings(), nothing)}
+    assert "restless" in {detector.name for detector in instantiate_detectors(Settings(), nothing)}
     body = files["restless.py"].partition("    def _test_receiver")[2]
     assert len(body.splitlines()) <= 20
 

@@ -6,7 +6,7 @@ from scipy import stats
 
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.progress import Silent
-from skyproof.app.common.session import examine_all, session_of
+from skyproof.app.common.session import examine_all, open_session
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import asked
 from skyproof.app.protect import judge
@@ -51,7 +51,7 @@ def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, in
         navigation = make_nominal_constellation(start)
         noise = NoiseModel(sigma_m=0.7, ar1=float(rng.choice([0.0, 0.9])), constant_m=1.0)
         observed, _ = observations_of(scenario, navigation, rng=rng, noise=noise)
-        session = session_of([WholeSource(o) for o in observed], navigation, settings)
+        session = open_session([WholeSource(o) for o in observed], navigation, settings)
         evidence, sets, _ = examine_all(session, Silent())
         decision = fuse(evidence, observed, sets)
         windows_seen += len(session.windows)

@@ -12,7 +12,7 @@ from scipy import stats
 
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.progress import Silent
-from skyproof.app.common.session import examine_all, session_of
+from skyproof.app.common.session import examine_all, open_session
 from skyproof.app.common.settings import Settings
 from skyproof.detectors.continuity.detector import Continuity, ContinuitySettings
 from skyproof.fusion.fuse import fuse
@@ -100,7 +100,7 @@ def one_of_two(o, labels, false):
 def judged(observed, navigation, **options):
     """Evidence and decision of all windows, as `protect` makes them."""
     settings = Settings(**options)
-    session = session_of([WholeSource(o) for o in observed], navigation, settings)
+    session = open_session([WholeSource(o) for o in observed], navigation, settings)
     evidence, sets, _ = examine_all(session, Silent())
     return evidence, sets, fuse(evidence, observed, sets)
 

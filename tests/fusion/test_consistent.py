@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skyproof.fusion.consistent import doubtful_epochs, unsuspected_epochs
+from skyproof.fusion.consistent import find_doubtful_epochs, find_unsuspected_epochs
 from skyproof.fusion.decide import WindowWord
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.labels import FalseSource
@@ -45,7 +45,7 @@ def decision(words, *, onset=None, receiver="rx1", suspected=None):
 
 
 def seconds(decided):
-    return set(np.flatnonzero(unsuspected_epochs(LOG, decided)))
+    return set(np.flatnonzero(find_unsuspected_epochs(LOG, decided)))
 
 
 @pytest.mark.parametrize(
@@ -83,9 +83,9 @@ def test_an_attack_on_one_receiver_is_one_on_all_and_a_suspicion_is_not():
 
 
 def test_what_a_failed_test_follows_soon_is_doubtful():
-    doubtful = doubtful_epochs(LOG, decision("nnsan"), within_s=7.0)
+    doubtful = find_doubtful_epochs(LOG, decision("nnsan"), within_s=7.0)
     assert set(np.flatnonzero(doubtful)) == set(range(13, 20))
-    assert not doubtful_epochs(LOG, decision("nnnnn"), within_s=7.0).any()
+    assert not find_doubtful_epochs(LOG, decision("nnnnn"), within_s=7.0).any()
 
 
 def test_signals_that_nothing_dates_leave_no_epoch():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from skyproof.fusion.decide import Deciding, decide, decide_all, weigh, worst_of
+from skyproof.fusion.decide import Deciding, decide, decide_all, find_worst_word, weigh
 from skyproof.records import Cause, Finding, Hypothesis, SignalId, SignalRef
 
 T0 = np.datetime64("2024-05-14T10:00:00", "ns")
@@ -68,7 +68,7 @@ def test_words_follow_the_table_of_transitions(before):
 
 def test_a_run_has_the_worst_of_its_words():
     assert run(("true", "failed", "true")).word == "suspect"
-    assert worst_of([]) is None
+    assert find_worst_word([]) is None
 
 
 def test_state_grows_with_changes_of_word_alone():

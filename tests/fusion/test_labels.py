@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from skyproof.fusion.labels import label_signals, linked, sources_of
+from skyproof.fusion.labels import group_false_sources, label_signals, linked
 
 ALL = ("G05a", "G07a", "G10a", "G13a", "G15a")
 
@@ -211,7 +211,7 @@ def test_a_transmitter_is_the_same_in_all_windows(invented):
         invented.evidence(2, "authentic", "G05a", "G05b"),
         invented.evidence(2, "attack", "G05a", "G07c"),
     ]
-    sources = sources_of(evidence)
+    sources = group_false_sources(evidence)
     assert [source.name for source in sources] == ["S1", "S2"]
     assert [ref.signal.sat + ref.signal.copy for ref in sources[0].signals] == ["G05b", "G07b", "G10b"]
     assert [ref.signal.sat + ref.signal.copy for ref in sources[1].signals] == ["G05c", "G07c"]

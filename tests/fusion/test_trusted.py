@@ -3,7 +3,7 @@
 import numpy as np
 
 from skyproof.fusion.labels import LabelledSignal
-from skyproof.fusion.trusted import carries, fix_of, masked, of_signals
+from skyproof.fusion.trusted import apply_mask, carries, fix_of, mask_signals
 from skyproof.records import NavigationData
 
 
@@ -19,7 +19,7 @@ def test_only_cells_with_the_label_are_left(invented):
         label(invented, "G05b", "authentic", 30, 39, "rx2"),
         label(invented, "G05b", "unknown", 0, 39),
     ]
-    part = masked(o, carries(o, labels, "authentic"))
+    part = apply_mask(o, carries(o, labels, "authentic"))
     assert np.isfinite(part.pseudorange_m[:20, 0]).all()
     assert np.isnan(part.pseudorange_m[20:, 0]).all()
     assert np.isnan(part.pseudorange_m[:, 1]).all()
@@ -29,7 +29,7 @@ def test_only_cells_with_the_label_are_left(invented):
 
 def test_only_leaves_the_signals_named(invented):
     o = invented.observations(("G05a", "G05b", "G07a"))
-    part = masked(o, of_signals(o, [invented.ref("G05b").signal]))
+    part = apply_mask(o, mask_signals(o, [invented.ref("G05b").signal]))
     assert np.isfinite(part.pseudorange_m).tolist() == [[False, True, False]] * 40
 
 

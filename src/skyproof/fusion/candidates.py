@@ -8,7 +8,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.fusion.policy import POLICY
-from skyproof.fusion.trusted import fix_of, masked, of_signals
+from skyproof.fusion.trusted import apply_mask, fix_of, mask_signals
 from skyproof.gnss.constants import MILLISECOND_M, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between, timedelta_from_s
 from skyproof.navigation.nav_estimate import KNOWN, NavEstimate, estimates_from_fix
@@ -24,7 +24,7 @@ from skyproof.records import (
     SignalId,
 )
 
-__all__ = ["FixMaker", "SkyCandidates", "candidates_in", "reference_kind", "with_clock_near"]
+__all__ = ["FixMaker", "SkyCandidates", "align_clock", "find_reference_kind", "select_candidates"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -43,7 +43,7 @@ class SkyCandidates:
     overlapping: tuple[OverlappingSkies, ...] = ()
 
 
-def candidates_in(records: Records, receiver: str) -> SkyCandidates:
+def select_candidates(records: Records, receiver: str) -> SkyCandidates:
     """Return the skies of one receiver in a window, by what was found in it: its sets but for late copies."""
     about = [
         (e, own) for e in records.findings if (own := {ref.signal for ref in e.signals if ref.receiver == receiver})
@@ -65,8 +65,8 @@ def candidates_in(records: Records, receiver: str) -> SkyCandidates:
     )
 
 
-def reference_kind(s: ConsistentSet) -> Kind:
-    """The kind of signal that the set's clock is of."""
+def find_reference_kind(s: ConsistentSet) -> Kind:
+    """Return the kind of signal that the set's clock is of."""
     return next((kind for kind, off_s in s.offsets_s.items() if off_s == 0.0), s.signals[0].kind)
 
 
@@ -80,7 +80,7 @@ class FixMaker:
     elevation_mask_deg: float
 
     @classmethod
-    def of_window(cls, o: Observations, records: Records, settings: Any) -> "FixMaker":
+    def build_for_window(cls, o: Observations, records: Records, settings: Any) -> "FixMaker":
         """Return what makes fixes of a receiver's epochs in one window. settings : of a detector."""
         return cls(
             log=o,
@@ -90,8 +90,9 @@ class FixMaker:
         )
 
     def shown(self, window: SkyCandidates, s: ConsistentSet, *, kind: Kind, bias_s: float, epochs: bool) -> SkyFix:
-        """What a set shows, at the instant that the receiver's label is less a clock bias, the one that was last taken
-        for true: a false sky's own time is of no account.
+        """Return what a set shows, at the instant of the receiver's label less the clock bias last taken for true.
+
+        A false sky's own time is of no account.
 
         kind : of the signals whose clock is compared. epochs : with the fixes of the window's epochs, and velocity.
         """
@@ -101,7 +102,7 @@ class FixMaker:
         rows = np.array([0, 1, 2, 6])[: 4 if np.isfinite(clock_m) else 3]
         mean[rows] = np.append(s.position_ecef_m, clock_m)[: rows.size]
         covariance[np.ix_(rows, rows)] = s.covariance_m2[: rows.size, : rows.size]
-        each = self._each(window, s, kind) if epochs else ()
+        each = self._compute_each(window, s, kind) if epochs else ()
         middle = [one for one in each if abs(float(seconds_between(one.gpst, gpst))) < POLICY.same_instant_s]
         if middle:
             rates = np.intersect1d(middle[0].there, [3, 4, 5, 7])
@@ -109,27 +110,27 @@ class FixMaker:
             covariance[np.ix_(rates, rates)] = middle[0].covariance[np.ix_(rates, rates)]
         return SkyFix(whole=NavEstimate(gpst=gpst, mean=mean, covariance=covariance), each=each)
 
-    def at_end(self, window: SkyCandidates, s: ConsistentSet, without: Sequence[str]) -> NavEstimate | None:
-        """The last fix of a window by its first kind of signals, without some satellites; None if there is none."""
-        own = [signal for signal in s.signals if signal.kind == reference_kind(s) and signal.sat not in without]
+    def compute_last_fix(self, window: SkyCandidates, s: ConsistentSet, without: Sequence[str]) -> NavEstimate | None:
+        """Return the last fix of a window by its first kind of signals, without some satellites; None without one."""
+        own = [signal for signal in s.signals if signal.kind == find_reference_kind(s) and signal.sat not in without]
         stop = int(np.searchsorted(self.log.gpst, window.end))
-        found = self._of(own, max(stop - POLICY.at_end_epochs, 0), stop)
+        found = self._compute_fixes(own, max(stop - POLICY.at_end_epochs, 0), stop)
         return found[-1] if found else None
 
-    def _each(self, window: SkyCandidates, s: ConsistentSet, kind: Kind) -> tuple[NavEstimate, ...]:
-        """Of one kind of signals, of its own where the set has none of that."""
-        kinds = (kind, reference_kind(s))
+    def _compute_each(self, window: SkyCandidates, s: ConsistentSet, kind: Kind) -> tuple[NavEstimate, ...]:
+        """Return the fixes of epochs by one kind of signals, or by the set's own kind where it has none of that."""
+        kinds = (kind, find_reference_kind(s))
         own = next((same for k in kinds if (same := [signal for signal in s.signals if signal.kind == k])), [])
         edges = np.array([window.start, window.end])
         first, stop = (int(row) for row in np.searchsorted(self.log.gpst, edges))
-        return self._of(own, first, stop)
+        return self._compute_fixes(own, first, stop)
 
-    def _of(self, own: Sequence[SignalId], first: int, stop: int) -> tuple[NavEstimate, ...]:
-        """The fixes of epochs by some signals."""
+    def _compute_fixes(self, own: Sequence[SignalId], first: int, stop: int) -> tuple[NavEstimate, ...]:
+        """Return the fixes of epochs by some signals."""
         if self.navigation is None:
             return ()
         o = self.log.read(first, stop)
-        o = masked(o, of_signals(o, own))
+        o = apply_mask(o, mask_signals(o, own))
         fix = fix_of(
             o,
             self.navigation,
@@ -139,8 +140,8 @@ class FixMaker:
         return () if fix is None else tuple(estimates_from_fix(fix))
 
 
-def with_clock_near(shown: SkyFix, expected: NavEstimate) -> SkyFix:
-    """With its clock within half a millisecond of the expected one: receivers set theirs by whole ones."""
+def align_clock(shown: SkyFix, expected: NavEstimate) -> SkyFix:
+    """Shift a fix's clock by whole milliseconds, as receivers do, to within half a one of the expected clock."""
     if 6 not in expected.there:
         return shown
     steps = np.rint((shown.whole.mean[6] - expected.mean[6]) / MILLISECOND_M)

@@ -7,10 +7,10 @@ from skyproof.fusion.fuse import Decision
 from skyproof.fusion.trusted import carries
 from skyproof.records import ObservationLog
 
-__all__ = ["consistent_cells", "doubtful_epochs", "unsuspected_epochs"]
+__all__ = ["find_doubtful_epochs", "find_unsuspected_epochs", "select_consistent_cells"]
 
 
-def unsuspected_epochs(log: ObservationLog, decision: Decision) -> Booleans:
+def find_unsuspected_epochs(log: ObservationLog, decision: Decision) -> Booleans:
     """Return at which epochs, (n_epochs,), no test of the receiver has failed since the start or since its signals
     were shown to be true.
 
@@ -32,18 +32,18 @@ def unsuspected_epochs(log: ObservationLog, decision: Decision) -> Booleans:
     return unsuspected
 
 
-def doubtful_epochs(log: ObservationLog, decision: Decision, *, within_s: float) -> Booleans:
+def find_doubtful_epochs(log: ObservationLog, decision: Decision, *, within_s: float) -> Booleans:
     """Return which of the unsuspected epochs, (n_epochs,), are followed by suspected ones within some time: an attack
     may have been there already, for too short to make a test fail."""
-    unsuspected = unsuspected_epochs(log, decision)
+    unsuspected = find_unsuspected_epochs(log, decision)
     row = np.arange(unsuspected.size)
     after = np.minimum.accumulate(np.where(unsuspected, row.size, row)[::-1])[::-1]
     ahead_s = np.append(log.elapsed_s, np.inf)[after] - log.elapsed_s
     return np.asarray(unsuspected & (ahead_s <= within_s))
 
 
-def consistent_cells(log: ObservationLog, decision: Decision) -> Booleans:
+def select_consistent_cells(log: ObservationLog, decision: Decision) -> Booleans:
     """Return which cells (n_epochs, n_signals) were received while no test had failed, but for those that carry the
     label of a false signal or of a reflection."""
-    mask = log.measured & unsuspected_epochs(log, decision)[:, None]
+    mask = log.measured & find_unsuspected_epochs(log, decision)[:, None]
     return mask & ~carries(log, decision.labels, "spoofed") & ~carries(log, decision.labels, "multipath")

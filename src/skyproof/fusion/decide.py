@@ -25,7 +25,16 @@ import numpy as np
 from skyproof.fusion.policy import POLICY
 from skyproof.records import WORDS, Cause, Finding, Hypothesis, ObservationLog, SignalRef, VerdictWord
 
-__all__ = ["DETECTOR", "Deciding", "WindowWord", "agree_on", "decide", "decide_all", "weigh", "worst_of"]
+__all__ = [
+    "DETECTOR",
+    "Deciding",
+    "WindowWord",
+    "decide",
+    "decide_all",
+    "find_worst_word",
+    "select_common_causes",
+    "weigh",
+]
 
 DETECTOR: Final = "decision"
 
@@ -60,10 +69,10 @@ class Deciding:
     @property
     def word(self) -> VerdictWord | None:
         """Return the run's word so far: the worst of its receivers'; None before the first window."""
-        return worst_of(one.word for one in self.words)
+        return find_worst_word(one.word for one in self.words)
 
 
-def worst_of(words: Iterable[VerdictWord]) -> VerdictWord | None:
+def find_worst_word(words: Iterable[VerdictWord]) -> VerdictWord | None:
     """Return the word that promises least; None without any."""
     return max(words, key=WORDS.index, default=None)
 
@@ -84,7 +93,7 @@ def decide(
         about = [e for e in (*findings, *together) if any(ref.receiver == receiver for ref in e.signals)]
         word, lasting = _step(about, receiver, state)
         causes = _list_causes(about) if word == "suspect" else ()
-        state = _carry(
+        state = _append_word(
             state,
             WindowWord(receiver=receiver, start_gpst=start_gpst, end_gpst=end_gpst, word=word, causes=causes),
             lasting=lasting,
@@ -107,7 +116,7 @@ def _step(about: Sequence[Finding], receiver: str, state: Deciding) -> tuple[Ver
     return (before, True) if lasting and before is not None else ("no_attack_seen", False)
 
 
-def agree_on(causes: Iterable[tuple[Cause, ...]]) -> tuple[Cause, ...]:
+def select_common_causes(causes: Iterable[tuple[Cause, ...]]) -> tuple[Cause, ...]:
     """Return the causes that all name that name any; all of them where they have none in common.
 
     A cause that has to be another one from window to window is a poorer explanation than one that lasts.
@@ -123,12 +132,12 @@ def _is_outweighed(e: Finding, receiver: str, true: set[SignalRef]) -> bool:
     return len(tested & true) >= POLICY.nearly_all_share * len(tested)
 
 
-def _carry(state: Deciding, window: WindowWord, *, lasting: bool) -> Deciding:
+def _append_word(state: Deciding, window: WindowWord, *, lasting: bool) -> Deciding:
     """Return the state with one more word of a receiver, joined to the one before where nothing changes."""
     place = state.latest.get(window.receiver)
     words, latest = state.words, state.latest
     if place is not None and words[place].word == window.word:
-        causes = agree_on((words[place].causes, window.causes))
+        causes = select_common_causes((words[place].causes, window.causes))
         longer = replace(words[place], end_gpst=window.end_gpst, causes=causes)
         words = (*words[:place], longer, *words[place + 1 :])
     else:
@@ -168,14 +177,14 @@ def weigh(findings: Sequence[Finding], receiver: str) -> Finding | None:
     alpha = sum(e.alpha or 0.0 for e in failed)
     causes = sorted({cause for e in failed for cause in e.p} - {Cause.CLEAN})
     p = {
-        causes_of: min(1.0, alpha * min(_largest(e, causes_of) / (e.alpha or 1.0) for e in failed))
+        causes_of: min(1.0, alpha * min(_find_largest_p(e, causes_of) / (e.alpha or 1.0) for e in failed))
         for number in (1, 2)
         for causes_of in combinations(causes, number)
     }
     if max(p.values()) >= alpha:
         return None
     signals: set[SignalRef] = {ref for e in failed for ref in e.signals}
-    clean = min(1.0, alpha * min(_largest(e, ()) / (e.alpha or 1.0) for e in failed))
+    clean = min(1.0, alpha * min(_find_largest_p(e, ()) / (e.alpha or 1.0) for e in failed))
     by_cause = {cause: max(value for key, value in p.items() if cause in key) for cause in causes}
     dated = [e.dated_gpst for e in failed if e.dated_gpst is not None]
     return Finding(
@@ -192,7 +201,7 @@ def weigh(findings: Sequence[Finding], receiver: str) -> Finding | None:
     )
 
 
-def _largest(e: Finding, causes: tuple[Cause, ...]) -> float:
+def _find_largest_p(e: Finding, causes: tuple[Cause, ...]) -> float:
     """Return a test's largest p-value under any of some causes: at least that of a clean sky."""
     return max(e.p[Cause.CLEAN], *(e.p.get(cause, 1.0) for cause in causes)) if causes else e.p[Cause.CLEAN]
 

@@ -14,13 +14,13 @@ import numpy as np
 
 from skyproof.arrays import Booleans
 from skyproof.fusion.decide import WindowWord, decide_all
-from skyproof.fusion.interference import Spell, spells_of
-from skyproof.fusion.labels import FalseSource, LabelledSignal, label_signals, sources_of
+from skyproof.fusion.interference import Spell, join_spells
+from skyproof.fusion.labels import FalseSource, LabelledSignal, group_false_sources, label_signals
 from skyproof.fusion.open_question import OpenQuestion, open_question
 from skyproof.fusion.policy import POLICY
-from skyproof.fusion.skies import skies_of, sky_onset
-from skyproof.fusion.suspicion import ODD, Suspicion, suspicion_of
-from skyproof.fusion.timeline import Onset, end_of, onset_of
+from skyproof.fusion.skies import date_sky, link_skies
+from skyproof.fusion.suspicion import ODD, Suspicion, find_suspicion
+from skyproof.fusion.timeline import Onset, date_end, date_onset
 from skyproof.fusion.unexplained import Unexplained, unexplained
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.window import median_interval_s
@@ -64,31 +64,31 @@ class Decision:
 def fuse(
     evidence: Sequence[Finding], observations: Sequence[ObservationLog], sets: Sequence[ConsistentSet]
 ) -> Decision:
-    """The decision that the evidence of all windows bears."""
+    """Make the decision that the evidence of all windows bears."""
     state = decide_all(evidence, observations)
     labels = label_signals(evidence, observations)
-    sources = sources_of(evidence)
+    sources = group_false_sources(evidence)
     attacked = any(e.says in ("spoofed", "attack") for e in evidence)
     left = unexplained(labels, evidence, observations, parts=not attacked)
     false = [s for s in labels if s.label == "spoofed"]
     everyone = {o.receiver for o in observations}
     suspicion: Suspicion | None = None
     if attacked:
-        trusted = _vouched_for(labels, observations, evidence)
+        trusted = _list_shown_true(labels, observations, evidence)
         named = {ref.receiver for source in sources for ref in source.signals}
-        skies = skies_of((s for s in sets if s.receiver not in named), first=len(sources) + 1)
+        skies = link_skies((s for s in sets if s.receiver not in named), first=len(sources) + 1)
         left = tuple(u for u in left if not any(u.ref in sky.signals for sky in skies))
         onset, until = _time_line(false, skies, observations)
-        onset = onset or _first_seen(evidence)
+        onset = onset or _date_first_sign(evidence)
         verdict: VerdictWord = "spoofed"
         settled = trusted == everyone
     else:
-        trusted = {o.receiver for o in observations if _always_authentic(o, labels, observations)}
+        trusted = {o.receiver for o in observations if _is_always_authentic(o, labels, observations)}
         trusted -= {ref.receiver for e in evidence if e.overrules and e.failed for ref in e.signals}
         # What neither the sky nor an echo explains leaves the whole open, though the rest is authentic.
-        odd = {u.ref.receiver for u in left if u.kind in ODD} | set(_reflected_alone(labels))
+        odd = {u.ref.receiver for u in left if u.kind in ODD} | set(_find_reflected_alone(labels))
         settled = bool(observations) and trusted == everyone and not odd
-        suspicion = None if settled else suspicion_of(evidence, left, observations, state.words)
+        suspicion = None if settled else find_suspicion(evidence, left, observations, state.words)
         verdict = "authentic" if settled else "no_attack_seen" if suspicion is None else "suspect"
         trusted -= odd
         sources, skies, until = (), (), None
@@ -101,16 +101,16 @@ def fuse(
         onset=onset,
         until=until,
         unexplained=left,
-        without_fix_s=tuple(_without_fix(labels, observations, authentic=verdict == "authentic")),
-        alone_s=tuple(_alone(labels, observations)) if verdict == "authentic" else (),
+        without_fix_s=tuple(_measure_time_without_fix(labels, observations, authentic=verdict == "authentic")),
+        alone_s=tuple(_measure_time_alone(labels, observations)) if verdict == "authentic" else (),
         open=None if settled else open_question(evidence, observations, trusted),
         suspicion=suspicion,
-        interference=spells_of(evidence, observations),
-        windows=_smooth_words(_of_epochs(state.words, observations), verdict, onset, suspicion),
+        interference=join_spells(evidence, observations),
+        windows=_smooth_words(_clip_to_epochs(state.words, observations), verdict, onset, suspicion),
     )
 
 
-def _of_epochs(words: Sequence[WindowWord], observations: Sequence[ObservationLog]) -> list[WindowWord]:
+def _clip_to_epochs(words: Sequence[WindowWord], observations: Sequence[ObservationLog]) -> list[WindowWord]:
     """Return words from the first to the last epoch of each receiver: windows begin and end between epochs."""
     gpst_of = {o.receiver: o.gpst for o in observations}
     return [
@@ -158,10 +158,10 @@ def _join(words: Iterable[WindowWord]) -> tuple[WindowWord, ...]:
     return tuple(word for each in joined.values() for word in each)
 
 
-def _vouched_for(
+def _list_shown_true(
     labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog], evidence: Sequence[Finding]
 ) -> set[str]:
-    """Receivers with authentic signals; those before the first evidence of an attack on the receiver do not count."""
+    """List receivers with authentic signals; those before the first evidence of an attack on them do not count."""
     since: dict[str, np.datetime64] = {}
     for e in evidence:
         for receiver in {ref.receiver for ref in e.signals} if e.says == "attack" else ():
@@ -175,41 +175,42 @@ def _vouched_for(
     }
 
 
-def _always_authentic(o: ObservationLog, labels: Sequence[LabelledSignal], all_of: Sequence[ObservationLog]) -> bool:
-    """Whether a fix could be made of authentic signals, but for moments, whenever enough signals were received for one,
-    and ever.
+def _is_always_authentic(o: ObservationLog, labels: Sequence[LabelledSignal], all_of: Sequence[ObservationLog]) -> bool:
+    """Tell whether authentic signals gave a fix, but for moments, whenever enough signals were received for one.
+
+    Without any such epoch they did not.
 
     Without any epoch nothing was received. What was recorded alone does not matter for `alone_s`.
     """
-    fixed, interval = _fixed(o, labels), median_interval_s(o.elapsed_s)
-    matters = (o.measured.sum(axis=1) >= POLICY.fix_signals) & _in_common(o, all_of, POLICY.alone_s)
+    fixed, interval = _find_fixed(o, labels), median_interval_s(o.elapsed_s)
+    matters = (o.measured.sum(axis=1) >= POLICY.fix_signals) & _find_common_time(o, all_of, POLICY.alone_s)
     received_s = np.concatenate([[0.0], np.cumsum(np.minimum(np.diff(o.elapsed_s), interval))])
     edges_s = np.concatenate([received_s[:1], received_s[~matters | fixed], received_s[-1:]])
-    return bool(fixed.any() and np.diff(edges_s).max() <= _moment_s(interval))
+    return bool(fixed.any() and np.diff(edges_s).max() <= _compute_moment_s(interval))
 
 
-def _moment_s(interval_s: float) -> float:
+def _compute_moment_s(interval_s: float) -> float:
     """Return how long a moment lasts, or two epochs that are missing."""
     return max(POLICY.moment_s, POLICY.moment_intervals * interval_s)
 
 
-def _without_fix(
+def _measure_time_without_fix(
     labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog], *, authentic: bool
 ) -> Iterator[tuple[str, float]]:
-    """Whether by many signals or by a few, or without any epoch.
+    """Yield receivers that had no fix for more than a moment, and for how many seconds.
 
     authentic : of authentic signals, in the time that all have in common.
     """
     for o in observations:
         enough = o.measured.sum(axis=1) >= POLICY.fix_signals
-        good = _fixed(o, labels) | ~_in_common(o, observations) if authentic else enough
+        good = _find_fixed(o, labels) | ~_find_common_time(o, observations) if authentic else enough
         apart_s = np.diff(np.concatenate([o.elapsed_s[:1], o.elapsed_s[good], o.elapsed_s[-1:]]))
-        seconds = float(apart_s[apart_s > _moment_s(median_interval_s(o.elapsed_s))].sum())
+        seconds = float(apart_s[apart_s > _compute_moment_s(median_interval_s(o.elapsed_s))].sum())
         if seconds > 0.0:
             yield o.receiver, seconds
 
 
-def _reflected_alone(labels: Sequence[LabelledSignal]) -> Iterator[str]:
+def _find_reflected_alone(labels: Sequence[LabelledSignal]) -> Iterator[str]:
     """Yield receivers of which a satellite is received by a reflection only: a false signal may look the same."""
     direct = {(s.ref.receiver, s.ref.signal.transmission) for s in labels if s.label == "authentic"}
     for s in labels:
@@ -217,8 +218,8 @@ def _reflected_alone(labels: Sequence[LabelledSignal]) -> Iterator[str]:
             yield s.ref.receiver
 
 
-def _fixed(o: ObservationLog, labels: Sequence[LabelledSignal]) -> Booleans:
-    """(n_epochs,) where enough authentic signals were received for a fix."""
+def _find_fixed(o: ObservationLog, labels: Sequence[LabelledSignal]) -> Booleans:
+    """Return the epochs, (n_epochs,), in which enough authentic signals were received for a fix."""
     authentic = np.zeros(o.gpst.size, np.int64)
     for s in labels:
         if s.ref.receiver == o.receiver and s.label == "authentic":
@@ -228,17 +229,26 @@ def _fixed(o: ObservationLog, labels: Sequence[LabelledSignal]) -> Booleans:
     return fixed
 
 
-def _alone(labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog]) -> Iterator[tuple[str, float]]:
+def _measure_time_alone(
+    labels: Sequence[LabelledSignal], observations: Sequence[ObservationLog]
+) -> Iterator[tuple[str, float]]:
     for o in observations:
-        alone = ~_fixed(o, labels) & ~_in_common(o, observations) & (o.measured.sum(axis=1) >= POLICY.fix_signals)
+        alone = (
+            ~_find_fixed(o, labels)
+            & ~_find_common_time(o, observations)
+            & (o.measured.sum(axis=1) >= POLICY.fix_signals)
+        )
         seconds = float(alone.sum() * median_interval_s(o.elapsed_s))
         if seconds > POLICY.moment_s:
             yield o.receiver, seconds
 
 
-def _in_common(o: ObservationLog, observations: Sequence[ObservationLog], beside_s: float | None = None) -> Booleans:
-    """(n_epochs,) in the time in which all receivers were recorded; or in that and, before or after it, where it is
-    farther away than `beside_s`.
+def _find_common_time(
+    o: ObservationLog, observations: Sequence[ObservationLog], beside_s: float | None = None
+) -> Booleans:
+    """Return the epochs, (n_epochs,), of the time in which all receivers were recorded.
+
+    beside_s : also those that are farther than that before or after it.
     """
     received = [other.gpst for other in observations if other.gpst.size]
     begin, end = max(gpst[0] for gpst in received), min(gpst[-1] for gpst in received)
@@ -255,21 +265,23 @@ def _time_line(
 ) -> tuple[Onset | None, np.datetime64 | None]:
     if false:
         came = [s.ref for s in false if not _was_tracked_before(s, observations)]
-        onsets = [onset_of(came, observations), *(_capture(s, observations) for s in false if s.ref not in came)]
+        onsets = [date_onset(came, observations), *(_date_capture(s, observations) for s in false if s.ref not in came)]
         known = [onset for onset in onsets if onset is not None]
-        return min(known, key=lambda onset: onset.seen, default=None), end_of(false, observations)
+        return min(known, key=lambda onset: onset.seen, default=None), date_end(false, observations)
     # Who is false is open, but from when on a second sky was there is not: the last of them to appear.
     # Which of them is false is open, and with it whether the one that was seen first is: it may have begun earlier.
-    onsets = [sky_onset(sky, observations) for sky in skies]
+    onsets = [date_sky(sky, observations) for sky in skies]
     known = [replace(onset, earliest=None) for onset in onsets if onset is not None]
     return max(known, key=lambda onset: onset.seen, default=None), None
 
 
-def _first_seen(evidence: Sequence[Finding]) -> Onset:
-    """Of an attack that no signal or sky dates: where a test that failed in the first window that shows it does, or one
-    that overrules others in the window before, which an attack may need to show; else at the end of that window.
+def _date_first_sign(evidence: Sequence[Finding]) -> Onset:
+    """Date an attack that no signal or sky dates.
+
+    A test that failed in the first window that shows it does so, or one that overrules others in the window before,
+    which an attack may need to show; else it is the end of that window.
     """
-    start, end = min(((e.start_gpst, e.end_gpst) for e in evidence if e.says in ("spoofed", "attack")), key=_last)
+    start, end = min(((e.start_gpst, e.end_gpst) for e in evidence if e.says in ("spoofed", "attack")), key=_get_end)
     before = start - (end - start)
     dated = [
         e.dated_gpst
@@ -279,18 +291,18 @@ def _first_seen(evidence: Sequence[Finding]) -> Onset:
     return Onset(seen=min([*dated, end]), earliest=None)
 
 
-def _last(window: tuple[np.datetime64, np.datetime64]) -> np.datetime64:
+def _get_end(window: tuple[np.datetime64, np.datetime64]) -> np.datetime64:
     return window[1]
 
 
-def _capture(s: LabelledSignal, observations: Sequence[ObservationLog]) -> Onset:
-    """Of a channel that went over from one signal to another: the false one may have lain upon the true one before."""
+def _date_capture(s: LabelledSignal, observations: Sequence[ObservationLog]) -> Onset:
+    """Date a channel that went over to another signal: the false one may have lain upon the true one before."""
     o = next(o for o in observations if o.receiver == s.ref.receiver)
     return Onset(seen=o.gpst[s.first_epoch], earliest=None)
 
 
 def _was_tracked_before(s: LabelledSignal, observations: Sequence[ObservationLog]) -> bool:
-    """Whether the signal was measured before this stretch: a channel pulled away from what it followed."""
+    """Tell whether the signal was measured before this stretch: a channel pulled away from what it followed."""
     o = next(o for o in observations if o.receiver == s.ref.receiver)
     column = o.signals.index(s.ref.signal)
     return bool(o.measured[: s.first_epoch, column].any())

@@ -7,7 +7,7 @@ import numpy as np
 
 from skyproof.records import Finding, InterferenceSign, NoiseRise, ObservationLog
 
-__all__ = ["Spell", "spells_of"]
+__all__ = ["Spell", "join_spells"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +32,7 @@ class Spell:
     may_be_shade: bool
 
 
-def spells_of(evidence: Sequence[Finding], observations: Sequence[ObservationLog]) -> tuple[Spell, ...] | None:
+def join_spells(evidence: Sequence[Finding], observations: Sequence[ObservationLog]) -> tuple[Spell, ...] | None:
     """Join what windows show of interference; None if no test looked for it.
 
     Windows of one receiver belong to one spell where one begins before the other ended, or in the next window.
@@ -46,9 +46,9 @@ def spells_of(evidence: Sequence[Finding], observations: Sequence[ObservationLog
         for rise in e.interference or ():
             spells = found.setdefault(rise.receiver, [])
             if spells and e.start_gpst <= spells[-1][1]:
-                spells[-1] = _joined(spells[-1][0], rise), max(spells[-1][1], e.end_gpst)
+                spells[-1] = _join_spell(spells[-1][0], rise), max(spells[-1][1], e.end_gpst)
             else:
-                spells.append((_begun(rise), e.end_gpst))
+                spells.append((_begin_spell(rise), e.end_gpst))
     closed = [
         replace(spell, until_gpst=None) if spell.until_gpst == ends.get(receiver) else spell
         for receiver, spells in found.items()
@@ -57,7 +57,7 @@ def spells_of(evidence: Sequence[Finding], observations: Sequence[ObservationLog
     return tuple(sorted(closed, key=lambda spell: (spell.since_gpst, spell.receiver)))
 
 
-def _begun(rise: NoiseRise) -> Spell:
+def _begin_spell(rise: NoiseRise) -> Spell:
     return Spell(
         receiver=rise.receiver,
         carriers=(rise.carrier,),
@@ -72,9 +72,9 @@ def _begun(rise: NoiseRise) -> Spell:
     )
 
 
-def _joined(spell: Spell, rise: NoiseRise) -> Spell:
+def _join_spell(spell: Spell, rise: NoiseRise) -> Spell:
     """Return a spell that goes on."""
-    further = _begun(rise)
+    further = _begin_spell(rise)
     strongest = max(spell, further, key=lambda one: one.fall_db)
     levels_db = [level for level in (spell.level_db, rise.level_db) if level is not None]
     assert spell.until_gpst is not None

@@ -24,7 +24,7 @@ from skyproof.fusion.policy import POLICY
 from skyproof.navigation.window import median_interval_s
 from skyproof.records import LABELS, Finding, Label, ObservationLog, SignalRef
 
-__all__ = ["FalseSource", "LabelledSignal", "label_signals", "sources_of", "usual_window_s"]
+__all__ = ["FalseSource", "LabelledSignal", "find_usual_window_s", "group_false_sources", "label_signals"]
 
 SILENT = -1
 Node = TypeVar("Node", bound=Hashable)
@@ -70,28 +70,28 @@ class _Vote:
 
 
 def label_signals(evidence: Sequence[Finding], observations: Sequence[ObservationLog]) -> tuple[LabelledSignal, ...]:
-    """Every signal of every receiver, cut where its label changes; in order of receiver, signal and time."""
+    """Label every signal of every receiver, cut where its label changes; in order of receiver, signal and time."""
     labelled: list[LabelledSignal] = []
-    window_s = usual_window_s(evidence)
-    evidence = _window_by_window(evidence)
+    window_s = find_usual_window_s(evidence)
+    evidence = _sort_by_window(evidence)
     for o in observations:
-        votes = _votes(evidence, o)
+        votes = _collect_votes(evidence, o)
         for column, signal in enumerate(o.signals):
             ref = SignalRef(o.receiver, signal)
-            pieces = [p for arc in _arcs(o, column) for p in _label_arc(ref, o, arc, votes.get(ref, ()), window_s)]
-            labelled += _joined(pieces)
+            pieces = [p for arc in _find_arcs(o, column) for p in _label_arc(ref, o, arc, votes.get(ref, ()), window_s)]
+            labelled += _join_pieces(pieces)
     return tuple(labelled)
 
 
-def _window_by_window(evidence: Sequence[Finding]) -> Sequence[Finding]:
-    """In the order of the windows' times, as it comes from a run, where it may be too much to hold."""
+def _sort_by_window(evidence: Sequence[Finding]) -> Sequence[Finding]:
+    """Sort evidence by the windows' times; as it comes from a run it is so already, and may be too much to hold."""
     times = np.fromiter((t for e in evidence for t in (e.start_gpst, e.end_gpst)), "datetime64[ns]").reshape(-1, 2)
     order = np.lexsort((times[:, 1], times[:, 0]))
     return evidence if np.array_equal(order, np.arange(order.size)) else [evidence[place] for place in order]
 
 
-def _votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[SignalRef, list[_Vote]]:
-    """What is said of each of a receiver's signals. A failed test is a vote for "unknown" where nothing else speaks.
+def _collect_votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[SignalRef, list[_Vote]]:
+    """Collect what is said of each signal of a receiver. A failed test votes for "unknown" where nothing else speaks.
 
     evidence : window by window.
     """
@@ -134,15 +134,15 @@ def _votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[SignalRef, li
     return votes
 
 
-def usual_window_s(evidence: Sequence[Finding]) -> float:
-    """Length of most windows, seconds: the last of a run may be longer or shorter."""
+def find_usual_window_s(evidence: Sequence[Finding]) -> float:
+    """Return the length of most windows, seconds: the last of a run may be longer or shorter."""
     windows = {(e.start_gpst, e.end_gpst) for e in evidence}
     lengths_s = [float((end - start) / np.timedelta64(1, "s")) for start, end in windows]
     return float(np.median(lengths_s)) if lengths_s else 0.0
 
 
-def sources_of(evidence: Sequence[Finding]) -> tuple[FalseSource, ...]:
-    """False signals that belong together: groups that evidence calls spoofed, joined over windows by shared signals."""
+def group_false_sources(evidence: Sequence[Finding]) -> tuple[FalseSource, ...]:
+    """Group false signals that belong together: what evidence calls spoofed, joined over windows by shared signals."""
     groups: dict[tuple[SignalRef, ...], bool] = {}
     for e in evidence:
         if e.says == "spoofed":
@@ -155,7 +155,7 @@ def sources_of(evidence: Sequence[Finding]) -> tuple[FalseSource, ...]:
 
 
 def linked(groups: Iterable[Iterable[Node]]) -> list[set[Node]]:
-    """Groups joined wherever they share a member, in order of first appearance."""
+    """Join groups wherever they share a member, in order of first appearance."""
     joined: list[set[Node]] = []
     for group in groups:
         members = set(group)
@@ -168,8 +168,8 @@ def linked(groups: Iterable[Iterable[Node]]) -> list[set[Node]]:
     return joined
 
 
-def _arcs(o: ObservationLog, column: int) -> list[tuple[int, int]]:
-    """First and last epoch of every stretch without a slip in which the signal was measured."""
+def _find_arcs(o: ObservationLog, column: int) -> list[tuple[int, int]]:
+    """List the first and last epoch of every stretch without a slip in which the signal was measured."""
     there = np.flatnonzero(o.measured[:, column])
     if there.size == 0:
         return []
@@ -182,11 +182,11 @@ def _arcs(o: ObservationLog, column: int) -> list[tuple[int, int]]:
 def _label_arc(
     ref: SignalRef, o: ObservationLog, arc: tuple[int, int], given: Sequence[_Vote], window_s: float
 ) -> list[LabelledSignal]:
-    """The stretches of an arc that carry one label each: what windows say, and between them what both neighbours say.
+    """Cut an arc into stretches of one label: what windows say, and between them what both neighbours say.
 
     What only one side says holds on if it is *spoofed*; *authentic* does not.
     """
-    votes = [cut for vote in given if (cut := _within(vote, arc)) is not None]
+    votes = [cut for vote in given if (cut := _cut_to_arc(vote, arc)) is not None]
     said = np.full(arc[1] - arc[0] + 1, SILENT)
     for vote in votes:
         here = said[vote.first_epoch - arc[0] : vote.last_epoch - arc[0] + 1]
@@ -194,17 +194,17 @@ def _label_arc(
         here[:] = np.where((here == SILENT) | (here == code), code, LABELS.index("unknown"))
     bridge_s = max(POLICY.bridged_s, window_s + POLICY.gap_intervals * median_interval_s(o.elapsed_s))
     before_s = max(POLICY.begins_before_s, POLICY.begins_before_share * window_s)
-    codes = _filled(said, o.elapsed_s[arc[0] : arc[1] + 1], bridge_s, before_s)
+    codes = _fill_silent(said, o.elapsed_s[arc[0] : arc[1] + 1], bridge_s, before_s)
     starts = np.flatnonzero(np.diff(codes, prepend=SILENT))
     ends = np.append(starts[1:], codes.size) - 1
     return [
-        _piece(ref, LABELS[codes[first]], arc[0] + int(first), arc[0] + int(last), votes)
+        _make_piece(ref, LABELS[codes[first]], arc[0] + int(first), arc[0] + int(last), votes)
         for first, last in zip(starts, ends, strict=True)
     ]
 
 
-def _within(vote: _Vote, arc: tuple[int, int]) -> _Vote | None:
-    """The part of a vote that lies in an arc; None if that is little of it: a window speaks for what fills it."""
+def _cut_to_arc(vote: _Vote, arc: tuple[int, int]) -> _Vote | None:
+    """Cut a vote to an arc; None if little of it lies there: a window speaks for what fills it."""
     first, last = max(vote.first_epoch, arc[0]), min(vote.last_epoch, arc[1])
     if last - first + 1 < POLICY.window_in_arc_share * (vote.last_epoch - vote.first_epoch + 1):
         return None
@@ -212,8 +212,8 @@ def _within(vote: _Vote, arc: tuple[int, int]) -> _Vote | None:
     return vote if whole else replace(vote, first_epoch=first, last_epoch=last)
 
 
-def _filled(said: Integers, elapsed_s: Reals, bridge_s: float, before_s: float) -> Integers:
-    """Codes of labels (n_epochs,) with the silent ones filled from the nearest that are not, before and after."""
+def _fill_silent(said: Integers, elapsed_s: Reals, bridge_s: float, before_s: float) -> Integers:
+    """Fill the silent codes of labels, (n_epochs,), from the nearest that are not silent, before and after."""
     unknown, authentic = LABELS.index("unknown"), LABELS.index("authentic")
     row = np.arange(said.size)
     before = np.maximum.accumulate(np.where(said != SILENT, row, -1))
@@ -229,7 +229,7 @@ def _filled(said: Integers, elapsed_s: Reals, bridge_s: float, before_s: float) 
     return np.where(((agreed == authentic) & ~bridged) | early, unknown, agreed)
 
 
-def _piece(ref: SignalRef, label: Label, first: int, last: int, votes: Sequence[_Vote]) -> LabelledSignal:
+def _make_piece(ref: SignalRef, label: Label, first: int, last: int, votes: Sequence[_Vote]) -> LabelledSignal:
     strongest: dict[str, float | None] = {}
     for vote in votes:
         if vote.label == label and vote.detector and vote.first_epoch <= last and vote.last_epoch >= first:
@@ -240,8 +240,8 @@ def _piece(ref: SignalRef, label: Label, first: int, last: int, votes: Sequence[
     return LabelledSignal(ref=ref, label=label, first_epoch=first, last_epoch=last, because=because)
 
 
-def _joined(pieces: Sequence[LabelledSignal]) -> list[LabelledSignal]:
-    """Neighbours with the same label as one."""
+def _join_pieces(pieces: Sequence[LabelledSignal]) -> list[LabelledSignal]:
+    """Join neighbours with the same label."""
     joined: list[LabelledSignal] = []
     for piece in pieces:
         if joined and joined[-1].label == piece.label:

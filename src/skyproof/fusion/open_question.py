@@ -8,7 +8,7 @@ import numpy as np
 
 from skyproof.records import Finding, ObservationLog
 
-__all__ = ["OpenQuestion", "open_question", "reason_key"]
+__all__ = ["OpenQuestion", "identify_reason", "open_question"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,7 @@ class OpenQuestion:
     distance_m: tuple[float, float] | None = None
 
 
-def reason_key(finding: Finding) -> tuple[str, str]:
+def identify_reason(finding: Finding) -> tuple[str, str]:
     """Return what findings for one reason share: windows differ by their numbers."""
     return finding.detector, finding.code
 
@@ -41,7 +41,7 @@ def open_question(
     reasons: dict[tuple[str, str, str], _Reason] = defaultdict(_Reason)
     for e in evidence:
         if e.says in ("undecided", "attack"):
-            reasons[*reason_key(e), e.says].add(e)
+            reasons[*identify_reason(e), e.says].add(e)
     open_receivers = tuple(o.receiver for o in observations if o.receiver not in trusted)
     compared = [reason for reason in reasons.values() if reason.compared]
     ran = [reason for reason in compared if not reason.attack] or compared
@@ -52,8 +52,8 @@ def open_question(
     return OpenQuestion(
         receivers=open_receivers,
         finding=last,
-        also=tuple(sorted(_kinds(before) - _kinds([last]))),
-        distance_m=_distance_m(chosen.distances),
+        also=tuple(sorted(_list_kinds(before) - _list_kinds([last]))),
+        distance_m=_average_distance_m(chosen.distances),
     )
 
 
@@ -76,7 +76,7 @@ class _Reason:
         self.distances += [b.distances_m[0] for b in e.baselines[:1] if len(b.receivers) == 2]
         self.overrules |= e.overrules and e.failed
         self.attack = e.says == "attack"
-        if _compared(e):
+        if _has_compared(e):
             self.compared += 1
             self.latest = [*(one for one in self.latest if one.start_gpst == e.start_gpst), e]
 
@@ -84,13 +84,13 @@ class _Reason:
         return not self.overrules, self.compared
 
 
-def _kinds(evidence: Sequence[Finding]) -> set[str]:
-    """The kinds of signal that were tested: system, band and code."""
+def _list_kinds(evidence: Sequence[Finding]) -> set[str]:
+    """List the kinds of signal that were tested: system, band and code."""
     return {f"{ref.signal.sat[0]} {ref.signal.band} {ref.signal.code}" for e in evidence for ref in e.signals}
 
 
-def _distance_m(distances: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
-    """Distance of two antennas by all windows, and its sigma; None where no window shows it.
+def _average_distance_m(distances: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+    """Average the distance of two antennas over all windows, with its sigma; None where no window shows it.
 
     Errors that stay from window to window do not average out: the sigma is that of one window.
     """
@@ -99,6 +99,6 @@ def _distance_m(distances: Sequence[tuple[float, float]]) -> tuple[float, float]
     return float(np.mean([d for d, _ in distances])), float(np.median([s for _, s in distances]))
 
 
-def _compared(e: Finding) -> bool:
-    """Whether the test had something to look at: it gives a p-value, or compared signals of several receivers."""
+def _has_compared(e: Finding) -> bool:
+    """Tell whether the test had something to look at: it gives a p-value, or compared signals of several receivers."""
     return e.p_value is not None or (not e.lacking and len({ref.receiver for ref in e.signals}) > 1)

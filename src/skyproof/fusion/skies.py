@@ -5,14 +5,14 @@ from collections.abc import Collection, Iterable, Sequence
 from itertools import groupby
 
 from skyproof.fusion.labels import FalseSource
-from skyproof.fusion.timeline import Onset, onset_of
+from skyproof.fusion.timeline import Onset, date_onset
 from skyproof.records import ConsistentSet, ObservationLog, SignalRef
 
-__all__ = ["name_skies", "skies_of", "sky_onset"]
+__all__ = ["date_sky", "link_skies", "name_skies"]
 
 
-def skies_of(sets: Iterable[ConsistentSet], *, first: int = 1) -> tuple[FalseSource, ...]:
-    """Sets of a receiver that stand beside another one in the same window, followed from window to window.
+def link_skies(sets: Iterable[ConsistentSet], *, first: int = 1) -> tuple[FalseSource, ...]:
+    """Link the sets of a receiver that stand beside another one in the same window, from window to window.
 
     A set goes on with the sky whose signals it has most of, and a signal belongs to the sky that it was seen in most:
     a set that takes a wrong signal for a window does not tie two skies together.
@@ -51,20 +51,20 @@ def name_skies(
         FalseSource(
             name=f"S{number}",
             signals=signals,
-            parted=_most(ref in together for ref in signals)
+            parted=_is_majority(ref in together for ref in signals)
             and all(sent[ref.receiver, ref.signal.transmission] == 1 for ref in signals),
         )
         for number, signals in enumerate(skies, first)
     )
 
 
-def sky_onset(
+def date_sky(
     sky: FalseSource, observations: Sequence[ObservationLog], hidden: Collection[SignalRef] | None = None
 ) -> Onset | None:
-    """When half of a sky's signals were there: a set may have taken in some that were there before.
+    """Date a sky: when half of its signals were there, for a set may have taken in some that were there before.
 
     None of a sky that parted from another: its channels went over from one signal to another, unseen by the search.
-    hidden : see `onset_of`.
+    hidden : see `date_onset`.
     """
     if sky.parted:
         return None
@@ -74,10 +74,10 @@ def sky_onset(
         for ref in sky.signals
         if ref.receiver == o.receiver
     )
-    return onset_of([ref for _, ref in found[(len(found) - 1) // 2 :]], observations, hidden)
+    return date_onset([ref for _, ref in found[(len(found) - 1) // 2 :]], observations, hidden)
 
 
-def _most(truths: Iterable[bool]) -> bool:
+def _is_majority(truths: Iterable[bool]) -> bool:
     """Tell whether more than half are true."""
     known = list(truths)
     return 2 * sum(known) > len(known)

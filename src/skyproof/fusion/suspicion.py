@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skyproof.fusion.decide import WindowWord, agree_on
-from skyproof.fusion.open_question import reason_key
-from skyproof.fusion.timeline import Onset, onset_of
+from skyproof.fusion.decide import WindowWord, select_common_causes
+from skyproof.fusion.open_question import identify_reason
+from skyproof.fusion.timeline import Onset, date_onset
 from skyproof.fusion.unexplained import Kind, Unexplained
 from skyproof.records import Finding, ObservationLog
 
-__all__ = ["ODD", "Suspicion", "suspicion_of"]
+__all__ = ["ODD", "Suspicion", "find_suspicion"]
 
 ODD: tuple[Kind, ...] = ("rival", "misfit")
 """Kinds of unexplained signals that neither the sky nor an echo explains."""
@@ -33,13 +33,13 @@ class Suspicion:
     may_also_be: tuple[str, ...]
 
 
-def suspicion_of(
+def find_suspicion(
     evidence: Sequence[Finding],
     unexplained: Sequence[Unexplained],
     observations: Sequence[ObservationLog],
     words: Sequence[WindowWord],
 ) -> Suspicion | None:
-    """What the failed tests of all windows and the unexplained signals make suspect; None if that is nothing.
+    """Find what the failed tests of all windows and the unexplained signals make suspect; None if that is nothing.
 
     The test that overrules others gives the reason, then the one that failed in most windows, by the window in which
     it is least likely to have failed by chance.
@@ -49,7 +49,7 @@ def suspicion_of(
     seen: np.datetime64 | None = None
     for e in evidence:
         if e.failed:
-            key = reason_key(e)
+            key = identify_reason(e)
             failures[key] = failures[key].and_of(e) if key in failures else _Failure(1, e)
             receivers |= {ref.receiver for ref in e.signals}
             since = e.end_gpst if e.dated_gpst is None else e.dated_gpst
@@ -59,13 +59,13 @@ def suspicion_of(
         return None
     ranked = sorted(failures.values(), key=_Failure.weight, reverse=True)
     worst = ranked[0].worst if ranked else None
-    causes: list[str] = list(agree_on(word.causes for word in words if word.word == "suspect"))
+    causes: list[str] = list(select_common_causes(word.causes for word in words if word.word == "suspect"))
     causes = causes or [cause for failure in ranked for cause in failure.worst.may_also_be]
     causes += [cause for u in odd for cause in _CAUSES[u.kind]]
     receivers |= {u.ref.receiver for u in odd}
     return Suspicion(
         receivers=tuple(o.receiver for o in observations if o.receiver in receivers),
-        onset=_onset(seen, odd, observations),
+        onset=_date_suspicion(seen, odd, observations),
         finding=worst,
         may_also_be=tuple(dict.fromkeys(causes)),
     )
@@ -79,24 +79,24 @@ class _Failure:
     worst: Finding
 
     def and_of(self, e: Finding) -> "_Failure":
-        return _Failure(self.windows + 1, min(self.worst, e, key=_p_value))
+        return _Failure(self.windows + 1, min(self.worst, e, key=_get_p_value))
 
     def weight(self) -> tuple[bool, int]:
         return self.worst.overrules, self.windows
 
 
-def _p_value(e: Finding) -> float:
+def _get_p_value(e: Finding) -> float:
     return 1.0 if e.p_value is None else e.p_value
 
 
-def _onset(
+def _date_suspicion(
     seen: np.datetime64 | None, odd: Sequence[Unexplained], observations: Sequence[ObservationLog]
 ) -> Onset | None:
-    """When a test failed first or an odd signal came, whichever was before.
+    """Return when a test failed first or an odd signal came, whichever was before.
 
     A test that fails dates what it sees, not how long that was there unseen.
     """
-    came = onset_of([u.ref for u in odd if u.kind == "rival"], observations)
+    came = date_onset([u.ref for u in odd if u.kind == "rival"], observations)
     if seen is None or (came is not None and came.seen < seen):
         return came
     return Onset(seen=seen, earliest=None)

@@ -13,7 +13,7 @@ from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.window import median_interval_s
 from skyproof.records import ObservationLog, SignalRef
 
-__all__ = ["Onset", "Pair", "compare_pairs", "end_of", "onset_of"]
+__all__ = ["Onset", "Pair", "compare_pairs", "date_end", "date_onset"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,12 +32,12 @@ class Onset:
 
     @property
     def gpst(self) -> np.datetime64:
-        """The middle of the interval; `seen` if it has no beginning."""
+        """Return the middle of the interval; `seen` if it has no beginning."""
         return self.seen if self.earliest is None else self.earliest + (self.seen - self.earliest) / 2
 
     @property
     def sigma_s(self) -> float | None:
-        """Of `gpst`, any instant of the interval being as likely; None if it has no beginning."""
+        """Return the sigma of `gpst`, any instant of the interval being as likely; None if it has no beginning."""
         if self.earliest is None:
             return None
         return float((self.seen - self.earliest) / np.timedelta64(1, "s") / np.sqrt(12.0))
@@ -60,16 +60,18 @@ def compare_pairs(o: ObservationLog) -> Iterator[Pair]:
         for later, other in permutations(columns, 2):
             both = np.flatnonzero(o.measured[:, later] & o.measured[:, other])
             if both.size and o.found_elapsed_s[other] <= o.found_elapsed_s[later]:
-                is_near = _apart_m(o, later, other, int(both[0])) < POLICY.hidden_chips * o.signals[later].plan.chip_m
+                is_near = (
+                    _measure_apart_m(o, later, other, int(both[0])) < POLICY.hidden_chips * o.signals[later].plan.chip_m
+                )
                 yield Pair(SignalRef(o.receiver, o.signals[later]), SignalRef(o.receiver, o.signals[other]), is_near)
 
 
-def onset_of(
+def date_onset(
     signals: Collection[SignalRef],
     observations: Sequence[ObservationLog],
     hidden: Collection[SignalRef] | None = None,
 ) -> Onset | None:
-    """When these signals, each found by a search, began to be received: the earliest of them, in any receiver.
+    """Date the earliest of these signals, each found by a search, in any receiver.
 
     It came between the last search that missed it and the one that found it. Where most of those that came with it
     stood within two chips of another signal of their satellite, they may have been there before, unseen.
@@ -83,8 +85,8 @@ def onset_of(
             if ref in signals:
                 found_s, missed_s = float(o.found_elapsed_s[column]), float(o.missed_elapsed_s[column])
                 if np.isnan(missed_s):
-                    return Onset(seen=_instant(o, 0.0), earliest=None, from_start=True)
-                found.append((_instant(o, found_s + POLICY.searched_s), _instant(o, missed_s), ref))
+                    return Onset(seen=_find_instant(o, 0.0), earliest=None, from_start=True)
+                found.append((_find_instant(o, found_s + POLICY.searched_s), _find_instant(o, missed_s), ref))
     if not found:
         return None
     seen, missed, _ = min(found, key=lambda each: each[0])
@@ -95,14 +97,14 @@ def onset_of(
     return Onset(seen=seen, earliest=None if sum(company) > POLICY.hidden_share * len(company) else missed)
 
 
-def _apart_m(o: ObservationLog, one: int, other: int, epoch: int) -> float:
+def _measure_apart_m(o: ObservationLog, one: int, other: int, epoch: int) -> float:
     a, b = (o.series("pseudorange_m", channel, epoch, epoch + 1) for channel in (one, other))
     return float(np.abs(a - b)[0])
 
 
-def end_of(false: Sequence[LabelledSignal], observations: Sequence[ObservationLog]) -> np.datetime64 | None:
-    """The last epoch of any false signal, if all receivers went on without one for at least `ended_s`, and
-    for two epochs; else None."""
+def date_end(false: Sequence[LabelledSignal], observations: Sequence[ObservationLog]) -> np.datetime64 | None:
+    """Return the last epoch of any false signal, if all receivers received none for `ended_s` and two epochs; else
+    None."""
     ends = []
     for o in observations:
         last = max((s.last_epoch for s in false if s.ref.receiver == o.receiver), default=None)
@@ -116,6 +118,6 @@ def end_of(false: Sequence[LabelledSignal], observations: Sequence[ObservationLo
     return max(ends, default=None)
 
 
-def _instant(o: ObservationLog, elapsed_s: float) -> np.datetime64:
+def _find_instant(o: ObservationLog, elapsed_s: float) -> np.datetime64:
     moment: np.datetime64 = o.gpst[0] + timedelta_from_s(elapsed_s - float(o.elapsed_s[0]))
     return moment

@@ -24,11 +24,11 @@ from skyproof.records import (
     SignalId,
 )
 
-__all__ = ["carries", "fix_of", "masked", "of_signals"]
+__all__ = ["apply_mask", "carries", "fix_of", "mask_signals"]
 
 
 def carries(log: ObservationLog, labels: Sequence[LabelledSignal], label: Label) -> Booleans:
-    """Which cells (n_epochs, n_signals) carry a label."""
+    """Mark the cells, (n_epochs, n_signals), that carry a label."""
     mask = np.zeros((log.gpst.size, len(log.signals)), np.bool_)
     for s in labels:
         if s.ref.receiver == log.receiver and s.label == label:
@@ -36,14 +36,14 @@ def carries(log: ObservationLog, labels: Sequence[LabelledSignal], label: Label)
     return mask
 
 
-def of_signals(log: ObservationLog, signals: Collection[SignalId]) -> Booleans:
-    """Which cells (n_epochs, n_signals) are of these signals."""
+def mask_signals(log: ObservationLog, signals: Collection[SignalId]) -> Booleans:
+    """Mark the cells, (n_epochs, n_signals), of these signals."""
     chosen = np.array([signal in signals for signal in log.signals], np.bool_)
     return np.broadcast_to(chosen, (log.gpst.size, chosen.size))
 
 
-def masked(observations: Observations, mask: Booleans) -> Observations:
-    """The observations with every cell emptied where `mask`, (n_epochs, n_signals), is false."""
+def apply_mask(observations: Observations, mask: Booleans) -> Observations:
+    """Empty every cell of observations where `mask`, (n_epochs, n_signals), is false."""
     emptied: dict[str, Any] = {name: np.where(mask, getattr(observations, name), np.nan) for name in OBSERVABLES}
     kept = mask | (observations.status == CellStatus.NOT_TRACKED)
     status = np.where(kept, observations.status, CellStatus.NOT_TRACKED).astype(np.uint8)
@@ -59,7 +59,7 @@ def fix_of(
     ordinary: bool = False,
     integrity_risk: float | None = None,
 ) -> Fix | None:
-    """The fix from all cells that are left, at each epoch of one kind of signal of each time scale; None without any.
+    """Compute the fix from all cells, in each epoch of one kind of signal of each time scale; None without any.
 
     Epochs whose residuals fit no one position are no fix (`navigation.screen`).
 
@@ -75,13 +75,13 @@ def fix_of(
         columns = [i for i, signal in enumerate(observations.signals) if signal.transmission == transmission]
         twice = usable[:, columns].sum(axis=1) > 1
         usable[np.ix_(twice, columns)] = False
-    usable &= _one_kind_a_scale(observations.signals, usable)
+    usable &= _select_one_kind_a_scale(observations.signals, usable)
     kept = np.flatnonzero(usable.any(axis=0))
     if kept.size < POLICY.fix_signals:
         return None
     signals = tuple(observations.signals[k] for k in kept)
     found, geometry = fix_and_geometry(
-        masked(observations, usable),
+        apply_mask(observations, usable),
         navigation,
         signals=signals,
         multipath_sigma_m=multipath_sigma_m,
@@ -96,8 +96,8 @@ def fix_of(
     return empty_epochs(levelled, unchecked, np.where(unchecked, FixStatus.UNCHECKED, levelled.status).astype(np.uint8))
 
 
-def _one_kind_a_scale(signals: Sequence[SignalId], usable: Booleans) -> Booleans:
-    """Which cells (n_epochs, n_signals) are of the kind that is taken: one per time scale and epoch.
+def _select_one_kind_a_scale(signals: Sequence[SignalId], usable: Booleans) -> Booleans:
+    """Select the cells, (n_epochs, n_signals), of the kind that is taken: one per time scale and epoch.
 
     The first kind, L1 before L2, that has `band_share` of the signals that any of the scale has. So the scale's
     clock is one kind's, where bands are false at different times as well; it steps where the kind changes.

@@ -44,8 +44,9 @@ def unexplained(
     *,
     parts: bool = True,
 ) -> tuple[Unexplained, ...]:
-    """The signals that are unknown all the time that they are received; with `parts` also those that are so for longer
-    than the longest window, though something is known of them at other times.
+    """List the signals that are unknown all the time that they are received.
+
+    parts : also those that are unknown for longer than the longest window.
     """
     # A failed test of one receiver's signals says that they do not fit each other; one of several, that they differ.
     failed = {ref for e in evidence if e.failed and len({ref.receiver for ref in e.signals}) == 1 for ref in e.signals}
@@ -56,52 +57,57 @@ def unexplained(
         decided = {s.ref for s in own if s.label in ("authentic", "spoofed")}
         longest: dict[SignalRef, LabelledSignal] = {}
         for s in own:
-            if s.label == "unknown" and (s.ref not in longest or _length_s(s, o) > _length_s(longest[s.ref], o)):
+            if s.label == "unknown" and (
+                s.ref not in longest or _measure_length_s(s, o) > _measure_length_s(longest[s.ref], o)
+            ):
                 longest[s.ref] = s
         length_s = float(o.elapsed_s[-1] - o.elapsed_s[0]) if o.elapsed_s.size else np.inf
         short_s = min(POLICY.counted_s, POLICY.counted_share * length_s)
         least_s = {True: POLICY.longer_windows * window_s if parts else np.inf, False: short_s}
-        left = [s for ref, s in longest.items() if _length_s(s, o) >= least_s[ref in decided]]
+        left = [s for ref, s in longest.items() if _measure_length_s(s, o) >= least_s[ref in decided]]
         # Where nothing at all is decided it is no news that a signal is not; that a satellite is there twice is.
-        found += [_explained(s, own, o, s.ref in failed) for s in left] if decided else _doubles(left, o)
+        found += [_describe(s, own, o, s.ref in failed) for s in left] if decided else _find_doubles(left, o)
     return tuple(found)
 
 
-def _doubles(left: Sequence[LabelledSignal], o: ObservationLog) -> list[Unexplained]:
-    """Of each satellite the signals beside the one that was found first, while that one was there."""
+def _find_doubles(left: Sequence[LabelledSignal], o: ObservationLog) -> list[Unexplained]:
+    """List each satellite's signals beside the one that was found first, while that one was there."""
     found = []
     for s in left:
         for other in left:
             first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
-            if _found_after(s, other) and last >= first:
-                a, b = (_series(o, "cn0_dbhz", one.ref.signal, first, last) for one in (s, other))
+            if _is_found_after(s, other) and last >= first:
+                a, b = (_read_series(o, "cn0_dbhz", one.ref.signal, first, last) for one in (s, other))
                 over_db, cn0_dbhz = float(medians(a - b)), float(medians(a))
                 found.append(Unexplained(ref=s.ref, kind="double", cn0_dbhz=cn0_dbhz, over_db=over_db))
                 break
     return found
 
 
-def _found_after(s: LabelledSignal, other: LabelledSignal) -> bool:
-    """Whether both are of one transmission and the other one was found first."""
+def _is_found_after(s: LabelledSignal, other: LabelledSignal) -> bool:
+    """Tell whether both are of one transmission and the other one was found first."""
     own, first = s.ref.signal, other.ref.signal
     return own.transmission == first.transmission and (len(first.copy), first.copy) < (len(own.copy), own.copy)
 
 
-def _length_s(s: LabelledSignal, o: ObservationLog) -> float:
+def _measure_length_s(s: LabelledSignal, o: ObservationLog) -> float:
     return float(o.elapsed_s[s.last_epoch] - o.elapsed_s[s.first_epoch])
 
 
-def _explained(s: LabelledSignal, own: Sequence[LabelledSignal], o: ObservationLog, failed: bool) -> Unexplained:
-    cn0_dbhz = _mean(_series(o, "cn0_dbhz", s.ref.signal, s.first_epoch, s.last_epoch))
+def _describe(s: LabelledSignal, own: Sequence[LabelledSignal], o: ObservationLog, failed: bool) -> Unexplained:
+    cn0_dbhz = _compute_mean(_read_series(o, "cn0_dbhz", s.ref.signal, s.first_epoch, s.last_epoch))
     transmission = s.ref.signal.transmission
     beside = [other for other in own if other.label == "authentic" and other.ref.signal.transmission == transmission]
-    for other in beside or [other for other in own if other.label == "unknown" and _found_after(s, other)]:
+    for other in beside or [other for other in own if other.label == "unknown" and _is_found_after(s, other)]:
         first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
         if last < first:
             continue
         late_m, over_db = (
             float(
-                medians(_series(o, name, s.ref.signal, first, last) - _series(o, name, other.ref.signal, first, last))
+                medians(
+                    _read_series(o, name, s.ref.signal, first, last)
+                    - _read_series(o, name, other.ref.signal, first, last)
+                )
             )
             for name in ("pseudorange_m", "cn0_dbhz")
         )
@@ -110,10 +116,10 @@ def _explained(s: LabelledSignal, own: Sequence[LabelledSignal], o: ObservationL
     return Unexplained(ref=s.ref, kind="misfit" if failed else "untested", cn0_dbhz=cn0_dbhz)
 
 
-def _series(o: ObservationLog, name: str, signal: SignalId, first_epoch: int, last_epoch: int) -> Reals:
+def _read_series(o: ObservationLog, name: str, signal: SignalId, first_epoch: int, last_epoch: int) -> Reals:
     return o.series(name, o.signals.index(signal), first_epoch, last_epoch + 1)
 
 
-def _mean(values: Reals) -> float:
+def _compute_mean(values: Reals) -> float:
     known = values[np.isfinite(values)]
     return float(known.mean()) if known.size else float("nan")

@@ -11,7 +11,7 @@ __all__ = ["followed"]
 
 
 def followed(log: ObservationLog) -> Booleans:
-    """Which cells (n_epochs, n_signals) a receiver without protection would have.
+    """Mark the cells, (n_epochs, n_signals), that a receiver without protection would have.
 
     Of what a satellite sends on one band in one code it begins with the strongest signal that a search finds, keeps it
     while it is received, and searches again when it has lost it for more than `coasts_s`: who jams it first and then
@@ -23,12 +23,12 @@ def followed(log: ObservationLog) -> Booleans:
         columns = [i for i, signal in enumerate(log.signals) if signal.transmission == transmission]
         if len(columns) > 1:
             cn0_dbhz = np.stack([log.series("cn0_dbhz", column) for column in columns], axis=1)
-            mask[:, columns] = _followed(log.elapsed_s, mask[:, columns], cn0_dbhz, hold_s)
+            mask[:, columns] = _select_followed(log.elapsed_s, mask[:, columns], cn0_dbhz, hold_s)
     return mask
 
 
-def _followed(elapsed_s: Reals, there: Booleans, cn0_dbhz: Reals, hold_s: float) -> Booleans:
-    """Which of one transmission's signals is followed when; arrays and the answer are (n_epochs, n_signals)."""
+def _select_followed(elapsed_s: Reals, there: Booleans, cn0_dbhz: Reals, hold_s: float) -> Booleans:
+    """Mark which of one transmission's signals is followed when; arrays and the answer are (n_epochs, n_signals)."""
     mask = np.zeros_like(there)
     strength = np.where(there, np.nan_to_num(cn0_dbhz), -np.inf)
     epoch = 0

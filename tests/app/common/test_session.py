@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from skyproof.app.common.epoch_source import FedSource, WholeSource
 from skyproof.app.common.progress import Silent
-from skyproof.app.common.session import Session, examine_all, session_of
+from skyproof.app.common.session import Session, examine_all, open_session
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import following_epochs, windows_of
+from skyproof.app.common.windows import widen_windows, windows_of
 from skyproof.navigation.predictor import Standing
 from skyproof.records import OBSERVABLES, ConsistentSet, NavigationData, Observations, Records, SignalId
 from skyproof.testing import MeasuredScene
@@ -43,7 +43,7 @@ def gist(step):
 def fed(scene, sizes):
     """Steps of a session whose receivers' epochs come in pieces of such sizes, in turn."""
     sources = [FedSource(o.receiver) for o in scene.observations]
-    session = session_of(sources, scene.navigation, Settings(), STANDS)
+    session = open_session(sources, scene.navigation, Settings(), STANDS)
     given_to, steps = [0] * len(sources), []
     n = scene.observations[0].gpst.size
     turn = 0
@@ -62,7 +62,7 @@ def fed(scene, sizes):
 @settings(max_examples=3, deadline=None)
 @given(sizes=st.lists(st.integers(1, 30), min_size=1, max_size=5))
 def test_pieces_of_any_size_give_what_the_whole_gives(scene, sizes):
-    whole = session_of([WholeSource(o) for o in scene.observations], scene.navigation, Settings(), STANDS)
+    whole = open_session([WholeSource(o) for o in scene.observations], scene.navigation, Settings(), STANDS)
     steps = list(whole.steps())
     assert [gist(step) for step in fed(scene, sizes)[1]] == [gist(step) for step in steps]
     assert any(e.detector == "place" and e.code == "there" for step in steps for e in step.findings)
@@ -72,7 +72,7 @@ def test_pieces_of_any_size_give_what_the_whole_gives(scene, sizes):
 def test_gaps_rates_and_starts_move_no_window_that_was_given(seed):
     rng = np.random.default_rng(seed)
     logs = [drawn_epochs(f"rx{k}", rng) for k in range(int(rng.integers(1, 4)))]
-    chosen, nothing = following_epochs(Settings(), logs), NavigationData(ephemerides=())
+    chosen, nothing = widen_windows(Settings(), logs), NavigationData(ephemerides=())
     sources = [FedSource(o.receiver) for o in logs]
     windows, found, given_to = windows_of(sources, nothing, chosen), [], [0] * len(logs)
     while left := [k for k, o in enumerate(logs) if given_to[k] < o.gpst.size]:
@@ -118,7 +118,7 @@ def test_windows_come_before_the_end():
 def test_the_first_window_comes_half_a_window_after_its_end():
     one = MeasuredScene(epochs=47, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
     source = FedSource("rx1")
-    session = session_of([source], one.navigation, Settings())
+    session = open_session([source], one.navigation, Settings())
     seen = []
     for row in range(20):
         source.feed(one.observations[0].read(row, row + 1))
@@ -134,8 +134,8 @@ def test_signals_that_come_later_change_no_window_before(scene):
     for piece in pieces:
         source.feed(piece)
     source.end()
-    session = session_of([source], scene.navigation, Settings())
-    whole = session_of([WholeSource(Observations.joined(pieces))], scene.navigation, Settings())
+    session = open_session([source], scene.navigation, Settings())
+    whole = open_session([WholeSource(Observations.joined(pieces))], scene.navigation, Settings())
     assert [gist(step) for step in session.steps()] == [gist(step) for step in whole.steps()]
 
 
@@ -144,7 +144,7 @@ def test_a_break_of_time_cuts_what_is_fed_as_it_cuts_the_whole():
     (o,) = one.observations
     later = np.arange(47) >= 23
     broken = replace(one, observations=(replace(o, pseudorange_m=o.pseudorange_m - 99e3 * later[:, None]),))
-    whole = session_of([WholeSource(broken.observations[0])], one.navigation, Settings(), STANDS)
+    whole = open_session([WholeSource(broken.observations[0])], one.navigation, Settings(), STANDS)
     steps = [gist(step) for step in whole.steps()]
     assert any(start == o.gpst[23] - np.timedelta64(500, "ms") for start, *_ in steps)
     assert [gist(step) for step in fed(broken, [1])[1]] == steps
@@ -152,7 +152,7 @@ def test_a_break_of_time_cuts_what_is_fed_as_it_cuts_the_whole():
 
 def test_what_is_remembered_stops_growing():
     one = MeasuredScene(epochs=420, antennas_enu_m={"rx1": PLACES["rx1"]}).records(np.random.default_rng(4))
-    session = session_of([WholeSource(one.observations[0])], one.navigation, Settings())
+    session = open_session([WholeSource(one.observations[0])], one.navigation, Settings())
     sizes = [len(pickle.dumps((session._states, session._deciding))) for _ in session.steps()]
     assert max(sizes[25:]) <= 1.01 * sizes[24]
 
@@ -169,7 +169,7 @@ def test_a_short_window_has_its_share_of_the_false_alarms():
     (o,) = one.observations
     later = np.arange(40) >= 4
     broken = replace(o, pseudorange_m=o.pseudorange_m - np.where(later, 99_000.0, 0.0)[:, None])
-    session = session_of([WholeSource(broken)], one.navigation, Settings())
+    session = open_session([WholeSource(broken)], one.navigation, Settings())
     alphas = [
         {e.detector: e.alpha for e in step.findings if e.alpha is not None}.get("residual") for step in session.steps()
     ]

@@ -9,9 +9,9 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import (
     RECEIVED,
     asked,
-    detectors_for,
-    following_epochs,
-    levels_between_signals,
+    instantiate_detectors,
+    measure_levels_between_signals,
+    widen_windows,
     windows_of,
 )
 from skyproof.detectors.registry import load_detectors
@@ -39,7 +39,7 @@ def usual_shares():
 
 
 def share(run):
-    (detector,) = (d for d in detectors_for(Settings(), run) if d.name == "second_signals")
+    (detector,) = (d for d in instantiate_detectors(Settings(), run) if d.name == "second_signals")
     return detector.settings.false_alarm_probability
 
 
@@ -55,7 +55,7 @@ def test_a_detector_without_its_equipment_gets_no_share_of_the_false_alarms():
 def test_what_never_accuses_takes_no_share_but_tests_at_its_rate():
     detectors = {
         d.name: d.settings.false_alarm_probability
-        for d in detectors_for(Settings(), Records(start_gpst=START, end_gpst=START))
+        for d in instantiate_detectors(Settings(), Records(start_gpst=START, end_gpst=START))
     }
     assert detectors["torn"] == detectors["residual"]
     assert detectors["code_motion"] == pytest.approx(0.05 * detectors["residual"])
@@ -83,13 +83,13 @@ def epochs_every(step_s, n, late_s=0.0):
 @pytest.mark.parametrize(("step_s", "window_s"), [(0.05, 10.0), (1.0, 10.0), (2.0, 10.0), (5.0, 25.0), (30.0, 150.0)])
 def test_windows_hold_five_epochs_or_more_whatever_lies_between_them(step_s, window_s):
     fast, slow = epochs_every(0.1, 10), epochs_every(step_s, 41, late_s=0.002 * step_s)
-    settings = following_epochs(Settings(), [fast, slow])
+    settings = widen_windows(Settings(), [fast, slow])
     assert settings.window_s == pytest.approx(window_s, rel=1e-3)
     windows = windows_of([WholeSource(slow)], NavigationData(ephemerides=()), settings)
     counts = [window.observations[0].gpst.size for window in windows if window.observations]
     assert min(counts) >= 5
     assert sum(counts) == 41
-    (detector,) = (d for d in detectors_for(settings, windows.run) if d.name == "second_signals")
+    (detector,) = (d for d in instantiate_detectors(settings, windows.run) if d.name == "second_signals")
     usual = usual_shares()
     of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
     assert detector.settings.false_alarm_probability == pytest.approx(of_a_window / usual)
@@ -163,7 +163,7 @@ def test_a_window_ends_where_a_receivers_time_breaks():
 @pytest.mark.parametrize(("more", "windows"), [(0, 6), (1, 6), (2, 7)])
 def test_one_epoch_of_one_receiver_alone_makes_no_window(more, windows):
     both = (epochs_every(30.0, 30), replace(epochs_every(30.0, 30 + more), receiver="rx2"))
-    settings = following_epochs(Settings(), both)
+    settings = widen_windows(Settings(), both)
     made = list(windows_of([WholeSource(o) for o in both], NavigationData(ephemerides=()), settings))
     assert len(made) == windows
     assert all(records.observations for records in made)
@@ -202,7 +202,7 @@ def test_grids_give_the_level_between_the_signals():
         value=np.zeros((4, n, 1, 1), complex),
         noise_variance=noise,
     )
-    levels = levels_between_signals(grids)
+    levels = measure_levels_between_signals(grids)
     np.testing.assert_allclose(levels.noise_db, [10.0, 10.0, 10.0])
     np.testing.assert_array_equal(levels.gpst, o.gpst[[0, 2, 3]])
     assert set(levels.band) == {"L1"}

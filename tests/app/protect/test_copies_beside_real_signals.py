@@ -8,7 +8,7 @@ from tests.app.protect.captured import captured
 
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import detectors_for, following_epochs, windows_of
+from skyproof.app.common.windows import instantiate_detectors, widen_windows, windows_of
 from skyproof.app.receive.observed import observe_file, open_observations
 from skyproof.formats.rinex_nav import get_glonass_channels, read_nav
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
@@ -114,9 +114,9 @@ def test_copies_of_one_antenna_are_named_and_nothing_else_is(shared_data, name, 
     sats = sorted(whole[0] & whole[1])[:count]
     sky = false_sky(base, navigation, place_ecef_m)
     both = (beside(base, sky, sats), beside(rover, captured(rover, sky, 0, rng=rng), sats))
-    settings = following_epochs(Settings(**given), both)
+    settings = widen_windows(Settings(**given), both)
     windows = windows_of([WholeSource(o) for o in both], navigation, settings)
-    (detector,) = (d for d in detectors_for(settings, windows.run) if d.name == "multi_receiver")
+    (detector,) = (d for d in instantiate_detectors(settings, windows.run) if d.name == "multi_receiver")
     state, spoofed = None, []
     for records in windows:
         evidence, state = detector.examine(records, state)

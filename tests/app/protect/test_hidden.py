@@ -17,7 +17,7 @@ def hidden_m(findings, *seconds, since_s=0.0, standing=("rx1",), reach_s=0.0):
     drag = bound_drags(findings, standing=standing)["rx1"]
     gpst = START + (1e9 * np.array(seconds)).astype("timedelta64[ns]")
     since = np.full(gpst.size, START + np.timedelta64(int(1e9 * since_s), "ns"))
-    return drag.select_between(since, gpst, gpst + np.timedelta64(int(1e9 * reach_s), "ns"))
+    return drag.bound_between(since, gpst, gpst + np.timedelta64(int(1e9 * reach_s), "ns"))
 
 
 def test_it_grows_by_each_window_s_rate_beside_the_largest_jump_so_far():
@@ -53,7 +53,7 @@ def test_of_a_receiver_with_an_inertial_unit_any_drag_is_bounded():
     found = [finding(0, *noticed(1.0, 10.0), NoticedAttack("drag", 0.3))]
     drag = bound_drags(found, standing=(), inertial=("rx1",))["rx1"]
     gpst = np.array([START + np.timedelta64(10, "s")])
-    assert drag.select_between(np.array([START]), gpst, gpst) == pytest.approx([13.0])
+    assert drag.bound_between(np.array([START]), gpst, gpst) == pytest.approx([13.0])
 
 
 def test_of_a_receiver_that_stands_it_does_not_grow_beyond_what_its_place_shows():

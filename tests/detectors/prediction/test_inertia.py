@@ -12,7 +12,7 @@ from tests.app.protect.test_choosing import DRIVE, WALK
 from skyproof.app.common.epoch_source import WholeSource
 from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import cut, windows_of
-from skyproof.detectors.prediction.inertia import Inertia, InertiaSettings, corrected_navigators
+from skyproof.detectors.prediction.inertia import Inertia, InertiaSettings, list_navigators
 from skyproof.records import Cause, Finding, Hypothesis, list_refs
 from skyproof.simulator.sky import scene_of
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
@@ -61,7 +61,7 @@ def examined(detector, o, windows, doubts=(), **expected):
         records = replace(window, observations=(own,), findings=others, **expected)
         found, state = detector.examine(records, state)
         findings += found
-    return findings, corrected_navigators(state).get("bow")
+    return findings, list_navigators(state).get("bow")
 
 
 def said(found, change=lambda readings: readings, shown=None):

@@ -12,9 +12,9 @@ from skyproof.app.common.epoch_source import EpochSource
 from skyproof.app.common.packed_log import PACKED, PackedLog
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import Windows, detectors_for, tier_of, windows_of
+from skyproof.app.common.windows import Windows, find_tier, instantiate_detectors, windows_of
 from skyproof.detectors.base import Detector
-from skyproof.detectors.prediction.inertia import corrected_navigators
+from skyproof.detectors.prediction.inertia import list_navigators
 from skyproof.detectors.registry import examine_window, instantiate, review_evidence
 from skyproof.fusion.decide import Deciding, decide, weigh
 from skyproof.gnss.time import seconds_between
@@ -22,7 +22,7 @@ from skyproof.interruption import watch
 from skyproof.navigation.predictor import Predictor
 from skyproof.records import ConsistentSet, Finding, NavigationData, Records
 
-__all__ = ["DecidedWindow", "Session", "examine_all", "reviewed", "session_of"]
+__all__ = ["DecidedWindow", "Session", "examine_all", "open_session", "reviewed"]
 
 H = TypeVar("H", bound=Hashable)
 
@@ -60,9 +60,9 @@ class Session:
             receivers = [o.receiver for o in records.observations]
             findings = list[Finding]()
             states = dict(self._states)
-            for _, tier in groupby(_with_share(self.detectors, float(share)), tier_of):
+            for _, tier in groupby(_share_alpha(self.detectors, float(share)), find_tier):
                 findings += filter(None, (weigh(findings, receiver) for receiver in receivers))
-                expected = {**records.expected, **corrected_navigators(states.get("inertia"))}
+                expected = {**records.expected, **list_navigators(states.get("inertia"))}
                 records = replace(records, findings=tuple(findings), expected=expected)
                 for detector in tier:
                     found, states[detector.name] = examine_window(detector, records, states.get(detector.name))
@@ -73,7 +73,7 @@ class Session:
             yield DecidedWindow(records=records, findings=(*findings, *together), deciding=self._deciding)
 
 
-def _with_share(detectors: Sequence[Detector], share: float) -> Sequence[Detector]:
+def _share_alpha(detectors: Sequence[Detector], share: float) -> Sequence[Detector]:
     """Return the detectors with a share of their false-alarm probability; a whole one at most."""
     if not 0.0 < share < 1.0:  # a run without epochs has one window without times
         return detectors
@@ -84,7 +84,7 @@ def _with_share(detectors: Sequence[Detector], share: float) -> Sequence[Detecto
     ]
 
 
-def session_of(
+def open_session(
     sources: Sequence[EpochSource],
     navigation: NavigationData,
     settings: Settings,
@@ -97,11 +97,11 @@ def session_of(
         inertial unit, by receiver.
     """
     windows = windows_of(sources, navigation, settings, predictors=predictors)
-    return Session(windows, detectors_for(settings, windows.run))
+    return Session(windows, instantiate_detectors(settings, windows.run))
 
 
 def reviewed(detectors: Sequence[Detector], evidence: Sequence[Finding]) -> Sequence[Finding]:
-    """The evidence of all windows, after each detector that has a method `review` looked at it once more."""
+    """Return the evidence of all windows, after each detector with a method `review` looked at it once more."""
     seen = evidence
     for detector in detectors:
         if (after := review_evidence(detector, seen)) is not seen:
@@ -112,7 +112,7 @@ def reviewed(detectors: Sequence[Detector], evidence: Sequence[Finding]) -> Sequ
 def examine_all(
     session: Session, progress: Progress, take: Callable[[DecidedWindow], None] | None = None
 ) -> tuple[Sequence[Finding], Sequence[ConsistentSet], bool]:
-    """The evidence of all windows, the sets found in them, and whether a signal left windows out.
+    """Return the evidence of all windows, the sets found in them, and whether a signal left windows out.
 
     take : is called with each window as it comes.
     """
@@ -129,7 +129,7 @@ def examine_all(
             if interrupted() and number < total:
                 cut_short = True
                 break
-    return reviewed(session.detectors, evidence.in_order()), sets, cut_short
+    return reviewed(session.detectors, evidence.merge_in_order()), sets, cut_short
 
 
 class _Kept:
@@ -144,13 +144,13 @@ class _Kept:
         self._lacking: set[Hashable] = set()
 
     def take(self, step: DecidedWindow) -> None:
-        """The evidence of one more window."""
+        """Take the evidence of one more window."""
         lacking = set[Hashable]()
         for one in step.findings:
             if one.start_gpst < step.records.start_gpst:
                 self._before.append(one)
                 continue
-            subject = self._once(tuple(self._once(ref) for ref in one.signals))
+            subject = self._share_equal(tuple(self._share_equal(ref) for ref in one.signals))
             if one.lacking:
                 key = one.detector, subject, one.lacking
                 lacking.add(key)
@@ -161,11 +161,11 @@ class _Kept:
         if len(self._same) > PACKED:  # words with figures in them hardly ever come again
             self._same.clear()
 
-    def in_order(self) -> Sequence[Finding]:
+    def merge_in_order(self) -> Sequence[Finding]:
         """Return all evidence in the order of the windows that it is of."""
         return PackedLog(merge(self.all, self._before, key=_get_window)) if self._before else self.all
 
-    def _once(self, value: H) -> H:
+    def _share_equal(self, value: H) -> H:
         kept: H = self._same.setdefault(value, value)
         return kept
 

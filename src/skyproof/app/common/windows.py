@@ -50,9 +50,9 @@ __all__ = [
     "Windows",
     "asked",
     "cut",
-    "detectors_for",
-    "following_epochs",
-    "tier_of",
+    "find_tier",
+    "instantiate_detectors",
+    "widen_windows",
     "windows_of",
 ]
 
@@ -65,27 +65,29 @@ RECEIVED = frozenset({Need.OBSERVATIONS, Need.TWO_RECEIVERS, Need.SETS, Need.NAV
 
 
 def cut(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> Observations:
-    """The epochs with start <= label < end."""
+    """Return the epochs with start <= label < end."""
     first, stop = np.searchsorted(observations.gpst, [start_gpst, end_gpst])
     return observations.read(int(first), int(stop))
 
 
-def span_s(observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64) -> tuple[float, float]:
-    """From when to when, in elapsed seconds, lies what is nearest to the epochs with start <= label < end."""
+def find_span_s(
+    observations: ObservationLog, start_gpst: np.datetime64, end_gpst: np.datetime64
+) -> tuple[float, float]:
+    """Return the elapsed seconds between which everything is nearest to the epochs with start <= label < end."""
     first, stop = (int(row) for row in np.searchsorted(observations.gpst, [start_gpst, end_gpst]))
     elapsed_s = observations.elapsed_s
 
-    def middle_s(row: int) -> float:
-        """Between an epoch and the one before it."""
+    def find_middle_s(row: int) -> float:
+        """Return the middle between an epoch and the one before it."""
         if row == 0 or row == elapsed_s.size:
             return -np.inf if row == 0 else np.inf
         return 0.5 * float(elapsed_s[row - 1] + elapsed_s[row])
 
-    return middle_s(first), middle_s(stop)
+    return find_middle_s(first), find_middle_s(stop)
 
 
-def following_epochs(settings: Settings, observations: Sequence[ObservationLog]) -> Settings:
-    """The settings with windows of at least five epochs of the receiver that has fewest."""
+def widen_windows(settings: Settings, observations: Sequence[ObservationLog]) -> Settings:
+    """Return the settings with windows of at least five epochs of the receiver that has fewest."""
     needed_s = round(
         POLICY.least_window_epochs * max((median_interval_s(o.elapsed_s) for o in observations), default=0.0), 3
     )
@@ -108,7 +110,7 @@ class Arrived:
 def window_edges(
     received: Sequence[Arrived], window_s: float, *, keep_pauses: bool = False, ended: bool = True
 ) -> list[np.datetime64]:
-    """Edges of the windows, common to all receivers: from the first epoch of any to past the last.
+    """Return the edges of the windows, common to all receivers: from the first epoch of any to past the last.
 
     Windows in a row that hold no epoch are one, for a log may pause for years. Not so with `keep_pauses`: correlators
     may have measured where no epoch came of it.
@@ -134,11 +136,11 @@ def window_edges(
         if end - begin > early or end == last:  # not at the break that another receiver saw at its own epoch
             within = None if keep_pauses else epochs[slice(*np.searchsorted(epochs, [begin - early, end]))]
             goes_on = end == last and not ended
-            edges += [*_evenly(begin, end, window_s, early, within, goes_on), end if end == last else end - early]
+            edges += [*_space_evenly(begin, end, window_s, early, within, goes_on), end if end == last else end - early]
     return edges if ended else edges[:-1]
 
 
-def _evenly(
+def _space_evenly(
     begin: np.datetime64,
     end: np.datetime64,
     window_s: float,
@@ -146,7 +148,7 @@ def _evenly(
     epochs: Instants | None,
     goes_on: bool,
 ) -> list[np.datetime64]:
-    """Edges between two instants, every so often, without those that part nothing from nothing.
+    """Return edges between two instants, every so often, without those that part nothing from nothing.
 
     goes_on : there may be more epochs after the end, which those edges hold with as well.
     """
@@ -189,7 +191,7 @@ class Run(Holding):
 
     @property
     def nav_state(self) -> Body | None:
-        """What gives each window its own."""
+        """Return what gives each window its own state of the body."""
         return self.body
 
 
@@ -221,12 +223,12 @@ class Windows:
         if not self.sources:
             return [NO_TIME, NO_TIME]
         logs = [source.log for source in self.sources]
-        if any(log.gpst.size < POLICY.interval_epochs and not source.ended for log, source in self._each(logs)):
+        if any(log.gpst.size < POLICY.interval_epochs and not source.ended for log, source in self._pair_logs(logs)):
             return []
         last = [log.gpst[-1] for log in logs]
         horizon = min((at for at, source in zip(last, self.sources, strict=True) if not source.ended), default=None)
         received = []
-        for k, (log, source) in enumerate(self._each(logs)):
+        for k, (log, source) in enumerate(self._pair_logs(logs)):
             self._look_for_breaks(k, log)
             until = last[k] if horizon is None or (source.ended and last[k] < horizon) else horizon
             known = log.gpst[: int(np.searchsorted(log.gpst, until, side="right"))]
@@ -246,7 +248,7 @@ class Windows:
     def __len__(self) -> int:
         return max(len(self.edges()) - 1, 0)
 
-    def _each(self, logs: Sequence[ObservationLog]) -> Iterator[tuple[ObservationLog, EpochSource]]:
+    def _pair_logs(self, logs: Sequence[ObservationLog]) -> Iterator[tuple[ObservationLog, EpochSource]]:
         return zip(logs, self.sources, strict=True)
 
     def _look_for_breaks(self, k: int, log: ObservationLog) -> None:
@@ -262,13 +264,13 @@ class Windows:
             if self._given is not None and start < self._given:
                 continue
             self._given = end
-            records = self._window(start, end)
+            records = self._build_window(start, end)
             if self.run.body is not None:
                 states, self._carried = body_states(self.run.body, records, self._carried)
                 records = replace(records, nav_state=states)
             yield records
 
-    def _without_later(self, o: Observations) -> Observations:
+    def _drop_later_signals(self, o: Observations) -> Observations:
         """Return epochs without the signals that come after them alone: of what is fed these are not known yet."""
         known = self._known.setdefault(o.receiver, set())
         tracked = np.flatnonzero((o.status != CellStatus.NOT_TRACKED).any(axis=0))
@@ -276,16 +278,16 @@ class Windows:
         columns = [k for k, signal in enumerate(o.signals) if signal in known]
         return o if len(columns) == len(o.signals) else o.select_channels(np.array(columns, np.intp))
 
-    def _window(self, start: np.datetime64, end: np.datetime64) -> Records:
-        """Each receiver's epochs in a window, and the consistent sets that they hold."""
+    def _build_window(self, start: np.datetime64, end: np.datetime64) -> Records:
+        """Return each receiver's epochs in a window, and the consistent sets that they hold."""
         run = self.run
-        received = (self._without_later(cut(o, start, end)) for o in run.observations)
+        received = (self._drop_later_signals(cut(o, start, end)) for o in run.observations)
         cuts = tuple(o for o in received if o.gpst.size > 1)
         sets: list[ConsistentSet] = []
         if run.navigation is not None:
             for window in cuts:
                 sets += find_consistent_sets(window, run.navigation, multipath_sigma_m=self.multipath_sigma_m)
-        spans_s = {o.receiver: span_s(o, start, end) for o in run.observations}
+        spans_s = {o.receiver: find_span_s(o, start, end) for o in run.observations}
         grids = tuple(log.select_between(*spans_s[log.receiver]) for log in run.ccaf)
         phases = (log.select_between(*spans_s[log.receiver]) for log in run.array_phases)
         taps, vector_taps = (
@@ -304,7 +306,7 @@ class Windows:
             array_phases=tuple(one for one in phases if one.gpst.size),
             spin_arms=run.spin_arms,
             levels={name: levels.select_between(start, end) for name, levels in run.levels.items()}
-            | {one.receiver: levels_between_signals(one) for one in grids if one.gpst.size},
+            | {one.receiver: measure_levels_between_signals(one) for one in grids if one.gpst.size},
             messages={name: messages.select_between(start, end) for name, messages in run.messages.items()},
             own_fixes={name: fixes.select_between(start, end) for name, fixes in run.own_fixes.items()},
             standing=run.standing,
@@ -314,7 +316,7 @@ class Windows:
         )
 
 
-def levels_between_signals(ccaf: Ccaf) -> FrontEndLevels:
+def measure_levels_between_signals(ccaf: Ccaf) -> FrontEndLevels:
     """Return the power of the noise that grids show between the signals, in place of a front end's own readings."""
     rows = np.isfinite(ccaf.noise_variance).any(axis=1)
     unknown = np.full(int(rows.sum()), np.nan)
@@ -376,13 +378,13 @@ def windows_of(
     )
 
 
-def detectors_for(
+def instantiate_detectors(
     settings: Settings,
     run: Holding,
     *,
     positions_ecef_m: Mapping[str, Reals] | None = None,
 ) -> list[Detector]:
-    """Every installed detector with the run's settings.
+    """Instantiate every installed detector with the run's settings.
 
     The probability allowed per hour is shared among windows, detectors and receivers (union bound; a detector may test
     each receiver), so that the whole keeps it whatever the dependence between tests; evenly, but for detectors whose
@@ -395,7 +397,7 @@ def detectors_for(
     classes = load_detectors()
     n_receivers = len(run.observations)
     shares = {name: _share_of(cls) for name, cls in classes.items()}
-    equipped = sum(shares[name] for name, cls in classes.items() if _equipped(cls(), run))
+    equipped = sum(shares[name] for name, cls in classes.items() if _is_equipped(cls(), run))
     tests = max(equipped, 1.0) * max(n_receivers, 1)
     alpha = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0 / tests
     shared: dict[str, Any] = settings.model_dump()
@@ -407,10 +409,10 @@ def detectors_for(
         known = {f.name for f in fields(defaults)}
         chosen = {name: value for name, value in shared.items() if name in known}
         detectors.append(instantiate(cls, replace(defaults, **chosen)))
-    return sorted(detectors, key=tier_of)
+    return sorted(detectors, key=find_tier)
 
 
-def tier_of(detector: Detector) -> int:
+def find_tier(detector: Detector) -> int:
     """Return after how many others a detector looks at a window: see `Need.tier`."""
     return max((need.tier for need in detector.needs), default=0)
 
@@ -421,14 +423,14 @@ def _share_of(kind: type[Any]) -> float:
 
 
 def asked() -> Asked:
-    """The correlators that the installed detectors ask for, all together."""
+    """Combine the correlators that the installed detectors ask for."""
     stated = [one for kind in load_detectors().values() if isinstance(one := getattr(kind, "asks", None), Asked)]
     taps = [one.taps for one in stated if one.taps is not None]
     grids = [one.ccaf for one in stated if one.ccaf is not None]
-    return Asked(taps=_taps_together(taps) if taps else None, ccaf=_grids_together(grids) if grids else None)
+    return Asked(taps=_combine_taps(taps) if taps else None, ccaf=_combine_grids(grids) if grids else None)
 
 
-def _taps_together(taps: Sequence[TapsAsked]) -> TapsAsked:
+def _combine_taps(taps: Sequence[TapsAsked]) -> TapsAsked:
     return TapsAsked(
         delays_chips=tuple(sorted({delay for one in taps for delay in one.delays_chips})),
         every_s=min(one.every_s for one in taps),
@@ -436,8 +438,8 @@ def _taps_together(taps: Sequence[TapsAsked]) -> TapsAsked:
     )
 
 
-def _grids_together(grids: Sequence[CcafAsked]) -> CcafAsked:
-    """Where they differ, what costs most; the coherent time is that of the first."""
+def _combine_grids(grids: Sequence[CcafAsked]) -> CcafAsked:
+    """Combine grids by what costs most where they differ; the coherent time is that of the first."""
     return CcafAsked(
         reach_chips=max(one.reach_chips for one in grids),
         every_s=min(one.every_s for one in grids),
@@ -448,6 +450,6 @@ def _grids_together(grids: Sequence[CcafAsked]) -> CcafAsked:
     )
 
 
-def _equipped(detector: Detector, run: Holding) -> bool:
-    """Whether the run has what special equipment gives and this detector needs."""
+def _is_equipped(detector: Detector, run: Holding) -> bool:
+    """Tell whether the run has what special equipment gives and this detector needs."""
     return all(run.has(need) for need in detector.needs if need not in RECEIVED)

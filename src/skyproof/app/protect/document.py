@@ -21,7 +21,7 @@ from skyproof.app.protect.summary import summarize
 from skyproof.arrays import Reals
 from skyproof.detectors.entries import list_foreign
 from skyproof.explain import explain, stands_beside
-from skyproof.fusion.decide import WindowWord, worst_of
+from skyproof.fusion.decide import WindowWord, find_worst_word
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.gnss.time import format_iso, timedelta_from_s
 from skyproof.records import CauseName, Finding, ObservationLog
@@ -204,7 +204,7 @@ def _receiver(r: ReceiverOutcome, windows: Sequence[WindowResult]) -> ReceiverRe
     start = source.start_gpst if o is None or o.gpst.size == 0 else _start(o)
     return ReceiverResult(
         name=source.name,
-        word=worst_of(window.word for window in windows if window.receiver == source.name),
+        word=find_worst_word(window.word for window in windows if window.receiver == source.name),
         input=source.path or source.name,
         start_gpst=None if start is None else format_iso(start, DIGITS),
         duration_s=r.reception.examined_s,

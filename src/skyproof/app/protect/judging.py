@@ -9,7 +9,7 @@ from skyproof.app.common.memory import give_back
 from skyproof.app.common.progress import Progress
 from skyproof.app.common.session import Session, examine_all
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import detectors_for, windows_of
+from skyproof.app.common.windows import instantiate_detectors, windows_of
 from skyproof.app.protect.coasting import carry_track
 from skyproof.app.protect.hidden import bound_drags
 from skyproof.app.protect.outcome import Outcome, ReceiverOutcome
@@ -18,13 +18,13 @@ from skyproof.app.protect.predictors import build_predictors, list_surveyed
 from skyproof.app.protect.so_far import WordsSoFar
 from skyproof.app.receive.observed import ObservedFile
 from skyproof.app.receive.reception import Reception
-from skyproof.detectors.prediction.choice import compared_skies, fixes_of_overlapping
-from skyproof.detectors.prediction.inertia import corrected_navigators
+from skyproof.detectors.prediction.choice import collect_overlapping_fixes, compared_skies
+from skyproof.detectors.prediction.inertia import list_navigators
 from skyproof.fusion.fuse import Decision, fuse
 from skyproof.navigation.predictor import Predictor
 from skyproof.records import FrontEndLevels, NavigationData, ReceivedMessages, ReceiverFixes, SpinArm
 
-__all__ = ["begin_session", "judge", "orbits_for"]
+__all__ = ["begin_session", "choose_orbits", "judge"]
 
 
 def judge(
@@ -42,7 +42,7 @@ def judge(
     body : that carries all antennas. predictors : by receiver, what chooses between skies where nothing else does; from
         the settings alone if absent. so_far : takes each window as it is decided.
     """
-    orbits = orbits_for(receptions, navigation)
+    orbits = choose_orbits(receptions, navigation)
     observed = [r.observations for r in _list_received(receptions) if r.observations is not None]
     if predictors is None:
         predictors = build_predictors([o.receiver for o in observed], settings)
@@ -50,15 +50,15 @@ def judge(
     evidence, sets, interrupted = examine_all(session, progress, None if so_far is None else so_far.take)
     give_back()
     decision = fuse(evidence, observed, sets)
-    navigators = corrected_navigators(session.state_of("inertia"))
+    navigators = list_navigators(session.state_of("inertia"))
     choosing = session.state_of("prediction")
-    overlapping = fixes_of_overlapping(evidence, choosing)
+    overlapping = collect_overlapping_fixes(evidence, choosing)
     standing_still = [o.receiver for o in observed] if settings.speed_max_m_s == 0.0 else []
     hidden = bound_drags(evidence, standing=standing_still, inertial=navigators)
 
     def place(reception: Reception) -> ReceiverOutcome:
         name = reception.observations.receiver if reception.observations is not None else ""
-        return _receiver_outcome(
+        return _make_receiver_outcome(
             reception,
             decision,
             orbits,
@@ -80,9 +80,9 @@ def judge(
     return outcome, interrupted
 
 
-def orbits_for(receptions: Sequence[Reception], navigation: NavigationData | None) -> NavigationData:
+def choose_orbits(receptions: Sequence[Reception], navigation: NavigationData | None) -> NavigationData:
     """Return the orbits of the navigation file, else those that the signals of all receivers sent."""
-    return navigation if navigation is not None else _pool([r.decoded for r in receptions])
+    return navigation if navigation is not None else _merge_navigation([r.decoded for r in receptions])
 
 
 def begin_session(
@@ -105,13 +105,13 @@ def begin_session(
         array_phases=[r.array_phases for r in received if r.array_phases is not None],
         spin_arms=spin_arms,
         body=body,
-        levels=_levels_of(received),
-        messages=_messages_of(received),
-        own_fixes=_own_fixes_of(received),
+        levels=_collect_levels(received),
+        messages=_collect_messages(received),
+        own_fixes=_collect_own_fixes(received),
         predictors=predictors,
         changes={r.source.name: r.changes for r in received if r.changes is not None},
     )
-    return Session(windows, detectors_for(settings, windows.run, positions_ecef_m=list_surveyed(predictors)))
+    return Session(windows, instantiate_detectors(settings, windows.run, positions_ecef_m=list_surveyed(predictors)))
 
 
 def _list_received(receptions: Sequence[Reception]) -> list[Reception]:
@@ -119,28 +119,28 @@ def _list_received(receptions: Sequence[Reception]) -> list[Reception]:
     return [r for r in receptions if r.observations is not None and r.observations.gpst.size > 1]
 
 
-def _levels_of(receptions: Sequence[Reception]) -> dict[str, FrontEndLevels]:
+def _collect_levels(receptions: Sequence[Reception]) -> dict[str, FrontEndLevels]:
     """Return the front ends' levels of the logs that have them, by receiver."""
     sources = [r.source for r in receptions]
     return {s.name: s.own.levels for s in sources if isinstance(s, ObservedFile) and s.own.levels is not None}
 
 
-def _own_fixes_of(receptions: Sequence[Reception]) -> dict[str, ReceiverFixes]:
+def _collect_own_fixes(receptions: Sequence[Reception]) -> dict[str, ReceiverFixes]:
     """Return the fixes that receivers computed themselves, of the logs that have them, by receiver."""
     sources = [r.source for r in receptions]
     return {s.name: s.own.fixes for s in sources if isinstance(s, ObservedFile) and s.own.fixes is not None}
 
 
-def _messages_of(receptions: Sequence[Reception]) -> dict[str, ReceivedMessages]:
+def _collect_messages(receptions: Sequence[Reception]) -> dict[str, ReceivedMessages]:
     """Return the broadcast messages of the logs that have them, by receiver."""
     sources = [r.source for r in receptions]
     return {s.name: s.own.messages for s in sources if isinstance(s, ObservedFile) and s.own.messages is not None}
 
 
-def _receiver_outcome(
+def _make_receiver_outcome(
     reception: Reception, decision: Decision, orbits: NavigationData, settings: Settings, **of_receiver: Any
 ) -> ReceiverOutcome:
-    """of_receiver : the other arguments of `positions_of`."""
+    """Return the positions of one receiver. of_receiver : the other arguments of `positions_of`."""
     o = reception.observations
     if o is None or not orbits.ephemerides:
         return ReceiverOutcome(reception=reception)
@@ -158,8 +158,8 @@ def _receiver_outcome(
     )
 
 
-def _pool(decoded: Sequence[NavigationData]) -> NavigationData:
-    """What all receivers' signals sent, each data set once."""
+def _merge_navigation(decoded: Sequence[NavigationData]) -> NavigationData:
+    """Merge what all receivers' signals sent, each data set once."""
     sets = {(e.sat, e.week, e.toe, getattr(e, "message", "")): e for data in decoded for e in data.ephemerides}
     ionosphere = next((d.ionosphere for d in decoded if d.ionosphere is not None), None)
     utc = next((d.utc for d in decoded if d.utc is not None), None)

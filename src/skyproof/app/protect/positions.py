@@ -10,10 +10,10 @@ import numpy as np
 from skyproof.app.common.settings import Settings
 from skyproof.app.protect.hidden import HiddenDrag
 from skyproof.arrays import Booleans, Indices, Instants, Reals
-from skyproof.fusion.consistent import consistent_cells, doubtful_epochs
+from skyproof.fusion.consistent import find_doubtful_epochs, select_consistent_cells
 from skyproof.fusion.fuse import Decision
 from skyproof.fusion.policy import POLICY
-from skyproof.fusion.trusted import carries, fix_of, masked, of_signals
+from skyproof.fusion.trusted import apply_mask, carries, fix_of, mask_signals
 from skyproof.fusion.unprotected import followed
 from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.gnss.time import timedelta_from_s
@@ -118,7 +118,7 @@ class Positions:
         elapsed_s, reach_s = self.log.elapsed_s, 0.5 * self.settings.smoothing_s * (1.0 + 1e-6)
         rim_s = [elapsed_s[first] - reach_s, elapsed_s[stop - 1] + reach_s]
         begin, end = (int(row) for row in np.searchsorted(elapsed_s, rim_s))
-        smoothed = smooth(masked(self.log.read(begin, end), mask[begin:end]), window_s=self.settings.smoothing_s)
+        smoothed = smooth(apply_mask(self.log.read(begin, end), mask[begin:end]), window_s=self.settings.smoothing_s)
         return fix_of(
             smoothed.read(first - begin, stop - begin),
             self.orbits,
@@ -245,15 +245,15 @@ def set_up_positions(
     labels = decision.labels
     masks: dict[str, Callable[[], Booleans]] = {
         "trusted": lambda: carries(log, labels, "authentic"),
-        "consistent": lambda: consistent_cells(log, decision),
+        "consistent": lambda: select_consistent_cells(log, decision),
         "false": lambda: carries(log, labels, "spoofed"),
         "unprotected": lambda: followed(log),
     }
 
     def mask_of(signals: tuple[SignalId, ...], decided: bool) -> Callable[[], Booleans]:
         if decided:
-            return lambda: of_signals(log, signals) & carries(log, labels, "spoofed")
-        return lambda: of_signals(log, signals)
+            return lambda: mask_signals(log, signals) & carries(log, labels, "spoofed")
+        return lambda: mask_signals(log, signals)
 
     for sources, decided in ((decision.sources, True), (decision.skies, False)):
         for source in sources:
@@ -267,7 +267,7 @@ def set_up_positions(
         predictor=predictor,
         overlapping=overlapping,
         hidden=hidden,
-        doubtful=lambda: doubtful_epochs(log, decision, within_s=settings.window_s),
+        doubtful=lambda: find_doubtful_epochs(log, decision, within_s=settings.window_s),
     )
 
 

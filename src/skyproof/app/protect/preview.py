@@ -5,7 +5,7 @@ from contextlib import suppress
 from typing import Final
 
 from skyproof.app.common.settings import Settings
-from skyproof.app.protect.judging import begin_session, orbits_for
+from skyproof.app.protect.judging import begin_session, choose_orbits
 from skyproof.app.protect.so_far import WordsSoFar
 from skyproof.app.protect.stated import Stated
 from skyproof.app.receive.reception import observe
@@ -60,7 +60,7 @@ class Preview:
             if any(r.observations is None or r.observations.gpst.size < 2 for r in receptions):
                 return
             ready = self._stated.equip(receptions, self._settings)
-            orbits = orbits_for(ready.receptions, self._navigation)
+            orbits = choose_orbits(ready.receptions, self._navigation)
             session = begin_session(
                 ready.receptions, orbits, ready.settings, ready.spin_arms, ready.body, ready.predictors
             )

@@ -77,7 +77,7 @@ class ProtectResult(ShortRepr):
     interrupted: bool = False
 
     def _repr_html_(self) -> str:
-        """The verdict, for a notebook."""
+        """Show the verdict in a notebook."""
         return self.verdict._repr_html_()
 
 
@@ -119,7 +119,7 @@ def protect(
         if folder is not None:
             require_outputs_free(folder, overwrite=overwrite)
         given = _Given(inputs, nav, imu, platform, carrier, platform_sum, settings, overwrite)
-        result, unwritten = _protected(given, folder, progress)
+        result, unwritten = _run(given, folder, progress)
     if folder is not None and unwritten:
         raise IncompleteOutput(describe_missing(folder, unwritten), result)
     return result
@@ -139,8 +139,8 @@ class _Given:
     overwrite: bool
 
 
-def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[ProtectResult, tuple[Unwritten, ...]]:
-    """The result, and which of its files could not be written into the folder `out`."""
+def _run(given: _Given, out: Path | None, progress: Progress) -> tuple[ProtectResult, tuple[Unwritten, ...]]:
+    """Return the result, and which of its files could not be written into the folder `out`."""
     nav, platform, carrier, settings = given.nav, given.platform, given.carrier, given.settings
     navigation = None if nav is None else read_nav(Path(nav))
     nav_sum = None if nav is None else compute_sha256(nav)  # now, of what was read: it may be gone at the end
@@ -151,9 +151,9 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
             progress.say(f"{out}: what a run that was killed had found so far (unfinished-run) is removed")
         with heard():  # nothing is decided yet
             sources = open_inputs(paths, settings, navigation, called, workspace)
-            carrier, body_files = _logged_imu(carrier, body_files, sources, str(platform or given.imu))
+            carrier, body_files = _use_logged_imu(carrier, body_files, sources, str(platform or given.imu))
             body_files = with_stored_readings(body_files, workspace)
-            sidecars = _stated_sums(sources)
+            sidecars = _sum_sidecars(sources)
             names = [source.name for source in sources]
             if out is not None:
                 require_outputs_free(out, names, overwrite=given.overwrite)
@@ -166,17 +166,19 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
             _require_two(settings, names)
             navigation = add_logged_orbits(navigation, sources)
             _require_orbits(sources, navigation)
-            units = build_antenna_units(build_unit(carrier, body_files, names, tables, _first_sample(sources)))
+            units = build_antenna_units(build_unit(carrier, body_files, names, tables, _find_first_sample(sources)))
             recorded = any(isinstance(source, Samples) for source in sources)
             make_ready(RECEIVING if recorded else JUDGING, progress)
         stated = Stated(platform=carrier, files=body_files, names=names, tables=tables)
         so_far = WordsSoFar(progress, workspace)
         preview = Preview(stated, navigation, settings, arrays, so_far)
-        receptions, interrupted = _received(sources, navigation, settings, progress, arrays, workspace, units, preview)
+        receptions, interrupted = _receive_all(
+            sources, navigation, settings, progress, arrays, workspace, units, preview
+        )
         give_back()
-        _same_time(receptions, navigation)
+        _require_same_time(receptions, navigation)
         no_orbits = () if navigation is None else list_missing_orbits(receptions, navigation)
-        receptions = [_with_common_time(r, receptions) for r in receptions]
+        receptions = [_add_common_time(r, receptions) for r in receptions]
         ready = stated.equip(receptions, settings)
         receptions, settings, body, unit = list(ready.receptions), ready.settings, ready.body, ready.unit
         so_far.begin_anew()
@@ -189,11 +191,11 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
                 raise KeyboardInterrupt(f"interrupted before any test could run, and nothing was written: {untested}")
             raise NotEnoughData(untested)
         # Whoever interrupts does not wait for the sums of large files.
-        sums = {} if came() else _sums(_files(receptions), progress)
-        notes = [note for r in receptions for note in _notes(r, interrupted, sums)]
+        sums = {} if came() else _sum_files(_list_files(receptions), progress)
+        notes = [note for r in receptions for note in _make_notes(r, interrupted, sums)]
         notes += [InputNote(path=path, format="sidecar", sha256=sum_, remarks=()) for path, sum_ in sidecars.items()]
         if nav is not None:
-            remarks = _navigation_remarks(navigation) + no_orbits
+            remarks = _list_navigation_remarks(navigation) + no_orbits
             notes.append(InputNote(path=readable(str(nav)), format="RINEX navigation", sha256=nav_sum, remarks=remarks))
         for path, kind, remarks in body_files.remarks(
             body, find_span(receptions), None if unit is None else unit.readings
@@ -211,7 +213,7 @@ def _protected(given: _Given, out: Path | None, progress: Progress) -> tuple[Pro
         return ProtectResult(verdict=verdict, outcome=outcome, folder=out, interrupted=came()), unwritten
 
 
-def _received(
+def _receive_all(
     sources: Sequence[Samples | ObservedFile],
     navigation: NavigationData | None,
     settings: Settings,
@@ -221,7 +223,7 @@ def _received(
     units: Mapping[str, AntennaUnit],
     preview: Preview,
 ) -> tuple[list[Reception], bool]:
-    """What each source's receiver received, in their order, and whether a signal ended the tracking early."""
+    """Return what each source's receiver received, in their order, and whether a signal ended the tracking early."""
     recordings = [one for one in sources if isinstance(one, Samples) and not is_short(one)]
     trackers, interrupted = track(
         recordings,
@@ -253,7 +255,7 @@ def _received(
     return receptions, interrupted
 
 
-def _logged_imu(
+def _use_logged_imu(
     carrier: Platform, files: BodyFiles, sources: list[Samples | ObservedFile], where: str
 ) -> tuple[Platform, BodyFiles]:
     """Return the platform and its files with the inertial readings of the first receiver's log, where there are any.
@@ -274,8 +276,8 @@ def _logged_imu(
         return carrier, files
 
 
-def _first_sample(sources: Sequence[Samples | ObservedFile]) -> np.datetime64:
-    """Of the recordings of which it is stated; NaT without one."""
+def _find_first_sample(sources: Sequence[Samples | ObservedFile]) -> np.datetime64:
+    """Return the first start that any recording states; NaT without one."""
     starts = [one.start_gpst for one in sources if isinstance(one, Samples) and one.start_gpst is not None]
     return min(starts, default=np.datetime64("NaT", "ns"))
 
@@ -352,7 +354,7 @@ def _require_orbits(sources: Sequence[Samples | ObservedFile], navigation: Navig
         )
 
 
-def _same_time(receptions: Sequence[Reception], navigation: NavigationData | None) -> None:
+def _require_same_time(receptions: Sequence[Reception], navigation: NavigationData | None) -> None:
     """Raise InputError if two receivers were recorded at different times, or the orbits are of another one."""
     received = [(r.source.path, r.observations) for r in receptions if r.observations is not None]
     received = [(path, o) for path, o in received if o.gpst.size]
@@ -369,7 +371,7 @@ def _same_time(receptions: Sequence[Reception], navigation: NavigationData | Non
                 require_same_day(navigation, r.observations.gpst[0], r.source)
 
 
-def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> Reception:
+def _add_common_time(reception: Reception, receptions: Sequence[Reception]) -> Reception:
     """Tell how much of a recording another one covers, if that is not nearly all: the rest cannot be compared."""
     own = reception.observations
     others = [r for r in receptions if r is not reception and r.observations is not None]
@@ -388,20 +390,20 @@ def _with_common_time(reception: Reception, receptions: Sequence[Reception]) -> 
     return replace(reception, remarks=(*reception.remarks, *used))
 
 
-def _files(receptions: Sequence[Reception]) -> dict[str, OpenFile]:
-    """What was read, by its path."""
+def _list_files(receptions: Sequence[Reception]) -> dict[str, OpenFile]:
+    """List what was read, by its path."""
     sources = [source for r in receptions for source in (r.source, *(() if r.samples is None else r.samples.others))]
     return {source.path: source.file for source in sources if source.file is not None}
 
 
-def _stated_sums(sources: Sequence[Samples | ObservedFile]) -> dict[str, str]:
-    """SHA-256 of what says how to read the recordings, now: it was just read, and may be gone at the end."""
+def _sum_sidecars(sources: Sequence[Samples | ObservedFile]) -> dict[str, str]:
+    """Return the SHA-256 of what says how to read the recordings, now: it was just read, and may be gone at the end."""
     files = [one.stated_in for source in sources if isinstance(source, Samples) for one in (source, *source.others)]
     return {readable(str(file)): compute_sha256(file) for file in dict.fromkeys(files) if file is not None}
 
 
-def _sums(files: Mapping[str, OpenFile], progress: Progress) -> dict[str, str | None]:
-    """SHA-256 of each file, of the bytes that were worked on as they were then; a signal leaves some out."""
+def _sum_files(files: Mapping[str, OpenFile], progress: Progress) -> dict[str, str | None]:
+    """Return the SHA-256 of each file, of the bytes that were read; a signal leaves some out."""
     sums: dict[str, str | None] = {}
     with (
         suppress(KeyboardInterrupt),
@@ -409,20 +411,20 @@ def _sums(files: Mapping[str, OpenFile], progress: Progress) -> dict[str, str | 
         progress.stage("computing checksums of the inputs", float(len(files))) as stage,
     ):
         for number, (path, file) in enumerate(files.items()):
-            sums[path] = file.sha256(_from(number, stage))
+            sums[path] = file.sha256(_select_from(number, stage))
             stage.advance(number + 1.0)
     return sums
 
 
-def _from(number: int, stage: Stage) -> Callable[[int, int], None]:
+def _select_from(number: int, stage: Stage) -> Callable[[int, int], None]:
     return lambda done, size: stage.advance(number + done / size)
 
 
-def _notes(reception: Reception, interrupted: bool, sums: Mapping[str, str | None]) -> list[InputNote]:
-    """A row for each file of a receiver; what is to be said of the receiver stands in the first."""
+def _make_notes(reception: Reception, interrupted: bool, sums: Mapping[str, str | None]) -> list[InputNote]:
+    """Make a row for each file of a receiver; what is to be said of the receiver stands in the first."""
     source = reception.source
     read = f"{reception.examined_s:.1f} of {source.duration_s:.1f} s were processed before the run was interrupted"
-    files = _files([reception])
+    files = _list_files([reception])
     notes = [
         InputNote(path=path, format=source.format or "raw", sha256=sums.get(path), remarks=file.changes())
         for path, file in files.items()
@@ -431,5 +433,5 @@ def _notes(reception: Reception, interrupted: bool, sums: Mapping[str, str | Non
     return [replace(notes[0], remarks=remarks), *notes[1:]]
 
 
-def _navigation_remarks(navigation: NavigationData | None) -> tuple[str, ...]:
+def _list_navigation_remarks(navigation: NavigationData | None) -> tuple[str, ...]:
     return () if navigation is None else tuple(getattr(navigation, "remarks", ()))

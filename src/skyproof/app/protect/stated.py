@@ -10,7 +10,7 @@ from skyproof.app.common.platform import Platform
 from skyproof.app.common.platform_antennas import build_spin_arms
 from skyproof.app.common.platform_tables import PlatformReceiver
 from skyproof.app.common.settings import Settings
-from skyproof.app.common.windows import following_epochs
+from skyproof.app.common.windows import widen_windows
 from skyproof.app.protect.duplicates import leave_out_duplicates
 from skyproof.app.protect.predictors import InertialUnit, build_predictors, build_unit
 from skyproof.app.receive.reception import Reception
@@ -48,7 +48,7 @@ class Stated:
         Raises InputError where what is stated does not belong to it.
         """
         each = leave_out_duplicates(receptions, settings)
-        settings = following_epochs(settings, [r.observations for r in each if r.observations is not None])
+        settings = widen_windows(settings, [r.observations for r in each if r.observations is not None])
         start_gpst = find_span(each).start_gpst
         body = body_of(self.platform, self.files, self.names, self.tables, start_gpst, settings.max_separation_m)
         unit = build_unit(self.platform, self.files, self.names, self.tables, start_gpst)

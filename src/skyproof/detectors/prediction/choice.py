@@ -40,15 +40,15 @@ from skyproof.detectors.base import Reporter
 from skyproof.detectors.prediction.choice_findings import (
     DETECTOR,
     chosen,
-    chosen_overlapping,
-    not_chosen,
-    taken_for_true,
+    report_chosen_overlapping,
+    report_not_chosen,
+    report_only_sky,
 )
 from skyproof.errors import require_probability
-from skyproof.fusion.candidates import FixMaker, SkyCandidates, candidates_in, reference_kind, with_clock_near
+from skyproof.fusion.candidates import FixMaker, SkyCandidates, align_clock, find_reference_kind, select_candidates
 from skyproof.fusion.corrected import CorrectedNavigator
 from skyproof.fusion.policy import POLICY
-from skyproof.fusion.skies import name_skies, sky_onset
+from skyproof.fusion.skies import date_sky, name_skies
 from skyproof.fusion.timeline import Onset, Pair, compare_pairs
 from skyproof.gnss.time import format_iso, timedelta_from_s
 from skyproof.navigation.nav_estimate import NavEstimate
@@ -69,7 +69,7 @@ from skyproof.records import (
     list_refs,
 )
 
-__all__ = ["Compared", "Prediction", "PredictionSettings", "compared_skies", "fixes_of_overlapping"]
+__all__ = ["Compared", "Prediction", "PredictionSettings", "collect_overlapping_fixes", "compared_skies"]
 
 _Data = Mapping[str, Datum]
 _IN_SIGMAS: Final = float(special.ndtri(0.5 + 0.5 * NOTICED))  # a bound that holds with that probability
@@ -126,7 +126,7 @@ class Prediction:
         if lacking := Reporter(self, records, Hypothesis.FALSE_SKY).name_missing():
             return lacking, state
         watches: dict[str, _Watch] = dict(state or {})
-        windows = {o.receiver: candidates_in(records, o.receiver) for o in records.observations}
+        windows = {o.receiver: select_candidates(records, o.receiver) for o in records.observations}
         # Whoever attacks one receiver is within reach of the others: none starts clean where one does not.
         doubted = any(window.doubted for window in windows.values())
         found = list[Finding]()
@@ -139,13 +139,13 @@ class Prediction:
                 e.says in _SIDES and any(ref.receiver == o.receiver for ref in e.signals) for e in records.findings
             )
             here = _Here(
-                maker=FixMaker.of_window(o, records, self.settings),
+                maker=FixMaker.build_for_window(o, records, self.settings),
                 settings=self.settings,
                 window=windows[o.receiver],
                 navigator=expected if isinstance(expected, CorrectedNavigator) else None,
             )
             watch = watch.look(here, doubted=doubted, named=named)
-            said, watches[o.receiver] = ([], watch) if watch.named else here.say(watch)
+            said, watches[o.receiver] = ([], watch) if watch.named else here.report_window(watch)
             found += said
         return found, watches
 
@@ -178,7 +178,7 @@ def compared_skies(state: Any) -> tuple[Compared, ...]:
     return tuple(watch.compared for watch in watches.values() if watch.compared is not None)
 
 
-def fixes_of_overlapping(evidence: Iterable[Finding], state: Any) -> dict[str, tuple[NavEstimate, ...]]:
+def collect_overlapping_fixes(evidence: Iterable[Finding], state: Any) -> dict[str, tuple[NavEstimate, ...]]:
     """Return by receiver the fixes of chosen skies that overlapped with others, in order. state : of `Prediction`."""
     watches: dict[str, _Watch] = state or {}
     if not any(watch.overlapped for watch in watches.values()):
@@ -281,57 +281,57 @@ class _Here:
         if self.navigator is not None:
             return replace(watch, clean=(*watch.clean, window)) if in_clean_start else watch
         now = watch.learned[0]
-        now = replace(now, kind=now.kind or reference_kind(only), until=window.end)
+        now = replace(now, kind=now.kind or find_reference_kind(only), until=window.end)
         fix = self._fix(only, now)
         expected = now.predictor.at(fix.whole.gpst)
         if expected is not None:
-            fix = with_clock_near(fix, expected)
-            if not _goes_on(expected, fix.whole):
+            fix = align_clock(fix, expected)
+            if not _is_continuation(expected, fix.whole):
                 return replace(watch, learning=False, broken=window.end)
         if in_clean_start:
             now = replace(now, predictor=now.predictor.learned(fix), bias_s=only.clock_bias_s)
             return replace(watch, learned=(now, *watch.learned), clean=(*watch.clean, window))
-        return replace(watch, learned=_thin_out((now.follow(fix, only), *watch.learned), watch.clean_until))
+        return replace(watch, learned=_thin_expectations((now.follow(fix, only), *watch.learned), watch.clean_until))
 
-    def say(self, watch: _Watch) -> tuple[list[Finding], _Watch]:
+    def report_window(self, watch: _Watch) -> tuple[list[Finding], _Watch]:
         """Return what is said of the window, and the watch after it."""
         window = self.window
         if not watch.attacked:
             return [], watch
         found = list[Finding]()
         if watch.clean:
-            found, watch = self._trust_start(watch), replace(watch, clean=())
+            found, watch = self._report_clean_start(watch), replace(watch, clean=())
         two = window.attacked and len(window.sets) > 1
         if watch.walking is None and (two or window.overlapping):
-            watch = self._begin_walking(watch, self._second_onset(watch))
+            watch = self._begin_walking(watch, self._date_second_sky(watch))
         if watch.walking is None:
             return found, watch
         walking = replace(watch.walking, predictor=watch.walking.predictor.until(window.start))
         watch = replace(watch, walking=walking)
-        said, watch = self._judge(watch) if window.sets else ([], watch)
+        said, watch = self._compare_skies(watch) if window.sets else ([], watch)
         if not said:
-            said, watch = self._judge_overlapping(watch)
+            said, watch = self._compare_overlapping(watch)
         return [*found, *said], watch
 
-    def _trust_start(self, watch: _Watch) -> list[Finding]:
+    def _report_clean_start(self, watch: _Watch) -> list[Finding]:
         """Return that the windows of the clean start are authentic by what is assumed, unless one does not go on."""
         clean = watch.clean
         if self.navigator is not None:
             clean = tuple(window for window in clean if window.start in self.navigator.early)
-            from_start = (onset := self._second_onset(watch)) is not None and onset.from_start
+            from_start = (onset := self._date_second_sky(watch)) is not None and onset.from_start
             clean = () if from_start or self.navigator.until is None else clean
         elif watch.broken is not None and watch.broken <= watch.clean_until:
             clean = ()
         if not clean:
             return []
-        rests_on = self._rest_on(watch, clean[-1].end, watch.learned[0].predictor.assumes)
-        return [taken_for_true(self.log, window, window.end, "only_sky", rests_on) for window in clean]
+        rests_on = self._list_assumptions(watch, clean[-1].end, watch.learned[0].predictor.assumes)
+        return [report_only_sky(self.log, window, window.end, "only_sky", rests_on) for window in clean]
 
-    def _second_onset(self, watch: _Watch) -> Onset | None:
+    def _date_second_sky(self, watch: _Watch) -> Onset | None:
         """Return when the second sky of the window came; None while they have not parted."""
         groups = [list_refs(self.log.receiver, s.signals) for s in self.window.sets]
         skies = name_skies(groups, watch.alone)
-        onsets = [onset for sky in skies if (onset := sky_onset(sky, [self.log], watch.hidden)) is not None]
+        onsets = [onset for sky in skies if (onset := date_sky(sky, [self.log], watch.hidden)) is not None]
         return sorted(onsets, key=lambda onset: onset.seen)[1] if len(onsets) > 1 else None
 
     def _begin_walking(self, watch: _Watch, onset: Onset | None) -> _Watch:
@@ -348,13 +348,15 @@ class _Here:
                 bias_s=navigator.bias_s,
             )
         else:
-            latest = self._latest(watch, onset)
+            latest = self._find_latest(watch, onset)
             if watch.broken is not None and watch.broken <= latest:
                 return watch
             walking = next(one for one in watch.learned if one.until is None or one.until <= latest)
-        return replace(watch, walking=walking, rests_on=self._rest_on(watch, walking.until, walking.predictor.assumes))
+        return replace(
+            watch, walking=walking, rests_on=self._list_assumptions(watch, walking.until, walking.predictor.assumes)
+        )
 
-    def _latest(self, watch: _Watch, onset: Onset | None) -> np.datetime64:
+    def _find_latest(self, watch: _Watch, onset: Onset | None) -> np.datetime64:
         """Return until when the signals may be taken for true."""
         if onset is not None and onset.from_start:
             start: np.datetime64 = self.log.gpst[0] - timedelta_from_s(float(self.log.elapsed_s[0]))
@@ -364,14 +366,16 @@ class _Here:
         # Until then every window has to go on.
         return onset.earliest if watch.broken is None or onset.earliest < watch.broken else watch.clean_until
 
-    def _rest_on(self, watch: _Watch, until: np.datetime64 | None, assumes: tuple[str, ...]) -> dict[str, Datum]:
+    def _list_assumptions(
+        self, watch: _Watch, until: np.datetime64 | None, assumes: tuple[str, ...]
+    ) -> dict[str, Datum]:
         """Return the codes of what is assumed: of the windows before the second sky, and by what is expected."""
         if until is None:
             return {"assumes": assumes}
         concert = () if until <= watch.clean_until else ("no_concert",)
         return {"assumes": (*concert, "clean_start", *assumes), "clean_until": format_iso(until, 0)[11:]}
 
-    def _judge(self, watch: _Watch) -> tuple[list[Finding], _Watch]:
+    def _compare_skies(self, watch: _Watch) -> tuple[list[Finding], _Watch]:
         """Return what is said of the skies that the receiver's channels follow."""
         window, now = self.window, watch.walking
         assert now is not None
@@ -379,17 +383,17 @@ class _Here:
         expected = now.predictor.at(fixes[0].whole.gpst)
         if expected is None:
             return [], watch
-        fixes = [with_clock_near(fix, expected) for fix in fixes]
+        fixes = [align_clock(fix, expected) for fix in fixes]
         if not set(expected.there).intersection(*(fix.whole.there for fix in fixes)):
             return [], watch
         if len(fixes) == 1:
-            return self._judge_alone(fixes[0], expected, watch)
+            return self._check_alone(fixes[0], expected, watch)
         if not window.attacked:
             return [], watch
         by, most_wrong = now.predictor.by, self.settings.wrong_choice_probability
         choice, watch = self._compare(expected, fixes, watch)
-        if choice.chosen is None or self._chooses_by_half([fix.whole for fix in fixes], choice):
-            return [not_chosen(self.log, window, window.sets, fixes, choice, by, most_wrong)], watch
+        if choice.chosen is None or self._is_half_expected([fix.whole for fix in fixes], choice):
+            return [report_not_chosen(self.log, window, window.sets, fixes, choice, by, most_wrong)], watch
         taken = window.sets[choice.chosen]
         first = not watch.chosen
         said = chosen(self.log, window, fixes, choice, by, watch.rests_on, most_wrong=most_wrong, first=first)
@@ -400,18 +404,18 @@ class _Here:
             refused=frozenset(signal for s in window.sets if s is not taken for signal in s.signals),
         )
 
-    def _judge_alone(self, fix: SkyFix, expected: NavEstimate, watch: _Watch) -> tuple[list[Finding], _Watch]:
+    def _check_alone(self, fix: SkyFix, expected: NavEstimate, watch: _Watch) -> tuple[list[Finding], _Watch]:
         """Return what is said of a sky without another one beside it: it is taken if it was chosen before."""
         (only,), now = self.window.sets, watch.walking
         assert now is not None
         same = len(watch.chosen.intersection(only.signals)) >= POLICY.same_sky_share * len(only.signals)
-        if not same or watch.refused.intersection(only.signals) or not _goes_on(expected, fix.whole):
+        if not same or watch.refused.intersection(only.signals) or not _is_continuation(expected, fix.whole):
             return [], watch
         data = dict(watch.rests_on) | {"by": now.predictor.by}
-        said = taken_for_true(self.log, self.window, self.window.end, "goes_on", data)
+        said = report_only_sky(self.log, self.window, self.window.end, "goes_on", data)
         return [said], replace(watch, walking=now.follow(fix, only), chosen=watch.chosen.union(only.signals))
 
-    def _judge_overlapping(self, watch: _Watch) -> tuple[list[Finding], _Watch]:
+    def _compare_overlapping(self, watch: _Watch) -> tuple[list[Finding], _Watch]:
         """Return what is said of the skies that were taken apart, instant by instant; it is said of the last one.
 
         That they are two skies, and not one and what happens to fit, is known of them: what is expected need not say
@@ -426,7 +430,7 @@ class _Here:
             expected = now.predictor.at(fixes[0].whole.gpst)
             if expected is None:
                 continue
-            fixes = [with_clock_near(fix, expected) for fix in fixes]
+            fixes = [align_clock(fix, expected) for fix in fixes]
             if not set(expected.there).intersection(*(fix.whole.there for fix in fixes)):
                 continue
             likeliest = int(np.argmax(choose(expected, [fix.whole for fix in fixes]).probabilities))
@@ -437,9 +441,11 @@ class _Here:
                 true = fixes[choice.chosen]
                 true_fixes.append(true.whole)
                 watch = replace(watch, walking=now.follow(true, skies.sets[choice.chosen]), overlapped=True)
-                said = [chosen_overlapping(self.log, self.window, skies, fixes, choice, by, watch.rests_on, doubt)]
+                said = [
+                    report_chosen_overlapping(self.log, self.window, skies, fixes, choice, by, watch.rests_on, doubt)
+                ]
             elif not true_fixes:
-                said = [not_chosen(self.log, self.window, skies.sets, fixes, choice, by, most_wrong, doubt)]
+                said = [report_not_chosen(self.log, self.window, skies.sets, fixes, choice, by, most_wrong, doubt)]
         if true_fixes:
             said = [replace(said[0], estimates={"true_fixes": tuple(true_fixes)})]
         return said, watch
@@ -460,7 +466,7 @@ class _Here:
         compared = Compared(receiver=self.log.receiver, by=by, expected=expected, skies=skies, choice=choice)
         return choice, replace(watch, compared=compared)
 
-    def _chooses_by_half(self, skies: Sequence[NavEstimate], choice: Choice) -> bool:
+    def _is_half_expected(self, skies: Sequence[NavEstimate], choice: Choice) -> bool:
         """Tell whether what is expected cannot choose: skies have parted in what it says nothing of, and one may be
         chance.
 
@@ -473,17 +479,17 @@ class _Here:
         return parted and fewest < POLICY.no_chance_satellites
 
     def _fix(self, s: ConsistentSet, now: _Expectation) -> SkyFix:
-        kind = now.kind or reference_kind(s)
+        kind = now.kind or find_reference_kind(s)
         return self.maker.shown(self.window, s, kind=kind, bias_s=now.bias_s, epochs=now.predictor.moves)
 
     def _fix_at_once(self, s: ConsistentSet, now: _Expectation) -> SkyFix:
         """Return what a set shows that is of one instant."""
-        kind = now.kind or reference_kind(s)
+        kind = now.kind or find_reference_kind(s)
         fix = self.maker.shown(self.window, s, kind=kind, bias_s=now.bias_s, epochs=False)
         return replace(fix, each=(fix.whole,))
 
 
-def _thin_out(learned: Sequence[_Expectation], clean_until: np.datetime64) -> tuple[_Expectation, ...]:
+def _thin_expectations(learned: Sequence[_Expectation], clean_until: np.datetime64) -> tuple[_Expectation, ...]:
     """Return two expectations at most of any age to twice that age, and all of the clean start."""
     early = [one for one in learned if one.until is None or one.until <= clean_until]
     late = [(one.until, one) for one in learned if one.until is not None and one.until > clean_until]
@@ -494,8 +500,8 @@ def _thin_out(learned: Sequence[_Expectation], clean_until: np.datetime64) -> tu
     return (*(one for _, one in late), *early)
 
 
-def _goes_on(expected: NavEstimate, fix: NavEstimate) -> bool:
-    """Whether a fix is no farther from what was expected than chance allows; also where nothing of it was."""
+def _is_continuation(expected: NavEstimate, fix: NavEstimate) -> bool:
+    """Tell whether a fix is no farther from what was expected than chance allows; also where nothing was expected."""
     if not set(expected.there).intersection(fix.there):
         return True
     return fit_p_value(expected, fix) >= POLICY.goes_on_probability

@@ -22,14 +22,14 @@ from skyproof.records import (
     list_refs,
 )
 
-__all__ = ["CHOSEN", "DETECTOR", "chosen", "chosen_overlapping", "not_chosen", "taken_for_true"]
+__all__ = ["CHOSEN", "DETECTOR", "chosen", "report_chosen_overlapping", "report_not_chosen", "report_only_sky"]
 
 DETECTOR: Final = "prediction"
 CHOSEN: Final = ("chosen_first", "chosen_overlapping")
 """Codes of the findings in which a true sky was chosen first."""
 
 
-def taken_for_true(
+def report_only_sky(
     o: ObservationLog, window: SkyCandidates, end_gpst: np.datetime64, code: str, data: Mapping[str, Datum]
 ) -> Finding:
     """Return that the window's only sky is authentic by what is assumed."""
@@ -90,7 +90,7 @@ def chosen(
     return [true, *false]
 
 
-def chosen_overlapping(
+def report_chosen_overlapping(
     o: ObservationLog,
     window: SkyCandidates,
     skies: OverlappingSkies,
@@ -117,7 +117,7 @@ def chosen_overlapping(
     )
 
 
-def not_chosen(
+def report_not_chosen(
     o: ObservationLog,
     window: SkyCandidates,
     skies: Sequence[ConsistentSet],

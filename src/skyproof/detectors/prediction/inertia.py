@@ -34,10 +34,10 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter
-from skyproof.detectors.prediction.noticed import least_move_m
+from skyproof.detectors.prediction.noticed import compute_least_move_m
 from skyproof.detectors.prediction.policy import POLICY
 from skyproof.errors import require_probability
-from skyproof.fusion.candidates import FixMaker, SkyCandidates, candidates_in, reference_kind
+from skyproof.fusion.candidates import FixMaker, SkyCandidates, find_reference_kind, select_candidates
 from skyproof.fusion.corrected import CorrectedNavigator
 from skyproof.fusion.policy import POLICY as FUSION
 from skyproof.gnss.time import seconds_between, timedelta_from_s
@@ -61,7 +61,7 @@ from skyproof.records import (
 from skyproof.statistics.distributions import chi_square_survival
 from skyproof.statistics.leave_out import largest_p_value_without
 
-__all__ = ["Inertia", "InertiaSettings", "corrected_navigators"]
+__all__ = ["Inertia", "InertiaSettings", "list_navigators"]
 
 _CLOCK: Final = np.array([6, 7])
 _UNTRIED: Final = NotTested("not_aligned")
@@ -105,7 +105,7 @@ class Inertia:
         for o in records.observations:
             if o.receiver not in records.inertial:
                 continue
-            maker = FixMaker.of_window(o, records, self.settings)
+            maker = FixMaker.build_for_window(o, records, self.settings)
             if o.receiver in walks:
                 walk = replace(walks[o.receiver], maker=maker, report=report)
             else:
@@ -114,12 +114,12 @@ class Inertia:
             walks[o.receiver] = walk
             about = [e for e in records.findings if any(ref.receiver == o.receiver for ref in e.signals)]
             failed = min((_date(e) for e in about if e.failed), default=None)
-            finding = walk.examine(candidates_in(records, o.receiver), attacked, failed)
+            finding = walk.examine(select_candidates(records, o.receiver), attacked, failed)
             found += [report.pass_over(list_refs(o.receiver, o.signals), _UNTRIED)] if finding is None else [finding]
         return found, walks
 
 
-def corrected_navigators(state: Any) -> dict[str, CorrectedNavigator]:
+def list_navigators(state: Any) -> dict[str, CorrectedNavigator]:
     """Return the navigator of each receiver. state : of `Inertia` after some windows."""
     walks: dict[str, _Walk] = state or {}
     return {receiver: walk.navigator for receiver, walk in walks.items()}
@@ -233,7 +233,7 @@ class _Walk:
         if doubted is not None and self.parted is None:
             self._take_back(doubted)
         is_clean = not window.doubted and doubted is None and self.attacked is None and self.parted is None
-        shown = [one for s in window.sets if (one := self._shown(window, s)) is not None]
+        shown = [one for s in window.sets if (one := self._compare_fix(window, s)) is not None]
         if not shown:
             if len(window.sets) == 1 and is_clean:  # before the unit is aligned nothing is held against it
                 (sky,) = window.sets
@@ -241,16 +241,16 @@ class _Walk:
             return None
         best = max(shown, key=lambda one: one.p_value)
         if best.p_value < self.alpha:
-            self._part(window, best)
-            self.looks = [*self.looks, *self._looked(best.fix)]
+            self._start_free_run(window, best)
+            self.looks = [*self.looks, *self._compare_velocities(best.fix)]
             found = self._report(window, best)
             self.named |= found.says == "attack"
             return found
-        going_on = self._pass(best) if self.parted is None else None
+        going_on = self._report_pass(best) if self.parted is None else None
         if self.attacked is not None:
-            self._part(window, best)
+            self._start_free_run(window, best)
         elif is_clean:
-            self._hide(window, best)
+            self._add_hidden(window, best)
             self._learn(window, best.fix, best.sky, self._find_free(best))
             self.went_on += 1
         return going_on
@@ -289,7 +289,7 @@ class _Walk:
         self.free = [one for one in older if one.learned < self.learned]
         self.recent = [one for one in kept if self.free and one.number >= self.free[-1].learned]
 
-    def _hide(self, window: SkyCandidates, shown: _Shown) -> None:
+    def _add_hidden(self, window: SkyCandidates, shown: _Shown) -> None:
         """Add what a drag that this window does not notice may lead the navigator away by."""
         if window.end > self.clock_until:
             _, self.hidden_m_s = self._find_least(shown)
@@ -311,7 +311,7 @@ class _Walk:
 
     def _learn(self, window: SkyCandidates, fix: SkyFix, sky: ConsistentSet, free: list[_Free]) -> None:
         """Correct the navigator. free : those that run on without."""
-        self.tried_m_s = max(self.tried_m_s, _change_m_s(self._looked(fix)))
+        self.tried_m_s = max(self.tried_m_s, _find_change_m_s(self._compare_velocities(fix)))
         if window.end > self.clock_until:
             fix = SkyFix(
                 whole=mark_unknown(fix.whole, _CLOCK), each=tuple(mark_unknown(one, _CLOCK) for one in fix.each)
@@ -327,15 +327,15 @@ class _Walk:
         self.free = free
         self.recent = [one for one in (*self.recent, own) if free and one.number >= free[-1].learned]
         self.predictor, self.bias_s = self.predictor.learned(fix), sky.clock_bias_s
-        self.kind = self.kind or reference_kind(sky)
+        self.kind = self.kind or find_reference_kind(sky)
         if window.end <= self.clock_until:
             self.early = (*self.early, window.start)
         self.learned, self.until = self.learned + 1, window.end
 
     def _fix(self, window: SkyCandidates, sky: ConsistentSet) -> SkyFix:
-        return self.maker.shown(window, sky, kind=reference_kind(sky), bias_s=self.bias_s, epochs=True)
+        return self.maker.shown(window, sky, kind=find_reference_kind(sky), bias_s=self.bias_s, epochs=True)
 
-    def _shown(self, window: SkyCandidates, sky: ConsistentSet) -> _Shown | None:
+    def _compare_fix(self, window: SkyCandidates, sky: ConsistentSet) -> _Shown | None:
         if self.predictor.state is None:
             return None
         fix = self._fix(window, sky)
@@ -344,7 +344,7 @@ class _Walk:
             return None
         last = moving[-1]
         carried = tuple(one.until(last.gpst) for one in (self.predictor, *(free.carried for free in self.free)))
-        expected = tuple(known for one in carried if (known := _expect(one, last.gpst)) is not None)
+        expected = tuple(known for one in carried if (known := _predict_fix(one, last.gpst)) is not None)
         if len(expected) < len(carried):
             self.free = []  # readings end, or are missing
             carried, expected = carried[:1], expected[:1]
@@ -352,8 +352,8 @@ class _Walk:
             return None
         return _Shown(sky, fix, last, carried, expected, tuple(fit_p_value(one, last) for one in expected))
 
-    def _part(self, window: SkyCandidates, shown: _Shown) -> None:
-        """From now on the unit runs free: from the latest window until which the signals may have been true.
+    def _start_free_run(self, window: SkyCandidates, shown: _Shown) -> None:
+        """Let the unit run free from now on: from the latest window until which the signals may have been true.
 
         That is where the youngest navigator was corrected last that all older ones let expect: a drag that began before
         would have drawn it away from those that it has not touched.
@@ -378,11 +378,11 @@ class _Walk:
             self.predictor, self.learned, self.hidden_m = free.predictor, free.learned, free.hidden_m
             self.early, self.until = self.early[: free.learned], free.until
             after = (one for one in self.recent if one.number >= free.learned)
-            self.looks = [*self.looks, *(look for one in after for look in self._looked(one.fix))]
+            self.looks = [*self.looks, *(look for one in after for look in self._compare_velocities(one.fix))]
         self.free, self.recent = [], []
 
-    def _looked(self, fix: SkyFix) -> list[_Look]:
-        """At both velocities through a window."""
+    def _compare_velocities(self, fix: SkyFix) -> list[_Look]:
+        """Compare both velocities through a window."""
         ahead, found = self.predictor, list[_Look]()
         for one in fix.each:
             near = found and float(seconds_between(one.gpst, found[-1].gpst)) < POLICY.look_interval_s
@@ -410,7 +410,7 @@ class _Walk:
             dated_gpst=self.parted,
         )
 
-    def _pass(self, shown: _Shown) -> Finding:
+    def _report_pass(self, shown: _Shown) -> Finding:
         """Return that a window goes on, and what drag would have been noticed in it."""
         off = shown.last.mean - shown.expected[0].mean
         jump_m, drag_m_s = self._find_least(shown)
@@ -438,7 +438,7 @@ class _Walk:
         assert free.state is not None
         rows = np.intersect1d(shown.expected[number].there, shown.last.there)[:6]
         both = np.ix_(rows, rows)
-        jump_m = least_move_m(
+        jump_m = compute_least_move_m(
             shown.expected[number].covariance[both] + shown.last.covariance[both],
             shown.last.mean[:3],
             dof=rows.size,
@@ -453,7 +453,7 @@ class _Walk:
         by_unit = _find_unit_p_value(self.looks)
         if by_unit >= self.alpha and (why := self._find_unit_error(window)) is not None:
             return why, dict.fromkeys((Cause.STATEMENT, Cause.FAULT, Cause.REFLECTIONS), UNTESTED)
-        without_two = self._without_two(window, shown)
+        without_two = self._drop_two_satellites(window, shown)
         benign = {Cause.REFLECTIONS: without_two}
         if by_unit < self.alpha:
             benign |= {Cause.STATEMENT: by_unit, Cause.FAULT: by_unit}
@@ -463,26 +463,26 @@ class _Walk:
         """Return the code of why the unit may be to blame, None if it is not."""
         if self.went_on < POLICY.tried_windows:
             return "not_tried"
-        if _change_m_s(self.looks) > max(POLICY.tried_ratio * self.tried_m_s, POLICY.quiet_m_s):
+        if _find_change_m_s(self.looks) > max(POLICY.tried_ratio * self.tried_m_s, POLICY.quiet_m_s):
             return "moved_more"
-        if not _at_once(self.looks):
+        if not _is_sudden(self.looks):
             return "parts_slowly"
-        return "blow" if self._blow_m_s(window) > POLICY.blow_m_s else None
+        return "blow" if self._find_blow_m_s(window) > POLICY.blow_m_s else None
 
-    def _without_two(self, window: SkyCandidates, shown: _Shown) -> float:
+    def _drop_two_satellites(self, window: SkyCandidates, shown: _Shown) -> float:
         """Return the largest p-value without any two satellites; 1 where too few are left."""
 
         def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
             for pair in pairs:
-                fix = self.maker.at_end(window, shown.sky, pair)
-                expected = None if fix is None else _expect(self.predictor, fix.gpst)
+                fix = self.maker.compute_last_fix(window, shown.sky, pair)
+                expected = None if fix is None else _predict_fix(self.predictor, fix.gpst)
                 yield 1.0 if fix is None or expected is None else fit_p_value(expected, fix)
 
         sats = sorted({signal.sat for signal in shown.sky.signals})
         return largest_p_value_without(sats, p_values, least=POLICY.least_satellites, enough=self.alpha)
 
-    def _blow_m_s(self, window: SkyCandidates) -> float:
-        """The largest change of velocity that one reading makes beside its neighbours, since the last fix learned."""
+    def _find_blow_m_s(self, window: SkyCandidates) -> float:
+        """Return the largest change of velocity, since the last fix, that one reading makes beside its neighbours."""
         readings, state = self.predictor.readings, self.predictor.state
         start = window.start if state is None else state.gpst
         rows = slice(*np.searchsorted(readings.gpst, np.array([start, window.end])))
@@ -493,7 +493,7 @@ class _Walk:
         return float(np.linalg.norm(alone, axis=1).max() * readings.interval_s)
 
 
-def _expect(predictor: Inertial, gpst: np.datetime64) -> NavEstimate | None:
+def _predict_fix(predictor: Inertial, gpst: np.datetime64) -> NavEstimate | None:
     """Return what a fix would show, but for its clock."""
     expected = predictor.at(gpst)
     return None if expected is None else mark_unknown(expected, _CLOCK)
@@ -505,10 +505,10 @@ def _keep_useful(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
     for one in free:
         if not kept or one.notices_m_s < kept[-1].notices_m_s:
             kept.append(one)
-    return _thin_out(kept, gpst)
+    return _thin_navigators(kept, gpst)
 
 
-def _thin_out(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
+def _thin_navigators(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
     """Return two navigators at most of any age to twice that age."""
     kept = list(free)
     for number in range(len(kept) - 2, 0, -1):
@@ -520,8 +520,8 @@ def _thin_out(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
     return kept
 
 
-def _change_m_s(looks: Sequence[_Look]) -> float:
-    """By how much the unit shows the velocity to change at most."""
+def _find_change_m_s(looks: Sequence[_Look]) -> float:
+    """Return by how much the unit shows the velocity to change at most."""
     return float(np.linalg.norm(np.ptp([one.speed_m_s for one in looks], axis=0))) if looks else 0.0
 
 
@@ -540,8 +540,8 @@ def _find_unit_p_value(looks: Sequence[_Look]) -> float:
     return float(chi_square_survival(off_m @ np.linalg.solve(spread, off_m), off_m.size))
 
 
-def _at_once(looks: Sequence[_Look]) -> bool:
-    """Whether velocities part within moments and stay so."""
+def _is_sudden(looks: Sequence[_Look]) -> bool:
+    """Tell whether velocities part within moments and stay so."""
     if len(looks) < POLICY.least_looks:
         return False
     t = np.asarray(seconds_between(np.array([one.gpst for one in looks]), looks[0].gpst), np.float64)

@@ -7,10 +7,12 @@ from skyproof.gnss.frames import geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import NOTICED
 from skyproof.statistics.distributions import chi_square_threshold, noncentrality_for_power
 
-__all__ = ["least_move_m"]
+__all__ = ["compute_least_move_m"]
 
 
-def least_move_m(covariance_m2: Reals, position_ecef_m: Reals, *, dof: int, false_alarm_probability: float) -> float:
+def compute_least_move_m(
+    covariance_m2: Reals, position_ecef_m: Reals, *, dof: int, false_alarm_probability: float
+) -> float:
     """Return the smallest level move that a chi-square test notices with the probability `NOTICED`, the worst way.
 
     covariance_m2 : (n, n) of what is tested, the position in ECEF first. dof : degrees of freedom of the test.

@@ -24,10 +24,10 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.detectors.base import NotTested, Reporter
-from skyproof.detectors.prediction.noticed import least_move_m
+from skyproof.detectors.prediction.noticed import compute_least_move_m
 from skyproof.detectors.prediction.policy import POLICY
 from skyproof.errors import require_probability
-from skyproof.fusion.candidates import FixMaker, SkyCandidates, candidates_in, reference_kind
+from skyproof.fusion.candidates import FixMaker, SkyCandidates, find_reference_kind, select_candidates
 from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED, list_position_slips
 from skyproof.gnss.time import timedelta_from_s
@@ -90,8 +90,8 @@ class StatedPlace:
         for o in records.observations:
             if o.receiver in records.standing:
                 watch = watches.get(o.receiver) or _Watch(records.standing[o.receiver])
-                maker = FixMaker.of_window(o, records, self.settings)
-                finding, watches[o.receiver] = watch.examine(report, maker, candidates_in(records, o.receiver))
+                maker = FixMaker.build_for_window(o, records, self.settings)
+                finding, watches[o.receiver] = watch.examine(report, maker, select_candidates(records, o.receiver))
                 found.append(finding)
         return found, watches
 
@@ -155,7 +155,7 @@ class _Here:
         return float(self.report.detector.settings.false_alarm_probability)
 
     def fix(self, sky: ConsistentSet) -> SkyFix:
-        return self.maker.shown(self.window, sky, kind=reference_kind(sky), bias_s=0.0, epochs=False)
+        return self.maker.shown(self.window, sky, kind=find_reference_kind(sky), bias_s=0.0, epochs=False)
 
     def hold(self, sky: ConsistentSet, fix: NavEstimate) -> _Shown | None:
         expected = self.watch.predictor.at(fix.gpst)
@@ -180,11 +180,11 @@ class _Here:
     def _find_noticed_m(self, shown: _Shown) -> float:
         """Return by how much the position has to be moved, level and the worst way, for this window to notice it."""
         both_m2 = shown.expected.covariance[:3, :3] + shown.fix.covariance[:3, :3]
-        return least_move_m(both_m2, shown.fix.mean[:3], dof=3, false_alarm_probability=self.alpha)
+        return compute_least_move_m(both_m2, shown.fix.mean[:3], dof=3, false_alarm_probability=self.alpha)
 
     def report_departure(self, shown: _Shown) -> Finding:
         """Return the window's finding: an attack where no benign cause remains."""
-        causes = self._causes(shown) if self.watch.predictor.surveyed else ()
+        causes = self._find_slips(shown) if self.watch.predictor.surveyed else ()
         slipped = bool(causes) and causes[0].code != UNLISTED and not self.watch.named
         why, without_two = ("slip", None) if slipped else self._find_benign(shown)
         p = {Cause.CLEAN: shown.p_value}
@@ -203,12 +203,14 @@ class _Here:
             p,
             estimates={} if why is None else {"wrong_statements": causes},
             data=data,
-            dated_gpst=self._date(shown),
+            dated_gpst=self._date_departure(shown),
         )
 
-    def _date(self, shown: _Shown) -> np.datetime64 | None:
+    def _date_departure(self, shown: _Shown) -> np.datetime64 | None:
         """Return the first of the window's last epochs that are all nearer to what it shows than to where it stands."""
-        each = self.maker.shown(self.window, shown.sky, kind=reference_kind(shown.sky), bias_s=0.0, epochs=True).each
+        each = self.maker.shown(
+            self.window, shown.sky, kind=find_reference_kind(shown.sky), bias_s=0.0, epochs=True
+        ).each
         places_m = np.array([one.mean[:3] for one in each]).reshape(-1, 3)
         to_shown_m, to_stated_m = (
             np.linalg.norm(places_m - known.mean[:3], axis=1) for known in (shown.fix, shown.expected)
@@ -222,8 +224,8 @@ class _Here:
         dated: np.datetime64 = gpst[min(row, gpst.size - 1)]
         return dated
 
-    def _causes(self, shown: _Shown) -> tuple[WrongStatement, ...]:
-        """The slips in stating the place that would put it where the signals do, or an amount that none gives."""
+    def _find_slips(self, shown: _Shown) -> tuple[WrongStatement, ...]:
+        """Return the slips of writing that would put the place where the signals do, or an amount that none gives."""
         about = f"position of {self.maker.log.receiver}"
         lat, lon, height_m = geodetic_from_ecef(shown.fix.mean[:3])
         height = f"height_m = {float(height_m):.1f}"
@@ -251,24 +253,23 @@ class _Here:
             return "as_before", None
         if not self.fits_all(shown.sky):
             return "others_misfit", None
-        without_two = self._without_two(shown)
+        without_two = self._drop_two_satellites(shown)
         return ("by_some", None) if without_two >= self.alpha else (None, without_two)
 
     def fits_all(self, sky: ConsistentSet) -> bool:
-        """Whether of the satellites that ever fitted a position, and are measured in a window, one at most is not in
-        this set."""
+        """Tell whether a set has all satellites but one of those measured that ever fitted a position."""
         log = self.maker.log
         o = log.read(*(int(row) for row in np.searchsorted(log.gpst, np.array([self.window.start, self.window.end]))))
         measured = np.flatnonzero(np.isfinite(o.pseudorange_m).any(axis=0))
         there = {o.signals[column].sat for column in measured}
         return len(there & self.watch.fitted - {signal.sat for signal in sky.signals}) <= POLICY.misfit_satellites
 
-    def _without_two(self, shown: _Shown) -> float:
+    def _drop_two_satellites(self, shown: _Shown) -> float:
         """Return the largest p-value without any two satellites; 1 where too few are left."""
 
         def p_values(pairs: Iterable[tuple[str, ...]]) -> Iterator[float]:
             for pair in pairs:
-                fix = self.maker.at_end(self.window, shown.sky, pair)
+                fix = self.maker.compute_last_fix(self.window, shown.sky, pair)
                 yield 1.0 if fix is None else fit_p_value(shown.expected, fix)
 
         sats = sorted({signal.sat for signal in shown.sky.signals})

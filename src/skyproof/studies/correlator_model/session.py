@@ -10,7 +10,7 @@ from skyproof.app.common.platform import read_platform
 from skyproof.app.common.platform_use import derive_settings, match_tables
 from skyproof.app.common.progress import Silent
 from skyproof.app.common.settings import Settings, resolve_settings
-from skyproof.app.common.windows import asked, following_epochs
+from skyproof.app.common.windows import asked, widen_windows
 from skyproof.app.protect.document import document
 from skyproof.app.protect.judging import judge
 from skyproof.app.protect.outcome import Outcome
@@ -106,7 +106,7 @@ def protect_scene(
         receive(scene, index, settings, navigation, rng, carrying.get(name)) for index, name in enumerate(names)
     ]
     observed = [r.observations for r in receptions if r.observations is not None]
-    settings = following_epochs(settings, observed)
+    settings = widen_windows(settings, observed)
     body = body_of(platform, files, names, tables, start_gpst, settings.max_separation_m)
     predictors = build_predictors(names, settings, platform, tables, unit)
     outcome, _ = judge(receptions, navigation, settings, Silent(), body=body, predictors=predictors)
