@@ -46,9 +46,11 @@ class SkyCandidates:
 def select_candidates(records: Records, receiver: str) -> SkyCandidates:
     """Return the skies of one receiver in a window, by what was found in it: its sets but for late copies."""
     about = [
-        (e, own) for e in records.findings if (own := {ref.signal for ref in e.signals if ref.receiver == receiver})
+        (e, signals)
+        for e in records.findings
+        if (signals := {ref.signal for ref in e.signals if ref.receiver == receiver})
     ]
-    late = set[SignalId]().union(*(own for e, own in about if e.says == "multipath"))
+    late = set[SignalId]().union(*(signals for e, signals in about if e.says == "multipath"))
     sets = tuple(
         s
         for s in records.sets
@@ -103,7 +105,7 @@ class FixMaker:
         mean[rows] = np.append(s.position_ecef_m, clock_m)[: rows.size]
         covariance[np.ix_(rows, rows)] = s.covariance_m2[: rows.size, : rows.size]
         each = self._compute_each(window, s, kind) if epochs else ()
-        middle = [one for one in each if abs(float(seconds_between(one.gpst, gpst))) < POLICY.same_instant_s]
+        middle = [fix for fix in each if abs(float(seconds_between(fix.gpst, gpst))) < POLICY.same_instant_s]
         if middle:
             rates = np.intersect1d(middle[0].there, [3, 4, 5, 7])
             mean[rates] = middle[0].mean[rates]
@@ -112,18 +114,20 @@ class FixMaker:
 
     def compute_last_fix(self, window: SkyCandidates, s: ConsistentSet, without: Sequence[str]) -> NavEstimate | None:
         """Return the last fix of a window by its first kind of signals, without some satellites; None without one."""
-        own = [signal for signal in s.signals if signal.kind == find_reference_kind(s) and signal.sat not in without]
+        signals = [
+            signal for signal in s.signals if signal.kind == find_reference_kind(s) and signal.sat not in without
+        ]
         stop = int(np.searchsorted(self.log.gpst, window.end))
-        found = self._compute_fixes(own, max(stop - POLICY.at_end_epochs, 0), stop)
+        found = self._compute_fixes(signals, max(stop - POLICY.at_end_epochs, 0), stop)
         return found[-1] if found else None
 
     def _compute_each(self, window: SkyCandidates, s: ConsistentSet, kind: Kind) -> tuple[NavEstimate, ...]:
         """Return the fixes of epochs by one kind of signals, or by the set's own kind where it has none of that."""
         kinds = (kind, find_reference_kind(s))
-        own = next((same for k in kinds if (same := [signal for signal in s.signals if signal.kind == k])), [])
+        signals = next((same for k in kinds if (same := [signal for signal in s.signals if signal.kind == k])), [])
         edges = np.array([window.start, window.end])
         first, stop = (int(row) for row in np.searchsorted(self.log.gpst, edges))
-        return self._compute_fixes(own, first, stop)
+        return self._compute_fixes(signals, first, stop)
 
     def _compute_fixes(self, own: Sequence[SignalId], first: int, stop: int) -> tuple[NavEstimate, ...]:
         """Return the fixes of epochs by some signals."""
@@ -146,5 +150,5 @@ def align_clock(shown: SkyFix, expected: NavEstimate) -> SkyFix:
         return shown
     steps = np.rint((shown.whole.mean[6] - expected.mean[6]) / MILLISECOND_M)
     by_m: Reals = MILLISECOND_M * steps * (np.arange(KNOWN) == 6)
-    whole, *each = (replace(one, mean=one.mean - by_m) for one in (shown.whole, *shown.each))
+    whole, *each = (replace(fix, mean=fix.mean - by_m) for fix in (shown.whole, *shown.each))
     return SkyFix(whole=whole, each=tuple(each))

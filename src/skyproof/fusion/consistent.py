@@ -24,11 +24,11 @@ def find_unsuspected_epochs(log: ObservationLog, decision: Decision) -> Booleans
     if decision.verdict == "spoofed" or (suspicion is not None and log.receiver in suspicion.receivers):
         if onset is not None:
             changes.append((onset.seen if onset.earliest is None else onset.earliest, False))
-        elif all(shown for _, shown in changes):
+        elif all(is_true for _, is_true in changes):
             return np.zeros(log.gpst.size, np.bool_)  # nothing dates it
     unsuspected = np.ones(log.gpst.size, np.bool_)
-    for since, shown in sorted(changes):
-        unsuspected[log.gpst >= since] = shown
+    for since, is_true in sorted(changes):
+        unsuspected[log.gpst >= since] = is_true
     return unsuspected
 
 

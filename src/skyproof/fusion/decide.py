@@ -69,7 +69,7 @@ class Deciding:
     @property
     def word(self) -> VerdictWord | None:
         """Return the run's word so far: the worst of its receivers'; None before the first window."""
-        return find_worst_word(one.word for one in self.words)
+        return find_worst_word(word.word for word in self.words)
 
 
 def find_worst_word(words: Iterable[VerdictWord]) -> VerdictWord | None:
@@ -121,9 +121,9 @@ def select_common_causes(causes: Iterable[tuple[Cause, ...]]) -> tuple[Cause, ..
 
     A cause that has to be another one from window to window is a poorer explanation than one that lasts.
     """
-    each = [own for own in causes if own]
-    every = dict.fromkeys(cause for own in each for cause in own)
-    return tuple(cause for cause in every if all(cause in own for own in each)) or tuple(every)
+    each = [named for named in causes if named]
+    every = dict.fromkeys(cause for named in each for cause in named)
+    return tuple(cause for cause in every if all(cause in named for named in each)) or tuple(every)
 
 
 def _is_outweighed(e: Finding, receiver: str, true: set[SignalRef]) -> bool:
@@ -170,9 +170,9 @@ def weigh(findings: Sequence[Finding], receiver: str) -> Finding | None:
     tests do by themselves (Berger, Technometrics 24(4), 1982). A test that does not list a cause does not exclude it.
     Late copies of one or two satellites are ordinary, and ask for no cause.
     """
-    own = [e for e in findings if e.p and Cause.CLEAN in e.p and {ref.receiver for ref in e.signals} == {receiver}]
-    failed = [e for e in own if e.failed]
-    if not failed or any(e.says in ("spoofed", "attack") for e in own):
+    about = [e for e in findings if e.p and Cause.CLEAN in e.p and {ref.receiver for ref in e.signals} == {receiver}]
+    failed = [e for e in about if e.failed]
+    if not failed or any(e.says in ("spoofed", "attack") for e in about):
         return None
     alpha = sum(e.alpha or 0.0 for e in failed)
     causes = sorted({cause for e in failed for cause in e.p} - {Cause.CLEAN})
@@ -212,7 +212,9 @@ def _list_causes(about: Sequence[Finding]) -> tuple[Cause, ...]:
     causes = list(dict.fromkeys(cause for e in failed for cause in e.may_also_be))
     likeliest = sorted(causes, key=lambda cause: -min(e.p.get(cause, 1.0) for e in failed))
     for number in (1, 2):
-        explain = [own for own in combinations(likeliest, number) if all(set(own) & set(e.may_also_be) for e in failed)]
+        explain = [
+            group for group in combinations(likeliest, number) if all(set(group) & set(e.may_also_be) for e in failed)
+        ]
         if explain:
-            return tuple(dict.fromkeys(cause for own in explain for cause in own))
+            return tuple(dict.fromkeys(cause for group in explain for cause in group))
     return tuple(likeliest)

@@ -69,7 +69,7 @@ def fuse(
     labels = label_signals(evidence, observations)
     sources = group_false_sources(evidence)
     attacked = any(e.says in ("spoofed", "attack") for e in evidence)
-    left = unexplained(labels, evidence, observations, parts=not attacked)
+    open_signals = unexplained(labels, evidence, observations, parts=not attacked)
     false = [s for s in labels if s.label == "spoofed"]
     everyone = {o.receiver for o in observations}
     suspicion: Suspicion | None = None
@@ -77,7 +77,7 @@ def fuse(
         trusted = _list_shown_true(labels, observations, evidence)
         named = {ref.receiver for source in sources for ref in source.signals}
         skies = link_skies((s for s in sets if s.receiver not in named), first=len(sources) + 1)
-        left = tuple(u for u in left if not any(u.ref in sky.signals for sky in skies))
+        open_signals = tuple(u for u in open_signals if not any(u.ref in sky.signals for sky in skies))
         onset, until = _time_line(false, skies, observations)
         onset = onset or _date_first_sign(evidence)
         verdict: VerdictWord = "spoofed"
@@ -86,9 +86,9 @@ def fuse(
         trusted = {o.receiver for o in observations if _is_always_authentic(o, labels, observations)}
         trusted -= {ref.receiver for e in evidence if e.overrules and e.failed for ref in e.signals}
         # What neither the sky nor an echo explains leaves the whole open, though the rest is authentic.
-        odd = {u.ref.receiver for u in left if u.kind in ODD} | set(_find_reflected_alone(labels))
+        odd = {u.ref.receiver for u in open_signals if u.kind in ODD} | set(_find_reflected_alone(labels))
         settled = bool(observations) and trusted == everyone and not odd
-        suspicion = None if settled else find_suspicion(evidence, left, observations, state.words)
+        suspicion = None if settled else find_suspicion(evidence, open_signals, observations, state.words)
         verdict = "authentic" if settled else "no_attack_seen" if suspicion is None else "suspect"
         trusted -= odd
         sources, skies, until = (), (), None
@@ -100,7 +100,7 @@ def fuse(
         skies=skies,
         onset=onset,
         until=until,
-        unexplained=left,
+        unexplained=open_signals,
         without_fix_s=tuple(_measure_time_without_fix(labels, observations, authentic=verdict == "authentic")),
         alone_s=tuple(_measure_time_alone(labels, observations)) if verdict == "authentic" else (),
         open=None if settled else open_question(evidence, observations, trusted),

@@ -104,29 +104,29 @@ def _collect_votes(evidence: Sequence[Finding], o: ObservationLog) -> dict[Signa
     for (first, last), of_window in groupby(evidence, rows):
         if last < first:
             continue
-        said = list(of_window)
+        findings = list(of_window)
         # Where false signals are named beside the true ones it is no wonder that what is received does not go on.
-        false = {ref for e in said if e.says == "spoofed" for ref in e.signals if ref.receiver == o.receiver}
+        false = {ref for e in findings if e.says == "spoofed" for ref in e.signals if ref.receiver == o.receiver}
         attacked = bool(false)
         tests = [
             (e, {r for r in e.signals if r.receiver == o.receiver})
-            for e in said
+            for e in findings
             if e.failed and not (e.overrules and attacked)
         ]
-        failed = [own for e, own in tests if own and not e.overrules]
-        overruled = set[SignalRef]().union(*(own for e, own in tests if e.overrules))
+        failed = [refs for e, refs in tests if refs and not e.overrules]
+        overruled = set[SignalRef]().union(*(refs for e, refs in tests if e.overrules))
         spoken: set[SignalRef] = set()
-        for e in said:
-            own = {ref for ref in e.signals if ref.receiver == o.receiver}
+        for e in findings:
+            refs = {ref for ref in e.signals if ref.receiver == o.receiver}
             label: Label = e.says if e.says in ("authentic", "spoofed", "multipath") else "unknown"
-            if label == "authentic" and any(len((own | false) & f) < POLICY.nearly_all_share * len(f) for f in failed):
+            if label == "authentic" and any(len((refs | false) & f) < POLICY.nearly_all_share * len(f) for f in failed):
                 label = "unknown"
             if e.says == "authentic":
-                own -= overruled
+                refs -= overruled
             if e.says in LABELS:
-                spoken |= own
+                spoken |= refs
                 vote = _Vote(label=label, first_epoch=first, last_epoch=last, detector=e.detector, p_value=e.p_value)
-                for ref in own:
+                for ref in refs:
                     votes.setdefault(ref, []).append(vote)
         doubt = _Vote(label="unknown", first_epoch=first, last_epoch=last, detector="", p_value=None)
         for ref in overruled.union(*failed) - spoken:
@@ -147,7 +147,7 @@ def group_false_sources(evidence: Sequence[Finding]) -> tuple[FalseSource, ...]:
     for e in evidence:
         if e.says == "spoofed":
             groups[e.signals] = groups.get(e.signals, False) or not e.whole_sky
-    from_one = {ref for subject, one in groups.items() if one for ref in subject}
+    from_one = {ref for subject, is_one_antenna in groups.items() if is_one_antenna for ref in subject}
     return tuple(
         FalseSource(name=f"S{number}", signals=tuple(sorted(signals)), one_antenna=bool(signals & from_one))
         for number, signals in enumerate(linked(groups), 1)
@@ -170,13 +170,13 @@ def linked(groups: Iterable[Iterable[Node]]) -> list[set[Node]]:
 
 def _find_arcs(o: ObservationLog, column: int) -> list[tuple[int, int]]:
     """List the first and last epoch of every stretch without a slip in which the signal was measured."""
-    there = np.flatnonzero(o.measured[:, column])
-    if there.size == 0:
+    rows = np.flatnonzero(o.measured[:, column])
+    if rows.size == 0:
         return []
-    cuts = np.flatnonzero(o.slipped[there, column])
+    cuts = np.flatnonzero(o.slipped[rows, column])
     starts = np.unique(np.concatenate([[0], cuts]))
-    ends = np.append(starts[1:] - 1, there.size - 1)
-    return [(int(there[a]), int(there[b])) for a, b in zip(starts, ends, strict=True)]
+    ends = np.append(starts[1:] - 1, rows.size - 1)
+    return [(int(rows[a]), int(rows[b])) for a, b in zip(starts, ends, strict=True)]
 
 
 def _label_arc(
@@ -187,14 +187,14 @@ def _label_arc(
     What only one side says holds on if it is *spoofed*; *authentic* does not.
     """
     votes = [cut for vote in given if (cut := _cut_to_arc(vote, arc)) is not None]
-    said = np.full(arc[1] - arc[0] + 1, SILENT)
+    spoken = np.full(arc[1] - arc[0] + 1, SILENT)
     for vote in votes:
-        here = said[vote.first_epoch - arc[0] : vote.last_epoch - arc[0] + 1]
+        window_codes = spoken[vote.first_epoch - arc[0] : vote.last_epoch - arc[0] + 1]
         code = LABELS.index(vote.label)
-        here[:] = np.where((here == SILENT) | (here == code), code, LABELS.index("unknown"))
+        window_codes[:] = np.where((window_codes == SILENT) | (window_codes == code), code, LABELS.index("unknown"))
     bridge_s = max(POLICY.bridged_s, window_s + POLICY.gap_intervals * median_interval_s(o.elapsed_s))
     before_s = max(POLICY.begins_before_s, POLICY.begins_before_share * window_s)
-    codes = _fill_silent(said, o.elapsed_s[arc[0] : arc[1] + 1], bridge_s, before_s)
+    codes = _fill_silent(spoken, o.elapsed_s[arc[0] : arc[1] + 1], bridge_s, before_s)
     starts = np.flatnonzero(np.diff(codes, prepend=SILENT))
     ends = np.append(starts[1:], codes.size) - 1
     return [
@@ -220,8 +220,8 @@ def _fill_silent(said: Integers, elapsed_s: Reals, bridge_s: float, before_s: fl
     after = np.minimum.accumulate(np.where(said != SILENT, row, said.size)[::-1])[::-1]
     before[before < 0] = said.size
     codes, times_s = np.append(said, SILENT), np.append(elapsed_s, np.inf)  # the last cell stands for "none"
-    one, other = codes[before], codes[after]
-    agreed = np.where(one == SILENT, other, np.where((other == SILENT) | (one == other), one, unknown))
+    earlier, later = codes[before], codes[after]
+    agreed = np.where(earlier == SILENT, later, np.where((later == SILENT) | (earlier == later), earlier, unknown))
     agreed[agreed == SILENT] = unknown
     begun = before < said.size
     bridged = times_s[after] - np.where(begun, times_s[before], -np.inf) <= bridge_s

@@ -27,15 +27,17 @@ def link_skies(sets: Iterable[ConsistentSet], *, first: int = 1) -> tuple[FalseS
             together |= members[0]
         members = members if len(members) > 1 else []
         split |= {receiver} if members else set()
-        shared = [(sum(sky[r] for r in own), n, m) for n, own in enumerate(members) for m, sky in enumerate(skies)]
+        shared = [
+            (sum(sky[r] for r in signals), n, m) for n, signals in enumerate(members) for m, sky in enumerate(skies)
+        ]
         goes_on: dict[int, int] = {}
         for seen, n, m in sorted(shared, reverse=True):
             if seen > 0 and n not in goes_on and m not in goes_on.values():
                 goes_on[n] = m
-        for n, own in enumerate(members):
+        for n, signals in enumerate(members):
             if n not in goes_on:
                 skies.append(Counter())
-            skies[goes_on.get(n, -1)].update(own)
+            skies[goes_on.get(n, -1)].update(signals)
     home = {ref: max(range(len(skies)), key=lambda m: skies[m][ref]) for sky in skies for ref in sky}
     kept = [tuple(sorted(ref for ref in skies[m] if home[ref] == m)) for m in sorted(set(home.values()))]
     return name_skies(kept, together, first=first)

@@ -58,10 +58,11 @@ def compare_pairs(o: ObservationLog) -> Iterator[Pair]:
     for transmission, number in Counter(signal.transmission for signal in o.signals).items():
         columns = [k for k, signal in enumerate(o.signals) if number > 1 and signal.transmission == transmission]
         for later, other in permutations(columns, 2):
-            both = np.flatnonzero(o.measured[:, later] & o.measured[:, other])
-            if both.size and o.found_elapsed_s[other] <= o.found_elapsed_s[later]:
+            common = np.flatnonzero(o.measured[:, later] & o.measured[:, other])
+            if common.size and o.found_elapsed_s[other] <= o.found_elapsed_s[later]:
                 is_near = (
-                    _measure_apart_m(o, later, other, int(both[0])) < POLICY.hidden_chips * o.signals[later].plan.chip_m
+                    _measure_apart_m(o, later, other, int(common[0]))
+                    < POLICY.hidden_chips * o.signals[later].plan.chip_m
                 )
                 yield Pair(SignalRef(o.receiver, o.signals[later]), SignalRef(o.receiver, o.signals[other]), is_near)
 

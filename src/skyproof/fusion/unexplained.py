@@ -53,10 +53,10 @@ def unexplained(
     window_s = max(((e.end_gpst - e.start_gpst) / np.timedelta64(1, "s") for e in evidence), default=0.0)
     found: list[Unexplained] = []
     for o in observations:
-        own = [s for s in labels if s.ref.receiver == o.receiver]
-        decided = {s.ref for s in own if s.label in ("authentic", "spoofed")}
+        columns = [s for s in labels if s.ref.receiver == o.receiver]
+        decided = {s.ref for s in columns if s.label in ("authentic", "spoofed")}
         longest: dict[SignalRef, LabelledSignal] = {}
-        for s in own:
+        for s in columns:
             if s.label == "unknown" and (
                 s.ref not in longest or _measure_length_s(s, o) > _measure_length_s(longest[s.ref], o)
             ):
@@ -64,9 +64,9 @@ def unexplained(
         length_s = float(o.elapsed_s[-1] - o.elapsed_s[0]) if o.elapsed_s.size else np.inf
         short_s = min(POLICY.counted_s, POLICY.counted_share * length_s)
         least_s = {True: POLICY.longer_windows * window_s if parts else np.inf, False: short_s}
-        left = [s for ref, s in longest.items() if _measure_length_s(s, o) >= least_s[ref in decided]]
+        listed = [s for ref, s in longest.items() if _measure_length_s(s, o) >= least_s[ref in decided]]
         # Where nothing at all is decided it is no news that a signal is not; that a satellite is there twice is.
-        found += [_describe(s, own, o, s.ref in failed) for s in left] if decided else _find_doubles(left, o)
+        found += [_describe(s, columns, o, s.ref in failed) for s in listed] if decided else _find_doubles(listed, o)
     return tuple(found)
 
 
@@ -77,7 +77,7 @@ def _find_doubles(left: Sequence[LabelledSignal], o: ObservationLog) -> list[Une
         for other in left:
             first, last = max(s.first_epoch, other.first_epoch), min(s.last_epoch, other.last_epoch)
             if _is_found_after(s, other) and last >= first:
-                a, b = (_read_series(o, "cn0_dbhz", one.ref.signal, first, last) for one in (s, other))
+                a, b = (_read_series(o, "cn0_dbhz", signal.ref.signal, first, last) for signal in (s, other))
                 over_db, cn0_dbhz = float(medians(a - b)), float(medians(a))
                 found.append(Unexplained(ref=s.ref, kind="double", cn0_dbhz=cn0_dbhz, over_db=over_db))
                 break
@@ -86,8 +86,11 @@ def _find_doubles(left: Sequence[LabelledSignal], o: ObservationLog) -> list[Une
 
 def _is_found_after(s: LabelledSignal, other: LabelledSignal) -> bool:
     """Tell whether both are of one transmission and the other one was found first."""
-    own, first = s.ref.signal, other.ref.signal
-    return own.transmission == first.transmission and (len(first.copy), first.copy) < (len(own.copy), own.copy)
+    transmission, first = s.ref.signal, other.ref.signal
+    return transmission.transmission == first.transmission and (len(first.copy), first.copy) < (
+        len(transmission.copy),
+        transmission.copy,
+    )
 
 
 def _measure_length_s(s: LabelledSignal, o: ObservationLog) -> float:

@@ -36,9 +36,9 @@ def _select_followed(elapsed_s: Reals, there: Booleans, cn0_dbhz: Reals, hold_s:
         epoch += int(np.argmax(there[epoch:].any(axis=1)))
         found = (elapsed_s >= elapsed_s[epoch]) & (elapsed_s <= elapsed_s[epoch] + POLICY.searches_s)
         column = int(np.argmax(np.max(strength, axis=0, initial=-np.inf, where=found[:, np.newaxis])))
-        own = epoch + np.flatnonzero(there[epoch:, column])
-        lost = np.append(np.diff(elapsed_s[own]), np.inf) > hold_s
-        kept = own[: int(np.argmax(lost)) + 1]
+        measured = epoch + np.flatnonzero(there[epoch:, column])
+        lost = np.append(np.diff(elapsed_s[measured]), np.inf) > hold_s
+        kept = measured[: int(np.argmax(lost)) + 1]
         mask[kept, column] = True
         epoch = int(kept[-1]) + 1
     return mask

@@ -146,17 +146,17 @@ class _Kept:
     def take(self, step: DecidedWindow) -> None:
         """Take the evidence of one more window."""
         lacking = set[Hashable]()
-        for one in step.findings:
-            if one.start_gpst < step.records.start_gpst:
-                self._before.append(one)
+        for finding in step.findings:
+            if finding.start_gpst < step.records.start_gpst:
+                self._before.append(finding)
                 continue
-            subject = self._share_equal(tuple(self._share_equal(ref) for ref in one.signals))
-            if one.lacking:
-                key = one.detector, subject, one.lacking
+            subject = self._share_equal(tuple(self._share_equal(ref) for ref in finding.signals))
+            if finding.lacking:
+                key = finding.detector, subject, finding.lacking
                 lacking.add(key)
                 if key in self._lacking:
                     continue
-            self.all.extend((replace(one, signals=subject),))
+            self.all.extend((replace(finding, signals=subject),))
         self._lacking = lacking
         if len(self._same) > PACKED:  # words with figures in them hardly ever come again
             self._same.clear()

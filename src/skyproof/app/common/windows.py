@@ -121,16 +121,16 @@ def window_edges(
 
     ended : whether nothing more comes; if not, edges are those that no further epoch moves.
     """
-    first = min(one.gpst[0] for one in received)
-    last = max(one.until_gpst for one in received) + np.timedelta64(1, "ms")
+    first = min(source.gpst[0] for source in received)
+    last = max(source.until_gpst for source in received) + np.timedelta64(1, "ms")
     # Between epochs: those of receivers that do not steer their clocks come some milliseconds early or late.
-    longest_s = min(max(one.interval_s for one in received), window_s / POLICY.least_window_epochs)
+    longest_s = min(max(source.interval_s for source in received), window_s / POLICY.least_window_epochs)
     early = timedelta_from_s(0.5 * longest_s)
-    all_from, all_to = max(one.gpst[0] for one in received), min(one.until_gpst for one in received)
+    all_from, all_to = max(source.gpst[0] for source in received), min(source.until_gpst for source in received)
     most = max(timedelta_from_s(POLICY.ends_together_s), 3 * early)  # of one epoch nothing can be said
     alone = [at for at, by in ((all_from, all_from - first), (all_to + 2 * early, last - all_to)) if by > most]
-    breaks = np.unique(np.concatenate([*(one.breaks for one in received), np.array(alone, "M8[ns]")]))
-    epochs = np.unique(np.concatenate([one.gpst for one in received]))
+    breaks = np.unique(np.concatenate([*(source.breaks for source in received), np.array(alone, "M8[ns]")]))
+    epochs = np.unique(np.concatenate([source.gpst for source in received]))
     edges = [first]
     for begin, end in pairwise([first, *breaks, last]):
         if end - begin > early or end == last:  # not at the break that another receiver saw at its own epoch
@@ -291,7 +291,7 @@ class Windows:
         grids = tuple(log.select_between(*spans_s[log.receiver]) for log in run.ccaf)
         phases = (log.select_between(*spans_s[log.receiver]) for log in run.array_phases)
         taps, vector_taps = (
-            tuple(one for log in logs if (one := log.select_between(*spans_s[log.receiver])).elapsed_s.size)
+            tuple(record for log in logs if (record := log.select_between(*spans_s[log.receiver])).elapsed_s.size)
             for logs in (run.taps, run.vector_taps)
         )
         return Records(
@@ -302,11 +302,11 @@ class Windows:
             sets=tuple(sets),
             taps=taps,
             vector_taps=vector_taps,
-            ccaf=tuple(one for one in grids if one.gpst.size),
-            array_phases=tuple(one for one in phases if one.gpst.size),
+            ccaf=tuple(record for record in grids if record.gpst.size),
+            array_phases=tuple(record for record in phases if record.gpst.size),
             spin_arms=run.spin_arms,
             levels={name: levels.select_between(start, end) for name, levels in run.levels.items()}
-            | {one.receiver: measure_levels_between_signals(one) for one in grids if one.gpst.size},
+            | {record.receiver: measure_levels_between_signals(record) for record in grids if record.gpst.size},
             messages={name: messages.select_between(start, end) for name, messages in run.messages.items()},
             own_fixes={name: fixes.select_between(start, end) for name, fixes in run.own_fixes.items()},
             standing=run.standing,
@@ -364,8 +364,12 @@ def windows_of(
         levels=levels or {},
         messages=messages or {},
         own_fixes=own_fixes or {},
-        standing={name: one for name, one in expected.items() if isinstance(one, Standing) and one.stands},
-        inertial={name: one for name, one in expected.items() if isinstance(one, Inertial)},
+        standing={
+            name: predictor
+            for name, predictor in expected.items()
+            if isinstance(predictor, Standing) and predictor.stands
+        },
+        inertial={name: predictor for name, predictor in expected.items() if isinstance(predictor, Inertial)},
         expected=expected,
         changes=changes or {},
     )
@@ -424,29 +428,31 @@ def _share_of(kind: type[Any]) -> float:
 
 def asked() -> Asked:
     """Combine the correlators that the installed detectors ask for."""
-    stated = [one for kind in load_detectors().values() if isinstance(one := getattr(kind, "asks", None), Asked)]
-    taps = [one.taps for one in stated if one.taps is not None]
-    grids = [one.ccaf for one in stated if one.ccaf is not None]
+    stated = [
+        request for kind in load_detectors().values() if isinstance(request := getattr(kind, "asks", None), Asked)
+    ]
+    taps = [request.taps for request in stated if request.taps is not None]
+    grids = [request.ccaf for request in stated if request.ccaf is not None]
     return Asked(taps=_combine_taps(taps) if taps else None, ccaf=_combine_grids(grids) if grids else None)
 
 
 def _combine_taps(taps: Sequence[TapsAsked]) -> TapsAsked:
     return TapsAsked(
-        delays_chips=tuple(sorted({delay for one in taps for delay in one.delays_chips})),
-        every_s=min(one.every_s for one in taps),
-        coherent_s=max(one.coherent_s for one in taps),
+        delays_chips=tuple(sorted({delay for request in taps for delay in request.delays_chips})),
+        every_s=min(request.every_s for request in taps),
+        coherent_s=max(request.coherent_s for request in taps),
     )
 
 
 def _combine_grids(grids: Sequence[CcafAsked]) -> CcafAsked:
     """Combine grids by what costs most where they differ; the coherent time is that of the first."""
     return CcafAsked(
-        reach_chips=max(one.reach_chips for one in grids),
-        every_s=min(one.every_s for one in grids),
-        soon_s=min(one.soon_s for one in grids),
-        dopplers_hz=tuple(sorted({doppler_hz for one in grids for doppler_hz in one.dopplers_hz})),
+        reach_chips=max(request.reach_chips for request in grids),
+        every_s=min(request.every_s for request in grids),
+        soon_s=min(request.soon_s for request in grids),
+        dopplers_hz=tuple(sorted({doppler_hz for request in grids for doppler_hz in request.dopplers_hz})),
         coherent_s=grids[0].coherent_s,
-        intervals=max(one.intervals for one in grids),
+        intervals=max(request.intervals for request in grids),
     )
 
 

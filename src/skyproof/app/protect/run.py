@@ -224,7 +224,7 @@ def _receive_all(
     preview: Preview,
 ) -> tuple[list[Reception], bool]:
     """Return what each source's receiver received, in their order, and whether a signal ended the tracking early."""
-    recordings = [one for one in sources if isinstance(one, Samples) and not is_short(one)]
+    recordings = [recording for recording in sources if isinstance(recording, Samples) and not is_short(recording)]
     trackers, interrupted = track(
         recordings,
         settings,
@@ -278,7 +278,7 @@ def _use_logged_imu(
 
 def _find_first_sample(sources: Sequence[Samples | ObservedFile]) -> np.datetime64:
     """Return the first start that any recording states; NaT without one."""
-    starts = [one.start_gpst for one in sources if isinstance(one, Samples) and one.start_gpst is not None]
+    starts = [source.start_gpst for source in sources if isinstance(source, Samples) and source.start_gpst is not None]
     return min(starts, default=np.datetime64("NaT", "ns"))
 
 
@@ -373,19 +373,19 @@ def _require_same_time(receptions: Sequence[Reception], navigation: NavigationDa
 
 def _add_common_time(reception: Reception, receptions: Sequence[Reception]) -> Reception:
     """Tell how much of a recording another one covers, if that is not nearly all: the rest cannot be compared."""
-    own = reception.observations
+    observations = reception.observations
     others = [r for r in receptions if r is not reception and r.observations is not None]
-    if own is None or own.gpst.size < 2:
+    if observations is None or observations.gpst.size < 2:
         return reception
-    length_s = seconds_between(own.gpst[-1], own.gpst[0])
+    length_s = seconds_between(observations.gpst[-1], observations.gpst[0])
     used = tuple(
         Remark(
-            f"only {overlap_s(own, r.observations):.1f} of its {length_s:.1f} s with measurements are common with "
-            f"{r.source.path or r.source.name}",
+            f"only {overlap_s(observations, r.observations):.1f} of its {length_s:.1f} s with measurements are common "
+            f"with {r.source.path or r.source.name}",
             RemarkKind.BEARS,
         )
         for r in others
-        if r.observations is not None and overlap_s(own, r.observations) < POLICY.covered_share * length_s
+        if r.observations is not None and overlap_s(observations, r.observations) < POLICY.covered_share * length_s
     )
     return replace(reception, remarks=(*reception.remarks, *used))
 
@@ -398,7 +398,12 @@ def _list_files(receptions: Sequence[Reception]) -> dict[str, OpenFile]:
 
 def _sum_sidecars(sources: Sequence[Samples | ObservedFile]) -> dict[str, str]:
     """Return the SHA-256 of what says how to read the recordings, now: it was just read, and may be gone at the end."""
-    files = [one.stated_in for source in sources if isinstance(source, Samples) for one in (source, *source.others)]
+    files = [
+        recording.stated_in
+        for source in sources
+        if isinstance(source, Samples)
+        for recording in (source, *source.others)
+    ]
     return {readable(str(file)): compute_sha256(file) for file in dict.fromkeys(files) if file is not None}
 
 

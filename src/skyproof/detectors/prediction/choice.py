@@ -138,15 +138,15 @@ class Prediction:
             named = any(
                 e.says in _SIDES and any(ref.receiver == o.receiver for ref in e.signals) for e in records.findings
             )
-            here = _Here(
+            receiver_now = _Here(
                 maker=FixMaker.build_for_window(o, records, self.settings),
                 settings=self.settings,
                 window=windows[o.receiver],
                 navigator=expected if isinstance(expected, CorrectedNavigator) else None,
             )
-            watch = watch.look(here, doubted=doubted, named=named)
-            said, watches[o.receiver] = ([], watch) if watch.named else here.report_window(watch)
-            found += said
+            watch = watch.look(receiver_now, doubted=doubted, named=named)
+            findings, watches[o.receiver] = ([], watch) if watch.named else receiver_now.report_window(watch)
+            found += findings
         return found, watches
 
     def review(self, evidence: Sequence[Finding]) -> Iterable[Finding]:
@@ -308,10 +308,10 @@ class _Here:
             return found, watch
         walking = replace(watch.walking, predictor=watch.walking.predictor.until(window.start))
         watch = replace(watch, walking=walking)
-        said, watch = self._compare_skies(watch) if window.sets else ([], watch)
-        if not said:
-            said, watch = self._compare_overlapping(watch)
-        return [*found, *said], watch
+        findings, watch = self._compare_skies(watch) if window.sets else ([], watch)
+        if not findings:
+            findings, watch = self._compare_overlapping(watch)
+        return [*found, *findings], watch
 
     def _report_clean_start(self, watch: _Watch) -> list[Finding]:
         """Return that the windows of the clean start are authentic by what is assumed, unless one does not go on."""
@@ -351,7 +351,9 @@ class _Here:
             latest = self._find_latest(watch, onset)
             if watch.broken is not None and watch.broken <= latest:
                 return watch
-            walking = next(one for one in watch.learned if one.until is None or one.until <= latest)
+            walking = next(
+                expectation for expectation in watch.learned if expectation.until is None or expectation.until <= latest
+            )
         return replace(
             watch, walking=walking, rests_on=self._list_assumptions(watch, walking.until, walking.predictor.assumes)
         )
@@ -396,8 +398,8 @@ class _Here:
             return [report_not_chosen(self.log, window, window.sets, fixes, choice, by, most_wrong)], watch
         taken = window.sets[choice.chosen]
         first = not watch.chosen
-        said = chosen(self.log, window, fixes, choice, by, watch.rests_on, most_wrong=most_wrong, first=first)
-        return said, replace(
+        findings = chosen(self.log, window, fixes, choice, by, watch.rests_on, most_wrong=most_wrong, first=first)
+        return findings, replace(
             watch,
             walking=now.follow(fixes[choice.chosen], taken),
             chosen=frozenset(taken.signals),
@@ -412,8 +414,8 @@ class _Here:
         if not same or watch.refused.intersection(only.signals) or not _is_continuation(expected, fix.whole):
             return [], watch
         data = dict(watch.rests_on) | {"by": now.predictor.by}
-        said = report_only_sky(self.log, self.window, self.window.end, "goes_on", data)
-        return [said], replace(watch, walking=now.follow(fix, only), chosen=watch.chosen.union(only.signals))
+        finding = report_only_sky(self.log, self.window, self.window.end, "goes_on", data)
+        return [finding], replace(watch, walking=now.follow(fix, only), chosen=watch.chosen.union(only.signals))
 
     def _compare_overlapping(self, watch: _Watch) -> tuple[list[Finding], _Watch]:
         """Return what is said of the skies that were taken apart, instant by instant; it is said of the last one.
@@ -422,7 +424,7 @@ class _Here:
         all that they differ in. One that may have made the other by reflections is not chosen: then it may be the only
         sky, and false.
         """
-        said, true_fixes = list[Finding](), list[NavEstimate]()
+        findings, true_fixes = list[Finding](), list[NavEstimate]()
         for skies in self.window.overlapping:
             now = watch.walking
             assert now is not None
@@ -441,14 +443,14 @@ class _Here:
                 true = fixes[choice.chosen]
                 true_fixes.append(true.whole)
                 watch = replace(watch, walking=now.follow(true, skies.sets[choice.chosen]), overlapped=True)
-                said = [
+                findings = [
                     report_chosen_overlapping(self.log, self.window, skies, fixes, choice, by, watch.rests_on, doubt)
                 ]
             elif not true_fixes:
-                said = [report_not_chosen(self.log, self.window, skies.sets, fixes, choice, by, most_wrong, doubt)]
+                findings = [report_not_chosen(self.log, self.window, skies.sets, fixes, choice, by, most_wrong, doubt)]
         if true_fixes:
-            said = [replace(said[0], estimates={"true_fixes": tuple(true_fixes)})]
-        return said, watch
+            findings = [replace(findings[0], estimates={"true_fixes": tuple(true_fixes)})]
+        return findings, watch
 
     def _compare(
         self, expected: NavEstimate, fixes: Sequence[SkyFix], watch: _Watch, doubt: float = 0.0
@@ -491,13 +493,17 @@ class _Here:
 
 def _thin_expectations(learned: Sequence[_Expectation], clean_until: np.datetime64) -> tuple[_Expectation, ...]:
     """Return two expectations at most of any age to twice that age, and all of the clean start."""
-    early = [one for one in learned if one.until is None or one.until <= clean_until]
-    late = [(one.until, one) for one in learned if one.until is not None and one.until > clean_until]
+    early = [expectation for expectation in learned if expectation.until is None or expectation.until <= clean_until]
+    late = [
+        (expectation.until, expectation)
+        for expectation in learned
+        if expectation.until is not None and expectation.until > clean_until
+    ]
     newest = late[0][0]
     for number in range(len(late) - 2, 0, -1):
         if newest - late[number + 1][0] < 2 * (newest - late[number - 1][0]):
             del late[number]
-    return (*(one for _, one in late), *early)
+    return (*(expectation for _, expectation in late), *early)
 
 
 def _is_continuation(expected: NavEstimate, fix: NavEstimate) -> bool:

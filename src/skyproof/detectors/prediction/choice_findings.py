@@ -163,8 +163,8 @@ def _compare(shown: Sequence[SkyFix], choice: Choice, by: tuple[str, ...], doubt
 
     doubt : that it was one between other skies.
     """
-    one, other = (shown[k].whole for k in np.argsort(-choice.probabilities)[:2])
-    off = one.mean - other.mean
+    likeliest, other = (shown[k].whole for k in np.argsort(-choice.probabilities)[:2])
+    off = likeliest.mean - other.mean
     return {
         "skies": len(shown),
         "by": by,

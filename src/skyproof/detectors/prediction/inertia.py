@@ -233,13 +233,13 @@ class _Walk:
         if doubted is not None and self.parted is None:
             self._take_back(doubted)
         is_clean = not window.doubted and doubted is None and self.attacked is None and self.parted is None
-        shown = [one for s in window.sets if (one := self._compare_fix(window, s)) is not None]
-        if not shown:
+        comparisons = [comparison for s in window.sets if (comparison := self._compare_fix(window, s)) is not None]
+        if not comparisons:
             if len(window.sets) == 1 and is_clean:  # before the unit is aligned nothing is held against it
                 (sky,) = window.sets
                 self._learn(window, self._fix(window, sky), sky, [])
             return None
-        best = max(shown, key=lambda one: one.p_value)
+        best = max(comparisons, key=lambda comparison: comparison.p_value)
         if best.p_value < self.alpha:
             self._start_free_run(window, best)
             self.looks = [*self.looks, *self._compare_velocities(best.fix)]
@@ -269,25 +269,29 @@ class _Walk:
 
     def _take_back(self, since: np.datetime64) -> None:
         """Undo what windows taught that end later, as far as a navigator from before them runs on."""
-        doubted = [one for one in self.recent if one.end > since]
+        doubted = [window for window in self.recent if window.end > since]
         if not doubted or not self.free:
             return
         back_to = doubted[0]
-        older = [one for one in self.free if one.learned <= back_to.number] or self.free[-1:]
-        base, kept = older[0], [one for one in self.recent if one.number < back_to.number]
+        older = [window for window in self.free if window.learned <= back_to.number] or self.free[-1:]
+        base, kept = older[0], [window for window in self.recent if window.number < back_to.number]
         self.predictor, self.learned, self.until, self.hidden_m = (
             base.predictor,
             base.learned,
             base.until,
             base.hidden_m,
         )
-        for one in kept:
-            if one.number >= base.learned:
-                self.predictor, self.learned, self.until = self.predictor.learned(one.fix), one.number + 1, one.end
+        for window in kept:
+            if window.number >= base.learned:
+                self.predictor, self.learned, self.until = (
+                    self.predictor.learned(window.fix),
+                    window.number + 1,
+                    window.end,
+                )
                 self.hidden_m = back_to.hidden_m
         self.bias_s, self.early = back_to.bias_s, self.early[: self.learned]
-        self.free = [one for one in older if one.learned < self.learned]
-        self.recent = [one for one in kept if self.free and one.number >= self.free[-1].learned]
+        self.free = [window for window in older if window.learned < self.learned]
+        self.recent = [window for window in kept if self.free and window.number >= self.free[-1].learned]
 
     def _add_hidden(self, window: SkyCandidates, shown: _Shown) -> None:
         """Add what a drag that this window does not notice may lead the navigator away by."""
@@ -299,7 +303,7 @@ class _Walk:
         """Return the navigators that notice drags best, and that are not corrected by a window's fixes."""
         before = [
             (self.predictor, self.learned, self.until, self.hidden_m),
-            *((one.predictor, one.learned, one.until, one.hidden_m) for one in self.free),
+            *((navigator.predictor, navigator.learned, navigator.until, navigator.hidden_m) for navigator in self.free),
         ]
         every = [
             _Free(predictor, carried, learned, until, self._find_noticed(shown, number)[1], hidden)
@@ -314,9 +318,9 @@ class _Walk:
         self.tried_m_s = max(self.tried_m_s, _find_change_m_s(self._compare_velocities(fix)))
         if window.end > self.clock_until:
             fix = SkyFix(
-                whole=mark_unknown(fix.whole, _CLOCK), each=tuple(mark_unknown(one, _CLOCK) for one in fix.each)
+                whole=mark_unknown(fix.whole, _CLOCK), each=tuple(mark_unknown(taught, _CLOCK) for taught in fix.each)
             )
-        own = _Learned(
+        lesson = _Learned(
             number=self.learned,
             start=window.start,
             end=window.end,
@@ -325,7 +329,7 @@ class _Walk:
             hidden_m=self.hidden_m,
         )
         self.free = free
-        self.recent = [one for one in (*self.recent, own) if free and one.number >= free[-1].learned]
+        self.recent = [taught for taught in (*self.recent, lesson) if free and taught.number >= free[-1].learned]
         self.predictor, self.bias_s = self.predictor.learned(fix), sky.clock_bias_s
         self.kind = self.kind or find_reference_kind(sky)
         if window.end <= self.clock_until:
@@ -339,18 +343,20 @@ class _Walk:
         if self.predictor.state is None:
             return None
         fix = self._fix(window, sky)
-        moving = [one for one in fix.each if one.there.size >= 6]
+        moving = [navigator for navigator in fix.each if navigator.there.size >= 6]
         if not moving:
             return None
         last = moving[-1]
-        carried = tuple(one.until(last.gpst) for one in (self.predictor, *(free.carried for free in self.free)))
-        expected = tuple(known for one in carried if (known := _predict_fix(one, last.gpst)) is not None)
+        carried = tuple(
+            navigator.until(last.gpst) for navigator in (self.predictor, *(free.carried for free in self.free))
+        )
+        expected = tuple(known for navigator in carried if (known := _predict_fix(navigator, last.gpst)) is not None)
         if len(expected) < len(carried):
             self.free = []  # readings end, or are missing
             carried, expected = carried[:1], expected[:1]
         if not expected:
             return None
-        return _Shown(sky, fix, last, carried, expected, tuple(fit_p_value(one, last) for one in expected))
+        return _Shown(sky, fix, last, carried, expected, tuple(fit_p_value(navigator, last) for navigator in expected))
 
     def _start_free_run(self, window: SkyCandidates, shown: _Shown) -> None:
         """Let the unit run free from now on: from the latest window until which the signals may have been true.
@@ -366,9 +372,9 @@ class _Walk:
             certain = NavEstimate(
                 gpst=mean.gpst, mean=mean.mean, covariance=np.where(np.isfinite(mean.covariance), 0.0, np.inf)
             )
-            if all(fit_p_value(one, certain) >= FUSION.refused_probability for one in older):
+            if all(fit_p_value(navigator, certain) >= FUSION.refused_probability for navigator in older):
                 break
-        starts = {one.number: one for one in self.recent}
+        starts = {navigator.number: navigator for navigator in self.recent}
         if young > 0 and (first := starts.get(self.free[young - 1].learned)) is not None:
             self.parted = first.start
         # The window before may hold the beginning of what is noticed now.
@@ -377,21 +383,24 @@ class _Walk:
             free = self.free[back - 1]
             self.predictor, self.learned, self.hidden_m = free.predictor, free.learned, free.hidden_m
             self.early, self.until = self.early[: free.learned], free.until
-            after = (one for one in self.recent if one.number >= free.learned)
-            self.looks = [*self.looks, *(look for one in after for look in self._compare_velocities(one.fix))]
+            after = (navigator for navigator in self.recent if navigator.number >= free.learned)
+            self.looks = [
+                *self.looks,
+                *(look for navigator in after for look in self._compare_velocities(navigator.fix)),
+            ]
         self.free, self.recent = [], []
 
     def _compare_velocities(self, fix: SkyFix) -> list[_Look]:
         """Compare both velocities through a window."""
         ahead, found = self.predictor, list[_Look]()
-        for one in fix.each:
-            near = found and float(seconds_between(one.gpst, found[-1].gpst)) < POLICY.look_interval_s
-            if near or one.there.size < 6:
+        for epoch_fix in fix.each:
+            near = found and float(seconds_between(epoch_fix.gpst, found[-1].gpst)) < POLICY.look_interval_s
+            if near or epoch_fix.there.size < 6:
                 continue
-            ahead = ahead.until(one.gpst)
-            if (expected := ahead.at(one.gpst)) is not None:
-                apart = one.mean[:6] - expected.mean[:6]
-                found.append(_Look(one.gpst, expected.mean[3:6], apart, one.covariance[:6, :6]))
+            ahead = ahead.until(epoch_fix.gpst)
+            if (expected := ahead.at(epoch_fix.gpst)) is not None:
+                apart = epoch_fix.mean[:6] - expected.mean[:6]
+                found.append(_Look(epoch_fix.gpst, expected.mean[3:6], apart, epoch_fix.covariance[:6, :6]))
         return found
 
     def _report(self, window: SkyCandidates, shown: _Shown) -> Finding:
@@ -437,9 +446,9 @@ class _Walk:
         free = self.predictor if number == 0 else self.free[number - 1].predictor
         assert free.state is not None
         rows = np.intersect1d(shown.expected[number].there, shown.last.there)[:6]
-        both = np.ix_(rows, rows)
+        block = np.ix_(rows, rows)
         jump_m = compute_least_move_m(
-            shown.expected[number].covariance[both] + shown.last.covariance[both],
+            shown.expected[number].covariance[block] + shown.last.covariance[block],
             shown.last.mean[:3],
             dof=rows.size,
             false_alarm_probability=self.alpha / len(shown.expected),
@@ -502,9 +511,9 @@ def _predict_fix(predictor: Inertial, gpst: np.datetime64) -> NavEstimate | None
 def _keep_useful(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
     """Return the navigators of which each notices slower drags than the younger ones, two of any age to twice that."""
     kept = list[_Free]()
-    for one in free:
-        if not kept or one.notices_m_s < kept[-1].notices_m_s:
-            kept.append(one)
+    for navigator in free:
+        if not kept or navigator.notices_m_s < kept[-1].notices_m_s:
+            kept.append(navigator)
     return _thin_navigators(kept, gpst)
 
 
@@ -522,7 +531,7 @@ def _thin_navigators(free: Sequence[_Free], gpst: np.datetime64) -> list[_Free]:
 
 def _find_change_m_s(looks: Sequence[_Look]) -> float:
     """Return by how much the unit shows the velocity to change at most."""
-    return float(np.linalg.norm(np.ptp([one.speed_m_s for one in looks], axis=0))) if looks else 0.0
+    return float(np.linalg.norm(np.ptp([look.speed_m_s for look in looks], axis=0))) if looks else 0.0
 
 
 def _find_unit_p_value(looks: Sequence[_Look]) -> float:
@@ -533,8 +542,8 @@ def _find_unit_p_value(looks: Sequence[_Look]) -> float:
     if len(looks) < POLICY.least_looks:
         return UNTESTED
     first, last = looks[0], looks[-1]
-    t = np.asarray(seconds_between(np.array([one.gpst for one in looks]), first.gpst), np.float64)
-    added_m = np.trapezoid(np.array([one.apart[3:] for one in looks]), t, axis=0)
+    t = np.asarray(seconds_between(np.array([look.gpst for look in looks]), first.gpst), np.float64)
+    added_m = np.trapezoid(np.array([look.apart[3:] for look in looks]), t, axis=0)
     off_m = last.apart[:3] - first.apart[:3] - added_m
     spread = first.covariance[:3, :3] + last.covariance[:3, :3] + t[-1] ** 2 * last.covariance[3:, 3:]
     return float(chi_square_survival(off_m @ np.linalg.solve(spread, off_m), off_m.size))
@@ -544,8 +553,8 @@ def _is_sudden(looks: Sequence[_Look]) -> bool:
     """Tell whether velocities part within moments and stay so."""
     if len(looks) < POLICY.least_looks:
         return False
-    t = np.asarray(seconds_between(np.array([one.gpst for one in looks]), looks[0].gpst), np.float64)
-    apart = np.array([one.apart[3:] for one in looks])
+    t = np.asarray(seconds_between(np.array([look.gpst for look in looks]), looks[0].gpst), np.float64)
+    apart = np.array([look.apart[3:] for look in looks])
     late = apart[t >= t[-1] - POLICY.parts_within_s].mean(axis=0)
     size = float(np.linalg.norm(late))
     if not size:

@@ -126,18 +126,18 @@ class _Watch:
     def examine(self, report: Reporter, maker: FixMaker, window: SkyCandidates) -> tuple[Finding, "_Watch"]:
         """Return what a window shows, and the watch after it."""
         watch = replace(self, fitted=self.fitted.union(s.sat for sky in window.sets for s in sky.signals))
-        here = _Here(watch, report, maker, window)
-        fixes = [(sky, here.fix(sky)) for sky in window.sets]
-        shown = [one for sky, fix in fixes if (one := here.hold(sky, fix.whole)) is not None]
-        if not shown:
+        place = _Here(watch, report, maker, window)
+        fixes = [(sky, place.fix(sky)) for sky in window.sets]
+        comparisons = [comparison for sky, fix in fixes if (comparison := place.hold(sky, fix.whole)) is not None]
+        if not comparisons:
             learns = len(fixes) == 1 and not window.doubted
             nothing = report.pass_over(list_refs(maker.log.receiver, maker.log.signals), _NO_PLACE)
             return nothing, replace(watch, predictor=watch.predictor.learned(fixes[0][1])) if learns else watch
-        best = max(shown, key=lambda one: one.p_value)
-        if best.p_value >= here.alpha:
-            first = watch.seen_there is None and here.fits_all(best.sky)
-            return here.report_there(best), replace(watch, seen_there=best.fix) if first else watch
-        finding = here.report_departure(best)
+        best = max(comparisons, key=lambda comparison: comparison.p_value)
+        if best.p_value >= place.alpha:
+            first = watch.seen_there is None and place.fits_all(best.sky)
+            return place.report_there(best), replace(watch, seen_there=best.fix) if first else watch
+        finding = place.report_departure(best)
         return finding, replace(watch, named=watch.named or finding.says == "attack")
 
 
@@ -211,7 +211,7 @@ class _Here:
         each = self.maker.shown(
             self.window, shown.sky, kind=find_reference_kind(shown.sky), bias_s=0.0, epochs=True
         ).each
-        places_m = np.array([one.mean[:3] for one in each]).reshape(-1, 3)
+        places_m = np.array([fix.mean[:3] for fix in each]).reshape(-1, 3)
         to_shown_m, to_stated_m = (
             np.linalg.norm(places_m - known.mean[:3], axis=1) for known in (shown.fix, shown.expected)
         )
@@ -261,8 +261,10 @@ class _Here:
         log = self.maker.log
         o = log.read(*(int(row) for row in np.searchsorted(log.gpst, np.array([self.window.start, self.window.end]))))
         measured = np.flatnonzero(np.isfinite(o.pseudorange_m).any(axis=0))
-        there = {o.signals[column].sat for column in measured}
-        return len(there & self.watch.fitted - {signal.sat for signal in sky.signals}) <= POLICY.misfit_satellites
+        measured_sats = {o.signals[column].sat for column in measured}
+        return (
+            len(measured_sats & self.watch.fitted - {signal.sat for signal in sky.signals}) <= POLICY.misfit_satellites
+        )
 
     def _drop_two_satellites(self, shown: _Shown) -> float:
         """Return the largest p-value without any two satellites; 1 where too few are left."""
