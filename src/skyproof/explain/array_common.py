@@ -16,16 +16,16 @@ ENTRIES: Final[Mapping[str, Entry]] = {
     "one_direction_or_antenna": Entry(
         "signals of all {of} satellites reach the two antennas of {receiver} with one phase difference: they come from "
         "one transmitter, or both inputs are from one antenna",
-        "the cables of {receiver} checked for a splitter, a third antenna, or the two turned",
+        "a check of the cables of {receiver} for a splitter, a third antenna, or a turn of the two",
     ),
     "directions_near": Entry(
-        "some of {n_signals} signals in {receiver} are too near to each other to tell their directions apart, and too "
-        "few to have come from one",
+        "the directions of some of {n_signals} signals in {receiver} are too close to tell apart, and the signals too "
+        "few to prove one source",
         "a longer window, more satellites, or a larger array or arm",
     ),
     "two_skies": Entry(
-        "no two of {n_signals} signals come to {receiver} from one direction, but they are two skies",
-        "the attitude of the array, by which directions are held against the orbits",
+        "no two of {n_signals} signals come to {receiver} from one direction, but they form two skies",
+        "the attitude of the array, to compare directions with the orbits",
     ),
     "directions_differ": Entry("no two of {of} signals come to {receiver} from one direction"),
 }

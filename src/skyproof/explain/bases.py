@@ -9,7 +9,7 @@ __all__ = ["name_bases"]
 
 _BASES: Final[Mapping[str, str]] = {
     "surveyed_place": "its surveyed place",
-    "standing": "its standing still",
+    "standing": "the statement that it stands still",
     "inertial_unit": "the inertial unit",
     "clock": "its clock",
 }

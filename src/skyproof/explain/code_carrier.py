@@ -13,8 +13,8 @@ def _describe_parted(finding: Finding) -> str:
     """State which codes leave their carriers, and the worst by how much."""
     names, data = name_first([str(ref.signal) for ref in finding.signals]), finding.data
     return (
-        f"code and carrier part: {names} in {finding.signals[0].receiver}; {data['worst']} by {data['change_m']:.0f} m "
-        f"in {data['time_s']:.0f} s"
+        f"code and carrier diverge: {names} in {finding.signals[0].receiver}; {data['worst']} by "
+        f"{data['change_m']:.0f} m in {data['time_s']:.0f} s"
     )
 
 
@@ -23,6 +23,6 @@ ENTRIES: Final[Mapping[str, Entry]] = {
         "fewer than {needed} signals of {receiver} have code and carrier, or Doppler, over {epochs} unbroken epochs",
         "carrier phases or Dopplers beside the codes",
     ),
-    "together": Entry("the codes of {n_signals} signals in {receiver} go with their carriers"),
+    "together": Entry("the codes of {n_signals} signals in {receiver} follow their carriers"),
     "parted": Entry(_describe_parted, "another receiver, or correlators, to tell a fault from a false signal"),
 }

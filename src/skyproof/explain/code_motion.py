@@ -13,8 +13,8 @@ __all__ = ["ENTRIES"]
 def _name_tested(finding: Finding) -> str:
     """Name what was tested: position or clock, of which receiver, and by which signals alone."""
     data: Mapping[str, Any] = finding.data
-    alone = f" ({', '.join(data['alone'])} alone)" if data["alone"] else ""
-    return f"the {data['what']} of {finding.signals[0].receiver}{alone} by codes"
+    alone = f"{', '.join(data['alone'])} " if data["alone"] else ""
+    return f"the {data['what']} of {finding.signals[0].receiver} from {alone}codes"
 
 
 def _describe_jump(finding: Finding) -> str:
@@ -26,21 +26,21 @@ def _describe_jump(finding: Finding) -> str:
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     "received_twice": Entry(
-        "a satellite is received twice in {receiver}: which codes belong together is open",
+        "{receiver} receives a satellite twice, so which codes belong together is not known",
         "one signal of each satellite",
     ),
     "few_fixes": Entry(
         "fewer than {needed} epochs of {receiver} have a position with a satellite to spare",
         "five or more satellites with pseudoranges and orbits at {needed} epochs or more",
     ),
-    "goes_on": Entry(lambda f: f"{_name_tested(f)} goes on from epoch to epoch"),
+    "goes_on": Entry(lambda f: f"{_name_tested(f)} is continuous"),
     "jumps": Entry(_describe_jump),
     "jumps_by_two": Entry(
-        lambda f: f"{_describe_jump(f)}; one or two faulty satellites may explain it",
+        lambda f: f"{_describe_jump(f)}, which one or two faulty satellites may explain",
         "more satellites, carrier phases or Dopplers",
     ),
     "jumps_by_all": Entry(
-        lambda f: f"{_describe_jump(f)}, farther than any platform moves, whichever two satellites are left out",
+        lambda f: f"{_describe_jump(f)}, more than any platform can move, also without any two of the satellites",
         "a second receiver",
     ),
 }

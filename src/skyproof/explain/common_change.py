@@ -14,22 +14,22 @@ ENTRIES: Final[Mapping[str, Entry]] = {
         "{needed} or more satellites with pseudoranges",
     ),
     "first_window": Entry(
-        "this is the first window of {receiver}: later ones are held against it", "half a minute of signal or more"
+        "this is the first window of {receiver}, with which later ones are compared", "half a minute of signal or more"
     ),
     "nothing_shared": Entry(
-        "no {needed} satellites in {receiver} have code and carrier both now and before",
+        "fewer than {needed} satellites in {receiver} have code and carrier both now and in earlier windows",
         "{needed} or more satellites with code and carrier over half a minute",
     ),
-    "together": Entry("code and carrier of the satellites in {receiver} stay together"),
+    "together": Entry("code and carrier of the satellites in {receiver} do not diverge"),
     "parted": Entry(
-        "code and carrier in {receiver} part by {rate_m_s:+.2f} m/s on all satellites alike: codes are dragged and "
-        "carriers are not, or the sampling clock and the carrier come from two oscillators",
+        "code and carrier in {receiver} diverge by {rate_m_s:+.2f} m/s on all satellites: only the codes are dragged, "
+        "or the receiver takes its sampling clock and its carrier from two oscillators",
         "a receiver with one oscillator",
     ),
-    "turns_as_clock": Entry("the carriers in {receiver} turn as motion and an oscillator of the class {oscillator} do"),
+    "turns_as_clock": Entry("motion and a {oscillator} oscillator explain how the carrier phases in {receiver} change"),
     "turned": Entry(
-        "all carriers in {receiver} turn by {turn_m:+.2f} m within {time_s:.0f} s as no motion turns them, more than "
-        "an oscillator of the class {oscillator} wanders",
-        "what the receiver's clock runs on, or whether it is steered",
+        "all carrier phases in {receiver} change together by {turn_m:+.2f} m within {time_s:.0f} s, which neither "
+        "motion nor a {oscillator} oscillator explains",
+        "a statement of the receiver's oscillator, and whether it is steered",
     ),
 }

@@ -14,14 +14,14 @@ def _describe_count(finding: Finding) -> str:
     data: Mapping[str, Any] = finding.data
     words = (
         f"of {data['satellites']} satellites in {finding.signals[0].receiver}, {data['unlike']} have a second signal "
-        "within a chip that no reflection explains: before the stronger one, or not "
+        "within a chip that no reflection explains: it is earlier than the stronger one, or less than "
         f"{data['reflected_db']:g} dB weaker"
     )
     if data.get("without_position"):
         words += "; no choice of one signal per satellite fits one position"
     if "sky_satellites" in data:
         words += (
-            f"; signals of {data['sky_satellites']} fit a second position, {data['apart_m']:.0f} m away, and a time "
+            f"; signals of {data['sky_satellites']} fit a second position {data['apart_m']:.0f} m away, with a time "
             f"{data['time_apart_m']:.0f} m off"
         )
     if data["doubles"] and finding.says == "clean":

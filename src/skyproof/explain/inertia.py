@@ -25,7 +25,7 @@ ENTRIES: Final[Mapping[str, Entry]] = {
             "moved_more": "this motion is stronger than any before, so the unit's errors may be larger than stated",
             "parts_slowly": "the departure is slow, as with an error of the unit",
             "blow": "the unit felt a shock, or its readings are wrong",
-            "by_some": "it vanishes without two of the satellites, so chance or reflections may explain it",
+            "by_some": "the evidence rests on two satellites, so it may be chance, or reflections",
         }.items()
     },
 }

@@ -27,10 +27,10 @@ def _name_antennas(alone: str, together: str) -> Entry:
 def _describe_attitude(finding: Finding) -> str:
     """State how far the attitude that was given is from the one that the signals show."""
     data: Mapping[str, Any] = finding.data
-    how = f"{data['off_deg']:.0f} degrees from" if "off_deg" in data else "not"
+    how = f"is {data['off_deg']:.0f} degrees from" if "off_deg" in data else "disagrees with"
     return (
-        f"the attitude given is {how} the one that the signals of {finding.signals[0].receiver} show, and is not "
-        "used: check [attitude] or [imu], antennas_m and their order"
+        f"the stated attitude {how} the one that the signals of {finding.signals[0].receiver} show, and is not "
+        "used; check [attitude] or [imu], antennas_m and their order"
     )
 
 
@@ -41,7 +41,7 @@ def _count_true(finding: Finding) -> str:
         f"{data['from_satellites']} of {data['of']} signals come to {finding.signals[0].receiver} from where their "
         "satellites stand"
     )
-    return words + (f"; {data['as_reflections']} do not, as reflections do" if data["as_reflections"] else "")
+    return words + (f"; {data['as_reflections']} look like reflections" if data["as_reflections"] else "")
 
 
 def _describe_unlike(finding: Finding) -> str:
@@ -50,14 +50,14 @@ def _describe_unlike(finding: Finding) -> str:
     which = f"{'the other ' if data['beside'] else ''}{len(finding.signals)}"
     return (
         f"{data['off']} of {which} signals do not come to {finding.signals[0].receiver} from where their satellites "
-        "stand, and too few do to show that its attitude, lines and antennas are as stated"
+        "stand, and too few others confirm the stated attitude, line biases and antennas"
     )
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     "few_antennas": FEW_ANTENNAS,
     "no_place": Entry(
-        "nothing says where {receiver} is: it is not surveyed, and no position fits its signals",
+        "the place of {receiver} is not known, as it is not surveyed and no position fits its signals",
         "a surveyed position, or pseudoranges of at least 5 satellites with their orbits",
     ),
     "no_signal": Entry(
@@ -72,24 +72,24 @@ ENTRIES: Final[Mapping[str, Entry]] = {
     "antennas_jumping": _name_antennas("has a phase that jumps", "have phases that jump"),
     "attitude_unused": Entry(_describe_attitude, beside=True),
     "lines_unused": Entry(
-        "line_bias_cyc of {receiver} is not what its signals show, and is not used: calibrate again", beside=True
+        "line_bias_cyc of {receiver} disagrees with its signals and is not used; calibrate it again", beside=True
     ),
     "all_from_satellites": Entry("{n_signals} signals come to {receiver} from where their satellites stand"),
     "from_satellites": Entry(_count_true),
-    "from_elsewhere": Entry("a signal of {sat} comes to {receiver} from elsewhere than its satellite"),
+    "from_elsewhere": Entry("a signal of {sat} does not come to {receiver} from its satellite"),
     "from_one_direction": Entry("signals of {n_satellites} satellites come to {receiver} from one direction"),
     "from_elsewhere_over_time": Entry(
-        "over {over_s:.0f} s a signal of {sat} comes to {receiver} from elsewhere than its satellite"
+        "over {over_s:.0f} s a signal of {sat} does not come to {receiver} from its satellite"
     ),
     "from_one_direction_over_time": Entry(
         "over {over_s:.0f} s signals of {n_satellites} satellites come to {receiver} from one direction"
     ),
     "repeated": Entry(
-        "signals of {n_satellites} satellites come to {receiver} from one direction that is none of theirs, later and "
-        "weaker than true ones: a repeater, a reflector, or false signals",
+        "signals of {n_satellites} satellites come to {receiver} from one direction, where none of them stands, later "
+        "and weaker than true ones: a repeater, a reflector, or false signals",
         "more antennas, or antennas farther apart",
     ),
     "not_as_stated": Entry(
-        _describe_unlike, "attitude, antennas_m and line_bias_cyc of {receiver} in the platform file, checked"
+        _describe_unlike, "a check of attitude, antennas_m and line_bias_cyc of {receiver} in the platform file"
     ),
 }

@@ -8,9 +8,9 @@ from skyproof.explain.entry import Entry
 __all__ = ["ENTRIES"]
 
 ENTRIES: Final[Mapping[str, Entry]] = {
-    "no_place": Entry("it is not known where {receiver} stands", "the receiver's surveyed position"),
-    "fixed": Entry("the satellites of {receiver} give a position, which is tested itself", "nothing"),
-    "received_twice": Entry("no satellite is received in {receiver}, or one twice", "one signal of each"),
+    "no_place": Entry("the place of {receiver} is not known", "the receiver's surveyed position"),
+    "fixed": Entry("the satellites of {receiver} give a position, which other tests check", "nothing"),
+    "received_twice": Entry("{receiver} receives no satellite, or one twice", "one signal of each"),
     "few_satellites": Entry(
         "fewer than {least} satellites at any epoch of {receiver} have codes and orbits",
         "more satellites with pseudoranges and orbits",

@@ -19,17 +19,17 @@ def _describe_odd(finding: Finding) -> str:
             return f"{_name_unit(data['unit'])} of {number} became stronger together, by {data['change_db']:.0f} dB"
         case "pattern":
             return (
-                f"the levels of {_name_unit(data['unit'])} in {receiver} lose the differences that the satellites had, "
+                f"the differences between the satellites' levels of {_name_unit(data['unit'])} in {receiver} shrink "
                 f"by {-data['slope']:.0%}"
             )
         case "strong":
             return (
                 f"{data['strong']} signals in {receiver} are stronger than any satellite's, up to "
-                f"{data['strongest_dbhz']:.0f} dB-Hz: they are imitations, unless a dish or a beam receives them"
+                f"{data['strongest_dbhz']:.0f} dB-Hz: they are false, unless a high-gain antenna receives them"
             )
         case _:
             by = f" by {data['rise_db']:.0f} dB" if "rise_db" in data else ""
-            return f"the front end of {receiver} takes in more power{by} ({data['chain']}), but C/N0 stays"
+            return f"the power in the front end of {receiver} rises{by} ({data['chain']}), but C/N0 does not fall"
 
 
 def _describe_fall(finding: Finding) -> str:
@@ -45,11 +45,11 @@ def _name_unit(unit: tuple[str, ...]) -> str:
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     "no_levels": Entry("{receiver} states no C/N0", "C/N0 in the receiver's file (S1C and so on in RINEX)"),
-    "nothing_before": Entry("levels of {receiver} have no past yet", "a longer recording"),
+    "nothing_before": Entry("there are no earlier levels of {receiver} to compare with", "a longer recording"),
     "few_satellites": Entry(
-        "fewer than {needed} satellites of a kind go on in {receiver}", "{needed} satellites or more of a kind"
+        "fewer than {needed} satellites of one system continue in {receiver}", "{needed} or more satellites of a system"
     ),
-    "steady": Entry("levels in {receiver} go on as they were"),
+    "steady": Entry("the levels in {receiver} are steady"),
     "interfered": Entry(_describe_fall),
-    "odd": Entry(_describe_odd, "a second receiver, whose levels go on"),
+    "odd": Entry(_describe_odd, "a second receiver whose levels are steady"),
 }

@@ -16,7 +16,7 @@ def _count_odd(finding: Finding) -> str:
     """State how many satellites are odd."""
     data: Mapping[str, Any] = finding.data
     number = f"{len(data['odd'])} of {data['satellites']} satellites"
-    return f"{number} in {data['receiver']} are odd by their message or place"
+    return f"{number} in {data['receiver']} have a suspicious message or position in the sky"
 
 
 def _describe_odd(finding: Finding) -> str:
@@ -25,13 +25,13 @@ def _describe_odd(finding: Finding) -> str:
     amount = data["amount"]
     how = {
         "issue_repeated": "sends two orbits under one issue of data",
-        "other_orbit": f"sends an orbit or clock whose ranges differ by {amount:.0f} m from another one",
-        "other_time": f"sends an orbit of {abs(amount):.1f} h {'before' if amount > 0.0 else 'after'}",
-        "goes_back": "goes back to an orbit of before",
-        "mistimed": "sends another time of week",
+        "other_orbit": f"sends an orbit or clock whose ranges differ by {amount:.0f} m from another data set",
+        "other_time": f"sends an orbit that is {abs(amount):.1f} h {'too old' if amount > 0.0 else 'too new'}",
+        "goes_back": "returns to an earlier orbit",
+        "mistimed": "sends a wrong time of week",
         "utc": f"sends a UTC that is {amount:.3g} s off",
-        "orbit_of_day": f"sends an orbit {amount:.0f} m of range from one of the last day that is carried on",
-        "clock_of_day": f"sends a clock {amount:.0f} m from one of the last day that is carried on",
+        "orbit_of_day": f"sends an orbit whose ranges differ by {amount:.0f} m from the last day's orbit, extrapolated",
+        "clock_of_day": f"sends a clock that differs by {amount:.0f} m from the last day's clock, extrapolated",
         "below_horizon": f"stands {amount:.0f} degrees below the horizon",
     }[data["how"]]
     return f"{_count_odd(finding)} ({name_first(data['odd'])}); {data['odd'][0]} {how}"
@@ -39,7 +39,7 @@ def _describe_odd(finding: Finding) -> str:
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     "no_message": Entry(
-        "no message of {receiver} is known, and no place by which satellites could be looked for",
+        "{receiver} gives no broadcast message, and no position from which satellites could be predicted",
         "a log with broadcast messages (UBX-RXM-SFRBX), or five satellites with pseudoranges",
     ),
     "expected": Entry(_count_odd),

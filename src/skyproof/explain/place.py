@@ -13,7 +13,7 @@ def _say(why: str) -> Callable[[Finding], str]:
     """Return a function that says how far off a place is, and why that may be."""
 
     def words(finding: Finding) -> str:
-        there = "was surveyed" if finding.data["surveyed"] else "stood at first, and it is stated not to move"
+        there = "was surveyed" if finding.data["surveyed"] else "stood at first, although it is stated not to move"
         receiver, off_m = finding.signals[0].receiver, finding.data["statistic"]
         slip = finding.wrong_statements[0].sentence if finding.wrong_statements else ""
         return f"the signals put {receiver} {off_m:.1f} m from where it {there}{why.format(slip=slip)}"
@@ -28,14 +28,12 @@ def _remedy(finding: Finding) -> str:
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
-    "no_place": Entry("it is not known yet where {receiver} stands, or no position is found", "a longer recording"),
-    "there": Entry("the signals put {receiver} where it stands, {statistic:.1f} m off"),
-    "elsewhere": Entry(_say("; until then they had put it there"), beside=True),
+    "no_place": Entry("the place of {receiver} is not known yet, or no position is found", "a longer recording"),
+    "there": Entry("the signals put {receiver} where it stands, to within {statistic:.1f} m"),
+    "elsewhere": Entry(_say("; before that they put it there"), beside=True),
     "slip": Entry(_say(": {slip}, or they are false"), "a check of the surveyed position"),
-    "never_there": Entry(_say(": they are false, or what is stated of the place or of errors is wrong"), _remedy),
-    "as_before": Entry(
-        _say(": it is where they put it before, a little off; what is stated of the place may be wrong"), _remedy
-    ),
-    "others_misfit": Entry(_say(": other satellites do not fit it, as where errors are larger than stated"), _remedy),
-    "by_some": Entry(_say(": without some two satellites it may be chance, or reflections"), _remedy),
+    "never_there": Entry(_say(": they are false, or the stated place or stated errors are wrong"), _remedy),
+    "as_before": Entry(_say("; they put it near there before, so the stated place may be wrong"), _remedy),
+    "others_misfit": Entry(_say("; other satellites do not fit that, so errors may be larger than stated"), _remedy),
+    "by_some": Entry(_say("; the evidence rests on two satellites, so it may be chance, or reflections"), _remedy),
 }

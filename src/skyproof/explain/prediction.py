@@ -13,7 +13,7 @@ from skyproof.records import Finding
 __all__ = ["ENTRIES"]
 
 _REMEDY: Final = (
-    "skies that part farther, or a better prediction: an inertial unit, a better oscillator, a surveyed position"
+    "skies that are farther apart, or a better prediction: an inertial unit, a better oscillator, a surveyed position"
 )
 
 
@@ -25,7 +25,7 @@ def _describe(template: str) -> "Any":
         return template.format(
             receiver=finding.signals[0].receiver,
             apart="{apart_m:.0f} m and {apart_ns:.0f} ns apart".format(**data) if "apart_m" in data else "",
-            sure=f"the probability that this is the wrong choice is {_round_up(data['wrong'])} or less"
+            sure=f"this choice is wrong with a probability of {_round_up(data['wrong'])} or less"
             if "wrong" in data
             else "",
             since=clock(finding.start_gpst),
@@ -42,39 +42,37 @@ def _round_up(probability: float) -> str:
 
 
 def _open(why: str) -> Entry:
-    return Entry(_describe("of {skies} skies of {receiver}, {apart}, none is chosen: " + why), _REMEDY)
+    return Entry(_describe("{receiver} receives {skies} skies, {apart}, and none is chosen: " + why), _REMEDY)
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
-    "only_sky": Entry("the only sky of {receiver}, before a second one was seen"),
-    "goes_on": Entry(_describe("the signals of {receiver} that were chosen before go on as expected by {by}")),
-    "chosen": Entry(_describe("of {skies} skies of {receiver}, {apart}, this one fits {by}; {sure}")),
+    "only_sky": Entry("this was the only sky of {receiver} before a second one was seen"),
+    "goes_on": Entry(_describe("the chosen signals of {receiver} continue as predicted by {by}")),
+    "chosen": Entry(_describe("{receiver} receives {skies} skies, {apart}, and this one fits {by}; {sure}")),
     "chosen_first": Entry(
-        _describe("which of {skies} skies of {receiver} is true was chosen from {since} on by {by}; {sure}"),
+        _describe("from {since} on, {by} decided which of {skies} skies of {receiver} is true; {sure}"),
         beside=True,
     ),
     "refused": Entry(
         _describe(
-            "of {skies} skies of {receiver}, {apart}, this one does not fit {by} (p = {fit:.0e}), and another one does "
+            "{receiver} receives {skies} skies, {apart}; this one does not fit {by} (p = {fit:.0e}), another one does "
             "(p = {true_fit:.2g}); {sure}"
         )
     ),
     "chosen_overlapping": Entry(
         _describe(
-            "in signals of {receiver} that overlap within a chip are {skies} skies, {apart}, of {satellites} "
-            "satellites each; the true one was chosen by {by}, and its fixes are trusted; {sure}"
+            "the overlapping signals of {receiver} hold {skies} skies, {apart}, of {satellites} satellites each; "
+            "the true one was chosen by {by}, and its fixes are trusted; {sure}"
         ),
         beside=True,
     ),
     "none_fits": _open("none of them fits {by} (p = {fit:.0e})"),
     "too_uncertain": _open(
-        "by {by} the likelier one is wrong with a probability of {wrong:.2g}, more than the limit of {most_wrong:g}"
+        "judged by {by}, the likelier one is wrong with a probability of {wrong:.2g}, above the limit {most_wrong:g}"
     ),
-    "maybe_one_sky": _open(
-        "the likelier one alone, with its reflections or by chance, may make the others (p = {doubt:.2g})"
-    ),
-    "no_difference": _open("in what {by} shows they do not differ by more than their noise"),
+    "maybe_one_sky": _open("reflections of the likelier one, or chance, may explain the others (p = {doubt:.2g})"),
+    "no_difference": _open("judged by {by}, they differ by no more than noise"),
     "both_may_be_false": _open(
-        "they differ in what {by} does not show, too, and are of so few satellites that both may be false"
+        "they also differ where {by} predicts nothing, and have so few satellites that both may be false"
     ),
 }

@@ -10,7 +10,7 @@ from skyproof.records import Finding
 __all__ = ["ENTRIES"]
 
 _MOST_NAMED: Final = 8  # satellites in a sentence
-_NEEDED: Final = "a position with a satellite to spare takes five, and one more for each further kind of signal"
+_NEEDED: Final = "the test needs five satellites, and one more for each further system"
 _REMEDY: Final = "another receiver, or both signals of the satellites that have two"
 _MISFIT: Final = "{n_satellites} satellites in {receiver} do not fit one position"
 
@@ -32,7 +32,7 @@ def _describe_orbits(finding: Finding) -> str:
     sats = ", ".join(data["far"][:_MOST_NAMED]) + (" and others" if len(data["far"]) > _MOST_NAMED else "")
     count = len({ref.signal.sat for ref in finding.signals})
     return (
-        f"{count} satellites in {finding.signals[0].receiver} do not fit one position; {sats} miss that of the others "
+        f"{count} satellites in {finding.signals[0].receiver} do not fit one position; {sats} disagree with the others "
         f"by {data['least_m'] / 1e3:.0f} km or more, as with a wrong orbit or clock"
     )
 
@@ -43,7 +43,7 @@ def _describe_second_signals(finding: Finding) -> str:
     count = len({ref.signal.sat for ref in finding.signals})
     return (
         f"{count} satellites in {finding.signals[0].receiver} do not fit one position, and {doubled} of them "
-        f"{'has' if doubled == 1 else 'have'} more than one signal: true and false ones may be mixed"
+        f"{'has' if doubled == 1 else 'have'} more than one signal, so true and false ones may be mixed"
     )
 
 
@@ -66,20 +66,21 @@ ENTRIES: Final[Mapping[str, Entry]] = {
         f"the {{known}} satellites in {{receiver}} give no position: {_NEEDED}", "more satellites of one system"
     ),
     "sets_by_chance": Entry(
-        lambda f: f"{_describe_skies(f)}, which unrelated signals do as well by chance",
+        lambda f: f"{_describe_skies(f)}, but unrelated signals can do so by chance",
         "more satellites with a second signal",
     ),
     "several_skies": Entry(_describe_skies),
     "fits": Entry("{n_satellites} satellites in {receiver} fit one position"),
     "reflected": Entry(
-        "{n_satellites} satellites in {receiver} come late, as by reflections; the others fit one position"
+        "the signals of {n_satellites} satellites in {receiver} are late, as reflections are; the others fit one "
+        "position"
     ),
     "orbits_off": Entry(_describe_orbits, _REMEDY),
     "misfit_with_second_signals": Entry(_describe_second_signals, _REMEDY),
     "single_misfit": Entry(
-        f"{_MISFIT}; without {{excluded}} they do: a fault of it, unless the others are false", _REMEDY
+        f"{_MISFIT}; without {{excluded}} they do, so it is faulty, or the others are false", _REMEDY
     ),
     "misfit": Entry(
-        f"{_MISFIT}, and no single one is to blame: several faults, or true and false signals mixed", _REMEDY
+        f"{_MISFIT}, and no single one explains it: several are faulty, or true and false signals are mixed", _REMEDY
     ),
 }

@@ -25,7 +25,7 @@ def _describe_changes(finding: Finding) -> str:
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
-    "long": Entry("{receiver} is no snapshot: its measurements show whether it goes on", "nothing"),
-    "unchanged": Entry("the signals of {receiver} stay what they are throughout the snapshot", "nothing"),
-    "changes": Entry(_describe_changes, "a recording of the time after, or one of ten seconds or more"),
+    "long": Entry("{receiver} is no snapshot, so other tests check whether it is continuous", "nothing"),
+    "unchanged": Entry("the signals of {receiver} do not change during the snapshot", "nothing"),
+    "changes": Entry(_describe_changes, "a later recording, or one of ten seconds or more"),
 }

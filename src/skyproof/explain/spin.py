@@ -14,33 +14,33 @@ def _describe_bent(finding: Finding) -> str:
     """State whose phases are not of one direction, and when."""
     data: Mapping[str, Any] = finding.data
     receiver = finding.signals[0].receiver
-    words = "its phases are not of one direction"
+    words = "its phases do not fit one direction"
     if "bent" in data:
-        words = f"the phases of {data['bent']} of {data['of']} signals in {receiver} are not of one direction each"
+        words = f"the phases of {data['bent']} of {data['of']} signals in {receiver} do not fit one direction each"
     elif "ago_s" in data:
         ago = f"{data['ago_s']:.0f} s before" if data["ago_s"] else "just before"
-        words = f"the phases of several signals in {receiver} were not of one direction each {ago}"
-    return f"{words}: slips, strong reflections, or two signals within a chip"
+        words = f"{ago}, the phases of several signals in {receiver} did not fit one direction each"
+    return f"{words}, because of slips, strong reflections, or two signals within a chip"
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     **array_common.ENTRIES,
     **ins_array.ENTRIES,
-    "no_arm": Entry("no receiver of the window is on an arm", "observations of it"),
+    "no_arm": Entry("the window has no receiver on an arm", "observations of the receiver on the arm"),
     "few_signals": Entry(
         "{signals} signals of {receiver} have an unbroken phase, and two are needed",
         "carrier phases of two or more signals through the window",
     ),
     "few_epochs": Entry(
-        "{epochs} epochs of {receiver} are too few to follow the arm's turn", "carrier phases ten times a second or so"
+        "{epochs} epochs of {receiver} are too few to follow the arm's turn", "carrier phases about ten times a second"
     ),
     "phases_bent": Entry(
         _describe_bent,
-        "a place without strong reflections; of two signals within a chip, time until they part",
+        "a place without strong reflections, or a longer recording in which the two signals separate",
     ),
     "not_from_satellites": Entry(
         "{off} of {n_signals} signals do not come to {receiver} from where their satellites stand: strong reflections, "
         "two signals within a chip, or an arm that is not as stated",
-        "the arm in the platform file, checked; of two signals within a chip, time until they part",
+        "a check of the arm in the platform file, or a longer recording in which the two signals separate",
     ),
 }

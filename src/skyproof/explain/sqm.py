@@ -35,33 +35,32 @@ def _describe_many(finding: Finding) -> str:
 def _describe_earlier(finding: Finding) -> str:
     """State whose correlators hold a second signal that comes before the tracked one, as no reflection does."""
     return (
-        f"{_count_correlators(finding)} hold a second signal of the same satellite that comes before the tracked one, "
-        "which no reflection does"
+        f"{_count_correlators(finding)} hold a second signal of the same satellite that is earlier than the tracked "
+        "one, as no reflection is"
     )
 
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     "no_pair": Entry(
-        "{receiver} has no two correlators that stand evenly about the prompt",
-        "correlators at the prompt and evenly to both sides of it",
+        "{receiver} has no pair of correlators symmetric about the prompt",
+        "correlators at the prompt and symmetric on both sides of it",
     ),
     "few_looks": Entry(
-        "{looks} looks at the correlators of {receiver} lie in the window; {needed_looks} are needed",
+        "the window holds {looks} outputs of the correlators of {receiver}; {needed_looks} are needed",
         "two seconds of signal or more",
     ),
     "several_of_a_satellite": Entry(
-        "{examined} of {satellites} satellites in {receiver} have one signal alone long enough: several signals of a "
-        "satellite distort each other, and fewer than {needed} say nothing together",
+        "{examined} of {satellites} satellites in {receiver} have only one signal for long enough; several signals of "
+        "a satellite distort each other, and {needed} satellites are needed",
         "at least {needed} satellites with one signal each",
     ),
     "few_signals": Entry(
-        "{examined} signals of {receiver} were tracked without a break for {needed_looks} looks; fewer than {needed} "
-        "say nothing together",
+        "{examined} signals of {receiver} were tracked without a break for {needed_looks} outputs; {needed} signals "
+        "are needed",
         "at least {needed} satellites tracked without a break for 2 s",
     ),
     "undistorted": Entry(
-        "the correlators of {n_signals} signals of {receiver} are distorted no more than noise and multipath of "
-        "{multipath_sigma_m:g} m explain"
+        "noise and multipath of {multipath_sigma_m:g} m explain the correlators of {n_signals} signals of {receiver}"
     ),
     "some_distorted": Entry(_describe_some, _BESIDE, beside=True),
     "many_distorted": Entry(_describe_many, _BESIDE),

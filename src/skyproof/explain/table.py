@@ -19,22 +19,22 @@ __all__ = ["ASSUMPTIONS", "explain", "list_entries", "stands_beside"]
 ASSUMPTIONS: Final[Mapping[str, str]] = {
     "receiver_stands": "{receiver} does not move",
     "stands_where_surveyed": "{receiver} stands where it was surveyed",
-    "inertial_as_stated": "the inertial unit errs no more than is stated of it",
+    "inertial_as_stated": "the errors of the inertial unit are no larger than stated",
     **{
-        f"oscillator_{name}": f"the clock of {{receiver}} runs freely on an oscillator of the class {name}"
+        f"oscillator_{name}": f"the clock of {{receiver}} runs freely on a {name} oscillator"
         for name in PLATFORM_CLASSES
     },
-    "one_transmit_antenna": "false signals are several, and come from one transmit antenna",
-    "none_from_satellites": "no false signal comes from where its satellite stands",
+    "one_transmit_antenna": "there are several false signals, and they come from one transmit antenna",
+    "none_from_satellites": "no false signal comes from the direction of its satellite",
     "no_concert": "no two transmitters act in concert",
     "one_false_sky": "one transmitter sends one false sky",
-    "one_change": ("within two minutes signals do not go over from the sky to a transmitter more than once, and back"),
-    "antennas_as_stated": "the antennas stand where they are said to",
+    "one_change": "within two minutes, signals change from the sky to a transmitter and back at most once",
+    "antennas_as_stated": "the antennas stand where they are stated to",
     "antennas_rigid": "the antennas do not move relative to each other",
     "distance_as_stated": "the antennas stand {distance_m:g} ± {distance_sigma_m:.2g} m apart",
     "distance_as_stated_and_not_shown": (
-        "the antennas stand {distance_m:g} ± {distance_sigma_m:.2g} m apart, and no false position of one receiver "
-        "alone lies at that distance from the other"
+        "the antennas stand {distance_m:g} ± {distance_sigma_m:.2g} m apart, and an attack on one receiver alone does "
+        "not imitate that distance"
     ),
     "distance_kept": "the antennas keep the distance that they had while both skies were received",
     "clean_start": "the signals of {receiver} were true until {clean_until}, before a second sky was seen",

@@ -14,9 +14,9 @@ def _count(finding: Finding, names: str = "") -> str:
     data: Mapping[str, Any] = finding.data
     if data["by"] == "codes":
         number = f"{len(data['sats'])} of {data['of']} satellites"
-        return f"codes of {number} in {data['receiver']} are where no orbit explains them{names}"
+        return f"no orbit explains the codes of {number} in {data['receiver']}{names}"
     number = f"{data['exchanged']} of {data['of']} tracked satellites"
-    return f"from epoch to epoch {number} in {data['receiver']} give way to others{names}"
+    return f"{number} in {data['receiver']} are replaced by others from one epoch to the next{names}"
 
 
 def _name_torn(finding: Finding) -> str:
@@ -27,7 +27,7 @@ def _name_torn(finding: Finding) -> str:
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     "received_twice": Entry(
-        "a satellite is received twice in {receiver}: which codes belong together is open",
+        "{receiver} receives a satellite twice, so which codes belong together is not known",
         "one signal of each satellite",
     ),
     "no_good_fix": Entry(

@@ -24,9 +24,9 @@ def _name_suspects(data: Mapping[str, Any]) -> str:
     """State which signals alone would explain a misfit."""
     number, size, names = data["sets"], data["set_size"], data["suspects"]
     if not number:
-        return "so many that which of them are false does not show"
+        return "too many of them to tell which are false"
     if not size:
-        return "too little of it is seen to say which signals would explain it"
+        return "the misfit is too small to tell which signals cause it"
     named = [" and ".join(names[k : k + size]) for k in range(0, len(names), size)]
     if number == 1:
         return f"{named[0]} alone would explain it"
@@ -36,12 +36,12 @@ def _name_suspects(data: Mapping[str, Any]) -> str:
 
 ENTRIES: Final[Mapping[str, Entry]] = {
     "no_pair": Entry(
-        "{receiver} has no early and late within a chip that stand evenly about the prompt",
+        "{receiver} has no early and late correlators within a chip that are symmetric about the prompt",
         "correlators at -0.5, 0 and +0.5 chip",
     ),
     "no_position": Entry(
-        "fewer than four satellites of {receiver} above the elevation mask have ranges and orbits: no position is "
-        "there to hold channels against",
+        "fewer than four satellites of {receiver} above the elevation mask have ranges and orbits, so there is no "
+        "position to compare channels with",
         "pseudoranges and orbits of four or more satellites",
     ),
     "few_satellites": Entry(
@@ -52,11 +52,11 @@ ENTRIES: Final[Mapping[str, Entry]] = {
         "the directions of the {channels} signals in {receiver} give no position", "satellites in other directions"
     ),
     "few_looks": Entry(
-        "{looks} looks at the {channels} channels of {receiver} together", "{needed_looks} looks or more"
+        "the {channels} channels of {receiver} have {looks} common outputs", "{needed_looks} common outputs or more"
     ),
-    "fits": Entry("{n_signals} channels of {receiver} sit where one position and clock put them"),
+    "fits": Entry("{n_signals} channels of {receiver} agree with one position and clock"),
     "does_not_fit": Entry(
         _describe_misfit,
-        "what tells a false signal from a reflection or a fault: another receiver, or several antennas",
+        "another receiver or several antennas, to tell a false signal from a reflection or a fault",
     ),
 }
