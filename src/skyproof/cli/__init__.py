@@ -34,7 +34,7 @@ AFTER_DEMO = "Example, with the recordings that `skyproof demo --out demo` makes
 COMMANDS = {
     "protect": (
         "[INPUT...] --out FOLDER [OPTIONS]",
-        "Say whether received signals are spoofed, since when and which, and give the position to be trusted.",
+        "Say whether received signals are spoofed, which and since when, and give a position that can be trusted.",
         AFTER_DEMO
         + "skyproof protect demo/bow.bin demo/stern.bin --nav demo/broadcast.rnx --out out\n\n"
         + "The same with a platform file:\n\n"
@@ -43,7 +43,7 @@ COMMANDS = {
     ),
     "inspect": (
         "FILE [OPTIONS]",
-        "Say what is in a recording, log or observation file, whether it is usable, and what would make it stronger.",
+        "Show what a recording, log or observation file holds, whether it is usable, and what would improve it.",
         AFTER_DEMO + "skyproof inspect demo/bow.bin",
     ),
     "receive": (
@@ -53,12 +53,12 @@ COMMANDS = {
     ),
     "simulate": (
         "SCENARIO --out FOLDER [OPTIONS]",
-        "Make recordings and measurements of a scene with attacks, and write the truth about them.",
+        "Simulate recordings and measurements of a scene with attacks, and write the truth beside them.",
         "Examples:\n\nskyproof simulate --list\nskyproof simulate takeover --out scene",
     ),
     "init": (
         "FILE... [--out PLATFORM] [OPTIONS]",
-        "Write a platform file from what inputs say of themselves, with lines to complete for all else.",
+        "Write a platform file from what the inputs state, with lines to complete for the rest.",
         AFTER_DEMO + "skyproof init demo/bow.bin demo/stern.bin --out demo/ship.toml",
     ),
     "verify": (
@@ -68,17 +68,17 @@ COMMANDS = {
     ),
     "fleet": (
         "CATALOGUE --out FOLDER [OPTIONS]",
-        "Protect every recording, pair or station of a catalogue, side by side, with one page over all.",
+        "Protect every recording, pair or station of a catalogue in parallel, with one overview page.",
         AFTER_DEMO + "skyproof fleet demo/catalogue.csv --out fleet",
     ),
     "study": (
         "NAME [OPTIONS]",
-        "Make a figure of a paper again, with ours beside it.",
+        "Reproduce a figure of a paper, with the figures of skyproof beside it.",
         "Examples:\n\nskyproof study --list\nskyproof study multi-receiver.false-alarm --quick",
     ),
     "demo": (
         "[OPTIONS]",
-        "Simulate two receivers that are jammed, then given the sky of another place by a meaconer, and protect them.",
+        "Simulate two receivers that are jammed and then meaconed, and protect them.",
         "Example:\n\nskyproof demo --out demo",
     ),
 }
@@ -97,7 +97,7 @@ All options of a command: `skyproof COMMAND --help`"""
 
 app = App(
     name="skyproof",
-    help="Tells true satellite-navigation signals from false ones, and gives the true position and time back.",
+    help="Tells true satellite-navigation signals from false ones, and gives the true position and time.",
     help_epilogue=START,
     help_format="plaintext",  # Markdown takes a quarter of the time that help takes
     default_parameter=Parameter(negative=(), show_default=False),

@@ -27,7 +27,7 @@ def demo(
     open_report: Annotated[bool, Parameter(name="--open", help="Open the report in the browser.")] = False,
     debug: Debug = False,
 ) -> int:
-    """Simulate two receivers that are jammed, then given the sky of another place by a meaconer, and protect them."""
+    """Simulate two receivers that are jammed and then meaconed, and protect them."""
     with whatever_is_missing(partial(print_result, as_json=json, incomplete=True)):
         result = app.demo.demo(out, overwrite=overwrite, progress=progress())
     print_result(result, as_json=json)

@@ -34,7 +34,7 @@ def fleet(
     /,
     *,
     out: Annotated[Path, Parameter(help="Folder for the results; an unfinished one is continued.")],
-    workers: Annotated[int | None, Parameter(help="Processes at work side by side. Default: one a core.")] = None,
+    workers: Annotated[int | None, Parameter(help="Parallel processes. Default: one per core.")] = None,
     ray: Annotated[
         str | None,
         Parameter(
@@ -46,14 +46,14 @@ def fleet(
     overwrite: Annotated[
         bool,
         Parameter(
-            help="Do items again that are done of other files or settings, or by another version: their results are "
-            "replaced, which is refused otherwise."
+            help="Redo items whose files, settings or version have changed, and replace their results. Without it, "
+            "such a run is refused."
         ),
     ] = False,
     json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
-    """Protect every recording, pair or station of a catalogue, side by side, with one page over all."""
+    """Protect every recording, pair or station of a catalogue in parallel, with one overview page."""
     result = app.fleet.fleet(catalogue, out=out, workers=workers, ray=ray, overwrite=overwrite, progress=progress())
     if json:
         document = {"format": "skyproof-fleet/1", "items": [asdict(row) for row in result.rows]}

@@ -28,7 +28,7 @@ def init(
     overwrite: Annotated[bool, Parameter(help="Replace the file if it already exists.")] = False,
     debug: Debug = False,
 ) -> int:
-    """Write a platform file from what inputs say of themselves, with lines to complete for all else."""
+    """Write a platform file from what the inputs state, with lines to complete for the rest."""
     result = app.init.init(files, out=out, overwrite=overwrite)
     names = [receiver.name for receiver in result.platform.receivers]
     Console().print(words(f"{len(names)} receiver{'s' * (len(names) > 1)}: {', '.join(map(str, names))}"))

@@ -21,25 +21,27 @@ __all__ = ["inspect"]
 
 def inspect(
     file: Annotated[
-        Path, Parameter(help="A recording, log or observation file. If nothing says how to read it, it is worked out.")
+        Path, Parameter(help="A recording, log or observation file. If nothing describes it, its format is guessed.")
     ],
     /,
     *,
     sidecar: Annotated[Path | None, Parameter(help="How to read raw samples; else NAME.toml beside NAME.bin.")] = None,
-    rate_hz: Annotated[float | None, Parameter(help="Samples a second. This and the next are as in a sidecar.")] = None,
+    rate_hz: Annotated[
+        float | None, Parameter(help="Samples per second. This and the next options are as in a sidecar.")
+    ] = None,
     kind: Annotated[Literal["real", "complex"] | None, Parameter(help="Real or complex samples.")] = None,
     encoding: Annotated[
         Literal["int", "float", "sign", "sign-magnitude", "offset-binary"] | None,
         Parameter(help="How numbers are stored."),
     ] = None,
     bits: Annotated[int | None, Parameter(help="Bits of one number.")] = None,
-    centre_hz: Annotated[float | None, Parameter(help="Radio frequency that lies at if_hz. In hertz.")] = None,
-    if_hz: Annotated[float | None, Parameter(help="Where centre_hz lies in the samples. In hertz.")] = None,
+    centre_hz: Annotated[float | None, Parameter(help="Radio frequency that if_hz corresponds to. In hertz.")] = None,
+    if_hz: Annotated[float | None, Parameter(help="Frequency of centre_hz in the samples. In hertz.")] = None,
     bit_order: Annotated[
-        Literal["msb-first", "lsb-first"] | None, Parameter(help="Where in its byte the first number lies.")
+        Literal["msb-first", "lsb-first"] | None, Parameter(help="Position of the first number in its byte.")
     ] = None,
-    byte_order: Annotated[Literal["little", "big"] | None, Parameter(help="Of numbers of several bytes.")] = None,
-    channels: Annotated[int | None, Parameter(help="Channels that follow each other sample by sample.")] = None,
+    byte_order: Annotated[Literal["little", "big"] | None, Parameter(help="Byte order of multi-byte numbers.")] = None,
+    channels: Annotated[int | None, Parameter(help="Interleaved channels.")] = None,
     header_bytes: Annotated[int | None, Parameter(help="Bytes to skip at the start.")] = None,
     swap_iq: Annotated[bool | None, Parameter(help="Q comes before I.")] = None,
     conjugate: Annotated[bool | None, Parameter(help="The spectrum is inverted.")] = None,

@@ -26,7 +26,7 @@ _NOT_GIVEN = {
     "duration_s": "the end",
     "place_deg": "every satellite is looked for",
     "antenna_distance_m": "not known",
-    "antenna_distance_sigma_m": "half of 5 % or of 1 m",
+    "antenna_distance_sigma_m": "2.5 % of it, at least 0.5 m",
 }
 _UNITS = {"s": "seconds", "hz": "hertz", "m": "metres", "deg": "degrees"}
 

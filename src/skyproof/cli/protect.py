@@ -23,8 +23,8 @@ def protect(
         list[Path] | None,
         Parameter(
             name="INPUT",
-            help="One per receiver: recordings, each with its sidecar, and observation files. None if the platform "
-            "file names them.",
+            help="One per receiver: a recording with its sidecar, an observation file or a receiver's log. Leave them "
+            "out if the platform file names them.",
         ),
     ] = None,
     /,
@@ -33,10 +33,10 @@ def protect(
     nav: Nav = None,
     imu: Annotated[
         Path | None,
-        Parameter(help="Inertial readings (CSV, Parquet); the platform file says how the unit sits and is turned."),
+        Parameter(help="Inertial readings (CSV, Parquet); the platform file states how the unit is mounted."),
     ] = None,
     platform: Annotated[
-        Path | None, Parameter(help="Platform file: receivers, their inputs and places, and settings.")
+        Path | None, Parameter(help="Platform file: receivers, inputs, positions and settings.")
     ] = None,
     false_alarm_probability_per_hour: Annotated[float | None, setting("false_alarm_probability_per_hour")] = None,
     antenna_distance_m: Annotated[float | None, setting("antenna_distance_m")] = None,

@@ -34,7 +34,7 @@ def simulate(
     ] = None,
     list_scenes: Annotated[bool, Parameter(name="--list", help="List the ready-made scenes instead.")] = False,
     seed: Annotated[
-        int | None, Parameter(help="Seed of all that is random: the same seed, the same data. Default: the scenario's.")
+        int | None, Parameter(help="Random seed. The same seed gives the same data. Default: the scenario's.")
     ] = None,
     duration_s: Annotated[
         float | None, Parameter(help="Length of the scene. In seconds. Default: the scenario's.")
@@ -66,7 +66,7 @@ def simulate(
     json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
-    """Make recordings and measurements of a scene with attacks, and write the truth about them."""
+    """Simulate recordings and measurements of a scene with attacks, and write the truth beside them."""
     if list_scenes:
         _print_scenes(as_json=json)
         return 0

@@ -38,11 +38,11 @@ def study(
     list_studies: Annotated[
         bool, Parameter(name="--list", help="List the studies with paper and figure instead.")
     ] = False,
-    trials: Annotated[int | None, Parameter(help="How many trials, in place of the study's own number.")] = None,
+    trials: Annotated[int | None, Parameter(help="Number of trials. Default: the study's.")] = None,
     seed: Annotated[
         int,
         Parameter(
-            help="Seed of all that is random: the same seed, the same rows, but for times (ms, seconds).",
+            help="Random seed. The same seed gives the same rows, except for run times (ms, seconds).",
             show_default=True,
         ),
     ] = 1,
@@ -61,7 +61,7 @@ def study(
     json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
-    """Make a figure of a paper again, with ours beside it."""
+    """Reproduce a figure of a paper, with the figures of skyproof beside it."""
     found = studies()
     settings = _settings(trials, seed, quick)
     if list_studies:

@@ -17,7 +17,7 @@ CHANGED, NOT_ALL = 1, 3
 
 
 def verify(
-    folder: Annotated[Path, Parameter(help="What `skyproof protect` was given as --out.")],
+    folder: Annotated[Path, Parameter(help="The --out folder of `skyproof protect`.")],
     /,
     *,
     inputs_in: Annotated[

@@ -36,26 +36,25 @@ class Settings(BaseModel):
         default=0.0,
         ge=0.0,
         le=1e5,
-        description="The antennas stand at least this far apart, horizontally; 0 if they may share one or it is not "
-        "known.",
+        description="Least horizontal distance between the antennas; 0 if they may share one or it is not known.",
     )
     max_separation_m: Number = Field(
-        default=300.0, gt=0.0, le=1e5, description="The antennas stand at most this far apart, horizontally."
+        default=300.0, gt=0.0, le=1e5, description="Largest horizontal distance between the antennas."
     )
     antenna_distance_m: Number | None = Field(
         default=None,
         examples=[61.5],
         gt=0.0,
         le=1e5,
-        description="The antennas of two receivers stand this far apart. One receiver alone under attack is then "
-        "noticed, unless its false position lies at that distance from the other.",
+        description="Distance between the antennas of two receivers. It reveals an attack on one of them alone, "
+        "unless the false position lies at this distance from the other.",
     )
     antenna_distance_sigma_m: Number | None = Field(
         default=None,
         examples=[0.5],
         gt=0.0,
         le=1e5,
-        description="Standard deviation of antenna_distance_m; by default it is good to 5 % or 1 m in 95 of 100 cases.",
+        description="Standard deviation of antenna_distance_m.",
     )
     antennas_enu_m: dict[str, tuple[_Metres, _Metres, _Metres]] | None = Field(
         default=None,
@@ -133,22 +132,22 @@ class Settings(BaseModel):
         "labelled spoofed: each of their channels follows its own signal, and is measured and judged as ever.",
     )
     doppler_max_hz: Number = Field(
-        default=7000.0, gt=0.0, le=1e6, description="Reach of the search, oscillator error included."
+        default=7000.0, gt=0.0, le=1e6, description="Largest Doppler searched, oscillator error included."
     )
     place_deg: tuple[_Latitude, _Longitude] | None = Field(
         default=None,
         examples=[[57.7, 11.9]],
-        description="Latitude and longitude, roughly: with a navigation file and a dated recording only satellites "
-        "above the horizon there are looked for, so that false signals of others are missed.",
+        description="Rough latitude and longitude. With a navigation file and a dated recording, only satellites above "
+        "the horizon there are searched for, so false signals of others are missed.",
     )
     position_format: Literal["degrees", "degrees-minutes"] = Field(
         default="degrees",
         description="How the report and the terminal write latitudes and longitudes: 57.7059123° N, or degrees and "
         "decimal minutes, 57° 42.35474′ N. Files for programs have degrees.",
     )
-    start_s: Number = Field(default=0.0, ge=0.0, le=1e9, description="Skip this much of every recording.")
+    start_s: Number = Field(default=0.0, ge=0.0, le=1e9, description="Start this far into every recording.")
     duration_s: Number | None = Field(
-        default=None, examples=[60.0], gt=0.0, le=1e9, description="Use no more than this of every recording."
+        default=None, examples=[60.0], gt=0.0, le=1e9, description="Use at most this much of every recording."
     )
 
     @model_validator(mode="after")
