@@ -598,8 +598,13 @@ class Verdict(_Model):
         """What would have been noticed, beside a word that nothing was."""
         if self.verdict not in ("authentic", "no_attack_seen"):
             return ""
-        several = len({size.receiver for size in self.noticed}) > 1
-        return _few(f"{f'{size.receiver}: ' if several else ''}{size.words}" for size in self.noticed)
+        receivers: dict[str, list[str]] = {}
+        for size in self.noticed:
+            receivers.setdefault(size.words, []).append(size.receiver)
+        every = len({size.receiver for size in self.noticed})
+        return _few(
+            words if len(names) == every else f"in {' and '.join(names)} {words}" for words, names in receivers.items()
+        )
 
     @property
     def _position_words(self) -> str:
