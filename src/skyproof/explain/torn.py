@@ -14,7 +14,7 @@ def _count(finding: Finding, names: str = "") -> str:
     data: Mapping[str, Any] = finding.data
     if data["by"] == "codes":
         number = f"{len(data['sats'])} of {data['of']} satellites"
-        return f"no orbit explains the codes of {number} in {data['receiver']}{names}"
+        return f"{number} in {data['receiver']} have codes that no orbit explains{names}"
     number = f"{data['exchanged']} of {data['of']} tracked satellites"
     return f"{number} in {data['receiver']} are replaced by others from one epoch to the next{names}"
 

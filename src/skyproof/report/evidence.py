@@ -78,6 +78,8 @@ def _words_of_test(method: Method) -> list[str]:
         words = by_chance(method.decision, method.p_value)
         if method.decision == "undecided":  # what was tested, one antenna or a clean sky, the evidence says
             words = f"the test did not decide ({p_value_words(method.p_value)})."
+        elif method.decision == "clean":
+            words = f"a clean sky explains the result ({p_value_words(method.p_value)})."
         sentences.append(words[0].upper() + words[1:])
     if method.from_gpst is not None:
         sentences.append(f"In the window {span_words(method.from_gpst, method.to_gpst)}, GPS time.")

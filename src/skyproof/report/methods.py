@@ -4,14 +4,20 @@ __all__ = ["about", "reason", "title"]
 
 _ABOUT = {
     "array_common": ("Directions on an antenna array", "Do signals of several satellites come from one direction?"),
-    "bands": ("Bands compared", "Do the codes of a satellite's bands differ by no more than the ionosphere makes?"),
+    "bands": ("Bands compared", "Do the codes of a satellite's bands differ by no more than the ionosphere explains?"),
     "code_carrier": ("Code against carrier", "Does the code of each signal move with its carrier?"),
     "code_motion": (
         "Motion by codes",
-        "Do position and clock by codes alone change as a platform and a clock can?",
+        "Do position and clock from codes alone change only as a platform and a clock can?",
     ),
-    "common_change": ("Common changes", "Do all satellites change at once, as neither sky nor receiver makes them?"),
-    "continuity": ("Continuity", "Do position, velocity, clock and time continue as a platform and an oscillator can?"),
+    "common_change": (
+        "Common changes",
+        "Do all satellites change together in a way that neither sky nor receiver explains?",
+    ),
+    "continuity": (
+        "Continuity",
+        "Do position, velocity, clock and time change only as a platform and an oscillator can?",
+    ),
     "dccaf": ("Two skies in the correlation", "Do overlapping signals hold two consistent sets of ranges?"),
     "decision": ("Failed tests together", "Does a benign cause, or two, explain every test that failed in a window?"),
     "inertia": ("Inertial prediction", "Do position and velocity follow what the inertial unit predicts?"),
@@ -20,35 +26,35 @@ _ABOUT = {
         "Ranges at a known place",
         "Do the few satellites received fit the place of the receiver?",
     ),
-    "levels": ("Signal levels", "Do C/N0 and the noise change as the sky and interference change them?"),
+    "levels": ("Signal levels", "Do C/N0 and noise change only as sky and interference explain?"),
     "messages": ("Broadcast messages", "Do broadcast orbits, clocks and UTC agree with the day and with each other?"),
     "multi_receiver": (
         "Receivers compared",
-        "Do signals reach several receivers as from one transmit antenna, or as from the sky?",
+        "Do the signals reach several receivers from one transmit antenna, or from the sky?",
     ),
     "own_fixes": ("The receiver's own fixes", "Do the fixes that the receiver computed itself continue?"),
-    "place": ("Stated place", "Do the signals put the receiver where it stands?"),
+    "place": ("Stated position", "Do the signals put the receiver where it stands?"),
     "second_signals": ("Second signals", "Is a satellite received more than once, farther apart than echoes are?"),
     "prediction": ("Prediction", "Which of two skies continues the time before the attack?"),
     "residual": ("One position or two", "Do all measurements of a receiver fit one position and time?"),
-    "snapshot": ("Changes within a snapshot", "Do the signals of a short recording stay what they are?"),
-    "spin": ("A turning antenna", "Do the signals swing as those of one direction do, or of many?"),
+    "snapshot": ("Changes within a snapshot", "Do the signals change during a short recording?"),
+    "spin": ("A turning antenna", "Do the signals come from one direction, or from many?"),
     "sqm": ("Shape of the correlation peak", "Does a second signal of the same satellite overlap the tracked one?"),
-    "torn": ("Torn tracking", "Do more codes at once than satellites fail lie where no orbit explains them?"),
-    "vector_sqm": ("Peaks against the common position", "Are signals displaced from where the position puts them?"),
+    "torn": ("Torn tracking", "Do more codes at once disagree with the orbits than satellites fail at once?"),
+    "vector_sqm": ("Peaks against the common position", "Do correlation peaks agree with one common position?"),
 }
 
 _REASONS = {
-    ("multi_receiver", "authentic"): "reaches the receivers as from the sky, not from one antenna",
-    ("multi_receiver", "spoofed"): "reaches the receivers as from one antenna",
+    ("multi_receiver", "authentic"): "reaches the receivers from the sky, not from one antenna",
+    ("multi_receiver", "spoofed"): "reaches the receivers from one antenna",
     ("array_common", "authentic"): "comes from a direction of its own",
     ("array_common", "spoofed"): "comes from the same direction as others",
     ("ins_array", "authentic"): "comes from where its satellite stands",
     ("ins_array", "spoofed"): "does not come from where its satellite stands",
-    ("spin", "authentic"): "swings as from a direction of its own",
-    ("spin", "spoofed"): "swings as from the same direction as others",
+    ("spin", "authentic"): "comes from a direction of its own",
+    ("spin", "spoofed"): "comes from the same direction as others",
     ("prediction", "authentic"): "belongs to the predicted sky",
-    ("prediction", "spoofed"): "belongs to another sky than the predicted one",
+    ("prediction", "spoofed"): "belongs to a sky that the prediction excludes",
 }
 
 

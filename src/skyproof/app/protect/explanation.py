@@ -116,7 +116,7 @@ def _list_unseen_attacks(outcome: Outcome) -> tuple[str, ...]:
     done = ran | {e.detector for e in outcome.evidence if e.lacking}
     reasons = {(e.detector, e.code): e for e in outcome.evidence if e.detector not in done}
     idle = {e.detector for e in reasons.values() if explain(e).remedy not in (None, "nothing")}
-    found += [f"what {join(sorted(idle))} would have found with more data"] if idle else []
+    found += [f"what {join(sorted(idle))} would find, given more data"] if idle else []
     return (*found, "an attack that drags position and time too slowly for these tests")
 
 
