@@ -6,6 +6,7 @@ import pytest
 from tests.app import kit
 
 from skyproof.app.protect import protect
+from skyproof.app.protect.preview import Preview
 from skyproof.app.protect.so_far import NOTES
 
 
@@ -41,3 +42,11 @@ def test_the_first_word_comes_before_all_is_tracked(recorded, tmp_path):
     assert len(words) == len({listener.heard[n].partition(": ")[2] for n in words})  # no word is told twice
     assert result.verdict.verdict == "no_attack_seen"
     assert not [path for name in NOTES for path in (tmp_path / "out").rglob(name)]
+
+
+def test_a_look_that_fails_costs_no_run(recorded, monkeypatch):
+    def fail(*_):
+        raise ValueError("too little yet")
+
+    monkeypatch.setattr(Preview, "_examine", fail)
+    assert protect(recorded.paths, nav=recorded.nav, window_s=5.0).verdict.verdict == "no_attack_seen"

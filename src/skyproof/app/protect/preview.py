@@ -10,7 +10,6 @@ from skyproof.app.protect.so_far import WordsSoFar
 from skyproof.app.protect.stated import Stated
 from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import Tracker
-from skyproof.errors import SkyproofError
 from skyproof.formats.pieces import Workspace
 from skyproof.interruption import watch
 from skyproof.records import AntennaArray, NavigationData
@@ -47,7 +46,7 @@ class Preview:
         if not running_s or min(running_s) < self._next_s:
             return
         self._next_s = 2.0 * min(running_s)
-        with suppress(SkyproofError):
+        with suppress(Exception):  # no run is lost for a look ahead: what is wrong will be raised at the end
             self._examine(trackers)
 
     def _examine(self, trackers: Sequence[Tracker]) -> None:
