@@ -63,7 +63,6 @@ class Preview:
             session = begin_session(
                 ready.receptions, orbits, ready.settings, ready.spin_arms, ready.body, ready.predictors
             )
-            self._so_far.begin_anew()
             for step in session.steps():
                 self._so_far.take(step)
                 if interrupted():

@@ -181,7 +181,6 @@ def _run(given: _Given, out: Path | None, progress: Progress) -> tuple[ProtectRe
         receptions = [_add_common_time(r, receptions) for r in receptions]
         ready = stated.equip(receptions, settings)
         receptions, settings, body, unit = list(ready.receptions), ready.settings, ready.body, ready.unit
-        so_far.begin_anew()
         outcome, cut_short = judge(
             receptions, navigation, settings, progress, ready.spin_arms, body, ready.predictors, so_far
         )

@@ -34,21 +34,18 @@ class WordsSoFar:
         self._word: VerdictWord | None = None
         self._until: np.datetime64 | None = None
 
-    def begin_anew(self) -> None:
-        """Take the windows from the first one on once more; a word is told of what is later than before only."""
-        if self._workspace is not None:
-            for name in NOTES:
-                self._workspace.drop_notes(name)
-
     def take(self, step: DecidedWindow) -> None:
-        """Note a window's findings and decision, and report the run's word where it changed."""
+        """Note a window's findings and decision, and report the run's word where it changed.
+
+        A window that ends no later than one before is left out: it was looked at while the run went on.
+        """
         end = step.records.end_gpst
-        self.note(step.findings)
-        self._note_words(step.deciding, end)
-        word = step.deciding.word
         if self._until is not None and end <= self._until:
             return
         self._until = end
+        self.note(step.findings)
+        self._note_words(step.deciding, end)
+        word = step.deciding.word
         if word is not None and word != self._word:
             self._word = word
             self._progress.say(f"up to {format_clock(format_iso(end, 0))}: {word_shown(word)}")
