@@ -3,7 +3,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from skyproof.statistics.clusters import line_clusters
+from skyproof.statistics.clusters import divide_line
 from skyproof.statistics.distributions import chi_square_survival
 
 
@@ -27,7 +27,7 @@ def test_no_other_parting_is_better(seed):
     rng = np.random.default_rng(seed)
     values, sigma = 4.0 * rng.standard_normal(5), rng.uniform(0.5, 2.0, 5)
     count, squares = brute_force(values, sigma, 0.05)
-    found = line_clusters(values, sigma, 0.05)
+    found = divide_line(values, sigma, 0.05)
     assert found.number == count
     assert len(set(found.label.tolist())) == count
     if count < 5:
@@ -38,7 +38,7 @@ def test_no_other_parting_is_better(seed):
 def test_more_clusters_than_there_are_come_no_more_often_than_stated(centres):
     rng = np.random.default_rng(1)
     values = np.resize(centres, 9) + rng.standard_normal((20_000, 9))
-    found = line_clusters(values, 1.0, 0.01)
+    found = divide_line(values, 1.0, 0.01)
     assert np.mean(found.number > len(centres)) < 0.0125
     if len(centres) == 1:  # then the parting is the true one, and the test exact
         assert np.mean(found.number > 1) == pytest.approx(0.01, rel=0.25)
@@ -47,15 +47,15 @@ def test_more_clusters_than_there_are_come_no_more_often_than_stated(centres):
 def test_clusters_far_apart_are_found_in_any_order_of_the_values():
     rng = np.random.default_rng(2)
     truth = rng.permuted(np.tile(np.repeat([0, 1], [4, 3]), (500, 1)), axis=1)
-    found = line_clusters(20.0 * truth + rng.standard_normal((500, 7)) + 1e6, 1.0, 1e-6)
+    found = divide_line(20.0 * truth + rng.standard_normal((500, 7)) + 1e6, 1.0, 1e-6)
     assert np.all(found.number == 2)
     np.testing.assert_array_equal(found.label, truth)
 
 
 def test_leading_axes_give_what_single_calls_give():
     values = 3.0 * np.random.default_rng(3).standard_normal((2, 3, 6))
-    found = line_clusters(values, 1.0, 0.01)
+    found = divide_line(values, 1.0, 0.01)
     for index in np.ndindex(2, 3):
-        one = line_clusters(values[index], 1.0, 0.01)
+        one = divide_line(values[index], 1.0, 0.01)
         assert one.number == found.number[index]
         np.testing.assert_array_equal(one.label, found.label[index])

@@ -1,1 +1,1 @@
-"""Signals of one satellite within a chip: what their correlation looks like, and how it is taken apart."""
+"""Model the correlation of one satellite's signals within a chip, and decompose it."""

@@ -1,4 +1,4 @@
-"""One correlation function taken apart into the signals that it is the sum of.
+"""Decompose one correlation function into the signals that it is the sum of.
 
 After S. Ahmed, S. Khanafseh, B. Pervan, "GNSS Spoofing Detection and Exclusion by Decomposition of Complex Cross
 Ambiguity Function (DCCAF) with INS Aiding", ION. The model is in `correlation`. What is done differently from the
@@ -30,8 +30,8 @@ from skyproof.gnss.signals import SignalPlan
 __all__ = [
     "Decomposition",
     "Dictionary",
-    "at_strongest_doppler",
     "bins_dictionary",
+    "combine_bins",
     "decompose",
     "doppler_grid",
     "invert_information",
@@ -70,9 +70,9 @@ class Dictionary:
         return float(self.grid[0]), step, self.value, self.slope
 
     def at(self, x: ArrayLike) -> tuple[NDArray[np.inexact], NDArray[np.inexact]]:
-        """The vectors at delays or Dopplers (...) and their derivatives, (..., d): cubic Hermite interpolation.
+        """Interpolate the vectors at delays or Dopplers (...) and their derivatives, (..., d), by cubic Hermites.
 
-        Beyond the grid the cubic of its last cell goes on.
+        Beyond the grid the cubic of its last cell continues.
         """
         first, step, value, slope = self.table
         place = (np.asarray(x, np.float64) - first) / step
@@ -80,16 +80,21 @@ class Dictionary:
         u = (place - i)[..., None]
         v0, v1, s0, s1 = value[i], value[i + 1], step * slope[i], step * slope[i + 1]
         along = u * (1.0 - u)
-        here = (1.0 + 2.0 * u) * (1.0 - u) ** 2 * v0 + u * u * (3.0 - 2.0 * u) * v1 + along * ((1.0 - u) * s0 - u * s1)
-        there = 6.0 * along * (v1 - v0) + (1.0 - u) * (1.0 - 3.0 * u) * s0 + u * (3.0 * u - 2.0) * s1
-        return here, there / step
+        vector = (
+            (1.0 + 2.0 * u) * (1.0 - u) ** 2 * v0 + u * u * (3.0 - 2.0 * u) * v1 + along * ((1.0 - u) * s0 - u * s1)
+        )
+        derivative = 6.0 * along * (v1 - v0) + (1.0 - u) * (1.0 - 3.0 * u) * s0 + u * (3.0 * u - 2.0) * s1
+        return vector, derivative / step
 
 
 @lru_cache(maxsize=32)
 def taps_dictionary(
     taps_chips: tuple[float, ...], band_hz: float, signal: SignalPlan, *, window_chips: float = 1.3
 ) -> Dictionary:
-    """Of taps anywhere, for delays within `window_chips`. band_hz : two-sided, of the front end."""
+    """Build a dictionary of taps anywhere, for delays within `window_chips`.
+
+    band_hz : two-sided, of the front end.
+    """
     taps = np.array(taps_chips)
     # Hermite's error stays below 1e-3 of the highest frequency.
     step = 0.01 if band_hz < _COARSE_BAND * signal.chip_rate_hz else 0.005
@@ -110,15 +115,22 @@ def taps_dictionary(
 
 
 def one_doppler() -> Dictionary:
-    """For a Doppler that is known, and is zero: one coordinate, whatever the Doppler."""
-    one = np.ones((2, 1), np.complex128)
+    """Build a dictionary for a known Doppler of zero: one coordinate, whatever the Doppler."""
+    ones = np.ones((2, 1), np.complex128)
     return Dictionary(
-        points=np.zeros(1), whiten=np.ones((1, 1), np.complex128), grid=np.array([0.0, 1.0]), value=one, slope=0.0 * one
+        points=np.zeros(1),
+        whiten=np.ones((1, 1), np.complex128),
+        grid=np.array([0.0, 1.0]),
+        value=ones,
+        slope=0.0 * ones,
     )
 
 
 def bins_dictionary(coherent_s: float, bins_hz: ArrayLike, *, within_hz: float) -> Dictionary:
-    """Of the Doppler bins of a grid, phases at mid-interval; noise of bins is correlated as sinc(pi (f1 - f2) T)."""
+    """Build a dictionary of the Doppler bins of a grid, phases at mid-interval.
+
+    The noise of bins is correlated as sinc(pi (f1 - f2) T).
+    """
     bins = np.atleast_1d(np.asarray(bins_hz, np.float64))
     whiten = _whitening(np.sinc((bins[:, None] - bins) * coherent_s)).astype(np.complex128)
     grid = doppler_grid(within_hz)
@@ -129,12 +141,12 @@ def bins_dictionary(coherent_s: float, bins_hz: ArrayLike, *, within_hz: float) 
 
 
 def doppler_grid(within_hz: float) -> Reals:
-    """Dopplers of a dictionary, every 1 Hz."""
+    """List the Dopplers of a dictionary, every 1 Hz."""
     return np.asarray(np.arange(-np.ceil(within_hz), np.ceil(within_hz) + 1.0), np.float64)
 
 
 def sinc_slope(x: Reals) -> Reals:
-    """Derivative of sin(pi x) / (pi x)."""
+    """Compute the derivative of sin(pi x) / (pi x)."""
     small = np.abs(x) < 1e-4
     safe = np.where(small, 1.0, x)
     return np.asarray(np.where(small, -(np.pi**2) * x / 3.0, (np.cos(np.pi * safe) - np.sinc(safe)) / safe))
@@ -156,8 +168,8 @@ class Decomposition:
     delay_chips, doppler_hz : (..., n). amplitude : (..., n) complex, phase at mid-interval.
     captured : (...) energy in the signals, in units of the noise's variance.
     covariance : (..., p, p) of the delays and, if they were fitted, the Dopplers, p = n or 2 n; the amplitudes are
-        unknown, too. That of a linear model around the estimate: the Cramer-Rao bound there. It says nothing of a
-        second signal that is not there: count first.
+        unknown, too. That of a linear model around the estimate: the Cramer-Rao bound there. It holds only if all n
+        signals exist: count first.
     """
 
     delay_chips: Reals
@@ -176,12 +188,14 @@ def decompose(
     noise_variance: ArrayLike = 1.0,
     search_hz: float = 50.0,
 ) -> Decomposition:
-    """The delays, Dopplers and amplitudes of `signals` signals that together explain most, by variable projection.
+    """Estimate the delays, Dopplers and amplitudes of `signals` signals that together explain most.
+
+    The method is variable projection.
 
     Parameters
     ----------
     taps : (..., m) complex, at `delays.points`; (..., blocks or bins, m) with `dopplers`.
-    dopplers : such as `bins_dictionary` to fit a Doppler to each signal; None where they are known and
+    dopplers : such as `bins_dictionary` to fit a Doppler to each signal; None if they are known and
         wiped off.
     noise_variance : (...) E|v|^2 of a tap (of the whole interval's mean).
     search_hz : a common Doppler is first looked for up to here, every 2 Hz.
@@ -226,9 +240,11 @@ def decompose(
         information,
     )
     order = np.argsort(where[:, :signals], axis=1)
-    both = np.concatenate((order, order + signals), axis=1)[:, :p]
-    where = np.take_along_axis(where, both, axis=1)
-    information = np.take_along_axis(np.take_along_axis(information, both[:, :, None], 1), both[:, None, :], 2)
+    parameters = np.concatenate((order, order + signals), axis=1)[:, :p]
+    where = np.take_along_axis(where, parameters, axis=1)
+    information = np.take_along_axis(
+        np.take_along_axis(information, parameters[:, :, None], 1), parameters[:, None, :], 2
+    )
     hertz = where[:, signals:] if fitted else np.zeros((trials, signals))
     amplitude = np.take_along_axis(amplitude, order, axis=1) * sigma[:, None]
     return Decomposition(
@@ -240,14 +256,14 @@ def decompose(
     )
 
 
-def at_strongest_doppler(
+def combine_bins(
     grid: ArrayLike, delays: Dictionary, bins_hz: ArrayLike, coherent_s: float
 ) -> tuple[Complexes, Reals, Reals]:
-    """Taps (..., m) at the Doppler of the strongest signal, from all bins of a grid (..., bins, m).
+    """Combine all bins of a grid (..., bins, m) into taps (..., m) at the strongest signal's Doppler.
 
     Returns the taps, the factor (...) by which their noise's variance exceeds that of one bin, and the Doppler (...).
-    The bins are combined without bias and with the least noise (Gauss and Markov), so a reference that is off by some
-    hertz costs nothing. Delay and Doppler are orthogonal at mid-interval: laws of delays at a known Doppler still hold.
+    The combination has no bias and the least noise (Gauss and Markov), so a reference that is off by some hertz costs
+    nothing. Delay and Doppler are orthogonal at mid-interval: laws of delays at a known Doppler still hold.
     """
     z = np.asarray(grid, np.complex128)
     bins = np.atleast_1d(np.asarray(bins_hz, np.float64))
@@ -261,7 +277,10 @@ def at_strongest_doppler(
 
 
 def invert_information(information: Reals) -> Reals:
-    """Half the inverse (complex noise of variance one): infinite where a parameter is not determined."""
+    """Invert an information matrix, halved for complex noise of variance one.
+
+    The covariance is infinite where a parameter is not determined.
+    """
     scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 1e-300))
     even = information / (scale[..., :, None] * scale[..., None, :])
     determined = np.linalg.det(even) > 1e-12

@@ -1,4 +1,4 @@
-"""Compiled inner loops of `decomposition`: the search over pairs of delays and the fit from there.
+"""Compiled inner loops of `decomposition`: the search over pairs of delays and the fit that follows.
 
 Everything is given in whitened coordinates: noise is white with variance one per complex sample after scaling. A signal
 is amplitude times D(delay) times e(Doppler), an outer product of a real and a complex vector that tables hold with
@@ -19,7 +19,7 @@ _CLOSEST_CHIPS = 1e-3  # two delays nearer than this are one to rounding
 
 @compiled
 def solve(matrix, right):  # type: ignore[no-untyped-def]
-    """Solution of a small system with several right sides, by elimination with pivots; False if it has none."""
+    """Solve a small system with several right sides, by elimination with pivots; False if it has no solution."""
     n, m = right.shape
     a, b = matrix.copy(), right.copy()
     for k in range(n):
@@ -51,7 +51,7 @@ def solve(matrix, right):  # type: ignore[no-untyped-def]
 
 @compiled
 def table_at(x, first, step, value, slope, out, out_slope):  # type: ignore[no-untyped-def]
-    """A table's vector and its derivative at x, by cubic Hermite interpolation."""
+    """Interpolate a table's vector and its derivative at x, by cubic Hermites."""
     place = (x - first) / step
     i = min(max(int(np.floor(place)), 0), value.shape[0] - 2)
     u = place - i
@@ -66,7 +66,7 @@ def table_at(x, first, step, value, slope, out, out_slope):  # type: ignore[no-u
 
 @compiled
 def _evaluate(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
-    """Amplitudes, captured energy, gradient and information at `where`: n delays, then n Dopplers if they are fitted.
+    """Compute amplitudes, captured energy, gradient and information at `where`: n delays, then n Dopplers if fitted.
 
     The information is Re(J^H P J) with P the projection off the signals (Kaufman's variable projection).
     """
@@ -123,10 +123,10 @@ def _evaluate(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
     for k in range(n):
         captured += (np.conj(seen[k, 0]) * amplitude[k, 0]).real
     for q in range(p):
-        left = dseen[q]
+        unexplained = dseen[q]
         for k in range(n):
-            left -= np.conj(cross[k, q]) * amplitude[k, 0]
-        gradient[q] = (np.conj(amplitude[q % n, 0]) * left).real
+            unexplained -= np.conj(cross[k, q]) * amplitude[k, 0]
+        gradient[q] = (np.conj(amplitude[q % n, 0]) * unexplained).real
         for r in range(p):
             off = inner[q, r]
             for k in range(n):
@@ -136,7 +136,7 @@ def _evaluate(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _apart(where, n):  # type: ignore[no-untyped-def]
+def _are_apart(where, n):  # type: ignore[no-untyped-def]
     for k in range(n):
         for j in range(k):
             if abs(where[k] - where[j]) < _CLOSEST_CHIPS:
@@ -146,7 +146,7 @@ def _apart(where, n):  # type: ignore[no-untyped-def]
 
 @compiled
 def _polish(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
-    """Levenberg-Marquardt from `where`; steps of at most 0.1 chip and 10 Hz."""
+    """Run Levenberg-Marquardt from `where`; steps of at most 0.1 chip and 10 Hz."""
     last = delay[0] + delay[1] * (delay[2].shape[0] - 1)
     f_last = doppler[0] + doppler[1] * (doppler[2].shape[0] - 1)
     p = where.size
@@ -170,7 +170,7 @@ def _polish(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
         if longest < 1e-7:
             break
         better = False
-        if _apart(moved, n):
+        if _are_apart(moved, n):
             tried = _evaluate(data, moved, n, delay, doppler)
             better = tried[1] > captured
         if better:
@@ -185,10 +185,11 @@ def _polish(data, where, n, delay, doppler):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _starts(seen, gram, n, found, score):  # type: ignore[no-untyped-def]
-    """Grid cells (starts, n) to fit from, best first, in `found`, by captured energy in `score`; how many there are.
+def _select_starts(seen, gram, n, found, score):  # type: ignore[no-untyped-def]
+    """Select grid cells (starts, n) to fit from, best first, into `found`; return how many there are.
 
-    All cells for one signal, all pairs for two; further signals are added one at a time where they capture most.
+    `score` gets their captured energy. All cells serve for one signal, all pairs for two; further signals are added one
+    at a time where they capture most.
     """
     cells = seen.size
     if n == 1:
@@ -205,8 +206,8 @@ def _starts(seen, gram, n, found, score):  # type: ignore[no-untyped-def]
     energy = np.full((cells, cells), -1.0)
     for i in range(cells):
         for j in range(i + 1, cells):
-            both = seen[i].real * seen[j].real + seen[i].imag * seen[j].imag
-            energy[i, j] = (power[i] * gram[j, j] + power[j] * gram[i, i] - 2.0 * gram[i, j] * both) / (
+            product = seen[i].real * seen[j].real + seen[i].imag * seen[j].imag
+            energy[i, j] = (power[i] * gram[j, j] + power[j] * gram[i, i] - 2.0 * gram[i, j] * product) / (
                 gram[i, i] * gram[j, j] - gram[i, j] ** 2
             )
     count = 0
@@ -227,13 +228,13 @@ def _starts(seen, gram, n, found, score):  # type: ignore[no-untyped-def]
         count += 1
     for start in range(count):
         for m in range(2, n):
-            _add_one(seen, gram, found[start], m, score, start)
+            _find_next_cell(seen, gram, found[start], m, score, start)
     return count
 
 
 @compiled
-def _add_one(seen, gram, cells, m, score, start):  # type: ignore[no-untyped-def]
-    """The cell that captures most beside the first m of `cells`."""
+def _find_next_cell(seen, gram, cells, m, score, start):  # type: ignore[no-untyped-def]
+    """Find the cell that captures most beside the first m of `cells`."""
     inside = np.empty((m, m))
     rest = np.empty((m, 1), np.complex128)
     for k in range(m):
@@ -251,11 +252,11 @@ def _add_one(seen, gram, cells, m, score, start):  # type: ignore[no-untyped-def
         if not apart:
             continue
         _, mix = solve(inside, column)
-        left, room = seen[i], gram[i, i]
+        rest_i, room = seen[i], gram[i, i]
         for k in range(m):
-            left -= column[k, 0] * amplitude[k, 0]
+            rest_i -= column[k, 0] * amplitude[k, 0]
             room -= column[k, 0] * mix[k, 0]
-        gain = abs(left) ** 2 / max(room, 1e-12)
+        gain = abs(rest_i) ** 2 / max(room, 1e-12)
         if gain > most:
             best, most = i, gain
     cells[m] = best
@@ -297,7 +298,7 @@ def fit_all(data, n, delay, doppler, coarse, gram, f_coarse, fitted, where, ampl
                     real += value[coarse[c], i] * summed[i].real
                     imag += value[coarse[c], i] * summed[i].imag
                 seen[c] = complex(real, imag)
-            count = _starts(seen, gram, n, found, score)
+            count = _select_starts(seen, gram, n, found, score)
             if score[0] > top:
                 top, best_count, best_f = score[0], count, f
                 best_found[:], best_score[:] = found, score

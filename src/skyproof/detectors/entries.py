@@ -20,5 +20,5 @@ def package_of(point: EntryPoint) -> str:
 
 
 def list_foreign() -> dict[str, str]:
-    """Map the names of detectors that are not ours to their packages."""
+    """List the names of detectors that are not ours, with their packages."""
     return {p.name: package_of(p) for p in list_registered() if p.dist is None or p.dist.name != OURS}

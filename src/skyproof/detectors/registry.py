@@ -160,9 +160,6 @@ def examine_window(detector: Detector, records: Records, state: Any) -> tuple[li
 
     A detector of another package that fails is undecided for that window, names the reason, and continues with the
     next. A fault in one of ours is a fault of skyproof, and is raised.
-
-    One of another package that fails is undecided of that window, says why, and goes on with the next: a fault in one
-    of ours is one of skyproof's, and is raised.
     """
     if is_ours(detector):
         found, state = detector.examine(records, state)
@@ -181,13 +178,10 @@ def _adapt_all(found: Iterable[AnyFinding]) -> list[Finding]:
 
 
 def review_evidence(detector: Detector, evidence: Sequence[Finding]) -> Iterable[Finding]:
-    """Let a detector review all evidence at the end of a run, if it can.
+    """Request a detector's review of all evidence at the end of a run, if it has one.
 
     A detector of another package may change its own evidence and nothing else. If it fails, all evidence stays as it
     was, with one more piece that reports the failure.
-
-    One of another package changes what it said itself and nothing else. Where that fails as above, all stays as it was,
-    with one more that says so.
     """
     review = getattr(detector, "review", None)
     if review is None or not evidence:

@@ -272,8 +272,6 @@ def _list_far_off(
     """List satellites whose signals miss the majority's position by more than any echo, and by how many metres.
 
     A wrong orbit or clock does this to all signals of its satellite, however many they are.
-
-    That is what a wrong orbit or clock does: of all its signals alike, however many they are.
     """
     sets = [s for s in records.sets if s.receiver == observations.receiver]
     if records.navigation is None or len(sets) != 1:

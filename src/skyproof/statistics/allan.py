@@ -32,7 +32,7 @@ def allan_deviation(
     noise: NoiseKind = "white",
     confidence: float = 0.9,
 ) -> AllanDeviation:
-    """Overlapping Allan deviation and its two-sided confidence limits (NIST SP 1065, 5.2.4 and 5.4).
+    """Estimate the overlapping Allan deviation and its confidence limits (NIST SP 1065, 5.2.4 and 5.4).
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def allan_deviation(
 
 
 def allan_freedom(n: int, m: int, noise: NoiseKind) -> float:
-    """Equivalent degrees of freedom of the overlapping Allan variance of n phases at m intervals.
+    """Return the equivalent degrees of freedom of the overlapping Allan variance of n phases at m intervals.
 
     Howe, Allan, Barnes 1981, as NIST SP 1065, table 5 prints them: within some per cent of the truth.
     """

@@ -1,4 +1,4 @@
-"""First-order autoregressive noise, AR(1): whitening, estimation, and what white residuals look like.
+"""First-order autoregressive noise, AR(1): whitening, estimation, and the law of white residuals.
 
 The model of each series is level + slope * t + e with e stationary, cov(e_n, e_m) = s^2 phi^|t_n - t_m|. Several series
 (last axis) share phi and s and are independent of each other.
@@ -27,14 +27,17 @@ __all__ = [
 
 
 def correlation_grid(largest: float, count: int = 40) -> Reals:
-    """(count,) coefficients from 0 to `largest`, evenly spaced in log(1 - phi); one point if `largest` is 0."""
+    """Build a grid of coefficients (count,) from 0 to `largest`, evenly spaced in log(1 - phi).
+
+    It is one point if `largest` is 0.
+    """
     if largest <= 0.0:
         return np.zeros(1)
     return 1.0 - (1.0 - largest) ** np.linspace(0.0, 1.0, count)
 
 
 def ar1_whiten(values: Reals, phi: ArrayLike, gaps: Reals | None = None) -> Reals:
-    """Turn AR(1) noise into white noise of the same variance (Prais and Winsten 1954; the first point is kept).
+    """Whiten AR(1) noise, with the same variance (Prais and Winsten 1954; the first point is kept).
 
     Parameters
     ----------
@@ -67,11 +70,11 @@ class Ar1Fit(NamedTuple):
 
 
 class Ar1Line(NamedTuple):
-    """What `Ar1Fit` says of the noise.
+    """The noise that `Ar1Fit` shows.
 
     rss : (...), residual sum of squares over all series: s^2 chi-square with (N-2) M degrees.
-    support : (...), if phi is right, the chance that the whitened residuals' pooled lag-one correlation is as low as it
-        is or lower. Small means that the whitening has overdone it: the noise is less correlated than phi.
+    support : (...), if phi is right, the chance of a pooled lag-one correlation of the whitened residuals at most this
+        large. A small value means that the noise is less correlated than phi.
     """
 
     level: Reals
@@ -95,7 +98,7 @@ def ar1_fit(values: Reals, phi: ArrayLike, gaps: Reals | None = None) -> Ar1Fit:
 
 
 def ar1_line(values: Reals, phi: ArrayLike, gaps: Reals | None = None) -> Ar1Line:
-    """Level and noise of `values` (..., N, M) as AR(1) of coefficient `phi` (broadcasts with ...) around a line."""
+    """Estimate level and noise of `values` (..., N, M) as AR(1) of coefficient `phi` (broadcasts) around a line."""
     fit = ar1_fit(values, phi, gaps)
     rss = np.sum(fit.residual**2, axis=(-1, -2))
     lag = np.sum(fit.residual[..., 1:, :] * fit.residual[..., :-1, :], axis=(-1, -2)) / np.maximum(rss, 1e-300)
@@ -103,7 +106,9 @@ def ar1_line(values: Reals, phi: ArrayLike, gaps: Reals | None = None) -> Ar1Lin
 
 
 def _lag_one_cumulative(lag: Reals, q: Reals, m: int) -> Reals:
-    """P(r <= lag) for the pooled lag-one correlation of m white series after projection off the columns q (..., N, 2).
+    """Compute P(r <= lag) for the pooled lag-one correlation of m white series.
+
+    The series are projected off the columns q (..., N, 2).
 
     r is a ratio of quadratic forms e^T A e / e^T e, independent of its denominator, so its mean and variance are exact
     traces; a Beta law on the range of r is matched to them (Henshaw 1966 does the same for the Durbin-Watson
@@ -127,7 +132,7 @@ def _lag_one_cumulative(lag: Reals, q: Reals, m: int) -> Reals:
 
 
 def _shift_range(q: Reals) -> tuple[Reals, Reals]:
-    """Smallest and largest lag-one correlation of a series after projection off the columns q (..., N, 2)."""
+    """Return the smallest and largest lag-one correlation of a series projected off the columns q (..., N, 2)."""
     n = q.shape[-2]
     if n > 16:  # the projection no longer matters: the range of A itself
         bound = np.asarray(np.cos(np.pi / (n + 1)))
@@ -138,17 +143,17 @@ def _shift_range(q: Reals) -> tuple[Reals, Reals]:
 @lru_cache(maxsize=256)  # epochs come evenly: most windows have the same columns
 def _shift_range_of(columns: bytes, shape: tuple[int, ...]) -> tuple[Reals, Reals]:
     q, n = np.frombuffer(columns).reshape(shape), shape[-2]
-    left = np.linalg.qr(q, mode="complete").Q[..., 2:]
+    complement = np.linalg.qr(q, mode="complete").Q[..., 2:]
     shift = 0.5 * (np.eye(n, k=1) + np.eye(n, k=-1))
-    eigenvalues = np.linalg.eigvalsh(np.swapaxes(left, -1, -2) @ shift @ left)
+    eigenvalues = np.linalg.eigvalsh(np.swapaxes(complement, -1, -2) @ shift @ complement)
     return eigenvalues[..., 0], eigenvalues[..., -1]
 
 
 @lru_cache(maxsize=64)
 def lag_one_expectation(n: int, largest: float = 0.98) -> tuple[Reals, Reals]:
-    """What the lag-one coefficient of line residuals is on average: (phi grid, E[e_n e_n-1] / E[e_n^2] sums).
+    """Compute the mean lag-one coefficient of line residuals: phi grid, and sums E[e_n e_n-1] / E[e_n^2].
 
-    With the line's projection P and the AR(1) covariance R: tr(P A P R) / tr(P R), A the half-and-half shift.
+    With the line's projection P and the AR(1) covariance R it is tr(P A P R) / tr(P R), A the half-and-half shift.
     """
     grid = correlation_grid(largest)
     columns = line_columns(n)
@@ -162,8 +167,9 @@ def lag_one_expectation(n: int, largest: float = 0.98) -> tuple[Reals, Reals]:
 
 
 def estimate_ar1(residual: Reals, *, largest: float = 0.98) -> Reals:
-    """Coefficient (...) of AR(1) noise from line residuals (..., N, M), pooled over the last axis, between 0 and
-    `largest`.
+    """Estimate the coefficient (...) of AR(1) noise from line residuals (..., N, M), between 0 and `largest`.
+
+    The estimate is pooled over the last axis.
 
     The fitted line makes residuals look less correlated than the noise was; the estimate is the phi whose expected
     lag-one coefficient equals the measured one.

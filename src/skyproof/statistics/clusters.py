@@ -1,10 +1,10 @@
-"""How many different values noisy numbers have, with the probability of finding too many.
+"""Count how many different values noisy numbers have, with the probability of finding too many.
 
-Values of one cluster share a mean. If the numbers come from C clusters, the least sum of squares over all ways to part
-them into C is at most that of the true way, which is chi-square with K - C degrees. So the smallest C whose least sum
-passes at a probability p is larger than the true number with probability p at most. On a line the best parts are
-intervals of the sorted values (W. D. Fisher, "On grouping for maximum homogeneity", JASA 53, 1958), found by dynamic
-programming: the answer is exact, not that of a search.
+Values of one cluster share a mean. If the numbers come from C clusters, consider the least sum of squares over all ways
+to divide them into C. It is at most that of the true way, which is chi-square with K - C degrees. So the smallest C
+whose least sum passes at a probability p is larger than the true number with probability p at most. On a line the best
+parts are intervals of the sorted values (W. D. Fisher, "On grouping for maximum homogeneity", JASA 53, 1958), found by
+dynamic programming: the answer is exact, not that of a search.
 """
 
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from skyproof.arrays import Indices, Reals
 from skyproof.statistics.distributions import chi_square_survival
 
-__all__ = ["LineClusters", "line_clusters"]
+__all__ = ["LineClusters", "divide_line"]
 
 
 class LineClusters(NamedTuple):
@@ -27,8 +27,8 @@ class LineClusters(NamedTuple):
     p_value: Reals
 
 
-def line_clusters(values: Reals, sigma: ArrayLike, false_alarm_probability: float) -> LineClusters:
-    """Part values (..., K) of standard deviations `sigma` (broadcasts) into as few clusters as pass.
+def divide_line(values: Reals, sigma: ArrayLike, false_alarm_probability: float) -> LineClusters:
+    """Divide values (..., K) of standard deviations `sigma` (broadcasts) into as few clusters as pass.
 
     false_alarm_probability : of more clusters than there are. K^3 operations each.
     """
@@ -49,14 +49,14 @@ def line_clusters(values: Reals, sigma: ArrayLike, false_alarm_probability: floa
     dof = k - 1 - np.arange(k)
     p_values = np.where(dof > 0, chi_square_survival(np.stack(squares, axis=-1), np.maximum(dof, 1)), 1.0)
     count = np.argmax(p_values >= false_alarm_probability, axis=-1) + 1
-    label = _labels(np.stack(begins, axis=-2), count, k)
+    label = _label_values(np.stack(begins, axis=-2), count, k)
     unsorted = np.empty_like(label)
     np.put_along_axis(unsorted, order, label, -1)
     return LineClusters(count, unsorted, np.take_along_axis(p_values, count[..., None] - 1, -1)[..., 0])
 
 
 def _interval_squares(x: Reals, weight: Reals) -> Reals:
-    """Squares (..., i, j) of the values i to j around their mean; infinite for i > j."""
+    """Sum the squares (..., i, j) of the values i to j around their mean; infinite for i > j."""
     sums = [np.cumsum(w, axis=-1) for w in (weight, weight * x, weight * x**2)]
     within = [
         s[..., None, :] - (s - w)[..., :, None] for s, w in zip(sums, (weight, weight * x, weight * x**2), strict=True)
@@ -67,8 +67,8 @@ def _interval_squares(x: Reals, weight: Reals) -> Reals:
     return np.where(upper, np.maximum(squares, 0.0), np.inf)
 
 
-def _labels(begins: Indices, count: Indices, k: int) -> Indices:
-    """(..., K) of the sorted values, from where each last cluster begins, (..., c, j)."""
+def _label_values(begins: Indices, count: Indices, k: int) -> Indices:
+    """Label the sorted values (..., K), from where each last cluster begins, (..., c, j)."""
     label = np.zeros((*count.shape, k), np.intp)
     end = np.full(count.shape, k - 1)
     for c in range(k - 1, 0, -1):

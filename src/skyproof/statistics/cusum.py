@@ -34,14 +34,17 @@ _LONG_RUN = 4096  # steps
 
 
 def cusum_step(state: Reals, y: Reals, reference: float) -> Reals:
-    """One step of the sum: state and y (..., d), `reference` k is about half the shift |E y| that one wants to find."""
+    """Run one step of the sum: state and y (..., d).
+
+    `reference` k is about half the shift |E y| that is to be found.
+    """
     total = state + y
     size = np.linalg.norm(total, axis=-1, keepdims=True)
     return np.asarray(total * np.maximum(0.0, 1.0 - reference / np.maximum(size, 1e-300)), float)
 
 
 class CusumPath(NamedTuple):
-    """size : |s| after each step, (..., n). state : s at the end, (..., d), to go on with. Nothing is reset."""
+    """size : |s| after each step, (..., n). state : s at the end, (..., d), to continue with. Nothing is reset."""
 
     size: Reals
     state: Reals
@@ -58,7 +61,10 @@ def cusum_path(y: Reals, reference: float, state: Reals | None = None) -> CusumP
 
 
 def quadrature_nodes(threshold: float) -> tuple[Reals, Reals]:
-    """Gauss-Legendre nodes and weights on (0, threshold), two and more for each unit: the kernel is one unit wide."""
+    """Compute Gauss-Legendre nodes and weights on (0, threshold).
+
+    There are at least two for each unit: the kernel is one unit wide.
+    """
     x, w = _legendre(24 + 2 * int(np.ceil(threshold)))
     return 0.5 * threshold * (x + 1.0), 0.5 * threshold * w
 
@@ -67,16 +73,19 @@ _legendre = lru_cache(np.polynomial.legendre.leggauss)
 
 
 def _chi_density(x: Reals, degrees: int, r: Reals) -> Reals:
-    """Density at x > 0 of the length of a standard normal vector around a point at distance r > 0 from the origin."""
+    """Compute the density at x > 0 of the length of a standard normal vector around a point.
+
+    The point is at distance r > 0 from the origin.
+    """
     half = 0.5 * degrees
     return np.asarray(x * (x / r) ** (half - 1.0) * np.exp(-0.5 * (x - r) ** 2) * special.ive(half - 1.0, r * x), float)
 
 
 def cusum_within(size: float, steps: int, reference: float, degrees: int) -> float:
-    """Probability under the null that a sum which has run for long is `size` > 0 or more in one of so many steps.
+    """Return the chance under the null that a sum which has run for long reaches `size` > 0 in so many steps.
 
-    It is the law of a window's largest |s|, where the window goes on with the sum that the one before it left: what
-    began to grow there counts here as well, so that this is more than `steps` over the run length. All terms are
+    It is the law of a window's largest |s|, where the window continues the sum of the one before. Growth that began
+    there counts here as well, so that this is more than `steps` over the run length. All terms are
     positive, and small probabilities keep their digits. A size beyond 60 counts as 60.
     """
     size = min(size, _LARGEST)
@@ -98,14 +107,14 @@ def cusum_within(size: float, steps: int, reference: float, degrees: int) -> flo
 
 
 def transition_matrix(start: Reals, nodes: Reals, weights: Reals, reference: float, degrees: int) -> Reals:
-    """Probabilities of one step from each start to zero and to each node: (n_start, 1 + n_nodes)."""
+    """Compute the probabilities of one step from each start to zero and to each node: (n_start, 1 + n_nodes)."""
     back = special.chndtr(reference**2, degrees, start**2)
     return np.column_stack((back, weights * _chi_density(nodes + reference, degrees, start[:, None])))
 
 
 @lru_cache(maxsize=64)
 def _stationary(reference: float, degrees: int) -> tuple[Reals, Reals]:
-    """Sizes, zero and nodes up to the largest, and the probability of each in the long run."""
+    """Return sizes, zero and nodes up to the largest, and the probability of each in the long run."""
     nodes, weights = quadrature_nodes(_LARGEST)
     start = np.concatenate(([ORIGIN], nodes))
     # Powers of a positive matrix keep the digits of small probabilities; solving for its eigenvector does not.

@@ -1,4 +1,4 @@
-"""Directions and small vectors: cosines, blocks of a sphere, whole numbers in phases, and which of several are equal.
+"""Directions and small vectors: cosines, points on a sphere, whole numbers in phases, and tests of equality.
 
 Azimuth is the angle from the x axis towards the y axis, elevation the angle above the x-y plane; both radians.
 Covariances are positive definite. All functions take free leading axes, written (...).
@@ -23,9 +23,9 @@ __all__ = [
     "equal_statistic",
     "equality_chance",
     "hemisphere",
-    "nearest_whole",
+    "mahalanobis_squared",
     "pair_statistics",
-    "squared_norm",
+    "subtract_nearest_whole",
 ]
 
 
@@ -34,32 +34,38 @@ ALL_NEIGHBOURS: Final = 4
 
 
 def direction_cosines(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> Reals:
-    """Unit vectors (..., 3): cos el cos az, cos el sin az, sin el."""
+    """Compute unit vectors (..., 3): cos el cos az, cos el sin az, sin el."""
     az_rad, el_rad = np.broadcast_arrays(np.asarray(azimuth_rad, np.float64), np.asarray(elevation_rad, np.float64))
     level = np.cos(el_rad)
     return np.stack((level * np.cos(az_rad), level * np.sin(az_rad), np.sin(el_rad)), axis=-1)
 
 
 def hemisphere(count: int) -> Reals:
-    """Directions (count, 3) spread evenly over the upper hemisphere: equal steps of height, turned by the golden angle
-    (Gonzalez, Mathematical Geosciences 42, 2010)."""
+    """Spread directions (count, 3) evenly over the upper hemisphere.
+
+    Heights have equal steps, azimuths turn by the golden angle (Gonzalez, Mathematical Geosciences 42, 2010).
+    """
     k = np.arange(count)
     up = (k + 0.5) / count
     return direction_cosines(np.pi * (3.0 - np.sqrt(5.0)) * k, np.arcsin(up))
 
 
-def squared_norm(vector: ArrayLike, covariance: ArrayLike) -> Reals:
-    """vector' covariance^-1 vector of (..., d) and (..., d, d); chi-square with d degrees for N(0, covariance)."""
-    return np.asarray(np.sum(_whitened(np.asarray(vector, np.float64), _whitener(covariance)) ** 2, axis=-1))
+def mahalanobis_squared(vector: ArrayLike, covariance: ArrayLike) -> Reals:
+    """Compute vector' covariance^-1 vector of (..., d) and (..., d, d).
+
+    It is chi-square with d degrees for N(0, covariance).
+    """
+    return np.asarray(np.sum(_whiten(np.asarray(vector, np.float64), _whitener(covariance)) ** 2, axis=-1))
 
 
-def nearest_whole(vector: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Reals]:
-    """The vector less the whole numbers that leave the least vector' covariance^-1 vector, and that least.
+def subtract_nearest_whole(vector: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Reals]:
+    """Subtract the whole numbers that leave the least vector' covariance^-1 vector; also return that least.
 
-    Each component is rounded and its neighbours tried: all 3^d up to `ALL_NEIGHBOURS` components; of more, which are
-    taken for differences against one antenna, those that rounding against each other antenna gives. Exact while
-    standard deviations are small against one half. Then the least is chi-square with d degrees for N(0, covariance)
-    plus any whole numbers, and does not depend on which antenna differences refer to (rounding alone does).
+    Each component is rounded and its neighbours tried: all 3^d up to `ALL_NEIGHBOURS` components. More components are
+    taken for differences against one antenna; then the neighbours are those that rounding against each other antenna
+    gives. The result is exact while standard deviations are small against one half. Then the least is chi-square with
+    d degrees for N(0, covariance) plus any whole numbers. Unlike rounding alone, it does not depend on the reference
+    antenna.
 
     Parameters
     ----------
@@ -72,11 +78,11 @@ def nearest_whole(vector: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Real
     vector = np.asarray(vector, np.float64)
     remainder = vector - np.rint(vector)
     whitener = _whitener(covariance)
-    white = _whitened(remainder, whitener)
+    white = _whiten(remainder, whitener)
     least = np.sum(white**2, axis=-1)
     choice = np.zeros(white.shape)
     for step in _neighbours(remainder):
-        tried = np.sum((white - _whitened(step, whitener)) ** 2, axis=-1)
+        tried = np.sum((white - _whiten(step, whitener)) ** 2, axis=-1)
         better = tried < least
         least = np.where(better, tried, least)
         choice = np.where(better[..., None], step, choice)
@@ -84,7 +90,7 @@ def nearest_whole(vector: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Real
 
 
 def _neighbours(remainder: Reals) -> Iterator[Reals]:
-    """Whole numbers (..., d) or (d,) that may leave less than none."""
+    """Yield whole numbers (..., d) or (d,) that may leave a smaller rest than zero does."""
     d = remainder.shape[-1]
     if d > ALL_NEIGHBOURS:
         yield from (np.rint(remainder - remainder[..., k : k + 1]) for k in range(d))
@@ -93,7 +99,7 @@ def _neighbours(remainder: Reals) -> Iterator[Reals]:
 
 
 def pair_statistics(values: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
-    """Of every pair, the squared norm of their difference: (..., n, n), chi-square with d degrees where equal.
+    """Compute the squared norm of every pair's difference: (..., n, n), chi-square with d degrees where equal.
 
     Parameters
     ----------
@@ -103,11 +109,13 @@ def pair_statistics(values: ArrayLike, covariance: ArrayLike, *, wrapped: bool =
     covariance = np.broadcast_to(np.asarray(covariance, np.float64), values.shape + values.shape[-1:])
     difference = values[..., :, None, :] - values[..., None, :, :]
     total = covariance[..., :, None, :, :] + covariance[..., None, :, :, :]
-    return nearest_whole(difference, total)[1] if wrapped else squared_norm(difference, total)
+    return subtract_nearest_whole(difference, total)[1] if wrapped else mahalanobis_squared(difference, total)
 
 
 def equal_statistic(values: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> tuple[Reals, Reals, Reals]:
-    """Are n vectors one? Sum of squared norms about their weighted mean: chi-square with (n - 1) d degrees if so.
+    """Test if n vectors are equal, by the sum of squared norms about their weighted mean.
+
+    It is chi-square with (n - 1) d degrees if so.
 
     Parameters
     ----------
@@ -121,15 +129,15 @@ def equal_statistic(values: ArrayLike, covariance: ArrayLike, *, wrapped: bool =
     covariance = np.broadcast_to(np.asarray(covariance, np.float64), values.shape + values.shape[-1:])
     if wrapped:
         first = values[..., :1, :]
-        values = first + nearest_whole(values - first, covariance + covariance[..., :1, :, :])[0]
+        values = first + subtract_nearest_whole(values - first, covariance + covariance[..., :1, :, :])[0]
     information = np.linalg.inv(covariance)
     of_mean = np.linalg.inv(information.sum(axis=-3))
     mean = np.einsum("...ab,...nbc,...nc->...a", of_mean, information, values)
-    return squared_norm(values - mean[..., None, :], covariance).sum(axis=-1), mean, of_mean
+    return mahalanobis_squared(values - mean[..., None, :], covariance).sum(axis=-1), mean, of_mean
 
 
 def complete_linkage(distance: ArrayLike, limit: float) -> Indices:
-    """Clusters in which no pair is farther apart than `limit`, joined from the nearest pair on.
+    """Join clusters from the nearest pair on, in which no pair is farther apart than `limit`.
 
     Parameters
     ----------
@@ -146,11 +154,11 @@ def complete_linkage(distance: ArrayLike, limit: float) -> Indices:
     labels = np.tile(np.arange(n), (apart.shape[0], 1))
     for _ in range(n - 1):
         nearest = apart.reshape(-1, n * n).argmin(axis=-1)
-        one, other = np.divmod(nearest, n)
-        trial = np.flatnonzero(apart[np.arange(len(nearest)), one, other] <= limit)
+        first, second = np.divmod(nearest, n)
+        trial = np.flatnonzero(apart[np.arange(len(nearest)), first, second] <= limit)
         if trial.size == 0:
             break
-        kept, gone = np.minimum(one, other)[trial], np.maximum(one, other)[trial]
+        kept, gone = np.minimum(first, second)[trial], np.maximum(first, second)[trial]
         joined = np.maximum(apart[trial, kept], apart[trial, gone])
         joined[np.arange(trial.size), kept] = np.inf
         apart[trial, kept, :], apart[trial, :, kept] = joined, joined
@@ -172,11 +180,11 @@ class Clusters(NamedTuple):
 def equal_clusters(
     values: ArrayLike, covariance: ArrayLike, *, false_alarm_probability: float, wrapped: bool = False
 ) -> Clusters:
-    """Which of n vectors are equal.
+    """Find which of n vectors are equal.
 
     n equal vectors are all in one cluster with a probability of at least 1 - `false_alarm_probability`, by the union
-    bound over their pairs. With others among them that are nearly equal they may be divided more often, as one of them
-    may be joined to such a neighbour first.
+    bound over their pairs. Nearly equal vectors among them may divide them more often, as one of them may be joined to
+    such a neighbour first.
 
     Parameters
     ----------
@@ -190,9 +198,11 @@ def equal_clusters(
 
 
 def equality_chance(design: Reals, covariance: Reals, limit: float, *, wrapped: bool = False) -> float:
-    """Chance that a signal from anywhere above is taken for equal to another: the largest over the other's direction.
+    """Return the chance that a signal from anywhere above is taken for equal to another.
 
-    Over 32 directions of the other, and 8000 of the signal, spread evenly over the hemisphere.
+    It is the largest over the other's direction.
+
+    It is computed over 32 directions of the other, and 8000 of the signal, spread evenly over the hemisphere.
 
     Parameters
     ----------
@@ -204,16 +214,20 @@ def equality_chance(design: Reals, covariance: Reals, limit: float, *, wrapped: 
 
 @lru_cache(maxsize=64)
 def _equality_chance(design_bytes: bytes, covariance_bytes: bytes, limit: float, wrapped: bool) -> float:
-    """Kept, as a geometry meets window after window and this takes a tenth of a second."""
+    """Cache the chance, as a geometry recurs window after window and this takes a tenth of a second."""
     design = np.frombuffer(design_bytes).reshape(-1, 3)
     covariance = np.frombuffer(covariance_bytes).reshape(len(design), -1)
-    means, others = hemisphere(8000) @ design.T, hemisphere(32) @ design.T
+    means, references = hemisphere(8000) @ design.T, hemisphere(32) @ design.T
     shift = np.linspace(0.0, 2.0 * limit + 100.0, 2000)
     taken = 1.0 - noncentral_chi_square_survival(limit, len(design), shift)
     worst = 0.0
-    for other in others:
+    for other in references:
         difference = means - other
-        far = nearest_whole(difference, 2.0 * covariance)[1] if wrapped else squared_norm(difference, 2.0 * covariance)
+        far = (
+            subtract_nearest_whole(difference, 2.0 * covariance)[1]
+            if wrapped
+            else mahalanobis_squared(difference, 2.0 * covariance)
+        )
         worst = max(worst, float(np.interp(far, shift, taken).mean()))
     return worst
 
@@ -222,7 +236,7 @@ def _whitener(covariance: ArrayLike) -> Reals:
     return np.asarray(np.linalg.inv(np.linalg.cholesky(np.asarray(covariance, np.float64))), np.float64)
 
 
-def _whitened(vector: Reals, whitener: Reals) -> Reals:
+def _whiten(vector: Reals, whitener: Reals) -> Reals:
     if whitener.ndim == 2:
         return np.asarray(vector @ whitener.T)
     return np.asarray(np.matmul(whitener, vector[..., None])[..., 0])

@@ -29,12 +29,12 @@ __all__ = [
 
 
 def chi_square_survival(statistic: ArrayLike, dof: ArrayLike) -> Reals:
-    """P(X > statistic) for X chi-square with `dof` degrees of freedom."""
+    """Return P(X > statistic) for X chi-square with `dof` degrees of freedom."""
     return np.asarray(special.chdtrc(dof, np.asarray(statistic, float)), float)
 
 
 def chi_square_threshold(probability: ArrayLike, dof: ArrayLike) -> Reals:
-    """The value that chi-square with `dof` degrees exceeds with `probability`."""
+    """Return the value that chi-square with `dof` degrees exceeds with `probability`."""
     return np.asarray(special.chdtri(dof, np.asarray(probability, float)), float)
 
 
@@ -44,15 +44,20 @@ def noncentrality_for_power(threshold: ArrayLike, dof: ArrayLike, *, power: floa
 
 
 def noncentral_chi_square_survival(statistic: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike) -> Reals:
-    """P(X > statistic) for X non-central chi-square; absolute accuracy 1e-10, enough for a power."""
+    """Return P(X > statistic) for X non-central chi-square.
+
+    The absolute accuracy is 1e-10, enough for a power.
+    """
     return np.asarray(1.0 - special.chndtr(np.asarray(statistic, float), dof, noncentrality), float)
 
 
 def noncentral_chi_square_tail(statistic: float, dof: float, noncentrality: float) -> float:
-    """P(X > statistic) for X non-central chi-square: relative accuracy 1e-10 down to 1e-290, as p-values need it.
+    """Return P(X > statistic) for X non-central chi-square, accurate far into the tail.
 
-    A mixture of central ones whose degrees grow by two, with Poisson weights (Johnson, Kotz and Balakrishnan,
-    Continuous Univariate Distributions 2, section 29.3). All terms are positive, so that none takes digits of another.
+    The relative accuracy is 1e-10 down to 1e-290, as p-values need it.
+
+    It is a mixture of central ones whose degrees grow by two, with Poisson weights (Johnson, Kotz and Balakrishnan,
+    Continuous Univariate Distributions 2, section 29.3). All terms are positive, so no digits cancel.
     """
     mean = 0.5 * noncentrality
     reach = 40.0 * math.sqrt(mean) + 800.0  # weights beyond are below 1e-300
@@ -62,12 +67,12 @@ def noncentral_chi_square_tail(statistic: float, dof: float, noncentrality: floa
 
 
 def normal_two_sided(z: ArrayLike) -> Reals:
-    """P(|X| > |z|) for X standard normal."""
+    """Return P(|X| > |z|) for X standard normal."""
     return np.asarray(2.0 * special.ndtr(-np.abs(np.asarray(z, float))), float)
 
 
 def f_survival(statistic: ArrayLike, dof_num: ArrayLike, dof_den: ArrayLike) -> Reals:
-    """P(X > statistic) for X ~ F with (dof_num, dof_den) degrees of freedom; `dof_den` may be infinite.
+    """Return P(X > statistic) for X ~ F with (dof_num, dof_den) degrees of freedom; `dof_den` may be infinite.
 
     With infinitely many degrees the denominator is known, and `dof_num` times the statistic is chi-square.
     """
@@ -77,7 +82,9 @@ def f_survival(statistic: ArrayLike, dof_num: ArrayLike, dof_den: ArrayLike) -> 
 
 
 def f_threshold(probability: ArrayLike, dof_num: ArrayLike, dof_den: ArrayLike) -> Reals:
-    """The value that F with (dof_num, dof_den) degrees exceeds with `probability`; `dof_den` may be infinite.
+    """Return the value that F with (dof_num, dof_den) degrees exceeds with `probability`.
+
+    `dof_den` may be infinite.
 
     d2/(d2 + d1 X) is Beta(d2/2, d1/2), so the upper tail of F is a lower tail of Beta and keeps its digits.
     """
@@ -92,22 +99,24 @@ def f_threshold(probability: ArrayLike, dof_num: ArrayLike, dof_den: ArrayLike) 
 def noncentral_f_survival(
     statistic: ArrayLike, dof_num: ArrayLike, dof_den: ArrayLike, noncentrality: ArrayLike
 ) -> Reals:
-    """P(X > statistic) for X non-central F; absolute accuracy 1e-10, enough for a power."""
+    """Return P(X > statistic) for X non-central F; absolute accuracy 1e-10, enough for a power."""
     cumulative = special.ncfdtr(dof_num, dof_den, noncentrality, np.asarray(statistic, float))
     return np.asarray(1.0 - cumulative, float)
 
 
 def binomial_survival(count: ArrayLike, trials: ArrayLike, probability: ArrayLike) -> Reals:
-    """P(X >= count) for X binomial: the chance of at least that many."""
+    """Return P(X >= count) for X binomial: the chance of at least that many."""
     k, n = np.asarray(count, float), np.asarray(trials, float)
     inside = special.betainc(np.maximum(k, 1.0), np.maximum(n - k + 1.0, 1.0), probability)
     return np.asarray(np.where(k <= 0, 1.0, np.where(k > n, 0.0, inside)), float)
 
 
 def binomial_threshold(false_alarm_probability: float, trials: int, probability: float) -> tuple[int, float]:
-    """The smallest count whose chance is at most `false_alarm_probability`, and that chance (the attained rate).
+    """Return the smallest count whose chance is at most `false_alarm_probability`, and that chance.
 
-    The count is `trials` + 1, attained 0, where not even all of them would be rare enough.
+    That chance is the attained rate.
+
+    The count is `trials` + 1, attained 0, if not even all of them would be rare enough.
     """
     counts = np.arange(trials + 2)
     chances = binomial_survival(counts, trials, probability)
@@ -116,7 +125,10 @@ def binomial_threshold(false_alarm_probability: float, trials: int, probability:
 
 
 def binomial_two_sided(count: int, trials: int, probability: float) -> float:
-    """Chance of a count at least as far out as this on its own side, doubled: small if too many and if too few."""
+    """Return the chance of a count at least as far out as this on its side, doubled.
+
+    It is small if there are too many or too few.
+    """
     upper = float(binomial_survival(count, trials, probability))
     lower = 1.0 - float(binomial_survival(count + 1, trials, probability))
     return min(1.0, 2.0 * min(upper, lower))

@@ -1,7 +1,7 @@
 """First-order Gauss-Markov processes in continuous time, stepped and integrated without approximation.
 
-dz/dt = -z / T + noise, stationary with standard deviation s: cov(z(t), z(t + d)) = s^2 exp(-|d| / T). What is exact
-here is the joint law of the values at the ends of each step and of the integrals between them, whatever the step.
+dz/dt = -z / T + noise, stationary with standard deviation s: cov(z(t), z(t + d)) = s^2 exp(-|d| / T). The
+joint law of the values at the ends of each step and of the integrals between them is exact, whatever the step.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,9 @@ _SMALL = 1e-3  # of a correlation time; below, differences lose digits and the s
 
 
 class GaussMarkovStep(NamedTuple):
-    """One step, arrays (...): z1 = keep z0 + drive n; its integral is half (z0 + z1) + spread m; n, m standard normal.
+    """One step, arrays (...): z1 = keep z0 + drive n, with the integral half (z0 + z1) + spread m.
+
+    n and m are standard normal.
 
     The integral's mean given both ends is T tanh(d / 2T) (z0 + z1), its variance s^2 T^2 (2 d / T - 4 tanh(d / 2T)).
     """
@@ -30,7 +32,7 @@ class GaussMarkovStep(NamedTuple):
 
 
 def gauss_markov_step(sigma: ArrayLike, correlation_s: ArrayLike, interval_s: float) -> GaussMarkovStep:
-    """The step of processes of standard deviation `sigma` (...) and correlation time `correlation_s` (...)."""
+    """Compute the step of processes of sigma `sigma` (...) and correlation time `correlation_s` (...)."""
     sigma, correlation_s = np.broadcast_arrays(np.asarray(sigma, np.float64), np.asarray(correlation_s, np.float64))
     steps = interval_s / correlation_s
     tanh = np.tanh(0.5 * steps)
@@ -44,7 +46,7 @@ def gauss_markov_step(sigma: ArrayLike, correlation_s: ArrayLike, interval_s: fl
 
 
 def gauss_markov_path(step: GaussMarkovStep, start: ArrayLike, normals: Reals) -> Reals:
-    """Values (n + 1, k) from `start` (k,) on, one column a process, driven by standard normals (n, k)."""
+    """Simulate values (n + 1, k) from `start` (k,) on, one column a process, driven by standard normals (n, k)."""
     start = np.asarray(start, np.float64)
     path = np.empty((normals.shape[0] + 1, normals.shape[1]))
     path[0] = start
@@ -55,7 +57,9 @@ def gauss_markov_path(step: GaussMarkovStep, start: ArrayLike, normals: Reals) -
 
 
 def gauss_markov_allan_variance(sigma: ArrayLike, correlation_s: ArrayLike, tau_s: ArrayLike) -> Reals:
-    """Allan variance of such a process as a rate, shapes broadcast: IEEE Std 952-1997, annex C, equation C.21.
+    """Compute the Allan variance of such a process as a rate: IEEE Std 952-1997, annex C, equation C.21.
+
+    Shapes broadcast.
 
     It peaks at 1.89 correlation times, at (0.617 sigma)^2.
     """

@@ -1,4 +1,4 @@
-"""Kalman's update of a linear state by measurements with Gaussian noise."""
+"""Kalman update of a linear state by measurements with Gaussian noise."""
 
 from typing import NamedTuple
 
@@ -24,7 +24,7 @@ class KalmanUpdate(NamedTuple):
 
     @property
     def statistic(self) -> Reals:
-        """The innovation's square over its covariance (...): chi-square with m degrees where the models hold."""
+        """Return the innovation's square over its covariance (...): chi-square with m degrees if the models hold."""
         y = self.innovation
         return np.asarray(np.sum(y * np.linalg.solve(self.spread, y[..., None])[..., 0], axis=-1))
 
@@ -40,8 +40,8 @@ def kalman_update(
 ) -> KalmanUpdate:
     """Update a state by measurements that are linear in it.
 
-    The covariance has Joseph's form, which holds for any gain and stays positive whatever the rounding (Groves,
-    Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., 3.2.2, (3.58)).
+    The covariance has Joseph's form, which holds for any gain and stays positive whatever the rounding. See Groves,
+    Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed., 3.2.2, (3.58).
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ def largest_p_value_without(
     least: int,
     enough: float = 1.0,
 ) -> float:
-    """Return the largest of a test's p-values without any two of the items; 1 where fewer than `least` would remain.
+    """Return the largest of a test's p-values without any two of the items; 1 if fewer than `least` would remain.
 
     Parameters
     ----------

@@ -23,23 +23,23 @@ class LineFit(NamedTuple):
 
 
 def line_columns(n: int, times: Reals | None = None) -> Reals:
-    """Orthonormal columns (n, 2) of level and slope; `times` (n,) if the points are not evenly spaced."""
+    """Build orthonormal columns (n, 2) of level and slope; `times` (n,) if the points are not evenly spaced."""
     centred = np.arange(n, dtype=float) if times is None else np.asarray(times, float)
     centred = centred - centred.mean()
     return np.column_stack([np.full(n, n**-0.5), centred / np.linalg.norm(centred)])
 
 
 def fit_line(values: Reals, times: Reals | None = None) -> LineFit:
-    """Least-squares line through `values` (..., N, M), time along the second last axis."""
+    """Fit a least-squares line through `values` (..., N, M), time along the second last axis."""
     columns = line_columns(values.shape[-2], times)
     coefficients = columns.T @ values
     return LineFit(coefficients[..., 0, :], coefficients[..., 1, :], values - columns @ coefficients)
 
 
 def additive_contrasts(sigma: Reals, groups: Indices | None = None) -> tuple[Reals, Reals]:
-    """Orthonormal contrasts that remove row + column effects from a table of noisy numbers.
+    """Build orthonormal contrasts that remove row + column effects from a table of noisy numbers.
 
-    With groups of rows a column has an effect of its own on each group: M = (K-G)(R-1) with G groups.
+    With groups of rows a column has a separate effect on each group: M = (K-G)(R-1) with G groups.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Are more of several p-values small than chance explains? How many, and how small, is left to the data."""
+"""Test if more of several p-values are small than chance explains, however many and however small."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -21,8 +21,7 @@ class ManySmall(NamedTuple):
 
 
 def many_small(p_values: Sequence[float] | Reals, *, least: int = 1, most: float = 1.0) -> ManySmall:
-    """Test that p-values (n,) are independent and uniform, against "some of them, `least` or more, are small": `most`
-    or less.
+    """Test that p-values (n,) are independent and uniform, against "`least` or more are small": `most` or less.
 
     The statistic is the smallest, over k, of the binomial probability that k or more of n are at or below the k-th
     smallest (R. H. Berk, D. H. Jones, Z. Wahrscheinlichkeitstheorie 47, 1979, doi 10.1007/BF00533250). Its law is exact
@@ -43,11 +42,13 @@ def many_small(p_values: Sequence[float] | Reals, *, least: int = 1, most: float
 
 
 def many_small_chance(chance: float, n: int, least: int = 1, most: float = 1.0) -> float:
-    """P(for some k from `least` on the k-th smallest of n uniform values is at most `most`, and so small that k or more
-    are with a binomial probability of at most `chance`).
+    """Return the chance of a smallest binomial probability of at most `chance`, for n uniform p-values.
 
-    A walk over the cuts c_k, at each of which k or more must not lie below: sums of positive terms only, so the tail
-    keeps its digits.
+    It is the chance of this event for some k from `least` on: the k-th smallest of n values is at most `most`. Also, k
+    or more values are so small with a binomial probability of at most `chance`.
+
+    The sum walks over the cuts c_k; at each, k or more must not lie below. All terms are positive, so the tail keeps
+    its digits.
     """
     if chance >= 1.0:
         return 1.0
@@ -56,20 +57,20 @@ def many_small_chance(chance: float, n: int, least: int = 1, most: float = 1.0) 
     below, crossed, before = np.zeros(n + 1), 0.0, 0.0
     below[0] = 1.0
     for count, cut in zip(counts, cuts, strict=True):
-        below = _moved(below, n, (cut - before) / max(1.0 - before, 1e-300))
+        below = _update_counts(below, n, (cut - before) / max(1.0 - before, 1e-300))
         crossed += float(below[count:].sum())
         below[count:] = 0.0
         before = cut
     return min(1.0, crossed)
 
 
-def _moved(below: Reals, n: int, share: float) -> Reals:
-    """Probabilities of how many of n lie below, once each of the others has fallen below with probability `share`."""
+def _update_counts(below: Reals, n: int, share: float) -> Reals:
+    """Update the probabilities of how many of n lie below, if each of the others falls below with `share`."""
     moved = np.zeros(n + 1)
     for already in np.flatnonzero(below):
-        left = n - int(already)
-        new = np.arange(left + 1)
-        log_ways = special.gammaln(left + 1.0) - special.gammaln(new + 1.0) - special.gammaln(left - new + 1.0)
-        chance = np.exp(log_ways + special.xlogy(new, share) + special.xlog1py(left - new, -share))
+        above = n - int(already)
+        new = np.arange(above + 1)
+        log_ways = special.gammaln(above + 1.0) - special.gammaln(new + 1.0) - special.gammaln(above - new + 1.0)
+        chance = np.exp(log_ways + special.xlogy(new, share) + special.xlog1py(above - new, -share))
         moved[already:] += below[already] * chance
     return moved

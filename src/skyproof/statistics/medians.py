@@ -1,4 +1,4 @@
-"""Medians of what is known of each series, all series at once."""
+"""Medians of the finite values of each series, all series at once."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Reals
 from skyproof.detectors.array.array_model import array_design, differences
-from skyproof.statistics.directions import nearest_whole, squared_norm
+from skyproof.statistics.directions import mahalanobis_squared, subtract_nearest_whole
 
 __all__ = [
     "between_signals",
@@ -49,7 +49,11 @@ def single_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped:
     residual_cyc : (..., d). covariance : (..., d, d).
     wrapped : choose the whole cycles that leave least; needs errors small against half a cycle.
     """
-    return nearest_whole(residual_cyc, covariance)[1] if wrapped else squared_norm(residual_cyc, covariance)
+    return (
+        subtract_nearest_whole(residual_cyc, covariance)[1]
+        if wrapped
+        else mahalanobis_squared(residual_cyc, covariance)
+    )
 
 
 def between_signals(residual_cyc: ArrayLike, covariance: ArrayLike) -> tuple[Reals, Reals]:
@@ -85,8 +89,8 @@ def direction_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, design: 
     basis = np.linalg.svd(design, full_matrices=False)[0][:, :dof]
     weighted = np.linalg.solve(covariance, np.broadcast_to(basis, (*covariance.shape[:-2], *basis.shape)))
     along = np.einsum("...kq,...k->...q", weighted, residual_cyc)
-    statistic = squared_norm(along, np.swapaxes(weighted, -1, -2) @ basis)
-    return statistic, squared_norm(residual_cyc, covariance) - statistic, dof
+    statistic = mahalanobis_squared(along, np.swapaxes(weighted, -1, -2) @ basis)
+    return statistic, mahalanobis_squared(residual_cyc, covariance) - statistic, dof
 
 
 def blind_directions(direction: ArrayLike, elements_cyc: ArrayLike, *, tolerance: float = 1e-9) -> Reals:

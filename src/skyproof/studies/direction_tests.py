@@ -7,7 +7,12 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from skyproof.arrays import Reals
-from skyproof.statistics.directions import direction_cosines, equal_statistic, nearest_whole, squared_norm
+from skyproof.statistics.directions import (
+    direction_cosines,
+    equal_statistic,
+    mahalanobis_squared,
+    subtract_nearest_whole,
+)
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
@@ -53,7 +58,7 @@ def outsider_statistic(
     """
     difference = np.asarray(value, np.float64) - np.asarray(mean, np.float64)
     total = np.asarray(covariance, np.float64) + np.asarray(of_mean, np.float64)
-    return nearest_whole(difference, total)[1] if wrapped else squared_norm(difference, total)
+    return subtract_nearest_whole(difference, total)[1] if wrapped else mahalanobis_squared(difference, total)
 
 
 def noncentrality_for_power(power: ArrayLike, false_alarm_probability: ArrayLike, dof: ArrayLike) -> Reals:
@@ -100,7 +105,7 @@ def dead_zone(
         elif rounding:
             far = _rounded_square(here[rows], there, inverse)
         else:
-            far = nearest_whole(here[rows, None, :] - there, covariance)[1]
+            far = subtract_nearest_whole(here[rows, None, :] - there, covariance)[1]
         total[rows] = (far < limit) @ weight
     return total
 

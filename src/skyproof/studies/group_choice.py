@@ -45,7 +45,7 @@ from scipy import special
 
 from skyproof.arrays import Indices, Reals
 from skyproof.detectors.multi_receiver.one_antenna import baseline_design, compute_contrasts
-from skyproof.statistics.clusters import LineClusters, line_clusters
+from skyproof.statistics.clusters import LineClusters, divide_line
 from skyproof.statistics.distributions import chi_square_survival, f_survival
 
 __all__ = [
@@ -135,7 +135,7 @@ def transmit_antennas(difference_m: Reals, sigma_m: ArrayLike, false_alarm_proba
     Signals of one antenna have the same difference; two antennas at equal difference of distance look as one. The
     probability of finding more antennas than there are is at most `false_alarm_probability`.
     """
-    return line_clusters(difference_m, sigma_m, false_alarm_probability)
+    return divide_line(difference_m, sigma_m, false_alarm_probability)
 
 
 def pairings(receivers: int) -> Indices:

@@ -18,7 +18,7 @@ from skyproof.detectors.array.array_model import (
     residual_covariance,
     white_covariance,
 )
-from skyproof.statistics.directions import direction_cosines, squared_norm
+from skyproof.statistics.directions import direction_cosines, mahalanobis_squared
 from skyproof.statistics.distributions import chi_square_threshold, noncentral_chi_square_survival
 from skyproof.studies.array_geometry import blind_directions, equilateral_triangle, single_statistic
 from skyproof.studies.base import Row, StudySettings
@@ -96,7 +96,7 @@ def roc(settings: StudySettings) -> Iterator[Row]:
     (21, 40) is read."""
     for figure, side, predicted, received in ROC_CASES:
         apart = array_design(equilateral_triangle(side)) @ (_directions([predicted]) - _directions([received]))[0]
-        noncentrality = float(squared_norm(apart, WHITE))
+        noncentrality = float(mahalanobis_squared(apart, WHITE))
         for p_fa in np.round(np.geomspace(1e-4, 1.0, 41), 10):
             p_d = float(noncentral_chi_square_survival(chi_square_threshold(p_fa, 2), 2, noncentrality))
             yield {
@@ -265,7 +265,7 @@ def scenarios(settings: StudySettings) -> Iterator[Row]:
                             "errors": errors,
                             "test": test,
                         }
-                together = float(squared_norm(apart.ravel(), covariance))
+                together = float(mahalanobis_squared(apart.ravel(), covariance))
                 limit = chi_square_threshold(P_FA, 6)
                 yield {
                     "location": location,
@@ -283,7 +283,7 @@ def _power(apart: Reals, covariance: Reals, test: str) -> float:
     """The paper's statistic under errors is chi-square stretched by how much they add, the same in all directions but
     for the attitude's little part."""
     stretch = float(np.trace(np.linalg.solve(WHITE, covariance))) / 2.0 if test == "paper" else 1.0
-    return float(noncentral_chi_square_survival(THRESHOLD / stretch, 2, squared_norm(apart, covariance)))
+    return float(noncentral_chi_square_survival(THRESHOLD / stretch, 2, mahalanobis_squared(apart, covariance)))
 
 
 # What errors of position do -------------------------------------------------------------------------------------------
@@ -386,8 +386,8 @@ def eight(settings: StudySettings) -> Iterator[Row]:
             moved = _directions([(az, el + (shift_deg if el < 70 else -shift_deg)) for az, el in SKY_DEG])
             apart = (moved - sky) @ design.T
             far = {
-                "no errors": [squared_norm(apart[k], WHITE) for k in range(8)],
-                "alone": [squared_norm(apart[k], covariance[blocks_of[k]]) for k in range(8)],
+                "no errors": [mahalanobis_squared(apart[k], WHITE) for k in range(8)],
+                "alone": [mahalanobis_squared(apart[k], covariance[blocks_of[k]]) for k in range(8)],
                 "conditional": [apart[k] @ information[blocks_of[k]] @ apart[k] for k in range(8)],
             }
             far["joint"] = far["conditional"]

@@ -41,7 +41,7 @@ from skyproof.navigation.chance import bound_chance_p_value
 from skyproof.navigation.least_squares import design_matrix
 from skyproof.navigation.raim import check_residuals, fit_whitened
 from skyproof.statistics.autoregression import ar1_line
-from skyproof.statistics.clusters import line_clusters
+from skyproof.statistics.clusters import divide_line
 from skyproof.statistics.cusum import cusum_step
 from skyproof.statistics.directions import (
     direction_cosines,
@@ -567,7 +567,7 @@ def line_parts(apart: float) -> Draw:
 
     def draw(rng: np.random.Generator, n: int) -> Reals:
         values = np.resize(apart * np.arange(3.0), 9) + rng.standard_normal((n, 9))
-        return line_clusters(values, 1.0, 1e-9).p_value
+        return divide_line(values, 1.0, 1e-9).p_value
 
     return draw
 
@@ -578,7 +578,7 @@ def too_many_parts(apart: float) -> Draw:
     def draw(rng: np.random.Generator, n: int) -> Reals:
         values, p = np.resize(apart * np.arange(3.0), 9) + rng.standard_normal((n, 9)), np.ones(n)
         for asked in ASKED[::-1]:
-            p[line_clusters(values, 1.0, asked).number > 3] = asked
+            p[divide_line(values, 1.0, asked).number > 3] = asked
         return p
 
     return draw

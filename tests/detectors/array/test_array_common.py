@@ -23,8 +23,8 @@ from skyproof.statistics.directions import (
     equal_clusters,
     equal_statistic,
     equality_chance,
-    nearest_whole,
     pair_statistics,
+    subtract_nearest_whole,
 )
 from skyproof.statistics.distributions import binomial_two_sided, chi_square_threshold
 from skyproof.studies.array_geometry import equilateral_triangle, regular_tetrahedron
@@ -41,11 +41,11 @@ def test_whole_cycles_do_not_matter_nor_does_the_first_antenna():
     rng = np.random.default_rng(1)
     phase = 0.05 * rng.standard_normal((500, 5))
     covariance = white_covariance(np.full(5, 0.05))
-    expected = nearest_whole(phase[:, 1:] - phase[:, :1], covariance)[1]
+    expected = subtract_nearest_whole(phase[:, 1:] - phase[:, :1], covariance)[1]
     moved = phase + rng.integers(-4, 5, phase.shape)
     for order in (slice(None), [3, 0, 1, 2, 4]):
         turned = moved[:, order]
-        found = nearest_whole(turned[:, 1:] - turned[:, :1], covariance)[1]
+        found = subtract_nearest_whole(turned[:, 1:] - turned[:, :1], covariance)[1]
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -56,7 +56,7 @@ def test_nearest_whole_is_the_least_over_all_whole_numbers():
     all_whole = np.stack(np.meshgrid(np.arange(-6, 7), np.arange(-6, 7)), axis=-1).reshape(-1, 2)
     rest = z[:, None] - all_whole
     every = np.einsum("tka,ab,tkb->tk", rest, np.linalg.inv(covariance), rest)
-    remainder, least = nearest_whole(z, covariance)
+    remainder, least = subtract_nearest_whole(z, covariance)
     np.testing.assert_allclose(least, every.min(axis=1), rtol=1e-12)
     np.testing.assert_allclose(remainder, rest[np.arange(200), every.argmin(axis=1)], atol=1e-12)
 

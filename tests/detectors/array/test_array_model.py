@@ -19,7 +19,7 @@ from skyproof.detectors.array.array_model import (
     sky_p_value,
     white_covariance,
 )
-from skyproof.statistics.directions import direction_cosines, hemisphere, nearest_whole, squared_norm
+from skyproof.statistics.directions import direction_cosines, hemisphere, mahalanobis_squared, subtract_nearest_whole
 from skyproof.statistics.distributions import (
     binomial_two_sided,
     chi_square_survival,
@@ -53,7 +53,7 @@ SKY = towards(*SKY_DEG)
 
 def noncentrality(side, predicted, received):
     apart = array_design(equilateral_triangle(side)) @ (towards(predicted) - towards(received))[0]
-    return float(squared_norm(apart, WHITE))
+    return float(mahalanobis_squared(apart, WHITE))
 
 
 def power(p_fa, far, dof=2):
@@ -193,7 +193,7 @@ def test_averaging_meets_a_floor_that_calibration_does_not():
                 position_sigma_cyc=0.001 * sigma_mm / 0.19029,
                 attitude_covariance_rad2=TILT,
             )
-            assert float(power(0.01, squared_norm(apart, covariance))) == pytest.approx(p_d, abs=1e-3)
+            assert float(power(0.01, mahalanobis_squared(apart, covariance))) == pytest.approx(p_d, abs=1e-3)
 
 
 @pytest.mark.parametrize(("side", "alone", "given", "unbiased"), [(1, 3.488, 1.484, 1.741), (5, 3.553, 1.486, 1.747)])
@@ -229,7 +229,7 @@ def test_calibrated_tests_alarm_at_the_rate_asked_for(side):
     z = z + rng.integers(-3, 4, z.shape)
     covariance = errors_of(side, bias_sigma_cyc=0.02)
     own = np.array([covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)])
-    near = nearest_whole(z, own)[0]
+    near = subtract_nearest_whole(z, own)[0]
     without_bias, its_covariance = between_signals(near, errors_of(side))
     p_values = {
         "single": chi_square_survival(single_statistic(z, own, wrapped=True)[:, 3], 2),

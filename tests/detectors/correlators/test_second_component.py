@@ -17,7 +17,7 @@ from skyproof.detectors.correlators.second_component import (
     earlier,
     line_p_value,
     pair_taps,
-    tolerated_amplitude,
+    reflection_amplitude,
 )
 
 
@@ -129,7 +129,7 @@ def test_two_reflections_of_one_beat_do_not_come_before_their_signal():
 def test_reflections_that_are_allowed_for_are_not_counted():
     """As many times the allowed error as its own law has it: half of them within 0.7 sigma, and few beyond three."""
     rng = np.random.default_rng(6)
-    allowed = tolerated_amplitude(1.0, 0.125, CHIP_M)
+    allowed = reflection_amplitude(1.0, 0.125, CHIP_M)
     assert allowed == pytest.approx(1.0 / (0.125 * CHIP_M))
     p_values = []
     for _ in range(100):

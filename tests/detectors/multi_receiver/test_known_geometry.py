@@ -8,7 +8,7 @@ from skyproof.detectors.multi_receiver.known_geometry import (
     AntennaDistance,
     AntennaPlaces,
     LearntBaseline,
-    agreement_p_value,
+    consistency_p_value,
     geometry_survival,
 )
 from skyproof.detectors.multi_receiver.one_antenna import BaselineEstimate
@@ -67,7 +67,7 @@ def test_under_the_truth_agreement_is_uniform_and_survival_is_never_too_small(kn
         else:
             learnt_m = TRUE_M + root_m @ rng.normal(size=3)
             geometry = LearntBaseline(measured(learnt_m, spread_m2))
-        agreed[k] = agreement_p_value(geometry, (measured(shown_m, spread_m2),))
+        agreed[k] = consistency_p_value(geometry, (measured(shown_m, spread_m2),))
         estimate = BaselineEstimate(shown_m[None], spread_m2[None])
         survived[k] = geometry_survival(geometry, RECEIVERS, estimate, np.array([np.inf]))[0]
     for rate in (0.2, 0.05):
@@ -78,7 +78,7 @@ def test_under_the_truth_agreement_is_uniform_and_survival_is_never_too_small(kn
 @pytest.mark.parametrize("off_m", [(10.0, 0.0, 0.0), (0.0, -12.0, 0.0), (0.0, 0.0, 15.0)])
 def test_places_notice_every_direction(off_m):
     baseline = measured(TRUE_M + off_m, np.diag([1.0, 1.0, 4.0]))
-    assert agreement_p_value(AntennaPlaces(PLACES), (baseline,)) < 1e-6
+    assert consistency_p_value(AntennaPlaces(PLACES), (baseline,)) < 1e-6
 
 
 def test_a_distance_notices_what_is_nearer_or_farther_and_not_what_lies_beside():
@@ -89,14 +89,14 @@ def test_a_distance_notices_what_is_nearer_or_farther_and_not_what_lies_beside()
         ((18.0, 12.0, 0.0), False),
         ((60.0, 40.0, 0.0), False),
     ):
-        assert (agreement_p_value(given, (measured(shown_m, np.eye(3)),)) > 0.5) == agrees
+        assert (consistency_p_value(given, (measured(shown_m, np.eye(3)),)) > 0.5) == agrees
 
 
 def test_the_worst_part_of_a_window_counts():
     good, bad = measured(TRUE_M, np.eye(3)), measured(TRUE_M + (12.0, 0.0, 0.0), np.eye(3))
     known = AntennaPlaces(PLACES)
-    assert agreement_p_value(known, (good, good)) > 0.5
-    assert agreement_p_value(known, (good, bad)) < 1e-6
+    assert consistency_p_value(known, (good, good)) > 0.5
+    assert consistency_p_value(known, (good, bad)) < 1e-6
 
 
 def test_three_receivers_share_the_first_ones_error():

@@ -26,7 +26,7 @@ from skyproof.detectors.array.array_model import (
     white_covariance,
 )
 from skyproof.detectors.array.policy import POLICY
-from skyproof.statistics.directions import hemisphere, nearest_whole, squared_norm
+from skyproof.statistics.directions import hemisphere, mahalanobis_squared, subtract_nearest_whole
 from skyproof.statistics.distributions import chi_square_survival, chi_square_threshold
 
 __all__ = [
@@ -90,7 +90,7 @@ class ArrayFrame:
     bias_sigma_cyc: float
     freed: int = 0
 
-    def loosen(self, *, attitude: bool, bias: bool) -> "ArrayFrame":
+    def widen(self, *, attitude: bool, bias: bool) -> "ArrayFrame":
         """Return the frame with attitude or lines unknown."""
         covariance = self.attitude_covariance_rad2
         if attitude and not self.attitude_free:
@@ -184,14 +184,11 @@ def find_agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probabil
 
     If not all agree, the limit for each is one that true signals rarely exceed, however rare alarms are to be. A signal
     beyond that limit that would raise no alarm is doubtful.
-
-    Where not all do, those agree that true signals are seldom beyond, however rare alarms are to be; who is beyond
-    that, and would raise no alarm, is doubtful.
     """
     n, d = measured.cycles.shape
     covariance = compute_covariance(measured, frame)
-    tight = compute_covariance(measured, _tighten(frame))
-    residual, least = nearest_whole(residuals(measured, frame), diagonal_blocks(tight, n, d))
+    tight = compute_covariance(measured, _limit_errors(frame))
+    residual, least = subtract_nearest_whole(residuals(measured, frame), diagonal_blocks(tight, n, d))
     p_value = float(sky_p_value(residual, covariance, wrapped=False))
     missed = max(false_alarm_probability, POLICY.fitted_missed_probability)
     if p_value >= false_alarm_probability:
@@ -208,7 +205,7 @@ def find_agreement(measured: MeanPhases, frame: ArrayFrame, false_alarm_probabil
         if not outside.size:
             break
         mean, remaining = predict_from_members(residual[members], covariance, members, outside)
-        off, statistic = nearest_whole(residual[outside] - mean, remaining)
+        off, statistic = subtract_nearest_whole(residual[outside] - mean, remaining)
         p_values[outside] = chi_square_survival(statistic, d)
         best = int(p_values[outside].argmax())
         if not members.size or p_values[outside[best]] < missed / n:
@@ -267,7 +264,7 @@ def _build_agreement(
     p_values = p_values.copy()
     p_values[members] = chi_square_survival(_conditional(residual[members], member_covariance), d)
     most = float(chi_square_threshold(false_alarm_probability / n, d))
-    cost = float(squared_norm(residual[members].ravel(), member_covariance)) if members.size else 0.0
+    cost = float(mahalanobis_squared(residual[members].ravel(), member_covariance)) if members.size else 0.0
     return Agreement(
         frame=frame,
         members=members,
@@ -294,10 +291,10 @@ def _conditional(residual: Reals, covariance: Reals) -> Reals:
     n, d = residual.shape
     information = np.linalg.inv(covariance)
     weighted = (information @ residual.ravel()).reshape(n, d)
-    return squared_norm(weighted, diagonal_blocks(information, n, d))
+    return mahalanobis_squared(weighted, diagonal_blocks(information, n, d))
 
 
-def _tighten(frame: ArrayFrame) -> ArrayFrame:
+def _limit_errors(frame: ArrayFrame) -> ArrayFrame:
     """Return the frame for choosing whole cycles: about a frame that fits, errors are small."""
     return replace(
         frame,

@@ -248,9 +248,8 @@ def find_bent_signals(
 
     The worst is found first. It affects the mean of all, so the others are judged without it.
 
-    The worst first: what it leaves is in the mean of all as well, so that the others are judged without it. Of two
-    signals neither is named, as either may be the bent one. If none is bent, one is found with `accept_probability` at
-    most (union bound over signals).
+    If two signals are given, neither is named, as either may be the bent one. If none is bent, one is found with
+    `accept_probability` at most (union bound over signals).
 
     Parameters
     ----------

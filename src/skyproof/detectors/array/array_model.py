@@ -29,7 +29,7 @@ from skyproof.gnss.sky import compute_unit_vectors, rotate_to_reception
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.nav_state import interpolate_state, mark_covered
 from skyproof.records import ArrayPhases, NavigationData, NavState
-from skyproof.statistics.directions import nearest_whole, squared_norm
+from skyproof.statistics.directions import mahalanobis_squared, subtract_nearest_whole
 from skyproof.statistics.distributions import chi_square_survival
 
 __all__ = [
@@ -131,8 +131,8 @@ def joint_statistic(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: 
     """
     residual_cyc = np.asarray(residual_cyc, np.float64)
     if wrapped:
-        residual_cyc = nearest_whole(residual_cyc, diagonal_blocks(covariance, *residual_cyc.shape[-2:]))[0]
-    return squared_norm(residual_cyc.reshape(*residual_cyc.shape[:-2], -1), covariance)
+        residual_cyc = subtract_nearest_whole(residual_cyc, diagonal_blocks(covariance, *residual_cyc.shape[-2:]))[0]
+    return mahalanobis_squared(residual_cyc.reshape(*residual_cyc.shape[:-2], -1), covariance)
 
 
 def conditional_statistics(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = False) -> Reals:
@@ -145,10 +145,10 @@ def conditional_statistics(residual_cyc: ArrayLike, covariance: ArrayLike, *, wr
     residual_cyc = np.asarray(residual_cyc, np.float64)
     n, d = residual_cyc.shape[-2:]
     if wrapped:
-        residual_cyc = nearest_whole(residual_cyc, diagonal_blocks(covariance, n, d))[0]
+        residual_cyc = subtract_nearest_whole(residual_cyc, diagonal_blocks(covariance, n, d))[0]
     information = np.linalg.inv(np.asarray(covariance, np.float64))
     weighted = np.einsum("...ij,...j->...i", information, residual_cyc.reshape(*residual_cyc.shape[:-2], n * d))
-    return squared_norm(weighted.reshape(residual_cyc.shape), diagonal_blocks(information, n, d))
+    return mahalanobis_squared(weighted.reshape(residual_cyc.shape), diagonal_blocks(information, n, d))
 
 
 def sky_p_value(residual_cyc: ArrayLike, covariance: ArrayLike, *, wrapped: bool = True) -> Reals:

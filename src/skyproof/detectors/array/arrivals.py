@@ -12,7 +12,7 @@ from skyproof.arrays import Reals
 from skyproof.detectors.array.agreement import Agreement, MeanPhases, compute_covariance, predict_from_members
 from skyproof.detectors.array.array_model import array_design
 from skyproof.detectors.array.policy import POLICY
-from skyproof.statistics.directions import hemisphere, nearest_whole
+from skyproof.statistics.directions import hemisphere, subtract_nearest_whole
 from skyproof.statistics.distributions import chi_square_threshold
 
 __all__ = ["Arrival", "across", "find_arrivals"]
@@ -63,7 +63,7 @@ def find_arrivals(
     upper = hemisphere(min(int(2.0 * np.pi * (reach / _CELL_RAD) ** 2), _MOST_CELLS))
     grid = np.concatenate([upper, upper * [1.0, 1.0, -1.0]])
     total = covariance + _predict_shared(known, agreed, grid[:1], ratio)[1][0]
-    far = nearest_whole(cycles - frame.bias_cyc - grid @ design.T, total)[1]
+    far = subtract_nearest_whole(cycles - frame.bias_cyc - grid @ design.T, total)[1]
     limit = float(chi_square_threshold(POLICY.missed_direction_probability, len(cycles)))
     # The nearest direction of the grid is off by up to half a cell's diagonal: where errors are small, by many sigmas.
     sharpest = float(np.linalg.eigvalsh(design.T @ np.linalg.solve(total, design))[-1])
@@ -82,7 +82,7 @@ def find_arrivals(
     found: list[Arrival] = []
     for row in np.argsort(statistics, kind="stable"):
         arrival = Arrival(directions[row], spreads[row])
-        if statistics[row] < limit and not any(_is_within(arrival, one.direction) for one in found):
+        if statistics[row] < limit and not any(_is_within(arrival, known_arrival.direction) for known_arrival in found):
             found.append(arrival)
     return found
 
@@ -135,7 +135,7 @@ def _fit_directions(
         going = np.arange(len(directions))
         for _ in range(_ROUNDS):
             at = directions[going]
-            off, statistics[going] = nearest_whole(
+            off, statistics[going] = subtract_nearest_whole(
                 cycles - agreed.frame.bias_cyc - mean[going] - at @ design.T, total[going]
             )
             axes = across(at)
@@ -168,9 +168,6 @@ def _widen_towards_plane(design: Reals, inverse: Reals, directions: Reals, of_an
 
     Towards the plane of a flat array the error of an angle grows. The slope halfway to where three sigmas end is that
     of the chord. Where that comes near the plane the axis is at most doubled.
-
-    Towards the plane of a flat array an angle is known less and less. The slope halfway to where three sigmas end is
-    that of the chord. Where that comes near the plane the axis is at most doubled.
     """
     values, vectors = np.linalg.eigh(of_angles)
     longest, longer = values[:, -1], vectors[:, :, -1]

@@ -235,7 +235,7 @@ class InsArray:
             attitude_covariance_rad2=self._attitude_covariance(state),
             bias_sigma_cyc=self.settings.bias_sigma_cyc,
         )
-        stated = stated.loosen(attitude=stated.attitude_free, bias=not phases.calibrated)
+        stated = stated.widen(attitude=stated.attitude_free, bias=not phases.calibrated)
         return self._find_best_view(state, refs, measured, stated)
 
     def _find_best_view(
@@ -252,13 +252,13 @@ class InsArray:
         # Whole cycles are chosen by an attitude only if it leaves less than that of the longest baseline.
         reach = float(np.linalg.norm(array_design(measured.elements_cyc), axis=1).max(initial=0.0))
         vague = bool(stated.attitude_sigma_rad * reach > POLICY.vague_sigma_cyc)
-        start = stated.loosen(attitude=vague or stated.attitude_free, bias=stated.bias_free)
+        start = stated.widen(attitude=vague or stated.attitude_free, bias=stated.bias_free)
         found = view(start)
         if found.agreed.p_value >= alpha or len(names) - found.satellites < 2:
             return found
         for attitude, bias in ((True, False), (False, True), (True, True)):
             attitude, bias = attitude or start.attitude_free, bias or start.bias_free
-            other = start.loosen(attitude=attitude, bias=bias)
+            other = start.widen(attitude=attitude, bias=bias)
             tried = view(other) if other.freed > start.freed else found
             if tried.accepted and tried.satellites > found.satellites + 1:
                 return tried

@@ -10,7 +10,7 @@ from skyproof.detectors.array.agreement import ArrayFrame, MeanPhases, compute_c
 from skyproof.detectors.array.array_model import array_design, diagonal_blocks
 from skyproof.detectors.array.policy import POLICY
 from skyproof.records import NOTICED, NoticedAttack
-from skyproof.statistics.directions import hemisphere, nearest_whole
+from skyproof.statistics.directions import hemisphere, subtract_nearest_whole
 from skyproof.statistics.distributions import chi_square_threshold, noncentrality_for_power
 
 __all__ = ["least_noticeable_angle", "least_noticeable_satellites"]
@@ -53,7 +53,10 @@ def least_noticeable_angle(
     above = sphere[sphere @ up >= 0.0]
     widest = 0.0
     for direction, ratio, signal_information in zip(measured.direction, measured.ratio, information, strict=True):
-        unseen = nearest_whole(ratio * (above - direction) @ design.T, np.linalg.inv(signal_information))[1] < enough
+        unseen = (
+            subtract_nearest_whole(ratio * (above - direction) @ design.T, np.linalg.inv(signal_information))[1]
+            < enough
+        )
         cosine = above[unseen] @ direction / np.linalg.norm(direction)
         widest = max(widest, float(np.arccos(np.clip(cosine.min(initial=1.0), -1.0, 1.0))))
     widest += float(np.sqrt(2.0 * np.pi / _DIRECTIONS))  # to the next direction of the grid

@@ -303,7 +303,7 @@ class _Window:
         return [*found, *([self._report_unbroken(unbroken, look, steps)] if unbroken else [])]
 
     def _find_breaks(self, look: _Look) -> dict[Kind, _Break]:
-        """Map each kind that broke, now or before, to what broke it."""
+        """Find what broke each kind, now or before."""
         broke = {} if self.past is None else dict(self.past.broke)
         for kinds, step in look.steps:
             if step.p_value < self.alpha:

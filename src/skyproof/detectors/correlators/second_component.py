@@ -35,7 +35,7 @@ from skyproof.arrays import Complexes, ComplexFloats, Reals
 from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.detectors.correlators.policy import POLICY
 
-__all__ = ["BeatLine", "combine_smallest", "distortion", "earlier", "line_p_value", "pair_taps", "tolerated_amplitude"]
+__all__ = ["BeatLine", "combine_smallest", "distortion", "earlier", "line_p_value", "pair_taps", "reflection_amplitude"]
 
 EARLY_CHIPS = np.arange(-1.5, -0.249, 0.125)
 OTHER_CHIPS = np.arange(-0.125, 1.501, 0.125)
@@ -135,7 +135,7 @@ def earlier(looks: ComplexFloats, delays_chips: Reals, step_s: float) -> BeatLin
     )
 
 
-def tolerated_amplitude(multipath_sigma_m: float, early_chips: float, chip_m: float) -> float:
+def reflection_amplitude(multipath_sigma_m: float, early_chips: float, chip_m: float) -> float:
     """Return the largest relative amplitude of a reflection that shifts the code by `multipath_sigma_m`.
 
     With early and late at +-`early_chips`, an amplitude a shifts it by a early_chips (Kaplan & Hegarty, 9.5.2, coherent

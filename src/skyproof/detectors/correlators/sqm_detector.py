@@ -20,7 +20,7 @@ from skyproof.detectors.correlators.second_component import (
     distortion,
     earlier,
     pair_taps,
-    tolerated_amplitude,
+    reflection_amplitude,
 )
 from skyproof.errors import SettingsError, require_probability
 from skyproof.records import (
@@ -164,7 +164,7 @@ def _test_signals(taps: Taps, multipath_sigma_m: float) -> list[_Signal]:
         looks = _longest_run(value[:, column], tracked[:, column] & (tracked[:, rivals].sum(axis=1) == 1))
         if len(looks) < POLICY.least_looks:
             continue
-        allowed = tolerated_amplitude(multipath_sigma_m, early_chips, taps.signals[column].plan.chip_m)
+        allowed = reflection_amplitude(multipath_sigma_m, early_chips, taps.signals[column].plan.chip_m)
         parts = np.array_split(looks, -(-len(looks) // round(POLICY.longest_line_s / step_s)))
         lines = [distortion(part, taps.delays_chips, step_s, allowed=allowed) for part in parts]
         early = [earlier(part, taps.delays_chips, step_s) for part in parts]

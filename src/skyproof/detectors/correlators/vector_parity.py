@@ -134,7 +134,7 @@ def find_explanations(y: Reals, white: Whitener, probability: float) -> tuple[Ex
         found = []
         for satellites in combinations(range(n), size):
             columns = list(satellites)
-            remaining = _squared_rest(y[:half], white.code[:, columns]) + _squared_rest(
+            remaining = _residual_square(y[:half], white.code[:, columns]) + _residual_square(
                 y[half:], white.phase[:, columns]
             )
             p_value = float(chi_square_survival(remaining, dof)) if dof else 1.0
@@ -170,7 +170,7 @@ def select_likely_sets(y: Reals, white: Whitener, wrong_probability: float) -> t
     return tuple(found[i] for i in order[:kept])
 
 
-def _squared_rest(y: Reals, columns: Reals) -> float:
+def _residual_square(y: Reals, columns: Reals) -> float:
     """Compute the squared length of y outside the span of the columns."""
     fitted = columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
     return float(np.sum((y - fitted) ** 2))

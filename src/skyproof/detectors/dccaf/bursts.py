@@ -242,7 +242,7 @@ def _interpolate_vector(x, first, step, value, slope, out):  # type: ignore[no-u
 
 @compiled
 def _project(data, vector, out):  # type: ignore[no-untyped-def]
-    """Project each interval on a vector, and return the vector's square."""
+    """Compute each interval's projection on a vector, and the vector's square."""
     for b in range(data.shape[0]):
         real, imag = 0.0, 0.0
         for i in range(vector.size):
@@ -293,7 +293,7 @@ def _explain_delays(data, t1, t2, weaker, table, room):  # type: ignore[no-untyp
 
 @compiled
 def _climb(data, t1, t2, weaker, table, room):  # type: ignore[no-untyped-def]
-    """Climb to the top near a pair, by trying all eight sides and halving the step."""
+    """Find the top near a pair, by trying all eight sides and halving the step."""
     best, size = _explain_delays(data, t1, t2, weaker, table, room), 0.02
     while size > _LAST_STEP_CHIPS:
         to1, to2, top = t1, t2, best

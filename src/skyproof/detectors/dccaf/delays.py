@@ -13,7 +13,7 @@ import numpy as np
 from scipy import special
 
 from skyproof.arrays import Booleans, Integers, Reals
-from skyproof.decomposition.fit import at_strongest_doppler, taps_dictionary
+from skyproof.decomposition.fit import combine_bins, taps_dictionary
 from skyproof.detectors.dccaf.bursts import BurstComponents, Shapes, build_shapes, fit_components, joint_p_value
 from skyproof.detectors.dccaf.policy import POLICY
 from skyproof.errors import require_probability
@@ -141,7 +141,7 @@ def _decompose(ccaf: Ccaf, epochs: Integers, row: int, settings: DccafSettings) 
     taps = grid[:, 0]
     if ccaf.dopplers_hz.size > 1:
         table = taps_dictionary(points, ccaf.band_hz, signal.plan, window_chips=settings.window_chips)
-        taps, factor, _ = at_strongest_doppler(grid, table, ccaf.dopplers_hz, ccaf.coherent_s)
+        taps, factor, _ = combine_bins(grid, table, ccaf.dopplers_hz, ccaf.coherent_s)
         noise = factor * noise
     code_shapes = build_shapes(signal.plan, prn_of(signal.sat), points, ccaf.band_hz, settings.window_chips)
     return fit_components(taps[None], code_shapes, noise[None]), code_shapes

@@ -65,8 +65,6 @@ def _trapezoid(design):  # type: ignore[no-untyped-def]
     """Compute orthonormal rows beside the columns of `design`, row i zero left of column i, by two QR decompositions.
 
     It is compiled: single calls from Python would take longer than the search that they serve.
-
-    Compiled: called one by one from Python they would take longer than the search that they are for.
     """
     n = design.shape[0]
     wide = np.zeros((n, n + _UNKNOWNS))
@@ -79,7 +77,7 @@ def _trapezoid(design):  # type: ignore[no-untyped-def]
 
 @compiled
 def _search_all(terms, counts, limit, choice, statistic):  # type: ignore[no-untyped-def]
-    """Visit all sets by partial sums, the last satellite innermost; return how many pass.
+    """Search all sets by partial sums, the last satellite innermost; return how many pass.
 
     Writes as many as the arrays hold.
     """

@@ -140,7 +140,7 @@ class BroadcastMessages:
                 before = tuple(dict.fromkeys((*sent.get(key, ()), *filed.get(key, ()))))
                 newest = latest.get((o.receiver, key), e.reference_gpst)
                 latest[o.receiver, key] = max(newest, e.reference_gpst)
-                why = _find_outdated(e, gpst, newest) or self._contradicted(e, before)
+                why = _find_outdated(e, gpst, newest) or self._find_contradiction(e, before)
                 odd |= {} if why is None else {e.sat: why}
                 of_day |= self._compare_with_day(e, before) if why is None else {}
                 sent[key] = (*(other for other in sent.get(key, ()) if other != e), e)[-POLICY.remembered_data_sets :]
@@ -151,12 +151,12 @@ class BroadcastMessages:
                 found.append(self._test_number(report, o, of_day.keys(), differ, of_day=True))
         return found, past
 
-    def _contradicted(self, e: Ephemeris, before: Sequence[Ephemeris]) -> _Oddity | None:
-        """Return how a data set contradicts others of its satellite; None where it does not."""
+    def _find_contradiction(self, e: Ephemeris, before: Sequence[Ephemeris]) -> _Oddity | None:
+        """Find how a data set contradicts others of its satellite; None if it does not."""
         if any(_same_issue(e, other) and _other_orbit(e, other) for other in before):
             return _Oddity("issue_repeated")
-        others = [other for other in before if other.healthy and serve_together(e, other) and _other_orbit(e, other)]
-        chances = [(chance, other) for other in others if (chance := chance_of_difference(e, other)) is not None]
+        serving = [other for other in before if other.healthy and serve_together(e, other) and _other_orbit(e, other)]
+        chances = [(chance, other) for other in serving if (chance := chance_of_difference(e, other)) is not None]
         if not e.healthy or not chances:
             return None
         chance, other = min(chances, key=itemgetter(0))

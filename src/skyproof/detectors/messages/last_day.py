@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from skyproof.detectors.messages.laws import differences_m, stated_sigma_m
+from skyproof.detectors.messages.laws import accuracy_sigma_m, differences_m
 from skyproof.detectors.messages.policy import POLICY
 from skyproof.gnss.constants import MU_M3_S2, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import Ephemeris
@@ -66,7 +66,7 @@ def clock_sigma_m(apart_s: float) -> float:
 
 def difference_over_hours(e: Ephemeris, other: Ephemeris) -> DayDifference | None:
     """Compare a data set, at its time, with another one propagated to it; None if one promises no accuracy."""
-    sigma_m = stated_sigma_m(e, other)
+    sigma_m = accuracy_sigma_m(e, other)
     if sigma_m is None:
         return None
     apart_s = abs(float(seconds_between(e.reference_gpst, other.reference_gpst)))

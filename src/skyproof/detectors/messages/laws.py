@@ -26,12 +26,12 @@ from skyproof.gnss.time import seconds_between
 from skyproof.statistics.distributions import normal_two_sided
 
 __all__ = [
+    "accuracy_sigma_m",
     "chance_of_difference",
     "differences_m",
     "lowest_elevation_rad",
     "range_difference_m",
     "serve_together",
-    "stated_sigma_m",
 ]
 
 _EARTH_M: Final = 6.371e6
@@ -62,11 +62,11 @@ def differences_m(first: Ephemeris, second: Ephemeris, gpst: np.datetime64) -> t
 
 def chance_of_difference(first: Ephemeris, second: Ephemeris) -> float | None:
     """Return the chance of data sets that differ at least so; None where one of them promises no accuracy."""
-    sigma_m = stated_sigma_m(first, second)
+    sigma_m = accuracy_sigma_m(first, second)
     return None if sigma_m is None else float(normal_two_sided(range_difference_m(first, second) / sigma_m))
 
 
-def stated_sigma_m(first: Ephemeris, second: Ephemeris) -> float | None:
+def accuracy_sigma_m(first: Ephemeris, second: Ephemeris) -> float | None:
     """Return the sigma of a difference by the accuracies of two data sets; None if one of them states none."""
     if not all(0 <= e.ura_index < len(URA_M) for e in (first, second)):
         return None

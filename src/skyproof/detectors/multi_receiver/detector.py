@@ -38,7 +38,7 @@ import numpy as np
 
 from skyproof.detectors.base import NotTested, Reporter, leave_open, signals_of
 from skyproof.detectors.multi_receiver.further_signals import Rates, find_further_signals
-from skyproof.detectors.multi_receiver.known_geometry import LearntBaseline, agreement_p_value
+from skyproof.detectors.multi_receiver.known_geometry import LearntBaseline, consistency_p_value
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
 from skyproof.detectors.multi_receiver.one_set import decide_one_set
 from skyproof.detectors.multi_receiver.over_time import decide_over_time
@@ -126,13 +126,13 @@ class MultiReceiver:
                 covariance_m2=np.mean([b.covariance_m2 for b in whole], axis=0),
             )
         )
-        agreeing = sum(agreement_p_value(middle, (b,)) >= self.settings.accept_probability for b in whole)
+        agreeing = sum(consistency_p_value(middle, (b,)) >= self.settings.accept_probability for b in whole)
         return middle if agreeing > POLICY.agreeing_windows_share * len(whole) else None
 
     def _review_one(self, e: Finding, learnt: LearntBaseline | None) -> Finding:
         if learnt is None:
             return e
-        p_value, data = agreement_p_value(learnt, e.baselines), {**e.data, **learnt.data}
+        p_value, data = consistency_p_value(learnt, e.baselines), {**e.data, **learnt.data}
         agrees = p_value >= self.settings.accept_probability
         if e.code == "one_may_be_false" and agrees:
             p_one: Any = e.data["p_one_antenna"]

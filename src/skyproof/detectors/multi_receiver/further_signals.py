@@ -38,7 +38,7 @@ from skyproof.navigation.search import WindowRanges, compute_innovation
 from skyproof.navigation.sets import measure_window
 from skyproof.navigation.skies import group_by_kind
 from skyproof.records import ConsistentSet, Kind, Observations, Records, SignalId, SignalRef
-from skyproof.statistics.clusters import line_clusters
+from skyproof.statistics.clusters import divide_line
 from skyproof.statistics.many_small import many_small
 from skyproof.statistics.medians import medians
 
@@ -364,7 +364,7 @@ def _group_by_antenna(
 def _pair_signals(
     named: Mapping[SignalRef, _Beside], sky: Pairing, first: str, other: str
 ) -> list[tuple[_Beside, _Beside]]:
-    """Pair the named signals of each satellite that has one in each of two receivers."""
+    """Match the named signals of each satellite that has one in each of two receivers."""
     by_sat: dict[tuple[str, str], list[_Beside]] = {}
     for ref, b in named.items():
         if ref.signal.sat in sky.ranges.sats and ref.signal.kind in sky.kinds:
@@ -377,7 +377,7 @@ def _pair_signals(
 
 
 def _cluster(away_m: Reals, sigma_m: Reals, probability: float) -> list[Indices]:
-    clusters = line_clusters(away_m, sigma_m, probability)
+    clusters = divide_line(away_m, sigma_m, probability)
     return [np.flatnonzero(clusters.label == number) for number in range(int(clusters.number))]
 
 

@@ -6,9 +6,9 @@ the true baseline decides. A false sky in one receiver that agrees with the ante
 that agrees with their distance shows a point of the sphere around the other antenna.
 
 Two questions, two p-values. `geometry_survival` holds for a rejection: under a clean sky it is below alpha at most with
-probability alpha, whatever the noise (`one_antenna.ContrastLevels`). `agreement_p_value` decides whether to believe. It
-takes the noise as it looks, over the whole window and over parts of it. So it notices a false sky that leaves the true
-place within the window.
+probability alpha, whatever the noise (`one_antenna.ContrastLevels`). `consistency_p_value` decides whether to believe.
+It takes the noise as it looks, over the whole window and over parts of it. So it notices a false sky that leaves the
+true place within the window.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,7 +37,7 @@ __all__ = [
     "Misfit",
     "Reach",
     "StatedGeometry",
-    "agreement_p_value",
+    "consistency_p_value",
     "geometry_survival",
 ]
 
@@ -227,7 +227,7 @@ class _LevelDistance:
     sigma_m: float
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
-        squared = _from_sphere(enu_m[..., :2], covariance_m2[..., :2, :2], self.distance_m, self.sigma_m)
+        squared = _fit_sphere(enu_m[..., :2], covariance_m2[..., :2, :2], self.distance_m, self.sigma_m)
         return Misfit(squared, dof=3, exact=1)
 
     def reach(self, receivers: Sequence[str]) -> None:
@@ -270,7 +270,7 @@ class AntennaDistance:
         return {"known": "distance", "distance_m": self.distance_m, "distance_sigma_m": self.sigma_m}
 
     def misfit(self, receivers: Sequence[str], enu_m: Reals, covariance_m2: Reals) -> Misfit:
-        return Misfit(_from_sphere(enu_m, covariance_m2, self.distance_m, self.sigma_m), dof=4, exact=1)
+        return Misfit(_fit_sphere(enu_m, covariance_m2, self.distance_m, self.sigma_m), dof=4, exact=1)
 
     def reach(self, receivers: Sequence[str]) -> Reach:
         spread_m = POLICY.reach_sigmas * self.sigma_m
@@ -324,7 +324,7 @@ def geometry_survival(
     return f_survival(misfit.squared / misfit.dof, misfit.dof, dof_den)
 
 
-def agreement_p_value(geometry: Fit, baselines: Sequence[Baseline]) -> float:
+def consistency_p_value(geometry: Fit, baselines: Sequence[Baseline]) -> float:
     """Return the p-value of the worst of these baselines of the same receivers, times their number.
 
     It is 1 if all are as known.
@@ -341,8 +341,8 @@ def _from_vector(off_m: Reals, covariance_m2: Reals) -> Misfit:
     return Misfit(np.asarray(np.sum(off_m * solved, axis=-1)), dof, dof)
 
 
-def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m: float) -> Reals:
-    """Minimise over b: (enu - b)^T W (enu - b) + ((|b| - D) / sigma)^2, W = C^-1.
+def _fit_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m: float) -> Reals:
+    """Return the least value over b of (enu - b)^T W (enu - b) + ((|b| - D) / sigma)^2, W = C^-1.
 
     Shapes (..., n), (..., n, n): n is 3, or 2 on a map.
     Where the gradient is zero W (enu - b) = m b with m = (1 - D / |b|) / sigma^2, so b = (W + m)^-1 W enu. Let m grow
@@ -363,7 +363,7 @@ def _from_sphere(enu_m: Reals, covariance_m2: Reals, distance_m: float, sigma_m:
 
 @compiled(error_model="numpy")
 def _bisect(weight, along_m, distance_m, sigma_m, high):  # type: ignore[no-untyped-def]
-    """Solve for m of `_from_sphere`, into high (n,), for eigenvalues (n, 2 or 3) and the parts along their axes."""
+    """Solve for m of `_fit_sphere`, into high (n,), for eigenvalues (n, 2 or 3) and the parts along their axes."""
     for k in range(high.size):
         low, high[k] = -weight[k, 0], 1.0 / sigma_m**2
         for _ in range(_ROUNDS):

@@ -119,7 +119,7 @@ class ContrastLevels(NamedTuple):
         return f_threshold(tail, dof_num, self.dof[decides])
 
     def dof_over(self, array: Reals) -> Reals:
-        """Shape `dof` to go along axis 0 of `array`."""
+        """Return `dof` shaped to go along axis 0 of `array`."""
         return self.dof.reshape((-1,) + (1,) * (array.ndim - 1))
 
 

@@ -29,7 +29,7 @@ def decide_one_set(window: Window, pairing: Pairing) -> list[Finding]:
                 {Cause.CLEAN: p_known, Cause.REFLECTIONS: p_false},
                 singled_out=True,
                 data=data if geometry is None else {**data, "assumes": geometry.stated},
-                estimates=collect_estimates((), window.statement(pairing, geometry, agrees=False)),
+                estimates=collect_estimates((), window.build_statement(pairing, geometry, agrees=False)),
             )
         ]
     return [_leave_sender_open(window, pairing, geometry, p_each=p_each, p_known=p_known, p_false=p_false)]
@@ -38,9 +38,10 @@ def decide_one_set(window: Window, pairing: Pairing) -> list[Finding]:
 def _leave_sender_open(
     window: Window, pairing: Pairing, geometry: AntennaGeometry | None, *, p_each: float, p_known: float, p_false: float
 ) -> Finding:
-    """Leave open whether signals come from the sky or from one antenna.
+    """Report that signals come from the sky or from one antenna.
 
-    p_known : of "the sky over antennas that stand as known". p_false : of that, or of echoes."""
+    p_known : of "the sky over antennas that stand as known". p_false : of that, or of echoes.
+    """
     alpha, accept = window.settings.false_alarm_probability, window.settings.accept_probability
     code, causes = "one_antenna_or_sky", leave_open((Cause.REFLECTIONS, Cause.STATEMENT))
     if window.p_one(pairing) >= accept and p_known < alpha:
@@ -84,7 +85,7 @@ def _test_against(window: Window, pairing: Pairing, geometry: AntennaGeometry, p
         "noise_m": float(pairing.noise_m),
         "multipath_sigma_m": window.settings.multipath_sigma_m,
     }
-    statement = window.statement(pairing, geometry, agrees=False) if steady else None
+    statement = window.build_statement(pairing, geometry, agrees=False) if steady else None
     if p_attack < alpha and steady and not learnt:
         attack = window.report.find(
             rest,
@@ -125,12 +126,12 @@ def _find_agreeing_pairs(window: Window, pairing: Pairing) -> list[Finding]:
 
 
 def _report_agreeing(window: Window, pairing: Pairing, geometry: AntennaGeometry, p_one: float) -> Finding:
-    statement = window.statement(pairing, geometry, agrees=True)
+    statement = window.build_statement(pairing, geometry, agrees=True)
     return window.find_authentic(pairing, "as_known", p_one, geometry.assumes, data=geometry.data, statement=statement)
 
 
 def _leave_sky_open(window: Window, pairing: Pairing, p_one: float) -> Finding:
-    """Leave open signals that are not from one antenna, if the true baseline is unknown."""
+    """Report signals that are not from one antenna, if the true baseline is unknown."""
     settings, causes = window.settings, leave_open((Cause.STATEMENT, Cause.REFLECTIONS))
     data: dict[str, Datum] = {**describe_pairing(pairing), "p_one_antenna": p_one}
     apart: dict[str, Datum] = {"farthest_m": float(max(pairing.distances_m or (0.0,)))}
@@ -139,14 +140,14 @@ def _leave_sky_open(window: Window, pairing: Pairing, p_one: float) -> Finding:
         return window.find_open(pairing.subject, "too_far", p_possible, causes, data=data)
     if (p_near := window.p_not_sky(pairing, None)) < settings.false_alarm_probability:
         data |= {**apart, "limit_m": settings.antenna_separation_m}
-        statement = window.statement(pairing, None, agrees=False)
+        statement = window.build_statement(pairing, None, agrees=False)
         return window.find_open(pairing.subject, "too_near", p_near, causes, data=data, statement=statement)
-    borne_out = window.statement(pairing, None, agrees=True) if window.is_apart(pairing) else None
+    borne_out = window.build_statement(pairing, None, agrees=True) if window.is_apart(pairing) else None
     return window.report.find(
         pairing.subject,
         "one_may_be_false",
         leave_open((Cause.FALSE_SKY,)),
         hypothesis=Hypothesis.FALSE_SKY,
         data=data,
-        estimates=collect_estimates(window.believed(pairing), borne_out),
+        estimates=collect_estimates(window.select_believed(pairing), borne_out),
     )

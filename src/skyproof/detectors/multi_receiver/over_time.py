@@ -62,7 +62,7 @@ class _Followed:
     @cached_property
     def joined(self) -> tuple[Pairing, Indices]:
         """Return the run as one window, and its half windows."""
-        joined, cells = self.run.joined(self.pairing)
+        joined, cells = self.run.join(self.pairing)
         miss = self.window.settings.noise(self.tests).miss_probability
         return replace(joined, noise=replace(joined.noise, miss_probability=miss)), cells
 
@@ -97,7 +97,7 @@ class _Followed:
             "as_known_over_time",
             {Cause.FALSE_SKY: p_values},
             ("no_concert", "one_change", *self.geometry.assumes),
-            self.window.statement(self.pairing, self.geometry, agrees=True),
+            self.window.build_statement(self.pairing, self.geometry, agrees=True),
         )
 
     def _find_spoofed(self) -> list[Finding]:
@@ -109,7 +109,7 @@ class _Followed:
             "one_antenna_over_time",
             {Cause.CLEAN: p_values, Cause.REFLECTIONS: p_values + p_echoes},
             self.geometry.assumes if learnt else (),
-            None if learnt else self.window.statement(self.pairing, self.geometry, agrees=False),
+            None if learnt else self.window.build_statement(self.pairing, self.geometry, agrees=False),
         )
 
     def _find_of_open(

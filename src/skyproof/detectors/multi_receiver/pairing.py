@@ -316,7 +316,7 @@ def pair_up(
     min_satellites: int,
     kind: Kind | None = None,
 ) -> Pairing:
-    """Pair the common transmissions of `sets` at common instants, of one kind or of all."""
+    """Build the pairing of the common transmissions of `sets` at common instants, of one kind or of all."""
     ranges = align_ranges(records, sets, kind=kind, min_satellites=min_satellites)
     by_frequency = any(scale == "R" and band in ("G1", "G2") for scale, band, _ in {s.kind for s in ranges.signals})
     if by_frequency:

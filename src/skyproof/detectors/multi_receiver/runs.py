@@ -72,7 +72,7 @@ class WindowRun:
         pairs = zip(self.parts, which, strict=True)
         return replace(self, parts=tuple(replace(part, open=part.open and not done) for part, done in pairs))
 
-    def joined(self, pairing: Pairing) -> tuple[Pairing, Indices]:
+    def join(self, pairing: Pairing) -> tuple[Pairing, Indices]:
         """Join its windows into one, of the kind of `pairing`, the last; also number each instant's half window."""
         tracks = self.tracks
         cells, times_s, ranges_m, sigmas_m = [], [], [], []
@@ -95,7 +95,7 @@ class WindowRun:
 
 
 def prolong(runs: Sequence[WindowRun], pairing: Pairing, *, still_open: bool, least: int) -> WindowRun:
-    """Prolong a run with this pairing, or begin a new one.
+    """Add this pairing to its run, or begin a new one.
 
     A window must follow the run's last, with `least` transmissions in common.
     """
@@ -125,7 +125,7 @@ def window_p_values(
 
     There is one for each window of a run.
 
-    cells : of each instant, the number of its half window, as of `WindowRun.joined`. limit : larger ones are not
+    cells : of each instant, the number of its half window, as of `WindowRun.join`. limit : larger ones are not
     needed; if the run as a whole exceeds it, so does each window. Without orbits all are 1.
     """
     n_windows = int(cells.max()) // 2 + 1

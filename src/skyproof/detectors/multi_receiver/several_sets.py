@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from skyproof.detectors.base import NotTested
-from skyproof.detectors.multi_receiver.known_geometry import AntennaPlaces, agreement_p_value
+from skyproof.detectors.multi_receiver.known_geometry import AntennaPlaces, consistency_p_value
 from skyproof.detectors.multi_receiver.pairing import Pairing, compare_pairings
 from skyproof.detectors.multi_receiver.window import Window, collect_estimates, describe_pairing
 from skyproof.detectors.second_signals.second_sky import second_sky_p_value
@@ -64,7 +64,7 @@ def _shows_one_place(window: Window, pairing: Pairing) -> bool:
     if not pairing.baselines:
         return True
     nowhere = AntennaPlaces(dict.fromkeys(pairing.receivers, (0.0, 0.0, 0.0)), sigma_m=0.0)
-    return agreement_p_value(nowhere, pairing.baselines[:1]) >= window.settings.accept_probability
+    return consistency_p_value(nowhere, pairing.baselines[:1]) >= window.settings.accept_probability
 
 
 def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *, decided: bool) -> Finding | None:
@@ -103,12 +103,12 @@ def _test_false_group(window: Window, pairing: Pairing, false: list[Pairing], *,
         {Cause.CLEAN: p_false},
         singled_out=True,
         data={**describe_pairing(pairing), **window.describe_known(geometry), "group": next(window.groups)},
-        estimates=collect_estimates((), window.statement(pairing, geometry, agrees=False)),
+        estimates=collect_estimates((), window.build_statement(pairing, geometry, agrees=False)),
     )
 
 
 def _test_sky_group(window: Window, sky: Pairing, false: list[Pairing], *, shown: bool) -> Finding | None:
-    """Call a pairing authentic if it comes from the sky. shown : the others are shown to be false."""
+    """Report a pairing as authentic if it comes from the sky. shown : the others are shown to be false."""
     alpha, p_one = window.settings.false_alarm_probability, window.p_each(sky)
     if p_one >= alpha:
         return None
@@ -117,14 +117,14 @@ def _test_sky_group(window: Window, sky: Pairing, false: list[Pairing], *, shown
         # As with one set in each receiver: it is told from the false ones by where the antennas stand.
         if not window.agrees(sky, geometry):
             return None
-        statement = window.statement(sky, geometry, agrees=True)
+        statement = window.build_statement(sky, geometry, agrees=True)
         return window.find_authentic(sky, "as_known", p_one, geometry.assumes, data=geometry.data, statement=statement)
     if not shown:  # beside what may be the sky's, or echoes, nothing is true for being no such
         return None
     p_ratio = max((float(compare_pairings(sky, pairing).p_value) for pairing in false), default=0.0)
     if p_ratio >= alpha or window.p_possible(sky) < alpha:
         return None
-    p_value, baselines = max(p_one, p_ratio), window.believed(sky)
+    p_value, baselines = max(p_one, p_ratio), window.select_believed(sky)
     return window.find_authentic(sky, BESIDE_FALSE_SKY, p_value, ("one_false_sky",), baselines=baselines)
 
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import Final
 
 from skyproof.detectors.base import leave_open
-from skyproof.detectors.multi_receiver.known_geometry import GeometrySlip, agreement_p_value
+from skyproof.detectors.multi_receiver.known_geometry import GeometrySlip, consistency_p_value
 from skyproof.detectors.multi_receiver.policy import POLICY
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
 from skyproof.detectors.multi_receiver.window import SEPARATION
@@ -99,7 +99,7 @@ class Statements:
         if key not in self._slips:
             accept = self.settings.accept_probability
             every = () if geometry is None or not baselines else geometry.slips(test.receivers)
-            self._slips[key] = [slip for slip in every if agreement_p_value(slip.fit, baselines or ()) >= accept]
+            self._slips[key] = [slip for slip in every if consistency_p_value(slip.fit, baselines or ()) >= accept]
         return self._slips[key]
 
     def _is_near_enough(self, test: StatementTest) -> bool:

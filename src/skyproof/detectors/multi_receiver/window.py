@@ -7,7 +7,7 @@ from typing import Any
 
 from skyproof.detectors.base import Reporter, leave_open
 from skyproof.detectors.multi_receiver.carriers import CarrierTest
-from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance, agreement_p_value
+from skyproof.detectors.multi_receiver.known_geometry import AntennaGeometry, LearntDistance, consistency_p_value
 from skyproof.detectors.multi_receiver.learnt import LearntDistances
 from skyproof.detectors.multi_receiver.pairing import Pairing, evaluate_sky_by_carriers, list_groups, pair_up
 from skyproof.detectors.multi_receiver.settings import MultiReceiverSettings
@@ -54,7 +54,9 @@ class Window:
         stated = self.settings.geometry(pairing.receivers)
         return self.learnt.of(pairing.receivers) if stated is None and self.one_choice else stated
 
-    def statement(self, pairing: Pairing, geometry: AntennaGeometry | None, *, agrees: bool) -> StatementTest | None:
+    def build_statement(
+        self, pairing: Pairing, geometry: AntennaGeometry | None, *, agrees: bool
+    ) -> StatementTest | None:
         """Return how a pairing tests the user's statement of the antennas; None without one, or if it is not tested."""
         key = next((key for key in (getattr(geometry, "key", None),) if key), None)
         if geometry is None and self.settings.antenna_separation_m > 0.0:
@@ -76,7 +78,7 @@ class Window:
 
         p_value : of the statement, by code.
         """
-        test = self.statement(pairing, geometry, agrees=False)
+        test = self.build_statement(pairing, geometry, agrees=False)
         if test is None:
             return None
         key = tuple(map(id, pairing.sets))
@@ -120,20 +122,20 @@ class Window:
 
     def agrees(self, pairing: Pairing, geometry: AntennaGeometry) -> bool:
         """Tell if the baselines are as known."""
-        baselines = self.believed(pairing)
-        return bool(baselines) and agreement_p_value(geometry, baselines) >= self.settings.accept_probability
+        baselines = self.select_believed(pairing)
+        return bool(baselines) and consistency_p_value(geometry, baselines) >= self.settings.accept_probability
 
     def p_sky(self, pairing: Pairing, geometry: AntennaGeometry) -> float:
         """Return the p-value of "the sky over these antennas", by baselines of the window and of its parts.
 
         If the noise exceeds the bound of any track's error, that excess replaces the second test.
         """
-        p_parts = agreement_p_value(geometry, pairing.baselines) if pairing.baselines else 1.0
+        p_parts = consistency_p_value(geometry, pairing.baselines) if pairing.baselines else 1.0
         if pairing.noise_m > pairing.noise.bound_m:
             p_parts = pairing.swing_p_value
         return min(1.0, 2.0 * min(pairing.survival(geometry), p_parts))
 
-    def believed(self, pairing: Pairing) -> tuple[Baseline, ...]:
+    def select_believed(self, pairing: Pairing) -> tuple[Baseline, ...]:
         """Return the pairing's baselines; none if the noise exceeds the bound of any track's error."""
         return pairing.baselines if pairing.noise_m <= pairing.noise.bound_m else ()
 

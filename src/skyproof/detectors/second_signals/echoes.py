@@ -188,7 +188,7 @@ def _false_level(over_db: Reals) -> Reals:
 
 @lru_cache(maxsize=512)
 def _tabulate_law(model: EchoModel, chip_m: float, below_db: int, elevation: int) -> tuple[Reals, Reals]:
-    """Tabulate likelihood ratios of cells of delay, level and Doppler, ascending.
+    """Compute likelihood ratios of cells of delay, level and Doppler, ascending.
 
     Also returned is the chance of each ratio or a larger one.
     """

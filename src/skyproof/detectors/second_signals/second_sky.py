@@ -134,7 +134,7 @@ def _p_value_of_same_place(first: ConsistentSet, other: ConsistentSet, sigma_m: 
 
 
 def _spread_m(first: ConsistentSet, chosen: ConsistentSet, sigma_m: Mapping[SignalId, float]) -> float:
-    """Return the least spread of a set's ranges, as they are off at the place of another one, metres.
+    """Return the least spread of the errors that a set's ranges have at the place of another one, metres.
 
     Let w be the weights of the ranges and P the covariance of the position, whatever its clock. The weighted variance
     of what a step changes the ranges by is step' P^-1 step / sum w. No values spread over less than twice its root.
