@@ -3,7 +3,8 @@
 One satellite a rendering, so that no other signal adds noise. Channels are started by hand where the signal is, since
 a search would not find the weakest; all but that is the receiver as it runs. Theory:
 
-- code: the discriminator's formula (`receiver.discriminator`; Kaplan & Hegarty, 8.7.3) and the Cramer-Rao bound of the
+- code: the discriminator's formula (`receiver.discriminator`; Kaplan & Hegarty, 8.7.3) and the Cramer-Rao bound
+of the
   front end's band, 1/(2 C/N0 T b^2) with b the rms bandwidth of the signal (Kay, Estimation Theory, 3.11);
 - carrier and Doppler: the bound of a phase that may accelerate over T = 0.2 s, 9/4 of 1/(2 C/N0 T) in the middle, and
   6/(C/N0 T^3) of the slope (rad and rad/s, squared).
@@ -22,7 +23,7 @@ from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver.acquisition import Peak
-from skyproof.receiver.discriminator import discriminator
+from skyproof.receiver.discriminator import compute_discriminator
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import LoopSettings, Receiver, ReceiverSettings, ReceiverState
 from skyproof.simulator.ideal import SignalDelays, ideal_signals
@@ -127,7 +128,7 @@ def errors(case: Case, settings: Sequence[ReceiverSettings]) -> list[Errors]:
         for i, receiver in enumerate(receivers):
             output, states[i] = receiver.step(states[i], planes)
             parts[i].append(output.measurements)
-    return [_against_truth(Measurements.joined(p), motion) for p in parts]
+    return [_against_truth(Measurements.join(p), motion) for p in parts]
 
 
 def _started(receiver: Receiver, sats: Sequence[str], motion: SignalDelays, cn0_dbhz: float) -> ReceiverState:
@@ -142,7 +143,7 @@ def _started(receiver: Receiver, sats: Sequence[str], motion: SignalDelays, cn0_
             p_value=0.0,
             cn0_dbhz=cn0_dbhz,
         )
-        state = receiver.started(state, peak)
+        state = receiver.start_channel(state, peak)
     return state
 
 
@@ -169,7 +170,7 @@ def theory(case: Case, spacing_chips: float) -> Theory:
     """What theory says of a case."""
     rate_hz, bandwidth_hz = case.front_end_hz
     ratio = 10.0 ** (0.1 * case.cn0_dbhz) * BLOCK_S
-    spread = discriminator(GPS_L1_CA.chip_rate_hz / rate_hz, spacing_chips)
+    spread = compute_discriminator(GPS_L1_CA.chip_rate_hz / rate_hz, spacing_chips)
     f = np.linspace(0.0, 0.5 * rate_hz, 20_001) / GPS_L1_CA.chip_rate_hz  # cycles a chip
     power = np.sinc(f) ** 2
     if bandwidth_hz is not None:
@@ -387,7 +388,7 @@ def _holding() -> Iterator[str]:
                 signals[i] |= {number: arc.signal.sat for number, arc in output.arcs.items()}
                 ends_s[i].update((c.sat, states[i].frame * _DEFAULT.frame_s) for c in states[i].channels)
         for name, measured, ends, sat_of in zip(LOOPS, parts, ends_s, signals, strict=True):
-            table.rows.append((f"{cn0_dbhz:g}", name, *_held(Measurements.joined(measured), motion, ends, sat_of)))
+            table.rows.append((f"{cn0_dbhz:g}", name, *_held(Measurements.join(measured), motion, ends, sat_of)))
     yield from table.text()
 
 

@@ -24,5 +24,5 @@ def following(
         peak = Peak(
             sat=sat, delay_s=wave.delay_s, doppler_hz=wave.doppler_hz, cn0_dbhz=wave.cn0_dbhz, power=100.0, p_value=0.0
         )
-        state = receiver.started(state, peak)
+        state = receiver.start_channel(state, peak)
     return receiver, state, planes

@@ -17,8 +17,8 @@ from timing import Spread, line, take_turns
 from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
-from skyproof.receiver.correlator import correlate_period, scratch_for, table_pad
-from skyproof.receiver.discriminator import discriminator
+from skyproof.receiver.correlator import allocate_scratch, correlate_period, table_pad
+from skyproof.receiver.discriminator import compute_discriminator
 from skyproof.receiver.replica import CODE_SCALE, code_table
 
 RATES_HZ = (2.6e6, 4e6, 5e6, 25e6)
@@ -113,7 +113,7 @@ class _Case:
         self.sums = np.empty((CHANNELS, self.periods, delays_chips.size, 2))
         self.complex = self.samples[0] + 1j * self.samples[1]
         self.power = float(np.mean(self.samples[:, :2000] ** 2) * 2.0) * CODE_SCALE**2
-        self.gain = discriminator(self.nominal, 0.25).gain
+        self.gain = compute_discriminator(self.nominal, 0.25).gain
 
     def correlate(self) -> None:
         _correlate(
@@ -211,7 +211,7 @@ def _correlate(
 ) -> None:
     """Periods of every channel one after another, as `advance` does, but with the loops left open."""
     shifts, dopplers = np.empty(delays.size), np.zeros(1)
-    scratch = scratch_for(tables.shape[2], delays.size)
+    scratch = allocate_scratch(tables.shape[2], delays.size)
     for channel in range(states.shape[0]):
         state = states[channel]
         begin, chip, phase_cyc = int(state[k.START]), state[k.CHIP], state[k.PHASE]

@@ -72,7 +72,7 @@ def trial(rng: np.random.Generator, cell: Cell, settings: ReceiverSettings | Non
         stop_s = min(new) + TRACKED_S + SEEN_S if new else math.inf
         if now_s > min(stop_s + 0.3, math.inf if new else onset_s + WAIT_S + 1.0):
             break
-    return _outcome(Measurements.joined(parts), arcs, (first, second), onset_s, min(stop_s, now_s))
+    return _outcome(Measurements.join(parts), arcs, (first, second), onset_s, min(stop_s, now_s))
 
 
 def _outcome(

@@ -12,7 +12,7 @@ from waves import CHIP_M, RATE_HZ, SAT, Cell
 
 from skyproof.arrays import Reals
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
-from skyproof.receiver.replica import passed
+from skyproof.receiver.replica import low_pass_gain
 from skyproof.receiver.tracking import Receiver
 
 
@@ -24,7 +24,7 @@ def _shape(rate_hz: float) -> tuple[Reals, Reals]:
     """
     chips_per_sample = GPS_L1_CA.chip_rate_hz / rate_hz
     f = (np.arange(4000) + 0.5) / 4000.0 * 0.5 / chips_per_sample
-    weight = np.sinc(f) ** 2 * passed(f * chips_per_sample)
+    weight = np.sinc(f) ** 2 * low_pass_gain(f * chips_per_sample)
     x = np.linspace(-4.0, 4.0, 801)
     top = (np.cos(2.0 * np.pi * np.outer(x, f)) @ weight) / weight.sum()
     chips = GPS_L1_CA.code(prn_of(SAT)).astype(np.float64)

@@ -140,12 +140,12 @@ def track(samples: Samples, scene: Scene, columns: Indices) -> Measurements:
             power=100.0,
             p_value=0.0,
         )
-        state = receiver.started(state, peak)
+        state = receiver.start_channel(state, peak)
     parts, step = [], round(0.5 * RATE_HZ)
     for start in range(0, samples.n_samples, step):
         output, state = receiver.step(state, samples.read_all(start, step))
         parts.append(output.measurements)
-    return Measurements.joined(parts)
+    return Measurements.join(parts)
 
 
 def _errors(found: Measurements, scene: Scene, columns: Indices) -> Tracked:

@@ -105,7 +105,7 @@ def _followed(samples: Samples, planes: Floats, navigation: NavigationData, trac
         now_s = tracker.examined_s
         row = np.full((3, len(GPS_SATS)), np.nan)
         mine = [i for i, one in enumerate(state.channels) if one.copy is not None]
-        shown_s, doppler_hz = g.shown_by_loops(
+        shown_s, doppler_hz = g.read_loops(
             state.loops[mine], now_s, rate_hz=receiver.rate_hz, if_hz=receiver.if_hz, signal=receiver.signal
         )
         measured = tracker.measured.whole()

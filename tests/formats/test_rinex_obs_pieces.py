@@ -33,7 +33,7 @@ VERSION_2 = [
 
 def put_together(pieces):
     """The observations of pieces of a file as one record."""
-    return Observations.joined([*continue_pieces(piece.observations for piece in pieces)])
+    return Observations.join([*continue_pieces(piece.observations for piece in pieces)])
 
 
 def cell(value, lli=" "):

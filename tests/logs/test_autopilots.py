@@ -140,7 +140,7 @@ def test_old_messages_of_px4_are_read() -> None:
 
 
 def joined(pieces: list[LogPiece]) -> tuple[Observations, object, object]:
-    o = Observations.joined([p.observations for p in pieces if p.observations is not None])
+    o = Observations.join([p.observations for p in pieces if p.observations is not None])
     return o, *(join_rows([v for p in pieces if (v := getattr(p, name)) is not None]) for name in ("fixes", "inertial"))
 
 

@@ -364,7 +364,7 @@ def test_blocks_of_any_size_give_the_same(monkeypatch) -> None:
     monkeypatch.setattr("skyproof.logs.text._STRETCH_BYTES", 5000)
     pieces = list(read_gnsslogger([text[k : k + 777] for k in range(0, len(text), 777)], "phone"))
     assert len(pieces) > 5
-    joined = Observations.joined([p.observations for p in pieces if p.observations is not None])
+    joined = Observations.join([p.observations for p in pieces if p.observations is not None])
     for name in ("gpst", "pseudorange_m", "doppler_hz", "status"):
         np.testing.assert_array_equal(getattr(joined, name), getattr(whole.observations, name))
     frames = [f for p in pieces for f in p.frames]

@@ -149,7 +149,7 @@ def test_blocks_of_any_size_give_the_same(shared_data, name, monkeypatch) -> Non
     pieces = list(read_log([octets[k : k + 999] for k in range(0, len(octets), 999)], "rx"))
     assert len(pieces) >= len(octets) // 31_000
     observed = [piece.observations for piece in pieces if piece.observations is not None]
-    joined = Observations.joined(observed)
+    joined = Observations.join(observed)
     assert joined.signals == whole.observations.signals
     for field in ("gpst", "pseudorange_m", "carrier_cyc", "status", "half_cycle_open"):
         np.testing.assert_array_equal(getattr(joined, field), getattr(whole.observations, field))

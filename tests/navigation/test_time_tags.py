@@ -84,5 +84,5 @@ def test_stretches_are_judged_as_the_whole():
     o, nav = measured()
     late = labelled(o, -18.0)
     parts = [estimate_tag_errors(late.read(0, 7), nav), estimate_tag_errors(late.read(7, EPOCHS), nav)]
-    joined = TagErrors.joined(parts)
+    joined = TagErrors.join(parts)
     np.testing.assert_allclose(joined.error_s, estimate_tag_errors(late, nav).error_s, atol=1e-9)

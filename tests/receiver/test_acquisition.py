@@ -9,8 +9,8 @@ from scipy import stats
 from tests.recordings import COMPLEX_4, CTTC, REAL_12, REAL_24
 
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS, prn_of
-from skyproof.receiver.acquisition import KnownSignal, Searcher, SearchSettings, _covered
-from skyproof.receiver.calibration import exponent, tail_of
+from skyproof.receiver.acquisition import KnownSignal, Searcher, SearchSettings, _is_in_arcs
+from skyproof.receiver.calibration import fit_tail, tail_exponent
 from skyproof.receiver.cancellation import measure, remove, separation_chips
 from skyproof.receiver.fourier import N_CELLS, correlate_rows
 
@@ -309,7 +309,7 @@ def test_arcs_of_a_circle_cover_what_they_cover_one_by_one(arcs):
     one_by_one = np.zeros(30, bool)
     for k, far in zip(middle, reach, strict=True):
         one_by_one[np.arange(k - far, k + far + 1) % 30] = True
-    assert np.array_equal(_covered(middle - reach, middle + reach, 30), one_by_one)
+    assert np.array_equal(_is_in_arcs(middle - reach, middle + reach, 30), one_by_one)
 
 
 # ---------------------------------------------------------------------- false alarms
@@ -317,17 +317,17 @@ def test_arcs_of_a_circle_cover_what_they_cover_one_by_one(arcs):
 
 def test_the_tail_of_white_noise_is_that_of_gamma():
     rng = np.random.default_rng(14)
-    tail = tail_of(rng.gamma(10.0, 0.1, 500_000).astype(np.float32), 10)
+    tail = fit_tail(rng.gamma(10.0, 0.1, 500_000).astype(np.float32), 10)
     assert 1.0 <= tail.scale < 1.1
     threshold = tail.threshold(1_000_000, 1e-4)
-    assert float(exponent(np.array(threshold), 10)) == pytest.approx(np.log(1e10), rel=0.07)
+    assert float(tail_exponent(np.array(threshold), 10)) == pytest.approx(np.log(1e10), rel=0.07)
     assert tail.p_value(threshold, 1_000_000) == pytest.approx(1e-4, rel=1e-6)
 
 
 def test_a_heavier_tail_raises_the_threshold():
     rng = np.random.default_rng(15)
     power = rng.gamma(10.0, 0.1, 500_000) + 0.3 * rng.exponential(size=500_000)
-    tail = tail_of((power / power.mean()).astype(np.float32), 10)
+    tail = fit_tail((power / power.mean()).astype(np.float32), 10)
     assert tail.scale > 1.2
 
 

@@ -10,9 +10,9 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
-from skyproof.receiver.antennas import combining, unwrapped
+from skyproof.receiver.antennas import compute_weights, unwrap_phases
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.observables import array_phases_of
+from skyproof.receiver.observables import assemble_array_phases
 from skyproof.receiver.tracking import Receiver, ReceiverState
 from skyproof.records import AntennaArray
 from skyproof.simulator.samples import samples_of
@@ -68,7 +68,7 @@ def receive(planes, cuts=()):
         output, state = receiver.step(state, piece)
         parts.append(output.measurements)
         arcs |= output.arcs
-    return Measurements.joined(parts), arcs
+    return Measurements.join(parts), arcs
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +171,9 @@ def test_delays_of_the_lines_are_taken_off_where_they_are_known(array, tracked):
     gpst = START + (elapsed_s * 1e9).astype("timedelta64[ns]")
     elements_m, lines_cyc = np.array(ELEMENTS_M), np.array(LINE_BIAS_CYC)
     unknown, known = (
-        array_phases_of("array", measurements, arcs, elapsed_s, gpst, array=array, carrier_hz=1575.42e6, averaged_s=0.2)
+        assemble_array_phases(
+            "array", measurements, arcs, elapsed_s, gpst, array=array, carrier_hz=1575.42e6, averaged_s=0.2
+        )
         for array in (AntennaArray(elements_m=elements_m), AntennaArray(elements_m=elements_m, line_bias_cyc=lines_cyc))
     )
     assert known.calibrated
@@ -198,7 +200,7 @@ def test_weights_find_the_best_sum_and_do_not_turn_it(seed, n_antennas):
     own[..., 1, 0], own[..., 1, 1] = prompts.real, prompts.imag
     rows[:, :30, k.row_size(3, 1) :] = own.reshape(1, 30, -1)
     before = rng.normal(size=(1, n_antennas, 2))
-    weights = combining(rows, before, power)
+    weights = compute_weights(rows, before, power)
     turned, old = weights[..., 0] + 1j * weights[..., 1], before[..., 0] + 1j * before[..., 1]
     assert np.sum(np.abs(turned) ** 2 * power) == pytest.approx(power.max())
     best = gain / power
@@ -215,9 +217,9 @@ def test_phases_go_on_over_whole_cycles(rate_hz, start_cyc, turns):
     own[:, 0, 0, m.OWN_PHASE_CYC] = true - np.rint(true) + np.array([0, turns])
     own[..., m.OWN_DOPPLER_HZ], own[..., m.OWN_PHASE_SIGMA_CYC] = rate_hz, 0.002
     good = np.array([True])
-    last = unwrapped(own[0], np.full((1, 1, 3), np.nan), good, 0.2)
+    last = unwrap_phases(own[0], np.full((1, 1, 3), np.nan), good, 0.2)
     assert own[0, 0, 0, m.OWN_SLIP] == 1.0  # from nothing
-    unwrapped(own[1], last, good, 0.2)
+    unwrap_phases(own[1], last, good, 0.2)
     moved = own[1, 0, 0, m.OWN_PHASE_CYC] - own[0, 0, 0, m.OWN_PHASE_CYC]
     assert moved == pytest.approx(0.2 * rate_hz, abs=1e-9)
     assert own[1, 0, 0, m.OWN_SLIP] == 0.0
@@ -227,5 +229,5 @@ def test_a_phase_too_noisy_to_count_cycles_is_a_slip():
     own = np.zeros((1, 1, m.N_OWN))
     own[..., m.OWN_PHASE_SIGMA_CYC] = 0.07
     last = np.array([[[0.0, 0.0, 0.07]]])
-    unwrapped(own, last, np.array([True]), 0.2)
+    unwrap_phases(own, last, np.array([True]), 0.2)
     assert own[0, 0, m.OWN_SLIP] == 1.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.receiver.array_snapshot import MOST_LATE, snapshot_signal
+from skyproof.receiver.array_snapshot import MOST_LATE, measure_snapshot
 from skyproof.receiver.snapshot import grid_sigma_chips
 
 RATE_HZ, IF_HZ = 3e6, 0.7e6
@@ -40,7 +40,7 @@ def test_phases_and_codes_are_as_far_off_as_their_sigmas_say(real, one_bit):
         phases_cyc, doppler_hz, delay_s = rng.random(5), rng.uniform(-4e3, 4e3), rng.uniform(0.0, 1e-3)
         planes = received(rng, phases_cyc, 44.0, doppler_hz, delay_s, real=real, one_bit=one_bit)
         off_s, off_hz = rng.uniform(-0.3, 0.3) / CHIP_HZ, rng.uniform(-20.0, 20.0)
-        found = snapshot_signal(planes, RATE_HZ, IF_HZ, "G07", delay_s + off_s, doppler_hz + off_hz)
+        found = measure_snapshot(planes, RATE_HZ, IF_HZ, "G07", delay_s + off_s, doppler_hz + off_hz)
         assert found.code.found
         error = found.phase_cyc - phases_cyc
         phase.append(wrapped(error[:, 1:] - error[:, :1]) / np.hypot(found.sigma_cyc[:, 1:], found.sigma_cyc[:, :1]))
@@ -57,7 +57,7 @@ def test_many_antennas_follow_what_none_of_them_could():
     rng = np.random.default_rng(3)
     phases_cyc = rng.random(16)
     planes = received(rng, phases_cyc, 31.0, 1234.0, 3e-4, real=False)
-    found = snapshot_signal(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
+    found = measure_snapshot(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
     assert found.code.cn0_dbhz == pytest.approx(31.0 + 10.0 * np.log10(16.0), abs=1.0)
     error = found.phase_cyc - phases_cyc
     assert np.abs(wrapped(error - error[:, :1])).max() < 0.25
@@ -66,17 +66,17 @@ def test_many_antennas_follow_what_none_of_them_could():
 def test_noise_has_no_energy_and_a_dead_antenna_no_phase():
     rng = np.random.default_rng(4)
     planes = rng.standard_normal((4, 2, N)).astype(np.float32)
-    assert snapshot_signal(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0).energy < 40.0
+    assert measure_snapshot(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0).energy < 40.0
     planes = received(rng, rng.random(4), 44.0, 1234.0, 3e-4)
     planes[2] = 0.0
-    found = snapshot_signal(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
+    found = measure_snapshot(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
     assert np.isnan(found.phase_cyc[:, 2]).all()
     assert np.isfinite(found.phase_cyc[:, [0, 1, 3]]).all()
 
 
 def test_the_mean_of_the_parts_is_no_surer_than_the_grid_of_the_samples_lets_it_be():
     rng = np.random.default_rng(5)
-    found = snapshot_signal(received(rng, rng.random(4), 60.0, 1234.0, 3e-4), RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
+    found = measure_snapshot(received(rng, rng.random(4), 60.0, 1234.0, 3e-4), RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
     of_mean_s = np.sqrt(np.mean(found.code_sigma_s**2) / found.code_sigma_s.size)
     assert of_mean_s > grid_sigma_chips(RATE_HZ, GPS_L1_CA) / CHIP_HZ
 
@@ -86,7 +86,7 @@ def test_an_antenna_that_begins_periods_later_is_found_by_its_data_bits(late_per
     rng = np.random.default_rng(8)
     planes = received(rng, rng.random(4), 45.0, 1234.0, 3e-4)
     planes[2] = np.roll(planes[2], -round(late_periods * PERIOD_S * RATE_HZ), axis=-1)
-    later = snapshot_signal(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0).later
+    later = measure_snapshot(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0).later
     assert later[2].argmax() - MOST_LATE == late_periods
     assert later[2].max() > 100.0
     assert later[[0, 1, 3]].max() < 15.0

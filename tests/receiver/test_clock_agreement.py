@@ -10,7 +10,7 @@ from tests.recording.test_survey import recorded
 
 from skyproof.gnss.constants import L1_HZ
 from skyproof.receiver import measurement as m
-from skyproof.receiver.clock_agreement import Disagreement, correct_samples, in_survey, in_tracks
+from skyproof.receiver.clock_agreement import Disagreement, correct_samples, estimate_from_survey, estimate_from_tracks
 from skyproof.receiver.measurement import Measurements
 from skyproof.recording.survey import survey_recorder
 from skyproof.records import Samples
@@ -33,7 +33,7 @@ WRONG_PPM = (-100.0, -30.0, -10.0, -3.0, -1.0, 1.0, 3.0, 10.0, 30.0, 100.0)
 
 def check_rate(wrong_ppm, rate_hz, **front_end):
     samples, reported, dopplers_hz = measured_at(wrong_ppm, rate_hz, **front_end)
-    apart = in_survey(reported, dopplers_hz)
+    apart = estimate_from_survey(reported, dopplers_hz)
     assert apart.certain
     assert not apart.of_carrier
     assert apart.sigma < 0.15 * PPM
@@ -62,7 +62,7 @@ def test_rates_that_are_given_wrong_are_measured(wrong_ppm, rate_hz, front_end):
 
 def test_a_right_rate_is_left_alone():
     _, reported, dopplers_hz = measured_at(0.0)
-    assert not in_survey(reported, dopplers_hz).certain
+    assert not estimate_from_survey(reported, dopplers_hz).certain
 
 
 # --- by what was tracked
@@ -96,14 +96,16 @@ def sats(n):
 
 @given(share=st.floats(-1e-4, 1e-4), n_sats=st.integers(4, 12), seed=st.integers(0, 1000))
 def test_the_drift_of_tracked_signals_is_measured(share, n_sats, seed):
-    apart = in_tracks(tracked(share, n_sats=n_sats, seed=seed), sats(n_sats))
+    apart = estimate_from_tracks(tracked(share, n_sats=n_sats, seed=seed), sats(n_sats))
     assert abs(apart.code_minus_carrier - share) < 12.0 * apart.sigma + 1e-11
     assert apart.sigma < 1e-8
 
 
 def test_signals_that_agree_are_corrected_less_than_once_in_a_thousand_times():
     """The scatter of few satellites determines the sigma badly; the least that counts holds against that."""
-    certain = [in_tracks(tracked(0.0, n_sats=4 + seed % 9, seed=seed), sats(12)).certain for seed in range(300)]
+    certain = [
+        estimate_from_tracks(tracked(0.0, n_sats=4 + seed % 9, seed=seed), sats(12)).certain for seed in range(300)
+    ]
     assert sum(certain) <= 1
 
 
@@ -112,12 +114,12 @@ def test_two_of_eight_signals_that_are_drawn_away_move_nothing():
     for arc in (0, 1):
         rows = measurements.arc == arc
         measurements.table[rows, m.FRACTION_S] += 1e-6 * measurements.elapsed_s[rows]
-    assert not in_tracks(measurements, sats(8)).certain
+    assert not estimate_from_tracks(measurements, sats(8)).certain
 
 
 def test_too_few_or_too_short_signals_show_nothing():
-    assert in_tracks(tracked(1e-5, n_sats=3), sats(3)) is None
-    assert in_tracks(tracked(1e-5, rows=5), sats(8)) is None
+    assert estimate_from_tracks(tracked(1e-5, n_sats=3), sats(3)) is None
+    assert estimate_from_tracks(tracked(1e-5, rows=5), sats(8)) is None
 
 
 # --- which of both is wrong

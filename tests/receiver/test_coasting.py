@@ -41,7 +41,7 @@ def measured(rates_hz_s, drift_hz_s, lost, seconds, rng):
         doppler_hz = 1000.0 * np.arange(rates.size) + rates * at_s + drift_hz
         good = np.ones(rates.size, np.bool_)
         good[lost] = at_s <= 0.5 * seconds
-        courses = c.measured_course(courses, doppler_hz + 0.1 * rng.normal(size=rates.size), good, at_s)
+        courses = c.update_courses(courses, doppler_hz + 0.1 * rng.normal(size=rates.size), good, at_s)
     return courses, doppler_hz
 
 
@@ -57,12 +57,12 @@ def test_a_channel_without_power_coasts_and_closes_its_loops_when_it_is_back():
     loops = np.zeros((3, k.N_STATE))
     loops[:, k.FREQUENCY] = 77.0
     there = np.array([False, True, False])  # the third was never measured
-    loops, courses = c.held_course(loops, courses, there, 10.5, 40_000.0, NOMINAL, 0.5)
+    loops, courses = c.coast(loops, courses, there, 10.5, 40_000.0, NOMINAL, 0.5)
     assert np.isfinite(courses[:, c.SINCE_S]).tolist() == [True, False, False]
     assert loops[:, k.FREQUENCY].tolist() == [40_000.0 + 1501.0, 77.0, 77.0]
     assert loops[0, k.CODE_RATE] == pytest.approx(1.023e6 * (1.0 + 1501.0 / 1575.42e6), rel=1e-12)
     assert loops[:, k.SLIPPED].tolist() == [0.0, 0.0, 0.0]
-    loops, courses = c.held_course(loops, courses, np.ones(3, np.bool_), 12.0, 40_000.0, NOMINAL, 0.5)
+    loops, courses = c.coast(loops, courses, np.ones(3, np.bool_), 12.0, 40_000.0, NOMINAL, 0.5)
     assert not np.isfinite(courses[:, c.SINCE_S]).any()
     assert loops[:, k.SLIPPED].tolist() == [1.0, 0.0, 0.0]
     assert courses[0, c.PULL_UNTIL_S] == 12.5  # after a long fade

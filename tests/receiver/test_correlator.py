@@ -93,7 +93,7 @@ class Case:
             self.nominal,
             self.delays,
             np.array(dopplers),
-            c.scratch_for(room or self.n, self.delays.size),
+            c.allocate_scratch(room or self.n, self.delays.size),
             sums,
             shifts,
         )
@@ -246,7 +246,7 @@ def test_an_empty_stretch_sums_to_nothing():
 def test_the_scratch_keeps_nothing_from_call_to_call():
     case, other = Case(delays_chips=(0.3, 0.2, 0.1, 0.0, -0.1)), Case(seed=2, chip=0.1, delays_chips=[0.5] * 5)
     table = sharp_table(CODE, case.nominal, PHASES, 2605)
-    scratch = c.scratch_for(2605, 5)
+    scratch = c.allocate_scratch(2605, 5)
 
     def run(which):
         sums, shifts = np.empty((1, 5, 2)), np.empty(5)

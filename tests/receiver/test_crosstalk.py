@@ -11,7 +11,7 @@ from skyproof.receiver import antennas
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver.acquisition import Peak
-from skyproof.receiver.crosstalk import POINTS, autocorrelation, take_out
+from skyproof.receiver.crosstalk import POINTS, autocorrelate_period, take_out
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 from skyproof.simulator.ideal import SignalDelays, ideal_signals
@@ -48,12 +48,12 @@ def errors_of_the_weaker(apart_chips, stronger_db, apart_hz, *, same_bits=True):
         peak = Peak(
             sat=SAT, delay_s=delay_s[i] % 1e-3, doppler_hz=doppler_hz[i], power=1.0, p_value=0.0, cn0_dbhz=levels[i]
         )
-        state = receiver.started(state, peak)
+        state = receiver.start_channel(state, peak)
     parts = []
     for block in range(-(-rendering.n_samples // BLOCK)):
         output, state = receiver.step(state, render(rendering, block)[:, : rendering.n_samples - block * BLOCK])
         parts.append(output.measurements)
-    measured = Measurements.joined(parts)
+    measured = Measurements.join(parts)
     chosen = (measured.arc == 0) & (measured.elapsed_s > SETTLED_S)
     t, table = measured.elapsed_s[chosen], measured.table[chosen]
     late_s = t - motion.code_delay_s(t)[:, 0] - table[:, m.FRACTION_S]
@@ -89,7 +89,7 @@ def test_the_weaker_of_two_is_measured_as_if_alone(monkeypatch, apart_chips, str
 
 
 def test_at_whole_chips_the_table_is_the_sum_of_products():
-    table = autocorrelation(CODE, 0.02)
+    table = autocorrelate_period(CODE, 0.02)
     code = CODE.astype(float)
     for lag in (0, 1, 2, 7, 500, 1000, 1022):
         assert table[lag * POINTS] == pytest.approx(np.dot(code[lag:], code[: code.size - lag]) / code.size, abs=5e-3)
@@ -144,8 +144,10 @@ def test_what_is_taken_out_is_the_autocorrelation_where_the_other_is():
     errors_chips = cleaned(["G05"] * 3, before, now)
     assert np.isfinite(errors_chips).all()
     table = np.interp(
-        3.0 + np.array([0.125, 0.0, -0.125]), np.arange(1023 * POINTS + 1) / POINTS, autocorrelation(CODE, 1.023 / 2.6)
+        3.0 + np.array([0.125, 0.0, -0.125]),
+        np.arange(1023 * POINTS + 1) / POINTS,
+        autocorrelate_period(CODE, 1.023 / 2.6),
     )
-    far = autocorrelation(CODE, 1.023 / 2.6)[1020 * POINTS]
+    far = autocorrelate_period(CODE, 1.023 / 2.6)[1020 * POINTS]
     assert now[0][0, 2, k.OUT_TAPS + 2] == pytest.approx(1.0 - table[1] - far, abs=0.01)
     assert now[0][0, 2, k.OUT_TAPS] - now[0][0, 2, k.OUT_TAPS + 4] == pytest.approx(table[2] - table[0], abs=0.01)

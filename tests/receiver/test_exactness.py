@@ -9,7 +9,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import measurement as m
 from skyproof.receiver.acquisition import Peak
-from skyproof.receiver.discriminator import discriminator
+from skyproof.receiver.discriminator import compute_discriminator
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 from skyproof.simulator.ideal import SignalDelays, ideal_signals
@@ -35,14 +35,14 @@ def followed(sats, motion, cn0_dbhz, *, duration_s, front_end=FRONT_END, noise=T
             p_value=0.0,
             cn0_dbhz=cn0_dbhz,
         )
-        state = receiver.started(state, peak)
+        state = receiver.start_channel(state, peak)
     parts, arcs = [], {}
     for block in range(-(-rendering.n_samples // BLOCK)):
         planes = render(rendering, block, noise=noise)[:, : rendering.n_samples - block * BLOCK]
         output, state = receiver.step(state, planes)
         parts.append(output.measurements)
         arcs |= output.arcs
-    measured = Measurements.joined(parts)
+    measured = Measurements.join(parts)
     rows = {}
     for sat in sats:
         numbers = [number for number, arc in arcs.items() if arc.signal.sat == sat]
@@ -106,7 +106,7 @@ def test_spreads_are_those_of_theory(cn0_dbhz):
     stated = np.concatenate([rows[sat][1] for sat in sats])
     energy = 10.0 ** (0.1 * cn0_dbhz) * 0.2
     theory = (
-        CHIP_M * np.sqrt(discriminator(1.023e6 / 2.6e6, 0.25).noise_chips2 / energy),
+        CHIP_M * np.sqrt(compute_discriminator(1.023e6 / 2.6e6, 0.25).noise_chips2 / energy),
         np.sqrt(9.0 / 8.0 / energy) / 2.0 / np.pi,
         np.sqrt(6.0 / energy) / 2.0 / np.pi / 0.2,
     )

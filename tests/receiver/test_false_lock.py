@@ -9,7 +9,7 @@ from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver import tracking
-from skyproof.receiver.false_lock import FALSE_TURNING, N_BITS, false_lock_hz, is_turning, off_false_locks, turns_of
+from skyproof.receiver.false_lock import FALSE_TURNING, N_BITS, false_lock_hz, is_turning, leave_false_locks, sum_turns
 
 BIT_S = 0.02
 PERIOD_S = GPS_L1_CA.period_s
@@ -28,12 +28,12 @@ def prompts_of_signals(off_hz, cn0_dbhz, n_bits, rng, n_signals=1, first=0):
 
 def sums(off_hz, cn0_dbhz, n_bits, seed, n_signals=1):
     prompts = prompts_of_signals(off_hz, cn0_dbhz, n_bits, np.random.default_rng(seed), n_signals)
-    return turns_of(prompts, np.zeros(n_signals, np.int64), np.zeros(n_signals), 20)
+    return sum_turns(prompts, np.zeros(n_signals, np.int64), np.zeros(n_signals), 20)
 
 
 def test_bits_are_taken_whole_wherever_they_begin():
     prompts = prompts_of_signals(0.0, 60.0, 12, np.random.default_rng(1), first=7)
-    turns = turns_of(prompts, np.array([107]), np.array([0.0]), 20)
+    turns = sum_turns(prompts, np.array([107]), np.array([0.0]), 20)
     assert turns[0, N_BITS] == 11
     assert turns[0, 1] == pytest.approx(11 * 4 * 16 * 1000.0, rel=0.02)  # of four products of sums over four periods
 
@@ -74,7 +74,7 @@ def test_few_bits_say_nothing():
     assert not is_turning(sums(25.0, 50.0, 4, 2), FALSE_TURNING).any()
     loops = np.zeros((0, k.N_STATE))
     blocks = ((np.zeros((0, 110, 12)), np.zeros(0, np.int64)),) * 2
-    turning, _, _ = off_false_locks(loops, np.zeros((0, 6)), blocks, np.zeros(0, np.bool_), GPS_L1_CA)
+    turning, _, _ = leave_false_locks(loops, np.zeros((0, 6)), blocks, np.zeros(0, np.bool_), GPS_L1_CA)
     assert turning.size == 0
 
 

@@ -6,7 +6,7 @@ from scipy import stats
 from tests.receiver.conftest import PLACE, START, Rendered
 
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.receiver.channels import DelayDoppler, LostSignal, continued, tow_kept
+from skyproof.receiver.channels import DelayDoppler, LostSignal, continue_tow, match_lost
 from skyproof.receiver.gaps import MOST_BITS_MISSING, turn_ratio
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 from skyproof.simulator.scenario import FrontEnd, Scenario, Sky, Takeover
@@ -55,7 +55,7 @@ def test_signals_that_come_back_anywhere_share_a_shift_as_often_as_stated():
             (old.sat, DelayDoppler(at_s=3.0, delay_s=rng.uniform(0.0, 1e-3), doppler_hz=old.place.doppler_hz))
             for old in gone
         ]
-        gaps += continued(gone, found, GPS_L1_CA)[1] is not None
+        gaps += match_lost(gone, found, GPS_L1_CA)[1] is not None
     assert gaps <= 1  # of 0.08 at most; three alike of eight at any of 400 missing times would be some 2
 
 
@@ -67,11 +67,11 @@ def test_signals_that_come_back_where_they_were_are_no_gap_and_keep_their_time()
     for old in gone:
         delay_s = old.place.delay_at_s(9.0, GPS_L1_CA) % GPS_L1_CA.period_s
         found.append((old.sat, DelayDoppler(at_s=9.0, delay_s=delay_s, doppler_hz=old.place.doppler_hz, period=40)))
-    matches, gap = continued(gone, found, GPS_L1_CA)
+    matches, gap = match_lost(gone, found, GPS_L1_CA)
     assert gap is None
     assert matches == gone
     for old, (_, place) in zip(gone, found, strict=True):
-        assert tow_kept(old, place, GPS_L1_CA) == 5_000_000 + 8000 - 40
+        assert continue_tow(old, place, GPS_L1_CA) == 5_000_000 + 8000 - 40
 
 
 # ---------------------------------------------------------------------- through samples

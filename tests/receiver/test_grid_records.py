@@ -11,7 +11,7 @@ from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import gpst, week_and_tow
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.grids import GridCorrelator, Grids
-from skyproof.receiver.observables import ReceiverTimeTag, ccaf_of
+from skyproof.receiver.observables import ReceiverTimeTag, assemble_grids
 from skyproof.records import CcafAsked
 
 
@@ -53,13 +53,13 @@ def test_grids_become_a_record_whose_references_are_pseudoranges_and_in_which_an
     asked = CcafAsked(reach_chips=1.5, every_s=1.0, soon_s=0.2)
     taken = GridCorrelator(asked, given.band_hz / 0.6, 0.0, GPS_L1_CA, 32)
     taken.delays_chips = given.delays_chips
-    found = ccaf_of("rx1", grids, taken, arcs, label, observations)
+    found = assemble_grids("rx1", grids, taken, arcs, label, observations)
     assert np.isnan(found.reference_m[:, found.signals.index(given.signals[0])]).all()  # its time is not known
     columns = [found.signals.index(signal) for signal in given.signals[1:]]
     np.testing.assert_allclose(found.reference_m[:, columns], given.reference_m[:, 1:], atol=1e-3)
     np.testing.assert_array_equal(found.value[:, columns], given.value[:, 1:].astype(np.complex64))
     seen = replace(records, observations=(observations,), ccaf=(found,))
     assert Dccaf().examine(seen)[0][0].says == "attack"
-    nothing = ccaf_of("rx1", Grids.nothing(1, given.delays_chips.size), taken, arcs, label, observations)
+    nothing = assemble_grids("rx1", Grids.nothing(1, given.delays_chips.size), taken, arcs, label, observations)
     assert nothing.gpst.size == 0
     assert Dccaf().examine(replace(seen, ccaf=(nothing,)))[0][0].says == "undecided"

@@ -11,7 +11,7 @@ from skyproof.gnss.codes import generate_ca_code
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
-from skyproof.receiver.grids import GridCorrelator, Grids, at_stake, noise_delays
+from skyproof.receiver.grids import GridCorrelator, Grids, is_disturbed, noise_delays
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 from skyproof.records import CcafAsked
 
@@ -150,12 +150,12 @@ def test_much_is_at_stake_when_several_signals_change_at_once():
     mean = np.full(8, 45.0)
     moved = mean.copy()
     moved[:2] -= 6.0
-    assert not at_stake(moved, mean, 0.2)
+    assert not is_disturbed(moved, mean, 0.2)
     moved[2] += 3.0
-    assert at_stake(moved, mean, 0.2)
+    assert is_disturbed(moved, mean, 0.2)
     rng = np.random.default_rng(5)
     noisy = mean + 0.4 * rng.standard_normal((2000, 8))
-    assert sum(at_stake(one, mean, 0.2) for one in noisy) <= 2
+    assert sum(is_disturbed(one, mean, 0.2) for one in noisy) <= 2
 
 
 def test_a_receiver_takes_grids_whose_zero_is_its_pseudorange_whatever_blocks_come(clean):
@@ -171,7 +171,7 @@ def test_a_receiver_takes_grids_whose_zero_is_its_pseudorange_whatever_blocks_co
     for part in np.array_split(planes, [int(1.3 * rate)], axis=1):
         output, state = receiver.step(state, part)
         parts.append(output.grids)
-    grids, pieces = whole.grids, Grids.joined(parts)
+    grids, pieces = whole.grids, Grids.join(parts)
     np.testing.assert_array_equal(grids.value, pieces.value)
     np.testing.assert_array_equal(grids.fraction_s, pieces.fraction_s)
     measured, off_s, sigma_s = whole.measurements, [], []

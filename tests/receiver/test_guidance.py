@@ -35,7 +35,7 @@ def guide(away_chips=0.0, doppler_hz=1200.0, until_s=5.5, **columns):
 
 
 def guided(loops, guides, unseen=False, now_s=5.0):
-    return g.guided_loops(
+    return g.guide_loops(
         loops,
         guides,
         np.array([unseen]),
@@ -82,7 +82,7 @@ def test_a_guide_lapses_and_leaves_the_loops_to_themselves():
 
 
 def test_what_loops_show_is_what_a_guide_would_tell_them():
-    shown_s, doppler_hz = g.shown_by_loops(loop(), 4.8, rate_hz=RATE_HZ, if_hz=IF_HZ, signal=GPS_L1_CA)
+    shown_s, doppler_hz = g.read_loops(loop(), 4.8, rate_hz=RATE_HZ, if_hz=IF_HZ, signal=GPS_L1_CA)
     expected = guide()[0]
     assert np.isclose(shown_s[0], expected[g.SENT_S], rtol=0.0, atol=1e-12)
     assert doppler_hz[0] == 1200.0

@@ -6,12 +6,12 @@ import pytest
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
 from skyproof.receiver.correlator import table_pad
-from skyproof.receiver.discriminator import discriminator
-from skyproof.receiver.replica import CODE_SCALE, code_table, passed
+from skyproof.receiver.discriminator import compute_discriminator
+from skyproof.receiver.replica import CODE_SCALE, code_table, low_pass_gain
 
 RATE_HZ = 2.6e6
 CODE = GPS_L1_CA.code(7)
-GAIN = discriminator(1.023e6 / RATE_HZ, 0.25).gain
+GAIN = compute_discriminator(1.023e6 / RATE_HZ, 0.25).gain
 
 
 def correlate_numpy(planes, begin, n, chip, code_rate_hz, phase_cyc, frequency_hz, taps_chips):
@@ -28,7 +28,7 @@ def smoothed(chips, taps_chips):
     """The code behind the replica's low-pass, times its scale, from its line spectrum: (n_chips, n_taps)."""
     line = np.arange(-1300, 1301)  # kilohertz: the low-pass ends at half the rate
     spectrum = np.fft.fft(CODE)[line % 1023] / 1023.0 * np.sinc(line / 1023.0) * np.exp(-1j * np.pi * line / 1023.0)
-    spectrum *= passed(line * 1e3 / RATE_HZ)
+    spectrum *= low_pass_gain(line * 1e3 / RATE_HZ)
     shifted = spectrum[:, None] * np.exp(2j * np.pi * np.outer(line, taps_chips) / 1023.0)
     return CODE_SCALE * np.real(np.exp(2j * np.pi * np.outer(chips / 1023.0, line)) @ shifted)
 

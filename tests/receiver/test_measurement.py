@@ -6,10 +6,10 @@ import pytest
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
-from skyproof.receiver.discriminator import discriminator
+from skyproof.receiver.discriminator import compute_discriminator
 
 RATE_HZ = 2.6e6
-DISCRIMINATOR = discriminator(1.023e6 / RATE_HZ, 0.25)
+DISCRIMINATOR = compute_discriminator(1.023e6 / RATE_HZ, 0.25)
 BIT = 20
 
 

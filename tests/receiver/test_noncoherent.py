@@ -6,7 +6,7 @@ import pytest
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import kernels as k
 from skyproof.receiver.discriminator import Discriminator
-from skyproof.receiver.noncoherent import noncoherent
+from skyproof.receiver.noncoherent import measure_noncoherent
 from skyproof.statistics.distributions import binomial_survival
 
 RATE_HZ, IF_HZ, NEAR_HZ = 2e6, 4e3, -1300.0
@@ -37,7 +37,7 @@ def rows_of(rng, cn0_dbhz, off_hz=0.0, code_chips=0.0, n=200, first=7):
 
 
 def shown(rows, probability=1e-3):
-    return noncoherent(
+    return measure_noncoherent(
         rows,
         3.0,
         NOISE,

@@ -9,14 +9,14 @@ from skyproof.gnss.lnav import Subframe
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.observables import array_phases_of, messages_that_differ, taps_of
+from skyproof.receiver.observables import assemble_array_phases, assemble_taps, list_differing_messages
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 from skyproof.records import AntennaArray, SignalId
 
 
 def taken(receiver, output):
     """All correlators over the first three seconds."""
-    return taps_of(
+    return assemble_taps(
         "rx",
         output.measurements,
         output.arcs,
@@ -83,12 +83,12 @@ def arc(copy: str, crs: float) -> Arc:
 
 def test_messages_of_one_satellite_are_compared():
     true, repeated, forged = arc("a", 1.5), arc("b", 1.5), arc("b", 1.53125)
-    assert messages_that_differ({1: true, 2: repeated}) == []
-    (words,) = messages_that_differ({1: true, 2: forged})
+    assert list_differing_messages({1: true, 2: repeated}) == []
+    (words,) = list_differing_messages({1: true, 2: forged})
     assert "G05" in words
     assert "crs" in words
     later = replace(forged, subframes={2: replace(forged.subframes[2], fields={"iode": 18.0, "crs": 9.0})})
-    assert messages_that_differ({1: true, 2: later}) == []  # another issue of data
+    assert list_differing_messages({1: true, 2: later}) == []  # another issue of data
 
 
 def test_what_tells_no_time_or_does_not_last_has_no_direction():
@@ -111,7 +111,7 @@ def test_what_tells_no_time_or_does_not_last_has_no_direction():
         own=own,
     )
     gpst = np.datetime64("2024-05-14T10:00:00", "ns") + epochs * np.timedelta64(200, "ms")
-    phases = array_phases_of(
+    phases = assemble_array_phases(
         "rx",
         measurements,
         arcs,

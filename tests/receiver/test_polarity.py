@@ -12,7 +12,7 @@ from skyproof.gnss.lnav import encode_subframes
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver import telemetry as tm
-from skyproof.receiver.polarity import Stretch, half_cycles, joined, stretches_of
+from skyproof.receiver.polarity import Stretch, find_stretches, join_stretches, resolve_half_cycles
 
 NAVIGATION = make_nominal_constellation(np.datetime64("2024-03-03T12:00:00", "ns"))
 MESSAGE = encode_subframes(NAVIGATION.ephemerides[0], None, None, 43_200, NAVIGATION.ephemerides[0].week, 4)
@@ -32,7 +32,7 @@ def sign_at(stretches, bit):
 def test_the_sign_of_the_bits_is_known_up_to_the_word_in_which_it_turns(lead, turn, inverted):
     bits = MESSAGE[lead:].copy()
     truth = (np.arange(bits.size) >= turn) ^ inverted
-    stretches = stretches_of(bits ^ truth.astype(np.int8), (-lead) % 300, 0, GPS_L1_CA, GPS_L1_CA.decoder)
+    stretches = find_stretches(bits ^ truth.astype(np.int8), (-lead) % 300, 0, GPS_L1_CA, GPS_L1_CA.decoder)
     reported = [sign_at(stretches, bit) for bit in range(bits.size)]
     assert all(t is None or t == truth[bit] for bit, t in enumerate(reported) if abs(bit - turn) > 30)
     words = range((-lead) % 30 + 30, bits.size - 330, 30)  # whole ones with a word before them and a subframe after
@@ -46,13 +46,13 @@ def test_the_sign_of_the_bits_is_known_up_to_the_word_in_which_it_turns(lead, tu
 def test_damaged_bits_never_give_a_wrong_sign(seed, error_rate):
     rng = np.random.default_rng(seed)
     bits = MESSAGE ^ (rng.random(MESSAGE.size) < error_rate).astype(np.int8)
-    assert not any(stretch.inverted for stretch in stretches_of(bits, 0, 0, GPS_L1_CA, GPS_L1_CA.decoder))
+    assert not any(stretch.inverted for stretch in find_stretches(bits, 0, 0, GPS_L1_CA, GPS_L1_CA.decoder))
 
 
 def test_stretches_of_one_sign_join_unless_much_is_between():
     near, far = Stretch(600, 1200, True), Stretch(6000, 7000, True)
-    assert joined([near], [Stretch(0, 600, True), far], 1200) == (Stretch(0, 1200, True), far)
-    assert joined([near], [Stretch(1800, 2400, False)], 1200) == (near, Stretch(1800, 2400, False))
+    assert join_stretches([near], [Stretch(0, 600, True), far], 1200) == (Stretch(0, 1200, True), far)
+    assert join_stretches([near], [Stretch(1800, 2400, False)], 1200) == (near, Stretch(1800, 2400, False))
 
 
 @pytest.mark.parametrize("block", [100, 137, 1000])
@@ -83,7 +83,7 @@ NEVER = np.zeros(PERIODS.size, np.bool_)
 
 
 def rows(*stretches, turned=NEVER, slipped=NEVER):
-    return half_cycles(PERIODS, turned, slipped, stretches, 100)
+    return resolve_half_cycles(PERIODS, turned, slipped, stretches, 100)
 
 
 def test_what_is_known_late_counts_for_the_whole_arc():

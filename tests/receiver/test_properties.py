@@ -32,7 +32,7 @@ class Heard:
     """What came out of the receiver: a row an epoch and signal, by signal."""
 
     def __init__(self, parts, arcs, gaps):
-        self.table = Measurements.joined(parts)
+        self.table = Measurements.join(parts)
         self.gaps = gaps
         self.arcs = arcs
         self.signals = {str(arc.signal) for arc in arcs.values()}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.codes import generate_ca_code
-from skyproof.receiver.snapshot import code_phase
+from skyproof.receiver.snapshot import measure_code_phase
 
 RATE_HZ = 2.6e6
 
@@ -31,7 +31,7 @@ def trials(rng, n, duration_s, cn0_dbhz, rate_hz=RATE_HZ):
     for _ in range(n):
         delay_s, true_hz = rng.uniform(0, 1e-3), rng.uniform(-4000, 4000)
         samples = wave(rng, rate_hz, duration_s, 7, delay_s, true_hz, cn0_dbhz)
-        found = code_phase(
+        found = measure_code_phase(
             samples, rate_hz, 0.0, "G07", delay_s + rng.uniform(-0.3, 0.3) / 1.023e6, true_hz + rng.uniform(-20, 20)
         )
         assert found.found
@@ -60,7 +60,7 @@ def test_samples_in_step_with_the_chips_are_reported_as_coarse():
 def test_noise_alone_has_no_strong_signal():
     rng = np.random.default_rng(3)
     noise = rng.normal(size=(2, round(0.05 * RATE_HZ))).astype(np.float32)
-    found = code_phase(noise, RATE_HZ, 0.0, "G07", 3e-4, 1000.0)
+    found = measure_code_phase(noise, RATE_HZ, 0.0, "G07", 3e-4, 1000.0)
     assert not found.found or found.cn0_dbhz < 33.0
 
 
@@ -68,4 +68,4 @@ def test_noise_alone_has_no_strong_signal():
 def test_a_stretch_too_short_or_too_long_is_refused(duration_s):
     samples = np.zeros((2, round(duration_s * RATE_HZ)), np.float32)
     with pytest.raises(ValueError, match=r"\bsamples; "):
-        code_phase(samples, RATE_HZ, 0.0, "G07", 0.0, 0.0)
+        measure_code_phase(samples, RATE_HZ, 0.0, "G07", 0.0, 0.0)

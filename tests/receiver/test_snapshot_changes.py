@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyproof.receiver.snapshot_changes import change_within
+from skyproof.receiver.snapshot_changes import find_change
 
 
 def drawn(rng, n_parts=4, n_antennas=4, amplitude=30.0):
@@ -22,21 +22,21 @@ def noise(rng, n_parts, n_antennas):
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 16), st.integers(1, 24), st.floats(2.0, 300.0))
 def test_a_signal_that_stays_what_it_is_does_not_change(seed, n_parts, n_antennas, amplitude):
-    assert change_within(drawn(np.random.default_rng(seed), n_parts, n_antennas, amplitude)) is None
+    assert find_change(drawn(np.random.default_rng(seed), n_parts, n_antennas, amplitude)) is None
 
 
 @given(st.integers(0, 2**32 - 1))
 def test_a_signal_that_fades_to_half_its_amplitude_does_not_change(seed):
     sums = drawn(np.random.default_rng(seed), amplitude=100.0)
     sums[2:] *= 0.5
-    assert change_within(sums) is None
+    assert find_change(sums) is None
 
 
 def test_the_chance_of_a_turn_is_uniform_without_one(monkeypatch):
     monkeypatch.setattr("skyproof.receiver.snapshot_changes._TURNED", 0.0)
     monkeypatch.setattr("skyproof.receiver.snapshot_changes.CHANCE", np.inf)
     rng = np.random.default_rng(4)
-    p_values = [change_within(drawn(rng, n_parts=2, amplitude=30.0)).p_value for _ in range(2000)]
+    p_values = [find_change(drawn(rng, n_parts=2, amplitude=30.0)).p_value for _ in range(2000)]
     for p in (0.01, 0.1, 0.5):
         assert abs(np.mean(np.array(p_values) < p) - p) < 4.0 * np.sqrt(p * (1.0 - p) / 2000)
 
@@ -45,7 +45,7 @@ def test_the_chance_of_a_turn_is_uniform_without_one(monkeypatch):
 def test_a_signal_that_comes_from_elsewhere_from_a_part_on_is_found(part):
     rng = np.random.default_rng(part)
     sums = np.concatenate([drawn(rng)[:part], drawn(rng)[part:]])
-    change = change_within(sums)
+    change = find_change(sums)
     assert (change.kind, change.part) == ("turns", part)
 
 
@@ -54,7 +54,7 @@ def test_a_signal_that_comes_from_elsewhere_from_a_part_on_is_found(part):
 def test_a_signal_that_begins_or_ends_is_found(part, n_antennas):
     rng = np.random.default_rng(part)
     sums = np.concatenate([noise(rng, part, n_antennas), drawn(rng, n_antennas=n_antennas)[part:]])
-    change = change_within(sums)
+    change = find_change(sums)
     assert (change.kind, change.part) == ("begins", part)
-    change = change_within(sums[::-1])
+    change = find_change(sums[::-1])
     assert (change.kind, change.part) == ("ends", 4 - part)

@@ -12,7 +12,7 @@ from skyproof.gnss.time import week_and_tow
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import letter
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.observables import arc_carriers, assemble, receiver_time_tag
+from skyproof.receiver.observables import assemble, receiver_time_tag, resolve_carriers
 from skyproof.receiver.tracking import Receiver, ReceiverState
 from skyproof.records import Observations
 from skyproof.simulator import scenes
@@ -28,7 +28,7 @@ def receive(rendered, cuts):
         output, state = receiver.step(state, rendered.planes[:, first:end])
         parts.append(output.measurements)
         arcs |= output.arcs
-    return Measurements.joined(parts), arcs
+    return Measurements.join(parts), arcs
 
 
 def observations(rendered, measurements, arcs):
@@ -37,7 +37,7 @@ def observations(rendered, measurements, arcs):
     label = receiver_time_tag(measurements.select(first), arcs, week)
     assert label is not None
     elapsed_s = 0.2 * np.arange(1, round(measurements.elapsed_s[-1] / 0.2) + 1)
-    carriers = arc_carriers(
+    carriers = resolve_carriers(
         np.rint(measurements.elapsed_s / 0.2).astype(np.int64),
         measurements.arc,
         measurements.column(m.PERIODS).astype(np.int64),
@@ -52,7 +52,7 @@ def observations(rendered, measurements, arcs):
 def test_an_antenna_that_receives_nothing_has_no_carriers():
     nothing = np.zeros(0, np.int64)
     of_none = nothing.astype(bool)
-    assert arc_carriers(nothing, nothing, nothing, of_none, of_none, {}, averaged_s=0.2) == {}
+    assert resolve_carriers(nothing, nothing, nothing, of_none, of_none, {}, averaged_s=0.2) == {}
 
 
 @pytest.fixture(scope="session")

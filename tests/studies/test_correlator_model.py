@@ -57,8 +57,8 @@ def received(receiver, blocks):
         output, state = receiver.step(state, block)
         outputs.append(output)
         arcs |= output.arcs
-    found = Measurements.joined([o.measurements for o in outputs])
-    grids = Grids.joined([o.grids for o in outputs if len(o.grids)])
+    found = Measurements.join([o.measurements for o in outputs])
+    grids = Grids.join([o.grids for o in outputs if len(o.grids)])
     shown = {}
     for number, arc in arcs.items():
         rows = (found.arc == number) & (found.elapsed_s > SETTLED_S)

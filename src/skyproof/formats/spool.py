@@ -56,7 +56,7 @@ def gather(
         return spool
     if not held:
         raise NothingGathered
-    return rename_receiver(Observations.joined(held), receiver)
+    return rename_receiver(Observations.join(held), receiver)
 
 
 def rename_receiver(log: ObservationLog, receiver: str) -> ObservationLog:
@@ -119,7 +119,7 @@ class ObservationSpool:
                 flags={name: np.packbits(getattr(piece, name)) for name in ("measured", "slipped")},
             )
         )
-        self._known = Observations.joined((self._known, piece.read(0, 0)))
+        self._known = Observations.join((self._known, piece.read(0, 0)))
         self._times.clear()
 
     @property
@@ -172,7 +172,7 @@ class ObservationSpool:
         """
         stop = min(stop, self.gpst.size)
         parts = [self._read_part(number, rows) for number, rows, _ in self._find_between(first, stop)]
-        return replace(Observations.joined((self._known, *parts)), receiver=self.receiver)
+        return replace(Observations.join((self._known, *parts)), receiver=self.receiver)
 
     def _read_part(self, number: int, rows: slice) -> Observations:
         """Read epochs of a piece, without the fields of its channels: `_known` has those."""

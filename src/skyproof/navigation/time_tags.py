@@ -66,7 +66,7 @@ class TagErrors:
         return np.asarray(self.known & (np.abs(self.error_s - self.offset_s) > beyond_s))
 
     @staticmethod
-    def joined(parts: Iterable["TagErrors"]) -> "TagErrors":
+    def join(parts: Iterable["TagErrors"]) -> "TagErrors":
         """Return those of stretches that follow each other as one."""
         columns = zip(*((part.error_s, part.sigma_s, part.known) for part in parts), strict=True)
         error_s, sigma_s, known = (np.concatenate(column) for column in columns)

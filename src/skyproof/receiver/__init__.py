@@ -1,1 +1,1 @@
-"""Samples to signals: acquisition, tracking, telemetry, observables. Never decides who is authentic."""
+"""Turn samples into signals: acquisition, tracking, telemetry, observables. It never decides who is authentic."""

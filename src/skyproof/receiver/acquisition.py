@@ -1,19 +1,19 @@
-"""Where signals are: parallel code-phase search over Doppler, several signals a satellite, strong ones taken out.
+"""Find signals: parallel code-phase search over Doppler, several signals a satellite, strong ones subtracted first.
 
 The search folds `coherent_periods` code periods after wipe-off, correlates them circularly by FFT and adds powers over
-`n_sums` such blocks. What noise reaches is learnt from codes that nobody sends (`calibration`). A signal found is
-measured, taken out of the samples with its whole correlation shape (`cancellation`), and its satellite is looked at
-again: so a second signal of a satellite comes to light, and no side lobe or cross-correlation is taken for one.
+`n_sums` such blocks. Codes that no satellite sends show the height of the noise (`calibration`). A signal found is
+measured and subtracted from the samples with its whole correlation shape (`cancellation`). Then its satellite is
+searched again. So a second signal of a satellite is found, and no side lobe or cross-correlation is taken for one.
 
-What strong signals leave on other codes is no noise: no tail of a search's own cells tells how far it reaches
-(docs/design/receiver.md). So nothing is called a signal before what may have made it is out of the samples. Where a
-cell stands that white noise does not explain, strong signals that the search is not asked for are sought once, in a few
-periods, and taken out; of those asked for, only what is too strong for a cross-correlation of the stronger ones is
-taken at once, and all else is looked at again behind them. A sky on which nothing stands out costs nothing of this.
+The cross-correlation of strong signals with other codes is no noise: the tail of a search's own cells does not bound it
+(docs/design/receiver.md). So nothing is called a signal before its possible cause is out of the samples. If white noise
+does not explain a cell, strong signals outside the search are found once, in a few periods, and subtracted. Of the
+requested signals, only those too strong for a cross-correlation of the stronger ones are taken at once. All others are
+tested again behind them. A sky without strong signals costs none of this.
 
-Time is saved (docs/design/receiver.md) by 2 cells a chip, cut out of the spectrum, so that any sample rate is resampled
-for nothing; by transforms shared between satellites and between Dopplers that differ by whole kilohertz; and by a
-kernel of its own for what is done for each satellite, Doppler and block (`fourier`).
+Three things save time (docs/design/receiver.md). There are 2 cells a chip, cut out of the spectrum, which resamples any
+sample rate for nothing. Satellites, and Dopplers that differ by whole kilohertz, share transforms. A kernel does the
+work for each satellite, Doppler and block (`fourier`).
 """
 
 from collections import Counter
@@ -30,8 +30,8 @@ from scipy import fft
 from skyproof.arrays import Booleans, ComplexFloats, Floats, Integers, Reals
 from skyproof.compiled import compiled, threads
 from skyproof.gnss.signals import GPS_SATS, SignalPlan, prn_of
-from skyproof.receiver.calibration import tail_of, unused_codes, white_tail
-from skyproof.receiver.cancellation import KnownSignal, Measured, measure, noise_of, remove, separation_chips
+from skyproof.receiver.calibration import fit_tail, list_unused_codes, white_tail
+from skyproof.receiver.cancellation import KnownSignal, Measured, measure, measure_noise, remove, separation_chips
 from skyproof.receiver.fourier import N_CELLS, correlate_rows
 
 __all__ = ["KnownSignal", "Peak", "SearchSettings", "Searcher"]
@@ -42,7 +42,7 @@ difference of whole kilohertz, -19 dB with a margin and the noise on it (Kaplan 
 _ADDING: Final = 4.0
 """Strong signals whose cross-correlations may add in phase in one cell: so many times the sum of their powers."""
 _ROUNDS: Final = 8
-"""Looks at most, each of which takes out what stands clear of stronger signals, 11 dB or more of them."""
+"""Looks at most; each subtracts signals that are clear of stronger ones, 11 dB or more."""
 _GLANCE_PERIODS: Final = 5
 """Code periods in which signals not asked for are sought. Those above 42 dB-Hz show; what a weaker one leaves on other
 codes is at most a tenth of a period's noise."""
@@ -134,24 +134,24 @@ class Searcher:
         self._per_period = rate_hz * signal.period_s
         self._n_fft = round(self._per_period)
         self._codes: dict[str, Floats] = {}
-        self._unused_codes = unused_codes(8)
+        self._unused_codes = list_unused_codes(8)
         self._unused = [self._code_spectrum(code) for code in self._unused_codes]
         self._threads = ThreadPoolExecutor(threads())
         self._glance: Searcher | None = None
 
     @property
     def duration_s(self) -> float:
-        """How long a stretch the search needs."""
+        """Return the length of the stretch that the search needs."""
         return self.settings.coherent_periods * self.settings.n_sums * self.period_s
 
     @property
     def _near_hz(self) -> float:
-        """Signals whose Dopplers differ by less disturb each other within a block."""
+        """Return the difference of Dopplers below which signals disturb each other within a block."""
         return 1.5 / (self.settings.coherent_periods * self.period_s)
 
     @property
     def n_samples(self) -> int:
-        """How many samples the search needs."""
+        """Return the number of samples that the search needs."""
         return int(np.ceil(self.duration_s * self.rate_hz - 1e-6))
 
     def search(
@@ -161,7 +161,7 @@ class Searcher:
         dopplers_hz: Mapping[str, Reals],
         known: Mapping[str, Sequence[KnownSignal]],
     ) -> list[Peak]:
-        """All credible new signals of those asked for.
+        """Find all credible new signals of the requested satellites.
 
         samples : (2, >= n_samples) I and Q.
         dopplers_hz : for each satellite to look for, the Dopplers to try; multiples of the step share most work.
@@ -171,18 +171,20 @@ class Searcher:
             return []
         planes = np.array(samples[:, : self.n_samples], dtype=np.float32)
         taken: dict[str, list[tuple[KnownSignal, float]]] = {}
-        self._take_out(planes, if_hz, [(sat, one) for sat, ones in known.items() for one in ones], taken)
+        self._remove_jointly(
+            planes, if_hz, [(sat, known_signal) for sat, ones in known.items() for known_signal in ones], taken
+        )
         n_cells = N_CELLS * sum(rows_hz.size for rows_hz in dopplers_hz.values())
         look = self._look(planes, if_hz, dopplers_hz, taken, n_cells)
-        if look.doubtful and self._take_out_others(planes, if_hz, dopplers_hz):
+        if look.doubtful and self._remove_others(planes, if_hz, dopplers_hz):
             look = self._look(planes, if_hz, dopplers_hz, taken, n_cells)
         peaks: list[Peak] = []
         for _ in range(_ROUNDS):
             if not look.candidates:
                 break
-            known_before = {sat: [one for one, _ in ones] for sat, ones in taken.items()}
-            fresh = [(c, self._measured(planes, if_hz, c)) for c in _clear(look.candidates)]
-            self._take_out(planes, if_hz, [(c.sat, m.signal) for c, m in fresh], taken)
+            known_before = {sat: [known_signal for known_signal, _ in ones] for sat, ones in taken.items()}
+            fresh = [(c, self._measure(planes, if_hz, c)) for c in _select_clear(look.candidates)]
+            self._remove_jointly(planes, if_hz, [(c.sat, m.signal) for c, m in fresh], taken)
             noise = self._noise(planes, if_hz)
             peaks += [
                 Peak(
@@ -194,7 +196,7 @@ class Searcher:
                     cn0_dbhz=10.0 * np.log10(max(m.power / noise - 1.0, 1e-3) / self.period_s),
                 )
                 for c, m in fresh
-                if not self._shoulder(samples, if_hz, c.sat, m.signal, known_before)
+                if not self._is_shoulder(samples, if_hz, c.sat, m.signal, known_before)
             ]
             found = Counter(peak.sat for peak in peaks)
             wanted = {sat: dopplers_hz[sat] for sat in look.doubtful if found[sat] < self.settings.max_peaks}
@@ -214,9 +216,9 @@ class Searcher:
         taken: Mapping[str, list[tuple[KnownSignal, float]]],
         n_cells: int,
     ) -> _Look:
-        """The highest cell of each satellite, held against the noise of a search of `n_cells`."""
+        """Find the highest cell of each satellite, with its chance under the noise of a search of `n_cells`."""
         rows_hz = np.unique(np.concatenate(list(dopplers_hz.values())))
-        spectra = self._rows(planes, if_hz, rows_hz)
+        spectra = self._compute_rows(planes, if_hz, rows_hz)
         sats = list(dopplers_hz)
         row = np.concatenate([np.searchsorted(rows_hz, dopplers_hz[sat]) for sat in sats])
         of_sat = np.repeat(np.arange(len(sats)), [dopplers_hz[sat].size for sat in sats])
@@ -230,7 +232,7 @@ class Searcher:
             np.concatenate([row, unused_row]),
             np.concatenate([of_sat, len(sats) + np.arange(n_unused) % len(self._unused)]),
         )
-        tail = tail_of(power[row.size :], self.settings.n_sums)
+        tail = fit_tail(power[row.size :], self.settings.n_sums)
         probability = self.settings.false_alarm_probability
         threshold = tail.threshold(n_cells, probability)
         lowest = min(threshold, white_tail(self.settings.n_sums).threshold(n_cells, probability))
@@ -261,32 +263,35 @@ class Searcher:
                 )
         return _Look(candidates=tuple(candidates), doubtful=tuple(doubtful))
 
-    def _take_out_others(self, planes: Floats, if_hz: float, dopplers_hz: Mapping[str, Reals]) -> bool:
-        """Take strong signals out that are not looked for, of any satellite at any Doppler; whether there are any."""
+    def _remove_others(self, planes: Floats, if_hz: float, dopplers_hz: Mapping[str, Reals]) -> bool:
+        """Remove strong signals of any other satellite or Doppler; tell if there were any."""
         step_hz = 0.5 / self.period_s
         rows_hz = np.concatenate(list(dopplers_hz.values()))
         first, last = np.max(rows_hz) - _SPREAD_HZ, np.min(rows_hz) + _SPREAD_HZ
         grid_hz = step_hz * np.arange(np.ceil(first / step_hz), np.floor(last / step_hz) + 1.0)
 
-        def asked(sat: str, at_hz: Reals) -> Booleans:
+        def is_requested(sat: str, at_hz: Reals) -> Booleans:
             apart_hz = np.abs(at_hz - dopplers_hz.get(sat, np.array([np.inf]))[:, np.newaxis])
             return np.asarray(np.min(apart_hz, axis=0) < self._near_hz)
 
-        if all(np.all(asked(sat, grid_hz)) for sat in GPS_SATS):
+        if all(np.all(is_requested(sat, grid_hz)) for sat in GPS_SATS):
             return False
         if self._glance is None:
             n_sums = min(_GLANCE_PERIODS, self.settings.coherent_periods * self.settings.n_sums)
             self._glance = Searcher(self.signal, self.rate_hz, SearchSettings(n_sums=n_sums))
-        others = [
+        strong = [
             (peak.sat, KnownSignal(delay_s=peak.delay_s, doppler_hz=peak.doppler_hz))
             for peak in self._glance.search(planes, if_hz, dict.fromkeys(GPS_SATS, grid_hz), {})
-            if not asked(peak.sat, np.array([peak.doppler_hz]))[0]
+            if not is_requested(peak.sat, np.array([peak.doppler_hz]))[0]
         ]
-        remove(planes, self.signal, self.rate_hz, if_hz, others)
-        return bool(others)
+        remove(planes, self.signal, self.rate_hz, if_hz, strong)
+        return bool(strong)
 
     def _correlate(self, spectra: Floats, codes: Floats, row: Integers, code: Integers) -> tuple[Floats, Floats]:
-        """Power over its mean of each job's cells, (n_jobs, N_CELLS), and the highest of each; many jobs in threads."""
+        """Compute the power over its mean of each job's cells, (n_jobs, N_CELLS), and each job's highest.
+
+        Many jobs run in threads.
+        """
         power, highest = np.empty((row.size, N_CELLS), np.float32), np.empty(row.size, np.float32)
 
         def work(part: tuple[int, int]) -> None:
@@ -302,18 +307,18 @@ class Searcher:
     def _weights(
         self, taken: Sequence[tuple[KnownSignal, float]], dopplers_hz: Reals, threshold: float, noise: float
     ) -> Floats:
-        """Factors, (n_dopplers, N_CELLS), that leave above the threshold what the signals taken out do not explain."""
+        """Compute factors, (n_dopplers, N_CELLS), that keep above the threshold what removed signals do not explain."""
         settings = self.settings
         limit = np.full((dopplers_hz.size, N_CELLS), threshold)
         cells = np.arange(N_CELLS)
-        for one, power in taken:
-            centre_chips = self._cell(one) * self.signal.code_length / N_CELLS
+        for removed, power in taken:
+            centre_chips = self._cell(removed) * self.signal.code_length / N_CELLS
             apart = np.abs(
                 (cells * self.signal.code_length / N_CELLS - centre_chips + 0.5 * self.signal.code_length)
                 % self.signal.code_length
                 - 0.5 * self.signal.code_length
             )
-            near = np.abs(dopplers_hz - one.doppler_hz) < self._near_hz
+            near = np.abs(dopplers_hz - removed.doppler_hz) < self._near_hz
             snr = power / noise * settings.coherent_periods
             limit[near] = np.maximum(limit[near], 1.0 + _LEFT * snr)
             shoulder = np.where(apart < settings.shoulder_chips, 1.0 + _SHOULDER * snr, 0.0)
@@ -323,16 +328,16 @@ class Searcher:
 
     # ------------------------------------------------------------------ spectra
 
-    def _rows(self, planes: Floats, if_hz: float, rows_hz: Reals) -> Floats:
-        """Spectra of the blocks at each Doppler, (n_rows, n_sums, 2, N_CELLS), in the order of `fft.fftfreq`."""
+    def _compute_rows(self, planes: Floats, if_hz: float, rows_hz: Reals) -> Floats:
+        """Return spectra of the blocks a Doppler, (n_rows, n_sums, 2, N_CELLS), in the order of `fft.fftfreq`."""
         bin_hz = 1.0 / self.period_s
         offset_hz = np.mod(rows_hz, bin_hz)
         offsets_hz, which = np.unique(offset_hz, return_inverse=True)
         shifts = np.round((rows_hz - offset_hz) / bin_hz).astype(np.int64)
-        base = self._spectra(planes, if_hz, offsets_hz)
+        base = self._compute_spectra(planes, if_hz, offsets_hz)
         if self._has_lines(base):
             _notch(planes, _LINE + _CODE_LINE_HZ * planes.shape[1] / self.rate_hz)
-            base = self._spectra(planes, if_hz, offsets_hz)
+            base = self._compute_spectra(planes, if_hz, offsets_hz)
         settings = self.settings
         middle = 0.5 * (settings.n_sums - 1)
         blocks_s = (np.arange(settings.n_sums) - middle) * settings.coherent_periods * self.period_s
@@ -348,8 +353,8 @@ class Searcher:
                 rows[number, :, 0], rows[number, :, 1] = turned.real, turned.imag
         return rows
 
-    def _spectra(self, planes: Floats, if_hz: float, offsets_hz: Reals) -> ComplexFloats:
-        """Of each block, folded to one code period after wipe-off at each offset: (n_offsets, n_sums, n_fft)."""
+    def _compute_spectra(self, planes: Floats, if_hz: float, offsets_hz: Reals) -> ComplexFloats:
+        """Fold each block to one code period after wipe-off at each offset; spectra (n_offsets, n_sums, n_fft)."""
         settings = self.settings
         n_periods = settings.coherent_periods * settings.n_sums
         exact = np.arange(n_periods) * self._per_period
@@ -373,7 +378,7 @@ class Searcher:
     def _has_lines(self, spectra: ComplexFloats) -> bool:
         psd = _mean_power(spectra.view(np.float32))
         limit = _LINE + _CODE_LINE_HZ * self.settings.coherent_periods * self.period_s
-        return bool(np.any(psd > limit * _level(psd.mean(axis=0))))
+        return bool(np.any(psd > limit * _median_level(psd.mean(axis=0))))
 
     def _code(self, sat: str) -> Floats:
         if sat not in self._codes:
@@ -381,7 +386,7 @@ class Searcher:
         return self._codes[sat]
 
     def _code_spectrum(self, chips: NDArray[np.int8]) -> Floats:
-        """Conjugate spectrum of rectangular chips, (2, N_CELLS): that of the chips as points, times sinc."""
+        """Compute the conjugate spectrum of rectangular chips, (2, N_CELLS): that of points, times sinc."""
         lines = np.round(_FREQUENCY * N_CELLS).astype(np.int64)
         points = fft.fft(chips.astype(np.float64))[lines % chips.size]
         turns = lines / chips.size
@@ -391,22 +396,22 @@ class Searcher:
     # ------------------------------------------------------------------ cells, delays, signals
 
     def _delay_s(self, column: int, doppler_hz: float) -> float:
-        """At the first sample, of a cell, which holds for the middle of the stretch."""
+        """Return the delay at the first sample of a cell, which holds for the middle of the stretch."""
         cell_s = self._n_fft / self.rate_hz / N_CELLS
         ran_s = 0.5 * (self.duration_s - self.settings.coherent_periods * self.period_s)
         return float((column * cell_s + doppler_hz / self.signal.carrier_hz * ran_s) % self.period_s)
 
-    def _cell(self, one: KnownSignal) -> float:
-        """Inverse of `_delay_s`, fractional."""
+    def _cell(self, known_signal: KnownSignal) -> float:
+        """Return the fractional cell of a signal: the inverse of `_delay_s`."""
         ran_s = 0.5 * (self.duration_s - self.settings.coherent_periods * self.period_s)
-        delay_s = one.delay_s - one.doppler_hz / self.signal.carrier_hz * ran_s
+        delay_s = known_signal.delay_s - known_signal.doppler_hz / self.signal.carrier_hz * ran_s
         return float(delay_s / self.period_s * N_CELLS % N_CELLS)
 
     def _noise(self, planes: Floats, if_hz: float) -> float:
-        """Mean power of the correlation of one code period with noise alone, through the code's own band."""
-        return noise_of(planes, self.signal, self.rate_hz, if_hz, self._unused_codes[0])
+        """Measure the mean power of one code period's correlation with noise alone, through the code's own band."""
+        return measure_noise(planes, self.signal, self.rate_hz, if_hz, self._unused_codes[0])
 
-    def _measured(self, planes: Floats, if_hz: float, candidate: _Candidate) -> Measured:
+    def _measure(self, planes: Floats, if_hz: float, candidate: _Candidate) -> Measured:
         return measure(
             planes,
             self.signal,
@@ -417,86 +422,93 @@ class Searcher:
             doppler_reach_hz=min(0.75 * self.settings.doppler_step_hz, 499.0),
         )
 
-    def _shoulder(
+    def _is_shoulder(
         self, samples: Floats, if_hz: float, sat: str, found: KnownSignal, known: Mapping[str, Sequence[KnownSignal]]
     ) -> bool:
-        """Whether a signal lies so near one taken out before that it is called its reflection.
+        """Tell if a signal lies so near one subtracted before that it is called its reflection.
 
-        Where they overlap, they are measured together: beside a signal that has a reflection within half a chip the
-        top of what is left, once one signal is taken out, stands up to a chip away.
+        Where they overlap, they are measured together. A signal with a reflection within half a chip leaves a false
+        top, up to a chip away, once a single one is subtracted.
         """
         settings = self.settings
-        for one in known.get(sat, []):
-            apart_s = (found.delay_s - one.delay_s + 0.5 * self.period_s) % self.period_s - 0.5 * self.period_s
+        for known_signal in known.get(sat, []):
+            apart_s = (found.delay_s - known_signal.delay_s + 0.5 * self.period_s) % self.period_s - 0.5 * self.period_s
             chips = abs(apart_s) * self.signal.chip_rate_hz
-            if chips >= settings.shoulder_chips or abs(found.doppler_hz - one.doppler_hz) >= self._near_hz:
+            if chips >= settings.shoulder_chips or abs(found.doppler_hz - known_signal.doppler_hz) >= self._near_hz:
                 continue
             if chips < settings.mask_chips:
                 return True
             planes = np.array(samples[:, : self.n_samples], dtype=np.float32)
-            others = [(name, other) for name, ones in known.items() for other in ones if other is not one]
-            remove(planes, self.signal, self.rate_hz, if_hz, others)
-            apart = separation_chips(planes, self.signal, self.rate_hz, if_hz, sat, one, found)
+            other_signals = [
+                (name, other) for name, ones in known.items() for other in ones if other is not known_signal
+            ]
+            remove(planes, self.signal, self.rate_hz, if_hz, other_signals)
+            apart = separation_chips(planes, self.signal, self.rate_hz, if_hz, sat, known_signal, found)
             if apart < settings.mask_chips:
                 return True
         return False
 
-    def _take_out(
+    def _remove_jointly(
         self,
         planes: Floats,
         if_hz: float,
         fresh: Sequence[tuple[str, KnownSignal]],
         taken: dict[str, list[tuple[KnownSignal, float]]],
     ) -> None:
-        """Take signals out of the samples; with those of the same satellite taken out before, until they agree."""
+        """Remove signals from the samples, jointly with earlier ones of the same satellite until they agree."""
         power = remove(planes, self.signal, self.rate_hz, if_hz, fresh)
-        for (sat, one), value in zip(fresh, power, strict=True):
-            taken.setdefault(sat, []).append((one, float(value)))
-        together = [(sat, one) for sat in {sat for sat, _ in fresh} if len(taken[sat]) > 1 for one, _ in taken[sat]]
+        for (sat, known_signal), value in zip(fresh, power, strict=True):
+            taken.setdefault(sat, []).append((known_signal, float(value)))
+        together = [
+            (sat, known_signal)
+            for sat in {sat for sat, _ in fresh}
+            if len(taken[sat]) > 1
+            for known_signal, _ in taken[sat]
+        ]
         if together:
             remove(planes, self.signal, self.rate_hz, if_hz, sorted(together, key=lambda pair: pair[0]), rounds=2)
 
 
-def _clear(candidates: Sequence[_Candidate]) -> list[_Candidate]:
-    """Those that are no cross-correlation of the stronger ones, the strongest first."""
+def _select_clear(candidates: Sequence[_Candidate]) -> list[_Candidate]:
+    """Select candidates that are no cross-correlation of the stronger ones, the strongest first."""
     clear: list[_Candidate] = []
     stronger = 0.0
-    for one in sorted(candidates, key=lambda c: -c.power):
-        if one.power - 1.0 >= _CROSS * _ADDING * stronger or not clear:
-            clear.append(one)
-        stronger += one.power - 1.0
+    for candidate in sorted(candidates, key=lambda c: -c.power):
+        if candidate.power - 1.0 >= _CROSS * _ADDING * stronger or not clear:
+            clear.append(candidate)
+        stronger += candidate.power - 1.0
     return clear
 
 
 def _notch(planes: Floats, limit: float) -> None:
-    """Bring lines above `limit` times their neighbours' median down to it, in place, with the skirts that reach it.
+    """Limit lines above `limit` times their neighbours' median, in place, with the skirts that reach it.
 
     Over the whole stretch, not a code period at a time: there the skirts of a line between two bins reach everywhere,
     and cutting its top off leaves short pulses.
     """
     spectrum = fft.fft(planes[0] + 1j * planes[1])
     psd = spectrum.real**2 + spectrum.imag**2
-    level = _level(psd)
+    level = _median_level(psd)
     lines = np.flatnonzero(psd > limit * level)
     with np.errstate(divide="ignore"):  # between the lines of a stretch that only repeats itself there is nothing
         reach = np.minimum(np.sqrt(psd[lines] / level[lines]) / np.pi, psd.size // 2 - 1).astype(np.int64)
-    cut = _covered(lines - reach, lines + reach, psd.size)
+    cut = _is_in_arcs(lines - reach, lines + reach, psd.size)
     cut &= psd > level
     spectrum[cut] *= np.sqrt(level[cut] / psd[cut])
     wave = fft.ifft(spectrum, overwrite_x=True)
     planes[0], planes[1] = wave.real, wave.imag
 
 
-def _covered(first: Integers, last: Integers, size: int) -> Booleans:
-    """Which bins of a circle of `size` lie in any of the arcs from `first` to `last`, both included."""
+def _is_in_arcs(first: Integers, last: Integers, size: int) -> Booleans:
+    """Find the bins of a circle of `size` that lie in any of the arcs from `first` to `last`, both included."""
     steps = np.zeros(size + 1, np.int64)
     np.add.at(steps, first % size, 1)
     np.add.at(steps, last % size + 1, -1)
     return np.cumsum(steps)[:size] + np.count_nonzero(first % size > last % size) > 0
 
 
-def _level(psd: Floats) -> Floats:
-    """Median of the surroundings of each bin, 64 of them."""
+def _median_level(psd: Floats) -> Floats:
+    """Compute the median of the surroundings of each bin, 64 of them."""
     width = psd.size // 64
     level = np.empty(psd.size, np.float32)
     level[: 64 * width] = np.repeat(np.median(psd[: 64 * width].reshape(64, width), axis=-1), width)
@@ -506,7 +518,10 @@ def _level(psd: Floats) -> Floats:
 
 @compiled
 def _mean_power(spectra: Floats) -> Floats:
-    """Over the blocks, (n_offsets, n_fft), of interleaved real and imaginary parts (n_offsets, n_blocks, 2 n_fft)."""
+    """Average power over the blocks, (n_offsets, n_fft), of interleaved parts (n_offsets, n_blocks, 2 n_fft).
+
+    The parts are real and imaginary.
+    """
     n = spectra.shape[2] // 2
     power = np.zeros((spectra.shape[0], n), np.float32)
     for offset in range(spectra.shape[0]):
@@ -521,7 +536,7 @@ def _mean_power(spectra: Floats) -> Floats:
 
 @compiled
 def _cut(spectra: Floats, shift: int, out: Floats) -> None:
-    """The N_CELLS bins around bin `shift`, zero where there are none.
+    """Copy the N_CELLS bins around bin `shift`, zero where there are none.
 
     spectra : (n_sums, 2 n_fft), interleaved real and imaginary parts, periodic; out : (n_sums, 2, N_CELLS), filled.
     """
@@ -534,12 +549,12 @@ def _cut(spectra: Floats, shift: int, out: Floats) -> None:
         while k < half:  # in runs without a wrap on either side
             source, cell = (k + shift) % n_fft, k % n
             count = min(half - k, n_fft - source, n - cell)
-            _unweave(line[2 * source : 2 * (source + count)], real[cell : cell + count], imag[cell : cell + count])
+            _separate(line[2 * source : 2 * (source + count)], real[cell : cell + count], imag[cell : cell + count])
             k += count
 
 
 @compiled
-def _unweave(line: Floats, real: Floats, imag: Floats) -> None:
+def _separate(line: Floats, real: Floats, imag: Floats) -> None:
     for k in range(real.shape[0]):
         real[k] = line[2 * k]
         imag[k] = line[2 * k + 1]
@@ -582,5 +597,5 @@ def _fold_planes(i: Floats, q: Floats, starts: Integers, coherent: int, cycle_st
 
 
 def _fold(i: Floats, q: Floats, starts: Integers, coherent: int, cycle_step: float, out: ComplexFloats) -> None:
-    """Samples wiped off and added over the periods of each block: into `out`, (n_blocks, n)."""
+    """Wipe off samples and add them over the periods of each block, into `out`, (n_blocks, n)."""
     _fold_planes(i, q, starts, coherent, cycle_step, out.view(np.float32))

@@ -1,4 +1,4 @@
-"""Several antennas of one receiver: the sum of them that closes the loops, and what each measures beside it.
+"""Combine several antennas of one receiver: their sum closes the loops, and each is measured beside it.
 
 The antennas share the sampling clock and the oscillator, so that one replica serves all of them. What differs from one
 antenna to the next is the carrier's phase, by the direction that the signal comes from, and by less the code's delay.
@@ -10,7 +10,7 @@ of the antennas' prompts on the sum in the frame before. To first order they do 
 from frame to frame.
 
 Carrier and data bits that are found in the sum are taken off every antenna's prompts, which may then be averaged
-over a whole block: no antenna has to be locked by itself, and their phases are known against each other without an
+over a whole block: no antenna has to be locked alone, and their phases are known against each other without an
 ambiguity of half a cycle.
 """
 
@@ -27,7 +27,7 @@ from skyproof.receiver import measurement as m
 from skyproof.receiver.crosstalk import Rows, take_out
 from skyproof.receiver.discriminator import Discriminator
 
-__all__ = ["N_LAST", "combining", "first_weights", "measure_antennas", "separated", "unwrapped"]
+__all__ = ["N_LAST", "compute_weights", "first_weights", "measure_antennas", "subtract_by_antenna", "unwrap_phases"]
 
 N_LAST = 3
 """What is remembered of an antenna from one row of measurements to the next: phase, its rate, and its sigma."""
@@ -36,14 +36,14 @@ _SIGMAS = 6.0
 
 
 def first_weights(antenna: int, n_antennas: int) -> Reals:
-    """(1, n_antennas, 2) of a channel that follows what was found on one antenna."""
+    """Return the weights (1, n_antennas, 2) of a channel that follows a signal found on one antenna."""
     weights = np.zeros((1, n_antennas, 2))
     weights[0, antenna, 0] = 1.0
     return weights
 
 
-def combining(rows: Reals, weights: Reals, power: Reals) -> Reals:
-    """Weights (n_channels, n_antennas, 2), real and imaginary part, for the next frame.
+def compute_weights(rows: Reals, weights: Reals, power: Reals) -> Reals:
+    """Compute the weights (n_channels, n_antennas, 2), real and imaginary part, for the next frame.
 
     rows, weights : of the frame before, as of the kernel; zero where there is none.
     power : (n_antennas,) of the antennas' noise.
@@ -54,7 +54,7 @@ def combining(rows: Reals, weights: Reals, power: Reals) -> Reals:
     if n_antennas == 1 or not np.any(power > 0.0):
         return weights
     scale = np.sqrt(np.max(power) / np.where(power > 0.0, power, np.inf))
-    prompts = _taps(rows, n_antennas)[..., 1]
+    prompts = _antenna_taps(rows, n_antennas)[..., 1]
     turned = _complex(weights)
     total = np.einsum("cra,ca->cr", prompts, turned.conj())
     seen = np.einsum("cra,cr->ca", prompts, total.conj()) * scale
@@ -63,12 +63,16 @@ def combining(rows: Reals, weights: Reals, power: Reals) -> Reals:
     return np.stack([turned.real, turned.imag], axis=-1)
 
 
-def separated(sats: Sequence[str], before: Rows, now: Rows, weights: tuple[Reals, Reals], **correlation: Any) -> Reals:
-    """`crosstalk.take_out` antenna by antenna: to each, another signal of a satellite adds with another phase.
+def subtract_by_antenna(
+    sats: Sequence[str], before: Rows, now: Rows, weights: tuple[Reals, Reals], **correlation: Any
+) -> Reals:
+    """Subtract a satellite's other signals antenna by antenna, as `crosstalk.take_out` does.
+
+    To each antenna, another signal of the satellite adds with another phase.
 
     weights : of the frame before and of this one, (n_channels, n_antennas, 2). correlation : as `take_out` takes it.
 
-    Gives what `take_out` gives, of the weighted sum.
+    Returns what `take_out` returns, for the weighted sum.
     """
     n_antennas = weights[0].shape[1]
     if n_antennas == 1:
@@ -77,13 +81,13 @@ def separated(sats: Sequence[str], before: Rows, now: Rows, weights: tuple[Reals
     if len(set(sats)) == len(sats):
         return errors_chips[:, 0]
     for antenna in range(n_antennas):
-        parts = [(_of_antenna(rows, antenna, n_antennas), counts) for rows, counts in (before, now)]
+        parts = [(_select_antenna(rows, antenna, n_antennas), counts) for rows, counts in (before, now)]
         errors_chips[:, antenna] = take_out(sats, *parts, **correlation)
         for (rows, _), (part, _) in zip((before, now), parts, strict=True):
             first = _first_column(rows, n_antennas) + 6 * antenna
             rows[..., first : first + 6] = part[..., k.OUT_TAPS :]
     for (rows, _), those in zip((before, now), weights, strict=True):
-        summed = np.einsum("crat,ca->crt", _taps(rows, n_antennas), _complex(those).conj())
+        summed = np.einsum("crat,ca->crt", _antenna_taps(rows, n_antennas), _complex(those).conj())
         pairs = np.stack([summed.real, summed.imag], axis=-1)
         rows[..., k.OUT_TAPS : k.OUT_TAPS + 6] = pairs.reshape(*summed.shape[:2], 6)
     share = np.sum(weights[1] ** 2, axis=-1)
@@ -103,15 +107,15 @@ def measure_antennas(
     discriminator: Discriminator,
     false_hold_probability: float,
 ) -> Reals:
-    """What each antenna measures beside the sum, (n_channels, n_antennas, N_OWN); NaN where it has no signal.
+    """Measure each antenna beside the sum, (n_channels, n_antennas, N_OWN); NaN where it has no signal.
 
-    before, now : as `measure` takes them; wipe, taps : as it gives them. Phases lie within half a cycle.
+    before, now : as `measure` takes them; wipe, taps : as it returns them. Phases lie within half a cycle.
     false_hold_probability : that noise passes for a signal in one row.
 
     With R the signal's energy over the noise density in the block, the phase's sigma is 1 / sqrt(2 R) radians
     (Kay, Estimation Theory, example 3.4), and noise alone exceeds R with exp(-R).
     """
-    own = np.full((wipe.shape[0], n_antennas, m.N_OWN), np.nan)
+    per_antenna = np.full((wipe.shape[0], n_antennas, m.N_OWN), np.nan)
     with np.errstate(invalid="ignore"):
         summed_chips = (taps[:, 0] - taps[:, 2]).real / taps[:, 1].real / discriminator.gain
     _measure(
@@ -127,16 +131,16 @@ def measure_antennas(
         discriminator.noise_chips2,
         summed_chips,
         -math.log(false_hold_probability),
-        own,
+        per_antenna,
     )
-    return own
+    return per_antenna
 
 
-def unwrapped(own: Reals, last: Reals, good: Booleans, interval_s: float) -> Reals:
-    """What to remember, (n_channels, n_antennas, N_LAST), after phases in `own` went on, in place, from `last`.
+def unwrap_phases(own: Reals, last: Reals, good: Booleans, interval_s: float) -> Reals:
+    """Unwrap the phases in `own`, in place, from `last`; return what to remember, (n_channels, n_antennas, N_LAST).
 
-    good : (n_channels,) whose rows are given out. Where a whole cycle more or less cannot be excluded, or nothing is
-    known from `interval_s` ago, the phase counts as slipped.
+    good : (n_channels,) whose rows are output. If a whole cycle more or less cannot be excluded, or nothing is known
+    from `interval_s` ago, the phase counts as slipped.
     """
     phase, rate, sigma = own[..., m.OWN_PHASE_CYC], own[..., m.OWN_DOPPLER_HZ], own[..., m.OWN_PHASE_SIGMA_CYC]
     expected = last[..., 0] + 0.5 * interval_s * (last[..., 1] + rate)
@@ -152,16 +156,16 @@ def _first_column(rows: Reals, n_antennas: int) -> int:
     return int(rows.shape[2]) - 6 * n_antennas
 
 
-def _of_antenna(rows: Reals, antenna: int, n_antennas: int) -> Reals:
-    """Rows as of a receiver with this antenna alone, a copy."""
+def _select_antenna(rows: Reals, antenna: int, n_antennas: int) -> Reals:
+    """Return rows as of a receiver with this antenna alone, a copy."""
     first = _first_column(rows, n_antennas) + 6 * antenna
     return np.concatenate([rows[..., : k.OUT_TAPS], rows[..., first : first + 6]], axis=-1)
 
 
-def _taps(rows: Reals, n_antennas: int) -> Complexes:
-    """Early, prompt and late of each antenna, (n_channels, periods, n_antennas, 3)."""
-    own = rows[..., _first_column(rows, n_antennas) :].reshape(*rows.shape[:2], n_antennas, 3, 2)
-    return _complex(own)
+def _antenna_taps(rows: Reals, n_antennas: int) -> Complexes:
+    """Return early, prompt and late of each antenna, (n_channels, periods, n_antennas, 3)."""
+    sums = rows[..., _first_column(rows, n_antennas) :].reshape(*rows.shape[:2], n_antennas, 3, 2)
+    return _complex(sums)
 
 
 def _complex(parts: Reals) -> Complexes:

@@ -1,12 +1,12 @@
-"""Do data bits begin where they are thought to, or do they all begin so many code periods earlier?
+"""Test if data bits begin where expected, or if they all begin so many code periods earlier.
 
 Samples that are missing move the bits of all signals by the same number of code periods. Fades, slips and a second
-signal move none. For each bit the energy of its sum is compared with that of the two sums which overlap it and begin so
-many periods earlier, modulo a bit, as a share of both, so that no strong bit counts for more than a weak one. The two
-are weighted so that they stand for the same time as the bit: strength that grows or falls makes no difference. With
-bits as they are thought the mean of that is negative where the bit turns over and zero where it does not, whatever the
-signal's strength and phase and whatever else disturbs all three sums alike. So the mean over all bits of all signals,
-over its standard error, exceeds a normal quantile with at most the stated probability.
+signal move none. For each bit the energy of its sum is compared with that of two sums which overlap it. They begin so
+many periods earlier, modulo a bit. The difference is a share of both, so that strong and weak bits count alike. The two
+are weighted to cover the same time as the bit, so that a changing strength makes no difference. If bits begin as
+expected, the mean is negative where the bit turns over and zero where it does not. Strength, phase and common
+disturbances of all three sums do not matter. So the mean over all bits of all signals, over its standard error, exceeds
+a normal quantile with at most the stated probability.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from skyproof.arrays import Booleans, Complexes, Integers, Reals
 from skyproof.receiver import kernels as k
 from skyproof.receiver.crosstalk import Rows
 
-__all__ = ["EdgeSums", "add_bits", "edge_scores", "prompts_of", "shift_limit"]
+__all__ = ["EdgeSums", "add_bits", "collect_prompts", "edge_scores", "shift_limit"]
 
 _PROMPT: Final = slice(k.OUT_TAPS + 2, k.OUT_TAPS + 4)
 _FEWEST_BITS = 15
@@ -45,9 +45,10 @@ class EdgeSums:
     squares: Reals = field(default_factory=lambda: np.zeros(1))
 
 
-def prompts_of(blocks: Sequence[Rows], chosen: Booleans) -> tuple[Complexes, Integers]:
-    """Prompts (n_signals, n_periods) of the chosen channels in successive blocks of the kernel's rows, as many as each
-    of them has, and the code period (n_signals,) of each one's first.
+def collect_prompts(blocks: Sequence[Rows], chosen: Booleans) -> tuple[Complexes, Integers]:
+    """Collect prompts (n_signals, n_periods) of the chosen channels in successive blocks of the kernel's rows.
+
+    All have as many periods as the shortest. Also returned is the code period (n_signals,) of each one's first.
     """
     channels = np.flatnonzero(chosen)
     counts = np.array([count[channels] for _, count in blocks])
@@ -63,10 +64,10 @@ def prompts_of(blocks: Sequence[Rows], chosen: Booleans) -> tuple[Complexes, Int
 
 
 def add_bits(sums: EdgeSums, prompts: Complexes, first_periods: Integers, bit_starts: Reals) -> EdgeSums:
-    """One more look.
+    """Add one more look to the sums.
 
     prompts : (n_signals, n_periods) of successive code periods, of each signal from `first_periods` (n_signals,) on.
-    bit_starts : (n_signals,) period, modulo those of a bit, with which its bits are thought to begin.
+    bit_starts : (n_signals,) period, modulo those of a bit, with which its bits are expected to begin.
     """
     offsets = np.mod(bit_starts - first_periods, sums.periods_per_bit).astype(np.int64)
     difference = _differences(prompts, offsets, sums.periods_per_bit)
@@ -80,7 +81,7 @@ def add_bits(sums: EdgeSums, prompts: Complexes, first_periods: Integers, bit_st
 
 
 def _differences(prompts: Complexes, offsets: Integers, periods: int) -> Reals:
-    """(n_bits, periods - 1): energy of each bit's sum moved, less that of the sum itself, over the sum of both."""
+    """Compute (n_bits, periods - 1): energy of each bit's sum moved, less that of the sum, over the sum of both."""
     shifts, longest = np.arange(1, periods), periods - 1
     away = np.concatenate([[0], -shifts, periods - shifts])  # of a bit's sum, and of those before it and behind it
     offsets = np.where(offsets < longest, offsets + periods, offsets)  # what begins earliest must be there
@@ -91,8 +92,8 @@ def _differences(prompts: Complexes, offsets: Integers, periods: int) -> Reals:
     of_signal = np.arange(prompts.shape[0])[:, np.newaxis, np.newaxis]
     energy = np.abs(summed[of_signal, begins + periods] - summed[of_signal, begins]) ** 2
     still, moved = energy[..., :1], energy[..., 1:]
-    both = moved + still
-    share = np.divide(moved - still, both, out=np.zeros_like(both), where=both > 0.0)
+    total = moved + still
+    share = np.divide(moved - still, total, out=np.zeros_like(total), where=total > 0.0)
     earlier, later = np.split(share.reshape(-1, 2 * shifts.size), 2, axis=-1)
     # Each share for itself has the mean zero on noise, as it is the same with both sums exchanged but for its sign.
     later_share = shifts / periods
@@ -100,9 +101,11 @@ def _differences(prompts: Complexes, offsets: Integers, periods: int) -> Reals:
 
 
 def edge_scores(sums: EdgeSums) -> Reals:
-    """(periods_per_bit - 1,) mean difference over its standard error for each shift; zero with too few bits to tell.
+    """Compute the mean difference over its standard error for each shift (periods_per_bit - 1,).
 
-    Standard normal or lower where bits begin as they are thought to.
+    It is zero with too few bits.
+
+    It is standard normal or lower if bits begin as expected.
     """
     if sums.n_bits < _FEWEST_BITS:
         return np.zeros(sums.periods_per_bit - 1)
@@ -112,5 +115,5 @@ def edge_scores(sums: EdgeSums) -> Reals:
 
 
 def shift_limit(probability: float, periods_per_bit: int) -> float:
-    """What the largest of the scores exceeds with at most this probability where no bit moved."""
+    """Return the value that the largest score exceeds with at most this probability if no bit moved."""
     return -float(special.ndtri(probability / (periods_per_bit - 1)))

@@ -1,8 +1,8 @@
-"""Signals that are known, taken out of the samples; and a signal that was found, measured.
+"""Subtract known signals from the samples, and measure a signal that was found.
 
 A signal is taken out one code period at a time: correlate the period, subtract the replica with the amplitude found.
-That is least squares with an amplitude a period, so data bits, fading and phase noise cost nothing, and what goes is
-the whole correlation shape with all its side lobes, also those on other satellites' codes. Signals of one satellite
+That is least squares with an amplitude a period, so data bits, fading and phase noise cost nothing. It removes the
+whole correlation shape with all its side lobes, also those on other satellites' codes. Signals of one satellite
 overlap: a few rounds over them give the joint least squares (backfitting; half a chip apart, the error falls to a
 quarter a round).
 """
@@ -21,7 +21,7 @@ from skyproof.arrays import Complexes, Floats, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalPlan, prn_of
 
-__all__ = ["KnownSignal", "Measured", "measure", "noise_of", "remove", "separation_chips"]
+__all__ = ["KnownSignal", "Measured", "measure", "measure_noise", "remove", "separation_chips"]
 
 CHUNK: Final = 512
 FRACTIONS: Final = 64
@@ -60,19 +60,19 @@ def remove(
     *,
     rounds: int = 1,
 ) -> Reals:
-    """Take the known signals, (satellite, signal), out of `planes`, float32 (2, n), in place.
+    """Subtract the known signals, (satellite, signal), from `planes`, float32 (2, n), in place.
 
     Returns the mean power of each one's correlation over one code period, noise included: shape (n_known,).
     """
     power = np.zeros((rounds, len(known)))
     for turn in range(rounds):
-        for number, (sat, one) in enumerate(known):
-            chip, chip_step, cycle_step = _phases(signal, rate_hz, if_hz, one)
+        for number, (sat, known_signal) in enumerate(known):
+            chip, chip_step, cycle_step = _phases(signal, rate_hz, if_hz, known_signal)
             nominal = signal.chip_rate_hz / rate_hz
             power[turn, number] = _subtract(
                 planes[0],
                 planes[1],
-                _table_of(signal, sat, nominal),
+                _build_table(signal, sat, nominal),
                 chip,
                 chip_step,
                 nominal,
@@ -93,14 +93,14 @@ def measure(
     *,
     doppler_reach_hz: float,
 ) -> Measured:
-    """Delay, Doppler and C/N0 of a signal found within half a chip and `doppler_reach_hz` (at most 500 Hz).
+    """Measure delay, Doppler and C/N0 of a signal found within half a chip and `doppler_reach_hz` (at most 500 Hz).
 
     Doppler: spectrum of the squared correlations of half code periods, which are free of data bits. Delay: late minus
     early along the prompt (Kaplan and Hegarty, 8.7, dot product), the triangle's slope.
     """
-    one, code = rough, _code_of(signal, sat)
+    estimate, code = rough, _code_of(signal, sat)
     taps = np.linspace(-0.5, 0.5, 5)
-    halves = _correlate(planes, signal, rate_hz, if_hz, code, one, taps)
+    halves = _correlate(planes, signal, rate_hz, if_hz, code, estimate, taps)
     best = int(np.argmax(np.sum(np.abs(halves) ** 2, axis=(0, 1))))
     prompts = halves[..., best].ravel()
     n_fft = 8 * fft.next_fast_len(prompts.size)
@@ -108,18 +108,22 @@ def measure(
     frequency_hz = 0.5 * fft.fftfreq(n_fft, 0.5 * signal.period_s)
     spectrum[np.abs(frequency_hz) > doppler_reach_hz] = 0.0
     chip_s = 1.0 / signal.chip_rate_hz
-    one = KnownSignal(
-        delay_s=one.delay_s + taps[best] * chip_s,
-        doppler_hz=one.doppler_hz + float(frequency_hz[int(np.argmax(spectrum))]),
+    estimate = KnownSignal(
+        delay_s=estimate.delay_s + taps[best] * chip_s,
+        doppler_hz=estimate.doppler_hz + float(frequency_hz[int(np.argmax(spectrum))]),
     )
     for apart in (0.5, 0.25):
         early, prompt, late = np.moveaxis(
-            _correlate(planes, signal, rate_hz, if_hz, code, one, np.array([-apart, 0.0, apart])).sum(axis=1), -1, 0
+            _correlate(planes, signal, rate_hz, if_hz, code, estimate, np.array([-apart, 0.0, apart])).sum(axis=1),
+            -1,
+            0,
         )
         slope = float(np.sum(((late - early) * prompt.conj()).real) / (2.0 * np.sum(np.abs(prompt) ** 2)))
-        one = KnownSignal(delay_s=one.delay_s + float(np.clip(slope, -0.5, 0.5)) * chip_s, doppler_hz=one.doppler_hz)
+        estimate = KnownSignal(
+            delay_s=estimate.delay_s + float(np.clip(slope, -0.5, 0.5)) * chip_s, doppler_hz=estimate.doppler_hz
+        )
     return Measured(
-        signal=KnownSignal(delay_s=one.delay_s % signal.period_s, doppler_hz=one.doppler_hz),
+        signal=KnownSignal(delay_s=estimate.delay_s % signal.period_s, doppler_hz=estimate.doppler_hz),
         power=float(np.mean(np.abs(prompt) ** 2)),
     )
 
@@ -133,10 +137,10 @@ def separation_chips(
     one: KnownSignal,
     other: KnownSignal,
 ) -> float:
-    """How far apart two overlapping signals of one satellite are: joint least squares over both delays.
+    """Estimate how far apart two overlapping signals of one satellite are: joint least squares over both delays.
 
-    Each was measured as if it were alone, or in what the other had left. What a signal with a near reflection leaves
-    once a single one is taken out has its top a chip from it, where there is nothing.
+    Each was measured as if it were alone, or after the other was subtracted. If a signal has a near reflection, and a
+    single one is subtracted, the rest has its top a chip away, where there is no signal.
 
     planes : with both in. Amplitudes are free in each code period; both delays within `_FREE_CHIPS` of what is known.
     """
@@ -153,23 +157,25 @@ def separation_chips(
     return float(between.flat[int(np.argmax(explained))])
 
 
-def noise_of(planes: Floats, signal: SignalPlan, rate_hz: float, if_hz: float, code: NDArray[np.int8]) -> float:
-    """Mean power of the correlation of one code period with a code that nobody sends: what the code's band holds.
+def measure_noise(planes: Floats, signal: SignalPlan, rate_hz: float, if_hz: float, code: NDArray[np.int8]) -> float:
+    """Measure the mean power of one code period's correlation with an unused code: the noise in the code's band.
 
-    From at most 20 periods and 16 delays: good to 6 %. The mean square of the samples would not do, as the front end's
-    band may be a small part of theirs.
+    It uses at most 20 periods and 16 delays: good to 6 %. The mean square of the samples would not do, as the front
+    end's band may be a small part of theirs.
     """
     delays_chips = np.linspace(0.0, signal.code_length, 16, endpoint=False)
-    one = KnownSignal(delay_s=0.0, doppler_hz=0.0)
+    origin = KnownSignal(delay_s=0.0, doppler_hz=0.0)
     n = min(planes.shape[1], math.ceil(20.0 * signal.period_s * rate_hz))
-    sums = _correlate(planes[:, :n], signal, rate_hz, if_hz, _padded(code), one, delays_chips).sum(axis=1)
+    sums = _correlate(planes[:, :n], signal, rate_hz, if_hz, _pad_code(code), origin, delays_chips).sum(axis=1)
     return float(np.mean(np.abs(sums) ** 2))
 
 
 @cache
-def _table_of(signal: SignalPlan, sat: str, chips_per_sample: float) -> NDArray[np.int8]:
-    """The code at fractions of a sample, (FRACTIONS, n): row p, column k is the chip (k + p / FRACTIONS - 1) samples
-    after the code's start. Read in a row it costs a fraction of looking up the chip of each sample.
+def _build_table(signal: SignalPlan, sat: str, chips_per_sample: float) -> NDArray[np.int8]:
+    """Tabulate the code at fractions of a sample, (FRACTIONS, n), for a satellite.
+
+    Row p, column k is the chip (k + p / FRACTIONS - 1) samples after the code's start. Reading a row costs a fraction
+    of looking up the chip of each sample.
     """
     n = math.ceil(signal.code_length / chips_per_sample) + CHUNK + 4
     samples = np.arange(n)[None, :] - 1.0 + np.arange(FRACTIONS)[:, None] / FRACTIONS
@@ -179,16 +185,16 @@ def _table_of(signal: SignalPlan, sat: str, chips_per_sample: float) -> NDArray[
 
 @cache
 def _code_of(signal: SignalPlan, sat: str) -> Floats:
-    return _padded(signal.code(prn_of(sat)))
+    return _pad_code(signal.code(prn_of(sat)))
 
 
-def _padded(chips: NDArray[np.int8]) -> Floats:
-    """The code with the chips that rounding may touch beyond either end."""
+def _pad_code(chips: NDArray[np.int8]) -> Floats:
+    """Pad the code with the chips that rounding may touch beyond either end."""
     return np.concatenate([chips[-1:], chips, chips[:1]]).astype(np.float32)
 
 
 def _phases(signal: SignalPlan, rate_hz: float, if_hz: float, one: KnownSignal) -> tuple[float, float, float]:
-    """Chip at sample 0, chips a sample, carrier cycles a sample."""
+    """Return the chip at sample 0, chips a sample, and carrier cycles a sample."""
     code_rate_hz = signal.chip_rate_hz * (1.0 + one.doppler_hz / signal.carrier_hz)
     chip = (-one.delay_s * code_rate_hz) % signal.code_length
     return chip, code_rate_hz / rate_hz, (if_hz + one.doppler_hz) / rate_hz
@@ -203,7 +209,7 @@ def _correlate(
     one: KnownSignal,
     taps_chips: Reals,
 ) -> Complexes:
-    """Correlations of each half of each whole code period with replicas delayed by the taps: (n_periods, 2, n_taps)."""
+    """Correlate each half of each whole code period with replicas delayed by the taps: (n_periods, 2, n_taps)."""
     chip, chip_step, cycle_step = _phases(signal, rate_hz, if_hz, one)
     per_period = signal.code_length / chip_step
     first = ((-chip) % signal.code_length) / chip_step
@@ -214,8 +220,8 @@ def _correlate(
 
 
 @compiled(fastmath=_FAST)
-def _turns(cycle_step: float, cosines: Floats, sines: Floats) -> None:
-    """exp(j 2 pi k cycle_step) for k < CHUNK, by doubling."""
+def _fill_rotations(cycle_step: float, cosines: Floats, sines: Floats) -> None:
+    """Compute exp(j 2 pi k cycle_step) for k < CHUNK, by doubling."""
     cosines[0], sines[0] = np.float32(1.0), np.float32(0.0)
     length = 1
     while length < CHUNK:
@@ -239,7 +245,7 @@ def _sum(i: Floats, q: Floats, replica: NDArray[Any], cosines: Floats, sines: Fl
 
 
 @compiled(fastmath=_FAST)
-def _less(
+def _subtract_replica(
     i: Floats,
     q: Floats,
     replica: NDArray[np.int8],
@@ -256,7 +262,7 @@ def _less(
 
 @compiled
 def _place(sample: float) -> tuple[int, int]:
-    """Row and first column of the table for a chunk whose first sample lies so many samples after the code's start."""
+    """Return row and first column of the table for a chunk so many samples after the code's start."""
     steps = math.floor((sample + 1.0) * FRACTIONS + 0.5)
     return steps % FRACTIONS, steps // FRACTIONS
 
@@ -275,7 +281,7 @@ def _subtract(
     """Take one signal out, a code period at a time. Returns the mean power of its amplitudes."""
     n = i.shape[0]
     cosines, sines = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
-    _turns(cycle_step, cosines, sines)
+    _fill_rotations(cycle_step, cosines, sines)
     begin, period = 0, 0
     power, weight = 0.0, 0.0
     while begin < n:
@@ -299,7 +305,7 @@ def _subtract(
             row, column = _place(max(chip + at * chip_step - length * period, 0.0) / nominal)
             angle = 2.0 * math.pi * ((at * cycle_step) % 1.0)
             c, s = math.cos(angle), math.sin(angle)
-            _less(
+            _subtract_replica(
                 i[at:to],
                 q[at:to],
                 table[row, column : column + to - at],
@@ -326,7 +332,7 @@ def _correlate_halves(
 ) -> None:
     length = code.shape[0] - 2
     cosines, sines = np.empty(CHUNK, np.float32), np.empty(CHUNK, np.float32)
-    _turns(cycle_step, cosines, sines)
+    _fill_rotations(cycle_step, cosines, sines)
     replica = np.empty(int(per_period) + 2, np.float32)
     for period in range(out.shape[0]):
         start = first + period * per_period

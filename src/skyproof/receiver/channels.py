@@ -1,7 +1,7 @@
-"""What is known of a followed signal beside its loops, and which signal a new channel is.
+"""Keep what is known of a followed signal beside its loops, and decide which signal a new channel is.
 
-A channel proves itself before it gets a letter: that of a signal lost a moment ago if it goes on with it, else the next
-one of its satellite. Letters say nothing of authenticity.
+A channel proves itself before it gets a letter: that of a signal lost a moment ago if it continues it, else the next
+one of its satellite. Letters have nothing to do with authenticity.
 """
 
 import math
@@ -25,11 +25,11 @@ __all__ = [
     "DelayDoppler",
     "Gap",
     "LostSignal",
-    "arc_of",
-    "continued",
+    "arc_from_channel",
+    "continue_tow",
     "letter",
-    "lost_of",
-    "tow_kept",
+    "lost_from_channel",
+    "match_lost",
 ]
 
 FORGET_S = 30.0
@@ -76,11 +76,11 @@ class DelayDoppler:
     period: int = 0
 
     def delay_at_s(self, at_s: float, signal: SignalPlan) -> float:
-        """The delay carried by its Doppler to another moment."""
+        """Return the delay propagated by its Doppler to another moment."""
         return self.delay_s - self.doppler_hz / signal.carrier_hz * (at_s - self.at_s)
 
     def periods_to(self, later: "DelayDoppler", signal: SignalPlan) -> int:
-        """Code periods from this one's start to the other's, of one signal that went on between."""
+        """Count code periods from this one's start to the other's, of one signal that continued between."""
         away_s = (later.at_s - self.at_s) + (later.delay_s - self.delay_s)
         doppler_hz = 0.5 * (self.doppler_hz + later.doppler_hz)
         return round(away_s * (1.0 + doppler_hz / signal.carrier_hz) / signal.period_s)
@@ -130,8 +130,8 @@ class Arc:
     stretches: tuple[Stretch, ...] = ()
 
 
-def arc_of(channel: Channel, signal: SignalPlan) -> Arc:
-    """The arc of a confirmed channel as it stands."""
+def arc_from_channel(channel: Channel, signal: SignalPlan) -> Arc:
+    """Build the arc of a confirmed channel in its present state."""
     assert channel.copy is not None
     return Arc(
         signal=SignalId(channel.sat, signal.band, signal.codes[0], channel.copy),
@@ -146,8 +146,8 @@ def arc_of(channel: Channel, signal: SignalPlan) -> Arc:
     )
 
 
-def lost_of(channel: Channel, place: DelayDoppler, signal: SignalPlan) -> LostSignal:
-    """A confirmed channel as a lost signal, last seen there."""
+def lost_from_channel(channel: Channel, place: DelayDoppler, signal: SignalPlan) -> LostSignal:
+    """Convert a confirmed channel to a lost signal, last received at this place."""
     assert channel.copy is not None
     began_ms = channel.telemetry.tow_ms_at_period_0
     return LostSignal(
@@ -160,26 +160,27 @@ def lost_of(channel: Channel, place: DelayDoppler, signal: SignalPlan) -> LostSi
     )
 
 
-def tow_kept(old: LostSignal, place: DelayDoppler, signal: SignalPlan) -> int | None:
-    """Time of week at code period 0 of the channel that goes on with a lost signal from `place`: code periods go on
-    through a fade. Whether data bits still begin where that time has them is seen once they are found.
+def continue_tow(old: LostSignal, place: DelayDoppler, signal: SignalPlan) -> int | None:
+    """Return the time of week at code period 0 of the channel that continues a lost signal from `place`.
+
+    Code periods count on through a fade. Data bits, once found, show whether they still begin where that time has them.
     """
     if old.tow_ms is None:
         return None
     return old.tow_ms + (old.place.periods_to(place, signal) - place.period) * signal.period_ms
 
 
-def continued(
+def match_lost(
     lost: Sequence[LostSignal],
     found: Sequence[tuple[str, DelayDoppler]],
     signal: SignalPlan,
     held: Sequence[tuple[float, DelayDoppler]] = (),
 ) -> tuple[list[LostSignal | None], Gap | None]:
-    """Which lost signal each of the found ones (satellite, place) goes on with.
+    """Match lost signals with the found ones (satellite, place) that continue them.
 
-    One goes on with the other if their delays agree after the time between. Where they do not, but those of several
-    satellites do once the same time is taken to be missing, samples are: unless as many signals were held all the time
-    (since when, and their place), whose codes that would have thrown off.
+    One continues the other if their delays agree after the time between. If they do not, but those of several
+    satellites agree once the same time is taken to be missing, samples are missing. They are not if as many signals
+    were held all the time (since when, and their place), as missing samples would have thrown their codes off.
     """
     matches: list[LostSignal | None] = [None] * len(found)
     free = list(lost)
@@ -190,7 +191,7 @@ def continued(
             if matches[i] is not None:
                 continue
             for old in free:
-                apart = _wrapped(_shift_chips(old.place, place, signal, missing_s) - shift_chips, signal)
+                apart = _wrap(_shift_chips(old.place, place, signal, missing_s) - shift_chips, signal)
                 if old.sat == sat and abs(apart) < 0.3 + 0.02 * (place.at_s - old.place.at_s):
                     matches[i] = old
                     free.remove(old)
@@ -207,7 +208,7 @@ def continued(
     shift, missing_s = common
     gone_s = max(old.place.at_s for old in free)
     against = sum(
-        abs(_wrapped(_shift_chips(place, place, signal, missing_s) - shift, signal)) > _ALIKE_CHIPS
+        abs(_wrap(_shift_chips(place, place, signal, missing_s) - shift, signal)) > _ALIKE_CHIPS
         for since_s, place in held
         if since_s < gone_s
     )
@@ -218,35 +219,37 @@ def continued(
 
 
 def _common_shift(pairs: Sequence[tuple[LostSignal, DelayDoppler]], signal: SignalPlan) -> tuple[float, float] | None:
-    """The shift of code (chips) that most satellites share, and the missing time (s) that makes them share it.
+    """Find the shift of code (chips) that most satellites share, and the missing time (s) that explains it.
 
     Missing time shifts all codes alike, and each by its own range rate besides: half a chip in 0.15 s at 5 kHz. The
-    shortest is taken, for without need none is reported. None if fewer satellites share one than `_votes_needed`.
+    shortest time is taken, so that none is reported without need. None if fewer satellites share one than
+    `_votes_needed`.
     """
     sats = np.array([old.sat for old, _ in pairs])
     steps_s = np.arange(0.0, FORGET_S, 0.5 * _ALIKE_CHIPS * signal.carrier_hz / signal.chip_rate_hz / _HIGHEST_HZ)
     shifts = np.stack([_shift_chips(old.place, place, signal, steps_s) for old, place in pairs])  # (pair, step)
     votes = np.empty(shifts.shape, np.int64)
     for i in range(len(pairs)):
-        alike = np.abs(_wrapped(shifts - shifts[i], signal)) < _ALIKE_CHIPS
+        alike = np.abs(_wrap(shifts - shifts[i], signal)) < _ALIKE_CHIPS
         votes[i] = sum(alike[sats == sat].any(axis=0) for sat in np.unique(sats))
     step = int(np.argmax(votes.max(axis=0)))
     best = int(np.argmax(votes[:, step]))
     if votes[best, step] < _votes_needed(np.unique(sats).size, step + 1, signal):
         return None
-    apart = _wrapped(shifts[:, step] - shifts[best, step], signal)
+    apart = _wrap(shifts[:, step] - shifts[best, step], signal)
     alike = np.abs(apart) < _ALIKE_CHIPS
     if step == 0:
         return float(shifts[best, 0] + np.mean(apart[alike])), 0.0
-    rates = _wrapped(shifts[:, 1] - shifts[:, 0], signal) / steps_s[1]  # chips a second that is missing
+    rates = _wrap(shifts[:, 1] - shifts[:, 0], signal) / steps_s[1]  # chips a second that is missing
     design = np.stack([np.ones(int(alike.sum())), -rates[alike]], axis=1)
     (further, later_s), *_ = np.linalg.lstsq(design, apart[alike], rcond=None)
     return float(shifts[best, step] + further), float(steps_s[step] + later_s)
 
 
 def _votes_needed(n_sats: int, n_steps: int, signal: SignalPlan) -> int:
-    """How many of the satellites must share a shift so that delays anywhere in the code do by chance, at any of the
-    first steps, with `FALSE_GAP_PROBABILITY` at most (the union over all choices of them).
+    """Return how many satellites must share a shift so that delays anywhere in the code rarely do by chance.
+
+    It holds at any of the first steps, with `FALSE_GAP_PROBABILITY` at most (the union over all choices of them).
     """
     alike = 2.0 * _ALIKE_CHIPS / signal.code_length
     votes = GAP_VOTES
@@ -260,22 +263,22 @@ def _shift_chips(old: DelayDoppler, new: DelayDoppler, signal: SignalPlan, missi
 @overload
 def _shift_chips(old: DelayDoppler, new: DelayDoppler, signal: SignalPlan, missing_s: Reals) -> Reals: ...
 def _shift_chips(old: DelayDoppler, new: DelayDoppler, signal: SignalPlan, missing_s: float | Reals) -> float | Reals:
-    """By how much the code comes later than it should, if so much time is missing as well."""
+    """Return by how much the code comes later than it should, if so much time is missing as well."""
     predicted_s = old.delay_at_s(new.at_s, signal)
     moved_s = 0.5 * (old.doppler_hz + new.doppler_hz) / signal.carrier_hz * missing_s
-    return _wrapped((new.delay_s - predicted_s + moved_s) * signal.chip_rate_hz, signal)
+    return _wrap((new.delay_s - predicted_s + moved_s) * signal.chip_rate_hz, signal)
 
 
 @overload
-def _wrapped(chips: float, signal: SignalPlan) -> float: ...
+def _wrap(chips: float, signal: SignalPlan) -> float: ...
 @overload
-def _wrapped(chips: Reals, signal: SignalPlan) -> Reals: ...
-def _wrapped(chips: float | Reals, signal: SignalPlan) -> float | Reals:
+def _wrap(chips: Reals, signal: SignalPlan) -> Reals: ...
+def _wrap(chips: float | Reals, signal: SignalPlan) -> float | Reals:
     return chips - signal.code_length * np.rint(chips / signal.code_length)
 
 
 def letter(number: int) -> str:
-    """a, b, ... z, aa, ab, ...: the name of the n-th copy found."""
+    """Return the name of the n-th copy found: a, b, ... z, aa, ab, ..."""
     text = ""
     number += 1
     while number > 0:

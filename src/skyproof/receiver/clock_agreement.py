@@ -1,10 +1,10 @@
-"""Whether codes and carriers run at rates that belong together, and how to read a recording so that they do.
+"""Test if codes and carriers run at rates that belong together, and correct how a recording is read.
 
 A signal's code and carrier come from one clock. A recorder with one oscillator keeps them together, however far it is
-off. With a rate that is wrong by the share w in what says how to read the samples, all codes seem to run faster than
-their carriers by w, and carriers at zero intermediate frequency stay as they are; with a carrier frequency that is
-wrong by some hertz all carriers are off, and the codes are right. Which of the two it is, its size shows: what is right
-shows satellites about as far on one side of zero as on the other, but for the oscillator's few parts in a million.
+off. If the stated sample rate is wrong by the share w, all codes seem to run faster than their carriers by w. Carriers
+at zero intermediate frequency do not change. If the stated carrier frequency is wrong by some hertz, all carriers are
+off, and the codes are right. The size shows which of the two is wrong. Right values put satellites about as far on one
+side of zero as on the other, but for the oscillator's few parts in a million.
 
 Loops that take the code's rate from the carrier's lose a code that parts from it by a chip a second.
 """
@@ -23,7 +23,7 @@ from skyproof.receiver.measurement import Measurements
 from skyproof.recording.survey import Survey, estimate_oscillator_error
 from skyproof.records import Samples
 
-__all__ = ["Disagreement", "correct_samples", "in_survey", "in_tracks"]
+__all__ = ["Disagreement", "correct_samples", "estimate_from_survey", "estimate_from_tracks"]
 
 LEAST_SATS: Final = 4
 CERTAIN_SIGMAS: Final = 6.0
@@ -52,32 +52,35 @@ class Disagreement:
 
     @property
     def of_carrier(self) -> bool:
-        """Whether the carriers are off rather than the codes: by more than oscillators are, and these clearly less."""
+        """Tell if the carriers are off: by more than oscillators are, and the codes clearly less."""
         codes_hz = self.oscillator_hz + self.code_minus_carrier * self.carrier_hz
         least_hz = max(abs(codes_hz), _OSCILLATOR_HZ) + 2.0 * self.oscillator_sigma_hz
         return least_hz < abs(self.oscillator_hz)
 
 
-def in_survey(
+def estimate_from_survey(
     survey: Survey, dopplers_hz: Mapping[str, float], *, signal: SignalPlan = GPS_L1_CA
 ) -> Disagreement | None:
-    """By a survey of the first half second; `dopplers_hz`, one a satellite. None if it does not show it."""
+    """Estimate the disagreement from a survey of the first half second; None if it does not show it.
+
+    `dopplers_hz` : one a satellite.
+    """
     if len(dopplers_hz) < LEAST_SATS or not math.isfinite(survey.clock_minus_lo_ppm):
         return None
     share, sigma = -1e-6 * survey.clock_minus_lo_ppm, 1e-6 * survey.clock_minus_lo_sigma_ppm
-    return _disagreement(share, sigma, list(dopplers_hz.values()), _LEAST_SURVEYED, signal)
+    return _build_disagreement(share, sigma, list(dopplers_hz.values()), _LEAST_SURVEYED, signal)
 
 
-def in_tracks(
+def estimate_from_tracks(
     measured: Measurements, sat_of: Mapping[int, str], *, signal: SignalPlan = GPS_L1_CA
 ) -> Disagreement | None:
-    """By the drift of code against carrier of signals that were followed for a second or more.
+    """Estimate the disagreement from the drift of code against carrier of signals followed for a second or more.
 
     sat_of : the satellite of each arc. None if there are fewer than four such satellites.
 
-    Of each satellite its longest arc counts. The middle of the satellites is taken, so that one or two that an
-    attacker or a reflection draws away do not move it; its sigma is that of a median of as many normal values, by the
-    greater of their own sigmas and their scatter.
+    Of each satellite its longest arc counts. The median of the satellites is taken, so that one or two that an attacker
+    or a reflection drags off do not move it. Its sigma is that of a median of as many normal values, by the greater of
+    their own sigmas and their scatter.
     """
     code_s = (
         measured.column(m.PERIODS) * signal.period_s
@@ -92,7 +95,7 @@ def in_tracks(
             continue
         length_s = float(np.ptp(measured.elapsed_s[rows]))
         if length_s >= max(_LONG_S, longest.get(sat_of[int(arc)], (0.0,))[0]):
-            slope, sigma = _slope(measured.elapsed_s[rows], code_s[rows], measured.column(m.CODE_SIGMA_S)[rows])
+            slope, sigma = _fit_slope(measured.elapsed_s[rows], code_s[rows], measured.column(m.CODE_SIGMA_S)[rows])
             doppler_hz = float(np.median(measured.column(m.DOPPLER_HZ)[rows]))
             longest[sat_of[int(arc)]] = length_s, slope, sigma, doppler_hz
     if len(longest) < LEAST_SATS:
@@ -101,10 +104,10 @@ def in_tracks(
     middle = float(np.median(slopes))
     scatter = 1.4826 * float(np.median(np.abs(slopes - middle)))
     sigma = math.sqrt(math.pi / 2.0 / slopes.size) * max(scatter, float(np.median(sigmas)))
-    return _disagreement(middle, sigma, dopplers_hz, LEAST, signal)
+    return _build_disagreement(middle, sigma, dopplers_hz, LEAST, signal)
 
 
-def _disagreement(
+def _build_disagreement(
     share: float, sigma: float, dopplers_hz: Sequence[float] | Reals, least: float, signal: SignalPlan
 ) -> Disagreement:
     oscillator = estimate_oscillator_error(dopplers_hz)
@@ -118,15 +121,15 @@ def _disagreement(
     )
 
 
-def _slope(time_s: Reals, values: Reals, sigmas: Reals) -> tuple[float, float]:
-    """Of a straight line, and its sigma by the given ones."""
+def _fit_slope(time_s: Reals, values: Reals, sigmas: Reals) -> tuple[float, float]:
+    """Fit the slope of a straight line, and its sigma by the stated ones."""
     centred = time_s - time_s.mean()
     power = float(centred @ centred)
     return float(centred @ values) / power, float(np.sqrt(np.mean(sigmas**2) / power))
 
 
 def correct_samples(samples: Samples, found: Disagreement, *, signal: SignalPlan = GPS_L1_CA) -> Samples:
-    """The recording with the rate, or the intermediate frequency, by which codes and carriers agree.
+    """Correct the rate, or the intermediate frequency, of a recording so that codes and carriers agree.
 
     A rate that is too high by the share w lifts codes by w and carriers by w times their frequency in the samples.
     """

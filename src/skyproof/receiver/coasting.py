@@ -1,10 +1,10 @@
-"""Loops that go on without their signal while it has faded, and close again when it is back.
+"""Coast: loops continue without their signal while it has faded, and close again when it is back.
 
 Two signals of a satellite that overlap beat: their sum vanishes for tenths of a second and longer, and loops closed on
-the noise that is left wander off. A frame whose prompts have no more power than noise (a Gamma variable, the number of
+noise alone wander off. A frame whose prompts have no more power than noise (a Gamma variable, the number of
 prompts its shape) is a fade. The channel then keeps its course: the Doppler and its rate as measured before, moved by
 what all other channels show alike, which is the oscillator and the receiver's own motion as far as it is common. Code
-goes on with the carrier. When the power is back the loops are closed where they are, and the carrier counts as slipped.
+follows the carrier. When the power is back the loops are closed where they are, and the carrier counts as slipped.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy import special
 from skyproof.arrays import Booleans, Reals
 from skyproof.receiver import kernels as k
 
-__all__ = ["AT_S", "N_COURSE", "QUIET_S", "SINCE_S", "has_power", "held_course", "measured_course"]
+__all__ = ["AT_S", "N_COURSE", "QUIET_S", "SINCE_S", "coast", "has_power", "update_courses"]
 
 # Columns of a channel's course (float64).
 AT_S = 0  # receiver time of Doppler and rate; NaN before the first measurement
@@ -35,7 +35,7 @@ LONG_S = 1.0
 
 
 def has_power(loops: Reals, noise: float, probability: float) -> Booleans:
-    """Whether each channel's prompts of a frame have more power than noise alone exceeds with this probability.
+    """Tell if each channel's prompts of a frame have more power than noise alone exceeds with this probability.
 
     loops : (n_channels, N_STATE). noise : power of noise in the prompt of one code period.
     """
@@ -44,20 +44,20 @@ def has_power(loops: Reals, noise: float, probability: float) -> Booleans:
     return np.asarray((count > 0.0) & (power > noise * special.gammainccinv(np.maximum(count, 1.0), probability)))
 
 
-def measured_course(courses: Reals, doppler_hz: Reals, good: Booleans, elapsed_s: float) -> Reals:
-    """The courses carried to a row of measurements.
+def update_courses(courses: Reals, doppler_hz: Reals, good: Booleans, elapsed_s: float) -> Reals:
+    """Update the courses with a row of measurements.
 
-    doppler_hz : (n_channels,), of which the `good` ones count. The other channels are moved by the median of what these
-    show beside their own courses.
+    doppler_hz : (n_channels,); the `good` ones count. The other channels move by the median departure of these from
+    their courses.
     """
     courses = courses.copy()
     known = np.isfinite(courses[:, AT_S])
     away_s = np.where(known, elapsed_s - courses[:, AT_S], 0.0)
     ahead_hz = courses[:, DOPPLER_HZ] + courses[:, RATE_HZ_S] * away_s
-    own = good & known
-    more_hz = np.where(own, doppler_hz - ahead_hz, 0.0)
-    if own.sum() >= LEAST_COMMON:
-        more_hz[~own] = np.median(more_hz[own])
+    measured = good & known
+    more_hz = np.where(measured, doppler_hz - ahead_hz, 0.0)
+    if measured.sum() >= LEAST_COMMON:
+        more_hz[~measured] = np.median(more_hz[measured])
     courses[known, DOPPLER_HZ] = (ahead_hz + DOPPLER_SHARE * more_hz)[known]
     courses[known, RATE_HZ_S] += (RATE_SHARE * more_hz / np.maximum(away_s, 1e-3))[known]
     courses[known, AT_S] = elapsed_s
@@ -66,7 +66,7 @@ def measured_course(courses: Reals, doppler_hz: Reals, good: Booleans, elapsed_s
     return courses
 
 
-def held_course(
+def coast(
     loops: Reals,
     courses: Reals,
     there: Booleans,
@@ -75,7 +75,7 @@ def held_course(
     nominal: tuple[float, float],
     pull_s: float,
 ) -> tuple[Reals, Reals]:
-    """Loops and courses at the end of a frame: channels whose signal is not `there` coast, those where it is do not.
+    """Return loops and courses at the end of a frame: channels whose signal is not `there` coast.
 
     nominal : chip rate and carrier, Hz. pull_s : for how long the loops pull in after a long fade.
 

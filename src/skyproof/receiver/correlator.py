@@ -1,9 +1,10 @@
 """Correlate one code period of one signal with any number of replicas: several delays, several Dopplers, in one pass.
 
-Four things keep a sample cheap (`bench/kernel.py` measures them; docs/design/receiver.md says what was left):
+Four things keep a sample cheap (`bench/kernel.py` measures them; docs/design/receiver.md lists what was left out):
 
-- The samples are worked through in chunks. Within one, the carrier is wiped off with a table of rotations that is made
-  anew when the frequency changes; what the carrier had turned by until the chunk began turns the sums, not the samples.
+- The samples are worked through in chunks. Within one, the carrier is wiped off with a table of rotations that is
+  rebuilt when the frequency changes; what the carrier had turned by until the chunk began turns the sums, not the
+  samples.
 - The code is a table of the resampled code at fractions of a sample, read in a row as int8. What rounding to the
   nearest fraction shifts the replica by is known and reported, so it causes no bias.
 - The carrier is wiped off and the first three delays are summed in one loop; further delays go four at a time over what
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Floats, Reals
 from skyproof.compiled import compiled
 
-__all__ = ["CHUNK", "REACH_CHIPS", "correlate_period", "scratch_for", "table_pad"]
+__all__ = ["CHUNK", "REACH_CHIPS", "allocate_scratch", "correlate_period", "table_pad"]
 
 CHUNK = 768
 """Samples that share one look-up of the code, about: a period is cut into equal chunks. At 10 ppm of Doppler the code
@@ -41,13 +42,16 @@ Scratch = tuple[Floats, NDArray[np.uint64], Reals, Reals]
 
 
 def table_pad(chips_per_sample: float, reach_chips: float = REACH_CHIPS) -> int:
-    """Columns of a table of the resampled code before the code's start and after its end."""
+    """Return the columns of a table of the resampled code before the code's start and after its end."""
     return math.ceil(reach_chips / chips_per_sample) + 4
 
 
 @compiled
-def scratch_for(n_samples: int, n_delays: int) -> Scratch:
-    """Room for `correlate_period` to work in, for periods of up to `n_samples`; may be used again, by one thread."""
+def allocate_scratch(n_samples: int, n_delays: int) -> Scratch:
+    """Allocate room for `correlate_period` to work in, for periods of up to `n_samples`.
+
+    One thread may use it again.
+    """
     n_chunks = n_samples // CHUNK + 2
     # Rows a multiple of 4 KiB apart would look alike to the processor's check of loads against earlier stores.
     planes = np.empty((4, 2 * CHUNK + 48), np.float32)
@@ -57,29 +61,33 @@ def scratch_for(n_samples: int, n_delays: int) -> Scratch:
 
 @compiled
 def _chunk_length(n_samples: int) -> int:
-    """Equal parts of about CHUNK samples, so that no short one is left over at the end."""
+    """Return the length of equal parts of about CHUNK samples, so that no short one remains at the end."""
     n_chunks = max(1, round(n_samples / CHUNK))
     return int(_BLOCK * math.ceil(n_samples / (_BLOCK * n_chunks)))
 
 
 @compiled
 def _rotation(cycles: float) -> tuple[float, float]:
-    """Real and imaginary part of exp(-j 2 pi cycles)."""
+    """Return the real and imaginary part of exp(-j 2 pi cycles)."""
     angle_rad = -2.0 * math.pi * (cycles - math.floor(cycles))
     return math.cos(angle_rad), math.sin(angle_rad)
 
 
 @compiled(fastmath=_FAST)
-def _turn_on(cosines: Floats, sines: Floats, known: np.uint64, more: int, cosine: np.float32, sine: np.float32) -> None:
-    """Behind the known rotations, more of them: the known ones, each turned by the same."""
+def _extend_rotations(
+    cosines: Floats, sines: Floats, known: np.uint64, more: int, cosine: np.float32, sine: np.float32
+) -> None:
+    """Extend the known rotations by more of them: the known ones, each turned by the same."""
     for k in range(uint64(more)):
         cosines[known + k] = cosines[k] * cosine - sines[k] * sine
         sines[known + k] = cosines[k] * sine + sines[k] * cosine
 
 
 @compiled
-def _rotations(cycles_per_sample: float, length: int, cosines: Floats, sines: Floats) -> None:
-    """exp(-j 2 pi k cycles_per_sample) for k < length: _BLOCK of them one by one, the others by doubling.
+def _fill_rotations(cycles_per_sample: float, length: int, cosines: Floats, sines: Floats) -> None:
+    """Compute exp(-j 2 pi k cycles_per_sample) for k < length.
+
+    The first _BLOCK are computed one by one, the others by doubling.
 
     The rotations that double are float64 squares: their error grows by 1e-16 a sample.
     """
@@ -92,7 +100,7 @@ def _rotations(cycles_per_sample: float, length: int, cosines: Floats, sines: Fl
     known = _BLOCK
     while known < length:
         more = min(known, length - known)
-        _turn_on(cosines, sines, uint64(known), more, np.float32(cosine), np.float32(sine))
+        _extend_rotations(cosines, sines, uint64(known), more, np.float32(cosine), np.float32(sine))
         cosine, sine = cosine * cosine - sine * sine, 2.0 * cosine * sine
         known *= 2
 
@@ -110,7 +118,7 @@ def _locate(
     chunk: int,
     shifts_chips: Reals,
 ) -> None:
-    """Where in the flat table the replica of each delay begins whose first sample lies `first_sample` after the code's.
+    """Locate in the flat table the replica of each delay whose first sample lies `first_sample` after the code's.
 
     Adds `weight` times what rounding to the table's fractions takes off the wanted sample to `shifts_chips`.
     """
@@ -123,7 +131,7 @@ def _locate(
 
 
 @compiled(fastmath=_FAST)
-def _wipe_and_sum_three(
+def _sum_three_wiped(
     i_samples: Floats,
     q_samples: Floats,
     begin: np.uint64,
@@ -138,7 +146,7 @@ def _wipe_and_sum_three(
     row_1: np.uint64,
     row_2: np.uint64,
 ) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
-    """Sums of three replicas times the samples without carrier, which stay in `i_base` and `q_base` if `keep`."""
+    """Sum three replicas times the samples without carrier, which stay in `i_base` and `q_base` if `keep`."""
     i_0 = i_1 = i_2 = q_0 = q_1 = q_2 = np.float32(0.0)
     for k in range(uint64(length)):
         i_sample, q_sample = i_samples[begin + k], q_samples[begin + k]
@@ -266,9 +274,9 @@ def correlate_period(
         its advance.
     table, pad, nominal_chips_per_sample : of `code_table`, `table_pad`; (n_phases, columns).
     delays_chips : (n_delays,) at least one, ahead of the prompt positive, anywhere within the table's reach.
-    dopplers_cycles_per_sample : (n_dopplers,) offsets from the carrier, made of the chunks' sums: a signal there keeps
+    dopplers_cycles_per_sample : (n_dopplers,) offsets from the carrier, made of the chunks' sums. A signal there keeps
         sinc(f T) of its amplitude, T one chunk. One zero gives the plain sums.
-    scratch : of `scratch_for`.
+    scratch : of `allocate_scratch`.
     sums : (n_dopplers, n_delays, 2) real and imaginary part, filled.
     shifts_chips : (n_delays,) wanted minus used code phase of the replica, mean over the samples, filled.
 
@@ -313,7 +321,7 @@ def correlate_period(
         )
     cosines, sines, i_base, q_base = planes[0], planes[1], planes[2], planes[3]
     if made[0] != cycles_per_sample or made[1] < length:  # loops that sum over several periods keep their frequency
-        _rotations(cycles_per_sample, length, cosines, sines)
+        _fill_rotations(cycles_per_sample, length, cosines, sines)
         made[0], made[1] = cycles_per_sample, length
     cosine_chunk, sine_chunk = _rotation(cycles_per_sample * length)
     cosine, sine = _rotation(phase_cyc)
@@ -322,7 +330,7 @@ def correlate_period(
     second, third = min(1, end), min(2, end)
     for chunk in range(n_chunks):
         size = min(length, n_samples - chunk * length)
-        i_0, q_0, i_1, q_1, i_2, q_2 = _wipe_and_sum_three(
+        i_0, q_0, i_1, q_1, i_2, q_2 = _sum_three_wiped(
             i_samples,
             q_samples,
             uint64(begin + chunk * length),

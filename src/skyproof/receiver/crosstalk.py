@@ -1,14 +1,14 @@
-"""What the signals of one satellite do to each other, taken out of their correlators before anything is measured.
+"""Subtract what the signals of one satellite add to each other's correlators before anything is measured.
 
 Away from its peak a code's autocorrelation is not zero: that of C/A has steps of 0.06 between neighbouring chips. So a
-second signal of a satellite adds to all taps of the first, and code, carrier and strength swing with the carrier's
-phase between the two: metres of code by one of equal strength, tens of metres by one 20 dB stronger. It is multipath
+second signal of a satellite adds to all taps of the first. Code, carrier and strength swing with the carrier's phase
+between the two: metres of code by one of equal strength, tens of metres by one 20 dB stronger. It is multipath
 (Kaplan & Hegarty, 9.5) whose delay, amplitude and phase are known, since the other signal is tracked as well.
 
 A code period of the other signal is a pulse with the amplitude and phase of its own prompt, data bit included. A tap
 sees parts of two of them, and of each the aperiodic autocorrelation of the code at the distance between the two, behind
 the replica's low-pass. So nothing need be known of data bits. Signals are cleaned of each other in turn, the strongest
-first, each of what is left of the others.
+first, each of what remains of the others.
 """
 
 import math
@@ -23,9 +23,9 @@ from skyproof.arrays import Complexes, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import SignalPlan, prn_of
 from skyproof.receiver import kernels as k
-from skyproof.receiver.replica import passed
+from skyproof.receiver.replica import low_pass_gain
 
-__all__ = ["autocorrelation", "take_out"]
+__all__ = ["autocorrelate_period", "take_out"]
 
 Rows = tuple[Reals, Integers]
 """Rows (n_channels, max_periods, columns) of the kernel and how many of them count."""
@@ -40,16 +40,18 @@ STEERED_CHIPS = 1.4
 """From here on a loop may stand where the other's flank would not let it: there are two signals."""
 
 
-def autocorrelation(code: NDArray[np.int8], chips_per_sample: float) -> Reals:
-    """What the replica gives of one code period that stands alone, 0, 1, 2 ... 1/`POINTS` chips off; 1 at 0.
+def autocorrelate_period(code: NDArray[np.int8], chips_per_sample: float) -> Reals:
+    """Compute the correlation of one single code period with the replica, 0, 1, 2 ... 1/`POINTS` chips off.
 
-    code : (n_chips,) of +1 and -1. Gives (n_chips POINTS + 1,); to either side it is alike.
+    It is 1 at 0.
+
+    code : (n_chips,) of +1 and -1. Returns (n_chips POINTS + 1,); it is symmetric.
     """
     n = 2 * code.size
     spectrum = np.abs(fft.fft(code.astype(np.float64), n)) ** 2
     lines = np.arange(code.size * POINTS + 1)
     cycles = lines / n  # a chip
-    lobes = fft.irfft(spectrum[lines % n] * np.sinc(cycles) ** 2 * passed(cycles * chips_per_sample), n * POINTS)
+    lobes = fft.irfft(spectrum[lines % n] * np.sinc(cycles) ** 2 * low_pass_gain(cycles * chips_per_sample), n * POINTS)
     return np.asarray(lobes[: code.size * POINTS + 1] / lobes[0])
 
 
@@ -81,7 +83,7 @@ def take_out(
                 np.array(group),
                 *before,
                 *now,
-                _table_of(signal, sat, rate_hz),
+                _build_table(signal, sat, rate_hz),
                 taps_chips[:3],
                 rate_hz,
                 if_hz,
@@ -95,8 +97,8 @@ def take_out(
 
 
 @lru_cache(maxsize=64)
-def _table_of(signal: SignalPlan, sat: str, rate_hz: float) -> Reals:
-    return autocorrelation(signal.code(prn_of(sat)), signal.chip_rate_hz / rate_hz)
+def _build_table(signal: SignalPlan, sat: str, rate_hz: float) -> Reals:
+    return autocorrelate_period(signal.code(prn_of(sat)), signal.chip_rate_hz / rate_hz)
 
 
 @compiled
@@ -133,18 +135,21 @@ def _clean(
     chips_per_sample = chip_rate_hz / rate_hz
     length = code_length / chips_per_sample
     for i in range(n):
-        own = rows[i, : counts[i]]
-        _locate(own, rate_hz, if_hz, chip_rate_hz, carrier_hz, code_length, starts[i], ahead[i])
+        channel_rows = rows[i, : counts[i]]
+        _locate(channel_rows, rate_hz, if_hz, chip_rate_hz, carrier_hz, code_length, starts[i], ahead[i])
         for r in range(counts[i]):
             # All as if one carrier had been wiped off, the channels' own turning against it about the period's middle.
             middle = starts[i, r] + 0.5 * length
-            off_hz[i, r] = own[r, k.OUT_FREQUENCY] - reference_hz
-            cycles = own[r, k.OUT_PHASE] + own[r, k.OUT_FREQUENCY] * (middle - own[r, k.OUT_START]) / rate_hz
+            off_hz[i, r] = channel_rows[r, k.OUT_FREQUENCY] - reference_hz
+            cycles = (
+                channel_rows[r, k.OUT_PHASE]
+                + channel_rows[r, k.OUT_FREQUENCY] * (middle - channel_rows[r, k.OUT_START]) / rate_hz
+            )
             cycles -= reference_hz * (middle - origin) / rate_hz
             angle_rad = 2.0 * math.pi * (cycles - math.floor(cycles))
             turned[i, r] = complex(math.cos(angle_rad), math.sin(angle_rad))
             for tap in range(3):
-                value = complex(own[r, k.OUT_TAPS + 2 * tap], own[r, k.OUT_TAPS + 2 * tap + 1])
+                value = complex(channel_rows[r, k.OUT_TAPS + 2 * tap], channel_rows[r, k.OUT_TAPS + 2 * tap + 1])
                 seen[i, r, tap] = value * turned[i, r]
             power[i] += abs(seen[i, r, 1]) ** 2 / counts[i]
     order = np.argsort(-power, kind="mergesort")
@@ -201,8 +206,9 @@ def _locate(
     starts: Reals,
     ahead_chips: Reals,
 ) -> None:
-    """Where (samples) the replica's code begins in each period, and how far ahead of it in each a code is that goes
-    with the carrier and is as often ahead as behind.
+    """Locate the start (samples) of the replica's code in each period, and the lead of a code in step with the carrier.
+
+    That code is as often ahead of the replica as behind.
     """
     n = rows.shape[0]
     for r in range(n):
@@ -218,7 +224,7 @@ def _locate(
 
 @compiled
 def _error_chips(taps: Complexes, code_gain: float) -> float:
-    """How far ahead of the replica the signal is, from taps (n, 3); too little where noise is as strong as it."""
+    """Estimate how far ahead of the replica the signal is, from taps (n, 3); too little if noise is as strong as it."""
     dot, power = 0.0, 0.0
     for r in range(taps.shape[0]):
         prompt = taps[r, 1]
@@ -243,7 +249,7 @@ def _subtract(
 ) -> None:
     """Subtract from taps (n, 3) what another signal of these prompts (m,) and starts of its code adds to them.
 
-    The first and the last pulse are taken to go on for one more: frames do not end for all channels at once.
+    The first and the last pulse are taken to last one period more: frames do not end for all channels at once.
     """
     last = others.size - 1
     pulse = -1
@@ -259,8 +265,8 @@ def _subtract(
             # What they have in common lies half of `later` before the one's middle and behind the other's.
             angle_rad = -math.pi * later * (other_off_hz[known] + off_hz[r]) / rate_hz
             turn_rad = math.pi * common * (other_off_hz[known] - off_hz[r]) / rate_hz
-            left = max(1.0 - turn_rad * turn_rad / 6.0, 0.0)  # of the sum while the one turns against the other
-            amplitude = others[known] * left * complex(1.0 - 0.5 * angle_rad * angle_rad, angle_rad)
+            coherence = max(1.0 - turn_rad * turn_rad / 6.0, 0.0)  # of the sum while the one turns against the other
+            amplitude = others[known] * coherence * complex(1.0 - 0.5 * angle_rad * angle_rad, angle_rad)
             for tap in range(taps.shape[1]):
                 at = abs(later * chips_per_sample + taps_chips[tap]) * POINTS
                 point = int(at)

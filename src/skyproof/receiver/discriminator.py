@@ -1,16 +1,16 @@
-"""What an early-minus-late discriminator gives for an error, and with how much noise, at a sample rate and a spacing.
+"""Gain and noise of an early-minus-late discriminator at a sample rate and a spacing.
 
-The replica is the code behind a low-pass (`replica.passed`). With rectangular chips the spectra of signal and replica,
-and so gain and noise, follow from the chips a sample alone.
+The replica is the code behind a low-pass (`replica.low_pass_gain`). With rectangular chips the spectra of signal and
+replica, and so gain and noise, follow from the chips a sample alone.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from skyproof.receiver.replica import passed
+from skyproof.receiver.replica import low_pass_gain
 
-__all__ = ["Discriminator", "discriminator"]
+__all__ = ["Discriminator", "compute_discriminator"]
 
 _LINES = 4000
 
@@ -28,10 +28,10 @@ class Discriminator:
     noise_chips2: float
 
 
-def discriminator(chips_per_sample: float, early_late_chips: float) -> Discriminator:
-    """Gain and noise for sharp chips and the replica's low-pass, from their spectra, in white noise."""
+def compute_discriminator(chips_per_sample: float, early_late_chips: float) -> Discriminator:
+    """Compute gain and noise for sharp chips and the replica's low-pass, from their spectra, in white noise."""
     f = (np.arange(_LINES) + 0.5) / _LINES * 0.5 / chips_per_sample  # cycles a chip, to half the rate
-    low_pass, chip = passed(f * chips_per_sample), np.sinc(f) ** 2
+    low_pass, chip = low_pass_gain(f * chips_per_sample), np.sinc(f) ** 2
     signal, noise = chip * low_pass, chip * low_pass**2
     apart = np.pi * f * early_late_chips
     gain = np.sum(signal * 4.0 * np.pi * f * np.sin(apart)) / np.sum(signal)

@@ -1,10 +1,10 @@
-"""Does a carrier turn within data bits? A phase loop that sums over a bit may hold it whole half cycles a bit off.
+"""Test if a carrier turns within data bits: a phase loop that sums over a bit may hold it half cycles a bit off.
 
 Such a loop cannot tell half a cycle a bit (25 Hz for GPS L1 C/A) from bits that turn over. It holds on, 4 dB down at
 one half cycle a bit and 13.5 dB down at three, and gives a range rate that is 4.8 m/s off for each. The parts of a bit
 show it: the product of each with the one before, conjugated, points along the real axis on a true lock, and turns by
-36 degrees for each half cycle a bit. Whether it points further than half way to the first false lock is Student's t of
-the bits' products, whatever the signal's strength and the noise.
+36 degrees for each half cycle a bit. Student's t of the bits' products tests if it points further
+than half way to the first false lock, whatever the signal's strength and the noise.
 """
 
 from collections.abc import Sequence
@@ -15,10 +15,10 @@ from scipy import special
 from skyproof.arrays import Booleans, Complexes, Integers, Reals
 from skyproof.gnss.signals import SignalPlan
 from skyproof.receiver import kernels as k
-from skyproof.receiver.bit_edges import prompts_of
+from skyproof.receiver.bit_edges import collect_prompts
 from skyproof.receiver.crosstalk import Rows
 
-__all__ = ["N_TURNS", "WINDOW_BITS", "false_lock_hz", "is_turning", "off_false_locks", "turns_of"]
+__all__ = ["N_TURNS", "WINDOW_BITS", "false_lock_hz", "is_turning", "leave_false_locks", "sum_turns"]
 
 # Columns of what is summed of a channel's bits (float64): their number, products, and squares of these.
 N_BITS, SUM_I, SUM_Q, SQUARES_II, SQUARES_QQ, SQUARES_IQ = range(6)
@@ -38,20 +38,20 @@ _TURN_CYC = 0.5 / PARTS
 """Of a part against the one before, for each half cycle a bit."""
 
 
-def off_false_locks(
+def leave_false_locks(
     loops: Reals, turns: Reals, blocks: Sequence[Rows], good: Booleans, signal: SignalPlan
 ) -> tuple[Booleans, Reals, Reals]:
-    """One row of measurements of the `good` channels, made of two frames' blocks.
+    """Move loops off false locks, by one row of measurements of the `good` channels, made of two frames' blocks.
 
-    Returns which channels turn in it, the loops, moved to their carriers where a window shows a false lock, and what is
-    summed of the windows so far.
+    Returns which channels turn in it, the loops, and the sums of the windows so far. Loops move to their carriers where
+    a window shows a false lock.
     """
     known = good & (loops[:, k.BIT_START] >= 0.0)
     loops, turns, turning = loops.copy(), np.where(known[:, np.newaxis], turns, 0.0), np.zeros(good.size, np.bool_)
-    prompts, firsts = prompts_of(blocks, known)
+    prompts, firsts = collect_prompts(blocks, known)
     if not prompts.size:
         return turning, loops, turns
-    row = turns_of(prompts, firsts, loops[known, k.BIT_START], signal.periods_per_symbol)
+    row = sum_turns(prompts, firsts, loops[known, k.BIT_START], signal.periods_per_symbol)
     turning[known] = is_turning(row, FALSE_TURNING)
     turns[known] += row
     whole = np.flatnonzero(turns[:, N_BITS] >= WINDOW_BITS)
@@ -67,8 +67,8 @@ def off_false_locks(
     return turning, loops, turns
 
 
-def turns_of(prompts: Complexes, first_periods: Integers, bit_starts: Reals, periods_per_bit: int) -> Reals:
-    """Sums (n_signals, N_TURNS) over the whole bits in the prompts.
+def sum_turns(prompts: Complexes, first_periods: Integers, bit_starts: Reals, periods_per_bit: int) -> Reals:
+    """Sum turns (n_signals, N_TURNS) over the whole bits in the prompts.
 
     prompts : (n_signals, n_periods) of successive code periods, of each signal from `first_periods` (n_signals,) on.
     bit_starts : (n_signals,) period, modulo those of a bit, with which its bits begin.
@@ -84,10 +84,10 @@ def turns_of(prompts: Complexes, first_periods: Integers, bit_starts: Reals, per
 
 
 def is_turning(turns: Reals, probability: float) -> Booleans:
-    """Whether each carrier turns further than half way to the first false lock; (n_signals,), False with few bits.
+    """Test if each carrier turns further than half way to the first false lock; (n_signals,), False with few bits.
 
-    turns : (n_signals, N_TURNS). probability : of saying so of a carrier that turns half way to one side or the
-    other, at most, and of one that turns less more seldom.
+    turns : (n_signals, N_TURNS). probability : of a false answer for a carrier that turns half way to one side or
+    the other, at most; it is lower for one that turns less.
     """
     n = turns[:, N_BITS]
     enough = n >= _FEWEST_BITS
@@ -105,7 +105,10 @@ def is_turning(turns: Reals, probability: float) -> Booleans:
 
 
 def false_lock_hz(turns: Reals, bit_s: float) -> Reals:
-    """By how much each signal's carrier is above the loop's, (n_signals,) Hz: 0, or multiples of half a cycle a bit."""
+    """Return by how much each signal's carrier is above the loop's, (n_signals,) Hz.
+
+    It is 0, or multiples of half a cycle a bit.
+    """
     turned_cyc = np.angle(turns[:, SUM_I] + 1j * turns[:, SUM_Q]) / (2.0 * np.pi)
     half_cycles = np.where(is_turning(turns, FALSE_MOVE), np.rint(turned_cyc / _TURN_CYC), 0.0)
     return np.asarray(0.5 * half_cycles / bit_s)

@@ -1,15 +1,15 @@
-"""Are samples missing? Code, carriers and data bits of all signals decide together.
+"""Test if samples are missing: code, carriers and data bits of all signals decide together.
 
-n missing code periods leave all codes where they are, turn each carrier by its frequency times the time that is
-missing, and move all data bits by n periods. Whether bits moved is looked at with every row of measurements
-(`bit_edges`). Where they did not, whole bits may be missing: carriers that jump together, as fades, slips and a second
-signal in the beam make them do, too, raise that question, and whether they turned by what it predicts answers it. Time
-that is no whole number of periods throws all codes off: `channels.continued` sees signals come back with one shift.
+If n code periods are missing, codes do not move, each carrier turns by its frequency times the missing time, and all
+data bits move by n periods. Every row of measurements is tested for moved bits (`bit_edges`). If none moved, whole bits
+may be missing. Carriers that jump together raise that question, though fades, slips and a second signal in the beam
+make them jump too. The answer is whether they turned by the predicted amount. Missing time that is no whole number of
+periods throws all codes off: `channels.match_lost` finds signals that come back with one shift.
 
-Carriers are known modulo half a cycle, as bits turn them. Where nothing is missing, their turns are what fades made
-them, anything; the likelihood ratio of what whole missing bits predict, averaged over an unknown turn of the
-oscillator that is common to all, has then the mean 1 whatever is missing. So by Markov's inequality it exceeds N/p for
-any of N candidates with probability p at most.
+Carriers are known modulo half a cycle, as bits turn them. If nothing is missing, fades may turn them by any amount.
+Take the likelihood ratio of the prediction by whole missing bits, averaged over an unknown turn of the oscillator that
+is common to all. It then has the mean 1. So by Markov's inequality it exceeds N/p for any of N candidates with
+probability p at most.
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ from skyproof.arrays import Booleans, Reals
 from skyproof.receiver import coasting
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
-from skyproof.receiver.bit_edges import EdgeSums, add_bits, edge_scores, prompts_of, shift_limit
+from skyproof.receiver.bit_edges import EdgeSums, add_bits, collect_prompts, edge_scores, shift_limit
 from skyproof.receiver.channels import GAP_VOTES, Gap
 from skyproof.receiver.crosstalk import Rows
 from skyproof.receiver.settings import ReceiverSettings
 from skyproof.receiver.state import ReceiverState
 
-__all__ = ["Look", "looked_for_gap", "turn_ratio"]
+__all__ = ["Look", "look_for_gap", "turn_ratio"]
 
 JUMP_SIGMAS = 6.0
 MOST_VOTES: Final = 0.7
@@ -59,7 +59,7 @@ class Look:
     untimed: bool = False
 
 
-def looked_for_gap(
+def look_for_gap(
     state: ReceiverState,
     table: Reals,
     good: Booleans,
@@ -68,13 +68,13 @@ def looked_for_gap(
     settings: ReceiverSettings,
     if_hz: float,
 ) -> tuple[Look, ReceiverState]:
-    """Take one row of measurements (n_channels, N_COLUMNS), those of `good` channels, made of two frames' blocks."""
+    """Test one row of measurements (n_channels, N_COLUMNS), those of `good` channels, made of two frames' blocks."""
     jumped = good & (table[:, m.JUMP] > JUMP_SIGMAS)
     asks = bool(jumped.sum() >= GAP_VOTES and jumped.sum() > MOST_VOTES * good.sum())
     known = good & (state.loops[:, k.BIT_START] >= 0.0)
     moved, gap, doubts, signal = state.moved, None, False, settings.signal
     if moved is not None:
-        moved = _with_bits(moved, state, known, blocks)
+        moved = _add_look(moved, state, known, blocks)
         score = float(np.max(edge_scores(moved)))
         doubts = score > DOUBT_SCORE
         if score > shift_limit(settings.false_gap_probability, signal.periods_per_symbol):
@@ -82,7 +82,7 @@ def looked_for_gap(
             gap = Gap(elapsed_s=max(moved.since_s, lately_s), shift_s=0.0, signals=int(known.sum()))
         elif score < -DOUBT_SCORE:
             if moved.is_fresh and moved.looks == 1:
-                gap = _bits_missing(state, table, good & ~jumped, elapsed_s, moved.since_s, if_hz, signal.symbol_s)
+                gap = _find_missing_bits(state, table, good & ~jumped, elapsed_s, moved.since_s, if_hz, signal.symbol_s)
             moved = None
         elif moved.looks >= MOST_LOOKS:
             moved, doubts = None, False
@@ -95,7 +95,7 @@ def looked_for_gap(
     if moved is None:
         moved = EdgeSums(periods_per_bit=signal.periods_per_symbol, since_s=elapsed_s, is_fresh=fresh)
         # What came after the row's moment: whether the row is of the other side already.
-        doubts = bool(np.max(edge_scores(_with_bits(moved, state, known, blocks[1:]))) > DOUBT_SCORE)
+        doubts = bool(np.max(edge_scores(_add_look(moved, state, known, blocks[1:]))) > DOUBT_SCORE)
     untimed = fresh and bool(known.sum() < GAP_VOTES)
     return Look(withheld=fresh or doubts, untimed=untimed), replace(state, moved=moved, asked_s=elapsed_s)
 
@@ -108,17 +108,18 @@ def _with_quiet_row(state: ReceiverState, table: Reals, good: Booleans, elapsed_
     return replace(state, courses=courses)
 
 
-def _with_bits(moved: EdgeSums, state: ReceiverState, known: Booleans, blocks: Sequence[Rows]) -> EdgeSums:
-    """One more look at the bits of the channels that know where theirs begin."""
-    prompts, firsts = prompts_of(blocks, known)
+def _add_look(moved: EdgeSums, state: ReceiverState, known: Booleans, blocks: Sequence[Rows]) -> EdgeSums:
+    """Add one more look at the bits of the channels that know where theirs begin."""
+    prompts, firsts = collect_prompts(blocks, known)
     return add_bits(moved, prompts, firsts, state.loops[known, k.BIT_START]) if prompts.size else moved
 
 
-def _bits_missing(
+def _find_missing_bits(
     state: ReceiverState, table: Reals, quiet: Booleans, elapsed_s: float, since_s: float, if_hz: float, bit_s: float
 ) -> Gap | None:
-    """Whether whole data bits are missing between the last row before all carriers jumped and this one, of the channels
-    that are quiet in both.
+    """Test if whole data bits are missing since the last row before all carriers jumped.
+
+    Channels count that are quiet in both rows.
     """
     quiet &= state.courses[:, coasting.QUIET_S] > since_s - QUIET_WITHIN_S
     if quiet.sum() < GAP_VOTES:
@@ -138,11 +139,11 @@ def _bits_missing(
 
 
 def turn_ratio(apart_cyc: Reals, sigma_cyc: Reals) -> Reals:
-    """Likelihood ratio of candidates (n_candidates,): carriers turned as predicted, or by anything.
+    """Compute the likelihood ratio of candidates (n_candidates,): carriers turned as predicted, or by any amount.
 
     apart_cyc : (n_candidates, n_signals) turn beyond the predicted one, modulo half a cycle. sigma_cyc : (n_signals,).
 
-    A turn that all have in common is averaged over.
+    It is averaged over a turn that all have in common.
     """
     rest = apart_cyc[:, np.newaxis, :] - _TURNS_CYC[:, np.newaxis]
     rest = rest - 0.5 * np.rint(2.0 * rest)

@@ -1,16 +1,16 @@
-"""Correlation over a grid of delays and Dopplers around tracked signals (cross ambiguity function), from samples.
+"""Correlate over a grid of delays and Dopplers around tracked signals (cross ambiguity function), from samples.
 
-Each interval is correlated anew with a replica that runs straight: its carrier at the mean frequency of the channel's
+Each interval is correlated again with a replica that runs straight: its carrier at the mean frequency of the channel's
 loop, its code at the rate that goes with it. So neither the loops' noise nor what a second signal makes of them smears
 the grid, and where its zero lies is known exactly. Intervals begin with a data bit, or with a part of one; over several
 bits the message is taken off by the sign that the sums themselves show.
 
-The replica is the code in an ideal band that any front end of 4/5 of the sample rate leaves as it is (3/5 of the rate).
-So the signal's shape and the correlation of the noise are one function, and no filter has to be known. Taps lie as near
-as that band's correlation needs.
+The replica is the code in an ideal band that any front end of 4/5 of the sample rate passes unchanged (3/5 of the
+rate). So the signal's shape and the correlation of the noise are one function, and no filter has to be known. Taps lie
+as near as that band's correlation needs.
 
 The noise is measured where the code does not correlate with itself: at delays some chips away, beside which its
-autocorrelation is -1/1023 (IS-GPS-200, Gold codes). Other satellites' signals are in it, as they are in the grid.
+autocorrelation is -1/1023 (IS-GPS-200, Gold codes). Other satellites' signals are part of it, as of the grid.
 """
 
 import math
@@ -26,7 +26,7 @@ from skyproof.arrays import Complexes, ComplexFloats, Floats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import GPS_SATS, SignalPlan, prn_of
 from skyproof.receiver import kernels as k
-from skyproof.receiver.correlator import correlate_period, scratch_for, table_pad
+from skyproof.receiver.correlator import allocate_scratch, correlate_period, table_pad
 from skyproof.receiver.replica import CODE_SCALE, code_table
 from skyproof.records import CcafAsked, Selectable
 
@@ -39,14 +39,14 @@ __all__ = [
     "Bursts",
     "GridCorrelator",
     "Grids",
-    "at_stake",
     "find_first_row",
+    "is_disturbed",
     "noise_delays",
     "straighten",
 ]
 
 BAND_SHARE = 0.6
-"""Of the sample rate: what a front end that passes 4/5 of it leaves as it is."""
+"""Of the sample rate: the part that a front end that passes 4/5 of it does not change."""
 NOISE_TAPS = 16
 TAPS_A_BAND = 1.1
 """Taps for each that the band's correlation needs."""
@@ -89,7 +89,7 @@ class Grids(Selectable):
 
     @staticmethod
     def nothing(n_dopplers: int = 0, n_delays: int = 0) -> "Grids":
-        """No row."""
+        """Return grids without a row."""
         none, whole = np.empty(0), np.empty(0, np.int64)
         return Grids(
             elapsed_s=none,
@@ -102,8 +102,8 @@ class Grids(Selectable):
         )
 
     @staticmethod
-    def joined(parts: Sequence["Grids"]) -> "Grids":
-        """The rows of all parts, in their order."""
+    def join(parts: Sequence["Grids"]) -> "Grids":
+        """Join the rows of all parts, in their order."""
         if not parts:
             return Grids.nothing()
         return Grids(**{f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Grids)})
@@ -135,7 +135,7 @@ class Bursts:
 def noise_delays(signal: SignalPlan, sat: str) -> tuple[float, ...]:
     """Return delays, chips, at which a satellite's Gold code correlates with itself by -1, as it does a chip aside.
 
-    Of a peak of the code's length. The nearest to zero beyond three chips, two chips apart at least.
+    The peak is the code's length. The nearest to zero beyond three chips, two chips apart at least.
     """
     code = signal.code(prn_of(sat))
     like = np.rint(np.fft.irfft(np.abs(np.fft.rfft(code)) ** 2, code.size))
@@ -149,11 +149,11 @@ def noise_delays(signal: SignalPlan, sat: str) -> tuple[float, ...]:
     return tuple(found[:NOISE_TAPS])
 
 
-def at_stake(cn0_dbhz: Reals, mean_dbhz: Reals, duration_s: float) -> bool:
-    """Whether strengths (n_channels,), measured over `duration_s`, move against their means of the last second.
+def is_disturbed(cn0_dbhz: Reals, mean_dbhz: Reals, duration_s: float) -> bool:
+    """Tell if strengths (n_channels,), measured over `duration_s`, depart from their means of the last second.
 
-    One signal's reflection beats with it; several at once are an attack, a jammer, or a platform that turns. Noise that
-    is estimated from differences of code periods is known to the root of 3/2 over their number.
+    One signal's reflection beats with it. Several signals at once mean an attack, a jammer, or a platform that turns.
+    Noise estimated from differences of code periods is known to the root of 3/2 over their number.
     """
     periods = 1e3 * duration_s
     sigma_db = 10.0 / math.log(10.0) * np.sqrt(1.5 / periods + 2.0 / (10.0 ** (0.1 * cn0_dbhz) * duration_s))
@@ -182,16 +182,16 @@ class GridCorrelator:
         self._pad = table_pad(self._chips_per_sample, self._reach_chips)
 
     def nothing(self) -> Grids:
-        """No row, of the shape of those that there may be."""
+        """Return no row, of the shape of those that there may be."""
         return Grids.nothing(self.dopplers_hz.size, self.delays_chips.size)
 
     @property
     def noise_samples(self) -> int:
-        """Independent complex samples that each noise variance is estimated from."""
+        """Return the number of independent complex samples behind each noise variance."""
         return NOISE_TAPS * self.asked.intervals
 
     def due(self, frame: int, frame_s: float, *, soon: bool) -> bool:
-        """Whether it is time in this frame."""
+        """Tell if it is time in this frame."""
         every_s = self.asked.soon_s if soon else self.asked.every_s
         return frame % max(round(every_s / frame_s), 1) == 0
 
@@ -207,7 +207,7 @@ class GridCorrelator:
         threads: Executor,
         n_threads: int,
     ) -> Grids:
-        """The intervals of one frame.
+        """Compute the intervals of one frame.
 
         samples : (2, n) of one antenna; element 0 has the absolute index `first_sample`. frame : rows and counts of the
         kernel's code periods in the frame that begins at `elapsed_s`. bit_start : (n_channels,) as in the loops' state;
@@ -346,11 +346,11 @@ def _correlate(
     meta: Reals,
     first_periods: Integers,
 ) -> None:
-    """Every channel's intervals one after the other, from the first data bit (or part of one) of the frame on."""
+    """Correlate every channel's intervals one after the other, from the first data bit (or part) of the frame."""
     nominal = code_rate_hz / rate_hz
     n_delays = delays_chips.shape[1]
     longest = math.ceil(code_length / nominal) + 64
-    scratch = scratch_for(longest, n_delays)
+    scratch = allocate_scratch(longest, n_delays)
     sums, shifts = np.empty((dopplers_hz.size, n_delays, 2)), np.empty(n_delays)
     total = np.empty((dopplers_hz.size, n_delays), np.complex128)
     bit = np.empty((dopplers_hz.size, n_delays), np.complex128)

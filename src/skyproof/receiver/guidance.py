@@ -1,13 +1,13 @@
-"""Loops that are guided: the replica goes where one position and clock of all channels put it.
+"""Guide loops: the replica goes where one position and clock of all channels put it.
 
-What a guide says of a channel holds from one row of measurements to the next, and lapses: loops that are not guided any
-more close by themselves, as those of a scalar receiver do. The code's loop is
+A guide for a channel holds from one row of measurements to the next, and lapses. Loops that are not guided any more
+close on their own, as those of a scalar receiver do. The code's loop is
 
-    replica + discriminator + correction = what is predicted,
+    replica + discriminator + correction = prediction,
 
-so that the replica itself goes there, whatever the discriminator says. The carrier's loop closes on its own
+so that the replica itself goes there, whatever the discriminator measures. The carrier's loop closes on its own
 discriminator with a correction beside it, pi T (predicted - measured Doppler); T is 1 ms, whatever is summed. While a
-signal cannot be seen, its carrier goes on with the predicted Doppler.
+signal is blocked, its carrier follows the predicted Doppler.
 
 X. Zhang, H. Li, C. Yang and M. Lu, IET Radar, Sonar & Navigation, 2020, doi 10.1049/iet-rsn.2020.0021, (6), (7).
 """
@@ -28,10 +28,10 @@ __all__ = [
     "SENT_S",
     "SINCE_S",
     "UNTIL_S",
-    "guided_loops",
+    "guide_loops",
     "is_guided",
     "no_guide",
-    "shown_by_loops",
+    "read_loops",
 ]
 
 # Columns of a channel's guide (float64); NaN without one.
@@ -49,27 +49,25 @@ LARGEST_CHIPS_S: Final = 5.0
 
 
 def is_guided(guides: Reals, now_s: float) -> Booleans:
-    """(n_channels,) whose guide (n_channels, N_GUIDE) holds."""
+    """Tell which channels (n_channels,) have a guide (n_channels, N_GUIDE) that holds."""
     return np.asarray(guides[:, UNTIL_S] > now_s + 1e-9)
 
 
 def no_guide() -> Reals:
-    """(N_GUIDE,) of a channel that is to go by itself at once."""
+    """Return the guide (N_GUIDE,) of a channel that is to run unguided at once."""
     guide = np.zeros(N_GUIDE)
     guide[UNTIL_S] = -np.inf
     return guide
 
 
-def shown_by_loops(
-    loops: Reals, at_s: float, *, rate_hz: float, if_hz: float, signal: SignalPlan
-) -> tuple[Reals, Reals]:
-    """What the replicas (n, N_STATE) show at a receiver time near by: as `SENT_S`, and the Doppler."""
+def read_loops(loops: Reals, at_s: float, *, rate_hz: float, if_hz: float, signal: SignalPlan) -> tuple[Reals, Reals]:
+    """Return what the replicas (n, N_STATE) show at a receiver time near by: as `SENT_S`, and the Doppler."""
     doppler_hz = loops[:, k.FREQUENCY] - if_hz
     shown_s = (loops[:, k.PERIODS] + loops[:, k.CHIP] / signal.code_length) * signal.period_s
     return shown_s + (at_s - loops[:, k.START] / rate_hz) * (1.0 + doppler_hz / signal.carrier_hz), doppler_hz
 
 
-def guided_loops(
+def guide_loops(
     loops: Reals,
     guides: Reals,
     unseen: Booleans,
@@ -80,20 +78,20 @@ def guided_loops(
     if_hz: float,
     signal: SignalPlan,
 ) -> tuple[Reals, Reals]:
-    """Loops (n_channels, N_STATE) as guided for the next frame, and the guides that have not lapsed.
+    """Guide loops (n_channels, N_STATE) for the next frame; return them and the guides that have not lapsed.
 
     unseen : (n_channels,) whose phase is not held: their carriers follow the prediction. now_s : the frame's end.
     """
-    here = is_guided(guides, now_s)
-    lapsed = ~here & np.isfinite(guides[:, AT_S])
-    if not here.any() and not lapsed.any():
+    active = is_guided(guides, now_s)
+    lapsed = ~active & np.isfinite(guides[:, AT_S])
+    if not active.any() and not lapsed.any():
         return loops, guides
     loops, guides = loops.copy(), guides.copy()
     loops[lapsed, k.CODE_STEER] = 0.0
-    loops[~here, k.CARRIER_CORRECTION] = 0.0
+    loops[~active, k.CARRIER_CORRECTION] = 0.0
     guides[lapsed] = np.nan
-    guide, loop = guides[here], loops[here]
-    blind = unseen[here]
+    guide, loop = guides[active], loops[active]
+    blind = unseen[active]
     loop[blind, k.PLL_VELOCITY] = guide[blind, DOPPLER_HZ]
     loop[blind, k.PLL_ACCELERATION] = 0.0
     loop[blind, k.FREQUENCY] = if_hz + guide[blind, DOPPLER_HZ]
@@ -107,5 +105,5 @@ def guided_loops(
     loop[:, k.CODE_RATE] = signal.chip_rate_hz * (1.0 + loop[:, k.PLL_VELOCITY] / signal.carrier_hz) + steer
     loop[:, k.DLL_BANDWIDTH] = 0.0
     loop[:, k.CARRIER_CORRECTION] = np.where(blind, 0.0, 0.5 * COUPLING_S * guide[:, CORRECTION_HZ])
-    loops[here] = loop
+    loops[active] = loop
     return loops, guides

@@ -1,4 +1,4 @@
-"""Which channels stay, which signal each one is, and where arcs end."""
+"""Decide which channels stay, which signal each one is, and where arcs end."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,20 +20,20 @@ from skyproof.receiver.channels import (
     DelayDoppler,
     Gap,
     LostSignal,
-    arc_of,
-    continued,
+    arc_from_channel,
+    continue_tow,
     letter,
-    lost_of,
-    tow_kept,
+    lost_from_channel,
+    match_lost,
 )
 from skyproof.receiver.grids import Grids
 from skyproof.receiver.guidance import is_guided
 from skyproof.receiver.lock import lock_threshold
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.settings import LOCK_FRAMES, TELEMETRY_FRAMES, ReceiverSettings
-from skyproof.receiver.state import ReceiverState, kept, place_of
+from skyproof.receiver.state import ReceiverState, keep_channels, place_of
 
-__all__ = ["StepCollector", "confirmed", "dropped", "end_diverged_arcs", "forget_time", "holds", "messages_read"]
+__all__ = ["StepCollector", "confirm", "drop", "end_diverged_arcs", "forget_time", "holds_signal", "read_messages"]
 
 MERGE_HZ = 100.0
 SIDE_LOBE_NOISE = 2.5
@@ -53,13 +53,13 @@ class StepCollector:
     noncoherent: list[Measurements] = field(default_factory=list)
 
 
-def holds(state: ReceiverState, n_frames: int, settings: ReceiverSettings) -> Booleans:
-    """Whether each channel holds its signal, by its last `n_frames` frames (fewer if it is younger, or came back)."""
+def holds_signal(state: ReceiverState, n_frames: int, settings: ReceiverSettings) -> Booleans:
+    """Tell if each channel holds its signal, by its last `n_frames` frames (fewer if it is younger, or came back)."""
     value, prompts = state.lock[:, -n_frames:, 0], state.lock[:, -n_frames:, 1]
-    there = ~np.isnan(value)
-    frames = np.maximum(there.sum(axis=1), 1)
-    mean_value = np.sum(value, axis=1, where=there) / frames
-    mean_prompts = np.maximum(np.sum(prompts, axis=1, where=there) / frames, 1.0)
+    counted = ~np.isnan(value)
+    frames = np.maximum(counted.sum(axis=1), 1)
+    mean_value = np.sum(value, axis=1, where=counted) / frames
+    mean_prompts = np.maximum(np.sum(prompts, axis=1, where=counted) / frames, 1.0)
     error = settings.false_hold_probability if n_frames == LOCK_FRAMES else BRIEF_ERROR
     return np.asarray(mean_value > lock_threshold(mean_prompts, frames, error))
 
@@ -70,9 +70,10 @@ def holds(state: ReceiverState, n_frames: int, settings: ReceiverSettings) -> Bo
 def forget_time(
     state: ReceiverState, signal: SignalPlan, given: StepCollector, *, before_s: float = math.inf
 ) -> ReceiverState:
-    """New arcs for all channels that began before, with bits and time of week to be found anew: samples that are
-    missing shift both by the same time, of which only a part is known. An arc's time, once read, holds from its
-    beginning.
+    """Begin new arcs for all channels that began before; their bits and time of week are to be found again.
+
+    Missing samples shift both by the same time, and only a part of it is known. An arc's time, once read, holds from
+    its beginning.
     """
     channels, loops, last_phases = list(state.channels), state.loops.copy(), state.last_phases.copy()
     number = state.next_arc
@@ -83,7 +84,7 @@ def forget_time(
         loops[i, [k.RESIDUAL, k.CODE_MINUS_CARRIER]] = np.nan
         last_phases[i] = np.nan
         if channel.copy is not None:
-            channel = _new_arc(channel, number, "after a gap", signal, given)
+            channel = _start_arc(channel, number, "after a gap", signal, given)
             number += 1
         channels[i] = replace(channel, telemetry=tm.Telemetry())
     return replace(state, channels=tuple(channels), loops=loops, last_phases=last_phases, next_arc=number)
@@ -114,15 +115,15 @@ def end_diverged_arcs(
     number = state.next_arc
     for i in np.flatnonzero(pulled):
         if channels[i].copy is not None:
-            channels[i] = _new_arc(channels[i], number, "pulled away", signal, given)
+            channels[i] = _start_arc(channels[i], number, "pulled away", signal, given)
             number += 1
     return replace(state, loops=loops, channels=tuple(channels), next_arc=number)
 
 
-def messages_read(state: ReceiverState, settings: ReceiverSettings, given: StepCollector) -> ReceiverState:
-    """Telemetry every few frames, of channels past their pull-in; tells the loops where bits begin.
+def read_messages(state: ReceiverState, settings: ReceiverSettings, given: StepCollector) -> ReceiverState:
+    """Read telemetry every few frames, of channels past their pull-in; tell the loops where bits begin.
 
-    A time of week that moves against the code periods counted means that samples are missing: a new arc.
+    A time of week that moves against the counted code periods means that samples are missing: a new arc.
     """
     if (state.frame + 1) % TELEMETRY_FRAMES:
         return state
@@ -141,29 +142,30 @@ def messages_read(state: ReceiverState, settings: ReceiverSettings, given: StepC
         begins = tm.bit_start(telemetry, settings.signal)
         loops[i, k.BIT_START] = -1.0 if begins is None else begins
         if channel.copy is not None and known_ms is not None and known_ms != telemetry.tow_ms_at_period_0:
-            channel = _new_arc(channel, number, "after a gap", settings.signal, given)
+            channel = _start_arc(channel, number, "after a gap", settings.signal, given)
             number += 1
         channels[i] = replace(channel, telemetry=telemetry)
     return replace(state, channels=tuple(channels), loops=loops, prompts=tuple(prompts), next_arc=number)
 
 
-def _new_arc(channel: Channel, number: int, began: Began, signal: SignalPlan, given: StepCollector) -> Channel:
-    """The channel in a new arc; the one before is given as it ended."""
-    given.arcs[channel.arc] = arc_of(channel, signal)
+def _start_arc(channel: Channel, number: int, began: Began, signal: SignalPlan, given: StepCollector) -> Channel:
+    """Put the channel into a new arc; record the one before as it ended."""
+    given.arcs[channel.arc] = arc_from_channel(channel, signal)
     return replace(channel, arc=number, began=began)
 
 
 # ---------------------------------------------------------------------- which channels stay
 
 
-def confirmed(state: ReceiverState, settings: ReceiverSettings, given: StepCollector) -> ReceiverState:
-    """Give channels that have proved themselves a letter: that of a signal that was lost, or is coasted for, and that
-    they continue, or the next one.
+def confirm(state: ReceiverState, settings: ReceiverSettings, given: StepCollector) -> ReceiverState:
+    """Give channels that have proved themselves a letter.
+
+    It is that of a signal, lost or coasting, that they continue, or the next one.
     """
     if all(channel.copy is not None for channel in state.channels):
         return state
     end_s = (state.frame + 1) * settings.frame_s
-    held = holds(state, LOCK_FRAMES, settings)
+    held = holds_signal(state, LOCK_FRAMES, settings)
     due = [
         i
         for i, channel in enumerate(state.channels)
@@ -172,39 +174,39 @@ def confirmed(state: ReceiverState, settings: ReceiverSettings, given: StepColle
     if not due:
         return state
     places = [(state.channels[i].sat, place_of(state.locked_at[i])) for i in due]
-    coasted = _coasted(state, settings.signal)
+    coasted = _list_coasting(state, settings.signal)
     still = [
         (channel.began_s, place_of(state.locked_at[i]))
         for i, channel in enumerate(state.channels)
-        if channel.copy is not None and held[i] and not _on_side_lobe(state, settings.signal, i, due)
+        if channel.copy is not None and held[i] and not _is_on_side_lobe(state, settings.signal, i, due)
     ]
-    matches, gap = continued((*state.lost, *coasted.values()), places, settings.signal, still)
+    matches, gap = match_lost((*state.lost, *coasted.values()), places, settings.signal, still)
     letters, channels = dict(state.letters), list(state.channels)
     for i, old, (_, place) in zip(due, matches, places, strict=True):
-        channels[i] = _as_signal(channels[i], old, place, letters, settings.signal, goes_on=gap is None)
+        channels[i] = _name_channel(channels[i], old, place, letters, settings.signal, goes_on=gap is None)
     lost = tuple(old for old in state.lost if not any(old is match for match in matches))
     state = replace(state, channels=tuple(channels), letters=letters, lost=lost)
     taken = {i for i, old in coasted.items() if any(old is match for match in matches)}
     for i in taken:
-        given.arcs[state.channels[i].arc] = arc_of(state.channels[i], settings.signal)
-    state = kept(state, [i for i in range(len(state.channels)) if i not in taken])
+        given.arcs[state.channels[i].arc] = arc_from_channel(state.channels[i], settings.signal)
+    state = keep_channels(state, [i for i in range(len(state.channels)) if i not in taken])
     if gap is None:
         return state
     given.gaps.append(gap)
     return forget_time(state, settings.signal, given, before_s=gap.elapsed_s)
 
 
-def _on_side_lobe(state: ReceiverState, signal: SignalPlan, channel: int, found: Sequence[int]) -> bool:
-    """Whether a channel may be held by nothing but a side lobe of a `found` channel's signal.
+def _is_on_side_lobe(state: ReceiverState, signal: SignalPlan, channel: int, found: Sequence[int]) -> bool:
+    """Tell if only a side lobe of a `found` channel's signal may hold a channel.
 
-    Where codes are thrown off one in four lands on one, and goes on as if nothing had happened.
+    When codes are thrown off, one in four lands on a side lobe, and continues as if nothing had happened.
     """
     power = state.loops[:, k.LOCK_I] - state.loops[:, k.LOCK_Q]
     sat, share = state.channels[channel].sat, SIDE_LOBE_NOISE * signal.highest_side_lobe**2
     return any(state.channels[i].sat == sat and power[channel] < share * power[i] for i in found)
 
 
-def _as_signal(
+def _name_channel(
     channel: Channel,
     old: LostSignal | None,
     place: DelayDoppler,
@@ -213,31 +215,31 @@ def _as_signal(
     *,
     goes_on: bool,
 ) -> Channel:
-    """A channel with its letter. goes_on : whether code periods were counted on since the old signal was lost."""
+    """Name a channel by its letter. goes_on : whether code periods were counted on since the old signal was lost."""
     if old is None:
         number = letters.get(channel.sat, 0)
         letters[channel.sat] = number + 1
         return replace(channel, copy=letter(number))
     telemetry = channel.telemetry
     if goes_on and not telemetry.synchronised:
-        telemetry = replace(telemetry, tow_ms_at_period_0=tow_kept(old, place, signal))
+        telemetry = replace(telemetry, tow_ms_at_period_0=continue_tow(old, place, signal))
     return replace(
         channel, copy=old.copy, found_s=old.found_s, missed_s=old.missed_s, began="found again", telemetry=telemetry
     )
 
 
-def _coasted(state: ReceiverState, signal: SignalPlan) -> Mapping[int, LostSignal]:
-    """The channels that coast, as signals that may be found elsewhere."""
+def _list_coasting(state: ReceiverState, signal: SignalPlan) -> Mapping[int, LostSignal]:
+    """Return the channels that coast, as signals that may be found elsewhere."""
     coast = np.flatnonzero(np.isfinite(state.courses[:, coasting.SINCE_S]))
     return {
-        i: lost_of(state.channels[i], place_of(state.locked_at[i]), signal)
+        i: lost_from_channel(state.channels[i], place_of(state.locked_at[i]), signal)
         for i in coast.tolist()
         if state.channels[i].copy is not None
     }
 
 
-def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, given: StepCollector) -> ReceiverState:
-    """Let go of channels that never locked, lost lock, or fell on the signal of another channel.
+def drop(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, given: StepCollector) -> ReceiverState:
+    """Release channels that never locked, lost lock, or fell on the signal of another channel.
 
     A confirmed channel whose signal has faded is kept for `coast_s`, and for as long as a lock takes to be judged after
     that; a guided one for `guided_s`.
@@ -245,8 +247,8 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
     delays_s : (n_channels,) of a code period's start after the frame's end.
     """
     end_s = (state.frame + 1) * settings.frame_s
-    held = holds(state, LOCK_FRAMES, settings)
-    doubles = _doubles(state, delays_s, settings)
+    held = holds_signal(state, LOCK_FRAMES, settings)
+    doubles = _find_doubles(state, delays_s, settings)
     lost = tuple(old for old in state.lost if end_s - old.place.at_s < FORGET_S)
     if held.all() and not doubles:
         return replace(state, lost=lost) if lost != state.lost else state
@@ -259,14 +261,15 @@ def dropped(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, g
         if i not in doubles and (is_young or held[i] or (channel.copy is not None and lasts[i])):
             stay.append(i)
         elif channel.copy is not None:
-            given.arcs[channel.arc] = arc_of(channel, settings.signal)
-            lost = (*lost, lost_of(channel, place_of(state.locked_at[i]), settings.signal))
-    return replace(kept(state, stay), lost=lost)
+            given.arcs[channel.arc] = arc_from_channel(channel, settings.signal)
+            lost = (*lost, lost_from_channel(channel, place_of(state.locked_at[i]), settings.signal))
+    return replace(keep_channels(state, stay), lost=lost)
 
 
-def _doubles(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings) -> set[int]:
-    """Channels that follow the signal of another one of their satellite, which has the better right to it: it was
-    not pulled there, or is older.
+def _find_doubles(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings) -> set[int]:
+    """Find channels that follow the signal of another one of their satellite with a better right to it.
+
+    The better one was not pulled there, or is older.
     """
     signal, hz = settings.signal, state.loops[:, k.FREQUENCY].tolist()
     of_sat: dict[str, list[int]] = {}

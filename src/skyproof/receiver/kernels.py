@@ -1,4 +1,4 @@
-"""The inner loops: correlate and steer every channel over a stretch of samples in one call.
+"""Inner loops: correlate and steer every channel over a stretch of samples in one call.
 
 A kernel sees arrays and numbers only. One call advances all channels over all code periods that lie in the samples: no
 Python runs per millisecond. Correlators are summed coherently over `INTEGRATION` code periods, aligned to the data bits
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Floats, Integers, Reals
 from skyproof.compiled import compiled
-from skyproof.receiver.correlator import correlate_period, scratch_for
+from skyproof.receiver.correlator import allocate_scratch, correlate_period
 
 # Columns of the channel state, one row a channel (float64).
 START = 0  # absolute index of the first sample of the next code period
@@ -63,7 +63,7 @@ POWER_MEMORY_S = 0.05
 
 
 def row_size(n_taps: int, n_antennas: int) -> int:
-    """Columns of a code period's row."""
+    """Return the columns of a code period's row."""
     return OUT_TAPS + 2 * n_taps + (6 * n_antennas if n_antennas > 1 else 0)
 
 
@@ -163,16 +163,16 @@ def advance(
     out: Reals,
     counts: Integers,
 ) -> None:
-    """Advance every channel over all code periods that lie wholly inside the samples given.
+    """Run every channel over all code periods that lie wholly inside the samples.
 
-    The interpreter is not held: callers share channels among threads. (Numba's own parallel loops would do, but their
-    threads burn a core while they wait for the next frame, 40 % of all processor time.)
+    The interpreter is not held: callers share channels among threads. Numba's own parallel loops would do, but their
+    threads burn a core while they wait for the next frame, 40 % of all processor time.
 
     All antennas of a channel are correlated with one replica. Their sums, each times the conjugate of its weight, make
     the sums that close the loops: what one antenna loses the others hold.
 
-    samples : (n_antennas, 2, n) float32, contiguous, I and Q, of which the first `n_samples` count; element 0 is the
-        sample of absolute index `first_sample`.
+    samples : (n_antennas, 2, n) float32, contiguous, I and Q; the first `n_samples` count. Element 0 is the sample of
+        absolute index `first_sample`.
     sample_power : mean of I^2 + Q^2 times that of the replica, of the weighted sum of the antennas' noise: tells the
         noise in a correlator, to unbias the normalisation of the discriminator.
     weights : (n_channels, n_antennas, 2) real and imaginary part; 1 and 0 of a single antenna.
@@ -190,14 +190,14 @@ def advance(
     nominal = code_rate_hz / rate_hz
     n_antennas = samples.shape[0]
     n_taps = taps_hz.shape[0] * taps_chips.shape[0]
-    own = OUT_TAPS + 2 * n_taps  # first column of the antennas' own sums
+    antenna_column = OUT_TAPS + 2 * n_taps  # first column of the antennas' own sums
     near_chips, all_chips = taps_chips[:3].copy(), taps_chips.copy()
     carrier, dopplers = np.zeros(1), taps_hz / rate_hz
     for channel in range(states.shape[0]):
         state = states[channel]
         table = tables[table_of_channel[channel]]
         longest = math.ceil(code_length / nominal) + 64
-        scratch, scratch_near = scratch_for(longest, taps_chips.shape[0]), scratch_for(longest, 3)
+        scratch, scratch_near = allocate_scratch(longest, taps_chips.shape[0]), allocate_scratch(longest, 3)
         grid, grid_near = np.empty((taps_hz.shape[0], taps_chips.shape[0], 2)), np.empty((1, 3, 2))
         shifts_all, shifts_near = np.empty(taps_chips.shape[0]), np.empty(3)
         count = 0
@@ -212,7 +212,7 @@ def advance(
             shifts = shifts_all if looked else shifts_near
             sums = (grid if looked else grid_near).reshape(-1)
             row[OUT_TAPS : OUT_TAPS + sums.size] = 0.0
-            row[OUT_TAPS + sums.size : own] = math.nan
+            row[OUT_TAPS + sums.size : antenna_column] = math.nan
             for antenna in range(n_antennas):
                 correlate_period(
                     samples[antenna, 0],
@@ -237,7 +237,7 @@ def advance(
                     row[OUT_TAPS + 2 * k] += real * sums[2 * k] + imaginary * sums[2 * k + 1]
                     row[OUT_TAPS + 2 * k + 1] += real * sums[2 * k + 1] - imaginary * sums[2 * k]
                 if n_antennas > 1:
-                    row[own + 6 * antenna : own + 6 * antenna + 6] = sums[:6]
+                    row[antenna_column + 6 * antenna : antenna_column + 6 * antenna + 6] = sums[:6]
             # Rounding is made up for in the next period, so that its mean vanishes also where the code stands still.
             shift = 0.5 * (shifts[0] + shifts[2]) - state[SHIFT_OWED]
             state[SHIFT_OWED] += shift

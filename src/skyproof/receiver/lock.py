@@ -1,4 +1,4 @@
-"""Is a channel on a signal? The phase-lock statistic of a few frames, with stated error rates.
+"""Test if a channel is on a signal: the phase-lock statistic of a few frames, with stated error rates.
 
 A frame sums the squares of n coherent prompts: I^2 carries signal and noise, Q^2 noise alone when the phase is held.
 d = (I^2 - Q^2)/(I^2 + Q^2) is 2 B - 1 with B ~ Beta(n/2, n/2) on noise, whatever its power (the square of a Gaussian
@@ -16,13 +16,15 @@ __all__ = ["lock_threshold", "lock_value"]
 
 
 def lock_value(i_squares: Reals, q_squares: Reals) -> Reals:
-    """d of each frame from the sums of squares, any shape; 0 where there is nothing."""
+    """Compute d of each frame from the sums of squares, any shape; 0 where there is nothing."""
     total = i_squares + q_squares
     return np.divide(i_squares - q_squares, total, out=np.zeros_like(total), where=total > 0.0)
 
 
 def lock_threshold(n_prompts: ArrayLike, n_frames: int, false_hold_probability: float) -> Reals:
-    """What the mean of d over `n_frames` frames of `n_prompts` prompts each exceeds on noise with this probability.
+    """Return what the mean of d over `n_frames` frames exceeds on noise with this probability.
+
+    Each frame has `n_prompts` prompts.
 
     One frame is exact. The mean of several has the Beta law with the same two first moments (the third is zero): a
     frame's variance is 1/(n + 1), and 2 Beta(a, a) - 1 has 1/(2 a + 1). Any shape of `n_prompts`.

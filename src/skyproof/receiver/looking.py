@@ -1,4 +1,4 @@
-"""When and where the receiver looks for further signals, and the channel that a found one begins with."""
+"""Schedule when and where the receiver searches for further signals, and start channels on those found."""
 
 from dataclasses import replace
 
@@ -19,7 +19,10 @@ DOPPLER_BIN_HZ = 500.0
 
 
 def delay_s(loops: Reals, begin: int, rate_hz: float, period_s: float) -> Reals:
-    """Of the first start of a code period at or after sample `begin`; loops (..., N_STATE), gives (...)."""
+    """Return the delay of the first start of a code period at or after sample `begin`.
+
+    loops (..., N_STATE) gives (...).
+    """
     delay = (loops[..., k.START] - begin) / rate_hz - loops[..., k.CHIP] / loops[..., k.CODE_RATE]
     return np.asarray(np.mod(delay, period_s))
 
@@ -42,16 +45,16 @@ class Lookout:
         settings = self.settings
         alive = np.flatnonzero(state.tail.any(axis=(1, 2))).tolist() or [0]
         for searcher, every_s, dopplers in (
-            (self.searcher, self._full_search_s(state), self._everywhere(state)),
-            (self.near_searcher, settings.near_search_s, self._nearby(state, now_s)),
+            (self.searcher, self._full_search_s(state), self._list_all_dopplers(state)),
+            (self.near_searcher, settings.near_search_s, self._list_near_dopplers(state, now_s)),
         ):
             antenna = alive[round(now_s / every_s) % len(alive)]
             samples = state.tail[antenna, :, begin - state.tail_start :]
             if not dopplers or samples.shape[1] < searcher.n_samples:
                 continue
-            peaks = searcher.search(samples, self.if_hz, dopplers, self._known(state, begin))
+            peaks = searcher.search(samples, self.if_hz, dopplers, self._list_known(state, begin))
             for peak in peaks:
-                state = self.started(state, peak, begin, now_s, antenna, rows_shape)
+                state = self.start_channel(state, peak, begin, now_s, antenna, rows_shape)
             searched = {sat: dict(bins) for sat, bins in state.searched.items()}
             for sat, grid in dopplers.items():
                 searched.setdefault(sat, {}).update({_bin(d): now_s for d in grid})
@@ -59,11 +62,11 @@ class Lookout:
         return state
 
     def _full_search_s(self, state: ReceiverState) -> float:
-        """How often every Doppler is searched: soon, while a front end may not have come up yet."""
+        """Return how often every Doppler is searched: soon, while a front end may not have come up yet."""
         return self.settings.full_search_s if state.next_arc else self.settings.first_search_s
 
-    def _everywhere(self, state: ReceiverState) -> dict[str, Reals]:
-        """Every Doppler of every satellite, when it is time."""
+    def _list_all_dopplers(self, state: ReceiverState) -> dict[str, Reals]:
+        """List every Doppler of every satellite, when it is time."""
         settings = self.settings
         if state.frame % round(self._full_search_s(state) / settings.frame_s):
             return {}
@@ -72,8 +75,8 @@ class Lookout:
         grid = np.arange(-n, n + 1, dtype=np.float64) * step_hz
         return {sat: grid for sat in settings.sats}
 
-    def _nearby(self, state: ReceiverState, now_s: float) -> dict[str, Reals]:
-        """Dopplers near those of tracked signals, and of those lost a moment ago."""
+    def _list_near_dopplers(self, state: ReceiverState, now_s: float) -> dict[str, Reals]:
+        """List Dopplers near those of tracked signals, and of those lost a moment ago."""
         settings = self.settings
         if state.frame == 0 or state.frame % round(settings.near_search_s / settings.frame_s):
             return {}
@@ -90,8 +93,8 @@ class Lookout:
             for sat, found in centres.items()
         }
 
-    def _known(self, state: ReceiverState, begin: int) -> dict[str, list[KnownSignal]]:
-        """The tracked signals of each satellite, as of sample `begin`."""
+    def _list_known(self, state: ReceiverState, begin: int) -> dict[str, list[KnownSignal]]:
+        """List the tracked signals of each satellite, as of sample `begin`."""
         known: dict[str, list[KnownSignal]] = {}
         delays_s = delay_s(state.loops, begin, self.rate_hz, self.signal.period_s).tolist()
         dopplers_hz = (state.loops[:, k.FREQUENCY] - self.if_hz).tolist()
@@ -99,10 +102,10 @@ class Lookout:
             known.setdefault(channel.sat, []).append(KnownSignal(delay_s=at_s, doppler_hz=doppler_hz))
         return known
 
-    def started(
+    def start_channel(
         self, state: ReceiverState, peak: Peak, begin: int, now_s: float, antenna: int, rows_shape: tuple[int, int]
     ) -> ReceiverState:
-        """With a channel on a peak that was found at sample `begin`."""
+        """Start a channel on a peak that was found at sample `begin`."""
         chips_per_sample = self.signal.chip_rate_hz / self.rate_hz
         first = np.ceil(peak.delay_s * self.rate_hz)
         loop = np.zeros(k.N_STATE)

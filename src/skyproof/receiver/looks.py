@@ -1,4 +1,4 @@
-"""Correlators in looks: a share of the time is enough to see what the peak looks like, and costs that share."""
+"""Correlators in looks: a share of the time is enough to show the peak's shape, at that share of the cost."""
 
 import math
 
@@ -8,10 +8,10 @@ from skyproof.arrays import Complexes, ComplexFloats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.receiver import kernels as k
 
-__all__ = ["look_means", "look_turns"]
+__all__ = ["average_looks", "measure_turns"]
 
 
-def look_means(
+def average_looks(
     before: tuple[Reals, Integers],
     now: tuple[Reals, Integers],
     wipe: Complexes,
@@ -21,9 +21,9 @@ def look_means(
     epoch_samples: float,
     n_taps: int,
 ) -> ComplexFloats:
-    """Mean correlators of the code periods of each look in which all taps were taken, carrier and bits wiped off.
+    """Average the correlators of the code periods of each look with all taps, carrier and bits wiped off.
 
-    before, now : as `measurement.measure` takes them. wipe : as it gives them.
+    before, now : as `measurement.measure` takes them. wipe : as it returns them.
     n_looks, look_samples : of the two frames, as many to either side of the absolute sample `epoch_samples`; every look
         begins at a multiple of `look_samples`.
 
@@ -31,13 +31,13 @@ def look_means(
     -------
     (n_channels, n_looks, n_taps), NaN where none was taken.
     """
-    looks = _looks(before, now, wipe, n_looks, look_samples, epoch_samples, n_taps)
+    looks = _assign_looks(before, now, wipe, n_looks, look_samples, epoch_samples, n_taps)
     taps = np.full((wipe.shape[0], n_looks, n_taps), complex(np.nan, np.nan))
     _look_means(*before, *now, wipe, looks, taps)
     return taps.astype(np.complex64)
 
 
-def look_turns(
+def measure_turns(
     before: tuple[Reals, Integers],
     now: tuple[Reals, Integers],
     wipe: Complexes,
@@ -47,12 +47,14 @@ def look_turns(
     epoch_samples: float,
     n_taps: int,
 ) -> Reals:
-    """By which angle the correlators of each look were turned, data bits aside, (n_channels, n_looks) radians.
+    """Return the angle by which the correlators of each look were turned, without data bits, in radians.
 
-    Parameters as of `look_means`. A carrier ahead of its replica's by less than a quarter of a cycle was turned back by
-    as much.
+    The shape is (n_channels, n_looks).
+
+    Parameters as of `average_looks`. A carrier ahead of its replica's by less than a quarter of a cycle was turned back
+    by that much.
     """
-    looks = _looks(before, now, wipe, n_looks, look_samples, epoch_samples, n_taps)
+    looks = _assign_looks(before, now, wipe, n_looks, look_samples, epoch_samples, n_taps)
     sums = np.zeros((wipe.shape[0], n_looks), np.complex128)
     channels, rows = np.nonzero(looks >= 0)
     turned = wipe[channels, rows]
@@ -60,7 +62,7 @@ def look_turns(
     return np.where(sums == 0.0, np.nan, np.angle(sums))
 
 
-def _looks(
+def _assign_looks(
     before: tuple[Reals, Integers],
     now: tuple[Reals, Integers],
     wipe: Complexes,
@@ -69,7 +71,7 @@ def _looks(
     epoch_samples: float,
     n_taps: int,
 ) -> Integers:
-    """In which look each code period lies, as `wipe` has them; -1 in none, and where not all taps were taken."""
+    """Assign each code period to its look, as `wipe` has them; -1 in none, or where not all taps were taken."""
     looks = np.full(wipe.shape, -1)
     first = math.floor(epoch_samples / look_samples + 0.5) - n_looks // 2
     _fill_looks(*before, *now, look_samples, first, n_looks, n_taps, looks)

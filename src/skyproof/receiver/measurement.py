@@ -1,4 +1,4 @@
-"""Code periods of every channel to one row of measurements at a common receiver time.
+"""Reduce code periods of every channel to one row of measurements at a common receiver time.
 
 The loops' own states are correlated in time. What is measured here is not them but the loop's replica plus what the
 correlators find beside it, fitted over the block: white from block to block, whatever the loops' bandwidths.
@@ -62,7 +62,8 @@ class Measurements(Selectable):
         look: equal parts of the block, or the whole of it; NaN where none was taken.
     turns_rad : (n, n_looks) by which the taps of a guided channel were turned to take off what its carrier was ahead of
         the replica's, bits aside; NaN of all others.
-    own : (n, n_antennas, N_OWN) of each antenna, if there are several: `table` and `taps` are of their sum then. Of one
+    own : (n, n_antennas, N_OWN) of each antenna, if there are several: `table` and `taps` belong to their sum then. Of
+    one
         antenna it is (n, 0, N_OWN).
     """
 
@@ -77,31 +78,31 @@ class Measurements(Selectable):
         return int(self.arc.size)
 
     def column(self, index: int) -> Reals:
-        """One column of the table, (n,)."""
+        """Return one column of the table, (n,)."""
         return self.table[:, index]
 
     def on_antenna(self, antenna: int) -> "Measurements":
-        """As one antenna of several measured them, numbered from 0: the rows in which it had the signal."""
+        """Return what one antenna of several measured, numbered from 0: the rows in which it had the signal."""
         rows = np.isfinite(self.own[:, antenna, OWN_PHASE_CYC])
         part = self.select(rows)
-        own, table = part.own[:, antenna], part.table.copy()
-        table[:, FRACTION_S] += own[:, OWN_CODE_S]
-        table[:, CARRIER_CYC] -= own[:, OWN_PHASE_CYC]
-        table[:, DOPPLER_HZ] += own[:, OWN_DOPPLER_HZ]
-        table[:, CN0_DBHZ] = own[:, OWN_CN0_DBHZ]
-        table[:, CODE_SIGMA_S] = own[:, OWN_CODE_SIGMA_S]
+        antenna_values, table = part.own[:, antenna], part.table.copy()
+        table[:, FRACTION_S] += antenna_values[:, OWN_CODE_S]
+        table[:, CARRIER_CYC] -= antenna_values[:, OWN_PHASE_CYC]
+        table[:, DOPPLER_HZ] += antenna_values[:, OWN_DOPPLER_HZ]
+        table[:, CN0_DBHZ] = antenna_values[:, OWN_CN0_DBHZ]
+        table[:, CODE_SIGMA_S] = antenna_values[:, OWN_CODE_SIGMA_S]
         # The value in the middle of the block goes by the curvature that the sum shows.
         of_sum = PARABOLA_SHARE * table[:, CARRIER_SIGMA_CYC] ** 2
-        table[:, CARRIER_SIGMA_CYC] = np.sqrt(own[:, OWN_PHASE_SIGMA_CYC] ** 2 + of_sum)
-        table[:, DOPPLER_SIGMA_HZ] = own[:, OWN_DOPPLER_SIGMA_HZ]
+        table[:, CARRIER_SIGMA_CYC] = np.sqrt(antenna_values[:, OWN_PHASE_SIGMA_CYC] ** 2 + of_sum)
+        table[:, DOPPLER_SIGMA_HZ] = antenna_values[:, OWN_DOPPLER_SIGMA_HZ]
         begins = np.zeros(len(part), np.bool_)
         begins[np.unique(part.arc, return_index=True)[1]] = True  # an arc's first row has nothing to have slipped from
-        table[:, SLIP] = np.maximum(table[:, SLIP], np.where(begins, 0.0, own[:, OWN_SLIP]))
+        table[:, SLIP] = np.maximum(table[:, SLIP], np.where(begins, 0.0, antenna_values[:, OWN_SLIP]))
         return replace(part, table=table, own=part.own[:, :0])
 
     @staticmethod
     def nothing(n_looks: int = 1, n_taps: int = 0, n_antennas: int = 0) -> "Measurements":
-        """No row."""
+        """Return measurements without a row."""
         return Measurements(
             elapsed_s=np.empty(0),
             arc=np.empty(0, np.int64),
@@ -112,8 +113,8 @@ class Measurements(Selectable):
         )
 
     @staticmethod
-    def joined(parts: Sequence["Measurements"]) -> "Measurements":
-        """The rows of all parts, in their order."""
+    def join(parts: Sequence["Measurements"]) -> "Measurements":
+        """Join the rows of all parts, in their order."""
         if not parts:
             return Measurements.nothing()
         return Measurements(
@@ -131,7 +132,7 @@ def measure(
     signal: SignalPlan,
     discriminator: Discriminator,
 ) -> tuple[Reals, ComplexFloats, Complexes]:
-    """Measurements at receiver time `elapsed_s` from the code periods around it.
+    """Measure all channels at receiver time `elapsed_s` from the code periods around it.
 
     states : (n_channels, N_STATE); the columns that belong to the measurements are carried forward in place.
     before, now : rows (n_channels, max_periods, columns) of the kernel and how many of them count, of the two frames.
@@ -234,16 +235,16 @@ def _measure_channel(
 ) -> None:
     n = rows.shape[0]
     synchronised = state[k.BIT_START] >= 0.0
-    group = _groups(rows[:, k.OUT_PERIOD], state[k.BIT_START], periods_per_bit)
+    group = _assign_groups(rows[:, k.OUT_PERIOD], state[k.BIT_START], periods_per_bit)
     n_groups = group[n - 1] + 1
     if n_groups < MIN_GROUPS:
         return
     epoch = elapsed_s * rate_hz
-    here = 0
-    while here + 1 < n and rows[here + 1, k.OUT_START] <= epoch:
-        here += 1
-    reference_hz = rows[here, k.OUT_FREQUENCY]
-    phase = rows[here, k.OUT_PHASE] + reference_hz * (epoch - rows[here, k.OUT_START]) / rate_hz
+    at_epoch = 0
+    while at_epoch + 1 < n and rows[at_epoch + 1, k.OUT_START] <= epoch:
+        at_epoch += 1
+    reference_hz = rows[at_epoch, k.OUT_FREQUENCY]
+    phase = rows[at_epoch, k.OUT_PHASE] + reference_hz * (epoch - rows[at_epoch, k.OUT_START]) / rate_hz
 
     prompt = rows[:, k.OUT_TAPS + 2] + 1j * rows[:, k.OUT_TAPS + 3]
     sums = np.zeros(n_groups, np.complex128)
@@ -271,10 +272,10 @@ def _measure_channel(
     if synchronised:
         cn0_hz = _carrier_to_noise_hz(prompt, wipe, group, synchronised, period_s)
     expected = _period_variance(max(cn0_hz, LEAST_CN0_HZ), coherent_s, period_s)
-    residual_cyc, slipped, jump = _unwrapped(state, squares, expected / weight)
+    residual_cyc, slipped, jump = _unwrap(state, squares, expected / weight)
     if slipped:
         state[k.SLIPPED] = 1.0
-    fit, variance = _parabola(middle_s, square_s2, loop_cyc + residual_cyc, weight)
+    fit, variance = _fit_parabola(middle_s, square_s2, loop_cyc + residual_cyc, weight)
 
     # Rotations that leave the signal on the real axis, bits wiped off.
     along = 0.0
@@ -293,7 +294,7 @@ def _measure_channel(
         ahead_s = (epoch - rows[r, k.OUT_START]) / rate_hz
         carrier_ahead_s = (phase - rows[r, k.OUT_PHASE] - if_hz * ahead_s) / carrier_hz
         code_chips += (rows[r, k.OUT_CHIP] - rows[r, k.OUT_SHIFT]) / n
-        code_s += ((rows[r, k.OUT_PERIOD] - rows[here, k.OUT_PERIOD]) * period_s + ahead_s + carrier_ahead_s) / n
+        code_s += ((rows[r, k.OUT_PERIOD] - rows[at_epoch, k.OUT_PERIOD]) * period_s + ahead_s + carrier_ahead_s) / n
     difference = (taps[0] - taps[2]).real
     level = taps[1].real
     if not level > 0.0:
@@ -302,7 +303,7 @@ def _measure_channel(
 
     cn0_hz = max(_carrier_to_noise_hz(prompt, wipe, group, synchronised, period_s), LEAST_CN0_HZ)
     period_variance = _period_variance(cn0_hz, coherent_s, period_s)
-    result[PERIODS] = rows[here, k.OUT_PERIOD]
+    result[PERIODS] = rows[at_epoch, k.OUT_PERIOD]
     result[FRACTION_S] = code_s + code_chips / chip_rate_hz
     result[CARRIER_CYC] = if_hz * elapsed_s - phase - fit[0]
     result[DOPPLER_HZ] = reference_hz + fit[1] - if_hz
@@ -323,13 +324,13 @@ def _measure_channel(
 
 @compiled
 def _period_variance(cn0_hz: float, coherent_s: float, period_s: float) -> float:
-    """Variance of the carrier's phase, cycles squared, that one period's share of a longer coherent sum gives."""
+    """Return the phase variance, cycles squared, of one period's share of a longer coherent sum."""
     return (1.0 + 0.5 / (cn0_hz * coherent_s)) / (2.0 * cn0_hz * period_s) / (2.0 * math.pi) ** 2
 
 
 @compiled
-def _groups(periods: Reals, bit_start: float, periods_per_bit: int) -> Integers:
-    """To which group each period belongs: its data bit, or a run of a few periods while bits are not known."""
+def _assign_groups(periods: Reals, bit_start: float, periods_per_bit: int) -> Integers:
+    """Assign each period to a group: its data bit, or a run of a few periods while bits are not known."""
     length = periods_per_bit if bit_start >= 0.0 else UNSYNCHRONISED_PERIODS
     start = max(bit_start, 0.0)
     group = np.empty(periods.size, np.int64)
@@ -340,16 +341,17 @@ def _groups(periods: Reals, bit_start: float, periods_per_bit: int) -> Integers:
 
 
 @compiled
-def _unwrapped(state: Reals, squares: Complexes, variance: Reals) -> tuple[Reals, bool, float]:
-    """Phase of the signal less the loop's in each group, cycles, continued from the block before; whether it slipped;
-    the largest step, over its sigma.
+def _unwrap(state: Reals, squares: Complexes, variance: Reals) -> tuple[Reals, bool, float]:
+    """Unwrap the phase of the signal less the loop's in each group, cycles, from the block before.
+
+    Also returned is whether it slipped, and the largest step over its sigma.
 
     squares : (n_groups,), their angles twice the phase; variance : (n_groups,) of the phase, cycles squared.
 
     A bit turns the phase by half a cycle and squaring hides that, so the residual is known modulo half a cycle. The
-    loop holds it near a multiple of that; when it moves to another one, the loop has slipped. What is near is judged
-    from a mean that follows the groups as fast as their noise lets it: the first and the last group of a block may be
-    a single period, and continued from its noise alone the phase would slip where the loop did not.
+    loop holds it near a multiple of that; when it moves to another one, the loop has slipped. A mean that follows the
+    groups as fast as their noise allows tells which multiple is near. The first and the last group of a block may be a
+    single period: continued from its noise alone, the phase would slip where the loop did not.
     """
     before, known, offset = state[k.RESIDUAL], state[k.RESIDUAL_VARIANCE], state[k.HALF_CYCLES]
     began = before
@@ -377,8 +379,8 @@ def _unwrapped(state: Reals, squares: Complexes, variance: Reals) -> tuple[Reals
 
 
 @compiled
-def _parabola(t: Reals, t2: Reals, y: Reals, weight: Reals) -> tuple[Reals, Reals]:
-    """Coefficients (3,) of the weighted least-squares parabola, and their variances for unit variance at weight 1.
+def _fit_parabola(t: Reals, t2: Reals, y: Reals, weight: Reals) -> tuple[Reals, Reals]:
+    """Fit a weighted least-squares parabola: coefficients (3,), and their variances for unit variance at weight 1.
 
     y are means over groups, and so are t and its squares t2: the mean of a parabola is not its value in the middle, by
     0.0017 cycle for a bit at 2 g.
@@ -417,10 +419,10 @@ def _carrier_to_noise_hz(
     synchronised: bool,
     period_s: float,
 ) -> float:
-    """C/N0 as a ratio in hertz.
+    """Estimate C/N0 as a ratio in hertz.
 
-    Noise from the differences of neighbouring prompts within a bit, signal from the bit's sum less the noise in it:
-    neither cares for the loop's phase, and noise biases neither. While bits are not known, the real axis carries
+    Noise follows from the differences of neighbouring prompts within a bit, signal from the bit's sum less the noise in
+    it. The loop's phase affects neither, and noise biases neither. While bits are not known, the real axis carries
     signal and noise, the imaginary one noise alone.
     """
     n = prompt.size

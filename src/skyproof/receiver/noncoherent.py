@@ -1,7 +1,7 @@
-"""What a guided channel shows of its signal while its phase is not held: code and Doppler without a phase.
+"""Measure a guided channel while its phase is not held: code and Doppler without a phase.
 
-Prompts are turned from the loop's own replica to a carrier of the predicted Doppler and summed over each data bit, of
-which the sign does not count:
+Prompts are turned from the loop's own replica to a carrier of the predicted Doppler. They are summed over each data
+bit, whose sign does not matter:
 
     S(f) of a bit T long: sum of prompts times exp(-2 pi i f t);  E+ and E- : sums of |S|^2 over bits, f = +-1/(2 T)
 
@@ -15,10 +15,10 @@ C/N0 T = s and m bits, from the moments of |signal + noise|^2, at x = 0:
 
     var x = (1 + 0.81 s) / (5.25 s^2 m) (1 + 3 r),   var code = v (1 + 1/s),
 
-with r = 2 (1 + 0.81 s) / (0.66 s^2 m) the variance of the ratio's denominator over its square (the mean of 1/D^2 is
-1 + 3 r times the squared inverse of the mean, to second order: at 20 dB-Hz and 10 bits 29 % of the sigma), and v the
-variance of the coherent discriminator (`discriminator`): E. D. Kaplan and C. J. Hegarty, "Understanding GPS/GNSS",
-8.9, squaring loss of the dot product.
+Here r = 2 (1 + 0.81 s) / (0.66 s^2 m) is the variance of the ratio's denominator over its square. To second order the
+mean of 1/D^2 is 1 + 3 r times the squared inverse of the mean: at 20 dB-Hz and 10 bits 29 % of the sigma. And v is the
+variance of the coherent discriminator (`discriminator`): E. D. Kaplan and C. J. Hegarty, "Understanding GPS/GNSS", 8.9,
+squaring loss of the dot product.
 """
 
 from typing import Final, NamedTuple
@@ -33,7 +33,7 @@ from skyproof.receiver import measurement as m
 from skyproof.receiver.crosstalk import Rows
 from skyproof.receiver.discriminator import Discriminator
 
-__all__ = ["NoncoherentMeasurement", "noncoherent", "without_phase"]
+__all__ = ["NoncoherentMeasurement", "measure_noncoherent", "measure_without_phase"]
 
 SIDE: Final = (2.0 / np.pi) ** 2
 """Of a signal's energy what either side has of one in the middle, 0.405."""
@@ -49,7 +49,7 @@ class NoncoherentMeasurement(NamedTuple):
     cn0_dbhz: float
 
 
-def without_phase(
+def measure_without_phase(
     table: Reals,
     taps: ComplexFloats,
     frames: tuple[Rows, Rows],
@@ -63,16 +63,15 @@ def without_phase(
     discriminator: Discriminator,
     probability: float,
 ) -> Reals:
-    """A table of measurements (n_channels, N_COLUMNS) with code and Doppler as `noncoherent` has them; NaN of all other
-    channels.
+    """Measure code and Doppler without a phase: a table (n_channels, N_COLUMNS), NaN of all other channels.
 
-    table, taps : as `measurement.measure` gives them. frames : of the kernel, as it takes them. bit_start :
-    (n_channels,), -1 where unknown. near_hz : (n_channels,) Doppler to be expected, NaN of channels not asked for.
+    table, taps : as `measurement.measure` returns them. frames : of the kernel, as it takes them. bit_start :
+    (n_channels,), -1 where unknown. near_hz : (n_channels,) predicted Doppler, NaN of channels not requested.
     """
     found = np.full(table.shape, np.nan)
     asked = np.isfinite(near_hz) & (bit_start >= 0.0) & np.isfinite(table[:, m.FRACTION_S])
     for i in np.flatnonzero(asked).tolist():
-        shown = noncoherent(
+        result = measure_noncoherent(
             np.concatenate([rows[i, : counts[i]] for rows, counts in frames]),
             float(bit_start[i]),
             noise,
@@ -83,19 +82,19 @@ def without_phase(
             discriminator=discriminator,
             probability=probability,
         )
-        if shown is None:
+        if result is None:
             continue
         early, prompt, late = taps[i, :3].real.tolist()
         coherent_chips = (early - late) / prompt / discriminator.gain  # what the table has beside the replica
         found[i, m.PERIODS] = table[i, m.PERIODS]
-        found[i, m.FRACTION_S] = table[i, m.FRACTION_S] + (shown.code_chips - coherent_chips) / signal.chip_rate_hz
-        found[i, m.DOPPLER_HZ], found[i, m.DOPPLER_SIGMA_HZ] = shown.doppler_hz, shown.doppler_sigma_hz
-        found[i, m.CODE_SIGMA_S] = shown.code_sigma_chips / signal.chip_rate_hz
-        found[i, m.CN0_DBHZ] = shown.cn0_dbhz
+        found[i, m.FRACTION_S] = table[i, m.FRACTION_S] + (result.code_chips - coherent_chips) / signal.chip_rate_hz
+        found[i, m.DOPPLER_HZ], found[i, m.DOPPLER_SIGMA_HZ] = result.doppler_hz, result.doppler_sigma_hz
+        found[i, m.CODE_SIGMA_S] = result.code_sigma_chips / signal.chip_rate_hz
+        found[i, m.CN0_DBHZ] = result.cn0_dbhz
     return found
 
 
-def noncoherent(
+def measure_noncoherent(
     rows: Reals,
     bit_start: float,
     noise: float,
@@ -107,13 +106,13 @@ def noncoherent(
     discriminator: Discriminator,
     probability: float,
 ) -> NoncoherentMeasurement | None:
-    """Of one channel's code periods (n, columns of the kernel), around a Doppler to be expected.
+    """Measure one channel from its code periods (n, columns of the kernel), around a predicted Doppler.
 
     bit_start : code period, modulo those of a bit, with which bits begin. noise : power of noise alone in the prompt of
-    one code period. None where the prompts have no more power than noise alone exceeds with this probability (a Gamma
-    variable, whole bits its shape), or without three whole bits.
+    one code period. None if noise alone exceeds the prompts' power with this probability (a Gamma variable, whole bits
+    its shape), or without three whole bits.
     """
-    bit = _whole_bits(rows[:, k.OUT_PERIOD], bit_start, signal.periods_per_symbol)
+    bit = _number_whole_bits(rows[:, k.OUT_PERIOD], bit_start, signal.periods_per_symbol)
     rows, bit = rows[bit >= 0], bit[bit >= 0]
     n = int(bit[-1]) + 1 if bit.size else 0
     if n < 3 or not noise > 0.0:
@@ -149,8 +148,8 @@ def noncoherent(
     )
 
 
-def _whole_bits(periods: Reals, bit_start: float, length: int) -> Integers:
-    """Number of the bit of each code period, from 0 on; -1 in bits of which a part is missing."""
+def _number_whole_bits(periods: Reals, bit_start: float, length: int) -> Integers:
+    """Number the bit of each code period, from 0 on; -1 in bits with a missing part."""
     of = np.floor((periods - bit_start) / length).astype(np.int64)
     first, counts = np.unique(of, return_inverse=True, return_counts=True)[1:]
     whole = counts == length

@@ -1,4 +1,4 @@
-"""Measurements and arcs to `Observations`: integer code periods become time of transmission, and that pseudoranges.
+"""Convert measurements and arcs to `Observations`: integer code periods become transmit times and pseudoranges.
 
 Whole milliseconds are counted as integers and only fractions are floating point, so no digit of a range is lost.
 """
@@ -17,7 +17,7 @@ from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.grids import GridCorrelator, Grids
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.polarity import half_cycles
+from skyproof.receiver.polarity import resolve_half_cycles
 from skyproof.receiver.replica import CODE_SCALE
 from skyproof.records import AntennaArray, ArrayPhases, Ccaf, CellStatus, ObservationLog, Observations, SignalId, Taps
 
@@ -47,7 +47,7 @@ class ReceiverTimeTag:
 
 
 def receiver_time_tag(first: Measurements, arcs: Mapping[int, Arc], week: int) -> ReceiverTimeTag | None:
-    """The label that puts the middle travel time at 77 ms; None while no time of week is decoded.
+    """Return the label that puts the middle travel time at 77 ms; None while no time of week is decoded.
 
     first : of each arc the first measurement. week : of the first sample, or of the one nearest in time to it.
     """
@@ -76,7 +76,7 @@ class ArcCarrier:
     slipped: Booleans
 
 
-def arc_carriers(
+def resolve_carriers(
     epoch: Integers,
     arc: Integers,
     periods: Integers,
@@ -86,7 +86,7 @@ def arc_carriers(
     *,
     averaged_s: float,
 ) -> dict[int, ArcCarrier]:
-    """Of each arc whose time of week is known.
+    """Resolve the carrier's half cycles of each arc whose time of week is known.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def arc_carriers(
         rows = by_arc[first:stop]
         if arcs[number].tow_ms_at_period_0 is None:
             continue
-        halves = half_cycles(periods[rows], turned[rows], slipped[rows], arcs[number].stretches, reach_periods)
+        halves = resolve_half_cycles(periods[rows], turned[rows], slipped[rows], arcs[number].stretches, reach_periods)
         slips = halves.slipped.copy()
         # Two arcs of one signal cannot overlap, but a new one is not the old one's continuation.
         slips[0] |= arcs[number].signal in begun
@@ -125,10 +125,10 @@ def assemble(
     carrier_hz: float,
     averaged_s: float,
 ) -> Observations:
-    """Measurements as one record, one column a signal; a signal lost and found again keeps its column.
+    """Assemble measurements as one record, one column a signal; a signal lost and found again keeps its column.
 
     elapsed_s : (n_epochs,) times of the rows, multiples of `averaged_s`; those without a measurement are there too.
-    carriers : of whole arcs, of which the measurements may be a stretch.
+    carriers : of whole arcs; the measurements may be a stretch of them.
     """
     signals = tuple(sorted({arc.signal for arc in arcs.values()}))
     column = {signal: i for i, signal in enumerate(signals)}
@@ -148,10 +148,10 @@ def assemble(
             status[cell] = CellStatus.NO_TIME
             continue
         carrier = carriers[number]
-        own = np.searchsorted(carrier.epoch, epoch)
-        status[cell] = np.where(carrier.slipped[own], CellStatus.SLIP, CellStatus.OK)
-        half_cycle_open[cell] = carrier.open[own]
-        cells["carrier_cyc"][cell] = table[:, m.CARRIER_CYC] + 0.5 * carrier.added[own]
+        carrier_row = np.searchsorted(carrier.epoch, epoch)
+        status[cell] = np.where(carrier.slipped[carrier_row], CellStatus.SLIP, CellStatus.OK)
+        half_cycle_open[cell] = carrier.open[carrier_row]
+        cells["carrier_cyc"][cell] = table[:, m.CARRIER_CYC] + 0.5 * carrier.added[carrier_row]
         sent_ms = table[:, m.PERIODS].astype(np.int64) * arc.signal.plan.period_ms
         elapsed_ms = np.rint(measured_s * 1000).astype(np.int64)
         whole_ms = label.tow_ms + elapsed_ms - arc.tow_ms_at_period_0 - sent_ms
@@ -180,7 +180,7 @@ def assemble(
     )
 
 
-def taps_of(
+def assemble_taps(
     receiver: str,
     measurements: Measurements,
     arcs: Mapping[int, Arc],
@@ -193,11 +193,11 @@ def taps_of(
     look_share: float = 1.0,
     as_replica: bool = False,
 ) -> Taps:
-    """All correlators as one record: columns as in `assemble`, a row for each look at the middle of what it averages.
+    """Assemble all correlators as one record: columns as in `assemble`, a row for each look at its middle.
 
     elapsed_s : (n_epochs,) as in `assemble`. look_share : of each look, in which all taps were taken.
-    as_replica : correlators as the replica's carrier gives them, bits taken off, of guided channels alone (NaN of
-        others): what code and carrier are ahead of where one position puts them stays in them.
+    as_replica : correlators as the replica's carrier gives them, bits removed, of guided channels alone (NaN of
+        others). They keep the lead of code and carrier over where one position puts them.
     """
     rows, columns, signals = _cells(measurements, arcs, elapsed_s, averaged_s)
     n_looks, grid = measurements.taps.shape[1], (dopplers_hz.size, delays_chips.size)
@@ -217,7 +217,7 @@ def taps_of(
     )
 
 
-def ccaf_of(
+def assemble_grids(
     receiver: str,
     grids: Grids,
     taken: GridCorrelator,
@@ -225,20 +225,24 @@ def ccaf_of(
     label: ReceiverTimeTag,
     observations: ObservationLog,
 ) -> Ccaf:
-    """Grids as one record: columns as in `assemble`, a row for each interval.
+    """Assemble grids as one record: columns as in `assemble`, a row for each interval.
 
     observations : of the same receiver, whose clock is moved by whole milliseconds as the references' is then. An arc
         without a time of week has grids and no reference.
     """
     elapsed_s, rows = np.unique(grids.elapsed_s, return_inverse=True)
     column = {signal: i for i, signal in enumerate(observations.signals)}
-    own = [arcs[number] for number in grids.arc.tolist()]
-    columns = np.array([column[arc.signal] for arc in own], np.int64)
-    shown = gpst(label.week, label.tow_ms * 1e-3 + observations.elapsed_s) - observations.gpst
+    row_arcs = [arcs[number] for number in grids.arc.tolist()]
+    columns = np.array([column[arc.signal] for arc in row_arcs], np.int64)
+    clock_shift = gpst(label.week, label.tow_ms * 1e-3 + observations.elapsed_s) - observations.gpst
     middles_s = 0.5 * (observations.elapsed_s[1:] + observations.elapsed_s[:-1])
-    moved = shown[np.searchsorted(middles_s, elapsed_s)] if shown.size else np.zeros(elapsed_s.size, "timedelta64[ns]")
-    timed = np.array([arc.tow_ms_at_period_0 is not None for arc in own], np.bool_)
-    tow_ms = np.array([arc.tow_ms_at_period_0 or 0 for arc in own], np.int64)
+    moved = (
+        clock_shift[np.searchsorted(middles_s, elapsed_s)]
+        if clock_shift.size
+        else np.zeros(elapsed_s.size, "timedelta64[ns]")
+    )
+    timed = np.array([arc.tow_ms_at_period_0 is not None for arc in row_arcs], np.bool_)
+    tow_ms = np.array([arc.tow_ms_at_period_0 or 0 for arc in row_arcs], np.int64)
     elapsed_ms = np.rint(grids.elapsed_s * 1000).astype(np.int64)
     rest_s = grids.elapsed_s - elapsed_ms * 1e-3
     whole_ms = label.tow_ms + elapsed_ms - tow_ms - grids.periods * taken.signal.period_ms
@@ -267,7 +271,7 @@ def ccaf_of(
     )
 
 
-def array_phases_of(
+def assemble_array_phases(
     receiver: str,
     measurements: Measurements,
     arcs: Mapping[int, Arc],
@@ -278,11 +282,11 @@ def array_phases_of(
     carrier_hz: float,
     averaged_s: float,
 ) -> ArrayPhases:
-    """The carrier's phase on each of several antennas as one record, with rows and columns as in `assemble`.
+    """Assemble the carrier's phase on several antennas as one record, with rows and columns as in `assemble`.
 
-    gpst : (n_epochs,) of the epochs. What is known of the delays of the antennas' lines is taken off. An arc of which
-    neither data bits nor time were ever found, or that does not last, has no phases: what a jammer makes of a code can
-    be followed for moments as well, and comes from one direction, like signals of one transmitter.
+    gpst : (n_epochs,) of the epochs. Known delays of the antennas' lines are subtracted. An arc has no phases if
+    neither data bits nor time were ever found, or if it does not last. A channel can follow a jammer for moments as
+    well, which comes from one direction, like signals of one transmitter.
     """
     rows, columns, signals = _cells(measurements, arcs, elapsed_s, averaged_s)
     sent = {number for number, arc in arcs.items() if arc.bit_synchronised or arc.tow_ms_at_period_0 is not None}
@@ -293,12 +297,12 @@ def array_phases_of(
     phase_cyc, sigma_cyc = np.full(shape, np.nan), np.full(shape, np.nan)
     phase_cyc[rows[told], columns[told]] = measurements.own[told][..., m.OWN_PHASE_CYC]
     sigma_cyc[rows[told], columns[told]] = measurements.own[told][..., m.OWN_PHASE_SIGMA_CYC]
-    return phases_with_lines(
+    return build_array_phases(
         receiver, signals, gpst, elapsed_s, phase_cyc, sigma_cyc, array=array, carrier_hz=carrier_hz
     )
 
 
-def phases_with_lines(
+def build_array_phases(
     receiver: str,
     signals: tuple[SignalId, ...],
     gpst: Instants,
@@ -309,7 +313,7 @@ def phases_with_lines(
     array: AntennaArray,
     carrier_hz: float,
 ) -> ArrayPhases:
-    """Phases (n_epochs, n_signals, n_antennas) as a record, with what is known of the antennas and their lines.
+    """Build the record of phases (n_epochs, n_signals, n_antennas), with the known antennas and lines.
 
     Side lobes of another satellite's code turn a phase by their share, for as long as their Dopplers differ by whole
     kilohertz.
@@ -332,7 +336,7 @@ def phases_with_lines(
 def _cells(
     measurements: Measurements, arcs: Mapping[int, Arc], elapsed_s: Reals, averaged_s: float
 ) -> tuple[Integers, Integers, tuple[SignalId, ...]]:
-    """Row and column of each measurement, and the signals of the columns, as in `assemble`."""
+    """Return row and column of each measurement, and the signals of the columns, as in `assemble`."""
     signals = tuple(sorted({arc.signal for arc in arcs.values()}))
     column = {signal: i for i, signal in enumerate(signals)}
     first = round(float(elapsed_s[0]) / averaged_s) if elapsed_s.size else 0
@@ -340,10 +344,10 @@ def _cells(
     return rows, np.array([column[arcs[number].signal] for number in measurements.arc.tolist()], np.int64), signals
 
 
-def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:
-    """Where signals of one satellite carry different orbits or clocks for one issue of data, in words.
+def list_differing_messages(arcs: Mapping[int, Arc]) -> list[str]:
+    """List in words where signals of one satellite carry different orbits or clocks for one issue of data.
 
-    A satellite sends one message. A repeater repeats it; a forger who makes his own may err.
+    A satellite sends one message. A repeater repeats it; a forger who generates a message may err.
     """
     seen: dict[tuple[str, int, float], dict[str, Subframe]] = {}
     for arc in arcs.values():
@@ -353,8 +357,8 @@ def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:
                 seen.setdefault((arc.signal.sat, number, issue), {})[arc.signal.copy] = subframe
     words = []
     for (sat, number, _), copies in sorted(seen.items()):
-        first, *others = sorted(copies)
-        for other in others:
+        first, *other_copies = sorted(copies)
+        for other in other_copies:
             a, b = copies[first].fields, copies[other].fields
             keys = sorted(key for key in a.keys() & b.keys() if a[key] != b[key])
             if keys:
@@ -364,23 +368,23 @@ def messages_that_differ(arcs: Mapping[int, Arc]) -> list[str]:
     return words
 
 
-def timed_by_range(
+def time_by_range(
     arcs: Mapping[int, Arc],
     first: Measurements,
     label: ReceiverTimeTag,
     range_m: Callable[[str, float], float | None],
 ) -> dict[int, Arc]:
-    """The arcs, those without a time of week given one by the range that their satellite should have.
+    """Complete arcs without a time of week by the range that their satellite should have.
 
-    Bits begin at whole multiples of their length, so a channel that knows where its bits begin is open by those only
-    (of LNAV 20 ms, 6000 km), and the predicted pseudorange closes that. A false signal off by more than half of it
-    would come out wrong by a bit; it then fits no position.
+    Bits begin at whole multiples of their length. So a channel that knows where its bits begin is ambiguous by these
+    only (LNAV: 20 ms, 6000 km), and the predicted pseudorange resolves that. A false signal off by more than half of it
+    would be wrong by a bit; it then fits no position.
 
     Parameters
     ----------
     first : of each arc the first measurement.
-    range_m : pseudorange expected of a satellite (name) at an epoch (elapsed_s), on the receiver's clock; None where
-        that is not known.
+    range_m : predicted pseudorange of a satellite (name) at an epoch (elapsed_s), on the receiver's clock; None if that
+        is not known.
     """
     timed = dict(arcs)
     for number, elapsed_s, row in zip(first.arc.tolist(), first.elapsed_s.tolist(), first.table, strict=True):
@@ -399,8 +403,8 @@ def timed_by_range(
     return timed
 
 
-def navigation_of(arcs: Mapping[int, Arc], week_near: int, source: str) -> NavigationData:
-    """The ephemerides, ionosphere and UTC parameters that the signals themselves sent."""
+def collect_navigation(arcs: Mapping[int, Arc], week_near: int, source: str) -> NavigationData:
+    """Collect the ephemerides, ionosphere and UTC parameters that the signals themselves sent."""
     ephemerides: dict[tuple[str, int, int], Ephemeris] = {}
     ionosphere, utc = None, None
     for arc in arcs.values():
@@ -417,7 +421,7 @@ def navigation_of(arcs: Mapping[int, Arc], week_near: int, source: str) -> Navig
     return NavigationData(ephemerides=ordered, ionosphere=ionosphere, utc=utc, source=source)
 
 
-def stated_weeks(arcs: Mapping[int, Arc]) -> set[int]:
-    """The weeks modulo 1024 that subframes 1 state; empty without one."""
+def list_weeks(arcs: Mapping[int, Arc]) -> set[int]:
+    """List the weeks modulo 1024 that subframes 1 state; empty without one."""
     firsts = (arc.subframes.get(1) for arc in arcs.values())
     return {int(first.fields["week_mod_1024"]) for first in firsts if first is not None}

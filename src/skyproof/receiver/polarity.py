@@ -1,9 +1,9 @@
-"""The carrier's half cycles, by the message.
+"""Resolve the carrier's half cycles by the message.
 
 A Costas loop holds a signal's carrier or its opposite and cannot tell which: its data bits then come inverted. Known
-bits can: the preamble, and the zeros in which words 2 and 10 of a subframe end. Parity does not see an inversion, since
-each of its equations takes in one of the last two bits of the word before, but it breaks in the word in which the sign
-turns; so the sign given by known bits holds as far as the words around them hold without a break.
+bits can: the preamble, and the zeros in which words 2 and 10 of a subframe end. Parity does not detect an inversion,
+since each of its equations takes in one of the last two bits of the word before. But it breaks in the word in which the
+sign turns. So the sign given by known bits holds as far as the words around them hold without a break.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from skyproof.arrays import Booleans, Integers
 from skyproof.gnss.lnav import Bits
 from skyproof.gnss.signals import MessageDecoder, SignalPlan
 
-__all__ = ["BRIDGED_WORDS", "HalfCycles", "Stretch", "half_cycles", "joined", "stretches_of"]
+__all__ = ["BRIDGED_WORDS", "HalfCycles", "Stretch", "find_stretches", "join_stretches", "resolve_half_cycles"]
 
 BRIDGED_WORDS: Final = 2
 """Damage that is no longer, between bits of one sign, is taken for noise and not for two turns."""
@@ -33,22 +33,26 @@ class Stretch:
     inverted: bool
 
 
-def stretches_of(
+def find_stretches(
     bits: Bits, start: int, first_period: int, signal: SignalPlan, decoder: MessageDecoder
 ) -> list[Stretch]:
-    """Where the sign of these bits (n,) is known; a frame starts at bit `start`, and bit 0 with `first_period`."""
+    """Find where the sign of these bits (n,) is known.
+
+    A frame starts at bit `start`, and bit 0 with `first_period`.
+    """
     at, holds, signs = decoder.sign_words(bits, start)
-    known = _known(holds, signs)
+    known = _spread_signs(holds, signs)
     edges = np.flatnonzero(np.diff(known, prepend=0, append=0))
     ends = np.append(at, at[-1] + decoder.word_bits if at.size else 0) * signal.periods_per_symbol + first_period
     return [Stretch(int(ends[a]), int(ends[b]), bool(known[a] < 0)) for a, b in pairwise(edges.tolist()) if known[a]]
 
 
-def _known(holds: Booleans, signs: NDArray[np.int8]) -> NDArray[np.int8]:
-    """The sign (+1 upright, -1 inverted, 0 unknown) of each word: that of the next word that tells it, on both sides,
-    with no broken word between.
+def _spread_signs(holds: Booleans, signs: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Return the sign (+1 upright, -1 inverted, 0 unknown) of each word.
 
-    Words after the last one that tells it wait for the next, which may be still to come.
+    It is that of the next word that shows it, on both sides, with no broken word between.
+
+    Words after the last one that shows it wait for the next, which may be still to come.
     """
     before, after = np.zeros_like(signs), np.zeros_like(signs)
     sign = np.int8(0)
@@ -64,8 +68,8 @@ def _known(holds: Booleans, signs: NDArray[np.int8]) -> NDArray[np.int8]:
     return np.where(before * after >= 0, np.sign(before + after), 0).astype(np.int8)
 
 
-def joined(known: Sequence[Stretch], new: Sequence[Stretch], bridged_periods: int) -> tuple[Stretch, ...]:
-    """All stretches in order; those of one sign that follow each other within `bridged_periods` become one."""
+def join_stretches(known: Sequence[Stretch], new: Sequence[Stretch], bridged_periods: int) -> tuple[Stretch, ...]:
+    """Join all stretches in order; those of one sign within `bridged_periods` of each other become one."""
     found: list[Stretch] = []
     for stretch in sorted({*known, *new}, key=lambda s: (s.first_period, s.end_period)):
         last = found[-1] if found else None
@@ -85,18 +89,18 @@ class HalfCycles:
     slipped: Booleans
 
 
-def half_cycles(
+def resolve_half_cycles(
     periods: Integers,
     turned: Booleans,
     slipped: Booleans,
     stretches: Sequence[Stretch],
     reach_periods: int,
 ) -> HalfCycles:
-    """What one arc's carrier lacks, row by row.
+    """Return what one arc's carrier lacks, row by row.
 
-    Rows from one slip to the next share one answer, also those before the message could be read. Where the sign of the
-    bits on the measured carrier turns without a slip having been seen, the rows from the last one before to the first
-    one after count as slipped, and those between them are open.
+    Rows from one slip to the next share one answer, also those before the message could be read. The sign of the bits
+    on the measured carrier may turn without a detected slip. Then the rows from the last one before to the first one
+    after count as slipped, and those between them are open.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The replica that samples are correlated with: the code as a front end lets it pass, at fractions of a sample."""
+"""Build the replica that samples are correlated with: the code as a front end passes it, at fractions of a sample."""
 
 import math
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from skyproof.arrays import Reals
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 
-__all__ = ["CODE_SCALE", "code_table", "passed"]
+__all__ = ["CODE_SCALE", "code_table", "low_pass_gain"]
 
 CODE_SCALE = 92
 """What a chip is in the code tables: a filtered code overshoots by up to a third."""
@@ -17,8 +17,8 @@ POINTS = 16
 """Points a sample, with straight lines between them, from which the table is read."""
 
 
-def passed(cycles_per_sample: Reals) -> Reals:
-    """Amplitude that the replica's low-pass leaves at a frequency: 1 to 0.3, 0 from 0.5 on, a cosine between."""
+def low_pass_gain(cycles_per_sample: Reals) -> Reals:
+    """Return the amplitude of the replica's low-pass at a frequency: 1 to 0.3, 0 from 0.5 on, a cosine between."""
     falling = np.clip((np.abs(cycles_per_sample) - 0.3) / 0.2, 0.0, 1.0)
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * falling))
 
@@ -29,22 +29,22 @@ def code_table(
     n_phases: int,
     n_samples: int,
     reach_chips: float = REACH_CHIPS,
-    low_pass: Callable[[Reals], Reals] = passed,
+    low_pass: Callable[[Reals], Reals] = low_pass_gain,
 ) -> NDArray[np.int8]:
-    """The code resampled at `n_phases` fractions of a sample behind a low-pass, times `CODE_SCALE`.
+    """Tabulate the code resampled at `n_phases` fractions of a sample behind a low-pass, times `CODE_SCALE`.
 
     code : (n_chips,) of +1 and -1, repeated without end.
     chips_per_sample : at the nominal code rate.
     n_samples : of the longest period to correlate.
     reach_chips : how far from the prompt a delay may lie.
-    low_pass : amplitude that is left at frequencies, cycles a sample; nothing from half a cycle on.
+    low_pass : amplitude that remains at frequencies, cycles a sample; nothing from half a cycle on.
 
-    Gives (n_phases, n_samples + 2 pad), pad being `table_pad(chips_per_sample, reach_chips)`. Row p, column k is the
+    Returns (n_phases, n_samples + 2 pad), pad being `table_pad(chips_per_sample, reach_chips)`. Row p, column k is the
     filtered code at the time (k - pad + p / n_phases) samples after the start of the code.
 
     Samples are band-limited to half their rate and the edges of chips are not: read at the samples' instants alone, a
-    replica's spectrum folds back and shifts the code by metres, differently for every delay. The low-pass takes away
-    all that would fold; what it leaves is the matched filter of a front end that passes 0.8 of the rate.
+    replica's spectrum folds back and shifts the code by metres, differently for every delay. The low-pass removes
+    all that would fold; the rest is the matched filter of a front end that passes 0.8 of the rate.
     """
     pad = table_pad(chips_per_sample, reach_chips)
     points = 2 ** math.ceil(math.log2(max(POINTS / chips_per_sample, POINTS)))  # a chip

@@ -41,7 +41,7 @@ class ReceiverSettings:
     pull_in, searching_bits, tracking, weak : the loops for `pull_in_s`; until bits are known; then; and below
         `weak_dbhz` (with 2 dB of hysteresis).
     confirm_s : after that time a channel must be locked or is dropped.
-    coast_s : for so long a confirmed channel whose signal has faded goes on without it; then the signal is lost.
+    coast_s : for so long a confirmed channel whose signal has faded coasts; then the signal is lost.
     guided_s : for so long it does where it is guided (`guidance`).
     false_hold_probability : that noise passes for a locked signal in one look at the last half second.
     false_return_probability : that noise passes for a signal in the power of one frame.

@@ -1,4 +1,4 @@
-"""Code phase and Doppler of a signal in a recording too short to track: tens of milliseconds, all of it at once.
+"""Measure code phase and Doppler of a signal in a recording too short to track: tens of milliseconds at once.
 
 The signal is wiped off with what the search found, period by period; the edge of its bits, the bits and the Doppler are
 those with which the whole recording sums up best; and the delay is moved until early and late replicas agree. Coherent
@@ -14,7 +14,7 @@ import numpy as np
 from skyproof.arrays import Complexes, Floats, Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA, SignalPlan, prn_of
 
-__all__ = ["CodePhase", "code_phase", "grid_sigma_chips", "replica_of", "spacing_chips", "symbols_of"]
+__all__ = ["CodePhase", "estimate_symbols", "grid_sigma_chips", "measure_code_phase", "sample_code", "spacing_chips"]
 
 _MAX_SYMBOLS: Final = 9  # 0.16 s: all their signs are tried
 _NARROWEST_CHIPS: Final = 0.1
@@ -42,7 +42,7 @@ class CodePhase:
     found: bool
 
 
-def code_phase(
+def measure_code_phase(
     samples: Floats,
     rate_hz: float,
     if_hz: float,
@@ -53,7 +53,7 @@ def code_phase(
     doppler_reach_hz: float = 40.0,
     signal: SignalPlan = GPS_L1_CA,
 ) -> CodePhase:
-    """Fine delay and Doppler of a signal that a search found.
+    """Measure the fine delay and Doppler of a signal that a search found.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ def code_phase(
     delay_s, doppler_hz : where a code period begins, from the first sample on (at Doppler's pace), and the apparent
         minus nominal carrier: right to half a chip and `doppler_reach_hz`.
 
-    The replicas stand one sample apart, at least a tenth of a chip: in white noise over the band of the samples the
-    variance is then (chips between them) / (4 T C/N0), which for chips with steep edges is the Cramer-Rao bound of
-    that band (Betz and Kolodziejski, "Generalized theory of code tracking", part I, IEEE Trans. AES 45(4), 2009); that
-    of the Doppler is 6 / (4 pi^2 T^3 C/N0) (Rife and Boorstyn, "Single-tone parameter estimation from discrete-time
-    observations", IEEE Trans. IT 20(5), 1974). To the former comes what the grid of the samples does.
-    Samples that no filter held to their band, as simulated ones, tell more than that: there the sigma is too large.
+    The replicas stand one sample apart, at least a tenth of a chip. In white noise over the band of the samples the
+    variance is then (chips between them) / (4 T C/N0). For chips with steep edges this is the Cramer-Rao bound of that
+    band (Betz and Kolodziejski, "Generalized theory of code tracking", part I, IEEE Trans. AES 45(4), 2009). That of
+    the Doppler is 6 / (4 pi^2 T^3 C/N0) (Rife and Boorstyn, "Single-tone parameter estimation from discrete-time
+    observations", IEEE Trans. IT 20(5), 1974). The error of the grid of samples is added to the former. Samples that no
+    filter limits to their band, as simulated ones, hold more information: their sigma is too large.
 
     Raises
     ------
@@ -93,9 +93,9 @@ def code_phase(
         period = np.floor(chips / code.size).astype(np.int64)
         first = np.flatnonzero(np.diff(period, prepend=period[0] - 1))
         centre_s = (first + np.append(first[1:], n) - 1) / 2.0 / rate_hz - middle_s
-        prompt = np.add.reduceat(base * replica_of(code, chips, 0.0), first)
+        prompt = np.add.reduceat(base * sample_code(code, chips, 0.0), first)
         if number < 2 or sign.size != prompt.size:  # the delay found in the first round makes the second's bits surer
-            off_hz, sign = symbols_of(prompt, centre_s, period[first], doppler_reach_hz, duration_s, signal)
+            off_hz, sign = estimate_symbols(prompt, centre_s, period[first], doppler_reach_hz, duration_s, signal)
         wiped = sign * np.exp(-2j * np.pi * off_hz * centre_s)
         total = complex(prompt @ wiped)
         cn0_hz = _carrier_to_noise_hz(base, total, rate_hz)
@@ -103,7 +103,7 @@ def code_phase(
         # The samples' grid makes early minus late a staircase: the mean over some delays climbs it evenly.
         errors = []
         for offset in spacing * (_OFFSETS if number == _ROUNDS - 1 else _OFFSETS[2:3]):
-            apart = replica_of(code, chips, offset + spacing / 2) - replica_of(code, chips, offset - spacing / 2)
+            apart = sample_code(code, chips, offset + spacing / 2) - sample_code(code, chips, offset - spacing / 2)
             difference = np.add.reduceat(base * apart, first) @ wiped
             errors.append(offset + float((difference * np.conj(total)).real / abs(total) ** 2) / 2.0)
         error = float(np.mean(errors))
@@ -122,12 +122,12 @@ def code_phase(
 
 
 def spacing_chips(rate_hz: float, signal: SignalPlan) -> float:
-    """Between the early and the late replica: one sample, at least a tenth of a chip."""
+    """Return the spacing of the early and the late replica: one sample, at least a tenth of a chip."""
     return max(signal.chip_rate_hz / rate_hz, _NARROWEST_CHIPS)
 
 
 def grid_sigma_chips(rate_hz: float, signal: SignalPlan) -> float:
-    """What samples of steep edges leave open without any noise, one sigma, chips.
+    """Return the error that samples of steep edges leave without any noise, one sigma, chips.
 
     An edge lies anywhere between two samples: 1/sqrt(12) of their distance. The edges of a period, half as many as
     chips, share the error of one only as far as they fall between the samples differently: where the samples of a
@@ -139,12 +139,12 @@ def grid_sigma_chips(rate_hz: float, signal: SignalPlan) -> float:
     return float(signal.chip_rate_hz / rate_hz / np.sqrt(12.0) / min(places, np.sqrt(signal.code_length / 2.0)))
 
 
-def replica_of(code: Reals, chips: Reals, ahead_chips: float) -> Reals:
-    """The code (n_chips,) where it stands at `chips` and so much ahead."""
+def sample_code(code: Reals, chips: Reals, ahead_chips: float) -> Reals:
+    """Return the code (n_chips,) where it stands at `chips` and so much ahead."""
     return code[np.floor(chips + ahead_chips).astype(np.int64) % code.size]
 
 
-def symbols_of(
+def estimate_symbols(
     prompt: Complexes,
     centre_s: Reals,
     period: Integers,
@@ -152,7 +152,7 @@ def symbols_of(
     duration_s: float,
     signal: SignalPlan,
 ) -> tuple[float, Reals]:
-    """Frequency left in the prompts (n,), and the signs (n,) of their symbols, which together sum up best."""
+    """Estimate the residual frequency of the prompts (n,), and the signs (n,) of their symbols with the best sum."""
     step_hz = 0.25 / duration_s
     grid_hz = np.arange(-np.ceil(reach_hz / step_hz), np.ceil(reach_hz / step_hz) + 1.0) * step_hz
     turned = prompt * np.exp(-2j * np.pi * grid_hz[:, None] * centre_s)  # (n_frequencies, n)
@@ -176,6 +176,9 @@ def symbols_of(
 
 
 def _carrier_to_noise_hz(base: Complexes, total: complex, rate_hz: float) -> float:
-    """From the power of the sum and that of the samples, of which a signal makes no part to speak of; >= 10 Hz."""
+    """Estimate C/N0 from the power of the sum and that of the samples; >= 10 Hz.
+
+    The signal's share in the samples' power is negligible.
+    """
     noise = float(np.mean(base.real**2 + base.imag**2))
     return max((abs(total) ** 2 / base.size - noise) / (noise * base.size) * rate_hz, 10.0)

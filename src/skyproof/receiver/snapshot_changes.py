@@ -1,4 +1,4 @@
-"""Does a signal stay what it is throughout a snapshot? In tens of milliseconds a true one does.
+"""Test if a signal stays constant throughout a snapshot. In tens of milliseconds a true one does.
 
 A snapshot is summed up as a whole, and a transmitter that begins within it is hidden in the sum. Here the parts are
 held against each other: what a signal is on the antennas (its direction) before a part and from it on, and whether it
@@ -13,7 +13,7 @@ from scipy import special
 
 from skyproof.arrays import Complexes
 
-__all__ = ["CHANCE", "Change", "change_within"]
+__all__ = ["CHANCE", "Change", "find_change"]
 
 CHANCE: Final = 1e-9
 """That noise makes a change of one signal that does not change."""
@@ -35,30 +35,33 @@ class Change:
     p_value: float
 
 
-def change_within(sums: Complexes) -> Change | None:
-    """The likeliest change of a signal between its parts, if noise makes that with less than `CHANCE`.
+def find_change(sums: Complexes) -> Change | None:
+    """Find the likeliest change of a signal between its parts, if noise makes it with less than `CHANCE`.
 
     sums : (n_parts, n_antennas) in units of their noise, as `SnapshotSignal` has them, of any number of snapshots in a
     row. An antenna that fails must not be among them.
 
-    Before and after a part the sums are a direction on the antennas times any amplitude and phase: twice the likelihood
-    ratio of two directions to one is chi-square with 2 (n_antennas - 1) degrees. A signal of the mean power A leaves
-    less than B, in n parts, with exp(-n (A - B)^2 / (4 A + 2 n_antennas)) at most (Birge, "An alternative point of view
-    on Lepski's method", 2001, lemma 8.1).
+    Before and after a part the sums are a direction on the antennas times any amplitude and phase. Twice the likelihood
+    ratio of two directions to one is chi-square with 2 (n_antennas - 1) degrees. A signal of the mean power A falls
+    below B, in n parts, with probability exp(-n (A - B)^2 / (4 A + 2 n_antennas)) at most (Birge, "An alternative point
+    of view on Lepski's method", 2001, lemma 8.1).
     """
     n_parts, n_antennas = sums.shape
-    whole, _ = _direction(sums)
+    whole, _ = _strongest_direction(sums)
     power = np.sum(np.abs(sums) ** 2, axis=1) - n_antennas
     best: tuple[float, Change | None] = 0.0, None
     for part in range(1, n_parts):
-        (before, own), (after, other) = _direction(sums[:part]), _direction(sums[part:])
+        (before, direction_before), (after, direction_after) = (
+            _strongest_direction(sums[:part]),
+            _strongest_direction(sums[part:]),
+        )
         early, late = (max(float(some.mean()), 0.0) for some in (power[:part], power[part:]))
         if min(early, late) < _ABSENT * max(early, late):
             kind: Kind = "begins" if early < late else "ends"
             n = part if early < late else n_parts - part
             gain = n * (early - late) ** 2 / (4.0 * max(early, late) + 2.0 * n_antennas)
             p_value = float(np.exp(-gain))
-        elif 1.0 - np.abs(own.conj() @ other) ** 2 > _TURNED:
+        elif 1.0 - np.abs(direction_before.conj() @ direction_after) ** 2 > _TURNED:
             kind, gain = "turns", before + after - whole
             p_value = float(special.gammaincc(n_antennas - 1, gain))  # chi-square of 2 gain
         else:
@@ -68,7 +71,7 @@ def change_within(sums: Complexes) -> Change | None:
     return best[1]
 
 
-def _direction(sums: Complexes) -> tuple[float, Complexes]:
-    """The greatest sum of powers (n_antennas,) that one direction explains, and that direction, of length one."""
+def _strongest_direction(sums: Complexes) -> tuple[float, Complexes]:
+    """Return the greatest sum of powers (n_antennas,) that one direction explains, and that unit direction."""
     _, strength, rows = np.linalg.svd(sums, full_matrices=False)
     return float(strength[0] ** 2), np.asarray(rows[0])

@@ -1,4 +1,4 @@
-"""What the receiver remembers between two blocks of samples, and what a step gives."""
+"""State that the receiver keeps between two blocks of samples, and the output of a step."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,7 +18,7 @@ from skyproof.receiver.guidance import N_GUIDE
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.settings import LOCK_FRAMES
 
-__all__ = ["ReceiverState", "StepOutput", "kept", "place_of", "with_channel"]
+__all__ = ["ReceiverState", "StepOutput", "keep_channels", "place_of", "with_channel"]
 
 _OF_CHANNELS: Final = (
     "loops",
@@ -42,7 +42,7 @@ class ReceiverState:
     The arrays have a row a channel: loops as in `kernels`; rows and counts of the frame before; the lock value and
     number of prompts of the last frames, NaN before the channel began and while it coasted; where it was when it was
     last locked (time, delay, Doppler, number of the code period). weights : of the antennas, with which `rows` were
-    summed; last_phases : as `antennas.unwrapped` gives them, NaN before. courses : as in `coasting`; turns : as in
+    summed; last_phases : as `antennas.unwrap_phases` gives them, NaN before. courses : as in `coasting`; turns : as in
     `false_lock`; guides : as in `guidance`. noise : power of noise alone in the prompt of one code period, in the frame
     before. moved : whether data bits begin elsewhere since the carriers jumped, while that is open; asked_s : when they
     last did.
@@ -86,8 +86,8 @@ class StepOutput:
     noncoherent: Measurements = field(default_factory=Measurements.nothing)
 
 
-def kept(state: ReceiverState, stay: Sequence[int]) -> ReceiverState:
-    """The state with these of its channels alone."""
+def keep_channels(state: ReceiverState, stay: Sequence[int]) -> ReceiverState:
+    """Keep these channels of the state alone."""
     if len(stay) == len(state.channels):
         return state
     rows = np.array(stay, np.int64)
@@ -103,9 +103,9 @@ def kept(state: ReceiverState, stay: Sequence[int]) -> ReceiverState:
 def with_channel(
     state: ReceiverState, channel: Channel, loop: Reals, delay_s: float, *, antenna: int, rows_shape: tuple[int, int]
 ) -> ReceiverState:
-    """The state with one more channel.
+    """Add one more channel to the state.
 
-    loop : (N_STATE,), of which the carrier's Doppler and the next period's start are set. antenna : on which the signal
+    loop : (N_STATE,), with the carrier's Doppler and the next period's start set. antenna : on which the signal
     was found. rows_shape : of what the kernel gives of a channel in a frame.
     """
     n_antennas = state.tail.shape[0]
@@ -133,6 +133,6 @@ def with_channel(
 
 
 def place_of(locked_at: Reals) -> DelayDoppler:
-    """Where a channel was when it was last locked, of its row (4,)."""
+    """Return where a channel was when it was last locked, from its row (4,)."""
     at_s, delay_s, doppler_hz, period = locked_at.tolist()
     return DelayDoppler(at_s=at_s, delay_s=delay_s, doppler_hz=doppler_hz, period=round(period))

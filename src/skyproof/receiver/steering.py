@@ -1,4 +1,4 @@
-"""Which loops each channel has: by its age, by what is known of its bits, by its strength, and none while it coasts."""
+"""Choose each channel's loops by its age, its bits and its strength; none while it coasts."""
 
 from dataclasses import replace
 
@@ -10,13 +10,13 @@ from skyproof.receiver import kernels as k
 from skyproof.receiver.settings import LoopSettings, ReceiverSettings
 from skyproof.receiver.state import ReceiverState
 
-__all__ = ["set_loops", "steered"]
+__all__ = ["set_loops", "steer"]
 
 WEAK_HYSTERESIS_DB = 2.0
 
 
-def steered(state: ReceiverState, settings: ReceiverSettings, now_s: float) -> ReceiverState:
-    """Integration and bandwidths by what is known of each channel."""
+def steer(state: ReceiverState, settings: ReceiverSettings, now_s: float) -> ReceiverState:
+    """Set integration and bandwidths by what is known of each channel."""
     loops = state.loops.copy()
     for channel, loop, course in zip(state.channels, loops, state.courses, strict=True):
         if np.isfinite(course[coasting.SINCE_S]):
@@ -41,7 +41,7 @@ def _choice(loop: Reals, settings: ReceiverSettings) -> LoopSettings:
 
 
 def set_loops(loop: Reals, choice: LoopSettings) -> None:
-    """Put the settings into a channel's row (N_STATE,)."""
+    """Write the settings into a channel's row (N_STATE,)."""
     loop[k.INTEGRATION] = choice.integration
     loop[k.PLL_BANDWIDTH] = choice.pll_bandwidth_hz
     loop[k.FLL_BANDWIDTH] = choice.fll_bandwidth_hz

@@ -1,4 +1,4 @@
-"""Prompt correlations to navigation bits and time of week: one small state a channel, advanced frame by frame."""
+"""Decode prompt correlations to navigation bits and time of week: one small state a channel, frame by frame."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -10,7 +10,7 @@ from skyproof.arrays import Booleans, Floats, Reals
 from skyproof.gnss.lnav import Subframe
 from skyproof.gnss.signals import MessageDecoder, SignalPlan
 from skyproof.receiver.bit_edges import EdgeSums, add_bits, edge_scores, shift_limit
-from skyproof.receiver.polarity import BRIDGED_WORDS, Stretch, joined, stretches_of
+from skyproof.receiver.polarity import BRIDGED_WORDS, Stretch, find_stretches, join_stretches
 
 FALSE_REFUTATION = 1e-6
 """Probability that bits which begin where the time of week has them are taken for others."""
@@ -31,7 +31,7 @@ class Telemetry:
     bits : the latest bits, 0 or 1, polarity unknown; the first begins with code period `bits_period`.
     due_bits : so many bits make the next subframe whole; None while none is found.
     tow_ms_at_period_0 : time of week at which the satellite sent the start of code period 0; None until decoded. It is
-        kept through a fade, and while bits are sought anew, as long as it fits where they begin.
+        kept through a fade, and while the bits are found again, as long as it fits where they begin.
     subframes : the latest of each kind: 1, 2, 3, and page 18 of 4 as 4.
     stretches : where it is known whether the bits came inverted.
     """
@@ -50,7 +50,7 @@ class Telemetry:
 def step(telemetry: Telemetry, prompts: NDArray[np.floating], first_period: int, signal: SignalPlan) -> Telemetry:
     """Take the in-phase prompts (n,) of the code periods from `first_period` on, which follow on those before.
 
-    A signal whose message is not known has no telemetry: it stays as it is.
+    A signal whose message is not known has no telemetry: it does not change.
     """
     decoder = signal.decoder
     if decoder is None:
@@ -68,7 +68,10 @@ def step(telemetry: Telemetry, prompts: NDArray[np.floating], first_period: int,
 
 
 def bit_energy(prompts: Floats, periods: int) -> Reals:
-    """Mean energy of sums over a bit's periods that begin at period 0, 1, ...: largest where the bits begin."""
+    """Compute the mean energy of sums over a bit's periods that begin at period 0, 1, ...
+
+    It is largest where the bits begin.
+    """
     sums = np.convolve(prompts.astype(np.float64), np.ones(periods), "valid")
     n = sums.size // periods * periods
     energy: Reals = np.mean(sums[:n].reshape(-1, periods) ** 2, axis=0)
@@ -76,7 +79,7 @@ def bit_energy(prompts: Floats, periods: int) -> Reals:
 
 
 def bit_start(telemetry: Telemetry, signal: SignalPlan) -> int | None:
-    """Code period, modulo those of a bit, with which bits begin; None while that is not known."""
+    """Return the code period, modulo those of a bit, with which bits begin; None while that is not known."""
     if telemetry.synchronised:
         return telemetry.bits_period % signal.periods_per_symbol
     if telemetry.tow_ms_at_period_0 is not None:
@@ -85,7 +88,7 @@ def bit_start(telemetry: Telemetry, signal: SignalPlan) -> int | None:
 
 
 def _synchronise(telemetry: Telemetry, signal: SignalPlan) -> Telemetry:
-    """Bits begin where a known time of week has them unless that is refuted, else where all other starts are refuted.
+    """Find where bits begin: where a known time of week has them, unless refuted, else where all other starts are.
 
     As long as neither is known, the latest prompts are kept for the next look.
     """
@@ -93,17 +96,17 @@ def _synchronise(telemetry: Telemetry, signal: SignalPlan) -> Telemetry:
     best = int(np.argmax(bit_energy(telemetry.prompts, periods)))
     if known is not None:
         expected = (known - telemetry.prompts_period) % periods
-        if expected == best or not np.any(_fitting_better(telemetry.prompts, expected, periods)):
-            return _synchronised(telemetry, expected)
+        if expected == best or not np.any(_find_refuting(telemetry.prompts, expected, periods)):
+            return _start_bits(telemetry, expected)
         telemetry = replace(telemetry, tow_ms_at_period_0=None, stretches=())
-    if np.all(_fitting_worse(telemetry.prompts, best, periods)):
-        return _synchronised(telemetry, best)
+    if np.all(_find_refuted(telemetry.prompts, best, periods)):
+        return _start_bits(telemetry, best)
     dropped = max(telemetry.prompts.size - MOST_SYNC_BITS * periods, 0)
     return replace(telemetry, prompts=telemetry.prompts[dropped:], prompts_period=telemetry.prompts_period + dropped)
 
 
-def _synchronised(telemetry: Telemetry, offset: int) -> Telemetry:
-    """With bits from the prompt of that number on."""
+def _start_bits(telemetry: Telemetry, offset: int) -> Telemetry:
+    """Start the bits with the prompt of that number."""
     return replace(
         telemetry,
         synchronised=True,
@@ -114,17 +117,17 @@ def _synchronised(telemetry: Telemetry, offset: int) -> Telemetry:
     )
 
 
-def _fitting_better(prompts: Floats, offset: int, periods: int) -> Booleans:
-    """Which other starts (periods - 1,) refute bits that begin at period `offset`."""
-    return np.asarray(_scores(prompts, offset, periods) > shift_limit(FALSE_REFUTATION, periods))
+def _find_refuting(prompts: Floats, offset: int, periods: int) -> Booleans:
+    """Find other starts (periods - 1,) that refute bits that begin at period `offset`."""
+    return np.asarray(_score_starts(prompts, offset, periods) > shift_limit(FALSE_REFUTATION, periods))
 
 
-def _fitting_worse(prompts: Floats, offset: int, periods: int) -> Booleans:
-    """Which other starts (periods - 1,) bits that begin at period `offset` refute."""
-    return np.asarray(_scores(prompts, offset, periods) < -shift_limit(FALSE_START, periods))
+def _find_refuted(prompts: Floats, offset: int, periods: int) -> Booleans:
+    """Find other starts (periods - 1,) that bits that begin at period `offset` refute."""
+    return np.asarray(_score_starts(prompts, offset, periods) < -shift_limit(FALSE_START, periods))
 
 
-def _scores(prompts: Floats, offset: int, periods: int) -> Reals:
+def _score_starts(prompts: Floats, offset: int, periods: int) -> Reals:
     sums = EdgeSums(periods_per_bit=periods, since_s=0.0)
     return edge_scores(
         add_bits(sums, prompts[None].astype(np.complex128), np.zeros(1, np.int64), np.array([float(offset)]))
@@ -147,7 +150,10 @@ def _make_bits(telemetry: Telemetry, signal: SignalPlan) -> Telemetry:
 
 
 def bits_kept(decoder: MessageDecoder) -> int:
-    """Two frames and a head: a frame is always whole in it, and starts can be checked against each other."""
+    """Return the length of two frames and a head, in bits.
+
+    A frame is always whole in it, and starts can be checked against each other.
+    """
     return 2 * decoder.frame_bits + decoder.head_bits
 
 
@@ -177,14 +183,14 @@ def _decode(telemetry: Telemetry, n_before: int, signal: SignalPlan, decoder: Me
             stretches=telemetry.stretches,
         )
     known = telemetry.stretches if tow_ms == telemetry.tow_ms_at_period_0 else ()
-    found = stretches_of(telemetry.bits, starts[0], telemetry.bits_period, signal, decoder) if starts else ()
+    found = find_stretches(telemetry.bits, starts[0], telemetry.bits_period, signal, decoder) if starts else ()
     bridged = BRIDGED_WORDS * decoder.word_bits * periods
     telemetry = replace(
         telemetry,
         tow_ms_at_period_0=tow_ms,
         due_bits=due_bits,
         subframes=subframes,
-        stretches=joined(known, found, bridged),
+        stretches=join_stretches(known, found, bridged),
     )
     drop = n - (decoder.frame_bits + decoder.head_bits)
     if n < most or due_bits is None:

@@ -1,8 +1,8 @@
 """The receiver as a step: samples in, measurements out, everything it remembers in an explicit state.
 
 Samples are worked on in frames of a tenth of a second counted from the first sample, whatever blocks they come in: any
-cut of the recording gives the same result. Each frame: search for new signals when it is time, one kernel call that
-advances all channels, lock control, telemetry, and at every second frame a row of measurements for each channel.
+cut of the recording gives the same result. Each frame searches for new signals when it is time, advances all channels
+by one kernel call, controls locks and reads telemetry. Every second frame measures a row for each channel.
 """
 
 from collections.abc import Mapping
@@ -18,36 +18,36 @@ from skyproof.gnss.signals import prn_of
 from skyproof.receiver import kernels as k
 from skyproof.receiver import measurement as m
 from skyproof.receiver.acquisition import Peak
-from skyproof.receiver.antennas import combining, measure_antennas, separated, unwrapped
-from skyproof.receiver.channels import Arc, arc_of
-from skyproof.receiver.coasting import SINCE_S, has_power, held_course, measured_course
+from skyproof.receiver.antennas import compute_weights, measure_antennas, subtract_by_antenna, unwrap_phases
+from skyproof.receiver.channels import Arc, arc_from_channel
+from skyproof.receiver.coasting import SINCE_S, coast, has_power, update_courses
 from skyproof.receiver.correlator import REACH_CHIPS, table_pad
 from skyproof.receiver.crosstalk import Rows
-from skyproof.receiver.discriminator import discriminator
-from skyproof.receiver.false_lock import off_false_locks
-from skyproof.receiver.gaps import looked_for_gap
-from skyproof.receiver.grids import GridCorrelator, Grids, at_stake
+from skyproof.receiver.discriminator import compute_discriminator
+from skyproof.receiver.false_lock import leave_false_locks
+from skyproof.receiver.gaps import look_for_gap
+from skyproof.receiver.grids import GridCorrelator, Grids, is_disturbed
 from skyproof.receiver.guidance import DOPPLER_HZ as GUIDED_DOPPLER_HZ
 from skyproof.receiver.guidance import SINCE_S as GUIDED_SINCE_S
-from skyproof.receiver.guidance import guided_loops, is_guided
+from skyproof.receiver.guidance import guide_loops, is_guided
 from skyproof.receiver.keeping import (
     StepCollector,
-    confirmed,
-    dropped,
+    confirm,
+    drop,
     end_diverged_arcs,
     forget_time,
-    holds,
-    messages_read,
+    holds_signal,
+    read_messages,
 )
 from skyproof.receiver.lock import lock_value
 from skyproof.receiver.looking import Lookout, delay_s
-from skyproof.receiver.looks import look_means, look_turns
+from skyproof.receiver.looks import average_looks, measure_turns
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.noncoherent import without_phase
+from skyproof.receiver.noncoherent import measure_without_phase
 from skyproof.receiver.replica import CODE_SCALE, code_table
 from skyproof.receiver.settings import MEASURE_FRAMES, LoopSettings, ReceiverSettings
 from skyproof.receiver.state import ReceiverState, StepOutput
-from skyproof.receiver.steering import steered
+from skyproof.receiver.steering import steer
 
 __all__ = ["MEASURE_FRAMES", "LoopSettings", "Receiver", "ReceiverSettings", "ReceiverState", "StepOutput"]
 
@@ -69,7 +69,7 @@ class Receiver:
         # Early and late are whole steps of the table off the prompt, so that all three are rounded alike.
         step_chips = self.signal.chip_rate_hz / rate_hz / self.settings.code_phases
         half = step_chips * max(round(0.5 * self.settings.early_late_chips / step_chips), 1)
-        self.discriminator = discriminator(self.signal.chip_rate_hz / rate_hz, 2.0 * half)
+        self.discriminator = compute_discriminator(self.signal.chip_rate_hz / rate_hz, 2.0 * half)
         further = np.array(self.settings.further_taps_chips)
         if self.settings.looks_per_frame:  # what is compared within a look has to be rounded alike
             further = step_chips * np.rint(further / step_chips)
@@ -90,50 +90,49 @@ class Receiver:
         self._stacked: tuple[tuple[str, ...], NDArray[np.int8]] | None = None
 
     def frame_start(self, frame: int) -> int:
-        """Index of the first sample of a frame."""
+        """Return the index of the first sample of a frame."""
         return int(np.ceil(frame * self.settings.frame_s * self.rate_hz - 1e-6))
 
-    def started(self, state: ReceiverState, peak: Peak) -> ReceiverState:
-        """With a channel on a peak at the first sample, as if a search had found it on the first antenna."""
-        return self._lookout.started(state, peak, 0, 0.0, 0, self._rows_shape(state))
+    def start_channel(self, state: ReceiverState, peak: Peak) -> ReceiverState:
+        """Start a channel on a peak at the first sample, as if a search had found it on the first antenna."""
+        return self._lookout.start_channel(state, peak, 0, 0.0, 0, self._rows_shape(state))
 
     def _rows_shape(self, state: ReceiverState) -> tuple[int, int]:
-        """Of what the kernel gives of a channel in a frame."""
+        """Return the shape of the kernel's output of a channel in a frame."""
         return self._max_periods, k.row_size(self.n_taps, state.tail.shape[0])
 
     def step(self, state: ReceiverState, samples: Floats) -> tuple[StepOutput, ReceiverState]:
-        """Work on all frames that are complete with these samples, which follow on those before.
+        """Process all frames that are complete with these samples, which follow those before.
 
         samples : (2, n), or (n_antennas, 2, n) of several antennas that share the sampling clock and the oscillator.
         """
         fresh = samples if samples.ndim == 3 else samples[None]
         known = state.tail if state.tail.shape[-1] else fresh[..., :0]
         state = replace(state, tail=np.ascontiguousarray(np.concatenate([known, fresh], axis=-1)))
-        nothing = Measurements.nothing(self.n_looks, self.n_taps, _antennas_measured(state.tail))
-        given = StepCollector(measured=[nothing])
+        nothing = Measurements.nothing(self.n_looks, self.n_taps, _count_measured_antennas(state.tail))
+        collector = StepCollector(measured=[nothing])
         if self.grids is not None:
-            given.grids.append(self.grids.nothing())
+            collector.grids.append(self.grids.nothing())
         while self.frame_start(state.frame + 1) <= state.tail_start + state.tail.shape[-1]:
-            state = self._frame(state, given)
-        arcs: dict[int, Arc] = given.arcs | {
-            c.arc: arc_of(c, self.signal) for c in state.channels if c.copy is not None
+            state = self._run_frame(state, collector)
+        arcs: dict[int, Arc] = collector.arcs | {
+            c.arc: arc_from_channel(c, self.signal) for c in state.channels if c.copy is not None
         }
         output = StepOutput(
-            measurements=Measurements.joined(given.measured),
+            measurements=Measurements.join(collector.measured),
             arcs=arcs,
-            gaps=tuple(given.gaps),
-            grids=Grids.joined(given.grids),
-            noncoherent=Measurements.joined([nothing, *given.noncoherent]),
+            gaps=tuple(collector.gaps),
+            grids=Grids.join(collector.grids),
+            noncoherent=Measurements.join([nothing, *collector.noncoherent]),
         )
         keep = int(min([self.frame_start(state.frame), *state.loops[:, k.START].tolist()]))
         # A copy of what is left, so that the state does not hold on to the whole block.
         return output, replace(state, tail=state.tail[..., keep - state.tail_start :].copy(), tail_start=keep)
 
-    def guided(self, state: ReceiverState, guides: Mapping[int, Reals]) -> ReceiverState:
-        """The state with new guides (N_GUIDE,) of these arcs; the others keep what they have until it lapses.
+    def set_guides(self, state: ReceiverState, guides: Mapping[int, Reals]) -> ReceiverState:
+        """Set new guides (N_GUIDE,) of these arcs; the others keep theirs until it lapses.
 
-        Of a guide's columns `SINCE_S` is not used. Guides are to come after a row of measurements, before the next
-        frame.
+        A guide's column `SINCE_S` is not used. Guides must come after a row of measurements, before the next frame.
         """
         now_s = state.frame * self.settings.frame_s
         before, after = is_guided(state.guides, now_s), state.guides.copy()
@@ -146,8 +145,8 @@ class Receiver:
     def _follow_guides(self, state: ReceiverState, now_s: float) -> ReceiverState:
         if not np.isfinite(state.guides).any():
             return state
-        unseen = np.isfinite(state.courses[:, SINCE_S]) | ~holds(state, MEASURE_FRAMES, self.settings)
-        loops, guides = guided_loops(
+        unseen = np.isfinite(state.courses[:, SINCE_S]) | ~holds_signal(state, MEASURE_FRAMES, self.settings)
+        loops, guides = guide_loops(
             state.loops,
             state.guides,
             unseen,
@@ -159,7 +158,7 @@ class Receiver:
         )
         return replace(state, loops=loops, guides=guides)
 
-    def _frame(self, state: ReceiverState, given: StepCollector) -> ReceiverState:
+    def _run_frame(self, state: ReceiverState, given: StepCollector) -> ReceiverState:
         begin, end = self.frame_start(state.frame), self.frame_start(state.frame + 1)
         end_s = (state.frame + 1) * self.settings.frame_s
         state = self._lookout.look(state, begin, self._rows_shape(state))
@@ -170,10 +169,10 @@ class Receiver:
             state = self._measure(state, before, given)
             if self.grids is not None:
                 given.grids += self._take_grids(self.grids, state, given.measured[-1])
-        state = messages_read(state, self.settings, given)
-        state = self._follow_guides(steered(state, self.settings, end_s), end_s)
-        state = confirmed(state, self.settings, given)
-        state = dropped(state, self._delay_s(state.loops, end), self.settings, given)
+        state = read_messages(state, self.settings, given)
+        state = self._follow_guides(steer(state, self.settings, end_s), end_s)
+        state = confirm(state, self.settings, given)
+        state = drop(state, self._delay_s(state.loops, end), self.settings, given)
         return replace(state, frame=state.frame + 1)
 
     def _delay_s(self, loops: Reals, begin: int) -> Reals:
@@ -184,16 +183,16 @@ class Receiver:
         if n == 0:
             return state
         n_samples, n_antennas = end - state.tail_start, state.tail.shape[0]
-        sats, tables = self._stack(tuple(sorted({c.sat for c in state.channels})))
+        sats, tables = self._stack_tables(tuple(sorted({c.sat for c in state.channels})))
         rows = np.zeros((n, self._max_periods, k.row_size(self.n_taps, n_antennas)))
         counts = np.zeros(n, np.int64)
         loops = state.loops.copy()
         loops[:, [k.LOCK_I, k.LOCK_Q, k.LOCK_COUNT]] = 0.0
         # What noise of the samples' power gives in a correlator, a sample.
         fresh = state.tail[..., begin - state.tail_start : n_samples : POWER_STRIDE]
-        powers = np.array([2.0 * float(np.mean(one**2)) * CODE_SCALE**2 for one in fresh])
+        powers = np.array([2.0 * float(np.mean(plane**2)) * CODE_SCALE**2 for plane in fresh])
         power = float(powers.max())
-        weights = combining(state.rows, state.weights, powers)
+        weights = compute_weights(state.rows, state.weights, powers)
         table_of = np.array([sats.index(c.sat) for c in state.channels])
 
         def work(part: slice) -> None:
@@ -230,7 +229,7 @@ class Receiver:
         noise = power * self.rate_hz * self.signal.period_s
         return replace(state, loops=loops, rows=rows, counts=counts, weights=weights, prompts=prompts, noise=noise)
 
-    def _stack(self, sats: tuple[str, ...]) -> tuple[tuple[str, ...], NDArray[np.int8]]:
+    def _stack_tables(self, sats: tuple[str, ...]) -> tuple[tuple[str, ...], NDArray[np.int8]]:
         if self._stacked is None or self._stacked[0] != sats:
             n = int(np.ceil(self.rate_hz * self.signal.period_s)) + 1
             for sat in sats:
@@ -246,30 +245,31 @@ class Receiver:
         return self._stacked
 
     def _check_locks(self, state: ReceiverState, end: int) -> ReceiverState:
-        """Let channels coast whose signal has faded; note the lock value of the frame of the others, and where those
-        are that hold their signal in it.
+        """Update locks: let channels coast whose signal has faded, and note the frame's lock value of the others.
+
+        Also note where those are that hold their signal in it.
         """
         settings, loops = self.settings, state.loops
         end_s = (state.frame + 1) * settings.frame_s
-        there = has_power(loops, state.noise, settings.false_return_probability)
+        received = has_power(loops, state.noise, settings.false_return_probability)
         now = np.stack([lock_value(loops[:, k.LOCK_I], loops[:, k.LOCK_Q]), loops[:, k.LOCK_COUNT]], axis=-1)
         lock = np.concatenate([state.lock[:, 1:], now[:, None]], axis=1)
         coasted = np.isfinite(state.courses[:, SINCE_S])  # in this frame: when its signal is back, its phase is not yet
         nominal = self.signal.chip_rate_hz, self.signal.carrier_hz
-        loops, courses = held_course(loops, state.courses, there, end_s, self.if_hz, nominal, settings.pull_in_s)
+        loops, courses = coast(loops, state.courses, received, end_s, self.if_hz, nominal, settings.pull_in_s)
         lock[coasted | np.isfinite(courses[:, SINCE_S])] = np.nan
         state = replace(state, loops=loops, courses=courses, lock=lock)
-        here = np.empty_like(state.locked_at)
-        here[:, 0] = end_s
-        here[:, 1] = self._delay_s(loops, end)
-        here[:, 2] = loops[:, k.FREQUENCY] - self.if_hz
+        now_at = np.empty_like(state.locked_at)
+        now_at[:, 0] = end_s
+        now_at[:, 1] = self._delay_s(loops, end)
+        now_at[:, 2] = loops[:, k.FREQUENCY] - self.if_hz
         ahead_s = (loops[:, k.START] - end) / self.rate_hz - loops[:, k.CHIP] / loops[:, k.CODE_RATE]
-        here[:, 3] = loops[:, k.PERIODS] + np.rint((here[:, 1] - ahead_s) / self.signal.period_s)
-        held = there & holds(state, MEASURE_FRAMES, settings)
-        return replace(state, locked_at=np.where(held[:, None], here, state.locked_at))
+        now_at[:, 3] = loops[:, k.PERIODS] + np.rint((now_at[:, 1] - ahead_s) / self.signal.period_s)
+        held = received & holds_signal(state, MEASURE_FRAMES, settings)
+        return replace(state, locked_at=np.where(held[:, None], now_at, state.locked_at))
 
     def _measure(self, state: ReceiverState, before: ReceiverState, given: StepCollector) -> ReceiverState:
-        """A row of measurements for each confirmed channel that holds its signal, at the start of the frame."""
+        """Measure a row for each confirmed channel that holds its signal, at the start of the frame."""
         settings = self.settings
         n = len(state.channels)
         if n == 0:
@@ -278,7 +278,7 @@ class Receiver:
         loops = state.loops.copy()
         # Both are of no other state, so that they may be worked on in place.
         earlier, later = (before.rows.copy(), before.counts), (state.rows, state.counts)
-        error_chips = separated(
+        error_chips = subtract_by_antenna(
             [c.sat for c in state.channels],
             earlier,
             later,
@@ -294,19 +294,19 @@ class Receiver:
         )
         steer = np.where(np.isfinite(error_chips), STEER_SHARE * error_chips, 0.0)
         loops[:, k.CODE_STEER] = steer / (MEASURE_FRAMES * settings.frame_s)
-        good = holds(state, MEASURE_FRAMES, settings) & np.isfinite(table[:, m.FRACTION_S])
+        good = holds_signal(state, MEASURE_FRAMES, settings) & np.isfinite(table[:, m.FRACTION_S])
         good &= np.isfinite(state.lock[:, -MEASURE_FRAMES:, 0]).all(axis=1)
         # Telling fast what the strength is matters while it is not known; later, what it is on average.
         share = np.where(np.isfinite(loops[:, k.CODE_MINUS_CARRIER]), 0.2, 1.0)
         loops[good, k.CN0_DBHZ] += (share * (table[:, m.CN0_DBHZ] - loops[:, k.CN0_DBHZ]))[good]
         good &= loops[:, k.CN0_DBHZ] > settings.least_dbhz
-        turning, loops, turns = off_false_locks(loops, state.turns, (earlier, later), good, self.signal)
+        turning, loops, turns = leave_false_locks(loops, state.turns, (earlier, later), good, self.signal)
         good &= ~turning
         proved = np.array([c.copy is not None for c in state.channels])
         loops[good | ~proved, k.SLIPPED] = 0.0
-        courses = measured_course(state.courses, table[:, m.DOPPLER_HZ], good & proved, elapsed_s)
+        courses = update_courses(state.courses, table[:, m.DOPPLER_HZ], good & proved, elapsed_s)
         state = replace(state, loops=loops, courses=courses, turns=turns)
-        look, state = looked_for_gap(state, table, good, (earlier, later), elapsed_s, settings, self.if_hz)
+        look, state = look_for_gap(state, table, good, (earlier, later), elapsed_s, settings, self.if_hz)
         if look.gap is not None:
             given.gaps.append(look.gap)
         if look.gap is not None or look.untimed:
@@ -317,11 +317,11 @@ class Receiver:
             loops[good, k.SLIPPED] = 1.0
             return replace(state, loops=loops)
         good &= proved
-        own, last_phases = self._on_each_antenna(state, earlier, later, taps, wipe, good, elapsed_s)
+        per_antenna, last_phases = self._measure_antennas(state, earlier, later, taps, wipe, good, elapsed_s)
         numbers = np.array([c.arc for c in state.channels], np.int64)
         looks = taps[:, np.newaxis, : self.n_taps]
         if settings.looks_per_frame:
-            looks = look_means(
+            looks = average_looks(
                 earlier,
                 later,
                 wipe,
@@ -330,9 +330,9 @@ class Receiver:
                 epoch_samples=elapsed_s * self.rate_hz,
                 n_taps=self.n_taps,
             )
-        turns = self._turns(state, before, wipe, elapsed_s)
+        turns = self._measure_turns(state, before, wipe, elapsed_s)
         of_all = Measurements(
-            elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=looks, own=own, turns_rad=turns
+            elapsed_s=np.full(n, elapsed_s), arc=numbers, table=table, taps=looks, own=per_antenna, turns_rad=turns
         )
         given.measured.append(of_all.select(good))
         given.noncoherent.append(self._measure_noncoherent(state, of_all, taps, (earlier, later), proved & ~good))
@@ -346,9 +346,9 @@ class Receiver:
         frames: tuple[Rows, Rows],
         among: Booleans,
     ) -> Measurements:
-        """Rows of the guided channels among these that do not hold a phase, by what they show without one."""
+        """Measure the guided channels among these that do not hold a phase."""
         guided = is_guided(state.guides, state.frame * self.settings.frame_s)
-        table = without_phase(
+        table = measure_without_phase(
             of_all.table,
             taps,
             frames,
@@ -363,15 +363,15 @@ class Receiver:
         )
         return replace(of_all, table=table).select(np.isfinite(table[:, m.DOPPLER_HZ]))
 
-    def _turns(self, state: ReceiverState, before: ReceiverState, wipe: Complexes, elapsed_s: float) -> Reals:
-        """By how much the correlators of each look were turned to take the carrier off; NaN where not guided."""
+    def _measure_turns(self, state: ReceiverState, before: ReceiverState, wipe: Complexes, elapsed_s: float) -> Reals:
+        """Return by how much the correlators of each look were turned to remove the carrier; NaN where not guided."""
         turns = np.full((len(state.channels), self.n_looks), np.nan)
         since_s = state.guides[:, GUIDED_SINCE_S]
         guided = is_guided(state.guides, elapsed_s) & (
             since_s < elapsed_s - 0.5 * MEASURE_FRAMES * self.settings.frame_s + 1e-9
         )
         if self.settings.looks_per_frame and guided.any():
-            found = look_turns(
+            found = measure_turns(
                 (before.rows, before.counts),
                 (state.rows, state.counts),
                 wipe,
@@ -384,13 +384,13 @@ class Receiver:
         return turns
 
     def _take_grids(self, grids: GridCorrelator, state: ReceiverState, row: Measurements) -> list[Grids]:
-        """Of the channels that were just measured, if it is time."""
+        """Compute the grids of the channels that were just measured, if it is time."""
         elapsed_s = state.frame * self.settings.frame_s
         channels = [i for i, channel in enumerate(state.channels) if channel.arc in row.arc]
         if not channels or row.elapsed_s[0] != elapsed_s:
             return []
         interval_s = MEASURE_FRAMES * self.settings.frame_s
-        soon = at_stake(row.column(m.CN0_DBHZ), state.loops[channels, k.CN0_DBHZ], interval_s)
+        soon = is_disturbed(row.column(m.CN0_DBHZ), state.loops[channels, k.CN0_DBHZ], interval_s)
         if not grids.due(state.frame, self.settings.frame_s, soon=soon):
             return []
         return [
@@ -407,7 +407,7 @@ class Receiver:
             )
         ]
 
-    def _on_each_antenna(
+    def _measure_antennas(
         self,
         state: ReceiverState,
         earlier: Rows,
@@ -417,11 +417,11 @@ class Receiver:
         good: Booleans,
         elapsed_s: float,
     ) -> tuple[Reals, Reals]:
-        """What each of several antennas measures beside their sum, and the phases to go on from."""
+        """Measure each of several antennas beside their sum; also return the phases to continue from."""
         n_antennas = state.tail.shape[0]
         if n_antennas == 1:
-            return np.empty((good.size, _antennas_measured(state.tail), m.N_OWN)), state.last_phases
-        own = measure_antennas(
+            return np.empty((good.size, _count_measured_antennas(state.tail), m.N_OWN)), state.last_phases
+        per_antenna = measure_antennas(
             earlier,
             later,
             wipe,
@@ -435,9 +435,9 @@ class Receiver:
             self.settings.false_hold_probability,
         )
         interval_s = MEASURE_FRAMES * self.settings.frame_s
-        return own, unwrapped(own, state.last_phases, good, interval_s)
+        return per_antenna, unwrap_phases(per_antenna, state.last_phases, good, interval_s)
 
 
-def _antennas_measured(tail: Floats) -> int:
-    """Antennas that are measured beside their sum: none where there is one."""
+def _count_measured_antennas(tail: Floats) -> int:
+    """Return the number of antennas measured beside their sum: none where there is one."""
     return tail.shape[0] if tail.shape[0] > 1 else 0

@@ -163,7 +163,7 @@ class Observations(ShortRepr, Selectable):
         return replace(self, signals=tuple(self.signals[k] for k in columns), **cells, **channels)
 
     @staticmethod
-    def joined(pieces: Sequence["Observations"]) -> "Observations":
+    def join(pieces: Sequence["Observations"]) -> "Observations":
         """One receiver's pieces, at least one, in order of time, as one with the signals of all.
 
         What holds for a channel (`found_elapsed_s` and the like) is that of the piece that found its signal first.

@@ -24,7 +24,7 @@ from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import seconds_between
 from skyproof.navigation.clock import anchor_label
-from skyproof.receiver.channels import FORGET_S, DelayDoppler, Gap, LostSignal, continued, letter
+from skyproof.receiver.channels import FORGET_S, DelayDoppler, Gap, LostSignal, letter, match_lost
 from skyproof.records import Observations, Samples, SignalId
 from skyproof.simulator.measurement_errors import FieldError, FieldErrors, field_errors
 from skyproof.simulator.measurements import IdealMeasurements, ideal_measurements_of
@@ -336,7 +336,7 @@ class _Receiver:
         if not due:
             return
         places = [(self.arriving[c.sat].sat, self._place(c, now_s)) for c in due]
-        matches, gap = continued(self.lost, places, GPS_L1_CA)
+        matches, gap = match_lost(self.lost, places, GPS_L1_CA)
         if gap is not None:
             self.gaps.append(gap)
         for channel, old in zip(due, matches, strict=True):

@@ -135,7 +135,7 @@ def test_signals_that_come_later_change_no_window_before(scene):
         source.feed(piece)
     source.end()
     session = open_session([source], scene.navigation, Settings())
-    whole = open_session([WholeSource(Observations.joined(pieces))], scene.navigation, Settings())
+    whole = open_session([WholeSource(Observations.join(pieces))], scene.navigation, Settings())
     assert [gist(step) for step in session.steps()] == [gist(step) for step in whole.steps()]
 
 

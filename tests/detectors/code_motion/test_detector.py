@@ -125,7 +125,7 @@ def test_pieces_give_what_the_whole_gives() -> None:
 
 def test_a_satellite_received_twice_leaves_it_open() -> None:
     (o,) = records().observations
-    twice = Observations.joined([o])
+    twice = Observations.join([o])
     assert select_primary_signals(twice) is not None
     signals = (replace(o.signals[1], copy="b"), *o.signals[1:])
     assert select_primary_signals(replace(o, signals=signals)) is None

@@ -13,7 +13,7 @@ from skyproof.arrays import Floats
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
-from skyproof.receiver.clock_agreement import correct_samples, in_survey
+from skyproof.receiver.clock_agreement import correct_samples, estimate_from_survey
 from skyproof.recording.conditioning import MeasuredFrontEnd, condition, measure_front_end
 from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, estimate_oscillator_error, survey_recorder
 from skyproof.records import Samples
@@ -54,7 +54,7 @@ def inspect_recording(samples: Samples) -> Inspection:
     """
     first = inspect_samples(samples)
     near = first if len(first.satellites) >= POLICY.fix_satellites else _inspect_other_rates(first)
-    apart = in_survey(near.survey, {satellite.sat: satellite.doppler_hz for satellite in near.satellites})
+    apart = estimate_from_survey(near.survey, {satellite.sat: satellite.doppler_hz for satellite in near.satellites})
     if apart is None or not apart.certain or near.conjugate:
         return first
     right = correct_samples(near.samples, apart)

@@ -105,7 +105,7 @@ def _read_places(a: ObservationLog, b: ObservationLog) -> tuple[Observations, Ob
     for part in ours:
         first, stop = np.searchsorted(b.gpst, [part.gpst[0] - _MARGIN, part.gpst[-1] + _MARGIN])
         theirs.append(b.read(int(first), int(stop)))
-    return Observations.joined(ours), Observations.joined(theirs)
+    return Observations.join(ours), Observations.join(theirs)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,7 +14,14 @@ from skyproof.formats.spool import gather
 from skyproof.navigation.clock import anchor_label
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.grids import GridCorrelator
-from skyproof.receiver.observables import ArcCarrier, ReceiverTimeTag, array_phases_of, assemble, ccaf_of, taps_of
+from skyproof.receiver.observables import (
+    ArcCarrier,
+    ReceiverTimeTag,
+    assemble,
+    assemble_array_phases,
+    assemble_grids,
+    assemble_taps,
+)
 from skyproof.records import AntennaArray, ArrayPhases, Ccaf, ObservationLog, Observations, Taps, TimeSliced
 
 __all__ = ["Assembled"]
@@ -116,7 +123,7 @@ class _Taps:
     def select_between(self, begin_s: float, end_s: float) -> Taps:
         rows, tracker = self.of.rows_between(begin_s, end_s), self.of.tracker
         receiver = tracker.receiver
-        found = taps_of(
+        found = assemble_taps(
             self.receiver,
             tracker.measured.read(rows.start + 1, rows.stop + 1),
             self.of.arcs,
@@ -145,7 +152,7 @@ class _Grids:
 
     def select_between(self, begin_s: float, end_s: float) -> Ccaf:
         grids = self.of.tracker.grids.select_between(begin_s, end_s)
-        return ccaf_of(self.receiver, grids, self.taken, self.of.arcs, self.of.label, self.observations)
+        return assemble_grids(self.receiver, grids, self.taken, self.of.arcs, self.of.label, self.observations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +169,7 @@ class _Phases:
 
     def select_between(self, begin_s: float, end_s: float) -> ArrayPhases:
         rows, tracker = self.of.rows_between(begin_s, end_s), self.of.tracker
-        found = array_phases_of(
+        found = assemble_array_phases(
             self.receiver,
             tracker.measured.read(rows.start + 1, rows.stop + 1),
             self.of.arcs,

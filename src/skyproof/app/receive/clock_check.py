@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from skyproof.app.inspect import Inspection
 from skyproof.errors import InputError, NotEnoughData
 from skyproof.receiver.channels import Arc
-from skyproof.receiver.clock_agreement import Disagreement, correct_samples, in_tracks
+from skyproof.receiver.clock_agreement import Disagreement, correct_samples, estimate_from_tracks
 from skyproof.receiver.measurement import Measurements
 from skyproof.records import Samples
 
@@ -24,7 +24,7 @@ def correct_disagreement(
 
     inspected : gives the recording's inspection.
     """
-    apart = in_tracks(measured, {number: arc.signal.sat for number, arc in arcs.items()})
+    apart = estimate_from_tracks(measured, {number: arc.signal.sat for number, arc in arcs.items()})
     if apart is not None:
         return (correct_samples(samples, apart), apart) if apart.certain else None
     try:

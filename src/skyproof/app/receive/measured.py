@@ -15,7 +15,7 @@ from skyproof.formats.pieces import ArrayPieces, Workspace
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.observables import ArcCarrier, arc_carriers
+from skyproof.receiver.observables import ArcCarrier, resolve_carriers
 
 __all__ = ["MeasurementLog", "RowLog"]
 
@@ -133,7 +133,7 @@ class MeasurementLog:
     @property
     def first(self) -> Measurements:
         """Return the first measurement of each arc."""
-        return Measurements.joined([self._first[number] for number in sorted(self._first)])
+        return Measurements.join([self._first[number] for number in sorted(self._first)])
 
     def mean_doppler_hz(self) -> dict[int, float]:
         """Average the Dopplers of each arc; NaN if none is known."""
@@ -177,7 +177,7 @@ class MeasurementLog:
             begins = np.zeros(columns["arc"].size, np.bool_)
             begins[np.unique(columns["arc"], return_index=True)[1]] = True  # nothing to have slipped from
             slipped = columns["slipped"] | (columns["own_slipped"][:, antenna] & ~begins)
-        return arc_carriers(
+        return resolve_carriers(
             columns["epoch"],
             columns["arc"],
             columns["periods"].astype(np.int64),

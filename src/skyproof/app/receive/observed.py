@@ -285,7 +285,7 @@ class _Clock:
         """Estimate the clock's steps and label errors of a log."""
         firsts = range(0, log.gpst.size, STRETCH_EPOCHS)
         parts = (_remove_steps(log, steps, first, first + STRETCH_EPOCHS) for first in firsts)
-        return cls(log.gpst, steps, TagErrors.joined([estimate_tag_errors(part, navigation) for part in parts]))
+        return cls(log.gpst, steps, TagErrors.join([estimate_tag_errors(part, navigation) for part in parts]))
 
     def correct(self, log: ObservationLog, first: int, stop: int) -> Observations:
         """Correct epochs `first` to before `stop`, without those whose labels are off unlike most."""

@@ -22,7 +22,7 @@ from skyproof.errors import InputError, NotEnoughData
 from skyproof.formats.pieces import Workspace
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.time import seconds_between
-from skyproof.receiver.observables import messages_that_differ, navigation_of
+from skyproof.receiver.observables import collect_navigation, list_differing_messages
 from skyproof.records import (
     AntennaArray,
     ArrayPhases,
@@ -117,7 +117,7 @@ def observe(
     if label is not None:
         label = move_near_date(label, samples, tracker.arcs, remarks)
         week = label.week
-    decoded = navigation_of(tracker.arcs, week, samples.path or samples.name)
+    decoded = collect_navigation(tracker.arcs, week, samples.path or samples.name)
     orbits = navigation if navigation is not None else decoded
     antennas: tuple[ObservationLog, ...] = ()
     best = 0
@@ -147,7 +147,7 @@ def observe(
     if found is None or not found.mirrored:  # signals of a mirrored spectrum are lost all the time: gaps say nothing
         remarks += remark_on_gaps(tracker.gaps, tracker.receiver.signal.period_s)
         remarks += remark_on_dopplers(_average_dopplers_hz(tracker))
-    differ = tuple(messages_that_differ(tracker.arcs))
+    differ = tuple(list_differing_messages(tracker.arcs))
     remarks += differ
     left_out = None
     if observations is None:

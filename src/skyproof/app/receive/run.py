@@ -217,7 +217,7 @@ def _write_signals(
 def _estimate_place_ecef_m(o: ObservationLog, orbits: NavigationData) -> Any:
     """Estimate the place (3,) by the first copies, unjudged like them; None without a fix."""
     step = max(o.gpst.size // HEADER_FIXES, 1)
-    some = Observations.joined([o.read(row, row + 1) for row in range(0, o.gpst.size, step)])
+    some = Observations.join([o.read(row, row + 1) for row in range(0, o.gpst.size, step)])
     fixes = fix(some, orbits, signals=select_first_copies(some))
     good = fixes.status == FixStatus.OK
     return np.median(fixes.position_ecef_m[good], axis=0) if good.any() else None

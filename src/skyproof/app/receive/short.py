@@ -37,7 +37,7 @@ from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings
 from skyproof.navigation.whole_periods import complete_ranges_m
-from skyproof.receiver.observables import phases_with_lines
+from skyproof.receiver.observables import build_array_phases
 from skyproof.receiver.snapshot_changes import CHANCE
 from skyproof.records import (
     AntennaArray,
@@ -215,7 +215,7 @@ def _build_records(
     )
     if array is None:
         return observations, None
-    return observations, phases_with_lines(
+    return observations, build_array_phases(
         samples.name, signals, gpst, elapsed_s, phase_cyc, sigma_cyc, array=array, carrier_hz=GPS_L1_CA.carrier_hz
     )
 

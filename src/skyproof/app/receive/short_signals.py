@@ -14,9 +14,9 @@ from skyproof.app.receive.tracker import carrier_at_hz
 from skyproof.arrays import Booleans, Complexes, Floats, Indices
 from skyproof.gnss.signals import GPS_L1_CA
 from skyproof.receiver.acquisition import Peak
-from skyproof.receiver.array_snapshot import MOST_LATE, SnapshotSignal, snapshot_signal
+from skyproof.receiver.array_snapshot import MOST_LATE, SnapshotSignal, measure_snapshot
 from skyproof.receiver.snapshot import CodePhase
-from skyproof.receiver.snapshot_changes import Change, change_within
+from skyproof.receiver.snapshot_changes import Change, find_change
 from skyproof.records import Samples, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
@@ -135,7 +135,7 @@ def _make_measurer(planes: Floats, samples: Samples, first: int) -> Callable[[st
         pace = 1.0 + code.doppler_hz / GPS_L1_CA.carrier_hz
         middle_s = 0.5 * (planes.shape[-1] - 1) / samples.rate_hz
         delay_s = middle_s - _at(code, begin_s + middle_s).code_s / pace
-        signal = snapshot_signal(planes, samples.rate_hz, carrier_at_hz(samples), sat, delay_s, code.doppler_hz)
+        signal = measure_snapshot(planes, samples.rate_hz, carrier_at_hz(samples), sat, delay_s, code.doppler_hz)
         return replace(signal, code=replace(signal.code, elapsed_s=begin_s + signal.code.elapsed_s))
 
     return measure
@@ -330,7 +330,7 @@ def divide_signals(found: Sequence[Found], lost: Sequence[int]) -> list[Found]:
 
 
 def _changes(found: Sequence[Found], antennas: Indices) -> list[Change | None]:
-    return [change_within(signal.sums[..., antennas].reshape(-1, antennas.size)) for signal in found]
+    return [find_change(signal.sums[..., antennas].reshape(-1, antennas.size)) for signal in found]
 
 
 def _part(one: Found, own: Booleans, change: Change) -> Found:

@@ -15,7 +15,7 @@ from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import timedelta_from_s
 from skyproof.navigation.coarse_time import CoarseFix, CoarseSettings, solve_coarse_fix
 from skyproof.receiver.acquisition import Peak, Searcher, SearchSettings
-from skyproof.receiver.snapshot import CodePhase, code_phase
+from skyproof.receiver.snapshot import CodePhase, measure_code_phase
 from skyproof.records import Fix, FixStatus, NavigationData, Samples, SignalId
 from skyproof.remarks import Remark, RemarkKind
 
@@ -79,7 +79,7 @@ def snapshot(
     if_hz = carrier_at_hz(samples)
     remarks: list[str] = []
     phases = [
-        code_phase(planes, samples.rate_hz, if_hz, peak.sat, peak.delay_s, peak.doppler_hz)
+        measure_code_phase(planes, samples.rate_hz, if_hz, peak.sat, peak.delay_s, peak.doppler_hz)
         for peak in _keep_strongest(search_samples(planes, samples.rate_hz, if_hz, doppler_max_hz), remarks)
     ]
     phases = _keep_credible(phases, remarks)

@@ -16,7 +16,7 @@ from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.gnss.time import GPS_EPOCH, format_iso, resolve_week, timedelta_from_s, week_and_tow
 from skyproof.navigation.fix import fix
 from skyproof.receiver.channels import Arc, Gap
-from skyproof.receiver.observables import ReceiverTimeTag, receiver_time_tag, stated_weeks, timed_by_range
+from skyproof.receiver.observables import ReceiverTimeTag, list_weeks, receiver_time_tag, time_by_range
 from skyproof.records import FixStatus, NavigationData, Observations, Samples, SignalId
 
 __all__ = [
@@ -39,12 +39,10 @@ def find_week(tracker: Tracker, navigation: NavigationData | None, remarks: list
     start = tracker.samples.start_gpst
     if start is not None:
         return int(week_and_tow(start)[0])
-    stated, near = min(stated_weeks(tracker.arcs), default=None), np.datetime64("now", "ns")
+    stated, near = min(list_weeks(tracker.arcs), default=None), np.datetime64("now", "ns")
     if navigation is not None and navigation.ephemerides:
         week = int(np.median([e.week for e in navigation.ephemerides]))
-        if stated is not None and all(
-            (stated_week - week + 1) % 1024 > 2 for stated_week in stated_weeks(tracker.arcs)
-        ):
+        if stated is not None and all((stated_week - week + 1) % 1024 > 2 for stated_week in list_weeks(tracker.arcs)):
             raise InputError(
                 f"{tracker.samples.path or tracker.samples.name}: its signals are in {_describe_week(stated, near)} "
                 f"(or 1024 weeks before or after), the navigation file is for {_describe_week(week, near)}; give the "
@@ -166,7 +164,7 @@ def time_short_arcs(
         away_m = float(np.linalg.norm(state.position_ecef_m - shown.position_ecef_m[row]))
         return away_m + SPEED_OF_LIGHT_M_S * clock_s
 
-    arcs = timed_by_range(tracker.arcs, tracker.measured.first, label, range_m)
+    arcs = time_by_range(tracker.arcs, tracker.measured.first, label, range_m)
     gained = sorted(
         str(arc.signal)
         for number, arc in arcs.items()

@@ -35,7 +35,7 @@ from skyproof.receiver import guidance as g
 from skyproof.receiver import measurement as m
 from skyproof.receiver.channels import Arc
 from skyproof.receiver.measurement import Measurements
-from skyproof.receiver.observables import WEEK_MS, ReceiverTimeTag, navigation_of, receiver_time_tag
+from skyproof.receiver.observables import WEEK_MS, ReceiverTimeTag, collect_navigation, receiver_time_tag
 from skyproof.receiver.tracking import MEASURE_FRAMES, Receiver, ReceiverState, StepOutput
 from skyproof.records import NavigationData, SignalId
 
@@ -125,7 +125,7 @@ def guide_channels(
     guiding = _learn_time_and_orbits(guiding, output.measurements, arcs, elapsed_s)
     if guiding.label is None or guiding.navigation is None:
         return guiding, state
-    measured = Measurements.joined([output.measurements, output.noncoherent])
+    measured = Measurements.join([output.measurements, output.noncoherent])
     channels = _channels(guiding, receiver, state, measured, arcs, elapsed_s)
     if not channels.arcs:
         return guiding, state
@@ -141,7 +141,7 @@ def _learn_time_and_orbits(
     if guiding.label is None:
         guiding = replace(guiding, label=receiver_time_tag(measured, arcs, guiding.week))
     if guiding.navigation is None and guiding.label is not None and (elapsed_s + 1e-6) % DECODE_S < 0.1:
-        found = navigation_of(arcs, guiding.label.week, "the signals")
+        found = collect_navigation(arcs, guiding.label.week, "the signals")
         if len({ephemeris.sat for ephemeris in found.ephemerides}) >= 5:
             guiding = replace(guiding, navigation=found)
     return guiding
@@ -180,7 +180,7 @@ def _channels(
         pseudorange_m[i] = SPEED_OF_LIGHT_M_S * (whole_ms * 1e-3 - table[m.FRACTION_S])
         doppler_hz[i], doppler_sigma_hz[i] = table[m.DOPPLER_HZ], table[m.DOPPLER_SIGMA_HZ]
         range_sigma_m[i] = SPEED_OF_LIGHT_M_S * table[m.CODE_SIGMA_S]
-    shown_s, doppler_shown_hz = g.shown_by_loops(
+    shown_s, doppler_shown_hz = g.read_loops(
         state.loops[places], elapsed_s, rate_hz=receiver.rate_hz, if_hz=receiver.if_hz, signal=receiver.signal
     )
     whole_ms_all = np.array([_whole_ms(guiding.label, elapsed_s, int(sent)) for sent in sent_ms])
@@ -303,7 +303,7 @@ def _follow(
         nothing = dict.fromkeys(channels.arcs, g.no_guide())
         # A unit that is not what is stated of it would lead the next filter wrong as well.
         fresh = replace(_without_filter(guiding), unit=None, diverged=guiding.diverged + 1)
-        return fresh, receiver.guided(state, nothing)
+        return fresh, receiver.set_guides(state, nothing)
     off_m = np.fmax(np.abs(found.range_left_m), 0.5 * np.abs(epoch.range_m - found.range_m))
     away = np.nan_to_num(np.where(drove | comes, _exceed_bound(off_m, found.rate_left_m_s, receiver), 0.0))
     stays = (drove | comes) & ~((away == away.max()) & (away > 1.0))
@@ -321,7 +321,7 @@ def _follow(
         guiding = replace(guiding, began_s=elapsed_s if guiding.began_s is None else guiding.began_s)
     if agreed >= POLICY.agreed_epochs:
         guides |= _guide(guiding, receiver, channels, found, sky, stays, elapsed_s)
-    return guiding, receiver.guided(state, guides)
+    return guiding, receiver.set_guides(state, guides)
 
 
 def _exceed_bound(misfit_m: Reals, rate_left_m_s: Reals, receiver: Receiver) -> Reals:

@@ -73,7 +73,7 @@ class CodeCarrier:
             tail = tails.get(o.receiver)
             if tail is not None and tail.elapsed_s[-1] >= o.elapsed_s[0]:
                 tail = None  # another recording
-            joined = o if tail is None else Observations.joined((tail, o))
+            joined = o if tail is None else Observations.join((tail, o))
             found.append(self._test_receiver(report, o, joined))
             kept = joined.elapsed_s >= o.elapsed_s[-1] - POLICY.remembered_s
             first = max(int(np.argmax(kept)), joined.gpst.size - POLICY.remembered_epochs)

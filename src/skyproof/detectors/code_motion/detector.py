@@ -157,7 +157,7 @@ class CodeMotion:
         for part, chosen in parts.items():
             now = _select_signals(o, chosen)
             tail = tails.get(part)
-            joined = now if tail is None else Observations.joined((tail, now))
+            joined = now if tail is None else Observations.join((tail, now))
             begin = joined.gpst.size - now.gpst.size
             series = self._series(joined, navigation, begin)
             after[part] = _keep_tail(joined, series)
@@ -329,4 +329,4 @@ def _keep_tail(joined: Observations, series: _Series | None) -> Observations:
     """Keep the epochs to remember: the last that have a position, else the last."""
     n = joined.gpst.size
     rows = np.arange(max(n - _TAIL, 0), n) if series is None else series.rows[-_TAIL:]
-    return Observations.joined([joined.read(int(row), int(row) + 1) for row in rows])
+    return Observations.join([joined.read(int(row), int(row) + 1) for row in rows])

@@ -96,7 +96,7 @@ def _take_chosen(cells: Reals, chosen: Integers) -> Reals:
 def join_later(before: Observations, after: Observations) -> Observations:
     """Join two stretches, with the transmissions of both; epochs of `after` that are not later are left out."""
     later = after.select(after.elapsed_s > before.elapsed_s[-1]) if before.gpst.size else after
-    return Observations.joined((before, later))
+    return Observations.join((before, later))
 
 
 def select_columns(o: Observations, columns: Indices) -> Observations:

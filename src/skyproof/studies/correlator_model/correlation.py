@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from skyproof.arrays import Reals
-from skyproof.receiver.replica import passed
+from skyproof.receiver.replica import low_pass_gain
 from skyproof.simulator.samples import low_pass
 from skyproof.studies.correlator_model.waves import SIGNAL
 
@@ -36,7 +36,7 @@ def tabulate_correlation(
     hz = lines / code.size * SIGNAL.chip_rate_hz
     power = (np.abs(np.fft.fft(code)) ** 2)[lines % code.size] * np.sinc(lines / code.size) ** 2 / code.size**2
     arrives = np.ones(hz.size) if bandwidth_hz is None else low_pass(hz, bandwidth_hz)
-    replica = passed(hz / rate_hz) if band_hz is None else np.asarray(hz <= 0.5 * band_hz, np.float64)
+    replica = low_pass_gain(hz / rate_hz) if band_hz is None else np.asarray(hz <= 0.5 * band_hz, np.float64)
 
     def table(shape: Reals) -> Reals:
         return np.asarray(np.fft.irfft(power * shape, code.size * POINTS) * (code.size * POINTS))
