@@ -354,7 +354,7 @@ class Searcher:
         return rows
 
     def _compute_spectra(self, planes: Floats, if_hz: float, offsets_hz: Reals) -> ComplexFloats:
-        """Fold each block to one code period after wipe-off at each offset; spectra (n_offsets, n_sums, n_fft)."""
+        """Compute spectra of each block, folded to one code period at each offset: (n_offsets, n_sums, n_fft)."""
         settings = self.settings
         n_periods = settings.coherent_periods * settings.n_sums
         exact = np.arange(n_periods) * self._per_period
@@ -597,5 +597,5 @@ def _fold_planes(i: Floats, q: Floats, starts: Integers, coherent: int, cycle_st
 
 
 def _fold(i: Floats, q: Floats, starts: Integers, coherent: int, cycle_step: float, out: ComplexFloats) -> None:
-    """Wipe off samples and add them over the periods of each block, into `out`, (n_blocks, n)."""
+    """Add samples, wiped off, over the periods of each block, into `out`, (n_blocks, n)."""
     _fold_planes(i, q, starts, coherent, cycle_step, out.view(np.float32))

@@ -172,7 +172,7 @@ def measure_noise(planes: Floats, signal: SignalPlan, rate_hz: float, if_hz: flo
 
 @cache
 def _build_table(signal: SignalPlan, sat: str, chips_per_sample: float) -> NDArray[np.int8]:
-    """Tabulate the code at fractions of a sample, (FRACTIONS, n), for a satellite.
+    """Build a table of the code at fractions of a sample, (FRACTIONS, n), for a satellite.
 
     Row p, column k is the chip (k + p / FRACTIONS - 1) samples after the code's start. Reading a row costs a fraction
     of looking up the chip of each sample.

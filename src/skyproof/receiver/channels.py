@@ -26,9 +26,9 @@ __all__ = [
     "Gap",
     "LostSignal",
     "arc_from_channel",
+    "build_lost_signal",
     "continue_tow",
     "letter",
-    "lost_from_channel",
     "match_lost",
 ]
 
@@ -146,7 +146,7 @@ def arc_from_channel(channel: Channel, signal: SignalPlan) -> Arc:
     )
 
 
-def lost_from_channel(channel: Channel, place: DelayDoppler, signal: SignalPlan) -> LostSignal:
+def build_lost_signal(channel: Channel, place: DelayDoppler, signal: SignalPlan) -> LostSignal:
     """Convert a confirmed channel to a lost signal, last received at this place."""
     assert channel.copy is not None
     began_ms = channel.telemetry.tow_ms_at_period_0

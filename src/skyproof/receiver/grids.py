@@ -39,10 +39,10 @@ __all__ = [
     "Bursts",
     "GridCorrelator",
     "Grids",
+    "align_replica",
     "find_first_row",
     "is_disturbed",
     "noise_delays",
-    "straighten",
 ]
 
 BAND_SHARE = 0.6
@@ -311,7 +311,7 @@ def find_first_row(periods: Reals, bit_start: float, step: int) -> int:
 
 
 @compiled
-def straighten(
+def align_replica(
     row: Reals, last: Reals, rate_hz: float, if_hz: float, code_rate_hz: float, carrier_hz: float
 ) -> tuple[float, float]:
     """Return frequency, Hz, and chips a sample of the replica that runs straight from a row to the last one."""
@@ -364,7 +364,7 @@ def _correlate(
             if r + periods > counts[channel]:
                 break
             row, last = rows[channel, r], rows[channel, r + periods - 1]
-            frequency_hz, chips_per_sample = straighten(row, last, rate_hz, if_hz, code_rate_hz, carrier_hz)
+            frequency_hz, chips_per_sample = align_replica(row, last, rate_hz, if_hz, code_rate_hz, carrier_hz)
             start, chip = int(row[k.OUT_START]), row[k.OUT_CHIP]
             n_all = math.ceil((periods * code_length - chip) / chips_per_sample)
             middle_s = 0.5 * n_all / rate_hz

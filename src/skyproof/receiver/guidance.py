@@ -78,7 +78,7 @@ def guide_loops(
     if_hz: float,
     signal: SignalPlan,
 ) -> tuple[Reals, Reals]:
-    """Guide loops (n_channels, N_STATE) for the next frame; return them and the guides that have not lapsed.
+    """Return loops (n_channels, N_STATE) as guided for the next frame, and the guides that have not lapsed.
 
     unseen : (n_channels,) whose phase is not held: their carriers follow the prediction. now_s : the frame's end.
     """

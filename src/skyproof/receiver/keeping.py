@@ -21,9 +21,9 @@ from skyproof.receiver.channels import (
     Gap,
     LostSignal,
     arc_from_channel,
+    build_lost_signal,
     continue_tow,
     letter,
-    lost_from_channel,
     match_lost,
 )
 from skyproof.receiver.grids import Grids
@@ -149,7 +149,7 @@ def read_messages(state: ReceiverState, settings: ReceiverSettings, given: StepC
 
 
 def _start_arc(channel: Channel, number: int, began: Began, signal: SignalPlan, given: StepCollector) -> Channel:
-    """Put the channel into a new arc; record the one before as it ended."""
+    """Begin a new arc of the channel; record the one before as it ended."""
     given.arcs[channel.arc] = arc_from_channel(channel, signal)
     return replace(channel, arc=number, began=began)
 
@@ -232,7 +232,7 @@ def _list_coasting(state: ReceiverState, signal: SignalPlan) -> Mapping[int, Los
     """Return the channels that coast, as signals that may be found elsewhere."""
     coast = np.flatnonzero(np.isfinite(state.courses[:, coasting.SINCE_S]))
     return {
-        i: lost_from_channel(state.channels[i], place_of(state.locked_at[i]), signal)
+        i: build_lost_signal(state.channels[i], place_of(state.locked_at[i]), signal)
         for i in coast.tolist()
         if state.channels[i].copy is not None
     }
@@ -262,7 +262,7 @@ def drop(state: ReceiverState, delays_s: Reals, settings: ReceiverSettings, give
             stay.append(i)
         elif channel.copy is not None:
             given.arcs[channel.arc] = arc_from_channel(channel, settings.signal)
-            lost = (*lost, lost_from_channel(channel, place_of(state.locked_at[i]), settings.signal))
+            lost = (*lost, build_lost_signal(channel, place_of(state.locked_at[i]), settings.signal))
     return replace(keep_channels(state, stay), lost=lost)
 
 

@@ -112,7 +112,7 @@ def measure_noncoherent(
     one code period. None if noise alone exceeds the prompts' power with this probability (a Gamma variable, whole bits
     its shape), or without three whole bits.
     """
-    bit = _number_whole_bits(rows[:, k.OUT_PERIOD], bit_start, signal.periods_per_symbol)
+    bit = _label_whole_bits(rows[:, k.OUT_PERIOD], bit_start, signal.periods_per_symbol)
     rows, bit = rows[bit >= 0], bit[bit >= 0]
     n = int(bit[-1]) + 1 if bit.size else 0
     if n < 3 or not noise > 0.0:
@@ -148,8 +148,8 @@ def measure_noncoherent(
     )
 
 
-def _number_whole_bits(periods: Reals, bit_start: float, length: int) -> Integers:
-    """Number the bit of each code period, from 0 on; -1 in bits with a missing part."""
+def _label_whole_bits(periods: Reals, bit_start: float, length: int) -> Integers:
+    """Label the bit of each code period, from 0 on; -1 in bits with a missing part."""
     of = np.floor((periods - bit_start) / length).astype(np.int64)
     first, counts = np.unique(of, return_inverse=True, return_counts=True)[1:]
     whole = counts == length

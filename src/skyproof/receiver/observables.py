@@ -374,7 +374,7 @@ def time_by_range(
     label: ReceiverTimeTag,
     range_m: Callable[[str, float], float | None],
 ) -> dict[int, Arc]:
-    """Complete arcs without a time of week by the range that their satellite should have.
+    """Add a time of week to arcs without one, by the range that their satellite should have.
 
     Bits begin at whole multiples of their length. So a channel that knows where its bits begin is ambiguous by these
     only (LNAV: 20 ms, 6000 km), and the predicted pseudorange resolves that. A false signal off by more than half of it

@@ -31,7 +31,7 @@ def code_table(
     reach_chips: float = REACH_CHIPS,
     low_pass: Callable[[Reals], Reals] = low_pass_gain,
 ) -> NDArray[np.int8]:
-    """Tabulate the code resampled at `n_phases` fractions of a sample behind a low-pass, times `CODE_SCALE`.
+    """Build a table of the code resampled at `n_phases` fractions of a sample behind a low-pass, times `CODE_SCALE`.
 
     code : (n_chips,) of +1 and -1, repeated without end.
     chips_per_sample : at the nominal code rate.

@@ -41,7 +41,7 @@ def direction_cosines(azimuth_rad: ArrayLike, elevation_rad: ArrayLike) -> Reals
 
 
 def hemisphere(count: int) -> Reals:
-    """Spread directions (count, 3) evenly over the upper hemisphere.
+    """Generate directions (count, 3), spread evenly over the upper hemisphere.
 
     Heights have equal steps, azimuths turn by the golden angle (Gonzalez, Mathematical Geosciences 42, 2010).
     """

@@ -15,8 +15,8 @@ from skyproof.receiver.grids import (
     NOISE_TAPS,
     Bursts,
     GridCorrelator,
+    align_replica,
     find_first_row,
-    straighten,
 )
 from skyproof.receiver.replica import CODE_SCALE
 from skyproof.studies.correlator_model.correlation import interpolate, noise_root, tabulate_correlation
@@ -68,7 +68,7 @@ class ModelGrids(GridCorrelator):
         code_rate_hz, carrier_hz = SIGNAL.chip_rate_hz, SIGNAL.carrier_hz
         frequency_hz, chips_per_sample = np.array(
             [
-                straighten(row, end, self.rate_hz, self.if_hz, code_rate_hz, carrier_hz)
+                align_replica(row, end, self.rate_hz, self.if_hz, code_rate_hz, carrier_hz)
                 for row, end in zip(first, last, strict=True)
             ]
         ).T
