@@ -83,10 +83,10 @@ def test_taps_of_samples_through_a_filter_have_the_models_signal_and_noise():
     noise = rng.standard_normal(low.shape) + 1j * rng.standard_normal(low.shape)
     lags = np.arange(-6, 7)
     signal = np.stack([np.mean(low * np.roll(low, k, axis=1), axis=1) for k in lags], axis=1)
-    both = np.stack([np.mean(noise * np.roll(low, k, axis=1), axis=1) for k in lags], axis=1)
+    noise_taps = np.stack([np.mean(noise * np.roll(low, k, axis=1), axis=1) for k in lags], axis=1)
     shape = correlation(lags * 1.023e6 / rate_hz, rate_hz, GPS_L1_CA)
     assert np.allclose(signal.mean(axis=0) / signal.mean(axis=0)[6], shape, atol=5e-3)
-    covariance = (both.T @ both.conj()).real / trials
+    covariance = (noise_taps.T @ noise_taps.conj()).real / trials
     expected = correlation((lags[:, None] - lags) * 1.023e6 / rate_hz, rate_hz, GPS_L1_CA)
     assert np.allclose(covariance / np.trace(covariance) * len(lags), expected, atol=0.12)  # 3 sigma of 800
 
@@ -149,9 +149,11 @@ def test_an_unknown_doppler_does_not_change_the_bound_of_the_delays():
     blocks = blocks_dictionary(0.02, 10, within_hz=60.0)
     amplitude = AMPLITUDES * np.exp(1j * np.array([0.0, 1.0]))
     known = delay_bound([0.0, 0.25], amplitude, variance, delays)
-    both = delay_bound([0.0, 0.25], amplitude, variance, delays, blocks, 3.0)
-    assert np.allclose(np.diag(both)[:2], np.diag(known), rtol=0.02)
-    assert np.all((np.sqrt(np.diag(both)[2:]) > 0.7) & (np.sqrt(np.diag(both)[2:]) < 1.6))  # guide: 0.8 to 1.5 Hz
+    joint_bound = delay_bound([0.0, 0.25], amplitude, variance, delays, blocks, 3.0)
+    assert np.allclose(np.diag(joint_bound)[:2], np.diag(known), rtol=0.02)
+    assert np.all(
+        (np.sqrt(np.diag(joint_bound)[2:]) > 0.7) & (np.sqrt(np.diag(joint_bound)[2:]) < 1.6)
+    )  # guide: 0.8 to 1.5 Hz
 
 
 # The fit
@@ -217,8 +219,8 @@ def test_leading_axes_are_free_and_change_nothing():
     whole = decompose(taps.reshape(2, 3, -1), delays, noise_variance=variance)
     assert whole.delay_chips.shape == (2, 3, 2)
     assert whole.covariance.shape == (2, 3, 2, 2)
-    one = decompose(taps[4], delays, noise_variance=variance)
-    assert np.array_equal(one.delay_chips, whole.delay_chips[1, 1])
+    problem = decompose(taps[4], delays, noise_variance=variance)
+    assert np.array_equal(problem.delay_chips, whole.delay_chips[1, 1])
 
 
 def test_taps_that_do_not_fit_the_dictionary_are_refused():
@@ -278,7 +280,7 @@ def test_a_wider_band_of_shorter_chips_is_the_same_shape():
 def test_a_dictionary_is_read_between_its_points(delay):
     dictionary = delay_dictionary(10e6)
     value, slope = dictionary.at(delay)
-    left, right = (dictionary.at(np.clip(delay + step, -1.3, 1.3)) for step in (-1e-5, 1e-5))
+    before, after = (dictionary.at(np.clip(delay + step, -1.3, 1.3)) for step in (-1e-5, 1e-5))
     width = np.clip(delay + 1e-5, -1.3, 1.3) - np.clip(delay - 1e-5, -1.3, 1.3)
-    np.testing.assert_allclose(slope, (right[0] - left[0]) / width, atol=1e-3 * np.linalg.norm(slope) + 1e-6)
+    np.testing.assert_allclose(slope, (after[0] - before[0]) / width, atol=1e-3 * np.linalg.norm(slope) + 1e-6)
     assert np.linalg.norm(value) == pytest.approx(1.0, abs=0.05)

@@ -75,14 +75,14 @@ def _echoing(rng, o, records, sets):
     n = len(o.signals) // 2
     level_dbhz = np.median(o.cn0_dbhz[:, :n], axis=0)
     elevation_deg = np.degrees([elevation_rad(records.navigation, sets, s.sat) for s in o.signals[:n]])
-    shown = {name: getattr(o, name).copy() for name in ("pseudorange_m", "cn0_dbhz", "doppler_hz")}
-    for values in shown.values():
+    cells = {name: getattr(o, name).copy() for name in ("pseudorange_m", "cn0_dbhz", "doppler_hz")}
+    for values in cells.values():
         values[:, n:] = np.nan
     for k, second in drawn_seconds(rng, SecondSignalsSettings().echoes, level_dbhz.max() - level_dbhz, elevation_deg):
-        shown["pseudorange_m"][:, n + k] = o.pseudorange_m[:, k] + second.late_m
-        shown["cn0_dbhz"][:, n + k] = o.cn0_dbhz[:, k] + second.over_db
-        shown["doppler_hz"][:, n + k] = o.doppler_hz[:, k] + second.apart_hz
-    return replace(o, **shown)
+        cells["pseudorange_m"][:, n + k] = o.pseudorange_m[:, k] + second.late_m
+        cells["cn0_dbhz"][:, n + k] = o.cn0_dbhz[:, k] + second.over_db
+        cells["doppler_hz"][:, n + k] = o.doppler_hz[:, k] + second.apart_hz
+    return replace(o, **cells)
 
 
 UNRELATED = MeasuredScene(antennas_enu_m=ONE, epochs=3, false=ECHOES.false, errors=ECHOES.errors, max_satellites=8)
@@ -132,7 +132,7 @@ def looks(rng, cn0_dbhz=45.0, n=500, *, second=0.0, lag_chips=0.0, beat_hz=0.0, 
     return (triangle(delays) + other + sigma * noise).astype(np.complex64)
 
 
-def looked(rng, cn0_dbhz=(35.0, 50.0), n=500, seconds=None):
+def take_looks(rng, cn0_dbhz=(35.0, 50.0), n=500, seconds=None):
     """Records of ten signals' taps in looks; `seconds` maps a number of a signal to `looks`'s words."""
     levels = rng.uniform(*cn0_dbhz, len(TAPS_SIGNALS))
     value = [looks(rng, level, n, **(seconds or {}).get(k, {})) for k, level in enumerate(levels)]
@@ -148,11 +148,11 @@ def looked(rng, cn0_dbhz=(35.0, 50.0), n=500, seconds=None):
     return Records(start_gpst=START, end_gpst=end, taps=(taps,))
 
 
-def reflected(rng, probability):
+def reflect(rng, probability):
     """Each signal has a strong reflection with this probability: late, and at any beat."""
     hit = np.flatnonzero(rng.random(len(TAPS_SIGNALS)) < probability)
     ray = [{"second": 0.5, "lag_chips": rng.uniform(0.2, 1.2), "beat_hz": rng.uniform(-20.0, 20.0)} for _ in hit]
-    return looked(rng, seconds=dict(zip(hit.tolist(), ray, strict=True)), n=150)
+    return take_looks(rng, seconds=dict(zip(hit.tolist(), ray, strict=True)), n=150)
 
 
 CCAF_RATE_HZ = 10e6

@@ -104,7 +104,7 @@ def few_satellites(rng: np.random.Generator) -> Records:
     return replace(records, observations=(replace(o, pseudorange_m=codes_m),), sets=())
 
 
-def found_before(records: Records) -> Records:
+def find_before(records: Records) -> Records:
     """Return records in which another test found nothing."""
     (o,) = records.observations
     nothing = Finding(
@@ -122,7 +122,7 @@ def standing(rng: np.random.Generator) -> Records:
     """Draw records of a receiver that stands where it was surveyed."""
     stands = Standing(stands=True, oscillator=None, by=("standing",), assumes=("receiver_stands",))
     at_home = place_surveyed(stands, HOME_ECEF_M["rx1"], 0.01 * np.eye(3))
-    return replace(found_before(ALONE.records(rng)), standing={"rx1": at_home})
+    return replace(find_before(ALONE.records(rng)), standing={"rx1": at_home})
 
 
 def two_false_skies(rng: np.random.Generator) -> Records:
@@ -138,7 +138,7 @@ def two_false_skies(rng: np.random.Generator) -> Records:
     return replace(records, sets=sets, findings=attack, expected=records.standing)
 
 
-def carried(rng: np.random.Generator) -> Records:
+def move_receiver(rng: np.random.Generator) -> Records:
     """Draw records of a receiver with an inertial unit, of which no attitude is stated."""
     readings = ImuSeries(
         gpst=GPS_EPOCH + np.arange(3) * np.timedelta64(1, "s"),
@@ -153,7 +153,7 @@ def carried(rng: np.random.Generator) -> Records:
         clock=False,
         by=("inertial_unit",),
     )
-    return replace(found_before(ALONE.records(rng)), inertial={"rx1": unit})
+    return replace(find_before(ALONE.records(rng)), inertial={"rx1": unit})
 
 
 def snapshots(rng: np.random.Generator) -> Records:
@@ -164,8 +164,10 @@ def snapshots(rng: np.random.Generator) -> Records:
     change = SnapshotChange(
         signal=o.signals[0], kind="begins", gpst=o.gpst[1], after_s=1.0, p_value=p_value / len(o.signals)
     )
-    own = SnapshotChanges(signals=o.signals, changes=(change,) if p_value < 0.1 else (), chance=0.1 / len(o.signals))
-    return replace(records, changes={"rx1": own})
+    changes = SnapshotChanges(
+        signals=o.signals, changes=(change,) if p_value < 0.1 else (), chance=0.1 / len(o.signals)
+    )
+    return replace(records, changes={"rx1": changes})
 
 
 class NotOneAntenna(MultiReceiver):
@@ -294,7 +296,7 @@ CASES = (
     Case(
         "a unit that is not aligned in the first window",
         lambda: Inertia(InertiaSettings(false_alarm_probability=0.3)),
-        carried,
+        move_receiver,
         10,
         100,
         conservative="nothing is held against it before; of drives and walks it is counted in `test_inertia`",
@@ -362,7 +364,7 @@ CASES = (
     Case(
         "reflections, as many as it is given",
         lambda: Sqm(SqmSettings(false_alarm_probability=0.2, reflection_probability=0.3)),
-        lambda rng: nulls.reflected(rng, 0.3),
+        lambda rng: nulls.reflect(rng, 0.3),
         40,
         2000,
         conservative="no reflection comes before its signal",
@@ -446,7 +448,7 @@ CASES = (
 )
 
 
-def named(case):
+def list_named(case):
     return f"{case.make().name}: {case.about}"
 
 
@@ -457,7 +459,7 @@ def test_every_installed_detector_is_in_the_contract(name):
     assert kind().name == name
 
 
-@pytest.mark.parametrize("case", CASES, ids=named)
+@pytest.mark.parametrize("case", CASES, ids=list_named)
 def test_a_detector_meets_the_contract(case):
     check_detector(
         case.make,
@@ -470,7 +472,7 @@ def test_a_detector_meets_the_contract(case):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", CASES, ids=named)
+@pytest.mark.parametrize("case", CASES, ids=list_named)
 def test_false_alarms_come_at_the_stated_rate_in_many_windows(case):
     rng = np.random.default_rng(2)
     check_false_alarms(

@@ -31,11 +31,11 @@ class Odd:
     changes: dict[str, object] = field(default_factory=dict)
 
     def examine(self, records, state=None):
-        said = base.undecided(self, records, base.signals_of(records.observations), because="so", would_need="more")
-        return [replace(said, **self.changes)], state
+        findings = base.undecided(self, records, base.signals_of(records.observations), because="so", would_need="more")
+        return [replace(findings, **self.changes)], state
 
 
-def registered(monkeypatch, *points):
+def register(monkeypatch, *points):
     """Entry points of (name, package, what is loaded or raised)."""
 
     def load(what):
@@ -78,19 +78,19 @@ def test_our_detectors_are_found_by_their_entry_points():
     ],
 )
 def test_a_detector_that_cannot_be_loaded_is_named_with_its_package_and_why(monkeypatch, what, said):
-    registered(monkeypatch, ("odd", "odd-package", what))
+    register(monkeypatch, ("odd", "odd-package", what))
     with pytest.raises(SettingsError, match=rf"'odd' of odd-package 0\.1.*{said}"):
         registry.load_detectors()
 
 
 def test_no_package_takes_the_name_of_another_ones_detector(monkeypatch):
-    registered(monkeypatch, ("odd", "odd-package", Odd), ("odd", "other-package", Odd))
+    register(monkeypatch, ("odd", "odd-package", Odd), ("odd", "other-package", Odd))
     with pytest.raises(SettingsError, match=r"odd-package 0\.1 .*other-package 0\.1"):
         registry.load_detectors()
 
 
 def test_detectors_of_other_packages_are_listed(monkeypatch):
-    registered(monkeypatch, ("odd", "odd-package", Odd), ("spin", "skyproof", Odd))
+    register(monkeypatch, ("odd", "odd-package", Odd), ("spin", "skyproof", Odd))
     assert entries.list_foreign() == {"odd": "odd-package 0.1"}
 
 
@@ -131,10 +131,10 @@ def test_evidence_that_cannot_be_used_fails_the_contract_and_in_a_run_is_undecid
     odd = Odd(changes=FAULTS[fault])
     with pytest.raises(AssertionError, match=fault.replace(".", r"\.")):
         check_evidence(lambda: odd, records)
-    ((said,), state) = registry.examine_window(odd, records, "before")
-    assert (said.says, said.detector, state) == ("undecided", "odd", "before")
-    assert fault in said.data["error"]
-    assert (said.code, said.data["detector"]) == ("failed", "odd")
+    ((finding,), state) = registry.examine_window(odd, records, "before")
+    assert (finding.says, finding.detector, state) == ("undecided", "odd", "before")
+    assert fault in finding.data["error"]
+    assert (finding.code, finding.data["detector"]) == ("failed", "odd")
 
 
 @pytest.mark.parametrize(
@@ -167,8 +167,8 @@ def test_what_is_no_evidence_is_not_taken_for_some(given):
         def examine(self, records, state=None):
             return given
 
-    ((said,), _) = registry.examine_window(Strange(), SCENE.records(np.random.default_rng(1)), None)
-    assert "gave" in said.data["error"]
+    ((finding,), _) = registry.examine_window(Strange(), SCENE.records(np.random.default_rng(1)), None)
+    assert "gave" in finding.data["error"]
 
 
 def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_raised(monkeypatch):
@@ -180,10 +180,10 @@ def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_
             raise KeyError("none")
 
     records = SCENE.records(np.random.default_rng(1))
-    ((said,), _) = registry.examine_window(Raising(), records, None)
-    assert said.data["error"].startswith("ValueError: singular matrix (test_registry.py, line")
-    *before, failed = registry.review_evidence(Raising(), [said])
-    assert before == [said]
+    ((finding,), _) = registry.examine_window(Raising(), records, None)
+    assert finding.data["error"].startswith("ValueError: singular matrix (test_registry.py, line")
+    *before, failed = registry.review_evidence(Raising(), [finding])
+    assert before == [finding]
     assert failed.says == "undecided"
     assert failed.code == "review_failed"
     assert failed.data["error"].startswith("KeyError: 'none' (test_registry.py, line")
@@ -195,9 +195,9 @@ def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_
 @pytest.mark.parametrize(
     ("given", "fault"),
     [
-        (lambda own, other: [own], "1 of 2 pieces"),
-        (lambda own, other: [None, other], "NoneType among"),
-        (lambda own, other: [replace(own, p_value=1.7), other], "p_value is 1.7"),
+        (lambda odd_evidence, other: [odd_evidence], "1 of 2 pieces"),
+        (lambda odd_evidence, other: [None, other], "NoneType among"),
+        (lambda odd_evidence, other: [replace(odd_evidence, p_value=1.7), other], "p_value is 1.7"),
     ],
 )
 def test_a_review_that_cannot_be_used_is_said_and_changes_nothing(given, fault):
@@ -205,27 +205,27 @@ def test_a_review_that_cannot_be_used_is_said_and_changes_nothing(given, fault):
         def review(self, evidence):
             return given(*evidence)
 
-    own, other = _said_by_odd_and_another()
-    *before, failed = registry.review_evidence(Reviewing(), [own, other])
-    assert before == [own, other]
-    assert (failed.detector, failed.says, failed.start_gpst) == ("odd", "undecided", own.start_gpst)
+    odd_evidence, other = _examine_odd_and_another()
+    *before, failed = registry.review_evidence(Reviewing(), [odd_evidence, other])
+    assert before == [odd_evidence, other]
+    assert (failed.detector, failed.says, failed.start_gpst) == ("odd", "undecided", odd_evidence.start_gpst)
     assert fault in failed.data["error"]
 
 
 def test_a_review_changes_its_own_evidence_and_no_others():
     class Reviewing(Odd):
         def review(self, evidence):
-            return (replace(one, because="reviewed", says="clean") for one in evidence)
+            return (replace(finding, because="reviewed", says="clean") for finding in evidence)
 
-    own, other = _said_by_odd_and_another()
-    changed, kept = registry.review_evidence(Reviewing(), [own, other])
+    odd_evidence, other = _examine_odd_and_another()
+    changed, kept = registry.review_evidence(Reviewing(), [odd_evidence, other])
     assert (changed.code, changed.data["because"]) == ("clean", "reviewed")
     assert kept is other
 
 
-def _said_by_odd_and_another():
-    ((own,), _) = Odd().examine(SCENE.records(np.random.default_rng(1)))
-    return own, replace(own, detector="residual", says="attack", because="they fit no position")
+def _examine_odd_and_another():
+    ((odd_evidence,), _) = Odd().examine(SCENE.records(np.random.default_rng(1)))
+    return odd_evidence, replace(odd_evidence, detector="residual", says="attack", because="they fit no position")
 
 
 def test_p_values_that_are_too_small_under_their_null_break_the_contract():
@@ -233,9 +233,9 @@ def test_p_values_that_are_too_small_under_their_null_break_the_contract():
 
     class Constant(Odd):
         def examine(self, records, state=None):
-            said, state = super().examine(records, state)
+            findings, state = super().examine(records, state)
             alarm = rng.random() < 0.01
-            return [replace(said[0], says="attack" if alarm else "clean", p_value=0.005 if alarm else 0.3)], state
+            return [replace(findings[0], says="attack" if alarm else "clean", p_value=0.005 if alarm else 0.3)], state
 
     windows = [SCENE.records(rng)] * 400
     with pytest.raises(AssertionError, match=r"\b400 p-values\b.* 0\."):

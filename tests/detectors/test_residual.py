@@ -25,7 +25,7 @@ def scene(**changes):
     return MeasuredScene(**({"antennas_enu_m": ONE, "errors": ERRORS, "epochs": 10} | changes))
 
 
-def shifted(records, column, metres):
+def shift_ranges(records, column, metres):
     """The same records with one channel's pseudoranges moved."""
     first = records.observations[0]
     pseudorange_m = first.pseudorange_m.copy()
@@ -42,7 +42,7 @@ def test_a_clean_sky_fits_one_position():
 def test_a_single_fault_is_named_and_nothing_else(metres):
     """What comes early, or later than any street makes it, is no reflection."""
     records = scene().records(np.random.default_rng(0))
-    (finding,) = Residual().examine(shifted(records, 4, metres))[0]
+    (finding,) = Residual().examine(shift_ranges(records, 4, metres))[0]
     assert (finding.says, finding.code) == ("undecided", "single_misfit")
     assert finding.data["excluded"] == str(records.observations[0].signals[4])
     assert {"fault", "orbits"} <= set(finding.may_also_be)
@@ -53,7 +53,7 @@ def test_a_single_fault_is_named_and_nothing_else(metres):
 def test_satellites_that_come_late_are_reflected(late_m):
     records = scene().records(np.random.default_rng(0))
     for column, metres in enumerate(late_m, 3):
-        records = shifted(records, column, metres)
+        records = shift_ranges(records, column, metres)
     (reflected,) = Residual().examine(records)[0]
     (o,) = records.observations
     assert {ref.signal for ref in reflected.signals} == set(o.signals[3 : 3 + len(late_m)])
@@ -63,15 +63,15 @@ def test_satellites_that_come_late_are_reflected(late_m):
 
 def test_misfits_of_seven_satellites_are_reflections_of_one():
     records = scene(max_satellites=7).records(np.random.default_rng(0))
-    both = shifted(shifted(records, 3, 60.0), 4, 140.0)
-    (finding,) = Residual().examine(both)[0]
+    both_shifted = shift_ranges(shift_ranges(records, 3, 60.0), 4, 140.0)
+    (finding,) = Residual().examine(both_shifted)[0]
     assert finding.code == "misfit"
 
 
 def lowest(records):
     """Column of the satellite that stands lowest, and all elevations, degrees."""
-    (o,), (own,) = records.observations, records.sets
-    sats = [elevation_rad(records.navigation, (own,), signal.sat) for signal in o.signals]
+    (o,), (chosen,) = records.observations, records.sets
+    sats = [elevation_rad(records.navigation, (chosen,), signal.sat) for signal in o.signals]
     return int(np.argmin(sats)), np.degrees(sats)
 
 
@@ -80,7 +80,7 @@ def test_no_satellite_below_the_mask_makes_the_word(mask_deg):
     records = scene(mask_deg=3.0).records(np.random.default_rng(0))
     column, elevation_deg = lowest(records)
     assert elevation_deg.min() < 10.0
-    moved = shifted(records, column, 60.0)
+    moved = shift_ranges(records, column, 60.0)
     (low,) = Residual(ResidualSettings(elevation_mask_deg=0.0)).examine(moved)[0]
     (high,) = Residual(ResidualSettings(elevation_mask_deg=mask_deg)).examine(moved)[0]
     assert (low.says, high.says) == ("multipath", "clean")
@@ -109,10 +109,10 @@ def test_satellites_farther_off_than_any_echo_have_wrong_orbits(columns):
     records = scene().records(np.random.default_rng(0))
     (sky,) = records.sets
     wrong = [records.observations[0].signals[column] for column in columns]
-    left = tuple(signal for signal in sky.signals if signal not in wrong)
+    right_signals = tuple(signal for signal in sky.signals if signal not in wrong)
     for k, column in enumerate(columns):
-        records = shifted(records, column, (-1.0) ** k * 3e5)
-    (evidence,) = Residual().examine(replace(records, sets=(replace(sky, signals=left),)))[0]
+        records = shift_ranges(records, column, (-1.0) ** k * 3e5)
+    (evidence,) = Residual().examine(replace(records, sets=(replace(sky, signals=right_signals),)))[0]
     assert (evidence.says, evidence.code) == ("undecided", "orbits_off")
     assert evidence.may_also_be == ("orbits", "fault")
     assert evidence.data["far"] == tuple(sorted(signal.sat for signal in wrong))
@@ -122,7 +122,7 @@ def test_satellites_farther_off_than_any_echo_have_wrong_orbits(columns):
 def test_no_single_signal_is_blamed_while_satellites_have_second_ones():
     """A channel that has been led away beside a second sky is no fault of its satellite."""
     records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
-    (evidence,) = Residual().examine(replace(shifted(records, 4, 60.0), sets=records.sets[:1]))[0]
+    (evidence,) = Residual().examine(replace(shift_ranges(records, 4, 60.0), sets=records.sets[:1]))[0]
     assert (evidence.says, evidence.code) == ("undecided", "misfit_with_second_signals")
     assert evidence.data["doubled"] == len(records.sets[1].signals)
 
@@ -130,7 +130,7 @@ def test_no_single_signal_is_blamed_while_satellites_have_second_ones():
 def test_a_mixture_is_no_single_fault():
     records = scene().records(np.random.default_rng(0))
     for column, metres in ((1, 200.0), (4, 330.0), (7, -150.0), (9, 500.0)):
-        records = shifted(records, column, metres)
+        records = shift_ranges(records, column, metres)
     (evidence,) = Residual().examine(records)[0]
     assert (evidence.says, evidence.code) == ("undecided", "misfit")
 
@@ -195,8 +195,8 @@ def test_the_chance_counts_the_sets_that_second_signals_could_form_and_no_others
 @pytest.mark.parametrize(("of", "least", "most"), [(5, 1e-2, 1.0), (10, 0.0, 1e-7)])
 def test_few_satellites_of_another_kind_fit_elsewhere_by_chance(of, least, most):
     """As where their orbits or clocks are wrong by some hundred metres, each by its own: no second sky."""
-    o, sky, there = beside_galileo("E1")
-    other = elsewhere(sky, there["E1"][:of], 400.0)
+    o, sky, galileo = beside_galileo("E1")
+    other = elsewhere(sky, galileo["E1"][:of], 400.0)
     assert least <= second_sky_p_value(o, (sky, other), unrelated_spread_m=300.0) <= most
 
 
@@ -204,18 +204,18 @@ def beside_galileo(*bands):
     """Return a sky's observations with as many satellites of Galileo in each band, its set, and signals by band."""
     records = scene().records(np.random.default_rng(0))
     (sky,), (o,) = records.sets, records.observations
-    there = {
+    galileo = {
         band: tuple(replace(s, sat=f"E{number:02d}", band=band, code="C") for number, s in enumerate(o.signals, 1))
         for band in bands
     }
     times = 1 + len(bands)
     every = replace(
         o,
-        signals=sum(there.values(), o.signals),
+        signals=sum(galileo.values(), o.signals),
         **{name: np.tile(getattr(o, name), (1, times)) for name in (*OBSERVABLES, "status", "half_cycle_open")},
         **{name: np.tile(getattr(o, name), times) for name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")},
     )
-    return every, sky, there
+    return every, sky, galileo
 
 
 def elsewhere(sky, signals, off_m):
@@ -226,19 +226,21 @@ def elsewhere(sky, signals, off_m):
 def test_bands_of_the_same_satellites_form_no_more_sets():
     """Signals of a satellite take one way: three bands of eight satellites are eight paths and no 6561 sets."""
     bands = ("E1", "E5a", "E5b")
-    o, sky, there = beside_galileo(*bands)
+    o, sky, galileo = beside_galileo(*bands)
     alone, every = (
-        echoes_p_value(o, elsewhere(sky, sum((there[band][:8] for band in own), ()), 400.0), unrelated_spread_m=300.0)
-        for own in (bands[:1], bands)
+        echoes_p_value(
+            o, elsewhere(sky, sum((galileo[band][:8] for band in some_bands), ()), 400.0), unrelated_spread_m=300.0
+        )
+        for some_bands in (bands[:1], bands)
     )
     # Of several kinds the statistic of each is not known, and that which fits once in 10^4 stands for it.
     assert alone < every < 1e3 * alone
 
 
 def test_what_is_kilometres_off_had_kilometres_to_be_in():
-    o, sky, there = beside_galileo("E1")
+    o, sky, galileo = beside_galileo("E1")
     near, far = (
-        second_sky_p_value(o, (sky, elsewhere(sky, there["E1"][:8], off_m)), unrelated_spread_m=300.0)
+        second_sky_p_value(o, (sky, elsewhere(sky, galileo["E1"][:8], off_m)), unrelated_spread_m=300.0)
         for off_m in (100.0, 8000.0)
     )
     assert 0.0 < far < 1e-4 * near
@@ -246,8 +248,8 @@ def test_what_is_kilometres_off_had_kilometres_to_be_in():
 
 def test_a_signal_of_the_other_skys_kind_hides_no_sky():
     """A false band beside which one signal of the true band fits by chance."""
-    o, sky, there = beside_galileo("E1")
-    pure = elsewhere(sky, there["E1"][:9], 400.0)
+    o, sky, galileo = beside_galileo("E1")
+    pure = elsewhere(sky, galileo["E1"][:9], 400.0)
     mixed = replace(pure, signals=(*pure.signals, sky.signals[-1]))
     true = replace(sky, signals=sky.signals[:-1])
     assert second_sky_p_value(o, (true, mixed), unrelated_spread_m=300.0) < 1e-6

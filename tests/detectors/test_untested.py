@@ -64,7 +64,7 @@ STANDING = CodesAtPlaceSettings(speed_max_m_s=0.0)
 AT_PLACE = CodesAtPlaceSettings(positions_ecef_m={"rx1": np.array([3e6, 1e6, 5.5e6])})
 
 
-def renamed(records, names):
+def rename_detector(records, names):
     """With other names of the signals, which are in no set then."""
     (o,) = records.observations
     return replace(records, observations=(replace(o, signals=tuple(names(o.signals))),), sets=())
@@ -87,7 +87,7 @@ def later(records, seconds):
 
 
 def with_taps(change, kind="taps", records=None):
-    records = nulls.looked(rng()) if records is None else records
+    records = nulls.take_looks(rng()) if records is None else records
     (taps,) = getattr(records, kind)
     return replace(records, **{kind: (change(taps),)})
 
@@ -152,7 +152,7 @@ def turning(n=150, signals=8, bent=0):
     return replace(records, observations=(replace(o, carrier_cyc=carrier),))
 
 
-def unknown_delays():
+def open_delays():
     """Second signals that have no range yet."""
     n = nulls.ECHOING
     records = nulls.with_seconds(rng(), np.ones(n, bool))
@@ -165,10 +165,10 @@ def pair(**changes):
 
 
 def sets_of(records, *changes):
-    return replace(records, sets=tuple(change(one) for change, one in zip(changes, records.sets, strict=True)))
+    return replace(records, sets=tuple(change(chosen) for change, chosen in zip(changes, records.sets, strict=True)))
 
 
-def kept(first, stop):
+def keep_records(first, stop):
     return lambda one: replace(one, signals=one.signals[first:stop])
 
 
@@ -178,48 +178,60 @@ def two_windows(detector, first, second):
     return detector.examine(second, state)[0]
 
 
-def said(detector, records):
+def examine_all(detector, records):
     return detector.examine(records)[0]
 
 
 CASES = {
     ("residual", "no_epochs"): (
-        lambda: said(Residual(), replace(r := clean(), observations=(r.observations[0].read(0, 0),), sets=())),
+        lambda: examine_all(Residual(), replace(r := clean(), observations=(r.observations[0].read(0, 0),), sets=())),
         "no epoch of rx1 lies in the window",
     ),
-    ("residual", "few_ranges"): (lambda: said(Residual(), clean(max_satellites=4)), "4 satellites in rx1 have pseudo"),
-    ("residual", "few_orbits"): (lambda: said(Residual(), orbits_of(clean(), 3)), "the orbits of 3 of"),
+    ("residual", "few_ranges"): (
+        lambda: examine_all(Residual(), clean(max_satellites=4)),
+        "4 satellites in rx1 have pseudo",
+    ),
+    ("residual", "few_orbits"): (lambda: examine_all(Residual(), orbits_of(clean(), 3)), "the orbits of 3 of"),
     ("residual", "few_above_mask"): (
-        lambda: said(Residual(ResidualSettings(elevation_mask_deg=75.0)), clean()),
+        lambda: examine_all(Residual(ResidualSettings(elevation_mask_deg=75.0)), clean()),
         "stand above the elevation mask of 75 degrees",
     ),
     ("residual", "no_position"): (
-        lambda: said(
+        lambda: examine_all(
             Residual(),
-            renamed(clean(max_satellites=5), lambda own: (*own[:3], *(replace(s, code="1C") for s in own[3:]))),
+            rename_detector(clean(max_satellites=5), lambda own: (*own[:3], *(replace(s, code="1C") for s in own[3:]))),
         ),
         "the 5 satellites in rx1 give no position",
     ),
-    ("residual", "sets_by_chance"): (lambda: said(Residual(), first_of_two_skies()), "unrelated signals do as well"),
-    ("dccaf", "few_grids"): (lambda: said(Dccaf(), grids_of(4)), "4 satellites in rx1 have whole correlation grids"),
+    ("residual", "sets_by_chance"): (
+        lambda: examine_all(Residual(), first_of_two_skies()),
+        "unrelated signals do as well",
+    ),
+    ("dccaf", "few_grids"): (
+        lambda: examine_all(Dccaf(), grids_of(4)),
+        "4 satellites in rx1 have whole correlation grids",
+    ),
     ("sqm", "no_pair"): (
-        lambda: said(Sqm(), with_taps(lambda t: replace(t, delays_chips=t.delays_chips + 0.01))),
+        lambda: examine_all(Sqm(), with_taps(lambda t: replace(t, delays_chips=t.delays_chips + 0.01))),
         "no two correlators that stand evenly",
     ),
-    ("sqm", "few_looks"): (lambda: said(Sqm(), nulls.looked(rng(), n=60)), "60 looks at the correlators of rx1"),
+    ("sqm", "few_looks"): (
+        lambda: examine_all(Sqm(), nulls.take_looks(rng(), n=60)),
+        "60 looks at the correlators of rx1",
+    ),
     ("sqm", "few_signals"): (
-        lambda: said(Sqm(), with_taps(lambda t: without_channels(t, 3))),
+        lambda: examine_all(Sqm(), with_taps(lambda t: without_channels(t, 3))),
         "3 signals of rx1 were tracked without a break",
     ),
     ("sqm", "several_of_a_satellite"): (
-        lambda: said(
+        lambda: examine_all(
             Sqm(),
             with_taps(lambda t: replace(t, signals=(*t.signals[:5], *(replace(s, copy="b") for s in t.signals[:5])))),
         ),
         "0 of 5 satellites in rx1 have one signal alone",
     ),
     ("vector_sqm", "no_pair"): (
-        lambda: said(
+        lambda: examine_all(
             VectorSqm(),
             with_taps(
                 lambda t: replace(t, delays_chips=np.array([0.4, 0.0, -0.5])),
@@ -230,74 +242,85 @@ CASES = {
         "no early and late within a chip",
     ),
     ("vector_sqm", "no_position"): (
-        lambda: said(VectorSqm(), with_cells(nulls.with_vector_taps(rng()), pseudorange_m=nothing)),
+        lambda: examine_all(VectorSqm(), with_cells(nulls.with_vector_taps(rng()), pseudorange_m=nothing)),
         "have ranges and orbits: no position",
     ),
     ("vector_sqm", "few_satellites"): (
-        lambda: said(
+        lambda: examine_all(
             VectorSqm(), with_taps(lambda t: without_channels(t, 4), "vector_taps", nulls.with_vector_taps(rng()))
         ),
         "4 satellites in rx1 were tracked together",
     ),
-    ("vector_sqm", "weak_geometry"): (lambda: said(VectorSqm(), one_satellite()), "5 signals in rx1 give no position"),
+    ("vector_sqm", "weak_geometry"): (
+        lambda: examine_all(VectorSqm(), one_satellite()),
+        "5 signals in rx1 give no position",
+    ),
     ("vector_sqm", "few_looks"): (
-        lambda: said(VectorSqm(), nulls.with_vector_taps(rng(), n=12)),
+        lambda: examine_all(VectorSqm(), nulls.with_vector_taps(rng(), n=12)),
         "12 looks at the 8 channels",
     ),
     ("array_common", "few_antennas"): (
-        lambda: said(ArrayCommon(), with_phases(one_antenna)),
+        lambda: examine_all(ArrayCommon(), with_phases(one_antenna)),
         "fewer than two antennas of rx1 give phases",
     ),
     ("array_common", "few_signals"): (
-        lambda: said(ArrayCommon(), with_phases(lambda p: p, nulls.anywhere(rng(), 1))),
+        lambda: examine_all(ArrayCommon(), with_phases(lambda p: p, nulls.anywhere(rng(), 1))),
         "1 signals make no pair",
     ),
     ("array_common", "directions_near"): (
-        lambda: said(ArrayCommon(ArrayCommonSettings(1e-6)), with_phases(lambda p: p, nulls.somewhere(rng(), 2))),
+        lambda: examine_all(
+            ArrayCommon(ArrayCommonSettings(1e-6)), with_phases(lambda p: p, nulls.somewhere(rng(), 2))
+        ),
         "too near to each other to tell their directions apart",
     ),
     ("array_common", "two_skies"): (
-        lambda: said(ArrayCommon(), replace(with_phases(lambda p: p), sets=clean(false=(FalseSky(),)).sets)),
+        lambda: examine_all(ArrayCommon(), replace(with_phases(lambda p: p), sets=clean(false=(FalseSky(),)).sets)),
         "but they are two skies",
     ),
     ("ins_array", "few_antennas"): (
-        lambda: said(
+        lambda: examine_all(
             InsArray(), replace(r := nulls.array_records(rng()), array_phases=(one_antenna(r.array_phases[0]),))
         )[1:],  # after the antennas that are left out
         "fewer than two antennas of rx1 give phases",
     ),
     ("ins_array", "no_place"): (
-        lambda: said(InsArray(), replace(nulls.array_records(rng()), nav_state={})),
+        lambda: examine_all(InsArray(), replace(nulls.array_records(rng()), nav_state={})),
         "nothing says where rx1 is",
     ),
     ("ins_array", "no_signal"): (
-        lambda: said(InsArray(), replace(nulls.array_records(rng()), navigation=NavigationData(ephemerides=()))),
+        lambda: examine_all(InsArray(), replace(nulls.array_records(rng()), navigation=NavigationData(ephemerides=()))),
         "no signal of rx1 is on all antennas while its orbit",
     ),
     ("spin", "no_arm"): (
-        lambda: said(Spin(), replace(turning(), spin_arms=(replace(nulls.ARM, receiver="rx2"),))),
+        lambda: examine_all(Spin(), replace(turning(), spin_arms=(replace(nulls.ARM, receiver="rx2"),))),
         "no receiver of the window is on an arm",
     ),
-    ("spin", "few_signals"): (lambda: said(Spin(), turning(signals=1)), "1 signals of rx1 have an unbroken phase"),
-    ("spin", "few_epochs"): (lambda: said(Spin(), turning(n=5)), "5 epochs of rx1 are too few"),
-    ("spin", "phases_bent"): (lambda: said(Spin(), turning(bent=2)), "are not of one direction each"),
+    ("spin", "few_signals"): (
+        lambda: examine_all(Spin(), turning(signals=1)),
+        "1 signals of rx1 have an unbroken phase",
+    ),
+    ("spin", "few_epochs"): (lambda: examine_all(Spin(), turning(n=5)), "5 epochs of rx1 are too few"),
+    ("spin", "phases_bent"): (lambda: examine_all(Spin(), turning(bent=2)), "are not of one direction each"),
     ("second_signals", "no_cn0"): (
-        lambda: said(SecondSignals(), with_cells(clean(), cn0_dbhz=nothing)),
+        lambda: examine_all(SecondSignals(), with_cells(clean(), cn0_dbhz=nothing)),
         "rx1 gives no C/N0",
     ),
     ("second_signals", "few_satellites"): (
-        lambda: said(SecondSignals(), clean(max_satellites=1)),
+        lambda: examine_all(SecondSignals(), clean(max_satellites=1)),
         "1 satellites with a signal of",
     ),
     ("second_signals", "delay_unknown"): (
-        lambda: said(SecondSignals(), unknown_delays()),
+        lambda: examine_all(SecondSignals(), open_delays()),
         "the delay between them is not known yet",
     ),
     ("common_change", "few_satellites"): (
-        lambda: said(CommonChange(), clean(max_satellites=4)),
+        lambda: examine_all(CommonChange(), clean(max_satellites=4)),
         "fewer than two epochs of rx1 have 5 satellites",
     ),
-    ("common_change", "first_window"): (lambda: said(CommonChange(), clean()), "this is the first window of rx1"),
+    ("common_change", "first_window"): (
+        lambda: examine_all(CommonChange(), clean()),
+        "this is the first window of rx1",
+    ),
     ("common_change", "nothing_shared"): (
         lambda: two_windows(
             CommonChange(),
@@ -307,58 +330,61 @@ CASES = {
         "have code and carrier both now and before",
     ),
     ("code_motion", "received_twice"): (
-        lambda: said(CodeMotion(), clean(false=(FalseSky(),))),
+        lambda: examine_all(CodeMotion(), clean(false=(FalseSky(),))),
         "a satellite is received twice in rx1",
     ),
     ("code_motion", "few_fixes"): (
-        lambda: said(CodeMotion(), clean(max_satellites=4)),
+        lambda: examine_all(CodeMotion(), clean(max_satellites=4)),
         "fewer than 3 epochs of rx1 have a position",
     ),
     ("own_fixes", "few_own_fixes"): (
-        lambda: said(OwnFixes(), replace(clean(), own_fixes={"rx1": fixes_at([0.0, 1.0], [HOME, HOME])})),
+        lambda: examine_all(OwnFixes(), replace(clean(), own_fixes={"rx1": fixes_at([0.0, 1.0], [HOME, HOME])})),
         "rx1 gives fewer than 3 fixes of its own",
     ),
     ("messages", "no_message"): (
-        lambda: said(BroadcastMessages(), replace(clean(), sets=())),
+        lambda: examine_all(BroadcastMessages(), replace(clean(), sets=())),
         "no message of rx1 is known",
     ),
-    ("known_place", "no_place"): (lambda: said(CodesAtPlace(), clean()), "it is not known where rx1 stands"),
+    ("known_place", "no_place"): (lambda: examine_all(CodesAtPlace(), clean()), "it is not known where rx1 stands"),
     ("known_place", "fixed"): (
-        lambda: said(CodesAtPlace(STANDING), clean()),
+        lambda: examine_all(CodesAtPlace(STANDING), clean()),
         "the satellites of rx1 give a position, which is tested itself",
     ),
     ("known_place", "received_twice"): (
-        lambda: said(CodesAtPlace(AT_PLACE), replace(clean(false=(FalseSky(),)), sets=())),
+        lambda: examine_all(CodesAtPlace(AT_PLACE), replace(clean(false=(FalseSky(),)), sets=())),
         "no satellite is received in rx1, or one twice",
     ),
     ("known_place", "few_satellites"): (
-        lambda: said(CodesAtPlace(AT_PLACE), replace(orbits_of(clean(), 2), sets=())),
+        lambda: examine_all(CodesAtPlace(AT_PLACE), replace(orbits_of(clean(), 2), sets=())),
         "fewer than 3 satellites at any epoch of rx1 have codes and orbits",
     ),
-    ("snapshot", "long"): (lambda: said(Snapshots(), clean()), "rx1 is no snapshot: its measurements show whether"),
+    ("snapshot", "long"): (
+        lambda: examine_all(Snapshots(), clean()),
+        "rx1 is no snapshot: its measurements show whether",
+    ),
     ("torn", "received_twice"): (
-        lambda: said(Torn(), clean(false=(FalseSky(),))),
+        lambda: examine_all(Torn(), clean(false=(FalseSky(),))),
         "a satellite is received twice in rx1",
     ),
-    ("bands", "one_band"): (lambda: said(Bands(), clean()), "satellites of rx1 have codes of two bands"),
+    ("bands", "one_band"): (lambda: examine_all(Bands(), clean()), "satellites of rx1 have codes of two bands"),
     ("code_carrier", "no_carrier"): (
-        lambda: said(CodeCarrier(), with_cells(clean(), carrier_cyc=nothing, doppler_hz=nothing)),
+        lambda: examine_all(CodeCarrier(), with_cells(clean(), carrier_cyc=nothing, doppler_hz=nothing)),
         "signals of rx1 have code and carrier, or Doppler",
     ),
     ("multi_receiver", "one_set"): (
-        lambda: said(MultiReceiver(), replace(r := pair(), sets=r.sets[:1])),
+        lambda: examine_all(MultiReceiver(), replace(r := pair(), sets=r.sets[:1])),
         "no five signals of rx2 fit one position",
     ),
     ("multi_receiver", "few_in_common"): (
-        lambda: said(MultiReceiver(), sets_of(pair(), kept(0, 6), kept(3, 9))),
+        lambda: examine_all(MultiReceiver(), sets_of(pair(), keep_records(0, 6), keep_records(3, 9))),
         "3 satellites are in the consistent sets of rx1 and rx2 alike, and 5 are needed",
     ),
     ("multi_receiver", "few_common_epochs"): (
-        lambda: said(MultiReceiver(), with_cells(pair(), 1, pseudorange_m=nothing)),
+        lambda: examine_all(MultiReceiver(), with_cells(pair(), 1, pseudorange_m=nothing)),
         "no 5 signals of one kind are in rx1 and rx2 over",
     ),
     ("multi_receiver", "sets_by_chance"): (
-        lambda: said(MultiReceiver(), by_chance_in_one()),
+        lambda: examine_all(MultiReceiver(), by_chance_in_one()),
         "which is true was not decided",
     ),
 }
@@ -413,10 +439,10 @@ def test_no_reason_in_the_code_is_without_a_test():
         codes, without = reasons_in(path)
         assert not without, f"{path}: lines {without} give no code"
         part = path.relative_to(DETECTORS).parts[0].removesuffix(".py")
-        own = {name for name, _ in CASES if re.search(f'    name = "{name}"', code_of(part))}
-        left = {code for code in codes if not any((name, code) in CASES for name in own)}
-        left = {code for code in left if f'"{code}"' not in texts_of(part)}
-        assert not left, f"{path}: no test holds {left}"
+        detectors = {name for name, _ in CASES if re.search(f'    name = "{name}"', code_of(part))}
+        untested = {code for code in codes if not any((name, code) in CASES for name in detectors)}
+        untested = {code for code in untested if f'"{code}"' not in texts_of(part)}
+        assert not untested, f"{path}: no test holds {untested}"
 
 
 @pytest.mark.parametrize("name", sorted(load_detectors()))

@@ -72,9 +72,9 @@ def test_the_kernel_equals_its_numpy_twin():
 def test_the_satellites_of_the_sky_are_found_and_no_others(clean):
     searcher = Searcher(GPS_L1_CA, clean.samples.rate_hz, SearchSettings())
     peaks = searcher.search(clean.planes, 0.0, EVERYWHERE, {})
-    there = {heard.id.sat for heard in clean.scene.skies[0].signals}
-    assert {peak.sat for peak in peaks} == there
-    assert len(peaks) == len(there)
+    in_sky = {heard.id.sat for heard in clean.scene.skies[0].signals}
+    assert {peak.sat for peak in peaks} == in_sky
+    assert len(peaks) == len(in_sky)
 
 
 def test_delay_is_within_a_tenth_of_a_chip_and_doppler_within_10_hz(clean):
@@ -98,8 +98,8 @@ def test_both_copies_are_found_once_the_meaconer_is_on(meaconed):
     searcher = Searcher(GPS_L1_CA, meaconed.samples.rate_hz, SearchSettings())
     start = int(4.0 * meaconed.samples.rate_hz)
     peaks = searcher.search(meaconed.planes[:, start:], 0.0, EVERYWHERE, {})
-    there = sorted(heard.id.sat for heard in meaconed.scene.skies[0].signals)
-    assert sorted(peak.sat for peak in peaks) == there
+    in_sky = sorted(heard.id.sat for heard in meaconed.scene.skies[0].signals)
+    assert sorted(peak.sat for peak in peaks) == in_sky
 
 
 def test_what_is_known_is_not_found_again(clean):
@@ -225,10 +225,10 @@ def test_a_signal_whose_reflection_pulls_the_loop_leaves_no_other_signal(apart, 
 def test_the_separation_of_overlapping_signals_is_right_though_each_was_measured_wrong(apart):
     rng = np.random.default_rng(19)
     n = 52_000
-    one, other = (
+    first, second = (
         wave(np.random.default_rng(3), n, "G07", 47.0, 0.4e-3 + chips * CHIP_S, 1100.0) for chips in (0.0, apart)
     )
-    planes = planes_of(noise(rng, n) + one - 0.6 * other)
+    planes = planes_of(noise(rng, n) + first - 0.6 * second)
     wrong = KnownSignal(delay_s=0.4e-3 - 0.2 * np.sign(apart) * CHIP_S, doppler_hz=1100.0)
     beyond = KnownSignal(delay_s=0.4e-3 + (apart + 0.3 * np.sign(apart)) * CHIP_S, doppler_hz=1102.0)
     reported = separation_chips(planes, GPS_L1_CA, RATE_HZ, 0.0, "G07", wrong, beyond)
@@ -335,7 +335,7 @@ def _white(rng, n):
     return noise(rng, n)
 
 
-def _coloured(rng, n):
+def _color_noise(rng, n):
     return filters.lfilter(*filters.butter(3, 0.35), noise(rng, n))
 
 
@@ -372,7 +372,7 @@ def _under_strong_in_one_bit(rng, n):
     return np.sign(samples.real) + 1j * np.sign(samples.imag)
 
 
-def _held(p_values, wanted):
+def _hold(p_values, wanted):
     """At most as stated, at that level and at a fiftieth of it; and half of it at least.
 
     Neighbouring cells and Dopplers are not independent, so that a search holds fewer than are counted.
@@ -388,7 +388,7 @@ def _held(p_values, wanted):
     "made",
     [
         _white,
-        _coloured,
+        _color_noise,
         _with_lines,
         _under_strong_satellites,
         _under_one_to_four_strong,
@@ -407,7 +407,7 @@ def test_false_alarms_come_at_the_stated_rate(made):
         grid = {f"G{prn:02d}": near_grid(centre_hz, settings) for prn in range(1, 13)}
         peaks = searcher.search(planes_of(made(rng, searcher.n_samples)), 0.0, grid, {})
         p_values.append(min((peak.p_value for peak in peaks), default=1.0))
-    _held(p_values, wanted)
+    _hold(p_values, wanted)
 
 
 @pytest.mark.long
@@ -418,13 +418,13 @@ def test_false_alarms_of_a_search_for_all_come_at_the_stated_rate_beside_those_i
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings(false_alarm_probability=wanted))
     p_values = []
     for _ in range(300):
-        there, strong = _one_to_four_strong(rng, searcher.n_samples, 1, rate_hz)
+        strong_sats, strong = _one_to_four_strong(rng, searcher.n_samples, 1, rate_hz)
         peaks = searcher.search(planes_of(strong + noise(rng, searcher.n_samples)), 0.0, EVERYWHERE, {})
-        once = {peak.sat: max(p.power for p in peaks if p.sat == peak.sat) for peak in peaks if peak.sat in there}
-        assert set(once) == set(there)
+        once = {peak.sat: max(p.power for p in peaks if p.sat == peak.sat) for peak in peaks if peak.sat in strong_sats}
+        assert set(once) == set(strong_sats)
         false = [peak.p_value for peak in peaks if peak.power != once.get(peak.sat)]
         p_values.append(min(false, default=1.0))
-    _held(p_values, wanted)
+    _hold(p_values, wanted)
 
 
 @pytest.mark.long
@@ -437,9 +437,11 @@ def test_a_tracked_satellite_alone_gives_no_second_signal(cn0_dbhz):
     for _ in range(2000):
         delay_s, doppler_hz = rng.uniform(0.0, 1e-3), rng.uniform(-4000.0, 4000.0)
         samples = noise(rng, searcher.n_samples) + wave(rng, searcher.n_samples, "G07", cn0_dbhz, delay_s, doppler_hz)
-        one = KnownSignal(delay_s=delay_s + 0.02 * rng.normal() * CHIP_S, doppler_hz=doppler_hz + 2.0 * rng.normal())
+        known_signal = KnownSignal(
+            delay_s=delay_s + 0.02 * rng.normal() * CHIP_S, doppler_hz=doppler_hz + 2.0 * rng.normal()
+        )
         grid = {"G07": near_grid(doppler_hz, searcher.settings)}
-        false += bool(searcher.search(planes_of(samples), 0.0, grid, {"G07": [one]}))
+        false += bool(searcher.search(planes_of(samples), 0.0, grid, {"G07": [known_signal]}))
     assert false <= 2  # 0.2 are expected
 
 
@@ -459,17 +461,17 @@ recordings."""
 @pytest.mark.shared_data
 @pytest.mark.parametrize("name", REAL)
 def test_a_real_capture_gives_the_satellites_known_to_be_in_it(shared_data, name):
-    rate_hz, if_hz, periods, weakest, there = REAL[name]
+    rate_hz, if_hz, periods, weakest, in_capture = REAL[name]
     planes = _read(shared_data / "real" / name, conjugate="L1_20211202" in name)
     reach = 32 if "cttc" in name else 14
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings(n_sums=periods))
     peaks = searcher.search(planes, if_hz, dict.fromkeys(GPS_SATS, 500.0 * np.arange(-reach, reach + 1)), {})
     found = [prn_of(peak.sat) for peak in peaks]
     assert len(found) == len(set(found))
-    assert set(found) <= set(there)
-    assert set(there) - set(found) <= {weakest}
+    assert set(found) <= set(in_capture)
+    assert set(in_capture) - set(found) <= {weakest}
     for peak in peaks:
-        doppler_hz, chips = there[prn_of(peak.sat)]
+        doppler_hz, chips = in_capture[prn_of(peak.sat)]
         assert abs(apart_chips(peak.delay_s, chips * CHIP_S)) < 1.0
         assert peak.doppler_hz == pytest.approx(doppler_hz, abs=50.0 if periods > 4 else 125.0)
 

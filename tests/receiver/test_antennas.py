@@ -46,7 +46,7 @@ class Array:
         )
         navigation = make_nominal_constellation(START)
         self.skies = scene_of(scenario, navigation).skies
-        self.planes = np.stack([one.read(0, one.n_samples) for one in samples_of(scenario, navigation)])
+        self.planes = np.stack([plane.read(0, plane.n_samples) for plane in samples_of(scenario, navigation)])
 
     def carrier_cyc(self, antenna, sat, elapsed_s):
         """True accumulated carrier phase, but for what all antennas and satellites share."""
@@ -77,42 +77,44 @@ def array():
 
 
 @pytest.fixture(scope="module")
-def tracked(array):
+def track(array):
     return receive(array.planes)
 
 
-def normalised_differences(array, measurements, arcs, antennas):
+def normalize_differences(array, measurements, arcs, antennas):
     """Errors of the phase differences against the first of `antennas` over their sigmas, and those per signal."""
-    first, *others = antennas
+    first, *other_antennas = antennas
     for number, arc in arcs.items():
         rows = measurements.arc == number
-        own, at_s = measurements.own[rows], measurements.elapsed_s[rows]
-        for other in others:
+        antenna_rows, at_s = measurements.own[rows], measurements.elapsed_s[rows]
+        for other in other_antennas:
             sat = arc.signal.sat
             true_cyc = array.carrier_cyc(first, sat, at_s) - array.carrier_cyc(other, sat, at_s)
-            error = own[:, other, m.OWN_PHASE_CYC] - own[:, first, m.OWN_PHASE_CYC] - true_cyc
-            sigma = np.hypot(own[:, other, m.OWN_PHASE_SIGMA_CYC], own[:, first, m.OWN_PHASE_SIGMA_CYC])
+            error = antenna_rows[:, other, m.OWN_PHASE_CYC] - antenna_rows[:, first, m.OWN_PHASE_CYC] - true_cyc
+            sigma = np.hypot(
+                antenna_rows[:, other, m.OWN_PHASE_SIGMA_CYC], antenna_rows[:, first, m.OWN_PHASE_SIGMA_CYC]
+            )
             yield (error - np.rint(np.nanmedian(error))) / sigma
 
 
 @pytest.mark.long
-def test_phases_differ_by_the_direction_with_the_noise_stated(array, tracked):
-    ratios = np.concatenate(list(normalised_differences(array, *tracked, [0, 1, 2])))
+def test_phases_differ_by_the_direction_with_the_noise_stated(array, track):
+    ratios = np.concatenate(list(normalize_differences(array, *track, [0, 1, 2])))
     assert ratios.size > 300
     assert np.isfinite(ratios).all()
     assert 0.8 < np.mean(ratios**2) < 1.2
 
 
 @pytest.mark.long
-def test_the_sum_is_stronger_by_the_number_of_antennas(tracked):
-    measurements, _ = tracked
+def test_the_sum_is_stronger_by_the_number_of_antennas(track):
+    measurements, _ = track
     gain_db = measurements.column(m.CN0_DBHZ)[:, None] - measurements.own[..., m.OWN_CN0_DBHZ]
     assert np.median(gain_db) == pytest.approx(10.0 * np.log10(3.0), abs=0.3)
 
 
 @pytest.mark.long
-def test_code_and_carrier_on_each_antenna_are_true(array, tracked):
-    measurements, arcs = tracked
+def test_code_and_carrier_on_each_antenna_are_true(array, track):
+    measurements, arcs = track
     spreads = []
     for antenna in range(3):
         on_one = measurements.on_antenna(antenna)
@@ -130,8 +132,8 @@ def test_code_and_carrier_on_each_antenna_are_true(array, tracked):
 
 
 @pytest.mark.long
-def test_pieces_give_what_the_whole_gives(array, tracked):
-    whole, whole_arcs = tracked
+def test_pieces_give_what_the_whole_gives(array, track):
+    whole, whole_arcs = track
     pieces, arcs = receive(array.planes, [1, 260_000, 3_333_333])
     assert arcs.keys() == whole_arcs.keys()
     for name in ("elapsed_s", "arc", "table", "taps", "own"):
@@ -139,34 +141,34 @@ def test_pieces_give_what_the_whole_gives(array, tracked):
 
 
 @pytest.mark.long
-def test_an_antenna_that_fades_does_not_lose_the_array(array, tracked):
+def test_an_antenna_that_fades_does_not_lose_the_array(array, track):
     planes = array.planes.copy()
     faded = int(2.05 * RATE_HZ)
     planes[0, :, faded:] = np.rint(24.0 * np.random.default_rng(1).normal(size=planes[0, :, faded:].shape))
     measurements, arcs = receive(planes)
-    assert {arc.signal for arc in arcs.values()} == {arc.signal for arc in tracked[1].values()}
-    assert len(arcs) == len(tracked[1])  # none ended and began anew
+    assert {arc.signal for arc in arcs.values()} == {arc.signal for arc in track[1].values()}
+    assert len(arcs) == len(track[1])  # none ended and began anew
     later = measurements.select(measurements.elapsed_s > 2.3)
     assert np.isfinite(later.own[:, 0, m.OWN_PHASE_CYC]).mean() < 0.01
-    ratios = np.concatenate(list(normalised_differences(array, later, arcs, [1, 2])))
+    ratios = np.concatenate(list(normalize_differences(array, later, arcs, [1, 2])))
     assert 0.75 < np.mean(ratios**2) < 1.25
 
 
 @pytest.mark.long
-def test_signals_are_found_though_the_first_antenna_is_dead_from_the_start(array, tracked):
+def test_signals_are_found_though_the_first_antenna_is_dead_from_the_start(array, track):
     planes = array.planes[..., : 3 * RATE_HZ].copy()
     planes[0] = 0.0
     measurements, arcs = receive(planes)
-    assert {arc.signal.sat for arc in arcs.values()} == {arc.signal.sat for arc in tracked[1].values()}
+    assert {arc.signal.sat for arc in arcs.values()} == {arc.signal.sat for arc in track[1].values()}
     assert {arc.found_s for arc in arcs.values()} == {0.0}  # antennas that give nothing are not searched
     assert np.isnan(measurements.own[:, 0, m.OWN_PHASE_CYC]).all()
-    ratios = np.concatenate(list(normalised_differences(array, measurements, arcs, [1, 2])))
+    ratios = np.concatenate(list(normalize_differences(array, measurements, arcs, [1, 2])))
     assert 0.75 < np.mean(ratios**2) < 1.25
 
 
 @pytest.mark.long
-def test_delays_of_the_lines_are_taken_off_where_they_are_known(array, tracked):
-    measurements, arcs = tracked
+def test_delays_of_the_lines_are_taken_off_where_they_are_known(array, track):
+    measurements, arcs = track
     elapsed_s = 0.2 * np.arange(1, 25)
     gpst = START + (elapsed_s * 1e9).astype("timedelta64[ns]")
     elements_m, lines_cyc = np.array(ELEMENTS_M), np.array(LINE_BIAS_CYC)
@@ -178,9 +180,9 @@ def test_delays_of_the_lines_are_taken_off_where_they_are_known(array, tracked):
     )
     assert known.calibrated
     assert not unknown.calibrated
-    there = np.isfinite(unknown.phase_cyc)
-    assert there[8:].all()
-    off = (known.phase_cyc - unknown.phase_cyc)[there].reshape(-1, 3)
+    measured = np.isfinite(unknown.phase_cyc)
+    assert measured[8:].all()
+    off = (known.phase_cyc - unknown.phase_cyc)[measured].reshape(-1, 3)
     assert np.allclose(off, LINE_BIAS_CYC)
     for column, signal in enumerate(known.signals):
         true_cyc = -array.carrier_cyc(1, signal.sat, elapsed_s) + array.carrier_cyc(0, signal.sat, elapsed_s)
@@ -196,9 +198,9 @@ def test_weights_find_the_best_sum_and_do_not_turn_it(seed, n_antennas):
     data = rng.choice([-1.0, 1.0], (1, 30, 1)) * np.exp(1j * rng.uniform(0, 7))
     prompts = gain * data
     rows = np.zeros((1, 40, k.row_size(3, n_antennas)))
-    own = rows[:, :30, k.row_size(3, 1) :].reshape(1, 30, n_antennas, 3, 2)
-    own[..., 1, 0], own[..., 1, 1] = prompts.real, prompts.imag
-    rows[:, :30, k.row_size(3, 1) :] = own.reshape(1, 30, -1)
+    antenna_sums = rows[:, :30, k.row_size(3, 1) :].reshape(1, 30, n_antennas, 3, 2)
+    antenna_sums[..., 1, 0], antenna_sums[..., 1, 1] = prompts.real, prompts.imag
+    rows[:, :30, k.row_size(3, 1) :] = antenna_sums.reshape(1, 30, -1)
     before = rng.normal(size=(1, n_antennas, 2))
     weights = compute_weights(rows, before, power)
     turned, old = weights[..., 0] + 1j * weights[..., 1], before[..., 0] + 1j * before[..., 1]
@@ -213,21 +215,21 @@ def test_weights_find_the_best_sum_and_do_not_turn_it(seed, n_antennas):
 @given(st.floats(-2.0, 2.0), st.floats(-20.0, 20.0), st.integers(-3, 3))
 def test_phases_go_on_over_whole_cycles(rate_hz, start_cyc, turns):
     true = np.array([start_cyc, start_cyc + 0.2 * rate_hz])
-    own = np.zeros((2, 1, 1, m.N_OWN))
-    own[:, 0, 0, m.OWN_PHASE_CYC] = true - np.rint(true) + np.array([0, turns])
-    own[..., m.OWN_DOPPLER_HZ], own[..., m.OWN_PHASE_SIGMA_CYC] = rate_hz, 0.002
+    antenna_rows = np.zeros((2, 1, 1, m.N_OWN))
+    antenna_rows[:, 0, 0, m.OWN_PHASE_CYC] = true - np.rint(true) + np.array([0, turns])
+    antenna_rows[..., m.OWN_DOPPLER_HZ], antenna_rows[..., m.OWN_PHASE_SIGMA_CYC] = rate_hz, 0.002
     good = np.array([True])
-    last = unwrap_phases(own[0], np.full((1, 1, 3), np.nan), good, 0.2)
-    assert own[0, 0, 0, m.OWN_SLIP] == 1.0  # from nothing
-    unwrap_phases(own[1], last, good, 0.2)
-    moved = own[1, 0, 0, m.OWN_PHASE_CYC] - own[0, 0, 0, m.OWN_PHASE_CYC]
+    last = unwrap_phases(antenna_rows[0], np.full((1, 1, 3), np.nan), good, 0.2)
+    assert antenna_rows[0, 0, 0, m.OWN_SLIP] == 1.0  # from nothing
+    unwrap_phases(antenna_rows[1], last, good, 0.2)
+    moved = antenna_rows[1, 0, 0, m.OWN_PHASE_CYC] - antenna_rows[0, 0, 0, m.OWN_PHASE_CYC]
     assert moved == pytest.approx(0.2 * rate_hz, abs=1e-9)
-    assert own[1, 0, 0, m.OWN_SLIP] == 0.0
+    assert antenna_rows[1, 0, 0, m.OWN_SLIP] == 0.0
 
 
 def test_a_phase_too_noisy_to_count_cycles_is_a_slip():
-    own = np.zeros((1, 1, m.N_OWN))
-    own[..., m.OWN_PHASE_SIGMA_CYC] = 0.07
+    antenna_rows = np.zeros((1, 1, m.N_OWN))
+    antenna_rows[..., m.OWN_PHASE_SIGMA_CYC] = 0.07
     last = np.array([[[0.0, 0.0, 0.07]]])
-    unwrap_phases(own, last, np.array([True]), 0.2)
-    assert own[0, 0, m.OWN_SLIP] == 1.0
+    unwrap_phases(antenna_rows, last, np.array([True]), 0.2)
+    assert antenna_rows[0, 0, m.OWN_SLIP] == 1.0

@@ -12,7 +12,7 @@ N = round(0.064 * RATE_HZ)
 CHIP_HZ, PERIOD_S = GPS_L1_CA.chip_rate_hz, GPS_L1_CA.period_s
 
 
-def received(rng, phases_cyc, cn0_dbhz, doppler_hz, delay_s, *, real=True, one_bit=False):
+def receive_samples(rng, phases_cyc, cn0_dbhz, doppler_hz, delay_s, *, real=True, one_bit=False):
     """(n_antennas, 2, N): G07 with random bits and edges, and noise of each antenna."""
     t = np.arange(N) / RATE_HZ
     chips = (t - delay_s) * (1.0 + doppler_hz / GPS_L1_CA.carrier_hz) * CHIP_HZ
@@ -28,7 +28,7 @@ def received(rng, phases_cyc, cn0_dbhz, doppler_hz, delay_s, *, real=True, one_b
     return np.sign(planes) if one_bit else planes
 
 
-def wrapped(value, period=1.0):
+def wrap_cycles(value, period=1.0):
     return value - period * np.rint(value / period)
 
 
@@ -38,14 +38,16 @@ def test_phases_and_codes_are_as_far_off_as_their_sigmas_say(real, one_bit):
     phase, code = [], []
     for _ in range(6):
         phases_cyc, doppler_hz, delay_s = rng.random(5), rng.uniform(-4e3, 4e3), rng.uniform(0.0, 1e-3)
-        planes = received(rng, phases_cyc, 44.0, doppler_hz, delay_s, real=real, one_bit=one_bit)
+        planes = receive_samples(rng, phases_cyc, 44.0, doppler_hz, delay_s, real=real, one_bit=one_bit)
         off_s, off_hz = rng.uniform(-0.3, 0.3) / CHIP_HZ, rng.uniform(-20.0, 20.0)
         found = measure_snapshot(planes, RATE_HZ, IF_HZ, "G07", delay_s + off_s, doppler_hz + off_hz)
         assert found.code.found
         error = found.phase_cyc - phases_cyc
-        phase.append(wrapped(error[:, 1:] - error[:, :1]) / np.hypot(found.sigma_cyc[:, 1:], found.sigma_cyc[:, :1]))
+        phase.append(
+            wrap_cycles(error[:, 1:] - error[:, :1]) / np.hypot(found.sigma_cyc[:, 1:], found.sigma_cyc[:, :1])
+        )
         shown_s = (found.middle_s - delay_s) * (1.0 + doppler_hz / GPS_L1_CA.carrier_hz)
-        code.append(wrapped(found.code_s - shown_s, PERIOD_S) / found.code_sigma_s)
+        code.append(wrap_cycles(found.code_s - shown_s, PERIOD_S) / found.code_sigma_s)
         lost_db = 10.0 * np.log10(np.pi / 2.0) if one_bit else 0.0
         assert found.cn0_dbhz == pytest.approx(44.0 - lost_db, abs=1.5)
     # 6 x 4 x 4 errors, of which those against one antenna hang together.
@@ -56,18 +58,18 @@ def test_phases_and_codes_are_as_far_off_as_their_sigmas_say(real, one_bit):
 def test_many_antennas_follow_what_none_of_them_could():
     rng = np.random.default_rng(3)
     phases_cyc = rng.random(16)
-    planes = received(rng, phases_cyc, 31.0, 1234.0, 3e-4, real=False)
+    planes = receive_samples(rng, phases_cyc, 31.0, 1234.0, 3e-4, real=False)
     found = measure_snapshot(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
     assert found.code.cn0_dbhz == pytest.approx(31.0 + 10.0 * np.log10(16.0), abs=1.0)
     error = found.phase_cyc - phases_cyc
-    assert np.abs(wrapped(error - error[:, :1])).max() < 0.25
+    assert np.abs(wrap_cycles(error - error[:, :1])).max() < 0.25
 
 
 def test_noise_has_no_energy_and_a_dead_antenna_no_phase():
     rng = np.random.default_rng(4)
     planes = rng.standard_normal((4, 2, N)).astype(np.float32)
     assert measure_snapshot(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0).energy < 40.0
-    planes = received(rng, rng.random(4), 44.0, 1234.0, 3e-4)
+    planes = receive_samples(rng, rng.random(4), 44.0, 1234.0, 3e-4)
     planes[2] = 0.0
     found = measure_snapshot(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
     assert np.isnan(found.phase_cyc[:, 2]).all()
@@ -76,7 +78,9 @@ def test_noise_has_no_energy_and_a_dead_antenna_no_phase():
 
 def test_the_mean_of_the_parts_is_no_surer_than_the_grid_of_the_samples_lets_it_be():
     rng = np.random.default_rng(5)
-    found = measure_snapshot(received(rng, rng.random(4), 60.0, 1234.0, 3e-4), RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0)
+    found = measure_snapshot(
+        receive_samples(rng, rng.random(4), 60.0, 1234.0, 3e-4), RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0
+    )
     of_mean_s = np.sqrt(np.mean(found.code_sigma_s**2) / found.code_sigma_s.size)
     assert of_mean_s > grid_sigma_chips(RATE_HZ, GPS_L1_CA) / CHIP_HZ
 
@@ -84,7 +88,7 @@ def test_the_mean_of_the_parts_is_no_surer_than_the_grid_of_the_samples_lets_it_
 @pytest.mark.parametrize("late_periods", [3, -5])
 def test_an_antenna_that_begins_periods_later_is_found_by_its_data_bits(late_periods):
     rng = np.random.default_rng(8)
-    planes = received(rng, rng.random(4), 45.0, 1234.0, 3e-4)
+    planes = receive_samples(rng, rng.random(4), 45.0, 1234.0, 3e-4)
     planes[2] = np.roll(planes[2], -round(late_periods * PERIOD_S * RATE_HZ), axis=-1)
     later = measure_snapshot(planes, RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0).later
     assert later[2].argmax() - MOST_LATE == late_periods

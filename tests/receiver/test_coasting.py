@@ -31,7 +31,7 @@ def test_a_frame_of_nothing_has_no_power():
     assert not c.has_power(loops_of(np.zeros((2, 1)), 0), 0.0, 1e-3).any()
 
 
-def measured(rates_hz_s, drift_hz_s, lost, seconds, rng):
+def build_measured(rates_hz_s, drift_hz_s, lost, seconds, rng):
     """Courses after rows of measurements each 0.2 s; the `lost` channel is measured for the first half only."""
     rates = np.array(rates_hz_s)
     courses = np.full((rates.size, c.N_COURSE), np.nan)
@@ -47,7 +47,7 @@ def measured(rates_hz_s, drift_hz_s, lost, seconds, rng):
 
 @pytest.mark.parametrize("drift_hz_s", [0.0, 2.0])
 def test_a_faded_channel_keeps_its_course_and_moves_with_the_clock_that_the_others_show(drift_hz_s):
-    courses, doppler_hz = measured([0.4, -0.3, 0.1, 0.0, -0.6], drift_hz_s, 2, 20.0, np.random.default_rng(5))
+    courses, doppler_hz = build_measured([0.4, -0.3, 0.1, 0.0, -0.6], drift_hz_s, 2, 20.0, np.random.default_rng(5))
     assert np.abs(courses[:, c.DOPPLER_HZ] - doppler_hz).max() < 4.0
 
 
@@ -56,8 +56,8 @@ def test_a_channel_without_power_coasts_and_closes_its_loops_when_it_is_back():
     courses[:2, [c.AT_S, c.DOPPLER_HZ, c.RATE_HZ_S]] = [10.0, 1500.0, 2.0]
     loops = np.zeros((3, k.N_STATE))
     loops[:, k.FREQUENCY] = 77.0
-    there = np.array([False, True, False])  # the third was never measured
-    loops, courses = c.coast(loops, courses, there, 10.5, 40_000.0, NOMINAL, 0.5)
+    received = np.array([False, True, False])  # the third was never measured
+    loops, courses = c.coast(loops, courses, received, 10.5, 40_000.0, NOMINAL, 0.5)
     assert np.isfinite(courses[:, c.SINCE_S]).tolist() == [True, False, False]
     assert loops[:, k.FREQUENCY].tolist() == [40_000.0 + 1501.0, 77.0, 77.0]
     assert loops[0, k.CODE_RATE] == pytest.approx(1.023e6 * (1.0 + 1501.0 / 1575.42e6), rel=1e-12)

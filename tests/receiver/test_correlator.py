@@ -100,7 +100,7 @@ class Case:
         return sums[..., 0] + 1j * sums[..., 1], shifts
 
 
-def displacement(case, n):
+def measure_displacement(case, n):
     """Samples by which the table's fractions and the code's drift within a chunk may displace the replica."""
     drift = abs(case.step / case.nominal - 1.0) * 0.5 * c._chunk_length(n)
     return 0.5 / PHASES + drift + 1e-6
@@ -123,7 +123,7 @@ CASES = st.builds(
 @given(case=CASES)
 def test_sums_are_the_plain_ones_but_for_what_rounding_the_code_may_change(case):
     sums, shifts = case.run()
-    assert np.all(np.abs(sums[0] - case.plain()) <= case.doubt(displacement(case, case.n)) + 1e-5 * case.n)
+    assert np.all(np.abs(sums[0] - case.plain()) <= case.doubt(measure_displacement(case, case.n)) + 1e-5 * case.n)
     assert np.all(np.abs(shifts) <= (0.5 / PHASES + 1e-6) * case.nominal)
 
 
@@ -133,7 +133,7 @@ def test_two_pieces_add_up_to_the_whole(case, share):
     cut = int(share * case.n)
     assume(0 < cut < case.n)
     whole, first, second = case.run()[0], case.run(n=cut)[0], case.run(first=cut)[0]
-    doubt = 2.0 * case.doubt(displacement(case, case.n))
+    doubt = 2.0 * case.doubt(measure_displacement(case, case.n))
     assert np.all(np.abs(whole - first - second)[0] <= doubt + 2e-5 * case.n)
 
 
@@ -186,17 +186,17 @@ def test_a_doppler_tap_finds_its_signal_less_the_loss_stated(rate_hz, offset_hz)
     plain = np.sum(np.exp(2j * np.pi * k * offset_hz / rate_hz))
     loss = np.sinc(offset_hz * c._chunk_length(case.n) / rate_hz)  # over a chunk
     assert loss > 0.8
-    doubt = case.doubt(displacement(case, case.n))[0]
+    doubt = case.doubt(measure_displacement(case, case.n))[0]
     assert abs(sums[0, 0] - plain) < doubt + 1e-5 * case.n
     assert abs(sums[1, 0] - loss * case.n) < doubt + 2e-3 * case.n
 
 
 def test_a_doppler_tap_of_zero_is_the_plain_sum():
     case = Case()
-    both, _ = case.run(dopplers=(0.0, 1e-7, 0.0))
-    np.testing.assert_array_equal(both[0], case.run()[0][0])
-    np.testing.assert_array_equal(both[0], both[2])
-    assert np.all(both[1] != both[0])
+    sums, _ = case.run(dopplers=(0.0, 1e-7, 0.0))
+    np.testing.assert_array_equal(sums[0], case.run()[0][0])
+    np.testing.assert_array_equal(sums[0], sums[2])
+    assert np.all(sums[1] != sums[0])
 
 
 @pytest.mark.parametrize("where", [0, 1000, -1])
@@ -217,7 +217,9 @@ def test_samples_outside_the_stretch_are_not_touched():
 def test_far_delays_need_a_table_that_reaches_so_far():
     far = (-8.0, 0.0, 8.0)
     case = Case(delays_chips=far, reach_chips=8.0)
-    assert np.all(np.abs(case.run()[0][0] - case.plain()) <= case.doubt(displacement(case, case.n)) + 1e-5 * case.n)
+    assert np.all(
+        np.abs(case.run()[0][0] - case.plain()) <= case.doubt(measure_displacement(case, case.n)) + 1e-5 * case.n
+    )
     for delay in (-8.0, 8.0):
         sums, shifts = Case(delays_chips=(0.0, delay)).run()
         assert np.all(np.isnan(sums))

@@ -111,7 +111,7 @@ def rows_of(*starts_chips):
     return frames
 
 
-def cleaned(sats, before, now):
+def clean_taps(sats, before, now):
     return take_out(
         sats,
         before,
@@ -131,7 +131,7 @@ def cleaned(sats, before, now):
 def test_one_signal_a_satellite_or_two_channels_on_one_are_left_as_they_are(sats, starts_chips):
     before, now = rows_of(*starts_chips)
     was = before[0].copy(), now[0].copy()
-    assert np.isnan(cleaned(sats, before, now)).all()
+    assert np.isnan(clean_taps(sats, before, now)).all()
     assert np.array_equal(before[0], was[0])
     assert np.array_equal(now[0], was[1])
 
@@ -141,7 +141,7 @@ def test_what_is_taken_out_is_the_autocorrelation_where_the_other_is():
     other = before[0][2:, :, k.OUT_TAPS :], now[0][2:, :, k.OUT_TAPS :]
     for taps in other:
         taps[:] = 0.0
-    errors_chips = cleaned(["G05"] * 3, before, now)
+    errors_chips = clean_taps(["G05"] * 3, before, now)
     assert np.isfinite(errors_chips).all()
     table = np.interp(
         3.0 + np.array([0.125, 0.0, -0.125]),

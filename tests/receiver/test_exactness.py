@@ -21,7 +21,7 @@ FRONT_END = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.0e6, encoding="float", bits=3
 SETTLED_S = 2.6
 
 
-def followed(sats, motion, cn0_dbhz, *, duration_s, front_end=FRONT_END, noise=True, beside_hz=2.0, **settings):
+def follow_signal(sats, motion, cn0_dbhz, *, duration_s, front_end=FRONT_END, noise=True, beside_hz=2.0, **settings):
     """Receiver and final state of channels started by hand beside their signals, and the rows of each satellite."""
     rendering = ideal_signals(sats, motion, cn0_dbhz, front_end, duration_s=duration_s, seed=11)
     wanted = replace(ReceiverSettings(), sats=(), near_search_s=1e9, **settings)
@@ -77,7 +77,7 @@ def test_without_noise_there_is_no_bias(rate_hz, spacing_chips, bound_m, doppler
     """
     front_end = FRONT_END.model_copy(update={"rate_hz": rate_hz, "bandwidth_hz": 0.8 * rate_hz})
     motion = one(doppler_hz)
-    rows, _ = followed(
+    rows, _ = follow_signal(
         ["G05"], motion, 45.0, duration_s=3.7, front_end=front_end, noise=False, early_late_chips=spacing_chips
     )
     code_m, carrier_cyc, beside_hz = errors_of(rows["G05"], motion, 0).mean(axis=1)
@@ -88,7 +88,7 @@ def test_without_noise_there_is_no_bias(rate_hz, spacing_chips, bound_m, doppler
 
 def test_at_two_g_the_carrier_has_no_bias():
     motion = one(3000.0, accelerations=((2.0, 19.6),))
-    rows, _ = followed(["G05"], motion, 45.0, duration_s=4.2, noise=False)
+    rows, _ = follow_signal(["G05"], motion, 45.0, duration_s=4.2, noise=False)
     code_m, carrier_cyc, beside_hz = errors_of(rows["G05"], motion, 0).mean(axis=1)
     assert abs(code_m) < 0.05
     assert abs(carrier_cyc) < 3e-4
@@ -101,7 +101,7 @@ def test_spreads_are_those_of_theory(cn0_dbhz):
     sats = [f"G{number:02d}" for number in range(1, 9)]
     rng = np.random.default_rng(2)
     motion = SignalDelays(delay_s=rng.uniform(0.065, 0.08, 8), doppler_hz=rng.uniform(-4e3, 4e3, 8))
-    rows, _ = followed(sats, motion, cn0_dbhz, duration_s=9.0)
+    rows, _ = follow_signal(sats, motion, cn0_dbhz, duration_s=9.0)
     errors = np.concatenate([errors_of(rows[sat], motion, i) for i, sat in enumerate(sats)], axis=1)
     stated = np.concatenate([rows[sat][1] for sat in sats])
     energy = 10.0 ** (0.1 * cn0_dbhz) * 0.2
@@ -128,7 +128,7 @@ def test_weak_signals_are_pulled_in_and_do_not_slip(cn0_dbhz):
     sats = [f"G{number:02d}" for number in range(1, n + 1)]
     rng = np.random.default_rng(4)
     motion = SignalDelays(delay_s=rng.uniform(0.065, 0.08, n), doppler_hz=rng.uniform(-4e3, 4e3, n))
-    rows, state = followed(sats, motion, cn0_dbhz, duration_s=4.0, beside_hz=8.0)
+    rows, state = follow_signal(sats, motion, cn0_dbhz, duration_s=4.0, beside_hz=8.0)
     assert sum(channel.copy is not None for channel in state.channels) >= n - 1
     for i, (t, table) in enumerate(rows.values()):
         if t.size > 1:
@@ -140,7 +140,7 @@ def test_weak_signals_are_pulled_in_and_do_not_slip(cn0_dbhz):
 @pytest.mark.parametrize("cn0_dbhz", [33.0, 35.0])
 def test_a_minute_of_a_weak_signal_has_no_slip_and_none_is_said(cn0_dbhz):
     motion = one()
-    rows, _ = followed(["G05"], motion, cn0_dbhz, duration_s=62.6)
+    rows, _ = follow_signal(["G05"], motion, cn0_dbhz, duration_s=62.6)
     t, table = rows["G05"]
     cycles = table[:, m.CARRIER_CYC] - motion.carrier_delay_s(t)[:, 0] * GPS_L1_CA.carrier_hz
     assert t.size >= 299

@@ -79,7 +79,7 @@ def test_few_bits_say_nothing():
 
 
 @pytest.fixture(scope="module")
-def locked(clean):
+def lock_loops(clean):
     """A receiver whose loops sum over a bit, after 4 s: bits are known."""
     settings = tracking.ReceiverSettings(weak_dbhz=60.0)
     receiver = tracking.Receiver(clean.samples.rate_hz, clean.samples.if_hz, settings)
@@ -91,9 +91,9 @@ def locked(clean):
 
 @pytest.mark.parametrize("off_hz", [25.0, -75.0])
 def test_a_channel_on_a_false_lock_goes_to_its_carrier_and_is_not_measured_on_the_way(
-    clean, locked, off_hz, monkeypatch
+    clean, lock_loops, off_hz, monkeypatch
 ):
-    receiver, state, edge = locked
+    receiver, state, edge = lock_loops
     true_hz = state.loops[0, k.PLL_VELOCITY]
     loops = state.loops.copy()
     loops[0, [k.PLL_VELOCITY, k.FREQUENCY]] += off_hz
@@ -110,5 +110,5 @@ def test_a_channel_on_a_false_lock_goes_to_its_carrier_and_is_not_measured_on_th
     monkeypatch.setattr(
         tracking, "off_false_locks", lambda loops, turns, _, good, __: (np.zeros_like(good), loops, turns)
     )
-    _, left = receiver.step(replace(state, loops=loops), later)
-    assert abs(left.loops[0, k.PLL_VELOCITY] - true_hz) > 20.0
+    _, moved_state = receiver.step(replace(state, loops=loops), later)
+    assert abs(moved_state.loops[0, k.PLL_VELOCITY] - true_hz) > 20.0

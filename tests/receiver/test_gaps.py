@@ -40,7 +40,7 @@ def test_carriers_that_turned_as_missing_bits_predict_are_seen_whatever_the_osci
 # ---------------------------------------------------------------------- signals that come back
 
 
-def lost(sat, delay_s, *, doppler_hz=0.0, tow_ms=None, period=0):
+def drop_rows(sat, delay_s, *, doppler_hz=0.0, tow_ms=None, period=0):
     place = DelayDoppler(at_s=1.0, delay_s=delay_s, doppler_hz=doppler_hz, period=period)
     return LostSignal(sat=sat, copy="a", found_s=0.0, missed_s=0.0, place=place, tow_ms=tow_ms)
 
@@ -50,7 +50,7 @@ def test_signals_that_come_back_anywhere_share_a_shift_as_often_as_stated():
     n, gaps = 80, 0
     for _ in range(n):
         sats = [f"G{prn:02d}" for prn in range(1, 9)]
-        gone = [lost(sat, rng.uniform(0.0, 1e-3), doppler_hz=rng.uniform(-4e3, 4e3)) for sat in sats]
+        gone = [drop_rows(sat, rng.uniform(0.0, 1e-3), doppler_hz=rng.uniform(-4e3, 4e3)) for sat in sats]
         found = [
             (old.sat, DelayDoppler(at_s=3.0, delay_s=rng.uniform(0.0, 1e-3), doppler_hz=old.place.doppler_hz))
             for old in gone
@@ -62,7 +62,9 @@ def test_signals_that_come_back_anywhere_share_a_shift_as_often_as_stated():
 def test_signals_that_come_back_where_they_were_are_no_gap_and_keep_their_time():
     sats = ["G01", "G02", "G03", "G04"]
     dopplers_hz = [-3000.0, 10.0, 900.0, 4000.0]
-    gone = [lost(s, 4e-4, doppler_hz=d, tow_ms=5_000_000, period=777) for s, d in zip(sats, dopplers_hz, strict=True)]
+    gone = [
+        drop_rows(s, 4e-4, doppler_hz=d, tow_ms=5_000_000, period=777) for s, d in zip(sats, dopplers_hz, strict=True)
+    ]
     found = []
     for old in gone:
         delay_s = old.place.delay_at_s(9.0, GPS_L1_CA) % GPS_L1_CA.period_s
@@ -108,19 +110,19 @@ def Place_of(site):
     return site.model_copy(update={"lat_deg": site.lat_deg + 1e-3})
 
 
-def received(rendered, planes):
-    there = sorted({heard.id.sat for heard in rendered.scene.skies[0].signals})
-    receiver = Receiver(RATE_HZ, settings=ReceiverSettings(sats=tuple(there)))
+def receive_samples(rendered, planes):
+    sats = sorted({heard.id.sat for heard in rendered.scene.skies[0].signals})
+    receiver = Receiver(RATE_HZ, settings=ReceiverSettings(sats=tuple(sats)))
     output, state = receiver.step(ReceiverState(), planes)
-    return output, state, there
+    return output, state, sats
 
 
 @pytest.mark.long
 def test_a_beat_of_all_signals_is_no_gap_and_costs_no_channel(overlapping):
-    output, _, there = received(overlapping, overlapping.planes)
-    assert len(there) >= 5
+    output, _, sats = receive_samples(overlapping, overlapping.planes)
+    assert len(sats) >= 5
     assert output.gaps == ()
-    assert sorted(arc.signal.sat for arc in output.arcs.values()) == there
+    assert sorted(arc.signal.sat for arc in output.arcs.values()) == sats
     assert all(arc.tow_ms_at_period_0 is not None for arc in output.arcs.values())
     elapsed_s = output.measurements.elapsed_s
     for second in range(2, 7):
@@ -133,7 +135,7 @@ def test_a_beat_of_all_signals_is_no_gap_and_costs_no_channel(overlapping):
 def test_samples_missing_within_the_beat_are_found(overlapping, periods):
     first = round(GAP_S * RATE_HZ)
     planes = np.delete(overlapping.planes, slice(first, first + periods * RATE_HZ // 1000), axis=1)
-    output, _, there = received(overlapping, planes)
+    output, _, sats = receive_samples(overlapping, planes)
     assert any(GAP_S - 0.2 <= gap.elapsed_s <= GAP_S + 0.7 for gap in output.gaps)
     after = {arc.signal.sat for number, arc in output.arcs.items() if arc.began == "after a gap"}
-    assert after == set(there)
+    assert after == set(sats)

@@ -18,12 +18,12 @@ from skyproof.records import CcafAsked
 def test_grids_become_a_record_whose_references_are_pseudoranges_and_in_which_an_attack_is_seen():
     rng = np.random.default_rng(2)
     records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)
-    (o,), (given,) = records.observations, records.ccaf
+    (o,), (grid_record,) = records.observations, records.ccaf
     # The clock showed 3 ms more before it was moved.
     week, tow_s = week_and_tow(o.gpst[0])
     label = ReceiverTimeTag(week=int(week), tow_ms=round((float(tow_s) - float(o.elapsed_s[0])) * 1e3) + 3)
     observations = replace(o, gpst=gpst(label.week, label.tow_ms * 1e-3 + o.elapsed_s) - np.timedelta64(3, "ms"))
-    sent_s = label.tow_ms * 1e-3 + given.elapsed_s[:, None] - 3e-3 - given.reference_m / SPEED_OF_LIGHT_M_S
+    sent_s = label.tow_ms * 1e-3 + grid_record.elapsed_s[:, None] - 3e-3 - grid_record.reference_m / SPEED_OF_LIGHT_M_S
     started_ms = np.floor(sent_s[0] * 1e3).astype(np.int64) - 500
     arcs = {
         number: Arc(
@@ -36,30 +36,30 @@ def test_grids_become_a_record_whose_references_are_pseudoranges_and_in_which_an
             bits_period=0,
             subframes={},
         )
-        for number, signal in enumerate(given.signals)
+        for number, signal in enumerate(grid_record.signals)
     }
-    n, intervals = len(given.signals), given.elapsed_s.size
+    n, intervals = len(grid_record.signals), grid_record.elapsed_s.size
     since_s = sent_s - started_ms * 1e-3
     periods = np.floor(since_s * 1e3).astype(np.int64)
     grids = Grids(
-        elapsed_s=np.repeat(given.elapsed_s, n),
+        elapsed_s=np.repeat(grid_record.elapsed_s, n),
         arc=np.tile(np.arange(n), intervals),
         periods=periods.ravel(),
         fraction_s=(since_s - periods * 1e-3).ravel(),
-        doppler_hz=given.reference_hz.ravel(),
-        noise_variance=given.noise_variance.ravel(),
-        value=np.asarray(given.value, np.complex64).reshape(-1, *given.value.shape[2:]),
+        doppler_hz=grid_record.reference_hz.ravel(),
+        noise_variance=grid_record.noise_variance.ravel(),
+        value=np.asarray(grid_record.value, np.complex64).reshape(-1, *grid_record.value.shape[2:]),
     )
     asked = CcafAsked(reach_chips=1.5, every_s=1.0, soon_s=0.2)
-    taken = GridCorrelator(asked, given.band_hz / 0.6, 0.0, GPS_L1_CA, 32)
-    taken.delays_chips = given.delays_chips
+    taken = GridCorrelator(asked, grid_record.band_hz / 0.6, 0.0, GPS_L1_CA, 32)
+    taken.delays_chips = grid_record.delays_chips
     found = assemble_grids("rx1", grids, taken, arcs, label, observations)
-    assert np.isnan(found.reference_m[:, found.signals.index(given.signals[0])]).all()  # its time is not known
-    columns = [found.signals.index(signal) for signal in given.signals[1:]]
-    np.testing.assert_allclose(found.reference_m[:, columns], given.reference_m[:, 1:], atol=1e-3)
-    np.testing.assert_array_equal(found.value[:, columns], given.value[:, 1:].astype(np.complex64))
+    assert np.isnan(found.reference_m[:, found.signals.index(grid_record.signals[0])]).all()  # its time is not known
+    columns = [found.signals.index(signal) for signal in grid_record.signals[1:]]
+    np.testing.assert_allclose(found.reference_m[:, columns], grid_record.reference_m[:, 1:], atol=1e-3)
+    np.testing.assert_array_equal(found.value[:, columns], grid_record.value[:, 1:].astype(np.complex64))
     seen = replace(records, observations=(observations,), ccaf=(found,))
     assert Dccaf().examine(seen)[0][0].says == "attack"
-    nothing = assemble_grids("rx1", Grids.nothing(1, given.delays_chips.size), taken, arcs, label, observations)
+    nothing = assemble_grids("rx1", Grids.nothing(1, grid_record.delays_chips.size), taken, arcs, label, observations)
     assert nothing.gpst.size == 0
     assert Dccaf().examine(replace(seen, ccaf=(nothing,)))[0][0].says == "undecided"

@@ -21,7 +21,7 @@ FRAME = 400_000
 FIRST = 37
 
 
-def passed_code(prn=PRN, points=64):
+def filter_code(prn=PRN, points=64):
     """One period of the code behind a low-pass of 3.2 MHz, `points` a chip, of mean square 1."""
     line = np.fft.rfftfreq(1023 * points, 1.0 / points)
     chips = np.fft.rfft(np.repeat(generate_ca_code(prn).astype(float), points))
@@ -30,7 +30,7 @@ def passed_code(prn=PRN, points=64):
     return code / np.sqrt(np.mean(code**2))
 
 
-CODE = passed_code()
+CODE = filter_code()
 
 
 def samples_of(late_chips, doppler_hz, amplitude, rng, *, bits=True, noise=1.0, seconds=0.1):
@@ -65,7 +65,7 @@ def rows_of(doppler_hz, *, count=100, wander_chips=0.0, rng=None):
     return rows, np.array([count])
 
 
-def taken(samples, rows, asked=ASKED, bit_start=0.0):
+def take_grids(samples, rows, asked=ASKED, bit_start=0.0):
     correlator = GridCorrelator(asked, RATE_HZ, IF_HZ, GPS_L1_CA, 32)
     with ThreadPoolExecutor(1) as threads:
         grids = correlator.take(
@@ -79,15 +79,15 @@ def test_a_signal_has_the_shape_of_its_band_where_its_delay_is_whatever_the_loop
     late, doppler_hz = 0.21, 1234.0
     samples = samples_of(late, doppler_hz, 3.0, rng, noise=0.0)
     rows = rows_of(doppler_hz, wander_chips=0.02, rng=rng)
-    grids, correlator = taken(samples, rows)
+    grids, correlator = take_grids(samples, rows)
     assert len(grids) == 4
     per_s = CA_CHIP_RATE_HZ * (1.0 + doppler_hz / L1_HZ)
     # What the zero of each grid shows at the common time, against the signal there.
-    shown = (grids.fraction_s + (grids.periods - 1000) * 1e-3) * CA_CHIP_RATE_HZ
+    delay_chips = (grids.fraction_s + (grids.periods - 1000) * 1e-3) * CA_CHIP_RATE_HZ
     true = (grids.elapsed_s - FIRST / RATE_HZ) * per_s - late
     table = taps_dictionary(tuple(correlator.delays_chips.tolist()), correlator.band_hz, GPS_L1_CA)
     found = decompose(grids.value[:, 1].astype(complex), table, signals=1, noise_variance=1e-6)
-    np.testing.assert_allclose(shown - true, found.delay_chips[:, 0], atol=0.004)
+    np.testing.assert_allclose(delay_chips - true, found.delay_chips[:, 0], atol=0.004)
     like = correlation(correlator.delays_chips - found.delay_chips, correlator.band_hz, GPS_L1_CA)
     peak = np.abs(found.amplitude)
     np.testing.assert_allclose(np.abs(grids.value[:, 1]), np.abs(found.amplitude * like), atol=0.09 * peak.max())
@@ -102,7 +102,7 @@ def test_noise_has_the_variance_and_the_covariance_that_the_record_states():
     rng = np.random.default_rng(2)
     values, variances = [], []
     for _ in range(25):
-        grids, correlator = taken(samples_of(0.0, 0.0, 0.0, rng), rows_of(0.0))
+        grids, correlator = take_grids(samples_of(0.0, 0.0, 0.0, rng), rows_of(0.0))
         values.append(grids.value)
         variances.append(grids.noise_variance)
     value = np.concatenate(values).astype(complex)  # (100, dopplers, delays)
@@ -122,8 +122,8 @@ def test_bits_are_taken_off_over_longer_intervals():
     rng = np.random.default_rng(3)
     asked = CcafAsked(reach_chips=1.0, every_s=0.2, soon_s=0.2, coherent_s=0.08, intervals=1)
     samples = samples_of(0.0, -800.0, 0.3, rng)
-    long, _ = taken(samples, rows_of(-800.0), asked)
-    short, correlator = taken(samples, rows_of(-800.0))
+    long, _ = take_grids(samples, rows_of(-800.0), asked)
+    short, correlator = take_grids(samples, rows_of(-800.0))
     middle, at = correlator.delays_chips.size // 2, long.value.shape[2] // 2
     assert np.abs(long.value[0, 0, at]) == pytest.approx(np.abs(short.value[:, 1, middle]).mean(), rel=0.05)
     assert long.noise_variance[0] == pytest.approx(short.noise_variance.mean() / 4.0, rel=0.8)
@@ -131,10 +131,10 @@ def test_bits_are_taken_off_over_longer_intervals():
 
 def test_without_bits_or_with_too_few_periods_there_is_no_grid():
     samples = samples_of(0.0, 0.0, 1.0, np.random.default_rng(4))
-    assert len(taken(samples, rows_of(0.0), bit_start=-1.0)[0]) == 0
-    assert len(taken(samples, rows_of(0.0, count=70))[0]) == 0
+    assert len(take_grids(samples, rows_of(0.0), bit_start=-1.0)[0]) == 0
+    assert len(take_grids(samples, rows_of(0.0, count=70))[0]) == 0
     # Bits that begin later leave room for the whole of it.
-    assert len(taken(samples, rows_of(0.0), bit_start=19.0)[0]) == 4
+    assert len(take_grids(samples, rows_of(0.0), bit_start=19.0)[0]) == 4
 
 
 @pytest.mark.parametrize("prn", [1, 7, 32])
@@ -155,7 +155,7 @@ def test_much_is_at_stake_when_several_signals_change_at_once():
     assert is_disturbed(moved, mean, 0.2)
     rng = np.random.default_rng(5)
     noisy = mean + 0.4 * rng.standard_normal((2000, 8))
-    assert sum(is_disturbed(one, mean, 0.2) for one in noisy) <= 2
+    assert sum(is_disturbed(levels, mean, 0.2) for levels in noisy) <= 2
 
 
 def test_a_receiver_takes_grids_whose_zero_is_its_pseudorange_whatever_blocks_come(clean):

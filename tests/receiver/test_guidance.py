@@ -34,7 +34,7 @@ def guide(away_chips=0.0, doppler_hz=1200.0, until_s=5.5, **columns):
     return row
 
 
-def guided(loops, guides, unseen=False, now_s=5.0):
+def guide_loop_rows(loops, guides, unseen=False, now_s=5.0):
     return g.guide_loops(
         loops,
         guides,
@@ -54,7 +54,7 @@ def guided(loops, guides, unseen=False, now_s=5.0):
     unseen=st.booleans(),
 )
 def test_the_replica_is_where_it_is_predicted_a_frame_later(away_chips, doppler_hz, own_hz, unseen):
-    loops, _ = guided(loop(own_hz=doppler_hz + own_hz), guide(away_chips, doppler_hz), unseen)
+    loops, _ = guide_loop_rows(loop(own_hz=doppler_hz + own_hz), guide(away_chips, doppler_hz), unseen)
     runs_chips = (loops[0, k.CODE_RATE] - GPS_L1_CA.chip_rate_hz * (1.0 + doppler_hz / GPS_L1_CA.carrier_hz)) * FRAME_S
     assert abs(runs_chips - away_chips) < 1e-4
     assert loops[0, k.DLL_BANDWIDTH] == 0.0
@@ -62,22 +62,22 @@ def test_the_replica_is_where_it_is_predicted_a_frame_later(away_chips, doppler_
 
 def test_a_carrier_that_is_not_seen_follows_the_prediction_and_one_that_is_seen_does_not():
     for unseen, velocity_hz in ((True, 1300.0), (False, 1200.0)):
-        loops, _ = guided(loop(), guide(doppler_hz=1300.0), unseen)
+        loops, _ = guide_loop_rows(loop(), guide(doppler_hz=1300.0), unseen)
         assert loops[0, k.PLL_VELOCITY] == velocity_hz
         assert loops[0, k.FREQUENCY] == IF_HZ + velocity_hz
 
 
 def test_the_correction_of_the_carrier_is_half_a_cycle_a_kilohertz():
-    loops, _ = guided(loop(), guide(CORRECTION_HZ=-89.0))
+    loops, _ = guide_loop_rows(loop(), guide(CORRECTION_HZ=-89.0))
     assert np.isclose(loops[0, k.CARRIER_CORRECTION], -0.0445)
 
 
 def test_a_guide_lapses_and_leaves_the_loops_to_themselves():
-    steered, guides = guided(loop(), guide(0.2, CORRECTION_HZ=50.0))
+    steered, guides = guide_loop_rows(loop(), guide(0.2, CORRECTION_HZ=50.0))
     for lapsed in (guide(until_s=4.9), g.no_guide()[None]):
-        loops, left = guided(steered, lapsed)
+        loops, guides_left = guide_loop_rows(steered, lapsed)
         assert loops[0, k.CODE_STEER] == loops[0, k.CARRIER_CORRECTION] == 0.0
-        assert np.isnan(left).all()
+        assert np.isnan(guides_left).all()
     assert np.isfinite(guides[0, g.AT_S])
 
 

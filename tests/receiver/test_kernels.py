@@ -21,10 +21,10 @@ def correlate_numpy(planes, begin, n, chip, code_rate_hz, phase_cyc, frequency_h
         -2j * np.pi * (phase_cyc + index * frequency_hz / RATE_HZ)
     )
     chips = chip + index * code_rate_hz / RATE_HZ
-    return base @ smoothed(chips, taps_chips)
+    return base @ smooth_code(chips, taps_chips)
 
 
-def smoothed(chips, taps_chips):
+def smooth_code(chips, taps_chips):
     """The code behind the replica's low-pass, times its scale, from its line spectrum: (n_chips, n_taps)."""
     line = np.arange(-1300, 1301)  # kilohertz: the low-pass ends at half the rate
     spectrum = np.fft.fft(CODE)[line % 1023] / 1023.0 * np.sinc(line / 1023.0) * np.exp(-1j * np.pi * line / 1023.0)

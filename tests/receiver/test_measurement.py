@@ -41,7 +41,7 @@ def rows_of(rng, cn0_dbhz, n_frames, *, beside_cyc=no_cycles, code_chips=0.0, of
     return rows.reshape(n_frames, 1, 100, -1)
 
 
-def measured(frames, cn0_dbhz, *, bit_start=7.0, withheld=()):
+def build_measured(frames, cn0_dbhz, *, bit_start=7.0, withheld=()):
     """The table, a row every two frames, of a channel whose strength is known; withheld : rows not given out."""
     state = np.zeros((1, k.N_STATE))
     state[0, [k.RESIDUAL, k.CODE_MINUS_CARRIER]] = np.nan
@@ -65,7 +65,7 @@ def spread_over(values, sigma):
 
 @pytest.mark.parametrize("cn0_dbhz", [28.0, 35.0, 45.0])
 def test_errors_are_as_large_as_stated(cn0_dbhz):
-    table = measured(rows_of(np.random.default_rng(1), cn0_dbhz, 1600), cn0_dbhz)
+    table = build_measured(rows_of(np.random.default_rng(1), cn0_dbhz, 1600), cn0_dbhz)
     for value, sigma in ((m.CARRIER_CYC, m.CARRIER_SIGMA_CYC), (m.DOPPLER_HZ, m.DOPPLER_SIGMA_HZ)):
         assert 0.92 < spread_over(table[:, value], table[:, sigma]) < 1.12
     code_s = table[:, m.PERIODS] * 1e-3 + table[:, m.FRACTION_S] - 0.1 * np.arange(1, 1600, 2)
@@ -73,7 +73,7 @@ def test_errors_are_as_large_as_stated(cn0_dbhz):
 
 
 def test_sigmas_are_the_bounds_of_theory():
-    table = measured(rows_of(np.random.default_rng(2), 45.0, 200), 45.0)
+    table = build_measured(rows_of(np.random.default_rng(2), 45.0, 200), 45.0)
     energy = 10**4.5 * 0.2
     assert np.median(table[:, m.CARRIER_SIGMA_CYC]) == pytest.approx(np.sqrt(9 / 8 / energy) / 2 / np.pi, rel=0.03)
     assert np.median(table[:, m.DOPPLER_SIGMA_HZ]) == pytest.approx(np.sqrt(6 / energy) / 2 / np.pi / 0.2, rel=0.03)
@@ -83,13 +83,13 @@ def test_sigmas_are_the_bounds_of_theory():
 
 @pytest.mark.parametrize("cn0_dbhz", [25.0, 30.0, 40.0, 55.0])
 def test_the_strength_reported_has_no_bias(cn0_dbhz):
-    table = measured(rows_of(np.random.default_rng(3), cn0_dbhz, 2000), cn0_dbhz)
+    table = build_measured(rows_of(np.random.default_rng(3), cn0_dbhz, 2000), cn0_dbhz)
     mean_dbhz = 10.0 * np.log10(np.mean(10.0 ** (0.1 * table[:, m.CN0_DBHZ])))
     assert abs(mean_dbhz - cn0_dbhz) < 0.1
 
 
 def test_an_error_of_the_loops_code_is_measured_away():
-    table = measured(rows_of(np.random.default_rng(4), 80.0, 20, code_chips=0.05), 80.0)
+    table = build_measured(rows_of(np.random.default_rng(4), 80.0, 20, code_chips=0.05), 80.0)
     late_s = 0.1 * np.arange(1, 20, 2) - table[:, m.PERIODS] * 1e-3 - table[:, m.FRACTION_S]
     np.testing.assert_allclose(late_s, -0.05 / 1.023e6, atol=1e-3 / 1.023e6)
 
@@ -101,7 +101,7 @@ def test_a_phase_that_accelerates_biases_neither_phase_nor_frequency():
     def beside_cyc(t):
         return 0.5 * rate_hz_s * (t % 0.2 - 0.1) ** 2  # each block its own, without steps
 
-    table = measured(rows_of(np.random.default_rng(5), 70.0, 40, beside_cyc=beside_cyc), 70.0)
+    table = build_measured(rows_of(np.random.default_rng(5), 70.0, 40, beside_cyc=beside_cyc), 70.0)
     carrier_cyc = table[:, m.CARRIER_CYC] - 0.5 * np.rint(2.0 * table[:, m.CARRIER_CYC])
     assert abs(np.mean(carrier_cyc)) < 2e-4
     assert np.abs(table[:, m.DOPPLER_HZ]).max() < 0.02
@@ -114,7 +114,7 @@ def test_a_held_phase_never_slips_nor_is_said_to(cn0_dbhz, bits_known):
     offsets = range(1, BIT, 3)
     for offset in offsets:
         frames = rows_of(np.random.default_rng(offset), cn0_dbhz, 6000 // len(offsets), offset=offset)
-        table = measured(frames, cn0_dbhz, bit_start=offset if bits_known else -1.0)
+        table = build_measured(frames, cn0_dbhz, bit_start=offset if bits_known else -1.0)
         assert np.abs(np.diff(table[:, m.CARRIER_CYC])).max() < 0.3
         assert not table[:, m.SLIP].any()
 
@@ -129,12 +129,12 @@ def test_a_slip_of_the_loop_is_repaired_and_reported(slipped_cyc, takes_s, cn0_d
     def beside_cyc(t):
         return slipped_cyc * np.clip((t - 4.05) / takes_s, 0.0, 1.0)
 
-    table = measured(rows_of(np.random.default_rng(6), cn0_dbhz, 100, beside_cyc=beside_cyc), cn0_dbhz)
+    table = build_measured(rows_of(np.random.default_rng(6), cn0_dbhz, 100, beside_cyc=beside_cyc), cn0_dbhz)
     moved = np.mean(table[25:, m.CARRIER_CYC]) - np.mean(table[:19, m.CARRIER_CYC])
     assert moved == pytest.approx(-slipped_cyc, abs=0.02)
-    said = 0.1 + 0.2 * np.flatnonzero(table[:, m.SLIP])
-    assert said.size
-    assert ((said > 3.9) & (said < 4.8)).all()
+    slips_s = 0.1 + 0.2 * np.flatnonzero(table[:, m.SLIP])
+    assert slips_s.size
+    assert ((slips_s > 3.9) & (slips_s < 4.8)).all()
     assert not table[:19, m.TURNED].any()
     assert (table[25:, m.TURNED] == (abs(slipped_cyc) == 0.5)).all()
 
@@ -144,8 +144,8 @@ def test_a_slip_in_a_row_that_is_not_given_out_is_said_in_the_next():
         return 0.5 * np.clip((t - 4.05) / 0.08, 0.0, 1.0)
 
     frames = rows_of(np.random.default_rng(6), 45.0, 100, beside_cyc=beside_cyc)
-    assert np.flatnonzero(measured(frames, 45.0)[:, m.SLIP]).tolist() == [20]
-    assert np.flatnonzero(measured(frames, 45.0, withheld=(20,))[:, m.SLIP]).tolist() == [20, 21]
+    assert np.flatnonzero(build_measured(frames, 45.0)[:, m.SLIP]).tolist() == [20]
+    assert np.flatnonzero(build_measured(frames, 45.0, withheld=(20,))[:, m.SLIP]).tolist() == [20, 21]
 
 
 @pytest.mark.parametrize("jump_cyc", [0.25, 0.3])
@@ -158,7 +158,7 @@ def test_a_jump_that_may_be_either_is_said(jump_cyc):
         settled = 0.5 if jump_cyc > 0.25 else 0.0
         return np.where(t > 4.067, settled + (jump_cyc - settled) * np.exp(-np.maximum(t - 4.067, 0.0) / 0.03), 0.0)
 
-    table = measured(rows_of(np.random.default_rng(8), 40.0, 100, beside_cyc=beside_cyc), 40.0)
+    table = build_measured(rows_of(np.random.default_rng(8), 40.0, 100, beside_cyc=beside_cyc), 40.0)
     assert np.flatnonzero(table[:, m.SLIP]).tolist() == [20]
     assert table[20, m.JUMP] > 6.0
     assert np.delete(table[:, m.JUMP], 20).max() < 6.0
@@ -169,5 +169,5 @@ def test_signals_that_fade_at_once_have_not_jumped():
     strong = rows_of(np.random.default_rng(9), 42.0, 20)
     noise = rows_of(np.random.default_rng(10), -100.0, 20)
     faded = (strong - noise) * 10.0**-0.9 + noise
-    jumps = [measured(np.concatenate([strong[:11], faded[11:]]), 42.0)[5:, m.JUMP]]
+    jumps = [build_measured(np.concatenate([strong[:11], faded[11:]]), 42.0)[5:, m.JUMP]]
     assert np.max(jumps) < 6.0

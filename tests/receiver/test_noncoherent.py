@@ -36,7 +36,7 @@ def rows_of(rng, cn0_dbhz, off_hz=0.0, code_chips=0.0, n=200, first=7):
     return rows
 
 
-def shown(rows, probability=1e-3):
+def show_sky(rows, probability=1e-3):
     return measure_noncoherent(
         rows,
         3.0,
@@ -53,37 +53,37 @@ def shown(rows, probability=1e-3):
 @pytest.mark.parametrize("cn0_dbhz", [22.0, 26.0, 35.0])
 def test_code_and_doppler_scatter_as_stated_about_the_truth(cn0_dbhz):
     rng = np.random.default_rng(round(cn0_dbhz))
-    found = [one for one in (shown(rows_of(rng, cn0_dbhz)) for _ in range(DRAWS)) if one is not None]
+    found = [measured for measured in (show_sky(rows_of(rng, cn0_dbhz)) for _ in range(DRAWS)) if measured is not None]
     assert len(found) > 0.95 * DRAWS
     for error in (
-        np.array([(one.doppler_hz - NEAR_HZ) / one.doppler_sigma_hz for one in found]),
-        np.array([one.code_chips / one.code_sigma_chips for one in found]),
+        np.array([(measured.doppler_hz - NEAR_HZ) / measured.doppler_sigma_hz for measured in found]),
+        np.array([measured.code_chips / measured.code_sigma_chips for measured in found]),
     ):
         assert abs(error.mean()) < 4.0 * error.std() / np.sqrt(len(found))
         assert 0.85 < error.std() < 1.15
-    assert abs(np.mean([one.cn0_dbhz for one in found]) - cn0_dbhz) < 0.5
+    assert abs(np.mean([measured.cn0_dbhz for measured in found]) - cn0_dbhz) < 0.5
 
 
 @pytest.mark.parametrize("off_hz", [-20.0, -6.0, 6.0, 20.0])
 def test_a_carrier_off_what_was_expected_is_found_within_half_of_a_bits_inverse(off_hz):
     rng = np.random.default_rng(3)
-    found = [shown(rows_of(rng, 40.0, off_hz, code_chips=0.04)) for _ in range(60)]
-    assert abs(np.mean([one.doppler_hz - NEAR_HZ for one in found]) - off_hz) < 0.5
-    assert abs(np.mean([one.code_chips for one in found]) - 0.04) < 0.01
+    found = [show_sky(rows_of(rng, 40.0, off_hz, code_chips=0.04)) for _ in range(60)]
+    assert abs(np.mean([result.doppler_hz - NEAR_HZ for result in found]) - off_hz) < 0.5
+    assert abs(np.mean([result.code_chips for result in found]) - 0.04) < 0.01
 
 
 def test_noise_alone_shows_nothing_but_as_often_as_stated():
     rng = np.random.default_rng(5)
-    passed = sum(shown(rows_of(rng, -50.0), 0.05) is not None for _ in range(DRAWS))
+    passed = sum(show_sky(rows_of(rng, -50.0), 0.05) is not None for _ in range(DRAWS))
     assert binomial_survival(passed, DRAWS, 0.05) > 1e-3
     assert passed > 4
 
 
 def test_a_bit_that_is_cut_does_not_count_and_three_whole_ones_are_needed():
     rng = np.random.default_rng(6)
-    assert shown(rows_of(rng, 45.0, n=76)) is not None  # 16 periods of one, three whole ones
-    assert shown(rows_of(rng, 45.0, n=75)) is None
+    assert show_sky(rows_of(rng, 45.0, n=76)) is not None  # 16 periods of one, three whole ones
+    assert show_sky(rows_of(rng, 45.0, n=75)) is None
     rows = rows_of(rng, 45.0, n=96)  # 16 of one, four whole ones
     other = rows.copy()
     other[:16, k.OUT_TAPS :] = 1e3
-    assert shown(other).doppler_hz == pytest.approx(shown(rows).doppler_hz)
+    assert show_sky(other).doppler_hz == pytest.approx(show_sky(rows).doppler_hz)

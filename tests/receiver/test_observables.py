@@ -14,7 +14,7 @@ from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
 from skyproof.records import AntennaArray, SignalId
 
 
-def taken(receiver, output):
+def take_grids(receiver, output):
     """All correlators over the first three seconds."""
     return assemble_taps(
         "rx",
@@ -33,7 +33,7 @@ def test_taps_show_the_correlation_function_on_the_real_axis(clean):
     settings = ReceiverSettings(further_taps_chips=(0.5, -0.5, 1.5), further_taps_hz=(400.0,))
     receiver = Receiver(clean.samples.rate_hz, clean.samples.if_hz, settings)
     output, _ = receiver.step(ReceiverState(), clean.planes[:, : int(3.05 * clean.samples.rate_hz)])
-    taps = taken(receiver, output)
+    taps = take_grids(receiver, output)
     assert taps.value.shape == (14, len(taps.signals), 2, 6)
     late = taps.value[10:]
     prompt = late[:, :, 0, 1]
@@ -56,7 +56,7 @@ def test_taps_of_looks_stand_at_their_times_and_show_the_same(clean):
     for looks in ({}, {"looks_per_frame": 5, "look_share": 0.2}):
         receiver = Receiver(clean.samples.rate_hz, clean.samples.if_hz, ReceiverSettings(**further, **looks))
         output, _ = receiver.step(ReceiverState(), planes)
-        taps = taken(receiver, output)
+        taps = take_grids(receiver, output)
         late = taps.value[taps.elapsed_s > 2.0, :, 0]
         assert np.isfinite(late).all()
         shapes.append(late.mean(axis=0) / late[:, :, 1].mean(axis=0)[:, None])
@@ -102,13 +102,13 @@ def test_what_tells_no_time_or_does_not_last_has_no_direction():
     }
     epochs = np.arange(1, 51)
     number = np.concatenate([np.full(50, 0), np.full(50, 1), np.full(4, 2), np.full(46, 3)])
-    own = np.zeros((150, 2, m.N_OWN))
+    antenna_rows = np.zeros((150, 2, m.N_OWN))
     measurements = replace(
         Measurements.nothing(n_antennas=2),
         elapsed_s=0.2 * np.tile(epochs, 3),
         arc=number,
         table=np.zeros((150, m.N_COLUMNS)),
-        own=own,
+        own=antenna_rows,
     )
     gpst = np.datetime64("2024-05-14T10:00:00", "ns") + epochs * np.timedelta64(200, "ms")
     phases = assemble_array_phases(
@@ -122,6 +122,6 @@ def test_what_tells_no_time_or_does_not_last_has_no_direction():
         averaged_s=0.2,
     )
     assert [signal.sat for signal in phases.signals] == ["G01", "G02", "G03"]
-    there = np.isfinite(phases.phase_cyc).all(axis=-1)
-    np.testing.assert_array_equal(there.sum(axis=0), [50, 0, 46])
-    assert not there[:4, 2].any()
+    measured = np.isfinite(phases.phase_cyc).all(axis=-1)
+    np.testing.assert_array_equal(measured.sum(axis=0), [50, 0, 46])
+    assert not measured[:4, 2].any()

@@ -35,7 +35,7 @@ def cell(apart_chips, relative_db, apart_hz):
     return waves.Cell(apart_chips=apart_chips, relative_db=relative_db, apart_hz=apart_hz)
 
 
-def expected_m(row, of):
+def predict_m(row, of):
     """The errors that noise and the other signal explain together."""
     _, sigma_m, pull_m = row.code_m[of]
     return math.hypot(sigma_m, pull_m)
@@ -54,7 +54,7 @@ def test_both_signals_of_a_pair_are_followed_and_measured_right(apart_chips, rel
     assert row.wait_s[1] < 1.5
     for of in (0, 1):
         # Five epochs; a constant pull may be 1.4 times its mean square over the phases.
-        assert row.code_m[of][0] < 2.5 * expected_m(row, of)
+        assert row.code_m[of][0] < 2.5 * predict_m(row, of)
         error_hz, sigma_hz, pull_hz = row.doppler_hz[of]
         assert error_hz < 2.5 * math.hypot(sigma_hz, pull_hz)
 
@@ -87,13 +87,13 @@ def test_a_reflection_is_not_reported_as_a_signal(apart_hz):
 @pytest.mark.long
 @pytest.mark.parametrize("apart_hz", [0.0, 2.0, 10.0, 50.0])
 def test_pairs_from_one_and_a_half_chips_on_are_followed_and_their_errors_are_explained(apart_hz):
-    rows = [pairs.row_of(cell(*one, apart_hz), 3) for one in product(APART_CLEARLY, (-10.0, -6.0, 0.0, 6.0, 10.0))]
+    rows = [pairs.row_of(cell(*case, apart_hz), 3) for case in product(APART_CLEARLY, (-10.0, -6.0, 0.0, 6.0, 10.0))]
     found = {weak: [row for row in rows if (row.cell.relative_db < -6.0) == weak] for weak in (False, True)}
     assert sum(row.found for row in found[False]) >= 0.97 * sum(row.trials for row in found[False])
     assert sum(row.found for row in found[True]) >= 0.85 * sum(row.trials for row in found[True])
     assert sum(row.others for row in rows) == 0
     for of in (0, 1):
-        ratios = [row.code_m[of][0] / expected_m(row, of) for row in rows if row.found]
+        ratios = [row.code_m[of][0] / predict_m(row, of) for row in rows if row.found]
         assert math.sqrt(np.mean(np.square(ratios))) < 1.3
 
 
@@ -115,6 +115,6 @@ def test_a_clean_sky_through_the_whole_receiver_has_one_signal_a_satellite(seed)
 @pytest.mark.long
 def test_reflections_within_half_a_chip_are_hardly_ever_reported():
     rng = np.random.default_rng(9)
-    reflections = [one for one in second_signals.REFLECTIONS if one[0] <= 0.5]
-    reported = [second_signals.reflected(rng, *one) > 0 for one in reflections for _ in range(4)]
+    reflections = [case for case in second_signals.REFLECTIONS if case[0] <= 0.5]
+    reported = [second_signals.reflected(rng, *case) > 0 for case in reflections for _ in range(4)]
     assert np.mean(reported) < 0.05

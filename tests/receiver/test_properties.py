@@ -72,9 +72,9 @@ def receiver(planes):
     state, output = ReceiverState(), None
     finder = Receiver(RATE_HZ)
     output, state = finder.step(state, planes[:, : int(1.5 * RATE_HZ)])
-    there = {arc.signal.sat for arc in output.arcs.values()}
-    absent = [sat for sat in finder.settings.sats if sat not in there][:2]
-    sats = tuple(sorted({*there, *absent}))
+    tracked_sats = {arc.signal.sat for arc in output.arcs.values()}
+    absent = [sat for sat in finder.settings.sats if sat not in tracked_sats][:2]
+    sats = tuple(sorted({*tracked_sats, *absent}))
     looks = {"further_taps_chips": (0.5, -0.5), "looks_per_frame": 5, "look_share": 0.2}
     return Receiver(RATE_HZ, settings=ReceiverSettings(sats=sats, **looks))
 
@@ -170,7 +170,7 @@ def assert_only_that_is_lost(heard, whole, damaged_to_s, recovery_s):
         assert np.abs(doppler_hz).max() < 0.2
 
 
-def damaged(planes, kind, duration_s, rng):
+def damage_samples(planes, kind, duration_s, rng):
     first, end = int(DAMAGED_S * RATE_HZ), int((DAMAGED_S + duration_s) * RATE_HZ)
     out = planes.copy()
     stretch = out[:, first:end]
@@ -185,14 +185,14 @@ def damaged(planes, kind, duration_s, rng):
 
 @pytest.mark.parametrize("kind", ["zeros", "noise", "flipped bits"])
 def test_twenty_damaged_milliseconds_cost_the_epochs_around_them(receiver, planes, whole, kind):
-    out = damaged(planes, kind, 0.02, np.random.default_rng(5))
+    out = damage_samples(planes, kind, 0.02, np.random.default_rng(5))
     heard = receive(receiver, out)
     assert_only_that_is_lost(heard, whole, DAMAGED_S + 0.02, RECOVERY_S)
 
 
 @pytest.mark.long
 def test_flipped_bits_for_half_a_second_cost_strength_only(receiver, planes, whole):
-    heard = receive(receiver, damaged(planes, "flipped bits", 0.5, np.random.default_rng(6)))
+    heard = receive(receiver, damage_samples(planes, "flipped bits", 0.5, np.random.default_rng(6)))
     assert_only_that_is_lost(heard, whole, DAMAGED_S + 0.5, RECOVERY_S)
     for signal in whole.signals:
         at, cn0_dbhz = heard.column(signal, m.CN0_DBHZ)
@@ -202,7 +202,7 @@ def test_flipped_bits_for_half_a_second_cost_strength_only(receiver, planes, who
 
 @pytest.mark.parametrize("kind", [pytest.param("zeros", marks=pytest.mark.long), "noise"])
 def test_a_second_without_signals_costs_that_second_and_the_way_back(receiver, planes, whole, kind):
-    heard = receive(receiver, damaged(planes, kind, 1.0, np.random.default_rng(7)))
+    heard = receive(receiver, damage_samples(planes, kind, 1.0, np.random.default_rng(7)))
     # Its loops coasted: every arc goes on, with its time of week, and nothing is said to be missing.
     assert heard.gaps == []
     assert heard.arcs.keys() == whole.arcs.keys()

@@ -56,7 +56,7 @@ def test_an_antenna_that_receives_nothing_has_no_carriers():
 
 
 @pytest.fixture(scope="session")
-def tracked(clean):
+def track(clean):
     return receive(clean, [])
 
 
@@ -92,21 +92,21 @@ def test_a_front_end_that_comes_up_late_costs_a_second_and_not_the_recording(cle
     planes[:, : 2_600_000 // 3] = 1.0
     receiver = Receiver(2_600_000)
     output, _ = receiver.step(ReceiverState(), planes)
-    there = {heard.id.sat for heard in clean.scene.skies[0].signals}
-    assert {arc.signal.sat for arc in output.arcs.values()} == there
+    in_sky = {heard.id.sat for heard in clean.scene.skies[0].signals}
+    assert {arc.signal.sat for arc in output.arcs.values()} == in_sky
     assert {arc.found_s for arc in output.arcs.values()} == {1.0}
 
 
-def test_every_satellite_has_one_signal_and_a_time(clean, tracked):
-    o = observations(clean, *tracked)
-    there = sorted(heard.id.sat for heard in clean.scene.skies[0].signals)
-    assert [signal.sat for signal in o.signals] == there
+def test_every_satellite_has_one_signal_and_a_time(clean, track):
+    o = observations(clean, *track)
+    in_sky = sorted(heard.id.sat for heard in clean.scene.skies[0].signals)
+    assert [signal.sat for signal in o.signals] == in_sky
     assert {signal.copy for signal in o.signals} == {"a"}
     assert np.isfinite(o.pseudorange_m[5:]).all()
 
 
-def test_the_time_of_week_is_exact_to_the_millisecond(clean, tracked):
-    measurements, arcs = tracked
+def test_the_time_of_week_is_exact_to_the_millisecond(clean, track):
+    measurements, arcs = track
     sky = clean.scene.skies[0]
     start_s = week_and_tow(clean.scenario.start_gpst)[1]
     sats = [heard.id.sat for heard in sky.signals]
@@ -119,8 +119,8 @@ def test_the_time_of_week_is_exact_to_the_millisecond(clean, tracked):
         assert abs(told_s - sent_s) < 1e-7
 
 
-def test_pseudorange_noise_is_white_unbiased_and_as_large_as_stated(clean, tracked):
-    o = observations(clean, *tracked)
+def test_pseudorange_noise_is_white_unbiased_and_as_large_as_stated(clean, track):
+    o = observations(clean, *track)
     _, code_s, _, _ = truth_of(clean, o)
     error_m = o.pseudorange_m - SPEED_OF_LIGHT_M_S * code_s
     error_m -= np.median(error_m, axis=1, keepdims=True)  # the receiver's clock
@@ -132,8 +132,8 @@ def test_pseudorange_noise_is_white_unbiased_and_as_large_as_stated(clean, track
     assert abs(np.mean(lag_one)) < 0.15
 
 
-def test_carrier_and_doppler_agree_with_the_truth(clean, tracked):
-    o = observations(clean, *tracked)
+def test_carrier_and_doppler_agree_with_the_truth(clean, track):
+    o = observations(clean, *track)
     _, _, carrier_s, doppler_hz = truth_of(clean, o)
     o_rows = slice(8, None)
     sky = clean.scene.skies[0]
@@ -142,7 +142,7 @@ def test_carrier_and_doppler_agree_with_the_truth(clean, tracked):
     # One arbitrary start a channel, by whole cycles: the change over time is what counts, and the fraction.
     moved = error_cyc - error_cyc[0]
     assert np.abs(moved).max() < 0.06
-    assert np.abs(wrapped(error_cyc - error_cyc[:, :1])).max() < 0.06
+    assert np.abs(wrap_cycles(error_cyc - error_cyc[:, :1])).max() < 0.06
     assert np.abs((o.doppler_hz - doppler_hz)[o_rows]).max() < 0.5
 
 
@@ -175,7 +175,7 @@ def test_letters_go_on_after_z():
 # ---------------------------------------------------------------------- half cycles
 
 
-def wrapped(cycles):
+def wrap_cycles(cycles):
     return cycles - np.rint(cycles)
 
 
@@ -198,11 +198,11 @@ def test_double_differences_of_two_receivers_are_whole_cycles_off_the_truth(pair
     assert len(received[0].signals) > 4
     double = (a - b)[8:] - (a - b)[8:, :1]
     assert np.isfinite(double).all()
-    assert np.abs(wrapped(double)).max() < 0.05
+    assert np.abs(wrap_cycles(double)).max() < 0.05
     assert not any(o.half_cycle_open.any() for o in received)
 
 
-def test_a_carrier_turned_by_half_a_cycle_in_the_middle_is_a_slip_and_right_on_both_sides(clean, tracked):
+def test_a_carrier_turned_by_half_a_cycle_in_the_middle_is_a_slip_and_right_on_both_sides(clean, track):
     """All samples inverted from 6.53 s on: no loop notices, but the data bits do."""
     turned = Rendered.__new__(Rendered)
     turned.__dict__ |= clean.__dict__
@@ -210,10 +210,10 @@ def test_a_carrier_turned_by_half_a_cycle_in_the_middle_is_a_slip_and_right_on_b
     turned.planes[:, int(6.53 * 2.6e6) :] *= -1.0
     o = observations(turned, *receive(turned, []))
     before, after = o.elapsed_s < 6.5, o.elapsed_s > 6.6
-    moved = o.carrier_cyc - observations(clean, *tracked).carrier_cyc[: o.elapsed_s.size]
+    moved = o.carrier_cyc - observations(clean, *track).carrier_cyc[: o.elapsed_s.size]
     good = np.isfinite(moved) & ~o.half_cycle_open
-    np.testing.assert_allclose(wrapped(moved[before][good[before]]), 0.0, atol=0.01)
-    np.testing.assert_allclose(np.abs(wrapped(moved[after][good[after]])), 0.5, atol=0.01)
+    np.testing.assert_allclose(wrap_cycles(moved[before][good[before]]), 0.0, atol=0.01)
+    np.testing.assert_allclose(np.abs(wrap_cycles(moved[after][good[after]])), 0.5, atol=0.01)
     for column in range(len(o.signals)):
         slipped = np.flatnonzero(o.status[:, column] == 3)
         assert 6.0 < o.elapsed_s[slipped[0]] <= 6.6 <= o.elapsed_s[slipped[-1]] < 7.2

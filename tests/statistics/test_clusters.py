@@ -56,6 +56,6 @@ def test_leading_axes_give_what_single_calls_give():
     values = 3.0 * np.random.default_rng(3).standard_normal((2, 3, 6))
     found = divide_line(values, 1.0, 0.01)
     for index in np.ndindex(2, 3):
-        one = divide_line(values[index], 1.0, 0.01)
-        assert one.number == found.number[index]
-        np.testing.assert_array_equal(one.label, found.label[index])
+        single = divide_line(values[index], 1.0, 0.01)
+        assert single.number == found.number[index]
+        np.testing.assert_array_equal(single.label, found.label[index])

@@ -7,7 +7,7 @@ from skyproof.statistics.cusum import cusum_path, cusum_step, cusum_within
 from skyproof.studies.run_lengths import cusum_run_length, cusum_threshold, page_run_length, page_threshold
 
 
-def counted_run_length(reference, threshold, degrees, trials, rng, run):
+def count_run_length(reference, threshold, degrees, trials, rng, run):
     """Mean first passage of `trials` sums that start at zero."""
     lengths, alive, steps = np.zeros(trials), np.arange(trials), 0
     state = np.zeros((trials, degrees))
@@ -46,12 +46,12 @@ def test_threshold_gives_back_the_run_length():
 
 
 def test_run_length_is_what_is_counted():
-    mean, error = counted_run_length(0.5, 8.0, 4, 3000, np.random.default_rng(1), cusum_path)
+    mean, error = count_run_length(0.5, 8.0, 4, 3000, np.random.default_rng(1), cusum_path)
     assert cusum_run_length(0.5, 8.0, 4) == pytest.approx(mean, abs=4.0 * error)
 
 
 def test_run_length_in_one_dimension_is_two_sided_and_is_what_is_counted():
-    mean, error = counted_run_length(0.5, 3.0, 1, 4000, np.random.default_rng(2), cusum_path)
+    mean, error = count_run_length(0.5, 3.0, 1, 4000, np.random.default_rng(2), cusum_path)
     assert cusum_run_length(0.5, 3.0, 1) == pytest.approx(mean, abs=4.0 * error)
 
 
@@ -110,5 +110,5 @@ def test_a_threshold_out_of_reach_is_refused():
 
 @pytest.mark.long
 def test_run_length_at_a_low_rate_is_what_is_counted():
-    mean, error = counted_run_length(1.0, 7.0, 4, 1500, np.random.default_rng(4), cusum_path)
+    mean, error = count_run_length(1.0, 7.0, 4, 1500, np.random.default_rng(4), cusum_path)
     assert cusum_run_length(1.0, 7.0, 4) == pytest.approx(mean, abs=4.0 * error)

@@ -25,12 +25,12 @@ def test_it_is_weighted_least_squares_of_state_and_measurements():
 def test_two_updates_are_the_update_by_both_measurements():
     p, h, r, y = problem(np.random.default_rng(2), m=4)
     r = np.diag(np.diag(r))
-    both = kalman_update(p, h, r, y)
+    joint = kalman_update(p, h, r, y)
     first = kalman_update(p, h[:2], r[:2, :2], y[:2])
     second = kalman_update(first.covariance, h[2:], r[2:, 2:], y[2:] - h[2:] @ first.change)
-    np.testing.assert_allclose(first.change + second.change, both.change, rtol=1e-9)
-    np.testing.assert_allclose(second.covariance, both.covariance, rtol=1e-9)
-    assert first.statistic + second.statistic == pytest.approx(both.statistic)
+    np.testing.assert_allclose(first.change + second.change, joint.change, rtol=1e-9)
+    np.testing.assert_allclose(second.covariance, joint.covariance, rtol=1e-9)
+    assert first.statistic + second.statistic == pytest.approx(joint.statistic)
 
 
 def test_the_statistic_is_chi_square_and_the_error_as_stated():
@@ -40,8 +40,8 @@ def test_the_statistic_is_chi_square_and_the_error_as_stated():
     y = state @ h.T + rng.multivariate_normal(np.zeros(3), r, size=4000)
     update = kalman_update(p, h, r, y)
     assert stats.kstest(update.statistic, stats.chi2(3).cdf).pvalue > 1e-3
-    left = state - update.change
-    squares = np.einsum("ki,ij,kj->k", left, np.linalg.inv(update.covariance), left)
+    error = state - update.change
+    squares = np.einsum("ki,ij,kj->k", error, np.linalg.inv(update.covariance), error)
     assert stats.kstest(squares, stats.chi2(5).cdf).pvalue > 1e-3
 
 
@@ -49,8 +49,8 @@ def test_leading_axes_are_problems_of_their_own():
     rng = np.random.default_rng(4)
     problems = [problem(rng) for _ in range(3)]
     together = kalman_update(*(np.stack(part) for part in zip(*problems, strict=True)))
-    for k, one in enumerate(problems):
-        for alone, of_all in zip(kalman_update(*one), together, strict=True):
+    for k, case in enumerate(problems):
+        for alone, of_all in zip(kalman_update(*case), together, strict=True):
             np.testing.assert_allclose(of_all[k], alone, rtol=1e-9)
 
 
@@ -61,8 +61,8 @@ def test_a_gain_of_other_assumptions_has_its_true_covariance():
     state = rng.multivariate_normal(np.zeros(5), p, size=20_000)
     y = state @ h.T + rng.multivariate_normal(np.zeros(3), r, size=20_000)
     update = kalman_update(p, h, r, y, assumed_covariance=4.0 * p, assumed_noise=9.0 * np.diag(r))
-    left = state - update.change
-    squares = np.einsum("ki,ij,kj->k", left, np.linalg.inv(update.covariance), left)
+    error = state - update.change
+    squares = np.einsum("ki,ij,kj->k", error, np.linalg.inv(update.covariance), error)
     assert squares.mean() == pytest.approx(5.0, abs=5.0 * np.sqrt(10.0 / 20_000))
     assert np.all(np.linalg.eigvalsh(update.covariance - kalman_update(p, h, r, y[0]).covariance) > -1e-9)
 

@@ -12,7 +12,7 @@ from skyproof.statistics.many_small import many_small, many_small_chance
 @pytest.mark.parametrize(("least", "most"), [(1, 1.0), (2, 1.0), (2, 0.05)])
 def test_p_values_come_as_often_as_they_say(least, most):
     drawn = np.random.default_rng(4).random((1500, 8))
-    p = np.array([many_small(own, least=least, most=most).p_value for own in drawn])
+    p = np.array([many_small(p_values, least=least, most=most).p_value for p_values in drawn])
     for level in (0.03, 0.01):
         assert binomial_two_sided(int((p <= level).sum()), p.size, level) > 1e-3
 

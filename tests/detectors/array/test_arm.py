@@ -92,7 +92,7 @@ def direction_of(azimuth_elevation_rad):
     return np.array([np.cos(el) * np.cos(az), np.cos(el) * np.sin(az), np.sin(el)])
 
 
-def said_of(records, *, rate_sigma_hz=0.0, alpha=1e-4):
+def examine_records(records, *, rate_sigma_hz=0.0, alpha=1e-4):
     arm = SpinArm(
         receiver="rx1",
         radius_m=RADIUS_M,
@@ -116,7 +116,7 @@ CASES = {
 @pytest.mark.parametrize(("made", "stated"), CASES.values(), ids=CASES.keys())
 def test_false_signals_are_named_and_true_ones_stay_authentic(made, stated, seed):
     records = turning(np.random.default_rng(seed), **made)
-    words, evidence = said_of(records, **stated)
+    words, evidence = examine_records(records, **stated)
     signals = records.observations[0].signals
     assert words == {
         "authentic": {s for s in signals if s.copy == "a"},
@@ -133,7 +133,7 @@ def test_false_signals_are_named_and_true_ones_stay_authentic(made, stated, seed
 @pytest.mark.parametrize(("made", "stated"), CASES.values(), ids=CASES.keys())
 def test_a_true_sky_is_authentic(made, stated, seed):
     records = turning(np.random.default_rng(seed), false=0, **made)
-    words, _ = said_of(records, **stated)
+    words, _ = examine_records(records, **stated)
     assert words == {"authentic": set(records.observations[0].signals)}
 
 
@@ -142,7 +142,7 @@ def test_most_false_signals_ten_degrees_off_are_named():
     named = []
     for seed in range(12):
         records = turning(np.random.default_rng([10, seed]), false=0, moved_rad=np.radians(10.0))
-        words, _ = said_of(records, alpha=1e-5)
+        words, _ = examine_records(records, alpha=1e-5)
         named.append(words.get("spoofed", set()) == {records.observations[0].signals[0]})
     assert sum(named) >= 9
 
@@ -154,7 +154,7 @@ def test_errors_of_arm_and_phases_as_stated_raise_no_alarm(lasting_cyc):
     for seed in range(50):
         rng = np.random.default_rng([20, seed])
         wrong = {"radius_m": RADIUS_M + rng.normal(0.0, 0.002), "tilt_rad": abs(rng.normal(0.0, np.radians(2.0)))}
-        words, _ = said_of(turning(rng, false=0, **wrong, lasting_cyc=lasting_cyc), alpha=0.05)
+        words, _ = examine_records(turning(rng, false=0, **wrong, lasting_cyc=lasting_cyc), alpha=0.05)
         alarms += "spoofed" in words
     assert binom.sf(alarms - 1, 50, 0.05) > 1e-3
 
@@ -164,7 +164,7 @@ def test_a_signal_of_no_one_direction_is_not_authentic_and_of_several_none_is(or
     """A takeover within a chip: every phase is of two directions, and shows a third one."""
     for beside in ((2,), (1, 4), tuple(range(9))):
         records = turning(np.random.default_rng(4), false=0, beside=beside)
-        words, _ = said_of(records if orbits else replace(records, navigation=None), alpha=1e-4)
+        words, _ = examine_records(records if orbits else replace(records, navigation=None), alpha=1e-4)
         signals = records.observations[0].signals
         bent = {signals[k] for k in beside}
         if len(beside) == 1:
@@ -181,24 +181,26 @@ def test_for_a_minute_after_several_signals_were_of_no_one_direction_none_is_aut
     detector, state, words = Spin(SpinSettings(false_alarm_probability=1e-4)), None, {}
     for after_s, window in ((-20, clear), (0, bent), (15, clear), (65, clear), (75, clear)):
         at = clear.start_gpst + np.timedelta64(after_s, "s")
-        (said,), state = detector.examine(replace(window, start_gpst=at, end_gpst=at + np.timedelta64(10, "s")), state)
-        words[after_s] = said.says
+        (finding,), state = detector.examine(
+            replace(window, start_gpst=at, end_gpst=at + np.timedelta64(10, "s")), state
+        )
+        words[after_s] = finding.says
         if after_s == 65:
-            assert (said.code, said.data) == ("phases_bent", {"ago_s": 55.0})
+            assert (finding.code, finding.data) == ("phases_bent", {"ago_s": 55.0})
     assert words == {-20: "authentic", 0: "undecided", 15: "undecided", 65: "undecided", 75: "authentic"}
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_directions_that_differ_but_are_not_the_satellites_are_not_authentic(seed):
     records = turning(np.random.default_rng(seed), false=0, between=True)
-    words, (said,) = said_of(records)
+    words, (finding,) = examine_records(records)
     assert set(words) == {"undecided"}
-    assert (said.code, said.may_also_be) == ("not_from_satellites", (Cause.REFLECTIONS, Cause.STATEMENT))
-    assert said.failed
+    assert (finding.code, finding.may_also_be) == ("not_from_satellites", (Cause.REFLECTIONS, Cause.STATEMENT))
+    assert finding.failed
 
 
 def test_without_orbits_signals_are_compared_with_each_other():
     records = turning(np.random.default_rng(1), false=7)
-    words, evidence = said_of(replace(records, navigation=None), alpha=1e-3)
+    words, evidence = examine_records(replace(records, navigation=None), alpha=1e-3)
     assert words == {"spoofed": {s for s in records.observations[0].signals if s.copy == "b"}}
     assert not evidence[0].directions

@@ -154,10 +154,10 @@ def test_signals_of_one_antenna_are_named_and_a_true_one_among_them_is_not():
     rng = np.random.default_rng(11)
     direction = np.vstack([SKY[:1], np.repeat(SKY[6:7], 5, axis=0)])
     evidence, _ = ArrayCommon().examine(window(array_phases(rng, direction)))
-    (said,) = evidence
-    assert said.says == "spoofed"
-    assert [ref.signal.sat for ref in said.signals] == ["G02", "G03", "G04", "G05", "G06"]
-    assert said.p_value < 1e-3
+    (finding,) = evidence
+    assert finding.says == "spoofed"
+    assert [ref.signal.sat for ref in finding.signals] == ["G02", "G03", "G04", "G05", "G06"]
+    assert finding.p_value < 1e-3
 
 
 def test_of_two_signals_of_one_satellite_from_the_transmitter_neither_is_named():
@@ -167,10 +167,10 @@ def test_of_two_signals_of_one_satellite_from_the_transmitter_neither_is_named()
     twice = SignalId("G02", copy="b")
     phases = replace(phases, signals=(*phases.signals[:5], twice))
     evidence, _ = ArrayCommon().examine(window(phases))
-    (said,) = evidence
-    assert (said.says, said.code) == ("spoofed", "one_direction")
-    assert (said.data["size"], said.data["of"]) == (5, 5)
-    assert sorted(ref.signal.sat for ref in said.signals) == ["G01", "G03", "G04", "G05"]
+    (finding,) = evidence
+    assert (finding.says, finding.code) == ("spoofed", "one_direction")
+    assert (finding.data["size"], finding.data["of"]) == (5, 5)
+    assert sorted(ref.signal.sat for ref in finding.signals) == ["G01", "G03", "G04", "G05"]
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5])
@@ -180,8 +180,8 @@ def test_what_a_channel_follows_that_has_lost_its_signal_is_not_compared(share):
     phase_cyc = phases.phase_cyc.copy()
     phase_cyc[round(share * 20) :, 2] = np.nan
     evidence, _ = ArrayCommon().examine(window(replace(phases, phase_cyc=phase_cyc)))
-    (said,) = evidence
-    assert len(said.signals) == (5 if share < 0.2 else 6)
+    (finding,) = evidence
+    assert len(finding.signals) == (5 if share < 0.2 else 6)
 
 
 def test_a_sky_of_eight_is_authentic():
@@ -211,8 +211,8 @@ def test_two_antennas_that_all_signals_reach_alike_are_one_or_hear_one_transmitt
 
 def test_two_signals_from_one_place_are_too_few_to_tell():
     phases = array_phases(np.random.default_rng(13), np.repeat(SKY[:1], 2, axis=0))
-    (said,), _ = ArrayCommon().examine(window(phases))
-    assert (said.says, said.p) == ("undecided", {})
+    (finding,), _ = ArrayCommon().examine(window(phases))
+    assert (finding.says, finding.p) == ("undecided", {})
 
 
 def test_missing_antennas_cost_the_cells_that_they_are_missing_in():
@@ -222,7 +222,7 @@ def test_missing_antennas_cost_the_cells_that_they_are_missing_in():
     holed[0, :, 1] = np.nan
     holed[:, 3, 2] = np.nan
     made = {name: getattr(phases, name) for name in ("receiver", "signals", "gpst", "elapsed_s", "elements_m")}
-    (said,), _ = ArrayCommon().examine(window(ArrayPhases(**made, phase_cyc=holed, sigma_cyc=phases.sigma_cyc)))
-    assert said.says == "authentic"
-    assert "G04" not in {ref.signal.sat for ref in said.signals}
-    assert len(said.signals) == 7
+    (finding,), _ = ArrayCommon().examine(window(ArrayPhases(**made, phase_cyc=holed, sigma_cyc=phases.sigma_cyc)))
+    assert finding.says == "authentic"
+    assert "G04" not in {ref.signal.sat for ref in finding.signals}
+    assert len(finding.signals) == 7

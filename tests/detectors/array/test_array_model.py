@@ -199,9 +199,9 @@ def test_averaging_meets_a_floor_that_calibration_does_not():
 @pytest.mark.parametrize(("side", "alone", "given", "unbiased"), [(1, 3.488, 1.484, 1.741), (5, 3.553, 1.486, 1.747)])
 def test_what_the_other_satellites_show_of_the_errors(side, alone, given, unbiased):
     def mean_ratio(matrix, invert):
-        own = [matrix[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)]
-        own = [np.linalg.inv(block) if invert else block for block in own]
-        return np.mean([np.trace(np.linalg.solve(WHITE, block)) / 2 for block in own])
+        blocks = [matrix[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)]
+        blocks = [np.linalg.inv(block) if invert else block for block in blocks]
+        return np.mean([np.trace(np.linalg.solve(WHITE, block)) / 2 for block in blocks])
 
     covariance = errors_of(side)
     assert np.linalg.eigvalsh(covariance).min() > 0.0
@@ -228,11 +228,11 @@ def test_calibrated_tests_alarm_at_the_rate_asked_for(side):
     z = drawn(rng, 20_000, side, bias=0.02)
     z = z + rng.integers(-3, 4, z.shape)
     covariance = errors_of(side, bias_sigma_cyc=0.02)
-    own = np.array([covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)])
-    near = subtract_nearest_whole(z, own)[0]
+    blocks = np.array([covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)])
+    near = subtract_nearest_whole(z, blocks)[0]
     without_bias, its_covariance = between_signals(near, errors_of(side))
     p_values = {
-        "single": chi_square_survival(single_statistic(z, own, wrapped=True)[:, 3], 2),
+        "single": chi_square_survival(single_statistic(z, blocks, wrapped=True)[:, 3], 2),
         "joint": chi_square_survival(joint_statistic(z, covariance, wrapped=True), 16),
         "conditional": chi_square_survival(conditional_statistics(z, covariance, wrapped=True)[:, 5], 2),
         "without bias": chi_square_survival(joint_statistic(without_bias, its_covariance), 14),
@@ -250,8 +250,8 @@ def test_calibrated_p_values_are_uniform(side):
     z = drawn(np.random.default_rng(side), 100_000, side)
     covariance = errors_of(side)
     joint = chi_square_survival(joint_statistic(z, covariance, wrapped=True), 16)
-    given = chi_square_survival(conditional_statistics(z, covariance, wrapped=True), 2)
-    for p in (joint, *given.T):
+    conditional = chi_square_survival(conditional_statistics(z, covariance, wrapped=True), 2)
+    for p in (joint, *conditional.T):
         assert kstest(p, "uniform").pvalue > 1e-4
         assert binomial_two_sided(int(np.sum(p < 0.001)), p.size, 0.001) > 1e-4
 
@@ -337,10 +337,10 @@ def test_power_on_one_satellite_of_eight(side, shift, clean, alone, given, joint
     covariance = errors_of(side)
     one_false = np.zeros((8, 8, 2))
     one_false[np.arange(8), np.arange(8)] = apart
-    own = np.array([covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)])
+    blocks = np.array([covariance[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] for k in range(8)])
     found = {
         clean: power(0.01, single_statistic(apart, WHITE)),
-        alone: power(0.01, single_statistic(apart, own)),
+        alone: power(0.01, single_statistic(apart, blocks)),
         given: power(0.01, np.diag(conditional_statistics(one_false, covariance))),
         joint: power(0.01, joint_statistic(one_false, covariance), 16),
     }
@@ -352,11 +352,11 @@ def test_power_on_one_satellite_of_eight(side, shift, clean, alone, given, joint
 
 
 def test_blind_directions_of_a_long_triangle():
-    here = towards((148, 30))[0]
-    blind = blind_directions(here, equilateral_triangle(5))
+    true_direction = towards((148, 30))[0]
+    blind = blind_directions(true_direction, equilateral_triangle(5))
     assert len(blind) == 69
-    assert np.min(np.linalg.norm(blind - here, axis=-1)) < 1e-12
-    cycles = array_design(equilateral_triangle(5)) @ (blind - here).T
+    assert np.min(np.linalg.norm(blind - true_direction, axis=-1)) < 1e-12
+    cycles = array_design(equilateral_triangle(5)) @ (blind - true_direction).T
     np.testing.assert_allclose(cycles, np.rint(cycles), atol=1e-9)
     level = blind[:, :2]
     apart = np.linalg.norm(level[:, None] - level, axis=-1)[~np.eye(69, dtype=bool)]
@@ -364,9 +364,11 @@ def test_blind_directions_of_a_long_triangle():
 
 
 def test_no_blind_direction_below_0_577_wavelengths():
-    for k, here in enumerate(hemisphere(50)):
-        assert len(blind_directions(here, equilateral_triangle(0.57))) == 1, k
-    counts = [len(blind_directions(here, equilateral_triangle(1.0))) - 1 for here in hemisphere(3000)]
+    for k, true_direction in enumerate(hemisphere(50)):
+        assert len(blind_directions(true_direction, equilateral_triangle(0.57))) == 1, k
+    counts = [
+        len(blind_directions(true_direction, equilateral_triangle(1.0))) - 1 for true_direction in hemisphere(3000)
+    ]
     assert np.mean(counts) == pytest.approx(1.86, abs=0.08)
     assert max(counts) == 2
 

@@ -10,7 +10,7 @@ from skyproof.statistics.directions import direction_cosines
 from skyproof.studies.array_geometry import equilateral_triangle
 
 
-def found_of(direction, elements, sigma_cyc=0.01):
+def find_from(direction, elements, sigma_cyc=0.01):
     """Arrivals of a signal by a calibrated array, no other signal being known."""
     frame = ArrayFrame(
         turn=np.eye(3),
@@ -38,10 +38,10 @@ def found_of(direction, elements, sigma_cyc=0.01):
 @pytest.mark.parametrize("side", [0.5, 1.0, 2.0])
 def test_the_true_direction_is_one_of_a_few(side, el_deg):
     direction = direction_cosines(np.radians(150.0), np.radians(el_deg))
-    found = found_of(direction, equilateral_triangle(side))
-    near = [one for one in found if one.direction @ direction > 0.9]
-    off = [across(one.direction) @ (direction - one.direction) for one in near]
-    assert min(a @ np.linalg.solve(one.covariance_rad2, a) for a, one in zip(off, near, strict=True)) < 9.0
+    found = find_from(direction, equilateral_triangle(side))
+    near = [result for result in found if result.direction @ direction > 0.9]
+    off = [across(result.direction) @ (direction - result.direction) for result in near]
+    assert min(a @ np.linalg.solve(result.covariance_rad2, a) for a, result in zip(off, near, strict=True)) < 9.0
     # Those that whole cycles leave open within the circle of level directions, above and below the plane.
     assert len(found) <= 2 * (3.7 * side**2 + 3.0)
 
@@ -50,14 +50,14 @@ def test_a_direction_that_is_known_far_better_than_the_grid_is_found():
     elements = np.array([(k // 3, k % 3, 0.0) for k in range(7)]) * 0.7
     for az_deg in range(0, 360, 30):
         direction = direction_cosines(np.radians(az_deg), np.radians(40.0))
-        found = found_of(direction, elements, sigma_cyc=1e-4)
-        assert min(float(np.linalg.norm(one.direction - direction)) for one in found) < 1e-4
+        found = find_from(direction, elements, sigma_cyc=1e-4)
+        assert min(float(np.linalg.norm(result.direction - direction)) for result in found) < 1e-4
 
 
 def test_antennas_out_of_the_plane_leave_one_direction():
     direction = direction_cosines(np.radians(150.0), np.radians(-25.0))
     elements = np.vstack([equilateral_triangle(0.5), [[0.25, 0.14, 0.4]]])
-    (only,) = found_of(direction, elements)
+    (only,) = find_from(direction, elements)
     np.testing.assert_allclose(only.direction, direction, atol=1e-4)
 
 
@@ -68,7 +68,7 @@ def test_three_sigmas_of_the_phases_are_three_of_the_ellipse_near_the_plane_too(
     seen = direction_cosines(0.0, np.radians(el_deg))
     true_rad = np.arccos(np.cos(np.radians(el_deg)) + sigmas * np.sqrt(2.0) * sigma_cyc / side)
     true = direction_cosines(0.0, true_rad)
-    found = found_of(seen, equilateral_triangle(side), sigma_cyc)
-    (near,) = [one for one in found if one.direction @ seen > 0.99 and one.direction[2] > 0.0]
+    found = find_from(seen, equilateral_triangle(side), sigma_cyc)
+    (near,) = [result for result in found if result.direction @ seen > 0.99 and result.direction[2] > 0.0]
     off = across(near.direction) @ (true - near.direction)
     assert 2.4 < np.sqrt(off @ np.linalg.solve(near.covariance_rad2, off)) < 3.05

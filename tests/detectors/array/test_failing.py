@@ -30,7 +30,7 @@ def sky(rng):
     )
 
 
-def dead(phases, rng):
+def kill_antenna(phases, rng):
     phase = phases.phase_cyc.copy()
     phase[4:, :, 2] = np.nan
     return replace(phases, phase_cyc=phase)
@@ -38,13 +38,13 @@ def dead(phases, rng):
 
 def late(phases, rng):
     """Antenna 2 has every signal as another one, of its own."""
-    own = np.where(np.arange(4) == 2, phases.phase_cyc, np.nan)
+    late_cyc = np.where(np.arange(4) == 2, phases.phase_cyc, np.nan)
     rest = np.where(np.arange(4) == 2, np.nan, phases.phase_cyc)
     copies = tuple(replace(signal, copy="b") for signal in phases.signals)
     return replace(
         phases,
         signals=(*phases.signals, *copies),
-        phase_cyc=np.concatenate([rest, own], axis=1),
+        phase_cyc=np.concatenate([rest, late_cyc], axis=1),
         sigma_cyc=np.tile(phases.sigma_cyc, (1, 2, 1)),
         carrier_hz=np.tile(phases.carrier_hz, 2),
     )
@@ -75,13 +75,13 @@ def jumping_within_an_epoch(phases, rng):
     return replace(phases, phase_cyc=phase)
 
 
-def silent(phases, rng):
+def silence_antenna(phases, rng):
     return replace(phases, phase_cyc=np.full_like(phases.phase_cyc, np.nan))
 
 
 FAULTS = {
     late: "deaf",
-    dead: "silent",
+    kill_antenna: "silent",
     noisy: "noisy",
     jumping: "jumping",
     jumping_by_half_a_cycle: "jumping",
@@ -95,14 +95,14 @@ def test_the_antenna_that_fails_is_found(fault, how, seed):
     rng = np.random.default_rng(seed)
     phases = fault(sky(rng), rng)
     assert find_failing(phases) == {2: how}
-    left = leave_out(phases, {2: how})
-    np.testing.assert_array_equal(left.elements_m, ELEMENTS_M[[0, 1, 3]])
+    others_phases = leave_out(phases, {2: how})
+    np.testing.assert_array_equal(others_phases.elements_m, ELEMENTS_M[[0, 1, 3]])
 
 
 def test_antennas_that_work_stay():
     rng = np.random.default_rng(1)
     assert not any(find_failing(sky(rng)) for _ in range(50))
-    assert not find_failing(silent(sky(rng), rng))
+    assert not find_failing(silence_antenna(sky(rng), rng))
 
 
 def test_of_two_antennas_it_stays_open_which_one_jumps():
@@ -114,9 +114,9 @@ def test_of_two_antennas_it_stays_open_which_one_jumps():
 def test_it_is_reported_and_the_signals_stay_authentic(fault, how):
     rng = np.random.default_rng(4)
     records = replace(array_records(rng), array_phases=(fault(sky(rng), rng),), nav_state={"rx1": STATE})
-    noted, said = InsArray().examine(records)[0]
+    noted, finding = InsArray().examine(records)[0]
     assert (noted.code, noted.data["antennas"], noted.p) == (f"antennas_{how}", ("3",), {})
     assert stands_beside(noted)
-    assert said.says == "authentic"
-    (said,), _ = ArrayCommon().examine(records)
-    assert said.says == "authentic"
+    assert finding.says == "authentic"
+    (finding,), _ = ArrayCommon().examine(records)
+    assert finding.says == "authentic"

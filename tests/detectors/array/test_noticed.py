@@ -9,14 +9,14 @@ from skyproof.detectors.array.array_common import ArrayCommon, ArrayCommonSettin
 from skyproof.detectors.array.ins_array import InsArray, InsArraySettings
 
 
-def noticed_by(detector, records):
+def read_noticed(detector, records):
     found, _ = detector.examine(records)
     return {attack.kind: attack.size for finding in found for attack in finding.noticed}
 
 
 def test_as_many_satellites_of_one_transmitter_as_are_said_are_found():
     detector = ArrayCommon(ArrayCommonSettings(false_alarm_probability=1e-4))
-    count = int(noticed_by(detector, window(array_phases(np.random.default_rng(1), SKY)))["one_transmitter"])
+    count = int(read_noticed(detector, window(array_phases(np.random.default_rng(1), SKY)))["one_transmitter"])
     assert 3 <= count < len(SKY)
     for seed in range(10):
         rng = np.random.default_rng([2, seed])
@@ -31,7 +31,7 @@ def test_a_false_signal_from_as_far_as_is_said_is_noticed(monkeypatch, signal):
     """Nearly always: 24 of 24. Half a wavelength leaves no whole cycles open."""
     monkeypatch.setattr("tests.detectors.nulls.ELEMENTS_M", 0.5 * ELEMENTS_M)
     detector = InsArray(InsArraySettings(false_alarm_probability=1e-3))
-    angle_rad = noticed_by(detector, array_records(np.random.default_rng(3)))["elsewhere"]
+    angle_rad = read_noticed(detector, array_records(np.random.default_rng(3)))["elsewhere"]
     assert np.radians(2.0) < angle_rad < np.radians(60.0)
     rng = np.random.default_rng([4, signal])
     tried = 0

@@ -65,8 +65,8 @@ def test_a_block_holds_the_mean_of_its_windows_and_few_wait():
     for number in range(16):
         cycles = rng.integers(-3, 4, (4, 2))
         waiting, complete = add_block(waiting, block(off[number] + cycles))
-        lengths += [one.windows for one in complete]
-        assert sum(one is not None for one in waiting.blocks) <= number.bit_length() + 1
+        lengths += [selected_block.windows for selected_block in complete]
+        assert sum(selected_block is not None for selected_block in waiting.blocks) <= number.bit_length() + 1
     assert sorted(lengths) == [2] * 8 + [4] * 4 + [8] * 2 + [16]
     last = complete[-1]
     apart = last.residual_cyc - off.mean(axis=0)

@@ -154,7 +154,7 @@ def test_the_smaller_dead_zone_of_figure_5():
     assert float(noncentrality_for_power(0.99, 0.2, 2)) == pytest.approx(15.4596, abs=5e-5)
     assert dead_zone(reference, grid.direction, np.eye(3)[:2], covariance, **rates) == [151]
     near = direction_cosines(*np.radians([(148, 158, 160), (50, 53, 55)]))
-    inside = [dead_zone(reference, one[None], np.eye(3)[:2], covariance, **rates)[0] for one in near]
+    inside = [dead_zone(reference, direction[None], np.eye(3)[:2], covariance, **rates)[0] for direction in near]
     assert inside == [0.0, 1.0, 1.0]
 
 
@@ -318,8 +318,8 @@ def test_signals_of_one_direction_leave_the_rate_where_it_was():
     assert np.abs(found.rate_rad / W - 1.0).max() < 0.003
     # The estimated rate hardly changes the false alarms of the test of equality.
     levels = [
-        fit_whole_series(subtract_mean(one), arm_angles(150, rate), **ONE).level
-        for one, rate in zip(y, found.rate_rad, strict=True)
+        fit_whole_series(subtract_mean(one_series), arm_angles(150, rate), **ONE).level
+        for one_series, rate in zip(y, found.rate_rad, strict=True)
     ]
     covariance = np.linalg.inv(full_information(arm_angles(150, W), **ONE))
     p = equal_p_value(np.array(levels), covariance)
@@ -453,9 +453,9 @@ def test_four_false_signals_among_nine_are_clustered(n):
 def test_false_signals_are_named_although_one_slips(slip):
     directions = np.vstack([SKY[:4], np.repeat(level(160, 55)[None], 4, axis=0)])
     evidence, _ = Spin().examine(spin_records(np.random.default_rng(13), directions, slip=slip))
-    (said,) = evidence
-    assert said.says == "spoofed"
-    assert [ref.signal.sat for ref in said.signals] == ["G05", "G06", "G07", "G08"]
+    (finding,) = evidence
+    assert finding.says == "spoofed"
+    assert [ref.signal.sat for ref in finding.signals] == ["G05", "G06", "G07", "G08"]
 
 
 def test_a_sky_is_authentic_also_where_the_rate_is_known_roughly():
@@ -487,14 +487,14 @@ def test_signals_that_tell_no_time_are_no_false_ones_beside_others_that_do(timed
     if not timed:
         range_m[:] = np.nan
     evidence, _ = Spin().examine(replace(records, observations=(replace(o, pseudorange_m=range_m),)))
-    named = {ref.signal for one in evidence if one.says == "spoofed" for ref in one.signals}
+    named = {ref.signal for finding in evidence if finding.says == "spoofed" for ref in finding.signals}
     assert named == (set() if timed else set(o.signals[:3]))
 
 
 # Of no one direction --------------------------------------------------------------------------------------------------
 
 
-def mixed_phases(rng, n=6, count=50, *, mixed=(), cycles_apart=3.0):
+def mix_phases(rng, n=6, count=50, *, mixed=(), cycles_apart=3.0):
     """Phases (n, count) of a sky on an arm, 0.01 cycles of noise each; those `mixed` have a second signal of half the
     amplitude beside them, from one direction, which is drawn off by some cycles."""
     angle = 2.0 * np.pi * np.arange(count) / 20.0
@@ -514,7 +514,7 @@ def test_signals_of_one_direction_each_are_seldom_said_to_be_bent():
     rng = np.random.default_rng(8)
     for asked, draws in ((0.1, 1500), (0.01, 1500)):
         found = sum(
-            find_bent_signals(*mixed_phases(rng), np.full(6, 0.01), accept_probability=asked).size > 0
+            find_bent_signals(*mix_phases(rng), np.full(6, 0.01), accept_probability=asked).size > 0
             for _ in range(draws)
         )
         assert 0.6 * asked * draws - 3.0 * np.sqrt(asked * draws) < found < asked * draws + 3.0 * np.sqrt(asked * draws)
@@ -523,10 +523,10 @@ def test_signals_of_one_direction_each_are_seldom_said_to_be_bent():
 def test_signals_that_two_directions_share_are_bent_and_no_others():
     rng = np.random.default_rng(9)
     for mixed in ((), (2,), (0, 3), (0, 1, 2, 3)):
-        phases, angle = mixed_phases(rng, mixed=mixed)
+        phases, angle = mix_phases(rng, mixed=mixed)
         assert tuple(find_bent_signals(phases, angle, np.full(6, 0.01))) == mixed
 
 
 def test_of_two_signals_none_is_said_to_be_bent():
-    phases, angle = mixed_phases(np.random.default_rng(10), n=2, mixed=(1,))
+    phases, angle = mix_phases(np.random.default_rng(10), n=2, mixed=(1,))
     assert find_bent_signals(phases, angle, np.full(2, 0.01)).size == 0

@@ -14,14 +14,14 @@ ONE = {"rx1": (0.0, 0.0, 0.0)}
 SCENE = MeasuredScene(antennas_enu_m=ONE, epochs=60, errors=TrackErrors(sigma_m=1.0, constant_m=1.0))
 
 
-def changed(seed: int = 0, **changes) -> Records:
+def change_cells(seed: int = 0, **changes) -> Records:
     """Return a clean minute with some cells changed: a function of the old values for each name."""
     records = SCENE.records(np.random.default_rng(seed))
     (o,) = records.observations
     return replace(records, observations=(replace(o, **{name: make(o) for name, make in changes.items()}),))
 
 
-def dragged(columns: list[int], rate_m_s: float, start: int = 20):
+def drag_codes(columns: list[int], rate_m_s: float, start: int = 20):
     """Return codes that some signals' codes leave at a rate."""
 
     def make(o):
@@ -44,18 +44,18 @@ def examine(records: Records, window: int = 10) -> list:
     return found
 
 
-def failed_at(records: Records, window: int = 10) -> list[int]:
+def list_failed(records: Records, window: int = 10) -> list[int]:
     return [k for k, e in enumerate(examine(records, window)) if e.failed]
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_clean_minute_is_clean(seed) -> None:
-    found = examine(changed(seed))
+    found = examine(change_cells(seed))
     assert {(e.says, e.code, e.failed) for e in found} == {("clean", "together", False)}
 
 
 def test_a_fast_drag_of_one_code_is_found_in_its_window() -> None:
-    found = examine(changed(pseudorange_m=dragged([3], 38.0)))
+    found = examine(change_cells(pseudorange_m=drag_codes([3], 38.0)))
     assert next(k for k, e in enumerate(found) if e.failed) == 2
     signal = SCENE._exact[0].signals[3]
     assert [ref.signal for ref in found[2].signals] == [signal]
@@ -66,19 +66,19 @@ def test_a_fast_drag_of_one_code_is_found_in_its_window() -> None:
 
 
 def test_a_slow_drag_is_found_once_it_is_beyond_reflections() -> None:
-    assert failed_at(changed(pseudorange_m=dragged([3], 4.0)))[0] in (4, 5)
-    assert failed_at(changed(pseudorange_m=dragged([3], 1.0))) == []
+    assert list_failed(change_cells(pseudorange_m=drag_codes([3], 4.0)))[0] in (4, 5)
+    assert list_failed(change_cells(pseudorange_m=drag_codes([3], 1.0))) == []
 
 
 def test_dopplers_stand_for_carriers_that_are_missing() -> None:
     without = {"carrier_cyc": lambda o: np.full(o.carrier_cyc.shape, np.nan)}
-    assert failed_at(changed(**without)) == []
-    assert failed_at(changed(pseudorange_m=dragged([3], 38.0), **without))[0] == 2
+    assert list_failed(change_cells(**without)) == []
+    assert list_failed(change_cells(pseudorange_m=drag_codes([3], 38.0), **without))[0] == 2
 
 
 def test_what_two_clocks_make_of_all_signals_does_not_count() -> None:
     every = list(range(len(SCENE._exact[0].signals)))
-    assert failed_at(changed(pseudorange_m=dragged(every, 188.0, 0))) == []
+    assert list_failed(change_cells(pseudorange_m=drag_codes(every, 188.0, 0))) == []
 
 
 def test_a_slip_is_no_divergence() -> None:
@@ -92,8 +92,8 @@ def test_a_slip_is_no_divergence() -> None:
         status[25, 3] = CellStatus.SLIP
         return status
 
-    assert failed_at(changed(carrier_cyc=jump)) != []
-    assert failed_at(changed(carrier_cyc=jump, status=marked)) == []
+    assert list_failed(change_cells(carrier_cyc=jump)) != []
+    assert list_failed(change_cells(carrier_cyc=jump, status=marked)) == []
 
 
 def test_reflections_come_and_go_within_a_quarter_of_a_chip() -> None:
@@ -104,12 +104,12 @@ def test_reflections_come_and_go_within_a_quarter_of_a_chip() -> None:
             codes_m[:, column] += 35.0 * np.sin(2 * np.pi * rng.uniform(0.005, 0.2) * o.elapsed_s + rng.uniform(0, 6))
         return codes_m
 
-    assert failed_at(changed(pseudorange_m=reflected)) == []
+    assert list_failed(change_cells(pseudorange_m=reflected)) == []
 
 
 def test_codes_alone_cannot_be_tested() -> None:
     none = {name: lambda o: np.full(o.carrier_cyc.shape, np.nan) for name in ("carrier_cyc", "doppler_hz")}
-    found = examine(changed(**none))
+    found = examine(change_cells(**none))
     assert {(e.says, e.code, e.p_value) for e in found} == {("undecided", "no_carrier", None)}
 
 
@@ -128,7 +128,7 @@ def test_carriers_that_begin_anew_together_part_no_others() -> None:
         slipped[25, 5:] = CellStatus.SLIP
         return slipped
 
-    assert failed_at(changed(carrier_cyc=carriers, status=status)) == []
+    assert list_failed(change_cells(carrier_cyc=carriers, status=status)) == []
 
 
 def test_an_antenna_of_much_multipath_is_allowed_for() -> None:
@@ -139,7 +139,7 @@ def test_an_antenna_of_much_multipath_is_allowed_for() -> None:
         codes_m[25:, 3] += 110.0
         return codes_m
 
-    records = changed(pseudorange_m=codes)
+    records = change_cells(pseudorange_m=codes)
     found = {}
     for sigma_m in (1.0, 15.0):
         detector = CodeCarrier(CodeCarrierSettings(false_alarm_probability=RATE, multipath_sigma_m=sigma_m))

@@ -26,7 +26,7 @@ def records(seed: int = 0, scene: MeasuredScene = SCENE) -> Records:
     return replace(drawn, observations=(codes,))
 
 
-def pulled(drawn: Records, epoch: int, shift_m: tuple[float, float, float], clock_m: float = 0.0) -> Records:
+def pull_codes(drawn: Records, epoch: int, shift_m: tuple[float, float, float], clock_m: float = 0.0) -> Records:
     """Return the records with all codes showing another place and clock from an epoch on."""
     (o,) = drawn.observations
     _, geometry = fix_and_geometry(o, drawn.navigation)
@@ -61,7 +61,7 @@ def test_a_clean_sky_goes_on() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_jump_of_all_codes_is_an_attack(seed) -> None:
-    position, clock = examine(pulled(records(seed), 8, (600.0, -500.0, 300.0)))
+    position, clock = examine(pull_codes(records(seed), 8, (600.0, -500.0, 300.0)))
     assert (position.code, position.says, position.overrules) == ("jumps_by_all", "attack", False)
     assert position.p_value == max(position.p[Cause.CLEAN], position.p[Cause.FAULT]) < RATE
     assert position.data["moved_m"] == pytest.approx(np.linalg.norm((600.0, -500.0, 300.0)), rel=0.1)
@@ -70,7 +70,7 @@ def test_a_jump_of_all_codes_is_an_attack(seed) -> None:
 
 
 def test_a_jump_at_the_edge_of_a_window_is_seen_in_the_next() -> None:
-    whole = pulled(records(), 10, (1000.0, 0.0, 0.0))
+    whole = pull_codes(records(), 10, (1000.0, 0.0, 0.0))
     (o,) = whole.observations
     first, second = (replace(whole, observations=(o.read(*rows),)) for rows in ((0, 10), (10, 20)))
     assert words(first) == ["clean", "clean"]
@@ -78,13 +78,13 @@ def test_a_jump_at_the_edge_of_a_window_is_seen_in_the_next() -> None:
 
 
 def test_a_clock_that_jumps_alone_has_failed_and_no_more() -> None:
-    position, clock = examine(pulled(records(), 8, (0.0, 0.0, 0.0), 3000.0))
+    position, clock = examine(pull_codes(records(), 8, (0.0, 0.0, 0.0), 3000.0))
     assert (position.code, position.says) == ("goes_on", "clean")
     assert (clock.code, clock.says, clock.overrules) == ("jumps", "undecided", True)
     assert clock.may_also_be == (Cause.OSCILLATOR,)
     assert clock.data["clock_s"] == pytest.approx(1e-5, rel=0.1)
     ms_m = 1e-3 * SPEED_OF_LIGHT_M_S
-    assert words(pulled(records(), 8, (0.0, 0.0, 0.0), ms_m)) == ["clean", "clean"]
+    assert words(pull_codes(records(), 8, (0.0, 0.0, 0.0), ms_m)) == ["clean", "clean"]
 
 
 @pytest.mark.parametrize("columns", [[3], [3, 6]])
@@ -96,7 +96,7 @@ def test_faults_of_two_satellites_are_no_attack(columns, metres) -> None:
 
 def test_few_satellites_leave_a_jump_open() -> None:
     few = replace(SCENE, max_satellites=6)
-    (position, _) = examine(pulled(records(1, few), 8, (2000.0, 0.0, 0.0)))
+    (position, _) = examine(pull_codes(records(1, few), 8, (2000.0, 0.0, 0.0)))
     assert (position.code, position.says, position.overrules) == ("jumps_by_two", "undecided", True)
     assert position.may_also_be == (Cause.FAULT,)
     assert position.p[Cause.FAULT] == 1.0
@@ -104,7 +104,7 @@ def test_few_satellites_leave_a_jump_open() -> None:
 
 def test_a_jump_after_a_gap_needs_a_known_speed() -> None:
     longer = replace(SCENE, epochs=30)
-    whole = pulled(records(0, longer), 18, (1000.0, 0.0, 0.0))
+    whole = pull_codes(records(0, longer), 18, (1000.0, 0.0, 0.0))
     (o,) = whole.observations
     windows = [replace(whole, observations=(o.read(*rows),)) for rows in ((0, 10), (18, 28))]
     assert words(*windows) == ["clean", "clean"]
@@ -112,7 +112,7 @@ def test_a_jump_after_a_gap_needs_a_known_speed() -> None:
 
 
 def test_pieces_give_what_the_whole_gives() -> None:
-    whole = pulled(records(2), 13, (300.0, 0.0, 0.0))
+    whole = pull_codes(records(2), 13, (300.0, 0.0, 0.0))
     (o,) = whole.observations
     joined = min(e.p_value for e in examine(whole))
     detector, state, least = CodeMotion(CodeMotionSettings(false_alarm_probability=RATE)), None, 1.0
@@ -138,7 +138,7 @@ def test_the_mask_holds() -> None:
 
 
 def test_a_jump_after_a_time_of_few_satellites_is_seen() -> None:
-    whole = pulled(records(0, replace(SCENE, epochs=40)), 30, (9e4, 0.0, 0.0))
+    whole = pull_codes(records(0, replace(SCENE, epochs=40)), 30, (9e4, 0.0, 0.0))
     (o,) = whole.observations
     codes_m = o.pseudorange_m.copy()
     codes_m[10:30, 3:] = np.nan
@@ -174,8 +174,8 @@ def on_band(drawn: Records, band: str, epochs: slice, metres: np.ndarray) -> Rec
 
 def test_a_jump_between_bands_is_seen() -> None:
     """The first band is lost for a window, and jumped when it comes back."""
-    both = with_second_band(pulled(records(0, replace(SCENE, epochs=30)), 20, (9e4, 0.0, 0.0)))
-    lost = on_band(both, "L1", slice(10, 20), np.nan)
+    both_bands = with_second_band(pull_codes(records(0, replace(SCENE, epochs=30)), 20, (9e4, 0.0, 0.0)))
+    lost = on_band(both_bands, "L1", slice(10, 20), np.nan)
     windows = [replace(lost, observations=(lost.observations[0].read(k, k + 10),)) for k in (0, 10, 20)]
     found = [e for e in examine(*windows) if len({ref.signal.band for ref in e.signals}) == 1]
     assert "attack" in [e.says for e in found]
@@ -183,7 +183,9 @@ def test_a_jump_between_bands_is_seen() -> None:
 
 def test_a_second_band_that_jumps_alone_leaves_the_cause_open() -> None:
     clean = records()
-    jump_m = pulled(clean, 8, (900.0, 400.0, 0.0)).observations[0].pseudorange_m - clean.observations[0].pseudorange_m
+    jump_m = (
+        pull_codes(clean, 8, (900.0, 400.0, 0.0)).observations[0].pseudorange_m - clean.observations[0].pseudorange_m
+    )
     found = examine(on_band(with_second_band(clean), "L2", slice(8, None), jump_m[8:]))
     assert [e.says for e in found] == ["clean", "clean", "undecided", "clean"]
     assert {ref.signal.band for ref in found[2].signals} == {"L2"}

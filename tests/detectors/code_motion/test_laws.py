@@ -50,8 +50,8 @@ def motion(position_m, clock_m=(0.0, 0.0, 0.0), gaps_s=(1.0, 1.0), speed=np.inf)
         np.cumsum([0.0, *gaps_s]), places, np.array(clock_m), np.broadcast_to(np.eye(4), (3, 4, 4))
     )
     limits = CodeMotionLimits(acceleration_m_s2=50.0, speed_m_s=speed, clock_jump=1e-8, clock_pace_s=1e-8)
-    one, dof = np.ones(1), np.array([12])
-    return chance_of_motion(found, limits, one, dof)[0], chance_of_clock(found, limits, one, dof)[0]
+    unit_factor, dof = np.ones(1), np.array([12])
+    return chance_of_motion(found, limits, unit_factor, dof)[0], chance_of_clock(found, limits, unit_factor, dof)[0]
 
 
 def test_what_an_acceleration_can_do_is_no_jump() -> None:

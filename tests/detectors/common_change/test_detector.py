@@ -4,7 +4,7 @@ not."""
 import numpy as np
 import pytest
 from scipy import stats
-from tests.detectors.continuity.test_detector import FIELD, MOTIONS, WHITE, changed, observed, windows
+from tests.detectors.continuity.test_detector import FIELD, MOTIONS, WHITE, change_cells, observe_scene, windows
 
 from skyproof.detectors.common_change.detector import CommonChange, CommonChangeSettings
 from skyproof.errors import SettingsError
@@ -16,42 +16,42 @@ ONSET_S = 40.0
 DURATION_S = 92.0
 
 
-def said(records, **settings):
+def examine_all(records, **settings):
     """Evidence of all windows, by window."""
     detector, state, every = (
         CommonChange(CommonChangeSettings(**{"false_alarm_probability": 1e-6} | settings)),
         None,
         [],
     )
-    for one in records:
-        evidence, state = detector.examine(one, state)
+    for window in records:
+        evidence, state = detector.examine(window, state)
         every.append(evidence)
     return every
 
 
-def failed(every):
+def select_failed(every):
     """Findings of the tests that failed, by window."""
     return [[e for e in evidence if e.failed] for evidence in every]
 
 
-def parted(o, rate_m_s, columns=slice(None)):
+def draw_codes(o, rate_m_s, columns=slice(None)):
     """Code drawn off from the onset on, the carrier left."""
     late_m = rate_m_s * np.maximum(o.elapsed_s - ONSET_S, 0.0)
     moved = o.pseudorange_m.copy()
     moved[:, columns] += late_m[:, None]
-    return changed(o, pseudorange_m=moved)
+    return change_cells(o, pseudorange_m=moved)
 
 
-def turned(o, turn_m_s2):
+def turn_clock(o, turn_m_s2):
     """Code and carrier of all moved by a clock that is pushed from the onset on."""
     moved_m = 0.5 * turn_m_s2 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None] ** 2
-    return changed(o, pseudorange_m=o.pseudorange_m + moved_m, carrier_cyc=o.carrier_cyc + moved_m / WAVE_M)
+    return change_cells(o, pseudorange_m=o.pseudorange_m + moved_m, carrier_cyc=o.carrier_cyc + moved_m / WAVE_M)
 
 
 @pytest.mark.parametrize("rate_m_s", [1.2, -1.2])
 def test_code_drawn_off_while_the_carrier_stays_is_named_within_ten_seconds(rate_m_s):
-    every = said(windows(parted(observed(duration_s=DURATION_S), rate_m_s)))
-    found = failed(every)
+    every = examine_all(windows(draw_codes(observe_scene(duration_s=DURATION_S), rate_m_s)))
+    found = select_failed(every)
     assert not any(found[:4])
     assert found[4][0].data["rate_m_s"] == pytest.approx(rate_m_s, abs=0.2)
     assert found[5]
@@ -59,32 +59,32 @@ def test_code_drawn_off_while_the_carrier_stays_is_named_within_ten_seconds(rate
 
 
 def test_slower_than_that_it_takes_half_a_minute_and_two_satellites_alone_are_no_evidence():
-    o = observed(duration_s=DURATION_S)
-    slow = failed(said(windows(parted(o, 0.5))))
+    o = observe_scene(duration_s=DURATION_S)
+    slow = select_failed(examine_all(windows(draw_codes(o, 0.5))))
     assert not any(slow[:4])
     assert slow[7]
-    assert not any(failed(said(windows(parted(o, 5.0, [1, 3])))))
+    assert not any(select_failed(examine_all(windows(draw_codes(o, 5.0, [1, 3])))))
 
 
 def test_two_oscillators_that_part_code_from_carrier_all_the_time_are_no_attack():
-    o = observed(duration_s=DURATION_S)
-    drifting = changed(o, pseudorange_m=o.pseudorange_m + 3.0 * o.elapsed_s[:, None])
-    assert not any(failed(said(windows(drifting))))
+    o = observe_scene(duration_s=DURATION_S)
+    drifting = change_cells(o, pseudorange_m=o.pseudorange_m + 3.0 * o.elapsed_s[:, None])
+    assert not any(select_failed(examine_all(windows(drifting))))
 
 
 def test_carriers_turn_faster_than_the_class_of_the_oscillator_wanders():
     """By 1 cm/s more each second: ten wavelengths in twenty seconds."""
-    o = turned(observed(noise=WHITE, oscillator="ocxo", duration_s=DURATION_S), 0.01)
-    named = failed(said(windows(o), oscillator="ocxo"))
+    o = turn_clock(observe_scene(noise=WHITE, oscillator="ocxo", duration_s=DURATION_S), 0.01)
+    named = select_failed(examine_all(windows(o), oscillator="ocxo"))
     assert not any(named[:4])
     (first, *_) = named[5]
     assert (first.code, first.overrules, first.may_also_be) == ("turned", True, (Cause.OSCILLATOR, Cause.STATEMENT))
-    assert not any(failed(said(windows(o), oscillator="tcxo")))
-    assert not any(failed(said(windows(o))))
+    assert not any(select_failed(examine_all(windows(o), oscillator="tcxo")))
+    assert not any(select_failed(examine_all(windows(o))))
 
 
 def test_what_it_lacks_is_said_and_pieces_give_what_the_whole_gives():
-    records = windows(observed())
+    records = windows(observe_scene())
     check_pieces(CommonChange, records)
     check_missing_named(CommonChange(), records[0])
     (first,), _ = CommonChange().examine(records[0])
@@ -104,8 +104,8 @@ def test_turns_of_true_clocks_have_uniform_p_values(oscillator):
     """With the share that a class is trusted with at one, and no errors but those that are stated."""
     p_values = []
     for number in range(100):
-        o = observed(number, noise=WHITE, oscillator=oscillator, duration_s=42.0, seed=number)
-        every = said(windows(o), oscillator=oscillator, oscillator_share=1.0, carrier_error_m=1e-4)
+        o = observe_scene(number, noise=WHITE, oscillator=oscillator, duration_s=42.0, seed=number)
+        every = examine_all(windows(o), oscillator=oscillator, oscillator_share=1.0, carrier_error_m=1e-4)
         p_values += [
             e.p_value for e in every[-1] if e.code in ("turns_as_clock", "turned")
         ]  # windows share epochs: one of each
@@ -121,8 +121,10 @@ def test_under_a_clean_sky_there_are_no_more_alarms_than_asked_for(motion):
     """Reflections, ionosphere and oscillators as the simulator has them: two hours."""
     asked, p_values = 0.03, []
     for number in range(60):
-        o = observed(number, noise=FIELD, motion=motion, oscillator="ocxo", duration_s=122.0, seed=1 + number // 10)
-        every = said(windows(o), false_alarm_probability=asked, oscillator="ocxo")
+        o = observe_scene(
+            number, noise=FIELD, motion=motion, oscillator="ocxo", duration_s=122.0, seed=1 + number // 10
+        )
+        every = examine_all(windows(o), false_alarm_probability=asked, oscillator="ocxo")
         p_values += [min(e.p_value for e in evidence if e.p_value is not None) for evidence in every[1:]]
     alarms = int(np.sum(np.array(p_values) < asked / 3.0))
     assert alarms <= stats.binom.ppf(0.999, len(p_values), asked)

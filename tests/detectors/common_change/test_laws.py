@@ -49,12 +49,12 @@ def test_a_rate_has_the_sigma_of_white_noise_and_no_more_than_that_of_multipath_
     rng = np.random.default_rng(3)
     t = np.arange(0.0, 10.0, 0.2)
     white = fit_rates(t, 1.5 * rng.standard_normal((t.size, 2000)), np.full((t.size, 2000), 1.5), 0.0)
-    assert np.std([one.rate_m_s for one in white]) == pytest.approx(white[0].sigma_m_s, rel=0.07)
+    assert np.std([rate.rate_m_s for rate in white]) == pytest.approx(white[0].sigma_m_s, rel=0.07)
     assert fit_rates(t, 1e7 + 0.7 * t[:, None], np.ones((t.size, 1)), 0.0)[0].rate_m_s == pytest.approx(0.7)
     for correlation_s in (1.0, 10.0, 100.0):
         root = np.linalg.cholesky(np.exp(-np.abs(t[:, None] - t) / correlation_s))
         slow = fit_rates(t, root @ rng.standard_normal((t.size, 500)), np.zeros((t.size, 500)), 1.0)
-        assert np.std([one.rate_m_s for one in slow]) < slow[0].sigma_m_s
+        assert np.std([rate.rate_m_s for rate in slow]) < slow[0].sigma_m_s
     assert slow[0].sigma_m_s == pytest.approx(3.0 / 10.0, rel=0.01)
 
 

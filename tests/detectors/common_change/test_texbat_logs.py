@@ -13,7 +13,7 @@ COLUMNS = {"pseudorange_m": 7, "carrier_cyc": 6, "doppler_hz": 5, "cn0_dbhz": 8}
 LOCKED, GPS = 5, 32
 
 
-def logged(path):
+def read_log(path):
     """Valid measurements of GPS satellites in phase lock, by epochs of the raw receiver time."""
     table = np.loadtxt(path, delimiter=",")
     table = table[(table[:, 13] <= GPS) & (table[:, 2] != 9999) & (table[:, 9] == 1) & (table[:, 11] >= LOCKED)]
@@ -23,7 +23,7 @@ def logged(path):
     cells = {name: np.full(shape, np.nan) for name in COLUMNS}
     for name, column in COLUMNS.items():
         cells[name][rows, columns] = table[:, column]
-    there = np.isfinite(cells["pseudorange_m"])
+    measured = np.isfinite(cells["pseudorange_m"])
     o = Observations(
         receiver="rx1",
         signals=tuple(SignalId(f"G{prn:02d}") for prn in prns),
@@ -32,18 +32,18 @@ def logged(path):
         pseudorange_sigma_m=np.ones(shape),
         carrier_sigma_cyc=np.full(shape, 0.01),
         doppler_sigma_hz=np.full(shape, 0.1),
-        status=np.where(there, CellStatus.OK, CellStatus.NOT_TRACKED).astype(np.uint8),
+        status=np.where(measured, CellStatus.OK, CellStatus.NOT_TRACKED).astype(np.uint8),
         found_elapsed_s=np.zeros(prns.size),
         missed_elapsed_s=np.full(prns.size, np.nan),
         **cells,
     )
-    return o.select(np.flatnonzero((there.sum(axis=1) >= 5) & (np.diff(elapsed_s, prepend=-1.0) > 0.01)))
+    return o.select(np.flatnonzero((measured.sum(axis=1) >= 5) & (np.diff(elapsed_s, prepend=-1.0) > 0.01)))
 
 
 @pytest.mark.parametrize(("name", "clean_s", "by_s"), [("ds2", 100.0, 125.0), ("ds3", 110.0, 226.0)])
 def test_codes_that_a_real_attack_draws_off_part_from_their_carriers(shared_data, name, clean_s, by_s):
     """The attacks begin after 100 and 110 s. Before, and long after, when codes stay drawn off, there is no alarm."""
-    o = logged(shared_data / "real" / "spoofed-real" / f"texbat_{name}.channel.csv.gz")
+    o = read_log(shared_data / "real" / "spoofed-real" / f"texbat_{name}.channel.csv.gz")
     detector, state = CommonChange(CommonChangeSettings(false_alarm_probability=OF_A_RUN)), None
     alarms_s = []
     for begin_s in np.arange(o.elapsed_s[0], o.elapsed_s[-1] - 9.0, 10.0):

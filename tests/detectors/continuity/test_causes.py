@@ -11,9 +11,9 @@ from tests.detectors.continuity.test_detector import (
     NAVIGATION,
     PLACE_ECEF_M,
     WHITE,
-    ahead,
-    observed,
-    spliced,
+    join_rows,
+    observe_scene,
+    shift_ahead,
 )
 
 from skyproof.detectors.continuity.causes import p_values_by_cause
@@ -34,32 +34,32 @@ def p_of(o):
 
 @cache
 def clean(draw):
-    return observed(draw, noise=WHITE, duration_s=32.0)
+    return observe_scene(draw, noise=WHITE, duration_s=32.0)
 
 
-def moved(o, change_m):
+def move_ranges(o, change_m):
     """Ranges change by so much, (m,), at `ROW`."""
     later = np.arange(o.gpst.size)[:, None] >= ROW
     return replace(o, pseudorange_m=o.pseudorange_m + np.where(later, change_m, 0.0))
 
 
 def clock_steps(rng, o):
-    return moved(o, np.full(len(o.signals), rng.normal(0.0, 3e-7) * LIGHT_M_S))
+    return move_ranges(o, np.full(len(o.signals), rng.normal(0.0, 3e-7) * LIGHT_M_S))
 
 
 def two_faults(rng, o):
     change_m = np.zeros(len(o.signals))
     change_m[rng.choice(change_m.size, 2, replace=False)] = rng.normal(0.0, 200.0, 2)
-    return moved(o, change_m)
+    return move_ranges(o, change_m)
 
 
 def reflections(rng, o):
     late = rng.random(len(o.signals)) < 0.6
-    return moved(o, np.where(late, rng.uniform(-300.0, 300.0, late.size), 0.0))
+    return move_ranges(o, np.where(late, rng.uniform(-300.0, 300.0, late.size), 0.0))
 
 
 def missing_samples(rng, o):
-    return ahead(o, ROW, float(rng.uniform(-1.0, 1.0)) * 1e-4)
+    return shift_ahead(o, ROW, float(rng.uniform(-1.0, 1.0)) * 1e-4)
 
 
 @pytest.mark.parametrize(
@@ -83,17 +83,17 @@ def test_recordings_of_two_receivers_seldom_have_one_rate():
     rng, p = np.random.default_rng(3), []
     for draw in range(30):
         rates = rng.normal(0.0, 0.5, 2)
-        one, other = (
-            observed(draw, noise=WHITE, duration_s=32.0, lo_ppm=float(rate), place=(60.0 * k, 0.0))
+        first, second = (
+            observe_scene(draw, noise=WHITE, duration_s=32.0, lo_ppm=float(rate), place=(60.0 * k, 0.0))
             for k, rate in enumerate(rates)
         )
-        p.append(p_of(spliced(one, other, ROW))[Cause.JOINED])
+        p.append(p_of(join_rows(first, second, ROW))[Cause.JOINED])
     most = 1e-3 * 10.0 / 3600.0
     for rate in (0.5, 0.1):
         assert stats.binomtest(int((np.array(p) < rate * most).sum()), 30, rate, alternative="greater").pvalue > 1e-3
 
 
 def test_another_place_by_the_same_clock_is_none_of_them():
-    there = observed(2, noise=WHITE, duration_s=32.0, place=(90.0, 46.0))
-    p = p_of(spliced(clean(1), there, ROW))
+    elsewhere = observe_scene(2, noise=WHITE, duration_s=32.0, place=(90.0, 46.0))
+    p = p_of(join_rows(clean(1), elsewhere, ROW))
     assert max(p.values()) < 1e-7

@@ -72,12 +72,12 @@ def geometry(motion="standing", oscillator="tcxo", *, place=(0.0, 0.0), lo_ppm=0
     return ideal_measurements_of(scene_of(parse_scenario(table), NAVIGATION), interval_s=EPOCH_S)
 
 
-def observed(draw_of=0, *, noise=FIELD, **scene):
+def observe_scene(draw_of=0, *, noise=FIELD, **scene):
     (o,), _ = draw(geometry(**scene), rng=np.random.default_rng(draw_of), noise=noise)
     return o
 
 
-def changed(o, **cells):
+def change_cells(o, **cells):
     return replace(o, **cells)
 
 
@@ -107,7 +107,7 @@ def windows(o, *, sets=True):
     return found
 
 
-def said(o, **settings):
+def examine_all(o, **settings):
     """All evidence of all windows, with the settings of a usual run."""
     detector, state, found = Continuity(ContinuitySettings(**({"false_alarm_probability": 1e-6} | settings))), None, []
     for records in windows(o):
@@ -116,11 +116,11 @@ def said(o, **settings):
     return found
 
 
-def failed(found):
+def select_failed(found):
     return [e for evidence in found for e in evidence if e.says != "clean"]
 
 
-def spliced(one, other, row, *, slip=True):
+def join_rows(one, other, row, *, slip=True):
     """The first rows of one, the rest of the other, as a file that was cut and joined: the counter goes on."""
     cells = {name: np.concatenate((getattr(one, name)[:row], getattr(other, name)[row:])) for name in OBSERVABLES}
     carrier_cyc, doppler_hz = cells["carrier_cyc"], cells["doppler_hz"]
@@ -131,7 +131,7 @@ def spliced(one, other, row, *, slip=True):
     return replace(one, status=status, **cells)
 
 
-def ahead(o, row, seconds):
+def shift_ahead(o, row, seconds):
     """The signals' time jumps ahead by so much, as where samples are missing; all carriers break."""
     later = np.arange(o.gpst.size)[:, None] >= row
     status = o.status.copy()
@@ -158,7 +158,7 @@ def without_rows(o, first, last):
 # What goes on ---------------------------------------------------------------------------------------------------------
 
 
-def disturbed(o, rng):
+def add_breaks(o, rng):
     """Slips, gaps of single signals, and one outage of all, after which they come back one by one."""
     cells, status = {name: getattr(o, name).copy() for name in OBSERVABLES}, o.status.copy()
     n, m = status.shape
@@ -190,7 +190,7 @@ def alarms(motion, oscillator, draws, seed, *, alpha=0.1, disturb=False, **limit
     for _ in range(draws):
         (o,), _ = draw(exact, rng=rng, noise=FIELD)
         state = None
-        for records in windows(disturbed(o, rng) if disturb else o):
+        for records in windows(add_breaks(o, rng) if disturb else o):
             evidence, state = detector.examine(records, state)
             count += any(e.p_value is not None and e.says == "undecided" for e in evidence)
             tests += 1
@@ -245,24 +245,24 @@ def test_steps_of_position_and_clock_are_chi_square_where_nothing_is_unseen():
 
 
 def test_pieces_equal_the_whole():
-    check_pieces(Continuity, windows(disturbed(observed(3), np.random.default_rng(3))))
+    check_pieces(Continuity, windows(add_breaks(observe_scene(3), np.random.default_rng(3))))
 
 
 def test_a_slow_drift_of_the_oscillator_and_a_turn_that_nothing_was_received_in_are_no_step():
-    o = without_rows(observed(motion="aircraft at 3 g"), 70, 85)  # 3 s
-    assert not failed(said(o))
+    o = without_rows(observe_scene(motion="aircraft at 3 g"), 70, 85)  # 3 s
+    assert not select_failed(examine_all(o))
 
 
 def test_one_satellite_that_jumps_by_itself_is_no_step():
-    o = observed()
+    o = observe_scene()
     pseudorange_m = o.pseudorange_m.copy()
     pseudorange_m[70:, 2] += 80.0
-    assert not failed(said(replace(o, pseudorange_m=pseudorange_m)))
+    assert not select_failed(examine_all(replace(o, pseudorange_m=pseudorange_m)))
 
 
 @pytest.mark.parametrize("steps", [-1, 1])
 def test_a_clock_steered_by_a_millisecond_goes_on(steps):
-    o = observed()
+    o = observe_scene()
     moved = steps * 1e-3 * (np.arange(o.gpst.size)[:, None] >= 77)
     steered = replace(
         o,
@@ -270,12 +270,12 @@ def test_a_clock_steered_by_a_millisecond_goes_on(steps):
         carrier_cyc=o.carrier_cyc + o.carrier_hz * moved,
     )
     unmoved = replace(steered, carrier_cyc=o.carrier_cyc)
-    assert not failed(said(steered))
-    assert not failed(said(unmoved))
+    assert not select_failed(examine_all(steered))
+    assert not select_failed(examine_all(unmoved))
 
 
 def test_a_label_that_moves_with_the_pseudoranges_is_no_step():
-    o = observed()
+    o = observe_scene()
     later = np.arange(o.gpst.size) >= 77
     moved = replace(
         o,
@@ -283,7 +283,7 @@ def test_a_label_that_moves_with_the_pseudoranges_is_no_step():
         pseudorange_m=o.pseudorange_m + np.where(later, LIGHT_M_S * 5e-3, 0.0)[:, None],
         carrier_cyc=o.carrier_cyc + np.where(later, 5e-3, 0.0)[:, None] * o.carrier_hz,
     )
-    assert not failed(said(moved))
+    assert not select_failed(examine_all(moved))
 
 
 # What does not --------------------------------------------------------------------------------------------------------
@@ -292,55 +292,59 @@ def test_a_label_that_moves_with_the_pseudoranges_is_no_step():
 @pytest.mark.parametrize("row", [70, 99, 100, 101, 140])
 @pytest.mark.parametrize("slip", [True, False], ids=["slips marked", "carriers glued"])
 def test_halves_of_two_receivers_joined_are_reported(row, slip):
-    other = observed(2, noise=WHITE, place=(40.0, 46.0), lo_ppm=0.8)
-    found = said(spliced(observed(1, noise=WHITE), other, row, slip=slip))
-    first = failed(found)[0]
+    other = observe_scene(2, noise=WHITE, place=(40.0, 46.0), lo_ppm=0.8)
+    found = examine_all(join_rows(observe_scene(1, noise=WHITE), other, row, slip=slip))
+    first = select_failed(found)[0]
     assert (first.says, first.overrules, first.may_also_be) == ("undecided", True, ("joined",))
     assert first.p_value < first.alpha
-    assert {ref.signal for ref in first.signals} == set(observed(1, noise=WHITE).signals)
+    assert {ref.signal for ref in first.signals} == set(observe_scene(1, noise=WHITE).signals)
     assert "position" in first.data["kinds"]
     assert first.data["position_m"] == pytest.approx(61.0, abs=5.0)
-    assert abs(first.dated_gpst - observed(1, noise=WHITE).gpst[row]) <= np.timedelta64(300, "ms")
+    assert abs(first.dated_gpst - observe_scene(1, noise=WHITE).gpst[row]) <= np.timedelta64(300, "ms")
     assert first.data["broke"] is slip or not slip
-    assert {(e.code, e.dated_gpst) for e in failed(found)} == {("step", first.dated_gpst)}  # found once, and kept
+    assert {(e.code, e.dated_gpst) for e in select_failed(found)} == {
+        ("step", first.dated_gpst)
+    }  # found once, and kept
     assert any(e.overrules and e.dated_gpst == first.dated_gpst for e in found[-1])
 
 
 @pytest.mark.parametrize("slip", [True, False], ids=["carriers break", "carriers go on"])
 def test_a_jump_of_one_receiver_by_its_clock_is_an_attack(slip):
     """The clock's rate goes on, as that of no other receiver does."""
-    found = said(spliced(observed(1, noise=WHITE), observed(2, noise=WHITE, place=(40.0, 46.0)), 70, slip=slip))
-    first = failed(found)[0]
+    found = examine_all(
+        join_rows(observe_scene(1, noise=WHITE), observe_scene(2, noise=WHITE, place=(40.0, 46.0)), 70, slip=slip)
+    )
+    first = select_failed(found)[0]
     assert (first.says, first.code) == ("attack", "step")
     assert first.p[Cause.JOINED] < 1e-7
     assert max(first.p.values()) < first.alpha
 
 
 def test_a_jump_of_a_steered_clock_may_be_another_receiver():
-    there = observed(2, noise=WHITE, place=(40.0, 46.0), lo_ppm=0.0)
-    first = failed(said(spliced(observed(1, noise=WHITE, lo_ppm=0.0), there, 70)))[0]
+    elsewhere = observe_scene(2, noise=WHITE, place=(40.0, 46.0), lo_ppm=0.0)
+    first = select_failed(examine_all(join_rows(observe_scene(1, noise=WHITE, lo_ppm=0.0), elsewhere, 70)))[0]
     assert first.may_also_be == ("joined",)
 
 
 def test_a_step_smaller_than_errors_is_not_reported():
-    assert not failed(said(spliced(observed(1), observed(2, place=(2.0, 1.0)), 70)))
+    assert not select_failed(examine_all(join_rows(observe_scene(1), observe_scene(2, place=(2.0, 1.0)), 70)))
 
 
 def test_another_oscillator_is_recognized_by_its_rate():
-    (first, *_) = failed(said(spliced(observed(1), observed(2, lo_ppm=0.8, seed=1), 70)))
+    (first, *_) = select_failed(examine_all(join_rows(observe_scene(1), observe_scene(2, lo_ppm=0.8, seed=1), 70)))
     assert "rate" in first.data["kinds"]
     assert first.data["rate"] == pytest.approx(0.5e-6, abs=5e-9)
 
 
 def test_time_that_goes_back_is_reported():
-    (first, *_) = failed(said(ahead(observed(), 77, -3e-6)))
+    (first, *_) = select_failed(examine_all(shift_ahead(observe_scene(), 77, -3e-6)))
     assert "clock" in first.data["kinds"]
     assert first.data["clock_s"] == pytest.approx(3e-6, rel=0.2)
     assert first.data["broke"]
 
 
 def test_a_recording_that_begins_again_is_reported():
-    o = observed()
+    o = observe_scene()
     cells = {name: np.concatenate((getattr(o, name)[:80], getattr(o, name)[:80])) for name in OBSERVABLES}
     cells["pseudorange_m"][80:] += LIGHT_M_S * 16.0
     status = np.concatenate((o.status[:80], o.status[:80]))
@@ -348,14 +352,14 @@ def test_a_recording_that_begins_again_is_reported():
     again = replace(
         o, gpst=o.gpst[:160], elapsed_s=o.elapsed_s[:160], status=status, half_cycle_open=np.array(False), **cells
     )
-    (first, *_) = failed(said(again))
+    (first, *_) = select_failed(examine_all(again))
     assert first.data["clock_s"] == pytest.approx(16.0, abs=1e-3)
     assert "position" not in first.data["kinds"]
 
 
 @pytest.mark.parametrize("motion", ["standing", "aircraft at 3 g"])
 def test_missing_samples_are_reported_and_are_no_failure(motion):
-    exact = observed(4, motion=motion, noise=FIELD)
+    exact = observe_scene(4, motion=motion, noise=FIELD)
     row, missing = 77, 2  # epochs of 0.2 s
     moved = np.arange(exact.gpst.size - missing) + np.where(np.arange(exact.gpst.size - missing) >= row, missing, 0)
     cells = {name: getattr(exact, name)[moved] for name in OBSERVABLES}
@@ -372,7 +376,7 @@ def test_missing_samples_are_reported_and_are_no_failure(motion):
         half_cycle_open=np.array(False),
         **cells,
     )
-    (only,) = failed(said(o))
+    (only,) = select_failed(examine_all(o))
     assert only.p_value is None
     assert not only.overrules
     assert only.code == "time_ahead"
@@ -390,34 +394,34 @@ def with_second_kind(o):
 @pytest.mark.parametrize("only_one", [True, False], ids=["one kind", "both kinds"])
 def test_samples_are_missing_in_all_kinds_or_in_none(only_one):
     """A kind that is ahead while the other goes on is no gap of a recording."""
-    o, row = with_second_kind(observed(noise=WHITE)), 77
-    late = ahead(o, row, 5e-7)
+    o, row = with_second_kind(observe_scene(noise=WHITE)), 77
+    late = shift_ahead(o, row, 5e-7)
     if only_one:
         n = len(o.signals) // 2
         cells = {
             name: np.hstack((getattr(late, name)[:, :n], getattr(o, name)[:, n:])) for name in (*OBSERVABLES, "status")
         }
         late = replace(late, **cells)
-    codes = {e.code for e in failed(said(late))}
+    codes = {e.code for e in select_failed(examine_all(late))}
     assert codes == ({"step"} if only_one else {"time_ahead"})
 
 
 def test_a_jump_that_no_platform_makes_in_an_outage_is_reported_and_a_speed_limit_finds_more():
-    far = spliced(observed(1), observed(2, place=(900.0, 0.0), lo_ppm=0.8), 80)
-    near = spliced(observed(1), observed(2, place=(90.0, 0.0)), 80)
-    reported = failed(said(without_rows(far, 70, 85)))[0]
+    far = join_rows(observe_scene(1), observe_scene(2, place=(900.0, 0.0), lo_ppm=0.8), 80)
+    near = join_rows(observe_scene(1), observe_scene(2, place=(90.0, 0.0)), 80)
+    reported = select_failed(examine_all(without_rows(far, 70, 85)))[0]
     assert reported.data["outage_s"] == pytest.approx(3.2)
     assert reported.data["position_m"] == pytest.approx(900.0, abs=10.0)
     assert "joined" in reported.may_also_be
-    assert not failed(said(without_rows(near, 70, 85)))
-    limited = failed(said(without_rows(near, 70, 85), speed_max_m_s=5.0))[0]
+    assert not select_failed(examine_all(without_rows(near, 70, 85)))
+    limited = select_failed(examine_all(without_rows(near, 70, 85), speed_max_m_s=5.0))[0]
     assert limited.data["position_m"] == pytest.approx(90.0, abs=10.0)
 
 
 def test_signals_found_again_under_other_names_are_the_same_sky():
-    o = observed()
+    o = observe_scene()
     again = replace(without_rows(o, 70, 78), signals=tuple(replace(s, copy="b") for s in o.signals))
-    both = tuple(o.signals) + again.signals
+    all_signals = tuple(o.signals) + again.signals
     n = np.arange(o.gpst.size)[:, None]
 
     def doubled(first, second):
@@ -430,17 +434,17 @@ def test_signals_found_again_under_other_names_are_the_same_sky():
         for f in fields(o)
         if f.name in ("found_elapsed_s", "missed_elapsed_s", "carrier_hz")
     }
-    joined = replace(o, signals=both, status=status, half_cycle_open=np.array(False), **cells, **lives)
-    assert not failed(said(joined))
+    joined = replace(o, signals=all_signals, status=status, half_cycle_open=np.array(False), **cells, **lives)
+    assert not select_failed(examine_all(joined))
     moved = cells["pseudorange_m"].copy()
-    (there,) = (observed(place=(400.0, 460.0)),)
-    moved[78:, len(o.signals) :] = there.pseudorange_m[78:]
-    jump = failed(said(replace(joined, pseudorange_m=moved)))[0]
+    (elsewhere,) = (observe_scene(place=(400.0, 460.0)),)
+    moved[78:, len(o.signals) :] = elsewhere.pseudorange_m[78:]
+    jump = select_failed(examine_all(replace(joined, pseudorange_m=moved)))[0]
     assert jump.data["position_m"] == pytest.approx(610.0, abs=40.0)
 
 
 def test_what_is_lacking_is_reported():
-    records = windows(observed())[0]
+    records = windows(observe_scene())[0]
     (evidence,), state = Continuity().examine(replace(records, sets=()))
     assert evidence.says == "undecided"
     assert evidence.lacking
@@ -462,18 +466,18 @@ def few(o, satellites, rows=slice(None)):
 @pytest.mark.parametrize(
     ("lacks", "reason"),
     [
-        (lambda o: few(o, 4), explain_few_epochs(few(observed(), 4), 0, stepped=False)),
-        (lambda o: few(o, 4, slice(2, None)), explain_few_epochs(observed(), 2, stepped=False)),
+        (lambda o: few(o, 4), explain_few_epochs(few(observe_scene(), 4), 0, stepped=False)),
+        (lambda o: few(o, 4, slice(2, None)), explain_few_epochs(observe_scene(), 2, stepped=False)),
         (
             lambda o: bare(o, "carrier_cyc", "doppler_hz"),
-            explain_no_step(bare(observed(), "carrier_cyc", "doppler_hz")),
+            explain_no_step(bare(observe_scene(), "carrier_cyc", "doppler_hz")),
         ),
         (lambda o: replace(o, carrier_hz=np.full(len(o.signals), np.nan)), None),
     ],
     ids=["satellites", "epochs", "ranges alone", "frequencies"],
 )
 def test_each_reason_not_to_run_has_its_own_code(lacks, reason):
-    o = lacks(observed())
+    o = lacks(observe_scene())
     reason = reason or explain_no_step(o)
     (evidence, *_), _ = Continuity().examine(windows(o)[0])
     assert (evidence.code, evidence.data) == (reason.code, reason.data)
@@ -481,7 +485,7 @@ def test_each_reason_not_to_run_has_its_own_code(lacks, reason):
 
 
 def test_reasons_not_to_run_are_told_apart():
-    o = observed()
+    o = observe_scene()
     apart = replace(o, pseudorange_m=np.where(np.arange(len(o.signals)) % 2, o.pseudorange_m, np.nan))
     reasons = [
         NotTested("no_set"),
@@ -501,8 +505,8 @@ def test_settings_that_make_no_sense_are_refused():
 
 
 def test_the_places_of_the_tests_are_as_far_apart_as_they_say():
-    (there,) = geometry(place=(40.0, 46.0))
-    assert there.receiver == "rx1"
+    (elsewhere,) = geometry(place=(40.0, 46.0))
+    assert elsewhere.receiver == "rx1"
     east_m = rot_enu_ecef(*PLACE_RAD) @ (
         ecef_from_geodetic(
             PLACE_RAD[0] + np.radians(46.0 / 111_000.0), PLACE_RAD[1] + np.radians(40.0 / 85_400.0), PLACE["height_m"]

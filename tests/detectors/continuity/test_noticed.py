@@ -8,8 +8,8 @@ from tests.detectors.continuity.test_detector import (
     NAVIGATION,
     PLACE_ECEF_M,
     WHITE,
-    changed,
-    observed,
+    change_cells,
+    observe_scene,
     windows,
 )
 
@@ -33,43 +33,43 @@ def size_of(found, kind):
     return max(attack.size for finding in found for attack in finding.noticed if attack.kind == kind)
 
 
-def shifted(o, change_m, *, row=None):
+def shift_ranges(o, change_m, *, row=None):
     """Pseudoranges changed by so much, (n, m); at a row at which all carriers break."""
     status = o.status.copy()
     if row is not None:
         status[row] = 3
-    return changed(o, pseudorange_m=o.pseudorange_m + change_m, status=status)
+    return change_cells(o, pseudorange_m=o.pseudorange_m + change_m, status=status)
 
 
-def jumped(o, rng, size_m):
+def move_at_once(o, rng, size_m):
     """The position of the attacked receiver jumps in any direction."""
     row = int(rng.integers(30, o.gpst.size - 30))
     direction = rng.normal(size=3)
     direction *= size_m / np.linalg.norm(direction)
     unit = build_series(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit
-    return shifted(o, np.where(np.arange(o.gpst.size)[:, None] >= row, -unit @ direction, 0.0), row=row)
+    return shift_ranges(o, np.where(np.arange(o.gpst.size)[:, None] >= row, -unit @ direction, 0.0), row=row)
 
 
 def late(o, rng, size_s):
     """Its time jumps back: ahead, missing samples would do the same."""
     row = int(rng.integers(30, o.gpst.size - 30))
     change_m = np.where(np.arange(o.gpst.size) >= row, LIGHT_M_S * size_s, 0.0)
-    return shifted(o, np.broadcast_to(change_m[:, None], o.pseudorange_m.shape), row=row)
+    return shift_ranges(o, np.broadcast_to(change_m[:, None], o.pseudorange_m.shape), row=row)
 
 
-def dragged(o, rng, size_m_s):
+def drag_codes(o, rng, size_m_s):
     """Codes drag the position off, carriers stay."""
     direction = rng.normal(size=3)
     direction *= size_m_s / np.linalg.norm(direction)
     unit = build_series(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit
-    return shifted(o, -(unit @ direction) * np.maximum(o.elapsed_s - 8.0, 0.0)[:, None])
+    return shift_ranges(o, -(unit @ direction) * np.maximum(o.elapsed_s - 8.0, 0.0)[:, None])
 
 
 def along(o, begins_m_s, row):
     """Codes and carriers change at such rates from a row on, (m,), unbroken."""
     since_s = np.maximum(o.elapsed_s - o.elapsed_s[row - 1], 0.0)[:, None]
     wavelength_m = LIGHT_M_S / o.carrier_hz
-    return changed(
+    return change_cells(
         o,
         pseudorange_m=o.pseudorange_m + begins_m_s * since_s,
         carrier_cyc=o.carrier_cyc + begins_m_s * since_s / wavelength_m,
@@ -77,7 +77,7 @@ def along(o, begins_m_s, row):
     )
 
 
-def pulled(o, rng, size_m_s):
+def pull_codes(o, rng, size_m_s):
     """The position begins to be dragged off at once, codes and carriers together."""
     row = int(rng.integers(30, o.gpst.size - 30))
     direction = rng.normal(size=3)
@@ -85,7 +85,7 @@ def pulled(o, rng, size_m_s):
     return along(o, -build_series(o, NAVIGATION, PLACE_ECEF_M, LIMITS).unit[row] @ direction, row)
 
 
-def pushed(o, rng, size_s_s):
+def push_time(o, rng, size_s_s):
     """The time begins to be pushed at once."""
     row = int(rng.integers(30, o.gpst.size - 30))
     return along(o, np.full(len(o.signals), LIGHT_M_S * size_s_s * rng.choice([-1.0, 1.0])), row)
@@ -95,18 +95,18 @@ def pushed(o, rng, size_s_s):
     ("kind", "attack", "small"),
     # A drag adds up from window to window: the first one sees least of it.
     [
-        ("position_jump", jumped, 0.4),
+        ("position_jump", move_at_once, 0.4),
         ("clock_jump", late, 0.4),
-        ("velocity_jump", pulled, 0.4),
-        ("clock_push", pushed, 0.4),
-        ("code_drag", dragged, 0.1),
+        ("velocity_jump", pull_codes, 0.4),
+        ("clock_push", push_time, 0.4),
+        ("code_drag", drag_codes, 0.1),
     ],
 )
 @pytest.mark.parametrize("draws", [25, pytest.param(300, marks=pytest.mark.long)])
 def test_attacks_of_the_size_that_is_stated_are_noticed(kind, attack, small, draws):
     rng, noticed, few = np.random.default_rng(17), 0, 0
     for draw in range(draws):
-        o = observed(draw, noise=WHITE, duration_s=42.0)
+        o = observe_scene(draw, noise=WHITE, duration_s=42.0)
         size = size_of(findings(o), kind)
         noticed += any(finding.failed or finding.says == "attack" for finding in findings(attack(o, rng, size)))
         few += any(finding.failed or finding.says == "attack" for finding in findings(attack(o, rng, small * size)))

@@ -15,7 +15,7 @@ def unit_of(satellites, rng):
     return np.stack([along * np.sin(azimuth_rad), along * np.cos(azimuth_rad), np.sin(elevation_rad)], axis=1)
 
 
-def tried(unit, change):
+def find_motion(unit, change):
     names = np.array([f"G{number:02d}" for number in range(len(unit))])
     motion = estimate_motion(names, unit, change, np.ones(len(unit)), 10.0, alpha=ALPHA)
     assert motion is not None
@@ -25,12 +25,12 @@ def tried(unit, change):
 @pytest.mark.parametrize("satellites", [8, 10, 12])
 def test_a_motion_under_errors_as_stated_is_that_of_the_whole_sky(satellites):
     rng = np.random.default_rng(satellites)
-    shown = []
+    found = []
     for _ in range(40):
         unit = unit_of(satellites, rng)
         change = -unit @ [60.0, 0.0, 0.0] + 7.0 + rng.normal(size=satellites)
-        shown.append(tried(unit, change).whole_sky_p_value < ALPHA)
-    assert np.mean(shown) > 0.9
+        found.append(find_motion(unit, change).whole_sky_p_value < ALPHA)
+    assert np.mean(found) > 0.9
 
 
 @pytest.mark.parametrize("scale", [5.0, 10.0, 30.0])
@@ -39,6 +39,6 @@ def test_errors_many_times_as_large_as_stated_are_no_motion_of_the_whole_sky(sat
     """As between houses: without this rule up to 66 of 150 draws were one."""
     rng = np.random.default_rng(satellites)
     chances = [
-        tried(unit_of(satellites, rng), scale * rng.normal(size=satellites)).whole_sky_p_value for _ in range(150)
+        find_motion(unit_of(satellites, rng), scale * rng.normal(size=satellites)).whole_sky_p_value for _ in range(150)
     ]
     assert sum(chance < ALPHA for chance in chances) <= 1

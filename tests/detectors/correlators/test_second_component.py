@@ -29,9 +29,9 @@ def test_a_single_bin_has_the_stated_law():
     rng = np.random.default_rng(1)
     mixed = rng.standard_normal((3, 3)) + 1j * rng.standard_normal((3, 3))
     bins = (rng.standard_normal((4000, 13, 3)) + 1j * rng.standard_normal((4000, 13, 3))) @ mixed
-    one, others = bins[:, 0], bins[:, 1:]
-    scatter = np.linalg.inv(np.einsum("tki,tkj->tij", others, others.conj()))
-    odds = np.real(np.einsum("ti,tij,tj->t", one.conj(), scatter, one))
+    tested, rest = bins[:, 0], bins[:, 1:]
+    scatter = np.linalg.inv(np.einsum("tki,tkj->tij", rest, rest.conj()))
+    odds = np.real(np.einsum("ti,tij,tj->t", tested.conj(), scatter, tested))
     assert stats.kstest(line_p_value(odds, 3, 12), "uniform").pvalue > 1e-3
 
 

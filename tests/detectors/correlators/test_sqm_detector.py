@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.detectors.nulls import TAPS_SIGNALS, looked, reflected
+from tests.detectors.nulls import TAPS_SIGNALS, reflect, take_looks
 
 from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.errors import SettingsError
@@ -17,10 +17,10 @@ LATE = {"second": 0.6, "lag_chips": 0.6}
 EARLY = {"second": 0.6, "lag_chips": -0.6}
 
 
-def said(seed, seconds, detector=RARE):
+def examine_all(seed, seconds, detector=RARE):
     rng = np.random.default_rng(seed)
     beats = {k: {"beat_hz": rng.uniform(3.0, 20.0), **ray} for k, ray in seconds.items()}
-    (evidence,), _ = detector.examine(looked(rng, (42.0, 50.0), seconds=beats))
+    (evidence,), _ = detector.examine(take_looks(rng, (42.0, 50.0), seconds=beats))
     return evidence
 
 
@@ -29,20 +29,20 @@ def sats(evidence):
 
 
 def test_signals_alone_are_clean():
-    evidence = said(1, {})
+    evidence = examine_all(1, {})
     assert evidence.says == "clean"
     assert len(evidence.signals) == len(TAPS_SIGNALS)
 
 
 @pytest.mark.parametrize("ray", [LATE, EARLY])
 def test_one_distorted_signal_is_reported_and_turns_nothing(ray):
-    evidence = said(2, {3: ray})
+    evidence = examine_all(2, {3: ray})
     assert (evidence.says, evidence.code, stands_beside(evidence)) == ("clean", "some_distorted", True)
     assert sats(evidence) == ["G04"]
 
 
 def test_late_signals_everywhere_leave_all_open_and_are_no_attack():
-    evidence = said(3, dict.fromkeys(range(10), LATE))
+    evidence = examine_all(3, dict.fromkeys(range(10), LATE))
     assert evidence.says == "undecided"
     assert (evidence.code, evidence.may_also_be) == ("many_distorted", (Cause.REFLECTIONS,))
     assert evidence.failed
@@ -50,7 +50,7 @@ def test_late_signals_everywhere_leave_all_open_and_are_no_attack():
 
 
 def test_early_signals_in_several_are_an_attack():
-    evidence = said(4, dict.fromkeys((0, 2, 4, 6, 8), EARLY))
+    evidence = examine_all(4, dict.fromkeys((0, 2, 4, 6, 8), EARLY))
     assert (evidence.says, evidence.code) == ("attack", "earlier_signals")
     assert sats(evidence) == ["G01", "G03", "G05", "G07", "G09"]
     assert evidence.p_value < 1e-6
@@ -60,17 +60,17 @@ def test_early_signals_in_several_are_an_attack():
 def test_reflections_as_often_as_stated_seldom_leave_all_open(windows):
     rng = np.random.default_rng(10)
     detector = Sqm(SqmSettings(false_alarm_probability=0.2, reflection_probability=0.3))
-    failed = sum(detector.examine(reflected(rng, 0.3))[0][0].failed for _ in range(windows))
+    failed = sum(detector.examine(reflect(rng, 0.3))[0][0].failed for _ in range(windows))
     assert binomial_survival(failed, windows, 0.2) > 1e-4
     assert failed > 0.01 * windows or windows < 100
 
 
 def test_three_early_ones_are_too_few_for_a_rare_alarm():
-    assert said(5, dict.fromkeys((0, 2, 4), EARLY)).code == "some_distorted"
+    assert examine_all(5, dict.fromkeys((0, 2, 4), EARLY)).code == "some_distorted"
 
 
 def test_signals_beside_another_of_their_satellite_are_left_out():
-    records = looked(np.random.default_rng(6))
+    records = take_looks(np.random.default_rng(6))
     (taps,) = records.taps
     doubled = replace(taps, signals=(*TAPS_SIGNALS[:8], SignalId("G01", copy="b"), SignalId("G02", copy="b")))
     (evidence,), _ = RARE.examine(replace(records, taps=(doubled,)))
@@ -78,7 +78,7 @@ def test_signals_beside_another_of_their_satellite_are_left_out():
 
 
 def test_gaps_shorten_what_is_looked_at():
-    records = looked(np.random.default_rng(7))
+    records = take_looks(np.random.default_rng(7))
     (taps,) = records.taps
     value = taps.value.copy()
     value[90:92, :7] = np.nan  # 408 looks are left
@@ -89,7 +89,7 @@ def test_gaps_shorten_what_is_looked_at():
 
 @pytest.mark.parametrize("least", [4, 11])
 def test_without_a_pair_or_with_too_few_signals_it_is_undecided(least):
-    records = looked(np.random.default_rng(8), n=150)
+    records = take_looks(np.random.default_rng(8), n=150)
     (taps,) = records.taps
     delays = taps.delays_chips if least == 11 else np.arange(7.0)
     detector = Sqm(SqmSettings(min_signals=least))
@@ -99,7 +99,7 @@ def test_without_a_pair_or_with_too_few_signals_it_is_undecided(least):
 
 
 def test_without_taps_it_says_so_as_data():
-    (evidence,), _ = RARE.examine(replace(looked(np.random.default_rng(9), n=100), taps=()))
+    (evidence,), _ = RARE.examine(replace(take_looks(np.random.default_rng(9), n=100), taps=()))
     assert evidence.lacking == (Need.TAPS,)
 
 

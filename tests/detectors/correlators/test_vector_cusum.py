@@ -35,8 +35,8 @@ def windows(rng, count, n, probability, code_chips=0.0, phase_rad=0.0, lasting=N
 
 def test_alarms_come_at_most_as_often_as_stated_and_p_values_with_them():
     found = list(windows(np.random.default_rng(1), 150, 100, 0.1))
-    alarms = sum(one.seen is not None for one in found)
-    assert all((one.seen is None) == (one.p_value >= 0.1) for one in found)
+    alarms = sum(result.seen is not None for result in found)
+    assert all((result.seen is None) == (result.p_value >= 0.1) for result in found)
     assert binomial_survival(alarms, 150, 0.1) > 1e-3
     assert alarms > 2  # the sums' exact laws, less what one share for each of four dependent sums loses
 
@@ -47,8 +47,8 @@ def test_errors_that_stay_are_no_alarm_and_without_an_allowance_they_are():
     alarms = without = 0
     for _ in range(12):
         stays = sigma * rng.standard_normal(6)
-        alarms += sum(one.seen is not None for one in windows(rng, 5, 100, 0.05, stays, lasting=sigma))
-        without += sum(one.seen is not None for one in windows(rng, 5, 100, 0.05, stays))
+        alarms += sum(found.seen is not None for found in windows(rng, 5, 100, 0.05, stays, lasting=sigma))
+        without += sum(found.seen is not None for found in windows(rng, 5, 100, 0.05, stays))
     assert binomial_survival(alarms, 60, 0.05) > 1e-3
     assert without > 20
 
@@ -56,9 +56,9 @@ def test_errors_that_stay_are_no_alarm_and_without_an_allowance_they_are():
 def test_a_small_offset_is_found_over_windows_that_do_not_show_it_alone():
     code, phase = 0.25 * CODE_CHIPS * SKY.projector[0], 0.25 * PHASE_RAD * SKY.projector[0]
     alone = list(windows(np.random.default_rng(3), 12, 200, 1e-5, code, phase, carried=False))
-    assert not any(one.seen for one in alone)
+    assert not any(result.seen for result in alone)
     together = list(windows(np.random.default_rng(3), 12, 200, 1e-5, code, phase))
-    assert any(one.seen for one in together)
+    assert any(result.seen for result in together)
 
 
 def test_when_a_large_offset_began_is_found_to_tenths_of_a_second():
@@ -101,14 +101,14 @@ def test_sums_stand_in_the_parity_space_whatever_its_basis_and_begin_anew_with_o
             strict=True,
         ):
             np.testing.assert_allclose(total, other, atol=1e-12)
-    others = (SignalId("G01"), *SIGNALS[1:])
-    anew = run_bank(others, u, q, ONE, NO_ERRORS, 1e-3, first.state)
-    np.testing.assert_array_equal(anew.state.sums, run_bank(others, u, q, ONE, NO_ERRORS, 1e-3).state.sums)
+    other_signals = (SignalId("G01"), *SIGNALS[1:])
+    anew = run_bank(other_signals, u, q, ONE, NO_ERRORS, 1e-3, first.state)
+    np.testing.assert_array_equal(anew.state.sums, run_bank(other_signals, u, q, ONE, NO_ERRORS, 1e-3).state.sums)
 
 
 @pytest.mark.long
 def test_p_values_of_windows_that_share_a_sum_are_nearly_uniform():
-    p_values = np.array([one.p_value for one in windows(np.random.default_rng(7), 4000, 100, 1e-3)])
+    p_values = np.array([found.p_value for found in windows(np.random.default_rng(7), 4000, 100, 1e-3)])
     for level in (0.1, 0.05, 0.02, 0.01):
         error = (p_values < level).reshape(40, 100).mean(axis=1).std(ddof=1) / np.sqrt(40)
         # Shares of four sums, of which two see the same looks each, are a little too cautious.
@@ -119,6 +119,6 @@ def test_p_values_of_windows_that_share_a_sum_are_nearly_uniform():
 
 @pytest.mark.long
 def test_alarms_in_many_windows_at_one_percent():
-    alarms = sum(one.seen is not None for one in windows(np.random.default_rng(6), 3000, 100, 0.01))
+    alarms = sum(found.seen is not None for found in windows(np.random.default_rng(6), 3000, 100, 0.01))
     assert binomial_survival(alarms, 3000, 0.01) > 1e-3
     assert alarms > 8

@@ -22,7 +22,7 @@ from skyproof.records import Cause
 from skyproof.studies.vector_rules import equilibrium
 
 
-def settled(records, code_chips, doppler_hz, places):
+def settle_loops(records, code_chips, doppler_hz, places):
     """Offsets when these satellites are attacked alike."""
     (o,), (taps,) = records.observations, records.vector_taps
     where = satellite_geometry(compute_directions(o, records.navigation, taps.signals, VectorSqmSettings()).design)
@@ -30,23 +30,23 @@ def settled(records, code_chips, doppler_hz, places):
     return equilibrium(where, code_chips * attack, doppler_hz * attack, 45.0)
 
 
-def examined(places, code_chips=0.3, doppler_hz=150.0, seed=5):
+def examine_attack(places, code_chips=0.3, doppler_hz=150.0, seed=5):
     """What is said of an attack, and the names of the signals."""
-    offsets = settled(with_vector_taps(np.random.default_rng(seed)), code_chips, doppler_hz, places)
+    offsets = settle_loops(with_vector_taps(np.random.default_rng(seed)), code_chips, doppler_hz, places)
     records = with_vector_taps(np.random.default_rng(seed), *offsets)
     (evidence,) = VectorSqm().examine(records)[0]
     return evidence, [str(signal) for signal in records.vector_taps[0].signals]
 
 
 def test_a_signal_that_does_not_fit_fails_the_test_and_is_named():
-    evidence, names = examined([3])
+    evidence, names = examine_attack([3])
     assert evidence.failed
     assert (evidence.code, evidence.may_also_be) == ("does_not_fit", (Cause.REFLECTIONS, Cause.FAULT))
     assert (evidence.data["sets"], evidence.data["suspects"]) == (1, (names[3],))
 
 
 def test_an_offset_that_no_window_shows_alone_is_found_over_several_and_dated():
-    offsets = settled(with_vector_taps(np.random.default_rng(5)), 0.0, 5.0, [3])
+    offsets = settle_loops(with_vector_taps(np.random.default_rng(5)), 0.0, 5.0, [3])
     rng, strict = np.random.default_rng(12), VectorSqm(VectorSqmSettings(1e-6))
     state, together, alone = None, [], []
     for _ in range(14):
@@ -54,12 +54,12 @@ def test_an_offset_that_no_window_shows_alone_is_found_over_several_and_dated():
         alone += strict.examine(records)[0]
         evidence, state = strict.examine(records, state)
         together += evidence
-    assert not any(one.failed for one in alone)
-    assert any(one.failed and "seen_s" in one.data for one in together)
+    assert not any(finding.failed for finding in alone)
+    assert any(finding.failed and "seen_s" in finding.data for finding in together)
 
 
 def test_nobody_is_called_false_where_many_sets_fit_alike():
-    evidence, _ = examined([0, 2, 4, 6])
+    evidence, _ = examine_attack([0, 2, 4, 6])
     assert evidence.failed
     assert evidence.says == "undecided"
     assert (evidence.data["sets"], evidence.data["suspects"]) == (0, ())
@@ -134,7 +134,7 @@ def test_the_law_of_t_squared_is_that_of_means_over_estimated_covariances():
     mean, apart = draws.mean(axis=1), draws - draws.mean(axis=1, keepdims=True)
     covariance = np.einsum("tki,tkj->tij", apart, apart) / 29 / 30
     statistic = np.einsum("ti,tij,tj->t", mean, np.linalg.inv(covariance), mean)
-    p_values = [t_squared_survival(one, 3, 30) for one in statistic]
+    p_values = [t_squared_survival(value, 3, 30) for value in statistic]
     assert stats.kstest(p_values, "uniform").pvalue > 1e-3
 
 

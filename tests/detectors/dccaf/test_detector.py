@@ -121,9 +121,9 @@ def test_five_hours_of_clean_sky_raise_no_alarm_at_the_rate_of_a_run(rays):
 def test_two_delays_come_where_the_count_says_two_and_one_elsewhere():
     rng = np.random.default_rng(3)
     settings = DccafSettings()
-    one, two = (with_ccaf(scene.records(rng), rng).ccaf[0] for scene in (CLEAN_CCAF, OVERLAPPED_CCAF))
-    assert np.isnan(estimate_delays(one, last_burst(one), settings).delay_chips[:, 1]).all()
-    found = estimate_delays(two, last_burst(two), settings)
+    single, double = (with_ccaf(scene.records(rng), rng).ccaf[0] for scene in (CLEAN_CCAF, OVERLAPPED_CCAF))
+    assert np.isnan(estimate_delays(single, last_burst(single), settings).delay_chips[:, 1]).all()
+    found = estimate_delays(double, last_burst(double), settings)
     assert np.isfinite(found.delay_chips[:, 1]).sum() >= 5
 
 
@@ -159,33 +159,35 @@ def test_the_last_burst_of_most_channels_is_looked_at():
 def with_bursts(scene, rng, second_db, n):
     """The grids of one moment, drawn `n` times with new phases and noise, two seconds apart."""
     ccaf = [with_ccaf(scene, rng, second_db).ccaf[0] for _ in range(n)]
-    many = {name: np.concatenate([getattr(one, name) for one in ccaf]) for name in ("value", "noise_variance")}
+    many = {name: np.concatenate([getattr(grid, name) for grid in ccaf]) for name in ("value", "noise_variance")}
     many |= {name: np.concatenate([getattr(ccaf[0], name)] * n) for name in ("reference_m", "reference_hz")}
     elapsed_s = np.concatenate([ccaf[0].elapsed_s + 2.0 * k for k in range(n)])
     gpst = np.concatenate([ccaf[0].gpst + np.timedelta64(2 * k, "s") for k in range(n)])
     return replace(ccaf[0], elapsed_s=elapsed_s, gpst=gpst, **many)
 
 
-def doubled(ccaf, settings):
+def repeat_signals(ccaf, settings):
     """Which channels have a second signal by all bursts."""
-    *others, last = (estimate_delays(ccaf, epochs, settings) for epochs in split_bursts(ccaf))
-    return select_second_signals(last, others, settings)
+    *earlier, last = (estimate_delays(ccaf, epochs, settings) for epochs in split_bursts(ccaf))
+    return select_second_signals(last, earlier, settings)
 
 
 def test_signals_too_near_for_one_burst_are_seen_in_those_of_a_window():
     """Two skies 6 m apart, equally strong: how many of eight satellites one burst shows, and how many five do."""
-    rng, one, five, clean = np.random.default_rng(8), [], [], []
+    rng, single, five, clean = np.random.default_rng(8), [], [], []
     for _ in range(3):
-        near, alone = (with_seconds(rng, np.full(8, there), 6.0, scene=UNRELATED) for there in (True, False))
+        near, alone = (
+            with_seconds(rng, np.full(8, second_there), 6.0, scene=UNRELATED) for second_there in (True, False)
+        )
         for counts, ccaf in (
-            (one, with_bursts(near, rng, 0.0, 1)),
+            (single, with_bursts(near, rng, 0.0, 1)),
             (five, with_bursts(near, rng, 0.0, 5)),
             (clean, with_bursts(alone, rng, 0.0, 5)),
         ):
-            counts.append(doubled(ccaf, DccafSettings()).sum())
+            counts.append(repeat_signals(ccaf, DccafSettings()).sum())
     assert sum(clean) <= 1
     assert min(five) >= 5
-    assert np.mean(one) < np.mean(five) - 2.0
+    assert np.mean(single) < np.mean(five) - 2.0
 
 
 @pytest.mark.long
@@ -195,7 +197,7 @@ def test_a_single_signal_has_a_second_one_no_oftener_than_stated(n):
     rng, settings, seen = np.random.default_rng(9), DccafSettings(second_signal_probability=0.2), 0
     for _ in range(200):
         ccaf = with_bursts(with_seconds(rng, np.zeros(8, bool), scene=UNRELATED), rng, 0.0, n)
-        seen += doubled(ccaf, settings).sum()
+        seen += repeat_signals(ccaf, settings).sum()
     assert seen <= binom.ppf(0.999, 200 * 8, 0.2 / 8)
     print(seen, "of", 200 * 8 * 0.2 / 8)
 
@@ -217,11 +219,11 @@ def test_missing_grids_cost_their_channel_only():
 def test_a_detector_with_several_bins_sees_what_one_with_the_right_bin_sees():
     rng = np.random.default_rng(9)
     records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)
-    (one,) = records.ccaf
-    bins_hz, epochs = 25.0 * np.arange(-2.0, 3.0), last_burst(one)
+    (single,) = records.ccaf
+    bins_hz, epochs = 25.0 * np.arange(-2.0, 3.0), last_burst(single)
     scale = np.sinc((8.0 - bins_hz) * 0.02)[:, None]  # noise of the bins alike: the worst case of a reference
-    several = replace(one, dopplers_hz=bins_hz, value=one.value * scale)
-    found, other = (estimate_delays(each, epochs, DccafSettings()) for each in (one, several))
+    several = replace(single, dopplers_hz=bins_hz, value=single.value * scale)
+    found, other = (estimate_delays(each, epochs, DccafSettings()) for each in (single, several))
     np.testing.assert_allclose(other.delay_chips, found.delay_chips, atol=0.02)
 
 

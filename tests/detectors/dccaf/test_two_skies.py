@@ -10,12 +10,12 @@ from skyproof.detectors.dccaf.two_skies import find_two_skies
 SIGMA_M, MOST = 4.0, 1e-3
 
 
-def found(units, misfit_m, sigma_m=SIGMA_M):
+def find_all(units, misfit_m, sigma_m=SIGMA_M):
     sigmas = np.full(len(units), sigma_m)
     return find_two_skies(units, misfit_m, sigmas, window_m=760.0, set_probability=1e-3, most_doubt=MOST)
 
 
-def shuffled(rng, misfit_m):
+def exchange_signals(rng, misfit_m):
     """Whichever of a satellite's signals comes first."""
     return np.where(rng.random((len(misfit_m), 1)) < 0.5, misfit_m, misfit_m[:, ::-1])
 
@@ -25,7 +25,7 @@ def off_by(rng, n, offset_m, draws):
     squares = []
     for _ in range(draws):
         units, misfit_m = drawn(rng, n, SIGMA_M, offset_m)
-        two = found(units, shuffled(rng, misfit_m))
+        two = find_all(units, exchange_signals(rng, misfit_m))
         if two is not None:
             true = int(np.argmin(np.linalg.norm(two.state_m, axis=1)))
             off_m = two.state_m[[true, 1 - true]] - np.stack([np.zeros(4), np.append(offset_m * UP_EAST, 0.0)])
@@ -57,14 +57,14 @@ def test_signals_that_belong_to_no_sky_make_none():
     for _ in range(400):
         units = sky(rng, 7)
         misfit_m = np.stack([SIGMA_M * rng.standard_normal(7), rng.uniform(-380.0, 380.0, 7)], axis=1)
-        count += found(units, shuffled(rng, misfit_m)) is not None
+        count += find_all(units, exchange_signals(rng, misfit_m)) is not None
     assert count <= stats.binom.ppf(0.999, 400, MOST)
 
 
 def test_nothing_is_claimed_of_four_satellites_nor_of_skies_within_their_noise():
     rng = np.random.default_rng(4)
-    assert found(*drawn(rng, 4, SIGMA_M, 200.0)) is None
-    near = [two for _ in range(30) if (two := found(*drawn(rng, 8, SIGMA_M, 6.0))) is not None]
+    assert find_all(*drawn(rng, 4, SIGMA_M, 200.0)) is None
+    near = [two for _ in range(30) if (two := find_all(*drawn(rng, 8, SIGMA_M, 6.0))) is not None]
     for two in near:
         apart = two.state_m[1] - two.state_m[0]
         assert apart @ np.linalg.solve(two.covariance_m2.sum(axis=0), apart) < stats.chi2.isf(1e-3, 4)

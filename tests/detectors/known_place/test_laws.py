@@ -30,7 +30,7 @@ def test_one_satellite_a_scale_says_nothing() -> None:
 
 
 def test_a_code_that_is_off_has_no_chance_unless_it_is_left_out() -> None:
-    misfit_m, *others = epoch(np.random.default_rng(1), 5, 1)
+    misfit_m, *rest = epoch(np.random.default_rng(1), 5, 1)
     misfit_m[2] += 500.0
-    assert chance_at_place(misfit_m, *others) < 1e-12
-    assert chance_at_place(misfit_m, *others, kept=np.arange(5) != 2) > 1e-3
+    assert chance_at_place(misfit_m, *rest) < 1e-12
+    assert chance_at_place(misfit_m, *rest, kept=np.arange(5) != 2) > 1e-3

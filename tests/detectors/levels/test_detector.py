@@ -32,7 +32,9 @@ def sky(seed: int = 0, *, common_db: float = 0.3, fading_db: float = 1.0) -> np.
     return own_db + np.repeat(windows, WINDOW, axis=0) + 0.3 * rng.standard_normal((WINDOW * WINDOWS, N))
 
 
-def drowned(levels_db: np.ndarray, fall_db: float, *, epochs=slice(ONSET, None), floor_db: float = 24.0) -> np.ndarray:
+def drop_levels(
+    levels_db: np.ndarray, fall_db: float, *, epochs=slice(ONSET, None), floor_db: float = 24.0
+) -> np.ndarray:
     """Return levels that fall together at some epochs; what falls below the floor is lost."""
     changed_db = levels_db.copy()
     changed_db[epochs] -= fall_db
@@ -89,7 +91,7 @@ def falls(found: list) -> list:
     return [rise for e in found for rise in e.interference or ()]
 
 
-def failed(found: list) -> list:
+def select_failed(found: list) -> list:
     return [e for e in found if e.failed]
 
 
@@ -114,8 +116,8 @@ def test_three_satellites_of_a_kind_are_too_few() -> None:
 
 @pytest.mark.parametrize("fall_db", [5.0, 12.0, 20.0])
 def test_noise_is_interference_since_its_first_epoch(fall_db) -> None:
-    found = examine(drowned(sky(), fall_db))
-    assert not failed(found)
+    found = examine(drop_levels(sky(), fall_db))
+    assert not select_failed(found)
     rises = falls(found)
     assert {e.code for e in found if e.interference} == {"interfered"}
     assert len(rises) == WINDOWS - 8
@@ -126,27 +128,27 @@ def test_noise_is_interference_since_its_first_epoch(fall_db) -> None:
 
 
 def test_interference_that_ends_is_no_rise_of_false_signals() -> None:
-    found = examine(drowned(sky(), 12.0, epochs=slice(ONSET, 112)))
-    assert not failed(found)
+    found = examine(drop_levels(sky(), 12.0, epochs=slice(ONSET, 112)))
+    assert not select_failed(found)
     assert falls(found)[-1].to_gpst == EXACT.gpst[111]
 
 
 def test_lost_signals_fell_at_least_to_the_floor() -> None:
     levels_db = sky()
-    found = examine(drowned(levels_db, 30.0))
+    found = examine(drop_levels(levels_db, 30.0))
     (first, *_) = falls(found)
     assert first.signs == ("cn0", "lost")
     assert first.from_gpst == EXACT.gpst[ONSET]
     assert 2 * first.lost > N
     assert 5.0 < first.fall_db <= 30.0
-    assert not failed(found)
+    assert not select_failed(found)
 
 
 @pytest.mark.parametrize("fall_db", [12.0, 30.0])
 @pytest.mark.parametrize("first", [ONSET, 97], ids=["within a window", "over two"])
 def test_interference_of_four_seconds_is_reported(first, fall_db) -> None:
-    found = examine(drowned(sky(), fall_db, epochs=slice(first, first + 4)))
-    assert not failed(found)
+    found = examine(drop_levels(sky(), fall_db, epochs=slice(first, first + 4)))
+    assert not select_failed(found)
     rises = falls(found)
     assert rises
     assert (rises[0].from_gpst, rises[-1].to_gpst) == (EXACT.gpst[first], EXACT.gpst[first + 3])
@@ -171,16 +173,16 @@ def test_one_satellite_in_shade_is_neither() -> None:
     levels_db = sky()
     levels_db[ONSET:, 1] -= 18.0
     found = examine(levels_db)
-    assert not failed(found)
+    assert not select_failed(found)
     assert not falls(found)
 
 
 @pytest.mark.parametrize("share", [False, True])
 def test_interference_from_the_start_shows_when_it_ends(share) -> None:
     """Noise that is there from the first epoch on, and leaves: C/N0 rises and less power comes in."""
-    jammed_db = drowned(sky(), 10.0, epochs=slice(0, ONSET))
+    jammed_db = drop_levels(sky(), 10.0, epochs=slice(0, ONSET))
     found = examine(jammed_db, chains=front_end(-11.0, share=share))
-    assert not failed(found)
+    assert not select_failed(found)
     (rise,) = falls(found)
     assert (rise.from_gpst, rise.to_gpst) == (EXACT.gpst[0], EXACT.gpst[ONSET - 1])
     assert rise.fall_db == pytest.approx(10.0, abs=1.5)
@@ -189,9 +191,9 @@ def test_interference_from_the_start_shows_when_it_ends(share) -> None:
 
 
 def test_signals_that_rise_at_the_level_of_before_still_fail() -> None:
-    jammed_db = drowned(sky(), 10.0, epochs=slice(0, ONSET))
-    assert failed(examine(jammed_db))
-    assert failed(examine(jammed_db, chains=front_end(0.0)))
+    jammed_db = drop_levels(sky(), 10.0, epochs=slice(0, ONSET))
+    assert select_failed(examine(jammed_db))
+    assert select_failed(examine(jammed_db, chains=front_end(0.0)))
     assert not falls(examine(jammed_db, chains=front_end(0.0)))
 
 
@@ -199,9 +201,9 @@ def test_signals_that_rise_at_the_level_of_before_still_fail() -> None:
 def test_weak_signals_from_the_start_are_told_and_not_accused(shared_db) -> None:
     """A jammer, a roof and a poor antenna scale C/N0 of all alike: it is said that it is open which."""
     found = examine(sky() + shared_db)
-    assert not failed(found)
+    assert not select_failed(found)
     assert not falls(found)
-    weak = [one for e in found for one in e.weak_start]
+    weak = [start for e in found for start in e.weak_start]
     assert len(weak) == (shared_db < 0.0)
     if weak:
         assert (weak[0].carrier, weak[0].from_gpst) == ("L1", EXACT.gpst[0])
@@ -210,34 +212,34 @@ def test_weak_signals_from_the_start_are_told_and_not_accused(shared_db) -> None
 
 
 def test_shade_is_named_unless_something_excludes_it() -> None:
-    dark = drowned(sky(), 10.0)
+    dark = drop_levels(sky(), 10.0)
     assert falls(examine(dark))[0].may_be_shade
     assert not falls(examine(dark, speed_max_m_s=0.0))[0].may_be_shade
     assert not falls(examine(dark, chains=front_end(10.0)))[0].may_be_shade
     assert not falls(examine(dark, second_db=sky(1)))[0].may_be_shade
-    assert falls(examine(dark, second_db=drowned(sky(1), 10.0)))[0].may_be_shade
+    assert falls(examine(dark, second_db=drop_levels(sky(1), 10.0)))[0].may_be_shade
 
 
 def test_the_level_of_the_front_end_says_how_much_came_in() -> None:
-    rises = falls(examine(drowned(sky(), 10.0), chains=front_end(11.0)))
+    rises = falls(examine(drop_levels(sky(), 10.0), chains=front_end(11.0)))
     assert rises[-1].signs == ("cn0", "level")
     assert rises[-1].level_db == pytest.approx(11.0, abs=0.5)
-    unknown = falls(examine(drowned(sky(), 10.0), chains=front_end(11.0, share=True)))
+    unknown = falls(examine(drop_levels(sky(), 10.0), chains=front_end(11.0, share=True)))
     assert unknown[-1].signs == ("cn0", "level")
     assert unknown[-1].level_db is None
 
 
 def test_power_that_weakens_no_signal_is_suspect() -> None:
-    first, *_ = failed(examine(sky(), chains=front_end(12.0)))
+    first, *_ = select_failed(examine(sky(), chains=front_end(12.0)))
     assert (first.code, first.says, first.overrules) == ("odd", "undecided", False)
     assert (first.data["test"], first.data["chain"]) == ("level", "L1")
     assert first.data["rise_db"] == pytest.approx(12.0, abs=6.0)
     assert first.may_also_be == (Cause.GAIN, Cause.INTERFERENCE)
-    assert not failed(examine(sky(), chains=front_end(12.0, band="L5")))  # no signal is received there
+    assert not select_failed(examine(sky(), chains=front_end(12.0, band="L5")))  # no signal is received there
 
 
 def test_signals_that_get_stronger_together_are_suspect() -> None:
-    first, *_ = failed(examine(drowned(sky(), -8.0)))
+    first, *_ = select_failed(examine(drop_levels(sky(), -8.0)))
     assert first.dated_gpst == EXACT.gpst[ONSET]
     assert first.statistic == pytest.approx(8.0, abs=1.5)
     assert (first.data["test"], first.data["unit"]) == ("rise", ("G", "L1", "CA"))
@@ -248,7 +250,7 @@ def test_satellites_of_equal_power_are_suspect() -> None:
     levels_db = sky(2)
     noise_db = 0.3 * np.random.default_rng(5).standard_normal(levels_db[ONSET:].shape)
     levels_db[ONSET:] = levels_db[:ONSET].mean() + noise_db
-    first, *_ = failed(examine(levels_db, false_alarm_probability=1e-4))
+    first, *_ = select_failed(examine(levels_db, false_alarm_probability=1e-4))
     assert first.statistic == pytest.approx(-1.0, abs=0.3)
     assert (first.data["test"], first.data["slope"]) == ("pattern", first.statistic)
     assert first.may_also_be == (Cause.REFLECTIONS, Cause.MOTION)
@@ -257,7 +259,7 @@ def test_satellites_of_equal_power_are_suspect() -> None:
 def test_signals_stronger_than_any_from_space_are_suspect() -> None:
     loud = sky()
     loud[:, 3] = GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + 4.0
-    first, *_ = failed(examine(loud))
+    first, *_ = select_failed(examine(loud))
     assert [ref.signal for ref in first.signals] == [EXACT.signals[3]]
     assert (first.data["test"], first.data["strong"]) == ("strong", 1)
     assert first.may_also_be == (Cause.GAIN,)
@@ -268,7 +270,7 @@ def test_what_is_too_strong_is_asked_of_the_signals_plan(code: str, over_db: flo
     """L5 may arrive 5 dB stronger than C/A (IS-GPS-705J, IS-GPS-200N, 6.3.1)."""
     loud_db = np.full_like(sky(), GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + over_db)
     found = examine(loud_db) if code == "CA" else examine(sky(), second_db=loud_db)
-    assert any(f.data.get("test") == "strong" for f in failed(found)) == bool(says)
+    assert any(f.data.get("test") == "strong" for f in select_failed(found)) == bool(says)
 
 
 @pytest.mark.parametrize(("over_db", "fails"), [(1.0, False), (4.0, True)])
@@ -276,7 +278,7 @@ def test_a_reading_over_the_bound_has_its_chance(over_db: float, fails: bool) ->
     loud = sky()
     loud[:, 3] = GPS_L1_CA.strongest_dbw + POLICY.most_cn0_over_power_db + over_db
     found = examine(loud)[1:]
-    assert bool(failed(found)) == fails
+    assert bool(select_failed(found)) == fails
     assert min(e.p_value for e in found) > 0.0
 
 
@@ -284,7 +286,7 @@ def test_interference_is_told_where_no_kind_has_enough_signals() -> None:
     """Three satellites of each system share a carrier that all of them fall on."""
     kinds = (("G", "L1", "CA"), ("E", "E1", "C"), ("C", "B1C", "1P"), ("J", "L1", "CA"), ("I", "L1", "D"))
     few = tuple(SignalId(f"{kinds[k // 3][0]}{k + 1:02d}", *kinds[k // 3][1:]) for k in range(N))
-    found = examine(drowned(sky(), 12.0), signals=few)
+    found = examine(drop_levels(sky(), 12.0), signals=few)
     assert falls(found)[0].carrier == "L1"
     assert [e.p_value for e in found] == [None] * WINDOWS
     assert {e.code for e in found} == {"nothing_before", "few_satellites", "interfered"}
@@ -302,14 +304,14 @@ def test_falls_are_reported_at_the_rate_that_is_asked() -> None:
 
 
 def test_pieces_give_what_the_whole_gives() -> None:
-    levels_db = drowned(sky(), 9.0)
+    levels_db = drop_levels(sky(), 9.0)
     assert [e.p_value for e in examine(levels_db)] == [e.p_value for e in examine(levels_db.copy())]
 
 
 def test_own_levels_follow_elevation_and_no_noise() -> None:
     drift_db = 3.0 * np.arange(WINDOW * WINDOWS)[:, None] / (WINDOW * WINDOWS) * np.linspace(-1.0, 1.0, N)
-    found = examine(drowned(sky() + drift_db, 12.0, epochs=slice(ONSET, 121)))
-    assert not failed(found)
+    found = examine(drop_levels(sky() + drift_db, 12.0, epochs=slice(ONSET, 121)))
+    assert not select_failed(found)
     assert [bool(e.interference) for e in found] == [False] * 8 + [True] * 5 + [False]
 
 

@@ -24,8 +24,8 @@ def clean() -> Records:
 def sent(records: Records, count: int, **changes) -> tuple[Ephemeris, ...]:
     """Return the data sets of so many satellites that are received, with clocks late or fields changed."""
     sats = {signal.sat for signal in records.observations[0].signals}
-    own = [e for e in records.navigation.ephemerides if e.sat in sats]
-    return tuple(replace(e, **{name: change(e) for name, change in changes.items()}) for e in own[:count])
+    received = [e for e in records.navigation.ephemerides if e.sat in sats]
+    return tuple(replace(e, **{name: change(e) for name, change in changes.items()}) for e in received[:count])
 
 
 def with_messages(records: Records, ephemerides=(), mistimed=(), utc=()) -> Records:
@@ -212,9 +212,9 @@ def test_a_satellite_that_rises_again_is_held_against_its_own_past() -> None:
     again = tuple(hours_later(e, 7.0) for e in sent(records, 9))
     moved = tuple(replace(e, af0=late(e)) for e in again)
     for sets, failed in ((again, False), (moved, True)):
-        own = replace(records, navigation=replace(records.navigation, ephemerides=(*sent(records, 9), *sets)))
-        seen = with_messages(own, sent(records, 9))
-        since = replace(own, start_gpst=own.start_gpst + np.timedelta64(7, "h"))
+        of_log = replace(records, navigation=replace(records.navigation, ephemerides=(*sent(records, 9), *sets)))
+        seen = with_messages(of_log, sent(records, 9))
+        since = replace(of_log, start_gpst=of_log.start_gpst + np.timedelta64(7, "h"))
         detector = BroadcastMessages(BroadcastMessagesSettings(false_alarm_probability=RATE))
         _, of_day = detector.examine(with_messages(since, sets), detector.examine(seen)[1])[0]
         assert (of_day.failed, of_day.data["satellites"]) == (failed, 9)

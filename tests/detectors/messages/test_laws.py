@@ -36,8 +36,8 @@ def test_errors_as_stated_come_at_their_rate() -> None:
     rng = np.random.default_rng(5)
     errors_m = rng.normal(0.0, 2.4, (2000, 2)) / SPEED_OF_LIGHT_M_S
     chances = [
-        chance_of_difference(replace(SENT, af0=SENT.af0 + one), replace(SENT, af0=SENT.af0 + other))
-        for one, other in errors_m
+        chance_of_difference(replace(SENT, af0=SENT.af0 + first), replace(SENT, af0=SENT.af0 + second))
+        for first, second in errors_m
     ]
     assert stats.kstest(chances, "uniform").pvalue > 1e-3
 

@@ -86,17 +86,19 @@ def test_the_best_cycles_and_baseline_of_all_are_found():
     geometry = AntennaPlaces(PLACES, 0.02)
     for _ in range(5):
         unit, sigma = directions(rng, 5), np.full(5, 0.03)
-        one = drawn(rng, -unit @ TRUE_M / WAVE_M, sigma)
+        kind_fractions = drawn(rng, -unit @ TRUE_M / WAVE_M, sigma)
         columns = np.column_stack([-unit / WAVE_M, np.ones(5)]) / sigma[:, None]
         expected_m = np.append(np.asarray(TRUE_M), 0.0)
         prior = np.diag([1.0 / (np.sqrt(2.0) * 0.02)] * 3 + [0.0])
         stacked, least = np.vstack([columns, prior]), np.inf
-        middle = np.rint(one.cycles - (-unit @ TRUE_M / WAVE_M))
+        middle = np.rint(kind_fractions.cycles - (-unit @ TRUE_M / WAVE_M))
         for whole in np.stack(np.meshgrid(*[np.arange(-3, 4)] * 4, indexing="ij"), -1).reshape(-1, 4):
-            y = np.append((one.cycles - middle - np.append(0.0, whole)) / sigma, prior @ expected_m)
-            left = y - stacked @ np.linalg.lstsq(stacked, y, rcond=None)[0]
-            least = min(least, float(left @ left))
-        assert sky_carriers([one], [unit], geometry, ("rx1", "rx2")).statistic == pytest.approx(least, rel=1e-4)
+            y = np.append((kind_fractions.cycles - middle - np.append(0.0, whole)) / sigma, prior @ expected_m)
+            residual = y - stacked @ np.linalg.lstsq(stacked, y, rcond=None)[0]
+            least = min(least, float(residual @ residual))
+        assert sky_carriers([kind_fractions], [unit], geometry, ("rx1", "rx2")).statistic == pytest.approx(
+            least, rel=1e-4
+        )
 
 
 def scene(**changes):
@@ -108,7 +110,7 @@ def examine(records, **settings):
     return MultiReceiver(MultiReceiverSettings(false_alarm_probability=RATE, **settings)).examine(records)[0]
 
 
-def named(evidence, says):
+def list_named(evidence, says):
     return {(ref.receiver, ref.signal.copy) for e in evidence if e.says == says for ref in e.signals}
 
 
@@ -141,8 +143,8 @@ def test_where_fractions_would_fit_by_chance_that_they_do_says_nothing():
 
 def test_a_metre_apart_the_false_sky_beside_the_true_one_is_named():
     evidence = examine(scene(false=(FalseSky(),)).records(np.random.default_rng(0)), **GIVEN["places"])
-    assert named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
-    assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+    assert list_named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
+    assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
 
 
 @pytest.mark.parametrize("kinds", [1, 3])
@@ -163,9 +165,9 @@ def test_of_three_receivers_all_have_to_fit():
     clean = scene(antennas_enu_m=places).records(np.random.default_rng(0))
     assert [e.says for e in examine(clean, antennas_enu_m=places, antennas_sigma_m=0.01)] == ["authentic"]
     moved = places | {"rx3": (-0.8, 0.7, 0.1)}
-    said = examine(clean, antennas_enu_m=moved, antennas_sigma_m=0.01)
-    assert {e.says for e in said} == {"undecided"}
-    assert said[0].data["carriers"] == "misfit"
+    findings = examine(clean, antennas_enu_m=moved, antennas_sigma_m=0.01)
+    assert {e.says for e in findings} == {"undecided"}
+    assert findings[0].data["carriers"] == "misfit"
 
 
 @pytest.mark.parametrize("given", GIVEN)
@@ -173,10 +175,10 @@ def test_a_receiver_that_is_captured_alone_is_not_authentic(given):
     for seed in range(3):
         made = scene(sky=("rx1",), false=(FalseSky(receivers=("rx2",), shows_enu_m=(0.5, 0.0, 0.0), delay_m=0.0),))
         evidence = examine(made.records(np.random.default_rng(seed)), **GIVEN[given])
-        assert named(evidence, "authentic") == set()
+        assert list_named(evidence, "authentic") == set()
 
 
-def changed(records, **cells):
+def change_cells(records, **cells):
     """With these cells of the second receiver, as functions of its observations."""
     first, second = records.observations
     return replace(records, observations=(first, replace(second, **{n: f(second) for n, f in cells.items()})))
@@ -185,18 +187,18 @@ def changed(records, **cells):
 def test_carriers_of_no_whole_cycles_are_no_evidence():
     records = scene(sky=(), false=(FalseSky(),)).records(np.random.default_rng(0))
     odd = np.random.default_rng(1).uniform(0.0, 1.0, 10)
-    said = examine(changed(records, carrier_cyc=lambda o: o.carrier_cyc + odd), **GIVEN["places"])
-    assert [e.says for e in said] == ["undecided"]
+    findings = examine(change_cells(records, carrier_cyc=lambda o: o.carrier_cyc + odd), **GIVEN["places"])
+    assert [e.says for e in findings] == ["undecided"]
 
 
 def test_whole_cycles_that_slip_and_half_cycles_that_are_open_change_nothing():
     rng = np.random.default_rng(0)
     for made, word in ((scene(), "authentic"), (scene(sky=(), false=(FalseSky(),)), "spoofed")):
         records = made.records(rng)
-        slipped = changed(records, carrier_cyc=lambda o: o.carrier_cyc + rng.integers(-9, 9, o.carrier_cyc.shape))
+        slipped = change_cells(records, carrier_cyc=lambda o: o.carrier_cyc + rng.integers(-9, 9, o.carrier_cyc.shape))
         assert [e.says for e in examine(slipped, **GIVEN["places"])] == [word]
         halves = 0.5 * rng.integers(0, 2, 10)
-        half_open = changed(
+        half_open = change_cells(
             records,
             carrier_cyc=lambda o, halves=halves: o.carrier_cyc + halves,
             half_cycle_open=lambda o: np.full(o.status.shape, True),
@@ -217,14 +219,14 @@ def test_epochs_that_one_receiver_lacks_cost_only_themselves(number):
     records = made.records(np.random.default_rng(0))
     dropped = np.arange(2, 20, 5)
     rough = [replace(o, doppler_sigma_hz=np.full(o.status.shape, 1.0)) for o in records.observations]
-    both = replace(records, observations=tuple(without_epochs(o, dropped) for o in rough))
-    one = replace(
+    both_short = replace(records, observations=tuple(without_epochs(o, dropped) for o in rough))
+    first_short = replace(
         records, observations=tuple(without_epochs(o, dropped) if k == number else o for k, o in enumerate(rough))
     )
-    expected, found = (estimate_fractions(align_ranges(r, r.sets).phases, 1, 0.005) for r in (both, one))
+    expected, found = (estimate_fractions(align_ranges(r, r.sets).phases, 1, 0.005) for r in (both_short, first_short))
     np.testing.assert_allclose(found.sigma_cyc, expected.sigma_cyc)
     np.testing.assert_allclose(found.cycles, expected.cycles, atol=1e-3)
-    assert [e.says for e in examine(one, **GIVEN["places"])] == ["authentic"]
+    assert [e.says for e in examine(first_short, **GIVEN["places"])] == ["authentic"]
 
 
 def test_the_noise_of_a_stretch_is_that_of_its_instants():
@@ -242,15 +244,15 @@ def test_the_noise_of_a_stretch_is_that_of_its_instants():
 def test_what_carriers_lack_is_said(missing):
     """Epochs of the two lie some tenths of a second apart: without Dopplers they cannot be brought together."""
     records = scene().records(np.random.default_rng(0))
-    records = changed(records, **{missing: lambda o: np.full(o.status.shape, np.nan)})
+    records = change_cells(records, **{missing: lambda o: np.full(o.status.shape, np.nan)})
     if missing == "doppler_hz":
         pytest.skip("ranges need Dopplers as well") if not examine(records, **GIVEN["places"]) else None
     assert all(e.says == "undecided" for e in examine(records, **GIVEN["places"]))
 
 
 def test_a_place_known_too_roughly_decides_nothing_by_carriers():
-    (said,) = examine(scene().records(np.random.default_rng(0)), antennas_enu_m=PLACES, antennas_sigma_m=1.0)
-    assert (said.says, said.data["carriers"]) == ("undecided", "coarse")
+    (finding,) = examine(scene().records(np.random.default_rng(0)), antennas_enu_m=PLACES, antennas_sigma_m=1.0)
+    assert (finding.says, finding.data["carriers"]) == ("undecided", "coarse")
 
 
 def test_frequencies_of_their_own_have_no_fractions():
@@ -269,5 +271,5 @@ def test_frequencies_of_their_own_have_no_fractions():
 
 def test_status_of_cells_is_of_no_concern():
     records = scene().records(np.random.default_rng(0))
-    slips = changed(records, status=lambda o: np.full(o.status.shape, CellStatus.SLIP, np.uint8))
+    slips = change_cells(records, status=lambda o: np.full(o.status.shape, CellStatus.SLIP, np.uint8))
     assert [e.says for e in examine(slips, **GIVEN["places"])] == ["authentic"]

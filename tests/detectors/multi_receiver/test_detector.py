@@ -32,12 +32,12 @@ def examine(records, **settings):
     return MultiReceiver(MultiReceiverSettings(**settings)).examine(records)[0]
 
 
-def named(evidence, says):
+def list_named(evidence, says):
     """{(receiver, copy)} of the signals of which this is said."""
     return {(ref.receiver, ref.signal.copy) for e in evidence if e.says == says for ref in e.signals}
 
 
-def placed(receivers=2):
+def state_places(receivers=2):
     """What is known of the antennas, as settings."""
     return {"antennas_enu_m": dict(list(PLACES.items())[:receivers])}
 
@@ -54,7 +54,7 @@ def rng(seed=0):
 @pytest.mark.parametrize("receivers", [2, 3])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_clean_sky_over_antennas_whose_places_are_known_is_named_authentic(receivers, seed):
-    evidence = examine(scene(receivers).records(rng(seed)), **placed(receivers))
+    evidence = examine(scene(receivers).records(rng(seed)), **state_places(receivers))
     assert [e.says for e in evidence] == ["authentic"]
     assert len({ref.receiver for ref in evidence[0].signals}) == receivers
     assert evidence[0].p_value < evidence[0].alpha
@@ -66,8 +66,8 @@ def test_a_clean_sky_over_antennas_whose_places_are_known_is_named_authentic(rec
 def test_a_meaconed_pair_is_named_spoofed_and_the_sky_beside_it_authentic(receivers, seed):
     evidence = examine(scene(receivers, false=(MEACONER,)).records(rng(seed)))
     names = list(PLACES)[:receivers]
-    assert named(evidence, "spoofed") == {(name, "b") for name in names}
-    assert named(evidence, "authentic") == {(name, "a") for name in names}
+    assert list_named(evidence, "spoofed") == {(name, "b") for name in names}
+    assert list_named(evidence, "authentic") == {(name, "a") for name in names}
     assert len({e.group for e in evidence}) == 2
     false = next(e for e in evidence if e.says == "spoofed")
     assert false.log_likelihood_ratio > 9.0
@@ -79,28 +79,28 @@ def test_a_sky_of_one_antenna_may_be_echoes_where_satellites_are_few(satellites)
     walls (`bench/no_attack.py --only walls`): a clean sky was spoofed with a p-value of 1e-27."""
     made = scene(sky=(), false=(MEACONER,), max_satellites=satellites, errors=TrackErrors(0.3, 0.0, 0.3))
     records = without_carriers(made.records(rng(4)))
-    (said,) = examine(records, **placed(), false_alarm_probability=1e-6)
-    assert said.says == ("spoofed" if satellites == 10 else "undecided")
+    (finding,) = examine(records, **state_places(), false_alarm_probability=1e-6)
+    assert finding.says == ("spoofed" if satellites == 10 else "undecided")
     if satellites == 6:
-        assert said.code == "one_antenna_or_few_echoes"
-        assert said.failed
-        assert said.may_also_be[0] == "reflections"
+        assert finding.code == "one_antenna_or_few_echoes"
+        assert finding.failed
+        assert finding.may_also_be[0] == "reflections"
 
 
 def test_sets_that_were_searched_for_serve_as_well_as_the_true_ones():
     records = scene(false=(MEACONER,)).records(rng())
     found = tuple(s for o in records.observations for s in find_consistent_sets(o, records.navigation))
     evidence = examine(replace(records, sets=found))
-    assert named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
-    assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+    assert list_named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
+    assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
 
 
 def test_captured_receivers_are_never_named_authentic():
     records = scene(sky=(), false=(MEACONER,)).records(rng())
     undecided = examine(records)
-    assert named(undecided, "authentic") == set()
+    assert list_named(undecided, "authentic") == set()
     spoofed = examine(records, antenna_separation_m=20.0)
-    assert named(spoofed, "spoofed") == {("rx1", "a"), ("rx2", "a")}
+    assert list_named(spoofed, "spoofed") == {("rx1", "a"), ("rx2", "a")}
     assert (spoofed[0].code, spoofed[0].data["limit_m"]) == ("one_antenna_if_apart", 20.0)
 
 
@@ -131,10 +131,10 @@ def test_antennas_farther_apart_than_was_allowed_are_reported_where_that_is_set(
 def test_the_reason_of_a_run_names_all_kinds_of_signal_that_have_it():
     records = scene().records(rng())
     (of_one,) = examine(records)
-    others = [SignalRef(ref.receiver, replace(ref.signal, band="L2", code="L")) for ref in of_one.signals]
-    reason = open_question([replace(of_one, signals=tuple(others)), of_one], records.observations, set())
+    other_band = [SignalRef(ref.receiver, replace(ref.signal, band="L2", code="L")) for ref in of_one.signals]
+    reason = open_question([replace(of_one, signals=tuple(other_band)), of_one], records.observations, set())
     assert (reason.finding, reason.also) == (of_one, ("G L2 L",))
-    earlier = replace(of_one, signals=tuple(others), start_gpst=of_one.start_gpst - np.timedelta64(10, "s"))
+    earlier = replace(of_one, signals=tuple(other_band), start_gpst=of_one.start_gpst - np.timedelta64(10, "s"))
     assert open_question([earlier, of_one], records.observations, set()).also == ()
 
 
@@ -171,7 +171,7 @@ def test_one_receiver_under_a_false_sky_and_one_under_the_true_one_are_never_aut
 def test_few_signals_at_a_wrong_place_may_be_echoes_and_many_are_an_attack(count, says):
     attack = replace(MEACONER, receivers=("rx2",))
     records = scene(sky=("rx1",), false=(attack,), max_satellites=count).records(rng())
-    (e,) = examine(records, false_alarm_probability=1e-6, **placed())
+    (e,) = examine(records, false_alarm_probability=1e-6, **state_places())
     assert e.says == says
     assert e.code == ("elsewhere_by_few" if says == "undecided" else "elsewhere_than_known")
 
@@ -193,16 +193,16 @@ def test_the_attacker_who_hits_the_distance_is_left_by_it_and_not_by_places():
 
 def test_of_three_receivers_one_that_is_captured_is_found_by_places_and_the_others_stay_authentic():
     attack = replace(MEACONER, receivers=("rx3",))
-    evidence = examine(scene(3, sky=("rx1", "rx2"), false=(attack,)).records(rng()), **placed(3))
-    assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
-    assert named(evidence, "attack") == {("rx3", "a")}
+    evidence = examine(scene(3, sky=("rx1", "rx2"), false=(attack,)).records(rng()), **state_places(3))
+    assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+    assert list_named(evidence, "attack") == {("rx3", "a")}
 
 
 def test_of_three_receivers_two_that_follow_one_transmitter_are_never_authentic():
     attack = replace(MEACONER, receivers=("rx2", "rx3"))
-    evidence = examine(scene(3, sky=("rx1",), false=(attack,)).records(rng()), **placed(3))
-    assert named(evidence, "authentic") == set()
-    assert named(evidence, "attack") == {("rx1", "a"), ("rx2", "a"), ("rx3", "a")}
+    evidence = examine(scene(3, sky=("rx1",), false=(attack,)).records(rng()), **state_places(3))
+    assert list_named(evidence, "authentic") == set()
+    assert list_named(evidence, "attack") == {("rx1", "a"), ("rx2", "a"), ("rx3", "a")}
 
 
 def windows(*scenes, seed=0):
@@ -211,22 +211,22 @@ def windows(*scenes, seed=0):
     return [s.records(draw) for s in scenes]
 
 
-def reviewed(records, **settings):
+def review_all(records, **settings):
     detector = MultiReceiver(MultiReceiverSettings(**settings))
     return list(detector.review([e for r in records for e in detector.examine(r)[0]]))
 
 
 def test_windows_with_both_skies_vouch_for_the_others_that_show_the_same_baseline():
-    both = scene(false=(MEACONER,))
-    evidence = reviewed(windows(scene(), both, both, scene()))
+    with_both = scene(false=(MEACONER,))
+    evidence = review_all(windows(scene(), with_both, with_both, scene()))
     assert {e.says for e in evidence} == {"authentic", "spoofed"}
-    assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+    assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
 
 
 def test_windows_with_both_skies_do_not_vouch_for_a_captured_receiver():
-    both = scene(false=(MEACONER,))
+    with_both = scene(false=(MEACONER,))
     captured = scene(sky=("rx1",), false=(replace(MEACONER, receivers=("rx2",), shows_enu_m=(60.0, 40.0, 0.0)),))
-    evidence = reviewed(windows(captured, both, both, captured))
+    evidence = review_all(windows(captured, with_both, with_both, captured))
     assert [e.says for e in evidence if e.baselines] == ["undecided", "authentic", "authentic", "undecided"]
 
 
@@ -242,8 +242,8 @@ def test_signals_that_may_be_of_a_false_antenna_stay_open():
 
 def test_antennas_that_move_relative_to_each_other_vouch_for_their_own_windows_only():
     moved = {"rx1": (0.0, 0.0, 0.0), "rx2": (-20.0, 22.0, 0.0)}
-    both = [scene(false=(MEACONER,)), scene(false=(MEACONER,), antennas_enu_m=moved)]
-    evidence = reviewed(windows(scene(), *both, scene(antennas_enu_m=moved)))
+    with_both = [scene(false=(MEACONER,)), scene(false=(MEACONER,), antennas_enu_m=moved)]
+    evidence = review_all(windows(scene(), *with_both, scene(antennas_enu_m=moved)))
     assert [e.says for e in evidence if e.baselines] == ["undecided", "authentic", "authentic", "undecided"]
 
 
@@ -255,13 +255,13 @@ def test_a_sky_that_is_drawn_off_at_the_end_of_a_window_is_not_authentic(axis):
     towards = pair_up(records, records.sets, TrackNoise(), min_satellites=5).unit_enu[:, axis]
     away_m = np.concatenate([np.zeros(16), np.linspace(0.0, 20.0, 4)])
     drawn = replace(second, pseudorange_m=second.pseudorange_m - away_m[:, None] * towards)
-    assert named(examine(records, **placed()), "authentic")
-    (open_,) = examine(replace(records, observations=(first, drawn)), **placed())
+    assert list_named(examine(records, **state_places()), "authentic")
+    (open_,) = examine(replace(records, observations=(first, drawn)), **state_places())
     assert open_.failed
     assert "motion" in open_.may_also_be
 
 
-def stated(records, thermal_m):
+def build_stated(records, thermal_m):
     """The records with another thermal noise than the errors have."""
     observed = [
         replace(o, pseudorange_sigma_m=np.full_like(o.pseudorange_sigma_m, thermal_m)) for o in records.observations
@@ -276,7 +276,7 @@ def test_errors_within_their_bound_fail_no_more_often_than_stated(correlation):
     noise = TrackNoise(bound_m=3.0)
     p_values = []
     for _ in range(150):
-        records = stated(made.records(numbers), 0.1)
+        records = build_stated(made.records(numbers), 0.1)
         p_values.append(pair_up(records, records.sets, noise, min_satellites=5).swing_p_value)
     assert np.mean(np.array(p_values) < 0.05) < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 150)
     assert correlation or min(p_values) < 0.3  # of white noise it is no idle bound
@@ -284,7 +284,7 @@ def test_errors_within_their_bound_fail_no_more_often_than_stated(correlation):
 
 @pytest.mark.parametrize(("thermal_m", "fails"), [(0.5, True), (8.0, False)])
 def test_errors_beyond_their_bound_fail_unless_noise_is_stated_so(thermal_m, fails):
-    records = stated(scene(errors=TrackErrors(8.0, 0.5, 0.0)).records(rng()), thermal_m)
+    records = build_stated(scene(errors=TrackErrors(8.0, 0.5, 0.0)).records(rng()), thermal_m)
     pairing = pair_up(records, records.sets, TrackNoise(bound_m=3.0), min_satellites=5)
     assert (pairing.swing_p_value < 1e-20) is fails
 
@@ -298,13 +298,13 @@ def test_a_jammer_beside_receivers_makes_no_suspicion():
         noise_m = np.where(late, numbers.normal(0.0, 6.0, o.pseudorange_m.shape), 0.0)
         sigma_m = np.where(late, 6.0, o.pseudorange_sigma_m)
         jammed.append(replace(o, pseudorange_m=o.pseudorange_m + noise_m, pseudorange_sigma_m=sigma_m))
-    assert not any(e.failed for e in examine(replace(records, observations=tuple(jammed)), **placed()))
+    assert not any(e.failed for e in examine(replace(records, observations=tuple(jammed)), **state_places()))
 
 
 def test_a_known_baseline_settles_what_one_set_each_leaves_open():
-    assert named(examine(scene().records(rng()), antennas_enu_m=PAIR), "authentic") == {("rx1", "a"), ("rx2", "a")}
+    assert list_named(examine(scene().records(rng()), antennas_enu_m=PAIR), "authentic") == {("rx1", "a"), ("rx2", "a")}
     captured = scene(sky=(), false=(MEACONER,)).records(rng())
-    assert named(examine(captured, antennas_enu_m=PAIR), "spoofed") == {("rx1", "a"), ("rx2", "a")}
+    assert list_named(examine(captured, antennas_enu_m=PAIR), "spoofed") == {("rx1", "a"), ("rx2", "a")}
 
 
 @pytest.mark.parametrize("other", ["sky", "false"])
@@ -315,12 +315,12 @@ def test_two_skies_in_one_receiver_and_one_in_the_other_need_a_baseline(other):
     assert [(e.says, e.code) for e in evidence] == [("attack", "several_skies")]
     certain = examine(records, antennas_enu_m=PAIR)
     if other == "sky":
-        assert named(certain, "authentic") == {("rx1", "a"), ("rx2", "a")}
-        assert named(certain, "spoofed") == {("rx1", "b")}  # a second sky beside the true one
+        assert list_named(certain, "authentic") == {("rx1", "a"), ("rx2", "a")}
+        assert list_named(certain, "spoofed") == {("rx1", "b")}  # a second sky beside the true one
         assert [e.whole_sky for e in certain if e.says == "spoofed"] == [True]
     else:
-        assert named(certain, "spoofed") == {("rx1", "b"), ("rx2", "a")}
-        assert named(certain, "authentic") == set()
+        assert list_named(certain, "spoofed") == {("rx1", "b"), ("rx2", "a")}
+        assert list_named(certain, "authentic") == set()
 
 
 @pytest.mark.parametrize("known", [{"antenna_distance_m": DISTANCE_M}, {"antennas_enu_m": PAIR}, {}], ids=str)
@@ -328,13 +328,13 @@ def test_two_skies_in_one_receiver_and_one_in_the_other_need_a_baseline(other):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_false_sky_that_shows_the_first_receiver_where_it_is_makes_no_true_signal_false(seed, reached, known):
     """What rx1 gets from the sky and rx2 from the transmitter show one place as well."""
-    there = replace(MEACONER, shows_enu_m=(0.0, 0.0, 0.0), receivers=reached)
-    evidence = examine(scene(false=(there,)).records(rng(seed)), **known)
-    assert not {("rx1", "a"), ("rx2", "a")} & named(evidence, "spoofed")
-    assert not {("rx1", "b"), ("rx2", "b")} & named(evidence, "authentic")
+    meaconer = replace(MEACONER, shows_enu_m=(0.0, 0.0, 0.0), receivers=reached)
+    evidence = examine(scene(false=(meaconer,)).records(rng(seed)), **known)
+    assert not {("rx1", "a"), ("rx2", "a")} & list_named(evidence, "spoofed")
+    assert not {("rx1", "b"), ("rx2", "b")} & list_named(evidence, "authentic")
     if reached == ("rx2",) and known:
-        assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
-        assert named(evidence, "spoofed") == {("rx2", "b")}
+        assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+        assert list_named(evidence, "spoofed") == {("rx2", "b")}
 
 
 def test_two_false_skies_are_two_groups():
@@ -342,21 +342,21 @@ def test_two_false_skies_are_two_groups():
     evidence = examine(scene(false=(MEACONER, second)).records(rng()))
     groups = {e.group: {ref.signal.copy for ref in e.signals} for e in evidence}
     assert sorted(map(sorted, groups.values())) == [["a"], ["b"], ["c"]]
-    assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+    assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
 
 
 def test_a_receiver_without_a_set_is_left_out():
     records = scene(3, false=(MEACONER,)).records(rng())
     evidence = examine(replace(records, sets=tuple(s for s in records.sets if s.receiver != "rx2")))
-    assert named(evidence, "spoofed") == {("rx1", "b"), ("rx3", "b")}
-    assert named(evidence, "authentic") == {("rx1", "a"), ("rx3", "a")}
+    assert list_named(evidence, "spoofed") == {("rx1", "b"), ("rx3", "b")}
+    assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx3", "a")}
 
 
 def test_a_receiver_with_one_sky_does_not_hide_what_two_others_see():
     attack = replace(MEACONER, receivers=("rx1", "rx2"))
     evidence = examine(scene(3, false=(attack,)).records(rng()))
-    assert named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
-    assert named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
+    assert list_named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
+    assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
 
 
 def test_of_signals_that_one_receiver_lacks_the_false_ones_are_named_alone():
@@ -364,8 +364,8 @@ def test_of_signals_that_one_receiver_lacks_the_false_ones_are_named_alone():
     cut = [replace(s, signals=s.signals[2:]) if s.receiver == "rx2" else s for s in records.sets]
     evidence = examine(replace(records, sets=tuple(cut)))
     gone = {s.sat for s in records.sets[0].signals[:2]}
-    said = {(e.says, ref.signal.copy) for e in evidence for ref in e.signals if ref.signal.sat in gone}
-    assert said == {("spoofed", "b")}
+    named_copies = {(e.says, ref.signal.copy) for e in evidence for ref in e.signals if ref.signal.sat in gone}
+    assert named_copies == {("spoofed", "b")}
     assert {e.says for e in evidence} == {"authentic", "spoofed"}
 
 
@@ -381,7 +381,7 @@ def test_too_few_common_satellites_are_reported():
 def test_without_navigation_the_groups_are_still_decided():
     records = replace(scene(false=(MEACONER,)).records(rng()), navigation=None)
     evidence = examine(records)
-    assert named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
+    assert list_named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
 
 
 def test_clocks_and_epochs_that_differ_do_not_show():
@@ -408,7 +408,7 @@ def test_holes_cost_the_satellite_or_the_epoch_that_has_them():
     assert second.signals[3].sat in ranges.sats
     assert ranges.range_m.shape[0] == 17
     assert ranges.gaps.max() == pytest.approx(4.0, abs=1e-6)
-    assert [e.says for e in examine(poorer, **placed())] == ["authentic"]
+    assert [e.says for e in examine(poorer, **state_places())] == ["authentic"]
 
 
 def test_no_common_time_is_reported():
@@ -433,18 +433,18 @@ def test_settings_that_make_no_sense_are_refused(wrong):
 def test_no_label_is_wrong_more_often_than_stated(sats, errors):
     windows, rate = 500, 0.01
     near = {"rx1": (0.0, 0.0, 0.0), "rx2": (4.0, 3.0, 0.0)}  # where mistakes would be made
-    both = scene(antennas_enu_m=near, epochs=15, errors=errors, false=(MEACONER,), max_satellites=sats)
+    with_both = scene(antennas_enu_m=near, epochs=15, errors=errors, false=(MEACONER,), max_satellites=sats)
     captured = scene(antennas_enu_m=near, epochs=15, errors=errors, sky=(), false=(MEACONER,), max_satellites=sats)
     clean = scene(antennas_enu_m=near, epochs=15, errors=errors, max_satellites=sats)
     draw = rng(1)
     wrong = np.zeros(3)
     for _ in range(windows):
-        found = [examine(s.records(draw), false_alarm_probability=rate) for s in (both, captured, clean)]
-        copies = [{copy for _, copy in named(found[0], says)} for says in ("authentic", "spoofed")]
+        found = [examine(s.records(draw), false_alarm_probability=rate) for s in (with_both, captured, clean)]
+        copies = [{copy for _, copy in list_named(found[0], says)} for says in ("authentic", "spoofed")]
         wrong += [
             "b" in copies[0] or "a" in copies[1],
-            bool(named(found[1], "authentic")),
-            bool(named(found[2], "spoofed") | named(found[2], "attack")),
+            bool(list_named(found[1], "authentic")),
+            bool(list_named(found[2], "spoofed") | list_named(found[2], "attack")),
         ]
     assert np.all(wrong <= 13)  # 5 expected at most
 
@@ -461,7 +461,7 @@ def of_few_satellites(records, satellites):
         return replace(o, signals=signals, **cells, **known)
 
     observations = tuple(repeated(o) for o in records.observations)
-    sets = tuple(replace(one, signals=observations[0].signals) for one in records.sets)
+    sets = tuple(replace(chosen, signals=observations[0].signals) for chosen in records.sets)
     return replace(records, observations=observations, sets=sets)
 
 

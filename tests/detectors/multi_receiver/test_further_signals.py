@@ -27,17 +27,21 @@ def records(imitated, *, over_db=9.0, receivers=2, late_m=None):
     for o in made.observations:
         n = len(o.signals) // 3
         column = np.arange(len(o.signals))
-        there = np.isin(column, [n * (1 + which) + k for which, own in enumerate(imitated) for k in own]) | (column < n)
-        shown = {name: np.where(there, getattr(o, name), np.nan) for name in ("pseudorange_m", "cn0_dbhz")}
-        shown["cn0_dbhz"][:, n:] += over_db
+        received = np.isin(column, [n * (1 + which) + k for which, numbers in enumerate(imitated) for k in numbers]) | (
+            column < n
+        )
+        cells = {name: np.where(received, getattr(o, name), np.nan) for name in ("pseudorange_m", "cn0_dbhz")}
+        cells["cn0_dbhz"][:, n:] += over_db
         if late_m is not None:
-            shown["pseudorange_m"][:, n:] = np.where(there, np.tile(o.pseudorange_m[:, :n], 3) + late_m, np.nan)[:, n:]
-        heard.append(replace(o, **shown))
+            cells["pseudorange_m"][:, n:] = np.where(received, np.tile(o.pseudorange_m[:, :n], 3) + late_m, np.nan)[
+                :, n:
+            ]
+        heard.append(replace(o, **cells))
     sets = tuple(s for s in made.sets if s.signals[0].copy == "a")
     return replace(made, observations=tuple(heard), sets=sets), [s.sat for s in made.observations[0].signals[:n]]
 
 
-def said(made, **given):
+def examine_all(made, **given):
     settings = MultiReceiverSettings(antennas_enu_m=PLACES, false_alarm_probability=1e-6, **given)
     evidence, _ = MultiReceiver(settings).examine(made)
     return [e for e in evidence if e.says == "spoofed"], [e for e in evidence if e.says == "authentic"]
@@ -50,7 +54,7 @@ def subjects(evidence):
 @pytest.mark.parametrize("receivers", [2, 3])
 def test_few_signals_are_named_in_every_receiver_by_the_antenna_they_come_from(receivers):
     made, sats = records(([0, 2], [4, 7]), receivers=receivers)
-    spoofed, authentic = said(made)
+    spoofed, authentic = examine_all(made)
     assert len(authentic) == 1
     assert subjects(spoofed) == sorted([sorted([sats[0], sats[2]]), sorted([sats[4], sats[7]])])
     assert all({ref.receiver for ref in e.signals} == set(list(PLACES)[:receivers]) for e in spoofed)
@@ -60,7 +64,7 @@ def test_few_signals_are_named_in_every_receiver_by_the_antenna_they_come_from(r
 
 def test_one_odd_signal_is_not_named():
     made, _ = records(([0], []))
-    spoofed, authentic = said(made)
+    spoofed, authentic = examine_all(made)
     assert spoofed == []
     assert len(authentic) == 1
 
@@ -73,22 +77,22 @@ def test_what_an_attack_makes_false_has_the_p_value_of_the_attack(known_p):
     rates = Rates(alarm=1e-6, mistaken=0.01, multipath_sigma_m=1.0, unrelated_spread_m=300.0)
     named = {} if known_p is None else {SignalRef("rx1", SignalId("G99", copy="b")): known_p}
     found = find_further_signals(made, [sky], {s.receiver: [s] for s in made.sets}, named, rates)
-    assert {ref.signal.sat for one in found for ref in one.subject} == (set() if known_p is None else {sats[0]})
-    assert all(one.p_value == known_p for one in found)
+    assert {ref.signal.sat for result in found for ref in result.subject} == (set() if known_p is None else {sats[0]})
+    assert all(result.p_value == known_p for result in found)
 
 
 def test_signals_as_late_and_weak_as_echoes_are_not_named():
     made, _ = records(([0, 2, 5], [4]), over_db=-10.0, late_m=500.0)
-    assert said(made)[0] == []
+    assert examine_all(made)[0] == []
 
 
 def test_early_signals_are_named_however_weak():
     made, sats = records(([0, 2, 5], [4]), over_db=-8.0, late_m=-700.0)
-    spoofed, _ = said(made)
+    spoofed, _ = examine_all(made)
     assert {ref.signal.sat for e in spoofed for ref in e.signals} == {sats[k] for k in (0, 2, 4, 5)}
 
 
-def moved(made, by_m):
+def move_ranges(made, by_m):
     """With the only signals of some satellites moved in each receiver: (receiver, column) and metres, (epochs,)."""
     observations = []
     for o in made.observations:
@@ -97,9 +101,9 @@ def moved(made, by_m):
             if receiver == o.receiver:
                 code_m[:, column] += metres
         observations.append(replace(o, pseudorange_m=code_m))
-    (one, two), away = made.sets, {column for _, column in by_m}
+    (first_set, second_set), away = made.sets, {column for _, column in by_m}
     sets = []
-    for chosen, o in zip((one, two), made.observations, strict=True):
+    for chosen, o in zip((first_set, second_set), made.observations, strict=True):
         gone = {o.signals[column] for column in away}
         sets.append(replace(chosen, signals=tuple(s for s in chosen.signals if s not in gone)))
     return replace(made, observations=tuple(observations), sets=tuple(sets))
@@ -110,7 +114,7 @@ def test_signals_equally_off_in_all_receivers_may_have_wrong_orbits(apart_m, nam
     made, sats = records(([], []))
     off_m = {0: -700.0, 2: -9e4, 4: -3e3, 6: -800.0}
     by_m = {("rx1", k): m for k, m in off_m.items()} | {("rx2", k): m + apart_m for k, m in off_m.items()}
-    spoofed, authentic = said(moved(made, by_m))
+    spoofed, authentic = examine_all(move_ranges(made, by_m))
     assert authentic
     assert ({ref.signal.sat for e in spoofed for ref in e.signals} == {sats[k] for k in off_m}) == named
     assert bool(spoofed) == named
@@ -125,7 +129,7 @@ def test_orbits_elsewhere_in_the_sky_differ_by_the_distance(off_m, named):
     )
     by_m = {("rx1", 0): off_m, ("rx2", 0): off_m + 2000.0, ("rx1", 3): off_m, ("rx2", 3): off_m - 1500.0}
     settings = MultiReceiverSettings(antennas_enu_m=far, false_alarm_probability=1e-6, max_separation_m=1e4)
-    evidence, _ = MultiReceiver(settings).examine(moved(made, by_m))
+    evidence, _ = MultiReceiver(settings).examine(move_ranges(made, by_m))
     assert any(e.says == "authentic" for e in evidence)
     assert any(e.says == "spoofed" for e in evidence) is named
 
@@ -134,7 +138,7 @@ def test_damaged_numbers_of_one_file_are_no_signals():
     made, _ = records(([], []))
     rng = np.random.default_rng(0)
     by_m = {("rx1", k): np.where(rng.random(8) < 0.4, -1e4 * rng.integers(1, 9, 8), 0.0) for k in (0, 2, 4, 6)}
-    spoofed, authentic = said(moved(made, by_m))
+    spoofed, authentic = examine_all(move_ranges(made, by_m))
     assert authentic
     assert not spoofed
 

@@ -25,7 +25,7 @@ def covariance(rng, scale=1.0):
     return scale * (root @ root.T / 3.0 + 0.1 * np.eye(3))
 
 
-def measured(enu_m, covariance_m2):
+def build_measured(enu_m, covariance_m2):
     enu_m = np.asarray(enu_m, float).reshape(-1, 3)
     names = tuple(PLACES)[: len(enu_m) + 1]
     return Baseline(receivers=names, start_gpst=START, end_gpst=START, enu_m=enu_m, covariance_m2=covariance_m2)
@@ -66,8 +66,8 @@ def test_under_the_truth_agreement_is_uniform_and_survival_is_never_too_small(kn
             geometry = AntennaPlaces(places, 0.5)
         else:
             learnt_m = TRUE_M + root_m @ rng.normal(size=3)
-            geometry = LearntBaseline(measured(learnt_m, spread_m2))
-        agreed[k] = consistency_p_value(geometry, (measured(shown_m, spread_m2),))
+            geometry = LearntBaseline(build_measured(learnt_m, spread_m2))
+        agreed[k] = consistency_p_value(geometry, (build_measured(shown_m, spread_m2),))
         estimate = BaselineEstimate(shown_m[None], spread_m2[None])
         survived[k] = geometry_survival(geometry, RECEIVERS, estimate, np.array([np.inf]))[0]
     for rate in (0.2, 0.05):
@@ -77,23 +77,23 @@ def test_under_the_truth_agreement_is_uniform_and_survival_is_never_too_small(kn
 
 @pytest.mark.parametrize("off_m", [(10.0, 0.0, 0.0), (0.0, -12.0, 0.0), (0.0, 0.0, 15.0)])
 def test_places_notice_every_direction(off_m):
-    baseline = measured(TRUE_M + off_m, np.diag([1.0, 1.0, 4.0]))
+    baseline = build_measured(TRUE_M + off_m, np.diag([1.0, 1.0, 4.0]))
     assert consistency_p_value(AntennaPlaces(PLACES), (baseline,)) < 1e-6
 
 
 def test_a_distance_notices_what_is_nearer_or_farther_and_not_what_lies_beside():
-    given = AntennaDistance(30.0, 0.5)
+    known = AntennaDistance(30.0, 0.5)
     for shown_m, agrees in (
         ((24.0, 18.0, 0.0), True),
         ((-18.0, 24.0, 0.0), True),
         ((18.0, 12.0, 0.0), False),
         ((60.0, 40.0, 0.0), False),
     ):
-        assert (consistency_p_value(given, (measured(shown_m, np.eye(3)),)) > 0.5) == agrees
+        assert (consistency_p_value(known, (build_measured(shown_m, np.eye(3)),)) > 0.5) == agrees
 
 
 def test_the_worst_part_of_a_window_counts():
-    good, bad = measured(TRUE_M, np.eye(3)), measured(TRUE_M + (12.0, 0.0, 0.0), np.eye(3))
+    good, bad = build_measured(TRUE_M, np.eye(3)), build_measured(TRUE_M + (12.0, 0.0, 0.0), np.eye(3))
     known = AntennaPlaces(PLACES)
     assert consistency_p_value(known, (good, good)) > 0.5
     assert consistency_p_value(known, (good, bad)) < 1e-6
@@ -123,6 +123,6 @@ def test_the_nearest_place_at_a_distance_is_that_of_a_search_in_numpy():
         all_squared += ((np.linalg.norm(places, axis=1) - 2.0) / 0.3) ** 2
         assert squared <= all_squared.min() + 1e-9
         assert squared >= 0.8 * all_squared.min() - 0.05
-    one = geometry.misfit(("a", "b"), enu_m, covariance_m2[0]).squared  # one covariance for all places
+    misfit = geometry.misfit(("a", "b"), enu_m, covariance_m2[0]).squared  # one covariance for all places
     each = [geometry.misfit(("a", "b"), place, covariance_m2[0]).squared for place in enu_m]
-    np.testing.assert_allclose(one, each, rtol=1e-12)
+    np.testing.assert_allclose(misfit, each, rtol=1e-12)

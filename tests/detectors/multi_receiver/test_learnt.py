@@ -21,14 +21,14 @@ def scene(start_s=0, **changes):
     return MeasuredScene(**(options | {"start_gpst": START + np.timedelta64(round(1e3 * start_s), "ms")} | changes))
 
 
-def said_of(*scenes, receivers=None):
+def examine_records(*scenes, receivers=None):
     """What is said of windows in a row."""
-    rng, detector, state, said = np.random.default_rng(2), MultiReceiver(MultiReceiverSettings()), None, []
+    rng, detector, state, findings = np.random.default_rng(2), MultiReceiver(MultiReceiverSettings()), None, []
     for made in scenes:
         records = made.records(rng)
         evidence, state = detector.examine(records, state)
-        said.append([e for e in evidence if e.start_gpst == records.start_gpst])
-    return said
+        findings.append([e for e in evidence if e.start_gpst == records.start_gpst])
+    return findings
 
 
 def both(count):
@@ -39,7 +39,7 @@ def test_one_antenna_after_the_sky_is_drowned_is_spoofed():
     drowned = [scene(10.5 * k, sky=(), false=(FalseSky(),)) for k in range(3, 9)]
     for apart_m, windows in ((30.0, 6), (60.0, 1)):
         places = {"rx1": (0.0, 0.0, 0.0), "rx2": (0.8 * apart_m, 0.6 * apart_m, 0.0)}
-        *_, last = said_of(*(replace(made, antennas_enu_m=places) for made in (*both(3), *drowned[:windows])))
+        *_, last = examine_records(*(replace(made, antennas_enu_m=places) for made in (*both(3), *drowned[:windows])))
         (spoofed,) = [e for e in last if e.says == "spoofed"]
         assert spoofed.data["known"] == "learnt_distance"
         assert "distance_kept" in spoofed.data["assumes"]
@@ -47,26 +47,26 @@ def test_one_antenna_after_the_sky_is_drowned_is_spoofed():
 
 def test_without_windows_of_both_skies_it_is_undecided():
     for before in (both(2), [scene(10.5 * k) for k in range(3)]):
-        *_, drowned = said_of(*before, scene(31.5, sky=(), false=(FalseSky(),)))
+        *_, drowned = examine_records(*before, scene(31.5, sky=(), false=(FalseSky(),)))
         assert [e.says for e in drowned] == ["undecided"]
 
 
 def test_the_true_sky_alone_is_authentic_after_the_attack_also_on_a_platform_that_turned():
     turned = {"rx1": (0.0, 0.0, 0.0), "rx2": (-18.0, 24.0, 0.0)}
     for after in (scene(31.5), scene(31.5, antennas_enu_m=turned)):
-        *_, last = said_of(*both(3), after)
+        *_, last = examine_records(*both(3), after)
         assert [e.says for e in last] == ["authentic"]
         assert "distance_kept" in last[0].data["assumes"]
 
 
 def test_one_receiver_that_is_captured_alone_is_not_authentic():
-    *_, last = said_of(*both(3), scene(31.5, sky=("rx1",), false=(FalseSky(receivers=("rx2",)),)))
+    *_, last = examine_records(*both(3), scene(31.5, sky=("rx1",), false=(FalseSky(receivers=("rx2",)),)))
     assert "authentic" not in {e.says for e in last}
 
 
 def test_a_true_sky_over_antennas_that_moved_apart_since_is_not_called_an_attack():
     apart = {"rx1": (0.0, 0.0, 0.0), "rx2": (90.0, 70.0, 0.0)}
-    *_, last = said_of(*both(3), scene(31.5, antennas_enu_m=apart))
+    *_, last = examine_records(*both(3), scene(31.5, antennas_enu_m=apart))
     assert [e.says for e in last] == ["undecided"]
 
 

@@ -35,7 +35,7 @@ def p_values(ranges_m, noise, sigma_m=None, unit_enu=None):
     return one_antenna_test(average_contrasts(values, gain, noise), along=along).p_value
 
 
-def counted(rng, trials, shape, noise, rates, unit_enu=None, **errors):
+def count_alarms(rng, trials, shape, noise, rates, unit_enu=None, **errors):
     """How often the p-value is below each of `rates`, in blocks that fit into memory."""
     block = max(1, 400_000 // int(np.prod(shape)))
     counts = np.zeros(len(rates), int)
@@ -57,14 +57,14 @@ def sky(sats=7, seed=0):
 @pytest.mark.parametrize("receivers", [2, 3])
 def test_with_white_noise_wrong_authentications_come_at_exactly_the_stated_rate(receivers, n):
     trials = 1_500_000 // (n * receivers)
-    (count,) = counted(np.random.default_rng(n), trials, (n, 5, receivers), WHITE, [0.01])
+    (count,) = count_alarms(np.random.default_rng(n), trials, (n, 5, receivers), WHITE, [0.01])
     assert binomial_two_sided(count, trials, 0.01) > 1e-3
 
 
 @pytest.mark.parametrize("receivers", [2, 3])
 def test_along_baselines_the_stated_rate_is_exact_as_well(receivers):
     trials = 40_000
-    (count,) = counted(np.random.default_rng(5), trials, (10, 7, receivers), WHITE, [0.01], unit_enu=sky())
+    (count,) = count_alarms(np.random.default_rng(5), trials, (10, 7, receivers), WHITE, [0.01], unit_enu=sky())
     assert binomial_two_sided(count, trials, 0.01) > 1e-3
 
 
@@ -82,7 +82,7 @@ def test_along_baselines_near_antennas_are_told_that_all_contrasts_together_do_n
 @pytest.mark.parametrize("receivers", [2, 3])
 def test_the_stated_rate_holds_within_a_fifth_at_one_percent_and_one_per_mille(receivers, n):
     trials = 400_000
-    at_1, at_01 = counted(np.random.default_rng(n), trials, (n, 7, receivers), WHITE, [0.01, 0.001])
+    at_1, at_01 = count_alarms(np.random.default_rng(n), trials, (n, 7, receivers), WHITE, [0.01, 0.001])
     assert at_1 / trials == pytest.approx(0.01, rel=0.2)
     assert at_01 / trials == pytest.approx(0.001, rel=0.2)
     assert binomial_two_sided(at_1, trials, 0.01) > 1e-4
@@ -105,7 +105,7 @@ ERRORS = [
 def test_coloured_noise_and_constant_errors_do_not_authenticate(n, sats, receivers, errors):
     trials = 600
     noise = TrackNoise(miss_probability=1e-3)
-    (count,) = counted(np.random.default_rng(1), trials, (n, sats, receivers), noise, [0.01], **errors)
+    (count,) = count_alarms(np.random.default_rng(1), trials, (n, sats, receivers), noise, [0.01], **errors)
     assert binomial_survival(count, trials, 0.01) > 1e-3
 
 
@@ -122,7 +122,7 @@ def test_wrong_authentications_stay_below_the_stated_rate(sats, receivers, n, er
     trials = 10_000
     noise = TrackNoise(miss_probability=rate / 10)
     for unit_enu in (None, sky(sats)):
-        (count,) = counted(
+        (count,) = count_alarms(
             np.random.default_rng(1), trials, (n, sats, receivers), noise, [rate], unit_enu=unit_enu, **errors
         )
         assert binomial_survival(count, trials, rate) > 1e-3
@@ -180,24 +180,24 @@ def test_the_threshold_is_where_the_p_value_crosses_the_rate():
 def test_the_ratio_test_holds_its_rate_whatever_the_common_noise(errors):
     trials = 20_000
     rng = np.random.default_rng(8)
-    one, other = (tracks(rng, (trials, 4, 7, 2), **errors).mean(axis=1) for _ in range(2))
+    first, second = (tracks(rng, (trials, 4, 7, 2), **errors).mean(axis=1) for _ in range(2))
     sigma_m = np.ones((7, 2))
-    p = ratio_test(one, sigma_m, other, sigma_m).p_value
+    p = ratio_test(first, sigma_m, second, sigma_m).p_value
     assert binomial_two_sided(int(np.sum(p < 0.01)), trials, 0.01) > 1e-3
 
 
 def test_the_ratio_test_errs_to_the_safe_side_with_shared_tracks_a_baseline_or_unequal_noise():
     trials, limit = 20_000, 230  # 200 expected, 2 sigma
     rng = np.random.default_rng(9)
-    both = rng.standard_normal((trials, 7, 3))
+    both_tables = rng.standard_normal((trials, 7, 3))
     sigma_m = np.ones((7, 2))
-    shared = ratio_test(both[..., [0, 2]], sigma_m, both[..., [1, 2]], sigma_m).p_value
+    shared = ratio_test(both_tables[..., [0, 2]], sigma_m, both_tables[..., [1, 2]], sigma_m).p_value
     assert np.sum(shared < 0.01) < limit
     other = rng.standard_normal((trials, 7, 2))
     other[..., 1] -= sky() @ np.array([2.0, 0.0, 0.0])
-    assert np.sum(ratio_test(both[..., :2], sigma_m, other, sigma_m).p_value < 0.01) < limit
+    assert np.sum(ratio_test(both_tables[..., :2], sigma_m, other, sigma_m).p_value < 0.01) < limit
     for share in (0.0, 0.5, 1.0):  # the first is weak: from none of its noise by C/N0 to all of it
-        weak = both[..., :2] * np.sqrt(share * 9.0 + (1.0 - share))
+        weak = both_tables[..., :2] * np.sqrt(share * 9.0 + (1.0 - share))
         p = ratio_test(weak, 3.0 * sigma_m, rng.standard_normal((trials, 7, 2)), sigma_m).p_value
         assert np.sum(p < 0.01) < limit
 

@@ -24,13 +24,13 @@ def scene(epochs=120, errors=ERRORS, **changes):
     return MeasuredScene(antennas_enu_m=PLACES, epochs=epochs, errors=errors, max_satellites=10, **changes)
 
 
-def taken_over(clean, false, since_s, until_s=np.inf):
+def take_over(clean, false, since_s, until_s=np.inf):
     """`clean` records, whose channels follow the `false` scene's signals for a while: errors are the tracks' own."""
     observations = []
-    for own, true, other in zip(clean[0].observations, clean[1]._exact, false._exact, strict=True):
-        there = (own.elapsed_s >= since_s) & (own.elapsed_s < until_s)
-        shift_m = np.where(there[:, None], other.pseudorange_m - true.pseudorange_m, 0.0)
-        observations.append(replace(own, pseudorange_m=own.pseudorange_m + shift_m))
+    for clean_o, true, other in zip(clean[0].observations, clean[1]._exact, false._exact, strict=True):
+        taken = (clean_o.elapsed_s >= since_s) & (clean_o.elapsed_s < until_s)
+        shift_m = np.where(taken[:, None], other.pseudorange_m - true.pseudorange_m, 0.0)
+        observations.append(replace(clean_o, pseudorange_m=clean_o.pseudorange_m + shift_m))
     return replace(clean[0], observations=tuple(observations))
 
 
@@ -43,33 +43,33 @@ def windows(records):
         yield replace(records, start_gpst=start, end_gpst=end, observations=cuts)
 
 
-def said_of(records, **settings):
+def examine_records(records, **settings):
     """What is said of each window, in the end."""
-    detector, state, said = MultiReceiver(MultiReceiverSettings(**settings)), None, {}
+    detector, state, findings = MultiReceiver(MultiReceiverSettings(**settings)), None, {}
     for window in windows(records):
-        said.setdefault(window.start_gpst, set())
+        findings.setdefault(window.start_gpst, set())
         evidence, state = detector.examine(window, state)
         for e in evidence:
-            said[e.start_gpst] |= {e.says}
-    return [said[start] for start in sorted(said)]
+            findings[e.start_gpst] |= {e.says}
+    return [findings[start] for start in sorted(findings)]
 
 
 def test_a_true_sky_that_no_window_decides_alone_is_authentic_in_two_minutes():
     records = scene().records(np.random.default_rng(0))
     alone = [MultiReceiver(MultiReceiverSettings(**GIVEN["places"])).examine(w)[0] for w in windows(records)]
-    assert {e.says for said in alone for e in said} == {"undecided"}
-    assert all("authentic" in words for words in said_of(records, **GIVEN["places"]))
+    assert {e.says for finding in alone for e in finding} == {"undecided"}
+    assert all("authentic" in words for words in examine_records(records, **GIVEN["places"]))
 
 
 def test_a_captured_pair_that_no_window_decides_alone_is_spoofed_in_two_minutes():
     records = scene(sky=(), false=(FalseSky(),)).records(np.random.default_rng(0))
-    said = said_of(records, **GIVEN["places"])
-    assert all("spoofed" in words for words in said)
+    findings = examine_records(records, **GIVEN["places"])
+    assert all("spoofed" in words for words in findings)
 
 
 def test_nothing_is_added_where_nothing_is_known_of_the_antennas():
     records = scene().records(np.random.default_rng(0))
-    assert {word for words in said_of(records) for word in words} == {"undecided"}
+    assert {word for words in examine_records(records) for word in words} == {"undecided"}
 
 
 def test_evidence_of_an_earlier_window_stands_in_that_window_and_says_how_long_it_took():
@@ -109,9 +109,11 @@ def test_a_window_that_is_missing_begins_anew():
 def test_the_end_of_a_run_that_is_not_of_the_sky_is_not_authentic(given, since_s):
     clean, false = scene(epochs=90), scene(epochs=90, sky=(), false=(THERE,))
     for seed in range(2):
-        said = said_of(taken_over((clean.records(np.random.default_rng(seed)), clean), false, since_s), **GIVEN[given])
+        findings = examine_records(
+            take_over((clean.records(np.random.default_rng(seed)), clean), false, since_s), **GIVEN[given]
+        )
         whole = int(np.ceil(since_s / WINDOW_S))
-        assert not any("authentic" in words for words in said[whole:])
+        assert not any("authentic" in words for words in findings[whole:])
 
 
 @pytest.mark.long
@@ -125,11 +127,11 @@ def test_no_window_is_wrong_more_often_than_stated(given, errors, kind):
     for _ in range(runs):
         since_s = {"captured": -1.0, "clean": np.inf}.get(kind, draw.uniform(10.0, 110.0))
         until_s = since_s + draw.uniform(20.0, 60.0) if kind == "for a while" else np.inf
-        records = taken_over((clean.records(draw), clean), false, since_s, until_s)
-        said = said_of(records, false_alarm_probability=rate, **GIVEN[given])
-        edges_s = WINDOW_S * np.arange(len(said))
+        records = take_over((clean.records(draw), clean), false, since_s, until_s)
+        findings = examine_records(records, false_alarm_probability=rate, **GIVEN[given])
+        edges_s = WINDOW_S * np.arange(len(findings))
         whole = [since_s <= start + 1.0 and until_s >= start + WINDOW_S for start in edges_s]
         none = [since_s >= start + WINDOW_S + 1.0 or until_s <= start for start in edges_s]
-        wrong += any("authentic" in words for words, is_false in zip(said, whole, strict=True) if is_false)
-        wrong += any({"spoofed", "attack"} & words for words, is_true in zip(said, none, strict=True) if is_true)
+        wrong += any("authentic" in words for words, is_false in zip(findings, whole, strict=True) if is_false)
+        wrong += any({"spoofed", "attack"} & words for words, is_true in zip(findings, none, strict=True) if is_true)
     assert binomial_survival(wrong, runs, rate) > 1e-3

@@ -35,7 +35,7 @@ def behind():
     return records, sky_of(records), plain.ranges.sats[k]
 
 
-def said(records, sky, imitated, **data):
+def examine_all(records, sky, imitated, **data):
     false = [SignalRef(r, s) for r in sky.receivers for s in records.sets[1].signals if s.sat in imitated]
     window = {"detector": "multi_receiver", "start_gpst": records.start_gpst, "end_gpst": records.end_gpst}
     window |= {"hypothesis": Hypothesis.ONE_ANTENNA, "alpha": 1e-3, "singled_out": True}
@@ -46,26 +46,26 @@ def said(records, sky, imitated, **data):
 
 def test_a_satellite_behind_the_antenna_is_left_out_unless_its_false_signal_is_known(behind):
     records, sky, sat = behind
-    others = [s for s in sky.ranges.sats if s != sat]
-    kept, spoofed = withhold_doubtful(records, [sky], said(records, sky, others))
+    other_sats = [s for s in sky.ranges.sats if s != sat]
+    kept, spoofed = withhold_doubtful(records, [sky], examine_all(records, sky, other_sats))
     assert {ref.signal.sat for ref in sky.subject} - {ref.signal.sat for ref in kept.signals} == {sat}
     assert (kept.says, kept.data["doubtful"]) == ("authentic", 1)
     assert spoofed.says == "spoofed"
-    whole = said(records, sky, sky.ranges.sats)
+    whole = examine_all(records, sky, sky.ranges.sats)
     assert withhold_doubtful(records, [sky], whole) == whole
 
 
 def test_signals_that_are_not_known_to_be_of_one_antenna_make_none_doubtful(behind):
     records, sky, sat = behind
-    given = said(records, sky, [s for s in sky.ranges.sats if s != sat], whole_sky=True)
-    assert withhold_doubtful(records, [sky], given) == given
+    kept = examine_all(records, sky, [s for s in sky.ranges.sats if s != sat], whole_sky=True)
+    assert withhold_doubtful(records, [sky], kept) == kept
 
 
 def test_three_satellites_that_are_left_are_not_authentic(behind):
     records, sky, sat = behind
-    others = [s for s in sky.ranges.sats if s != sat]
-    true, false = said(records, sky, others)
-    few = replace(true, signals=tuple(ref for ref in true.signals if ref.signal.sat in (sat, *others[:3])))
+    other_sats = [s for s in sky.ranges.sats if s != sat]
+    true, false = examine_all(records, sky, other_sats)
+    few = replace(true, signals=tuple(ref for ref in true.signals if ref.signal.sat in (sat, *other_sats[:3])))
     kept, _ = withhold_doubtful(records, [sky], [few, false])
     assert (kept.says, kept.code, kept.group) == ("undecided", "few_without_doubtful", None)
     assert kept.data["found"] == "beside_false_sky"
@@ -83,6 +83,8 @@ def test_a_false_signal_of_the_antenna_is_doubtful_with_the_stated_probability()
             for s, other in zip(sky.sets, [s for s in records.sets if s not in sky.sets], strict=True)
         )
         wrong = pair_up(records, mixed, sky.noise, min_satellites=5)
-        (true, _) = withhold_doubtful(records, [wrong], said(records, wrong, [s for s in sky.ranges.sats if s != sat]))
+        (true, _) = withhold_doubtful(
+            records, [wrong], examine_all(records, wrong, [s for s in sky.ranges.sats if s != sat])
+        )
         kept += sat in {ref.signal.sat for ref in true.signals}
     assert kept == 0

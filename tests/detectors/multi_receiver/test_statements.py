@@ -26,13 +26,13 @@ def windows(*changes, antennas=PAIR):
     return [MeasuredScene(**(keys | change)).records(rng) for change in changes]
 
 
-def reviewed(records, **settings):
+def review_all(records, **settings):
     detector = MultiReceiver(MultiReceiverSettings(**settings))
-    state, said = None, []
-    for one in records:
-        found, state = detector.examine(one, state)
-        said += found
-    return list(detector.review(said))
+    state, findings = None, []
+    for records_of_window in records:
+        found, state = detector.examine(records_of_window, state)
+        findings += found
+    return list(detector.review(findings))
 
 
 def against(evidence):
@@ -57,7 +57,7 @@ def codes(evidence):
     ids=str,
 )
 def test_a_distance_with_a_likely_slip_is_named_and_no_attack(factor, code):
-    evidence = reviewed(windows({}, {}), antenna_distance_m=factor * DISTANCE_M)
+    evidence = review_all(windows({}, {}), antenna_distance_m=factor * DISTANCE_M)
     assert not against(evidence)
     assert code in codes(evidence)
     assert {(e.says, e.failed) for e in evidence} == {("undecided", True)}
@@ -65,7 +65,7 @@ def test_a_distance_with_a_likely_slip_is_named_and_no_attack(factor, code):
 
 def test_a_level_distance_for_one_with_height_is_named():
     steep = {"rx1": (0.0, 0.0, 0.0), "rx2": (9.0, 12.0, 20.0)}
-    evidence = reviewed(windows({}, {}, antennas=steep), antenna_distance_m=15.0)
+    evidence = review_all(windows({}, {}, antennas=steep), antenna_distance_m=15.0)
     assert not against(evidence)
     assert "level_distance" in codes(evidence)
 
@@ -83,7 +83,7 @@ def test_a_level_distance_for_one_with_height_is_named():
     ids=str,
 )
 def test_places_with_a_likely_slip_are_named_and_no_attack(stated_m, code):
-    evidence = reviewed(windows({}, {}), antennas_enu_m={"rx1": (0.0, 0.0, 0.0), "rx2": stated_m})
+    evidence = review_all(windows({}, {}), antennas_enu_m={"rx1": (0.0, 0.0, 0.0), "rx2": stated_m})
     assert not against(evidence)
     assert code in codes(evidence)
 
@@ -101,7 +101,7 @@ def test_a_position_with_a_likely_slip_is_named_with_what_is_right(code):
         (slip,) = (s for s in list_position_slips(stated_m["rx2"]) if s.code == code)
         stated_m["rx2"] = stated_m["rx2"] - (slip.position_ecef_m - here_m - rot.T @ TRUE_M)
     places = {name: tuple(rot @ (place - here_m)) for name, place in stated_m.items()}
-    evidence = reviewed(windows({}, {}), antennas_enu_m=places, positions_ecef_m=stated_m)
+    evidence = review_all(windows({}, {}), antennas_enu_m=places, positions_ecef_m=stated_m)
     assert not against(evidence)
     assert code in codes(evidence)
     (cause,) = {c for e in evidence for c in e.wrong_statements if c.code == code}
@@ -110,43 +110,45 @@ def test_a_position_with_a_likely_slip_is_named_with_what_is_right(code):
 
 
 def test_a_distance_that_is_wrong_by_any_amount_is_no_attack():
-    evidence = reviewed(windows({}, {}), antenna_distance_m=1.37 * DISTANCE_M)
+    evidence = review_all(windows({}, {}), antenna_distance_m=1.37 * DISTANCE_M)
     assert not against(evidence)
     assert codes(evidence) == (UNLISTED,)
 
 
 def test_a_statement_that_was_borne_out_makes_the_rest_an_attack():
     for order in ([{}, CAPTURED], [CAPTURED, {}]):
-        evidence = reviewed(windows(*order), antennas_enu_m=PAIR)
+        evidence = review_all(windows(*order), antennas_enu_m=PAIR)
         assert {e.says for e in evidence} == {"authentic", "attack"}
 
 
 def test_a_captured_receiver_within_a_slip_is_never_authentic():
-    evidence = reviewed(windows(CAPTURED, CAPTURED), antennas_enu_m=PAIR)
+    evidence = review_all(windows(CAPTURED, CAPTURED), antennas_enu_m=PAIR)
     assert {(e.says, e.failed, e.overrules) for e in evidence} == {("undecided", True, True)}
 
 
 def test_a_receiver_that_is_led_far_away_is_attacked():
     """Farther than antennas may stand apart, and than a slip makes of the distance."""
     far = replace(CAPTURED["false"][0], shows_enu_m=(700.0, 500.0, 30.0))
-    evidence = reviewed(windows({**CAPTURED, "false": (far,)}), antenna_distance_m=DISTANCE_M)
+    evidence = review_all(windows({**CAPTURED, "false": (far,)}), antenna_distance_m=DISTANCE_M)
     assert {e.says for e in evidence} == {"attack"}
 
 
 def test_antennas_that_turned_since_they_were_as_stated_are_no_attack():
     turned = {"antennas_enu_m": {"rx1": (0.0, 0.0, 0.0), "rx2": (-18.0, 24.0, 6.0)}}
-    evidence = reviewed(windows({}, turned), antennas_enu_m=PAIR)
+    evidence = review_all(windows({}, turned), antennas_enu_m=PAIR)
     assert [e.says for e in evidence] == ["authentic", "undecided"]
     assert codes(evidence) == ("attitude_or_axes",)
 
 
 @pytest.mark.parametrize("carriers", [False, True])
 def test_one_transmitter_is_named_where_carriers_show_one_place(carriers):
-    both = windows(*2 * [{"sky": (), "false": (MEACONER,)}])
+    with_both = windows(*2 * [{"sky": (), "false": (MEACONER,)}])
     if not carriers:
-        without = [[replace(o, carrier_cyc=np.full_like(o.carrier_cyc, np.nan)) for o in r.observations] for r in both]
-        both = [replace(r, observations=tuple(own)) for r, own in zip(both, without, strict=True)]
-    evidence = reviewed(both, antennas_enu_m=PAIR)
+        without = [
+            [replace(o, carrier_cyc=np.full_like(o.carrier_cyc, np.nan)) for o in r.observations] for r in with_both
+        ]
+        with_both = [replace(r, observations=tuple(bare)) for r, bare in zip(with_both, without, strict=True)]
+    evidence = review_all(with_both, antennas_enu_m=PAIR)
     assert {e.says for e in evidence} == ({"spoofed"} if carriers else {"undecided"})
     assert all(e.failed for e in evidence) != carriers
 
@@ -171,7 +173,7 @@ CAREFUL = {"false_alarm_probability": 1e-8, "carrier_multipath_sigma_m": 0.001}
 def test_carriers_of_near_antennas_name_the_slip(stated, code):
     """Code could be of one antenna: the word stays open, no test fails, and what may be wrong is named."""
     sigma = {"antenna_distance_sigma_m": 0.01} if "antenna_distance_m" in stated else {"antennas_sigma_m": 0.02}
-    evidence = reviewed(windows({}, {}, antennas=NEAR), **stated, **sigma, **CAREFUL)
+    evidence = review_all(windows({}, {}, antennas=NEAR), **stated, **sigma, **CAREFUL)
     named = {cause.code for e in evidence for cause in e.wrong_statements}
     assert (code in named) if code else not named
     assert not any(e.failed for e in evidence)
@@ -179,22 +181,25 @@ def test_carriers_of_near_antennas_name_the_slip(stated, code):
 
 def test_code_that_contradicts_a_statement_without_being_sure_of_the_sky_names_it():
     apart = {"rx1": (0.0, 0.0, 0.0), "rx2": (7.0, 4.0, 1.0)}
-    both = windows({}, {}, antennas=apart)
-    without = [[replace(o, carrier_cyc=np.full_like(o.carrier_cyc, np.nan)) for o in r.observations] for r in both]
-    both = [replace(r, observations=tuple(own)) for r, own in zip(both, without, strict=True)]
+    both_windows = windows({}, {}, antennas=apart)
+    without = [
+        [replace(o, carrier_cyc=np.full_like(o.carrier_cyc, np.nan)) for o in r.observations] for r in both_windows
+    ]
+    both_windows = [replace(r, observations=tuple(bare)) for r, bare in zip(both_windows, without, strict=True)]
     distance_m = float(np.linalg.norm(apart["rx2"]))
-    evidence = reviewed(both, antenna_distance_m=10.0 * distance_m, false_alarm_probability=1e-30)
+    evidence = review_all(both_windows, antenna_distance_m=10.0 * distance_m, false_alarm_probability=1e-30)
     assert {(e.says, e.failed) for e in evidence} == {("undecided", False)}
     assert "decimal_point" in codes(evidence)
     assert not any(
-        e.wrong_statements for e in reviewed(both, antenna_distance_m=distance_m, false_alarm_probability=1e-30)
+        e.wrong_statements
+        for e in review_all(both_windows, antenna_distance_m=distance_m, false_alarm_probability=1e-30)
     )
 
 
 @pytest.mark.parametrize(("least_m", "fails"), [(0.5 * DISTANCE_M, False), (300.0, True)])
 def test_antennas_nearer_than_they_are_said_to_be_at_least_fail(least_m, fails):
     """Signals that are surely not of one antenna passed before, however near they put the antennas."""
-    evidence = reviewed(windows({}, {}), antenna_separation_m=least_m, max_separation_m=1000.0)
+    evidence = review_all(windows({}, {}), antenna_separation_m=least_m, max_separation_m=1000.0)
     assert {(e.says, e.failed) for e in evidence} == {("undecided", fails)}
     assert {cause.about for e in evidence for cause in e.wrong_statements} == (
         {"antenna_separation_m"} if fails else set()

@@ -44,14 +44,14 @@ def examine(*receivers):
 
 
 def test_many_second_signals_are_an_attack_and_one_is_an_echo():
-    (many,), (one,) = examine(observations(range(8))), examine(observations([3]))
+    (many,), (single,) = examine(observations(range(8))), examine(observations([3]))
     assert many.says == "attack"
     assert many.p_value < 1e-12
     assert {ref.signal.sat for ref in many.signals} == {f"G{k + 1:02d}" for k in range(8)}
-    assert one.says == "clean"
-    assert one.p_value == 1.0
-    assert (many.code, one.code) == ("unlike_echoes", "like_echoes")
-    assert (one.data["doubled"], one.data["satellites"]) == (1, 12)
+    assert single.says == "clean"
+    assert single.p_value == 1.0
+    assert (many.code, single.code) == ("unlike_echoes", "like_echoes")
+    assert (single.data["doubled"], single.data["satellites"]) == (1, 12)
 
 
 def test_without_cn0_it_says_that_this_is_what_is_missing():
@@ -82,11 +82,11 @@ def test_an_early_weak_signal_makes_the_other_a_late_strong_one():
         find_second_signals(observations([3], delay_m=delay_m, weaker_db=db), SecondSignalsSettings())
         for delay_m, db in ((-900.0, 7.0), (900.0, -7.0))
     )
-    ((one,), (other,)) = early.seconds["G04"], late.seconds["G04"]
-    assert one.late_m == pytest.approx(900.0 - 36.0)
-    assert other.late_m == pytest.approx(900.0 + 36.0)
-    assert one.over_db == other.over_db == pytest.approx(7.0)
-    assert (one.below_db, other.below_db) == (pytest.approx(7.0), pytest.approx(0.0))
+    ((first,), (second,)) = early.seconds["G04"], late.seconds["G04"]
+    assert first.late_m == pytest.approx(900.0 - 36.0)
+    assert second.late_m == pytest.approx(900.0 + 36.0)
+    assert first.over_db == second.over_db == pytest.approx(7.0)
+    assert (first.below_db, second.below_db) == (pytest.approx(7.0), pytest.approx(0.0))
 
 
 @pytest.mark.parametrize(

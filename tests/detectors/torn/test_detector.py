@@ -37,7 +37,7 @@ def examine(records: Records, window: int = 10) -> list:
     return found
 
 
-def torn(seed: int, *, satellites: int, epochs: range, alone: int = 0) -> Records:
+def make_torn(seed: int, *, satellites: int, epochs: range, alone: int = 0) -> Records:
     """Return records in which so many satellites are whole milliseconds off for an epoch or two, others each time.
 
     alone : how many satellites are left at those epochs; all if 0.
@@ -61,7 +61,7 @@ def test_a_clean_sky_has_no_strays(seed) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_strays_of_many_satellites_are_found_and_dated(seed) -> None:
-    found = examine(torn(seed, satellites=8, epochs=range(12, 20)))
+    found = examine(make_torn(seed, satellites=8, epochs=range(12, 20)))
     assert [e.failed for e in found] == [False, True, False]
     assert found[1].dated_gpst == clean(seed).observations[0].gpst[12]
     assert [(e.code, e.data["by"]) for e in found] == [("whole", "codes"), ("torn", "codes"), ("whole", "codes")]
@@ -71,13 +71,13 @@ def test_strays_of_many_satellites_are_found_and_dated(seed) -> None:
 
 
 def test_few_satellites_at_a_time_are_judged_by_the_last_good_fix() -> None:
-    found = examine(torn(1, satellites=8, epochs=range(11, 30), alone=4))
+    found = examine(make_torn(1, satellites=8, epochs=range(11, 30), alone=4))
     assert [e.failed for e in found] == [False, True, True]
 
 
 @pytest.mark.parametrize("satellites", [1, 2])
 def test_faults_of_two_satellites_are_not_torn(satellites) -> None:
-    assert not any(e.failed for e in examine(torn(2, satellites=satellites, epochs=range(5, 25))))
+    assert not any(e.failed for e in examine(make_torn(2, satellites=satellites, epochs=range(5, 25))))
 
 
 def test_ranges_that_no_receiver_measures_count() -> None:
@@ -133,7 +133,7 @@ def test_a_window_in_which_nothing_can_be_tested_fails_nothing() -> None:
     records = clean()
     (o,) = (o for o in records.observations[:1])
     codes_m = np.full_like(o.pseudorange_m, np.nan)
-    one = replace(replace(o, pseudorange_m=codes_m).select(slice(0, 1)))
-    found, _ = Torn(TornSettings()).examine(replace(records, observations=(one,), sets=()))
+    single_epoch = replace(replace(o, pseudorange_m=codes_m).select(slice(0, 1)))
+    found, _ = Torn(TornSettings()).examine(replace(records, observations=(single_epoch,), sets=()))
     assert not any(finding.failed for finding in found)
     assert not any(finding.p for finding in found)

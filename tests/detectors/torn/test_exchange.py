@@ -94,8 +94,8 @@ def test_what_all_lose_and_find_at_once_is_no_exchange() -> None:
 def test_systems_that_are_written_by_turns_are_no_exchange() -> None:
     (o,) = scene().observations
     half = np.arange(len(o.signals)) % 2 == 0
-    others = [replace(s, sat=f"C{s.sat[1:]}", band="B1", code="2I") for s in o.signals]
-    renamed = [s if first else other for s, other, first in zip(o.signals, others, half, strict=True)]
+    beidou = [replace(s, sat=f"C{s.sat[1:]}", band="B1", code="2I") for s in o.signals]
+    renamed = [s if first else other for s, other, first in zip(o.signals, beidou, half, strict=True)]
     o = with_tracked(replace(o, signals=tuple(renamed)), half[None, :] == (np.arange(o.gpst.size) % 2 == 0)[:, None])
     assert {exchange.exchanged for exchange in windows(o)[0]} == {0}
 
