@@ -108,7 +108,7 @@ def test_a_channel_on_a_false_lock_goes_to_its_carrier_and_is_not_measured_on_th
     assert output.measurements.column(m.SLIP)[rows][0] == 1.0
     # Without the test it stays there for good.
     monkeypatch.setattr(
-        tracking, "off_false_locks", lambda loops, turns, _, good, __: (np.zeros_like(good), loops, turns)
+        tracking, "leave_false_locks", lambda loops, turns, _, good, __: (np.zeros_like(good), loops, turns)
     )
     _, moved_state = receiver.step(replace(state, loops=loops), later)
     assert abs(moved_state.loops[0, k.PLL_VELOCITY] - true_hz) > 20.0
