@@ -26,7 +26,7 @@ from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.discriminator import compute_discriminator
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import LoopSettings, Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulator.ideal import SignalDelays, ideal_signals
+from skyproof.simulator.ideal import SignalDelays, make_ideal_signals
 from skyproof.simulator.samples import BLOCK, Rendering, render
 from skyproof.simulator.scenario import FrontEnd
 
@@ -119,7 +119,9 @@ def errors(case: Case, settings: Sequence[ReceiverSettings]) -> list[Errors]:
     motion = SignalDelays(
         delay_s=rng.uniform(0.065, 0.085, 1), doppler_hz=np.array([case.doppler_hz]), accelerations=case.accelerations
     )
-    rendering = ideal_signals([case.sat], motion, case.cn0_dbhz, front_end, duration_s=case.duration_s, seed=case.seed)
+    rendering = make_ideal_signals(
+        [case.sat], motion, case.cn0_dbhz, front_end, duration_s=case.duration_s, seed=case.seed
+    )
     receivers = [Receiver(rate_hz, 0.0, replace(s, **_NO_SEARCH)) for s in settings]
     states = [_started(receiver, [case.sat], motion, case.cn0_dbhz) for receiver in receivers]
     parts: list[list[Measurements]] = [[] for _ in receivers]
@@ -356,7 +358,7 @@ def _fading(cn0_dbhz: float, duration_s: float, n: int = 16) -> tuple[Rendering,
     rng = np.random.default_rng(1000 + int(10 * cn0_dbhz))
     motion = SignalDelays(delay_s=rng.uniform(0.065, 0.08, n), doppler_hz=rng.uniform(-4e3, 4e3, n))
     front_end = FrontEnd(rate_hz=PLAIN[0], bandwidth_hz=PLAIN[1], encoding="float", bits=32)
-    rendering = ideal_signals(
+    rendering = make_ideal_signals(
         GPS_SATS[:n], motion, cn0_dbhz, front_end, duration_s=duration_s, seed=100 + int(cn0_dbhz)
     )
 

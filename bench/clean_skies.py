@@ -25,7 +25,7 @@ from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, SceneReceiver
 from skyproof.simulator.scenario import Sky as SceneSky
 from skyproof.simulator.sites import WayPoints
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.correlator_model import protect_scene
 
 SEED = 11
@@ -40,7 +40,7 @@ def scene(name: str, number: int) -> Scene:
     start = np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(int(rng.integers(126_230_400)), "s")
     navigation = make_nominal_constellation(start)
     plain = _scenario(rng, start, name)
-    under = scene_of(plain, navigation).skies[0]
+    under = make_scene(plain, navigation).skies[0]
     middle = under.knots_s.size // 2
     seen = Sky(under.az_rad[middle], under.el_rad[middle])
     reflected = tuple(
@@ -55,7 +55,7 @@ def scene(name: str, number: int) -> Scene:
         for chips, level_db, hz in zip(*rays, strict=True)
     )
     receivers = (plain.receivers[0].model_copy(update={"multipath": reflected}),)
-    return scene_of(plain.model_copy(update={"receivers": receivers}), navigation)
+    return make_scene(plain.model_copy(update={"receivers": receivers}), navigation)
 
 
 def _scenario(rng: np.random.Generator, start: np.datetime64, name: str) -> Scenario:

@@ -42,10 +42,10 @@ from skyproof.fusion.fuse import fuse
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import seconds_between
 from skyproof.records import Evidence
-from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.files import write_series
-from skyproof.simulator.scenes import ready, ready_made
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.scenes import load_ready_made, read_ready_made
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.correlator_model import protect_scene
 from skyproof.studies.protection.cell import rows_of, stretch_of, written_without_samples
 from skyproof.studies.protection.equipment import EQUIPMENT, equipped
@@ -256,11 +256,11 @@ def _damaged(rest: str) -> Row:
 def _cell(rest: str) -> Row:
     """A ready-made scene with one equipment, behind drawn correlators."""
     scene_name, _, number = rest.rpartition("-")
-    found = equipped(stretch_of(ready(scene_name)), equipment := BY_CORRELATORS[int(number)])
+    found = equipped(stretch_of(read_ready_made(scene_name)), equipment := BY_CORRELATORS[int(number)])
     if found is None:
         return {}
-    navigation = navigation_of(found.scenario)
-    scene = scene_of(found.scenario, navigation)
+    navigation = make_navigation(found.scenario)
+    scene = make_scene(found.scenario, navigation)
     with TemporaryDirectory(prefix="corpus") as name:
         platform = written_without_samples(scene, found, Path(name))
         verdict, outcome = protect_scene(scene, navigation, platform, found.scenario.seed)
@@ -273,7 +273,7 @@ def _cell_samples(rest: str) -> Row:
     """A ready-made scene with one equipment, through samples."""
     scene_name, _, number = rest.rpartition("-")
     equipment = list(EQUIPMENT)[int(number)]
-    scenario = ready(scene_name)
+    scenario = read_ready_made(scene_name)
     if equipped(scenario, equipment) is None:
         return {}
     with TemporaryDirectory(prefix="corpus") as name:
@@ -445,7 +445,7 @@ REAL: Final = ("logattack", "logjamming", "log", "file", "case")
 
 def names_of_cells() -> list[str]:
     """Return the cells of the matrix that need no samples."""
-    return [f"cell-{scene}-{number}" for scene in ready_made() for number in range(len(BY_CORRELATORS))]
+    return [f"cell-{scene}-{number}" for scene in load_ready_made() for number in range(len(BY_CORRELATORS))]
 
 
 def names_of_files() -> list[str]:

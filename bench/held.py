@@ -36,7 +36,7 @@ from skyproof.records import Fix, FixStatus
 from skyproof.simulator.files import write_samples, write_series
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, SceneImu
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.correlator_model import protect_scene
 from skyproof.verdict import Verdict
 
@@ -123,7 +123,7 @@ def scene_named(name: str, grade: str = "navigation", *, short: bool = False) ->
     if receiver.imu is not None:
         changes["receivers"] = (receiver.model_copy(update={"imu": SceneImu(grade=grade, rate_hz=100.0)}),)
     scenario = scenario.model_copy(update=changes)
-    return scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
+    return make_scene(scenario, make_nominal_constellation(scenario.start_gpst))
 
 
 def row_of(scene: Scene, name: str, folder: Path, grade: str, *, samples: bool) -> dict[str, Any]:

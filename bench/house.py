@@ -158,7 +158,7 @@ def _pragmas(root: Path) -> int:
 
 def _visited(src: Path) -> list[str]:
     """Files of which a function ran; the scene is made by this checkout, whichever `src` is asked."""
-    scenario = scenes.meaconed(duration_s=DURATION_S, onset_s=ONSET_S)
+    scenario = scenes.make_meaconed(duration_s=DURATION_S, onset_s=ONSET_S)
     navigation = make_nominal_constellation(scenario.start_gpst)
     with tempfile.TemporaryDirectory() as folder:
         write(scenario, navigation, Path(folder))

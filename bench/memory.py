@@ -29,11 +29,11 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.logs.ubx_write import ubx_log
 from skyproof.records import NavigationData, Observations, Samples
 from skyproof.simulator.kinds import Kind
-from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
-from skyproof.simulator.nominal_systems import nominal_systems
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.measurements import NoiseModel, draw, make_ideal_measurements
+from skyproof.simulator.nominal_systems import make_nominal_systems
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 from tests.gnss.later import hours_later
@@ -110,7 +110,7 @@ def _rendered(minutes: int) -> tuple[list[Samples], NavigationData]:
         receivers=_receivers("ocxo"),
     )
     navigation = make_nominal_constellation(START + np.timedelta64(30 * minutes, "s"))
-    return list(samples_of(scenario, navigation)), navigation
+    return list(render_samples(scenario, navigation)), navigation
 
 
 def rendering(minutes: int) -> str:
@@ -133,7 +133,7 @@ def samples(minutes: int, folder: Path) -> str:
 def measurements(kind: str, hours: int, folder: Path, receivers: int = 2) -> None:
     """Print the verdict on measurements of 1 Hz, as observation files or as UBX logs that hold the messages of GPS."""
     paths = [folder / f"rx{number}.{kind}" for number in range(1, receivers + 1)]
-    nominal = nominal_systems(START + np.timedelta64(30, "m"), "GEC")
+    nominal = make_nominal_systems(START + np.timedelta64(30, "m"), "GEC")
     # BeiDou's geostationary satellites turn in a frame of their own, where one orbit has no second set.
     first = replace(nominal, ephemerides=tuple(e for e in nominal.ephemerides if e.sat not in GEOSTATIONARY))
     # What is believed of the ionosphere is not what it is.
@@ -145,11 +145,11 @@ def measurements(kind: str, hours: int, folder: Path, receivers: int = 2) -> Non
         scenario = Scenario(
             seed=1, start_gpst=start, duration_s=3600.0, mask_deg=8.0, receivers=_receivers("rubidium", receivers)
         )
-        scene = scene_of(scenario, truth, sats=[e.sat for e in truth.ephemerides])
+        scene = make_scene(scenario, truth, sats=[e.sat for e in truth.ephemerides])
         kinds = [Kind(*kind, {"rx1": 1.0, "rx2": 2.0}) for kind in KINDS]
         noise = NoiseModel(sigma_m=0.5, constant_m=0.5)
         observed, _ = draw(
-            ideal_measurements_of(scene, interval_s=1.0, kinds=kinds), rng=np.random.default_rng(hour), noise=noise
+            make_ideal_measurements(scene, interval_s=1.0, kinds=kinds), rng=np.random.default_rng(hour), noise=noise
         )
         sent = replace(truth, ionosphere=believed)
         for path, o in zip(paths, observed, strict=True):

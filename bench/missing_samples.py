@@ -33,7 +33,7 @@ from skyproof.simulator.attacks import Takeover
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver, Sky
 from skyproof.simulator.sites import Site
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.correlator_model import STEP_S, ModelReceiver, Waves, track_scene
 
 SEED = 23
@@ -105,7 +105,7 @@ def made(number: int) -> tuple[Drawn, Scene, NavigationData]:
         front_end=FrontEnd(rate_hz=rate_hz, bandwidth_hz=0.8 * rate_hz, bits=2, encoding="sign-magnitude"),
         sky=Sky(zenith_cn0_dbhz=float(rng.uniform(45.0, 50.0)), horizon_cn0_dbhz=float(rng.uniform(40.0, 44.0))),
     )
-    under = scene_of(plain, navigation).skies[0]
+    under = make_scene(plain, navigation).skies[0]
     order = np.argsort(-under.el_rad[under.knots_s.size // 2])[:SATS]
     sats = tuple(sorted(under.signals[column].id.sat for column in order))
     few = plain.model_copy(
@@ -114,7 +114,7 @@ def made(number: int) -> tuple[Drawn, Scene, NavigationData]:
             "sky": plain.sky.model_copy(update={"sats": sats}),
         }
     )
-    return drawn, scene_of(few, navigation), navigation
+    return drawn, make_scene(few, navigation), navigation
 
 
 def without(waves: Waves, missing_s: float) -> Waves:

@@ -25,7 +25,7 @@ from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.simulator.files import write_samples
 from skyproof.simulator.scenario import FrontEnd, Meaconer, Scenario, ScenePlace, SceneReceiver, Sky
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.multi_receiver import PAIRS
 from skyproof.studies.multi_receiver_scene import MEACONER_ENU_M, PLACES, SATS
 from skyproof.studies.receiver_model import add_truth
@@ -71,7 +71,7 @@ def cell(pair: str, sky: int, seconds: float, power_db: float) -> str:
             zenith_cn0_dbhz=47.0, horizon_cn0_dbhz=43.0, sats=tuple(sorted(sorted(up, key=up.__getitem__)[-SATS:]))
         ),
     )
-    scene = scene_of(scenario, navigation)
+    scene = make_scene(scenario, navigation)
     with TemporaryDirectory(prefix="cells") as folder:
         write_nav(Path(folder) / "broadcast.rnx", navigation)
         outcome = protect(write_samples(scene, Path(folder), "raw"), nav=Path(folder) / "broadcast.rnx").outcome

@@ -38,7 +38,7 @@ PACKAGE = Path(skyproof.__file__).parent
 
 def report() -> Iterator[str]:
     """Rows of the table."""
-    scenario = scenes.meaconed(duration_s=DURATION_S, onset_s=ONSET_S)
+    scenario = scenes.make_meaconed(duration_s=DURATION_S, onset_s=ONSET_S)
     navigation = make_nominal_constellation(scenario.start_gpst)
     with tempfile.TemporaryDirectory() as folder:
         write(scenario, navigation, Path(folder))
@@ -66,7 +66,7 @@ def _standing(receivers: int, rate_hz: float, duration_s: float) -> Iterator[str
     """Every satellite twice from a fifth of the time on, two bits; stated are the oscillator, and of several receivers
     the places, so that all methods run that need no further equipment.
     """
-    pair = scenes.meaconed(duration_s=duration_s, onset_s=0.2 * duration_s)
+    pair = scenes.make_meaconed(duration_s=duration_s, onset_s=0.2 * duration_s)
     first = pair.receivers[0]
     more = [first.model_copy(update={"name": f"r{n}", "lat_deg": first.lat_deg + n * NORTH_DEG}) for n in (1, 2)]
     front_end = FrontEnd(rate_hz=rate_hz, bandwidth_hz=0.8 * rate_hz, encoding="sign-magnitude", bits=2)

@@ -20,12 +20,12 @@ from skyproof.detectors.correlators.sqm_detector import Sqm, SqmSettings
 from skyproof.explain import stands_beside
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import Finding, Records, Taps
-from skyproof.simulator import FrontEnd, ScenePlace, clean, scenes
+from skyproof.simulator import FrontEnd, ScenePlace, make_clean, scenes
 from skyproof.simulator.correlators import correlate
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import Multipath, Scenario
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.tracked import aligned
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.tracked import align_channels
 
 START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")
 PLACE = ScenePlace(lat_deg=57.7, lon_deg=11.94, height_m=50.0)
@@ -53,7 +53,7 @@ def _clean() -> Iterator[str]:
     hours = len(LEVELS_DBHZ) * HOURS * SKIES
     yield f"clean sky, {hours:g} h of correlators, windows of {WINDOW_S:g} s, 0.001 a window asked for"
     for level in LEVELS_DBHZ:
-        scenario = clean(
+        scenario = make_clean(
             PLACE,
             START_GPST,
             duration_s=HOURS * 3600.0,
@@ -87,7 +87,7 @@ def _exact(taps: Taps) -> list[float]:
 
 def _reflections() -> Iterator[str]:
     yield f"reflections and no attack, {OF_A_RUN:.1g} a window asked for"
-    ready = scenes.ready("multipath")
+    ready = scenes.read_ready_made("multipath")
     for receiver in range(2):
         said = _said(_windows(ready, "a", ready.duration_s, np.random.default_rng(1), receiver))
         yield f"  scene multipath, {ready.receivers[receiver].name}: {_counted(said)}"
@@ -98,7 +98,7 @@ def _reflections() -> Iterator[str]:
 
 def _city(rng: np.random.Generator) -> Scenario:
     """A reflection of its own for every satellite."""
-    ready = scenes.ready("multipath")
+    ready = scenes.read_ready_made("multipath")
     rays = tuple(
         Multipath(
             delay_m=rng.uniform(20.0, 400.0),
@@ -113,7 +113,7 @@ def _city(rng: np.random.Generator) -> Scenario:
 
 def _takeover() -> Iterator[str]:
     yield f"scene takeover, from 30 s on drawn away by 10.5 m/s, 4 dB stronger; {OF_A_RUN:.1g} a window asked for"
-    ready = scenes.ready("takeover")
+    ready = scenes.read_ready_made("takeover")
     for copy, tracked in (("a", "true"), ("b", "false")):
         for start_s in (10.0, 20.0, 30.0, 35.0, 40.0, 45.0, 50.0):
             said = [
@@ -125,7 +125,7 @@ def _takeover() -> Iterator[str]:
 
 
 def _cost() -> Iterator[str]:
-    scenario = clean(
+    scenario = make_clean(
         PLACE,
         START_GPST,
         duration_s=TRACKED_S,
@@ -135,7 +135,7 @@ def _cost() -> Iterator[str]:
         front_end=FrontEnd(rate_hz=RATE_HZ, encoding="int", bits=8),
     )
     navigation = make_nominal_constellation(START_GPST)
-    (samples,) = samples_of(scenario, navigation)
+    (samples,) = render_samples(scenario, navigation)
     planes = samples.read(0, samples.n_samples)
     (held,) = [samples.__class__(**{**vars(samples), "read": lambda start, n: planes[:, start : start + n]})]
 
@@ -175,9 +175,9 @@ def _windows(
     start_s: float = 0.0,
 ) -> Iterator[Taps]:
     """The correlators of every whole window, of channels on the signals of one copy."""
-    scene = scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
+    scene = make_scene(scenario, make_nominal_constellation(scenario.start_gpst))
     columns = [k for k, s in enumerate(scene.skies[receiver].signals) if s.id.copy == copy]
-    asked, tracked = TAPS, aligned(scene, receiver, columns)
+    asked, tracked = TAPS, align_channels(scene, receiver, columns)
     looks = np.arange(0.0, WINDOW_S, asked.every_s) + 0.5 * asked.coherent_s
     for begin_s in np.arange(start_s, start_s + duration_s - WINDOW_S + 1e-6, WINDOW_S):
         yield correlate(

@@ -21,7 +21,7 @@ from timing import Spread, line
 
 from skyproof.formats.raw import open_raw
 from skyproof.gnss.nominal import make_nominal_constellation
-from skyproof.simulator import FrontEnd, ScenePlace, clean, scenes, write
+from skyproof.simulator import FrontEnd, ScenePlace, make_clean, scenes, write
 
 START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")
 PLACE = ScenePlace(lat_deg=47.38, lon_deg=8.54, height_m=450.0)
@@ -56,7 +56,7 @@ def report() -> Iterator[str]:
         else:
             yield "  rx1.bin: skipped, SKYPROOF_DATA names no folder that has it"
         for text, rate_hz, bits, duration_s in (("", 2.6e6, 8, 40.0), ("", 4e6, 8, 20.0), ("16 bits ", 25e6, 16, 12.0)):
-            scenario = scenes.meaconed(duration_s=duration_s, onset_s=1.0).model_copy(
+            scenario = scenes.make_meaconed(duration_s=duration_s, onset_s=1.0).model_copy(
                 update={"front_end": FrontEnd(rate_hz=rate_hz, encoding="int", bits=bits)}
             )
             path = write(scenario, make_nominal_constellation(scenario.start_gpst), folder / f"{rate_hz:.0f}")[0]
@@ -106,7 +106,7 @@ def _peers(folder: Path) -> Iterator[str]:
 
 
 def _clean(folder: Path, rate_hz: float, duration_s: float) -> Path:
-    scenario = clean(
+    scenario = make_clean(
         PLACE,
         START_GPST,
         receivers=1,

@@ -12,7 +12,7 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.receiver.acquisition import KnownSignal, Peak, Searcher
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulator import ScenePlace, samples_of, scenes
+from skyproof.simulator import ScenePlace, render_samples, scenes
 
 REFLECTIONS = tuple(product((0.2, 0.35, 0.5, 0.7), (-3.0, -6.0, -10.0), (0.0, 0.3)))
 
@@ -68,8 +68,8 @@ def clean_recording(duration_s: float, seed: int) -> tuple[float, list[str]]:
     """A clean sky through the whole receiver: signal-seconds followed, and confirmed signals that are not there."""
     start = np.datetime64("2024-05-14T09:59:58", "ns")
     place = ScenePlace(lat_deg=-60.0 + 17.0 * (seed % 8), lon_deg=(41.0 * seed) % 360.0 - 180.0, height_m=50.0)
-    scenario = scenes.clean(place, start, receivers=1, duration_s=duration_s, seed=seed)
-    samples = samples_of(scenario, make_nominal_constellation(start))[0]
+    scenario = scenes.make_clean(place, start, receivers=1, duration_s=duration_s, seed=seed)
+    samples = render_samples(scenario, make_nominal_constellation(start))[0]
     receiver, state, arcs, epochs = Receiver(samples.rate_hz), ReceiverState(), {}, 0
     n = round(samples.rate_hz)
     for begin in range(0, samples.n_samples, n):

@@ -16,16 +16,16 @@ from skyproof.simulator import (
     FrontEnd,
     NoiseModel,
     ScenePlace,
-    clean,
     draw,
-    ideal_measurements_of,
-    scene_of,
+    make_clean,
+    make_ideal_measurements,
+    make_scene,
     scenes,
 )
 from skyproof.simulator.correlators import correlate
 from skyproof.simulator.measurement_errors import FieldErrors
 from skyproof.simulator.received import Scene
-from skyproof.simulator.samples import BLOCK, Rendering, ahead_of, quantised, render, rendering_of
+from skyproof.simulator.samples import BLOCK, Rendering, map_ahead, prepare_rendering, render, render_quantised
 
 DURATION_S = 2.0
 PLAIN_S = 0.02
@@ -37,14 +37,14 @@ LONG_S = 3600.0
 
 def report() -> Iterator[str]:
     """Rows of the table."""
-    scenario = scenes.meaconed(duration_s=DURATION_S, onset_s=0.0)
-    scene = scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
-    rendering = rendering_of(scene, 0)
+    scenario = scenes.make_meaconed(duration_s=DURATION_S, onset_s=0.0)
+    scene = make_scene(scenario, make_nominal_constellation(scenario.start_gpst))
+    rendering = prepare_rendering(scene, 0)
     signals = len(rendering.sky.signals)
     blocks = range(-(-rendering.n_samples // 131_072))
 
     def ours() -> None:
-        for _ in ahead_of(lambda block: quantised(rendering, block), blocks):
+        for _ in map_ahead(lambda block: render_quantised(rendering, block), blocks):
             pass
 
     ours_s, plain_s = take_turns(ours, lambda: _plain(rendering), runs=5)
@@ -66,22 +66,22 @@ def _growth() -> Iterator[str]:
     place = ScenePlace(lat_deg=47.38, lon_deg=8.54, height_m=450.0)
     start = np.datetime64("2024-05-14T09:59:58", "ns")
     navigation = make_nominal_constellation(start)
-    whole = clean(place, start, receivers=1, duration_s=DURATION_S, mask_deg=0.0)
-    sats = tuple(heard.id.sat for heard in scene_of(whole, navigation).skies[0].signals)[:12]
+    whole = make_clean(place, start, receivers=1, duration_s=DURATION_S, mask_deg=0.0)
+    sats = tuple(heard.id.sat for heard in make_scene(whole, navigation).skies[0].signals)[:12]
     cases = ((6, 4e6, 1), (12, 4e6, 1), (12, 25e6, 1), (12, 4e6, 4))
     for n_sats, rate_hz, n_antennas in cases:
         front_end = FrontEnd(rate_hz=rate_hz, bandwidth_hz=0.8 * rate_hz, encoding="int", bits=8)
         antennas = tuple(Antenna(name=str(k), body_m=(0.1 * k, 0.0, 0.0)) for k in range(n_antennas))
         receiver = whole.receivers[0].model_copy(update={"antennas": antennas})
         sky = whole.sky.model_copy(update={"sats": sats[:n_sats]})
-        scene = scene_of(
+        scene = make_scene(
             whole.model_copy(update={"front_end": front_end, "receivers": (receiver,), "sky": sky}), navigation
         )
-        renderings = [rendering_of(scene, index) for index in range(n_antennas)]
+        renderings = [prepare_rendering(scene, index) for index in range(n_antennas)]
 
         def ours(renderings: list[Rendering] = renderings) -> None:
             for rendering in renderings:
-                for _ in ahead_of(partial(quantised, rendering), range(-(-rendering.n_samples // BLOCK))):
+                for _ in map_ahead(partial(render_quantised, rendering), range(-(-rendering.n_samples // BLOCK))):
                     pass
 
         (took_s,) = take_turns(ours, runs=5)
@@ -95,7 +95,7 @@ def _correlators(scene: Scene) -> Iterator[str]:
     """A trial is one integration of every signal's taps."""
     rng, sky = np.random.default_rng(1), scene.skies[0]
     pairs_s = 0.5 + COHERENT_S * np.arange(50)
-    clean = scene_of(scene.scenario.model_copy(update={"attacks": ()}), scene.navigation)
+    clean = make_scene(scene.scenario.model_copy(update={"attacks": ()}), scene.navigation)
     wanted = {"delays_chips": TAPS_CHIPS, "coherent_s": COHERENT_S, "rng": rng}
     many_s, moving_s, clean_s, naive_s = take_turns(
         lambda: correlate(scene, 0, [1.0], draws=(DRAWS,), **wanted),
@@ -120,17 +120,17 @@ def _correlators(scene: Scene) -> Iterator[str]:
 
 def _measurements() -> Iterator[str]:
     """Satellite-epochs of both receivers of a long scene."""
-    scenario = scenes.meaconed(duration_s=LONG_S, onset_s=1.0)
-    scene = scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
-    short = scene_of(scenario.model_copy(update={"duration_s": 60.0}), scene.navigation)
-    rng, geometries = np.random.default_rng(1), ideal_measurements_of(scene)
-    cells, few = (sum(each.there.size for each in those) for those in (geometries, ideal_measurements_of(short)))
+    scenario = scenes.make_meaconed(duration_s=LONG_S, onset_s=1.0)
+    scene = make_scene(scenario, make_nominal_constellation(scenario.start_gpst))
+    short = make_scene(scenario.model_copy(update={"duration_s": 60.0}), scene.navigation)
+    rng, geometries = np.random.default_rng(1), make_ideal_measurements(scene)
+    cells, few = (sum(each.there.size for each in those) for those in (geometries, make_ideal_measurements(short)))
     field = NoiseModel(field=FieldErrors())
     white_s, draw_s, field_s, pulled_s = take_turns(
-        lambda: draw(ideal_measurements_of(scene), rng=rng),
+        lambda: draw(make_ideal_measurements(scene), rng=rng),
         lambda: draw(geometries, rng=rng),
         lambda: draw(geometries, rng=rng, noise=field),
-        lambda: ideal_measurements_of(short, pulled=True),
+        lambda: make_ideal_measurements(short, pulled=True),
         runs=5,
         clock=process_time,
     )
@@ -147,7 +147,7 @@ def _measurements() -> Iterator[str]:
 
 def _naive(scene: Scene) -> NDArray[np.complex128]:
     """One trial by samples: rendered, then correlated with every tap; without data bits and Doppler taps."""
-    rendering = rendering_of(scene, 0)
+    rendering = prepare_rendering(scene, 0)
     sky, rate_hz = rendering.sky, rendering.front_end.rate_hz
     count = int(COHERENT_S * rate_hz)
     planes = render(rendering, 0)

@@ -21,7 +21,7 @@ from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.settings import ReceiverSettings
 from skyproof.receiver.tracking import Receiver, ReceiverState
 from skyproof.records import Samples
-from skyproof.simulator import navigation_of, ready, samples_of, scene_of
+from skyproof.simulator import make_navigation, make_scene, read_ready_made, render_samples
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd
 from skyproof.statistics.directions import direction_cosines
@@ -80,13 +80,13 @@ def _rows(power_db: float) -> Iterator[str]:
 
 def scene_and_samples(power_db: float) -> tuple[Scene, Samples]:
     """The scene with all satellites imitated at this power, and the array's recording."""
-    scenario = ready("ins-array-2")
+    scenario = read_ready_made("ins-array-2")
     attack = scenario.attacks[0].model_copy(update={"sats": None, "power_db": power_db})
     front_end = FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=0.8 * RATE_HZ, encoding="int", bits=16, agc=True)
     scenario = scenario.model_copy(update={"attacks": (attack,), "duration_s": DURATION_S, "front_end": front_end})
-    navigation = navigation_of(scenario)
-    first, *others = samples_of(scenario, navigation)
-    return scene_of(scenario, navigation), replace(first, others=tuple(others))
+    navigation = make_navigation(scenario)
+    first, *others = render_samples(scenario, navigation)
+    return make_scene(scenario, navigation), replace(first, others=tuple(others))
 
 
 def columns_of(scene: Scene, label: str) -> Indices:

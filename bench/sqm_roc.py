@@ -28,7 +28,7 @@ from skyproof.detectors.correlators.correlator_laws import triangle
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.received import Scene
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies import quality_metrics as sqm
 from skyproof.studies.correlator_model import receive_antenna
 
@@ -181,7 +181,7 @@ def received(names: tuple[str, ...]) -> Iterator[str]:
         scene = scene_named(name, short=True) if name in HELD else _scene_of(name)
         (attack,) = scene.scenario.attacks
         pull_s = min(point[0] for point in [*attack.away_points_enu_m, *attack.clock_points_s])  # type: ignore[union-attr]
-        quiet = scene_of(scene.scenario.model_copy(update={"attacks": ()}), scene.navigation)
+        quiet = make_scene(scene.scenario.model_copy(update={"attacks": ()}), scene.navigation)
         clean = np.concatenate([_scores(quiet, seed) for seed in range(1, 1 + CLEAN_RUNS)], axis=1)
         attacked = _scores(scene, 1)
         yield f"{name}: {clean.shape[1]} clean seconds of a receiver, {attacked.shape[1]} with an onset, a pull later"
@@ -200,7 +200,7 @@ def received(names: tuple[str, ...]) -> Iterator[str]:
 
 def _scene_of(name: str) -> Scene:
     scenario = load_scenario(name)
-    return scene_of(scenario, make_nominal_constellation(scenario.start_gpst))
+    return make_scene(scenario, make_nominal_constellation(scenario.start_gpst))
 
 
 def _scores(scene: Scene, seed: int) -> Reals:

@@ -43,7 +43,7 @@ from skyproof.simulator.files import write_samples, write_series
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneImu, SceneReceiver, Sky
 from skyproof.simulator.sites import Site, WayPoints
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.correlator_model import protect_scene
 from skyproof.studies.protection.errors import fix_errors
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
@@ -143,11 +143,11 @@ def draw(number: int, longest_s: float = LONGEST_S) -> Drawn:
 def made(drawn: Drawn) -> tuple[Scenario, Scene]:
     """The scene of the highest satellites, worked out."""
     navigation = make_nominal_constellation(drawn.start_gpst)
-    under = scene_of(_scenario(drawn, None).model_copy(update={"attacks": ()}), navigation)
+    under = make_scene(_scenario(drawn, None).model_copy(update={"attacks": ()}), navigation)
     sky = under.skies[0]
     order = np.argsort(-sky.el_rad[sky.knots_s.size // 2])[:MOST_SATS]
     scenario = _scenario(drawn, tuple(sorted(sky.signals[column].id.sat for column in order)))
-    return scenario, scene_of(scenario, navigation)
+    return scenario, make_scene(scenario, navigation)
 
 
 def _scenario(drawn: Drawn, sats: tuple[str, ...] | None) -> Scenario:

@@ -20,11 +20,11 @@ from skyproof.errors import SkyproofError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.logs.ubx_write import ubx_log
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.measurements import draw, ideal_measurements_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.measurements import draw, make_ideal_measurements
 from skyproof.simulator.ordinary import follow_strongest
-from skyproof.simulator.scenes import ready
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.scenes import read_ready_made
+from skyproof.simulator.sky import make_scene
 
 SCENES = ("clean", "starts-spoofed", "some-satellites", "meacon-ramp", "jamming")
 FIXES = ("trusted_fix", "false_fix", "unprotected_fix")
@@ -43,10 +43,10 @@ def report(scenes: tuple[str, ...] = SCENES) -> Iterator[str]:
 
 def _judged(name: str, folder: Path) -> list[Any]:
     """Return the verdicts; None where none comes out."""
-    made = ready(name)
-    navigation = navigation_of(made)
-    scene = scene_of(made, navigation)
-    observations, _ = draw(ideal_measurements_of(scene), rng=np.random.default_rng(1))
+    made = read_ready_made(name)
+    navigation = make_navigation(made)
+    scene = make_scene(made, navigation)
+    observations, _ = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1))
     nav = folder / "nav.rnx"
     write_nav(nav, navigation)
     logs, files, places = [], [], []

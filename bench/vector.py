@@ -35,8 +35,8 @@ from skyproof.navigation.vector_filter import VectorSettings
 from skyproof.receiver import measurement as m
 from skyproof.records import Asked, Finding, NavigationData, Records, Samples, Taps, TapsAsked
 from skyproof.simulator import scenes
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, Scenario, ScenePlace
 from skyproof.studies.discriminator_laws import (
     code_discriminator,
@@ -102,7 +102,7 @@ def _cost() -> Iterator[str]:
     yield f"vector over scalar tracking, {COST_RATE_HZ / 1e6:g} Msps, the same channels, once both are under way"
     for mask_deg in (25.0, 10.0):
         scenario = _clean(COST_S, COST_RATE_HZ, mask_deg)
-        samples = samples_of(scenario, make_nominal_constellation(START_GPST))[0]
+        samples = render_samples(scenario, make_nominal_constellation(START_GPST))[0]
         held = _in_memory(samples, samples.read(0, samples.n_samples))
         took: dict[str, list[float]] = {"scalar": [], "vector": []}
         for _ in range(RUNS + 1):
@@ -118,7 +118,7 @@ def _cost() -> Iterator[str]:
 
 
 def _clean(duration_s: float, rate_hz: float, mask_deg: float = 10.0, seed: int = 3) -> Scenario:
-    return scenes.clean(
+    return scenes.make_clean(
         PLACE,
         START_GPST,
         duration_s=duration_s,
@@ -135,14 +135,14 @@ def _clean(duration_s: float, rate_hz: float, mask_deg: float = 10.0, seed: int 
 def _alarms() -> Iterator[str]:
     yield f"false alarms through the receiver, {ALARM_S:g} s at 10 Msps, six satellites, windows of K ms"
     for level in LEVELS_DBHZ:
-        scene = scenes.ready("vector-one-spoofer")
+        scene = scenes.read_ready_made("vector-one-spoofer")
         assert scene.sky.directions is not None
         sats = tuple(one.sat for one in scene.sky.directions)
         sky = scene.sky.model_copy(update={"sats": sats, "zenith_cn0_dbhz": level, "horizon_cn0_dbhz": level})
         front_end = FrontEnd(rate_hz=10e6, bandwidth_hz=8e6, encoding="int", bits=8)
         scenario = scene.model_copy(update={"sky": sky, "attacks": (), "duration_s": ALARM_S, "front_end": front_end})
-        navigation = navigation_of(scenario)
-        tracker, _ = _tracked(samples_of(scenario, navigation)[0], navigation, "vector", EVERY_MS)
+        navigation = make_navigation(scenario)
+        tracker, _ = _tracked(render_samples(scenario, navigation)[0], navigation, "vector", EVERY_MS)
         reception = observe(tracker, navigation)
         assert reception.vector_taps is not None
         assert reception.observations is not None
@@ -206,7 +206,7 @@ def _blockage() -> Iterator[str]:
 def _blocked(share: float, blocked_s: float) -> Iterator[str]:
     scenario = _clean(7.0 + blocked_s + 3.0, 2.6e6)
     navigation = make_nominal_constellation(START_GPST)
-    samples = samples_of(scenario, navigation)[0]
+    samples = render_samples(scenario, navigation)[0]
     planes = samples.read(0, samples.n_samples)
     gone = slice(round(7.0 * samples.rate_hz), round((7.0 + blocked_s) * samples.rate_hz))
     reference, _ = _tracked(_in_memory(samples, planes), navigation, "scalar")
@@ -215,7 +215,7 @@ def _blocked(share: float, blocked_s: float) -> Iterator[str]:
     left = tuple(sat for sat in sats if sat not in blocked)
     if left:
         sky = scenario.sky.model_copy(update={"sats": left})
-        planes[:, gone] = samples_of(scenario.model_copy(update={"sky": sky}), navigation)[0].read(
+        planes[:, gone] = render_samples(scenario.model_copy(update={"sky": sky}), navigation)[0].read(
             gone.start, gone.stop - gone.start
         )
     else:
@@ -261,9 +261,11 @@ def _judge() -> Iterator[str]:
         "mean offsets of true signals, and the error of the position"
     )
     front_end = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.4e6, encoding="int", bits=8)
-    scene = scenes.ready("vector-one-spoofer").model_copy(update={"duration_s": JUDGED_S, "front_end": front_end})
-    navigation = navigation_of(scene)
-    samples = samples_of(scene, navigation)[0]
+    scene = scenes.read_ready_made("vector-one-spoofer").model_copy(
+        update={"duration_s": JUDGED_S, "front_end": front_end}
+    )
+    navigation = make_navigation(scene)
+    samples = render_samples(scene, navigation)[0]
     held = _in_memory(samples, samples.read(0, samples.n_samples))
     false = tuple(sorted({sat for attack in scene.attacks for sat in attack.sats or ()}))
     at = scene.receivers[0]

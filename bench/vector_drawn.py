@@ -18,8 +18,8 @@ from skyproof.app.receive.reception import observe
 from skyproof.detectors.correlators.vector_sqm_detector import VectorSqm, VectorSqmSettings
 from skyproof.records import Finding
 from skyproof.simulator import scenes
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, SatelliteDirection, Scenario
 
 SCENES, SCENE_S, WINDOW_S, SETTLED_S = 8, 16.0, 3.0, 7.0
@@ -57,7 +57,7 @@ def ready() -> Iterator[str]:
     """A row for each ready-made scene."""
     yield f"{READY_S:g} s, {RATE_HZ / 1e6:g} Msps, windows of {READY_WINDOW_S:g} s from {READY_FROM_S:g} s on"
     front_end = FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=2.4e6, encoding="int", bits=8)
-    one, many = (scenes.ready(f"vector-{name}") for name in ("one-spoofer", "many"))
+    one, many = (scenes.read_ready_made(f"vector-{name}") for name in ("one-spoofer", "many"))
     assert one.sky.directions is not None
     all_true = one.sky.model_copy(update={"sats": tuple(each.sat for each in one.sky.directions)})
     clean = one.model_copy(update={"sky": all_true, "attacks": ()})
@@ -83,7 +83,7 @@ def _describe(finding: Finding) -> str:
 
 
 def _scene(rng: np.random.Generator, attacked: int) -> tuple[Scenario, tuple[str, ...]]:
-    scene = scenes.ready("vector-one-spoofer")
+    scene = scenes.read_ready_made("vector-one-spoofer")
     assert scene.sky.directions is not None
     more = tuple(SatelliteDirection(sat=sat, az_deg=az, el_deg=el) for sat, az, el in FURTHER)
     everywhere = (*scene.sky.directions, *more)
@@ -118,8 +118,8 @@ def _scene(rng: np.random.Generator, attacked: int) -> tuple[Scenario, tuple[str
 
 def _said(scene: Scenario, window_s: float = WINDOW_S, settled_s: float = SETTLED_S) -> list[Finding]:
     """Of each window once the loops have settled."""
-    navigation = navigation_of(scene)
-    samples = samples_of(scene, navigation)[0]
+    navigation = make_navigation(scene)
+    samples = render_samples(scene, navigation)[0]
     tracker, _ = _tracked(_in_memory(samples, samples.read(0, samples.n_samples)), navigation, "vector", EVERY_20_MS)
     reception = observe(tracker, navigation)
     assert reception.observations is not None

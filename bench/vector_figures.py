@@ -17,8 +17,8 @@ from skyproof.detectors.correlators.correlator_laws import phase_discriminator
 from skyproof.detectors.correlators.vector_sqm_detector import select_pair
 from skyproof.navigation.vector_filter import VectorSettings
 from skyproof.simulator import scenes
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd
 from skyproof.studies.discriminator_laws import code_discriminator, combined_taps, prompt_amplitude
 from skyproof.studies.vector_rules import Equilibrium, detection_probability, equilibrium
@@ -46,7 +46,7 @@ def _correlators(
     attack: Attack, level_dbhz: float, tracking: str = "vector", filter_settings: VectorSettings | None = None
 ) -> Complexes:
     """(looks, 6, 3) early, prompt, late of every millisecond; NaN where a channel is not guided, or not there."""
-    scene = scenes.ready("vector-one-spoofer")
+    scene = scenes.read_ready_made("vector-one-spoofer")
     true = tuple(sat for sat, prn in zip(SATS, PRNS, strict=True) if prn not in attack)
     sky = scene.sky.model_copy(update={"sats": true, "zenith_cn0_dbhz": level_dbhz, "horizon_cn0_dbhz": level_dbhz})
     false = scene.attacks[0].model_copy(
@@ -65,8 +65,8 @@ def _correlators(
         "front_end": front_end,
     }
     scene = scene.model_copy(update=changes)
-    navigation = navigation_of(scene)
-    samples = samples_of(scene, navigation)[0]
+    navigation = make_navigation(scene)
+    samples = render_samples(scene, navigation)[0]
     held = _in_memory(samples, samples.read(0, samples.n_samples))
     tracker, _ = _tracked(held, navigation, tracking, EVERY_MS, filter_settings=filter_settings)
     reception = observe(tracker, navigation)

@@ -28,8 +28,8 @@ from skyproof.records import Attitude, Samples
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneImu, SceneReceiver, Sky
 from skyproof.simulator.sites import WayPoints
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.truth import imus_of
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.truth import simulate_imus
 from skyproof.studies.correlator_model import STEP_S, ModelReceiver
 
 START = np.datetime64("2024-05-14T09:59:58", "ns")
@@ -76,12 +76,12 @@ def scene(grade: str | None = "tactical", seconds: float = FROM_S + LONGEST_S + 
         front_end=FrontEnd(rate_hz=5e6, bandwidth_hz=4e6, encoding="int", bits=8),
         sky=Sky(zenith_cn0_dbhz=48.0, horizon_cn0_dbhz=44.0),
     )
-    return scene_of(scenario, make_nominal_constellation(START))
+    return make_scene(scenario, make_nominal_constellation(START))
 
 
 def unit_of(scene: Scene, wrong_deg: float = 0.0) -> AntennaUnit:
     """The scene's inertial unit. wrong_deg : of the heading that is stated."""
-    readings = imus_of(scene)["rx"]
+    readings = simulate_imus(scene)["rx"]
     series, at = readings.read(0, readings.n_samples), scene.trajectories["rx"].at(np.zeros(1))
     angles_rad = np.array(heading_pitch_roll_rad(at.position_ecef_m[0], at.attitude[0])) + [np.radians(wrong_deg), 0, 0]
     initial = Attitude(gpst=series.gpst[:1], angles_rad=angles_rad[None], sigma_rad=np.radians(SIGMA_DEG))

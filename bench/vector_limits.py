@@ -26,8 +26,8 @@ from skyproof.receiver.settings import LoopSettings
 from skyproof.receiver.tracking import Receiver
 from skyproof.records import Asked, NavigationData, Observations, Samples, SignalId
 from skyproof.simulator import scenes
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, Scenario
 
 RATE_HZ, LEVEL_DBHZ, FROM_S = 1.6e6, 45.0, 7.0
@@ -60,7 +60,7 @@ def report(parts: tuple[str, ...] = ("lock", "steps", "blockage", "scenes")) -> 
 
 
 def _sky(duration_s: float, satellites: int | None = None, level_dbhz: float = LEVEL_DBHZ) -> Scenario:
-    scene = scenes.clean(
+    scene = scenes.make_clean(
         PLACE,
         START_GPST,
         zenith_cn0_dbhz=level_dbhz,
@@ -87,7 +87,7 @@ def _in_view(scene: Scenario) -> tuple[str, ...]:
 
 def _rendered(scene: Scenario) -> tuple[Samples, Floats, NavigationData]:
     navigation = make_nominal_constellation(START_GPST)
-    samples = samples_of(scene, navigation)[0]
+    samples = render_samples(scene, navigation)[0]
     return samples, samples.read(0, samples.n_samples), navigation
 
 
@@ -237,7 +237,7 @@ def _without(
     held, left = planes.copy(), tuple(sat for sat in sats if sat not in blocked)
     if left:
         sky = scene.sky.model_copy(update={"sats": left})
-        others = samples_of(scene.model_copy(update={"sky": sky}), navigation)[0]
+        others = render_samples(scene.model_copy(update={"sky": sky}), navigation)[0]
         held[:, gone] = others.read(gone.start, gone.stop - gone.start)
     else:
         held[:, gone] = np.random.default_rng(0).normal(0.0, planes.std(), (2, gone.stop - gone.start))
@@ -287,11 +287,11 @@ def _half_lost_dbhz(shares: Reals) -> float:
 def _scenes() -> Iterator[str]:
     yield f"fixes of the first receiver of a scene, {SCENE_S:g} s: how many, and their error, median and largest"
     for name in ("multipath", "jamming"):
-        scene = scenes.ready(name)
+        scene = scenes.read_ready_made(name)
         at = scene.receivers[0]
         scene = scene.model_copy(update={"duration_s": SCENE_S, "receivers": (at,)})
-        navigation = navigation_of(scene)
-        samples = samples_of(scene, navigation)[0]
+        navigation = make_navigation(scene)
+        samples = render_samples(scene, navigation)[0]
         held = _in_memory(samples, samples.read(0, samples.n_samples))
         place_m = ecef_from_geodetic(np.radians(at.lat_deg), np.radians(at.lon_deg), at.height_m)
         for tracking in BOTH:

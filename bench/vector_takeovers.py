@@ -24,8 +24,8 @@ from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.navigation.fix import fix
 from skyproof.records import FixStatus, NavigationData
 from skyproof.simulator import scenes
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, Scenario
 
 ONSET_S, PULL_S, END_S, WINDOW_S = 8.0, 14.0, 44.0, 4.0
@@ -38,8 +38,8 @@ def report(numbers: tuple[int, ...] = tuple(range(len(VARIANTS)))) -> Iterator[s
     for number in numbers:
         power_db, place_m_s, clock_m_s = VARIANTS[number]
         scene = _scene(power_db, place_m_s, clock_m_s)
-        navigation = navigation_of(scene)
-        samples = samples_of(scene, navigation)[0]
+        navigation = make_navigation(scene)
+        samples = render_samples(scene, navigation)[0]
         held = _in_memory(samples, samples.read(0, samples.n_samples))
         yield f"  {power_db:+g} dB, place {place_m_s:g} m/s, clock {clock_m_s:g} m/s, {END_S - PULL_S:g} s of pull"
         for tracking in ("scalar", "vector"):
@@ -48,7 +48,7 @@ def report(numbers: tuple[int, ...] = tuple(range(len(VARIANTS)))) -> Iterator[s
 
 
 def _scene(power_db: float, place_m_s: float, clock_m_s: float) -> Scenario:
-    scene, long_s = scenes.ready("takeover"), END_S - PULL_S
+    scene, long_s = scenes.read_ready_made("takeover"), END_S - PULL_S
     changes: dict[str, Any] = {
         "onset_s": ONSET_S,
         "power_db": power_db,

@@ -25,7 +25,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
 from skyproof.simulator.attacks import Interference
 from skyproof.simulator.sites import Site
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.random_scenes import BuiltScene, DrawnScene, build_scene, draw_scene
 from skyproof.verdict import WORDS, word_shown
 
@@ -87,7 +87,7 @@ def jammed(made: BuiltScene, number: int) -> BuiltScene:
         until_s=onset_s + lasts_s,
     )
     scenario = made.scenario.model_copy(update={"interference": (jammer,)})
-    return replace(made, scenario=scenario, scene=scene_of(scenario, made.navigation))
+    return replace(made, scenario=scenario, scene=make_scene(scenario, made.navigation))
 
 
 def _away(drawn: DrawnScene, distance_m: float, bearing_rad: float) -> Site:

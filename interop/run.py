@@ -29,7 +29,7 @@ from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import week_and_tow
 from skyproof.navigation.fix import fix
-from skyproof.simulator import FrontEnd, Scenario, ScenePlace, clean, scene_of, write
+from skyproof.simulator import FrontEnd, Scenario, ScenePlace, make_clean, make_scene, write
 
 PEERS = (gnss_sdr,)  # a peer is a module with NAME, CURE, find() and receive(samples, folder)
 
@@ -110,7 +110,7 @@ def _stated_place(path: Path) -> np.ndarray | None:
 
 def _simulated(folder: Path) -> Case:
     front_end = FrontEnd(rate_hz=2.6e6, encoding="sign-magnitude", bits=2)
-    scenario = clean(PLACE, START_GPST, receivers=1, duration_s=DURATION_S, front_end=front_end, seed=11)
+    scenario = make_clean(PLACE, START_GPST, receivers=1, duration_s=DURATION_S, front_end=front_end, seed=11)
     (path,) = write(scenario, make_nominal_constellation(START_GPST), folder)
     return Case("a clean sky that skyproof simulates", path, _truth(scenario), ecef_from_geodetic(*PLACE.geodetic_rad))
 
@@ -125,7 +125,7 @@ def _recorded_pair(named: list[str]) -> Iterator[Pair]:
 
 def _simulated_pair(folder: Path) -> Pair:
     front_end = FrontEnd(rate_hz=2.6e6, encoding="sign-magnitude", bits=2)
-    scenario = clean(PLACE, START_GPST, receivers=2, duration_s=DURATION_S, front_end=front_end, seed=12)
+    scenario = make_clean(PLACE, START_GPST, receivers=2, duration_s=DURATION_S, front_end=front_end, seed=12)
     base, rover = write(scenario, make_nominal_constellation(START_GPST), folder)
     places = [ecef_from_geodetic(*receiver.geodetic_rad) for receiver in scenario.receivers]
     return Pair("simulated", "two receivers that skyproof simulates", (base, rover), np.stack(places))
@@ -153,7 +153,7 @@ def _baselines(pair: Pair, folder: Path) -> Iterator[str]:
 
 def _truth(scenario: Scenario) -> Tracks:
     """What a receiver without noise and with a perfect clock would have measured."""
-    sky = scene_of(scenario, make_nominal_constellation(scenario.start_gpst)).skies[0]
+    sky = make_scene(scenario, make_nominal_constellation(scenario.start_gpst)).skies[0]
     true_s = np.arange(0.2, scenario.duration_s, 0.2)
     carrier_s = sky.carrier_delay_s(true_s)
     return Tracks(

@@ -25,7 +25,7 @@ from skyproof.formats.sigmf import open_sigmf
 from skyproof.formats.tables import FIXES_COLUMNS
 from skyproof.formats.verdict import read_verdict
 from skyproof.records import Records
-from skyproof.simulator import parse_scenario, ready_made
+from skyproof.simulator import load_ready_made, parse_scenario
 from skyproof.studies import studies
 from skyproof.testing import MeasuredScene
 
@@ -262,8 +262,8 @@ def test_every_column_of_fixes_and_every_key_for_sigmf_is_described() -> None:
 
 def test_every_ready_made_scene_is_described() -> None:
     page = text_of(DOCS / "scenarios.md")
-    assert [name for name in ready_made() if f"\n| [`{name}`]" not in page] == []
-    assert f"{len(ready_made())} ready-made scenes" in text_of(ROOT / "README.md")
+    assert [name for name in load_ready_made() if f"\n| [`{name}`]" not in page] == []
+    assert f"{len(load_ready_made())} ready-made scenes" in text_of(ROOT / "README.md")
 
 
 # Pages and code

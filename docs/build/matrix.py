@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from skyproof.report.chart import chart_svg
-from skyproof.simulator.scenes import ready
+from skyproof.simulator.scenes import read_ready_made
 from skyproof.studies.base import StudySettings
 from skyproof.studies.protection import matrix
 from skyproof.studies.protection.equipment import EQUIPMENT
@@ -91,7 +91,7 @@ def _metres(value: float | None) -> str:
 
 def sums(rows: Sequence[Row]) -> Iterator[str]:
     good = [row for row in rows if "error" not in row]
-    attacked = [row for row in good if ready(row["scene"]).attacks]
+    attacked = [row for row in good if read_ready_made(row["scene"]).attacks]
     told = sum(row["verdict"] == "spoofed" for row in attacked)
     missed = sum(row["verdict"] == "authentic" or row["no_sign"] for row in attacked)
     false = sum(row["verdict"] == "spoofed" for row in good) - told

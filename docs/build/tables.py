@@ -19,7 +19,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.init.text import write_one_line
 from skyproof.cli import app
 from skyproof.records.policy import numbers_of
-from skyproof.simulator import Site, ready_made
+from skyproof.simulator import Site, load_ready_made
 from skyproof.studies import studies
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -189,14 +189,17 @@ def _cell(text: str) -> str:
 
 def scene_names() -> list[str]:
     """The ready-made scenes, in alphabetical order."""
-    return list(ready_made())
+    return list(load_ready_made())
 
 
 def scenes(link: str) -> str:
     """A table of the ready-made scenes, each with a link, in which {} stands for the name."""
     return _table(
         ("scene", "what happens", "source"),
-        [(f"[`{name}`]({link.format(name)})", _cell(one.title), _source(one)) for name, one in ready_made().items()],
+        [
+            (f"[`{name}`]({link.format(name)})", _cell(one.title), _source(one))
+            for name, one in load_ready_made().items()
+        ],
     )
 
 

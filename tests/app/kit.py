@@ -13,9 +13,9 @@ from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import Fix, NavigationData, Observations
 from skyproof.simulator.files import write
-from skyproof.simulator.measurements import NoiseModel, observations_of
+from skyproof.simulator.measurements import NoiseModel, simulate_observations
 from skyproof.simulator.scenario import FrontEnd, Scenario, ScenePlace, SceneReceiver, Sky
-from skyproof.simulator.sky import ReceiverSky, Scene, scene_of
+from skyproof.simulator.sky import ReceiverSky, Scene, make_scene
 from skyproof.studies.protection.score import false_labels, true_labels
 
 START = np.datetime64("2024-05-14T09:59:58", "ns")  # two seconds before subframe 1
@@ -128,7 +128,7 @@ def record(scenario: Scenario, folder: Path, *, navigation: NavigationData | Non
     navigation = navigation or make_nominal_constellation(scenario.start_gpst)
     paths = write(scenario, navigation, folder)
     write_nav(folder / "broadcast.rnx", navigation)
-    return Recorded(paths, folder / "broadcast.rnx", scene_of(scenario, navigation))
+    return Recorded(paths, folder / "broadcast.rnx", make_scene(scenario, navigation))
 
 
 def protected(scenario: Scenario, folder: Path, *, with_nav: bool = True, **options: object) -> "Judged":
@@ -187,4 +187,4 @@ def measured(duration_s: float) -> tuple[NavigationData, tuple[Observations, ...
     scenario = scenario_of(duration_s=duration_s)
     navigation = make_nominal_constellation(scenario.start_gpst)
     noise = NoiseModel(sigma_m=1.0, ar1=0.9, constant_m=0.5)
-    return navigation, observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)[0]
+    return navigation, simulate_observations(scenario, navigation, rng=np.random.default_rng(3), noise=noise)[0]

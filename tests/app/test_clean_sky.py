@@ -15,8 +15,8 @@ from skyproof.app.receive.tracker import track
 from skyproof.fusion.fuse import fuse
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import scenes
-from skyproof.simulator.measurements import NoiseModel, observations_of
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.measurements import NoiseModel, simulate_observations
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
 
 
@@ -38,7 +38,7 @@ def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, in
         place, start = anywhere(rng)
         baseline_m = float(rng.uniform(20.0, 200.0))
         settings = Settings(antenna_distance_m=baseline_m if number % 2 else None)
-        scenario = scenes.clean(
+        scenario = scenes.make_clean(
             place,
             start,
             duration_s=61.0,
@@ -50,7 +50,7 @@ def clean_windows_by_measurement(n_scenes: int, seed: int) -> tuple[int, int, in
         )
         navigation = make_nominal_constellation(start)
         noise = NoiseModel(sigma_m=0.7, ar1=float(rng.choice([0.0, 0.9])), constant_m=1.0)
-        observed, _ = observations_of(scenario, navigation, rng=rng, noise=noise)
+        observed, _ = simulate_observations(scenario, navigation, rng=rng, noise=noise)
         session = open_session([WholeSource(o) for o in observed], navigation, settings)
         evidence, sets, _ = examine_all(session, Silent())
         decision = fuse(evidence, observed, sets)
@@ -78,7 +78,7 @@ def protect_in_memory(scenario, baseline_m=None):
     """Verdict's decision on a scene rendered to samples, without files."""
     navigation = make_nominal_constellation(scenario.start_gpst)
     settings = Settings(antenna_distance_m=baseline_m)
-    trackers, _ = track(samples_of(scenario, navigation), settings, asked=asked())
+    trackers, _ = track(render_samples(scenario, navigation), settings, asked=asked())
     receptions: list[Reception] = [observe(tracker, navigation) for tracker in trackers]
     outcome, _ = judge(receptions, navigation, settings, Silent())
     return outcome
@@ -92,7 +92,7 @@ def test_two_hundred_windows_of_clean_samples_bear_no_false_label():
     for number in range(34):
         place, start = anywhere(rng)
         baseline_m = float(rng.uniform(30.0, 150.0))
-        scenario = scenes.clean(
+        scenario = scenes.make_clean(
             place,
             start,
             duration_s=60.5,
@@ -126,9 +126,9 @@ def test_grids_of_clean_samples_raise_no_alarm(kind):
     p_values = []
     for number in range(4):
         place, start = anywhere(rng)
-        scenario = scenes.clean(place, start, duration_s=24.5, receivers=1, seed=number, mask_deg=8.0)
+        scenario = scenes.make_clean(place, start, duration_s=24.5, receivers=1, seed=number, mask_deg=8.0)
         if kind == "reflections":
-            scenario = scenes.ready("multipath")
+            scenario = scenes.read_ready_made("multipath")
             receivers = scenario.receivers[number % 2 : number % 2 + 1]
             scenario = scenario.model_copy(update={"seed": number, "duration_s": 24.5, "receivers": receivers})
         else:

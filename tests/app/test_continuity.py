@@ -16,7 +16,7 @@ from skyproof.detectors.continuity.detector import Continuity
 from skyproof.detectors.registry import load_detectors
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import OBSERVABLES, NavigationData, Samples
-from skyproof.simulator.measurements import NoiseModel, observations_of
+from skyproof.simulator.measurements import NoiseModel, simulate_observations
 from skyproof.simulator.scenario import FrontEnd
 
 EPOCH_S = 0.2
@@ -55,7 +55,9 @@ def pair():
     scenario = kit.scenario_of(duration_s=35.0)
     navigation = make_nominal_constellation(scenario.start_gpst)
     noise = NoiseModel(sigma_m=1.5, carrier_sigma_cyc=0.01, doppler_sigma_hz=0.3)
-    observed, _ = observations_of(scenario, navigation, rng=np.random.default_rng(1), interval_s=EPOCH_S, noise=noise)
+    observed, _ = simulate_observations(
+        scenario, navigation, rng=np.random.default_rng(1), interval_s=EPOCH_S, noise=noise
+    )
     return observed, navigation
 
 

@@ -21,10 +21,10 @@ from skyproof.navigation.sets import find_consistent_sets
 from skyproof.records import CellStatus, Records, SignalRef
 from skyproof.simulator.attacks import Spoofer
 from skyproof.simulator.kinds import Kind
-from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
-from skyproof.simulator.nominal_systems import nominal_systems
+from skyproof.simulator.measurements import NoiseModel, draw, make_ideal_measurements
+from skyproof.simulator.nominal_systems import make_nominal_systems
 from skyproof.simulator.scenario import Scenario, ScenePlace, SceneReceiver
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 TWO_BANDS = (("G", "L1", "CA"), ("G", "L2", "L"))
 THREE_SYSTEMS = (("G", "L1", "CA"), ("E", "E1", "C"), ("C", "B1", "2I"))
@@ -56,7 +56,7 @@ def sky(
     the true ones are not received.
     """
     rng = rng or np.random.default_rng(1)
-    truth = nominal_systems(start + np.timedelta64(round(0.5e9 * duration_s), "ns"))
+    truth = make_nominal_systems(start + np.timedelta64(round(0.5e9 * duration_s), "ns"))
     degrees = 111_200.0 * np.cos(np.radians(place[0]))
     scenario = Scenario(
         seed=int(rng.integers(1 << 30)),
@@ -79,8 +79,8 @@ def sky(
     )
     sent = [Kind(*kind, {name: float(10.0 * rng.standard_normal()) for name in NAMES}) for kind in kinds]
     systems = {kind[0] for kind in kinds}
-    scene = scene_of(scenario, truth, sats=[e.sat for e in truth.ephemerides if e.sat[0] in systems])
-    geometries = ideal_measurements_of(scene, interval_s=interval_s, kinds=sent)
+    scene = make_scene(scenario, truth, sats=[e.sat for e in truth.ephemerides if e.sat[0] in systems])
+    geometries = make_ideal_measurements(scene, interval_s=interval_s, kinds=sent)
     observed, labels = draw(geometries, rng=rng, noise=noise or NoiseModel(sigma_m=0.5, constant_m=0.5))
     if attacks:
         observed = tuple(one_of_two(o, labels, false) for o in observed)

@@ -10,7 +10,7 @@ from skyproof.app.receive.reception import Reception
 from skyproof.app.receive.run import list_signals
 from skyproof.app.scenes.simulate import SimulateResult
 from skyproof.records import Fix, NavigationData, Observations, Samples, SignalId
-from skyproof.simulator.scenes import ready
+from skyproof.simulator.scenes import read_ready_made
 
 NOBODY = NavigationData(ephemerides=(), ionosphere=None, utc=None, source="nothing")
 
@@ -64,7 +64,11 @@ def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> Non
 def test_a_scene_is_shown_with_the_files_that_there_are(tmp_path) -> None:
     (tmp_path / "rx1.obs").write_bytes(bytes(2500))
     made = SimulateResult(
-        scenario=ready("two-antennas"), folder=tmp_path, files=("rx1.obs", "rx2.obs"), recordings=(), observations=()
+        scenario=read_ready_made("two-antennas"),
+        folder=tmp_path,
+        files=("rx1.obs", "rx2.obs"),
+        recordings=(),
+        observations=(),
     )
     shown = made._repr_html_()
     for reported in ("Scene two-antennas", "receivers: rx1, rx2; attacks: spoofer.", "rx1.obs", "2.5 kB"):

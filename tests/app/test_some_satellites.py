@@ -8,8 +8,8 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.protect import judge
 from skyproof.app.protect.document import document
 from skyproof.gnss.nominal import make_nominal_constellation
-from skyproof.simulator.scenes import ready
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.scenes import read_ready_made
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
 
@@ -20,9 +20,9 @@ def heard():
 
     def heard(name):
         if name not in made:
-            scenario = ready(name).model_copy(update={"duration_s": 56.0})
+            scenario = read_ready_made(name).model_copy(update={"duration_s": 56.0})
             navigation = make_nominal_constellation(scenario.start_gpst)
-            scene = scene_of(scenario, navigation)
+            scene = make_scene(scenario, navigation)
             own = model_receptions(scene, ChannelNoise(code_m=0.5), rng=np.random.default_rng(1))
             made[name] = own, navigation
         return made[name]

@@ -11,7 +11,7 @@ from skyproof import cli
 from skyproof.cli import demo as demo_command
 from skyproof.formats.verdict import write_verdict_json
 from skyproof.report.what_now import Advice, what_now
-from skyproof.simulator.scenes import ready, ready_made
+from skyproof.simulator.scenes import load_ready_made, read_ready_made
 from skyproof.verdict import Verdict
 
 
@@ -89,7 +89,7 @@ def test_simulate_says_what_was_made_and_how_to_make_it_again(app: App, capsys: 
     assert cli.main(["simulate", "takeover", "--out", "d"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "takeover"
-    assert ready("takeover").description.startswith(lines[1].strip())
+    assert read_ready_made("takeover").description.startswith(lines[1].strip())
     assert [line for line in lines if line.startswith("recording:")] == [f"recording: d/rx{k}.bin" for k in range(1, 9)]
     assert lines[-4:-1] == ["  and 2 more", "observations: d/rx1.obs", "truth: d/truth.json"]
     assert lines[-1].endswith(": skyproof simulate --out FOLDER d/scenario.toml")
@@ -108,10 +108,10 @@ def test_simulate_prints_the_same_as_one_document(app: App, capsys: pytest.Captu
 def test_the_ready_made_scenes_are_listed_with_a_sentence_each(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["simulate", "--list"]) == 0
     out = " ".join(capsys.readouterr().out.split())
-    assert all(name in out for name in ready_made())
-    assert " ".join(ready("multipath").description.split())[:30] in out
+    assert all(name in out for name in load_ready_made())
+    assert " ".join(read_ready_made("multipath").description.split())[:30] in out
     assert cli.main(["simulate", "--list", "--json"]) == 0
-    assert len(json.loads(capsys.readouterr().out)["scenes"]) == len(ready_made())
+    assert len(json.loads(capsys.readouterr().out)["scenes"]) == len(load_ready_made())
     assert not app.calls
 
 

@@ -18,7 +18,7 @@ from skyproof.app.verify import FileState, Verified
 from skyproof.errors import IncompleteOutput
 from skyproof.formats.verdict import read_verdict
 from skyproof.report.chart import Axes
-from skyproof.simulator.scenes import ready
+from skyproof.simulator.scenes import read_ready_made
 from skyproof.studies.base import Claim, Study
 from skyproof.verdict import Verdict
 
@@ -84,7 +84,7 @@ class App:
             folder = options["out"]
             recordings, names = tuple(folder / f"rx{k}.bin" for k in range(1, 11)), ("rx1.bin", "truth.json")
             return SimulateResult(
-                scenario=ready("takeover"),
+                scenario=read_ready_made("takeover"),
                 folder=folder,
                 files=names,
                 recordings=recordings,

@@ -12,13 +12,13 @@ from tests.written import write_table
 from skyproof.errors import InputError
 from skyproof.formats.imu import COLUMNS, read_imu
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.simulator.inertial import inertial
+from skyproof.simulator.inertial import simulate_inertial
 from skyproof.simulator.motion import AlongMotion
-from skyproof.simulator.trajectories import circle, static, way_points
+from skyproof.simulator.trajectories import make_circle, make_static, make_way_points
 
 START = np.datetime64("2022-01-01T10:29:58", "ns")
 HOME = ecef_from_geodetic(0.9, 0.2, 100.0)
-ROUND = circle(HOME, 300.0, 30.0)
+ROUND = make_circle(HOME, 300.0, 30.0)
 RANDOM = np.random.default_rng(5)
 
 
@@ -27,7 +27,7 @@ def road():
     lat = 0.9 + np.array([0, 20, 20, 60, 60, 120, 130]) * 1e-6
     lon = 0.2 + np.array([0, 0, 40, 40, 90, 90, 150]) * 1e-6
     height = 100.0 + np.array([0, 6, 12, 4, 0, 9, 3])
-    return way_points(
+    return make_way_points(
         ecef_from_geodetic(lat, lon, height),
         12.0,
         lateral_m_s2=3.0,
@@ -38,7 +38,7 @@ def road():
 
 
 def readings(motion=ROUND, rate_hz=50.0, duration_s=4.0, grade="tactical", **more):
-    unit = inertial(motion.at, rate_hz=rate_hz, duration_s=duration_s, grade=grade, zero_gpst=START, **more)
+    unit = simulate_inertial(motion.at, rate_hz=rate_hz, duration_s=duration_s, grade=grade, zero_gpst=START, **more)
     return unit.read(0, unit.n_samples)
 
 
@@ -137,7 +137,7 @@ def test_readings_that_a_logger_repeats_count_once(tmp_path_factory, polled_s, s
 
 
 def test_a_body_at_rest_that_reads_the_same_for_ever_keeps_its_rows(tmp_path):
-    series = readings(static(HOME), grade=None)
+    series = readings(make_static(HOME), grade=None)
     rows = table(series)
     for name in COLUMNS:
         rows[name] = np.full(series.gpst.size, rows[name][0])
@@ -215,7 +215,7 @@ def test_accelerations_in_other_units_are_noticed(tmp_path, factor, words):
 
 
 def test_accelerations_without_gravity_are_noticed(tmp_path):
-    columns = table(readings(static(HOME)))
+    columns = table(readings(make_static(HOME)))
     columns["accel_z_m_s2"] = columns["accel_z_m_s2"] + 9.81
     with pytest.raises(InputError, match=r"expected .*\b9\.8\b"):
         read_imu(written(tmp_path, columns))
@@ -256,7 +256,7 @@ def test_gyros_that_turn_the_wrong_way_are_noticed(tmp_path):
         read_imu(written(tmp_path, mirrored))
 
 
-@pytest.mark.parametrize("motion", [static(HOME), ROUND, road()], ids=["at rest", "round", "road"])
+@pytest.mark.parametrize("motion", [make_static(HOME), ROUND, road()], ids=["at rest", "round", "road"])
 def test_what_is_right_is_never_refused(tmp_path, motion):
     """Consumer noise, too: at rest the gyros' noise says nothing of units."""
     for seed in range(6):

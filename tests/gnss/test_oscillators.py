@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.oscillators import OSCILLATORS, PLATFORM_CLASSES, compute_clock_step
-from skyproof.simulator.clocks import clock
+from skyproof.simulator.clocks import make_clock
 
 
 @pytest.mark.parametrize("name", sorted(set(PLATFORM_CLASSES.values()) | {"tcxo-good"}))
@@ -32,7 +32,7 @@ def test_clocks_are_off_as_far_as_predicted(name, least):
     """From the phase at two times 5 s apart to 30 s later; flicker noise is over-stated by design."""
     squares = []
     for seed in range(60):
-        phase = clock(name, seed=seed, duration_s=40.0).offset_s(np.array([0.0, 5.0, 35.0]))
+        phase = make_clock(name, seed=seed, duration_s=40.0).offset_s(np.array([0.0, 5.0, 35.0]))
         slope = (phase[1] - phase[0]) / 5.0
         _, noise = compute_clock_step(OSCILLATORS[name], 5.0)
         moves, later = compute_clock_step(OSCILLATORS[name], 30.0)

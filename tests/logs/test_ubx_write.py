@@ -16,11 +16,11 @@ from skyproof.logs.orbits import OrbitCollector
 from skyproof.logs.stream import read_log
 from skyproof.logs.ubx_write import ubx_frame, ubx_log
 from skyproof.records import CellStatus, Observations, ReceiverFixes, SignalId
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.measurements import observations_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.measurements import simulate_observations
 from skyproof.simulator.ordinary import follow_strongest
-from skyproof.simulator.scenes import ready
-from skyproof.simulator.standalone import overridden
+from skyproof.simulator.scenes import read_ready_made
+from skyproof.simulator.standalone import override
 
 SIGNALS = (
     SignalId("C30", "B1", "2I"),
@@ -36,9 +36,9 @@ SIGNALS = (
 
 @pytest.fixture(scope="module")
 def scene():
-    made = overridden(ready("clean"), seed=None, duration_s=50.0)
-    navigation = navigation_of(made)
-    observations, _ = observations_of(made, navigation, rng=np.random.default_rng(1))
+    made = override(read_ready_made("clean"), seed=None, duration_s=50.0)
+    navigation = make_navigation(made)
+    observations, _ = simulate_observations(made, navigation, rng=np.random.default_rng(1))
     return observations[0], navigation
 
 

@@ -12,10 +12,10 @@ from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.alignment import align_moving, heading_sigma_rad
 from skyproof.navigation.ins import ATTITUDE, InsSettings
-from skyproof.simulator.trajectories import las_vegas
+from skyproof.simulator.trajectories import make_las_vegas
 
 DRIVING = perfect(ROUND, 10.0)
-STRAIGHT = las_vegas()
+STRAIGHT = make_las_vegas()
 
 
 def settings_of(name):

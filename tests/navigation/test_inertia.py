@@ -17,11 +17,14 @@ from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.inertia import GAP_S, TURN_MOST_RAD, FreeRun, begin_free_run, coast, measure_apparent_tilt_rad
 from skyproof.navigation.strapdown import navigate_paths
 from skyproof.records import ImuSeries, NavState
-from skyproof.simulator.inertial import ImuErrors, inertial
-from skyproof.simulator.trajectories import circle, static
+from skyproof.simulator.inertial import ImuErrors, simulate_inertial
+from skyproof.simulator.trajectories import make_circle, make_static
 
 HOME = ecef_from_geodetic(0.9, 0.2, 100.0)
-MOTIONS = {"at rest": static(HOME, heading_rad=0.5, pitch_rad=0.1, roll_rad=-0.2), "round": circle(HOME, 300.0, 30.0)}
+MOTIONS = {
+    "at rest": make_static(HOME, heading_rad=0.5, pitch_rad=0.1, roll_rad=-0.2),
+    "round": make_circle(HOME, 300.0, 30.0),
+}
 START_SIGMA = np.repeat([1.0, 0.1, np.radians(0.5)], 3)  # m, m/s, rad
 EXACT = replace(
     GRADES["navigation"],
@@ -50,7 +53,7 @@ def truth(motion, seconds, covariance=None):
 
 
 def readings(motion, rate_hz=50.0, duration_s=10.0, **more):
-    unit = inertial(motion.at, rate_hz=rate_hz, duration_s=duration_s, **more)
+    unit = simulate_inertial(motion.at, rate_hz=rate_hz, duration_s=duration_s, **more)
     return unit.read(0, unit.n_samples)
 
 

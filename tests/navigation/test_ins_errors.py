@@ -15,12 +15,12 @@ from skyproof.navigation.ins_errors import (
 )
 from skyproof.navigation.strapdown import navigate_paths
 from skyproof.records import NavState
-from skyproof.simulator.inertial import ImuErrors, inertial
-from skyproof.simulator.trajectories import las_vegas, way_points
+from skyproof.simulator.inertial import ImuErrors, simulate_inertial
+from skyproof.simulator.trajectories import make_las_vegas, make_way_points
 
 SECONDS = np.arange(0.0, 234.0)
 LABELS = GPS_EPOCH + SECONDS.astype("timedelta64[s]")
-APPROACH = las_vegas()
+APPROACH = make_las_vegas()
 MOTION = APPROACH.at(SECONDS)
 PATH = NavState(
     gpst=LABELS,
@@ -104,7 +104,7 @@ def test_drifts_are_those_of_the_guide(grade, start, east_m, up_m):
 
 def drifting_units(n, grade, rng, **start):
     """Errors of position and attitude of n units after the approach, at 2 Hz."""
-    unit = inertial(APPROACH.at, rate_hz=2.0, duration_s=233.0)
+    unit = simulate_inertial(APPROACH.at, rate_hz=2.0, duration_s=233.0)
     true = unit.read(0, unit.n_samples)
     wrong = np.stack([_errors(grade, k, unit.n_samples) for k in range(n)])
     return navigate_paths(
@@ -142,8 +142,8 @@ def test_units_drift_as_the_model_says():
 def test_units_of_wrong_gains_drift_as_the_model_says_on_a_way_with_turns():
     """Errors of scale and alignment alone, of 1 % each, over 24 s of a way that turns left and right."""
     grade = replace(NONE, accelerometer_scale=0.01, gyro_scale=0.01, misalignment_rad=0.01)
-    motion = way_points(ecef_from_geodetic(0.9 + 7e-6 * WINDING[:, 0], 0.2 + 7e-6 * WINDING[:, 1], 0.0), 4.0)
-    exact = inertial(motion.at, rate_hz=50.0, duration_s=24.0)
+    motion = make_way_points(ecef_from_geodetic(0.9 + 7e-6 * WINDING[:, 0], 0.2 + 7e-6 * WINDING[:, 1], 0.0), 4.0)
+    exact = simulate_inertial(motion.at, rate_hz=50.0, duration_s=24.0)
     true = exact.read(0, exact.n_samples)
     at = motion.at(np.arange(0.0, 24.01, 0.5))
     path = NavState(

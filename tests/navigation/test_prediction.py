@@ -11,7 +11,7 @@ from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.nav_estimate import NavEstimate, estimate_from_parts
 from skyproof.navigation.prediction import choose, fit_p_value, predict_standing
-from skyproof.simulator.clocks import clock
+from skyproof.simulator.clocks import make_clock
 
 HOME = np.array([3.8e6, 7.9e5, 5.0e6])
 
@@ -134,7 +134,7 @@ def test_a_push_of_the_clock_alone_is_recognized_by_the_oscillator():
 def test_a_standing_receivers_clock_is_where_its_class_says():
     squares, later = [], GPS_EPOCH + np.timedelta64(20, "s")
     for seed in range(20):
-        drawn = clock("ocxo", seed=seed, duration_s=30.0)
+        drawn = make_clock("ocxo", seed=seed, duration_s=30.0)
         offset, drift = drawn.offset_s(np.array([0.0, 20.0])), drawn.drift(np.zeros(1))[0]
         last = estimate_from_parts(
             GPS_EPOCH,

@@ -10,7 +10,7 @@ from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.nav_estimate import KNOWN, NavEstimate
 from skyproof.navigation.predictor import SkyFix, Standing, place_surveyed
-from skyproof.simulator.clocks import clock
+from skyproof.simulator.clocks import make_clock
 
 HOME = np.array([3.8e6, 7.9e5, 5.0e6])
 ROWS = np.array([0, 1, 2, 6])
@@ -86,7 +86,7 @@ def test_clocks_are_where_their_class_says(name, draws):
     squares, rng = [], np.random.default_rng(5)
     root = float(np.sqrt(COVARIANCE[3, 3]))
     for seed in range(draws):
-        drawn, known = clock(name, seed=seed, duration_s=120.0), standing(name, stands=False)
+        drawn, known = make_clock(name, seed=seed, duration_s=120.0), standing(name, stands=False)
         offset_m = SPEED_OF_LIGHT_M_S * drawn.offset_s(np.array([5.0, 15.0, 25.0, 85.0]))
         for at_s, clock_m in zip((5.0, 15.0, 25.0), offset_m[:3], strict=True):
             known = known.learned(shown(at_s, clock_m=clock_m + root * rng.standard_normal()))

@@ -8,8 +8,8 @@ from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.time import GPS_EPOCH, seconds_between
 from skyproof.navigation.strapdown import navigate, navigate_paths
 from skyproof.records import ImuSeries, NavState
-from skyproof.simulator.inertial import inertial
-from skyproof.simulator.trajectories import circle, las_vegas, way_points
+from skyproof.simulator.inertial import simulate_inertial
+from skyproof.simulator.trajectories import make_circle, make_las_vegas, make_way_points
 
 
 def first(motion):
@@ -26,24 +26,24 @@ def corners():
     lat = np.radians([36.0, 36.05, 36.05, 36.1, 36.1, 36.2])
     lon = np.radians([-115.2, -115.2, -115.12, -115.12, -115.2, -115.2])
     points = ecef_from_geodetic(lat, lon, np.array([1000.0, 1000.0, 1300.0, 1300.0, 1000.0, 1000.0]))
-    return way_points(points, 100.0, lateral_m_s2=6.0, from_rest=False, to_rest=False)
+    return make_way_points(points, 100.0, lateral_m_s2=6.0, from_rest=False, to_rest=False)
 
 
-ROUND = circle(ecef_from_geodetic(0.6, -2.0, 500.0), 500.0, 50.0)
+ROUND = make_circle(ecef_from_geodetic(0.6, -2.0, 500.0), 500.0, 50.0)
 
 
 @pytest.mark.parametrize(
     ("trajectory", "rate_hz", "within_m"),
     [
-        (las_vegas(), 100.0, 1e-3),
-        (las_vegas(), 10.0, 1e-3),
+        (make_las_vegas(), 100.0, 1e-3),
+        (make_las_vegas(), 10.0, 1e-3),
         (ROUND, 10.0, 1e-3),
         (ROUND, 100.0, 1e-3),
         (corners(), 100.0, 3e-3),
     ],
 )
 def test_error_free_readings_return_the_trajectory_to_millimetres_over_233_s(trajectory, rate_hz, within_m):
-    unit = inertial(trajectory.at, rate_hz=rate_hz, duration_s=233.0)
+    unit = simulate_inertial(trajectory.at, rate_hz=rate_hz, duration_s=233.0)
     found = navigate(first(trajectory.at([0.0])), unit.read(0, unit.n_samples))
     time_s = seconds_between(found.gpst, GPS_EPOCH)
     truth = trajectory.at(time_s)
@@ -54,7 +54,7 @@ def test_error_free_readings_return_the_trajectory_to_millimetres_over_233_s(tra
 
 
 def test_a_run_in_pieces_gives_the_whole():
-    unit = inertial(ROUND.at, rate_hz=50.0, duration_s=20.0)
+    unit = simulate_inertial(ROUND.at, rate_hz=50.0, duration_s=20.0)
     whole = navigate(first(ROUND.at([0.0])), unit.read(0, 1000))
     half = navigate(first(ROUND.at([0.0])), unit.read(0, 500))
     rest = navigate(half, unit.read(500, 500))
@@ -83,7 +83,7 @@ def test_coning_is_taken_from_two_intervals():
 
 
 def test_many_units_at_once_are_each_as_alone():
-    unit = inertial(ROUND.at, rate_hz=20.0, duration_s=10.0)
+    unit = simulate_inertial(ROUND.at, rate_hz=20.0, duration_s=10.0)
     series = unit.read(0, 200)
     rng = np.random.default_rng(1)
     force = series.specific_force_m_s2 + 0.01 * rng.standard_normal((2, 3, 200, 3))

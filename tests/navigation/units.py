@@ -11,12 +11,12 @@ from skyproof.gnss.time import GPS_EPOCH
 from skyproof.navigation.ins import SIZE, InsState
 from skyproof.navigation.nav_estimate import NavEstimate, estimate_from_parts
 from skyproof.records import ImuSeries, NavState
-from skyproof.simulator.inertial import inertial
-from skyproof.simulator.trajectories import circle, static
+from skyproof.simulator.inertial import simulate_inertial
+from skyproof.simulator.trajectories import make_circle, make_static
 
 HOME = ecef_from_geodetic(0.9, 0.2, 100.0)
-ROUND = circle(HOME, 300.0, 30.0)
-REST = static(HOME, heading_rad=0.5, pitch_rad=0.1, roll_rad=-0.2)
+ROUND = make_circle(HOME, 300.0, 30.0)
+REST = make_static(HOME, heading_rad=0.5, pitch_rad=0.1, roll_rad=-0.2)
 ARM = np.array([0.5, 0.2, -1.0])
 
 
@@ -25,7 +25,7 @@ def label(seconds):
 
 
 def perfect(motion, duration_s, rate_hz=20.0, start_s=0.0):
-    unit = inertial(motion.at, rate_hz=rate_hz, duration_s=duration_s, start_s=start_s)
+    unit = simulate_inertial(motion.at, rate_hz=rate_hz, duration_s=duration_s, start_s=start_s)
     return unit.read(0, unit.n_samples)
 
 

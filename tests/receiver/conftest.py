@@ -5,9 +5,9 @@ import pytest
 
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import scenes
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
-from skyproof.simulator.sky import Scene, scene_of
+from skyproof.simulator.sky import Scene, make_scene
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 PLACE = ScenePlace(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
@@ -20,8 +20,8 @@ class Rendered:
         self.receiver = receiver
         self.scenario = scenario
         self.navigation = make_nominal_constellation(scenario.start_gpst)
-        self.scene: Scene = scene_of(scenario, self.navigation)
-        self.samples = samples_of(scenario, self.navigation)[receiver]
+        self.scene: Scene = make_scene(scenario, self.navigation)
+        self.samples = render_samples(scenario, self.navigation)[receiver]
         self.planes = self.samples.read(0, self.samples.n_samples)
 
 
@@ -30,7 +30,7 @@ def clean() -> Rendered:
     """15 s of clean sky, two-bit samples: long enough for the time of week."""
     front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
     return Rendered(
-        scenes.clean(
+        scenes.make_clean(
             PLACE,
             START,
             duration_s=15.0,
@@ -47,4 +47,4 @@ def clean() -> Rendered:
 @pytest.fixture(scope="session")
 def meaconed() -> Rendered:
     """6 s under a meaconer from 2 s on."""
-    return Rendered(scenes.meaconed(duration_s=6.0, onset_s=2.0, seed=5))
+    return Rendered(scenes.make_meaconed(duration_s=6.0, onset_s=2.0, seed=5))

@@ -15,9 +15,9 @@ from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.observables import assemble_array_phases
 from skyproof.receiver.tracking import Receiver, ReceiverState
 from skyproof.records import AntennaArray
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, Scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 ELEMENTS_M = ((0.0, 0.0, 0.0), (0.19, 0.0, 0.0), (0.095, 0.165, 0.0))
 LINE_BIAS_CYC = (0.0, 0.21, -0.34)
@@ -45,8 +45,8 @@ class Array:
             front_end=FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=2.1e6, encoding="int", bits=8),
         )
         navigation = make_nominal_constellation(START)
-        self.skies = scene_of(scenario, navigation).skies
-        self.planes = np.stack([plane.read(0, plane.n_samples) for plane in samples_of(scenario, navigation)])
+        self.skies = make_scene(scenario, navigation).skies
+        self.planes = np.stack([plane.read(0, plane.n_samples) for plane in render_samples(scenario, navigation)])
 
     def carrier_cyc(self, antenna, sat, elapsed_s):
         """True accumulated carrier phase, but for what all antennas and satellites share."""

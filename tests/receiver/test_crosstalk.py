@@ -14,7 +14,7 @@ from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.crosstalk import POINTS, autocorrelate_period, take_out
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulator.ideal import SignalDelays, ideal_signals
+from skyproof.simulator.ideal import SignalDelays, make_ideal_signals
 from skyproof.simulator.samples import BLOCK, render
 from skyproof.simulator.scenario import FrontEnd
 
@@ -39,7 +39,7 @@ def errors_of_the_weaker(apart_chips, stronger_db, apart_hz, *, same_bits=True):
     delay_s = 0.07 + np.array([0.0, apart_chips * CHIP_S + apart_hz / GPS_L1_CA.carrier_hz * middle_s])
     motion = SignalDelays(delay_s=delay_s, doppler_hz=doppler_hz)
     levels = WEAK_DBHZ + np.array([0.0, stronger_db])
-    rendering = ideal_signals([SAT, SAT], motion, levels, FRONT_END, duration_s=SETTLED_S + SPREAD_S + 0.1, seed=7)
+    rendering = make_ideal_signals([SAT, SAT], motion, levels, FRONT_END, duration_s=SETTLED_S + SPREAD_S + 0.1, seed=7)
     if same_bits:
         rendering = replace(rendering, carried=np.zeros(2, np.int64))
     receiver = Receiver(FRONT_END.rate_hz, 0.0, ReceiverSettings(sats=(), near_search_s=1e9))

@@ -12,7 +12,7 @@ from skyproof.receiver.acquisition import Peak
 from skyproof.receiver.discriminator import compute_discriminator
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulator.ideal import SignalDelays, ideal_signals
+from skyproof.simulator.ideal import SignalDelays, make_ideal_signals
 from skyproof.simulator.samples import BLOCK, render
 from skyproof.simulator.scenario import FrontEnd
 
@@ -23,7 +23,7 @@ SETTLED_S = 2.6
 
 def follow_signal(sats, motion, cn0_dbhz, *, duration_s, front_end=FRONT_END, noise=True, beside_hz=2.0, **settings):
     """Receiver and final state of channels started by hand beside their signals, and the rows of each satellite."""
-    rendering = ideal_signals(sats, motion, cn0_dbhz, front_end, duration_s=duration_s, seed=11)
+    rendering = make_ideal_signals(sats, motion, cn0_dbhz, front_end, duration_s=duration_s, seed=11)
     wanted = replace(ReceiverSettings(), sats=(), near_search_s=1e9, **settings)
     receiver, state = Receiver(front_end.rate_hz, 0.0, wanted), ReceiverState()
     for sat, delay_s, doppler_hz in zip(sats, motion.delay_s, motion.doppler_hz, strict=True):

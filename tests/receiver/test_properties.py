@@ -12,7 +12,7 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.receiver import measurement as m
 from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.tracking import Receiver, ReceiverSettings, ReceiverState
-from skyproof.simulator import FrontEnd, ScenePlace, clean, samples_of
+from skyproof.simulator import FrontEnd, ScenePlace, make_clean, render_samples
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 RATE_HZ = 2_600_000
@@ -51,7 +51,7 @@ class Heard:
 @pytest.fixture(scope="module")
 def planes():
     """A clean sky of the five highest satellites, two-bit samples."""
-    scenario = clean(
+    scenario = make_clean(
         ScenePlace(lat_deg=48.1, lon_deg=11.6, height_m=500.0),
         START,
         duration_s=DURATION_S,
@@ -62,7 +62,7 @@ def planes():
         seed=3,
         front_end=FrontEnd(rate_hz=RATE_HZ, encoding="sign-magnitude", bits=2),
     )
-    samples = samples_of(scenario, make_nominal_constellation(START))[0]
+    samples = render_samples(scenario, make_nominal_constellation(START))[0]
     return samples.read(0, samples.n_samples)
 
 

@@ -183,7 +183,7 @@ def wrap_cycles(cycles):
 def pair():
     """Two receivers 60 m apart, from two seconds before a subframe on."""
     front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
-    scenario = scenes.clean(PLACE, START, duration_s=4.2, receivers=2, mask_deg=25.0, front_end=front_end, seed=3)
+    scenario = scenes.make_clean(PLACE, START, duration_s=4.2, receivers=2, mask_deg=25.0, front_end=front_end, seed=3)
     return [Rendered(scenario, receiver) for receiver in (0, 1)]
 
 

@@ -14,9 +14,9 @@ from skyproof.gnss.orbits import compute_satellite_state
 from skyproof.gnss.sky import compute_azimuth_elevation
 from skyproof.recording.survey import DOPPLER_LIMIT_HZ, Survey, estimate_oscillator_error, survey_recorder
 from skyproof.simulator import scenes
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
 PLACE = ScenePlace(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
@@ -26,7 +26,7 @@ TWO_BIT_REAL = {"kind": "real", "encoding": "sign-magnitude", "bits": 2}
 
 def recorded(rate_hz, *, duration_s=0.1, seed=0, **front_end):
     """A clean sky in memory, and its satellites as a search would give them, by the truth."""
-    scenario = scenes.clean(
+    scenario = scenes.make_clean(
         PLACE,
         START,
         duration_s=duration_s,
@@ -36,7 +36,7 @@ def recorded(rate_hz, *, duration_s=0.1, seed=0, **front_end):
         front_end=FrontEnd(rate_hz=rate_hz, **front_end),
     )
     navigation = make_nominal_constellation(START)
-    samples, sky = samples_of(scenario, navigation)[0], scene_of(scenario, navigation).skies[0]
+    samples, sky = render_samples(scenario, navigation)[0], make_scene(scenario, navigation).skies[0]
     late_s = sky.true_minus_elapsed_s(0.0)
     delays_s, rates = sky.code_delay_s(late_s), sky.carrier_delay_rate(late_s)
     heard = [

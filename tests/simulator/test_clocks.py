@@ -10,15 +10,15 @@ from scipy import stats
 
 from skyproof.errors import ScenarioError
 from skyproof.gnss.oscillators import OSCILLATORS, Oscillator
-from skyproof.simulator.clocks import BLOCK, LEAD_S, STEP_S, Clock, clock
+from skyproof.simulator.clocks import BLOCK, LEAD_S, STEP_S, Clock, make_clock
 from skyproof.statistics.allan import allan_deviation
 
-TCXO = clock("tcxo", 1e-4, 2e-6, seed=5, duration_s=40.0)
+TCXO = make_clock("tcxo", 1e-4, 2e-6, seed=5, duration_s=40.0)
 NOISY = ["tcxo", "tcxo-good", "ocxo", "rubidium", "caesium", "csac"]
 
 
 def test_without_noise_it_is_a_straight_line():
-    plain = clock("perfect", -0.25, 3e-6, duration_s=100.0)
+    plain = make_clock("perfect", -0.25, 3e-6, duration_s=100.0)
     t_s = np.array([[-10.0, 0.0], [0.3, 100.0]])
     np.testing.assert_allclose(plain.offset_s(t_s), -0.25 + 3e-6 * t_s, atol=1e-17)
     np.testing.assert_allclose(plain.drift(t_s), 3e-6, rtol=1e-14)
@@ -26,13 +26,13 @@ def test_without_noise_it_is_a_straight_line():
 
 @pytest.mark.parametrize("kind", NOISY)
 def test_at_zero_it_shows_the_offset_asked_for(kind):
-    assert clock(kind, 0.125, -1e-6, seed=3, duration_s=1.0).offset_s(0.0) == 0.125
+    assert make_clock(kind, 0.125, -1e-6, seed=3, duration_s=1.0).offset_s(0.0) == 0.125
 
 
 def test_drift_asked_for_is_the_steady_frequency_at_zero():
     """White noise comes on top: without it, the frequencies at zero of many clocks are what was asked for."""
     walk = Oscillator(walk_hz=1e-20)
-    drifts = np.array([clock(walk, 0.0, 1e-6, seed=seed).drift(0.0) for seed in range(30)])
+    drifts = np.array([make_clock(walk, 0.0, 1e-6, seed=seed).drift(0.0) for seed in range(30)])
     # what is left is the mean over the two steps around zero
     assert np.abs(drifts - 1e-6).max() < 5.0 * np.sqrt(2.0 * np.pi**2 * 1e-20 * STEP_S)
 
@@ -41,9 +41,9 @@ def test_drift_asked_for_is_the_steady_frequency_at_zero():
 @given(cuts=st.lists(st.integers(0, 999), max_size=6), seed=st.integers(0, 3), order=st.randoms())
 def test_the_same_bytes_come_whatever_is_asked_for_and_in_any_order(cuts, seed, order):
     t_s = np.linspace(-LEAD_S, 40.0 + LEAD_S, 1000)
-    want = clock("tcxo", 1e-4, 2e-6, seed, 40.0)
+    want = make_clock("tcxo", 1e-4, 2e-6, seed, 40.0)
     offset_s, drift = want.offset_s(t_s), want.drift(t_s)
-    fresh = clock("tcxo", 1e-4, 2e-6, seed, 40.0)
+    fresh = make_clock("tcxo", 1e-4, 2e-6, seed, 40.0)
     edges = sorted({0, *cuts, 1000})
     pieces = list(pairwise(edges))
     order.shuffle(pieces)
@@ -54,14 +54,14 @@ def test_the_same_bytes_come_whatever_is_asked_for_and_in_any_order(cuts, seed, 
 
 def test_a_longer_clock_begins_like_the_shorter_one():
     t_s = np.linspace(0.0, 40.0, 777)
-    longer = clock("tcxo", 1e-4, 2e-6, seed=5, duration_s=400.0)
+    longer = make_clock("tcxo", 1e-4, 2e-6, seed=5, duration_s=400.0)
     assert longer.offset_s(t_s).tobytes() == TCXO.offset_s(t_s).tobytes()
 
 
 def test_seeds_and_receivers_set_clocks_apart():
     t_s = np.linspace(0.0, 40.0, 41)
     which = [(1, 0), (2, 0), (1, 1), (2, 1)]
-    paths = {clock("tcxo", 0.0, 0.0, seed, 40.0, stream=stream).offset_s(t_s).tobytes() for seed, stream in which}
+    paths = {make_clock("tcxo", 0.0, 0.0, seed, 40.0, stream=stream).offset_s(t_s).tobytes() for seed, stream in which}
     assert len(paths) == 4
 
 
@@ -89,7 +89,7 @@ def test_time_that_it_shows_and_true_time_undo_each_other():
 def test_an_oscillator_that_is_too_fast_counts_more_than_true_seconds():
     """The convention of `Receiver.lo_ppm`: true minus elapsed is minus the elapsed time times p / (1 + p)."""
     fast = 100e-6  # as much as a scene may ask for
-    plain = clock("perfect", 0.5, fast, duration_s=100.0)
+    plain = make_clock("perfect", 0.5, fast, duration_s=100.0)
     elapsed_s = np.array([0.0, 1.0, 50.0])
     late_s = plain.true_minus_shown_s(0.5 + elapsed_s) + 0.5
     np.testing.assert_allclose(late_s, -elapsed_s * fast / (1.0 + fast), rtol=0.0, atol=3e-16)
@@ -99,7 +99,7 @@ def test_an_oscillator_that_is_too_fast_counts_more_than_true_seconds():
 def test_allan_deviation_is_that_of_the_class(kind):
     """Two-sided: mean variances of 12 clocks over 250 s against theory, from two knots to 50 s."""
     t_s = np.arange(0.0, 250.0, STEP_S)
-    runs = [clock(kind, 0.0, 0.0, seed=seed, duration_s=250.0).offset_s(t_s) for seed in range(12)]
+    runs = [make_clock(kind, 0.0, 0.0, seed=seed, duration_s=250.0).offset_s(t_s) for seed in range(12)]
     factors = [2, 16, 128, 1024, 12800]
     got = allan_deviation(np.stack(runs), STEP_S, factors)
     variance = got.deviation**2
@@ -122,7 +122,7 @@ def test_allan_deviation_is_that_of_the_class(kind):
 def test_each_density_alone_lies_in_its_limits_as_often_as_they_say(noise, kind, exponent):
     factors = [1 if kind != "flicker" else 64, 512, 4096]  # its law is good from some knots on
     t_s = np.arange(0.0, 120.0, STEP_S)
-    runs = np.stack([clock(noise, seed=seed, duration_s=120.0).offset_s(t_s) for seed in range(40)])
+    runs = np.stack([make_clock(noise, seed=seed, duration_s=120.0).offset_s(t_s) for seed in range(40)])
     got = allan_deviation(runs, STEP_S, factors, noise=kind, confidence=0.8)
     want = noise.allan_deviation(got.tau_s)
     np.testing.assert_allclose(want[2] / want[1], 8.0**exponent)
@@ -151,7 +151,7 @@ def test_times_outside_are_refused_with_the_remedy():
 )
 def test_what_makes_no_sense_is_refused(arguments, words):
     with pytest.raises(ScenarioError, match=words):
-        clock(*arguments)
+        make_clock(*arguments)
 
 
 def test_every_class_names_its_source():

@@ -12,9 +12,9 @@ from skyproof.gnss.ephemeris import Ephemeris
 from skyproof.gnss.lnav import quantise
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.orbit_faults import find_orbit_fault
-from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.scenario import Scenario, parse_scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 DIRECTIONS = [("G02", 274.0, 21.0), ("G32", 168.0, 57.0), ("G13", 90.0, 26.0), ("G17", 239.0, 89.0)]
 
@@ -33,26 +33,26 @@ def scenario(lat_deg: float = 30.0, *, descending: bool = False, **sky: Any) -> 
 
 def test_without_a_word_it_is_the_nominal_constellation() -> None:
     table = scenario(directions=None)
-    assert navigation_of(table) == make_nominal_constellation(table.start_gpst)
+    assert make_navigation(table) == make_nominal_constellation(table.start_gpst)
 
 
 def test_a_navigation_file_is_read(tmp_path: Path) -> None:
     given = scenario()
-    write_nav(tmp_path / "given.rnx", navigation_of(given))
+    write_nav(tmp_path / "given.rnx", make_navigation(given))
     reported = scenario(directions=None).model_copy(update={"navigation": tmp_path / "given.rnx"})
-    assert {eph.sat for eph in navigation_of(reported).ephemerides} == {sat for sat, _, _ in DIRECTIONS}
-    one, other = (scene_of(table, navigation_of(table)).skies[0] for table in (given, reported))
+    assert {eph.sat for eph in make_navigation(reported).ephemerides} == {sat for sat, _, _ in DIRECTIONS}
+    one, other = (make_scene(table, make_navigation(table)).skies[0] for table in (given, reported))
     np.testing.assert_allclose(one.delays_s(np.array([3.0])), other.delays_s(np.array([3.0])), rtol=0.0, atol=1e-14)
     absent = reported.model_copy(update={"navigation": tmp_path / "none.rnx"})
     with pytest.raises(InputError, match=r"none\.rnx"):
-        navigation_of(absent)
+        make_navigation(absent)
 
 
 @pytest.mark.parametrize("descending", [False, True])
 @pytest.mark.parametrize("lat_deg", [-35.0, 0.0, 30.0])
 def test_satellites_stand_where_the_scenario_has_them(lat_deg: float, descending: bool) -> None:
     table = scenario(lat_deg, descending=descending)
-    sky = scene_of(table, navigation_of(table)).skies[0]
+    sky = make_scene(table, make_navigation(table)).skies[0]
     seen = {heard.id.sat: column for column, heard in enumerate(sky.signals)}
     assert seen.keys() == {sat for sat, _, _ in DIRECTIONS}
     for sat, az_deg, el_deg in DIRECTIONS:
@@ -66,7 +66,7 @@ def test_satellites_stand_where_the_scenario_has_them(lat_deg: float, descending
 
 
 def test_they_move_as_gps_satellites_do() -> None:
-    up, down = (navigation_of(scenario(descending=descending)).ephemerides for descending in (False, True))
+    up, down = (make_navigation(scenario(descending=descending)).ephemerides for descending in (False, True))
     for one, other in zip(up, down, strict=True):
         assert isinstance(one, Ephemeris)
         assert isinstance(other, Ephemeris)
@@ -78,7 +78,7 @@ def test_they_move_as_gps_satellites_do() -> None:
     assert {eph.sqrt_a for eph in up if isinstance(eph, Ephemeris)} == {nominal.sqrt_a}
     for descending, sign in ((False, 1.0), (True, -1.0)):
         table = scenario(descending=descending)
-        sky = scene_of(table, navigation_of(table)).skies[0]
+        sky = make_scene(table, make_navigation(table)).skies[0]
         south = [column for column, heard in enumerate(sky.signals) if heard.id.sat == "G32"]
         rate = np.diff(sky.el_rad[:, south[0]]).mean()  # it stands in the south: northward is up
         assert np.sign(rate) == sign
@@ -87,7 +87,7 @@ def test_they_move_as_gps_satellites_do() -> None:
 def test_a_direction_where_no_gps_satellite_comes_is_refused() -> None:
     table = scenario(60.0, directions=[{"sat": "G01", "az_deg": 0.0, "el_deg": 40.0}])
     with pytest.raises(ScenarioError, match=r"sky\.directions\[0\]: G01 .*\b8\d"):
-        navigation_of(table)
+        make_navigation(table)
 
 
 @pytest.mark.parametrize(

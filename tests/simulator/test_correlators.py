@@ -9,13 +9,13 @@ from skyproof.arrays import Complexes
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.simulator.attacks import Interference, Takeover
-from skyproof.simulator.correlation import Replica, correlation, read
+from skyproof.simulator.correlation import Replica, compute_correlation, read
 from skyproof.simulator.correlators import CorrelatorOutputs, correlate
 from skyproof.simulator.received import Scene
-from skyproof.simulator.samples import BLOCK, Rendering, quantised, render, rendering_of
+from skyproof.simulator.samples import BLOCK, Rendering, prepare_rendering, render, render_quantised
 from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, ScenePlace, SceneReceiver, Sky
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.tracked import Tracked, aligned
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.tracked import Tracked, align_channels
 
 START = np.datetime64("2023-03-04T05:06:07.25", "ns")
 RATE_HZ = 4_000_250.0  # no millisecond is a whole number of samples, so that what sharp chips fold back averages out
@@ -54,11 +54,11 @@ def overlapping(navigation: NavigationData, front_end: FrontEnd, **changes: obje
         ),
         attacks=(TAKEOVER,),
     ).model_copy(update=changes)
-    everything = scene_of(scenario, navigation)
+    everything = make_scene(scenario, navigation)
     sat = everything.skies[0].signals[0].id.sat
     alone = scenario.sky.model_copy(update={"sats": (sat,)})
     attack = scenario.attacks[0].model_copy(update={"sats": (sat,), "sat_doppler_hz": {sat: 7.0}})
-    return scene_of(scenario.model_copy(update={"sky": alone, "attacks": (attack,)}), navigation)
+    return make_scene(scenario.model_copy(update={"sky": alone, "attacks": (attack,)}), navigation)
 
 
 FILTERED = FrontEnd(rate_hz=RATE_HZ, encoding="float", bits=32, bandwidth_hz=3.2e6)
@@ -111,7 +111,7 @@ def replicas(
 
 def correlated(scene: Scene, tracked: Tracked, kind: str, trials: int, *, recorded: bool = False) -> Complexes:
     """Of samples rendered with one seed a trial: (trials, n_channels, n_dopplers * n_delays)."""
-    rendering = rendering_of(scene, 0)
+    rendering = prepare_rendering(scene, 0)
     count = round(COHERENT_S * rendering.front_end.rate_hz)
     first = round(MIDDLE_S * rendering.front_end.rate_hz - 0.5 * count)
     assert first >= 0
@@ -122,7 +122,7 @@ def correlated(scene: Scene, tracked: Tracked, kind: str, trials: int, *, record
     found = np.empty((trials, rows.shape[0]), np.complex128)
     for trial in range(trials):
         seeded = replace(rendering, seed=1000 + trial)
-        planes = quantised(seeded, 0) if recorded else render(seeded, 0)
+        planes = render_quantised(seeded, 0) if recorded else render(seeded, 0)
         found[trial] = rows @ (planes[0] + 1j * planes[1])[first : first + count] / count
     return found.reshape(trials, len(tracked.signals), -1)
 
@@ -186,7 +186,7 @@ def outputs_of(scene: Scene, tracked: Tracked, kind: Replica, draws: int, quanti
 @pytest.mark.parametrize("kind", ["filtered", "chips"])
 def test_outputs_follow_the_law_of_rendered_samples(navigation: NavigationData, kind: Replica) -> None:
     scene = overlapping(navigation, FILTERED)
-    tracked = aligned(scene, 0)
+    tracked = align_channels(scene, 0)
     outputs = outputs_of(scene, tracked, kind, 10_000)
     same_law(correlated(scene, tracked, kind, 25), outputs, drawn_of(outputs))
 
@@ -195,7 +195,7 @@ def test_outputs_follow_the_law_of_rendered_samples(navigation: NavigationData, 
 @pytest.mark.parametrize("kind", ["filtered", "chips"])
 def test_outputs_follow_the_law_of_many_rendered_samples(navigation: NavigationData, kind: Replica) -> None:
     scene = overlapping(navigation, FILTERED)
-    tracked = aligned(scene, 0)
+    tracked = align_channels(scene, 0)
     outputs = outputs_of(scene, tracked, kind, 100_000)
     same_law(correlated(scene, tracked, kind, 600), outputs, drawn_of(outputs))
 
@@ -218,7 +218,7 @@ def test_the_recorders_gain_and_loss_are_those_of_quantised_samples(
         kind="noise", transmit=ScenePlace(lat_deg=40.01, lon_deg=-3.0, height_m=700.0), power_db=0.0, onset_s=-1.0
     )
     scene = overlapping(navigation, front_end, interference=(jammer,))
-    tracked = aligned(scene, 0)
+    tracked = align_channels(scene, 0)
     outputs = outputs_of(scene, tracked, "filtered", 10_000, quantised=True)
     same_law(correlated(scene, tracked, "filtered", 16, recorded=True), outputs, drawn_of(outputs))
 
@@ -227,7 +227,7 @@ def heard_without_noise(
     scene: Scene, tracked: Tracked, middle_s: float, coherent_s: float, *, wiped: bool = True, kind: str = "filtered"
 ) -> Complexes:
     """The mean of rendered samples' correlations, (n_channels, n_dopplers, n_delays)."""
-    rendering = rendering_of(scene, 0)
+    rendering = prepare_rendering(scene, 0)
     count = round(coherent_s * rendering.front_end.rate_hz)
     first = round(middle_s * rendering.front_end.rate_hz - 0.5 * (count - 1))
     planes = np.concatenate([render(rendering, block, noise=False) for block in range((first + count) // BLOCK + 1)], 1)
@@ -280,7 +280,7 @@ def test_means_are_those_of_samples_without_noise(
 ) -> None:
     front_end, changes, middle_s, coherent_s, wiped = case
     scene = overlapping(navigation, front_end, **changes)
-    tracked = aligned(scene, 0)
+    tracked = align_channels(scene, 0)
     found = heard_without_noise(scene, tracked, middle_s, coherent_s, wiped=wiped)
     outputs = correlate(
         scene,
@@ -303,8 +303,8 @@ def test_other_satellites_are_the_noise_that_they_are_said_to_be(
 ) -> None:
     """What a whole sky adds to correlations of a millisecond, over its signals and many instants."""
     clean = scenario.model_copy(update={"duration_s": 0.2, "attacks": (), "front_end": FILTERED})
-    scene = scene_of(clean, navigation)
-    tracked = aligned(scene, 0)
+    scene = make_scene(clean, navigation)
+    tracked = align_channels(scene, 0)
     middles_s = 0.003 + 0.0072 * np.arange(4)
     found = np.stack([heard_without_noise(scene, tracked, middle_s, 0.001) for middle_s in middles_s])
     alone = correlate(
@@ -351,11 +351,13 @@ def test_replicas_may_stand_anywhere(navigation: NavigationData) -> None:
     """A replica moved later and higher sees everything earlier and lower."""
     scene = overlapping(navigation, FILTERED)
     carrier_hz = scene.skies[0].signal.carrier_hz
-    moved = aligned(scene, 0, [0]).moved(code_s=0.25 / 1.023e6, doppler_hz=12.0, carrier_hz=carrier_hz)
+    moved = align_channels(scene, 0, [0]).move(code_s=0.25 / 1.023e6, doppler_hz=12.0, carrier_hz=carrier_hz)
     parts = correlate(scene, 0, [0.1], delays_chips=[0.0], tracked=moved).parts
     assert parts.lag_chips[0, 0] == pytest.approx(-0.25, abs=1e-9)
     assert parts.doppler_hz[0, 0] == pytest.approx(-12.0, abs=1e-4)
-    there = correlate(scene, 0, [0.1], delays_chips=[0.1 - 0.25], dopplers_hz=[12.0], tracked=aligned(scene, 0, [0]))
+    there = correlate(
+        scene, 0, [0.1], delays_chips=[0.1 - 0.25], dopplers_hz=[12.0], tracked=align_channels(scene, 0, [0])
+    )
     same = correlate(scene, 0, [0.1], delays_chips=[0.1], tracked=moved)
     assert np.abs(there.mean) == pytest.approx(np.abs(same.mean), rel=1e-5)
 
@@ -380,11 +382,11 @@ def test_the_same_generator_gives_the_same_outputs(navigation: NavigationData) -
 
 
 def test_a_triangle_without_a_filter_and_less_with_one() -> None:
-    chips = correlation([5], GPS_L1_CA, FrontEnd())
+    chips = compute_correlation([5], GPS_L1_CA, FrontEnd())
     lags = np.array([0.0, 0.25, -0.5, 1.0, 1023.0])
     np.testing.assert_allclose(read(chips.signal[0], lags, chips.points)[:3], [1.0, 0.75, 0.5], atol=1e-3)
     np.testing.assert_allclose(read(chips.signal[0], lags, chips.points)[3:], [-1.0 / 1023.0, 1.0], atol=1e-12)
-    wide, narrow = (correlation([5], GPS_L1_CA, FrontEnd(rate_hz=20e6, bandwidth_hz=hz)) for hz in (16e6, 2e6))
+    wide, narrow = (compute_correlation([5], GPS_L1_CA, FrontEnd(rate_hz=20e6, bandwidth_hz=hz)) for hz in (16e6, 2e6))
     peak = [each.signal[0, 0] for each in (wide, narrow)]
     assert 0.9 < peak[1] < peak[0] < 1.0  # sharp chips are no matched filter of what the front end lets pass
     assert wide.signal.argmax() == narrow.signal.argmax() == 0
@@ -396,7 +398,7 @@ def test_channels_on_one_replica_hear_one_noise(navigation: NavigationData, kind
     scene = overlapping(navigation, FILTERED)
     for columns in ([0, 0], [0, 0, 0]):
         shift_chips = np.array([0.0, 0.0, 0.15])[: len(columns)]
-        tracked = aligned(scene, 0, columns).moved(code_s=shift_chips / 1.023e6, carrier_hz=1575.42e6)
+        tracked = align_channels(scene, 0, columns).move(code_s=shift_chips / 1.023e6, carrier_hz=1575.42e6)
         outputs = correlate(
             scene,
             0,

@@ -17,22 +17,22 @@ from skyproof.formats.recording import open_recording
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.simulator import files
 from skyproof.simulator.files import (
-    container_of,
-    sample_names,
-    samples_octets,
-    series_names,
-    series_octets,
+    choose_container,
+    count_sample_octets,
+    estimate_series_octets,
+    list_sample_names,
+    list_series_names,
     write,
     write_samples,
     write_series,
     write_truth,
 )
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import Antenna, FrontEnd, Interference, Scenario, SceneImu, Takeover
 from skyproof.simulator.sites import Circle, Site
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.truth import imus_of, signal_truth, trajectory_truth
-from skyproof.simulator.truth_document import truth_of
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.truth import compute_signal_truth, compute_trajectory_truth, simulate_imus
+from skyproof.simulator.truth_document import build_truth
 
 FRONT_ENDS = [
     FrontEnd(rate_hz=1e6),
@@ -103,32 +103,32 @@ def test_files_hold_what_the_samples_in_memory_hold(
     paths = write(scenario, navigation, tmp_path, container=container)
     ending = "bin" if container == "raw" else "sigmf-meta"
     assert [path.name for path in paths] == [f"one.{ending}", f"two.{ending}"]
-    for path, samples in zip(paths, samples_of(scenario, navigation), strict=True):
+    for path, samples in zip(paths, render_samples(scenario, navigation), strict=True):
         (opened,) = open_recording(path)
         for name in ("name", "antenna", "n_samples", "rate_hz", "if_hz", "centre_hz", "start_gpst"):
             assert getattr(opened, name) == getattr(samples, name), name
         assert opened.n_samples == int(0.3 * front_end.rate_hz)
         assert opened.remarks == ()
         np.testing.assert_array_equal(opened.read(0, 700_000), samples.read(0, 700_000))
-    data = [tmp_path / name for name in sample_names(scene_of(scenario, navigation), container)]
+    data = [tmp_path / name for name in list_sample_names(make_scene(scenario, navigation), container)]
     assert all(path.exists() for path in data)
     stored = sum(path.stat().st_size for path in data if path.suffix in (".bin", ".sigmf-data"))
-    assert stored == samples_octets(scenario)
+    assert stored == count_sample_octets(scenario)
 
 
 @pytest.mark.parametrize("front_end", FRONT_ENDS, ids=named)
 def test_sigmf_is_the_default_where_it_can_hold_the_samples(front_end: FrontEnd) -> None:
-    assert container_of(front_end) == ("sigmf" if fits(front_end) else "raw")
-    assert container_of(front_end, "raw") == "raw"
+    assert choose_container(front_end) == ("sigmf" if fits(front_end) else "raw")
+    assert choose_container(front_end, "raw") == "raw"
     if not fits(front_end):
         with pytest.raises(SettingsError, match='encoding = "int"'):
-            container_of(front_end, "sigmf")
+            choose_container(front_end, "sigmf")
 
 
 def test_sigmf_is_what_an_independent_reader_takes_for_it(
     arrays: Scenario, navigation: NavigationData, tmp_path: Path
 ) -> None:
-    scene = scene_of(arrays, navigation)
+    scene = make_scene(arrays, navigation)
     paths = write_samples(scene, tmp_path, "sigmf")
     assert [path.name for path in paths] == ["one.l.sigmf-meta", "one.r.sigmf-meta", "two.sigmf-meta"]
     for path, sky in zip(paths, scene.skies, strict=True):
@@ -155,7 +155,7 @@ def test_annotations_stand_where_the_first_wave_arrives(
     arrays: Scenario, navigation: NavigationData, tmp_path: Path
 ) -> None:
     """By samples of the receiver's own clock: 12.3 us late it begins, and a wave takes under a microsecond."""
-    scene = scene_of(arrays, navigation)
+    scene = make_scene(arrays, navigation)
     write_samples(scene, tmp_path, "sigmf")
     annotations = json.loads((tmp_path / "one.l.sigmf-meta").read_text())["annotations"]
     found = [(a["core:label"], a["core:sample_start"], a["core:sample_count"]) for a in annotations]
@@ -165,7 +165,7 @@ def test_annotations_stand_where_the_first_wave_arrives(
         assert first == pytest.approx((from_s - 1.23e-5) * 1e6, abs=3.0)
         last = 1_000_000 if until_s == 1.0 else (until_s - 1.23e-5) * 1e6
         assert first + count == pytest.approx(last, abs=3.0)
-    samples = np.stack([samples.read(0, 1_000_000)[0] for samples in samples_of(arrays, navigation)[:1]])[0]
+    samples = np.stack([samples.read(0, 1_000_000)[0] for samples in render_samples(arrays, navigation)[:1]])[0]
     first = found[0][1]
     assert samples[first : first + 50_000].std() > 1.3 * samples[first - 50_000 : first].std()
 
@@ -193,7 +193,7 @@ def test_the_sidecar_has_the_agreed_keys(scenario: Scenario, navigation: Navigat
 
 
 def test_the_truth_says_what_is_false_and_what_it_shows(scenario: Scenario, navigation: NavigationData) -> None:
-    truth = json.loads(json.dumps(truth_of(scene_of(scenario, navigation))))
+    truth = json.loads(json.dumps(build_truth(make_scene(scenario, navigation))))
     (attack,) = truth["attacks"]
     assert attack["onset_gpst"] == "2023-03-04T05:06:08.750000000"
     assert attack["captured_receiver_shows_position"] == {"lat_deg": 40.005, "lon_deg": -3.008, "height_m": 700.0}
@@ -230,7 +230,7 @@ def test_an_interruption_leaves_no_file_that_is_not_whole(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_samples(scene_of(arrays, navigation), tmp_path, container, progress=stop)
+        write_samples(make_scene(arrays, navigation), tmp_path, container, progress=stop)
     endings = {"raw": {".bin", ".toml"}, "sigmf": {".sigmf-data", ".sigmf-meta"}}[container]
     assert {path.name for path in tmp_path.iterdir()} == {f"one.l{ending}" for ending in endings}
 
@@ -241,7 +241,7 @@ def test_a_full_disk_is_reported(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(files, "_packed_block", full)
+    monkeypatch.setattr(files, "_pack_block", full)
     with pytest.raises(OutputError, match=r"one\.bin .*\bdisk\b"):
         write(scenario, navigation, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["truth.json"]
@@ -251,16 +251,16 @@ def test_a_full_disk_is_reported(
 
 
 def test_series_on_disk_are_the_series_in_memory(arrays: Scenario, navigation: NavigationData, tmp_path: Path) -> None:
-    scene = scene_of(arrays, navigation)
+    scene = make_scene(arrays, navigation)
     paths = write_series(scene, tmp_path)
-    assert [path.name for path in paths] == series_names(scene)
-    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(series_names(scene))
-    imu = imus_of(scene)["one"].read(0, 1000)
+    assert [path.name for path in paths] == list_series_names(scene)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(list_series_names(scene))
+    imu = simulate_imus(scene)["one"].read(0, 1000)
     force = {f"accel_{axis}_m_s2": imu.specific_force_m_s2[:, k] for k, axis in enumerate("xyz")}
     expected = {
-        "one-truth": trajectory_truth(scene, "one"),
-        "two-truth": trajectory_truth(scene, "two"),
-        "one.r-signals": signal_truth(scene, "one.r"),
+        "one-truth": compute_trajectory_truth(scene, "one"),
+        "two-truth": compute_trajectory_truth(scene, "two"),
+        "one.r-signals": compute_signal_truth(scene, "one.r"),
         "one-imu": force,
     }
     for stem, table in expected.items():
@@ -281,9 +281,9 @@ def test_series_on_disk_are_the_series_in_memory(arrays: Scenario, navigation: N
 def test_room_for_the_series_is_guessed_high_but_not_by_much(
     arrays: Scenario, navigation: NavigationData, tmp_path: Path
 ) -> None:
-    scene = scene_of(arrays.model_copy(update={"duration_s": 60.0}), navigation)
+    scene = make_scene(arrays.model_copy(update={"duration_s": 60.0}), navigation)
     size = sum(path.stat().st_size for path in write_series(scene, tmp_path))
-    assert size < series_octets(scene) < 2 * size
+    assert size < estimate_series_octets(scene) < 2 * size
 
 
 # --- the document
@@ -292,8 +292,8 @@ def test_room_for_the_series_is_guessed_high_but_not_by_much(
 def test_the_truth_of_arrays_clocks_and_interference(
     arrays: Scenario, navigation: NavigationData, tmp_path: Path
 ) -> None:
-    scene = scene_of(arrays, navigation)
-    truth = json.loads(write_truth(tmp_path, truth_of(scene, files=["a.bin"])).read_text())
+    scene = make_scene(arrays, navigation)
+    truth = json.loads(write_truth(tmp_path, build_truth(scene, files=["a.bin"])).read_text())
     assert (truth["format"], truth["seed"], truth["files"]) == ("skyproof-truth/1", 7, ["a.bin"])
     assert truth["navigation"] == "nominal constellation"
     left, right, two = truth["receivers"]
@@ -323,8 +323,8 @@ def test_a_takeover_shows_its_target_no_extra_clock(scenario: Scenario, navigati
         away_points_enu_m=((1.0, 0.0, 0.0, 0.0), (2.0, 30.0, 0.0, 0.0)),
         clock_points_s=((1.0, 0.0), (2.0, 2e-7)),
     )
-    scene = scene_of(scenario.model_copy(update={"attacks": (takeover,)}), navigation)
-    (attack,) = truth_of(scene)["attacks"]
+    scene = make_scene(scenario.model_copy(update={"attacks": (takeover,)}), navigation)
+    (attack,) = build_truth(scene)["attacks"]
     assert attack["captured_clock_extra_s"]["two"] == 0.0
     ways_m = scene.path_m[0]
     assert attack["captured_clock_extra_s"]["one"] == pytest.approx((ways_m[0] - ways_m[1]) / 299_792_458.0)

@@ -19,11 +19,11 @@ from skyproof.gnss.time import GPS_EPOCH, seconds_between
 from skyproof.simulator.inertial import (
     BLOCK,
     ImuErrors,
-    accelerometer_allan_deviation_m_s2,
-    gyro_allan_deviation_rad_s,
-    inertial,
+    compute_accelerometer_allan_m_s2,
+    compute_gyro_allan_rad_s,
+    simulate_inertial,
 )
-from skyproof.simulator.trajectories import las_vegas, way_points
+from skyproof.simulator.trajectories import make_las_vegas, make_way_points
 from skyproof.statistics.allan import allan_deviation
 
 EARTH_RAD_S = 7.2921151467e-5
@@ -161,7 +161,7 @@ def reference_strapdown(series, start, lever_m=(0.0, 0.0, 0.0)):
     ],
 )
 def test_a_strapdown_of_error_free_readings_returns_the_trajectory_over_233_s(motion_at, lever_m):
-    unit = inertial(motion_at, rate_hz=100.0, duration_s=233.0, lever_body_m=lever_m)
+    unit = simulate_inertial(motion_at, rate_hz=100.0, duration_s=233.0, lever_body_m=lever_m)
     series = unit.read(0, unit.n_samples)
     position_m, attitude = reference_strapdown(series, motion_at(np.zeros(1)), lever_m)
     truth = motion_at(np.concatenate([[0.0], seconds(series)]))
@@ -171,9 +171,9 @@ def test_a_strapdown_of_error_free_readings_returns_the_trajectory_over_233_s(mo
 
 def test_the_approach_and_a_course_with_banked_turns_come_back_too():
     corners_m = ORIGIN_M + np.array([[0, 0, 0], [6e3, 0, 0], [6e3, 5e3, 300], [0, 5e3, 300], [0, 12e3, 0]]) @ TO_ECEF.T
-    course = way_points(corners_m, 100.0, lateral_m_s2=6.0, from_rest=False, to_rest=False)
-    for trajectory in (las_vegas(), course):
-        unit = inertial(trajectory.at, rate_hz=100.0, duration_s=233.0, lever_body_m=(1.5, -0.4, 0.8))
+    course = make_way_points(corners_m, 100.0, lateral_m_s2=6.0, from_rest=False, to_rest=False)
+    for trajectory in (make_las_vegas(), course):
+        unit = simulate_inertial(trajectory.at, rate_hz=100.0, duration_s=233.0, lever_body_m=(1.5, -0.4, 0.8))
         series = unit.read(0, unit.n_samples)
         position_m, _ = reference_strapdown(series, trajectory.at(np.zeros(1)), (1.5, -0.4, 0.8))
         truth = trajectory.at(np.concatenate([[0.0], seconds(series)]))
@@ -181,7 +181,7 @@ def test_the_approach_and_a_course_with_banked_turns_come_back_too():
 
 
 def test_at_rest_it_feels_gravity_upwards_and_the_earths_rotation():
-    series = inertial(static, rate_hz=50.0, duration_s=2.0).read(0, 100)
+    series = simulate_inertial(static, rate_hz=50.0, duration_s=2.0).read(0, 100)
     attitude = static(np.zeros(1)).attitude[0]
     gravity = compute_gravity_m_s2(ORIGIN_M)
     np.testing.assert_allclose(series.specific_force_m_s2, np.tile(-attitude.T @ gravity, (100, 1)), atol=1e-12)
@@ -192,7 +192,9 @@ def test_at_rest_it_feels_gravity_upwards_and_the_earths_rotation():
 
 def test_on_a_turntable_the_lever_arm_adds_centripetal_and_tangential_acceleration():
     lever_m = np.array([2.0, 0.0, 0.0])
-    near, far = (inertial(turntable, rate_hz=10.0, duration_s=60.0, lever_body_m=at) for at in (np.zeros(3), lever_m))
+    near, far = (
+        simulate_inertial(turntable, rate_hz=10.0, duration_s=60.0, lever_body_m=at) for at in (np.zeros(3), lever_m)
+    )
     more = far.read(0, 600).specific_force_m_s2 - near.read(0, 600).specific_force_m_s2
     begin_s, end_s = 0.1 * np.arange(600), 0.1 * np.arange(1, 601)
     rate2 = 0.02**2 * (end_s**3 - begin_s**3) / 3.0 / 0.1
@@ -201,7 +203,9 @@ def test_on_a_turntable_the_lever_arm_adds_centripetal_and_tangential_accelerati
 
 
 def test_readings_are_means_over_intervals_that_end_at_their_time():
-    fine, coarse = (inertial(figure, rate_hz=rate_hz, duration_s=4.0).read(0, 9999) for rate_hz in (200.0, 5.0))
+    fine, coarse = (
+        simulate_inertial(figure, rate_hz=rate_hz, duration_s=4.0).read(0, 9999) for rate_hz in (200.0, 5.0)
+    )
     assert np.array_equal(coarse.gpst, fine.gpst[39::40])
     for name in ("specific_force_m_s2", "angular_rate_rad_s"):
         means = getattr(fine, name).reshape(-1, 40, 3).mean(axis=1)
@@ -210,12 +214,16 @@ def test_readings_are_means_over_intervals_that_end_at_their_time():
 
 def test_mounting_turns_the_axes_and_the_errors_stay_with_the_sensor():
     rotation = Rotation.from_euler("ZYX", [0.3, -1.0, 2.0]).as_matrix()
-    plain, turned = (inertial(figure, rate_hz=100.0, duration_s=5.0, mounting=m).read(0, 500) for m in (None, rotation))
+    plain, turned = (
+        simulate_inertial(figure, rate_hz=100.0, duration_s=5.0, mounting=m).read(0, 500) for m in (None, rotation)
+    )
     np.testing.assert_allclose(turned.specific_force_m_s2, plain.specific_force_m_s2 @ rotation.T, atol=1e-12)
     np.testing.assert_allclose(turned.angular_rate_rad_s, plain.angular_rate_rad_s @ rotation.T, atol=1e-12)
     grade = replace(GRADES["tactical"], accelerometer_scale=0.0, gyro_scale=0.0, misalignment_rad=0.0)
-    wrong = inertial(figure, rate_hz=100.0, duration_s=5.0, mounting=rotation, grade=grade, seed=4).read(0, 500)
-    other = inertial(figure, rate_hz=100.0, duration_s=5.0, grade=grade, seed=4).read(0, 500)
+    wrong = simulate_inertial(figure, rate_hz=100.0, duration_s=5.0, mounting=rotation, grade=grade, seed=4).read(
+        0, 500
+    )
+    other = simulate_inertial(figure, rate_hz=100.0, duration_s=5.0, grade=grade, seed=4).read(0, 500)
     np.testing.assert_allclose(
         wrong.specific_force_m_s2 - turned.specific_force_m_s2,
         other.specific_force_m_s2 - plain.specific_force_m_s2,
@@ -227,7 +235,9 @@ def test_mounting_turns_the_axes_and_the_errors_stay_with_the_sensor():
 @given(cuts=st.lists(st.integers(0, 9000), max_size=5), order=st.randoms())
 def test_the_same_bytes_come_whatever_is_asked_for_and_in_any_order(cuts, order):
     def make():
-        return inertial(circle, rate_hz=100.0, duration_s=90.0, grade="tactical", seed=7, lever_body_m=(1.0, 0.0, 0.0))
+        return simulate_inertial(
+            circle, rate_hz=100.0, duration_s=90.0, grade="tactical", seed=7, lever_body_m=(1.0, 0.0, 0.0)
+        )
 
     whole, fresh = make().read(0, 9000), make()
     edges = sorted({0, *cuts, 9000})
@@ -246,7 +256,7 @@ def test_blocks_are_the_whole_and_are_worked_out_one_after_the_other():
         asked.append(t_s.max())
         return static(t_s)
 
-    unit = inertial(watched, rate_hz=100.0, duration_s=125.0, grade="navigation")
+    unit = simulate_inertial(watched, rate_hz=100.0, duration_s=125.0, grade="navigation")
     blocks = unit.blocks(1000)
     first = next(blocks)
     assert len(asked) == 1
@@ -265,12 +275,12 @@ def test_the_motion_is_asked_for_few_times_at_once_at_any_rate(rate_hz):
         asked.append(t_s.size)
         return static(t_s)
 
-    inertial(watched, rate_hz=rate_hz, duration_s=30.0).read(0, 100)
+    simulate_inertial(watched, rate_hz=rate_hz, duration_s=30.0).read(0, 100)
     assert max(asked) <= 4 * BLOCK
 
 
 def test_it_is_short_at_the_end_only():
-    unit = inertial(static, rate_hz=10.0, duration_s=5.0)
+    unit = simulate_inertial(static, rate_hz=10.0, duration_s=5.0)
     assert len(unit.read(45, 10).gpst) == 5
     assert len(unit.read(50, 10).gpst) == len(unit.read(70, 10).gpst) == 0
     with pytest.raises(ValueError, match="negative"):
@@ -278,8 +288,8 @@ def test_it_is_short_at_the_end_only():
 
 
 def test_start_of_the_unit_shifts_its_times():
-    unit = inertial(figure, rate_hz=100.0, duration_s=3.0, start_s=2.0)
-    later = inertial(figure, rate_hz=100.0, duration_s=5.0)
+    unit = simulate_inertial(figure, rate_hz=100.0, duration_s=3.0, start_s=2.0)
+    later = simulate_inertial(figure, rate_hz=100.0, duration_s=5.0)
     assert np.array_equal(unit.read(0, 300).gpst, later.read(200, 300).gpst)
     np.testing.assert_allclose(
         unit.read(0, 300).specific_force_m_s2, later.read(200, 300).specific_force_m_s2, atol=1e-9
@@ -317,7 +327,7 @@ def test_noise_density_is_the_grades(name):
     phase = np.concatenate([np.zeros((25, 1, 6)), np.cumsum(runs, axis=1) / rate_hz], axis=1)
     got = allan_deviation(np.moveaxis(phase, 1, 2), 1.0 / rate_hz, factors, confidence=0.8)
     want = np.stack(
-        [accelerometer_allan_deviation_m_s2(grade, got.tau_s)] * 3 + [gyro_allan_deviation_rad_s(grade, got.tau_s)] * 3
+        [compute_accelerometer_allan_m_s2(grade, got.tau_s)] * 3 + [compute_gyro_allan_rad_s(grade, got.tau_s)] * 3
     )
     inside = ((got.lower < want) & (want < got.upper)).sum(axis=0)
     for count in inside.ravel():  # 18 counts of 25
@@ -336,8 +346,8 @@ def test_allan_deviation_with_instability_is_the_grades(name):
     phase = np.concatenate([np.zeros((40, 1, 6)), np.cumsum(runs, axis=1) / rate_hz], axis=1)
     got = allan_deviation(np.moveaxis(phase, 1, 2), 1.0 / rate_hz, factors)
     for columns, want in (
-        (slice(0, 3), accelerometer_allan_deviation_m_s2(grade, got.tau_s)),
-        (slice(3, 6), gyro_allan_deviation_rad_s(grade, got.tau_s)),
+        (slice(0, 3), compute_accelerometer_allan_m_s2(grade, got.tau_s)),
+        (slice(3, 6), compute_gyro_allan_rad_s(grade, got.tau_s)),
     ):
         variance = got.deviation[:, columns].reshape(120, -1) ** 2
         z = (variance.mean(axis=0) - want**2) / (variance.std(axis=0, ddof=1) / np.sqrt(120.0))
@@ -393,7 +403,9 @@ def test_turn_on_bias_scale_and_misalignment_are_constant_and_of_the_stated_spre
     for values in (bias, own, cross):
         assert 1e-4 < stats.chi2.cdf(np.sum(values**2), values.size) < 1.0 - 1e-4
 
-    clean, wrong = (inertial(circle, rate_hz=20.0, duration_s=5.0, grade=g, seed=3).read(0, 100) for g in (None, grade))
+    clean, wrong = (
+        simulate_inertial(circle, rate_hz=20.0, duration_s=5.0, grade=g, seed=3).read(0, 100) for g in (None, grade)
+    )
     unit = ImuErrors.of(grade, 20.0, 1, 3)
     for part, name in enumerate(("specific_force_m_s2", "angular_rate_rad_s")):
         truth, rows = getattr(clean, name), slice(3 * part, 3 * part + 3)
@@ -414,7 +426,7 @@ def test_errors_grow_to_what_the_closed_forms_of_a_free_navigator_say():
 
 def test_units_and_seeds_are_set_apart():
     made = [
-        inertial(static, rate_hz=10.0, duration_s=5.0, grade="tactical", seed=seed, stream=stream)
+        simulate_inertial(static, rate_hz=10.0, duration_s=5.0, grade="tactical", seed=seed, stream=stream)
         for seed, stream in ((1, 0), (1, 1), (2, 0), (1, 0))
     ]
     forces = [unit.read(0, 50).specific_force_m_s2.tobytes() for unit in made]
@@ -438,4 +450,4 @@ def test_units_and_seeds_are_set_apart():
 )
 def test_what_makes_no_sense_is_refused(arguments, words):
     with pytest.raises(ScenarioError, match=words):
-        inertial(static, **{"rate_hz": 100.0, "duration_s": 1.0, **arguments})
+        simulate_inertial(static, **{"rate_hz": 100.0, "duration_s": 1.0, **arguments})

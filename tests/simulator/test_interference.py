@@ -9,9 +9,9 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.simulator.sample_kernels import CHUNK
-from skyproof.simulator.samples import BLOCK, render, rendering_of, samples_of
+from skyproof.simulator.samples import BLOCK, prepare_rendering, render, render_samples
 from skyproof.simulator.scenario import parse_scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 RATE_HZ = 2e6
 PLACE = {"lat_deg": 40.0, "lon_deg": -3.0, "height_m": 650.0}
@@ -27,7 +27,7 @@ TABLE: dict[str, Any] = {
 
 
 def recording(navigation: NavigationData, **changes: Any) -> Any:
-    return samples_of(parse_scenario(TABLE | changes), navigation)[0]
+    return render_samples(parse_scenario(TABLE | changes), navigation)[0]
 
 
 def jammed(navigation: NavigationData, **source: Any) -> np.ndarray:
@@ -72,7 +72,7 @@ def test_a_chirp_sweeps_its_band(navigation: NavigationData) -> None:
 
 def test_noise_rises_by_what_is_asked_and_falls_with_distance(navigation: NavigationData) -> None:
     far = {"name": "two", **PLACE, "lat_deg": 39.999}
-    scene = scene_of(
+    scene = make_scene(
         parse_scenario(
             TABLE
             | {
@@ -82,7 +82,7 @@ def test_noise_rises_by_what_is_asked_and_falls_with_distance(navigation: Naviga
         ),
         navigation,
     )
-    near, far_power = (np.mean(render(rendering_of(scene, index), 3).astype(np.float64) ** 2) for index in (0, 1))
+    near, far_power = (np.mean(render(prepare_rendering(scene, index), 3).astype(np.float64) ** 2) for index in (0, 1))
     assert near == pytest.approx(11.0, rel=0.01)
     ratio = [sky.noises[0].power(np.array([1.0]))[0] for sky in scene.skies]
     assert far_power == pytest.approx(1.0 + ratio[1], rel=0.01)
@@ -101,9 +101,9 @@ def test_the_gain_follows_the_power_only_where_it_is_asked_to(navigation: Naviga
 
 def test_reflections_are_later_weaker_copies(navigation: NavigationData) -> None:
     reflection = {"delay_m": 60.0, "power_db": -3.0, "phase_deg": 90.0}
-    sat = scene_of(parse_scenario(TABLE), navigation).skies[0].signals[0].id.sat  # alone: no cross-correlation
+    sat = make_scene(parse_scenario(TABLE), navigation).skies[0].signals[0].id.sat  # alone: no cross-correlation
     alone, mirrored = (
-        scene_of(
+        make_scene(
             parse_scenario(
                 TABLE
                 | {
@@ -116,7 +116,7 @@ def test_reflections_are_later_weaker_copies(navigation: NavigationData) -> None
         for rays in ([], [reflection])
     )
     sky = alone.skies[0]
-    planes = [render(rendering_of(scene, 0), 0, noise=False).astype(np.float64) for scene in (alone, mirrored)]
+    planes = [render(prepare_rendering(scene, 0), 0, noise=False).astype(np.float64) for scene in (alone, mirrored)]
     ray = (planes[1] - planes[0])[0] + 1j * (planes[1] - planes[0])[1]
     direct = planes[0][0] + 1j * planes[0][1]
     code = GPS_L1_CA.code(prn_of(sat)).astype(float)
@@ -146,11 +146,11 @@ def test_a_pause_of_an_attack_is_silent_to_the_sample(navigation: NavigationData
         "onset_s": 0.3,
         "until_s": 1.5,
     }
-    scene = scene_of(
+    scene = make_scene(
         parse_scenario(TABLE | {"attacks": [attack], "sky": {"zenith_cn0_dbhz": 30.0, "horizon_cn0_dbhz": 30.0}}),
         navigation,
     )
-    rendering, sky = rendering_of(scene, 0), scene.skies[0]
+    rendering, sky = prepare_rendering(scene, 0), scene.skies[0]
     n_blocks = -(-rendering.n_samples // BLOCK)
     power = np.concatenate([(render(rendering, b, noise=False) ** 2).sum(axis=0) for b in range(n_blocks)])
     windows_s = next(heard.windows_s for heard in sky.signals if heard.label == "spoofed")

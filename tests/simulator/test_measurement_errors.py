@@ -11,14 +11,14 @@ from skyproof.simulator.measurement_errors import (
     Exposure,
     FieldErrors,
     SignalPath,
-    field_errors,
-    ionosphere_obliquity,
-    troposphere_obliquity,
+    compute_ionosphere_obliquity,
+    compute_troposphere_obliquity,
+    draw_field_errors,
 )
-from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of, noise_of
+from skyproof.simulator.measurements import NoiseModel, draw, draw_noise, make_ideal_measurements
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 HERE = np.array([6.378e6, 0.0, 0.0])
 NO_AIR = FieldErrors(seed=1, ionosphere_m=0.0, troposphere_m=0.0)
@@ -48,7 +48,7 @@ def is_correlated(one: np.ndarray, other: np.ndarray, expected: float) -> bool:
 
 @pytest.mark.parametrize(("el_deg", "sigma_m"), [(90.0, 0.13007), (30.0, 0.15639), (10.0, 0.32498), (0.0, 0.66)])
 def test_reflections_grow_towards_the_horizon(el_deg: float, sigma_m: float) -> None:
-    (error,) = field_errors(NO_AIR, [exposure(from_sky(), el_deg=el_deg)], 1.0, draws=(DRAWS,))
+    (error,) = draw_field_errors(NO_AIR, [exposure(from_sky(), el_deg=el_deg)], 1.0, draws=(DRAWS,))
     spread = 4.0 * np.sqrt(2.0 / DRAWS)
     np.testing.assert_allclose(error.code_m.var(axis=0) / sigma_m**2, 1.0, atol=spread)
     np.testing.assert_allclose(error.carrier_cyc.var(axis=0) / (0.05 * sigma_m) ** 2, 1.0, atol=spread + 0.05)
@@ -58,7 +58,7 @@ def test_reflections_grow_towards_the_horizon(el_deg: float, sigma_m: float) -> 
 
 @pytest.mark.parametrize("interval_s", [0.2, 1.0, 30.0])
 def test_reflections_are_remembered_by_time_and_not_by_epochs(interval_s: float) -> None:
-    (error,) = field_errors(NO_AIR, [exposure(from_sky())], interval_s, draws=(DRAWS,))
+    (error,) = draw_field_errors(NO_AIR, [exposure(from_sky())], interval_s, draws=(DRAWS,))
     for values in (error.code_m[..., 0], error.carrier_cyc[..., 0]):
         for lag in (1, 4):
             assert is_correlated(values[:, 1], values[:, 1 + lag], np.exp(-lag * interval_s / 60.0))
@@ -67,9 +67,9 @@ def test_reflections_are_remembered_by_time_and_not_by_epochs(interval_s: float)
 @pytest.mark.parametrize("interval_s", [0.2, 60.0, 1800.0])
 def test_air_is_smooth_and_slow(interval_s: float) -> None:
     model = replace(NO_REFLECTIONS, troposphere_m=0.0)
-    (error,) = field_errors(model, [exposure(from_sky(), el_deg=20.0)], interval_s, draws=(DRAWS,))
+    (error,) = draw_field_errors(model, [exposure(from_sky(), el_deg=20.0)], interval_s, draws=(DRAWS,))
     values, turns = error.code_m[..., 0], interval_s / 1800.0
-    slant_m = 1.5 * ionosphere_obliquity(np.radians(20.0))
+    slant_m = 1.5 * compute_ionosphere_obliquity(np.radians(20.0))
     np.testing.assert_allclose(values.var(axis=0) / slant_m**2, 1.0, atol=4.0 * np.sqrt(2.0 / DRAWS))
     np.testing.assert_allclose(error.carrier_cyc[..., 0] * WAVELENGTH_M, -values, atol=1e-12)
     for lag in (1, 5):
@@ -81,12 +81,12 @@ def test_air_is_smooth_and_slow(interval_s: float) -> None:
 
 def test_neighbours_share_air_but_no_reflections() -> None:
     near, far = exposure(from_sky(east_km=0.06), name="two"), exposure(from_sky(east_km=375.0), name="three")
-    one, two, three = field_errors(
+    one, two, three = draw_field_errors(
         replace(NO_REFLECTIONS, troposphere_m=0.0), [exposure(from_sky()), near, far], 1.0, draws=(DRAWS,)
     )
     assert (two.code_m - one.code_m).std() == pytest.approx(1.5 * 0.06 / 375.0, rel=0.03)  # 4 mm/km
     assert is_correlated(one.code_m[:, 0, 0], three.code_m[:, 0, 0], np.exp(-0.5))
-    one, two = field_errors(NO_AIR, [exposure(from_sky(), from_sky("G06")), near], 1.0, draws=(DRAWS,))
+    one, two = draw_field_errors(NO_AIR, [exposure(from_sky(), from_sky("G06")), near], 1.0, draws=(DRAWS,))
     assert is_correlated(one.code_m[:, 0, 0], two.code_m[:, 0, 0], 0.0)
     assert is_correlated(one.code_m[:, 0, 0], one.code_m[:, 0, 1], 0.0)
 
@@ -99,7 +99,7 @@ def test_false_signals_share_the_way_from_their_transmitter() -> None:
         return SignalPath(sat=sat, air_ecef_m=None, transmitter="spoofer/0")
 
     whole = FieldErrors(seed=3)
-    here, there = field_errors(
+    here, there = draw_field_errors(
         whole, [exposure(made("G05"), made("G06")), exposure(made("G05"), name="two")], 1.0, draws=(DRAWS,)
     )
     np.testing.assert_array_equal(here.code_m[..., 0], here.code_m[..., 1])  # one direction, and no air
@@ -108,7 +108,7 @@ def test_false_signals_share_the_way_from_their_transmitter() -> None:
     assert is_correlated(here.code_m[:, 0, 0], there.code_m[:, 0, 0], 0.0)
 
     ways = relayed("G05"), relayed("G06"), relayed("G07", "meaconer/1")
-    here, there = field_errors(whole, [exposure(*ways), exposure(*ways, name="two")], 1.0, draws=(DRAWS,))
+    here, there = draw_field_errors(whole, [exposure(*ways), exposure(*ways, name="two")], 1.0, draws=(DRAWS,))
     # between satellites at one receiver the way from the antenna falls out; between receivers the ears' errors do
     one, other = (error.code_m[:, 0, 0] - error.code_m[:, 0, 1] for error in (here, there))
     np.testing.assert_allclose(one, other, atol=1e-9)
@@ -120,40 +120,44 @@ def test_false_signals_share_the_way_from_their_transmitter() -> None:
 
 
 def test_the_carrier_moves_by_a_quarter_of_a_cycle_at_most() -> None:
-    (error,) = field_errors(replace(NO_AIR, carrier_cyc_a_m=5.0), [exposure(from_sky(), el_deg=5.0)], 1.0, draws=(999,))
+    (error,) = draw_field_errors(
+        replace(NO_AIR, carrier_cyc_a_m=5.0), [exposure(from_sky(), el_deg=5.0)], 1.0, draws=(999,)
+    )
     assert 0.24 < np.abs(error.carrier_cyc).max() <= 0.25
 
 
 def test_one_seed_is_one_world_whatever_is_asked_for() -> None:
     model = FieldErrors(seed=9)
-    whole = field_errors(
+    whole = draw_field_errors(
         model,
         [exposure(from_sky(), from_sky("G06"), epochs=50), exposure(from_sky(east_km=1.0), epochs=50, name="two")],
         1.0,
         draws=(3,),
     )
-    (window,) = field_errors(model, [exposure(from_sky("G06"), first=20, epochs=10)], 1.0, draws=(3,))
+    (window,) = draw_field_errors(model, [exposure(from_sky("G06"), first=20, epochs=10)], 1.0, draws=(3,))
     np.testing.assert_allclose(window.code_m[..., 0], whole[0].code_m[:, 20:30, 1], rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(window.carrier_cyc[..., 0], whole[0].carrier_cyc[:, 20:30, 1], rtol=0.0, atol=1e-12)
-    (other,) = field_errors(replace(model, seed=10), [exposure(from_sky("G06"), first=20, epochs=10)], 1.0, draws=(3,))
+    (other,) = draw_field_errors(
+        replace(model, seed=10), [exposure(from_sky("G06"), first=20, epochs=10)], 1.0, draws=(3,)
+    )
     assert np.abs(other.code_m - window.code_m).min() > 0.0
     with pytest.raises(ValueError, match="seed"):
-        field_errors(FieldErrors(), [exposure(from_sky())], 1.0)
+        draw_field_errors(FieldErrors(), [exposure(from_sky())], 1.0)
 
 
 def test_obliquities_are_those_of_the_standard() -> None:
     # values of the formulas at the zenith and at 5 degrees, worked out by hand from DO-229D's constants
-    np.testing.assert_allclose(ionosphere_obliquity(np.radians([90.0, 5.0])), [1.0, 3.0406], rtol=1e-4)
-    np.testing.assert_allclose(troposphere_obliquity(np.radians([90.0, 5.0])), [1.0, 10.2171], rtol=1e-4)
+    np.testing.assert_allclose(compute_ionosphere_obliquity(np.radians([90.0, 5.0])), [1.0, 3.0406], rtol=1e-4)
+    np.testing.assert_allclose(compute_troposphere_obliquity(np.radians([90.0, 5.0])), [1.0, 10.2171], rtol=1e-4)
 
 
 @pytest.fixture(scope="module")
 def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
-    return scene_of(scenario.model_copy(update={"duration_s": 40.0}), navigation)
+    return make_scene(scenario.model_copy(update={"duration_s": 40.0}), navigation)
 
 
 def test_observations_have_them_if_asked(scene: Scene) -> None:
-    geometries = ideal_measurements_of(scene)
+    geometries = make_ideal_measurements(scene)
     silent = NoiseModel(sigma_m=0.0, carrier_sigma_cyc=0.0, doppler_sigma_hz=0.0)
     field = NoiseModel(sigma_m=0.0, carrier_sigma_cyc=0.0, doppler_sigma_hz=0.0, field=FieldErrors(seed=4))
     plain, _ = draw(geometries, rng=np.random.default_rng(1), noise=silent)
@@ -171,9 +175,9 @@ def test_observations_have_them_if_asked(scene: Scene) -> None:
 
 
 def test_white_noise_is_as_it_was_without_them(scene: Scene) -> None:
-    geometry = ideal_measurements_of(scene)[0]
-    white = noise_of(geometry, NoiseModel(), rng=np.random.default_rng(2))
-    both = noise_of(geometry, NoiseModel(field=FieldErrors()), rng=np.random.default_rng(2))
+    geometry = make_ideal_measurements(scene)[0]
+    white = draw_noise(geometry, NoiseModel(), rng=np.random.default_rng(2))
+    both = draw_noise(geometry, NoiseModel(field=FieldErrors()), rng=np.random.default_rng(2))
     extra = both - white
     there = geometry.there.all(axis=0)
     assert correlation(extra[1:, there], extra[:-1, there]) > 0.9

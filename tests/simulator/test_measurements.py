@@ -9,22 +9,22 @@ import pytest
 from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import SignalRef
-from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of, noise_of, observations_of
+from skyproof.simulator.measurements import NoiseModel, draw, draw_noise, make_ideal_measurements, simulate_observations
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 SILENT = NoiseModel(sigma_m=0.0, carrier_sigma_cyc=0.0, doppler_sigma_hz=0.0)
 
 
 @pytest.fixture(scope="module")
 def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
-    return scene_of(scenario.model_copy(update={"duration_s": 30.0}), navigation)
+    return make_scene(scenario.model_copy(update={"duration_s": 30.0}), navigation)
 
 
 def test_pseudoranges_are_on_the_receivers_own_clock(scene: Scene) -> None:
     """What the clock shows minus what the code shows, worked out from an epoch's label and nothing else."""
-    (observed, _), _ = draw(ideal_measurements_of(scene), rng=np.random.default_rng(1), noise=SILENT)
+    (observed, _), _ = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1), noise=SILENT)
     sky = scene.skies[0]
     epoch = 10
     shown_s = (observed.gpst[epoch] - scene.scenario.start_gpst) / np.timedelta64(1, "s")
@@ -40,7 +40,7 @@ def test_pseudoranges_are_on_the_receivers_own_clock(scene: Scene) -> None:
 
 
 def test_carrier_and_doppler_are_one_and_follow_the_range(scene: Scene) -> None:
-    (observed, _), _ = draw(ideal_measurements_of(scene, interval_s=0.5), rng=np.random.default_rng(1), noise=SILENT)
+    (observed, _), _ = draw(make_ideal_measurements(scene, interval_s=0.5), rng=np.random.default_rng(1), noise=SILENT)
     there = np.isfinite(observed.carrier_cyc).all(axis=0)
     carrier_m = observed.carrier_cyc[:, there] * SPEED_OF_LIGHT_M_S / L1_HZ
     moved_m = np.diff(observed.pseudorange_m[:, there], axis=0) - np.diff(carrier_m, axis=0)
@@ -52,7 +52,7 @@ def test_carrier_and_doppler_are_one_and_follow_the_range(scene: Scene) -> None:
 
 
 def test_a_copy_is_there_from_its_onset_on_and_says_when_it_was_found(scene: Scene) -> None:
-    (observed, _), labels = draw(ideal_measurements_of(scene), rng=np.random.default_rng(1))
+    (observed, _), labels = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1))
     for column, signal in enumerate(observed.signals):
         there = np.isfinite(observed.pseudorange_m[:, column])
         np.testing.assert_array_equal(observed.status[:, column], np.where(there, 0, 1))
@@ -66,7 +66,7 @@ def test_a_copy_is_there_from_its_onset_on_and_says_when_it_was_found(scene: Sce
 
 
 def test_receivers_share_epochs(scene: Scene) -> None:
-    (one, two), _ = draw(ideal_measurements_of(scene), rng=np.random.default_rng(1))
+    (one, two), _ = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1))
     shared = np.intersect1d(one.gpst, two.gpst)
     assert shared.size >= 28
     assert np.all(np.diff(shared) == np.timedelta64(1, "s"))
@@ -74,7 +74,7 @@ def test_receivers_share_epochs(scene: Scene) -> None:
 
 
 def test_double_differences_name_the_copies(scene: Scene) -> None:
-    (one, two), labels = draw(ideal_measurements_of(scene), rng=np.random.default_rng(1), noise=SILENT)
+    (one, two), labels = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1), noise=SILENT)
     _, at_one, at_two = np.intersect1d(one.gpst, two.gpst, return_indices=True)
     assert one.signals == two.signals
     single_m = two.pseudorange_m[at_two[10]] - one.pseudorange_m[at_one[10]]
@@ -87,36 +87,36 @@ def test_double_differences_name_the_copies(scene: Scene) -> None:
 
 
 def test_noise_has_the_sigma_and_the_correlation_asked_for(scene: Scene) -> None:
-    geometry = ideal_measurements_of(scene)[0]
+    geometry = make_ideal_measurements(scene)[0]
     model = NoiseModel(sigma_m=0.8, ar1=0.9)
-    error_m = noise_of(geometry, model, rng=np.random.default_rng(2), draws=(4000,))
+    error_m = draw_noise(geometry, model, rng=np.random.default_rng(2), draws=(4000,))
     assert error_m.shape == (4000, *geometry.pseudorange_m.shape)
     steady = error_m[..., geometry.there.all(axis=0)]
     unit = steady / (0.8 * model.growth(geometry.cn0_dbhz[:, geometry.there.all(axis=0)]))
     assert np.allclose(unit.var(axis=(0, 2)), 1.0, atol=0.04)  # from the first epoch on
     assert np.mean(unit[:, 1:] * unit[:, :-1]) == pytest.approx(0.9, abs=0.01)
-    white = noise_of(geometry, NoiseModel(), rng=np.random.default_rng(2), draws=(4000,))
+    white = draw_noise(geometry, NoiseModel(), rng=np.random.default_rng(2), draws=(4000,))
     assert abs(np.nanmean(white[:, 1:] * white[:, :-1])) < 0.005
 
 
 def test_a_constant_error_stays_for_the_window(scene: Scene) -> None:
-    geometry = ideal_measurements_of(scene)[0]
+    geometry = make_ideal_measurements(scene)[0]
     model = NoiseModel(sigma_m=0.0, constant_m=1.5)
-    error_m = noise_of(geometry, model, rng=np.random.default_rng(2), draws=(3000,))
+    error_m = draw_noise(geometry, model, rng=np.random.default_rng(2), draws=(3000,))
     steady = error_m[..., geometry.there.all(axis=0)]
     assert np.ptp(steady, axis=1).max() == 0.0
     assert steady[:, 0].std() == pytest.approx(1.5, rel=0.03)
 
 
 def test_stated_sigmas_follow_the_carrier_to_noise_density(scene: Scene) -> None:
-    (observed, _), _ = draw(ideal_measurements_of(scene), rng=np.random.default_rng(1), noise=NoiseModel(sigma_m=0.4))
+    (observed, _), _ = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1), noise=NoiseModel(sigma_m=0.4))
     there = observed.status == 0
     expected_m = 0.4 * 10.0 ** ((45.0 - observed.cn0_dbhz[there]) / 20.0)
     np.testing.assert_allclose(observed.pseudorange_sigma_m[there], expected_m)
 
 
 def test_shuffled_letters_say_nothing(scene: Scene) -> None:
-    geometries, rng = ideal_measurements_of(scene), np.random.default_rng(5)
+    geometries, rng = make_ideal_measurements(scene), np.random.default_rng(5)
     plain = draw(geometries, rng=rng, noise=SILENT)[0][0]
     authentic = {
         signal.sat: plain.pseudorange_m[-1, column] for column, signal in enumerate(plain.signals) if signal.copy == "a"
@@ -135,14 +135,14 @@ def test_shuffled_letters_say_nothing(scene: Scene) -> None:
 
 
 def test_the_same_generator_gives_the_same_window(scenario: Scenario, navigation: NavigationData) -> None:
-    (first, _), labels = observations_of(scenario, navigation, rng=np.random.default_rng(9), shuffle_copies=True)
-    (second, _), again = observations_of(scenario, navigation, rng=np.random.default_rng(9), shuffle_copies=True)
+    (first, _), labels = simulate_observations(scenario, navigation, rng=np.random.default_rng(9), shuffle_copies=True)
+    (second, _), again = simulate_observations(scenario, navigation, rng=np.random.default_rng(9), shuffle_copies=True)
     np.testing.assert_array_equal(first.pseudorange_m, second.pseudorange_m)
     assert labels == again
 
 
 def test_a_window_costs_a_millisecond_or_so(scene: Scene) -> None:
-    geometries, rng = ideal_measurements_of(scene), np.random.default_rng(5)
+    geometries, rng = make_ideal_measurements(scene), np.random.default_rng(5)
     started_s = time.thread_time()
     for _ in range(100):
         draw(geometries, rng=rng, noise=NoiseModel(ar1=0.9, constant_m=1.0))

@@ -18,18 +18,18 @@ from skyproof.simulator.motion import (
     AlongMotion,
     Held,
     SpinningArm,
-    antenna_motion,
+    compute_antenna_motion,
 )
 from skyproof.simulator.trajectories import (
-    circle,
-    drifting,
+    add_drift,
     ecef_from_enu,
     from_samples,
     from_track,
-    las_vegas,
-    las_vegas_false,
-    static,
-    way_points,
+    make_circle,
+    make_las_vegas,
+    make_las_vegas_false,
+    make_static,
+    make_way_points,
 )
 
 LAT_RAD, LON_RAD = np.radians(40.0), np.radians(-3.0)
@@ -61,19 +61,19 @@ def integrals(trajectory, t_s, name):
 
 def sampled(**more):
     t_s = np.arange(0.0, 241.0)
-    return from_samples(t_s, way_points(WAY, 15.0).at(t_s).position_ecef_m, **more)
+    return from_samples(t_s, make_way_points(WAY, 15.0).at(t_s).position_ecef_m, **more)
 
 
 EVERY = {
-    "static": static(HOME, heading_rad=1.0, pitch_rad=0.1, roll_rad=-0.2),
-    "way points": way_points(WAY, 15.0),
-    "way points straight in space, no bank": way_points(WAY, 15.0, level=False, attitude=AlongMotion(bank=False)),
-    "way points, level nose": way_points(WAY, 15.0, radius_m=60.0, attitude=AlongMotion(pitch=False)),
-    "way points, held": way_points(WAY, 15.0, from_rest=False, to_rest=False, attitude=Held(1.0, 0.1, -0.2)),
-    "circle": circle(HOME, 80.0, 12.0, start_rad=1.0),
-    "circle anticlockwise": circle(HOME, 80.0, 12.0, clockwise=False),
-    "approach": las_vegas(),
-    "false approach": las_vegas_false(),
+    "static": make_static(HOME, heading_rad=1.0, pitch_rad=0.1, roll_rad=-0.2),
+    "way points": make_way_points(WAY, 15.0),
+    "way points straight in space, no bank": make_way_points(WAY, 15.0, level=False, attitude=AlongMotion(bank=False)),
+    "way points, level nose": make_way_points(WAY, 15.0, radius_m=60.0, attitude=AlongMotion(pitch=False)),
+    "way points, held": make_way_points(WAY, 15.0, from_rest=False, to_rest=False, attitude=Held(1.0, 0.1, -0.2)),
+    "circle": make_circle(HOME, 80.0, 12.0, start_rad=1.0),
+    "circle anticlockwise": make_circle(HOME, 80.0, 12.0, clockwise=False),
+    "approach": make_las_vegas(),
+    "false approach": make_las_vegas_false(),
     "samples": sampled(),
 }
 ALL = pytest.mark.parametrize("trajectory", EVERY.values(), ids=EVERY.keys())
@@ -186,7 +186,7 @@ def test_without_bank_and_pitch_the_body_stays_level():
 
 
 def test_a_way_begins_and_ends_at_rest_at_its_ends():
-    way = way_points(WAY, 15.0, start_s=3.0)
+    way = make_way_points(WAY, 15.0, start_s=3.0)
     end_s = 3.0 + way.curve.duration_s
     motion = way.at([0.0, 3.0, end_s, end_s + 60.0])
     np.testing.assert_allclose(motion.position_ecef_m, WAY[[0, 0, -1, -1]], atol=1e-7)
@@ -196,7 +196,7 @@ def test_a_way_begins_and_ends_at_rest_at_its_ends():
 
 
 def test_a_way_in_motion_comes_in_and_goes_on_straight():
-    way = way_points(WAY, 15.0, from_rest=False, to_rest=False, start_s=3.0, level=False)
+    way = make_way_points(WAY, 15.0, from_rest=False, to_rest=False, start_s=3.0, level=False)
     motion = way.at([1.0, 3.0, 3.0 + way.curve.duration_s, 13.0 + way.curve.duration_s])
     np.testing.assert_allclose(speeds(motion), 15.0, atol=1e-12)
     last = (WAY[-1] - WAY[-2]) / np.linalg.norm(WAY[-1] - WAY[-2])
@@ -206,7 +206,7 @@ def test_a_way_in_motion_comes_in_and_goes_on_straight():
 
 
 def test_speed_and_accelerations_are_those_asked_for():
-    way = way_points(WAY, 15.0, acceleration_m_s2=1.5, lateral_m_s2=2.5, level=False)
+    way = make_way_points(WAY, 15.0, acceleration_m_s2=1.5, lateral_m_s2=2.5, level=False)
     motion = way.at(np.linspace(0.0, way.curve.duration_s, 20_001))
     along, across = np.einsum("ni,nij->jn", motion.acceleration_ecef_m_s2, along_and_across(motion))
     assert speeds(motion).max() == pytest.approx(15.0, abs=1e-12)
@@ -225,7 +225,7 @@ def along_and_across(motion):
 
 def test_a_turn_holds_its_radius_between_smooth_ends():
     corner = ecef_from_enu([[0, 0, 0], [0, 1000, 0], [1000, 1000, 0]], HOME)
-    way = way_points(corner, 20.0, radius_m=100.0, turn_in_s=1.5, from_rest=False, to_rest=False, level=False)
+    way = make_way_points(corner, 20.0, radius_m=100.0, turn_in_s=1.5, from_rest=False, to_rest=False, level=False)
     motion = way.at(np.linspace(0.0, way.curve.duration_s, 20_001))
     across = np.linalg.norm(motion.acceleration_ecef_m_s2, axis=1)
     held = across > 4.0 - 1e-9
@@ -241,11 +241,12 @@ def test_a_level_way_keeps_its_height_over_the_ellipsoid_and_a_straight_one_does
     points = ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), np.full(3, 700.0))
     t_s = np.linspace(0.0, 900.0, 2001)
     heights = [
-        geodetic_from_ecef(way_points(points, 120.0, level=level).at(t_s).position_ecef_m)[2] for level in (True, False)
+        geodetic_from_ecef(make_way_points(points, 120.0, level=level).at(t_s).position_ecef_m)[2]
+        for level in (True, False)
     ]
     assert np.abs(heights[0] - 700.0).max() < 3e-3
     assert heights[1].min() < 700.0 - 50.0
-    motion = way_points(points, 120.0, from_rest=False, to_rest=False).at(t_s)
+    motion = make_way_points(points, 120.0, from_rest=False, to_rest=False).at(t_s)
     assert np.abs(speeds(motion) / 120.0 - 1.0).max() < 2e-5
 
 
@@ -266,7 +267,7 @@ def test_any_way_is_smooth_and_keeps_its_limits_and_ends(legs, speed_m_s, latera
     steps = np.stack([lengths_m * np.sin(heading_rad), lengths_m * np.cos(heading_rad), climbs_m], axis=-1)
     points = ecef_from_enu(np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]), HOME)
     try:
-        way = way_points(
+        way = make_way_points(
             points,
             speed_m_s,
             lateral_m_s2=lateral_m_s2,
@@ -310,7 +311,7 @@ def test_a_way_that_cannot_be_gone_is_refused_with_the_place_and_a_remedy(points
     if len(points) != len(WAY):
         points = ecef_from_enu(np.array(points, float), HOME)
     with pytest.raises(ScenarioError, match=words):
-        way_points(points, **({"speed_m_s": 10.0} | more))
+        make_way_points(points, **({"speed_m_s": 10.0} | more))
 
 
 # --- circle and approach
@@ -319,7 +320,7 @@ def test_a_way_that_cannot_be_gone_is_refused_with_the_place_and_a_remedy(points
 @pytest.mark.parametrize("clockwise", [True, False])
 def test_a_circle_is_the_closed_form(clockwise):
     t_s, sign = np.linspace(-50.0, 300.0, 200), 1.0 if clockwise else -1.0
-    motion = circle(HOME, 80.0, 12.0, clockwise=clockwise, start_rad=0.5).at(t_s)
+    motion = make_circle(HOME, 80.0, 12.0, clockwise=clockwise, start_rad=0.5).at(t_s)
     azimuth_rad = 0.5 + sign * 12.0 / 80.0 * t_s
     out = np.stack([np.sin(azimuth_rad), np.cos(azimuth_rad), np.zeros(200)], axis=-1)
     np.testing.assert_allclose(enu(motion.position_ecef_m), 80.0 * out, atol=1e-8)
@@ -341,11 +342,11 @@ def test_a_circle_is_the_closed_form(clockwise):
 )
 def test_a_circle_that_cannot_be_is_refused(radius_m, speed_m_s, words):
     with pytest.raises(ScenarioError, match=words):
-        circle(HOME, radius_m, speed_m_s)
+        make_circle(HOME, radius_m, speed_m_s)
 
 
 def test_the_approach_is_the_published_one():
-    ends = las_vegas().at([0.0, 233.0])
+    ends = make_las_vegas().at([0.0, 233.0])
     lat_rad, lon_rad, height_m = geodetic_from_ecef(ends.position_ecef_m)
     assert np.degrees([lat_rad[0], lon_rad[0]]) == pytest.approx([35.939, -115.2447], abs=1e-10)
     assert height_m[0] / 0.3048 == pytest.approx(5100.0, abs=1e-6)
@@ -353,14 +354,14 @@ def test_the_approach_is_the_published_one():
     threshold = ecef_from_geodetic(np.radians(36.075463), np.radians(-115.166788), 2230 * 0.3048)
     crossed_s = np.linalg.norm(threshold - ends.position_ecef_m[0]) / (140 * 1852 / 3600)
     assert crossed_s == pytest.approx(232.1, abs=0.1)
-    np.testing.assert_allclose(las_vegas().at([crossed_s]).position_ecef_m[0], threshold, atol=1e-7)
+    np.testing.assert_allclose(make_las_vegas().at([crossed_s]).position_ecef_m[0], threshold, atol=1e-7)
     assert angles_deg(ends)[0] == pytest.approx([24.9, -3.0, 0.0], abs=0.1)
-    assert geodetic_from_ecef(las_vegas().at([90.0]).position_ecef_m[0])[2] < 4000 * 0.3048
+    assert geodetic_from_ecef(make_las_vegas().at([90.0]).position_ecef_m[0])[2] < 4000 * 0.3048
 
 
 def test_the_false_approach_leads_off_by_100_m_up_east():
     t_s = np.array([0.0, 88.9, 90.0, 140.0, 190.0, 191.1, 233.0])
-    true, false = (trajectory.at(t_s).position_ecef_m for trajectory in (las_vegas(), las_vegas_false()))
+    true, false = (trajectory.at(t_s).position_ecef_m for trajectory in (make_las_vegas(), make_las_vegas_false()))
     rot = rot_enu_ecef(*geodetic_from_ecef(true[2])[:2])
     off_m = (false - true) @ rot.T
     np.testing.assert_allclose(off_m[[0, 1, 3, 5, 6], 0], np.sqrt(0.5) * np.array([0, 0, 50, 100, 100]), atol=1e-7)
@@ -371,7 +372,7 @@ def test_the_false_approach_leads_off_by_100_m_up_east():
 
 def test_a_drift_without_time_is_refused():
     with pytest.raises(ScenarioError, match="from 10 s to 10 s"):
-        drifting(EVERY["static"], [1.0, 0.0, 0.0], 10.0, 10.0)
+        add_drift(EVERY["static"], [1.0, 0.0, 0.0], 10.0, 10.0)
 
 
 # --- samples and files
@@ -379,7 +380,7 @@ def test_a_drift_without_time_is_refused():
 
 def test_samples_of_a_smooth_motion_give_it_back():
     t_s = np.arange(0.0, 101.0, 0.5)
-    truth = circle(HOME, 80.0, 12.0)
+    truth = make_circle(HOME, 80.0, 12.0)
     found, moments_s = from_samples(t_s, truth.at(t_s).position_ecef_m), np.linspace(5.0, 95.0, 777)
     one, other = truth.at(moments_s), found.at(moments_s)
     assert np.abs(one.position_ecef_m - other.position_ecef_m).max() < 1e-5
@@ -411,7 +412,7 @@ def test_beyond_its_samples_a_body_goes_straight_on():
     found = sampled(attitude=Held())
     assert found.span_s == (0.0, 240.0)
     t_s = np.arange(0.0, 101.0)
-    moving = from_samples(t_s, circle(HOME, 80.0, 12.0).at(t_s).position_ecef_m).at([100.0, 103.0])
+    moving = from_samples(t_s, make_circle(HOME, 80.0, 12.0).at(t_s).position_ecef_m).at([100.0, 103.0])
     gone_m = moving.position_ecef_m[1] - moving.position_ecef_m[0]
     np.testing.assert_allclose(gone_m, 3.0 * moving.velocity_ecef_m_s[0], atol=1e-8)
     np.testing.assert_array_equal(moving.acceleration_ecef_m_s2[1], 0.0)
@@ -420,7 +421,7 @@ def test_beyond_its_samples_a_body_goes_straight_on():
 
 
 def test_a_body_that_stands_keeps_its_heading_and_turns_smoothly_to_the_next():
-    east, north = way_points(WAY[:2], 15.0), way_points(WAY[1:3], 15.0)
+    east, north = make_way_points(WAY[:2], 15.0), make_way_points(WAY[1:3], 15.0)
     t_s = np.arange(0.0, 120.0, 0.5)
     first, second = east.at(t_s).position_ecef_m, north.at(t_s).position_ecef_m
     found = from_samples(np.concatenate([t_s, 120.0 + t_s]), np.concatenate([first, second]))
@@ -435,8 +436,8 @@ def test_a_body_that_stands_turns_to_the_nearer_side_over_north_too():
     """It comes in 10 degrees west of north, stands, and leaves 10 degrees east of north."""
     east_m = 500.0 * np.tan(np.radians(10.0))
     t_s = np.arange(0.0, 120.0, 0.5)
-    first = way_points(ecef_from_enu([[0, 0, 0], [-east_m, 500, 0]], HOME), 15.0).at(t_s).position_ecef_m
-    second = way_points(ecef_from_enu([[-east_m, 500, 0], [0, 1000, 0]], HOME), 15.0).at(t_s).position_ecef_m
+    first = make_way_points(ecef_from_enu([[0, 0, 0], [-east_m, 500, 0]], HOME), 15.0).at(t_s).position_ecef_m
+    second = make_way_points(ecef_from_enu([[-east_m, 500, 0], [0, 1000, 0]], HOME), 15.0).at(t_s).position_ecef_m
     found = from_samples(np.concatenate([t_s, 120.0 + t_s]), np.concatenate([first, second]))
     heading_deg = (angles_deg(found.at(np.linspace(5.0, 150.0, 2000)))[:, 0] + 180.0) % 360.0 - 180.0
     assert heading_deg[[0, -1]] == pytest.approx([-10.0, 10.0], abs=0.1)
@@ -450,7 +451,7 @@ def test_a_body_that_never_moves_heads_north():
 
 def test_knots_apart_take_errors_out_of_the_motion():
     t_s, rng = np.arange(0.0, 200.0), np.random.default_rng(3)
-    places = circle(HOME, 200.0, 12.0).at(t_s).position_ecef_m
+    places = make_circle(HOME, 200.0, 12.0).at(t_s).position_ecef_m
     noisy = places + rng.standard_normal(places.shape)
     pull = [
         np.linalg.norm(found.at(t_s[10:-10]).acceleration_ecef_m_s2, axis=1)
@@ -480,7 +481,7 @@ def test_samples_that_make_no_motion_are_refused(t_s, places, more, words):
 
 def test_a_files_points_make_a_motion_from_the_time_asked_for():
     t_s = np.arange(0.0, 60.0)
-    truth = circle(HOME, 80.0, 12.0).at(t_s)
+    truth = make_circle(HOME, 80.0, 12.0).at(t_s)
     reported = np.stack(heading_pitch_roll_rad(truth.position_ecef_m, truth.attitude), axis=-1)
     track = RecordedTrack(source="a.csv", position_ecef_m=truth.position_ecef_m, t_s=t_s, attitude_rad=reported)
     found = from_track(track, start_s=10.0)
@@ -517,7 +518,9 @@ def test_a_file_without_times_is_gone_at_the_speed_asked_for():
 )
 def test_an_antennas_velocity_and_acceleration_are_those_of_its_place(lever):
     def antenna(t_s):
-        return antenna_motion(EVERY["way points"].at(t_s), lever.at(t_s) if isinstance(lever, SpinningArm) else lever)
+        return compute_antenna_motion(
+            EVERY["way points"].at(t_s), lever.at(t_s) if isinstance(lever, SpinningArm) else lever
+        )
 
     t_s, half_s = np.linspace(1.0, 239.0, 5000), 1e-3
     before, now, after = (antenna(t_s + shift_s) for shift_s in (-half_s, 0.0, half_s))
@@ -528,8 +531,8 @@ def test_an_antennas_velocity_and_acceleration_are_those_of_its_place(lever):
 
 
 def test_a_lever_stands_in_body_axes():
-    body = static(HOME, heading_rad=np.pi / 2).at([0.0, 1.0])
-    antenna = antenna_motion(body, [2.0, 1.0, -3.0])
+    body = make_static(HOME, heading_rad=np.pi / 2).at([0.0, 1.0])
+    antenna = compute_antenna_motion(body, [2.0, 1.0, -3.0])
     np.testing.assert_allclose(enu(antenna.position_ecef_m), [[2.0, -1.0, 3.0]] * 2, atol=1e-8)
 
 
@@ -556,4 +559,4 @@ def test_an_arm_that_cannot_be_is_refused(more, words):
 
 def test_a_place_that_is_none_is_refused():
     with pytest.raises(ScenarioError, match=r"position_ecef_m: \[1\.0, 2\.0\], .*\bthree\b"):
-        static([1.0, 2.0])
+        make_static([1.0, 2.0])

@@ -13,7 +13,7 @@ from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.scenario import parse_scenario
 from skyproof.simulator.sites import ScenePlace
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 MM = 1e-3
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / L1_HZ
@@ -41,7 +41,7 @@ TABLE: dict[str, Any] = {
 
 
 def scene_with(navigation: NavigationData, **changes: Any) -> Scene:
-    return scene_of(parse_scenario(TABLE | changes), navigation)
+    return make_scene(parse_scenario(TABLE | changes), navigation)
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,12 @@ from skyproof.gnss.constants import L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.simulator.attacks import Takeover
 from skyproof.simulator.correlators import correlate
-from skyproof.simulator.measurements import ideal_measurements_of
-from skyproof.simulator.overlap_bias import pull_of
+from skyproof.simulator.measurements import make_ideal_measurements
+from skyproof.simulator.overlap_bias import compute_pull
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Multipath, Scenario, ScenePlace, SceneReceiver, Sky
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.tracked import aligned
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.tracked import align_channels
 
 START = np.datetime64("2023-03-04T05:06:07.25", "ns")
 WIDE = FrontEnd(rate_hz=4e6, encoding="float", bits=32)
@@ -25,7 +25,7 @@ def scene_with(
     takeover = Takeover(
         target="one", transmit=ScenePlace(lat_deg=40.0003, lon_deg=-3.0002, height_m=660.0), onset_s=-1.0, **attack
     )  # type: ignore[arg-type]
-    return scene_of(
+    return make_scene(
         Scenario(
             seed=7,
             start_gpst=START,
@@ -47,7 +47,7 @@ def test_a_short_reflection_pulls_as_the_envelope_says(
     delay_m, amplitude = 15.0, 10.0 ** (-6.0 / 20.0)
     turn_cyc = delay_m * L1_HZ / SPEED_OF_LIGHT_M_S  # what the way itself turns, taken off
     ray = Multipath(delay_m=delay_m, power_db=-6.0, phase_deg=360.0 * (turn_cyc % 1.0) + turn_deg)
-    pull = pull_of(scene_with(navigation, (ray,)), 0, [1.5, 2.5], averaged_s=1.0)
+    pull = compute_pull(scene_with(navigation, (ray,)), 0, [1.5, 2.5], averaged_s=1.0)
     expected_m = sign * amplitude * delay_m / (1.0 + sign * amplitude)
     np.testing.assert_allclose(pull.code_m, expected_m, rtol=5e-3)
     np.testing.assert_allclose(pull.carrier_cyc, 0.0, atol=1e-4)
@@ -58,10 +58,10 @@ def test_a_short_reflection_pulls_as_the_envelope_says(
 def test_loops_stand_where_early_and_late_are_equal(navigation: NavigationData) -> None:
     scene = scene_with(navigation, front_end=FrontEnd(bandwidth_hz=2e6), code_offset_m=120.0, power_db=1.0)
     sky = scene.skies[0]
-    pull = pull_of(scene, 0, [2.0], averaged_s=0.2)
+    pull = compute_pull(scene, 0, [2.0], averaged_s=0.2)
     assert np.abs(pull.code_m).max() > 5.0
     carrier_hz = sky.signal.carrier_hz
-    tracked = aligned(scene, 0).moved(code_s=pull.code_m[0] / SPEED_OF_LIGHT_M_S, carrier_hz=carrier_hz)
+    tracked = align_channels(scene, 0).move(code_s=pull.code_m[0] / SPEED_OF_LIGHT_M_S, carrier_hz=carrier_hz)
     outputs = correlate(scene, 0, [2.0], delays_chips=[-0.25, 0.0, 0.25], coherent_s=0.2, tracked=tracked)
     late, prompt, early = outputs.mean[0, :, 0].T
     assert np.abs(((early - late) * prompt.conj()).real / np.abs(prompt) ** 2).max() < 1e-4
@@ -70,9 +70,9 @@ def test_loops_stand_where_early_and_late_are_equal(navigation: NavigationData) 
 
 
 def test_a_copy_at_another_doppler_turns_away(navigation: NavigationData) -> None:
-    near = pull_of(scene_with(navigation, code_offset_m=100.0, power_db=1.0), 0, [2.0], averaged_s=1.0)
+    near = compute_pull(scene_with(navigation, code_offset_m=100.0, power_db=1.0), 0, [2.0], averaged_s=1.0)
     scene = scene_with(navigation, code_offset_m=100.0, power_db=1.0, clock_drift=31.25 / L1_HZ)
-    far = pull_of(scene, 0, [2.0], averaged_s=1.0)
+    far = compute_pull(scene, 0, [2.0], averaged_s=1.0)
     assert np.abs(near.code_m).max() > 5.0
     assert np.abs(far.code_m).max() < 0.05 * np.abs(near.code_m).max()
 
@@ -80,8 +80,8 @@ def test_a_copy_at_another_doppler_turns_away(navigation: NavigationData) -> Non
 def test_measurements_are_pulled_if_asked_and_only_where_signals_overlap(navigation: NavigationData) -> None:
     for overlap in (True, False):
         scene = scene_with(navigation, code_offset_m=100.0 if overlap else 3000.0, power_db=1.0)
-        (plain,), (pulled,) = ideal_measurements_of(scene), ideal_measurements_of(scene, pulled=True)
-        pull = pull_of(scene, 0, plain.elapsed_s, averaged_s=1.0)
+        (plain,), (pulled,) = make_ideal_measurements(scene), make_ideal_measurements(scene, pulled=True)
+        pull = compute_pull(scene, 0, plain.elapsed_s, averaged_s=1.0)
         np.testing.assert_allclose(pulled.pseudorange_m - plain.pseudorange_m, pull.code_m, atol=1e-6)
         np.testing.assert_allclose(pulled.doppler_hz - plain.doppler_hz, pull.doppler_hz, atol=1e-9)
         moved_cyc = pulled.carrier_cyc - plain.carrier_cyc - pull.carrier_cyc

@@ -11,12 +11,12 @@ from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, L1_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, rot_enu_ecef
 from skyproof.simulator.attacks import Meaconer
-from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.scenario import Scenario, ScenePlace, parse_scenario
-from skyproof.simulator.scenes import ready, ready_made
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.trajectories import las_vegas_false
+from skyproof.simulator.scenes import load_ready_made, read_ready_made
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.trajectories import make_las_vegas_false
 
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / L1_HZ
 CHIP_M = SPEED_OF_LIGHT_M_S / CA_CHIP_RATE_HZ
@@ -45,11 +45,11 @@ NAMES = {
 
 @cache
 def scene(name: str) -> Scene:
-    return worked_out(ready(name))
+    return worked_out(read_ready_made(name))
 
 
 def worked_out(scenario: Scenario) -> Scene:
-    return scene_of(scenario, navigation_of(scenario))
+    return make_scene(scenario, make_navigation(scenario))
 
 
 def ecef(place: ScenePlace) -> Reals:
@@ -67,7 +67,7 @@ def az_el_deg(place: ScenePlace, seen_from: ScenePlace) -> tuple[float, float]:
 
 
 def away_m(name: str, one: str, other: str) -> float:
-    places = {receiver.name: receiver for receiver in ready(name).receivers}
+    places = {receiver.name: receiver for receiver in read_ready_made(name).receivers}
     return float(np.linalg.norm(ecef(places[one]) - ecef(places[other])))
 
 
@@ -107,18 +107,18 @@ def shown_enu_m(name: str, true_s: Reals) -> Reals:
 
 
 def test_they_are_those_of_the_list() -> None:
-    assert ready_made().keys() == NAMES
-    assert list(ready_made()) == sorted(NAMES)
+    assert load_ready_made().keys() == NAMES
+    assert list(load_ready_made()) == sorted(NAMES)
 
 
 def test_a_name_that_is_none_is_refused_with_the_nearest() -> None:
     with pytest.raises(ScenarioError, match=r"'texbat-lik-7' .*'texbat-like-\d'"):
-        ready("texbat-lik-7")
+        read_ready_made("texbat-lik-7")
 
 
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_each_describes_itself_and_can_be_worked_out(name: str) -> None:
-    made, scenario = ready_made()[name], ready(name)
+    made, scenario = load_ready_made()[name], read_ready_made(name)
     assert scenario.name == name == made.path.stem
     assert (made.title, made.source) == (scenario.description, scenario.source)
     assert re.fullmatch(r"[^\n]{20,110}\.", made.title)
@@ -139,7 +139,7 @@ def test_each_describes_itself_and_can_be_worked_out(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_each_reads_the_same_after_it_was_written(name: str) -> None:
-    scenario = ready(name)
+    scenario = read_ready_made(name)
     assert Scenario.model_validate_json(scenario.model_dump_json()) == scenario
 
 
@@ -162,7 +162,7 @@ def test_receivers_of_multi_receiver_stand_as_tables_3_and_4_say() -> None:
     }
     for (one, other), metres in pairs.items():
         assert away_m("multi-receiver", one, other) == pytest.approx(metres, abs=0.01), (one, other)
-    scenario = ready("multi-receiver")
+    scenario = read_ready_made("multi-receiver")
     places = {receiver.name: receiver for receiver in scenario.receivers}
     assert len(places) == 10
     along, across = enu_m(places["rx2"], places["rx1"]), enu_m(places["rx4"], places["rx3"])
@@ -206,13 +206,15 @@ def test_the_meaconer_of_the_ramp_climbs_and_falls_2_db_in_30_s() -> None:
     for (one, other), metres in distances.items():
         assert away_m("meacon-ramp", one, other) == pytest.approx(metres, abs=0.01)
     assert scene("meacon-ramp").path_m[0, :2] == pytest.approx([120.0, 70.0], abs=0.1)
-    meaconer = ready("meacon-ramp").attacks[0]
+    meaconer = read_ready_made("meacon-ramp").attacks[0]
     assert isinstance(meaconer, Meaconer)
-    assert np.linalg.norm(enu_m(meaconer.receive, ready("meacon-ramp").receivers[0])) == pytest.approx(900.0, abs=30.0)
+    assert np.linalg.norm(enu_m(meaconer.receive, read_ready_made("meacon-ramp").receivers[0])) == pytest.approx(
+        900.0, abs=30.0
+    )
 
 
 def test_the_arm_of_spin_makes_the_phase_of_the_paper() -> None:
-    scenario = ready("spin")
+    scenario = read_ready_made("spin")
     (antenna,) = scenario.receivers[0].antennas
     assert antenna.spin is not None
     assert antenna.spin.radius_m == pytest.approx(0.5 * WAVELENGTH_M, abs=1e-7)
@@ -261,11 +263,11 @@ def test_the_arm_of_spin_makes_the_phase_of_the_paper() -> None:
 def test_signals_reach_the_array_from_the_directions_of_the_paper(
     name: str, predicted: dict[str, tuple[float, float]], from_where: dict[str, tuple[float, float]]
 ) -> None:
-    scenario = ready(name)
+    scenario = read_ready_made(name)
     receiver, attack = scenario.receivers[0], scenario.attacks[0]
     assert attack.sats == tuple(sorted(from_where))
     for sat, direction in from_where.items():
-        sender = attack.transmit_sites[attack.antenna_of(sat)]
+        sender = attack.transmit_sites[attack.find_antenna(sat)]
         assert az_el_deg(sender, receiver) == pytest.approx(direction, abs=0.001)
     places = np.array([antenna.body_m for antenna in receiver.antennas])
     sides = [np.linalg.norm(places[k] - places[k - 1]) for k in range(3)]
@@ -317,7 +319,7 @@ def test_the_vector_sky_is_that_of_the_tables() -> None:
 def test_false_signals_of_the_vector_scenes_are_shifted_as_the_tables_say(
     name: str, sats: list[str], chips: float, hertz: float, cn0_dbhz: float
 ) -> None:
-    table = ready(name).model_dump(mode="json", exclude_none=True)
+    table = read_ready_made(name).model_dump(mode="json", exclude_none=True)
     table["sky"].pop("sats")  # the true ones of the attacked satellites as well
     sky = worked_out(parse_scenario(table)).skies[0]
     assert sorted(columns(sky, "spoofed")) == sats
@@ -331,7 +333,7 @@ def test_false_signals_of_the_vector_scenes_are_shifted_as_the_tables_say(
 
 def test_the_path_shown_over_las_vegas_is_that_of_the_paper() -> None:
     at_s = np.array([0.0, 60.0, 89.0, 90.0, 120.0, 150.0, 190.0, 191.0, 232.0])
-    offset_m = scene("las-vegas").shown[0](at_s).position_ecef_m - las_vegas_false().at(at_s).position_ecef_m
+    offset_m = scene("las-vegas").shown[0](at_s).position_ecef_m - make_las_vegas_false().at(at_s).position_ecef_m
     assert np.linalg.norm(offset_m, axis=1).max() < 0.2  # axes of the fix here, of the place at 90 s there: 1 mrad
     assert np.linalg.norm(offset_m[:3], axis=1).max() < 1e-6
     sky = scene("las-vegas").skies[0]
@@ -344,7 +346,7 @@ def test_the_path_shown_over_las_vegas_is_that_of_the_paper() -> None:
 
 
 def test_the_roof_in_austin_stands_where_figure_8_has_it_and_is_led_up_east() -> None:
-    roof = ready("static-austin").receivers[0]
+    roof = read_ready_made("static-austin").receivers[0]
     assert roof.lat_deg == pytest.approx(30 + 17 / 60 + 15.068 / 3600, abs=1e-8)
     assert roof.lon_deg == pytest.approx(-(97 + 44 / 60 + 8.642 / 3600), abs=1e-8)
     offset_m = shown_enu_m("static-austin", np.array([0.0, 19.0, 70.0, 121.0, 130.0]))
@@ -382,7 +384,7 @@ def test_the_attack_of_starts_spoofed_is_there_at_the_first_sample() -> None:
 
 
 def test_satellites_of_two_antennas_are_shared_between_both() -> None:
-    scenario = ready("two-antennas")
+    scenario = read_ready_made("two-antennas")
     attack = scenario.attacks[0]
     first, second = attack.transmit_sites
     assert np.linalg.norm(ecef(first) - ecef(second)) == pytest.approx(300.0, abs=1.0)
@@ -391,7 +393,7 @@ def test_satellites_of_two_antennas_are_shared_between_both() -> None:
     false_m = [SPEED_OF_LIGHT_M_S * sky.delays_s(np.array([30.0]))[0][0] for sky in (one, two)]
     by_antenna: dict[int, list[float]] = {0: [], 1: []}  # alike but for 67 ns, in which ranges change by 0.05 mm
     for sat, column in columns(one, "spoofed").items():
-        by_antenna[attack.antenna_of(sat)].append(false_m[0][column] - false_m[1][column])
+        by_antenna[attack.find_antenna(sat)].append(false_m[0][column] - false_m[1][column])
     assert all(len(differences) >= 5 and np.ptp(differences) < 5e-4 for differences in by_antenna.values())
     assert abs(np.mean(by_antenna[0]) - np.mean(by_antenna[1])) > 5.0
 

@@ -15,9 +15,9 @@ from skyproof.gnss.time import week_and_tow
 from skyproof.simulator import samples as samples_module
 from skyproof.simulator.received import Scene
 from skyproof.simulator.sample_kernels import CHUNK
-from skyproof.simulator.samples import BLOCK, Rendering, render, rendering_of, samples_of
+from skyproof.simulator.samples import BLOCK, Rendering, prepare_rendering, render, render_samples
 from skyproof.simulator.scenario import FrontEnd, Scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 
 def twin(
@@ -79,7 +79,7 @@ def signals_only(rendering: Rendering, start: int, count: int) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
-    return scene_of(scenario, navigation)
+    return make_scene(scenario, navigation)
 
 
 # the copies arrive at sample 3899972 of the first receiver and 3901063 of the second, within a step of the carrier
@@ -87,7 +87,7 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
 @pytest.mark.parametrize("receiver", [0, 1])
 def test_the_samples_are_those_of_the_slow_twin(scene: Scene, receiver: int, start: int) -> None:
     expected, clear = twin(scene, receiver, start, 1500)
-    got = signals_only(rendering_of(scene, receiver), start, 1500)
+    got = signals_only(prepare_rendering(scene, receiver), start, 1500)
     assert np.abs(expected).max() > 0.1
     assert clear.mean() > 0.99
     assert np.abs(got - expected)[clear].max() < 2e-4 * np.abs(expected).max()
@@ -101,29 +101,29 @@ def test_the_samples_are_those_of_the_slow_twin(scene: Scene, receiver: int, sta
 def test_other_rates_and_frequencies_agree_with_the_twin(
     scenario: Scenario, navigation: NavigationData, front_end: FrontEnd
 ) -> None:
-    scene = scene_of(scenario.model_copy(update={"front_end": front_end}), navigation)
+    scene = make_scene(scenario.model_copy(update={"front_end": front_end}), navigation)
     expected, clear = twin(scene, 0, 40_000, 3000)
-    got = signals_only(rendering_of(scene, 0), 40_000, 3000)
+    got = signals_only(prepare_rendering(scene, 0), 40_000, 3000)
     assert np.abs(got - expected)[clear].max() < 2e-4 * np.abs(expected).max()
 
 
 def test_the_copies_begin_when_their_first_wave_arrives(scene: Scene) -> None:
-    rendering, sky = rendering_of(scene, 0), scene.skies[0]
+    rendering, sky = prepare_rendering(scene, 0), scene.skies[0]
     from_s = next(heard.from_s for heard in sky.signals if heard.label == "spoofed")
     first = int(np.ceil((from_s - sky.receiver.start_offset_s) * (1.0 + 0.7e-6) * 2.6e6))
-    clean = scene_of(scene.scenario.model_copy(update={"attacks": ()}), scene.navigation)
+    clean = make_scene(scene.scenario.model_copy(update={"attacks": ()}), scene.navigation)
     start = first - 1000
-    difference = signals_only(rendering, start, 2000) - signals_only(rendering_of(clean, 0), start, 2000)
+    difference = signals_only(rendering, start, 2000) - signals_only(prepare_rendering(clean, 0), start, 2000)
     assert not difference[:1000].any()
     assert (difference[1000:] != 0).mean() > 0.99
     assert difference[1000] != 0
 
 
 def test_any_stretches_give_the_same_samples(scenario: Scenario, navigation: NavigationData) -> None:
-    samples = samples_of(scenario, navigation)[1]
+    samples = render_samples(scenario, navigation)[1]
     start, end = BLOCK - 20_000, 3 * BLOCK + 100
     whole = samples.read(start, end - start)
-    again = samples_of(scenario, navigation)[1]
+    again = render_samples(scenario, navigation)[1]
     rng, position, pieces = np.random.default_rng(3), start, []
     while position < end:
         count = min(int(rng.integers(1, 70_000)), end - position)
@@ -137,20 +137,20 @@ def test_the_number_of_threads_changes_nothing(
 ) -> None:
     def with_cores(cores: int) -> np.ndarray:
         monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)), raising=False)
-        return samples_of(scenario, navigation)[0].read(0, 5 * BLOCK)
+        return render_samples(scenario, navigation)[0].read(0, 5 * BLOCK)
 
     np.testing.assert_array_equal(with_cores(1), with_cores(4))
 
 
 def test_the_seed_and_the_receiver_decide_the_noise(scene: Scene) -> None:
-    rendering = rendering_of(scene, 0)
-    noise = [samples_module._noise(rendering, 2), samples_module._noise(rendering_of(scene, 0), 2)]
+    rendering = prepare_rendering(scene, 0)
+    noise = [samples_module._draw_noise(rendering, 2), samples_module._draw_noise(prepare_rendering(scene, 0), 2)]
     np.testing.assert_array_equal(noise[0], noise[1])
-    other_seed = scene_of(scene.scenario.model_copy(update={"seed": 8}), scene.navigation)
+    other_seed = make_scene(scene.scenario.model_copy(update={"seed": 8}), scene.navigation)
     for other in (
-        samples_module._noise(rendering_of(other_seed, 0), 2),
-        samples_module._noise(rendering_of(scene, 1), 2),
-        samples_module._noise(rendering, 3),
+        samples_module._draw_noise(prepare_rendering(other_seed, 0), 2),
+        samples_module._draw_noise(prepare_rendering(scene, 1), 2),
+        samples_module._draw_noise(rendering, 3),
     ):
         assert abs(np.corrcoef(noise[0].ravel(), other.ravel())[0, 1]) < 5.0 / np.sqrt(2 * BLOCK)
     assert noise[0].var() == pytest.approx(1.0, abs=5.0 * np.sqrt(1.0 / BLOCK))
@@ -158,9 +158,9 @@ def test_the_seed_and_the_receiver_decide_the_noise(scene: Scene) -> None:
 
 def test_a_transmitter_adds_its_noise_from_its_onset_on(scenario: Scenario, navigation: NavigationData) -> None:
     attack = scenario.attacks[0].model_copy(update={"noise_db": 3.0, "onset_s": 0.1, "until_s": 0.2})
-    scene = scene_of(scenario.model_copy(update={"attacks": (attack,)}), navigation)
-    rendering = rendering_of(scene, 0)
-    noise = np.concatenate([samples_module._noise(rendering, block) for block in range(6)], axis=1)
+    scene = make_scene(scenario.model_copy(update={"attacks": (attack,)}), navigation)
+    rendering = prepare_rendering(scene, 0)
+    noise = np.concatenate([samples_module._draw_noise(rendering, block) for block in range(6)], axis=1)
     n = 2_600
     power = [noise[:, int(at_s * 2.6e6) :][:, : 60 * n].var() for at_s in (0.02, 0.12, 0.22)]
     assert np.allclose(power, [1.0, 1.0 + 10.0**0.3, 1.0], rtol=0.02)
@@ -169,7 +169,7 @@ def test_a_transmitter_adds_its_noise_from_its_onset_on(scenario: Scenario, navi
 def few_satellites(scenario: Scenario, navigation: NavigationData, front_end: FrontEnd) -> Scene:
     """A scene in which the other signals are too few to count as noise."""
     update = {"attacks": (), "mask_deg": 55.0, "front_end": front_end}
-    return scene_of(scenario.model_copy(update=update), navigation)
+    return make_scene(scenario.model_copy(update=update), navigation)
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ def test_the_carrier_to_noise_density_is_as_asked(
     scene = few_satellites(scenario, navigation, front_end)
     assert 1 <= len(scene.skies[0].signals) <= 3
     rate_hz, count = front_end.rate_hz, int(0.2 * front_end.rate_hz)
-    planes = samples_of(scene.scenario, navigation)[0].read(0, count).astype(float)
+    planes = render_samples(scene.scenario, navigation)[0].read(0, count).astype(float)
     received = planes[0] + 1j * planes[1]
     for column, heard in enumerate(scene.skies[0].signals):
         replica, _ = twin(scene, 0, 0, count, only=column)

@@ -10,7 +10,7 @@ import pytest
 from skyproof.errors import ScenarioError
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.simulator.scenario import Meaconer, Scenario, Spoofer, parse_scenario, read_scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 PLACE = {"lat_deg": 40.0, "lon_deg": -3.0, "height_m": 650.0}
 TABLE: dict[str, Any] = {
@@ -117,24 +117,24 @@ def test_a_file_that_is_no_toml_is_refused_with_its_line(tmp_path: Path) -> None
 
 
 def test_a_spoofed_satellite_that_cannot_be_seen_is_refused(navigation: NavigationData) -> None:
-    seen = {heard.id.sat for heard in scene_of(parse_scenario(TABLE | {"attacks": []}), navigation).skies[0].signals}
+    seen = {heard.id.sat for heard in make_scene(parse_scenario(TABLE | {"attacks": []}), navigation).skies[0].signals}
     hidden = next(eph.sat for eph in navigation.ephemerides if eph.sat not in seen)
     with pytest.raises(ScenarioError, match=rf"attacks\[1\]\.sats: {hidden} .*\b5 degrees"):
-        scene_of(parse_scenario(changed("attacks.1.sats", [hidden])), navigation)
+        make_scene(parse_scenario(changed("attacks.1.sats", [hidden])), navigation)
 
 
 def test_navigation_data_of_another_day_are_refused(navigation: NavigationData) -> None:
     with pytest.raises(ScenarioError, match=r"start_gpst: .*\b2023-03-14"):
-        scene_of(parse_scenario(changed("start_gpst", "2023-03-14T05:06:07")), navigation)
+        make_scene(parse_scenario(changed("start_gpst", "2023-03-14T05:06:07")), navigation)
 
 
 def test_a_transmit_antenna_inside_a_receiver_is_refused(navigation: NavigationData) -> None:
     table = changed("attacks.1.sats", None)
     table["attacks"][0]["transmit"] = PLACE
     with pytest.raises(ScenarioError, match=r"attacks\[0\]\.transmit: 0\.00 m .*\bone\b"):
-        scene_of(parse_scenario(table), navigation)
+        make_scene(parse_scenario(table), navigation)
 
 
 def test_a_mask_above_every_satellite_is_refused(navigation: NavigationData) -> None:
     with pytest.raises(ScenarioError, match=r"mask_deg: .*\b89\.9 degrees"):
-        scene_of(parse_scenario(TABLE | {"attacks": [], "mask_deg": 89.9}), navigation)
+        make_scene(parse_scenario(TABLE | {"attacks": [], "mask_deg": 89.9}), navigation)

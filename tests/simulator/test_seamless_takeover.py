@@ -14,15 +14,15 @@ import scipy
 from skyproof.arrays import Booleans, Complexes, Reals
 from skyproof.gnss.constants import CA_CHIP_RATE_HZ, SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, prn_of
-from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.correlators import CorrelatorOutputs, correlate
 from skyproof.simulator.received import Scene
-from skyproof.simulator.samples import BLOCK, Rendering, render, rendering_of, samples_of
+from skyproof.simulator.samples import BLOCK, Rendering, prepare_rendering, render, render_samples
 from skyproof.simulator.scenario import Scenario
-from skyproof.simulator.scenes import ready
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.tracked import aligned
-from skyproof.simulator.truth import signal_truth
+from skyproof.simulator.scenes import read_ready_made
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.tracked import align_channels
+from skyproof.simulator.truth import compute_signal_truth
 
 RATE_HZ = 25e6
 SAT = "G06"
@@ -50,7 +50,7 @@ def published_delay_m(at_s: Reals) -> Reals:
 @cache
 def scene(number: int, *, attacked: bool = True, sat: str | None = None) -> Scene:
     """A likeness with all its satellites or with one, which no other then disturbs."""
-    scenario = ready(f"texbat-like-{number}")
+    scenario = read_ready_made(f"texbat-like-{number}")
     return worked_out(scenario, scenario.attacks if attacked else (), sat)
 
 
@@ -60,7 +60,7 @@ def worked_out(scenario: Scenario, attacks: tuple, sat: str | None) -> Scene:  #
         "attacks": tuple(attack.model_copy(update={"sats": sats}) for attack in attacks),
         "sky": scenario.sky.model_copy(update={"sats": sats}),
     }
-    return scene_of(scenario.model_copy(update=changes), navigation_of(scenario))
+    return make_scene(scenario.model_copy(update=changes), make_navigation(scenario))
 
 
 # ------------------------------------------------------------------ what samples hold
@@ -68,7 +68,7 @@ def worked_out(scenario: Scenario, attacks: tuple, sat: str | None) -> Scene:  #
 
 @cache
 def rendering(number: int, attacked: bool) -> Rendering:
-    return rendering_of(scene(number, attacked=attacked, sat=SAT), 0)
+    return prepare_rendering(scene(number, attacked=attacked, sat=SAT), 0)
 
 
 def samples_at(of: Rendering, first: int, count: int) -> Complexes:
@@ -169,7 +169,7 @@ def test_the_sum_keeps_its_amplitude_and_turns_ahead_by_half_a_cycle() -> None:
 
 
 def test_the_truth_is_what_the_samples_hold() -> None:
-    table = signal_truth(scene(7, sat=SAT), "roof")
+    table = compute_signal_truth(scene(7, sat=SAT), "roof")
     false = table["label"] == "spoofed"
     own = {name: table[name][~false] for name in table if name.endswith(("authentic", "authentic_m", "authentic_hz"))}
     assert (own["amplitude_to_authentic"] == 1.0).all()
@@ -197,7 +197,7 @@ def correlators(number: int, at_s: Reals, *sats: str, attacked: bool = True) -> 
     """Over whole bits or so, of channels on true signals, without noise."""
     of = scene(number, attacked=attacked)
     signals = [(heard.id.sat, heard.label) for heard in of.skies[0].signals]
-    tracked = aligned(of, 0, [signals.index((sat, "authentic")) for sat in sats])
+    tracked = align_channels(of, 0, [signals.index((sat, "authentic")) for sat in sats])
     return correlate(of, 0, at_s, delays_chips=TAPS_CHIPS, coherent_s=BIT_S, tracked=tracked, quantised=False)
 
 
@@ -306,7 +306,7 @@ def guessed_wrong(sat: str, from_s: float, until_s: float) -> Booleans:
         bit_edges_s(the_scene, sat, from_s, until_s) + 0.5 * GUESS_S,
         delays_chips=[0.0],
         coherent_s=0.9 * GUESS_S,
-        tracked=aligned(the_scene, 0, [column]),
+        tracked=align_channels(the_scene, 0, [column]),
     )
     (part,) = np.flatnonzero(outputs.parts.signal == column)
     weight = outputs.parts.weight[:, part]
@@ -326,7 +326,7 @@ def test_guesses_are_a_coins_throws() -> None:
 def test_after_its_guess_each_bit_is_right() -> None:
     at_s = bit_edges_s(scene(8), SAT, 141.0, 143.0) + GUESS_S + 0.5 * 0.019
     the_scene = scene(8)
-    on_it = aligned(the_scene, 0, [false_column(the_scene, SAT)])
+    on_it = align_channels(the_scene, 0, [false_column(the_scene, SAT)])
     outputs = correlate(the_scene, 0, at_s, delays_chips=[0.0], coherent_s=0.019, tracked=on_it, wiped=True)
     (false,) = np.flatnonzero(np.array(outputs.parts.label) == "spoofed")
     (true,) = np.flatnonzero(np.array(outputs.parts.label) == "authentic")
@@ -339,10 +339,10 @@ def test_after_its_guess_each_bit_is_right() -> None:
 
 def test_pieces_are_the_whole() -> None:
     scenario = scene(8, sat=SAT).scenario
-    (samples,) = samples_of(scenario, navigation_of(scenario))
+    (samples,) = render_samples(scenario, make_navigation(scenario))
     start, count = round(130.0 * RATE_HZ) - 200_001, 400_000
     whole = samples.read(start, count)
-    (again,) = samples_of(scenario, navigation_of(scenario))
+    (again,) = render_samples(scenario, make_navigation(scenario))
     pieces, position = [], start
     for size in (1, 77_777, 131_072, 2, 100_003, 91_145):
         pieces.append(again.read(position, size))
@@ -368,7 +368,7 @@ def test_recorded_samples_show_no_change_of_power_until_150_s(number: int) -> No
     them; the carriers turn by half a cycle.
     """
     of = scene(number)
-    (samples,) = samples_of(of.scenario, navigation_of(of.scenario))
+    (samples,) = render_samples(of.scenario, make_navigation(of.scenario))
     sky, count = of.skies[0], round(0.4 * RATE_HZ)
     at_s = np.array([100.0, 114.0, 120.0, 126.0, 140.0])
     true = [column for column, heard in enumerate(sky.signals) if heard.label == "authentic"]
@@ -381,7 +381,7 @@ def test_recorded_samples_show_no_change_of_power_until_150_s(number: int) -> No
     # the variance of a square of two-bit noise is 13.9; of the mean of 2 n of them, much less
     assert np.array(powers) == pytest.approx(powers[0], abs=5.0 * np.sqrt(2.0 * 13.9 / (2 * count)))
     outputs = correlate(
-        of, 0, at_s[:1] + 0.2, delays_chips=[0.0], coherent_s=0.4, tracked=aligned(of, 0, true), others="noise"
+        of, 0, at_s[:1] + 0.2, delays_chips=[0.0], coherent_s=0.4, tracked=align_channels(of, 0, true), others="noise"
     )
     sigma, level = outputs.noise_sigma[0], np.abs(outputs.mean[0, :, 0, 0])
     allowed = 5.0 * np.sqrt(2.0) * sigma / level + 0.005

@@ -20,14 +20,14 @@ from skyproof.gnss.time import week_and_tow
 from skyproof.records import SignalRef
 from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.scenario import Scenario, ScenePlace, Spoofer, parse_scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 MM = 1e-3
 
 
 @pytest.fixture(scope="module")
 def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
-    return scene_of(scenario, navigation)
+    return make_scene(scenario, navigation)
 
 
 def ecef(place: ScenePlace) -> np.ndarray:
@@ -106,7 +106,7 @@ def test_between_the_knots_the_splines_keep_a_tenth_of_a_millimetre(scene: Scene
 
 def test_a_copy_is_as_strong_as_asked_and_fades_with_distance(scenario: Scenario, navigation: NavigationData) -> None:
     attack = scenario.attacks[0].model_copy(update={"power_db": 3.0, "sat_db": {}})
-    scene = scene_of(scenario.model_copy(update={"attacks": (attack,)}), navigation)
+    scene = make_scene(scenario.model_copy(update={"attacks": (attack,)}), navigation)
     excess_db = []
     for sky in scene.skies:
         cn0 = dict(zip(((h.id.sat, h.label) for h in sky.signals), sky.cn0_dbhz(1.0), strict=True))
@@ -121,7 +121,7 @@ def test_a_spoofer_shows_its_false_place_and_clock(scenario: Scenario, navigatio
     """What reaches the receiver is what a receiver at the false place hears, later by the way and the false clock."""
     shows = ScenePlace(lat_deg=40.3, lon_deg=-3.2, height_m=900.0)
     spoofer = Spoofer(transmit=scenario.attacks[0].transmit, shows=shows, clock_offset_s=-2.5e-3)
-    scene = scene_of(scenario.model_copy(update={"attacks": (spoofer,)}), navigation)
+    scene = make_scene(scenario.model_copy(update={"attacks": (spoofer,)}), navigation)
     sky, true_s = scene.skies[0], 1.0
     added_s = scene.path_m[0, 0] / SPEED_OF_LIGHT_M_S - 2.5e-3
     for column, heard in enumerate(sky.signals):
@@ -191,7 +191,7 @@ def test_delays_and_doppler_agree_with_another_simulator(shared_data: Path) -> N
     folder = shared_data / "rf" / "meaconing-pair"
     truth = json.loads((folder / "truth.json").read_text())
     navigation = read_nav(shared_data / "rf" / "brdc0010.22n")
-    scene = scene_of(_pair_scenario(truth), navigation)
+    scene = make_scene(_pair_scenario(truth), navigation)
     with open(folder / "truth.csv", encoding="ascii") as lines:
         rows = [row for row in csv.DictReader(lines)]
     assert len({heard.id.sat for heard in scene.skies[0].signals}) == len(truth["authentic_prns"])

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from skyproof.gnss.oscillators import OSCILLATORS
-from skyproof.simulator.stability import Stability, clock_stability, imu_stability
+from skyproof.simulator.stability import Stability, measure_clock_stability, measure_imu_stability
 
 
 @pytest.fixture(scope="module")
 def found() -> list[Stability]:
-    return [*imu_stability(), *clock_stability()]
+    return [*measure_imu_stability(), *measure_clock_stability()]
 
 
 def test_every_noisy_oscillator_and_both_kinds_of_sensor_are_there(found):
@@ -29,6 +29,6 @@ def test_deviations_agree_with_theory_within_their_own_spread(found):
 
 
 def test_the_same_seed_gives_the_same_points_and_another_gives_others():
-    first, again, other = (imu_stability(seed=seed)[0].deviation for seed in (3, 3, 4))
+    first, again, other = (measure_imu_stability(seed=seed)[0].deviation for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
     assert (first != other).all()

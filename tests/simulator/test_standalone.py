@@ -12,30 +12,30 @@ from skyproof.errors import ScenarioError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.simulator.scenario import Scenario, parse_scenario, read_scenario
-from skyproof.simulator.scenes import ready, ready_made
-from skyproof.simulator.standalone import overridden, resolved, standalone
+from skyproof.simulator.scenes import load_ready_made, read_ready_made
+from skyproof.simulator.standalone import collect_standalone, override, resolve
 
 
 def test_any_text_and_number_reads_back() -> None:
     description = 'one\ntwo \u2028\x85\x0c\x7f "ö\\'
-    scenario = ready("clean")
-    odd = Scenario.model_validate(resolved(scenario) | {"description": description, "seed": 2**53 + 1})
+    scenario = read_ready_made("clean")
+    odd = Scenario.model_validate(resolve(scenario) | {"description": description, "seed": 2**53 + 1})
     assert read_back(odd) == odd
 
 
 def read_back(scenario: Scenario) -> Scenario:
-    return parse_scenario(tomllib.loads("\n".join(standalone(scenario).lines("a remark"))))
+    return parse_scenario(tomllib.loads("\n".join(collect_standalone(scenario).lines("a remark"))))
 
 
-@pytest.mark.parametrize("name", ready_made())
+@pytest.mark.parametrize("name", load_ready_made())
 def test_every_ready_made_scene_reads_back_the_same(name: str) -> None:
-    scenario = ready(name)
+    scenario = read_ready_made(name)
     assert read_back(scenario).model_dump() == scenario.model_dump()
-    assert resolved(read_back(scenario)) == resolved(scenario)
+    assert resolve(read_back(scenario)) == resolve(scenario)
 
 
 def test_defaults_are_written_out(scenario: Scenario) -> None:
-    table = resolved(scenario)
+    table = resolve(scenario)
     assert table["mask_deg"] == 5.0
     assert table["front_end"]["rate_hz"] == 2.6e6
     assert table["receivers"][0]["antennas"][0]["gain"] == "isotropic"
@@ -44,11 +44,11 @@ def test_defaults_are_written_out(scenario: Scenario) -> None:
 
 
 def test_what_moves_has_no_attitude_of_its_own(scenario: Scenario) -> None:
-    moving = dict(resolved(scenario)["receivers"][0]) | {"path": {"kind": "circle", "radius_m": 30.0, "speed_m_s": 3.0}}
+    moving = dict(resolve(scenario)["receivers"][0]) | {"path": {"kind": "circle", "radius_m": 30.0, "speed_m_s": 3.0}}
     for angle in ("heading_deg", "pitch_deg", "roll_deg"):
         del moving[angle]
-    made = parse_scenario(resolved(scenario) | {"receivers": [moving]})
-    assert "heading_deg" not in resolved(made)["receivers"][0]
+    made = parse_scenario(resolve(scenario) | {"receivers": [moving]})
+    assert "heading_deg" not in resolve(made)["receivers"][0]
     assert read_back(made).model_dump() == made.model_dump()
 
 
@@ -59,18 +59,18 @@ def test_files_that_are_named_lie_beside_it(scenario: Scenario, navigation: Navi
     write_nav(there / "plain.rnx", navigation)
     (there / "day.rnx.gz").write_bytes(gzip.compress((there / "plain.rnx").read_bytes()))
     (there / "walk.CSV").write_text("time_s,lat_deg,lon_deg,height_m\n0,40.0,-3.0,650\n10,40.0,-2.999,650\n")
-    table = resolved(scenario)
+    table = resolve(scenario)
     del table["receivers"][1]
     one = table["receivers"][0] | {"path": {"kind": "file", "path": "walk.CSV", "start_s": -1.0}}
     for angle in ("heading_deg", "pitch_deg", "roll_deg"):
         del one[angle]
     made = Scenario.model_validate(table | {"navigation": "day.rnx.gz", "receivers": [one]})
-    (there / "s.toml").write_text(tomli_w.dumps(resolved(made)))
+    (there / "s.toml").write_text(tomli_w.dumps(resolve(made)))
 
     read = read_scenario(there / "s.toml")
     assert read.navigation == there / "day.rnx.gz"
     assert read.receivers[0].path.path == there / "walk.CSV"
-    alone = standalone(read)
+    alone = collect_standalone(read)
     assert alone.table["navigation"] == "broadcast.rnx"
     assert alone.table["receivers"][0]["path"]["path"] == "track-1.csv"
     assert set(alone.files) == {"broadcast.rnx", "track-1.csv"}
@@ -78,22 +78,22 @@ def test_files_that_are_named_lie_beside_it(scenario: Scenario, navigation: Navi
     for name, octets in alone.files.items():
         (here / name).write_bytes(octets)
     (here / "scenario.toml").write_text("\n".join(alone.lines()))
-    again = standalone(read_scenario(here / "scenario.toml"))
+    again = collect_standalone(read_scenario(here / "scenario.toml"))
     assert again.table == alone.table
     assert again.files == alone.files
 
 
 def test_seed_and_duration_are_replaced_and_checked(scenario: Scenario) -> None:
-    made = overridden(scenario, seed=11, duration_s=2.0)
+    made = override(scenario, seed=11, duration_s=2.0)
     assert (made.seed, made.duration_s, made.start_gpst) == (11, 2.0, scenario.start_gpst)
     assert isinstance(made.start_gpst, np.datetime64)
-    assert overridden(scenario) is scenario
+    assert override(scenario) is scenario
     with pytest.raises(ScenarioError, match=r"onset_s 1\.5\b"):
-        overridden(scenario, duration_s=1.0)
+        override(scenario, duration_s=1.0)
     with pytest.raises(ScenarioError, match="seed"):
-        overridden(scenario, seed=-1)
+        override(scenario, seed=-1)
 
 
 def test_a_file_that_is_not_there_is_reported(scenario: Scenario) -> None:
     with pytest.raises(ScenarioError, match=r"navigation: nowhere\.rnx: .*exist"):
-        standalone(scenario.model_copy(update={"navigation": Path("nowhere.rnx")}))
+        collect_standalone(scenario.model_copy(update={"navigation": Path("nowhere.rnx")}))

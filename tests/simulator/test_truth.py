@@ -7,18 +7,18 @@ from skyproof.gnss.ephemeris import NavigationData
 from skyproof.gnss.frames import ecef_from_geodetic, heading_pitch_roll_rad
 from skyproof.gnss.time import seconds_between
 from skyproof.simulator import truth
-from skyproof.simulator.measurements import ideal_measurements_of
+from skyproof.simulator.measurements import make_ideal_measurements
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Antenna, Multipath, Scenario, SceneImu
 from skyproof.simulator.sites import Circle
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.simulator.truth import (
-    imu_blocks,
-    imus_of,
-    signal_blocks,
-    signal_truth,
-    trajectory_blocks,
-    trajectory_truth,
+    compute_signal_truth,
+    compute_trajectory_truth,
+    iterate_imu_blocks,
+    iterate_signal_blocks,
+    iterate_trajectory_blocks,
+    simulate_imus,
 )
 
 LIGHT_M_S = 299_792_458.0
@@ -36,11 +36,11 @@ def scene(scenario: Scenario, navigation: NavigationData) -> Scene:
         imu=SceneImu(rate_hz=50.0, mounting_deg=(0.0, 0.0, 90.0)),
         multipath=(Multipath(delay_m=20.0, power_db=-12.0),),
     )
-    return scene_of(scenario.model_copy(update={"receivers": (one, two), "duration_s": 12.0}), navigation)
+    return make_scene(scenario.model_copy(update={"receivers": (one, two), "duration_s": 12.0}), navigation)
 
 
 def test_rows_stand_at_whole_tenths_of_the_scene(scene: Scene) -> None:
-    table = trajectory_truth(scene, "two")
+    table = compute_trajectory_truth(scene, "two")
     assert len({len(column) for column in table.values()}) == 1
     np.testing.assert_allclose(table["true_s"], np.arange(0, 120) / 10.0, atol=1e-12)  # it starts 0.4 ms early
     assert table["gpst"][1] - scene.scenario.start_gpst == np.timedelta64(100_000_000, "ns")
@@ -48,7 +48,7 @@ def test_rows_stand_at_whole_tenths_of_the_scene(scene: Scene) -> None:
 
 
 def test_where_it_is_said_in_three_ways(scene: Scene) -> None:
-    table = trajectory_truth(scene, "two", 50.0)
+    table = compute_trajectory_truth(scene, "two", 50.0)
     place = np.stack([table[name] for name in ("x_m", "y_m", "z_m")], axis=1)
     angles = np.radians(table["lat_deg"]), np.radians(table["lon_deg"]), table["height_m"]
     np.testing.assert_allclose(ecef_from_geodetic(*angles), place, atol=1e-6)
@@ -66,7 +66,7 @@ def test_where_it_is_said_in_three_ways(scene: Scene) -> None:
 @pytest.mark.parametrize("name", ["one", "two"])
 def test_the_clock_is_what_the_sampling_clock_counts(scene: Scene, name: str) -> None:
     """What it shows at a row is what it showed at the first sample, and what has been counted since."""
-    table = next(trajectory_blocks(scene, name, 10_000.0))
+    table = next(iterate_trajectory_blocks(scene, name, 10_000.0))
     receiver = next(sky.receiver for sky in scene.skies if sky.receiver.name == name)
     shown_s = receiver.start_offset_s + receiver.clock_offset_s + table["elapsed_s"]
     np.testing.assert_allclose(table["clock_offset_s"], shown_s - table["true_s"], atol=1e-13)
@@ -78,8 +78,8 @@ def test_the_clock_is_what_the_sampling_clock_counts(scene: Scene, name: str) ->
 @pytest.mark.parametrize("antenna", ["one", "two.l", "two.r"])
 def test_signals_are_what_is_measured_without_noise(scene: Scene, antenna: str) -> None:
     """Measurements are means over a second, which a steady acceleration moves by less than a tenth of a metre."""
-    table = signal_truth(scene, antenna)
-    (geometry,) = (one for one in ideal_measurements_of(scene) if one.receiver == antenna)
+    table = compute_signal_truth(scene, antenna)
+    (geometry,) = (one for one in make_ideal_measurements(scene) if one.receiver == antenna)
     compared = 0
     for column, signal in enumerate(geometry.signals):
         mine = (table["sat"] == signal.sat) & (table["copy"] == signal.copy)
@@ -99,8 +99,8 @@ def test_signals_are_what_is_measured_without_noise(scene: Scene, antenna: str) 
 
 
 def test_a_pseudorange_is_the_way_and_the_clock(scene: Scene) -> None:
-    table = signal_truth(scene, "two.r", 5.0)
-    clock = trajectory_truth(scene, "two", 200.0)
+    table = compute_signal_truth(scene, "two.r", 5.0)
+    clock = compute_trajectory_truth(scene, "two", 200.0)
     (sky,) = (sky for sky in scene.skies if sky.name == "two.r")
     offset_s = np.interp(table["true_s"], clock["true_s"], clock["clock_offset_s"])
     columns = {(heard.id.sat, heard.id.copy): column for column, heard in enumerate(sky.signals)}
@@ -119,14 +119,16 @@ def test_a_line_bias_is_in_the_carrier(scene: Scene, scenario: Scenario, navigat
         )
         for receiver in scene.scenario.receivers
     ]
-    without = signal_truth(scene_of(scene.scenario.model_copy(update={"receivers": tuple(bare)}), navigation), "two.r")
-    table = signal_truth(scene, "two.r")
+    without = compute_signal_truth(
+        make_scene(scene.scenario.model_copy(update={"receivers": tuple(bare)}), navigation), "two.r"
+    )
+    table = compute_signal_truth(scene, "two.r")
     np.testing.assert_allclose(table["carrier_cyc"] - without["carrier_cyc"], 0.25, atol=1e-6)
     np.testing.assert_allclose(table["pseudorange_m"], without["pseudorange_m"], atol=1e-6)
 
 
 def test_false_signals_have_rows_while_they_are_there(scene: Scene) -> None:
-    table = signal_truth(scene, "one", 10.0)
+    table = compute_signal_truth(scene, "one", 10.0)
     false = table["label"] == "spoofed"
     assert set(table["source"][false]) == {"meaconer"}
     assert set(table["source"][~false]) == {"sky"}
@@ -137,12 +139,14 @@ def test_false_signals_have_rows_while_they_are_there(scene: Scene) -> None:
 
 
 def test_blocks_put_together_are_the_whole(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = trajectory_truth(scene, "two"), signal_truth(scene, "two.l")
+    whole = compute_trajectory_truth(scene, "two"), compute_signal_truth(scene, "two.l")
     monkeypatch.setattr(truth, "_ROWS", 7)
     monkeypatch.setattr(truth, "_EPOCHS", 3)
-    assert len(list(trajectory_blocks(scene, "two"))) == 18
-    assert len(list(signal_blocks(scene, "two.l"))) == 4
-    for one, other in zip(whole, (trajectory_truth(scene, "two"), signal_truth(scene, "two.l")), strict=True):
+    assert len(list(iterate_trajectory_blocks(scene, "two"))) == 18
+    assert len(list(iterate_signal_blocks(scene, "two.l"))) == 4
+    for one, other in zip(
+        whole, (compute_trajectory_truth(scene, "two"), compute_signal_truth(scene, "two.l")), strict=True
+    ):
         assert one.keys() == other.keys()
         for name in one:
             if one[name].dtype.kind == "f":
@@ -157,7 +161,7 @@ def test_blocks_put_together_are_the_whole(scene: Scene, monkeypatch: pytest.Mon
 
 
 def test_labels_keep_a_nanosecond_and_true_s_the_rest(scene: Scene) -> None:
-    table = signal_truth(scene, "one")
+    table = compute_signal_truth(scene, "one")
     label_s = seconds_between(table["gpst"], scene.scenario.start_gpst)
     assert np.abs(label_s - table["true_s"]).max() < 0.6e-9
     shown_s = seconds_between(table["receiver_gpst"], np.datetime64("2023-03-04T05:06:00", "ns"))
@@ -166,9 +170,9 @@ def test_labels_keep_a_nanosecond_and_true_s_the_rest(scene: Scene) -> None:
 
 def test_an_inertial_unit_feels_gravity_and_the_turn(scene: Scene) -> None:
     """8 m/s round 40 m: 1.6 m/s2 to the right, which the bank takes up; the unit's x axis points to the right."""
-    imus = imus_of(scene)
+    imus = simulate_imus(scene)
     assert set(imus) == {"two"}
-    table = {name: column for block in imu_blocks(scene, imus["two"]) for name, column in block.items()}
+    table = {name: column for block in iterate_imu_blocks(scene, imus["two"]) for name, column in block.items()}
     assert len(table["gpst"]) == 600
     np.testing.assert_allclose(table["true_s"], -4.1e-4 + np.arange(1, 601) / 50.0, atol=1e-12)
     axes = ("x", "y", "z")
@@ -184,7 +188,7 @@ def test_an_inertial_unit_feels_gravity_and_the_turn(scene: Scene) -> None:
 
 
 def test_what_false_signals_are_to_true_ones_is_the_difference_of_their_rows(scene: Scene) -> None:
-    table = signal_truth(scene, "one", 10.0)
+    table = compute_signal_truth(scene, "one", 10.0)
     true = {
         (sat, at_s): row
         for row, (sat, at_s, label) in enumerate(zip(table["sat"], table["true_s"], table["label"], strict=True))
@@ -205,6 +209,6 @@ def test_what_false_signals_are_to_true_ones_is_the_difference_of_their_rows(sce
 
 def test_a_name_that_is_not_there_is_reported(scene: Scene) -> None:
     with pytest.raises(KeyError, match=r"two\.l"):
-        signal_truth(scene, "two")
+        compute_signal_truth(scene, "two")
     with pytest.raises(KeyError, match="one, two"):
-        trajectory_truth(scene, "three")
+        compute_trajectory_truth(scene, "three")

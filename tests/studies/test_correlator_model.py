@@ -15,10 +15,10 @@ from skyproof.receiver.measurement import Measurements
 from skyproof.receiver.state import ReceiverState
 from skyproof.receiver.tracking import Receiver
 from skyproof.simulator.attacks import Takeover
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver, Sky
 from skyproof.simulator.sites import Site
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.correlator_model import ModelReceiver
 
 RATE_HZ, SECONDS, SETTLED_S = 5e6, 6.0, 2.5
@@ -47,7 +47,7 @@ def scene():
         attacks=(attack,),
         sky=Sky(zenith_cn0_dbhz=50.0, horizon_cn0_dbhz=44.0),
     )
-    return scene_of(scenario, make_nominal_constellation(START))
+    return make_scene(scenario, make_nominal_constellation(START))
 
 
 def received(receiver, blocks):
@@ -75,7 +75,7 @@ def received(receiver, blocks):
 def test_both_receivers_measure_the_same_where_signals_overlap(scene):
     settings = build_receiver_settings(GPS_SATS, Settings(), asked())
     count = round(0.5 * RATE_HZ)
-    (samples,) = samples_of(scene.scenario, scene.navigation)
+    (samples,) = render_samples(scene.scenario, scene.navigation)
     by_samples = received(
         Receiver(RATE_HZ, 0.0, settings), (samples.read(first, count) for first in range(0, samples.n_samples, count))
     )

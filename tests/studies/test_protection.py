@@ -11,11 +11,11 @@ import pytest
 from skyproof.batch import Store
 from skyproof.fusion.labels import LabelledSignal
 from skyproof.records import SignalRef
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.measurements import observations_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.measurements import simulate_observations
 from skyproof.simulator.scenario import parse_scenario
-from skyproof.simulator.scenes import ready, ready_made
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.scenes import load_ready_made, read_ready_made
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.base import StudySettings
 from skyproof.studies.protection import cell, clean, items, matrix
 from skyproof.studies.protection.cell import LONGEST_S, rows_of, stretch_of
@@ -24,9 +24,9 @@ from skyproof.studies.protection.errors import STANFORD, FixErrors, fix_errors, 
 from skyproof.studies.protection.score import false_labels, onset_s, true_labels
 
 
-@pytest.mark.parametrize("name", ready_made())
+@pytest.mark.parametrize("name", load_ready_made())
 def test_a_stretch_is_a_scene_that_could_be_written_and_holds_the_onset(name):
-    made = stretch_of(ready(name))
+    made = stretch_of(read_ready_made(name))
     assert made.duration_s <= LONGEST_S
     again = parse_scenario(made.model_dump(exclude_none=True))
     assert again.duration_s == made.duration_s
@@ -39,14 +39,15 @@ def test_a_stretch_is_a_scene_that_could_be_written_and_holds_the_onset(name):
 
 @pytest.mark.parametrize("equipment", EQUIPMENT)
 def test_every_equipment_stands_where_the_first_receiver_of_the_scene_does(equipment):
-    scenario = ready("takeover").model_copy(update={"duration_s": 16.0})
+    scenario = read_ready_made("takeover").model_copy(update={"duration_s": 16.0})
     found = equipped(scenario, equipment)
     assert found is not None
-    scene = scene_of(found.scenario, navigation_of(found.scenario))
+    scene = make_scene(found.scenario, make_navigation(found.scenario))
     places = [sky.point(np.zeros(1)).position_ecef_m[0] for sky in scene.skies]
     of = [sky.receiver.name for sky in scene.skies]
     assert (
-        np.linalg.norm(places[0] - scene_of(scenario, scene.navigation).skies[0].point(np.zeros(1)).position_ecef_m) < 1
+        np.linalg.norm(places[0] - make_scene(scenario, scene.navigation).skies[0].point(np.zeros(1)).position_ecef_m)
+        < 1
     )
     if len(found.scenario.receivers) > 1:
         second = places[of.index(found.scenario.receivers[1].name)]
@@ -55,16 +56,16 @@ def test_every_equipment_stands_where_the_first_receiver_of_the_scene_does(equip
 
 
 def test_what_moves_is_not_stated_to_stand_and_what_flies_over_las_vegas_has_no_second_receiver():
-    assert equipped(ready("texbat-like-5"), "standing") is None
-    assert equipped(ready("las-vegas"), "second receiver at 20 m") is None
-    assert equipped(ready("las-vegas"), "everything") is not None
+    assert equipped(read_ready_made("texbat-like-5"), "standing") is None
+    assert equipped(read_ready_made("las-vegas"), "second receiver at 20 m") is None
+    assert equipped(read_ready_made("las-vegas"), "everything") is not None
 
 
 @pytest.fixture(scope="module")
 def measured():
-    scenario = ready("starts-spoofed").model_copy(update={"duration_s": 20.0})
-    scene = scene_of(scenario, navigation_of(scenario))
-    observed, labels = observations_of(scenario, scene.navigation, rng=np.random.default_rng(1))
+    scenario = read_ready_made("starts-spoofed").model_copy(update={"duration_s": 20.0})
+    scene = make_scene(scenario, make_navigation(scenario))
+    observed, labels = simulate_observations(scenario, scene.navigation, rng=np.random.default_rng(1))
     return scene, observed, labels
 
 
@@ -159,7 +160,7 @@ def test_the_diagram_counts_the_fixes_of_all_cells_and_the_matrix_leaves_them_ou
             with store.filling(asked.item) as folder:
                 (folder / items.ROWS).write_text(json.dumps([{"scene": asked.scenario.name, STANFORD: bins}]))
     monkeypatch.setattr(items, "Processes", lambda count: nullcontext(Nobody()))
-    assert list(matrix.rows(settings)) == [{"scene": next(iter(ready_made()))}] * 2
+    assert list(matrix.rows(settings)) == [{"scene": next(iter(load_ready_made()))}] * 2
     found = list(matrix.stanford(settings))
     assert found == [{**one, "fixes": 14, "fixes_from": 10} for one in bins]
 
@@ -175,8 +176,8 @@ class Nobody:
 def test_every_scene_is_there_with_every_equipment_that_it_can_have():
     every = [(asked.scenario.name, name) for asked in matrix.cells(StudySettings()) for name in asked.equipments]
     assert len(every) == len(set(every))
-    assert {scene for scene, _ in every} == set(ready_made())
-    left_out = {(scene, name) for scene in ready_made() for name in EQUIPMENT} - set(every)
+    assert {scene for scene, _ in every} == set(load_ready_made())
+    left_out = {(scene, name) for scene in load_ready_made() for name in EQUIPMENT} - set(every)
     assert ("texbat-like-5", "standing") in left_out
     assert {name for _, name in left_out} == {"standing", "second receiver at 20 m"}
 

@@ -36,7 +36,7 @@ from skyproof.navigation.strapdown import navigate_paths
 from skyproof.simulator import scenes
 from skyproof.simulator.attacks import Interference
 from skyproof.simulator.files import write
-from skyproof.simulator.measurements import observations_of
+from skyproof.simulator.measurements import simulate_observations
 from skyproof.simulator.scenario import FrontEnd
 from skyproof.statistics.directions import hemisphere
 
@@ -47,7 +47,7 @@ def _run_receiver() -> None:
     Until two signals of a satellite are distinguished. Then a moment of each kind of whole bytes behind a filter, one
     beside a line.
     """
-    scenario = scenes.meaconed(duration_s=2.2, onset_s=-1.0)
+    scenario = scenes.make_meaconed(duration_s=2.2, onset_s=-1.0)
     scenario = scenario.model_copy(update={"receivers": scenario.receivers[:1]})
     navigation = make_nominal_constellation(scenario.start_gpst)
     line = Interference(kind="cw", transmit=scenario.attacks[0].transmit, power_db=20.0, offset_hz=1e5)
@@ -80,9 +80,9 @@ def _run_overlaps() -> None:
 
 def _run_positions() -> None:
     """Compute two skies of one receiver and write them, and integrate an orbit of GLONASS."""
-    scenario = scenes.meaconed(duration_s=3.0, onset_s=-1.0)
+    scenario = scenes.make_meaconed(duration_s=3.0, onset_s=-1.0)
     navigation = make_nominal_constellation(scenario.start_gpst)
-    (observations, *_), _ = observations_of(scenario, navigation, rng=np.random.default_rng(1))
+    (observations, *_), _ = simulate_observations(scenario, navigation, rng=np.random.default_rng(1))
     sets = find_consistent_sets(observations, navigation)
     fix(observations, navigation, signals=sets[0].signals)
     week, tow_s = week_and_tow(scenario.start_gpst)

@@ -133,6 +133,6 @@ def _print_scenes(*, as_json: bool) -> None:
         print_document(app.simulate.write_ready_made_json())
         return
     listed = table("scene", "what happens")
-    for one in app.simulate.ready_made().values():
+    for one in app.simulate.load_ready_made().values():
         listed.add_row(words(one.name), words(one.title))
     print_table(Console(), listed)

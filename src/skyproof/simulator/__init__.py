@@ -1,11 +1,14 @@
-"""Scenes to samples and measurements, with the truth. Knows no receiver and no detector: none hides its faults."""
+"""Turn scenes into samples and measurements, with the truth.
 
-from skyproof.simulator.constellation import navigation_of
+Knows no receiver and no detector: none hides its faults.
+"""
+
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.correlators import CorrelatorOutputs, correlate
 from skyproof.simulator.files import write
 from skyproof.simulator.measurement_errors import FieldErrors
-from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of, observations_of
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.measurements import NoiseModel, draw, make_ideal_measurements, simulate_observations
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import (
     Antenna,
     FrontEnd,
@@ -24,11 +27,11 @@ from skyproof.simulator.scenario import (
     parse_scenario,
     read_scenario,
 )
-from skyproof.simulator.scenes import ReadyMade, clean, demo, meaconed, ready, ready_made
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.tracked import aligned
-from skyproof.simulator.truth import imus_of, signal_truth, trajectory_truth
-from skyproof.simulator.truth_document import truth_of
+from skyproof.simulator.scenes import ReadyMade, load_ready_made, make_clean, make_demo, make_meaconed, read_ready_made
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.tracked import align_channels
+from skyproof.simulator.truth import compute_signal_truth, compute_trajectory_truth, simulate_imus
+from skyproof.simulator.truth_document import build_truth
 
 __all__ = [
     "Antenna",
@@ -49,24 +52,24 @@ __all__ = [
     "Sky",
     "Spoofer",
     "Takeover",
-    "aligned",
-    "clean",
+    "align_channels",
+    "build_truth",
+    "compute_signal_truth",
+    "compute_trajectory_truth",
     "correlate",
-    "demo",
     "draw",
-    "ideal_measurements_of",
-    "imus_of",
-    "meaconed",
-    "navigation_of",
-    "observations_of",
+    "load_ready_made",
+    "make_clean",
+    "make_demo",
+    "make_ideal_measurements",
+    "make_meaconed",
+    "make_navigation",
+    "make_scene",
     "parse_scenario",
+    "read_ready_made",
     "read_scenario",
-    "ready",
-    "ready_made",
-    "samples_of",
-    "scene_of",
-    "signal_truth",
-    "trajectory_truth",
-    "truth_of",
+    "render_samples",
+    "simulate_imus",
+    "simulate_observations",
     "write",
 ]

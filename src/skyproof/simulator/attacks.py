@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 from skyproof.arrays import Reals
 from skyproof.formats.models import Model, Name
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.simulator.sites import CORNER_S, SatName, Site, between, rising
+from skyproof.simulator.sites import CORNER_S, SatName, Site, interpolate_points, require_rising
 
 __all__ = ["Attack", "Interference", "Meaconer", "Spoofer", "Takeover", "TransmitAntenna"]
 
@@ -44,8 +44,8 @@ class _Transmitter(Model):
     off_s : (from, until): pauses.
     sats : which satellites are imitated; if absent, all above the mask at the position shown.
     sat_db : additional power of single satellites.
-    sat_code_m, sat_code_m_s, sat_doppler_hz : offset of the code, its rate and the carrier of single satellites; each
-        by itself, so code and carrier may diverge.
+    sat_code_m, sat_code_m_s, sat_doppler_hz : offset of the code, its rate and the carrier of single satellites;
+    independent, so code and carrier may diverge.
     clock_offset_s : constant delay of the false signals.
     clock_drift : growth of their delay since the onset.
     clock_points_s : (time, additional delay): linear in between, with rounded corners.
@@ -78,41 +78,41 @@ class _Transmitter(Model):
     guess_s: float = Field(default=0.0, ge=0, lt=GPS_L1_CA.symbol_s)
 
     @model_validator(mode="after")
-    def _times(self) -> Self:
+    def _check_times(self) -> Self:
         if self.until_s is not None and self.until_s <= self.onset_s:
             raise ValueError(f"until_s {self.until_s:g} is not after onset_s {self.onset_s:g}")
-        rising([row[0] for row in self.clock_points_s], "clock_points_s")
-        rising([row[0] for row in self.power_points_db], "power_points_db")
+        require_rising([row[0] for row in self.clock_points_s], "clock_points_s")
+        require_rising([row[0] for row in self.power_points_db], "power_points_db")
         edges = [self.onset_s, *(edge for pause in self.off_s for edge in pause)]
         if self.until_s is not None and self.off_s:
             edges.append(self.until_s)
-        for one, next_one in pairwise(edges):
-            if next_one - one < LEAST_PAUSE_S:
+        for edge_s, next_s in pairwise(edges):
+            if next_s - edge_s < LEAST_PAUSE_S:
                 raise ValueError(
-                    f"off_s: {next_one:g} s is not {LEAST_PAUSE_S:g} s after {one:g} s; give pauses in order, within "
+                    f"off_s: {next_s:g} s is not {LEAST_PAUSE_S:g} s after {edge_s:g} s; give pauses in order, within "
                     "onset_s and until_s"
                 )
         return self
 
     @property
     def windows_s(self) -> tuple[tuple[float, float], ...]:
-        """From when to when its waves leave."""
+        """Return from when to when its waves leave."""
         starts = [self.onset_s, *(until for _, until in self.off_s)]
         ends = [*(start for start, _ in self.off_s), np.inf if self.until_s is None else self.until_s]
         return tuple(zip(starts, ends, strict=True))
 
     def power_at_db(self, left_s: ArrayLike) -> Reals:
-        """Power over that at the onset, of waves that leave at times (n,), before any spreading."""
-        return _power_db(self.power_db, self.power_points_db, left_s)
+        """Compute the power over that at the onset, of waves that leave at times (n,), before any spreading."""
+        return _compute_power_db(self.power_db, self.power_points_db, left_s)
 
     def clock_s(self, left_s: ArrayLike) -> Reals:
-        """By how much what leaves at times (n,) is late, besides the constant part."""
+        """Compute by how much waves that leave at times (n,) are late, besides the constant part."""
         at_s = np.asarray(left_s, np.float64)
         drifted_s = self.clock_drift * np.maximum(at_s - self.onset_s, 0.0)
-        return np.asarray(drifted_s + between(self.clock_points_s, at_s, 1, self.clock_corner_s)[..., 0])
+        return np.asarray(drifted_s + interpolate_points(self.clock_points_s, at_s, 1, self.clock_corner_s)[..., 0])
 
-    def antenna_of(self, sat: str) -> int:
-        """0 for `transmit`, else the number of the further antenna that sends a satellite's signal, from 1 on."""
+    def find_antenna(self, sat: str) -> int:
+        """Find the antenna that sends a satellite's signal: 0 for `transmit`, else its number from 1 on."""
         return next((n for n, antenna in enumerate(self.antennas, 1) if sat in antenna.sats), 0)
 
     @property
@@ -175,12 +175,12 @@ class Takeover(_Transmitter):
     seamless_s: tuple[float, float] | None = None
 
     @model_validator(mode="after")
-    def _points(self) -> Self:
-        rising([row[0] for row in self.away_points_enu_m], "away_points_enu_m")
-        rising([row[0] for row in self.phase_points_deg], "phase_points_deg")
-        rising([row[0] for row in self.amplitude_points], "amplitude_points")
+    def _check_points(self) -> Self:
+        require_rising([row[0] for row in self.away_points_enu_m], "away_points_enu_m")
+        require_rising([row[0] for row in self.phase_points_deg], "phase_points_deg")
+        require_rising([row[0] for row in self.amplitude_points], "amplitude_points")
         if self.seamless_s is not None:
-            rising(self.seamless_s, "seamless_s")
+            require_rising(self.seamless_s, "seamless_s")
             if self.onset_s > self.seamless_s[0]:
                 raise ValueError(
                     f"seamless_s begins at {self.seamless_s[0]:g} s, before onset_s {self.onset_s:g}; the false "
@@ -191,21 +191,23 @@ class Takeover(_Transmitter):
         return self
 
     def power_at_db(self, left_s: ArrayLike) -> Reals:
-        """Power over that at the onset, of waves that leave at times (n,), before any spreading."""
-        amplitude = _straight(self.amplitude_points, left_s, without=1.0)
+        """Compute the power over that at the onset, of waves that leave at times (n,), before any spreading."""
+        amplitude = _interpolate_linear(self.amplitude_points, left_s, without=1.0)
         if self.seamless_s is not None:
-            amplitude = amplitude * np.maximum(-2.0 * np.cos(np.radians(self._ahead_deg(left_s))), LEAST_AMPLITUDE)
+            amplitude = amplitude * np.maximum(
+                -2.0 * np.cos(np.radians(self._compute_ahead_deg(left_s))), LEAST_AMPLITUDE
+            )
         return np.asarray(super().power_at_db(left_s) + 20.0 * np.log10(amplitude))
 
     def phase_cyc(self, left_s: ArrayLike) -> Reals:
-        """By how much the carrier is late besides, of waves that leave at times (n,)."""
-        late_deg = _straight(self.phase_points_deg, left_s)
+        """Compute by how much the carrier is late besides, of waves that leave at times (n,)."""
+        late_deg = _interpolate_linear(self.phase_points_deg, left_s)
         if self.seamless_s is not None:
-            late_deg = late_deg - self._ahead_deg(left_s)
+            late_deg = late_deg - self._compute_ahead_deg(left_s)
         return np.asarray(late_deg / 360.0)
 
-    def _ahead_deg(self, left_s: ArrayLike) -> Reals:
-        """Of the true carrier in a seamless takeover."""
+    def _compute_ahead_deg(self, left_s: ArrayLike) -> Reals:
+        """Compute the phase ahead of the true carrier in a seamless takeover."""
         assert self.seamless_s is not None
         return np.asarray(np.interp(np.asarray(left_s, np.float64), self.seamless_s, (90.0, 180.0)))
 
@@ -237,23 +239,23 @@ class Interference(Model):
     until_s: float | None = None
 
     @model_validator(mode="after")
-    def _ends_after_it_begins(self) -> Self:
+    def _check_end(self) -> Self:
         if self.until_s is not None and self.until_s <= self.onset_s:
             raise ValueError(f"until_s {self.until_s:g} is not after onset_s {self.onset_s:g}")
-        rising([row[0] for row in self.power_points_db], "power_points_db")
+        require_rising([row[0] for row in self.power_points_db], "power_points_db")
         return self
 
     def power_at_db(self, left_s: ArrayLike) -> Reals:
-        """Power over the receiver's noise at the first receiver, of what leaves at times (n,)."""
-        return _power_db(self.power_db, self.power_points_db, left_s)
+        """Compute the power over the receiver's noise at the first receiver, of waves that leave at times (n,)."""
+        return _compute_power_db(self.power_db, self.power_points_db, left_s)
 
 
-def _power_db(power_db: float, points_db: Points, at_s: ArrayLike) -> Reals:
-    return power_db + _straight(points_db, at_s)
+def _compute_power_db(power_db: float, points_db: Points, at_s: ArrayLike) -> Reals:
+    return power_db + _interpolate_linear(points_db, at_s)
 
 
-def _straight(points: Points, at_s: ArrayLike, *, without: float = 0.0) -> Reals:
-    """Values between (time, value), straight, held beyond the ends; the same everywhere `without` points."""
+def _interpolate_linear(points: Points, at_s: ArrayLike, *, without: float = 0.0) -> Reals:
+    """Interpolate between (time, value), linearly, held beyond the ends; `without` points one value everywhere."""
     at_s = np.asarray(at_s, np.float64)
     if not points:
         return np.full(at_s.shape, without)

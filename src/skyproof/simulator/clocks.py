@@ -1,4 +1,4 @@
-"""Receiver clocks: what an oscillator of a given class does to the time that a receiver shows.
+"""Receiver clocks: simulate the time that a receiver with an oscillator of a given class shows.
 
 `offset_s(t)` is what the clock shows minus true time, at true time t since the scene's start, and `drift(t)` its
 derivative. One oscillator makes the sampling clock and the local carrier, so the same function serves the sampling
@@ -28,7 +28,7 @@ from skyproof.errors import ScenarioError
 from skyproof.gnss.oscillators import OSCILLATORS, Oscillator
 from skyproof.statistics.gauss_markov import gauss_markov_path, gauss_markov_step
 
-__all__ = ["LEAD_S", "Clock", "clock"]
+__all__ = ["LEAD_S", "Clock", "make_clock"]
 
 STEP_S = 1.0 / 256.0
 """Of the knots: as long as the samples' chunks of straight phase at their longest, and exact in binary."""
@@ -57,21 +57,23 @@ class Clock:
     knots: Callable[[int], Reals]
 
     def offset_s(self, t_s: ArrayLike) -> Reals:
-        """What the clock shows minus true time, at true times of any shape.
+        """Compute the clock's reading minus true time, at true times of any shape.
 
         Raises
         ------
         ValueError : a time lies outside what the clock was made for.
         """
         t_s = np.asarray(t_s, np.float64)
-        return self.start_s + self.slope * t_s + self._noise(t_s)[0]
+        return self.start_s + self.slope * t_s + self._compute_noise(t_s)[0]
 
     def drift(self, t_s: ArrayLike) -> Reals:
-        """Seconds by which the clock gets ahead in a true second: the derivative of `offset_s`, any shape."""
-        return self.slope + self._noise(np.asarray(t_s, np.float64))[1]
+        """Compute by how many seconds a second the clock gets ahead: the derivative of `offset_s`, any shape."""
+        return self.slope + self._compute_noise(np.asarray(t_s, np.float64))[1]
 
     def true_minus_shown_s(self, shown_s: ArrayLike) -> Reals:
-        """True time minus what the clock shows when it shows `shown_s`, any shape: small, so that it keeps its digits.
+        """Compute true time minus the clock's reading when it reads `shown_s`, any shape.
+
+        It is small, so that it keeps its digits.
 
         Sample k is taken when the clock shows what it showed at sample 0 and k / rate more.
         """
@@ -81,8 +83,11 @@ class Clock:
             late_s = -self.offset_s(shown_s + late_s)
         return np.asarray(late_s)
 
-    def _noise(self, t_s: Reals) -> tuple[Reals, Reals]:
-        """The noise's phase and frequency. Plain sums and products only: a time's bytes depend on no other time."""
+    def _compute_noise(self, t_s: Reals) -> tuple[Reals, Reals]:
+        """Compute the noise's phase and frequency by plain sums and products.
+
+        A time's bytes depend on no other time.
+        """
         if t_s.size and not -LEAD_S <= t_s.min() <= t_s.max() <= self.duration_s + LEAD_S:
             raise ValueError(
                 f"times from {t_s.min():g} to {t_s.max():g} s asked of a clock made for {-LEAD_S:g} to "
@@ -93,19 +98,23 @@ class Clock:
         block, first = np.divmod(whole.astype(np.int64) + _LEAD_BLOCKS * BLOCK, BLOCK)
         around = np.empty((4, t_s.size))
         order = np.argsort(block, axis=None, kind="stable")
-        for here in np.split(order, np.flatnonzero(np.diff(block.ravel()[order])) + 1) if t_s.size else ():
-            knots = self.knots(int(block.flat[here[0]]))
-            around[:, here] = knots[first.flat[here] + np.arange(4)[:, np.newaxis]]
+        for members in np.split(order, np.flatnonzero(np.diff(block.ravel()[order])) + 1) if t_s.size else ():
+            knots = self.knots(int(block.flat[members[0]]))
+            around[:, members] = knots[first.flat[members] + np.arange(4)[:, np.newaxis]]
         around = around.reshape(4, *t_s.shape)
-        rise, left, right = around[2] - around[1], 0.5 * (around[2] - around[0]), 0.5 * (around[3] - around[1])
-        square, cube = 3.0 * rise - 2.0 * left - right, left + right - 2.0 * rise
+        rise, slope_before, slope_after = (
+            around[2] - around[1],
+            0.5 * (around[2] - around[0]),
+            0.5 * (around[3] - around[1]),
+        )
+        square, cube = 3.0 * rise - 2.0 * slope_before - slope_after, slope_before + slope_after - 2.0 * rise
         return (
-            around[1] + part * (left + part * (square + part * cube)),
-            (left + part * (2.0 * square + 3.0 * part * cube)) / STEP_S,
+            around[1] + part * (slope_before + part * (square + part * cube)),
+            (slope_before + part * (2.0 * square + 3.0 * part * cube)) / STEP_S,
         )
 
 
-def clock(
+def make_clock(
     kind: str | Oscillator,
     offset_s: float = 0.0,
     drift: float = 0.0,
@@ -114,7 +123,7 @@ def clock(
     *,
     stream: int = 0,
 ) -> Clock:
-    """A clock that is `offset_s` ahead at true time zero and then gains `drift` seconds a second, and its noise.
+    """Make a clock that is `offset_s` ahead at time zero and gains `drift` seconds a second, with noise.
 
     Parameters
     ----------
@@ -129,7 +138,7 @@ def clock(
     ------
     ScenarioError : no such kind, or a duration or drift that makes no sense.
     """
-    oscillator = kind if isinstance(kind, Oscillator) else _named(kind)
+    oscillator = kind if isinstance(kind, Oscillator) else _find_oscillator(kind)
     if not (np.isfinite(duration_s) and duration_s >= 0.0):
         raise ScenarioError(f"clock: duration_s is {duration_s:g}, expected zero or more; give the length of the scene")
     if not abs(drift) < 1e-3 or not np.isfinite(offset_s):
@@ -165,15 +174,15 @@ class _Walk:
     stream: int
 
     def start(self) -> Reals:
-        flicker = self._flicker_sigma * self._rng(0).standard_normal(_FLICKER_S.size)
+        flicker = self._flicker_sigma * self._make_rng(0).standard_normal(_FLICKER_S.size)
         return np.concatenate([[0.0, 0.0], flicker])
 
     def path(self, block: int, state: Reals) -> tuple[Reals, Reals]:
-        """Phases (BLOCK + 1,) at the knots of a block from the state at its start on, and the state at its end."""
+        """Draw phases (BLOCK + 1,) at the knots of a block, from its start state; return them and the end state."""
         noise = self.oscillator
         if noise.white_s == noise.flicker == noise.walk_hz == 0.0:
             return np.zeros(BLOCK + 1), np.zeros_like(state)
-        normals = self._rng(block + 1).standard_normal((BLOCK, state.size))
+        normals = self._make_rng(block + 1).standard_normal((BLOCK, state.size))
         walk_density = 2.0 * np.pi**2 * noise.walk_hz  # of the random walk's driving noise
         walk = state[1] + np.concatenate([[0.0], np.cumsum(np.sqrt(walk_density * STEP_S) * normals[:, 1])])
         step = gauss_markov_step(self._flicker_sigma, _FLICKER_S, STEP_S)
@@ -192,12 +201,12 @@ class _Walk:
         """Processes of variance h-1 ln r each, r apart in correlation time, sum up to h-1 / f."""
         return np.full(_FLICKER_S.size, np.sqrt(self.oscillator.flicker * np.log(10.0)))
 
-    def _rng(self, part: int) -> np.random.Generator:
+    def _make_rng(self, part: int) -> np.random.Generator:
         seeds = np.random.SeedSequence(self.seed, spawn_key=(_STREAM, self.stream, part))
         return np.random.Generator(np.random.SFC64(seeds))
 
 
-def _named(kind: str) -> Oscillator:
+def _find_oscillator(kind: str) -> Oscillator:
     if kind in OSCILLATORS:
         return OSCILLATORS[kind]
     near = get_close_matches(kind.lower(), OSCILLATORS, n=1, cutoff=0.0)[0]

@@ -1,4 +1,4 @@
-"""Which satellites a scene has: those of a navigation file, those that stand where the scenario says, or the nominal.
+"""Choose a scene's satellites: those of a navigation file, those in stated directions, or the nominal ones.
 
 All are ephemerides, so that signals, messages and the navigation file that is written beside them state the same.
 """
@@ -19,16 +19,16 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.signals import prn_of
 from skyproof.gnss.sky import rotate_to_reception
 from skyproof.gnss.time import gpst, seconds_between
-from skyproof.simulator.platforms import trajectory_of
+from skyproof.simulator.platforms import make_trajectory
 from skyproof.simulator.scenario import SatelliteDirection, Scenario
 
-__all__ = ["navigation_of"]
+__all__ = ["make_navigation"]
 
 _STEEPEST_RAD: Final = 1.19  # receivers take a message of 1.2 and more for damaged: no GPS satellite flies so
 
 
-def navigation_of(scenario: Scenario) -> NavigationData:
-    """The orbits, clocks and ionosphere that a scenario asks for; the one place that decides.
+def make_navigation(scenario: Scenario) -> NavigationData:
+    """Read or make the orbits, clocks and ionosphere of a scene: the one place that decides.
 
     Its navigation file if it names one; satellites in `sky.directions` if it gives them; else the nominal
     constellation.
@@ -43,12 +43,12 @@ def navigation_of(scenario: Scenario) -> NavigationData:
     nominal = make_nominal_constellation(scenario.start_gpst)
     if scenario.sky.directions is None:
         return nominal
-    here_ecef_m = trajectory_of(scenario.receivers[0], "receivers[0]").at([0.0]).position_ecef_m[0]
+    here_ecef_m = make_trajectory(scenario.receivers[0], "receivers[0]").at([0.0]).position_ecef_m[0]
     templates = [eph for eph in nominal.ephemerides if isinstance(eph, Ephemeris)]
     ephemerides = []
     for number, direction in enumerate(scenario.sky.directions):
         template = templates[(prn_of(direction.sat) - 1) % len(templates)]
-        eph = _standing(direction, here_ecef_m, scenario.start_gpst, replace(template, sat=direction.sat))
+        eph = _place_satellite(direction, here_ecef_m, scenario.start_gpst, replace(template, sat=direction.sat))
         if eph.i0 > _STEEPEST_RAD:
             raise ScenarioError(
                 f"sky.directions[{number}]: {direction.sat} would stand over latitude {np.degrees(eph.i0):.1f} "
@@ -59,13 +59,13 @@ def navigation_of(scenario: Scenario) -> NavigationData:
     return replace(nominal, ephemerides=tuple(ephemerides), source="satellites in given directions")
 
 
-def _standing(
+def _place_satellite(
     direction: SatelliteDirection, here_ecef_m: Reals, start_gpst: np.datetime64, like: Ephemeris
 ) -> Ephemeris:
-    """An ephemeris whose wave that arrives at `start_gpst` comes from the direction.
+    """Make an ephemeris whose wave that arrives at `start_gpst` comes from the direction.
 
-    The orbit is a circle of the nominal radius and inclination; steeper where the satellite stands over a higher
-    latitude, whose northernmost or southernmost point it then passes. `like` gives the clock and what is common.
+    The orbit is a circle of the nominal radius and inclination. It is steeper where the satellite stands over a higher
+    latitude, whose northernmost or southernmost point it then passes. `like` gives the clock and the common values.
     """
     lat_rad, lon_rad, _ = geodetic_from_ecef(here_ecef_m)
     az_rad, el_rad = np.radians([direction.az_deg, direction.el_deg])
@@ -91,11 +91,11 @@ def _standing(
         e=0.0,
         omega=0.0,
         i0=i0,
-        m0=_wrapped(float(u) - motion_rad_s * since_toe_s),
-        omega0=_wrapped(float(node_ecef_rad) - turned_rad),
+        m0=_wrap(float(u) - motion_rad_s * since_toe_s),
+        omega0=_wrap(float(node_ecef_rad) - turned_rad),
     )
 
 
-def _wrapped(angle_rad: float) -> float:
-    """To -pi .. pi less one step, which is what the message holds."""
+def _wrap(angle_rad: float) -> float:
+    """Wrap an angle to -pi .. pi less one step, which is what the message holds."""
     return float(np.clip((angle_rad + np.pi) % (2.0 * np.pi) - np.pi, -GPS_PI, GPS_PI * (1.0 - 2.0**-31)))

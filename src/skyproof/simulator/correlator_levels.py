@@ -1,4 +1,4 @@
-"""Amplitude of signals and sigma of noise in correlators, behind the recorder if it counts."""
+"""Compute amplitudes of signals and sigmas of noise in correlators, behind the recorder if it counts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from skyproof.arrays import Reals
 from skyproof.simulator.correlation import Correlation
 from skyproof.simulator.correlator_coupling import StraightSpans, WaveEdges
 from skyproof.simulator.received import AddedNoise, Jammer, ReceiverSky
-from skyproof.simulator.recorder import recorded
+from skyproof.simulator.recorder import compute_recorded
 from skyproof.simulator.scenario import FrontEnd
 
-__all__ = ["CorrelatorLevels", "levels_of"]
+__all__ = ["CorrelatorLevels", "compute_levels"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -24,7 +24,7 @@ class CorrelatorLevels:
     sigma: Reals
 
 
-def levels_of(
+def compute_levels(
     sky: ReceiverSky,
     front_end: FrontEnd,
     rows: WaveEdges,
@@ -42,14 +42,14 @@ def levels_of(
     begin_s, end_s = rows.windows_s[..., 0], rows.windows_s[..., 1]
     now = ((begin_s <= at_s[:, np.newaxis, np.newaxis]) & (at_s[:, np.newaxis, np.newaxis] <= end_s)).any(axis=2)
     of_signals = np.where(now, power, 0.0)
-    added = np.sum([_now(noise, at_s) for noise in sky.noises], axis=0) + np.zeros(at_s.size)
-    lines = np.reshape([_now(jammer, at_s) for jammer in sky.jammers], (-1, at_s.size))
+    added = np.sum([_compute_power(noise, at_s) for noise in sky.noises], axis=0) + np.zeros(at_s.size)
+    lines = np.reshape([_compute_power(jammer, at_s) for jammer in sky.jammers], (-1, at_s.size))
     total = 1.0 + added + of_signals.sum(axis=1) + lines.sum(axis=0)
-    gain, variance = recorded(front_end, total) if quantised else (np.ones(at_s.size), total)
+    gain, variance = compute_recorded(front_end, total) if quantised else (np.ones(at_s.size), total)
 
     # what is white, then what only the replica's spectrum lets through
     white = variance - gain**2 * (of_signals.sum(axis=1) + lines.sum(axis=0))
-    shares = np.array([_share(jammer, signal.chip_rate_hz) for jammer in sky.jammers])
+    shares = np.array([_compute_share(jammer, signal.chip_rate_hz) for jammer in sky.jammers])
     coloured = shares @ lines * band_hz / signal.chip_rate_hz
     noise = (white + gain**2 * coloured)[:, np.newaxis] * np.ones(len(channel_sats))
     if others == "noise":
@@ -64,12 +64,12 @@ def levels_of(
     )
 
 
-def _now(source: AddedNoise | Jammer, at_s: Reals) -> Reals:
+def _compute_power(source: AddedNoise | Jammer, at_s: Reals) -> Reals:
     return np.asarray(np.where((source.from_s <= at_s) & (at_s <= source.until_s), source.power(at_s), 0.0))
 
 
-def _share(jammer: Jammer, chip_rate_hz: float) -> float:
-    """Of a line's power, what chips' spectrum lets through, 1 in its middle; the mean over a chirp."""
+def _compute_share(jammer: Jammer, chip_rate_hz: float) -> float:
+    """Return the share of a line's power that chips' spectrum passes, 1 in its middle; the mean over a chirp."""
     sweep_hz = jammer.source.sweep_hz if jammer.source.kind == "chirp" else 0.0
     offsets_hz = jammer.source.offset_hz + sweep_hz * (np.arange(200) / 199.0 - 0.5)
     return float(np.mean(np.sinc(offsets_hz / chip_rate_hz) ** 2))

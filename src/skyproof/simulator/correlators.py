@@ -1,4 +1,4 @@
-"""The same scene at the level of correlators: what every tap of every channel holds, in closed form, without samples.
+"""Simulate a scene at the level of correlators: what every tap of every channel holds, in closed form.
 
 Over an integration of T seconds a signal of amplitude A adds to the tap whose replica is d chips ahead and f hertz off
 
@@ -15,9 +15,9 @@ the quantiser, whose gain and own noise follow from the normal law (Bussgang, 19
 period, side lobes of the satellite's own code included, in the mean over where samples fall within chips. Left out:
 what sharp chips fold back when they are sampled, a thousandth to a hundredth of the prompt at a few Msps where a
 millisecond is a whole number of samples (the rendered samples have it, if the replica or the signal has sharp chips);
-the loss of R at Dopplers of kilohertz beside the mean's; and other satellites' signals, each of which adds a
-pseudo-random -24 dB at most, -30 dB rms in a millisecond: with `others="noise"` they count as the noise that they are
-like in the mean over Dopplers.
+the loss of R at Dopplers of kilohertz beside the mean's; and other satellites' signals. Each of those adds a
+pseudo-random -24 dB at most, -30 dB rms in a millisecond: with `others="noise"` they count as noise, as they are in the
+mean over Dopplers.
 """
 
 import math
@@ -31,21 +31,21 @@ from skyproof.arrays import Booleans, Complexes, ComplexFloats, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.signals import prn_of
 from skyproof.records import SignalId, Taps, freeze
-from skyproof.simulator.correlation import Replica, correlation
+from skyproof.simulator.correlation import Replica, compute_correlation
 from skyproof.simulator.correlator_coupling import (
     StraightSpans,
     WaveEdges,
-    couplings,
-    pairs_of,
-    received_waves,
-    replica_waves,
-    spans_of,
-    there_throughout,
+    compute_couplings,
+    cut_spans,
+    list_pairs,
+    list_received_waves,
+    list_replica_waves,
+    mark_present,
 )
-from skyproof.simulator.correlator_levels import levels_of
+from skyproof.simulator.correlator_levels import compute_levels
 from skyproof.simulator.received import ReceiverSky, Scene
 from skyproof.simulator.tap_noise import TapNoise
-from skyproof.simulator.tracked import Tracked, aligned
+from skyproof.simulator.tracked import Tracked, align_channels
 
 __all__ = ["CorrelatorOutputs", "Parts", "correlate"]
 
@@ -111,7 +111,7 @@ class CorrelatorOutputs:
         )
 
     def taps(self, *draw: int) -> Taps:
-        """One draw as a receiver hands it on."""
+        """Return one draw as a receiver hands it on."""
         value = np.where(self.there[:, :, np.newaxis, np.newaxis], self.value[draw], np.complex64(np.nan))
         return Taps(
             receiver=self.receiver,
@@ -139,7 +139,9 @@ def correlate(
     rng: np.random.Generator | None = None,
     draws: tuple[int, ...] = (),
 ) -> CorrelatorOutputs:
-    """Correlator outputs of antenna number `index` over integrations of `coherent_s` centred on `elapsed_s` (n,).
+    """Simulate correlator outputs of antenna number `index` over integrations centred on `elapsed_s` (n,).
+
+    Each integration lasts `coherent_s`.
 
     delays_chips : of the replica ahead of the tracked code. dopplers_hz : of the replica's carrier over the tracked.
     tracked : what channels are aligned to; each signal that is received if absent.
@@ -154,20 +156,20 @@ def correlate(
         raise ValueError(f"coherent_s {coherent_s:g} must be positive")
     middle_s = np.atleast_1d(np.asarray(elapsed_s, np.float64))
     delays, dopplers = (np.atleast_1d(np.asarray(taps, np.float64)) for taps in (delays_chips, dopplers_hz))
-    tracked = tracked if tracked is not None else aligned(scene, index)
+    tracked = tracked if tracked is not None else align_channels(scene, index)
     sats = sorted({signal.sat for signal in tracked.signals})
-    tables = correlation([prn_of(sat) for sat in sats], sky.signal, front_end, replica=replica)
-    spans = spans_of(sky, middle_s, coherent_s)
-    rows, channels = received_waves(scene, sky, spans), replica_waves(scene, sky, tracked, spans, wiped)
+    tables = compute_correlation([prn_of(sat) for sat in sats], sky.signal, front_end, replica=replica)
+    spans = cut_spans(sky, middle_s, coherent_s)
+    rows, channels = list_received_waves(scene, sky, spans), list_replica_waves(scene, sky, tracked, spans, wiped)
     channel_sat = [signal.sat for signal in tracked.signals]
-    pairs = pairs_of(channel_sat, rows.sats)
-    lag_chips, turns_cyc, coupling = couplings(spans, channels, rows, pairs, dopplers, sky.signal)
+    pairs = list_pairs(channel_sat, rows.sats)
+    lag_chips, turns_cyc, coupling = compute_couplings(spans, channels, rows, pairs, dopplers, sky.signal)
 
-    level = levels_of(sky, front_end, rows, spans, coherent_s, tables, others, quantised, channel_sat)
+    level = compute_levels(sky, front_end, rows, spans, coherent_s, tables, others, quantised, channel_sat)
     weight = coupling * level.amplitude[:, pairs[:, 1], np.newaxis, np.newaxis]
     mean = np.zeros((middle_s.size, len(channel_sat), dopplers.size, delays.size), np.complex128)
     table_of = np.array([sats.index(channel_sat[channel]) for channel in pairs[:, 0]], np.int64)
-    _spread(mean, pairs, table_of, weight, lag_chips, delays, tables.signal, float(tables.points))
+    _add_spread(mean, pairs, table_of, weight, lag_chips, delays, tables.signal, float(tables.points))
 
     value = np.broadcast_to(mean, (*draws, *mean.shape)).astype(np.complex64)
     if rng is not None:
@@ -183,12 +185,12 @@ def correlate(
         value=value,
         mean=mean,
         noise_sigma=level.sigma,
-        there=there_throughout(sky, tracked, spans),
-        parts=_parts(sky, spans, rows, pairs, lag_chips, turns_cyc, weight, dopplers),
+        there=mark_present(sky, tracked, spans),
+        parts=_make_parts(sky, spans, rows, pairs, lag_chips, turns_cyc, weight, dopplers),
     )
 
 
-def _parts(
+def _make_parts(
     sky: ReceiverSky,
     spans: StraightSpans,
     rows: WaveEdges,
@@ -203,8 +205,8 @@ def _parts(
     middle_s = 0.5 * (edges_s[:, :1] + edges_s[:, -1:])
     last = edges_s.shape[1] - 2
     at = np.clip((edges_s <= middle_s).sum(axis=1, keepdims=True) - 1, 0, last)[..., np.newaxis]
-    one, other = (np.take_along_axis(turns_cyc, at + later, axis=1)[:, 0] for later in (0, 1))
-    one_s, other_s = (np.take_along_axis(edges_s, at[..., 0] + later, axis=1) for later in (0, 1))
+    turns_before, turns_after = (np.take_along_axis(turns_cyc, at + later, axis=1)[:, 0] for later in (0, 1))
+    before_s, after_s = (np.take_along_axis(edges_s, at[..., 0] + later, axis=1) for later in (0, 1))
     lengths_s = np.diff(edges_s, axis=1)[..., np.newaxis]
     return Parts(
         channel=channel,
@@ -213,13 +215,13 @@ def _parts(
         label=tuple(sky.signals[r].label if r < n_signals else "multipath" for r in row.tolist()),
         lag_chips=(lag_chips * lengths_s).sum(axis=1) / lengths_s.sum(axis=1),
         doppler_hz=(turns_cyc[:, -1] - turns_cyc[:, 0]) / (edges_s[:, -1:] - edges_s[:, :1]),
-        phase_cyc=one + (other - one) * (middle_s - one_s) / (other_s - one_s),
+        phase_cyc=turns_before + (turns_after - turns_before) * (middle_s - before_s) / (after_s - before_s),
         weight=weight.sum(axis=2)[..., np.abs(dopplers_hz).argmin()],
     )
 
 
 @compiled
-def _spread(
+def _add_spread(
     mean: Complexes,
     pairs: Integers,
     table_of: Integers,

@@ -1,12 +1,12 @@
-"""A scene on disk: samples of each antenna, series of the truth, inertial readings, and truth.json.
+"""Write a scene to disk: samples of each antenna, series of the truth, inertial readings, and truth.json.
 
     NAME.sigmf-meta, NAME.sigmf-data    samples that SigMF can hold: whole numbers of 8 and 16 bits, floats
     NAME.bin, NAME.toml                 any samples, with the sidecar of `skyproof.formats.raw`
     SCENE.sigmf-collection              the recordings of a scene, where SigMF holds several
-    RECEIVER-truth.csv, .parquet        `skyproof.simulator.truth.trajectory_truth`
-    NAME-signals.csv, .parquet          `skyproof.simulator.truth.signal_truth`
-    RECEIVER-imu.csv, .parquet          `skyproof.simulator.truth.imu_blocks`
-    truth.json                          `skyproof.simulator.truth_document.truth_of`
+    RECEIVER-truth.csv, .parquet        `skyproof.simulator.truth.compute_trajectory_truth`
+    NAME-signals.csv, .parquet          `skyproof.simulator.truth.compute_signal_truth`
+    RECEIVER-imu.csv, .parquet          `skyproof.simulator.truth.iterate_imu_blocks`
+    truth.json                          `skyproof.simulator.truth_document.build_truth`
 
 NAME is the receiver's, and with several antennas RECEIVER.ANTENNA. Every file appears when it is whole. Memory does not
 grow with the duration.
@@ -42,28 +42,28 @@ from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.gnss.time import format_iso
 from skyproof.simulator.inertial import ImuReadings
 from skyproof.simulator.received import ReceiverSky, Scene
-from skyproof.simulator.samples import BLOCK, Rendering, ahead_of, quantised, rendering_of, rough_start
+from skyproof.simulator.samples import BLOCK, Rendering, map_ahead, prepare_rendering, render_quantised, round_start
 from skyproof.simulator.scenario import FrontEnd, Scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.simulator.truth import (
     SIGNALS_HZ,
     TRAJECTORY_HZ,
     Table,
-    imu_blocks,
-    imus_of,
-    moment,
-    signal_blocks,
-    trajectory_blocks,
+    convert_to_gpst,
+    iterate_imu_blocks,
+    iterate_signal_blocks,
+    iterate_trajectory_blocks,
+    simulate_imus,
 )
-from skyproof.simulator.truth_document import SourceWindow, interference_of, truth_of, windows_of
+from skyproof.simulator.truth_document import SourceWindow, build_truth, list_interference, list_windows
 
 __all__ = [
     "Container",
-    "container_of",
-    "sample_names",
-    "samples_octets",
-    "series_names",
-    "series_octets",
+    "choose_container",
+    "count_sample_octets",
+    "estimate_series_octets",
+    "list_sample_names",
+    "list_series_names",
     "write",
     "write_samples",
     "write_series",
@@ -101,27 +101,30 @@ def write(
 
     Raises
     ------
-    ScenarioError : as `scene_of`.
+    ScenarioError : as `make_scene`.
     SettingsError : SigMF cannot hold such samples.
     OutputError : the folder or a file cannot be written.
     """
-    scene = scene_of(scenario, navigation)
-    container = container_of(scenario.front_end, container)
+    scene = make_scene(scenario, navigation)
+    container = choose_container(scenario.front_end, container)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(
             f"{error.filename or folder}: cannot be written ({error.strerror or error}); give a folder that can"
         ) from error
-    write_truth(folder, truth_of(scene, files=sample_names(scene, container)))
+    write_truth(folder, build_truth(scene, files=list_sample_names(scene, container)))
     return write_samples(scene, folder, container, progress=progress)
 
 
 # --- samples
 
 
-def container_of(front_end: FrontEnd, wanted: Container | None = None) -> Container:
-    """What is wanted, or what fits: SigMF if it can hold such samples. Raises SettingsError if it cannot."""
+def choose_container(front_end: FrontEnd, wanted: Container | None = None) -> Container:
+    """Choose the container asked for, or one that fits: SigMF if it can hold such samples.
+
+    Raises SettingsError if it cannot.
+    """
     fits = fits_sigmf(front_end.encoding, front_end.bits)
     if wanted == "sigmf" and not fits:
         raise SettingsError(
@@ -131,14 +134,14 @@ def container_of(front_end: FrontEnd, wanted: Container | None = None) -> Contai
     return wanted or ("sigmf" if fits else "raw")
 
 
-def sample_names(scene: Scene, container: Container) -> list[str]:
-    """The files of `write_samples`, in its order."""
+def list_sample_names(scene: Scene, container: Container) -> list[str]:
+    """List the files of `write_samples`, in its order."""
     names = [f"{sky.name}{ending}" for sky in scene.skies for ending in _ENDINGS[container]]
-    return names + ([_collection(scene)] if _is_collection(scene, container) else [])
+    return names + ([_name_collection(scene)] if _is_collection(scene, container) else [])
 
 
-def samples_octets(scenario: Scenario) -> int:
-    """How many bytes all samples take."""
+def count_sample_octets(scenario: Scenario) -> int:
+    """Count the bytes of all samples."""
     front_end = scenario.front_end
     bits = front_end.bits * (2 if front_end.kind == "complex" else 1)
     n_antennas = sum(len(receiver.antennas) for receiver in scenario.receivers)
@@ -147,13 +150,13 @@ def samples_octets(scenario: Scenario) -> int:
 
 def write_samples(scene: Scene, folder: Path, container: Container, *, progress: Report | None = None) -> list[Path]:
     """Render every antenna; what states how to read the samples is written after them."""
-    renderings = [rendering_of(scene, index) for index in range(len(scene.skies))]
+    renderings = [prepare_rendering(scene, index) for index in range(len(scene.skies))]
     data_ending, meta_ending = _ENDINGS[container]
     total, done = sum(rendering.n_samples for rendering in renderings), 0
     metas: dict[str, bytes] = {}
     for rendering in renderings:
         name, digest = rendering.sky.name, hashlib.sha512()
-        with write_whole(folder / f"{name}{data_ending}") as file, closing(_packed_blocks(rendering)) as blocks:
+        with write_whole(folder / f"{name}{data_ending}") as file, closing(_pack_blocks(rendering)) as blocks:
             for octets, count in blocks:
                 file.write(octets)
                 if container == "sigmf":
@@ -162,14 +165,14 @@ def write_samples(scene: Scene, folder: Path, container: Container, *, progress:
                 if progress is not None:
                     progress(done, total)
         if container == "raw":
-            text = write_sidecar_text(_layout(scene, rendering))
+            text = write_sidecar_text(_make_layout(scene, rendering))
         else:
-            text = _sigmf_text(scene, rendering, digest.hexdigest())
+            text = _write_sigmf_text(scene, rendering, digest.hexdigest())
             metas[name] = text.encode()
         write_lines(folder / f"{name}{meta_ending}", [text], end="", encoding="utf-8")
     if _is_collection(scene, container):
-        text = write_collection_json(metas, description=_described(scene))
-        write_lines(folder / _collection(scene), [text], end="", encoding="utf-8")
+        text = write_collection_json(metas, description=_describe(scene))
+        write_lines(folder / _name_collection(scene), [text], end="", encoding="utf-8")
     return [folder / f"{sky.name}{data_ending if container == 'raw' else meta_ending}" for sky in scene.skies]
 
 
@@ -177,15 +180,15 @@ def _is_collection(scene: Scene, container: Container) -> bool:
     return container == "sigmf" and len(scene.skies) > 1
 
 
-def _collection(scene: Scene) -> str:
+def _name_collection(scene: Scene) -> str:
     return f"{scene.scenario.name}.sigmf-collection"
 
 
-def _described(scene: Scene) -> str:
+def _describe(scene: Scene) -> str:
     return scene.scenario.description or f"scene {scene.scenario.name}, simulated"
 
 
-def _layout(scene: Scene, rendering: Rendering) -> SampleLayout:
+def _make_layout(scene: Scene, rendering: Rendering) -> SampleLayout:
     front_end, antenna = rendering.front_end, rendering.sky.antenna.name
     return SampleLayout.model_validate(
         {
@@ -196,64 +199,64 @@ def _layout(scene: Scene, rendering: Rendering) -> SampleLayout:
             "encoding": front_end.encoding,
             "bits": front_end.bits,
             "bit_order": "msb-first",
-            "start_gpst": format_iso(rough_start(scene, rendering.sky), 0),
+            "start_gpst": format_iso(round_start(scene, rendering.sky), 0),
         }
         | ({} if antenna == "1" else {"antenna": antenna})
     )
 
 
-def _sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
+def _write_sigmf_text(scene: Scene, rendering: Rendering, sha512: str) -> str:
     sky, scenario = rendering.sky, scene.scenario
     start_s = sky.receiver.start_offset_s
     lat_rad, lon_rad, height_m = geodetic_from_ecef(sky.point(np.array([start_s])).position_ecef_m[0])
     place = make_geolocation(
         round(float(np.degrees(lat_rad)), 9), round(float(np.degrees(lon_rad)), 9), round(float(height_m), 4)
     )
-    received = [window for name in scenario.attack_names for window in windows_of(sky, name)]
+    received = [window for name in scenario.attack_names for window in list_windows(sky, name)]
     comments = ("false signals", "interference")
     annotations = [
-        _annotated(scene, rendering, window, comment)
-        for comment, windows in zip(comments, (received, interference_of(scene, sky)), strict=True)
+        _annotate(scene, rendering, window, comment)
+        for comment, windows in zip(comments, (received, list_interference(scene, sky)), strict=True)
         for window in windows
     ]
     of_several = len(scene.skies) > 1
     moves = sky.receiver.path is not None or sky.antenna.spin is not None
     return write_recording_json(
-        _layout(scene, rendering),
+        _make_layout(scene, rendering),
         sha512=sha512,
         place=place,
         moves=moves,
-        description=f"{_described(scene)}; receiver {sky.receiver.name}, antenna {sky.antenna.name}",
+        description=f"{_describe(scene)}; receiver {sky.receiver.name}, antenna {sky.antenna.name}",
         recorder=f"skyproof {version('skyproof')} simulate",
         hw="simulated: no hardware",
-        annotations=[one for one in annotations if one is not None],
-        collection=_collection(scene).removesuffix(".sigmf-collection") if of_several else None,
+        annotations=[annotation for annotation in annotations if annotation is not None],
+        collection=_name_collection(scene).removesuffix(".sigmf-collection") if of_several else None,
     )
 
 
-def _annotated(scene: Scene, rendering: Rendering, received: SourceWindow, comment: str) -> dict[str, Any] | None:
-    """A stretch of samples, from the first that holds it on; none if it is not in the recording."""
+def _annotate(scene: Scene, rendering: Rendering, received: SourceWindow, comment: str) -> dict[str, Any] | None:
+    """Annotate a stretch of samples, from the first that holds it on; None if it is not in the recording."""
     name, *edges_s = received
     edges = np.ceil(rendering.sky.elapsed_at(np.array(edges_s)) * rendering.front_end.rate_hz)
     first, last = np.clip(edges, 0, rendering.n_samples).astype(np.int64).tolist()
     if first >= last:
         return None
-    came = format_iso(moment(scene, edges_s[0]), 9) if np.isfinite(edges_s[0]) else "before the scene"
+    came = format_iso(convert_to_gpst(scene, edges_s[0]), 9) if np.isfinite(edges_s[0]) else "before the scene"
     return make_annotation(first, last - first, name, f"{comment}; the first wave arrives at GPS time {came}")
 
 
-def _packed_blocks(rendering: Rendering) -> Generator[tuple[bytes, int], None, None]:
-    yield from ahead_of(partial(_packed_block, rendering), range(-(-rendering.n_samples // BLOCK)))
+def _pack_blocks(rendering: Rendering) -> Generator[tuple[bytes, int], None, None]:
+    yield from map_ahead(partial(_pack_block, rendering), range(-(-rendering.n_samples // BLOCK)))
 
 
-def _packed_block(rendering: Rendering, block: int) -> tuple[bytes, int]:
-    planes = quantised(rendering, block)
+def _pack_block(rendering: Rendering, block: int) -> tuple[bytes, int]:
+    planes = render_quantised(rendering, block)
     rows = planes[:1] if rendering.front_end.kind == "real" else planes
-    return _packed(rows, rendering.front_end.encoding, rendering.front_end.bits), planes.shape[1]
+    return _pack_bytes(rows, rendering.front_end.encoding, rendering.front_end.bits), planes.shape[1]
 
 
-def _packed(rows: Floats, encoding: str, bits: int) -> bytes:
-    """Quantised values (numbers of a sample, n) as bytes, in the conventions of `skyproof.formats.raw`."""
+def _pack_bytes(rows: Floats, encoding: str, bits: int) -> bytes:
+    """Pack quantised values (numbers of a sample, n) as bytes, in the conventions of `skyproof.formats.raw`."""
     if bits >= 8:
         return np.ascontiguousarray(rows.T).astype(f"<{encoding[0]}{bits // 8}").tobytes()
     octets = np.empty(rows.size * bits // 8, np.uint8)
@@ -263,7 +266,10 @@ def _packed(rows: Floats, encoding: str, bits: int) -> bytes:
 
 @compiled
 def _pack(rows: Floats, bits: int, octets: NDArray[np.uint8]) -> None:
-    """Sign, and with two bits magnitude (1 or 3), first number in the highest bits. NumPy takes 4 times as long."""
+    """Pack sign, and with two bits magnitude (1 or 3), first number in the highest bits.
+
+    NumPy takes 4 times as long.
+    """
     numbers = rows.shape[0]
     samples_in_octet = 8 // (bits * numbers)
     for k in range(octets.size):
@@ -280,13 +286,13 @@ def _pack(rows: Floats, bits: int, octets: NDArray[np.uint8]) -> None:
 # --- series and the document
 
 
-def series_names(scene: Scene) -> list[str]:
-    """The files of `write_series`."""
-    return [f"{stem}{ending}" for stem, _, _ in _series(scene, TRAJECTORY_HZ, SIGNALS_HZ) for ending in _TABLES]
+def list_series_names(scene: Scene) -> list[str]:
+    """List the files of `write_series`."""
+    return [f"{stem}{ending}" for stem, _, _ in _iterate_series(scene, TRAJECTORY_HZ, SIGNALS_HZ) for ending in _TABLES]
 
 
-def series_octets(scene: Scene) -> int:
-    """About how many bytes the series take, rather more than less."""
+def estimate_series_octets(scene: Scene) -> int:
+    """Estimate how many bytes the series take, rather more than less."""
     duration_s = scene.scenario.duration_s
     rows = {
         "truth": TRAJECTORY_HZ * len(scene.trajectories),
@@ -305,11 +311,11 @@ def write_series(
     signals_hz: float = SIGNALS_HZ,
     progress: Report | None = None,
 ) -> list[Path]:
-    """Tables of the truth and of inertial readings, as CSV and Parquet; progress in tables.
+    """Write tables of the truth and of inertial readings, as CSV and Parquet; progress in tables.
 
     Raises OutputError if a file cannot be written.
     """
-    series = list(_series(scene, trajectory_hz, signals_hz))
+    series = list(_iterate_series(scene, trajectory_hz, signals_hz))
     paths: list[Path] = []
     for number, (stem, metadata, blocks) in enumerate(series):
         places = [folder / f"{stem}{ending}" for ending in _TABLES]
@@ -322,27 +328,27 @@ def write_series(
     return paths
 
 
-def _series(
+def _iterate_series(
     scene: Scene, trajectory_hz: float, signals_hz: float
 ) -> Iterator[tuple[str, dict[str, str], Iterable[Table]]]:
     """Name without ending, what is stated within the file, and the blocks of each table."""
     about = {"scene": scene.scenario.name, "seed": str(scene.scenario.seed), "skyproof": version("skyproof")}
-    imus = imus_of(scene)
+    imus = simulate_imus(scene)
     for name in scene.trajectories:
         stated = about | {"receiver": name, "rate_hz": f"{trajectory_hz:g}"}
-        yield f"{name}-truth", stated, trajectory_blocks(scene, name, trajectory_hz)
+        yield f"{name}-truth", stated, iterate_trajectory_blocks(scene, name, trajectory_hz)
     for sky in scene.skies:
         stated = about | {"receiver": sky.receiver.name, "antenna": sky.antenna.name, "rate_hz": f"{signals_hz:g}"}
-        yield f"{sky.name}-signals", stated, signal_blocks(scene, sky.name, signals_hz)
+        yield f"{sky.name}-signals", stated, iterate_signal_blocks(scene, sky.name, signals_hz)
     for name, imu in imus.items():
-        yield f"{name}-imu", about | _imu_stated(_sky_of_receiver(scene, name), imu), imu_blocks(scene, imu)
+        yield f"{name}-imu", about | _describe_imu(_find_sky(scene, name), imu), iterate_imu_blocks(scene, imu)
 
 
-def _sky_of_receiver(scene: Scene, receiver: str) -> ReceiverSky:
+def _find_sky(scene: Scene, receiver: str) -> ReceiverSky:
     return next(sky for sky in scene.skies if sky.receiver.name == receiver)
 
 
-def _imu_stated(sky: ReceiverSky, imu: ImuReadings) -> dict[str, str]:
+def _describe_imu(sky: ReceiverSky, imu: ImuReadings) -> dict[str, str]:
     unit = sky.receiver.imu
     assert unit is not None
     return {
@@ -358,7 +364,7 @@ def _imu_stated(sky: ReceiverSky, imu: ImuReadings) -> dict[str, str]:
 
 
 def write_truth(folder: Path, truth: dict[str, Any]) -> Path:
-    """truth.json. Raises OutputError if it cannot be written."""
+    """Write truth.json. Raises OutputError if it cannot be written."""
     path = folder / "truth.json"
     write_lines(path, [json.dumps(truth, indent=1, ensure_ascii=False, allow_nan=False)], encoding="utf-8")
     return path

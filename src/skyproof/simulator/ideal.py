@@ -1,7 +1,7 @@
-"""Signals whose motion is known in closed form, as samples: to measure a receiver with.
+"""Make samples of signals whose motion is known in closed form, to measure a receiver with.
 
-Scenes (`scenario`, `sky`) have the geometry of a sky; here delay, Doppler, acceleration and jumps of the carrier are
-what is asked for, and the truth is a polynomial.
+Scenes (`scenario`, `sky`) have the geometry of a sky. Here delay, Doppler, acceleration and jumps of the carrier are
+given directly, and the truth is a polynomial.
 """
 
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from skyproof.arrays import Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import GPS_L1_CA, SignalPlan
 from skyproof.records import SignalId
-from skyproof.simulator.platforms import trajectory_of
-from skyproof.simulator.received import Messages, ReceivedSignal, ReceiverSky, codes_of
-from skyproof.simulator.samples import Rendering, filtered_codes
+from skyproof.simulator.platforms import make_trajectory
+from skyproof.simulator.received import Messages, ReceivedSignal, ReceiverSky, stack_codes
+from skyproof.simulator.samples import Rendering, filter_codes
 from skyproof.simulator.scenario import FrontEnd, SceneReceiver
 
-__all__ = ["SignalDelays", "ideal_signals"]
+__all__ = ["SignalDelays", "make_ideal_signals"]
 
 _SPARE_S = 2.0  # of message before the first sample and after the last
 
@@ -41,7 +41,7 @@ class SignalDelays:
     signal: SignalPlan = GPS_L1_CA
 
     def code_delay_s(self, elapsed_s: ArrayLike) -> Reals:
-        """Delay of the code, (n_times, n)."""
+        """Compute the delay of the code, (n_times, n)."""
         t = np.asarray(elapsed_s, np.float64)
         bent_s = np.zeros(t.shape)
         before = 0.0
@@ -52,13 +52,13 @@ class SignalDelays:
         return np.asarray(self.delay_s - run_s + bent_s[:, None])
 
     def carrier_delay_s(self, elapsed_s: ArrayLike) -> Reals:
-        """Delay of the carrier, (n_times, n)."""
+        """Compute the delay of the carrier, (n_times, n)."""
         t = np.asarray(elapsed_s, np.float64)
         jumped_cyc = sum((cycles * (t >= at_s) for at_s, cycles in self.jumps), np.zeros(t.shape))
         return np.asarray(self.code_delay_s(t) - jumped_cyc[:, None] / self.signal.carrier_hz)
 
     def doppler_at_hz(self, elapsed_s: ArrayLike) -> Reals:
-        """Doppler of the carrier, (n_times, n)."""
+        """Compute the Doppler of the carrier, (n_times, n)."""
         t = np.asarray(elapsed_s, np.float64)
         moved_hz = np.zeros(t.shape)
         before = 0.0
@@ -69,7 +69,7 @@ class SignalDelays:
         return np.asarray(self.doppler_hz + moved_hz[:, None])
 
 
-def ideal_signals(
+def make_ideal_signals(
     sats: Sequence[str],
     motion: SignalDelays,
     cn0_dbhz: ArrayLike,
@@ -78,7 +78,7 @@ def ideal_signals(
     duration_s: float,
     seed: int = 0,
 ) -> Rendering:
-    """Signals (n,) of satellites in receiver noise, with random data bits, for `render`.
+    """Make signals (n,) of satellites in receiver noise, with random data bits, for `render`.
 
     cn0_dbhz : (n,) or one for all; constant.
     """
@@ -90,7 +90,7 @@ def ideal_signals(
         return np.broadcast_to(cn0, (*np.shape(elapsed_s), n))
 
     receiver = SceneReceiver(name="ideal", lat_deg=0.0, lon_deg=0.0, height_m=0.0)
-    standing = trajectory_of(receiver, "ideal")
+    standing = make_trajectory(receiver, "ideal")
     sky = ReceiverSky(
         receiver=receiver,
         antenna=receiver.antennas[0],
@@ -108,14 +108,14 @@ def ideal_signals(
     symbol_s = signal.period_s * signal.periods_per_symbol
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1 << 20,)))
     symbols = 1 - 2 * rng.integers(0, 2, (n, int((duration_s + 2.0 * _SPARE_S) / symbol_s)), dtype=np.int8)
-    codes = codes_of(received, signal)
+    codes = stack_codes(received, signal)
     return Rendering(
         sky=sky,
         front_end=front_end,
         seed=seed,
         n_samples=int(duration_s * front_end.rate_hz) // 8 * 8,
         codes=codes,
-        waves=filtered_codes(codes, signal.chip_rate_hz, front_end),
+        waves=filter_codes(codes, signal.chip_rate_hz, front_end),
         messages=Messages(
             names=tuple((sat, "") for sat in sats),
             symbols=symbols,

@@ -1,4 +1,4 @@
-"""What an inertial measurement unit on a moving body reads: specific force and angular rate, with its grade's errors.
+"""Simulate an inertial unit on a moving body: specific force and angular rate, with its grade's errors.
 
 A reading is a mean over its interval: velocity and angle increments divided by the interval, as sensors that integrate
 give them. They are integrals of the true motion in the turning axes of the sensor, by Gauss-Legendre quadrature of
@@ -44,9 +44,9 @@ __all__ = [
     "ImuErrors",
     "ImuReadings",
     "MotionLike",
-    "accelerometer_allan_deviation_m_s2",
-    "gyro_allan_deviation_rad_s",
-    "inertial",
+    "compute_accelerometer_allan_m_s2",
+    "compute_gyro_allan_rad_s",
+    "simulate_inertial",
 ]
 
 BLOCK = 4096
@@ -73,17 +73,19 @@ class MotionLike(Protocol):
     def angular_rate_body_rad_s(self) -> Reals: ...
 
 
-def accelerometer_allan_deviation_m_s2(grade: ImuGrade, tau_s: ArrayLike) -> Reals:
-    """Of white noise and instability together, by theory, at averaging times of any shape."""
-    return _allan(grade.velocity_random_walk_m_s_rts, grade.accelerometer_instability_m_s2, grade.correlation_s, tau_s)
+def compute_accelerometer_allan_m_s2(grade: ImuGrade, tau_s: ArrayLike) -> Reals:
+    """Compute the Allan deviation of white noise and instability, by theory, at averaging times of any shape."""
+    return _compute_allan(
+        grade.velocity_random_walk_m_s_rts, grade.accelerometer_instability_m_s2, grade.correlation_s, tau_s
+    )
 
 
-def gyro_allan_deviation_rad_s(grade: ImuGrade, tau_s: ArrayLike) -> Reals:
-    """Of white noise and instability together, by theory, at averaging times of any shape."""
-    return _allan(grade.angular_random_walk_rad_rts, grade.gyro_instability_rad_s, grade.correlation_s, tau_s)
+def compute_gyro_allan_rad_s(grade: ImuGrade, tau_s: ArrayLike) -> Reals:
+    """Compute the Allan deviation of white noise and instability, by theory, at averaging times of any shape."""
+    return _compute_allan(grade.angular_random_walk_rad_rts, grade.gyro_instability_rad_s, grade.correlation_s, tau_s)
 
 
-def _allan(walk: float, instability: float, correlation_s: float, tau_s: ArrayLike) -> Reals:
+def _compute_allan(walk: float, instability: float, correlation_s: float, tau_s: ArrayLike) -> Reals:
     tau_s = np.asarray(tau_s, np.float64)
     slow = gauss_markov_allan_variance(instability, correlation_s, tau_s)
     return np.asarray(np.sqrt(walk**2 / tau_s + slow))
@@ -104,19 +106,21 @@ class ImuErrors:
 
     @classmethod
     def of(cls, grade: ImuGrade, rate_hz: float, n_blocks: int, seed: int, stream: int = 0) -> "ImuErrors":
-        """Errors for the first `n_blocks` blocks of readings at `rate_hz`. Keeps 48 bytes a block."""
-        rng = _rng(seed, stream, 0)
-        scale = _six(grade.accelerometer_scale, grade.gyro_scale)
+        """Draw errors for the first `n_blocks` blocks of readings at `rate_hz`. Keeps 48 bytes a block."""
+        rng = _make_rng(seed, stream, 0)
+        scale = _repeat_three(grade.accelerometer_scale, grade.gyro_scale)
         gain = grade.misalignment_rad * rng.standard_normal((6, 3))
         gain[np.arange(6), np.arange(6) % 3] = scale * rng.standard_normal(6)
-        bias = _six(grade.accelerometer_repeatability_m_s2, grade.gyro_repeatability_rad_s) * rng.standard_normal(6)
-        sigma = _six(grade.accelerometer_instability_m_s2, grade.gyro_instability_rad_s)
-        white = _six(grade.velocity_random_walk_m_s_rts, grade.angular_random_walk_rad_rts)
+        bias = _repeat_three(
+            grade.accelerometer_repeatability_m_s2, grade.gyro_repeatability_rad_s
+        ) * rng.standard_normal(6)
+        sigma = _repeat_three(grade.accelerometer_instability_m_s2, grade.gyro_instability_rad_s)
+        white = _repeat_three(grade.velocity_random_walk_m_s_rts, grade.angular_random_walk_rad_rts)
         step = gauss_markov_step(sigma, grade.correlation_s, 1.0 / rate_hz)
         spread: Reals = np.hypot(step.spread * rate_hz, white * np.sqrt(rate_hz))  # of a mean over an interval
 
         def instability(block: int, start: Reals) -> tuple[Reals, np.random.Generator]:
-            rng = _rng(seed, stream, block + 1)
+            rng = _make_rng(seed, stream, block + 1)
             return gauss_markov_path(step, start, rng.standard_normal((BLOCK, 6))), rng
 
         starts = [sigma * rng.standard_normal(6)]
@@ -146,12 +150,12 @@ class ImuReadings:
     read: Callable[[int, int], ImuSeries]
 
     def blocks(self, count: int = BLOCK) -> Iterator[ImuSeries]:
-        """All readings in order, `count` at a time: memory does not grow with the duration."""
+        """Iterate over all readings in order, `count` at a time: memory does not grow with the duration."""
         for start in range(0, self.n_samples, count):
             yield self.read(start, count)
 
 
-def inertial(
+def simulate_inertial(
     motion_at: Callable[[Reals], MotionLike],
     *,
     rate_hz: float,
@@ -164,7 +168,7 @@ def inertial(
     start_s: float = 0.0,
     zero_gpst: np.datetime64 = GPS_EPOCH,
 ) -> ImuReadings:
-    """The readings of a unit on a body that moves as `motion_at` says.
+    """Simulate the readings of a unit on a body that moves by `motion_at`.
 
     Parameters
     ----------
@@ -187,23 +191,23 @@ def inertial(
         )
     if not (np.isfinite(duration_s) and duration_s >= 0.0):
         raise ScenarioError(f"imu: duration_s is {duration_s:g}, expected zero or more; give the scene's")
-    to_sensor, lever_m = _mounting(mounting), np.asarray(lever_body_m, np.float64)
+    to_sensor, lever_m = _check_mounting(mounting), np.asarray(lever_body_m, np.float64)
     if lever_m.shape != (3,) or not np.isfinite(lever_m).all():
         raise ScenarioError(
             f"imu.lever_body_m: {lever_m.tolist()}, expected three lengths; give metres forward, right and down"
         )
-    quality = _named(grade) if isinstance(grade, str) else grade
+    quality = _find_grade(grade) if isinstance(grade, str) else grade
     n_samples = int(np.floor(duration_s * rate_hz * (1.0 + 1e-12)))
     n_blocks = -(-n_samples // BLOCK)
     errors = None if quality is None else ImuErrors.of(quality, rate_hz, n_blocks, seed, stream)
 
-    stride = max(1, BLOCK // _panels(1.0 / rate_hz))  # slow units need many nodes for each reading
+    stride = max(1, BLOCK // _count_panels(1.0 / rate_hz))  # slow units need many nodes for each reading
 
     @lru_cache(maxsize=4)
     def block(number: int) -> Reals:
         count = min(BLOCK, n_samples - number * BLOCK)
         edges_s = start_s + (number * BLOCK + np.arange(count + 1)) / rate_hz
-        parts = [_means(motion_at, edges_s[k : k + stride + 1], lever_m) for k in range(0, count, stride)]
+        parts = [_average_readings(motion_at, edges_s[k : k + stride + 1], lever_m) for k in range(0, count, stride)]
         readings: Reals = np.concatenate(parts) @ to_sensor.T  # (count, 2, 3)
         if errors is None:
             return readings
@@ -229,10 +233,10 @@ def inertial(
     return ImuReadings(rate_hz=rate_hz, n_samples=n_samples, grade=quality, read=read)
 
 
-def _means(motion_at: Callable[[Reals], MotionLike], edges_s: Reals, lever_m: Reals) -> Reals:
-    """Mean specific force and angular rate in body axes between neighbouring edges (n + 1,): (n, 2, 3)."""
+def _average_readings(motion_at: Callable[[Reals], MotionLike], edges_s: Reals, lever_m: Reals) -> Reals:
+    """Average specific force and angular rate in body axes between neighbouring edges (n + 1,): (n, 2, 3)."""
     interval_s = float(edges_s[-1] - edges_s[0]) / (edges_s.size - 1)
-    panels = _panels(interval_s)
+    panels = _count_panels(interval_s)
     middles = (np.arange(panels) + 0.5)[:, np.newaxis]
     shares = ((middles + 0.5 * _NODES) / panels).ravel()  # of the interval
     weights = np.tile(0.5 * _WEIGHTS / panels, panels)
@@ -241,27 +245,27 @@ def _means(motion_at: Callable[[Reals], MotionLike], edges_s: Reals, lever_m: Re
     to_body = np.swapaxes(motion.attitude, -1, -2)
     rate_rad_s = np.asarray(motion.angular_rate_body_rad_s)
     swing = np.cross(rate_rad_s, lever_m)  # of the lever arm, in body axes
-    position_m = motion.position_ecef_m + _turned(motion.attitude, lever_m)
-    velocity_m_s = motion.velocity_ecef_m_s + _turned(motion.attitude, swing)
+    position_m = motion.position_ecef_m + _rotate(motion.attitude, lever_m)
+    velocity_m_s = motion.velocity_ecef_m_s + _rotate(motion.attitude, swing)
     pull = motion.acceleration_ecef_m_s2 + 2.0 * np.cross(EARTH_RAD_S, velocity_m_s) - compute_gravity_m_s2(position_m)
-    force = _turned(to_body, pull) + np.cross(rate_rad_s, swing)
-    both = np.stack([force, rate_rad_s + _turned(to_body, EARTH_RAD_S)], axis=1)
-    means = np.einsum("nkaj,k->naj", both.reshape(edges_s.size - 1, shares.size, 2, 3), weights)
+    force = _rotate(to_body, pull) + np.cross(rate_rad_s, swing)
+    values = np.stack([force, rate_rad_s + _rotate(to_body, EARTH_RAD_S)], axis=1)
+    means = np.einsum("nkaj,k->naj", values.reshape(edges_s.size - 1, shares.size, 2, 3), weights)
     if lever_m.any():
         ends_rad_s = np.asarray(motion_at(edges_s).angular_rate_body_rad_s)
         means[:, 0] += np.cross(np.diff(ends_rad_s, axis=0), lever_m) / interval_s
     return np.asarray(means)
 
 
-def _panels(interval_s: float) -> int:
+def _count_panels(interval_s: float) -> int:
     return int(np.ceil(interval_s / _PANEL_S * (1.0 - 1e-9)))
 
 
-def _turned(rotation: Reals, vector: Reals) -> Reals:
+def _rotate(rotation: Reals, vector: Reals) -> Reals:
     return np.asarray(np.einsum("...ij,...j->...i", rotation, vector))
 
 
-def _mounting(mounting: ArrayLike | None) -> Reals:
+def _check_mounting(mounting: ArrayLike | None) -> Reals:
     rotation = np.eye(3) if mounting is None else np.asarray(mounting, np.float64)
     if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9):
         raise ScenarioError(
@@ -273,15 +277,15 @@ def _mounting(mounting: ArrayLike | None) -> Reals:
     return rotation
 
 
-def _six(accelerometer: float, gyro: float) -> Reals:
+def _repeat_three(accelerometer: float, gyro: float) -> Reals:
     return np.repeat(np.array([accelerometer, gyro]), 3)
 
 
-def _rng(seed: int, stream: int, part: int) -> np.random.Generator:
+def _make_rng(seed: int, stream: int, part: int) -> np.random.Generator:
     return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=(_STREAM, stream, part))))
 
 
-def _named(grade: str) -> ImuGrade:
+def _find_grade(grade: str) -> ImuGrade:
     if grade in GRADES:
         return GRADES[grade]
     near = get_close_matches(grade.lower(), GRADES, n=1, cutoff=0.0)[0]

@@ -1,4 +1,4 @@
-"""What satellites send on several bands, as measured: carriers and delays beside those of the first signal."""
+"""Simulate what satellites send on several bands: carriers and delays beside those of the first signal."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -30,14 +30,14 @@ class Kind:
     receiver_delay_m: Mapping[str, float] = field(default_factory=dict)
 
     def carrier_hz(self, ephemeris: BroadcastEphemeris) -> float:
-        """The nominal carrier; GLONASS's is the satellite's own."""
+        """Return the nominal carrier; GLONASS's is the satellite's own."""
         number = ephemeris.frequency_number if isinstance(ephemeris, GlonassEphemeris) else None
         return carrier_hz_of(self.band, number)
 
     def satellite_delay_m(self, ephemeris: BroadcastEphemeris) -> float:
-        """How much later the satellite sends it than its system's first signal.
+        """Return how much later the satellite sends it than its system's first signal.
 
-        As the message says; where it says nothing some nanoseconds that differ from satellite to satellite.
+        The message gives it; else some nanoseconds that differ from satellite to satellite.
         """
         known_s = group_delay_s(ephemeris, self.band, self.code)
         if not np.isfinite(known_s):

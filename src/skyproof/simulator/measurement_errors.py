@@ -1,15 +1,13 @@
-"""Errors that receivers have in the field beside white noise: reflections, and what the air's models leave over.
+"""Simulate errors in the field beside white noise: reflections, and residual errors of the air's models.
 
 All are correlated in time and stepped exactly whatever the interval between epochs. A test that is right under white
 noise alone takes them for another place or time.
 
-| error | one sigma | who shares it |
-|---|---|---|
-| reflections near the receiver | of code 0.13 m + 0.53 m exp(-elevation / 10 deg) | nobody |
-| the same, of a transmitter on the ground | at elevation 0 | all its signals at one antenna: they come one way |
-| the same, at the receive antenna of a relay | by the satellite's elevation there | all that receive the relay |
-| ionosphere left over | vertical one by obliquity; carrier the other way | a satellite's at places near each other |
-| troposphere left over | vertical one by obliquity | the same |
+| error | one sigma | who shares it | |---|---|---| | reflections near the receiver | of code 0.13 m + 0.53 m
+exp(-elevation / 10 deg) | none | | the same, of a transmitter on the ground | at elevation 0 | all its signals at one
+antenna: they come one way | | the same, at the receive antenna of a relay | by the satellite's elevation there | all
+that receive the relay | | ionosphere left over | vertical one by obliquity; carrier the other way | a satellite's at
+places near each other | | troposphere left over | vertical one by obliquity | the same |
 
 False signals that are made on the ground never went through air; a relay's did, on their way to it. A reflection moves
 the carrier by a quarter of a cycle at most, being weaker than its signal, and by the sine of the angle whose cosine
@@ -43,9 +41,9 @@ __all__ = [
     "FieldError",
     "FieldErrors",
     "SignalPath",
-    "field_errors",
-    "ionosphere_obliquity",
-    "troposphere_obliquity",
+    "compute_ionosphere_obliquity",
+    "compute_troposphere_obliquity",
+    "draw_field_errors",
 ]
 
 _EARTH_KM, _SHELL_KM = 6378.1363, 350.0
@@ -63,8 +61,8 @@ class FieldErrors:
     ionosphere_m, troposphere_m : sigma of the vertical delay left over, with correlation times, and `_km`: at this
         distance d two places correlate by exp(-1/2), else by exp(-(x / d)^2 / 2), so that neighbours differ by a
         gradient of sigma / d: 4 mm/km for the ionosphere, as RTCA DO-245A takes it for quiet days.
-    seed : of the processes; drawn anew for each window where absent. One seed gives one world at one interval, whatever
-        window and satellites are asked for, and whichever receivers beside those named before.
+    seed : of the processes; drawn again for each window where absent. One seed gives one world at one interval,
+        whatever window and satellites are asked for, and whichever receivers beside those named before.
     """
 
     multipath_floor_m: float = 0.13
@@ -81,7 +79,7 @@ class FieldErrors:
     seed: int | None = None
 
     def multipath_sigma_m(self, el_rad: ArrayLike) -> Reals:
-        """Of code at elevations of any shape."""
+        """Return the sigma of code at elevations of any shape."""
         el_deg = np.maximum(np.degrees(np.asarray(el_rad, np.float64)), 0.0)
         return np.asarray(self.multipath_floor_m + self.multipath_low_m * np.exp(-el_deg / self.multipath_deg))
 
@@ -125,18 +123,18 @@ class FieldError:
     carrier_cyc: Reals
 
 
-def ionosphere_obliquity(el_rad: ArrayLike) -> Reals:
-    """Slant over vertical delay of a thin shell at 350 km, any shape: RTCA DO-229D, A.4.4.10.4."""
+def compute_ionosphere_obliquity(el_rad: ArrayLike) -> Reals:
+    """Compute slant over vertical delay of a thin shell at 350 km, any shape: RTCA DO-229D, A.4.4.10.4."""
     flat = _EARTH_KM * np.cos(np.maximum(np.asarray(el_rad, np.float64), 0.0)) / (_EARTH_KM + _SHELL_KM)
     return np.asarray(1.0 / np.sqrt(1.0 - flat**2))
 
 
-def troposphere_obliquity(el_rad: ArrayLike) -> Reals:
-    """Slant over vertical delay, any shape: RTCA DO-229D, A.4.2.4."""
+def compute_troposphere_obliquity(el_rad: ArrayLike) -> Reals:
+    """Compute slant over vertical delay, any shape: RTCA DO-229D, A.4.2.4."""
     return np.asarray(1.001 / np.sqrt(0.002001 + np.sin(np.maximum(np.asarray(el_rad, np.float64), 0.0)) ** 2))
 
 
-def field_errors(
+def draw_field_errors(
     model: FieldErrors,
     exposures: Sequence[Exposure],
     interval_s: float,
@@ -144,7 +142,7 @@ def field_errors(
     rng: np.random.Generator | None = None,
     draws: tuple[int, ...] = (),
 ) -> tuple[FieldError, ...]:
-    """The errors of every signal at every antenna. The draws are independent worlds of one seed.
+    """Draw the errors of every signal at every antenna. The draws are independent worlds of one seed.
 
     Raises ValueError without a seed in the model and without `rng` to draw one from.
     """
@@ -152,10 +150,10 @@ def field_errors(
         raise ValueError("field errors need a seed, or a generator to draw one from")
     seed = model.seed if model.seed is not None or rng is None else int(rng.integers(2**63))
     world = _World(replace(model, seed=seed), exposures, interval_s, draws)
-    return tuple(_error(model, exposure, world, draws) for exposure in exposures)
+    return tuple(_draw_error(model, exposure, world, draws) for exposure in exposures)
 
 
-def _error(model: FieldErrors, exposure: Exposure, world: "_World", draws: tuple[int, ...]) -> FieldError:
+def _draw_error(model: FieldErrors, exposure: Exposure, world: "_World", draws: tuple[int, ...]) -> FieldError:
     shape = (*draws, *exposure.el_rad.shape)
     code_m, carrier_cyc = np.zeros(shape), np.zeros(shape)
     for column, way in enumerate(exposure.ways):
@@ -176,8 +174,8 @@ def _error(model: FieldErrors, exposure: Exposure, world: "_World", draws: tuple
             turned = model.carrier_cyc_a_m * sigma_m * of_carrier
             carrier_cyc[..., column] += _QUARTER_CYC * np.tanh(turned / _QUARTER_CYC)
         if way.air_ecef_m is not None:
-            ionosphere_m = slower * ionosphere_obliquity(el_rad) * world.air("ionosphere", way, exposure)
-            troposphere_m = troposphere_obliquity(el_rad) * world.air("troposphere", way, exposure)
+            ionosphere_m = slower * compute_ionosphere_obliquity(el_rad) * world.air("ionosphere", way, exposure)
+            troposphere_m = compute_troposphere_obliquity(el_rad) * world.air("troposphere", way, exposure)
             code_m[..., column] += troposphere_m + ionosphere_m
             carrier_cyc[..., column] += (troposphere_m - ionosphere_m) / wavelength_m
     return FieldError(code_m=code_m, carrier_cyc=carrier_cyc)
@@ -201,9 +199,9 @@ class _World:
         self.made: dict[str, Reals] = {}
 
     def reflection(self, name: str, exposure: Exposure) -> tuple[Reals, Reals]:
-        """On code and carrier, of deviation 1 each, (*draws, n_epochs)."""
+        """Draw a reflection's errors of code and carrier, of deviation 1 each, (*draws, n_epochs)."""
         if name not in self.made:
-            normals = self._normals(name)
+            normals = self._draw_normals(name)
             step = gauss_markov_step(1.0, self.model.multipath_s, self.interval_s)
             normals[1:] *= step.drive
             self.made[name] = scipy.signal.lfilter([1.0], [1.0, -float(step.keep)], normals, axis=0)
@@ -211,7 +209,7 @@ class _World:
         return window[..., 0], window[..., 1]
 
     def air(self, what: str, way: SignalPath, exposure: Exposure) -> Reals:
-        """Vertical, in metres, (*draws, n_epochs), at the place of a way."""
+        """Draw the vertical error of the air, in metres, (*draws, n_epochs), at the place of a way."""
         name, model = f"{what} {way.sat}", self.model
         sigma_m, correlation_s, reach_km = {
             "ionosphere": (model.ionosphere_m, model.ionosphere_s, model.ionosphere_km),
@@ -220,11 +218,11 @@ class _World:
         if name not in self.made:
             places_m = np.stack(self.places[way.sat])
             apart_km = 1e-3 * np.linalg.norm(places_m[:, np.newaxis] - places_m, axis=-1)
-            alike = _lower(np.exp(-0.5 * (apart_km / reach_km) ** 2))
-            keep, drive = _smooth_step(self.interval_s / correlation_s)
+            alike = _factor_lower(np.exp(-0.5 * (apart_km / reach_km) ** 2))
+            keep, drive = _compute_smooth_step(self.interval_s / correlation_s)
             paths = np.empty((self.epochs, math.prod(self.draws), len(places_m)))
             for place in range(len(places_m)):
-                _smooth_paths(paths[:, :, place], self._normals(f"{name} {place}"), keep, drive)
+                _fill_smooth_paths(paths[:, :, place], self._draw_normals(f"{name} {place}"), keep, drive)
             self.made[name] = sigma_m * paths @ alike.T
         number = self._place(way)
         assert number is not None
@@ -235,19 +233,22 @@ class _World:
         return next((number for number, place in known if bool((place == way.air_ecef_m).all())), None)
 
     def _window(self, paths: Reals, exposure: Exposure) -> Reals:
-        """(n_epochs, all draws, n) to what an antenna receives of it, (*draws, n_epochs, n)."""
+        """Cut (n_epochs, all draws, n) to what an antenna receives of it, (*draws, n_epochs, n)."""
         those = paths[exposure.first : exposure.first + exposure.el_rad.shape[0]]
         return np.moveaxis(those, 0, -2).reshape(*self.draws, those.shape[0], those.shape[-1])
 
-    def _normals(self, name: str) -> Reals:
-        """A stream of this name alone, two numbers an epoch; time first, so that a longer window goes on as it did."""
+    def _draw_normals(self, name: str) -> Reals:
+        """Draw a stream of this name alone, two numbers an epoch.
+
+        Time is first, so that a longer window continues a shorter one.
+        """
         key = _STREAM, zlib.crc32(name.encode())
         rng = np.random.Generator(np.random.SFC64(np.random.SeedSequence(self.model.seed, spawn_key=key)))
         return rng.standard_normal((self.epochs, math.prod(self.draws), 2))
 
 
-def _smooth_step(step: float) -> tuple[Reals, Reals]:
-    """Of value and rate times T, each of variance 1, over `step` T: keep (2, 2) and the root of what chance adds.
+def _compute_smooth_step(step: float) -> tuple[Reals, Reals]:
+    """Compute keep (2, 2) and the noise's root for value and rate times T, of variance 1, over `step` T.
 
     The correlation (1 + t) exp(-t) has the transition exp(-t) [[1 + t, t], [-t, 1 - t]].
     """
@@ -256,28 +257,28 @@ def _smooth_step(step: float) -> tuple[Reals, Reals]:
     small = step < 1e-3  # differences lose digits; the series is right to 1e-6
     value = 4.0 / 3.0 * step**3 * (1.0 - 1.5 * step) if small else 1.0 - fade2 * (1.0 + 2.0 * step + 2.0 * step**2)
     rate = 1.0 - fade2 * (1.0 - 2.0 * step + 2.0 * step**2)
-    both = 2.0 * step**2 * fade2
+    covariance = 2.0 * step**2 * fade2
     first = math.sqrt(value)
-    return keep, np.array([[first, 0.0], [both / first, math.sqrt(max(rate - both**2 / value, 0.0))]])
+    return keep, np.array([[first, 0.0], [covariance / first, math.sqrt(max(rate - covariance**2 / value, 0.0))]])
 
 
 @compiled
-def _smooth_paths(values: Reals, normals: Reals, keep: Reals, drive: Reals) -> None:
-    """values (n, k) from normals (n, k, 2); stationary from the first on."""
+def _fill_smooth_paths(values: Reals, normals: Reals, keep: Reals, drive: Reals) -> None:
+    """Fill values (n, k) from normals (n, k, 2), stationary from the first on."""
     for k in range(values.shape[1]):
         value, rate = normals[0, k, 0], normals[0, k, 1]
         values[0, k] = value
         for n in range(1, values.shape[0]):
-            one, other = normals[n, k, 0], normals[n, k, 1]
+            first_normal, second_normal = normals[n, k, 0], normals[n, k, 1]
             value, rate = (
-                keep[0, 0] * value + keep[0, 1] * rate + drive[0, 0] * one,
-                keep[1, 0] * value + keep[1, 1] * rate + drive[1, 0] * one + drive[1, 1] * other,
+                keep[0, 0] * value + keep[0, 1] * rate + drive[0, 0] * first_normal,
+                keep[1, 0] * value + keep[1, 1] * rate + drive[1, 0] * first_normal + drive[1, 1] * second_normal,
             )
             values[n, k] = value
 
 
-def _lower(covariance: Reals) -> Reals:
-    """A root of a covariance matrix, lower triangular, so that a further place leaves those before it as they are.
+def _factor_lower(covariance: Reals) -> Reals:
+    """Factor a covariance matrix to a lower triangle. So a further place does not change those before it.
 
     Places a few metres apart are one but for 1e-10 of it, which roundings may make negative.
     """

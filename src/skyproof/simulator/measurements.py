@@ -1,7 +1,7 @@
-"""The same scene at the level of measurements: what receivers that track every copy would observe, without samples.
+"""Simulate a scene at the level of measurements: what receivers that track every copy would observe.
 
-`ideal_measurements_of` does the work that does not depend on chance, once; `draw` adds noise, as often as windows are
-wanted; `noise_of` gives many draws at once as bare arrays, for counts of errors.
+`make_ideal_measurements` does the work that does not depend on chance, once; `draw` adds noise, as often as windows are
+wanted; `draw_noise` gives many draws at once as bare arrays, for counts of errors.
 
 Errors are white unless the noise model has more; signals of one satellite do not disturb each other unless the geometry
 is asked for as receivers see it, `pulled`.
@@ -21,14 +21,14 @@ from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
 from skyproof.records import CellStatus, Observations, SignalId, SignalRef
 from skyproof.simulator.attacks import Meaconer
 from skyproof.simulator.kinds import Kind
-from skyproof.simulator.measurement_errors import Exposure, FieldError, FieldErrors, SignalPath, field_errors
-from skyproof.simulator.overlap_bias import pull_of
+from skyproof.simulator.measurement_errors import Exposure, FieldError, FieldErrors, SignalPath, draw_field_errors
+from skyproof.simulator.overlap_bias import compute_pull
 from skyproof.simulator.platforms import Point
-from skyproof.simulator.received import ReceivedSignal, ReceiverSky, Scene, ephemeris_of
+from skyproof.simulator.received import ReceivedSignal, ReceiverSky, Scene, select_ephemeris
 from skyproof.simulator.scenario import Scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
-__all__ = ["IdealMeasurements", "NoiseModel", "draw", "ideal_measurements_of", "noise_of", "observations_of"]
+__all__ = ["IdealMeasurements", "NoiseModel", "draw", "draw_noise", "make_ideal_measurements", "simulate_observations"]
 
 _SHORT_S = 0.01
 
@@ -54,7 +54,7 @@ class NoiseModel:
     field: FieldErrors | None = None
 
     def growth(self, cn0_dbhz: Reals) -> Reals:
-        """How much larger thermal noise is than at the reference, any shape."""
+        """Compute how much larger thermal noise is than at the reference, any shape."""
         return np.asarray(10.0 ** ((self.reference_cn0_dbhz - cn0_dbhz) / 20.0))
 
 
@@ -81,7 +81,7 @@ class IdealMeasurements:
         return np.isfinite(self.pseudorange_m)
 
 
-def observations_of(
+def simulate_observations(
     scenario: Scenario,
     navigation: NavigationData,
     *,
@@ -91,33 +91,35 @@ def observations_of(
     shuffle_copies: bool = False,
     pulled: bool = False,
 ) -> tuple[tuple[Observations, ...], dict[SignalRef, str]]:
-    """Observations of every receiver of a scene, and the label ("authentic", "spoofed") of each of their signals.
+    """Simulate observations of every receiver of a scene, and label each of their signals.
 
-    Raises ScenarioError as `scene_of` does. See `ideal_measurements_of` for `pulled`, `draw` for `noise` and
+    The labels are "authentic" and "spoofed".
+
+    Raises ScenarioError as `make_scene` does. See `make_ideal_measurements` for `pulled`, `draw` for `noise` and
     `shuffle_copies`.
     """
-    geometries = ideal_measurements_of(scene_of(scenario, navigation), interval_s=interval_s, pulled=pulled)
+    geometries = make_ideal_measurements(make_scene(scenario, navigation), interval_s=interval_s, pulled=pulled)
     return draw(geometries, rng=rng, noise=noise, shuffle_copies=shuffle_copies)
 
 
-def ideal_measurements_of(
+def make_ideal_measurements(
     scene: Scene, *, interval_s: float = 1.0, pulled: bool = False, kinds: Sequence[Kind] | None = None
 ) -> tuple[IdealMeasurements, ...]:
-    """Measurements without noise, at the times when each receiver's clock shows a whole multiple of `interval_s`.
+    """Make measurements without noise, when each receiver's clock shows a whole multiple of `interval_s`.
 
     An epoch is a mean over `interval_s`, centred on it, so it needs that much of the recording around it. Receivers
     share the labels, while their true times differ by their clock errors.
 
-    pulled : with what other signals of the satellite and reflections do to each, see `overlap_bias.pull_of`; else each
-        is measured as if alone.
+    pulled : with what other signals of the satellite and reflections do to each, see `overlap_bias.compute_pull`; else
+        each is measured as if alone.
     kinds : what each satellite sends, and how each receiver delays it; the first signal of its system alone if absent.
 
     Raises ValueError for `kinds` that are to be `pulled`: what overlaps on a band is known of the first signal only.
     """
     if pulled and kinds is not None:
-        raise ValueError("pulled measurements are of one kind of signal; leave kinds or pulled out")
-    every = tuple(_geometry(scene, index, interval_s, pulled) for index in range(len(scene.skies)))
-    return every if kinds is None else tuple(_of_kinds(geometry, scene, kinds) for geometry in every)
+        raise ValueError("pulled measurements have one kind of signal; leave kinds or pulled out")
+    every = tuple(_make_geometry(scene, index, interval_s, pulled) for index in range(len(scene.skies)))
+    return every if kinds is None else tuple(_expand_kinds(geometry, scene, kinds) for geometry in every)
 
 
 def draw(
@@ -127,10 +129,10 @@ def draw(
     noise: NoiseModel | None = None,
     shuffle_copies: bool = False,
 ) -> tuple[tuple[Observations, ...], dict[SignalRef, str]]:
-    """One window of noisy observations per receiver, and the labels of the signals in them.
+    """Draw one window of noisy observations per receiver, and the labels of the signals in them.
 
     Copy "a" is authentic and "b" on false, unless `shuffle_copies`: then the letters of each satellite's copies are
-    dealt anew in each receiver, so that they say nothing.
+    dealt at random in each receiver, so that they carry no information.
     """
     noise = noise if noise is not None else NoiseModel()
     observations: list[Observations] = []
@@ -138,30 +140,31 @@ def draw(
     fields: Sequence[FieldError | None] = [None] * len(geometries)
     if noise.field is not None and geometries:
         exposures, first = [geometry.exposure for geometry in geometries], geometries[0]
-        fields = field_errors(noise.field, exposures, first.averaged_s, rng=rng)
+        fields = draw_field_errors(noise.field, exposures, first.averaged_s, rng=rng)
     for geometry, field in zip(geometries, fields, strict=True):
-        copies = _shuffled_copies(geometry.signals, rng) if shuffle_copies else geometry.signals
+        copies = _shuffle_copies(geometry.signals, rng) if shuffle_copies else geometry.signals
         order = sorted(range(len(copies)), key=lambda column: copies[column])
-        drawn = _observations(geometry, noise, field, rng, [copies[column] for column in order], order)
+        drawn = _make_observations(geometry, noise, field, rng, [copies[column] for column in order], order)
         observations.append(drawn)
         labels |= {SignalRef(geometry.receiver, copies[column]): geometry.labels[column] for column in order}
     return tuple(observations), labels
 
 
-def noise_of(
+def draw_noise(
     geometry: IdealMeasurements, noise: NoiseModel, *, rng: np.random.Generator, draws: tuple[int, ...] = ()
 ) -> Reals:
-    """Errors of the pseudorange in metres, shape (*draws, n_epochs, n_signals): stationary AR(1), a constant, and those
-    of the field.
+    """Draw errors of the pseudorange in metres, shape (*draws, n_epochs, n_signals).
+
+    They are a stationary AR(1) process, a constant, and errors of the field.
     """
-    error_m = _code_noise_m(geometry, noise, rng, draws)
+    error_m = _draw_code_noise_m(geometry, noise, rng, draws)
     if noise.field is not None:
-        (field,) = field_errors(noise.field, [geometry.exposure], geometry.averaged_s, rng=rng, draws=draws)
+        (field,) = draw_field_errors(noise.field, [geometry.exposure], geometry.averaged_s, rng=rng, draws=draws)
         error_m += field.code_m
     return error_m
 
 
-def _code_noise_m(
+def _draw_code_noise_m(
     geometry: IdealMeasurements, noise: NoiseModel, rng: np.random.Generator, draws: tuple[int, ...]
 ) -> Reals:
     sigma_m = noise.sigma_m * noise.growth(geometry.cn0_dbhz)
@@ -175,7 +178,7 @@ def _code_noise_m(
     return np.asarray(error_m)
 
 
-def _geometry(scene: Scene, index: int, interval_s: float, pulled: bool) -> IdealMeasurements:
+def _make_geometry(scene: Scene, index: int, interval_s: float, pulled: bool) -> IdealMeasurements:
     sky = scene.skies[index]
     receiver, carrier_hz, half_s = sky.receiver, sky.signal.carrier_hz, 0.5 * interval_s
     shown_at_start_s = receiver.start_offset_s + receiver.clock_offset_s  # by its own clock
@@ -195,18 +198,18 @@ def _geometry(scene: Scene, index: int, interval_s: float, pulled: bool) -> Idea
     code_s, carrier_s = (
         (delay_s[:-1:2] + 4.0 * delay_s[1::2] + delay_s[2::2]) / 6.0 for delay_s in sky.delays_s(known_s)
     )  # Simpson's rule, exact for a cubic
-    drift = _drift(sky, elapsed_s)
+    drift = _compute_drift(sky, elapsed_s)
 
-    there = np.stack(
+    present = np.stack(
         [sum((begin <= true_s[0]) & (true_s[2] <= end) for begin, end in h.windows_s) > 0 for h in sky.signals], axis=1
     )
-    kept = np.flatnonzero(there.any(axis=0))
-    hidden = np.where(there, 0.0, np.nan)
+    kept = np.flatnonzero(present.any(axis=0))
+    hidden = np.where(present, 0.0, np.nan)
     carrier_cyc = carrier_hz * (clock_s + carrier_s) + hidden
     pseudorange_m = SPEED_OF_LIGHT_M_S * (clock_s + code_s) + hidden
     doppler_hz, cn0_dbhz = -carrier_hz * drift + hidden, sky.cn0_dbhz(true_s[1]) + hidden
     if pulled:
-        pull = pull_of(scene, index, elapsed_s, averaged_s=interval_s)
+        pull = compute_pull(scene, index, elapsed_s, averaged_s=interval_s)
         pseudorange_m += pull.code_m
         carrier_cyc += pull.carrier_cyc
         doppler_hz += pull.doppler_hz
@@ -225,12 +228,14 @@ def _geometry(scene: Scene, index: int, interval_s: float, pulled: bool) -> Idea
         averaged_s=interval_s,
         air_s=(0.5 * (code_s - carrier_s))[:, kept],
         carrier_hz=np.full(kept.size, carrier_hz),
-        exposure=_exposure(scene, sky, kept, true_s[1], first - _first_epoch(scene, off_grid_s, interval_s)),
+        exposure=_make_exposure(
+            scene, sky, kept, true_s[1], first - _number_first_epoch(scene, off_grid_s, interval_s)
+        ),
     )
 
 
-def _of_kinds(geometry: IdealMeasurements, scene: Scene, kinds: Sequence[Kind]) -> IdealMeasurements:
-    """Each signal on all bands and in all codes of its system."""
+def _expand_kinds(geometry: IdealMeasurements, scene: Scene, kinds: Sequence[Kind]) -> IdealMeasurements:
+    """Expand each signal to all bands and codes of its system."""
     picked = [
         (column, kind)
         for column, signal in enumerate(geometry.signals)
@@ -238,7 +243,7 @@ def _of_kinds(geometry: IdealMeasurements, scene: Scene, kinds: Sequence[Kind]) 
         if kind.system == signal.sat[0]
     ]
     columns = np.array([column for column, _ in picked], np.intp)
-    ephemerides = [ephemeris_of(scene.navigation, geometry.signals[c].sat, scene.scenario) for c in columns]
+    ephemerides = [select_ephemeris(scene.navigation, geometry.signals[c].sat, scene.scenario) for c in columns]
     delay_m, carrier_hz = np.empty(len(picked)), np.empty(len(picked))
     for n, ((_, kind), ephemeris) in enumerate(zip(picked, ephemerides, strict=True)):
         assert ephemeris is not None
@@ -267,26 +272,29 @@ def _of_kinds(geometry: IdealMeasurements, scene: Scene, kinds: Sequence[Kind]) 
     )
 
 
-def _first_epoch(scene: Scene, off_grid_s: float, interval_s: float) -> int:
-    """The number of an epoch before all of the scene's."""
+def _number_first_epoch(scene: Scene, off_grid_s: float, interval_s: float) -> int:
+    """Return the number of an epoch before all of the scene's."""
     shown_s = min(receiver.start_offset_s + receiver.clock_offset_s for receiver in scene.scenario.receivers)
     return math.floor((off_grid_s + shown_s) / interval_s)
 
 
-def _exposure(scene: Scene, sky: ReceiverSky, kept: Integers, true_s: Reals, first: int) -> Exposure:
-    """The air is where it is in the scene's middle, as a scene's ways are short beside it."""
+def _make_exposure(scene: Scene, sky: ReceiverSky, kept: Integers, true_s: Reals, first: int) -> Exposure:
+    """Describe the ways of signals.
+
+    The air is where it is in the scene's middle, as a scene's ways are short beside it.
+    """
     attacks = dict(zip(scene.scenario.attack_names, zip(scene.scenario.attacks, scene.shown, strict=True), strict=True))
     middle_s = true_s[true_s.size // 2 :][:1]
 
     def way(received: ReceivedSignal) -> SignalPath:
         if received.source not in attacks:
-            return SignalPath(sat=received.id.sat, air_ecef_m=_first_place(sky.point, middle_s))
+            return SignalPath(sat=received.id.sat, air_ecef_m=_find_first_place(sky.point, middle_s))
         attack, shown = attacks[received.source]
-        transmitter = f"{received.source}/{attack.antenna_of(received.id.sat)}"
+        transmitter = f"{received.source}/{attack.find_antenna(received.id.sat)}"
         if isinstance(attack, Meaconer):
             return SignalPath(
                 sat=received.id.sat,
-                air_ecef_m=_first_place(shown, middle_s),
+                air_ecef_m=_find_first_place(shown, middle_s),
                 relay=received.source,
                 transmitter=transmitter,
             )
@@ -300,19 +308,19 @@ def _exposure(scene: Scene, sky: ReceiverSky, kept: Integers, true_s: Reals, fir
     )
 
 
-def _first_place(point: Point, at_s: Reals) -> Reals | None:
+def _find_first_place(point: Point, at_s: Reals) -> Reals | None:
     return np.asarray(point(at_s).position_ecef_m[0]) if at_s.size else None
 
 
-def _drift(sky: ReceiverSky, elapsed_s: Reals) -> Reals:
-    """By how much the carriers' delays grow in a second of the receiver's clock, against its own, (n, n_signals)."""
+def _compute_drift(sky: ReceiverSky, elapsed_s: Reals) -> Reals:
+    """Compute the growth of the carriers' delays in a second of the receiver's own clock, (n, n_signals)."""
     shown_s = elapsed_s + _SHORT_S * np.array([[-1.0], [1.0]])
     late_s = sky.true_minus_elapsed_s(shown_s)
     delay_s = sky.carrier_delay_s(shown_s + late_s) - late_s[..., np.newaxis]
     return np.asarray((delay_s[1] - delay_s[0]) / (2.0 * _SHORT_S))
 
 
-def _observations(
+def _make_observations(
     geometry: IdealMeasurements,
     noise: NoiseModel,
     field: FieldError | None,
@@ -320,18 +328,18 @@ def _observations(
     signals: Sequence[SignalId],
     order: Sequence[int],
 ) -> Observations:
-    """`signals` are the names of the geometry's columns `order`."""
+    """Add noise to a geometry; `signals` are the names of its columns `order`."""
     growth = noise.growth(geometry.cn0_dbhz)
     shape = growth.shape
-    pseudorange_m = geometry.pseudorange_m + _code_noise_m(geometry, noise, rng, ())
+    pseudorange_m = geometry.pseudorange_m + _draw_code_noise_m(geometry, noise, rng, ())
     carrier_cyc = geometry.carrier_cyc + noise.carrier_sigma_cyc * growth * rng.standard_normal(shape)
     doppler_hz = geometry.doppler_hz + noise.doppler_sigma_hz * growth * rng.standard_normal(shape)
     if field is not None:
         pseudorange_m += field.code_m
         carrier_cyc += field.carrier_cyc
     columns = np.asarray(order, dtype=np.intp)
-    there = geometry.there[:, columns]
-    first = there.argmax(axis=0)
+    present = geometry.there[:, columns]
+    first = present.argmax(axis=0)
     found_s = geometry.elapsed_s[first] - 0.5 * geometry.averaged_s
     return Observations(
         receiver=geometry.receiver,
@@ -345,7 +353,7 @@ def _observations(
         pseudorange_sigma_m=(noise.sigma_m * growth)[:, columns],
         carrier_sigma_cyc=(noise.carrier_sigma_cyc * growth)[:, columns],
         doppler_sigma_hz=(noise.doppler_sigma_hz * growth)[:, columns],
-        status=np.where(there, CellStatus.OK, CellStatus.NOT_TRACKED).astype(np.uint8),
+        status=np.where(present, CellStatus.OK, CellStatus.NOT_TRACKED).astype(np.uint8),
         found_elapsed_s=found_s,
         missed_elapsed_s=np.where(first > 0, found_s - geometry.averaged_s, np.nan),
         carrier_hz=geometry.carrier_hz[columns],
@@ -353,8 +361,8 @@ def _observations(
     )
 
 
-def _shuffled_copies(signals: Sequence[SignalId], rng: np.random.Generator) -> list[SignalId]:
-    """The same transmissions with the letters a, b, ... in a random order among the copies of each."""
+def _shuffle_copies(signals: Sequence[SignalId], rng: np.random.Generator) -> list[SignalId]:
+    """Give the copies of each transmission the letters a, b, ... in a random order."""
     dealt = list(signals)
     for transmission in sorted({signal.transmission for signal in signals}):
         columns = [column for column, signal in enumerate(signals) if signal.transmission == transmission]

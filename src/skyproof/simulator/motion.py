@@ -1,4 +1,4 @@
-"""How bodies move: trajectories that can be asked for any time and give place, attitude and all derivatives.
+"""Motion of bodies: trajectories that give place, attitude and all derivatives at any time.
 
 Whatever a trajectory gives belongs to one smooth curve: velocity is the derivative of the place, the angular rate that
 of the attitude, exactly. So receivers, antennas and inertial sensors of one body agree with each other.
@@ -21,7 +21,7 @@ from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import WGS84_A_M, WGS84_F
 from skyproof.gnss.frames import geodetic_from_ecef, rot_ned_body
 from skyproof.records import freeze
-from skyproof.simulator.taylor import cross, derivative, dot, normalised, product
+from skyproof.simulator.taylor import differentiate, multiply, multiply_cross, multiply_dot, normalise
 
 __all__ = [
     "AlongMotion",
@@ -30,10 +30,10 @@ __all__ = [
     "Motion",
     "SpinningArm",
     "Trajectory",
-    "antenna_motion",
-    "axes_of",
-    "moments",
-    "motion_of",
+    "assemble_motion",
+    "check_times",
+    "compute_antenna_motion",
+    "compute_axes",
 ]
 
 _GRAVITY_M_S2: Final = 9.80665  # to bank with; the true one differs by less than 0.4 % on the ground
@@ -75,11 +75,11 @@ class Trajectory(Protocol):
 
     @property
     def span_s(self) -> tuple[float, float]:
-        """From when to when it is given; beyond, it goes on as its class says."""
+        """Return from when to when it is given; beyond, it continues as its class describes."""
         ...
 
     def at(self, t_s: ArrayLike) -> Motion:
-        """The motion at times (n,)."""
+        """Return the motion at times (n,)."""
         ...
 
 
@@ -145,20 +145,22 @@ class SpinningArm:
             raise ScenarioError(f"rate_rad_s {self.rate_rad_s:g}: expected a number; give the rate of the spin")
 
     def at(self, t_s: ArrayLike) -> Lever:
-        """The antenna at times (n,)."""
+        """Return the antenna at times (n,)."""
         axis = np.asarray(self.axis_body) / np.linalg.norm(self.axis_body)
         start = np.array([1.0, 0.0, 0.0] if abs(axis[0]) < 0.99 else [0.0, 0.0, 1.0])
         first = start - (start @ axis) * axis
         first /= np.linalg.norm(first)
-        angle_rad = (self.start_rad + self.rate_rad_s * moments(t_s))[:, np.newaxis]
+        angle_rad = (self.start_rad + self.rate_rad_s * check_times(t_s))[:, np.newaxis]
         out = self.radius_m * (np.cos(angle_rad) * first + np.sin(angle_rad) * np.cross(axis, first))
         return Lever(
             np.asarray(self.centre_body_m) + out, self.rate_rad_s * np.cross(axis, out), -(self.rate_rad_s**2) * out
         )
 
 
-def antenna_motion(motion: Motion, lever_body_m: ArrayLike | Lever) -> Motion:
-    """The motion of a point of the body, given in body axes from the body's own place: (3,), (n, 3) fixed, or moving.
+def compute_antenna_motion(motion: Motion, lever_body_m: ArrayLike | Lever) -> Motion:
+    """Compute the motion of a point of the body, given in body axes from the body's place.
+
+    The point is (3,), (n, 3) fixed, or moving.
 
     Attitude and rates are the body's: an antenna on a spinning arm turns with the body only.
     """
@@ -188,9 +190,9 @@ def antenna_motion(motion: Motion, lever_body_m: ArrayLike | Lever) -> Motion:
 # --- series
 
 
-def motion_of(place_ecef_m: Reals, axes: tuple[Reals, Reals, Reals]) -> Motion:
-    """The motion that series of a place (5, 3, n) and of the body's axes (3, 3, n each) describe."""
-    rate = _angular_rate(*axes)
+def assemble_motion(place_ecef_m: Reals, axes: tuple[Reals, Reals, Reals]) -> Motion:
+    """Assemble the motion that series of a place (5, 3, n) and of the body's axes (3, 3, n each) describe."""
+    rate = _compute_angular_rate(*axes)
     return Motion(
         position_ecef_m=place_ecef_m[0].T,
         velocity_ecef_m_s=place_ecef_m[1].T,
@@ -201,17 +203,17 @@ def motion_of(place_ecef_m: Reals, axes: tuple[Reals, Reals, Reals]) -> Motion:
     )
 
 
-def axes_of(
+def compute_axes(
     place: Reals, direction: Reals, attitude: Held | AlongMotion, middle_ecef_m: Reals
 ) -> tuple[Reals, Reals, Reals]:
-    """Forward, right, down: series of unit vectors, of the order of `direction`.
+    """Compute forward, right, down: series of unit vectors, of the order of `direction`.
 
     place, direction : series (order + 3, 3, n) and (order + 1, 3, n); the direction is that of the way.
     middle_ecef_m : (3,) a place in whose surroundings up is wanted.
     """
-    up = normalised(place[: len(direction)] * _level_stretch(middle_ecef_m))
+    up = normalise(place[: len(direction)] * _compute_level_stretch(middle_ecef_m))
     if isinstance(attitude, Held):
-        north_east_down = _north_east_down(up)
+        north_east_down = _compute_north_east_down(up)
         mix = rot_ned_body(attitude.heading_rad, attitude.pitch_rad, attitude.roll_rad)
         forward, right, down = (
             sum(part * axis for part, axis in zip(column, north_east_down, strict=True)) for column in mix.T
@@ -219,25 +221,25 @@ def axes_of(
         return forward, right, down
     forward = direction
     if not attitude.pitch:
-        forward = forward - product(dot(forward, up)[:, np.newaxis], up)
-    forward = normalised(forward)
+        forward = forward - multiply(multiply_dot(forward, up)[:, np.newaxis], up)
+    forward = normalise(forward)
     lean = up
     if attitude.bank:
-        lean = _GRAVITY_M_S2 * up + derivative(derivative(place))
-    right = normalised(cross(forward, lean))
-    return forward, right, cross(forward, right)
+        lean = _GRAVITY_M_S2 * up + differentiate(differentiate(place))
+    right = normalise(multiply_cross(forward, lean))
+    return forward, right, multiply_cross(forward, right)
 
 
-def _north_east_down(up: Reals) -> tuple[Reals, Reals, Reals]:
-    east = normalised(np.stack([-up[:, 1], up[:, 0], np.zeros_like(up[:, 0])], axis=1))
-    return cross(up, east), east, -up
+def _compute_north_east_down(up: Reals) -> tuple[Reals, Reals, Reals]:
+    east = normalise(np.stack([-up[:, 1], up[:, 0], np.zeros_like(up[:, 0])], axis=1))
+    return multiply_cross(up, east), east, -up
 
 
-def _level_stretch(place_ecef_m: Reals) -> Reals:
-    """(3, 1): what ECEF coordinates are multiplied with to point up, square to the ellipsoid.
+def _compute_level_stretch(place_ecef_m: Reals) -> Reals:
+    """Compute the factors (3, 1) by which ECEF coordinates point up, square to the ellipsoid.
 
-    tan(lat) = z / axis (N + h) / (N (1 - e^2) + h), with the ratio as it is at one place: a kilometre higher, up is
-    off by 5e-7 rad.
+    tan(lat) = z / axis (N + h) / (N (1 - e^2) + h), with the ratio of one place: a kilometre higher, up is off by 5e-7
+    rad.
     """
     lat_rad, _, height_m = geodetic_from_ecef(place_ecef_m)
     e2 = WGS84_F * (2.0 - WGS84_F)
@@ -245,14 +247,19 @@ def _level_stretch(place_ecef_m: Reals) -> Reals:
     return np.array([[1.0], [1.0], [(normal_m + height_m) / (normal_m * (1.0 - e2) + height_m)]])
 
 
-def _angular_rate(forward: Reals, right: Reals, down: Reals) -> Reals:
-    """Series (2, 3, n): what turns the axes, in these axes."""
+def _compute_angular_rate(forward: Reals, right: Reals, down: Reals) -> Reals:
+    """Compute the series (2, 3, n) of the rate that turns the axes, in these axes."""
     return np.stack(
-        [dot(down, derivative(right)), dot(forward, derivative(down)), dot(right, derivative(forward))], axis=1
+        [
+            multiply_dot(down, differentiate(right)),
+            multiply_dot(forward, differentiate(down)),
+            multiply_dot(right, differentiate(forward)),
+        ],
+        axis=1,
     )
 
 
-def moments(t_s: ArrayLike) -> Reals:
+def check_times(t_s: ArrayLike) -> Reals:
     t_s = np.asarray(t_s, np.float64)
     if t_s.ndim != 1:
         raise ValueError(f"t_s has shape {t_s.shape}, expected (n,)")

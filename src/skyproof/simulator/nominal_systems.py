@@ -17,7 +17,7 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.gnss.time import gpst as instant
 from skyproof.gnss.time import seconds_between, week_and_tow
 
-__all__ = ["nominal_systems"]
+__all__ = ["make_nominal_systems"]
 
 _EPOCH: Final = np.datetime64("2020-01-01T00:00:00", "ns")
 _TOE_STEP_S: Final = 1800.0
@@ -44,8 +44,10 @@ _WALKER: Final = {
 _GLONASS: Final = _Walker(25_508_000.0, 64.8, GLONASS_MU_M3_S2, 45.0, "")
 
 
-def nominal_systems(gpst: np.datetime64, systems: str = "GECR") -> NavigationData:
-    """Ephemerides of the nominal constellations of these systems around `gpst`, any date; E01 to E24 and so on.
+def make_nominal_systems(gpst: np.datetime64, systems: str = "GECR") -> NavigationData:
+    """Make ephemerides of the nominal constellations of these systems around `gpst`, any date.
+
+    Satellites are E01 to E24 and so on.
 
     Time of ephemeris is the full half hour nearest to `gpst` (of GPS the two hours); neighbouring sets of Galileo and
     BeiDou lie on one orbit, those of GLONASS nearly, as they have no further harmonics than its model.
@@ -57,21 +59,21 @@ def nominal_systems(gpst: np.datetime64, systems: str = "GECR") -> NavigationDat
     found = list(gps.ephemerides) if "G" in systems else []
     for system in "EC":
         if system in systems:
-            found += [_kepler(system, number, toe, like) for number in range(_SATS)]
+            found += [_make_kepler(system, number, toe, like) for number in range(_SATS)]
     if "R" in systems:
         found += [_state(number, toe) for number in range(_SATS)]
     return replace(gps, ephemerides=tuple(found), source="nominal constellations")
 
 
-def _slot(walker: _Walker, number: int) -> tuple[float, float]:
-    """Node and argument of latitude at the epoch, rad."""
+def _compute_slot(walker: _Walker, number: int) -> tuple[float, float]:
+    """Return node and argument of latitude at the epoch, rad."""
     plane, place = divmod(number, _SATS // _PLANES)
     node_rad = np.radians(walker.node_deg) + plane * 2.0 * np.pi / _PLANES
     return float(node_rad), float(2.0 * np.pi * (place * _PLANES + plane) / _SATS)
 
 
-def _kepler(system: str, number: int, toe: np.datetime64, like: Ephemeris) -> Ephemeris:
-    walker, (node_rad, u_rad) = _WALKER[system], _slot(_WALKER[system], number)
+def _make_kepler(system: str, number: int, toe: np.datetime64, like: Ephemeris) -> Ephemeris:
+    walker, (node_rad, u_rad) = _WALKER[system], _compute_slot(_WALKER[system], number)
     sat = f"{system}{number + 1:02d}"
     week, toe_s = week_and_tow(toe - np.timedelta64(round(ahead_of_system_s(sat)), "s"))
     since_s = float(seconds_between(toe, _EPOCH))
@@ -90,9 +92,9 @@ def _kepler(system: str, number: int, toe: np.datetime64, like: Ephemeris) -> Ep
         sqrt_a=walker.a_m**0.5,
         e=0.0,
         i0=float(np.radians(walker.inclination_deg)),
-        omega0=_wrapped(node_rad - EARTH_ROTATION_RAD_S * since_s + EARTH_ROTATION_RAD_S * toe_s),
+        omega0=_wrap(node_rad - EARTH_ROTATION_RAD_S * since_s + EARTH_ROTATION_RAD_S * toe_s),
         omega=0.0,
-        m0=_wrapped(u_rad + motion_rad_s * since_s),
+        m0=_wrap(u_rad + motion_rad_s * since_s),
         delta_n=0.0,
         omega_dot=0.0,
         message=walker.message,
@@ -100,7 +102,7 @@ def _kepler(system: str, number: int, toe: np.datetime64, like: Ephemeris) -> Ep
 
 
 def _state(number: int, toe: np.datetime64) -> GlonassEphemeris:
-    node_rad, u_rad = _slot(_GLONASS, number)
+    node_rad, u_rad = _compute_slot(_GLONASS, number)
     week, toe_s = week_and_tow(toe)
     since_s = float(seconds_between(toe, _EPOCH))
     motion_rad_s = (_GLONASS.mu_m3_s2 / _GLONASS.a_m**3) ** 0.5
@@ -118,17 +120,17 @@ def _state(number: int, toe: np.datetime64) -> GlonassEphemeris:
         tau_n=((number * 7) % 23 - 11) * 1e-5,
         gamma_n=0.0,
         frequency_number=_CHANNELS[number % 8],
-        position_m=_triple(position),
-        velocity_m_s=_triple(inertial - turning),
+        position_m=_split_vector(position),
+        velocity_m_s=_split_vector(inertial - turning),
         acceleration_m_s2=(0.0, 0.0, 0.0),
         delta_tau_n=((number * 3) % 11 - 5) * 1e-9,
     )
 
 
-def _triple(vector: Reals) -> tuple[float, float, float]:
+def _split_vector(vector: Reals) -> tuple[float, float, float]:
     x, y, z = vector.tolist()
     return x, y, z
 
 
-def _wrapped(angle_rad: float) -> float:
+def _wrap(angle_rad: float) -> float:
     return float((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)

@@ -1,4 +1,4 @@
-"""What a receiver with one channel a signal measures, where a receiver of ours tracks every copy."""
+"""Reduce measurements to those of a receiver with one channel a signal, which does not track every copy."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,8 +13,8 @@ __all__ = ["follow_strongest"]
 def follow_strongest(observations: Observations) -> Observations:
     """Return the measurements with one copy of each transmission: at every epoch the one with the most C/N0.
 
-    Where another copy becomes the strongest its carrier does not go on from that of the one before. All copies are
-    named "a": such a receiver does not know of others.
+    Where another copy becomes the strongest, its carrier does not continue that of the one before. All copies are named
+    "a": such a receiver does not know of others.
     """
     o = observations
     transmissions = list(dict.fromkeys(signal.transmission for signal in o.signals))

@@ -1,9 +1,9 @@
-"""What receivers measure where signals of one satellite overlap: pulled by the others and by reflections.
+"""Compute how receivers measure where signals of one satellite overlap: pulled by others and by reflections.
 
 A code loop that starts on its signal settles where early and late are equal beside the prompt; the carrier loop follows
-the phase of the sum there. Both see what is left of the other signals after the mean over an epoch: a copy whose
-Doppler is far off turns away. The loop's own settling and what it did before are left out: a loop that is caught and
-carried away is shown, epoch by epoch, where it is caught.
+the phase of the sum there. Both see the mean of the other signals over an epoch: a copy whose Doppler is far off
+averages out. The loop's own settling and its past are left out: a loop that is caught and carried away is shown, epoch
+by epoch, where it is caught.
 """
 
 import math
@@ -16,11 +16,11 @@ from skyproof.arrays import Booleans, Complexes, Integers, Reals
 from skyproof.compiled import compiled
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.signals import prn_of
-from skyproof.simulator.correlation import Replica, correlation
+from skyproof.simulator.correlation import Replica, compute_correlation
 from skyproof.simulator.correlators import correlate
 from skyproof.simulator.received import Scene
 
-__all__ = ["Pull", "pull_of"]
+__all__ = ["Pull", "compute_pull"]
 
 _STEPS = 60
 _LONGEST_CHIPS = 0.1  # step of the loop
@@ -42,7 +42,7 @@ class Pull:
     level_db: Reals
 
 
-def pull_of(
+def compute_pull(
     scene: Scene,
     index: int,
     elapsed_s: ArrayLike,
@@ -51,8 +51,9 @@ def pull_of(
     early_late_chips: float = 0.5,
     replica: Replica = "chips",
 ) -> Pull:
-    """At antenna number `index` over epochs of `averaged_s` centred on `elapsed_s` (n,), replicas `early_late_chips`
-    apart.
+    """Compute the pull at antenna number `index` over epochs of `averaged_s` centred on `elapsed_s` (n,).
+
+    Replicas are `early_late_chips` apart.
     """
     sky, n_signals = scene.skies[index], len(scene.skies[index].signals)
     middle_s = np.atleast_1d(np.asarray(elapsed_s, np.float64))
@@ -62,14 +63,14 @@ def pull_of(
     weight = parts.weight.reshape(middle_s.size, 2, -1)
     lag_chips = parts.lag_chips.reshape(middle_s.size, 2, -1).mean(axis=1)
     sats = sorted({received.id.sat for received in sky.signals})
-    tables = correlation([prn_of(sat) for sat in sats], sky.signal, scene.scenario.front_end, replica=replica)
+    tables = compute_correlation([prn_of(sat) for sat in sats], sky.signal, scene.scenario.front_end, replica=replica)
     table_of = np.array([sats.index(received.id.sat) for received in sky.signals], np.int64)
-    own = (parts.ray < 0) & (parts.signal == parts.channel)
+    is_own = (parts.ray < 0) & (parts.signal == parts.channel)
     many = np.bincount(parts.channel, minlength=n_signals) > 1
 
     ahead_chips = np.zeros((middle_s.size, n_signals))
     prompt = np.ones((middle_s.size, 3, n_signals), np.complex128)  # of the first half, the second, and both
-    _settle(
+    _settle_loops(
         ahead_chips,
         prompt,
         parts.channel,
@@ -81,7 +82,7 @@ def pull_of(
         tables.signal,
         float(tables.points),
     )
-    alone = np.abs(weight.mean(axis=1)[:, own]) * tables.signal[table_of, 0]
+    alone = np.abs(weight.mean(axis=1)[:, is_own]) * tables.signal[table_of, 0]
     alone[:, ~many] = 1.0
     turned_cyc = np.angle(prompt[:, 1] * prompt[:, 0].conj()) / (2.0 * np.pi)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -95,7 +96,7 @@ def pull_of(
 
 
 @compiled
-def _value(table: Reals, lag_chips: float, points: float) -> float:
+def _read_table(table: Reals, lag_chips: float, points: float) -> float:
     at = lag_chips * points
     at -= math.floor(at / table.size) * table.size
     whole = int(at)
@@ -104,7 +105,7 @@ def _value(table: Reals, lag_chips: float, points: float) -> float:
 
 
 @compiled
-def _settle(
+def _settle_loops(
     ahead_chips: Reals,
     prompt: Complexes,
     channel: Integers,
@@ -116,7 +117,10 @@ def _settle(
     tables: Reals,
     points: float,
 ) -> None:
-    """Each channel's loop from its own signal on, until early less late has no part in phase with the prompt."""
+    """Settle each channel's loop from its own signal on.
+
+    It stops where early less late has no part in phase with the prompt.
+    """
     for c in range(ahead_chips.shape[1]):
         if not many[c]:
             continue
@@ -128,9 +132,9 @@ def _settle(
                 early, late, middle = 0j, 0j, 0j
                 for p in mine:
                     w = 0.5 * (weight[e, 0, p] + weight[e, 1, p])
-                    early += w * _value(table, lag_chips[e, p] + ahead + 0.5 * apart_chips, points)
-                    late += w * _value(table, lag_chips[e, p] + ahead - 0.5 * apart_chips, points)
-                    middle += w * _value(table, lag_chips[e, p] + ahead, points)
+                    early += w * _read_table(table, lag_chips[e, p] + ahead + 0.5 * apart_chips, points)
+                    late += w * _read_table(table, lag_chips[e, p] + ahead - 0.5 * apart_chips, points)
+                    middle += w * _read_table(table, lag_chips[e, p] + ahead, points)
                 power = middle.real**2 + middle.imag**2
                 if power == 0.0:
                     break
@@ -143,5 +147,5 @@ def _settle(
             for h in range(2):
                 prompt[e, h, c] = 0j
                 for p in mine:
-                    prompt[e, h, c] += weight[e, h, p] * _value(table, lag_chips[e, p] + ahead, points)
+                    prompt[e, h, c] += weight[e, h, p] * _read_table(table, lag_chips[e, p] + ahead, points)
             prompt[e, 2, c] = 0.5 * (prompt[e, 0, c] + prompt[e, 1, c])

@@ -19,7 +19,7 @@ from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.gnss.constants import WGS84_A_M, WGS84_F
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
-from skyproof.simulator.taylor import derivative, integral, polynomial, product, sine_cosine
+from skyproof.simulator.taylor import compute_sine_cosine, differentiate, evaluate_polynomial, integrate, multiply
 
 __all__ = [
     "CircularPath",
@@ -28,12 +28,12 @@ __all__ = [
     "Pace",
     "PiecewisePath",
     "TimedPath",
-    "circle_around",
-    "frame_at",
-    "pace_along",
-    "path_through",
+    "lay_circle",
+    "lay_path",
+    "make_frame",
+    "make_pace",
+    "require_turnable",
     "smooth_step",
-    "turnable",
 ]
 
 ORDER: Final = 4  # derivatives of the place: the angular acceleration of a body that banks needs the fourth
@@ -81,25 +81,25 @@ class Frame:
     bend_1_m: Reals
 
     def enu_m(self, ecef_m: Reals) -> Reals:
-        """Points (..., 3)."""
+        """Convert points (..., 3) to this frame."""
         enu_m: Reals = (ecef_m - self.origin_ecef_m) @ self.rot_enu_ecef.T
         enu_m[..., 2] += 0.5 * enu_m[..., :2] ** 2 @ self.bend_1_m
         return enu_m
 
     def course(self, enu_m: Reals, direction: Reals) -> Course:
-        """Series of a place and a direction, from this frame to ECEF."""
+        """Convert series of a place and a direction from this frame to ECEF."""
         if self.bend_1_m.any():
             bent = enu_m[:, :2] * self.bend_1_m[:, np.newaxis]
             enu_m, direction = enu_m.copy(), direction.copy()
-            direction[:, 2] -= product(bent, direction[:, :2]).sum(axis=1)
-            enu_m[:, 2] -= 0.5 * product(bent, enu_m[:, :2]).sum(axis=1)
+            direction[:, 2] -= multiply(bent, direction[:, :2]).sum(axis=1)
+            enu_m[:, 2] -= 0.5 * multiply(bent, enu_m[:, :2]).sum(axis=1)
         place_ecef_m = np.einsum("ji,kjn->kin", self.rot_enu_ecef, enu_m)
         place_ecef_m[0] += self.origin_ecef_m[:, np.newaxis]
         return Course(place_ecef_m, np.einsum("ji,kjn->kin", self.rot_enu_ecef, direction))
 
 
-def frame_at(origin_ecef_m: Reals, *, level: bool = False) -> Frame:
-    """The frame at a point (3,); `level` bends it down to the ellipsoid."""
+def make_frame(origin_ecef_m: Reals, *, level: bool = False) -> Frame:
+    """Make the frame at a point (3,); `level` bends it down to the ellipsoid."""
     lat_rad, lon_rad, height_m = geodetic_from_ecef(origin_ecef_m)
     e2 = WGS84_F * (2.0 - WGS84_F)
     w2 = 1.0 - e2 * np.sin(lat_rad) ** 2
@@ -110,15 +110,18 @@ def frame_at(origin_ecef_m: Reals, *, level: bool = False) -> Frame:
 
 
 def smooth_step(a: Reals) -> Reals:
-    """Series of the step from 0 to 1 while `a` goes from 0 to 1. Its third derivative is the last continuous one."""
+    """Compute the series of the step from 0 to 1 while `a` goes from 0 to 1.
+
+    Its third derivative is the last continuous one.
+    """
     inside = (a[0] > 0.0) & (a[0] < 1.0)
     held = np.where(inside, a, 0.0)
     held[0] = np.clip(a[0], 0.0, 1.0)
-    return polynomial(_STEP, held)
+    return evaluate_polynomial(_STEP, held)
 
 
-def _step_sum(a: Reals) -> Reals:
-    """The integral of the step from 0 to `a`, any shape."""
+def _integrate_step(a: Reals) -> Reals:
+    """Integrate the step from 0 to `a`, any shape."""
     return np.asarray(np.polyval(_STEP_SUM, np.clip(a, 0.0, 1.0)) + np.maximum(a - 1.0, 0.0))
 
 
@@ -135,7 +138,7 @@ class Pace:
     start_s: float = 0.0
 
     def at(self, t_s: Reals) -> Reals:
-        """Series (ORDER + 1, n) of the way in metres."""
+        """Compute the series (ORDER + 1, n) of the way in metres."""
         way_m = self.speed_m_s * (t_s - self.start_s)
         speed_m_s = np.zeros((ORDER, t_s.size))
         speed_m_s[0] = self.speed_m_s
@@ -143,20 +146,20 @@ class Pace:
             share = np.zeros((ORDER, t_s.size))
             share[0] = (t_s - begin_s) / length_s
             share[1] = 1.0 / length_s
-            way_m += gain_m_s * length_s * _step_sum(share[0])
+            way_m += gain_m_s * length_s * _integrate_step(share[0])
             speed_m_s += gain_m_s * smooth_step(share)
-        return integral(speed_m_s, way_m)
+        return integrate(speed_m_s, way_m)
 
 
-def pace_along(
+def make_pace(
     length_m: float, speed_m_s: float, acceleration_m_s2: float, *, from_rest: bool, to_rest: bool, start_s: float
 ) -> Pace:
-    """A constant speed, reached from rest at `start_s` and given up to stand still at the end, as asked for.
+    """Make a constant speed, reached from rest at `start_s` and given up at the end, as asked for.
 
     acceleration_m_s2 : the most that is reached. Raises ScenarioError if the way is too short for it.
     """
-    _above_zero("speed_m_s", speed_m_s, "give the speed between the turns, or a static receiver")
-    _above_zero("acceleration_m_s2", acceleration_m_s2, "give the greatest acceleration that is reached")
+    _require_positive("speed_m_s", speed_m_s, "give the speed between the turns, or a static receiver")
+    _require_positive("acceleration_m_s2", acceleration_m_s2, "give the greatest acceleration that is reached")
     step_s = STEEPEST * speed_m_s / acceleration_m_s2
     steps_m = 0.5 * speed_m_s * step_s * (from_rest + to_rest)
     if steps_m > length_m:
@@ -175,7 +178,9 @@ def pace_along(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PiecewisePath:
-    """Pieces of which each lies in a plane of its own: straight, or with a curvature that goes over by a smooth step.
+    """Pieces, each in a plane of its own: straight, or with a curvature that changes by a smooth step.
+
+    Before the first piece and behind the last one it continues straight. Fields are arrays with a row for each piece.
 
     Before the first piece and behind the last one it goes on straight. Fields are arrays with a row for each piece.
     """
@@ -197,7 +202,7 @@ class PiecewisePath:
 
     @property
     def duration_s(self) -> float:
-        """From the first point to the last one."""
+        """Return the time from the first point to the last one."""
         gained = self.pace.steps[:, 2] > 0
         cruise_m_s = self.pace.speed_m_s + float(self.pace.steps[gained, 2].sum())
         return self.total_m / cruise_m_s + 0.5 * float(self.pace.steps[:, 1].sum())
@@ -211,34 +216,36 @@ class PiecewisePath:
         change_1_m = self.to_1_m[piece] - from_1_m
         curvature_1_m = change_1_m * smooth_step(inside_m[: ORDER - 1] / length_m)
         curvature_1_m[0] += from_1_m
-        speed_m_s = derivative(way_m)
-        turned_rad = _turned_rad(inside_m[0], length_m, from_1_m, change_1_m)
-        sine, cosine = sine_cosine(integral(product(curvature_1_m, speed_m_s), turned_rad))
+        speed_m_s = differentiate(way_m)
+        turned_rad = _compute_turned_rad(inside_m[0], length_m, from_1_m, change_1_m)
+        sine, cosine = compute_sine_cosine(integrate(multiply(curvature_1_m, speed_m_s), turned_rad))
         ahead, aside = self.ahead[piece].T, self.aside[piece].T
         direction = cosine[:, np.newaxis] * ahead + sine[:, np.newaxis] * aside
         ahead_m, aside_m = inside_m[0].copy(), np.zeros_like(turned_rad)
         bent = np.flatnonzero((from_1_m != 0.0) | (change_1_m != 0.0))
-        ahead_m[bent], aside_m[bent] = _advance_m(inside_m[0, bent], length_m[bent], from_1_m[bent], change_1_m[bent])
+        ahead_m[bent], aside_m[bent] = _integrate_advance_m(
+            inside_m[0, bent], length_m[bent], from_1_m[bent], change_1_m[bent]
+        )
         place_m = self.origin_m[piece].T + ahead_m * ahead + aside_m * aside
-        return self.frame.course(integral(product(speed_m_s[:, np.newaxis], direction), place_m), direction[:3])
+        return self.frame.course(integrate(multiply(speed_m_s[:, np.newaxis], direction), place_m), direction[:3])
 
 
-def _turned_rad(inside_m: Reals, length_m: Reals, from_1_m: Reals, change_1_m: Reals) -> Reals:
-    """The angle by which a piece has turned, any shapes that broadcast."""
-    return np.asarray(from_1_m * inside_m + change_1_m * length_m * _step_sum(inside_m / length_m))
+def _compute_turned_rad(inside_m: Reals, length_m: Reals, from_1_m: Reals, change_1_m: Reals) -> Reals:
+    """Compute the angle by which a piece has turned, any shapes that broadcast."""
+    return np.asarray(from_1_m * inside_m + change_1_m * length_m * _integrate_step(inside_m / length_m))
 
 
-def _advance_m(inside_m: Reals, length_m: Reals, from_1_m: Reals, change_1_m: Reals) -> tuple[Reals, Reals]:
-    """How far a piece has led ahead and aside, any shape: Gauss-Legendre from its start, for all moments at once."""
+def _integrate_advance_m(inside_m: Reals, length_m: Reals, from_1_m: Reals, change_1_m: Reals) -> tuple[Reals, Reals]:
+    """Integrate how far a piece has led ahead and aside, any shape: Gauss-Legendre from its start."""
     ahead_m, aside_m = np.zeros_like(inside_m), np.zeros_like(inside_m)
     for node, weight in zip(0.5 * (1.0 + _NODES), 0.5 * _WEIGHTS, strict=True):
-        turned_rad = _turned_rad(node * inside_m, length_m, from_1_m, change_1_m)
+        turned_rad = _compute_turned_rad(node * inside_m, length_m, from_1_m, change_1_m)
         ahead_m += weight * np.cos(turned_rad)
         aside_m += weight * np.sin(turned_rad)
     return ahead_m * inside_m, aside_m * inside_m
 
 
-def path_through(
+def lay_path(
     points_ecef_m: Reals,
     speed_m_s: float,
     *,
@@ -250,7 +257,7 @@ def path_through(
     to_rest: bool,
     start_s: float,
 ) -> PiecewisePath:
-    """Straight legs and, before each point but the ends, a turn that leads from one leg into the next.
+    """Lay straight legs and, before each point but the ends, a turn that leads from one leg into the next.
 
     The corner itself is cut. A turn bends more and more over `turn_in_m`, then holds `radius_m`, then bends less and
     less; if it ends before the radius is reached, it stays wider.
@@ -258,7 +265,7 @@ def path_through(
     Raises
     ------
     ScenarioError : fewer than two points, two points in one place, a turn back, turns that do not fit between the
-        points, points too far apart, or what `pace_along` raises.
+        points, points too far apart, or what `make_pace` raises.
     """
     points_ecef_m = np.asarray(points_ecef_m, np.float64)
     if points_ecef_m.ndim != 2 or len(points_ecef_m) < 2:
@@ -266,7 +273,7 @@ def path_through(
     if not np.isfinite(points_ecef_m).all():
         row = int(np.flatnonzero(~np.isfinite(points_ecef_m).all(axis=1))[0])
         raise ScenarioError(f"way points[{row}]: not a number, expected a place; give its coordinates")
-    frame = frame_at(_middle(points_ecef_m), level=level)
+    frame = make_frame(_find_middle(points_ecef_m), level=level)
     points_m = frame.enu_m(points_ecef_m)
     far_m = np.hypot(points_m[:, 0], points_m[:, 1])
     if level and far_m.max() > FARTHEST_M:
@@ -279,7 +286,7 @@ def path_through(
     for leg in np.flatnonzero(long_m < 1e-3).tolist():
         raise ScenarioError(f"way points[{leg + 1}]: the same place as the one before; leave one of them out")
     ahead = legs_m / long_m[:, np.newaxis]
-    turns = [_turn(ahead[i], ahead[i + 1], i + 1, radius_m, turn_in_m) for i in range(len(ahead) - 1)]
+    turns = [_make_turn(ahead[i], ahead[i + 1], i + 1, radius_m, turn_in_m) for i in range(len(ahead) - 1)]
     cut_m = np.array([0.0, *(turn.cut_m for turn in turns), 0.0])
     for leg in np.flatnonzero(cut_m[:-1] + cut_m[1:] > long_m).tolist():
         raise ScenarioError(
@@ -296,7 +303,7 @@ def path_through(
             pieces += [piece._replace(origin_m=piece.origin_m + shift_m) for piece in turns[leg].pieces]
     length_m, origin_m, forward, aside, from_1_m, to_1_m = (np.array(column) for column in zip(*pieces, strict=True))
     total_m = float(length_m.sum())
-    pace = pace_along(total_m, speed_m_s, acceleration_m_s2, from_rest=from_rest, to_rest=to_rest, start_s=start_s)
+    pace = make_pace(total_m, speed_m_s, acceleration_m_s2, from_rest=from_rest, to_rest=to_rest, start_s=start_s)
     return PiecewisePath(
         frame=frame,
         pace=pace,
@@ -329,7 +336,7 @@ class _Turn(NamedTuple):
     cut_m: float
 
 
-def _turn(ahead: Reals, then: Reals, number: int, radius_m: float, turn_in_m: float) -> _Turn:
+def _make_turn(ahead: Reals, then: Reals, number: int, radius_m: float, turn_in_m: float) -> _Turn:
     across = then - (then @ ahead) * ahead
     angle_rad = float(np.arctan2(np.linalg.norm(across), then @ ahead))
     if angle_rad > _SHARPEST_RAD:
@@ -344,8 +351,10 @@ def _turn(ahead: Reals, then: Reals, number: int, radius_m: float, turn_in_m: fl
     hold_m = max(angle_rad / bend_1_m - turn_in_m, 0.0)
     rows = [(turn_in_m, 0.0, bend_1_m), (hold_m, bend_1_m, bend_1_m), (turn_in_m, bend_1_m, 0.0)]
     length_m, from_1_m, to_1_m = np.array([row for row in rows if row[0] > 0.0]).T
-    ahead_m, aside_m = _advance_m(length_m, length_m, from_1_m, to_1_m - from_1_m)
-    sine, cosine = (turn(_turned_rad(length_m, length_m, from_1_m, to_1_m - from_1_m)) for turn in (np.sin, np.cos))
+    ahead_m, aside_m = _integrate_advance_m(length_m, length_m, from_1_m, to_1_m - from_1_m)
+    sine, cosine = (
+        turn(_compute_turned_rad(length_m, length_m, from_1_m, to_1_m - from_1_m)) for turn in (np.sin, np.cos)
+    )
     pieces, origin_m = [], np.zeros(3)
     for k in range(len(length_m)):
         pieces.append(_Piece(float(length_m[k]), origin_m, ahead, aside, float(from_1_m[k]), float(to_1_m[k])))
@@ -375,24 +384,27 @@ class CircularPath:
         azimuth_rad = np.zeros((ORDER + 1, t_s.size))
         azimuth_rad[0] = np.remainder(self.start_rad + self.rate_rad_s * t_s, 2.0 * np.pi)
         azimuth_rad[1] = self.rate_rad_s
-        sine, cosine = sine_cosine(azimuth_rad)
+        sine, cosine = compute_sine_cosine(azimuth_rad)
         none = np.zeros_like(sine)
         direction = np.copysign(1.0, self.rate_rad_s) * np.stack([cosine, -sine, none], axis=1)
         return self.frame.course(self.radius_m * np.stack([sine, cosine, none], axis=1), direction[:3])
 
 
-def circle_around(
+def lay_circle(
     centre_ecef_m: Reals, radius_m: float, speed_m_s: float, *, clockwise: bool, start_rad: float
 ) -> CircularPath:
-    """Raises ScenarioError if radius or speed is not above zero, or the one too small for the other."""
-    _above_zero("radius_m", radius_m, "give the radius of the circle")
-    _above_zero("speed_m_s", speed_m_s, "give the speed along the circle, or a static receiver")
-    turnable(radius_m, speed_m_s)
+    """Lay a level circle around a place.
+
+    Raises ScenarioError if radius or speed is not above zero, or the one too small for the other.
+    """
+    _require_positive("radius_m", radius_m, "give the radius of the circle")
+    _require_positive("speed_m_s", speed_m_s, "give the speed along the circle, or a static receiver")
+    require_turnable(radius_m, speed_m_s)
     rate_rad_s = speed_m_s / radius_m * (1.0 if clockwise else -1.0)
-    return CircularPath(frame_at(np.asarray(centre_ecef_m, np.float64)), radius_m, start_rad, rate_rad_s)
+    return CircularPath(make_frame(np.asarray(centre_ecef_m, np.float64)), radius_m, start_rad, rate_rad_s)
 
 
-def turnable(radius_m: float, speed_m_s: float) -> None:
+def require_turnable(radius_m: float, speed_m_s: float) -> None:
     """Raises ScenarioError if the lateral acceleration is more than vehicles stand."""
     lateral_m_s2 = speed_m_s**2 / radius_m
     if lateral_m_s2 > MOST_LATERAL_M_S2:
@@ -402,12 +414,12 @@ def turnable(radius_m: float, speed_m_s: float) -> None:
         )
 
 
-def _middle(points_ecef_m: Reals) -> Reals:
-    """A place amid the points: half-way between the extremes, at their mean height."""
+def _find_middle(points_ecef_m: Reals) -> Reals:
+    """Find a place amid the points: half-way between the extremes, at their mean height."""
     lat_rad, lon_rad, _ = geodetic_from_ecef(0.5 * (points_ecef_m.min(axis=0) + points_ecef_m.max(axis=0)))
     return ecef_from_geodetic(lat_rad, lon_rad, geodetic_from_ecef(points_ecef_m)[2].mean())
 
 
-def _above_zero(name: str, value: float, remedy: str) -> None:
+def _require_positive(name: str, value: float, remedy: str) -> None:
     if not (np.isfinite(value) and value > 0.0):
         raise ScenarioError(f"{name} {value:g}: expected a number above zero; {remedy}")

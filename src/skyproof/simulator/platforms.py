@@ -9,39 +9,42 @@ from skyproof.arrays import Reals
 from skyproof.errors import ScenarioError
 from skyproof.formats.track import read_track
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef
-from skyproof.simulator.motion import Motion, SpinningArm, Trajectory, antenna_motion
+from skyproof.simulator.motion import Motion, SpinningArm, Trajectory, compute_antenna_motion
 from skyproof.simulator.scenario import Antenna
 from skyproof.simulator.sites import HIGHEST_M, LOWEST_M, Circle, FromFile, LasVegas, Site, WayPoints
 from skyproof.simulator.trajectories import (
-    circle,
     ecef_from_enu,
     from_track,
-    las_vegas,
-    las_vegas_false,
-    static,
-    way_points,
+    make_circle,
+    make_las_vegas,
+    make_las_vegas_false,
+    make_static,
+    make_way_points,
 )
 
-__all__ = ["Point", "antenna_point", "motion_within", "require_span", "trajectory_of"]
+__all__ = ["Point", "compute_motion", "make_antenna_point", "make_trajectory", "require_span"]
 
 Point = Callable[[Reals], Motion]
 """The motion of a point at times (n,) since the scene's start."""
 
 
-def trajectory_of(site: Site, where: str) -> Trajectory:
-    """The trajectory that a site's table describes. Raises ScenarioError that begins with `where`, its key's path."""
+def make_trajectory(site: Site, where: str) -> Trajectory:
+    """Make the trajectory that a site's table describes.
+
+    Raises ScenarioError that begins with `where`, its key's path.
+    """
     origin = ecef_from_geodetic(*site.geodetic_rad)
     path = site.path
     try:
         if path is None:
-            return static(
+            return make_static(
                 origin,
                 heading_rad=np.radians(site.heading_deg),
                 pitch_rad=np.radians(site.pitch_deg),
                 roll_rad=np.radians(site.roll_deg),
             )
         if isinstance(path, WayPoints):
-            return way_points(
+            return make_way_points(
                 ecef_from_enu(path.points_enu_m, origin),
                 path.speed_m_s,
                 acceleration_m_s2=path.acceleration_m_s2,
@@ -51,11 +54,11 @@ def trajectory_of(site: Site, where: str) -> Trajectory:
                 to_rest=path.to_rest,
             )
         if isinstance(path, Circle):
-            return circle(
+            return make_circle(
                 origin, path.radius_m, path.speed_m_s, clockwise=path.clockwise, start_rad=np.radians(path.start_deg)
             )
         if isinstance(path, LasVegas):
-            return las_vegas() if path.shown == "true" else las_vegas_false()
+            return make_las_vegas() if path.shown == "true" else make_las_vegas_false()
         assert isinstance(path, FromFile)
         return from_track(read_track(path.path), start_s=path.start_s, speed_m_s=path.speed_m_s)
     except ScenarioError as error:
@@ -82,23 +85,23 @@ def require_span(trajectory: Trajectory, first_s: float, last_s: float, where: s
             )
 
 
-def motion_within(trajectory: Trajectory, at_s: ArrayLike) -> Motion:
-    """The motion at times (n,); beyond what is known of it, that at its ends."""
+def compute_motion(trajectory: Trajectory, at_s: ArrayLike) -> Motion:
+    """Return the motion at times (n,); beyond the known span, that at its ends."""
     return trajectory.at(np.clip(np.atleast_1d(np.asarray(at_s, np.float64)), *trajectory.span_s))
 
 
-def antenna_point(trajectory: Trajectory, antenna: Antenna) -> Point:
-    """An antenna of a body."""
+def make_antenna_point(trajectory: Trajectory, antenna: Antenna) -> Point:
+    """Make the moving point of an antenna of a body."""
     body_m = np.array(antenna.body_m)
     spin = antenna.spin
     if spin is None and not body_m.any():
-        return lambda at_s: motion_within(trajectory, at_s)
+        return lambda at_s: compute_motion(trajectory, at_s)
     if spin is None:
-        return lambda at_s: antenna_motion(motion_within(trajectory, at_s), body_m)
+        return lambda at_s: compute_antenna_motion(compute_motion(trajectory, at_s), body_m)
     arm = SpinningArm(
         radius_m=spin.radius_m,
         rate_rad_s=2.0 * np.pi * spin.rate_hz,
         start_rad=np.radians(spin.start_deg),
         centre_body_m=antenna.body_m,
     )
-    return lambda at_s: antenna_motion(motion_within(trajectory, at_s), arm.at(at_s))
+    return lambda at_s: compute_antenna_motion(compute_motion(trajectory, at_s), arm.at(at_s))

@@ -1,4 +1,4 @@
-"""From satellites to points that move: times of flight solved exactly, for many instants and satellites at once.
+"""Compute ranges from satellites to moving points: times of flight solved exactly, many at once.
 
 A satellite's place and clock are smooth: a cubic through knots of 10 s leaves micrometres (the fourth derivative of a
 GPS orbit is 1e-8 m/s^4). What a receiver does is not smooth, so it stays outside of the cubic: for each instant the
@@ -20,7 +20,7 @@ from skyproof.gnss.ephemeris import BroadcastEphemeris, group_delay_s
 from skyproof.gnss.orbits import compute_satellite_state_s
 from skyproof.gnss.time import week_and_tow
 
-__all__ = ["FIRST_SIGNAL", "Orbits", "Sight", "orbits_between"]
+__all__ = ["FIRST_SIGNAL", "Orbits", "Sight", "fit_orbits"]
 
 FIRST_SIGNAL = {"G": ("L1", "CA"), "E": ("E1", "C"), "C": ("B1", "2I"), "R": ("G1", "CA")}
 """Band and code, by system, of the signal whose delays a scene has."""
@@ -56,10 +56,10 @@ class Orbits:
     last_s: float
     pieces: Reals
 
-    def seen(self, received_s: ArrayLike, point_ecef_m: Reals, columns: Integers | None = None) -> Sight:
-        """From points (n, 3) at times of reception (n,). columns : of the satellites wanted; all if absent.
+    def compute_sight(self, received_s: ArrayLike, point_ecef_m: Reals, columns: Integers | None = None) -> Sight:
+        """Compute what points (n, 3) see at times of reception (n,).
 
-        Raises ValueError if a time lies outside of `first_s` to `last_s`.
+        columns : of the satellites wanted; all if absent.
         """
         at_s = np.atleast_1d(np.asarray(received_s, np.float64))
         if at_s.size and not (at_s.min() >= self.first_s and at_s.max() <= self.last_s):
@@ -74,10 +74,12 @@ class Orbits:
         return Sight(flight_s=flight_s, toward=toward, clock_s=clock_s)
 
 
-def orbits_between(
+def fit_orbits(
     ephemerides: Sequence[BroadcastEphemeris], start_gpst: np.datetime64, first_s: float, last_s: float
 ) -> Orbits:
-    """Orbits by one ephemeris a satellite; the clock is that of a user of its system's first signal alone.
+    """Fit orbits by one ephemeris a satellite.
+
+    The clock is that of a user of its system's first signal alone.
 
     That is the message's minus the group delay, of GPS on L1 (IS-GPS-200N, 20.3.3.3.3.2).
     """

@@ -33,10 +33,10 @@ __all__ = [
     "ReceivedSignal",
     "ReceiverSky",
     "Scene",
-    "codes_of",
-    "ephemeris_of",
-    "row_of",
-    "windows_of",
+    "collect_windows",
+    "find_rows",
+    "select_ephemeris",
+    "stack_codes",
 ]
 
 Delay = Callable[[Reals], tuple[Reals, Reals]]
@@ -106,8 +106,8 @@ class Jammer:
 class Messages:
     """The symbols (+1 for bit 0) of each message, one row each: (satellite, variant), variant "" its own.
 
-    symbols : (n_messages, n_symbols) int8, the first of which begins `lead_s` before the scenario's start.
-    guesses : of the same shape, what is sent instead for the first `guess_s`, (n_messages,), of each symbol.
+    symbols : (n_messages, n_symbols) int8; the first begins `lead_s` before the scenario's start. guesses : of the same
+    shape, what is sent instead for the first `guess_s`, (n_messages,), of each symbol.
     """
 
     names: tuple[tuple[str, str], ...]
@@ -146,15 +146,15 @@ class ReceiverSky:
     signal: SignalPlan = GPS_L1_CA
 
     def code_delay_s(self, true_s: ArrayLike) -> Reals:
-        """Of all signals: times of any shape (...) to (..., n_signals)."""
+        """Compute the code delays of all signals: times of any shape (...) to (..., n_signals)."""
         return self._at(true_s, 0)
 
     def carrier_delay_s(self, true_s: ArrayLike) -> Reals:
-        """Of all signals: times of any shape (...) to (..., n_signals)."""
+        """Compute the carrier delays of all signals: times of any shape (...) to (..., n_signals)."""
         return self._at(true_s, 1)
 
     def carrier_delay_rate(self, true_s: ArrayLike) -> Reals:
-        """Seconds a second by which the carriers' delays grow, by differences: times (...) to (..., n_signals)."""
+        """Compute the growth of the carriers' delays, s/s, by differences: (...) to (..., n_signals)."""
         at_s = np.asarray(true_s, np.float64)
         return np.asarray((self._at(at_s + _SHORT_S, 1) - self._at(at_s - _SHORT_S, 1)) / (2.0 * _SHORT_S))
 
@@ -163,7 +163,10 @@ class ReceiverSky:
         return self.delays_s(at_s.ravel())[which].reshape(*at_s.shape, len(self.signals))
 
     def true_minus_elapsed_s(self, elapsed_s: ArrayLike) -> Reals:
-        """True time minus what the sampling clock has counted, any shape: small, so that it keeps its digits."""
+        """Compute true time minus the sampling clock's count, any shape.
+
+        It is small, so that it keeps its digits.
+        """
         elapsed_s = np.asarray(elapsed_s, np.float64)
         if self.clock is not None:
             return self.receiver.start_offset_s + self.clock.true_minus_shown_s(elapsed_s)
@@ -171,7 +174,7 @@ class ReceiverSky:
         return np.asarray(self.receiver.start_offset_s - elapsed_s * (fast / (1.0 + fast)))
 
     def elapsed_at(self, true_s: ArrayLike) -> Reals:
-        """What the sampling clock has counted at a true time, any shape; beyond the recording roughly."""
+        """Compute the sampling clock's count at a true time, any shape; beyond the recording roughly."""
         after_s = np.asarray(true_s, np.float64) - self.receiver.start_offset_s
         if self.clock is None:
             return np.asarray(after_s * (1.0 + self.receiver.lo_ppm * 1e-6))
@@ -196,12 +199,12 @@ class Scene:
 
     @property
     def labels(self) -> dict[SignalRef, str]:
-        """The truth: "authentic" or "spoofed" for every signal at every antenna."""
+        """Return the truth: "authentic" or "spoofed" for every signal at every antenna."""
         return {SignalRef(s.name, received.id): received.label for s in self.skies for received in s.signals}
 
     @cached_property
     def messages(self) -> Messages:
-        """Every message that is received, over the whole scene."""
+        """Encode every message that is received, over the whole scene."""
         scenario, nav = self.scenario, self.navigation
         names = tuple(sorted({(received.id.sat, received.message) for sky in self.skies for received in sky.signals}))
         attacks = dict(zip(scenario.attack_names, scenario.attacks, strict=True))
@@ -212,7 +215,7 @@ class Scene:
         count = int((tow_s + last_s - start) // SUBFRAME_S) + 1
         symbols = []
         for number, (sat, variant) in enumerate(names):
-            ephemeris = ephemeris_of(nav, sat, scenario)
+            ephemeris = select_ephemeris(nav, sat, scenario)
             assert isinstance(ephemeris, Ephemeris)
             attack = attacks.get(variant)
             stated_s = start + (attack.message_later_s if attack is not None else 0)
@@ -229,33 +232,33 @@ class Scene:
             names=names,
             symbols=np.stack(symbols),
             lead_s=tow_s - start,
-            guesses=np.stack([self._guesses(number, symbols[0].size) for number in range(len(names))]),
+            guesses=np.stack([self._draw_guesses(number, symbols[0].size) for number in range(len(names))]),
             guess_s=np.array(guess_s),
         )
 
-    def _guesses(self, number: int, count: int) -> NDArray[np.int8]:
-        """A coin's throws: +1 and -1, of the message of that number."""
+    def _draw_guesses(self, number: int, count: int) -> NDArray[np.int8]:
+        """Toss a coin: +1 and -1, for the message of that number."""
         rng = np.random.default_rng(np.random.SeedSequence(self.scenario.seed, spawn_key=(_GUESS_STREAM, number)))
         return (1 - 2 * rng.integers(0, 2, count)).astype(np.int8)
 
 
-def ephemeris_of(navigation: NavigationData, sat: str, scenario: Scenario) -> BroadcastEphemeris | None:
-    """One for the whole scene; none if the satellite is unhealthy."""
+def select_ephemeris(navigation: NavigationData, sat: str, scenario: Scenario) -> BroadcastEphemeris | None:
+    """Select one ephemeris for the whole scene; None if the satellite is unhealthy."""
     return navigation.best(sat, scenario.start_gpst)
 
 
-def row_of(messages: Messages, signals: Sequence[ReceivedSignal]) -> Integers:
-    """The row of `messages.symbols` that each signal carries."""
+def find_rows(messages: Messages, signals: Sequence[ReceivedSignal]) -> Integers:
+    """Find the row of `messages.symbols` that each signal carries."""
     return np.array([messages.names.index((received.id.sat, received.message)) for received in signals], dtype=np.int64)
 
 
-def codes_of(signals: Sequence[ReceivedSignal], signal: SignalPlan) -> NDArray[np.int8]:
-    """The spreading codes, shape (n_signals, code_length)."""
+def stack_codes(signals: Sequence[ReceivedSignal], signal: SignalPlan) -> NDArray[np.int8]:
+    """Stack the spreading codes, shape (n_signals, code_length)."""
     return np.stack([signal.code(prn_of(received.id.sat)) for received in signals])
 
 
-def windows_of(received: Sequence[ReceivedSignal]) -> Reals:
-    """When each signal is there, true times (n, n_windows, 2), filled up with infinity."""
+def collect_windows(received: Sequence[ReceivedSignal]) -> Reals:
+    """Collect when each signal is received, true times (n, n_windows, 2), filled up with infinity."""
     most = max(len(each.windows_s) for each in received)
     windows_s = np.full((len(received), most, 2), np.inf)
     for row, each in enumerate(received):

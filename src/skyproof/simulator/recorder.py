@@ -1,4 +1,4 @@
-"""The numbers that a recorder writes, and what becomes of signals in them.
+"""Quantise samples as a recorder does, and compute what becomes of signals in its numbers.
 
 One sigma of receiver noise is 24 steps of 8 bits and 4096 of 16: that leaves 14 and 18 dB for stronger signals.
 """
@@ -9,13 +9,13 @@ import scipy
 from skyproof.arrays import Floats, Reals
 from skyproof.simulator.scenario import FrontEnd
 
-__all__ = ["quantise", "recorded"]
+__all__ = ["compute_recorded", "quantise"]
 
 _INT_SIGMA = {8: 24.0, 16: 4096.0}
 
 
 def quantise(planes: Floats, front_end: FrontEnd) -> None:
-    """In place, with levels for a noise of variance 1."""
+    """Quantise in place, with levels for a noise of variance 1."""
     if front_end.encoding == "sign":
         np.copysign(np.float32(1.0), planes, out=planes)
     elif front_end.encoding == "sign-magnitude":  # threshold at one sigma, best to 0.01 dB (Max, 1960: 0.98)
@@ -26,8 +26,8 @@ def quantise(planes: Floats, front_end: FrontEnd) -> None:
         np.clip(np.rint(planes, out=planes), -limit, limit, out=planes)
 
 
-def recorded(front_end: FrontEnd, power: Reals) -> tuple[Reals, Reals]:
-    """Gain and power of the recorder's numbers, for normal samples of variance `power`, any shape.
+def compute_recorded(front_end: FrontEnd, power: Reals) -> tuple[Reals, Reals]:
+    """Compute gain and power of the recorder's numbers, for normal samples of variance `power`, any shape.
 
     The gain of a staircase is the sum of its steps times the density there (Bussgang's theorem).
     """

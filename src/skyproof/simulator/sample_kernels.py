@@ -27,8 +27,8 @@ _FRACTION_BITS = 40  # of the fixed-point chip counter, whose rounding reaches 2
 
 
 @compiled
-def _turn(step_cyc: float, cosine: Floats, sine: Floats) -> None:
-    """Phasors of 0, 1, 2, ... steps; float64 recursion over at most 128 keeps 1e-14."""
+def _fill_phasors(step_cyc: float, cosine: Floats, sine: Floats) -> None:
+    """Fill phasors of 0, 1, 2, ... steps; float64 recursion over at most 128 keeps 1e-14."""
     angle_rad = 2.0 * math.pi * (step_cyc - math.floor(step_cyc))
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     re, im = 1.0, 0.0
@@ -39,8 +39,8 @@ def _turn(step_cyc: float, cosine: Floats, sine: Floats) -> None:
 
 
 @compiled
-def _spread(code: Floats, chips: Floats, chip: float, chip_step: float) -> None:
-    """Chips to samples: sample k lies in chip floor(chip + k chip_step)."""
+def _spread_chips(code: Floats, chips: Floats, chip: float, chip_step: float) -> None:
+    """Spread chips to samples: sample k lies in chip floor(chip + k chip_step)."""
     unit = 2.0**_FRACTION_BITS
     start, step = np.int64(chip * unit), np.int64(chip_step * unit)
     for k in range(code.shape[0]):
@@ -49,11 +49,10 @@ def _spread(code: Floats, chips: Floats, chip: float, chip_step: float) -> None:
 
 @compiled
 def _spread_wave(code: Floats, wave: Floats, symbol: np.float32, begin: float, step: float) -> None:
-    """A filtered code to samples, within one period: sample k lies `begin` + k `step` samples of the table after the
-    period's start.
+    """Spread a filtered code to samples, within one period.
 
-    Over 128 samples what the step is off from 1 is taken as it is in their middle: 2e-4 sample off at their ends at
-    3 ppm, to both sides.
+    Sample k lies `begin` + k `step` samples of the table after the period's start. Over 128 samples the step's
+    difference from 1 is held at its middle value: 2e-4 sample off at their ends at 3 ppm, to both sides.
     """
     for first in range(0, code.shape[0], _STEP):
         n = min(_STEP, code.shape[0] - first)
@@ -62,7 +61,7 @@ def _spread_wave(code: Floats, wave: Floats, symbol: np.float32, begin: float, s
         column = np.int64(math.floor(at))
         row = min(int((at - column) * ROWS), ROWS - 1)
         later = np.float32((at - column) * ROWS - row)
-        _blend(
+        _blend_rows(
             code[first : first + n],
             wave[row, column : column + n],
             wave[row + 1, column : column + n],
@@ -72,7 +71,7 @@ def _spread_wave(code: Floats, wave: Floats, symbol: np.float32, begin: float, s
 
 
 @compiled
-def _guess(
+def _invert_guesses(
     code: Floats,
     symbols: NDArray[np.int8],
     guesses: NDArray[np.int8],
@@ -83,7 +82,7 @@ def _guess(
     chip: float,
     chip_step: float,
 ) -> None:
-    """Turn over what was guessed wrong in a chunk of code: from each symbol's beginning on, for `guess_chips`."""
+    """Invert wrong guesses in a chunk of code: from each symbol's beginning on, for `guess_chips`."""
     symbol_chips = periods_per_symbol * length
     symbol = period // periods_per_symbol
     begin = chip + (period - symbol * periods_per_symbol) * length  # of the chunk, chips after the symbol's beginning
@@ -98,13 +97,13 @@ def _guess(
 
 
 @compiled
-def _blend(code: Floats, one: Floats, other: Floats, share: np.float32, other_share: np.float32) -> None:
+def _blend_rows(code: Floats, one: Floats, other: Floats, share: np.float32, other_share: np.float32) -> None:
     for k in range(code.shape[0]):
         code[k] = share * one[k] + other_share * other[k]
 
 
 @compiled
-def _mix(
+def _mix_signal(
     i_plane: Floats, q_plane: Floats, code: Floats, re: np.float32, im: np.float32, cosine: Floats, sine: Floats
 ) -> None:
     for k in range(i_plane.shape[0]):
@@ -124,7 +123,7 @@ def add_line(
     first: int,
     last: int,
 ) -> None:
-    """Over each turn u from 0 to 1 the frequency rises evenly, from half the sweep below the middle to half above."""
+    """Add a line: over each turn u from 0 to 1 its frequency rises evenly through the sweep around its middle."""
     for n in range(first, last):
         c, k = n // CHUNK, n % CHUNK
         u = turns[c] + k * turn_step[c]
@@ -187,9 +186,9 @@ def add_signals(
                     for k in range(length):
                         chips[turn * length + k] = codes[s, k] * symbol
             if not filtered:
-                _spread(code, chips, chip[s, c], chip_step[s, c])
+                _spread_chips(code, chips, chip[s, c], chip_step[s, c])
             if guess_chips[rows[s]] > 0.0:
-                _guess(
+                _invert_guesses(
                     code,
                     symbols[rows[s]],
                     guesses[rows[s]],
@@ -200,8 +199,8 @@ def add_signals(
                     chip[s, c],
                     chip_step[s, c],
                 )
-            _turn(phase_step_cyc[s, c], cosine, sine)
-            _turn(phase_step_cyc[s, c] * _STEP, coarse_cosine, coarse_sine)
+            _fill_phasors(phase_step_cyc[s, c], cosine, sine)
+            _fill_phasors(phase_step_cyc[s, c] * _STEP, coarse_cosine, coarse_sine)
             angle_rad = 2.0 * math.pi * (phase_cyc[s, c] - math.floor(phase_cyc[s, c]))
             re = np.float32(amplitude[s, c] * math.cos(angle_rad))
             im = np.float32(amplitude[s, c] * math.sin(angle_rad))
@@ -211,7 +210,7 @@ def add_signals(
                 if low < high:
                     a, b = c * CHUNK + low, c * CHUNK + high
                     k = low - j * _STEP
-                    _mix(
+                    _mix_signal(
                         planes[0, a:b],
                         planes[1, a:b],
                         code[low:high],

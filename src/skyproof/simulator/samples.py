@@ -1,4 +1,4 @@
-"""Rendering: the signals of one receiver's sky and Gaussian noise, as quantised samples.
+"""Render the signals of one receiver's sky and Gaussian noise, as quantised samples.
 
 The receiver's noise has variance 1 in I and in Q before quantisation, so a complex signal of carrier-to-noise density C
 has the amplitude sqrt(2 C / rate) (real samples: sqrt(4 C / rate), since the noise fills only half the rate).
@@ -30,13 +30,22 @@ from skyproof.arrays import Floats, Integers, Reals
 from skyproof.compiled import threads
 from skyproof.gnss.ephemeris import NavigationData
 from skyproof.records import Samples
-from skyproof.simulator.received import AddedNoise, Jammer, Messages, ReceiverSky, Scene, codes_of, row_of, windows_of
+from skyproof.simulator.received import (
+    AddedNoise,
+    Jammer,
+    Messages,
+    ReceiverSky,
+    Scene,
+    collect_windows,
+    find_rows,
+    stack_codes,
+)
 from skyproof.simulator.recorder import quantise
 from skyproof.simulator.sample_kernels import CHUNK, ROWS, SPARE, add_line, add_signals
 from skyproof.simulator.scenario import FrontEnd, Scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
-__all__ = ["BLOCK", "Rendering", "low_pass", "render", "rendering_of", "samples_of"]
+__all__ = ["BLOCK", "Rendering", "compute_low_pass", "prepare_rendering", "render", "render_samples"]
 
 T = TypeVar("T")
 
@@ -55,7 +64,7 @@ class Rendering:
     seed: int
     n_samples: int
     codes: NDArray[np.int8]  # (n_rows, code_length)
-    waves: Floats  # (n_rows, ROWS + 1, columns) of `filtered_codes`, or (n_rows, 0, 0)
+    waves: Floats  # (n_rows, ROWS + 1, columns) of `filter_codes`, or (n_rows, 0, 0)
     messages: Messages
     carried: Integers  # (n_rows,) row of the messages that each carries
 
@@ -74,50 +83,52 @@ class _Chunks:
     last: Integers
 
 
-def samples_of(scenario: Scenario, navigation: NavigationData) -> tuple[Samples, ...]:
-    """The recordings of a scene, one per receiver, rendered when they are read.
+def render_samples(scenario: Scenario, navigation: NavigationData) -> tuple[Samples, ...]:
+    """Render the recordings of a scene, one per receiver, when they are read.
 
     `read` gives the quantised values (sign: -1, 1; sign-magnitude: -3, -1, 1, 3; int: whole numbers) and is safe to
-    call from several threads. Raises ScenarioError as `scene_of` does.
+    call from several threads. Raises ScenarioError as `make_scene` does.
     """
-    scene = scene_of(scenario, navigation)
-    return tuple(_samples(scene, rendering_of(scene, index)) for index in range(len(scene.skies)))
+    scene = make_scene(scenario, navigation)
+    return tuple(_make_samples(scene, prepare_rendering(scene, index)) for index in range(len(scene.skies)))
 
 
-def rendering_of(scene: Scene, index: int) -> Rendering:
-    """What is needed to render antenna number `index`. The number of samples is a multiple of 8: whole bytes."""
+def prepare_rendering(scene: Scene, index: int) -> Rendering:
+    """Prepare to render antenna number `index`. The number of samples is a multiple of 8: whole bytes."""
     sky, front_end, messages = scene.skies[index], scene.scenario.front_end, scene.messages
-    of = _signal_of(sky)
-    codes = codes_of(sky.signals, sky.signal)
+    of = _list_signals(sky)
+    codes = stack_codes(sky.signals, sky.signal)
     return Rendering(
         sky=sky,
         front_end=front_end,
         seed=scene.scenario.seed,
         n_samples=int(scene.scenario.duration_s * front_end.rate_hz) // 8 * 8,
         codes=codes[of],
-        waves=filtered_codes(codes, sky.signal.chip_rate_hz, front_end)[of],
+        waves=filter_codes(codes, sky.signal.chip_rate_hz, front_end)[of],
         messages=messages,
-        carried=row_of(messages, sky.signals)[of],
+        carried=find_rows(messages, sky.signals)[of],
     )
 
 
-def _signal_of(sky: ReceiverSky) -> Integers:
-    """The signal of each row: of signals themselves, then of their reflections."""
+def _list_signals(sky: ReceiverSky) -> Integers:
+    """Return the signal of each row: of signals themselves, then of their reflections."""
     return np.array([*range(len(sky.signals)), *(ray.of for ray in sky.rays)], np.int64)
 
 
-def filtered_codes(codes: NDArray[np.int8], chip_rate_hz: float, front_end: FrontEnd) -> Floats:
-    """Codes (n, code_length) behind the front end's low-pass: sharp chips' line spectrum times the filter's.
+def filter_codes(codes: NDArray[np.int8], chip_rate_hz: float, front_end: FrontEnd) -> Floats:
+    """Filter codes (n, code_length) by the front end's low-pass: chips' line spectrum times the filter's.
 
     Row p, column k of each is the code (k - 2 + p / ROWS) samples after its start, for ROWS + 1 rows; (n, 0, 0) without
-    a bandwidth. The filter is `low_pass`. The mean square of each code is 1.
+    a bandwidth. The filter is `compute_low_pass`. The mean square of each code is 1.
     """
     n_codes, length = codes.shape
     if front_end.bandwidth_hz is None:
         return np.empty((n_codes, 0, 0), np.float32)
     points = 2 ** math.ceil(math.log2(ROWS * max(front_end.rate_hz / chip_rate_hz, 1.0)))  # a chip
     turns = np.arange(length * points // 2 + 1) / length  # of each line, a chip
-    passed = np.sinc(turns) * np.exp(-1j * np.pi * turns) * low_pass(turns * chip_rate_hz, front_end.bandwidth_hz)
+    passed = (
+        np.sinc(turns) * np.exp(-1j * np.pi * turns) * compute_low_pass(turns * chip_rate_hz, front_end.bandwidth_hz)
+    )
     chips_per_sample = chip_rate_hz / front_end.rate_hz
     columns = math.ceil(length / chips_per_sample) + 2 * SPARE + 1
     at = (np.arange(columns) - SPARE + np.arange(ROWS + 1)[:, np.newaxis] / ROWS) * chips_per_sample * points
@@ -130,8 +141,8 @@ def filtered_codes(codes: NDArray[np.int8], chip_rate_hz: float, front_end: Fron
     return waves
 
 
-def low_pass(frequency_hz: Reals, bandwidth_hz: float) -> Reals:
-    """Amplitude that a front end lets pass at frequencies off the carrier, any shape; it has no phase.
+def compute_low_pass(frequency_hz: Reals, bandwidth_hz: float) -> Reals:
+    """Compute the amplitude that a front end passes at frequencies off the carrier, any shape; no phase.
 
     Half at half the bandwidth; from 3/4 to 5/4 of that it falls like a cosine from one to zero, so that nothing folds
     back if the bandwidth is at most 4/5 of the rate.
@@ -141,11 +152,14 @@ def low_pass(frequency_hz: Reals, bandwidth_hz: float) -> Reals:
 
 
 def render(rendering: Rendering, block: int, *, noise: bool = True) -> Floats:
-    """Block number `block` before quantisation, float32 (2, BLOCK), I and Q; Q of real samples is without meaning."""
-    planes = _noise(rendering, block) if noise else np.zeros((2, BLOCK), np.float32)
-    chunks = _chunks(rendering, block)
+    """Render block number `block` before quantisation, float32 (2, BLOCK), I and Q.
+
+    Q of real samples has no meaning.
+    """
+    planes = _draw_noise(rendering, block) if noise else np.zeros((2, BLOCK), np.float32)
+    chunks = _compute_chunks(rendering, block)
     for jammer in rendering.sky.jammers:
-        _jam(planes, rendering, jammer, block)
+        _add_jammer(planes, rendering, jammer, block)
     add_signals(
         planes,
         rendering.codes,
@@ -168,11 +182,11 @@ def render(rendering: Rendering, block: int, *, noise: bool = True) -> Floats:
     return planes
 
 
-def quantised(rendering: Rendering, block: int) -> Floats:
-    """Block number `block` as the recorder stores it, float32 (2, n), cut at the end of the recording."""
+def render_quantised(rendering: Rendering, block: int) -> Floats:
+    """Render block number `block` as the recorder stores it, float32 (2, n), cut at the recording's end."""
     planes = render(rendering, block)
     if rendering.front_end.agc:
-        planes *= _gain(rendering, block)
+        planes *= _compute_gain(rendering, block)
     planes = planes[:, : rendering.n_samples - block * BLOCK]
     real = rendering.front_end.kind == "real"
     quantise(planes[:1] if real else planes, rendering.front_end)
@@ -181,8 +195,8 @@ def quantised(rendering: Rendering, block: int) -> Floats:
     return planes
 
 
-def ahead_of(function: Callable[[int], T], blocks: range) -> Iterator[T]:
-    """`function(block)` for each block in order, worked out by as many threads as there are cores, few at a time."""
+def map_ahead(function: Callable[[int], T], blocks: range) -> Iterator[T]:
+    """Compute `function(block)` for each block in order, by as many threads as there are cores, few at a time."""
     workers = threads()
     if len(blocks) < 2 or workers < 2:
         yield from map(function, blocks)
@@ -201,8 +215,8 @@ def ahead_of(function: Callable[[int], T], blocks: range) -> Iterator[T]:
                 future.cancel()
 
 
-def _samples(scene: Scene, rendering: Rendering) -> Samples:
-    kept = lru_cache(maxsize=4)(partial(quantised, rendering))  # short reads in a row meet the same block
+def _make_samples(scene: Scene, rendering: Rendering) -> Samples:
+    kept = lru_cache(maxsize=4)(partial(render_quantised, rendering))  # short reads in a row meet the same block
 
     def read(start: int, count: int) -> Floats:
         if start < 0 or count < 0:
@@ -210,7 +224,7 @@ def _samples(scene: Scene, rendering: Rendering) -> Samples:
         count = max(0, min(count, rendering.n_samples - start))
         planes = np.empty((2, count), np.float32)
         blocks = range(start // BLOCK, -(-(start + count) // BLOCK)) if count else range(0)
-        for block, values in zip(blocks, ahead_of(kept, blocks), strict=True):
+        for block, values in zip(blocks, map_ahead(kept, blocks), strict=True):
             begin, end = max(start, block * BLOCK), min(start + count, (block + 1) * BLOCK)
             planes[:, begin - start : end - start] = values[:, begin - block * BLOCK : end - block * BLOCK]
         return planes
@@ -223,25 +237,25 @@ def _samples(scene: Scene, rendering: Rendering) -> Samples:
         read=read,
         centre_hz=rendering.sky.signal.carrier_hz,
         if_hz=rendering.front_end.if_hz,
-        start_gpst=rough_start(scene, rendering.sky),
+        start_gpst=round_start(scene, rendering.sky),
         format="simulated",
     )
 
 
-def rough_start(scene: Scene, sky: ReceiverSky) -> np.datetime64:
-    """What the receiver's clock shows at its first sample, to the second."""
+def round_start(scene: Scene, sky: ReceiverSky) -> np.datetime64:
+    """Return the receiver's clock at its first sample, to the second."""
     shown_s = round(sky.receiver.start_offset_s + sky.receiver.clock_offset_s)
     start: np.datetime64 = scene.scenario.start_gpst.astype("datetime64[s]") + np.timedelta64(shown_s, "s")
     return start + np.timedelta64(0, "ns")
 
 
-def _edges(block: int) -> Integers:
-    """The first samples of a block's chunks, and the first sample after them."""
+def _list_edges(block: int) -> Integers:
+    """Return the first samples of a block's chunks, and the first sample after them."""
     return block * BLOCK + CHUNK * np.arange(BLOCK // CHUNK + 1, dtype=np.int64)
 
 
-def _times(rendering: Rendering, samples: Integers) -> tuple[Integers, Reals, Reals]:
-    """Whole seconds and the rest that have elapsed at samples, and how much later it is by true time.
+def _compute_times(rendering: Rendering, samples: Integers) -> tuple[Integers, Reals, Reals]:
+    """Compute whole seconds and the rest elapsed at samples, and how much later it is by true time.
 
     Counts, so that no time of day eats the digits; the third is small.
     """
@@ -251,13 +265,13 @@ def _times(rendering: Rendering, samples: Integers) -> tuple[Integers, Reals, Re
     return whole_s, rest_s, rendering.sky.true_minus_elapsed_s(whole_s + rest_s)
 
 
-def _chunks(rendering: Rendering, block: int) -> _Chunks:
+def _compute_chunks(rendering: Rendering, block: int) -> _Chunks:
     sky, front_end = rendering.sky, rendering.front_end
     signal, rate_hz = sky.signal, int(front_end.rate_hz)
-    edges = _edges(block)
-    whole_s, rest_s, late_s = _times(rendering, edges)
+    edges = _list_edges(block)
+    whole_s, rest_s, late_s = _compute_times(rendering, edges)
     true_s = whole_s + rest_s + late_s
-    code_delay_s, carrier_delay_s = _delays_s(sky, true_s)
+    code_delay_s, carrier_delay_s = _compute_delays_s(sky, true_s)
 
     carrier_hz = signal.carrier_hz
     phase_cyc = carrier_hz * (late_s - carrier_delay_s.T)
@@ -269,21 +283,21 @@ def _chunks(rendering: Rendering, block: int) -> _Chunks:
     period = np.floor(sent)
     advance = np.diff(sent, axis=1) + periods_in_1_s * np.diff(whole_s)
 
-    first, last = _there(rendering, edges[:-1])
+    first, last = _find_presence(rendering, edges[:-1])
     return _Chunks(
         period=(period + periods_in_1_s * whole_s).astype(np.int64)[:, :-1],
         chip=((sent - period) * signal.code_length)[:, :-1],
         chip_step=advance * signal.code_length / CHUNK,
         phase_cyc=phase_cyc[:, :-1],
         phase_step_cyc=phase_step_cyc,
-        amplitude=_amplitudes(rendering, 0.5 * (true_s[:-1] + true_s[1:])),
+        amplitude=_compute_amplitudes(rendering, 0.5 * (true_s[:-1] + true_s[1:])),
         first=first,
         last=last,
     )
 
 
-def _delays_s(sky: ReceiverSky, true_s: Reals) -> tuple[Reals, Reals]:
-    """Of code and carrier of all rows at times (n,): (n, n_rows)."""
+def _compute_delays_s(sky: ReceiverSky, true_s: Reals) -> tuple[Reals, Reals]:
+    """Compute delays of code and carrier of all rows at times (n,): (n, n_rows)."""
     code_s, carrier_s = sky.delays_s(true_s)
     if not sky.rays:
         return code_s, carrier_s
@@ -296,40 +310,41 @@ def _delays_s(sky: ReceiverSky, true_s: Reals) -> tuple[Reals, Reals]:
     )
 
 
-def _amplitudes(rendering: Rendering, true_s: Reals) -> Reals:
-    """Of all rows at times (n,): (n_rows, n)."""
+def _compute_amplitudes(rendering: Rendering, true_s: Reals) -> Reals:
+    """Compute amplitudes of all rows at times (n,): (n_rows, n)."""
     sky, front_end = rendering.sky, rendering.front_end
     per_hertz = 4.0 if front_end.kind == "real" else 2.0
     amplitude = np.sqrt(per_hertz / front_end.rate_hz) * 10.0 ** (sky.cn0_dbhz(true_s).T / 20.0)
     weight = np.array([1.0] * len(sky.signals) + [ray.amplitude for ray in sky.rays])
-    return np.asarray(amplitude[_signal_of(sky)] * weight[:, np.newaxis])
+    return np.asarray(amplitude[_list_signals(sky)] * weight[:, np.newaxis])
 
 
-def _there(rendering: Rendering, firsts: Integers) -> tuple[Integers, Integers]:
-    """The first sample in which each row is there, and the first in which it is not any more, in each chunk.
+def _find_presence(rendering: Rendering, firsts: Integers) -> tuple[Integers, Integers]:
+    """Find the first sample with each row, and the first without it again, in each chunk.
 
     Counted from each chunk's first sample and held within the chunk. Pauses are longer than chunks.
     """
     sky = rendering.sky
-    sample = _first_sample(rendering, windows_of(sky.signals))
+    sample = _find_first_sample(rendering, collect_windows(sky.signals))
     inside = np.clip(sample[..., np.newaxis] - firsts, 0, CHUNK).astype(np.int64)  # (signal, window, edge, chunk)
     which = np.argmax(inside[:, :, 1] > inside[:, :, 0], axis=1)[:, np.newaxis]
-    of = _signal_of(sky)
+    of = _list_signals(sky)
     first, last = (np.take_along_axis(inside[:, :, edge], which, axis=1)[:, 0][of] for edge in (0, 1))
     return first, last
 
 
-def _first_sample(rendering: Rendering, true_s: Reals) -> Reals:
-    """The first sample at or after each time, any shape."""
+def _find_first_sample(rendering: Rendering, true_s: Reals) -> Reals:
+    """Find the first sample at or after each time, any shape."""
     return np.ceil(rendering.sky.elapsed_at(true_s) * rendering.front_end.rate_hz)
 
 
-def _powers(rendering: Rendering, block: int) -> tuple[Reals, Reals]:
-    """Of what transmitters add to the receiver's noise, over it, in each chunk of a block: (n_noises, n_chunks) and
-    (n_jammers, n_chunks).
+def _compute_powers(rendering: Rendering, block: int) -> tuple[Reals, Reals]:
+    """Compute powers that transmitters add to the receiver's noise, over it, in each chunk of a block.
+
+    Shapes are (n_noises, n_chunks) and (n_jammers, n_chunks).
     """
-    edges = _edges(block)
-    whole_s, rest_s, late_s = _times(rendering, edges[:-1] + CHUNK // 2)
+    edges = _list_edges(block)
+    whole_s, rest_s, late_s = _compute_times(rendering, edges[:-1] + CHUNK // 2)
     true_s = whole_s + rest_s + late_s
     sky = rendering.sky
     noises = [noise.power(true_s) for noise in sky.noises]
@@ -337,8 +352,8 @@ def _powers(rendering: Rendering, block: int) -> tuple[Reals, Reals]:
     return np.reshape(noises, (-1, true_s.size)), np.reshape(jammers, (-1, true_s.size))
 
 
-def _noise(rendering: Rendering, block: int) -> Floats:
-    """The receiver's noise, from a stream of this antenna and block alone, with what transmitters add."""
+def _draw_noise(rendering: Rendering, block: int) -> Floats:
+    """Draw the receiver's noise, from a stream of this antenna and block alone; add transmitters' noise."""
     seeds = np.random.SeedSequence(rendering.seed, spawn_key=(rendering.sky.number, block))
     rng = np.random.Generator(np.random.SFC64(seeds))
     planes = np.zeros((2, BLOCK), np.float32)
@@ -346,54 +361,58 @@ def _noise(rendering: Rendering, block: int) -> Floats:
     rng.standard_normal(out=rows, dtype=np.float32)
     if rendering.sky.noises:
         power = np.ones(BLOCK, np.float32)
-        added, _ = _powers(rendering, block)
+        added, _ = _compute_powers(rendering, block)
         for noise, of_chunks in zip(rendering.sky.noises, added.astype(np.float32), strict=True):
-            first, last = _within(rendering, noise.from_s, noise.until_s, block)
+            first, last = _find_within(rendering, noise.from_s, noise.until_s, block)
             power[first:last] += np.repeat(of_chunks, CHUNK)[first:last]
         rows *= np.sqrt(power)
     return planes
 
 
-def _within(rendering: Rendering, from_s: float, until_s: float, block: int) -> tuple[int, int]:
-    """The samples of a block between two true times."""
-    sample = _first_sample(rendering, np.array([from_s, until_s]))
+def _find_within(rendering: Rendering, from_s: float, until_s: float, block: int) -> tuple[int, int]:
+    """Find the samples of a block between two true times."""
+    sample = _find_first_sample(rendering, np.array([from_s, until_s]))
     first, last = np.clip(sample - block * BLOCK, 0, BLOCK).astype(np.int64).tolist()
     return first, last
 
 
-def _jam(planes: Floats, rendering: Rendering, jammer: Jammer, block: int) -> None:
+def _add_jammer(planes: Floats, rendering: Rendering, jammer: Jammer, block: int) -> None:
     """Add a line or a chirp to a block; its phase runs straight within chunks but for the sweep."""
-    first, last = _within(rendering, jammer.from_s, jammer.until_s, block)
+    first, last = _find_within(rendering, jammer.from_s, jammer.until_s, block)
     if first >= last:
         return
     sky, source, rate_hz = rendering.sky, jammer.source, rendering.front_end.rate_hz
-    edges = _edges(block)
-    whole_s, rest_s, late_s = _times(rendering, edges)
+    edges = _list_edges(block)
+    whole_s, rest_s, late_s = _compute_times(rendering, edges)
     true_s = whole_s + rest_s + late_s
     left_s = true_s - jammer.delay_s(true_s)
     phase_cyc = sky.signal.carrier_hz * (late_s + left_s - true_s) + source.offset_hz * left_s
     step_cyc = np.diff(phase_cyc) / CHUNK + rendering.front_end.if_hz / rate_hz
     phase_cyc = phase_cyc + rendering.front_end.if_hz * rest_s
-    _, powers = _powers(rendering, block)
+    _, powers = _compute_powers(rendering, block)
     amplitude = np.sqrt(2.0 * powers[sky.jammers.index(jammer)])
     sweep_cyc = source.sweep_hz * source.period_s if source.kind == "chirp" else 0.0
     turns = left_s / source.period_s
     add_line(planes, phase_cyc[:-1], step_cyc, amplitude, turns[:-1], np.diff(turns) / CHUNK, sweep_cyc, first, last)
 
 
-def _gain(rendering: Rendering, block: int) -> Floats:
-    """Of each sample of a block: keeps the power of all that is expected at that of the receiver's own noise.
+def _compute_gain(rendering: Rendering, block: int) -> Floats:
+    """Compute the gain of each sample of a block.
+
+    It keeps the expected power at that of the receiver's own noise.
 
     It follows the power at once, chunk by chunk, as known beforehand: so it does not depend on what was read before.
     """
     power = np.ones(BLOCK, np.float32)
     sources: list[AddedNoise | Jammer] = [*rendering.sky.noises, *rendering.sky.jammers]
-    for source, of_chunks in zip(sources, np.concatenate(_powers(rendering, block)).astype(np.float32), strict=True):
-        first, last = _within(rendering, source.from_s, source.until_s, block)
+    for source, of_chunks in zip(
+        sources, np.concatenate(_compute_powers(rendering, block)).astype(np.float32), strict=True
+    ):
+        first, last = _find_within(rendering, source.from_s, source.until_s, block)
         power[first:last] += np.repeat(of_chunks, CHUNK)[first:last]
-    edges = _edges(block)
-    whole_s, rest_s, late_s = _times(rendering, edges[:-1] + CHUNK // 2)
-    first_in, last_in = _there(rendering, edges[:-1])
-    signals = 0.5 * _amplitudes(rendering, whole_s + rest_s + late_s) ** 2 * (last_in - first_in) / CHUNK
+    edges = _list_edges(block)
+    whole_s, rest_s, late_s = _compute_times(rendering, edges[:-1] + CHUNK // 2)
+    first_in, last_in = _find_presence(rendering, edges[:-1])
+    signals = 0.5 * _compute_amplitudes(rendering, whole_s + rest_s + late_s) ** 2 * (last_in - first_in) / CHUNK
     power += np.repeat(signals.sum(axis=0).astype(np.float32), CHUNK)
     return np.asarray(np.float32(1.0) / np.sqrt(power))

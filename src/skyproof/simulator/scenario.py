@@ -1,4 +1,4 @@
-"""What a scene is made of, as a person writes it: frozen models that refuse what makes no sense.
+"""Models of a scene as a person writes it: frozen tables that refuse what makes no sense.
 
 Times that end in `_s` count from `start_gpst`, in GPS time; places are geodetic, WGS-84; body axes are forward, right,
 down.
@@ -88,7 +88,7 @@ class Multipath(Model):
     antennas: tuple[Name, ...] | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
-    def _one_of_two(self) -> Self:
+    def _check_delay(self) -> Self:
         if (self.delay_m is None) == (self.height_m is None):
             raise ValueError("give delay_m or height_m, and not both")
         return self
@@ -108,7 +108,7 @@ class SceneImu(Model):
     @model_validator(mode="after")
     def _known(self) -> Self:
         if self.grade is not None:
-            known_name(self.grade, GRADES, "grade")
+            require_known_name(self.grade, GRADES, "grade")
         return self
 
 
@@ -134,13 +134,13 @@ class SceneReceiver(Site):
     @model_validator(mode="after")
     def _known(self) -> Self:
         if self.oscillator is not None:
-            known_name(self.oscillator, OSCILLATORS, "oscillator")
+            require_known_name(self.oscillator, OSCILLATORS, "oscillator")
         names = [antenna.name for antenna in self.antennas]
         if len(set(names)) < len(names):
             raise ValueError(f"two antennas have one name ({', '.join(names)}); give each its own")
         for number, ray in enumerate(self.multipath):
             for name in ray.antennas or ():
-                known_name(name, names, f"multipath[{number}].antennas")
+                require_known_name(name, names, f"multipath[{number}].antennas")
         return self
 
 
@@ -168,7 +168,7 @@ class FrontEnd(Model):
     }
 
     @model_validator(mode="after")
-    def _possible(self) -> Self:
+    def _check_possible(self) -> Self:
         if self.bits not in self.BITS[self.encoding]:
             choice = " or ".join(map(str, self.BITS[self.encoding]))
             raise ValueError(f"encoding {self.encoding!r} has {choice} bits, not {self.bits}")
@@ -212,12 +212,12 @@ class Sky(Model):
     until_s: float | None = None
 
     @model_validator(mode="after")
-    def _one_direction_each(self) -> Self:
+    def _check_directions(self) -> Self:
         known = [direction.sat for direction in self.directions or ()]
         if len(set(known)) < len(known):
             raise ValueError(f"directions: a satellite stands in two places ({', '.join(known)}); give each one")
         for sat in self.sats or () if known else ():
-            known_name(sat, known, "sats")
+            require_known_name(sat, known, "sats")
         return self
 
 
@@ -244,27 +244,28 @@ class Scenario(Model):
     interference: tuple[Interference, ...] = ()
 
     @model_validator(mode="after")
-    def _names_and_times(self) -> Self:
+    def _check_names_and_times(self) -> Self:
         receivers = [receiver.name for receiver in self.receivers]
-        for what, names in (("receivers", receivers), ("attacks", self.attack_names)):
+        for title, names in (("receivers", receivers), ("attacks", self.attack_names)):
             if len(set(names)) < len(names):
-                raise ValueError(f"two {what} have one name ({', '.join(names)}); give each its own")
-        for what, transmitters in (("attacks", self.attacks), ("interference", self.interference)):
+                raise ValueError(f"two {title} have one name ({', '.join(names)}); give each its own")
+        for title, transmitters in (("attacks", self.attacks), ("interference", self.interference)):
             for index, transmitter in enumerate(transmitters):
                 if transmitter.onset_s >= self.end_s:
                     raise ValueError(
-                        f"{what}[{index}].onset_s {transmitter.onset_s:g} is not before the scene's end, {self.end_s:g}"
+                        f"{title}[{index}].onset_s {transmitter.onset_s:g} is not "
+                        f"before the scene's end, {self.end_s:g}"
                     )
         if self.navigation is not None and self.sky.directions is not None:
             raise ValueError("sky.directions and navigation both say where the satellites are; leave one out")
         for index, attack in enumerate(self.attacks):
             if isinstance(attack, Takeover):
-                known_name(attack.target, receivers, f"attacks[{index}].target")
+                require_known_name(attack.target, receivers, f"attacks[{index}].target")
         return self
 
     @property
     def end_s(self) -> float:
-        """When the last receiver stops."""
+        """Return when the last receiver stops."""
         return self.duration_s + max(receiver.start_offset_s for receiver in self.receivers)
 
     @property
@@ -272,7 +273,7 @@ class Scenario(Model):
         return [attack.name or attack.kind for attack in self.attacks]
 
 
-def known_name(name: str, names: Mapping[str, Any] | list[str], what: str) -> None:
+def require_known_name(name: str, names: Mapping[str, Any] | list[str], what: str) -> None:
     """Raise ValueError, with the nearest known name, unless `name` is one of `names`."""
     if name not in names:
         near = get_close_matches(name[:60], list(names), 1, cutoff=0.4)
@@ -281,7 +282,7 @@ def known_name(name: str, names: Mapping[str, Any] | list[str], what: str) -> No
 
 
 def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Scenario:
-    """A scenario from nested tables, as TOML gives them.
+    """Parse a scenario from nested tables, as TOML gives them.
 
     Raises
     ------
@@ -294,7 +295,7 @@ def parse_scenario(table: Mapping[str, Any], *, source: str = "scenario") -> Sce
 
 
 def read_scenario(path: Path) -> Scenario:
-    """The scenario in a TOML file; files that it names are looked for beside it.
+    """Read the scenario in a TOML file; files that it names are looked for beside it.
 
     Raises ScenarioError if it cannot be read or makes no sense.
     """
@@ -302,16 +303,16 @@ def read_scenario(path: Path) -> Scenario:
         table = read_toml(path, "the scenario", "a scenario is TOML: fix that line", "check the name and the folder")
     except InputError as error:
         raise ScenarioError(str(error)) from error
-    return parse_scenario(_beside(table, path.parent), source=str(path))
+    return parse_scenario(_resolve_beside(table, path.parent), source=str(path))
 
 
-def _beside(value: Any, folder: Path) -> Any:
-    """A table whose files are looked for in a folder: the navigation file, and ways that are recorded."""
+def _resolve_beside(value: Any, folder: Path) -> Any:
+    """Resolve files in a table against a folder: the navigation file, and recorded ways."""
     if isinstance(value, list):
-        return [_beside(one, folder) for one in value]
+        return [_resolve_beside(member, folder) for member in value]
     if not isinstance(value, dict):
         return value
-    table = {key: _beside(one, folder) for key, one in value.items()}
+    table = {key: _resolve_beside(member, folder) for key, member in value.items()}
     for key in ("navigation", "path") if table.get("kind", "file") == "file" else ():
         if isinstance(table.get(key), str):
             table[key] = str(folder / table[key])

@@ -1,4 +1,4 @@
-"""Places and ways as a person writes them."""
+"""Models of places and ways as a person writes them."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -21,8 +21,8 @@ __all__ = [
     "ScenePlace",
     "Site",
     "WayPoints",
-    "between",
-    "rising",
+    "interpolate_points",
+    "require_rising",
 ]
 
 CORNER_S = 2.0
@@ -30,24 +30,26 @@ LOWEST_M, HIGHEST_M = -500.0, 20_000.0
 """Places outside are taken for mistakes: no receiver is under the ground, and the standard atmosphere ends."""
 
 
-def _sat(value: Any) -> str:
+def _check_sat(value: Any) -> str:
     if value not in GPS_SATS:
         raise ValueError(f"{value!r} is not a GPS satellite; write G01 to G32")
     return str(value)
 
 
-SatName = Annotated[str, PlainValidator(_sat)]
+SatName = Annotated[str, PlainValidator(_check_sat)]
 
 
-def rising(times_s: Sequence[float], what: str) -> None:
+def require_rising(times_s: Sequence[float], what: str) -> None:
     """Raise ValueError unless the times rise."""
-    for number, (one, next_one) in enumerate(pairwise(times_s)):
-        if next_one <= one:
-            raise ValueError(f"{what}[{number + 1}] is at {next_one:g} s, not after {one:g} s; give times that rise")
+    for number, (time_s, next_s) in enumerate(pairwise(times_s)):
+        if next_s <= time_s:
+            raise ValueError(f"{what}[{number + 1}] is at {next_s:g} s, not after {time_s:g} s; give times that rise")
 
 
-def between(points: Sequence[Sequence[float]], at_s: ArrayLike, columns: int, corner_s: float = CORNER_S) -> Reals:
-    """Rows of (time, values...) at other times (n,): (n, columns); held beyond the ends.
+def interpolate_points(
+    points: Sequence[Sequence[float]], at_s: ArrayLike, columns: int, corner_s: float = CORNER_S
+) -> Reals:
+    """Interpolate rows of (time, values...) at other times (n,): (n, columns); held beyond the ends.
 
     Straight lines whose corners are rounded over `corner_s`, the mean over which is taken: rates are continuous, as
     those of any body and oscillator are, and a push of so many metres a second is one. Without `corner_s` they are
@@ -59,12 +61,12 @@ def between(points: Sequence[Sequence[float]], at_s: ArrayLike, columns: int, co
     rows = np.array(points, np.float64)
     if corner_s == 0.0:
         return np.stack([np.interp(at_s, rows[:, 0], values) for values in rows[:, 1:].T], axis=-1)
-    early, late = (_summed(rows, at_s + side * 0.5 * corner_s) for side in (-1.0, 1.0))
+    early, late = (_integrate_lines(rows, at_s + side * 0.5 * corner_s) for side in (-1.0, 1.0))
     return np.asarray((late - early) / corner_s)
 
 
-def _summed(rows: Reals, at_s: Reals) -> Reals:
-    """The integral over time, from the first row on, of straight lines between rows that are held beyond the ends."""
+def _integrate_lines(rows: Reals, at_s: Reals) -> Reals:
+    """Integrate over time, from the first row on, straight lines between rows, held beyond the ends."""
     times_s, values = rows[:, 0], rows[:, 1:]
     sums = np.zeros(values.shape)
     sums[1:] = np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(times_s)[:, np.newaxis], axis=0)
@@ -164,8 +166,8 @@ class Site(ScenePlace):
         return value
 
     @model_validator(mode="after")
-    def _attitude_of_what_moves(self) -> Self:
-        given = [name for name in ("heading_deg", "pitch_deg", "roll_deg") if getattr(self, name) != 0.0]
-        if self.path is not None and given:
-            raise ValueError(f"{given[0]} is for what stands still: on a path the attitude follows from the motion")
+    def _check_attitude(self) -> Self:
+        stated = [name for name in ("heading_deg", "pitch_deg", "roll_deg") if getattr(self, name) != 0.0]
+        if self.path is not None and stated:
+            raise ValueError(f"{stated[0]} is for what stands still: on a path the attitude follows from the motion")
         return self

@@ -1,4 +1,4 @@
-"""From a scenario to what each antenna receives."""
+"""Work out what each antenna receives in a scenario."""
 
 from collections.abc import Iterator, Sequence
 
@@ -14,11 +14,11 @@ from skyproof.gnss.signals import GPS_L1_CA, GPS_SATS
 from skyproof.gnss.time import format_iso
 from skyproof.records import SignalId
 from skyproof.simulator.attacks import Meaconer, Takeover
-from skyproof.simulator.clocks import Clock, clock
+from skyproof.simulator.clocks import Clock, make_clock
 from skyproof.simulator.motion import Motion, Trajectory
-from skyproof.simulator.platforms import Point, antenna_point, motion_within, require_span, trajectory_of
-from skyproof.simulator.ranges import orbits_between
-from skyproof.simulator.received import AddedNoise, Jammer, Ray, ReceivedSignal, ReceiverSky, Scene, ephemeris_of
+from skyproof.simulator.platforms import Point, compute_motion, make_antenna_point, make_trajectory, require_span
+from skyproof.simulator.ranges import fit_orbits
+from skyproof.simulator.received import AddedNoise, Jammer, Ray, ReceivedSignal, ReceiverSky, Scene, select_ephemeris
 from skyproof.simulator.scenario import Antenna, Multipath, Scenario, SceneReceiver
 from skyproof.simulator.sites import Site
 from skyproof.simulator.transmitters import (
@@ -26,29 +26,29 @@ from skyproof.simulator.transmitters import (
     Attacker,
     Group,
     Radio,
-    added_noise,
-    false_signals,
-    interference_at,
-    led_away,
+    compute_added_noise,
+    compute_interference,
+    lead_away,
+    make_false_signals,
 )
-from skyproof.simulator.view import KNOT_S, View, patch_db, when_above
+from skyproof.simulator.view import KNOT_S, View, compute_patch_db, find_when_above
 
-__all__ = ["scene_of"]
+__all__ = ["make_scene"]
 
 _MARGIN_S = 4.0
 
 
-def scene_of(scenario: Scenario, navigation: NavigationData, *, sats: Sequence[str] = GPS_SATS) -> Scene:
-    """Work out who receives what.
+def make_scene(scenario: Scenario, navigation: NavigationData, *, sats: Sequence[str] = GPS_SATS) -> Scene:
+    """Work out which antenna receives which signals.
 
     sats : that there are. Those of other systems than GPS are for measurements only (`kinds`): nothing renders their
     codes.
 
     Raises
     ------
-    ScenarioError : no satellite is in view, the navigation data are of another time, an attack imitates a satellite
-        that cannot be seen from the place it shows, a path does not cover the scene or leads underground, or a
-        receiver comes too near to a transmit antenna.
+    ScenarioError : no satellite is in view, or the navigation data belong to another time; an attack imitates a
+    satellite that cannot be seen from the place it shows; a path does not cover the scene or leads underground; a
+    receiver comes too near to a transmit antenna.
     """
     world = _World(scenario, navigation, sats)
     antennas = [(index, antenna) for index, receiver in enumerate(scenario.receivers) for antenna in receiver.antennas]
@@ -73,7 +73,7 @@ class _World:
 
     def __init__(self, scenario: Scenario, navigation: NavigationData, sats: Sequence[str]) -> None:
         self.scenario, self.navigation = scenario, navigation
-        ephemerides = [eph for sat in sats if (eph := ephemeris_of(navigation, sat, scenario)) is not None]
+        ephemerides = [eph for sat in sats if (eph := select_ephemeris(navigation, sat, scenario)) is not None]
         if not ephemerides:
             raise ScenarioError(
                 f"start_gpst: {navigation.source or 'the navigation data'} has no healthy satellite for "
@@ -82,34 +82,36 @@ class _World:
         starts_s = [receiver.start_offset_s for receiver in scenario.receivers]
         first_s, last_s = min(starts_s) - _MARGIN_S, max(starts_s) + scenario.duration_s + _MARGIN_S
         self.knots_s: Reals = first_s + KNOT_S * np.arange(int(np.ceil((last_s - first_s) / KNOT_S)) + 1.0)
-        self.orbits = orbits_between(ephemerides, scenario.start_gpst, first_s - 2.0, float(self.knots_s[-1]) + 2.0)
+        self.orbits = fit_orbits(ephemerides, scenario.start_gpst, first_s - 2.0, float(self.knots_s[-1]) + 2.0)
         self.trajectories = [
-            self._trajectory(receiver, f"receivers[{index}]", receiver.start_offset_s)
+            self._make_trajectory(receiver, f"receivers[{index}]", receiver.start_offset_s)
             for index, receiver in enumerate(scenario.receivers)
         ]
-        self.clocks = [self._clock(index) for index in range(len(scenario.receivers))]
-        self.first = self._first_antenna(0)  # powers are stated for it
-        self.cn0_dbhz = scipy.interpolate.CubicSpline(self.knots_s, self._level_dbhz(self._view(self.first).el_rad))
-        self.attackers = [self._attacker(number) for number in range(len(scenario.attacks))]
+        self.clocks = [self._make_clock(index) for index in range(len(scenario.receivers))]
+        self.first = self._find_first_antenna(0)  # powers are stated for it
+        self.cn0_dbhz = scipy.interpolate.CubicSpline(
+            self.knots_s, self._compute_level_dbhz(self._make_view(self.first).el_rad)
+        )
+        self.attackers = [self._make_attacker(number) for number in range(len(scenario.attacks))]
 
-    def _trajectory(self, site: Site, where: str, from_s: float = 0.0) -> Trajectory:
-        trajectory = trajectory_of(site, where)
+    def _make_trajectory(self, site: Site, where: str, from_s: float = 0.0) -> Trajectory:
+        trajectory = make_trajectory(site, where)
         require_span(trajectory, from_s, from_s + self.scenario.duration_s, where)
         return trajectory
 
-    def _first_antenna(self, receiver: int) -> Point:
-        """Where the first of a receiver's is or, if it is on an arm, what it turns about: no transmitter knows more."""
+    def _find_first_antenna(self, receiver: int) -> Point:
+        """Return a receiver's first antenna or, if it is on an arm, its centre: no transmitter knows more."""
         antenna = self.scenario.receivers[receiver].antennas[0].model_copy(update={"spin": None})
-        return antenna_point(self.trajectories[receiver], antenna)
+        return make_antenna_point(self.trajectories[receiver], antenna)
 
-    def _view(self, point: Point) -> View:
+    def _make_view(self, point: Point) -> View:
         return View(point, self.orbits, self.knots_s, self.scenario, self.navigation.ionosphere)
 
-    def _clock(self, index: int) -> Clock | None:
+    def _make_clock(self, index: int) -> Clock | None:
         receiver = self.scenario.receivers[index]
         if receiver.oscillator is None:
             return None
-        return clock(
+        return make_clock(
             receiver.oscillator,
             drift=receiver.lo_ppm * 1e-6,
             seed=self.scenario.seed,
@@ -117,25 +119,25 @@ class _World:
             duration_s=self.scenario.duration_s + _MARGIN_S,
         )
 
-    def _attacker(self, number: int) -> Attacker:
+    def _make_attacker(self, number: int) -> Attacker:
         scenario, attack = self.scenario, self.scenario.attacks[number]
         where = f"attacks[{number}]"
         keys = ["transmit", *(f"antennas[{place}]" for place in range(len(attack.antennas)))]
         radios = tuple(
-            Radio(self._trajectory(site, f"{where}.{key}"), self.first, attack.onset_s)
+            Radio(self._make_trajectory(site, f"{where}.{key}"), self.first, attack.onset_s)
             for key, site in zip(keys, (attack.transmit, *attack.antennas), strict=True)
         )
         target = true = None
         if isinstance(attack, Takeover):
-            target = self._first_antenna([receiver.name for receiver in scenario.receivers].index(attack.target))
-            true = self._view(target)
-            shown = led_away(target, attack)
+            target = self._find_first_antenna([receiver.name for receiver in scenario.receivers].index(attack.target))
+            true = self._make_view(target)
+            shown = lead_away(target, attack)
         else:
             key = "receive" if isinstance(attack, Meaconer) else "shows"
-            trajectory = self._trajectory(attack.shows, f"{where}.{key}")
+            trajectory = self._make_trajectory(attack.shows, f"{where}.{key}")
 
             def shown(at_s: Reals) -> Motion:
-                return motion_within(trajectory, at_s)
+                return compute_motion(trajectory, at_s)
 
         return Attacker(
             number=number,
@@ -143,25 +145,27 @@ class _World:
             seed=scenario.seed,
             attack=attack,
             radios=radios,
-            view=self._view(shown),
+            view=self._make_view(shown),
             target=target,
             true=true,
         )
 
-    def _level_dbhz(self, el_rad: Reals) -> Reals:
+    def _compute_level_dbhz(self, el_rad: Reals) -> Reals:
         sky = self.scenario.sky
         span_db = sky.zenith_cn0_dbhz - sky.horizon_cn0_dbhz
         return np.asarray(sky.horizon_cn0_dbhz + span_db * np.maximum(np.sin(el_rad), 0.0))
 
     def sky(self, index: int, antenna: Antenna, number: int) -> ReceiverSky:
-        """What one antenna receives; `number` counts antennas over all receivers."""
+        """Compute what one antenna receives; `number` counts antennas over all receivers."""
         scenario, receiver = self.scenario, self.scenario.receivers[index]
-        point = antenna_point(self.trajectories[index], antenna)
-        groups = [self._true_signals(self._view(point), antenna)]
+        point = make_antenna_point(self.trajectories[index], antenna)
+        groups = [self._list_true_signals(self._make_view(point), antenna)]
         for attacker in self.attackers:
             self._require_distance(attacker, receiver, point)
             groups.append(
-                false_signals(attacker, point, antenna, self.cn0_dbhz, knots_s=self.knots_s, mask_deg=scenario.mask_deg)
+                make_false_signals(
+                    attacker, point, antenna, self.cn0_dbhz, knots_s=self.knots_s, mask_deg=scenario.mask_deg
+                )
             )
         received = [signal for group in groups for signal in group.received]
         if not received:
@@ -185,7 +189,7 @@ class _World:
             return level_dbhz[:, order].reshape(*at_s.shape, len(order))
 
         el_rad = np.concatenate([group.el_rad for group in groups], axis=1)[:, order]
-        others = list(self._others(point))
+        disturbers = list(self._iterate_disturbers(point))
         return ReceiverSky(
             receiver=receiver,
             antenna=antenna,
@@ -199,23 +203,23 @@ class _World:
             az_rad=np.concatenate([group.az_rad for group in groups], axis=1)[:, order],
             el_rad=el_rad,
             clock=self.clocks[index],
-            rays=tuple(self._rays(receiver, antenna, signals, el_rad)),
-            noises=tuple(other for other in others if isinstance(other, AddedNoise)),
-            jammers=tuple(other for other in others if isinstance(other, Jammer)),
+            rays=tuple(self._iterate_rays(receiver, antenna, signals, el_rad)),
+            noises=tuple(other for other in disturbers if isinstance(other, AddedNoise)),
+            jammers=tuple(other for other in disturbers if isinstance(other, Jammer)),
         )
 
-    def _true_signals(self, view: View, antenna: Antenna) -> Group:
+    def _list_true_signals(self, view: View, antenna: Antenna) -> Group:
         sats = self.orbits.sats
         wanted = sats if self.scenario.sky.sats is None else self.scenario.sky.sats
         until_s = np.inf if self.scenario.sky.until_s is None else self.scenario.sky.until_s
-        above = [when_above(el_rad, self.knots_s, self.scenario.mask_deg) for el_rad in view.el_rad.T]
+        above = [find_when_above(el_rad, self.knots_s, self.scenario.mask_deg) for el_rad in view.el_rad.T]
         kept = [
             (col, (window[0], min(window[1], until_s)))
             for col, window in enumerate(above)
             if window is not None and window[0] < until_s and sats[col] in wanted
         ]
         columns = np.array([column for column, _ in kept], np.int64)
-        level_dbhz = scipy.interpolate.CubicSpline(self.knots_s, self._level_dbhz(view.el_rad[:, columns]))
+        level_dbhz = scipy.interpolate.CubicSpline(self.knots_s, self._compute_level_dbhz(view.el_rad[:, columns]))
 
         def delays_s(true_s: Reals, here: Motion) -> tuple[Reals, Reals]:
             return view.delays_from_s(true_s, here, columns)
@@ -223,8 +227,8 @@ class _World:
         def cn0_dbhz(true_s: Reals, here: Motion) -> Reals:
             if antenna.gain == "isotropic":
                 return np.asarray(level_dbhz(true_s))
-            toward = self.orbits.seen(true_s, here.position_ecef_m, columns).toward
-            return np.asarray(level_dbhz(true_s) + patch_db(toward, here.position_ecef_m, here.attitude))
+            toward = self.orbits.compute_sight(true_s, here.position_ecef_m, columns).toward
+            return np.asarray(level_dbhz(true_s) + compute_patch_db(toward, here.position_ecef_m, here.attitude))
 
         return Group(
             received=tuple(
@@ -238,25 +242,25 @@ class _World:
 
     def _require_distance(self, attacker: Attacker, receiver: SceneReceiver, point: Point) -> None:
         at_s = receiver.start_offset_s + np.linspace(0.0, self.scenario.duration_s, 100)
-        here = point(at_s)
-        nearest_m = SPEED_OF_LIGHT_M_S * min(float(radio.flight_s(at_s, here).min()) for radio in attacker.radios)
+        motion = point(at_s)
+        nearest_m = SPEED_OF_LIGHT_M_S * min(float(radio.flight_s(at_s, motion).min()) for radio in attacker.radios)
         if nearest_m < NEAREST_M:
             raise ScenarioError(
                 f"attacks[{attacker.number}].transmit: {nearest_m:.2f} m from receiver {receiver.name}, expected at "
                 f"least {NEAREST_M:g} m; move one of them"
             )
 
-    def _others(self, point: Point) -> Iterator[AddedNoise | Jammer]:
-        """What is no signal."""
+    def _iterate_disturbers(self, point: Point) -> Iterator[AddedNoise | Jammer]:
+        """Iterate over noise and interference."""
         for attacker in self.attackers:
-            noise = added_noise(attacker, point)
+            noise = compute_added_noise(attacker, point)
             if noise is not None:
                 yield noise
         for number, source in enumerate(self.scenario.interference):
-            trajectory = self._trajectory(source.transmit, f"interference[{number}].transmit")
-            yield interference_at(source, Radio(trajectory, self.first, source.onset_s), point)
+            trajectory = self._make_trajectory(source.transmit, f"interference[{number}].transmit")
+            yield compute_interference(source, Radio(trajectory, self.first, source.onset_s), point)
 
-    def _rays(
+    def _iterate_rays(
         self, receiver: SceneReceiver, antenna: Antenna, signals: tuple[ReceivedSignal, ...], el_rad: Reals
     ) -> Iterator[Ray]:
         for reflection in receiver.multipath:
@@ -264,9 +268,9 @@ class _World:
                 continue
             for column, received in enumerate(signals):
                 if received.label == "authentic" and received.id.sat in (reflection.sats or (received.id.sat,)):
-                    yield self._ray(reflection, column, el_rad[:, column])
+                    yield self._make_ray(reflection, column, el_rad[:, column])
 
-    def _ray(self, reflection: Multipath, column: int, el_rad: Reals) -> Ray:
+    def _make_ray(self, reflection: Multipath, column: int, el_rad: Reals) -> Ray:
         if reflection.height_m is not None:
             longer_m = 2.0 * reflection.height_m * np.maximum(np.sin(el_rad), 0.0)
         else:

@@ -1,4 +1,4 @@
-"""How steady generated clocks and inertial units are, against what their class and grade promise."""
+"""Measure how steady generated clocks and inertial units are, against their class and grade."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,16 +12,16 @@ from skyproof.arrays import Reals
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.records import freeze
-from skyproof.simulator.clocks import STEP_S, clock
+from skyproof.simulator.clocks import STEP_S, make_clock
 from skyproof.simulator.inertial import (
     BLOCK,
     ImuErrors,
-    accelerometer_allan_deviation_m_s2,
-    gyro_allan_deviation_rad_s,
+    compute_accelerometer_allan_m_s2,
+    compute_gyro_allan_rad_s,
 )
 from skyproof.statistics.allan import allan_deviation
 
-__all__ = ["Stability", "clock_stability", "imu_stability"]
+__all__ = ["Stability", "measure_clock_stability", "measure_imu_stability"]
 
 IMU_HZ: Final = 10.0
 IMU_S: Final = 6000.0
@@ -52,8 +52,11 @@ class Stability:
         freeze(self, {name: ("tau",) for name in ("tau_s", "deviation", "lower", "upper", "theory")})
 
 
-def imu_stability(*, seed: int = 0) -> list[Stability]:
-    """Of accelerometers and gyros of the two grades of the paper's table: a turn-on bias does not show here."""
+def measure_imu_stability(*, seed: int = 0) -> list[Stability]:
+    """Measure accelerometers and gyros of the two grades of the paper's table.
+
+    A turn-on bias does not show here.
+    """
     found = []
     n_blocks = int(np.ceil(IMU_S * IMU_HZ / BLOCK))
     for number, name in enumerate(("navigation", "tactical")):
@@ -62,32 +65,34 @@ def imu_stability(*, seed: int = 0) -> list[Stability]:
         drawn = np.stack([np.concatenate([unit.drawn(block) for block in range(n_blocks)]) for unit in units])
         phase = np.cumsum(np.moveaxis(drawn, 1, 2), axis=-1) / IMU_HZ
         theories = (
-            ("accelerometer", "m/s²", partial(accelerometer_allan_deviation_m_s2, grade)),
-            ("gyro", "rad/s", partial(gyro_allan_deviation_rad_s, grade)),
+            ("accelerometer", "m/s²", partial(compute_accelerometer_allan_m_s2, grade)),
+            ("gyro", "rad/s", partial(compute_gyro_allan_rad_s, grade)),
         )
-        for first, (what, unit, theory) in zip((0, 3), theories, strict=True):
+        for first, (quantity, unit, theory) in zip((0, 3), theories, strict=True):
             runs = phase[:, first : first + 3].reshape(3 * IMU_UNITS, -1)
-            found.append(_stability(name, what, unit, runs, 1.0 / IMU_HZ, theory))
+            found.append(_measure_stability(name, quantity, unit, runs, 1.0 / IMU_HZ, theory))
     return found
 
 
-def clock_stability(*, seed: int = 0) -> list[Stability]:
-    """Of every class of oscillator that has noise."""
+def measure_clock_stability(*, seed: int = 0) -> list[Stability]:
+    """Measure every class of oscillator that has noise."""
     interval_s = CLOCK_EVERY * STEP_S
     at_s = np.arange(0.0, CLOCK_S, interval_s)
     noisy = {name: o for name, o in OSCILLATORS.items() if max(o.white_s, o.flicker, o.walk_hz) > 0.0}
     found = []
     for number, (name, oscillator) in enumerate(noisy.items()):
         streams = range(CLOCK_RUNS * number, CLOCK_RUNS * (number + 1))
-        runs = [clock(oscillator, seed=seed, stream=s, duration_s=CLOCK_S).offset_s(at_s) for s in streams]
-        found.append(_stability(name, "oscillator", "s/s", np.stack(runs), interval_s, oscillator.allan_deviation))
+        runs = [make_clock(oscillator, seed=seed, stream=s, duration_s=CLOCK_S).offset_s(at_s) for s in streams]
+        found.append(
+            _measure_stability(name, "oscillator", "s/s", np.stack(runs), interval_s, oscillator.allan_deviation)
+        )
     return found
 
 
-def _stability(
+def _measure_stability(
     name: str, what: str, unit: str, phase: Reals, interval_s: float, theory: Callable[[Reals], Reals]
 ) -> Stability:
-    """Of runs (n_runs, n) of a phase; averaging times to a tenth of their length, about three a factor of ten."""
+    """Measure runs (n_runs, n) of a phase; averaging times to a tenth of their length, three a factor of ten."""
     longest = phase.shape[-1] / 10.0
     steps = np.geomspace(1.0, longest, int(3.0 * np.log10(longest)) + 1)
     got = allan_deviation(phase, interval_s, sorted({int(step) for step in steps}))

@@ -1,4 +1,4 @@
-"""What the channels of a receiver are aligned to: signals exactly, or any delays."""
+"""Align the channels of a receiver: to signals exactly, or to any delays."""
 
 from dataclasses import dataclass, replace
 
@@ -7,9 +7,9 @@ from numpy.typing import ArrayLike
 
 from skyproof.arrays import Integers, Reals
 from skyproof.records import SignalId
-from skyproof.simulator.received import Delay, Scene, row_of
+from skyproof.simulator.received import Delay, Scene, find_rows
 
-__all__ = ["Tracked", "aligned"]
+__all__ = ["Tracked", "align_channels"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -25,9 +25,10 @@ class Tracked:
     symbols: Integers
     columns: Integers
 
-    def moved(self, *, code_s: ArrayLike = 0.0, doppler_hz: ArrayLike = 0.0, carrier_hz: float) -> "Tracked":
-        """The same with replicas later by `code_s` and higher by `doppler_hz`, (n_channels,) or one for all; the
-        carrier turns from the scene's start.
+    def move(self, *, code_s: ArrayLike = 0.0, doppler_hz: ArrayLike = 0.0, carrier_hz: float) -> "Tracked":
+        """Move replicas later by `code_s` and higher by `doppler_hz`, (n_channels,) or one for all.
+
+        The carrier turns from the scene's start.
         """
         late_s, fast = np.asarray(code_s, np.float64), np.asarray(doppler_hz, np.float64) / carrier_hz
 
@@ -38,10 +39,10 @@ class Tracked:
         return replace(self, delays_s=delays_s)
 
 
-def aligned(scene: Scene, index: int, columns: ArrayLike | None = None) -> Tracked:
-    """One channel on each of the signals in `columns` of antenna number `index`, exactly; on all if absent.
+def align_channels(scene: Scene, index: int, columns: ArrayLike | None = None) -> Tracked:
+    """Align one channel to each signal in `columns` of antenna number `index`, exactly; to all if absent.
 
-    A column may be named several times: with `moved`, several hypotheses of one signal.
+    A column may be named several times: with `move`, several hypotheses of one signal.
     """
     sky = scene.skies[index]
     chosen = np.arange(len(sky.signals)) if columns is None else np.asarray(columns, np.int64)
@@ -54,5 +55,5 @@ def aligned(scene: Scene, index: int, columns: ArrayLike | None = None) -> Track
         signals=tuple(sky.signals[column].id for column in chosen),
         delays_s=delays_s,
         columns=chosen,
-        symbols=row_of(scene.messages, sky.signals)[chosen],
+        symbols=find_rows(scene.messages, sky.signals)[chosen],
     )

@@ -16,23 +16,23 @@ from skyproof.errors import ScenarioError
 from skyproof.formats.track import RecordedTrack
 from skyproof.gnss.constants import FOOT_M
 from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, heading_pitch_roll_rad
-from skyproof.simulator.motion import AlongMotion, Held, Motion, Trajectory, axes_of, moments, motion_of
-from skyproof.simulator.paths import Pace, TimedPath, circle_around, frame_at, path_through, turnable
+from skyproof.simulator.motion import AlongMotion, Held, Motion, Trajectory, assemble_motion, check_times, compute_axes
+from skyproof.simulator.paths import Pace, TimedPath, lay_circle, lay_path, make_frame, require_turnable
 
 __all__ = [
     "Drifting",
     "Sampled",
     "Static",
     "Travel",
-    "circle",
-    "drifting",
+    "add_drift",
     "ecef_from_enu",
     "from_samples",
     "from_track",
-    "las_vegas",
-    "las_vegas_false",
-    "static",
-    "way_points",
+    "make_circle",
+    "make_las_vegas",
+    "make_las_vegas_false",
+    "make_static",
+    "make_way_points",
 ]
 
 _STEEPEST_LEG_RAD: Final = float(np.radians(80.0))
@@ -53,7 +53,7 @@ class Static:
         return _FOREVER
 
     def at(self, t_s: ArrayLike) -> Motion:
-        n = moments(t_s).size
+        n = check_times(t_s).size
         none = np.zeros((n, 3))
         return Motion(
             position_ecef_m=np.broadcast_to(self.position_ecef_m, (n, 3)),
@@ -77,9 +77,9 @@ class Travel:
         return _FOREVER
 
     def at(self, t_s: ArrayLike) -> Motion:
-        course = self.curve.at(moments(t_s))
+        course = self.curve.at(check_times(t_s))
         place = course.place_ecef_m
-        return motion_of(place, axes_of(place, course.direction, self.attitude, self.curve.middle_ecef_m))
+        return assemble_motion(place, compute_axes(place, course.direction, self.attitude, self.curve.middle_ecef_m))
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class Sampled:
     attitudes: "scipy.spatial.transform.RotationSpline"
 
     def at(self, t_s: ArrayLike) -> Motion:
-        t_s = moments(t_s)
+        t_s = check_times(t_s)
         held_s = np.clip(t_s, *self.span_s)
         inside = (t_s == held_s)[:, np.newaxis]
         velocity_m_s = self.place_m(held_s, 1)
@@ -123,7 +123,7 @@ class Drifting:
 
     def at(self, t_s: ArrayLike) -> Motion:
         true = self.of.at(t_s)
-        value, rate, half = self.share.at(moments(t_s))[:3, :, np.newaxis] * self.offset_ecef_m
+        value, rate, half = self.share.at(check_times(t_s))[:3, :, np.newaxis] * self.offset_ecef_m
         return replace(
             true,
             position_ecef_m=true.position_ecef_m + value,
@@ -132,15 +132,15 @@ class Drifting:
         )
 
 
-def static(
+def make_static(
     position_ecef_m: ArrayLike, *, heading_rad: float = 0.0, pitch_rad: float = 0.0, roll_rad: float = 0.0
 ) -> Static:
-    """A body that stands still at a place (3,)."""
+    """Make a body that stands still at a place (3,)."""
     place = _place("position_ecef_m", position_ecef_m)
     return Static(place, attitude_ecef(place, heading_rad, pitch_rad, roll_rad))
 
 
-def way_points(
+def make_way_points(
     points_ecef_m: ArrayLike,
     speed_m_s: float,
     *,
@@ -154,7 +154,7 @@ def way_points(
     level: bool = True,
     attitude: Held | AlongMotion | None = None,
 ) -> Travel:
-    """A way along points (n, 3) at one speed, on straight legs with smooth turns that cut the corners.
+    """Make a way along points (n, 3) at one speed, on straight legs with smooth turns that cut corners.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def way_points(
     Raises
     ------
     ScenarioError : speed or acceleration zero, radius too small for the speed, turns that do not fit, a leg too steep
-        for an attitude along the motion, and what `path_through` raises.
+        for an attitude along the motion, and what `lay_path` raises.
     """
     attitude = attitude if attitude is not None else AlongMotion()
     for name, value in (
@@ -182,9 +182,9 @@ def way_points(
         if not (np.isfinite(value) and value > 0.0):
             raise ScenarioError(f"{name} {value:g}: expected a number above zero; give one")
     radius_m = radius_m if radius_m is not None else speed_m_s**2 / lateral_m_s2
-    turnable(radius_m, speed_m_s)
+    require_turnable(radius_m, speed_m_s)
     points = np.asarray(points_ecef_m, np.float64)
-    way = path_through(
+    way = lay_path(
         points,
         speed_m_s,
         radius_m=radius_m,
@@ -205,7 +205,7 @@ def way_points(
     return Travel(way, attitude)
 
 
-def circle(
+def make_circle(
     centre_ecef_m: ArrayLike,
     radius_m: float,
     speed_m_s: float,
@@ -214,18 +214,20 @@ def circle(
     start_rad: float = 0.0,
     attitude: Held | AlongMotion | None = None,
 ) -> Travel:
-    """A horizontal circle; `start_rad` is the azimuth from its centre at time 0. For all times, never at rest.
+    """Make a horizontal circle; `start_rad` is the azimuth from its centre at time 0.
+
+    For all times, never at rest.
 
     Raises ScenarioError if radius or speed is not above zero, or the radius too small for the speed.
     """
-    curve = circle_around(
+    curve = lay_circle(
         _place("centre_ecef_m", centre_ecef_m), radius_m, speed_m_s, clockwise=clockwise, start_rad=start_rad
     )
     return Travel(curve, attitude if attitude is not None else AlongMotion())
 
 
-def las_vegas(*, attitude: Held | AlongMotion | None = None) -> Travel:
-    """The approach to runway 1R of Las Vegas, over 233 s from KIBSE.
+def make_las_vegas(*, attitude: Held | AlongMotion | None = None) -> Travel:
+    """Make the approach to runway 1R of Las Vegas, over 233 s from KIBSE.
 
     The paper on decomposing the correlation function gives the fix (35.939 N, 115.2447 W, 5100 ft), the threshold
     (36.075463 N, 115.166788 W, 2230 ft), a straight line between them at a constant 140 knots, and 233 s. Our choices:
@@ -236,22 +238,26 @@ def las_vegas(*, attitude: Held | AlongMotion | None = None) -> Travel:
     ends = np.array([[35.939, -115.2447], [36.075463, -115.166788]])
     lat_rad, lon_rad = np.radians(ends.T)
     points = ecef_from_geodetic(lat_rad, lon_rad, np.array([5100.0, 2230.0]) * FOOT_M)
-    return way_points(points, 140.0 * _KNOT_M_S, from_rest=False, to_rest=False, level=False, attitude=attitude)
+    return make_way_points(points, 140.0 * _KNOT_M_S, from_rest=False, to_rest=False, level=False, attitude=attitude)
 
 
-def las_vegas_false(*, attitude: Held | AlongMotion | None = None) -> Drifting:
-    """What the paper's spoofer shows: from 90 s on 1 m/s away up-east, 70.7 m east and 70.7 m up from 190 s on.
+def make_las_vegas_false(*, attitude: Held | AlongMotion | None = None) -> Drifting:
+    """Make what the paper's spoofer shows: from 90 s on 1 m/s away up-east, constant from 190 s on.
+
+    The offset is then 70.7 m east and 70.7 m up.
 
     The offset begins and ends over 2 s around these moments, not at once; its axes are those of the fix.
     """
-    true = las_vegas(attitude=attitude)
-    return drifting(true, 100.0 * np.sqrt(0.5) * np.array([1.0, 0.0, 1.0]), 90.0, 190.0)
+    true = make_las_vegas(attitude=attitude)
+    return add_drift(true, 100.0 * np.sqrt(0.5) * np.array([1.0, 0.0, 1.0]), 90.0, 190.0)
 
 
-def drifting(
+def add_drift(
     of: Trajectory, offset_enu_m: ArrayLike, begin_s: float, end_s: float, *, blend_s: float = 2.0
 ) -> Drifting:
-    """A trajectory with an offset (3,) that grows evenly from one time to another, in axes of the place at `begin_s`.
+    """Add an offset (3,) to a trajectory that grows evenly between two times.
+
+    Its axes are those of the place at `begin_s`.
 
     blend_s : over which the rate of growth comes and goes, around both times. Raises ScenarioError if it is not above
         zero or does not fit between them.
@@ -276,7 +282,7 @@ def from_samples(
     knot_s: float | None = None,
     slow_m_s: float = 0.5,
 ) -> Sampled:
-    """A smooth curve through places (n, 3) at rising times (n,).
+    """Make a smooth curve through places (n, 3) at rising times (n,).
 
     Places are joined by a spline of degree 5 (of degree n - 1 if there are fewer than six), attitudes by one of degree
     3 whose angular acceleration is continuous.
@@ -294,9 +300,9 @@ def from_samples(
     ScenarioError : fewer than two samples, times that do not rise, numbers that are none, shapes that do not fit, or
         knots closer than the samples.
     """
-    t_s, places = _samples(t_s, position_ecef_m)
+    t_s, places = _check_samples(t_s, position_ecef_m)
     origin_ecef_m = places[len(places) // 2]
-    place_m = _spline(t_s, places - origin_ecef_m, knot_s)
+    place_m = _fit_spline(t_s, places - origin_ecef_m, knot_s)
     if isinstance(attitude, np.ndarray):
         rotations = np.asarray(attitude, np.float64)
         if rotations.shape != (t_s.size, 3, 3):
@@ -304,7 +310,7 @@ def from_samples(
     elif isinstance(attitude, Held):
         rotations = attitude_ecef(places, attitude.heading_rad, attitude.pitch_rad, attitude.roll_rad)
     else:
-        rotations = _attitude_along(
+        rotations = _compute_attitude_along(
             t_s, origin_ecef_m + place_m(t_s), place_m(t_s, 1), place_m(t_s, 2), attitude or AlongMotion(), slow_m_s
         )
     transform = scipy.spatial.transform
@@ -321,7 +327,7 @@ def from_track(
     knot_s: float | None = None,
     slow_m_s: float = 0.5,
 ) -> Sampled:
-    """The motion of a file's points, the first of which is reached at `start_s`.
+    """Make the motion of a file's points; the first is reached at `start_s`.
 
     speed_m_s : needed if the file has no times, refused if it has; kept on the straight lines between the points.
     attitude : in place of the file's, or of `AlongMotion()` if it has none. `knot_s`, `slow_m_s`: see `from_samples`.
@@ -339,8 +345,8 @@ def from_track(
 
 
 def ecef_from_enu(enu_m: ArrayLike, origin_ecef_m: ArrayLike) -> Reals:
-    """Places (..., 3) given as east, north, up from an origin (3,)."""
-    frame = frame_at(_place("origin_ecef_m", origin_ecef_m))
+    """Convert places (..., 3) given as east, north, up from an origin (3,) to ECEF."""
+    frame = make_frame(_place("origin_ecef_m", origin_ecef_m))
     return np.asarray(frame.origin_ecef_m + np.asarray(enu_m, np.float64) @ frame.rot_enu_ecef)
 
 
@@ -351,7 +357,7 @@ def _place(name: str, value: ArrayLike) -> Reals:
     return place
 
 
-def _samples(t_s: ArrayLike, position_ecef_m: ArrayLike) -> tuple[Reals, Reals]:
+def _check_samples(t_s: ArrayLike, position_ecef_m: ArrayLike) -> tuple[Reals, Reals]:
     t_s, places = np.asarray(t_s, np.float64), np.asarray(position_ecef_m, np.float64)
     if t_s.ndim != 1 or places.shape != (t_s.size, 3):
         raise ScenarioError(f"samples: times {t_s.shape} and places {places.shape}, expected (n,) and (n, 3)")
@@ -367,7 +373,7 @@ def _samples(t_s: ArrayLike, position_ecef_m: ArrayLike) -> tuple[Reals, Reals]:
     return t_s, places
 
 
-def _spline(t_s: Reals, places_m: Reals, knot_s: float | None) -> "scipy.interpolate.BSpline":
+def _fit_spline(t_s: Reals, places_m: Reals, knot_s: float | None) -> "scipy.interpolate.BSpline":
     if knot_s is None:
         return scipy.interpolate.make_interp_spline(t_s, places_m, k=min(_DEGREE, t_s.size - 1))
     pieces = int((t_s[-1] - t_s[0]) / knot_s) if knot_s > 0.0 else 0
@@ -385,22 +391,22 @@ def _spline(t_s: Reals, places_m: Reals, knot_s: float | None) -> "scipy.interpo
         ) from error
 
 
-def _attitude_along(
+def _compute_attitude_along(
     t_s: Reals, places: Reals, velocity_m_s: Reals, acceleration_m_s2: Reals, options: AlongMotion, slow_m_s: float
 ) -> Reals:
-    """Rotations (n, 3, 3) along the motion; where it is slow, angles that go evenly from what was to what comes."""
+    """Compute rotations (n, 3, 3) along the motion; where it is slow, angles change evenly."""
     fast = np.linalg.norm(velocity_m_s, axis=-1) >= slow_m_s
     if not fast.any():
         return attitude_ecef(places, 0.0, 0.0, 0.0)
     places_fast = places[fast]
     direction = velocity_m_s[fast] / np.linalg.norm(velocity_m_s[fast], axis=-1, keepdims=True)
     series = np.stack([places_fast.T, velocity_m_s[fast].T, 0.5 * acceleration_m_s2[fast].T])
-    up = axes_of(series, direction.T[np.newaxis], Held(), places[len(places) // 2])[2][0].T
+    up = compute_axes(series, direction.T[np.newaxis], Held(), places[len(places) // 2])[2][0].T
     if np.abs(np.einsum("ni,ni->n", direction, up)).max() > np.sin(_STEEPEST_LEG_RAD):
         raise ScenarioError(
             "samples: the motion is too steep to have a heading; give a fixed heading, pitch and roll, or an attitude"
         )
-    axes = axes_of(series, direction.T[np.newaxis], options, places[len(places) // 2])
+    axes = compute_axes(series, direction.T[np.newaxis], options, places[len(places) // 2])
     angles = heading_pitch_roll_rad(places_fast, np.stack([axis[0].T for axis in axes], axis=-1))
     joined = (np.interp(t_s, t_s[fast], np.unwrap(angle)) for angle in angles)
     return attitude_ecef(places, *joined)

@@ -1,4 +1,4 @@
-"""What transmitters on the ground add at an antenna: false signals, noise, lines.
+"""Compute what transmitters on the ground add at an antenna: false signals, noise, lines.
 
 What reaches the antenna left the transmitter some time before, and was true at the place shown earlier still. A false
 clock ahead of true time means that the attacker knows the future; orbits and messages are no secret.
@@ -17,14 +17,22 @@ from skyproof.gnss.signals import GPS_L1_CA, prn_of
 from skyproof.records import SignalId
 from skyproof.simulator.attacks import Attack, Interference, Takeover
 from skyproof.simulator.motion import Motion, Trajectory
-from skyproof.simulator.platforms import Point, motion_within
+from skyproof.simulator.platforms import Point, compute_motion
 from skyproof.simulator.received import AddedNoise, Jammer, ReceivedSignal
 from skyproof.simulator.scenario import Antenna
-from skyproof.simulator.sites import between
+from skyproof.simulator.sites import interpolate_points
 from skyproof.simulator.trajectories import ecef_from_enu
-from skyproof.simulator.view import View, patch_db, when_above
+from skyproof.simulator.view import View, compute_patch_db, find_when_above
 
-__all__ = ["Attacker", "Group", "Radio", "added_noise", "false_signals", "interference_at", "led_away"]
+__all__ = [
+    "Attacker",
+    "Group",
+    "Radio",
+    "compute_added_noise",
+    "compute_interference",
+    "lead_away",
+    "make_false_signals",
+]
 
 NEAREST_M = 1.0
 _PHASE_STREAM = 1 << 22  # sets random phases apart from other random numbers of one seed
@@ -54,17 +62,17 @@ class Radio:
     onset_s: float
 
     def flight_s(self, received_s: Reals, here: Motion) -> Reals:
-        """To an antenna, of what is received at times (n,)."""
+        """Compute the time of flight to an antenna, of what is received at times (n,)."""
         flight_s, change_s = np.zeros(received_s.shape), np.ones(1)
         while np.abs(change_s).max(initial=0.0) > _CLOSE_S:
-            there = motion_within(self.trajectory, received_s - flight_s)
-            away_m = here.position_ecef_m - there.position_ecef_m
+            sender = compute_motion(self.trajectory, received_s - flight_s)
+            away_m = here.position_ecef_m - sender.position_ecef_m
             change_s = np.sqrt(np.einsum("ni,ni->n", away_m, away_m)) / SPEED_OF_LIGHT_M_S - flight_s
             flight_s = flight_s + change_s
         return flight_s
 
     def arrival_s(self, point: Point, left_s: Reals) -> Reals:
-        """At an antenna, of what leaves at times (n,)."""
+        """Compute the time of arrival at an antenna, of what leaves at times (n,)."""
         arrived_s, change_s = left_s, np.ones(1)
         while np.abs(change_s).max(initial=0.0) > _CLOSE_S:
             change_s = left_s + self.flight_s(arrived_s, point(arrived_s)) - arrived_s
@@ -78,11 +86,11 @@ class Radio:
         return max(float(self.flight_s(onset_s, self.reference(onset_s))[0]), 1e-12)
 
     def spread_db(self, flight_s: Reals) -> Reals:
-        """What distance changes against the reference, in free space."""
+        """Compute what distance changes against the reference, in free space."""
         return np.asarray(-20.0 * np.log10(flight_s / self.reference_s))
 
     def power(self, power_at_db: Callable[[Reals], Reals], point: Point) -> Callable[[Reals], Reals]:
-        """Power at an antenna as a function of the time of reception, of what `power_at_db` gives for the reference."""
+        """Make the function of power at an antenna over time of reception, from the reference's `power_at_db`."""
 
         def power(true_s: Reals) -> Reals:
             flight_s = self.flight_s(true_s, point(true_s))
@@ -109,7 +117,10 @@ class Attacker:
     true: View | None = None
 
     def delays_s(self, left_s: Reals, radio: Radio, columns: Integers) -> tuple[Reals, Reals]:
-        """Of code and carrier of satellites as they leave, (n, n_columns): time there minus time that they show."""
+        """Compute delays of code and carrier of satellites as they leave, (n, n_columns).
+
+        A delay is time there minus the time that they show.
+        """
         attack = self.attack
         shown_s = left_s - attack.added_delay_s - attack.clock_s(left_s)
         ahead_s = np.zeros(left_s.shape)
@@ -124,7 +135,7 @@ class Attacker:
         return code_s + late_s, carrier_s + late_s
 
     def single_s(self, sats: Sequence[str], left_s: Reals) -> tuple[Reals, Reals]:
-        """What the code and the carrier of single satellites have besides, (n, len(sats))."""
+        """Compute additional delays of the code and the carrier of single satellites, (n, len(sats))."""
         attack, carrier_hz = self.attack, GPS_L1_CA.carrier_hz
 
         def of(values: Mapping[str, float]) -> Reals:
@@ -145,21 +156,21 @@ class Attacker:
         return code_m / SPEED_OF_LIGHT_M_S, carrier_s
 
 
-def led_away(target: Point, attack: Takeover) -> Point:
-    """A point that leaves the target as the attack says, in east, north, up of where the target was at the onset."""
+def lead_away(target: Point, attack: Takeover) -> Point:
+    """Make a point that leaves the target by the attack, in east, north, up of the target's place at the onset."""
     if not attack.away_points_enu_m:
         return target
     origin = target(np.array([attack.onset_s])).position_ecef_m[0]
 
     def point(at_s: Reals) -> Motion:
         motion = target(at_s)
-        away_m = ecef_from_enu(between(attack.away_points_enu_m, at_s, 3), origin) - origin
+        away_m = ecef_from_enu(interpolate_points(attack.away_points_enu_m, at_s, 3), origin) - origin
         return replace(motion, position_ecef_m=motion.position_ecef_m + away_m)
 
     return point
 
 
-def false_signals(
+def make_false_signals(
     attacker: Attacker,
     point: Point,
     antenna: Antenna,
@@ -168,17 +179,17 @@ def false_signals(
     knots_s: Reals,
     mask_deg: float,
 ) -> Group:
-    """What an attack's signals are at an antenna.
+    """Compute an attack's signals at an antenna.
 
     reference_cn0_dbhz : of the true signals of all satellites at the first receiver, (n, n_sats).
 
     Raises ScenarioError if a satellite that is asked for cannot be seen from the place shown.
     """
     attack, view, radios = attacker.attack, attacker.view, attacker.radios
-    columns, received = _imitated(attacker, point, knots_s, mask_deg)
+    columns, received = _list_imitated(attacker, point, knots_s, mask_deg)
     sats = [view.orbits.sats[column] for column in columns]
     offset_db = np.array([attack.sat_db.get(sat, 0.0) for sat in sats])
-    senders = np.array([attack.antenna_of(sat) for sat in sats], np.int64)
+    senders = np.array([attack.find_antenna(sat) for sat in sats], np.int64)
     shares = [(radio, np.flatnonzero(senders == number)) for number, radio in enumerate(radios)]
     shares = [(radio, mine) for radio, mine in shares if mine.size]
     all_columns = np.array(columns, np.int64)
@@ -200,9 +211,9 @@ def false_signals(
             flight_s = radio.flight_s(true_s, here)
             power_db = attack.power_at_db(true_s - flight_s) + radio.spread_db(flight_s)
             if antenna.gain == "patch":
-                away_m = motion_within(radio.trajectory, true_s).position_ecef_m - here.position_ecef_m
+                away_m = compute_motion(radio.trajectory, true_s).position_ecef_m - here.position_ecef_m
                 toward = away_m / np.linalg.norm(away_m, axis=-1, keepdims=True)
-                tilt_db = patch_db(toward[:, np.newaxis], here.position_ecef_m, here.attitude)
+                tilt_db = compute_patch_db(toward[:, np.newaxis], here.position_ecef_m, here.attitude)
                 power_db = power_db + tilt_db[:, 0]
             level[:, mine] += power_db[:, np.newaxis]
         return level
@@ -216,10 +227,10 @@ def false_signals(
     )
 
 
-def _imitated(
+def _list_imitated(
     attacker: Attacker, point: Point, knots_s: Reals, mask_deg: float
 ) -> tuple[list[int], list[ReceivedSignal]]:
-    """The columns of the satellites that an attack imitates, and what is received of them when."""
+    """List the columns of the satellites that an attack imitates, and when each is received."""
     attack, view = attacker.attack, attacker.view
     own_message = attack.message != "true" or attack.message_later_s or attack.guess_s
     message = attacker.name if own_message else ""
@@ -227,13 +238,13 @@ def _imitated(
     columns, received, unseen = [], [], []
     for sat in attack.sats if attack.sats is not None else view.orbits.sats:
         column = known.get(sat)
-        above = None if column is None else when_above(view.el_rad[:, column], knots_s, mask_deg)
+        above = None if column is None else find_when_above(view.el_rad[:, column], knots_s, mask_deg)
         if column is None or above is None:
             unseen.append(sat)
             continue
         edges_s = np.array(attack.windows_s)
         finite = np.isfinite(edges_s)
-        edges_s[finite] = attacker.radios[attack.antenna_of(sat)].arrival_s(point, edges_s[finite])
+        edges_s[finite] = attacker.radios[attack.find_antenna(sat)].arrival_s(point, edges_s[finite])
         windows = tuple(
             (max(begin, above[0]), min(end, above[1]))
             for begin, end in edges_s.tolist()
@@ -251,8 +262,8 @@ def _imitated(
     return columns, received
 
 
-def added_noise(attacker: Attacker, point: Point) -> AddedNoise | None:
-    """The attacker's own noise at an antenna: what it amplifies grows and falls with its power."""
+def compute_added_noise(attacker: Attacker, point: Point) -> AddedNoise | None:
+    """Compute the attacker's own noise at an antenna: what it amplifies grows and falls with its power."""
     attack, radio = attacker.attack, attacker.radios[0]
     if attack.noise_db is None:
         return None
@@ -264,8 +275,8 @@ def added_noise(attacker: Attacker, point: Point) -> AddedNoise | None:
     return AddedNoise(power=power, from_s=float(begin_s), until_s=float(end_s))
 
 
-def interference_at(source: Interference, radio: Radio, point: Point) -> AddedNoise | Jammer:
-    """An interference's noise or line at an antenna."""
+def compute_interference(source: Interference, radio: Radio, point: Point) -> AddedNoise | Jammer:
+    """Compute an interference's noise or line at an antenna."""
     power = radio.power(source.power_at_db, point)
     from_s = float(radio.arrival_s(point, np.array([source.onset_s]))[0])
     until_s = np.inf

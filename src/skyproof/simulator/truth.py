@@ -21,23 +21,23 @@ from skyproof.arrays import Integers, Reals
 from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import geodetic_from_ecef, heading_pitch_roll_rad, rot_enu_ecef
 from skyproof.gnss.time import GPS_EPOCH, seconds_between, timedelta_from_s
-from skyproof.simulator.inertial import ImuReadings, inertial
-from skyproof.simulator.platforms import motion_within
+from skyproof.simulator.inertial import ImuReadings, simulate_inertial
+from skyproof.simulator.platforms import compute_motion
 from skyproof.simulator.received import ReceiverSky, Scene
 
 __all__ = [
     "SIGNALS_HZ",
     "TRAJECTORY_HZ",
     "Table",
-    "doppler_hz",
-    "imu_blocks",
-    "imus_of",
-    "moment",
-    "signal_blocks",
-    "signal_truth",
-    "sky_of",
-    "trajectory_blocks",
-    "trajectory_truth",
+    "compute_dopplers_hz",
+    "compute_signal_truth",
+    "compute_trajectory_truth",
+    "convert_to_gpst",
+    "find_sky",
+    "iterate_imu_blocks",
+    "iterate_signal_blocks",
+    "iterate_trajectory_blocks",
+    "simulate_imus",
 ]
 
 Table = dict[str, NDArray[Any]]
@@ -49,34 +49,34 @@ _EPOCHS: Final = 256  # of signals in a block
 _SHORT_S: Final = 0.01
 
 
-def sky_of(scene: Scene, antenna: str) -> ReceiverSky:
-    """What an antenna receives. Raises KeyError with the names that there are."""
+def find_sky(scene: Scene, antenna: str) -> ReceiverSky:
+    """Find an antenna's sky. Raises KeyError with the names that there are."""
     for sky in scene.skies:
         if sky.name == antenna:
             return sky
     raise KeyError(f"no antenna {antenna!r}; there are {', '.join(sky.name for sky in scene.skies)}")
 
 
-def moment(scene: Scene, true_s: Any) -> Any:
-    """GPS time, to the nanosecond, of true times of any shape."""
+def convert_to_gpst(scene: Scene, true_s: Any) -> Any:
+    """Convert true times of any shape to GPS time, to the nanosecond."""
     return scene.scenario.start_gpst + timedelta_from_s(np.asarray(true_s))
 
 
 # --- receivers
 
 
-def trajectory_truth(scene: Scene, receiver: str, rate_hz: float = TRAJECTORY_HZ) -> Table:
-    """Where a receiver is and what its clock shows, at whole multiples of 1 / rate since the scenario's start.
+def compute_trajectory_truth(scene: Scene, receiver: str, rate_hz: float = TRAJECTORY_HZ) -> Table:
+    """Compute a receiver's place and clock, at whole multiples of 1 / rate since the scenario's start.
 
     The place is the receiver's own, from which its antennas are counted. Heading is clockwise from north, pitch
     positive with the nose up, roll with the right side down. `clock_offset_s` is what its clock shows minus GPS time,
     `clock_drift` its rate. Raises KeyError for a receiver that the scene does not have.
     """
-    return _joined(trajectory_blocks(scene, receiver, rate_hz))
+    return _join(iterate_trajectory_blocks(scene, receiver, rate_hz))
 
 
-def trajectory_blocks(scene: Scene, receiver: str, rate_hz: float = TRAJECTORY_HZ) -> Iterator[Table]:
-    """`trajectory_truth` in blocks."""
+def iterate_trajectory_blocks(scene: Scene, receiver: str, rate_hz: float = TRAJECTORY_HZ) -> Iterator[Table]:
+    """Compute `compute_trajectory_truth` in blocks."""
     skies = [sky for sky in scene.skies if sky.receiver.name == receiver]
     if not skies:
         raise KeyError(f"no receiver {receiver!r}; there are {', '.join(scene.trajectories)}")
@@ -84,17 +84,17 @@ def trajectory_blocks(scene: Scene, receiver: str, rate_hz: float = TRAJECTORY_H
     first = ceil(sky.receiver.start_offset_s * rate_hz)
     last = floor((duration_s + float(sky.true_minus_elapsed_s(duration_s))) * rate_hz)
     for number in range(first, max(last, first) + 1, _ROWS):
-        yield _trajectory(scene, sky, np.arange(number, min(number + _ROWS, last + 1)) / rate_hz)
+        yield _make_trajectory_table(scene, sky, np.arange(number, min(number + _ROWS, last + 1)) / rate_hz)
 
 
-def _trajectory(scene: Scene, sky: ReceiverSky, true_s: Reals) -> Table:
+def _make_trajectory_table(scene: Scene, sky: ReceiverSky, true_s: Reals) -> Table:
     receiver = sky.receiver
     elapsed_s = sky.elapsed_at(true_s)
-    motion = motion_within(scene.trajectories[receiver.name], true_s)
+    motion = compute_motion(scene.trajectories[receiver.name], true_s)
     lat_rad, lon_rad, height_m = geodetic_from_ecef(motion.position_ecef_m)
     velocity_enu_m_s = np.einsum("nij,nj->ni", rot_enu_ecef(lat_rad, lon_rad), motion.velocity_ecef_m_s)
     angles_rad = heading_pitch_roll_rad(motion.position_ecef_m, motion.attitude)
-    table: Table = {"gpst": moment(scene, true_s), "true_s": true_s, "elapsed_s": elapsed_s}
+    table: Table = {"gpst": convert_to_gpst(scene, true_s), "true_s": true_s, "elapsed_s": elapsed_s}
     table |= {"lat_deg": np.degrees(lat_rad), "lon_deg": np.degrees(lon_rad), "height_m": np.asarray(height_m)}
     table |= dict(zip(("x_m", "y_m", "z_m"), motion.position_ecef_m.T, strict=True))
     table |= dict(zip(("vx_m_s", "vy_m_s", "vz_m_s"), motion.velocity_ecef_m_s.T, strict=True))
@@ -112,8 +112,8 @@ def _trajectory(scene: Scene, sky: ReceiverSky, true_s: Reals) -> Table:
 # --- signals
 
 
-def signal_truth(scene: Scene, antenna: str, rate_hz: float = SIGNALS_HZ) -> Table:
-    """Every signal at an antenna while it is there, one row per epoch and signal.
+def compute_signal_truth(scene: Scene, antenna: str, rate_hz: float = SIGNALS_HZ) -> Table:
+    """Compute every signal at an antenna while it is received, one row per epoch and signal.
 
     Epochs are the moments when the receiver's clock shows a whole multiple of 1 / rate, as in its observations; what
     it shows is `receiver_gpst`. Raises KeyError for an antenna that the scene does not have.
@@ -128,12 +128,12 @@ def signal_truth(scene: Scene, antenna: str, rate_hz: float = SIGNALS_HZ) -> Tab
         true signal: ratio of amplitudes; code later by; carrier ahead by, whole cycles included; carrier higher by. NaN
         while that is not there.
     """
-    return _joined(signal_blocks(scene, antenna, rate_hz))
+    return _join(iterate_signal_blocks(scene, antenna, rate_hz))
 
 
-def signal_blocks(scene: Scene, antenna: str, rate_hz: float = SIGNALS_HZ) -> Iterator[Table]:
-    """`signal_truth` in blocks."""
-    sky, interval_s = sky_of(scene, antenna), 1.0 / rate_hz
+def iterate_signal_blocks(scene: Scene, antenna: str, rate_hz: float = SIGNALS_HZ) -> Iterator[Table]:
+    """Compute `compute_signal_truth` in blocks."""
+    sky, interval_s = find_sky(scene, antenna), 1.0 / rate_hz
     shown_at_start_s = sky.receiver.start_offset_s + sky.receiver.clock_offset_s
     start_ns = (scene.scenario.start_gpst - GPS_EPOCH).astype(np.int64)
     off_grid_s = float(start_ns % round(interval_s * 1e9)) * 1e-9
@@ -141,45 +141,45 @@ def signal_blocks(scene: Scene, antenna: str, rate_hz: float = SIGNALS_HZ) -> It
     last = floor((off_grid_s + shown_at_start_s + scene.scenario.duration_s) / interval_s)
     for number in range(first, max(last, first) + 1, _EPOCHS):
         epochs = np.arange(number, min(number + _EPOCHS, last + 1), dtype=np.float64)
-        yield _signals(scene, sky, interval_s * epochs - off_grid_s, shown_at_start_s)
+        yield _make_signal_table(scene, sky, interval_s * epochs - off_grid_s, shown_at_start_s)
 
 
-def _signals(scene: Scene, sky: ReceiverSky, shown_s: Reals, shown_at_start_s: float) -> Table:
-    """At times that the receiver's clock shows, since the scenario's start."""
+def _make_signal_table(scene: Scene, sky: ReceiverSky, shown_s: Reals, shown_at_start_s: float) -> Table:
+    """Compute the table at times that the receiver's clock shows, since the scenario's start."""
     elapsed_s = shown_s - shown_at_start_s
     late_s = sky.true_minus_elapsed_s(elapsed_s)
     true_s = elapsed_s + late_s
     code_s, carrier_s = sky.delays_s(true_s)
     clock_s = (shown_at_start_s - late_s)[:, np.newaxis]
-    there = np.zeros(code_s.shape, bool)
+    present = np.zeros(code_s.shape, bool)
     for column, received in enumerate(sky.signals):
         for begin_s, end_s in received.windows_s:
-            there[:, column] |= (begin_s <= true_s) & (true_s <= end_s)
-    epoch, of = np.nonzero(there)
-    level_dbhz, doppler = sky.cn0_dbhz(true_s), doppler_hz(sky, elapsed_s)
-    true_of = _authentic(sky)
-    beside = (true_of >= 0) & there[:, true_of]
+            present[:, column] |= (begin_s <= true_s) & (true_s <= end_s)
+    epoch, of = np.nonzero(present)
+    level_dbhz, doppler = sky.cn0_dbhz(true_s), compute_dopplers_hz(sky, elapsed_s)
+    true_of = _find_authentic(sky)
+    beside = (true_of >= 0) & present[:, true_of]
 
     def to_authentic(values: Reals) -> Reals:
-        return np.where(beside, values - values[:, true_of], np.nan)[there]
+        return np.where(beside, values - values[:, true_of], np.nan)[present]
 
     def directions_deg(knots_rad: Reals) -> Reals:
         angles = [np.interp(true_s, sky.knots_s, angle_rad) for angle_rad in knots_rad.T]
-        return np.asarray(np.degrees(np.stack(angles, axis=1))[there])
+        return np.asarray(np.degrees(np.stack(angles, axis=1))[present])
 
     return {
-        "receiver_gpst": moment(scene, shown_s)[epoch],
-        "gpst": moment(scene, true_s)[epoch],
+        "receiver_gpst": convert_to_gpst(scene, shown_s)[epoch],
+        "gpst": convert_to_gpst(scene, true_s)[epoch],
         "true_s": true_s[epoch],
         "elapsed_s": elapsed_s[epoch],
         "sat": np.array([received.id.sat for received in sky.signals])[of],
         "copy": np.array([received.id.copy for received in sky.signals])[of],
         "label": np.array([received.label for received in sky.signals])[of],
         "source": np.array([received.source for received in sky.signals])[of],
-        "pseudorange_m": (SPEED_OF_LIGHT_M_S * (clock_s + code_s))[there],
-        "carrier_cyc": (sky.signal.carrier_hz * (clock_s + carrier_s))[there],
-        "doppler_hz": doppler[there],
-        "cn0_dbhz": level_dbhz[there],
+        "pseudorange_m": (SPEED_OF_LIGHT_M_S * (clock_s + code_s))[present],
+        "carrier_cyc": (sky.signal.carrier_hz * (clock_s + carrier_s))[present],
+        "doppler_hz": doppler[present],
+        "cn0_dbhz": level_dbhz[present],
         "azimuth_deg": directions_deg(np.unwrap(sky.az_rad, axis=0)) % 360.0,
         "elevation_deg": directions_deg(sky.el_rad),
         "amplitude_to_authentic": 10.0 ** (to_authentic(level_dbhz) / 20.0),
@@ -189,14 +189,14 @@ def _signals(scene: Scene, sky: ReceiverSky, shown_s: Reals, shown_at_start_s: f
     }
 
 
-def _authentic(sky: ReceiverSky) -> Integers:
-    """The column of each signal's satellite's true signal, (n_signals,); -1 where there is none."""
+def _find_authentic(sky: ReceiverSky) -> Integers:
+    """Find the column of each signal's satellite's true signal, (n_signals,); -1 where there is none."""
     columns = {received.id.sat: column for column, received in enumerate(sky.signals) if received.label == "authentic"}
     return np.array([columns.get(received.id.sat, -1) for received in sky.signals], np.int64)
 
 
-def doppler_hz(sky: ReceiverSky, elapsed_s: Reals) -> Reals:
-    """Of all signals, against the receiver's own oscillator, at times (n,) of its clock: (n, n_signals).
+def compute_dopplers_hz(sky: ReceiverSky, elapsed_s: Reals) -> Reals:
+    """Compute Dopplers (n, n_signals) against the receiver's own oscillator, at times (n,) of its clock.
 
     A central difference over 20 ms: the jerk of a satellite's range leaves nothing, an oscillator's noise is averaged.
     """
@@ -209,18 +209,18 @@ def doppler_hz(sky: ReceiverSky, elapsed_s: Reals) -> Reals:
 # --- inertial units
 
 
-def imus_of(scene: Scene) -> dict[str, ImuReadings]:
-    """The inertial unit of each receiver that has one, by the receiver's name.
+def simulate_imus(scene: Scene) -> dict[str, ImuReadings]:
+    """Simulate the inertial unit of each receiver that has one, by the receiver's name.
 
     Its axes are the body's, turned by `mounting_deg`; it reads from the receiver's first sample on, by true time.
     """
     return {
-        receiver.name: inertial(
-            partial(motion_within, scene.trajectories[receiver.name]),
+        receiver.name: simulate_inertial(
+            partial(compute_motion, scene.trajectories[receiver.name]),
             rate_hz=receiver.imu.rate_hz,
             duration_s=scene.scenario.duration_s,
             grade=receiver.imu.grade,
-            mounting=_mounting(receiver.imu.mounting_deg),
+            mounting=_compute_mounting(receiver.imu.mounting_deg),
             lever_body_m=receiver.imu.body_m,
             seed=scene.scenario.seed,
             stream=index,
@@ -232,8 +232,10 @@ def imus_of(scene: Scene) -> dict[str, ImuReadings]:
     }
 
 
-def imu_blocks(scene: Scene, imu: ImuReadings) -> Iterator[Table]:
-    """Readings as a table, in blocks: means over the intervals that end at each row's time, in the unit's axes.
+def iterate_imu_blocks(scene: Scene, imu: ImuReadings) -> Iterator[Table]:
+    """Write readings as a table, in blocks, in the unit's axes.
+
+    Rows are means over the intervals that end at their time.
 
     Columns are those that `skyproof.formats.imu` reads.
     """
@@ -248,13 +250,13 @@ def imu_blocks(scene: Scene, imu: ImuReadings) -> Iterator[Table]:
         yield table
 
 
-def _mounting(mounting_deg: tuple[float, float, float]) -> Reals:
-    """From body to unit: the unit's axes are the body's turned by heading, then pitch, then roll."""
+def _compute_mounting(mounting_deg: tuple[float, float, float]) -> Reals:
+    """Compute the rotation from body to unit: the body's axes turned by heading, then pitch, then roll."""
     roll_deg, pitch_deg, heading_deg = mounting_deg
     angles_deg = [heading_deg, pitch_deg, roll_deg]
     return np.asarray(scipy.spatial.transform.Rotation.from_euler("ZYX", angles_deg, degrees=True).as_matrix().T)
 
 
-def _joined(blocks: Iterable[Table]) -> Table:
+def _join(blocks: Iterable[Table]) -> Table:
     parts = list(blocks)
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

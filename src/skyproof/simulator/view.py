@@ -1,4 +1,4 @@
-"""The true sky at a point that moves: exact ranges, an atmosphere that changes slowly, directions."""
+"""Compute the true sky at a moving point: exact ranges, an atmosphere that changes slowly, directions."""
 
 import numpy as np
 import scipy
@@ -14,7 +14,7 @@ from skyproof.simulator.platforms import Point
 from skyproof.simulator.ranges import Orbits, Sight
 from skyproof.simulator.scenario import Scenario
 
-__all__ = ["KNOT_S", "View", "azimuth_elevation", "patch_db", "when_above"]
+__all__ = ["KNOT_S", "View", "compute_directions", "compute_patch_db", "find_when_above"]
 
 KNOT_S = 1.0
 """Distance of the knots of what changes slowly: atmosphere, elevations. The only corner is the rim of the ionosphere
@@ -30,8 +30,8 @@ class View:
     ) -> None:
         self.point, self.orbits = point, orbits
         place_ecef_m = point(knots_s).position_ecef_m
-        sight = self.orbits.seen(knots_s, place_ecef_m)
-        self.az_rad, self.el_rad = azimuth_elevation(place_ecef_m, sight)
+        sight = self.orbits.compute_sight(knots_s, place_ecef_m)
+        self.az_rad, self.el_rad = compute_directions(place_ecef_m, sight)
         lat_rad, lon_rad, height_m = (np.asarray(value)[:, np.newaxis] for value in geodetic_from_ecef(place_ecef_m))
         up_rad = np.maximum(self.el_rad, 0.0)  # the models end at the horizon
         troposphere_s, ionosphere_s = np.zeros(up_rad.shape), np.zeros(up_rad.shape)
@@ -46,34 +46,34 @@ class View:
         self._air_s = scipy.interpolate.CubicSpline(knots_s, air_s)
 
     def delays_s(self, received_s: Reals, columns: Integers) -> tuple[Reals, Reals]:
-        """Of code and carrier of the satellites in these columns, (n, n_columns) each."""
+        """Compute delays of code and carrier of the satellites in these columns, (n, n_columns) each."""
         return self.delays_from_s(received_s, self.point(received_s), columns)
 
     def delays_from_s(self, received_s: Reals, here: Motion, columns: Integers) -> tuple[Reals, Reals]:
-        """The same where the point's motion is at hand."""
-        sight = self.orbits.seen(received_s, here.position_ecef_m, columns)
+        """Compute the same where the point's motion is known already."""
+        sight = self.orbits.compute_sight(received_s, here.position_ecef_m, columns)
         air_s = self._air_s(received_s)[:, :, columns]
         vacuum_s = sight.flight_s - sight.clock_s
         return vacuum_s + air_s[:, 0], vacuum_s + air_s[:, 1]
 
 
-def azimuth_elevation(place_ecef_m: Reals, sight: Sight) -> tuple[Reals, Reals]:
-    """(n, n_sats) each, rad."""
+def compute_directions(place_ecef_m: Reals, sight: Sight) -> tuple[Reals, Reals]:
+    """Compute azimuth and elevation, (n, n_sats) each, rad."""
     lat_rad, lon_rad, _ = geodetic_from_ecef(place_ecef_m)
     enu = np.einsum("nij,nsj->nsi", rot_enu_ecef(lat_rad, lon_rad), sight.toward)
     return np.mod(np.arctan2(enu[..., 0], enu[..., 1]), 2.0 * np.pi), np.arcsin(np.clip(enu[..., 2], -1.0, 1.0))
 
 
-def patch_db(toward: Reals, place_ecef_m: Reals, attitude: Reals) -> Reals:
-    """What the body's tilt changes for directions (n, k, 3) in ECEF: dB, (n, k)."""
+def compute_patch_db(toward: Reals, place_ecef_m: Reals, attitude: Reals) -> Reals:
+    """Compute what the body's tilt changes for directions (n, k, 3) in ECEF: dB, (n, k)."""
     lat_rad, lon_rad, _ = geodetic_from_ecef(place_ecef_m)
     up = rot_enu_ecef(lat_rad, lon_rad)[:, 2]
     body_up = -attitude[:, :, 2]
     return np.asarray(_PATCH_DB * np.einsum("nki,ni->nk", toward, body_up - up))
 
 
-def when_above(el_rad: Reals, knots_s: Reals, mask_deg: float) -> tuple[float, float] | None:
-    """First and last moment above the mask, infinite where that is an end of the scene; None if never."""
+def find_when_above(el_rad: Reals, knots_s: Reals, mask_deg: float) -> tuple[float, float] | None:
+    """Find the first and last moment above the mask, infinite where that is an end of the scene; None if never."""
     above = np.flatnonzero(el_rad >= np.radians(mask_deg))
     if above.size == 0:
         return None

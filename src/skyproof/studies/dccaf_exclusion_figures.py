@@ -20,8 +20,8 @@ from skyproof.gnss.time import GPS_EPOCH, timedelta_from_s
 from skyproof.navigation.ins_errors import STATES, build_start_covariance, propagate_covariance
 from skyproof.navigation.strapdown import navigate_paths
 from skyproof.records import NavState
-from skyproof.simulator.inertial import inertial
-from skyproof.simulator.trajectories import las_vegas, las_vegas_false
+from skyproof.simulator.inertial import simulate_inertial
+from skyproof.simulator.trajectories import make_las_vegas, make_las_vegas_false
 from skyproof.statistics.gauss_markov import gauss_markov_step
 from skyproof.statistics.kalman import kalman_update
 from skyproof.studies.base import Row, StudySettings
@@ -86,14 +86,14 @@ class _Approach(NamedTuple):
 @lru_cache(maxsize=1)
 def _approach() -> _Approach:
     seconds = np.arange(0.0, _END_S + 1.0)
-    motion = las_vegas().at(seconds)
+    motion = make_las_vegas().at(seconds)
     path = NavState(
         gpst=_gpst(seconds),
         position_ecef_m=motion.position_ecef_m,
         velocity_ecef_m_s=motion.velocity_ecef_m_s,
         attitude=motion.attitude,
     )
-    unit = inertial(las_vegas().at, rate_hz=_RATE_HZ, duration_s=float(_END_S))
+    unit = simulate_inertial(make_las_vegas().at, rate_hz=_RATE_HZ, duration_s=float(_END_S))
     readings = unit.read(0, unit.n_samples)
     to_enu = rot_enu_ecef(*geodetic_from_ecef(motion.position_ecef_m[0])[:2])
     return _Approach(path, readings.specific_force_m_s2, readings.angular_rate_rad_s, to_enu)
@@ -229,7 +229,7 @@ def approach(settings: StudySettings) -> Iterator[Row]:
     """The true and the false path, from the fix to the threshold (232.1 s) and on, in axes of the fix. No chance."""
     del settings
     seconds = np.concatenate((np.arange(0.0, 231.0, 10.0), [THRESHOLD_S, float(_END_S)]))
-    true, false = las_vegas().at(seconds), las_vegas_false().at(seconds)
+    true, false = make_las_vegas().at(seconds), make_las_vegas_false().at(seconds)
     start = true.position_ecef_m[0]
     to_enu = rot_enu_ecef(*geodetic_from_ecef(start)[:2])
     height_m = geodetic_from_ecef(true.position_ecef_m)[2]

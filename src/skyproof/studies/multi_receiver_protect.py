@@ -19,7 +19,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.frames import ecef_from_geodetic, geodetic_from_ecef, rot_enu_ecef
 from skyproof.records import NavigationData, Observations, Samples
 from skyproof.simulator.attacks import Meaconer
-from skyproof.simulator.measurements import NoiseModel, observations_of
+from skyproof.simulator.measurements import NoiseModel, simulate_observations
 from skyproof.simulator.scenario import Scenario, ScenePlace, SceneReceiver, Sky
 from skyproof.studies.multi_receiver_scene import (
     BASE_GEODETIC,
@@ -64,7 +64,7 @@ def judge_sky(
         constant_m=noise.constant_m,
         carrier_sigma_cyc=CARRIER_PER_CODE * noise.sigma_m / WAVELENGTH_M,
     )
-    observed, truth = observations_of(scenario, navigation, rng=rng, noise=errors)
+    observed, truth = simulate_observations(scenario, navigation, rng=rng, noise=errors)
     given: dict[str, Any] = {"antennas_enu_m": {name: tuple(PLACES[name]) for name in names}} if places_given else {}
     outcome, _ = judge([_reception(one) for one in observed], navigation, Settings(**given), Silent())
     last = {one.receiver: one.gpst.size - 1 for one in observed}

@@ -22,10 +22,10 @@ from skyproof.navigation.raim import fit_whitened
 from skyproof.navigation.screen import screen_fix
 from skyproof.records import Fix, FixStatus, NavigationData, Observations
 from skyproof.report.chart import Axes
-from skyproof.simulator.measurements import draw, ideal_measurements_of
+from skyproof.simulator.measurements import draw, make_ideal_measurements
 from skyproof.simulator.scenario import ScenePlace
-from skyproof.simulator.scenes import clean
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.scenes import make_clean
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.base import Row, Study, StudySettings
 
 __all__ = ["STUDIES"]
@@ -79,10 +79,10 @@ def _somewhere(rng: np.random.Generator, seed: int) -> _Sky:
         height_m=float(rng.uniform(0.0, 1500.0)),
     )
     start = np.datetime64("2021-01-01T00:00:00", "ns") + np.timedelta64(int(rng.integers(126_230_400)), "s")
-    scenario = clean(place, start, duration_s=SKY_S, receivers=1, mask_deg=8.0, seed=seed)
+    scenario = make_clean(place, start, duration_s=SKY_S, receivers=1, mask_deg=8.0, seed=seed)
     navigation = make_nominal_constellation(start)
-    scene = scene_of(scenario, navigation)
-    ideal = ideal_measurements_of(scene)
+    scene = make_scene(scenario, navigation)
+    ideal = make_ideal_measurements(scene)
     (observed,), _ = draw(ideal, rng=rng)
     order = [ideal[0].signals.index(signal) for signal in observed.signals]
     return _Sky(

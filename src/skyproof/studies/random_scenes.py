@@ -27,7 +27,7 @@ from skyproof.simulator.scenario import (
     Takeover,
 )
 from skyproof.simulator.sites import Site, WayPoints
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 __all__ = ["BuiltScene", "DrawnAttack", "DrawnScene", "build_scene", "draw_scene", "stated_sigma_m"]
 
@@ -318,10 +318,10 @@ def build_scene(drawn: DrawnScene, *, n_sats: int | None = None) -> BuiltScene |
     """
     navigation = make_nominal_constellation(drawn.start_gpst)
     clean = _scenario(drawn, [], [])
-    under = scene_of(clean, navigation)
+    under = make_scene(clean, navigation)
     if n_sats is not None:
         clean = _scenario(drawn, [], [], _highest(under, n_sats))
-        under = scene_of(clean, navigation)
+        under = make_scene(clean, navigation)
     made = BuiltScene(
         drawn=drawn, scenario=clean, navigation=navigation, scene=under, antennas_enu_m=_antennas_enu_m(under)
     )
@@ -332,7 +332,7 @@ def build_scene(drawn: DrawnScene, *, n_sats: int | None = None) -> BuiltScene |
         if n_sats is not None and attack.sats is None:
             attack = attack.model_copy(update={"sats": clean.sky.sats})
         scenario = _scenario(drawn, [attack], jam, clean.sky.sats)
-        scene = scene_of(scenario, navigation)
+        scene = make_scene(scenario, navigation)
     except ScenarioError:
         return None
     reached = drawn.attack.reached

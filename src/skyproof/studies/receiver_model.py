@@ -26,8 +26,8 @@ from skyproof.gnss.time import seconds_between
 from skyproof.navigation.clock import anchor_label
 from skyproof.receiver.channels import FORGET_S, DelayDoppler, Gap, LostSignal, letter, match_lost
 from skyproof.records import Observations, Samples, SignalId
-from skyproof.simulator.measurement_errors import FieldError, FieldErrors, field_errors
-from skyproof.simulator.measurements import IdealMeasurements, ideal_measurements_of
+from skyproof.simulator.measurement_errors import FieldError, FieldErrors, draw_field_errors
+from skyproof.simulator.measurements import IdealMeasurements, make_ideal_measurements
 from skyproof.simulator.received import ReceiverSky, Scene
 
 __all__ = ["ChannelNoise", "KnownReception", "add_truth", "model_receptions", "true_offset_s"]
@@ -80,10 +80,10 @@ class ChannelNoise:
 
 def model_receptions(scene: Scene, noise: ChannelNoise, *, rng: np.random.Generator) -> list[KnownReception]:
     """What every receiver of a scene measures."""
-    geometries = ideal_measurements_of(scene, interval_s=INTERVAL_S)
+    geometries = make_ideal_measurements(scene, interval_s=INTERVAL_S)
     fields: list[FieldError | None] = [None] * len(geometries)
     if noise.field:
-        fields = list(field_errors(FieldErrors(), [g.exposure for g in geometries], INTERVAL_S, rng=rng))
+        fields = list(draw_field_errors(FieldErrors(), [g.exposure for g in geometries], INTERVAL_S, rng=rng))
     return [
         _receive(scene, index, geometry, noise, error, rng)
         for index, (geometry, error) in enumerate(zip(geometries, fields, strict=True))

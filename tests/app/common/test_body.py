@@ -27,8 +27,8 @@ from skyproof.gnss.frames import attitude_ecef, ecef_from_geodetic, heading_pitc
 from skyproof.gnss.imu_grades import GRADES
 from skyproof.navigation.attitude import estimate_interpolation_sigma_rad
 from skyproof.records import Attitude, ConsistentSet, NavigationData, Need, Records, SignalId
-from skyproof.simulator.inertial import inertial
-from skyproof.simulator.trajectories import circle, static
+from skyproof.simulator.inertial import simulate_inertial
+from skyproof.simulator.trajectories import make_circle, make_static
 
 START = np.datetime64("2022-01-01T10:30:00", "ns")
 HOME_RAD = 0.9, 0.2
@@ -205,12 +205,12 @@ def test_what_lies_between_rows_is_in_the_sigma():
 # An inertial unit
 
 
-ROUND = circle(HOME, 300.0, 30.0)
+ROUND = make_circle(HOME, 300.0, 30.0)
 
 
 @lru_cache
 def readings(motion, duration_s, grade):
-    unit = inertial(motion.at, rate_hz=50.0, duration_s=duration_s, grade=grade, zero_gpst=later(-2.0), seed=3)
+    unit = simulate_inertial(motion.at, rate_hz=50.0, duration_s=duration_s, grade=grade, zero_gpst=later(-2.0), seed=3)
     return unit.read(0, unit.n_samples)
 
 
@@ -290,7 +290,7 @@ def test_an_attack_that_begins_later_does_not_move_the_attitude_nor_one_from_the
 
 
 def test_a_long_gap_ends_the_gyros_part_and_the_stated_attitude_takes_over(tmp_path):
-    unit = imu(tmp_path, static(HOME, heading_rad=0.7), missing=range(500, 600))
+    unit = imu(tmp_path, make_static(HOME, heading_rad=0.7), missing=range(500, 600))
     alone, _ = through(body(platform(imu=unit)), [0.0, 10.0, 20.0], HOME)
     assert alone[0].gpst[-1] == later(8.0)
     assert alone[1] is None

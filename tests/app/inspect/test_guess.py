@@ -21,7 +21,7 @@ from skyproof.errors import InputError, NotEnoughData, SettingsError
 from skyproof.formats.raw import read_sidecar
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import scenes
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, ScenePlace, Sky
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
@@ -40,11 +40,11 @@ def sky(rate_hz: float, if_hz: float, real: bool, seed: int, duration_s: float =
         bandwidth_hz=min(1.6 * room_hz, 8e6),
     )
     place = ScenePlace(lat_deg=-60.0 + 4.0 * seed, lon_deg=-170.0 + 12.0 * seed, height_m=500.0)
-    scenario = scenes.clean(
+    scenario = scenes.make_clean(
         place, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=seed, front_end=front_end
     )
     scenario = scenario.model_copy(update={"sky": Sky(zenith_cn0_dbhz=cn0s[0], horizon_cn0_dbhz=cn0s[1])})
-    samples = samples_of(scenario, make_nominal_constellation(START))[0]
+    samples = render_samples(scenario, make_nominal_constellation(START))[0]
     planes = samples.read(0, samples.n_samples)[: 1 if real else 2]
     return planes / planes.std()
 

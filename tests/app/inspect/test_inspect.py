@@ -20,9 +20,9 @@ from skyproof.errors import InputError, NotEnoughData, OutputError, SettingsErro
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import SampleGap, Samples
 from skyproof.simulator import scenes
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 INT8 = 'encoding = "int"\nbits = 8\n'
 START = np.datetime64("2024-03-03T11:59:58", "ns")
@@ -141,13 +141,13 @@ PLACE = ScenePlace(lat_deg=48.1, lon_deg=11.6, height_m=500.0)
 
 def sky(*, if_hz: float = 0.0, duration_s: float = 0.06) -> tuple[Samples, set[str]]:
     front_end = FrontEnd(rate_hz=4e6, if_hz=if_hz, encoding="int", bits=8)
-    scenario = scenes.clean(
+    scenario = scenes.make_clean(
         PLACE, START, duration_s=duration_s, receivers=1, mask_deg=10.0, seed=2, front_end=front_end
     )
     assert scenario.receivers[0].lo_ppm == pytest.approx(LO_PPM, abs=0.01)
     navigation = make_nominal_constellation(START)
-    heard = {signal.id.sat for signal in scene_of(scenario, navigation).skies[0].signals}
-    return samples_of(scenario, navigation)[0], heard
+    heard = {signal.id.sat for signal in make_scene(scenario, navigation).skies[0].signals}
+    return render_samples(scenario, navigation)[0], heard
 
 
 @pytest.fixture(scope="module")

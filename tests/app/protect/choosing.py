@@ -23,8 +23,8 @@ from skyproof.navigation.ins import InsSettings
 from skyproof.records import Attitude, Evidence, Finding, FixStatus, Records, SignalId, SignalRef
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import FrontEnd, Scenario, SceneReceiver, Sky, Takeover
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.truth import imus_of
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.truth import simulate_imus
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 from skyproof.verdict import Verdict
 
@@ -69,7 +69,7 @@ def led_away(
         front_end=FrontEnd(),
         sky=Sky(zenith_cn0_dbhz=zenith_cn0_dbhz, horizon_cn0_dbhz=zenith_cn0_dbhz - 8.0),
     )
-    return scene_of(scenario, NAVIGATION)
+    return make_scene(scenario, NAVIGATION)
 
 
 def nothing_found(windows: Sequence[Records], signals: Sequence[SignalId]) -> list[Finding]:
@@ -146,7 +146,7 @@ def judged(scene: Scene, settings: Settings, *, seed: int = 1, code_m: float = 0
 
 def inertia_of(scene: Scene, settings: Settings, grade: str, *, attitude_deg: float | None = 1.0, seed: int = 1):
     """What is to be expected by the scene's unit, whose attitude at the first reading is stated with this error."""
-    unit = imus_of(scene)["bow"]
+    unit = simulate_imus(scene)["bow"]
     readings = unit.read(0, unit.n_samples)
     true = scene.trajectories["bow"].at(np.zeros(1))
     rng, initial = np.random.default_rng(seed), None

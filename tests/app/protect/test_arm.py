@@ -8,10 +8,10 @@ from skyproof.app.common.rinex import write_channels
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import ecef_from_geodetic
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.measurements import draw, ideal_measurements_of
-from skyproof.simulator.scenes import ready
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.measurements import draw, make_ideal_measurements
+from skyproof.simulator.scenes import read_ready_made
+from skyproof.simulator.sky import make_scene
 
 FROM_DEG = 160.0, 55.0
 
@@ -19,8 +19,8 @@ FROM_DEG = 160.0, 55.0
 @pytest.fixture(scope="module")
 def measured():
     """Measurements of the scene, the label of each signal, and the orbits."""
-    scene = scene_of(ready("spin"), navigation_of(ready("spin")))
-    (observations,), labels = draw(ideal_measurements_of(scene, interval_s=0.1), rng=np.random.default_rng(3))
+    scene = make_scene(read_ready_made("spin"), make_navigation(read_ready_made("spin")))
+    (observations,), labels = draw(make_ideal_measurements(scene, interval_s=0.1), rng=np.random.default_rng(3))
     return observations, {ref.signal: label for ref, label in labels.items()}, scene
 
 

@@ -9,10 +9,10 @@ import pytest
 from skyproof.app.protect import protect
 from skyproof.errors import SettingsError
 from skyproof.explain import explain
-from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.scenario import FrontEnd
-from skyproof.simulator.scenes import ready
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.scenes import read_ready_made
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.protection.cell import written
 from skyproof.studies.protection.equipment import ELEMENTS_M, Equipped, equipped
 from skyproof.studies.protection.score import score
@@ -72,10 +72,10 @@ def made(name, folder, stated=None, **attack):
     """A scene as somebody with everything records it, and who states something else if `stated` says what.
 
     attack : what is changed about it."""
-    scenario = ready(name)
+    scenario = read_ready_made(name)
     attacks = tuple(one.model_copy(update=attack) for one in scenario.attacks)
     found = equipped(scenario.model_copy(update={**CHANGES, "attacks": attacks}), "everything")
-    scene = scene_of(found.scenario, navigation_of(found.scenario))
+    scene = make_scene(found.scenario, make_navigation(found.scenario))
     return scene, written(scene, found if stated is None else stated(found), folder)
 
 

@@ -15,7 +15,7 @@ from skyproof.app.protect.duplicates import find_shared_noise, leave_out_duplica
 from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import track
 from skyproof.gnss.nominal import make_nominal_constellation
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd
 
 DURATION_S = 14.0
@@ -46,7 +46,7 @@ class Pair:
         scenario = kit.scenario_of(duration_s=DURATION_S, front_end=front_end)
         self.navigation = make_nominal_constellation(scenario.start_gpst)
         self.rng = np.random.default_rng(1)
-        first, second = samples_of(scenario, self.navigation)
+        first, second = render_samples(scenario, self.navigation)
         self.planes = [s.read(0, s.n_samples) for s in (first, second)]
         self.samples = [first, second]
 

@@ -16,12 +16,12 @@ from skyproof.gnss.frames import geodetic_from_ecef
 from skyproof.logs.ubx_write import ubx_log
 from skyproof.navigation.fix import fix
 from skyproof.records import NavigationData
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.measurements import draw, ideal_measurements_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.measurements import draw, make_ideal_measurements
 from skyproof.simulator.ordinary import follow_strongest
 from skyproof.simulator.scenario import parse_scenario
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.truth import imus_of
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.truth import simulate_imus
 
 ONSET_S, DRAWN_S, END_S = 50.0, 55.0, 100.0
 LATE_S = 0.15  # from an epoch until the autopilot has what the receiver says of it
@@ -67,9 +67,9 @@ def flight() -> Flight:
             ],
         }
     )
-    navigation = navigation_of(made)
-    scene = scene_of(made, navigation)
-    observations, _ = draw(ideal_measurements_of(scene), rng=np.random.default_rng(1))
+    navigation = make_navigation(made)
+    scene = make_scene(made, navigation)
+    observations, _ = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1))
     (o,) = map(follow_strongest, observations)
     start = o.gpst[0]
     lat, lon, height = geodetic_from_ecef(fix(o, navigation).position_ecef_m)
@@ -84,7 +84,7 @@ def flight() -> Flight:
         )
         for k, octets in enumerate(ubx_log(o, navigation))
     ]
-    readings = imus_of(scene)["drone"].read(0, round(100.0 * END_S))
+    readings = simulate_imus(scene)["drone"].read(0, round(100.0 * END_S))
     boot_us = BOOT_US + np.rint((readings.gpst - start) / np.timedelta64(1, "us")).astype(np.int64)
     rows = zip(boot_us.tolist(), readings.angular_rate_rad_s, readings.specific_force_m_s2, strict=True)
     log = px4_flight(epochs, [(t, rate.tolist(), force.tolist()) for t, rate, force in rows])

@@ -15,7 +15,7 @@ from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import make_nominal_constellation
-from skyproof.simulator.measurements import NoiseModel, observations_of
+from skyproof.simulator.measurements import NoiseModel, simulate_observations
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("imu")
     scenario = scenario_of(receivers=1, duration_s=31.0)
     navigation = make_nominal_constellation(scenario.start_gpst)
-    (one,), _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=NoiseModel(sigma_m=0.5))
+    (one,), _ = simulate_observations(scenario, navigation, rng=np.random.default_rng(3), noise=NoiseModel(sigma_m=0.5))
     write_obs(folder / "bow.obs", one, signals=one.signals, holds="simulated", marker="bow", version="test")
     write_nav(folder / "brdc.rnx", navigation)
     still = np.tile([0.0, 0.0, -9.81, 0.0, 0.0, 0.0], (3500, 1))

@@ -8,7 +8,7 @@ from tests.app.protect.captured import captured
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.nominal import make_nominal_constellation
-from skyproof.simulator.measurements import NoiseModel, observations_of
+from skyproof.simulator.measurements import NoiseModel, simulate_observations
 
 pytestmark = pytest.mark.long
 
@@ -23,7 +23,7 @@ def scene(tmp_path_factory):
     navigation = make_nominal_constellation(scenario.start_gpst)
     recorded = record(scenario, tmp_path_factory.mktemp("mixed"), navigation=navigation)
     rng = np.random.default_rng(5)
-    measured, _ = observations_of(scenario, navigation, rng=rng, noise=NoiseModel(sigma_m=0.5, constant_m=0.3))
+    measured, _ = simulate_observations(scenario, navigation, rng=rng, noise=NoiseModel(sigma_m=0.5, constant_m=0.3))
     return recorded, dict(zip(("bow", "stern"), measured, strict=True))
 
 

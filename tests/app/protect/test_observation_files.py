@@ -20,8 +20,8 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.navigation.clock import anchor_label
 from skyproof.navigation.fix import fix
 from skyproof.records import CellStatus, FixStatus, Observations
-from skyproof.simulator.measurements import NoiseModel, observations_of
-from skyproof.simulator.nominal_systems import nominal_systems
+from skyproof.simulator.measurements import NoiseModel, simulate_observations
+from skyproof.simulator.nominal_systems import make_nominal_systems
 
 SETTINGS = {"antennas_enu_m": {name: ENU_M[name] for name in ("bow", "stern")}}
 MIDDLE = 30
@@ -110,7 +110,7 @@ def test_any_interval_a_clock_that_is_set_and_what_a_receiver_does_not_report(
     scenario = scenario_of(duration_s=duration_s)
     navigation = make_nominal_constellation(scenario.start_gpst)
     rng = np.random.default_rng(7)
-    (bow, stern), _ = observations_of(
+    (bow, stern), _ = simulate_observations(
         scenario, navigation, rng=rng, interval_s=interval_s, noise=NoiseModel(sigma_m=0.5, constant_m=0.3)
     )
     nothing = np.full_like(stern.doppler_hz, np.nan)
@@ -170,7 +170,7 @@ def test_orbits_of_another_day_are_refused_without_advice_for_recordings(measure
 
 
 def test_orbits_of_another_system_are_refused(measured, tmp_path):
-    galileo = nominal_systems(measured[0].gpst[0], "E")
+    galileo = make_nominal_systems(measured[0].gpst[0], "E")
     write_nav(tmp_path / "other.rnx", galileo)
     with pytest.raises(InputError, match=r"other\.rnx: .*Galileo.*GPS"):
         protect(written(tmp_path, *measured[:2]), nav=tmp_path / "other.rnx")

@@ -15,7 +15,7 @@ from skyproof.formats.rinex_nav import write_nav
 from skyproof.formats.rinex_obs import write_obs
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator.files import write
-from skyproof.simulator.measurements import NoiseModel, observations_of
+from skyproof.simulator.measurements import NoiseModel, simulate_observations
 from skyproof.simulator.scenario import FrontEnd
 
 epochs = st.integers(2, 40)
@@ -52,7 +52,7 @@ def observed(tmp_path_factory):
     scenario = scenario_of(duration_s=41.0)
     navigation = make_nominal_constellation(scenario.start_gpst)
     noise = NoiseModel(sigma_m=0.5, constant_m=0.3)
-    measured, _ = observations_of(scenario, navigation, rng=np.random.default_rng(3), noise=noise)
+    measured, _ = simulate_observations(scenario, navigation, rng=np.random.default_rng(3), noise=noise)
     for o in measured:
         write_obs(folder / f"{o.receiver}.obs", o, signals=o.signals, holds="simulated", marker="x", version="1")
     write_nav(folder / "nav.rnx", navigation)

@@ -12,20 +12,20 @@ from skyproof.errors import InputError
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.logs.ubx_write import ubx_log
 from skyproof.records import NavigationData
-from skyproof.simulator.constellation import navigation_of
-from skyproof.simulator.measurements import draw, ideal_measurements_of
+from skyproof.simulator.constellation import make_navigation
+from skyproof.simulator.measurements import draw, make_ideal_measurements
 from skyproof.simulator.ordinary import follow_strongest
-from skyproof.simulator.scenes import ready
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.standalone import overridden
+from skyproof.simulator.scenes import read_ready_made
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.standalone import override
 
 
 @pytest.mark.parametrize(("name", "word"), [("clean", "authentic"), ("starts-spoofed", "spoofed")])
 def test_two_logs_are_as_good_as_two_observation_files(tmp_path, name, word) -> None:
-    made = overridden(ready(name), seed=None, duration_s=45.0)
-    navigation = navigation_of(made)
-    scene = scene_of(made, navigation)
-    observations, _ = draw(ideal_measurements_of(scene), rng=np.random.default_rng(1))
+    made = override(read_ready_made(name), seed=None, duration_s=45.0)
+    navigation = make_navigation(made)
+    scene = make_scene(made, navigation)
+    observations, _ = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1))
     write_nav(tmp_path / "nav.rnx", navigation)
     logs, files, places = [], [], []
     for o, sky in zip(map(follow_strongest, observations), scene.skies, strict=True):
@@ -56,9 +56,9 @@ def test_two_logs_are_as_good_as_two_observation_files(tmp_path, name, word) -> 
 @pytest.fixture(scope="module")
 def log_of_a_scene(tmp_path_factory):
     """One receiver's log with its messages, and the orbits that they are made of."""
-    made = overridden(ready("clean"), seed=None, duration_s=60.0)
-    navigation = navigation_of(made)
-    observations, _ = draw(ideal_measurements_of(scene_of(made, navigation)), rng=np.random.default_rng(1))
+    made = override(read_ready_made("clean"), seed=None, duration_s=60.0)
+    navigation = make_navigation(made)
+    observations, _ = draw(make_ideal_measurements(make_scene(made, navigation)), rng=np.random.default_rng(1))
     path = tmp_path_factory.mktemp("log") / "rx.ubx"
     path.write_bytes(b"".join(ubx_log(follow_strongest(observations[0]), navigation)))
     return path, navigation

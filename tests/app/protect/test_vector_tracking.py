@@ -6,19 +6,19 @@ import pytest
 from skyproof.app.protect import protect
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.simulator import scenes
-from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.files import write, write_series
 from skyproof.simulator.scenario import FrontEnd, SceneImu, SceneReceiver
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 
 def judged(folder, **changes):
     """The scene with one false satellite of six, 24 s at a low rate, through `protect`."""
     front_end = FrontEnd(rate_hz=2.6e6, bandwidth_hz=2.4e6, encoding="sign-magnitude", bits=2)
-    scene = scenes.ready("vector-one-spoofer").model_copy(
+    scene = scenes.read_ready_made("vector-one-spoofer").model_copy(
         update={"duration_s": 24.0, "front_end": front_end, **changes}
     )
-    navigation = navigation_of(scene)
+    navigation = make_navigation(scene)
     write_nav(folder / "nav.rnx", navigation)
     result = protect(write(scene, navigation, folder), nav=folder / "nav.rnx", tracking="vector")
     return result, [one for one in result.outcome.evidence if one.detector == "vector_sqm"]
@@ -37,7 +37,7 @@ def test_the_false_satellite_is_named_and_no_true_one_is_called_spoofed(tmp_path
 
 @pytest.mark.long
 def test_a_clean_sky_of_the_same_satellites_fits(tmp_path):
-    scene = scenes.ready("vector-one-spoofer")
+    scene = scenes.read_ready_made("vector-one-spoofer")
     sky = scene.sky.model_copy(update={"sats": tuple(one.sat for one in scene.sky.directions)})
     _, said = judged(tmp_path, attacks=(), sky=sky)
     assert [one.says for one in said] == ["clean"] * len(said)
@@ -50,14 +50,14 @@ def test_an_inertial_unit_of_the_platform_carries_it_where_its_attitude_is_state
         name="rx1", lat_deg=57.7, lon_deg=11.94, height_m=50.0, imu=SceneImu(grade="tactical", rate_hz=100.0)
     )
     front_end = FrontEnd(rate_hz=1.6e6, bandwidth_hz=1.28e6, encoding="sign-magnitude", bits=2)
-    scene = scenes.clean(
+    scene = scenes.make_clean(
         receiver, np.datetime64("2024-05-14T09:59:58"), duration_s=8.0, receivers=1, front_end=front_end
     )
     scene = scene.model_copy(update={"receivers": (receiver,)})
-    navigation = navigation_of(scene)
+    navigation = make_navigation(scene)
     write_nav(tmp_path / "nav.rnx", navigation)
     recordings = [path for path in write(scene, navigation, tmp_path) if path.name.startswith("rx1")]
-    write_series(scene_of(scene, navigation), tmp_path)
+    write_series(make_scene(scene, navigation), tmp_path)
     for stated, helped in (
         ("", False),
         ("initial = { heading_deg = 0, pitch_deg = 0, roll_deg = 0, sigma_deg = 0.2 }", True),

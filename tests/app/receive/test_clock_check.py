@@ -14,7 +14,7 @@ from skyproof.app.receive.tracker import track
 from skyproof.errors import NotEnoughData
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.simulator import scenes
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
@@ -24,10 +24,10 @@ RATE_HZ = 2.6e6
 
 @cache
 def recorded(duration_s: float, seed: int = 0):
-    scenario = scenes.clean(
+    scenario = scenes.make_clean(
         PLACE, START, duration_s=duration_s, receivers=1, mask_deg=15.0, seed=seed, front_end=FrontEnd(rate_hz=RATE_HZ)
     )
-    samples = samples_of(scenario, make_nominal_constellation(START))[0]
+    samples = render_samples(scenario, make_nominal_constellation(START))[0]
     planes = samples.read(0, samples.n_samples)
     return replace(samples, read=lambda start, count: planes[:, start : start + count])
 

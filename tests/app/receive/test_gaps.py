@@ -11,9 +11,9 @@ from skyproof.app.receive.reception import observe
 from skyproof.app.receive.tracker import track
 from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.records import SampleGap, Samples
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 LIGHT_M_S = 299_792_458.0
 RATE_HZ = 2_600_000
@@ -29,9 +29,9 @@ def sky():
         receivers=1, duration_s=24.0, front_end=FrontEnd(rate_hz=RATE_HZ, encoding="sign-magnitude", bits=2)
     )
     navigation = make_nominal_constellation(scenario.start_gpst)
-    (samples,) = samples_of(scenario, navigation)
+    (samples,) = render_samples(scenario, navigation)
     planes = samples.read(0, samples.n_samples).astype(np.int8)
-    return replace(samples, read=reader(planes)), scene_of(scenario, navigation), navigation
+    return replace(samples, read=reader(planes)), make_scene(scenario, navigation), navigation
 
 
 def reader(planes):

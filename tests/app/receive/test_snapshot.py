@@ -11,7 +11,7 @@ from skyproof.formats.raw import open_raw
 from skyproof.formats.rinex_nav import read_nav
 from skyproof.gnss.frames import ecef_from_geodetic
 from skyproof.gnss.nominal import make_nominal_constellation
-from skyproof.simulator import samples_of, scenes
+from skyproof.simulator import render_samples, scenes
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
 
 START = np.datetime64("2024-03-03T11:59:58", "ns")
@@ -21,7 +21,7 @@ PLACE = ScenePlace(lat_deg=-33.9, lon_deg=18.4, height_m=40.0)
 @pytest.fixture(scope="module")
 def recording():
     front_end = FrontEnd(rate_hz=2_600_000, encoding="sign-magnitude", bits=2)
-    scenario = scenes.clean(
+    scenario = scenes.make_clean(
         PLACE,
         START,
         duration_s=1.0,
@@ -33,7 +33,7 @@ def recording():
         seed=4,
     )
     navigation = make_nominal_constellation(START)
-    return samples_of(scenario, navigation)[0], navigation
+    return render_samples(scenario, navigation)[0], navigation
 
 
 @pytest.mark.parametrize(("start_s", "late_s"), [(0.1, -47.0), (0.7, 31.0)])

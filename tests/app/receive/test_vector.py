@@ -14,7 +14,7 @@ from skyproof.navigation.fix import fix
 from skyproof.receiver import measurement as m
 from skyproof.records import Asked, TapsAsked
 from skyproof.simulator import scenes
-from skyproof.simulator.samples import samples_of
+from skyproof.simulator.samples import render_samples
 from skyproof.simulator.scenario import FrontEnd, ScenePlace
 
 START = np.datetime64("2024-05-14T09:59:58", "ns")
@@ -26,7 +26,7 @@ ASKED = Asked(taps=TapsAsked(delays_chips=(0.5, -0.5), every_s=0.02, coherent_s=
 @pytest.fixture(scope="module")
 def sky():
     """8 s of clean sky, and its samples."""
-    scenario = scenes.clean(
+    scenario = scenes.make_clean(
         ScenePlace(lat_deg=57.7, lon_deg=11.94, height_m=50.0),
         START,
         duration_s=8.0,
@@ -35,7 +35,7 @@ def sky():
         front_end=FrontEnd(rate_hz=RATE_HZ, bandwidth_hz=1.28e6, encoding="int", bits=8),
         seed=3,
     )
-    samples = samples_of(scenario, NAV)[0]
+    samples = render_samples(scenario, NAV)[0]
     return samples, samples.read(0, samples.n_samples)
 
 

@@ -21,7 +21,7 @@ def ecef_m(place: Position) -> np.ndarray:
 def test_an_ordinary_receiver_is_led_away_and_a_protected_one_is_not(tmp_path: Path) -> None:
     verdict = demo(tmp_path).verdict
     assert verdict.verdict == "spoofed"
-    for receiver, site in zip(verdict.receivers, scenes.demo().receivers, strict=True):
+    for receiver, site in zip(verdict.receivers, scenes.make_demo().receivers, strict=True):
         true_m = ecef_from_geodetic(*site.geodetic_rad)
         assert receiver.trusted_fix is not None
         assert receiver.unprotected_fix is not None

@@ -13,10 +13,10 @@ from skyproof.app.scenes.pages import plot, write_pages
 from skyproof.app.scenes.scene_page import write_scene_page
 from skyproof.cli import main
 from skyproof.simulator import scenes
-from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.scenario import Scenario, ScenePlace, parse_scenario
 
-NAMES = list(scenes.ready_made())
+NAMES = list(scenes.load_ready_made())
 
 
 class Reader(HTMLParser):
@@ -48,7 +48,7 @@ class Reader(HTMLParser):
 
 
 def page_of(scenario: Scenario) -> str:
-    return write_scene_page(scenario, navigation_of(scenario))
+    return write_scene_page(scenario, make_navigation(scenario))
 
 
 def simple(**changes: object) -> Scenario:
@@ -64,7 +64,7 @@ def simple(**changes: object) -> Scenario:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_page_of_a_ready_made_scene_is_whole(name: str) -> None:
-    scenario = scenes.ready(name)
+    scenario = scenes.read_ready_made(name)
     html = page_of(scenario)
     read = Reader(html)
     for receiver in scenario.receivers:
@@ -82,7 +82,7 @@ def test_the_page_of_a_ready_made_scene_is_whole(name: str) -> None:
 
 
 def test_the_same_scene_gives_the_same_bytes() -> None:
-    assert page_of(scenes.demo()) == page_of(scenes.demo())
+    assert page_of(scenes.make_demo()) == page_of(scenes.make_demo())
 
 
 def test_words_of_the_scenario_are_escaped() -> None:
@@ -93,14 +93,14 @@ def test_words_of_the_scenario_are_escaped() -> None:
 
 def test_a_clean_scene_says_that_nobody_else_transmits() -> None:
     page = page_of(
-        scenes.clean(ScenePlace(lat_deg=57.7, lon_deg=11.9, height_m=50.0), np.datetime64("2024-05-14T10:00:00"))
+        scenes.make_clean(ScenePlace(lat_deg=57.7, lon_deg=11.9, height_m=50.0), np.datetime64("2024-05-14T10:00:00"))
     )
     assert "Nobody transmits" in page
     assert "False codes" not in page
 
 
 def test_settings_stand_with_their_units_and_idle_ones_are_left_out() -> None:
-    text = Reader(page_of(scenes.demo())).text
+    text = Reader(page_of(scenes.make_demo())).text
     for name, value, unit in (
         ("rate_hz", "2600000", "Hz"),
         ("onset_s", "14", "s"),
@@ -168,8 +168,8 @@ def test_one_page_is_written_under_the_scenes_name(tmp_path: Path) -> None:
 
 @pytest.mark.long
 def test_all_pages_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    two = {name: scenes.ready_made()[name] for name in ("clean", "spin")}
-    monkeypatch.setattr(scenes, "ready_made", lambda: two)
+    two = {name: scenes.load_ready_made()[name] for name in ("clean", "spin")}
+    monkeypatch.setattr(scenes, "load_ready_made", lambda: two)
     written = write_pages(tmp_path / "pages")
     assert [path.name for path in written] == ["clean.html", "spin.html", "errors.html"]
     Reader((tmp_path / "pages" / "errors.html").read_text(encoding="utf-8"))
@@ -191,5 +191,5 @@ def test_the_command_draws_the_page_alone_or_beside_the_data(
 
 
 def test_every_ready_made_scene_states_its_source() -> None:
-    for made in scenes.ready_made().values():
+    for made in scenes.load_ready_made().values():
         assert tomllib.loads(made.path.read_text(encoding="utf-8"))["source"]

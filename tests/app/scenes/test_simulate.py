@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 
 from skyproof.app.scenes import simulate as module
-from skyproof.app.scenes.simulate import load_scenario, ready_made, simulate, write_document_json, write_ready_made_json
+from skyproof.app.scenes.simulate import (
+    load_ready_made,
+    load_scenario,
+    simulate,
+    write_document_json,
+    write_ready_made_json,
+)
 from skyproof.errors import OutputError, ScenarioError, SettingsError
 from skyproof.formats.recording import open_recording
 from skyproof.formats.rinex_nav import read_nav, write_nav
@@ -19,8 +25,8 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.logs.stream import read_log
 from skyproof.records import SignalId
 from skyproof.simulator.scenario import FrontEnd, Meaconer, Scenario, SceneImu, ScenePlace, SceneReceiver
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.truth import signal_truth
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.truth import compute_signal_truth
 
 START = np.datetime64("2024-05-14T09:59:58", "ns")
 TABLES = (".csv", ".parquet")
@@ -125,7 +131,7 @@ def test_observations_are_the_truth_and_noise(tmp_path: Path) -> None:
     made = small(duration_s=20.0)
     result = simulate(made, out=tmp_path, depth="measurements")
     assert not list(tmp_path.glob("*.bin"))
-    table = signal_truth(scene_of(made, read_nav(tmp_path / "broadcast.rnx")), "bow")
+    table = compute_signal_truth(make_scene(made, read_nav(tmp_path / "broadcast.rnx")), "bow")
     for name, letter, label in (("bow.obs", "a", "authentic"), ("bow-2.obs", "b", "spoofed")):
         assert tmp_path / name in result.observations
         observations = read_obs(tmp_path / name).observations
@@ -204,7 +210,7 @@ def test_a_scene_is_replaced_only_if_asked_to(tmp_path: Path, monkeypatch: pytes
     before = octets_in(tmp_path)
     (tmp_path / "mine.txt").write_text("mine")
     with monkeypatch.context() as patched:
-        patched.setattr(module, "navigation_of", lambda _: pytest.fail("the work began before the check"))
+        patched.setattr(module, "make_navigation", lambda _: pytest.fail("the work began before the check"))
         with pytest.raises(OutputError, match=r"\bearlier\b.*--overwrite"):
             make(tmp_path, seed=9)
     assert octets_in(tmp_path) == before | {"mine.txt": b"mine"}
@@ -282,9 +288,9 @@ def test_measurements_of_a_moment_are_refused_or_left_out(tmp_path: Path) -> Non
 
 
 def test_every_ready_made_scene_has_a_sentence_and_can_be_asked_for() -> None:
-    assert {"takeover", "clean", "spin"} <= set(ready_made())
+    assert {"takeover", "clean", "spin"} <= set(load_ready_made())
     listed = json.loads(write_ready_made_json())["scenes"]
-    assert [one["name"] for one in listed] == list(ready_made())
+    assert [one["name"] for one in listed] == list(load_ready_made())
     assert all(one["description"].endswith(".") for one in listed)
     assert load_scenario("takeover").name == "takeover"
 

@@ -18,9 +18,9 @@ from skyproof.gnss.nominal import make_nominal_constellation
 from skyproof.navigation.rates import fill_dopplers
 from skyproof.records import OBSERVABLES, Cause, ConsistentSet, Records
 from skyproof.simulator.measurement_errors import FieldErrors
-from skyproof.simulator.measurements import NoiseModel, draw, ideal_measurements_of
+from skyproof.simulator.measurements import NoiseModel, draw, make_ideal_measurements
 from skyproof.simulator.scenario import parse_scenario
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.testing import MeasuredScene, TrackErrors, check_pieces
 
 START = "2023-03-04T05:06:07"
@@ -69,7 +69,7 @@ def geometry(motion="standing", oscillator="tcxo", *, place=(0.0, 0.0), lo_ppm=0
             }
         ],
     }
-    return ideal_measurements_of(scene_of(parse_scenario(table), NAVIGATION), interval_s=EPOCH_S)
+    return make_ideal_measurements(make_scene(parse_scenario(table), NAVIGATION), interval_s=EPOCH_S)
 
 
 def observe_scene(draw_of=0, *, noise=FIELD, **scene):

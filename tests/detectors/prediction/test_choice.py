@@ -17,7 +17,7 @@ from skyproof.gnss.constants import SPEED_OF_LIGHT_M_S
 from skyproof.gnss.oscillators import OSCILLATORS
 from skyproof.navigation.predictor import Standing, place_surveyed
 from skyproof.records import OverlappingSkies, Records
-from skyproof.simulator.clocks import clock
+from skyproof.simulator.clocks import make_clock
 
 HOME = np.array([3.8e6, 7.9e5, 5.0e6])
 OLD = ("G05a", "G07a", "G10a", "G13a", "G15a")
@@ -300,7 +300,7 @@ def outcomes(invented, draws, kind):
     predicted, wrong, chose, worst_m = 0.0, 0, 0, 0.0
     for seed in range(draws):
         name = str(rng.choice(["tcxo", "tcxo-good", "ocxo", "rubidium"]))
-        drawn = clock(name, seed=seed, duration_s=10.0 * WINDOWS)
+        drawn = make_clock(name, seed=seed, duration_s=10.0 * WINDOWS)
         part = {"position": EAST, "clock": CLOCK, "both": EAST + CLOCK}[kind]
         taken = Taken(
             invented,

@@ -14,7 +14,7 @@ from skyproof.app.common.settings import Settings
 from skyproof.app.common.windows import cut, windows_of
 from skyproof.detectors.prediction.inertia import Inertia, InertiaSettings, list_navigators
 from skyproof.records import Cause, Finding, Hypothesis, list_refs
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
 ALPHA = 1e-7
@@ -36,7 +36,7 @@ def heard(path="drive", seed=2, speed_m_s=0.0, duration_s=71.0, carrier="follows
         carrier=carrier,
     )
     if not speed_m_s:
-        scene = scene_of(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
+        scene = make_scene(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
     (one,) = model_receptions(scene, ChannelNoise(code_m=0.5), rng=np.random.default_rng(seed))
     o = one.reception.observations
     windows = list(windows_of([WholeSource(o)], NAVIGATION, Settings()))

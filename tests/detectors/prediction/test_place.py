@@ -17,7 +17,7 @@ from skyproof.gnss.frames import rot_enu_ecef
 from skyproof.gnss.slips import HEIGHT, UNLISTED
 from skyproof.navigation.predictor import Standing, place_surveyed
 from skyproof.records import Cause
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.receiver_model import ChannelNoise, model_receptions
 
 ALPHA = 1e-7
@@ -30,7 +30,7 @@ def received(speed_m_s=0.0, seed=1, duration_s=81.0, code_m=0.5, ar1=0.0, consta
     """A standing receiver's measurements, its windows with their sets, and where it is; an attack if it is fast."""
     scene = led_away(speed_m_s=speed_m_s or 1.0, onset_s=ONSET_S, duration_s=duration_s, seed=seed)
     if not speed_m_s:
-        scene = scene_of(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
+        scene = make_scene(scene.scenario.model_copy(update={"attacks": ()}), NAVIGATION)
     noise = ChannelNoise(code_m=code_m, ar1=ar1, constant_m=constant_m)
     (one,) = model_receptions(scene, noise, rng=np.random.default_rng(seed))
     o = one.reception.observations

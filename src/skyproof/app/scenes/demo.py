@@ -41,7 +41,7 @@ def demo(out: str | Path, *, overwrite: bool = False, progress: Progress | None 
     """
     progress = progress or Silent()
     with claim(out) as claimed:
-        scenario = scenes.demo(seed=seed)
+        scenario = scenes.make_demo(seed=seed)
         _require_free(claimed.path, scenario, overwrite=overwrite)
         recordings, nav = _simulate(scenario, claimed.path, progress)
         return protect(recordings, nav=nav, out=claimed, overwrite=overwrite, progress=progress)

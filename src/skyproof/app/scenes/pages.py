@@ -10,10 +10,10 @@ from skyproof.app.scenes.simulate import load_scenario
 from skyproof.formats.atomic_write import write_lines
 from skyproof.report.stability import AllanCurve, stability_html
 from skyproof.simulator import scenes
-from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.scenario import Scenario
-from skyproof.simulator.stability import Stability, clock_stability, imu_stability
-from skyproof.simulator.standalone import overridden
+from skyproof.simulator.stability import Stability, measure_clock_stability, measure_imu_stability
+from skyproof.simulator.standalone import override
 
 __all__ = ["ERRORS_PAGE", "plot", "write_pages", "write_stability_page"]
 
@@ -30,15 +30,15 @@ def plot(
     ScenarioError : the scenario cannot be read, is not known, or makes no sense.
     OutputError : the page cannot be written.
     """
-    made = overridden(load_scenario(scenario), seed=seed, duration_s=duration_s)
+    made = override(load_scenario(scenario), seed=seed, duration_s=duration_s)
     path = folder / f"{made.name}.html"
-    write_page(path, made, navigation_of(made))
+    write_page(path, made, make_navigation(made))
     return path
 
 
 def write_stability_page() -> str:
     """Draw Allan deviations of generated clocks and inertial units beside theory."""
-    imus, clocks = imu_stability(), clock_stability()
+    imus, clocks = measure_imu_stability(), measure_clock_stability()
     plots = [
         (f"{heading.capitalize()}s", found[0].unit, tuple(map(_curve, found)))
         for heading, found in (
@@ -62,7 +62,7 @@ def write_pages(folder: str | Path, *, progress: Progress | None = None) -> list
     Raises OutputError if the folder cannot be written.
     """
     folder, progress = Path(folder), progress or Silent()
-    names = list(scenes.ready_made())
+    names = list(scenes.load_ready_made())
     paths = []
     with claim(folder), progress.stage("drawing scenes", len(names) + 1) as stage:
         for number, name in enumerate(names, 1):

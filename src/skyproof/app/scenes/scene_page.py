@@ -29,11 +29,11 @@ from skyproof.report.scene import (
     scene_html,
 )
 from skyproof.simulator.attacks import Interference, Meaconer, Spoofer, Takeover
-from skyproof.simulator.platforms import Point, motion_within, trajectory_of
+from skyproof.simulator.platforms import Point, compute_motion, make_trajectory
 from skyproof.simulator.received import ReceivedSignal, ReceiverSky, Scene
 from skyproof.simulator.scenario import Antenna, Attack, Scenario, SceneReceiver
 from skyproof.simulator.sites import Site
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 
 __all__ = ["PAGE", "write_page", "write_scene_page"]
 
@@ -79,9 +79,9 @@ def write_scene_page(scenario: Scenario, navigation: NavigationData) -> str:
 
     The same scenario and navigation data give the same characters.
 
-    Raises ScenarioError as `skyproof.simulator.sky.scene_of` does.
+    Raises ScenarioError as `skyproof.simulator.sky.make_scene` does.
     """
-    scene = scene_of(scenario, navigation)
+    scene = make_scene(scenario, navigation)
     firsts = _first_antennas(scene)
     at_s = _choose_moments(scenario)
     origin = firsts[0].point(np.array([firsts[0].receiver.start_offset_s])).position_ecef_m[0]
@@ -229,7 +229,7 @@ def _ways(scene: Scene, at_s: Reals, origin: Reals) -> Iterator[GroundTrack]:
         return GroundTrack(name=name, role=role, east_m=enu_m[:, 0], north_m=enu_m[:, 1])
 
     for name, trajectory in scene.trajectories.items():
-        yield way(name, "receiver", lambda t_s, of=trajectory: motion_within(of, t_s), at_s)  # type: ignore[misc]
+        yield way(name, "receiver", lambda t_s, of=trajectory: compute_motion(of, t_s), at_s)  # type: ignore[misc]
     for name, attack, path in zip(scenario.attack_names, scenario.attacks, scene.shown, strict=True):
         until_s = np.inf if attack.until_s is None else attack.until_s
         on_s = at_s[(at_s >= attack.onset_s) & (at_s <= until_s)]
@@ -263,8 +263,8 @@ def _plot_displacements(
 
 
 def _point(site: Site) -> Point:
-    trajectory = trajectory_of(site, "")
-    return lambda t_s: motion_within(trajectory, t_s)
+    trajectory = make_trajectory(site, "")
+    return lambda t_s: compute_motion(trajectory, t_s)
 
 
 def _arrays(scenario: Scenario) -> Iterator[tuple[str, tuple[Element, ...]]]:

@@ -24,34 +24,34 @@ from skyproof.logs.ubx_write import ubx_log
 from skyproof.navigation.fix import fix
 from skyproof.records import NavigationData, Observations, ReceiverFixes, SignalId
 from skyproof.short_repr import ShortRepr, notebook_html
-from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.files import (
     Container,
-    container_of,
-    sample_names,
-    samples_octets,
-    series_names,
-    series_octets,
+    choose_container,
+    count_sample_octets,
+    estimate_series_octets,
+    list_sample_names,
+    list_series_names,
     write_samples,
     write_series,
     write_truth,
 )
-from skyproof.simulator.measurements import draw, ideal_measurements_of
+from skyproof.simulator.measurements import draw, make_ideal_measurements
 from skyproof.simulator.ordinary import follow_strongest
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Scenario, read_scenario
-from skyproof.simulator.scenes import ready, ready_made
-from skyproof.simulator.sky import scene_of
-from skyproof.simulator.standalone import NAVIGATION, Standalone, overridden, standalone
-from skyproof.simulator.truth_document import FORMAT, truth_of
+from skyproof.simulator.scenes import load_ready_made, read_ready_made
+from skyproof.simulator.sky import make_scene
+from skyproof.simulator.standalone import NAVIGATION, Standalone, collect_standalone, override
+from skyproof.simulator.truth_document import FORMAT, build_truth
 
 __all__ = [
     "Depth",
     "ReceiverLog",
     "SimulateResult",
+    "load_ready_made",
     "load_scenario",
     "read_earlier_scene",
-    "ready_made",
     "simulate",
     "write_document_json",
     "write_ready_made_json",
@@ -157,8 +157,8 @@ def simulate(
     OutputError : the folder cannot be written, holds what would be overwritten, or has not room enough for all.
     """
     progress, folder = progress or Silent(), Path(out)
-    made = overridden(load_scenario(scenario), seed=seed, duration_s=duration_s)
-    alone = standalone(made)
+    made = override(load_scenario(scenario), seed=seed, duration_s=duration_s)
+    alone = collect_standalone(made)
     with claim(folder):
         older = read_earlier_scene(folder)[1]
         require_free(folder, (), [path.name for path in older], _EARLIER, overwrite=overwrite)
@@ -182,9 +182,9 @@ def _make(
         raise SettingsError(
             f"log {log!r} is made of measurements, but depth is {depth!r}; give depth measurements or all"
         )
-    kind = container_of(made.front_end, container if with_samples else None)
-    navigation = navigation_of(made)
-    scene = scene_of(made, navigation)
+    kind = choose_container(made.front_end, container if with_samples else None)
+    navigation = make_navigation(made)
+    scene = make_scene(made, navigation)
     measured = _measure(scene, required=depth == "measurements", progress=progress) if with_measurements else []
     logged = _log_strongest(measured) if log is not None else []
     files = (
@@ -192,14 +192,14 @@ def _make(
         NAVIGATION,
         *sorted(set(alone.files) - {NAVIGATION}),
         _TRUTH,
-        *series_names(scene),
+        *list_series_names(scene),
         *(output.name for output in measured),
         *(output.name for output in logged),
-        *(sample_names(scene, kind) if with_samples else ()),
+        *(list_sample_names(scene, kind) if with_samples else ()),
         *((PAGE,) * plot),
     )
     _require_different(files)
-    octets = series_octets(scene) + (samples_octets(made) if with_samples else 0)
+    octets = estimate_series_octets(scene) + (count_sample_octets(made) if with_samples else 0)
     octets += _OBS_OCTETS * sum(output.observations.gpst.size * len(output.signals) for output in measured)
     octets += sum(_UBX_OCTETS * output.observations.pseudorange_m.size for output in logged)
     taken = [name for name in files if (folder / name).exists()]
@@ -210,7 +210,7 @@ def _make(
     try:
         _remove(older)
         orbits = navigation.source if made.navigation is None else NAVIGATION
-        write_truth(folder, truth_of(scene, scenario=alone.table, files=files, navigation=orbits))
+        write_truth(folder, build_truth(scene, scenario=alone.table, files=files, navigation=orbits))
         _write_inputs(folder, scene, alone)
         with progress.stage("writing truth and inertial readings", 1.0) as stage:
             write_series(scene, folder, progress=lambda done, total: stage.advance(done / total))
@@ -246,11 +246,11 @@ def load_scenario(scenario: str | Path | Scenario) -> Scenario:
     if isinstance(scenario, Scenario):
         return scenario
     path, name = Path(scenario), str(scenario)
-    if name in ready_made():
-        return ready(name)
+    if name in load_ready_made():
+        return read_ready_made(name)
     if path.suffix == ".toml" or len(path.parts) > 1 or path.is_file():
         return read_scenario(path)
-    near = get_close_matches(name, ready_made(), 1, cutoff=0.4)
+    near = get_close_matches(name, load_ready_made(), 1, cutoff=0.4)
     hint = f"did you mean {near[0]!r}? " if near else ""
     raise ScenarioError(
         f"{name!r} is neither a ready-made scene nor a file; {hint}`skyproof simulate --list` shows them; a scenario's "
@@ -271,7 +271,7 @@ def _measure(scene: Scene, *, required: bool, progress: Progress) -> list[_Measu
         progress.say(f"{words}: there are none")
         return []
     rng = np.random.default_rng(np.random.SeedSequence(scene.scenario.seed, spawn_key=(_STREAM,)))
-    observations, labels = draw(ideal_measurements_of(scene, interval_s=_INTERVAL_S), rng=rng)
+    observations, labels = draw(make_ideal_measurements(scene, interval_s=_INTERVAL_S), rng=rng)
     measured = []
     for o in observations:
         label_of = {ref.signal: label for ref, label in labels.items() if ref.receiver == o.receiver}
@@ -408,7 +408,7 @@ def write_document_json(result: SimulateResult) -> str:
 def write_ready_made_json() -> str:
     """List the ready-made scenes as one JSON document."""
     listed = [
-        {"name": scene.name, "description": scene.title, "source": scene.source} for scene in ready_made().values()
+        {"name": scene.name, "description": scene.title, "source": scene.source} for scene in load_ready_made().values()
     ]
     document = {"format": "skyproof-scenes/1", "version": version("skyproof"), "scenes": listed}
     return json.dumps(document, indent=2, ensure_ascii=False) + "\n"

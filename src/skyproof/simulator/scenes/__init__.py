@@ -27,7 +27,7 @@ from skyproof.simulator.scenario import (
     read_scenario,
 )
 
-__all__ = ["ReadyMade", "clean", "demo", "meaconed", "ready", "ready_made"]
+__all__ = ["ReadyMade", "load_ready_made", "make_clean", "make_demo", "make_meaconed", "read_ready_made"]
 
 DEMO_START_GPST = np.datetime64("2024-05-14T09:59:58", "ns")
 """Two seconds before subframe 1 begins, so that 20 s of recording hold a whole ephemeris."""
@@ -44,8 +44,8 @@ class ReadyMade:
 
 
 @cache
-def ready_made() -> Mapping[str, ReadyMade]:
-    """All ready-made scenes by name, in alphabetical order."""
+def load_ready_made() -> Mapping[str, ReadyMade]:
+    """Load all ready-made scenes by name, in alphabetical order."""
     scenes = {}
     for path in sorted(Path(__file__).parent.glob("*.toml"), key=lambda path: path.stem):
         table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -53,9 +53,9 @@ def ready_made() -> Mapping[str, ReadyMade]:
     return MappingProxyType(scenes)
 
 
-def ready(name: str) -> Scenario:
-    """A ready-made scene. Raises ScenarioError if there is none of that name."""
-    scenes = ready_made()
+def read_ready_made(name: str) -> Scenario:
+    """Read a ready-made scene. Raises ScenarioError if there is none of that name."""
+    scenes = load_ready_made()
     if name not in scenes:
         near = get_close_matches(name, scenes, 1, cutoff=0.4)
         hint = f"did you mean {near[0]!r}? " if near else ""
@@ -66,13 +66,13 @@ def ready(name: str) -> Scenario:
 JAMMED_S = (9.1, 14.0)
 
 
-def demo(*, seed: int = 1) -> Scenario:
-    """The pair of `meaconed`, jammed until it has lost the sky, then given a false one 8 dB stronger.
+def make_demo(*, seed: int = 1) -> Scenario:
+    """Make the pair of `make_meaconed`, jammed until it has lost the sky, then meaconed 8 dB stronger.
 
     Whoever looks for the strongest signals after the jamming is led to the meaconer's receive antenna, 0.9 km away. The
     jammer is 30 dB over the receivers' noise, for 5 s; the meaconer stands beside it.
     """
-    scene = meaconed(seed=seed, duration_s=34.0, onset_s=JAMMED_S[1], power_db=8.0)
+    scene = make_meaconed(seed=seed, duration_s=34.0, onset_s=JAMMED_S[1], power_db=8.0)
     jammer = Interference(
         kind="noise",
         name="jammer",
@@ -84,8 +84,8 @@ def demo(*, seed: int = 1) -> Scenario:
     return scene.model_copy(update={"name": "demo", "interference": (jammer,)})
 
 
-def meaconed(*, seed: int = 1, duration_s: float, onset_s: float, power_db: float = 0.0) -> Scenario:
-    """Two receivers 60 m apart on a ship at a quay, and a meaconer that receives 0.9 km away.
+def make_meaconed(*, seed: int = 1, duration_s: float, onset_s: float, power_db: float = 0.0) -> Scenario:
+    """Make two receivers 60 m apart on a ship at a quay, and a meaconer that receives 0.9 km away.
 
     One bit for I and for Q at 2.6 million samples a second. The meaconer's own noise lies 13 dB below theirs while
     its signals are as strong as the true ones, and grows with `power_db`.
@@ -129,7 +129,7 @@ def meaconed(*, seed: int = 1, duration_s: float, onset_s: float, power_db: floa
     )
 
 
-def clean(
+def make_clean(
     place: ScenePlace,
     start_gpst: np.datetime64,
     *,
@@ -142,7 +142,7 @@ def clean(
     front_end: FrontEnd | None = None,
     seed: int = 0,
 ) -> Scenario:
-    """Receivers around `place` that receive nothing but the sky.
+    """Make receivers around `place` that receive nothing but the sky.
 
     The first stands at `place`, the others `baseline_m` from it, spread evenly over the compass from north on. Clocks
     and oscillators differ from receiver to receiver, by what `seed` gives.

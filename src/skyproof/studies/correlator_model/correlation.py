@@ -8,7 +8,7 @@ import numpy as np
 
 from skyproof.arrays import Reals
 from skyproof.receiver.replica import low_pass_gain
-from skyproof.simulator.samples import low_pass
+from skyproof.simulator.samples import compute_low_pass
 from skyproof.studies.correlator_model.waves import SIGNAL
 
 __all__ = ["POINTS", "CodeCorrelation", "interpolate", "noise_root", "tabulate_correlation"]
@@ -35,7 +35,7 @@ def tabulate_correlation(
     lines = np.arange(code.size * POINTS // 2 + 1)
     hz = lines / code.size * SIGNAL.chip_rate_hz
     power = (np.abs(np.fft.fft(code)) ** 2)[lines % code.size] * np.sinc(lines / code.size) ** 2 / code.size**2
-    arrives = np.ones(hz.size) if bandwidth_hz is None else low_pass(hz, bandwidth_hz)
+    arrives = np.ones(hz.size) if bandwidth_hz is None else compute_low_pass(hz, bandwidth_hz)
     replica = low_pass_gain(hz / rate_hz) if band_hz is None else np.asarray(hz <= 0.5 * band_hz, np.float64)
 
     def table(shape: Reals) -> Reals:

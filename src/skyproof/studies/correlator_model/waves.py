@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from skyproof.arrays import Integers, Reals
 from skyproof.gnss.signals import GPS_L1_CA
-from skyproof.simulator import aligned, correlate
-from skyproof.simulator.received import Scene, row_of
+from skyproof.simulator import align_channels, correlate
+from skyproof.simulator.received import Scene, find_rows
 
 __all__ = ["SIGNAL", "STEP_S", "Waves", "compute_waves"]
 
@@ -63,7 +63,11 @@ def compute_waves(scene: Scene, index: int) -> Waves:
         carrier_s[:, row] += further_s - (ray.phase_cyc + ray.rate_hz * true_s) / SIGNAL.carrier_hz
     turns_cyc = SIGNAL.carrier_hz * (ahead_s[:, None] - carrier_s) + front_end.if_hz * knots_s[:, None]
     middle_s = STEP_S * (np.arange(n_steps) + 0.5)
-    seen: dict[str, Any] = {"delays_chips": (0.0,), "coherent_s": SIGNAL.period_s, "tracked": aligned(scene, index)}
+    seen: dict[str, Any] = {
+        "delays_chips": (0.0,),
+        "coherent_s": SIGNAL.period_s,
+        "tracked": align_channels(scene, index),
+    }
     alone, among = (correlate(scene, index, middle_s, others=each, **seen) for each in ("neglected", "noise"))
     parts = alone.parts
     own = (parts.channel == parts.signal) & (parts.ray < 0)
@@ -71,7 +75,7 @@ def compute_waves(scene: Scene, index: int) -> Waves:
     amplitude[:, parts.signal[own]] = np.abs(parts.weight[:, own])
     amplitude = amplitude[:, of] * np.array([1.0] * len(sky.signals) + [ray.amplitude for ray in sky.rays])
     sampled = front_end.rate_hz * SIGNAL.period_s
-    rows, messages = row_of(scene.messages, [sky.signals[column] for column in of]), scene.messages
+    rows, messages = find_rows(scene.messages, [sky.signals[column] for column in of]), scene.messages
     return Waves(
         sats=tuple(sky.signals[column].id.sat for column in of),
         code_s=_parabolas(ahead_s[:, None] - code_s),

@@ -12,11 +12,11 @@ from skyproof.app.protect import protect
 from skyproof.arrays import Reals
 from skyproof.formats.rinex_nav import write_nav
 from skyproof.gnss.frames import heading_pitch_roll_rad
-from skyproof.simulator.constellation import navigation_of
+from skyproof.simulator.constellation import make_navigation
 from skyproof.simulator.files import write_samples, write_series
 from skyproof.simulator.received import Scene
 from skyproof.simulator.scenario import Antenna, Attack, FrontEnd, Interference, Scenario, Takeover
-from skyproof.simulator.sky import scene_of
+from skyproof.simulator.sky import make_scene
 from skyproof.studies.protection.equipment import ATTITUDE_DEG, Equipped, equipped
 from skyproof.studies.protection.score import score
 
@@ -61,7 +61,7 @@ def rows_of(scenario: Scenario, equipments: Sequence[str], folder: Path) -> list
     """
     stretch = stretch_of(scenario)
     found = {name: one for name in equipments if (one := equipped(stretch, name)) is not None}
-    scenes = {name: scene_of(one.scenario, navigation_of(one.scenario)) for name, one in found.items()}
+    scenes = {name: make_scene(one.scenario, make_navigation(one.scenario)) for name, one in found.items()}
     files = _rendered(max(scenes.values(), key=lambda scene: len(scene.skies)), folder)
     return [_row(scenario.name, name, scenes[name], one, files, folder) for name, one in found.items()]
 

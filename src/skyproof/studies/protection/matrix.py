@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from skyproof.report.chart import Axes
-from skyproof.simulator.scenes import ready, ready_made
+from skyproof.simulator.scenes import load_ready_made, read_ready_made
 from skyproof.studies.base import Row, Study, StudySettings
 from skyproof.studies.protection.errors import STANFORD
 from skyproof.studies.protection.items import SharedSamples, cells_of, done
@@ -22,8 +22,8 @@ QUICK_S: Final = 12.0
 def cells(settings: StudySettings) -> list[SharedSamples]:
     """All that can be; trials : how many items of them. What is quick ends before the attack."""
     every = []
-    for name in ready_made():
-        scenario = ready(name)
+    for name in load_ready_made():
+        scenario = read_ready_made(name)
         seed = scenario.seed + settings.seed - 1
         every += cells_of(scenario.model_copy(update={"seed": seed}))
     if settings.quick:
