@@ -68,7 +68,7 @@ def test_eight_clean_scenes_bear_no_false_label():
 
 
 @pytest.mark.long
-def test_false_verdicts_on_clean_measurements_come_at_most_at_the_stated_rate():
+def test_false_verdicts_on_clean_measurements_keep_their_rate():
     windows, _, verdicts = clean_windows_by_measurement(1500, seed=12)
     hours = windows * 10.0 / 3600.0
     assert stats.poisson.sf(verdicts - 1, 1e-3 * hours) > 1e-3
@@ -85,7 +85,7 @@ def protect_in_memory(scenario, baseline_m=None):
 
 
 @pytest.mark.long
-def test_two_hundred_windows_of_clean_samples_bear_no_false_label():
+def test_two_hundred_clean_sample_windows_have_no_false_label():
     """34 scenes of 60 s at sample level, 45 down to 36 dB-Hz at the horizon: about 20 minutes."""
     rng = np.random.default_rng(13)
     windows = false = authentic = 0

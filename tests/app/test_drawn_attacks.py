@@ -44,7 +44,7 @@ def names(rows):
     return [row["name"] for row in rows]
 
 
-def test_a_late_copy_of_the_sky_is_counted_as_every_other_word_is():
+def test_a_late_copy_of_the_sky_counts_as_any_other_attack():
     # In this scene "multipath" is said of one window.
     row = drawn.examined("attack-90")
     assert not drawn.wrong_attacks([row])
@@ -62,7 +62,7 @@ def test_no_drawn_attack_moves_a_trusted_fix():
     assert not names(drawn.wrong_attacks(rows))
 
 
-def test_beside_a_second_sky_that_may_be_echoes_nothing_is_shown_true():
+def test_beside_possible_echoes_no_second_sky_is_shown_true():
     """Five satellites of a weak sky 12 m off, received by both receivers of which nothing is stated."""
     made = build_scene(draw_scene("attack-318", most_receivers=2))
     heard = drawn.heard_of(made)

@@ -76,9 +76,7 @@ def test_columns_are_parted_by_what_the_first_line_shows(tmp_path: Path, delimit
         (["inputs;window_s", "a;9,5"], r"line 2: window_s = '9,5', .*\bpoint$"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_with_a_catalogue_is_said_with_file_line_and_remedy(
-    tmp_path: Path, lines: list[str], words: str
-) -> None:
+def test_faults_of_a_catalogue_name_file_line_and_remedy(tmp_path: Path, lines: list[str], words: str) -> None:
     with pytest.raises(InputError) as raised:
         read_catalogue(catalogue(tmp_path, *lines))
     assert re.search(re.escape(f"{tmp_path / 'catalogue.csv'}: ") + words, str(raised.value))
@@ -89,7 +87,7 @@ def test_a_setting_that_makes_no_sense_is_named_with_its_line(tmp_path: Path) ->
         read_catalogue(catalogue(tmp_path, "inputs,window_s", "a,", "b,1"))
 
 
-def test_what_an_item_reads_is_part_of_what_its_result_depends_on(tmp_path: Path) -> None:
+def test_a_result_depends_on_what_its_item_reads(tmp_path: Path) -> None:
     for name in ("a.bin", "a.toml", "n.rnx", "imu.csv"):
         (tmp_path / name).write_text("x")
     (tmp_path / "p.toml").write_text('[imu]\nfile = "imu.csv"\n')
@@ -148,7 +146,7 @@ def test_the_page_lists_every_item_and_loads_nothing(tmp_path: Path) -> None:
     assert "http" not in page.replace("http-equiv", "")
 
 
-def test_the_page_has_what_needs_a_look_first_and_words_with_blanks(tmp_path: Path) -> None:
+def test_the_page_puts_first_what_needs_a_look(tmp_path: Path) -> None:
     done = rows(tmp_path)[0]
     found = [dataclasses.replace(done, name=word, verdict=word) for word in ("authentic", "no_attack_seen", "suspect")]
     page = fleet_html(found)
@@ -252,7 +250,7 @@ def contents(out: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.long
-def test_a_fleet_is_the_same_bytes_however_many_workers_and_however_often_it_is_killed(
+def test_a_fleet_gives_the_same_bytes_for_any_workers_and_kills(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = small_fleet(tmp_path / "in", 8)

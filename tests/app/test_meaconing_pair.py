@@ -202,7 +202,7 @@ def test_no_label_is_false_and_all_satellites_are_named(whole):
     assert_named(whole, "spoofed", 10)
 
 
-def test_the_trusted_position_is_the_true_one_before_and_after_the_onset(whole):
+def test_the_trusted_position_is_true_before_and_after_onset(whole):
     assert_trusted_fixes(whole, 0.0, 60.0)
     for receiver in whole.verdict.receivers:
         assert distance_m(receiver.trusted_fix, whole.truth.place_ecef_m(receiver.name)) < 5.0
@@ -331,7 +331,7 @@ def test_rinex_observations_are_those_with_the_label(whole, kind, label):
         assert max(abs(written[cell] - expected[cell]) for cell in written) < 0.001
 
 
-def test_headers_have_the_date_of_the_recording_and_where_the_receiver_stands(whole):
+def test_headers_have_the_recordings_date_and_place(whole):
     for receiver in RECEIVERS:
         for kind in ("authentic", "other"):
             header = (whole.folder / f"{receiver}-{kind}.obs").read_text(encoding="ascii").split("END OF HEADER")[0]
@@ -363,7 +363,7 @@ def test_tracks_are_xml_and_lie_where_the_fixes_are(whole):
     np.testing.assert_allclose(lon_deg, 16.89, atol=0.02)
 
 
-def test_sentences_have_their_checksums_and_one_position_a_trusted_fix(whole):
+def test_sentences_have_checksums_and_one_position_a_fix(whole):
     sentences = (whole.folder / "rx1-trusted.nmea").read_text(encoding="ascii").splitlines()
     for sentence in sentences:
         body, checksum = sentence[1:].split("*")
@@ -390,7 +390,7 @@ def test_the_report_says_the_verdict_and_needs_no_network(whole):
 
 
 @pytest.mark.long
-def test_without_a_navigation_file_the_labels_and_the_accuracy_are_the_same(protected):
+def test_labels_and_accuracy_hold_without_a_navigation_file(protected):
     run = protected("no-nav", nav=False)
     assert run.verdict.verdict == "spoofed"
     assert_onset(run)
@@ -429,7 +429,7 @@ def test_the_part_that_begins_under_attack_is_judged_as_well(protected):
 
 @pytest.mark.long
 @pytest.mark.parametrize("nav", [True, False])
-def test_one_receiver_alone_sees_two_skies_and_leaves_open_which_is_true(protected, nav):
+def test_one_receiver_sees_two_skies_and_leaves_them_open(protected, nav):
     run = protected(f"alone-{nav}", receivers=("rx1",), nav=nav)
     assert run.verdict.verdict == "spoofed"
     assert run.verdict.reason

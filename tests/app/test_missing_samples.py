@@ -17,7 +17,7 @@ def missing() -> ModuleType:
         sys.path.pop(0)
 
 
-def test_part_of_a_code_period_missing_under_a_takeover_is_found_though_channels_hold_on_to_side_lobes(missing):
+def test_a_lost_part_of_a_period_is_found_under_a_takeover(missing):
     row = missing.row_of(104)
     assert row["missing_s"] == pytest.approx(0.26525e-3)
     assert row["found"]
@@ -27,7 +27,7 @@ def test_part_of_a_code_period_missing_under_a_takeover_is_found_though_channels
 
 
 @pytest.mark.long
-def test_what_is_missing_is_found_with_its_length_and_nothing_where_nothing_is(missing):
+def test_missing_samples_are_found_with_their_length(missing):
     rows = [missing.row_of(number) for number in range(110)]
     print("\n".join(missing.table(rows)))
     cut = [row for row in rows if row["missing_s"]]

@@ -190,7 +190,7 @@ def test_false_signals_on_top_of_some_true_ones(spoofer, tmp_path):
 
 
 @pytest.mark.parametrize("power_db", [0.0, 15.0], ids=["mixed", "captured"])
-def test_signals_that_are_drawn_off_their_delays_do_not_stay_authentic(spoofer, tmp_path, power_db):
+def test_signals_dragged_off_their_delays_are_not_authentic(spoofer, tmp_path, power_db):
     """All copies come within a chip of the true signals: no second signal shows, and no channel slips."""
     scenario = kit.scenario_of(attacks=(spoofer(shows=NEARBY, power_db=power_db),))
     judged = kit.protected(scenario, tmp_path, antenna_distance_m=kit.DISTANCE_M)

@@ -146,7 +146,7 @@ def clean():
     return observed[0], navigation
 
 
-def test_few_satellites_of_a_system_join_the_sky_where_they_fit_with_a_clock_of_their_own(clean):
+def test_few_satellites_of_a_system_join_with_their_own_clock(clean):
     o, navigation = clean
     (found,) = find_consistent_sets(with_sats(o, {"G": 8, "E": 3}), navigation)
     assert Counter(s.sat[0] for s in found.signals) == {"G": 8, "E": 3}
@@ -170,7 +170,7 @@ def test_few_satellites_that_do_not_fit_the_sky_are_left_out(clean):
     assert "E" not in {s.sat[0] for s in found.signals}
 
 
-def test_systems_of_four_satellites_each_make_a_sky_together_or_none(clean):
+def test_four_satellites_of_each_system_make_one_sky_or_none(clean):
     o, navigation = clean
     few = with_sats(o, {"G": 4, "E": 4})
     (found,) = find_consistent_sets(few, navigation)
@@ -244,7 +244,7 @@ ONE_FALSE = [
 
 
 @pytest.mark.parametrize(("kinds", "false"), ONE_FALSE)
-def test_one_receiver_sees_that_kinds_of_signals_disagree_and_names_none(kinds, false):
+def test_one_receiver_sees_kinds_disagree_and_names_none(kinds, false):
     evidence, decision = attacked(kinds, false, receivers=1)
     (said, *_) = [e for e in evidence if e.detector == "residual"]
     assert said.says == "attack"
@@ -255,7 +255,7 @@ def test_one_receiver_sees_that_kinds_of_signals_disagree_and_names_none(kinds, 
 
 
 @pytest.mark.parametrize(("kinds", "false"), ONE_FALSE)
-def test_two_receivers_name_the_kind_that_is_false_and_trust_the_others(kinds, false):
+def test_two_receivers_name_the_false_kind_and_trust_the_rest(kinds, false):
     # At 40 m seven satellites of one kind leave it open which sky is true in one draw of four.
     _, decision = attacked(kinds, false, distance_m=80.0)
     of_false, of_true = labelled(decision, false=false)
@@ -265,7 +265,7 @@ def test_two_receivers_name_the_kind_that_is_false_and_trust_the_others(kinds, f
     assert of_true["spoofed"] == 0
 
 
-def test_a_false_constellation_that_shows_the_true_place_is_named_where_the_distance_is_known():
+def test_a_false_constellation_is_named_by_a_known_distance():
     false = (("G", "L1", "CA"),)
     _, decision = attacked(THREE_SYSTEMS, false, attack=spoofer(0.0, 0.0), distance_m=80.0, antenna_distance_m=80.0)
     of_false, of_true = labelled(decision, false=false)
@@ -273,7 +273,7 @@ def test_a_false_constellation_that_shows_the_true_place_is_named_where_the_dist
     assert set(of_true) == {"authentic"}
 
 
-def test_a_false_constellation_that_shows_the_true_place_is_trusted_in_no_receiver_without_a_distance():
+def test_a_false_constellation_is_not_trusted_without_a_distance():
     """Whether it is G that is true, or E and C are, two receivers alone cannot say."""
     false = (("G", "L1", "CA"),)
     for distance_m in (10.0, 200.0):  # the receivers' places are within a receiver's noise of each other, or are not
@@ -282,7 +282,7 @@ def test_a_false_constellation_that_shows_the_true_place_is_trusted_in_no_receiv
         assert {s.label for s in decision.labels} <= {"unknown", "multipath"}
 
 
-def test_a_false_time_of_one_constellation_beyond_what_receivers_make_is_an_attack():
+def test_a_false_system_time_beyond_receivers_is_an_attack():
     evidence, decision = attacked(
         THREE_SYSTEMS, (("G", "L1", "CA"),), attack=spoofer(0.0, 0.0, clock_s=5e-6), receivers=1
     )

@@ -41,7 +41,7 @@ def observations(receiver: str) -> Observations:
     )
 
 
-def test_received_signals_are_shown_and_so_is_a_receiver_that_gave_none() -> None:
+def test_received_signals_and_silent_receivers_are_shown() -> None:
     o = observations("bow")
     heard = Reception(source=samples("bow"), observations=o, decoded=NOBODY, n_signals=2, examined_s=3.0)
     deaf = Reception(
@@ -95,7 +95,7 @@ def track_at(receiver: str, x_m: float) -> Track:
     return Track(gpst=observations(receiver).gpst[:2], position_ecef_m=place_m, clock_bias_s=np.zeros(2), last=last)
 
 
-def test_while_two_skies_are_open_the_fixes_of_both_are_given_out() -> None:
+def test_while_two_skies_are_open_both_fixes_are_given() -> None:
     heard = Reception(source=samples("bow"), observations=None, decoded=NOBODY, n_signals=8, examined_s=3.0)
     skies = {"S1": track_at("bow", 6.378137e6), "S2": track_at("bow", 6.378237e6)}
     outcome = ReceiverOutcome(reception=heard, tracks=skies | {"unprotected": skies["S2"]})

@@ -45,14 +45,14 @@ def judged(heard, **given):
     return outcome, document(outcome, (), settings), epochs
 
 
-def test_four_of_ten_from_two_antennas_are_an_attack_whatever_is_known(heard):
+def test_four_of_ten_from_two_antennas_are_always_an_attack(heard):
     _, verdict, epochs = judged(heard("some-satellites"))
     assert verdict.verdict == "spoofed"
     assert "no sign" not in verdict.summary
     assert {label for label, _ in epochs} == {"unknown"}
 
 
-def test_four_of_ten_from_two_antennas_are_named_where_the_distance_is_known(heard):
+def test_four_of_ten_from_two_antennas_are_named_by_distance(heard):
     outcome, verdict, epochs = judged(heard("some-satellites"), antenna_distance_m=40.0)
     assert verdict.verdict == "spoofed"
     assert len(outcome.decision.sources) == 2
@@ -63,7 +63,7 @@ def test_four_of_ten_from_two_antennas_are_named_where_the_distance_is_known(hea
     assert all(source.one_antenna for source in outcome.decision.sources)
 
 
-def test_a_sky_shared_by_two_antennas_is_named_whole_where_the_distance_is_known(heard):
+def test_a_shared_sky_is_named_whole_by_a_known_distance(heard):
     _, verdict, epochs = judged(heard("two-antennas"), antenna_distance_m=20.0)
     assert verdict.verdict == "spoofed"
     assert len({sat for source in verdict.sources for sat in source.sats}) == 10

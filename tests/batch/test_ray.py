@@ -71,7 +71,7 @@ def test_a_node_and_a_worker_that_die_leave_the_same_bytes(tmp_path: Path, clust
     assert len(content(tmp_path / "ray")) == 2 * 41
 
 
-def test_a_fleet_on_a_cluster_that_loses_a_node_is_the_same_bytes(tmp_path: Path, cluster: Any) -> None:
+def test_a_cluster_that_loses_a_node_gives_the_same_bytes(tmp_path: Path, cluster: Any) -> None:
     path = small_fleet(tmp_path / "in", 8)
     with removal(cluster, tmp_path / "ray", 2) as removed:
         result = fleet(path, out=tmp_path / "ray", ray=cluster.address)
@@ -81,6 +81,6 @@ def test_a_fleet_on_a_cluster_that_loses_a_node_is_the_same_bytes(tmp_path: Path
     assert contents(tmp_path / "ray") == contents(tmp_path / "processes")
 
 
-def test_an_address_without_a_cluster_is_an_error_that_says_what_to_do(tmp_path: Path) -> None:
+def test_an_address_without_a_cluster_is_an_error_with_advice(tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match=r"'127\.0\.0\.1:1'"):
         import_module("skyproof.batch.ray_nodes").RayNodes("127.0.0.1:1").__enter__()

@@ -28,7 +28,7 @@ def done(
     return errors, reported
 
 
-def test_a_bad_item_a_killed_worker_and_a_second_run_cost_nothing_else(tmp_path: Path) -> None:
+def test_a_bad_item_and_a_killed_worker_cost_nothing_else(tmp_path: Path) -> None:
     once, always = tmp_path / "once", tmp_path / "always"
     once.mkdir()
     always.mkdir()
@@ -75,7 +75,7 @@ def test_two_items_of_one_key_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("step", ["rename", "replace"])
-def test_an_item_is_done_again_if_its_last_steps_were_not_all_done(
+def test_an_item_whose_last_steps_are_missing_is_done_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     one = item(Fake(1))
@@ -132,7 +132,7 @@ def wait_for_items(folder: Path, count: int) -> None:
 
 
 @pytest.mark.parametrize("whole_group", [False, True])
-def test_sigterm_lets_items_end_and_what_is_left_is_done_next_time(tmp_path: Path, whole_group: bool) -> None:
+def test_sigterm_lets_items_end_and_the_rest_runs_next_time(tmp_path: Path, whole_group: bool) -> None:
     started = driver(tmp_path, 1000)
     wait_for_items(tmp_path, 1)
     if whole_group:  # as a service manager asks every process of a service

@@ -57,9 +57,7 @@ def test_debug_shows_the_traceback(app: App, capsys: pytest.CaptureFixture[str])
     assert err.splitlines()[-1] == "skyproof: unwritten"
 
 
-def test_an_interrupted_run_prints_what_is_decided_and_exits_with_130(
-    app: App, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupted_run_prints_decisions_and_exits_130(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     app.interrupted = True
     assert cli.main([*PROTECT, "--exit-code"]) == 130
     out, err = capsys.readouterr()
@@ -70,9 +68,7 @@ def test_an_interrupted_run_prints_what_is_decided_and_exits_with_130(
     assert cli.main(["demo"]) == cli.main(["receive", "rx1.bin", "--out", "d"]) == 130
 
 
-def test_what_of_a_platform_file_no_method_uses_is_said_in_one_line(
-    app: App, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_unused_platform_keys_are_reported_in_one_line(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     remark = "attitude: unused"
     given = InputFile(path="ship.toml", format="platform", sha256=None, cut=(), left_out=(remark,), remarks=("odd",))
     app.verdict = said("authentic").model_copy(update={"inputs": (given,)})
@@ -85,7 +81,7 @@ def test_what_of_a_platform_file_no_method_uses_is_said_in_one_line(
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_a_signal_before_anything_is_decided_exits_as_a_shell_does(
+def test_a_signal_before_any_decision_exits_as_a_shell_does(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], number: signal.Signals, code: int
 ) -> None:
     monkeypatch.setattr("skyproof.app.protect.protect", lambda *_, **__: signal.raise_signal(number))

@@ -68,7 +68,7 @@ def test_help_states_the_defaults_of_the_settings() -> None:
     assert re.search(r"In seconds\. Default: ", out)
 
 
-def test_without_a_command_the_commands_are_listed_and_where_to_begin(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_command_commands_and_a_start_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main([]) == 0
     out = capsys.readouterr().out
     assert all(f" {command} " in out for command in COMMANDS)

@@ -14,7 +14,7 @@ ANTENNAS = shlex.split(
 STRETCH = shlex.split("--tracking vector --doppler-max-hz 9e3 --place-deg 57.7 11.9 --start-s 27 --duration-s 33")
 
 
-def test_options_reach_the_use_case_and_what_is_not_given_is_none(app: App) -> None:
+def test_options_reach_the_use_case_and_missing_ones_are_none(app: App) -> None:
     cli.main([*PROTECT, *ANTENNAS, *STRETCH, "--position-format", "degrees-minutes", "--overwrite"])
     cli.main(PROTECT)
     cli.main(["receive", "rx1.bin", "--out", "d", "--nav", "b.22n"])

@@ -176,9 +176,7 @@ def open_skies() -> Verdict:
     )
 
 
-def test_the_places_of_two_skies_are_shown_while_it_is_open_which_is_true(
-    app: App, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_both_places_are_shown_while_the_true_sky_is_open(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     app.verdict = open_skies()
     cli.main(PROTECT)
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
@@ -198,9 +196,7 @@ def test_demo_opens_the_report_when_asked_to(app: App, monkeypatch: pytest.Monke
     assert opened == [(tmp_path / "report.html").as_uri()]
 
 
-def test_places_are_written_in_degrees_and_minutes_where_that_is_asked(
-    app: App, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_places_are_in_degrees_and_minutes_on_request(app: App, capsys: pytest.CaptureFixture[str]) -> None:
     settings = VERDICT.settings | {"position_format": "degrees-minutes"}
     app.verdict = VERDICT.model_copy(update={"settings": settings})
     cli.main(PROTECT)

@@ -15,7 +15,7 @@ from skyproof.cli import progress as progress_of
 from skyproof.formats.verdict import write_verdict_json
 
 
-def test_bars_at_a_terminal_go_to_standard_error_and_leave_nothing_behind(
+def test_terminal_bars_go_to_standard_error_and_vanish(
     app: App, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
@@ -63,7 +63,7 @@ print("the result")
 """
 
 
-def test_at_a_terminal_a_bar_shows_the_time_left_and_is_gone_in_the_end() -> None:
+def test_a_terminal_bar_shows_the_remaining_time_and_vanishes() -> None:
     screen, terminal = pty.openpty()
     environment = os.environ | {"TERM": "xterm", "COLUMNS": "80"}
     process = subprocess.Popen(
@@ -86,7 +86,7 @@ def test_at_a_terminal_a_bar_shows_the_time_left_and_is_gone_in_the_end() -> Non
 
 
 @pytest.mark.parametrize("colours", [{}, {"FORCE_COLOR": "1"}], ids=["plain", "colours-forced"])
-def test_in_a_pipe_a_stage_is_one_line_without_control_characters(colours: dict[str, str]) -> None:
+def test_in_a_pipe_a_stage_is_one_line_without_control_codes(colours: dict[str, str]) -> None:
     run = subprocess.run(
         [sys.executable, "-c", WORKING], capture_output=True, text=True, env=os.environ | colours, check=True
     )

@@ -78,7 +78,7 @@ def test_the_table_of_all_figures_is_one_file(app: App, tmp_path: Path, capsys: 
     assert "multi-receiver.false-alarm" in capsys.readouterr().err
 
 
-def test_a_study_without_a_chart_keeps_its_rows_when_it_is_asked_for_one(
+def test_a_study_without_a_chart_keeps_its_rows_on_plot(
     app: App, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     assert cli.main(["study", "spin.roc", "--plot", "--json", "--out", str(tmp_path)]) == 0

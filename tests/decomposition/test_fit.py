@@ -37,7 +37,7 @@ def two_signals(rng, n, separation_chips, rate_hz, *, cn0_dbhz=45.0):
 
 
 @pytest.mark.parametrize("band_hz", [2.5e6, 5e6, 25e6])
-def test_the_correlation_is_the_integral_of_the_spectrum_over_the_band(band_hz):
+def test_the_correlation_integrates_the_spectrum_over_the_band(band_hz):
     b = band_hz / 2.046e6
     f, weight = np.polynomial.legendre.leggauss(400)
     f = b * f
@@ -53,7 +53,7 @@ def test_the_correlation_is_the_integral_of_the_spectrum_over_the_band(band_hz):
         assert correlation_slope(lag, band_hz, GPS_L1_CA) == pytest.approx(rise / (2 * step), abs=1e-7)
 
 
-def test_shares_of_power_and_the_noise_level_are_those_of_the_guide():
+def test_power_shares_and_noise_level_match_the_guide():
     assert band_share(5e6, GPS_L1_CA) == pytest.approx(0.957, abs=5e-4)
     assert band_share(25e6, GPS_L1_CA) == pytest.approx(0.992, abs=5e-4)
     assert np.sqrt(noise_variance(45.0, 0.02, 25e6)) == pytest.approx(0.040, abs=5e-4)
@@ -64,7 +64,7 @@ def test_without_a_band_limit_the_correlation_is_the_triangle():
     assert np.allclose(correlation(lag, 1e12, GPS_L1_CA), np.maximum(1.0 - np.abs(lag), 0.0), atol=2e-5)
 
 
-def test_the_phase_factor_is_that_of_the_integral_and_the_printed_one_is_not():
+def test_the_phase_factor_is_the_integrals_not_the_printed_one():
     t = (np.arange(200_000) + 0.5) / 200_000 * 0.02
     integral = np.mean(np.exp(1j * (2 * np.pi * 17.3 * t + 1.1)))
     assert model_as_printed(1.0, 17.3, 1.1, 0.02) == pytest.approx(integral, abs=1e-8)
@@ -72,7 +72,7 @@ def test_the_phase_factor_is_that_of_the_integral_and_the_printed_one_is_not():
     assert model_as_printed(1.0, 17.3, 1.1, 0.02, form="paper") == pytest.approx(-0.137 - 0.803j, abs=1e-3)
 
 
-def test_taps_of_samples_through_a_filter_have_the_models_signal_and_noise():
+def test_filtered_taps_have_the_models_signal_and_noise():
     """Independent of the model: random chips, an ideal low-pass, white noise, replicas shifted sample by sample."""
     rng = np.random.default_rng(3)
     over, rate_hz, chips, trials = 20, 5.115e6, 512, 800
@@ -144,7 +144,7 @@ def test_three_signals_are_for_high_rates_only():
     assert slow[2] > 0.06
 
 
-def test_an_unknown_doppler_does_not_change_the_bound_of_the_delays():
+def test_an_unknown_doppler_keeps_the_bound_of_the_delays():
     delays, variance = delay_dictionary(5e6), noise_variance(45.0, 0.02, 5e6)
     blocks = blocks_dictionary(0.02, 10, within_hz=60.0)
     amplitude = AMPLITUDES * np.exp(1j * np.array([0.0, 1.0]))
@@ -177,7 +177,7 @@ def test_without_noise_the_signals_come_back_exactly():
 
 
 @pytest.mark.parametrize(("rate_hz", "at_least"), [(5e6, 0.985), (10e6, 0.99), (25e6, 0.99)])
-def test_two_signals_a_quarter_chip_apart_are_separated_at_the_bound(rate_hz, at_least):
+def test_two_signals_a_quarter_chip_apart_reach_the_bound(rate_hz, at_least):
     rng = np.random.default_rng(7)
     delay, amplitude, variance, taps = two_signals(rng, 1000, 0.25, rate_hz)
     delays = delay_dictionary(rate_hz)
@@ -189,7 +189,7 @@ def test_two_signals_a_quarter_chip_apart_are_separated_at_the_bound(rate_hz, at
     assert 0.9 < rms <= 1.1
 
 
-def test_the_covariance_given_with_an_estimate_is_that_of_its_errors():
+def test_an_estimates_covariance_is_that_of_its_errors():
     rng = np.random.default_rng(8)
     delay, _, variance, taps = two_signals(rng, 2000, 0.4, 10e6)
     found = decompose(taps, delay_dictionary(10e6), noise_variance=variance)

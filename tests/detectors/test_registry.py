@@ -77,7 +77,7 @@ def test_our_detectors_are_found_by_their_entry_points():
         (lambda: Odd(settings=SimpleNamespace()), r"\bdataclass\b.*false_alarm_probability"),
     ],
 )
-def test_a_detector_that_cannot_be_loaded_is_named_with_its_package_and_why(monkeypatch, what, said):
+def test_a_detector_that_fails_to_load_is_named_with_its_package(monkeypatch, what, said):
     register(monkeypatch, ("odd", "odd-package", what))
     with pytest.raises(SettingsError, match=rf"'odd' of odd-package 0\.1.*{said}"):
         registry.load_detectors()
@@ -126,7 +126,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_evidence_that_cannot_be_used_fails_the_contract_and_in_a_run_is_undecided(fault):
+def test_unusable_evidence_fails_the_contract_not_the_run(fault):
     records = SCENE.records(np.random.default_rng(1))
     odd = Odd(changes=FAULTS[fault])
     with pytest.raises(AssertionError, match=fault.replace(".", r"\.")):
@@ -171,7 +171,7 @@ def test_what_is_no_evidence_is_not_taken_for_some(given):
     assert "gave" in finding.data["error"]
 
 
-def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_raised(monkeypatch):
+def test_foreign_errors_are_reported_and_our_own_raised(monkeypatch):
     class Raising(Odd):
         def examine(self, records, state=None):
             raise ValueError("singular matrix")
@@ -200,7 +200,7 @@ def test_an_error_in_anothers_detector_is_said_with_its_line_and_one_in_ours_is_
         (lambda odd_evidence, other: [replace(odd_evidence, p_value=1.7), other], "p_value is 1.7"),
     ],
 )
-def test_a_review_that_cannot_be_used_is_said_and_changes_nothing(given, fault):
+def test_an_unusable_review_is_reported_and_changes_nothing(given, fault):
     class Reviewing(Odd):
         def review(self, evidence):
             return given(*evidence)
@@ -228,7 +228,7 @@ def _examine_odd_and_another():
     return odd_evidence, replace(odd_evidence, detector="residual", says="attack", because="they fit no position")
 
 
-def test_p_values_that_are_too_small_under_their_null_break_the_contract():
+def test_too_small_p_values_under_the_null_break_the_contract():
     rng = np.random.default_rng(3)
 
     class Constant(Odd):

@@ -91,13 +91,13 @@ def test_no_satellite_below_the_mask_makes_the_word(mask_deg):
     }
 
 
-def test_where_too_few_satellites_stand_above_the_mask_that_is_the_reason():
+def test_too_few_satellites_above_the_mask_are_the_reason():
     records = scene().records(np.random.default_rng(0))
     (evidence,) = Residual(ResidualSettings(elevation_mask_deg=75.0)).examine(records)[0]
     assert (evidence.says, evidence.code) == ("undecided", "few_above_mask")
 
 
-def test_where_no_satellite_stands_above_the_mask_nothing_is_tested():
+def test_no_satellite_above_the_mask_means_no_test():
     """Such a window ended the run."""
     records = scene().records(np.random.default_rng(1))
     (finding,), _ = Residual(ResidualSettings(elevation_mask_deg=89.9)).examine(records)
@@ -119,7 +119,7 @@ def test_satellites_farther_off_than_any_echo_have_wrong_orbits(columns):
     assert evidence.data["least_m"] == pytest.approx(3e5, rel=1e-3)
 
 
-def test_no_single_signal_is_blamed_while_satellites_have_second_ones():
+def test_no_single_signal_is_blamed_beside_second_ones():
     """A channel that has been led away beside a second sky is no fault of its satellite."""
     records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     (evidence,) = Residual().examine(replace(shift_ranges(records, 4, 60.0), sets=records.sets[:1]))[0]
@@ -183,7 +183,7 @@ def test_four_signals_are_no_second_sky():
     assert evidence.says == "clean"
 
 
-def test_the_chance_counts_the_sets_that_second_signals_could_form_and_no_others():
+def test_the_chance_counts_sets_of_second_signals_only():
     records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     sky, false = records.sets
     mean = average_window(records.observations[0])
@@ -255,7 +255,7 @@ def test_a_signal_of_the_other_skys_kind_hides_no_sky():
     assert second_sky_p_value(o, (true, mixed), unrelated_spread_m=300.0) < 1e-6
 
 
-def test_the_chance_of_a_second_set_falls_with_its_size_and_is_one_without():
+def test_the_chance_of_a_second_set_falls_with_its_size():
     records = scene(false=(FalseSky(),)).records(np.random.default_rng(0))
     sky, false = records.sets
     observations = records.observations[0]

@@ -60,7 +60,7 @@ def texts(folder: Path) -> dict[str, str]:
     return {path.name: path.read_text().strip() for path in folder.iterdir() if path.is_file()}
 
 
-def test_whoever_is_killed_at_any_moment_leaves_no_old_file_beside_a_new_one(tmp_path):
+def test_a_kill_never_leaves_an_old_file_beside_a_new_one(tmp_path):
     status, step = -1, 0
     while status != 0:
         folder = tmp_path / str(step)
@@ -80,7 +80,7 @@ def test_whoever_is_killed_at_any_moment_leaves_no_old_file_beside_a_new_one(tmp
     assert step > 12
 
 
-def test_whoever_is_interrupted_before_the_first_file_leaves_all_as_it_was(tmp_path):
+def test_an_early_interruption_leaves_all_unchanged(tmp_path):
     write_run(tmp_path, "old")
 
     def interrupt(part: Path) -> None:
@@ -140,7 +140,7 @@ def test_what_is_hidden_is_not_named(tmp_path):
     assert str(unwritten.error).startswith(f"{tmp_path}/none/a.csv ")
 
 
-def test_what_a_killed_writer_left_goes_with_the_next_and_what_another_writes_stays(tmp_path):
+def test_remains_of_killed_writers_go_and_of_live_ones_stay(tmp_path):
     def half() -> None:
         with write_whole(tmp_path / "[x].bin") as file:
             file.write(b"half")

@@ -49,7 +49,7 @@ def test_rows_without_an_angle_are_left_out_and_reported(tmp_path):
         read_attitude(written(tmp_path, ANGLES_DEG[:1]))
 
 
-def test_angles_that_are_none_are_refused_and_radians_are_suspected(tmp_path):
+def test_angles_that_are_none_are_refused_radians_suspected(tmp_path):
     angles = ANGLES_DEG.copy()
     angles[4, 1] = 91.0
     with pytest.raises(InputError, match=r"line 6, pitch_deg: 91, .*\b90\b"):

@@ -39,7 +39,7 @@ stretches = st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 400)), max_s
 
 
 @given(stretches, st.integers(0, 50))
-def test_any_stretch_is_read_and_the_sum_is_of_the_whole_file_in_whatever_order_it_was_read(kept, parts, start):
+def test_any_stretch_is_read_and_the_sum_is_of_the_whole_file(kept, parts, start):
     octets = FileBytes(kept, start)
     octets.sum_as_read()
     for first, count in parts:
@@ -58,7 +58,7 @@ def test_the_sum_is_of_the_bytes_as_they_were_read(path):
     assert "written to" in octets.changes()[0]
 
 
-def test_no_sum_is_given_where_the_bytes_as_they_were_read_are_not_known(path, monkeypatch):
+def test_no_sum_is_given_if_the_bytes_read_are_unknown(path, monkeypatch):
     monkeypatch.setattr("skyproof.formats.byte_io._LONGEST_HEADER", 100)  # further on nothing is read for a sum alone
     octets = FileBytes(path)
     octets.sum_as_read()
@@ -68,7 +68,7 @@ def test_no_sum_is_given_where_the_bytes_as_they_were_read_are_not_known(path, m
     assert octets.sha256() is None
 
 
-def test_a_file_that_is_deleted_or_replaced_is_read_and_summed_to_its_end(path):
+def test_a_deleted_or_replaced_file_is_read_to_its_end(path):
     octets = FileBytes(path)
     path.unlink()
     path.write_bytes(OTHER)
@@ -77,7 +77,7 @@ def test_a_file_that_is_deleted_or_replaced_is_read_and_summed_to_its_end(path):
     assert "replaced" in octets.changes()[0]
 
 
-def test_a_file_that_grows_is_read_and_summed_as_far_as_it_was_opened(path):
+def test_a_growing_file_is_read_as_far_as_it_was_opened(path):
     octets = FileBytes(path)
     with open(path, "ab") as file:
         file.write(OTHER)
@@ -86,7 +86,7 @@ def test_a_file_that_grows_is_read_and_summed_as_far_as_it_was_opened(path):
     assert re.search(r"\bgrown\b.*\b1000 bytes", octets.changes()[0])
 
 
-def test_a_file_that_is_cut_while_it_is_read_is_reported_and_what_was_read_is_summed(path):
+def test_a_file_cut_while_read_is_reported_and_summed_so_far(path):
     octets = FileBytes(path)
     octets.sum_as_read()
     assert octets[:300].size == 300
@@ -111,7 +111,7 @@ def test_a_file_that_is_cut_while_it_is_read_is_reported_and_what_was_read_is_su
     at_byte=st.integers(0, 3),
     piece=st.integers(1, 16),
 )
-def test_samples_of_a_file_are_those_of_its_bytes_in_pieces_of_any_length(kept, packing, start, count, at_byte, piece):
+def test_samples_equal_the_files_bytes_in_pieces_of_any_length(kept, packing, start, count, at_byte, piece):
     chunks = [Chunk(at_byte, 41), Chunk(796, 17)]  # of 12 bytes at most
     whole = PackedSamples(np.frombuffer(CONTENT, np.uint8), packing, chunks)
     with pytest.MonkeyPatch.context() as patch:

@@ -100,7 +100,7 @@ def test_compact_files_without_a_fault_are_not_cut(name):
     assert worst(parse_obs(content).remarks) < RemarkKind.CUT
 
 
-def test_a_header_that_states_later_observations_bears_on_the_answer():
+def test_a_header_that_states_later_epochs_bears_on_the_answer():
     last = f"{'  2024     5    14    10    30    0.0000000     GPS':60}TIME OF LAST OBS"
     content = b"\n".join([*file_3(4).split(b"\n")[:2], last.encode(), *file_3(4).split(b"\n")[2:]])
     _, remarks = read_pieces(content)
@@ -108,7 +108,7 @@ def test_a_header_that_states_later_observations_bears_on_the_answer():
     assert any("2024-05-14 10:30:00" in remark for remark in remarks)
 
 
-def test_remarks_on_the_header_and_on_damage_reach_who_reads_pieces():
+def test_remarks_on_header_and_damage_reach_readers_of_pieces():
     broken = f"{'   x':60}LEAP SECONDS".encode()
     content = b"\n".join([*file_3(4).split(b"\n")[:2], broken, *file_3(4).split(b"\n")[2:]])
     _, remarks = read_pieces(content)
@@ -160,7 +160,7 @@ def test_samples_shorter_than_their_captures_are_cut(tmp_path):
         assert worst(one.remarks) is kind
 
 
-def test_a_file_that_ends_otherwise_than_when_it_was_opened_is_cut(tmp_path):
+def test_a_file_that_ends_elsewhere_than_when_opened_is_cut(tmp_path):
     path = tmp_path / "rx.bin"
     for content, changed in ((b"ab", b"abc"), (b"ab", b"a")):
         path.write_bytes(content)

@@ -80,7 +80,7 @@ def test_readings_that_are_written_come_back(tmp_path, ending, dated):
     st.tuples(*[st.floats(-np.pi, np.pi)] * 3).map(lambda angles: Rotation.from_euler("zyx", angles).as_matrix()),
     st.sampled_from([".csv", ".parquet"]),
 )
-def test_a_unit_of_any_axes_gives_the_readings_of_one_that_sits_straight(tmp_path_factory, rot_unit_body, ending):
+def test_a_unit_of_any_axes_reads_as_one_that_sits_straight(tmp_path_factory, rot_unit_body, ending):
     folder = tmp_path_factory.getbasetemp()
     turned = readings(grade=None, duration_s=0.5, mounting=rot_unit_body)
     found = read_imu(written(folder, table(turned), ending), rot_body_unit=rot_unit_body.T)
@@ -105,7 +105,7 @@ def test_missing_readings_are_left_out_and_reported(tmp_path):
     assert re.findall(r"\d+(?:\.\d+)?", remark) == ["6", "200", "3", "0.08"]
 
 
-def test_labels_that_scatter_are_kept_and_the_interval_is_their_mean(tmp_path):
+def test_scattered_labels_are_kept_with_a_mean_interval(tmp_path):
     series = readings()
     late = np.rint(1e6 * RANDOM.uniform(-3.0, 3.0, 200)).astype("timedelta64[ns]")  # 15 % of an interval
     found = read_imu(written(tmp_path, table(series, gpst=series.gpst + late)))
@@ -136,7 +136,7 @@ def test_readings_that_a_logger_repeats_count_once(tmp_path_factory, polled_s, s
     assert "repeat" in found.remarks[0]
 
 
-def test_a_body_at_rest_that_reads_the_same_for_ever_keeps_its_rows(tmp_path):
+def test_a_body_at_rest_with_constant_readings_keeps_its_rows(tmp_path):
     series = readings(make_static(HOME), grade=None)
     rows = table(series)
     for name in COLUMNS:
@@ -243,7 +243,7 @@ def at_sea(seed=0, sway_m_s2=0.3):
     ],
     ids=["at sea", "on a road"],
 )
-def test_rates_in_degrees_a_second_are_noticed_by_tilts_and_by_turns(tmp_path, columns, words):
+def test_rates_in_degrees_are_noticed_by_tilts_and_turns(tmp_path, columns, words):
     degrees = {name: np.degrees(column) if "gyro" in name else column for name, column in columns.items()}
     read_imu(written(tmp_path, columns))
     with pytest.raises(InputError, match=words):

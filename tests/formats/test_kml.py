@@ -45,7 +45,7 @@ def test_points_carry_utc_and_longitude_first():
     assert [child.tag for child in points] == [f"{KML}altitudeMode"] + [f"{KML}when"] * 3 + [f"{GX}coord"] * 3
 
 
-def test_points_without_a_position_are_left_out_and_so_is_an_empty_track():
+def test_points_without_a_position_and_empty_tracks_are_left_out():
     gpst, lat_deg, lon_deg, height_m = track()
     lat_deg[1] = np.nan
     found = placemarks({"trusted": (gpst, lat_deg, lon_deg, height_m), "false": track(0)})

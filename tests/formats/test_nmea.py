@@ -71,7 +71,7 @@ def test_time_is_utc_and_rounded_as_a_whole():
     assert fields_of(first)[1][0] == "214540.00"
 
 
-def test_without_a_geoid_altitude_is_empty_and_the_ellipsoidal_height_is_reported():
+def test_without_a_geoid_the_ellipsoidal_height_is_reported():
     _, found = epoch(hdop=0.87)
     assert found["GGA"][5:] == ["1", "09", "0.9", "", "M", "", "M", "", ""]
     assert found["TXT"] == ["01", "01", "02", "HAE=52.314"]

@@ -304,7 +304,7 @@ def test_a_sidecar_may_hold_a_bare_date_and_time(tmp_path):
     ],
     ids=lambda value: json.dumps(value)[:50],
 )
-def test_a_wrong_sidecar_is_reported_with_file_key_and_what_is_expected(tmp_path, change, words):
+def test_a_wrong_sidecar_is_reported_with_file_key_and_remedy(tmp_path, change, words):
     fields = {"rate_hz": 2.6e6, "kind": "complex", "encoding": "int", "bits": 8} | change
     path = tmp_path / "rec.toml"
     path.write_text(
@@ -346,7 +346,7 @@ def test_a_sidecar_that_is_no_text_is_reported(tmp_path):
         read_sidecar(path)
 
 
-def test_a_missing_sidecar_is_reported_with_an_example_that_works(tmp_path):
+def test_a_missing_sidecar_is_reported_with_a_working_example(tmp_path):
     path = tmp_path / "rec.bin"
     path.write_bytes(noise(1000).astype(np.int8).tobytes())
     with pytest.raises(InputError) as raised:
@@ -382,7 +382,7 @@ def test_an_empty_recording_is_reported(tmp_path):
 
 
 @pytest.mark.parametrize(("bits", "extra"), [(8, 1), (16, 1), (16, 3), (32, 7)])
-def test_a_cut_recording_loses_its_last_part_of_a_sample_and_says_so(tmp_path, bits, extra):
+def test_a_cut_recording_loses_a_part_of_a_sample_and_reports_it(tmp_path, bits, extra):
     octets = noise(1000).astype(f"<i{bits // 8}").tobytes()
     samples = open_raw(write(tmp_path, layout_of("int", bits), octets + b"\x01" * extra))
     assert samples.n_samples == 1000
@@ -399,7 +399,7 @@ def test_less_than_one_sample_is_reported(tmp_path, octets, header):
         open_raw(path)
 
 
-def test_the_digest_is_that_of_the_file_and_its_progress_is_reported(tmp_path):
+def test_the_digest_is_the_files_and_progress_is_reported(tmp_path):
     path = tmp_path / "a.bin"
     octets = np.random.default_rng(1).bytes(5_000_000)
     path.write_bytes(octets)
@@ -439,7 +439,7 @@ def test_a_recording_cut_anywhere_loses_what_is_cut_and_no_more(tmp_path, cut, b
 
 @given(place=st.integers(0, 10**6), bit=st.integers(0, 7))
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_sidecar_with_a_flipped_bit_is_refused_or_read_as_it_stands(tmp_path, place, bit):
+def test_a_flipped_bit_in_a_sidecar_is_refused_or_read(tmp_path, place, bit):
     layout = layout_of(centre_hz=1575e6, header_bytes=2, start_gpst="2022-01-01T21:45:58", swap_iq=True, antenna="mast")
     path = write(tmp_path, layout, noise(400).astype(np.int8).tobytes())
     sidecar = path.with_suffix(".toml")
@@ -526,7 +526,7 @@ def test_a_gap_is_reported_with_its_time(tmp_path):
     assert 0.5 <= float(remark.split("first at ")[1].split()[0]) < 0.6
 
 
-def test_floats_that_are_no_numbers_are_reported_and_read_as_zero(tmp_path):
+def test_floats_that_are_no_numbers_are_reported_and_zero(tmp_path):
     values = noise(100_000).astype(np.float32)
     values[20:2020:2] = np.nan
     values[5] = np.inf

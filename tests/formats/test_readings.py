@@ -60,7 +60,7 @@ def test_wide_numbers_of_two_values_are_one_stream(level: int, order: str) -> No
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])
-def test_two_channels_of_whole_bytes_from_one_antenna_are_no_wide_numbers(noise: float) -> None:
+def test_two_byte_channels_of_one_antenna_are_no_wide_numbers(noise: float) -> None:
     both = np.stack(
         [normal(20.0) + noise * np.random.default_rng(k).normal(0.0, 20.0, normal(1.0).size) for k in range(2)]
     )
@@ -103,7 +103,7 @@ def test_numbers_of_24_bits_are_not_taken_for_twelve() -> None:
     assert not any(one.packing.bits == 12 for one in list_likely_packings(stored[: stored.size // 48 * 48]))
 
 
-def test_numbers_of_two_and_four_bits_are_recognized_by_their_codes() -> None:
+def test_two_and_four_bit_numbers_are_recognized_by_their_codes() -> None:
     shares = {"sign-magnitude": (0.34, 0.16, 0.34, 0.16), "offset-binary": (0.16, 0.34, 0.34, 0.16)}
     shares["int"] = (0.34, 0.16, 0.16, 0.34)
     rng = np.random.default_rng(2)

@@ -243,7 +243,7 @@ def test_the_date_resolves_the_week_whatever_the_writer_counted(written):
     assert any(re.search(r"\bGPS week\b.*\b1 records\b", remark) for remark in navigation.remarks)
 
 
-def test_an_orbit_of_the_next_week_with_a_clock_of_this_one_is_put_right():
+def test_an_orbit_of_next_week_with_this_weeks_clock_is_mended():
     lines = changed(VERSION_3, 9, "2024 06 24 10 00 00", "2024 06 22 23 59 44")
     lines = changed(lines, 12, "1.224000000000E+05", "0.000000000000E+00")
     eph = parse_nav(lines).ephemerides[0]
@@ -315,7 +315,7 @@ R10 2022 06 08 09 45 00-8.311402052641E-05 9.094947017729E-13 2.934000000000E+05
 MIXED = [*VERSION_3, *GLONASS_RECORD]
 
 
-def test_a_glonass_record_is_a_state_in_metres_at_its_instant_of_gps_time():
+def test_a_glonass_record_is_a_state_in_metres_at_gps_time():
     (eph,) = parse_nav([*VERSION_3_HEADER, *GLONASS_RECORD]).ephemerides
     assert (eph.sat, eph.week, eph.toe) == ("R10", 2213, 3 * 86400 + 9 * 3600 + 45 * 60 + 18.0)  # 18 leap seconds
     assert (eph.tau_n, eph.gamma_n) == (8.311402052641e-05, 9.094947017729e-13)  # the file has minus tau
@@ -417,7 +417,7 @@ def test_a_damaged_header_line_is_reported_and_left_out():
     assert [remark[:18] for remark in navigation.remarks] == ["line 3: ION ALPHA "]
 
 
-def test_leap_seconds_come_from_the_date_where_only_the_polynomial_is_given():
+def test_leap_seconds_come_from_the_date_without_their_field():
     assert parse_nav(without(VERSION_2, 5)).utc.leap_seconds == 18
     nothing = parse_nav(without(without(VERSION_2, 4), 4))
     assert nothing.utc is None
@@ -458,7 +458,7 @@ def test_no_damage_ends_in_anything_but_data_or_a_message(data):
         ([*VERSION_3_HEADER, *GPS_RECORD[:3]], r"line 10: G05.*\b3 lines of 8\b"),
     ],
 )
-def test_what_is_no_navigation_file_is_reported_with_place_and_remedy(lines, words):
+def test_a_wrong_navigation_file_is_reported_with_place(lines, words):
     with pytest.raises(InputError) as caught:
         parse_nav(lines, source="some.file")
     assert str(caught.value).startswith("some.file")

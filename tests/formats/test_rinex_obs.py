@@ -182,7 +182,7 @@ def test_signal_strength_is_the_digit_of_the_format():
     assert [parsed.cells[epoch, "G05", "C1C"][2] for epoch in range(7)] == list("1126899")
 
 
-def test_a_file_is_dated_by_its_first_epoch_so_that_equal_observations_make_equal_bytes():
+def test_a_file_is_dated_by_its_first_epoch_for_equal_bytes():
     observations = missing(observations_of(), (slice(0, 4), slice(None)))  # the first two seconds
     (reported,) = parsed_from(observations, "G05a", created_utc=None).header["PGM / RUN BY / DATE"]
     assert reported[40:] == "20220101 214643 UTC "  # 18 leap seconds after 21:46:59 and 2 s later
@@ -198,13 +198,13 @@ def test_a_cycle_slip_is_reported():
     assert lost_locks(with_cells(observations_of(), (3, 1), status=3), "G07a") == [3]
 
 
-def test_a_gap_is_reported_as_lost_lock_but_the_first_measurement_is_not():
+def test_a_gap_is_lost_lock_but_the_first_measurement_is_not():
     observations = missing(observations_of(), (slice(0, 2), 1))
     assert lost_locks(observations, "G07a", "G30a") == []
     assert lost_locks(missing(observations, (4, 1)), "G07a", "G30a") == [5]
 
 
-def test_a_phase_that_may_be_half_a_cycle_off_has_bit_1_of_the_indicator():
+def test_an_open_half_cycle_is_bit_1_of_the_indicator():
     observations = with_cells(observations_of(), ([1, 2, 3], 1), half_cycle_open=True)
     observations = with_cells(observations, ([1, 4], 1), status=3)
     observations = with_cells(observations, (3, 1), carrier_cyc=np.nan)
@@ -214,7 +214,7 @@ def test_a_phase_that_may_be_half_a_cycle_off_has_bit_1_of_the_indicator():
     assert {cells[epoch, "G07", "C1C"][1] for epoch in range(6)} == {" "}
 
 
-def test_another_channel_of_the_satellite_is_reported_as_lost_lock():
+def test_another_channel_of_a_satellite_is_lost_lock():
     observations = missing(missing(observations_of(), (slice(0, 3), 2)), (slice(3, None), 1))
     assert lost_locks(observations, "G07a", "G07b") == [3]
     cells = parsed_from(observations, "G07a", "G07b").cells

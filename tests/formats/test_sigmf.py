@@ -34,7 +34,7 @@ from skyproof.records import SampleGap
 @pytest.mark.parametrize("datatype", DATATYPES)
 @settings(max_examples=15, deadline=None, suppress_health_check=NO_TMP_PER_EXAMPLE)
 @given(data=st.data())
-def test_every_data_type_with_channels_captures_and_headers_reads_back_from_any_place(tmp_path, datatype, data):
+def test_every_type_channel_capture_and_header_reads_back(tmp_path, datatype, data):
     n_channels = data.draw(st.integers(1, 3))
     lengths = data.draw(st.lists(st.integers(0, 5), min_size=1, max_size=4).filter(lambda n: sum(n) > 1))
     headers = data.draw(st.lists(st.integers(0, 3), min_size=len(lengths), max_size=len(lengths)))
@@ -209,7 +209,7 @@ def test_a_clock_that_was_never_set_is_reported_and_not_used(tmp_path):
     assert "clock" in samples.remarks[0]
 
 
-def test_the_start_is_carried_back_from_the_capture_that_is_dated(tmp_path):
+def test_the_start_is_counted_back_from_the_dated_capture(tmp_path):
     captures = [
         {"core:sample_start": 0, "core:frequency": 1.5e9},
         {
@@ -345,7 +345,7 @@ def test_a_channel_that_never_changes_costs_itself_only(tmp_path):
 # --- the digest
 
 
-def test_a_digest_that_differs_is_reported_and_one_that_agrees_is_not(tmp_path):
+def test_only_a_digest_that_differs_is_reported(tmp_path):
     octets = noise(5000).tobytes()
     right = hashlib.sha512(octets).hexdigest()
     path = write(tmp_path, meta_of(sha512=right), octets)
@@ -392,7 +392,7 @@ def test_long_data_are_not_digested_on_opening(tmp_path):
     ],
     ids=lambda value: json.dumps(value)[:60],
 )
-def test_wrong_metadata_are_reported_with_file_key_and_what_is_expected(tmp_path, change, words):
+def test_wrong_metadata_are_reported_with_file_key_and_remedy(tmp_path, change, words):
     meta = meta_of()
     path = write(tmp_path, meta, noise(100).tobytes())
     meta["global"] |= change

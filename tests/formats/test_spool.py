@@ -73,7 +73,7 @@ def test_a_signal_that_comes_late_was_not_tracked_before():
     assert np.isnan(log.series("cn0_dbhz", 0)[:20]).all()
 
 
-def test_what_does_not_follow_in_time_is_refused_and_loses_nothing():
+def test_a_piece_out_of_order_is_refused_and_loses_nothing():
     log = spooled(WHOLE, [10])
     with pytest.raises(ValueError, match=r"\bafter\b"):
         log.append(WHOLE.read(30, 40))
@@ -88,7 +88,7 @@ def test_few_pieces_stay_in_memory_and_many_go_to_the_disk(held_epochs, monkeypa
     assert_equal(log.read(0, 40), replace(SLIPPING, receiver="rx1"))
 
 
-def test_the_folder_of_a_run_goes_with_it_and_what_a_killed_one_left_with_the_next(tmp_path):
+def test_a_runs_folder_goes_with_it_and_remains_with_the_next(tmp_path):
     with Workspace(tmp_path) as workspace:
         log = spooled(WHOLE, [10], workspace)
         assert sorted(path.name for path in (tmp_path / UNFINISHED_RUN).iterdir()) == ["README.txt", WHOLE.receiver]

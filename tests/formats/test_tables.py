@@ -227,7 +227,7 @@ def test_a_link_keeps_pointing(tmp_path):
     ],
     ids=["no folder", "a file for a folder", "a folder", "too long"],
 )
-def test_a_place_that_cannot_be_written_is_reported_with_a_remedy(tmp_path, name, words):
+def test_a_place_that_cannot_be_written_has_a_remedy(tmp_path, name, words):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.csv").mkdir()
     with pytest.raises(OutputError, match=words) as raised:

@@ -47,7 +47,7 @@ def test_what_is_written_comes_back(folder, rows, ending, dated):
     )
 
 
-def test_spaces_empty_lines_and_columns_that_nobody_asked_for_do_no_harm(tmp_path):
+def test_spaces_empty_lines_and_extra_columns_do_no_harm(tmp_path):
     path = csv(tmp_path, '\ufefftime_s, a ,note,note,b\n0.0, 1,"x, y",,2\n\n0.5,,z,,"3"\n')
     found = read_timed_rows(path, ("a", "b"), "the rows")
     assert found.time_ns.tolist() == [0, 500_000_000]

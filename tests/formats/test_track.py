@@ -164,7 +164,7 @@ def test_a_table_that_holds_no_track_is_refused(text, words):
 # --- NMEA
 
 
-def test_damaged_sentences_and_epochs_without_a_fix_are_left_out_and_reported():
+def test_damaged_sentences_and_epochs_without_fix_are_reported():
     gpst, *places = points()
     places[0][7] = np.nan
     lines = list(write_nmea_sentences(gpst, *places, 9, geoid_separation_m=60.2))
@@ -174,7 +174,7 @@ def test_damaged_sentences_and_epochs_without_a_fix_are_left_out_and_reported():
     assert [remark[:9] for remark in track.remarks] == ["2 damaged", "1 epochs ", "1 points "]
 
 
-def test_nmea_without_a_date_has_times_only_and_without_separation_is_reported():
+def test_nmea_without_date_or_separation_is_reported():
     bare = GGA.replace("60.2", "")
     track = parse_nmea([line(bare), line(bare.replace("214540.50", "214542.25"))])
     assert track.start_gpst is None
@@ -239,7 +239,7 @@ def test_a_track_has_times_of_any_zone_and_angles_if_given():
     assert apart_m(track, np.array([[40, 3, 10], [40.1, 3, 11]]).T) < 1e-6
 
 
-def test_the_tracks_of_a_multitrack_are_one_and_its_line_is_not_another():
+def test_a_multitrack_is_one_track_and_its_line_no_other():
     two = f"<gx:MultiTrack>{gx(TWO[0])}{gx(TWO[1])}</gx:MultiTrack>"
     assert parse_kml(kml(two)).t_s.size == 2
     assert parse_kml(kml(two + "<LineString><coordinates>3,40,10 3,41,10</coordinates></LineString>")).t_s.size == 2

@@ -76,7 +76,7 @@ def test_skies_of_which_one_is_true_date_nothing():
     assert seconds(decided) == set(range(20))
 
 
-def test_an_attack_on_one_receiver_is_one_on_all_and_a_suspicion_is_not():
+def test_an_attack_on_one_receiver_is_on_all_a_suspicion_is_not():
     onset = Onset(seen=at(25.0), earliest=None)
     assert seconds(decision("nnffn", onset=onset, receiver="rx2")) == set(range(25))
     assert seconds(decision("nnssn", onset=onset, receiver="rx2", suspected="rx2")) == set(range(50))

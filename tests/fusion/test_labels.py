@@ -82,7 +82,7 @@ def test_spoofed_holds_as_long_as_the_signal_is_tracked(invented):
     assert stretches(labels) == [("unknown", 0, 19), ("spoofed", 20, 99)]  # it may have been captured after 0
 
 
-def test_a_signal_that_begins_shortly_before_the_window_that_says_so_is_spoofed_from_the_start(invented):
+def test_a_signal_just_before_its_window_is_spoofed_throughout(invented):
     said = [invented.evidence(2, "spoofed", "G05a")]
     assert stretches(label_signals(said, [invented.observations(there={"G05a": (16, 39)})])) == [("spoofed", 16, 39)]
     longer = label_signals(said, [invented.observations(there={"G05a": (14, 39)})])
@@ -176,7 +176,7 @@ def test_a_minority_is_not_authentic_where_most_fail_together(invented):
     assert all(s.because == () for s in labels if s.label == "unknown")
 
 
-def test_a_failed_test_that_overrules_leaves_its_signals_open_whatever_others_say(invented):
+def test_a_failed_overruling_test_leaves_its_signals_open(invented):
     broken = invented.evidence(2, "undecided", "G05a", "G07a", detector="two", overrules=True)
     evidence = [*(invented.evidence(window, "authentic", *ALL) for window in range(4)), broken]
     labels = label_signals(evidence, [invented.observations()])

@@ -16,7 +16,7 @@ def false(invented, name, first, last, receiver="rx1"):
     )
 
 
-def test_the_onset_lies_between_the_search_that_missed_and_the_one_that_found(invented):
+def test_the_onset_lies_between_a_miss_and_a_find(invented):
     o = invented.observations(("G05a", "G07b"), found={"G07b": (11.5, 12.0)})
     onset = date_onset([invented.ref("G07b")], [o])
     assert (onset.earliest, onset.seen) == (invented.at(11.5), invented.at(12.02))  # the search takes 20 ms
@@ -40,7 +40,7 @@ def test_what_the_first_search_found_was_there_from_the_start(invented):
     assert (onset.gpst, onset.sigma_s, onset.from_start) == (invented.at(5), None, True)
 
 
-def test_signals_that_may_have_been_hidden_were_there_at_the_latest_when_they_were_seen(invented):
+def test_hidden_signals_were_present_when_seen_at_the_latest(invented):
     """The invented signals of a satellite have the same delay: what parts from another one may have lain upon it."""
     o = invented.observations(("G05a", "G05b"), found={"G05b": (11.5, 12.0)})
     onset = date_onset([invented.ref("G05b")], [o])

@@ -21,12 +21,12 @@ def followed(o):
     return np.where(there.any(axis=1), there.argmax(axis=1), -1)
 
 
-def test_a_signal_is_followed_while_it_is_received_whatever_stronger_one_comes(invented):
+def test_a_signal_is_followed_whatever_stronger_one_comes(invented):
     o = invented.observations(("G05a", "G05b"), there={"G05b": (10, 39)})
     assert (followed(at_cn0(o, G05a=40.0, G05b=55.0)) == 0).all()
 
 
-def test_who_has_lost_its_signal_to_jamming_takes_the_strongest_afterwards(invented):
+def test_after_jamming_the_strongest_signal_is_taken(invented):
     """Even where the one that it followed before is received again."""
     o = invented.observations(("G05a", "G05b"), there={"G05b": (20, 39)})
     jammed = np.arange(40)[:, None] // 5 == 3

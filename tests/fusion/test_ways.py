@@ -35,7 +35,7 @@ def test_of_independent_tests_alarms_come_at_the_asked_rate(way):
 
 
 @pytest.mark.parametrize("way", ["union", "Holm", "Cauchy", "majority"])
-def test_of_tests_that_say_the_same_alarms_come_at_most_at_the_asked_rate(way):
+def test_alarms_of_equal_tests_keep_the_asked_rate(way):
     assert alarms(way, lambda rng: np.full((6, 4), rng.random())) < ASKED + 0.02
 
 
@@ -79,7 +79,7 @@ def test_a_rejected_antenna_is_no_test_of_the_sky(invented):
     ]
 
 
-def test_a_p_value_far_below_its_share_rejects_at_lower_rates_too(invented):
+def test_a_p_value_far_below_its_share_rejects_at_lower_rates(invented):
     e = invented.evidence(0, "attack", p_value=1e-8, asked=4e-6)
     (at,) = hours._from_rates([e], 0.4).values()
     assert at == pytest.approx(1e-3)

@@ -14,21 +14,21 @@ def test_the_ionosphere_is_that_of_an_independent_program():
     assert delay_s * SPEED_OF_LIGHT_M_S == pytest.approx(23.784, abs=1e-3)
 
 
-def test_the_ionosphere_at_night_is_five_nanoseconds_times_obliquity():
+def test_the_night_ionosphere_is_five_ns_times_obliquity():
     el_rad = np.radians([90.0, 30.0])
     delay_s = compute_klobuchar_s(NOMINAL_KLOBUCHAR, 0.7, 0.0, 1.0, el_rad, 2 * 3600.0)
     # IS-GPS-200N, 20.3.3.5.2.5: F = 1 + 16 (0.53 - E)^3, E in semicircles.
     np.testing.assert_allclose(delay_s, 5e-9 * (1.0 + 16.0 * (0.53 - el_rad / np.pi) ** 3), rtol=1e-12)
 
 
-def test_the_ionosphere_depends_on_the_time_of_day_only_and_peaks_in_the_afternoon():
+def test_the_ionosphere_follows_time_of_day_and_peaks_at_14_h():
     tow_s = np.arange(0.0, 2 * 86400.0, 900.0)
     delay_s = compute_klobuchar_s(NOMINAL_KLOBUCHAR, 0.5, 0.0, 0.0, np.pi / 2, tow_s)
     np.testing.assert_allclose(delay_s[:96], delay_s[96:], rtol=1e-12)
     assert tow_s[np.argmax(delay_s[:96])] == 50400.0  # 14 h local, at longitude 0
 
 
-def test_the_ionosphere_stays_as_it_is_beyond_three_quarters_of_the_way_to_the_pole():
+def test_the_ionosphere_is_constant_near_the_pole():
     # IS-GPS-200N, 20.3.3.5.2.5: the piercing point's latitude is held to 0.416 semicircles, 74.9 degrees.
     klobuchar = Klobuchar(alpha=(1e-8, 1e-7, 0.0, 0.0), beta=(1.2e5, 0.0, 0.0, 0.0))
     lat_rad = np.radians([73.5, 74.5, 76.0, 85.0])

@@ -21,7 +21,7 @@ def test_golden_at_equator_and_poles():
         assert local_m_s2(pole * np.pi, 0.0, 0.0)[2] == pytest.approx(-9.8321849378, abs=3e-9)
 
 
-def test_on_the_ellipsoid_it_is_somiglianas_and_at_right_angles_to_it():
+def test_on_the_ellipsoid_it_is_somiglianas_and_normal():
     e2 = 6.69437999014e-3  # the same document, table 3.5; k = 1.931852652458e-3
     sin2 = np.sin(LAT_RAD) ** 2
     somigliana = 9.7803253359 * (1.0 + 1.931852652458e-3 * sin2) / np.sqrt(1.0 - e2 * sin2)
@@ -31,7 +31,7 @@ def test_on_the_ellipsoid_it_is_somiglianas_and_at_right_angles_to_it():
 
 
 @pytest.mark.parametrize("height_m", [-400.0, 0.0, 9000.0, 500_000.0])
-def test_it_has_no_curl_and_the_divergence_of_a_turning_empty_space(height_m):
+def test_it_has_no_curl_and_the_divergence_of_rotation(height_m):
     place = ecef_from_geodetic(0.7, -1.1, height_m)
     step_m = 50.0
     steps = step_m * np.eye(3)
@@ -40,7 +40,7 @@ def test_it_has_no_curl_and_the_divergence_of_a_turning_empty_space(height_m):
     assert np.trace(slope) == pytest.approx(2.0 * 7.292115e-5**2, abs=1e-13)
 
 
-def test_far_away_it_is_a_point_mass_and_a_centrifugal_acceleration():
+def test_far_away_it_is_a_point_mass_plus_rotation():
     place = np.array([3e8, 2e8, 1e8])
     distance_m = np.linalg.norm(place)
     want = -3.986004418e14 * place / distance_m**3 + 7.292115e-5**2 * place * [1.0, 1.0, 0.0]

@@ -230,7 +230,7 @@ def test_two_or_three_flipped_bits_of_a_word_are_caught(word, flips):
 
 
 @pytest.mark.parametrize("word", [1, 9])
-def test_a_word_that_must_end_in_zeros_and_does_not_is_no_subframe(word):
+def test_a_word_without_its_final_zeros_is_no_subframe(word):
     damaged = SUBFRAME.copy()
     damaged[[30 * word + bit - 1 for bit in (23, 25, 28, 30)]] ^= 1  # bit 23 and the parity bits that it is in
     assert decode_subframe(damaged) is None
@@ -326,7 +326,7 @@ def test_only_page_18_of_subframe_4_holds_the_ionosphere():
     assert ionosphere_and_utc(utc_only, 2190)[1].leap_seconds == 18
 
 
-def test_a_real_ephemeris_keeps_its_values_to_a_step_of_the_message():
+def test_a_real_ephemeris_keeps_its_values_to_a_message_step():
     eph = replace(EPHEMERIS, m0=1.23456789012345, crs=-84.91, af0=-1.17e-4)
     sent = quantise(eph)
     assert sent.m0 == pytest.approx(eph.m0, abs=GPS_PI * 2.0**-32)
@@ -350,7 +350,7 @@ def test_the_week_ends_inside_a_stream():
 
 
 @pytest.mark.parametrize(("toe", "tow_s", "week"), [(0.0, 604770, 2191), (604784.0, 0, 2190), (7200.0, 6000, 2191)])
-def test_the_week_of_an_ephemeris_is_that_of_its_time_and_not_of_its_transmission(toe, tow_s, week):
+def test_an_ephemeris_has_the_week_of_its_time_not_transmission(toe, tow_s, week):
     sent_week = 2190 if tow_s > 300000 else 2191
     eph = replace(EPHEMERIS, toe=toe, toc=toe, week=week, toc_week=week)
     stream = encode_subframes(eph, None, None, tow_s, sent_week, 3)
@@ -388,7 +388,7 @@ def test_an_orbit_that_gps_cannot_fly_is_no_ephemeris(wrong: dict[str, float]):
 
 
 @given(st.integers(0, 700), st.sampled_from([0, 1]), st.integers(0, 2**32))
-def test_subframes_are_found_wherever_a_stream_starts_and_whichever_way_up(cut, inverted, seed):
+def test_subframes_are_found_at_any_start_and_polarity(cut, inverted, seed):
     noise = np.random.default_rng(seed).integers(0, 2, 137, dtype=np.int8)
     noise[-1] = 1 - STREAM[cut - 1] ^ inverted  # chance shall not mend the first subframe
     stream = np.concatenate([noise, STREAM[cut:] ^ inverted])

@@ -81,7 +81,7 @@ def test_positions_are_those_of_an_independent_computation(since_toe_s, e, m0):
 
 
 @given(st.floats(-4 * 3600.0, 4 * 3600.0))
-def test_velocity_and_clock_drift_are_the_rates_of_position_and_clock(since_toe_s):
+def test_velocity_and_drift_are_rates_of_position_and_clock(since_toe_s):
     eph = replace(EPHEMERIS, af2=1e-16, e=0.02)
     states = compute_satellite_state_s(eph, eph.week, eph.toe + since_toe_s + np.array([-1.0, 0.0, 1.0]))
     moved_m = states.position_ecef_m[2] - states.position_ecef_m[0]
@@ -90,7 +90,7 @@ def test_velocity_and_clock_drift_are_the_rates_of_position_and_clock(since_toe_
     assert abs(states.clock_drift[1] - gained_s / 2.0) < 1e-15
 
 
-def test_the_clock_holds_polynomial_and_relativity_but_no_group_delay():
+def test_the_clock_has_polynomial_and_relativity_but_no_delay():
     eph = replace(EPHEMERIS, m0=np.pi / 2, e=0.01, af0=1e-4, af1=0.0, af2=0.0)
     eccentric_rad = np.pi / 2 + 0.01  # to first order of e
     # IS-GPS-200N, 20.3.3.3.3.1.

@@ -81,7 +81,7 @@ def test_the_kernel_of_orbits_equals_its_numpy_twin(eph, kernel):
     np.testing.assert_allclose(states[:, 7], twin.clock_drift, rtol=1e-12)
 
 
-def test_an_instant_of_glonass_does_not_depend_on_which_others_are_asked_for():
+def test_a_glonass_instant_does_not_depend_on_the_others():
     tow_s = GLONASS.toe + np.linspace(-900.0, 900.0, 37)
     together = compute_satellite_state_s(GLONASS, GLONASS.week, tow_s.reshape(1, 37)).position_ecef_m[0]
     alone = np.array([compute_satellite_state_s(GLONASS, GLONASS.week, t).position_ecef_m for t in tow_s])
@@ -117,7 +117,7 @@ def test_each_signal_has_the_group_delay_of_its_message():
     assert np.isnan(group_delay_s(replace(galileo, message="INAV"), "E5a", "Q"))
 
 
-def test_the_best_ephemeris_is_healthy_and_within_the_age_of_its_system():
+def test_the_best_ephemeris_is_healthy_and_of_its_systems_age():
     qzss = replace(EPHEMERIS, sat="J02", health=1)  # the bit of L1C/B
     navigation = NavigationData(ephemerides=(GLONASS, replace(GLONASS, toe=GLONASS.toe + 900.0, health=1), qzss,
                                              replace(qzss, sat="J03", health=32)))  # fmt: skip

@@ -8,7 +8,7 @@ from skyproof.simulator.clocks import make_clock
 
 
 @pytest.mark.parametrize("name", sorted(set(PLATFORM_CLASSES.values()) | {"tcxo-good"}))
-def test_two_states_have_at_least_the_allan_deviation_of_the_class(name):
+def test_two_states_have_at_least_the_classs_allan_deviation(name):
     oscillator = OSCILLATORS[name]
     tau = np.geomspace(0.1, 1000.0, 25)
     white = compute_clock_step(oscillator, 1e-3)[1][0, 0] / 1e-3

@@ -46,7 +46,7 @@ def test_a_symbol_is_whole_code_periods(plan: SignalPlan):
     assert plan.chip_m * plan.chip_rate_hz == pytest.approx(SPEED_OF_LIGHT_M_S)
 
 
-def test_signals_of_a_band_have_one_carrier_and_names_of_their_own():
+def test_signals_of_a_band_share_a_carrier_and_not_a_name():
     by_band = groupby(sorted(PLANS, key=lambda plan: plan.band), key=lambda plan: plan.band)
     for _, plans in by_band:
         assert len({(plan.carrier_hz, plan.carrier_step_hz) for plan in plans}) == 1

@@ -53,7 +53,7 @@ def test_the_bound_holds_for_any_geometry_and_is_not_idle(k):
         assert upper <= exact <= bound * (1 + 1e-12)
 
 
-def test_where_the_window_does_not_cut_the_ellipsoid_the_volume_is_exact():
+def test_without_a_cut_of_the_ellipsoid_the_volume_is_exact():
     rng = np.random.default_rng(1)
     h = design(rng, 5)
     h[:, :3] *= 0.2  # mild prediction: the fifth is never far outside the window

@@ -11,7 +11,7 @@ from skyproof.navigation.ranges import correct_ranges
 
 
 @pytest.mark.parametrize("bias_s", [0.0, 0.00049, 0.00051, -0.0214, 0.93])
-def test_the_clock_comes_within_half_a_millisecond_and_nothing_else_moves(bias_s):
+def test_the_clock_comes_within_half_a_ms_and_nothing_moves(bias_s):
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, bias_s)], n=5).observations
     moved = anchor_label(seen, bias_s)
@@ -34,7 +34,7 @@ def test_times_of_transmission_stay():
     np.testing.assert_allclose(a.transmission_tow_s, b.transmission_tow_s, atol=3e-10)
 
 
-def test_a_drifting_clock_steps_by_a_millisecond_with_code_and_carrier_together():
+def test_a_drifting_clock_steps_code_and_carrier_by_one_ms():
     nav, position = sky.navigation(), sky.place(59.0, 17.0, 100.0)
     drift = 1e-4
     seen = sky.scene(nav, [(sky.visible(nav, position), position, 0.0)], n=30, drift=drift).observations
@@ -72,7 +72,7 @@ def stepping(*, step_s=1.0, carrier_too=True, dopplers=True):
 @pytest.mark.parametrize("carrier_too", [True, False])
 @pytest.mark.parametrize("dopplers", [True, False])
 @pytest.mark.parametrize("stretch_epochs", [1024, 7])
-def test_steps_of_a_clock_are_taken_back_however_the_receiver_makes_them(step_s, carrier_too, dopplers, stretch_epochs):
+def test_clock_steps_are_removed_however_a_receiver_makes_them(step_s, carrier_too, dopplers, stretch_epochs):
     free, reported = stepping(step_s=step_s, carrier_too=carrier_too, dopplers=dopplers)
     found = find_clock_steps(reported, stretch_epochs)
     steady = remove_clock_steps(reported, found)
@@ -90,7 +90,7 @@ def test_a_clock_that_runs_on_is_left_alone():
     assert find_clock_steps(free) is None
 
 
-def test_a_step_that_not_all_satellites_make_is_no_step_of_the_clock():
+def test_a_step_of_some_satellites_is_no_clock_step():
     free, _ = stepping()
     code_m = free.pseudorange_m.copy()
     code_m[15:, : code_m.shape[1] // 2 - 1] += 299792.458
@@ -134,14 +134,14 @@ def time_breaks(log, stretch_epochs=1024):
 @pytest.mark.parametrize("missing_s", [2e-6, 1e-3, 0.3331, 0.25])
 @pytest.mark.parametrize("back", [[0], [3], [1, 2, 3, 4], [2, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4, 4]])
 @pytest.mark.parametrize("stretch_epochs", [1024, 7, 16])
-def test_time_breaks_once_where_samples_are_missing_however_channels_come_back(missing_s, back, stretch_epochs):
+def test_time_breaks_once_at_missing_samples(missing_s, back, stretch_epochs):
     observed = with_missing(missing_s, back)
     (found,) = time_breaks(observed, stretch_epochs)
     assert found == observed.gpst[15 + min(back)]
 
 
 @pytest.mark.parametrize("back", [[0], [6], [1, 2, 3, 4]])
-def test_time_goes_on_where_signals_are_blocked_and_where_the_clock_is_set(back):
+def test_time_continues_through_blockage_and_clock_setting(back):
     assert not time_breaks(with_missing(0.0, back)).size
     free, _ = stepping()
     assert not time_breaks(free).size

@@ -12,7 +12,7 @@ from skyproof.navigation.fix import fix
 
 
 @pytest.mark.parametrize("where", [(59.0, 17.0, 100.0), (-41.3, 174.8, 12.0)])
-def test_it_is_the_horizontal_sigma_where_every_range_has_a_sigma_of_one(where):
+def test_it_is_the_horizontal_sigma_of_unit_ranges(where):
     nav, position = sky.navigation(), sky.place(*where)
     seen = sky.scene(nav, [(sky.visible(nav, position), position, 2e-3)], n=12).observations
     pseudorange_m = seen.pseudorange_m.copy()

@@ -119,7 +119,7 @@ def test_the_search_finds_what_the_twin_finds(two_skies, size):
     np.testing.assert_allclose(ours.state_m, twins.state_m, rtol=0, atol=1e-4)
 
 
-def test_a_signal_without_an_orbit_in_the_first_row_spoils_no_set(two_skies):
+def test_a_signal_without_an_orbit_first_spoils_no_set(two_skies):
     ranges, copies, here = two_skies
     row = copies[0][0]
     satellite = np.array(ranges.satellite_ecef_m)

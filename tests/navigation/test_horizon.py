@@ -14,7 +14,7 @@ START = np.datetime64("2024-05-14T10:00:00", "ns")
 
 
 @pytest.mark.parametrize(("lat_deg", "lon_deg"), [(57.7, 11.9), (-33.0, 151.0), (89.9, 0.0)])
-def test_those_that_rise_within_the_recording_are_in_and_no_others(lat_deg: float, lon_deg: float) -> None:
+def test_those_that_rise_in_the_recording_are_in_no_others(lat_deg: float, lon_deg: float) -> None:
     navigation = make_nominal_constellation(START)
     end = START + np.timedelta64(1, "h")
     above = list_sats_above(navigation, GPS_SATS, np.radians(lat_deg), np.radians(lon_deg), START, end)

@@ -83,7 +83,7 @@ def errors(found, true):
 
 @settings(max_examples=20)
 @given(st.sampled_from(sorted(MOTIONS)), st.floats(0.0, 5.0), st.lists(st.floats(0.0, 10.0), max_size=3))
-def test_error_free_readings_lead_along_the_truth_from_any_instant_in_any_pieces(name, start_s, cuts):
+def test_error_free_readings_follow_the_truth_in_any_pieces(name, start_s, cuts):
     motion = MOTIONS[name]
     series, run = readings(motion), exact_run(motion, round(start_s, 9))
     for end_s in [*sorted(cuts), 10.0]:
@@ -180,7 +180,7 @@ def test_a_run_ends_where_its_errors_are_too_large_for_the_model():
 
 
 @pytest.mark.parametrize("axes", ["flu", "rfu"])
-def test_a_unit_of_other_axes_gives_the_same_states_to_the_last_bit(tmp_path, axes):
+def test_a_unit_of_other_axes_gives_the_same_states_exactly(tmp_path, axes):
     rot_body_unit = {"flu": np.diag([1.0, -1.0, -1.0]), "rfu": np.array([[0, 1.0, 0], [1, 0, 0], [0, 0, -1]])}[axes]
     series = readings(MOTIONS["round"], grade="tactical")
     straight, _ = coast(exact_run(MOTIONS["round"]), series, GRADES["tactical"])

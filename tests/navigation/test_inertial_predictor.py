@@ -74,7 +74,7 @@ def test_of_many_units_each_is_where_it_is_stated_to_be(grade, attitude_deg):
         assert 0.2 < squares.mean() / 6.0 < 1.5
 
 
-def test_what_a_fix_would_show_has_the_lasting_error_of_those_that_were_learned():
+def test_a_predicted_fix_has_the_lasting_error_of_learned_ones():
     rng = np.random.default_rng(3)
     lasting = np.array([3.0, -2.0, 1.0])
     own = learned(unit("navigation", rng), rng, lasting=lasting)
@@ -85,7 +85,7 @@ def test_what_a_fix_would_show_has_the_lasting_error_of_those_that_were_learned(
     assert np.trace(expected.covariance[:3, :3]) < 0.5 * np.trace(true.covariance[:3, :3])
 
 
-def test_of_a_clock_without_an_oscillator_nothing_is_said_and_before_the_first_fix_nothing_at_all():
+def test_no_clock_without_an_oscillator_and_nothing_before_a_fix():
     rng = np.random.default_rng(1)
     own = unit("tactical", rng)
     assert own.at(label(5.0)) is None
@@ -98,7 +98,7 @@ def test_without_an_attitude_a_body_that_stands_is_not_aligned():
     assert own.learned(shown(rng, 0.5, 15.0, motion=REST)).state is None
 
 
-def test_where_readings_are_missing_it_ends_and_begins_anew_by_what_is_learned_then():
+def test_missing_readings_end_it_and_it_restarts_by_learning():
     rng = np.random.default_rng(2)
     own = learned(unit("tactical", rng), rng)
     early, late = piece(own.readings, 0.0, 35.0), piece(own.readings, 38.0, END_S)

@@ -33,7 +33,7 @@ def test_the_distance_solves_the_light_time_equation():
     np.testing.assert_allclose(turned[:, 0], position + distance * unit[:, 0], atol=1e-7)
 
 
-def test_problems_solve_side_by_side_as_they_do_alone_and_unused_ranges_do_not_matter():
+def test_problems_solve_together_as_alone_without_unused_ranges():
     rng = np.random.default_rng(2)
     satellite = rng.standard_normal((6, 8, 3))
     satellite[..., 2] = np.abs(satellite[..., 2]) + 0.5

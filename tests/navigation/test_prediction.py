@@ -44,7 +44,7 @@ def drawn_choices(n, rng, most_wrong, apart_m=None):
         yield found, int(np.flatnonzero(order == 0)[0])
 
 
-def test_of_skies_that_may_be_anywhere_as_many_are_wrong_as_predicted():
+def test_of_skies_anywhere_as_many_are_wrong_as_predicted():
     predicted, wrong = 0.0, 0
     for found, true in drawn_choices(1000, np.random.default_rng(1), 1.0):
         predicted += found.wrong_probability
@@ -66,7 +66,7 @@ def test_whatever_the_distance_no_more_are_wrong_than_the_limit(apart_m):
         assert len(chosen) > n / 10
 
 
-def test_a_sky_that_does_not_fit_is_not_taken_though_it_is_the_only_one():
+def test_an_unfitting_sky_is_not_taken_even_if_the_only_one():
     prediction = estimate_from_parts(GPS_EPOCH, position_ecef_m=HOME, position_m2=np.eye(3))
     found = choose(prediction, [a_fix(np.array([50.0, 0.0, 0.0]), 1.0)])
     assert found.chosen is None
@@ -104,7 +104,7 @@ def test_only_what_all_have_is_compared():
         choose(only_clock, [a_fix(0.0, 1.0)])
 
 
-def test_a_push_of_the_clock_alone_is_recognized_by_the_oscillator():
+def test_a_clock_push_alone_is_recognized_by_the_oscillator():
     """A standing receiver: 300 m of clock in a minute; a poor crystal leaves that open, a rubidium does not."""
     last = estimate_from_parts(
         GPS_EPOCH,

@@ -37,7 +37,7 @@ def test_of_what_nothing_was_learned_nothing_is_expected():
     assert standing(None, stands=False).learned(shown(0.0)).at(label(1.0)) is None
 
 
-def test_after_one_fix_its_place_is_expected_and_of_the_clock_next_to_nothing():
+def test_one_fix_predicts_its_place_and_nearly_no_clock():
     expected = standing("ocxo").learned(shown(0.0)).at(label(60.0))
     assert expected.mean[:3] == pytest.approx(HOME)
     # Its error stays as it is, and that of the next fix comes on top.
@@ -45,7 +45,7 @@ def test_after_one_fix_its_place_is_expected_and_of_the_clock_next_to_nothing():
     assert expected.covariance[6, 6] > 1e10
 
 
-def test_a_place_is_known_no_better_than_by_one_fix_however_many_there_were():
+def test_a_place_is_known_no_better_than_by_one_fix():
     known = standing()
     for at_s in range(100):
         known = known.learned(shown(float(at_s)))

@@ -33,7 +33,7 @@ def test_an_epoch_label_wrong_by_a_second_moves_no_satellite():
     np.testing.assert_allclose(b.range_m - a.range_m, 0.937000001 * sky.C, atol=1e-6)
 
 
-def test_each_epoch_takes_the_ephemeris_that_navigation_calls_best():
+def test_each_epoch_takes_the_best_ephemeris_of_navigation():
     early = make_nominal_constellation(np.datetime64("2022-03-04T04:00:00", "ns"))
     late = make_nominal_constellation(np.datetime64("2022-03-04T06:00:00", "ns"))
     shifted = tuple(replace(e, af0=e.af0 + 1e-6) for e in late.ephemerides)
@@ -84,7 +84,7 @@ def test_ranges_of_all_systems_equal_those_of_the_numpy_twin(shared_data):
     assert cells > 100  # of each system some
 
 
-def test_copies_of_one_satellite_share_its_ephemeris_and_columns_keep_their_places():
+def test_copies_share_an_ephemeris_and_keep_their_columns():
     nav = sky.navigation()
     signals = (SignalId("G07"), SignalId("G05"), SignalId("G07", copy="b"))
     pseudorange = np.array([[2.2e7, 2.3e7, 2.2e7], [2.2e7, 2.3e7, np.nan]])
@@ -126,14 +126,14 @@ def test_the_atmosphere_is_that_of_the_models():
     np.testing.assert_allclose(delays.sigma_m, 0.5 * ionosphere, atol=1e-9)
 
 
-def test_without_parameters_the_ionosphere_is_uncertain_by_as_much_as_is_taken():
+def test_without_parameters_the_ionosphere_is_all_uncertain():
     position = sky.place(45.0, 5.0, 0.0)
     delays = compute_atmosphere(position, sky.moved(position, 0.0, 0.0, 2e7)[None], np.float64(0.0), None)
     np.testing.assert_allclose(delays.sigma_m, 3.0, atol=0.02)
     np.testing.assert_allclose(delays.delay_m - delays.sigma_m, compute_troposphere_m(np.radians(45.0), 0.0, np.pi / 2))
 
 
-def test_the_ionosphere_goes_with_the_inverse_square_of_the_carrier():
+def test_the_ionosphere_goes_with_the_inverse_square_of_carrier():
     nav, position = sky.navigation(), sky.place(45.0, 5.0, 300.0)
     satellite = np.stack([sky.moved(position, x, 0.0, 2e7) for x in (0.0, 1e7)])
     one = compute_atmosphere(position, satellite, np.float64(43200.0), nav.ionosphere)

@@ -57,7 +57,7 @@ CASES = [
 
 @pytest.mark.parametrize("how", ["fix", "static"])
 @pytest.mark.parametrize(("name", "systems"), CASES)
-def test_a_station_is_found_within_a_few_metres_and_within_the_sigma_that_is_stated(shared_data, name, systems, how):
+def test_a_station_is_found_in_metres_and_within_its_sigma(shared_data, name, systems, how):
     seen, nav, signals, truth = station(shared_data, name, systems)
     if how == "fix":
         found = fix(seen, nav, signals=signals, elevation_mask_deg=10.0)
@@ -84,7 +84,7 @@ def test_two_receivers_a_metre_apart_are_found_a_metre_apart(shared_data):
     assert abs(apart[2]) < 1.0
 
 
-def test_more_systems_make_the_station_no_worse_and_their_clocks_are_steady(shared_data):
+def test_more_systems_do_not_worsen_the_station(shared_data):
     seen, nav, signals, truth = station(shared_data, "base", "GERC")
     every = fix(seen, nav, signals=signals, elevation_mask_deg=10.0)
     alone = fix(seen, nav, signals=tuple(s for s in signals if s.sat[0] == "G"), elevation_mask_deg=10.0)
@@ -96,7 +96,7 @@ def test_more_systems_make_the_station_no_worse_and_their_clocks_are_steady(shar
         assert np.std(offset_m) < 0.6
 
 
-def test_a_car_that_comes_back_to_where_it_stood_is_found_there_again(shared_data):
+def test_a_car_that_comes_back_is_found_at_its_old_place(shared_data):
     seen = read_obs(shared_data / "real" / "rinex-mosaic-5km/SEPT265G.21O").observations
     nav = read_nav(shared_data / "real" / "rinex-mosaic-5km/SEPT2650.21P")
     signals = tuple(s for s in code_positioning_signals(seen) if s.sat[0] in "GE")

@@ -28,7 +28,7 @@ FILES = {
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_all_systems_and_bands_of_a_clean_sky_are_one_set_at_the_true_place(shared_data, name):
+def test_all_kinds_of_a_clean_sky_are_one_set_at_the_place(shared_data, name):
     observations, orbits, systems, truth = FILES[name]
     navigation = read_nav(shared_data / "real" / orbits)
     path = shared_data / "real" / observations

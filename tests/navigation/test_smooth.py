@@ -58,7 +58,7 @@ def plainly(o, window_s, max_gap_epochs=3):
 
 
 @pytest.mark.parametrize("window_s", [0.0, 7.0, 20.0, 1e6])
-def test_running_sums_equal_the_definition_with_slips_gaps_and_uneven_noise(window_s):
+def test_running_sums_equal_the_definition_in_all_cases(window_s):
     rng = np.random.default_rng(3)
     data = track(120, 5, rng=rng)
     data["pseudorange_sigma_m"] = rng.uniform(0.5, 5.0, (120, 5))
@@ -108,7 +108,7 @@ def test_a_code_without_carrier_stays_as_it_is():
     assert smoothed.pseudorange_m[5] != data["pseudorange_m"][5]
 
 
-def test_the_ionosphere_diverges_at_the_ends_only_and_no_more_than_stated():
+def test_the_ionosphere_diverges_at_the_ends_as_stated():
     data = track(400, ionosphere_m_s=1e-3)
     error = smooth(Observations(**data), window_s=100.0).pseudorange_m - data["pseudorange_m"]
     assert np.abs(error[50:-50]).max() < 1e-6

@@ -101,7 +101,7 @@ def test_a_state_gone_wrong_is_noticed_within_a_second(off):
         assert any(one.diverged for one in after) or home
 
 
-def test_a_signal_that_does_not_fit_moves_the_state_as_least_squares_do():
+def test_an_unfitting_signal_moves_the_state_as_least_squares():
     rng = np.random.default_rng(2)
     false_m = 117.0 * np.eye(8)[3]
     outcomes, truth = run(begun(rng), TRUE, rng, 30, lambda e: e._replace(range_m=e.range_m + false_m))

@@ -59,7 +59,7 @@ def test_changes_of_rows_add_up_to_the_motion(lever_m):
     assert np.linalg.norm(off[:3]) < 3.0 * np.sqrt(np.trace(state.covariance[:3, :3]))
 
 
-def test_what_is_left_open_is_no_less_than_what_a_tilt_does_for_a_minute():
+def test_the_open_walk_covers_a_tilt_for_a_minute():
     sizes = []
     for sigma_deg in (0.1, 1.0):
         _, (_, walk2) = carry_motion(begin_motion(unit(sigma_deg), filtered(), after(2.0)), after(2.2))

@@ -38,7 +38,7 @@ def meddled(run, pair, tmp_path, monkeypatch):
     return meddled
 
 
-def test_a_recording_that_is_cut_while_it_is_worked_on_counts_as_far_as_it_was_read(meddled, pair):
+def test_a_recording_cut_while_read_counts_as_far_as_it_was_read(meddled, pair):
     ended = meddled(lambda path, _: os.truncate(path, 4_500_000))
     assert ended.code == 0
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
@@ -60,7 +60,7 @@ def test_a_recording_that_is_cut_at_once_is_left_out(meddled):
     assert "ends after" in ended.remarks(1)
 
 
-def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, pair):
+def test_inputs_deleted_while_they_are_read_cost_nothing(meddled, pair):
     ended = meddled(lambda path, nav: (path.unlink(), nav.unlink()))
     assert ended.code == 0
     assert {signal.receiver for signal in ended.verdict.signals} == {"bow", "stern"}
@@ -70,7 +70,7 @@ def test_inputs_that_are_deleted_while_they_are_worked_on_cost_nothing(meddled, 
     assert "replaced" in ended.remarks(1)
 
 
-def test_a_recording_that_grows_while_it_is_worked_on_is_not_authentic(meddled):
+def test_a_recording_that_grows_while_read_is_not_authentic(meddled):
     def append(path, _):
         with open(path, "ab") as file:
             file.write(b"more")
@@ -82,7 +82,7 @@ def test_a_recording_that_grows_while_it_is_worked_on_is_not_authentic(meddled):
 
 
 @pytest.mark.long
-def test_files_of_a_run_that_was_killed_while_they_appeared_do_not_outlive_the_next(run, wide):
+def test_files_of_a_killed_run_do_not_outlive_the_next(run, wide):
     ended = run(wide)
     names = {path.name for path in ended.folder.iterdir()}
     left = ended.folder / ".skyproof-unfinished"  # what is replaced is kept here until all of the new is there

@@ -74,7 +74,7 @@ def test_a_signal_before_any_test_writes_nothing_and_says_so(run, pair, monkeypa
     assert not ended.folder.exists()
 
 
-def test_a_signal_while_windows_are_examined_keeps_those_that_were(run, pair, monkeypatch, tmp_path):
+def test_a_signal_during_examination_keeps_the_windows_so_far(run, pair, monkeypatch, tmp_path):
     monkeypatch.setattr(protect_command, "progress", lambda: Interrupting(("examining", 1)))
     (tmp_path / "short.toml").write_text("[protect]\nwindow_s = 2.0\n")
     ended = run(pair.paths[0], nav=pair.nav, options=["--platform", str(tmp_path / "short.toml")])

@@ -110,7 +110,7 @@ def test_a_full_disk_loses_what_does_not_fit_and_not_the_answer(run, wide, ended
     assert octets_in(ended.folder).keys() == sizes.keys()
 
 
-def test_a_disk_that_takes_nothing_leaves_the_answer_on_the_terminal(run, wide, ended_run, full_at):
+def test_a_full_disk_leaves_the_answer_on_the_terminal(run, wide, ended_run, full_at):
     full_at(100)
     ended = run(wide, options=["--json", "--exit-code"])
     full_at(resource.RLIM_INFINITY)

@@ -112,7 +112,7 @@ def test_nothing_but_noise_in_all_receivers_is_refused(tmp_path):
         protect(silent)
 
 
-def test_a_receiver_that_hears_nothing_costs_itself_and_not_the_run(run, pair, tmp_path):
+def test_a_deaf_receiver_costs_itself_and_not_the_run(run, pair, tmp_path):
     ended = run(noise(tmp_path / "dead.bin"), pair.paths[0], nav=pair.nav)
     assert ended.code == 0
     assert ended.verdict.verdict == "no_attack_seen"  # one receiver alone
@@ -196,7 +196,7 @@ def test_a_wrong_date_is_reported_and_the_signals_time_is_used(run, pair, tmp_pa
 
 
 @pytest.mark.long
-def test_a_date_in_the_wrong_week_is_reported_and_the_messages_week_is_used(run, tmp_path):
+def test_a_date_in_the_wrong_week_yields_to_the_messages_week(run, tmp_path):
     recorded = kit.record(kit.scenario_of(receivers=1, duration_s=10.0), tmp_path)  # subframe 1 is whole after 8.1 s
     wrong = copied(recorded.paths[0], tmp_path / "wrong", start_gpst='"2024-05-07T09:59:58"')
     ended = run(wrong)
@@ -206,7 +206,7 @@ def test_a_date_in_the_wrong_week_is_reported_and_the_messages_week_is_used(run,
 
 
 @pytest.mark.long
-def test_a_navigation_file_whose_week_no_signal_states_is_refused_where_the_recording_has_no_date(run, tmp_path):
+def test_a_navigation_file_of_an_unknown_week_is_refused(run, tmp_path):
     recorded = kit.record(kit.scenario_of(receivers=1, duration_s=10.0), tmp_path)
     undated = copied(recorded.paths[0], tmp_path / "undated", start_gpst="")
     write_nav(tmp_path / "old.rnx", make_nominal_constellation(np.datetime64("2005-04-02T21:46:00", "ns")))
@@ -241,7 +241,7 @@ def test_receivers_in_files_of_one_name_keep_apart(pair, tmp_path):
 
 
 @pytest.mark.long
-def test_recordings_that_overlap_in_part_are_compared_in_that_part(run, tmp_path):
+def test_recordings_that_overlap_in_part_are_compared_there(run, tmp_path):
     scenario = kit.scenario_of(duration_s=9.0, start_gpst=START)
     second = scenario.receivers[1].model_copy(update={"start_offset_s": 4.0})
     recorded = kit.record(scenario.model_copy(update={"receivers": (scenario.receivers[0], second)}), tmp_path)
@@ -257,7 +257,7 @@ def test_recordings_that_overlap_in_part_are_compared_in_that_part(run, tmp_path
 
 
 @pytest.mark.long
-def test_a_recording_of_any_name_is_worked_on_and_named_so_that_it_can_be_read(run, wide, tmp_path):
+def test_a_recording_of_any_name_is_read_and_named_legibly(run, wide, tmp_path):
     name = os.fsdecode(b"[x] \xff\x1b[31m%" + b"n" * 230 + b".bin")
     assert len(os.fsencode(name)) >= 245
     path = copied(wide, tmp_path, name=name)
@@ -274,7 +274,7 @@ def test_a_recording_of_any_name_is_worked_on_and_named_so_that_it_can_be_read(r
 # --- too little
 
 
-def test_where_no_test_can_run_it_is_an_error_that_says_what_to_give(run, pair, tmp_path):
+def test_a_run_without_a_possible_test_is_an_error_with_advice(run, pair, tmp_path):
     """Whatever it were called, somebody would take it for a test that passed."""
     short = [copied(path, tmp_path, n_bytes=3 * 650_000) for path in pair.paths]
     ended = run(*short, nav=pair.nav)
@@ -283,7 +283,7 @@ def test_where_no_test_can_run_it_is_an_error_that_says_what_to_give(run, pair, 
 
 
 @pytest.mark.long
-def test_a_receiver_without_a_time_of_week_costs_itself_and_not_the_run(run, pair, tmp_path):
+def test_a_receiver_without_time_of_week_costs_itself_only(run, pair, tmp_path):
     ended = run(copied(pair.paths[1], tmp_path, n_bytes=2 * 650_000), pair.paths[0], nav=pair.nav)
     assert ended.code == 0
     assert re.match(r"left out: 10 signals\b.*\btime of\b", ended.remarks(0))
@@ -305,7 +305,7 @@ def test_without_orbits_what_ran_is_said_and_what_that_leaves(run, pair):
 
 
 @pytest.mark.usefixtures("untracked")
-def test_a_folder_that_cannot_be_written_is_refused_before_the_work(run, pair, tmp_path):
+def test_a_folder_that_cannot_be_written_is_refused_first(run, pair, tmp_path):
     (tmp_path / "taken").write_text("a file")
     for folder in (tmp_path / "taken", tmp_path / "taken" / "out"):
         assert_refused(run(*pair.paths, nav=pair.nav, out=folder), folder, "written", "--out")

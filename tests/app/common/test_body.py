@@ -100,7 +100,7 @@ def sigma_rad(state, row=-1):
 # Stated angles
 
 
-def test_stated_angles_at_a_surveyed_place_are_a_state_with_its_position():
+def test_angles_at_a_surveyed_place_give_a_state_there():
     carrier = platform(attitude=stated(), receivers=[{"position": SURVEYED}])
     state, _ = body_state(body(carrier), window(0.0, 10.0, away(5e5)), Carried())
     assert state.gpst.tolist() == later([0.0, 10.0]).tolist()
@@ -111,13 +111,13 @@ def test_stated_angles_at_a_surveyed_place_are_a_state_with_its_position():
     assert not state.velocity_ecef_m_s.any()
 
 
-def test_a_platform_that_moves_has_neither_a_surveyed_place_nor_angles_that_stay():
+def test_a_moving_platform_has_no_surveyed_place_or_fixed_angles():
     carrier = platform(motion="moving", attitude=stated(), receivers=[{"position": SURVEYED}])
     assert body(carrier) is None
     assert body(platform(receivers=[{"position": SURVEYED}])) is None
 
 
-def test_the_place_of_another_receiver_is_as_far_off_as_the_two_may_be_apart():
+def test_another_receivers_place_is_off_by_their_distance():
     carrier = platform(attitude=stated(), receivers=[{"name": "a"}, {"name": "b", "position": SURVEYED}])
     states, _ = body_states(body(carrier, ("a", "b")), window(0.0, 10.0), Carried())
     sigmas_m = {name: np.sqrt(state.covariance[0, 0, 0]) for name, state in states.items()}
@@ -142,7 +142,7 @@ def test_each_receiver_has_the_place_where_it_was_surveyed():
     st.lists(st.tuples(st.floats(-2e5, 2e5), st.floats(-2e5, 2e5)), min_size=1, max_size=4),
     st.integers(0, 3),
 )
-def test_without_a_known_place_the_true_one_is_within_the_covariance_wherever_false_ones_lie(offsets, where):
+def test_without_a_place_the_covariance_holds_the_true_one(offsets, where):
     """The body is at one of the places that signals show: there its attitude is as far off as the sigma allows."""
     places = [away(*offset) for offset in offsets]
     true = places[where % len(places)]
@@ -157,7 +157,7 @@ def test_without_a_known_place_the_true_one_is_within_the_covariance_wherever_fa
     assert wrong_rad**2 <= sigma_rad(state) ** 2 - SIGMA_RAD**2 + 1e-14
 
 
-def test_places_that_lie_too_far_from_each_other_or_none_give_no_state():
+def test_places_too_far_apart_or_missing_give_no_state():
     stays = body(platform(attitude=stated()))
     assert body_state(stays, window(0.0, 10.0), Carried())[0] is None
     assert body_state(stays, window(0.0, 10.0, HOME, away(2e6)), Carried())[0] is None
@@ -176,7 +176,7 @@ def attitude_file(tmp_path, seconds, heading_deg):
     return platform(attitude={"file": str(path), "sigma_deg": 0.2})
 
 
-def test_angles_of_a_file_are_those_of_its_times_and_holes_have_none(tmp_path):
+def test_angles_of_a_file_hold_at_its_times_and_not_in_holes(tmp_path):
     seconds = np.delete(np.arange(0.0, 60.0, 0.5), slice(50, 55))
     turning = body(attitude_file(tmp_path, seconds, 350.0 + 2.0 * seconds - 360.0 * (seconds > 5.0)))
     state, carried = body_state(turning, window(10.2, 20.0, HOME), Carried())
@@ -277,7 +277,7 @@ def test_readings_on_a_disk_give_the_same_states(tmp_path, monkeypatch, each):
         np.testing.assert_array_equal(from_disk.covariance, in_memory.covariance)
 
 
-def test_an_attack_that_begins_later_does_not_move_the_attitude_nor_one_from_the_start_its_truth(tmp_path):
+def test_later_attacks_do_not_move_the_attitude(tmp_path):
     unit = body(platform(imu=imu(tmp_path)))
     _, carried = body_state(unit, window(0.0, 10.0, HOME), Carried())
     state, _ = body_state(unit, window(10.0, 20.0, away(1e5), HOME), carried)
@@ -289,7 +289,7 @@ def test_an_attack_that_begins_later_does_not_move_the_attitude_nor_one_from_the
     assert np.radians(1.0) < off_rad(state, true) < 1.05 * sigma_rad(state)
 
 
-def test_a_long_gap_ends_the_gyros_part_and_the_stated_attitude_takes_over(tmp_path):
+def test_after_a_long_gap_the_stated_attitude_takes_over(tmp_path):
     unit = imu(tmp_path, make_static(HOME, heading_rad=0.7), missing=range(500, 600))
     alone, _ = through(body(platform(imu=unit)), [0.0, 10.0, 20.0], HOME)
     assert alone[0].gpst[-1] == later(8.0)
@@ -317,7 +317,7 @@ def test_a_unit_of_other_axes_gives_the_same_states(tmp_path):
             assert np.array_equal(states[0].attitude, straight[0].attitude)
 
 
-def test_times_from_a_start_count_from_the_one_stated_or_the_recordings(tmp_path):
+def test_times_count_from_the_stated_start_or_the_recordings(tmp_path):
     unit = imu(tmp_path)
     path = Path(unit["file"])
     lines = path.read_text().replace("gpst", "time_s").splitlines()
@@ -333,7 +333,7 @@ def test_wrong_axes_are_noticed_by_gravity(tmp_path):
         open_body(platform(imu=imu(tmp_path, axes="flu")), "p.toml")
 
 
-def test_readings_without_an_initial_attitude_are_read_and_that_is_reported(tmp_path):
+def test_readings_without_an_initial_attitude_are_reported(tmp_path):
     unit = imu(tmp_path)
     carrier = with_imu(platform(), unit["file"])
     files = open_body(carrier)
@@ -366,7 +366,7 @@ def test_files_of_another_time_are_said_to_be_unused(tmp_path):
     assert body_state(carried, window(-30.0, -20.0, HOME), Carried())[0] is None
 
 
-def test_windows_carry_the_state_and_the_run_says_that_there_is_one(tmp_path):
+def test_windows_carry_the_state_and_the_run_reports_it(tmp_path):
     carried = body(platform(imu=imu(tmp_path)))
     run = windows_of([], NavigationData(ephemerides=()), Settings(), body=carried)
     assert isinstance(carried, Body)

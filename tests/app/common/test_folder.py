@@ -111,7 +111,7 @@ def test_an_error_of_the_run_is_not_taken_for_one_of_the_folder(tmp_path):
         (("mine",), (), False, r"mine .*overwritten"),
     ],
 )
-def test_what_is_there_is_overwritten_only_if_it_is_ours_and_asked(tmp_path, taken, earlier, overwrite, words):
+def test_only_our_own_files_are_overwritten_and_only_on_request(tmp_path, taken, earlier, overwrite, words):
     if words is None:
         require_free(tmp_path, taken, earlier, "what was", overwrite=overwrite)
     else:

@@ -282,7 +282,7 @@ def test_what_is_no_toml_is_refused_with_its_line(tmp_path: Path, text: str) -> 
         read(tmp_path, text)
 
 
-def test_errors_of_a_unit_are_those_of_its_grade_or_numbers_and_the_poorest_if_nothing_is_stated() -> None:
+def test_unit_errors_come_from_grade_numbers_or_the_poorest() -> None:
     numbers = {
         "gyro_bias_deg_h": 36.0,
         "gyro_noise_deg_sqrt_h": 0.6,
@@ -324,7 +324,7 @@ def test_the_schema_takes_what_is_right_and_names_what_is_wrong() -> None:
     assert not checker.is_valid(whole)
 
 
-def test_keys_that_stand_in_the_place_of_others_have_examples_that_hold() -> None:
+def test_alternative_keys_have_examples_that_hold() -> None:
     numbers = {
         key: PlatformImu.model_fields[key].examples[0]
         for key in PlatformImu.model_fields

@@ -29,7 +29,7 @@ def test_an_array_is_where_its_antennas_are() -> None:
     assert unknown.sigma_m is None
 
 
-def test_antennas_of_which_nobody_says_where_they_are_are_no_array() -> None:
+def test_antennas_without_stated_places_are_no_array() -> None:
     assert build_arrays(tables(line_bias_cyc=[0.0, 0.1]), {"rx": 2}) == {}
     assert build_arrays(tables(antennas_m=PLACES_M[:1]), {"rx": 1}) == {}
 
@@ -42,7 +42,7 @@ def test_antennas_of_which_nobody_says_where_they_are_are_no_array() -> None:
         ({"line_bias_cyc": [0.0, 0.1]}, 3, r"line_bias_cyc .*\brx .*\b2 antennas\b.* 3"),
     ],
 )
-def test_another_number_of_antennas_than_the_inputs_have_is_refused(keys: Any, count: int, words: str) -> None:
+def test_a_number_of_antennas_other_than_the_inputs_is_refused(keys: Any, count: int, words: str) -> None:
     with pytest.raises(SettingsError, match=words):
         build_arrays(tables(**keys), {"rx": count}, "p.toml")
 

@@ -53,7 +53,7 @@ def unused(remarks: Sequence[str]) -> list[str]:
     return [match[1] for match in found if match]
 
 
-def test_positions_that_are_not_all_there_say_nothing_of_the_antennas_and_are_used_if_they_stay() -> None:
+def test_incomplete_positions_give_no_antennas_but_serve_fixed() -> None:
     for motion, remark in ((None, ()), ("moving", ("motion, receivers[0].position",))):
         settings, remarks = used(receivers=[SURVEYED[0], {"name": "stern"}, {"name": "mast"}], motion=motion)
         assert settings == Settings()
@@ -77,7 +77,7 @@ def test_an_inertial_unit_is_used_where_a_receiver_may_move(tables: dict[str, An
     assert any("imu" in remark for remark in remarks) != used_by
 
 
-def test_the_oscillator_is_a_setting_and_an_option_comes_before_it() -> None:
+def test_an_option_comes_before_the_oscillator_setting() -> None:
     settings, remarks = used(oscillator="ocxo")
     assert (settings.oscillator, remarks) == ("ocxo", ())
     settings, remarks = used(Settings(oscillator="tcxo"), oscillator="ocxo")
@@ -119,7 +119,7 @@ def test_no_attitude_changes_the_distances(heading_deg: float, pitch_deg: float,
 @pytest.mark.parametrize(
     "more", [{}, {"motion": "moving", "attitude": {"heading_deg": 3.0, "sigma_deg": 1.0}}], ids=["absent", "moving"]
 )
-def test_without_an_attitude_that_stays_two_antennas_are_as_far_apart_as_in_the_body(more: dict[str, Any]) -> None:
+def test_antennas_keep_their_body_distance_without_an_attitude(more: dict[str, Any]) -> None:
     settings, remarks = used(names=["a", "b"], receivers=[one | {"antenna_sigma_m": 0.01} for one in BODY], **more)
     assert settings.antennas_enu_m is None
     assert settings.antenna_distance_m == pytest.approx(np.sqrt(10.0))
@@ -134,7 +134,7 @@ def test_antennas_at_one_place_of_the_body_give_no_distance() -> None:
 
 
 @pytest.mark.parametrize("key", ["antennas_enu_m", "antenna_distance_m"])
-def test_settings_of_the_run_come_before_the_platform_and_that_is_reported(key: str) -> None:
+def test_settings_of_the_run_override_the_platform_and_report_it(key: str) -> None:
     value = {"antennas_enu_m": {name: (0.0, 0.0, 0.0) for name in NAMES}, "antenna_distance_m": 12.0}[key]
     settings, remarks = used(Settings(**{key: value}), receivers=SURVEYED)
     assert getattr(settings, key) == value

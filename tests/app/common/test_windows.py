@@ -43,7 +43,7 @@ def share(run):
     return detector.settings.false_alarm_probability
 
 
-def test_a_detector_without_its_equipment_gets_no_share_of_the_false_alarms():
+def test_a_detector_without_equipment_gets_no_false_alarm_share():
     settings = Settings()
     of_a_window = settings.false_alarm_probability_per_hour * settings.window_s / 3600.0
     bare = Records(start_gpst=START, end_gpst=START)
@@ -81,7 +81,7 @@ def epochs_every(step_s, n, late_s=0.0):
 
 
 @pytest.mark.parametrize(("step_s", "window_s"), [(0.05, 10.0), (1.0, 10.0), (2.0, 10.0), (5.0, 25.0), (30.0, 150.0)])
-def test_windows_hold_five_epochs_or_more_whatever_lies_between_them(step_s, window_s):
+def test_windows_hold_five_epochs_or_more_at_any_interval(step_s, window_s):
     fast, slow = epochs_every(0.1, 10), epochs_every(step_s, 41, late_s=0.002 * step_s)
     settings = widen_windows(Settings(), [fast, slow])
     assert settings.window_s == pytest.approx(window_s, rel=1e-3)
@@ -95,7 +95,7 @@ def test_windows_hold_five_epochs_or_more_whatever_lies_between_them(step_s, win
     assert detector.settings.false_alarm_probability == pytest.approx(of_a_window / usual)
 
 
-def test_each_window_has_the_correlators_of_its_epochs_and_every_look_is_in_one():
+def test_each_correlator_snapshot_is_in_exactly_one_window():
     """Looks lie to both sides of the epoch whose block they belong to; where the clock's label steps they go along."""
     observations = (
         MeasuredScene(epochs=40, antennas_enu_m={"rx1": (0.0, 0.0, 0.0)})
@@ -124,7 +124,7 @@ def test_each_window_has_the_correlators_of_its_epochs_and_every_look_is_in_one(
     assert seen == elapsed_s.tolist()
 
 
-def test_correlators_are_those_that_the_installed_detectors_ask_for():
+def test_correlators_are_those_that_detectors_ask_for():
     together = asked()
     for need, kind in ((Need.TAPS, "taps"), (Need.CCAF, "ccaf")):
         wanting = [detector for detector in load_detectors().values() if need in detector().needs]

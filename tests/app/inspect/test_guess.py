@@ -324,7 +324,7 @@ def stored(rows: np.ndarray, form: str) -> bytes:
     ("real", "form", "words"),
     [(False, "bits", "2 complex"), pytest.param(True, "i1", "2 real", marks=pytest.mark.long)],
 )
-def test_channels_that_take_turns_are_reported_and_no_sidecar_is_written(
+def test_interleaved_channels_are_reported_and_get_no_sidecar(
     real: bool, form: str, words: str, tmp_path: Path
 ) -> None:
     words = f"{words} channels"
@@ -457,7 +457,7 @@ def test_another_proposal_can_be_taken(swapped: Path) -> None:
 
 
 @pytest.mark.usefixtures("guessed_once")
-def test_the_command_shows_the_guess_writes_it_and_protect_asks_for_it(swapped: Path, capsys) -> None:
+def test_the_command_shows_the_guess_and_writes_it(swapped: Path, capsys) -> None:
     assert cli.main(["protect", str(swapped), "--out", str(swapped.parent / "out")]) == 2
     assert f"skyproof inspect {swapped}`" in capsys.readouterr().err
     assert cli.main(["inspect", str(swapped), "--json"]) == 0

@@ -194,7 +194,7 @@ def test_a_clean_sky_is_all_there_with_nothing_wrong(
     assert "but" not in found.summary
 
 
-def test_satellites_that_only_the_conjugate_shows_are_found_there(stored: tuple[Path, set[str]]) -> None:
+def test_satellites_in_the_conjugate_only_are_found(stored: tuple[Path, set[str]]) -> None:
     path, heard = stored
     (found,) = inspect(path, layout={**LAYOUT, "conjugate": True})
     assert {one.sat for one in found.satellites} == heard
@@ -251,7 +251,7 @@ def test_what_makes_no_sense_is_one_line(stored: tuple[Path, set[str]], tmp_path
         inspect(tmp_path / "short.bin", layout=LAYOUT)
 
 
-def test_options_go_before_a_sidecar_and_the_document_states_where_each_fact_comes_from(
+def test_options_override_a_sidecar_and_facts_name_their_source(
     stored: tuple[Path, set[str]],
 ) -> None:
     path, _ = stored
@@ -281,7 +281,7 @@ def test_two_signals_of_a_satellite_are_two_peaks(tmp_path: Path) -> None:
     assert "than one" in found.summary
 
 
-def test_the_last_sentence_says_what_can_be_done_and_what_is_missing(stored: tuple[Path, set[str]]) -> None:
+def test_the_last_sentence_says_what_can_be_done_and_is_missing(stored: tuple[Path, set[str]]) -> None:
     samples, _ = sky()
     short = inspect_samples(samples)
     assert "too short" in short.advice
@@ -339,7 +339,7 @@ def test_a_folder_for_pictures_that_cannot_be_made_is_reported(
         write_pictures(inspected, path / "pictures")
 
 
-def test_a_notebook_shows_the_recording_and_its_satellites_escaped(stored: tuple[Path, set[str]]) -> None:
+def test_a_notebook_shows_recording_and_satellites_escaped(stored: tuple[Path, set[str]]) -> None:
     path, heard = stored
     strange = path.rename(path.with_name("a<b>&c.bin"))
     (found,) = inspect(strange, layout=LAYOUT)
@@ -351,7 +351,7 @@ def test_a_notebook_shows_the_recording_and_its_satellites_escaped(stored: tuple
     assert "4 MHz" in shown
 
 
-def test_what_was_found_before_is_not_searched_again_and_shows_the_same(
+def test_earlier_results_are_shown_without_a_new_search(
     stored: tuple[Path, set[str]], inspected: tuple[Inspection, ...], monkeypatch
 ) -> None:
     path, _ = stored

@@ -98,7 +98,7 @@ def test_an_antenna_that_fails_is_left_out_and_reported(array_files, tmp_path, f
 
 
 @pytest.mark.long
-def test_a_first_antenna_that_is_begun_late_does_not_stand_for_the_receiver(array_files, tmp_path):
+def test_a_late_first_antenna_does_not_stand_for_the_receiver(array_files, tmp_path):
     iq = np.fromfile(array_files.woven, np.int8).reshape(-1, 4, 2)
     iq[:, 0] = np.roll(iq[:, 0], -LATE_SAMPLES, axis=0)
     iq.tofile(tmp_path / "woven.bin")
@@ -109,7 +109,7 @@ def test_a_first_antenna_that_is_begun_late_does_not_stand_for_the_receiver(arra
 
 
 @pytest.mark.long
-def test_no_true_signal_is_called_false_and_false_ones_from_one_transmitter_are_named(tmp_path):
+def test_false_signals_of_a_transmitter_are_named_no_true_one(tmp_path):
     clean = kit.record(kit.array_scenario(duration_s=34.0, seed=3), tmp_path / "clean")
     result = protect(platform=described(tmp_path, clean.paths), nav=clean.nav)
     assert result.verdict.verdict == "authentic"
@@ -126,7 +126,7 @@ def test_no_true_signal_is_called_false_and_false_ones_from_one_transmitter_are_
 
 
 @pytest.mark.long
-def test_false_signals_of_one_transmitter_are_as_equal_as_noise_allows(tmp_path):
+def test_false_signals_of_one_transmitter_are_equal_within_noise(tmp_path):
     # Weak: the transmitter's other codes are noise of one direction too, which antennas share; their phases then differ
     # by less than the noise of each (statistic over its mean: 0.94 at -3 dB, 0.83 at +3 dB, 0.53 at +10 dB).
     scenario = kit.array_scenario(duration_s=40.0, seed=7, attacks=(spoofer(onset_s=-1.0, power_db=-3.0),))

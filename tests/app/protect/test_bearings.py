@@ -94,7 +94,7 @@ def test_a_receiver_that_stands_has_a_ray_and_no_place():
     assert list(bearing.last) == ["array"]
 
 
-def test_open_directions_and_receivers_without_a_trusted_place_have_no_ray():
+def test_open_directions_and_places_without_trust_have_no_ray():
     track = moved(12.0)
     rng = np.random.default_rng(3)
     assert list(find_bearings((SOURCE,), seen(track, rng, several=True), {"array": track})) == []

@@ -19,7 +19,7 @@ def pushed():
     return judged(led_away(), STANDS)
 
 
-def test_the_place_where_it_stood_chooses_and_the_trusted_position_never_leaves(pushed):
+def test_the_old_place_chooses_and_the_trusted_position_stays(pushed):
     assert pushed.verdict.verdict == "spoofed"
     assert [source.one_antenna for source in pushed.outcome.decision.sources] == [False]
     taken = choice_of(pushed).data
@@ -39,7 +39,7 @@ def test_fixes_are_trusted_then_held_then_trusted(pushed):
     assert np.diff(pushed.at_s[order]).max() < 0.6
 
 
-def test_the_report_draws_what_was_expected_both_skies_and_where_positions_come_from(pushed):
+def test_the_report_draws_expectation_skies_and_sources(pushed):
     zero = pushed.outcome.receivers[0].reception.observations.gpst[0]
     (compared,) = compare_skies(pushed.outcome, zero)
     away_m = {track.kind: float(np.hypot(track.east_m[0], track.north_m[0])) for track in compared.tracks}
@@ -55,14 +55,14 @@ def test_the_report_draws_what_was_expected_both_skies_and_where_positions_come_
     assert np.nanmax(came.away_m) > 100.0
 
 
-def test_of_a_receiver_of_which_nothing_is_known_nothing_is_chosen():
+def test_without_knowledge_of_a_receiver_no_sky_is_chosen():
     found = judged(led_away(), Settings())
     assert found.verdict.verdict == "spoofed"
     assert len(found.outcome.decision.skies) >= 2
     assert (found.verdict.assumed, choice_of(found)) == (None, None)
 
 
-def test_positions_are_consistent_until_a_test_fails_and_inside_what_they_state():
+def test_positions_stay_consistent_until_a_test_fails():
     """With nothing known of the receiver nothing carries them on."""
     found = judged(led_away(), Settings())
     assert set(found.kind) == {"consistent"}
@@ -70,7 +70,7 @@ def test_positions_are_consistent_until_a_test_fails_and_inside_what_they_state(
     assert (found.off_m < 4.0 * found.sigma_m).all()
 
 
-def test_a_push_of_the_clock_is_recognized_by_an_oscillator_and_by_nothing_else():
+def test_only_an_oscillator_recognizes_a_push_of_the_clock():
     scene = led_away(speed_m_s=0.0, clock_m_s=12.0)
     found = judged(scene, Settings(speed_max_m_s=0.0, oscillator="ocxo"))
     assert "oscillator_ocxo" in choice_of(found).data["assumes"]
@@ -116,7 +116,7 @@ def moving(path, grade, seed=1, **options):
     return judged(scene, settings, seed=seed, predictors=inertia_of(scene, settings, grade, seed=seed))
 
 
-def test_a_car_with_an_inertial_unit_chooses_and_is_carried_on_meanwhile():
+def test_a_car_with_an_inertial_unit_chooses_and_coasts():
     found = moving(DRIVE, "tactical", onset_s=35.0, duration_s=110.0)
     assert found.wrong_sky is False
     assert not found.wrong
@@ -211,7 +211,7 @@ TOLD_FROM_GUESSES = 14
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", ["position", "clock", "both"])
-def test_of_drawn_takeovers_no_choice_is_wrong_and_no_trusted_fix_is_the_attackers(kind):
+def test_drawn_takeovers_give_no_wrong_choice_and_no_false_trust(kind):
     rng, count = np.random.default_rng(11), Count()
     for seed in range(70):
         drawn = pull(rng, kind)

@@ -38,7 +38,7 @@ def fix_at(good) -> Fix:
     )
 
 
-def test_epochs_without_a_fix_have_the_last_ones_position_and_sigma():
+def test_epochs_without_a_fix_keep_the_last_position_and_sigma():
     good = [False, True, True, False, False, True, False]
     found, last = step(None, "rx1", LABELS[:7], fix_at(good))
     assert found.position_ecef_m[:, 0] - 6.4e6 == pytest.approx([2.0, 2.0, 5.0])
@@ -106,7 +106,7 @@ class Heard:
 
 
 @pytest.mark.parametrize("cuts", [(12,), (5, 12), (3, 7, 12)])
-def test_fixes_of_a_sky_that_overlaps_with_another_correct_the_unit_in_their_turn_and_once(cuts):
+def test_fixes_of_overlapping_skies_correct_the_unit_once(cuts):
     """Two are after the last trusted fix; the one before it comes too late to tell anything."""
     good = [True] * 4 + [False] * 8
     whole, heard = fix_at(good), Heard()
@@ -141,7 +141,7 @@ class Drifts(Heard):
         return estimate_from_parts(gpst, **place, velocity_ecef_m_s=np.zeros(3), velocity_m2_s2=np.eye(3))
 
 
-def test_by_inertia_levels_and_what_is_hidden_grow_from_those_of_the_last_fix():
+def test_inertial_levels_and_hidden_error_grow_from_the_last_fix():
     fix = fix_at([True] * 4 + [False] * 8)
     drag = HiddenDrag(
         zero=LABELS[0],
@@ -157,7 +157,7 @@ def test_by_inertia_levels_and_what_is_hidden_grow_from_those_of_the_last_fix():
     assert carried.hidden_m == pytest.approx(3.0 + 2.0 * seconds, abs=0.01)
 
 
-def test_by_inertia_nothing_is_hidden_after_a_trusted_fix_and_no_level_after_skies_that_overlap():
+def test_nothing_is_hidden_by_inertia_after_a_trusted_fix():
     fix = replace(fix_at([True] * 4 + [False] * 8), hidden_m=np.zeros(12))
     drag = HiddenDrag(
         zero=LABELS[0],

@@ -78,7 +78,7 @@ def attacked(heard, made, rng, kind, size):
 
 
 @pytest.mark.parametrize("draws", [8, pytest.param(120, marks=pytest.mark.long)])
-def test_fixes_are_inside_their_bound_and_attacks_inside_what_may_be_hidden(draws):
+def test_fixes_stay_in_their_bound_and_attacks_in_the_hidden_one(draws):
     rng, count, number = np.random.default_rng(11), Counter(), -1
     while count["attacked"] < draws:  # of receivers that are stated to stand
         number += 1

@@ -20,7 +20,7 @@ def hidden_m(findings, *seconds, since_s=0.0, standing=("rx1",), reach_s=0.0):
     return drag.bound_between(since, gpst, gpst + np.timedelta64(int(1e9 * reach_s), "ns"))
 
 
-def test_it_grows_by_each_window_s_rate_beside_the_largest_jump_so_far():
+def test_it_grows_by_each_windows_rate_beside_the_largest_jump():
     found = [finding(0, *noticed(1.0, 10.0)), finding(1, *noticed(0.5, 30.0)), finding(2, *noticed(0.5, 20.0))]
     assert hidden_m(found, 0.0, 5.0, 15.0, 30.0) == pytest.approx([10.0, 15.0, 42.5, 50.0])
     assert hidden_m(found, 25.0, since_s=20.0) == pytest.approx([32.5])
@@ -39,13 +39,13 @@ def test_what_may_move_is_dragged_with_its_carriers_unbounded():
     assert np.isnan(hidden_m([finding(0, *noticed())], 5.0, standing=())).all()
 
 
-def test_a_window_without_a_test_has_the_next_one_s_and_after_the_last_nothing_is_bounded():
+def test_an_untested_window_takes_the_next_ones_bound():
     found = [finding(0), finding(1, *noticed(2.0, 10.0)), finding(2)]
     assert hidden_m(found, 10.0, 20.0) == pytest.approx([30.0, 50.0])
     assert np.isnan(hidden_m(found, 25.0)).all()
 
 
-def test_stated_to_stand_without_a_test_of_carriers_bounds_nothing():
+def test_a_stated_stand_without_a_carrier_test_bounds_nothing():
     assert np.isnan(hidden_m([finding(0, *noticed(motion_m_s=None))], 5.0)).all()
 
 
@@ -56,7 +56,7 @@ def test_of_a_receiver_with_an_inertial_unit_any_drag_is_bounded():
     assert drag.bound_between(np.array([START]), gpst, gpst) == pytest.approx([13.0])
 
 
-def test_of_a_receiver_that_stands_it_does_not_grow_beyond_what_its_place_shows():
+def test_for_a_standing_receiver_its_place_bounds_the_growth():
     found = [finding(k, *noticed(2.0, 10.0), NoticedAttack("displacement", 12.0)) for k in range(9)] + [
         finding(9, *noticed(2.0, 10.0))
     ]

@@ -36,7 +36,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_readings_are_an_input_of_the_run_with_their_sum_and_remarks(folder: Path) -> None:
+def test_readings_are_an_input_with_their_sum_and_remarks(folder: Path) -> None:
     result = protect([folder / "bow.obs"], nav=folder / "brdc.rnx", platform=folder / "platform.toml")
     note = next(note for note in result.verdict.inputs if note.format == "inertial readings")
     assert (note.path, note.sha256) == (str(folder / "imu.csv"), compute_sha256(folder / "imu.csv"))
@@ -54,7 +54,7 @@ def _place() -> np.ndarray:
     return np.asarray(ecef_from_geodetic(*place.geodetic_rad))
 
 
-def test_the_option_comes_before_the_platform_file_and_works_without_one(folder: Path) -> None:
+def test_the_option_overrides_the_platform_file(folder: Path) -> None:
     with pytest.raises(InputError, match=r"bow\.obs: .*inertial"):
         protect([folder / "bow.obs"], platform=folder / "platform.toml", imu=folder / "bow.obs")
     result = protect([folder / "bow.obs"], nav=folder / "brdc.rnx", imu=folder / "imu.csv")

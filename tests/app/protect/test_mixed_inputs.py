@@ -45,7 +45,7 @@ def test_a_clean_sky_is_authentic_in_samples_and_in_measurements(scene, tmp_path
     assert "RINEX" not in formats[0]
 
 
-def test_measurements_that_follow_the_recordings_antenna_are_spoofed(scene, tmp_path):
+def test_logs_that_follow_the_recordings_antenna_are_spoofed(scene, tmp_path):
     recorded, measured = scene
     stern = captured(measured["stern"], measured["bow"], MIDDLE, rng=np.random.default_rng(6))
     verdict = mixed(recorded, stern, tmp_path).verdict

@@ -24,7 +24,7 @@ def judged(tmp_path_factory):
 
 
 @pytest.mark.long
-def test_every_signal_stands_at_a_peak_of_its_satellites_correlation(judged):
+def test_every_signal_stands_at_a_peak_of_its_correlation(judged):
     drawn = build_pictures(judged.outcome).profiles
     assert len(drawn) == pictures.PROFILES
     for profile in drawn:
@@ -37,7 +37,7 @@ def test_every_signal_stands_at_a_peak_of_its_satellites_correlation(judged):
 
 
 @pytest.mark.long
-def test_false_signals_share_their_range_difference_and_true_ones_do_not(judged):
+def test_false_signals_share_their_range_difference(judged):
     drawn = build_pictures(judged.outcome).differences
     metres = {label: [d.metres for d in drawn if d.label == label] for label in ("authentic", "spoofed")}
     assert min(map(len, metres.values())) >= 8
@@ -46,7 +46,7 @@ def test_false_signals_share_their_range_difference_and_true_ones_do_not(judged)
 
 
 @pytest.mark.long
-def test_the_truth_beside_the_recording_is_where_the_receiver_stood(judged):
+def test_the_simulated_truth_lies_where_the_receiver_stood(judged):
     drawn = build_pictures(judged.outcome)
     assert {place.receiver for place in drawn.truth} == {"bow", "stern"}
     for place in drawn.truth:

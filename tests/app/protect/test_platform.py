@@ -48,7 +48,7 @@ def test_a_platform_file_is_all_that_a_run_needs(folder: Path, tmp_path: Path) -
     assert result.verdict.settings["oscillator"] == "tcxo"
 
 
-def test_signals_that_agree_on_another_place_than_stated_are_not_authentic(folder: Path) -> None:
+def test_signals_that_agree_on_another_place_are_not_authentic(folder: Path) -> None:
     """Both places 200 m too far north: how the antennas stand to each other is right."""
     path = platform_of(folder)
     for place in PLACES:
@@ -81,7 +81,7 @@ def test_inputs_in_two_places_and_in_none_are_refused(folder: Path) -> None:
         protect()
 
 
-def test_an_input_that_is_not_there_is_named_beside_the_platform_file(folder: Path) -> None:
+def test_a_missing_input_is_named_beside_the_platform_file(folder: Path) -> None:
     path = folder / "platform.toml"
     path.write_text('[[receivers]]\ninputs = ["none.obs"]\n', encoding="utf-8")
     with pytest.raises(InputError, match=str(folder / "none.obs")):

@@ -86,7 +86,7 @@ def test_a_track_is_what_of_the_fixes_stays_at_hand(monkeypatch):
     np.testing.assert_allclose(track.last.covariance_m2[0], whole.covariance_m2[59], rtol=1e-9)
 
 
-def test_trusted_fixes_alone_have_a_protection_level_and_a_smaller_risk_a_larger_one():
+def test_only_trusted_fixes_have_a_level_larger_for_less_risk():
     def levels_of(kind, risk):
         settings = Settings(smoothing_s=20.0, integrity_risk=risk)
         found = set_up_positions(WHOLE, decision(), RECORDS.navigation, settings).whole(kind)

@@ -36,7 +36,7 @@ def of_platform(names=("a",), **tables):
     return build_predictors(names, settings, platform, own, unit)
 
 
-def test_of_a_receiver_of_which_nothing_is_stated_nothing_is_expected():
+def test_nothing_is_predicted_for_a_receiver_without_statements():
     assert of_platform() == {}
     assert of_platform(motion="moving") == {}
     assert of_platform(motion="moving", receivers=[{"position": PLACE}]) == {}
@@ -70,7 +70,7 @@ def test_a_surveyed_place_is_expected_from_the_first_moment_on():
     assert expected.covariance[:3, :3] == pytest.approx(0.25 * np.eye(3))
 
 
-def test_an_antenna_whose_arm_is_not_known_is_not_carried_by_the_unit():
+def test_the_unit_does_not_carry_an_antenna_of_unknown_arm():
     bodies = [{"name": "a", "body_m": [5.0, 0.0, 0.0]}, {"name": "b", "body_m": [2.0, 1.0, 0.0]}, {"name": "c"}]
     found = of_platform(("a", "b", "c"), receivers=bodies, with_imu=True)
     arms_m = {name: list(one.settings.lever_m) for name, one in found.items()}

@@ -126,7 +126,7 @@ def protect_captured(pair, shared_data, folder):
     return protect([paths[0], path], nav=nav, **pair.given, **pair.more), base, rover, signals, middle
 
 
-def test_a_captured_receiver_with_few_satellites_is_open_since_then(shared_data, tmp_path):
+def test_a_captured_receiver_of_few_satellites_is_open_since(shared_data, tmp_path):
     """Seven to nine satellites whose ranges are as of one antenna: echoes in place of blocked signals may be so."""
     result, _, rover, _, middle = protect_captured(PAIRS["3 km"], shared_data, tmp_path)
     assert result.verdict.verdict == "suspect"
@@ -136,7 +136,7 @@ def test_a_captured_receiver_with_few_satellites_is_open_since_then(shared_data,
 
 
 @pytest.mark.parametrize("name", ["1 m, places", "5 km, rover at rest", "5 km, rover moves"])
-def test_a_receiver_that_is_captured_is_spoofed_since_then_and_its_signals_are_named(shared_data, tmp_path, name):
+def test_a_captured_receiver_is_spoofed_since_with_its_signals(shared_data, tmp_path, name):
     result, base, rover, signals, middle = protect_captured(PAIRS[name], shared_data, tmp_path)
     verdict = result.verdict
     since = rover.gpst[middle]

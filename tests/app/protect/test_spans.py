@@ -21,7 +21,7 @@ def recorded(tmp_path_factory):
 @pytest.mark.long
 @pytest.mark.parametrize(("from_s", "to_s"), [(0.0, 7.5), (0.0, 12.0), (0.0, 20.0), (14.0, SECONDS), (21.0, SECONDS)])
 @pytest.mark.parametrize("which", [0, 1])
-def test_what_both_received_is_tested_and_of_the_rest_nothing_is_said(recorded, tmp_path, from_s, to_s, which):
+def test_only_the_span_that_both_received_is_tested(recorded, tmp_path, from_s, to_s, which):
     paths = list(recorded.paths)
     samples = np.fromfile(paths[which], np.int8)
     paths[which] = tmp_path / paths[which].name

@@ -25,7 +25,7 @@ def judged(folder, **changes):
 
 
 @pytest.mark.long
-def test_the_false_satellite_is_named_and_no_true_one_is_called_spoofed(tmp_path):
+def test_the_false_satellite_is_named_and_no_true_one(tmp_path):
     result, said = judged(tmp_path)
     assert said
     assert all(one.failed and one.data["suspects"] == ("G02 L1 CA a",) for one in said)
@@ -45,7 +45,7 @@ def test_a_clean_sky_of_the_same_satellites_fits(tmp_path):
 
 
 @pytest.mark.long
-def test_an_inertial_unit_of_the_platform_carries_it_where_its_attitude_is_stated(tmp_path):
+def test_an_inertial_unit_carries_it_with_a_stated_attitude(tmp_path):
     receiver = SceneReceiver(
         name="rx1", lat_deg=57.7, lon_deg=11.94, height_m=50.0, imu=SceneImu(grade="tactical", rate_hz=100.0)
     )

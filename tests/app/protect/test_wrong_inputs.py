@@ -115,7 +115,7 @@ def test_satellites_whose_orbits_are_not_usable_are_named(recorded, tmp_path, wr
 
 @pytest.mark.parametrize("who", [("bow",), ("bow", "stern")], ids=["one", "both"])
 @pytest.mark.parametrize("late_s", [0.1, 0.4, -18.0])
-def test_times_of_epochs_that_do_not_go_with_the_ranges_are_corrected(recorded, tmp_path, late_s, who):
+def test_epoch_times_that_do_not_fit_the_ranges_are_corrected(recorded, tmp_path, late_s, who):
     """As in UTC, which is 18 s behind GPS time."""
     _, observations = kit.measured(31.0)
     paths = []

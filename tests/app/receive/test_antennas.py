@@ -29,7 +29,7 @@ def of_files(array_files):
 
 
 @pytest.mark.long
-def test_antennas_in_one_file_are_measured_as_those_in_files_of_their_own(of_files, array_files):
+def test_antennas_in_one_file_measure_as_in_files_of_their_own(of_files, array_files):
     apart, together = of_files.antennas, reception(array_files.sigmf).antennas
     assert len(apart) == len(together) == 4
     for one, two in zip(apart, together, strict=True):

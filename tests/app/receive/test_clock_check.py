@@ -56,7 +56,7 @@ def check_followed(ppm, samples):
 
 
 @pytest.mark.long
-def test_a_rate_that_loses_every_signal_is_put_right_and_they_are_followed():
+def test_a_rate_that_loses_all_signals_is_corrected():
     check_followed(10.0, recorded(3.2))
 
 

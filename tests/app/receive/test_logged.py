@@ -138,7 +138,7 @@ def sentences(count: int, *, jump_from: int = 10**6) -> bytes:
     )
 
 
-def test_sentences_alone_are_no_attack_seen_and_name_what_they_lack(tmp_path) -> None:
+def test_sentences_alone_are_no_attack_seen_and_name_the_lack(tmp_path) -> None:
     path = tmp_path / "a.nmea"
     path.write_bytes(sentences(40))
     verdict = protect([path], out=tmp_path / "out").verdict

@@ -31,7 +31,7 @@ def tracker(recorded):
     return tracker
 
 
-def test_two_signals_of_a_satellite_stand_in_two_files_and_all_in_the_document(recorded, tmp_path):
+def test_two_signals_of_a_satellite_stand_in_two_files(recorded, tmp_path):
     result = receive(recorded.paths, nav=recorded.nav, out=tmp_path, start_s=0.5)
     ((orbits, *observed),) = result.files
     assert (orbits, observed) == ("bow-nav.rnx", ["bow.obs", "bow-2.obs"])
@@ -69,7 +69,7 @@ def test_a_repeated_message_is_not_reported_as_another(tracker):
 
 
 @pytest.mark.long
-def test_a_rough_place_narrows_the_search_to_what_stands_above_it(recorded, tracker):
+def test_a_rough_place_narrows_the_search_to_satellites_above(recorded, tracker):
     navigation = read_nav(recorded.nav)
     inputs = open_inputs(recorded.paths, Settings(duration_s=3.0))
     here, nowhere = ({"place_deg": place} for place in ((57.0, 13.0), (-57.0, -167.0)))

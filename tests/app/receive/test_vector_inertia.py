@@ -21,7 +21,7 @@ def way(bench):
     return bench.scene(seconds=13.0)
 
 
-def test_a_unit_carries_all_channels_through_a_blockage_under_2_g(bench, way):
+def test_a_unit_carries_all_channels_through_a_blockage_at_2_g(bench, way):
     found = bench.passage(way, bench.unit_of(way), 3.0, 1)
     assert found.carried
     assert found.off_m < 1.5
@@ -36,7 +36,7 @@ def test_without_a_unit_they_are_lost(bench, way):
 
 
 @pytest.mark.long
-def test_a_unit_that_is_not_as_stated_is_given_up_and_no_signal_is_lost_by_it(bench, way):
+def test_a_wrongly_stated_unit_is_given_up_without_loss(bench, way):
     found = bench.passage(way, bench.unit_of(way, 180.0), 0.0, 1)
     assert (found.carried, found.anew) == (False, 0)
     assert found.given_up >= 1

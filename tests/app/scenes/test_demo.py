@@ -18,7 +18,7 @@ def ecef_m(place: Position) -> np.ndarray:
 
 
 @pytest.mark.long
-def test_an_ordinary_receiver_is_led_away_and_a_protected_one_is_not(tmp_path: Path) -> None:
+def test_an_ordinary_receiver_is_dragged_off_a_protected_one_not(tmp_path: Path) -> None:
     verdict = demo(tmp_path).verdict
     assert verdict.verdict == "spoofed"
     for receiver, site in zip(verdict.receivers, scenes.make_demo().receivers, strict=True):

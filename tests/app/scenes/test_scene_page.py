@@ -99,7 +99,7 @@ def test_a_clean_scene_says_that_nobody_else_transmits() -> None:
     assert "False codes" not in page
 
 
-def test_settings_stand_with_their_units_and_idle_ones_are_left_out() -> None:
+def test_settings_show_their_units_and_unused_ones_do_not_show() -> None:
     text = Reader(page_of(scenes.make_demo())).text
     for name, value, unit in (
         ("rate_hz", "2600000", "Hz"),
@@ -133,7 +133,7 @@ def test_false_codes_of_a_clock_push_are_its_metres() -> None:
     assert "true code, m" in picture
 
 
-def test_the_displacement_of_a_takeover_is_drawn_and_a_standing_one_is_not() -> None:
+def test_only_a_moving_takeovers_displacement_is_drawn() -> None:
     attack = {
         "kind": "takeover",
         "target": "rx",

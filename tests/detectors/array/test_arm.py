@@ -160,7 +160,7 @@ def test_errors_of_arm_and_phases_as_stated_raise_no_alarm(lasting_cyc):
 
 
 @pytest.mark.parametrize("orbits", [True, False])
-def test_a_signal_of_no_one_direction_is_not_authentic_and_of_several_none_is(orbits):
+def test_a_signal_of_no_single_direction_is_not_authentic(orbits):
     """A takeover within a chip: every phase is of two directions, and shows a third one."""
     for beside in ((2,), (1, 4), tuple(range(9))):
         records = turning(np.random.default_rng(4), false=0, beside=beside)
@@ -173,7 +173,7 @@ def test_a_signal_of_no_one_direction_is_not_authentic_and_of_several_none_is(or
             assert set(words) == {"undecided"}
 
 
-def test_for_a_minute_after_several_signals_were_of_no_one_direction_none_is_authentic():
+def test_after_several_mixed_signals_none_is_authentic_a_minute():
     """What averages out in a window by its speed is still there."""
     rng = np.random.default_rng(4)
     arm = SpinArm(receiver="rx1", radius_m=RADIUS_M, rate_rad_s=2.0 * np.pi * RATE_HZ)
@@ -191,7 +191,7 @@ def test_for_a_minute_after_several_signals_were_of_no_one_direction_none_is_aut
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_directions_that_differ_but_are_not_the_satellites_are_not_authentic(seed):
+def test_directions_other_than_the_satellites_are_not_authentic(seed):
     records = turning(np.random.default_rng(seed), false=0, between=True)
     words, (finding,) = examine_records(records)
     assert set(words) == {"undecided"}

@@ -46,7 +46,7 @@ def test_the_true_direction_is_one_of_a_few(side, el_deg):
     assert len(found) <= 2 * (3.7 * side**2 + 3.0)
 
 
-def test_a_direction_that_is_known_far_better_than_the_grid_is_found():
+def test_a_direction_known_better_than_the_grid_is_found():
     elements = np.array([(k // 3, k % 3, 0.0) for k in range(7)]) * 0.7
     for az_deg in range(0, 360, 30):
         direction = direction_cosines(np.radians(az_deg), np.radians(40.0))
@@ -63,7 +63,7 @@ def test_antennas_out_of_the_plane_leave_one_direction():
 
 @pytest.mark.parametrize("el_deg", [9.0, 15.0, 40.0])
 @pytest.mark.parametrize("sigmas", [-3.0, 3.0])
-def test_three_sigmas_of_the_phases_are_three_of_the_ellipse_near_the_plane_too(el_deg, sigmas):
+def test_three_phase_sigmas_bound_the_ellipse_near_the_plane(el_deg, sigmas):
     side, sigma_cyc = 0.5, 0.0006
     seen = direction_cosines(0.0, np.radians(el_deg))
     true_rad = np.arccos(np.cos(np.radians(el_deg)) + sigmas * np.sqrt(2.0) * sigma_cyc / side)

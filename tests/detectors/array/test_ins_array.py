@@ -101,7 +101,7 @@ def test_a_signal_that_another_covers_is_not_named(monkeypatch, band, code, apar
     assert {*SIGNALS[:2], *SIGNALS[4:]} <= words["authentic"]
 
 
-def test_reflections_of_several_satellites_from_one_direction_leave_the_sky_open(monkeypatch):
+def test_reflections_from_one_direction_leave_the_sky_open(monkeypatch):
     late = "skyproof.detectors.array.ins_array.select_reflections"
     monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
     direction = TRUE.copy()
@@ -127,7 +127,7 @@ def low_satellite():
 
 
 @pytest.mark.parametrize("low", [True, False])
-def test_what_comes_from_where_a_false_signal_does_is_of_its_transmitter(monkeypatch, low):
+def test_signals_beside_a_false_one_are_of_its_transmitter(monkeypatch, low):
     """All that come from there look like reflections, but the satellite of one stands below the horizon."""
     late = "skyproof.detectors.array.ins_array.select_reflections"
     monkeypatch.setattr(late, lambda observations, navigation, place_ecef_m, true, others, **given: frozenset(others))
@@ -144,7 +144,7 @@ def test_what_comes_from_where_a_false_signal_does_is_of_its_transmitter(monkeyp
         assert spoofed.code == "from_one_direction"
 
 
-def test_where_false_signals_come_from_is_among_the_directions_given():
+def test_false_directions_are_among_the_directions_given():
     direction = TRUE.copy()
     direction[:, 2:4] = direction_cosines(np.radians(40.0), np.radians(-25.0))  # down is positive in the body
     _, evidence = said_of(array_records(np.random.default_rng(8), direction))
@@ -166,7 +166,7 @@ def test_one_source_for_all_is_found():
     assert evidence[0].p_value < 1e-9
 
 
-def test_where_only_signals_show_the_place_it_is_that_of_a_set_whose_signals_come_from_their_satellites():
+def test_without_a_place_the_fitting_sets_place_is_taken():
     covariance = np.tile(np.radians(0.05) ** 2 * np.eye(9), (STATE.gpst.size, 1, 1))
     covariance[:, range(6), range(6)] = np.inf
     records = replace(with_two_elsewhere(), nav_state={"rx1": replace(STATE, covariance=covariance)})
@@ -178,7 +178,7 @@ def test_where_only_signals_show_the_place_it_is_that_of_a_set_whose_signals_com
 
 
 @pytest.mark.parametrize("false", [False, True])
-def test_an_attitude_that_is_wrong_is_reported_and_no_true_signal_is_called_spoofed(false):
+def test_a_wrong_attitude_is_reported_and_names_no_true_signal(false):
     records = with_two_elsewhere() if false else array_records(np.random.default_rng(8))
     turned = STATE.attitude @ Rotation.from_euler("z", 20.0, degrees=True).as_matrix()
     evidence, _ = InsArray().examine(replace(records, nav_state={"rx1": replace(STATE, attitude=turned)}))
@@ -191,7 +191,7 @@ def test_an_attitude_that_is_wrong_is_reported_and_no_true_signal_is_called_spoo
 
 
 @pytest.mark.parametrize("false", [False, True])
-def test_lines_that_are_not_what_was_given_are_reported_and_no_true_signal_is_called_spoofed(false):
+def test_wrong_line_delays_are_reported_and_name_no_true_signal(false):
     records = with_two_elsewhere() if false else array_records(np.random.default_rng(8))
     (phases,) = records.array_phases
     moved = replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2]))
@@ -215,9 +215,7 @@ def with_an_antenna_off(records, *, lines_known=True):
 
 
 @pytest.mark.parametrize(("false", "lines_known"), [(0, True), (0, False), (4, False)])
-def test_that_an_antenna_is_not_where_it_is_stated_is_told_by_true_signals_alone_and_beside_false_ones(
-    false, lines_known
-):
+def test_a_misplaced_antenna_is_told_by_true_signals(false, lines_known):
     direction = TRUE.copy()
     direction[:, :false] = direction_cosines(np.radians(40.0), np.radians(-25.0))
     records = array_records(np.random.default_rng(8), direction)
@@ -229,7 +227,7 @@ def test_that_an_antenna_is_not_where_it_is_stated_is_told_by_true_signals_alone
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_waves_that_are_sums_of_true_and_false_ones_are_of_no_sky_though_their_directions_differ(seed):
+def test_sums_of_true_and_false_waves_belong_to_no_sky(seed):
     """A false signal on every true one, as strong and in step with it: the sum comes from halfway between."""
     transmitter = direction_cosines(np.radians(40.0), np.radians(-25.0))
     records = array_records(np.random.default_rng(seed), 0.5 * (TRUE + transmitter))
@@ -239,7 +237,7 @@ def test_waves_that_are_sums_of_true_and_false_ones_are_of_no_sky_though_their_d
     assert [(e.says, e.failed, e.overrules, len(e.signals)) for e in said] == [("undecided", True, True, len(SIGNALS))]
 
 
-def test_signals_of_one_transmitter_alone_say_the_same_wherever_antennas_are_stated_while_lines_are_not_known():
+def test_one_transmitter_tells_the_same_at_any_antenna_places():
     """A line that is longer by the way to an antenna elsewhere gives the same phases: no test can tell them apart."""
     direction = np.broadcast_to(direction_cosines(np.radians(40.0), np.radians(-25.0)), TRUE.shape)
     records = array_records(np.random.default_rng(8), direction)
@@ -251,7 +249,7 @@ def test_signals_of_one_transmitter_alone_say_the_same_wherever_antennas_are_sta
     assert wrong.directions == right.directions == ()
 
 
-def test_attitude_and_lines_that_are_not_known_come_from_the_sky_itself():
+def test_unknown_attitude_and_lines_come_from_the_sky_itself():
     records = with_two_elsewhere()
     (phases,) = records.array_phases
     unknown = at_first(replace(phases, phase_cyc=phases.phase_cyc + np.array([0.0, 0.3, -0.2])), calibrated=False)

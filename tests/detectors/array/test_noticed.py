@@ -14,7 +14,7 @@ def read_noticed(detector, records):
     return {attack.kind: attack.size for finding in found for attack in finding.noticed}
 
 
-def test_as_many_satellites_of_one_transmitter_as_are_said_are_found():
+def test_the_stated_number_of_imitated_satellites_is_found():
     detector = ArrayCommon(ArrayCommonSettings(false_alarm_probability=1e-4))
     count = int(read_noticed(detector, window(array_phases(np.random.default_rng(1), SKY)))["one_transmitter"])
     assert 3 <= count < len(SKY)

@@ -104,7 +104,7 @@ def test_the_pattern_of_antennas_is_never_forgotten():
     assert pattern_share(0.0, L1_HZ) == 1.0
 
 
-def test_a_false_signal_that_no_window_shows_alone_is_named_by_four():
+def test_a_false_signal_below_each_window_is_named_by_four():
     arm = SpinArm(receiver="rx1", radius_m=RADIUS_M, rate_rad_s=2.0 * np.pi * RATE_HZ)
     detector, state, found = Spin(SpinSettings(false_alarm_probability=1e-6)), None, []
     for _ in range(7):

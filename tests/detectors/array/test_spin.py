@@ -158,7 +158,7 @@ def test_the_smaller_dead_zone_of_figure_5():
     assert inside == [0.0, 1.0, 1.0]
 
 
-def test_the_rule_with_its_own_estimate_finds_one_spoofed_pair_in_a_hundred():
+def test_the_rule_finds_one_spoofed_pair_in_a_hundred():
     limit = circular_threshold(0.01)
     assert limit == pytest.approx(0.020306, abs=5e-7)
     assert float(spoofed_detection(limit)) == pytest.approx(0.0101, abs=5e-5)
@@ -205,7 +205,7 @@ def test_detection_and_the_fewest_samples():
     np.testing.assert_allclose(in_usual_sense, [0.0173, 0.8275, 0.99988], atol=6e-5)
 
 
-def test_whitened_overlapping_differences_are_the_series_with_a_constant_for_even_and_odd_samples():
+def test_whitened_differences_are_the_series_less_two_constants():
     n, rng = 150, np.random.default_rng(2)
     y, columns = rng.standard_normal(n), arm_columns(arm_angles(n, W), 0.5)
     lag = np.eye(n)[2:] - np.eye(n)[:-2]
@@ -220,7 +220,7 @@ def test_whitened_overlapping_differences_are_the_series_with_a_constant_for_eve
     assert far("full", n, degree=0) == pytest.approx(735.149, abs=1e-3)
 
 
-def test_neither_cycles_drift_curvature_nor_order_change_the_statistic():
+def test_cycles_drift_curvature_and_order_keep_the_statistic():
     rng = np.random.default_rng(3)
     y = rng.standard_normal((20, 150)) * 0.014
     angle = arm_angles(150, W)
@@ -238,7 +238,7 @@ def test_neither_cycles_drift_curvature_nor_order_change_the_statistic():
 
 
 @pytest.mark.parametrize("n", [40, 150])
-def test_a_drifting_spoofed_pair_keeps_the_false_alarms_of_the_full_test_only(n):
+def test_a_drifting_spoofed_pair_keeps_the_full_tests_rate(n):
     rng = np.random.default_rng(n)
     t = np.arange(n) / 10.0
     noise = PAIR["sigma_cyc"] * rng.standard_normal((50_000, n))
@@ -359,7 +359,7 @@ def test_one_satellite_that_is_not_where_predicted(n, lifted, p_d):
     assert np.mean(counted > chi_square_threshold(0.01, 13)) == pytest.approx(found[16], abs=0.02)
 
 
-def test_noncentrality_of_a_pair_against_its_predicted_directions():
+def test_noncentrality_of_a_pair_follows_predicted_directions():
     assert far("full", 40, level(148, 50) - level(158, 53)) == pytest.approx(127.3, abs=0.05)
     assert far("full", 150, level(148, 50) - level(158, 53)) == pytest.approx(1207, abs=0.5)
     for n, p_d in ((40, 0.502), (150, 0.996)):
@@ -476,7 +476,7 @@ def test_a_receiver_that_does_not_turn_is_reported():
 
 
 @pytest.mark.parametrize("timed", [True, False])
-def test_signals_that_tell_no_time_are_no_false_ones_beside_others_that_do(timed):
+def test_signals_without_a_time_are_not_false_beside_others(timed):
     """A jammer's wave, followed as several codes, comes from one direction; a log of carriers alone has no times."""
     directions = SKY.copy()
     directions[:3] = SKY[:1]
@@ -510,7 +510,7 @@ def mix_phases(rng, n=6, count=50, *, mixed=(), cycles_apart=3.0):
     return np.array(phases), angle
 
 
-def test_signals_of_one_direction_each_are_seldom_said_to_be_bent():
+def test_signals_of_one_direction_are_rarely_called_bent():
     rng = np.random.default_rng(8)
     for asked, draws in ((0.1, 1500), (0.01, 1500)):
         found = sum(
@@ -520,7 +520,7 @@ def test_signals_of_one_direction_each_are_seldom_said_to_be_bent():
         assert 0.6 * asked * draws - 3.0 * np.sqrt(asked * draws) < found < asked * draws + 3.0 * np.sqrt(asked * draws)
 
 
-def test_signals_that_two_directions_share_are_bent_and_no_others():
+def test_only_signals_that_share_two_directions_are_bent():
     rng = np.random.default_rng(9)
     for mixed in ((), (2,), (0, 3), (0, 1, 2, 3)):
         phases, angle = mix_phases(rng, mixed=mixed)

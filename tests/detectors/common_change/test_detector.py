@@ -49,7 +49,7 @@ def turn_clock(o, turn_m_s2):
 
 
 @pytest.mark.parametrize("rate_m_s", [1.2, -1.2])
-def test_code_drawn_off_while_the_carrier_stays_is_named_within_ten_seconds(rate_m_s):
+def test_code_dragged_off_its_carrier_is_named_in_ten_seconds(rate_m_s):
     every = examine_all(windows(draw_codes(observe_scene(duration_s=DURATION_S), rate_m_s)))
     found = select_failed(every)
     assert not any(found[:4])
@@ -58,7 +58,7 @@ def test_code_drawn_off_while_the_carrier_stays_is_named_within_ten_seconds(rate
     assert all(e.code == "parted" and e.overrules and e.may_also_be == (Cause.OSCILLATOR,) for e in found[5])
 
 
-def test_slower_than_that_it_takes_half_a_minute_and_two_satellites_alone_are_no_evidence():
+def test_slower_drags_take_half_a_minute_and_three_satellites():
     o = observe_scene(duration_s=DURATION_S)
     slow = select_failed(examine_all(windows(draw_codes(o, 0.5))))
     assert not any(slow[:4])
@@ -66,13 +66,13 @@ def test_slower_than_that_it_takes_half_a_minute_and_two_satellites_alone_are_no
     assert not any(select_failed(examine_all(windows(draw_codes(o, 5.0, [1, 3])))))
 
 
-def test_two_oscillators_that_part_code_from_carrier_all_the_time_are_no_attack():
+def test_oscillators_that_part_code_from_carrier_are_no_attack():
     o = observe_scene(duration_s=DURATION_S)
     drifting = change_cells(o, pseudorange_m=o.pseudorange_m + 3.0 * o.elapsed_s[:, None])
     assert not any(select_failed(examine_all(windows(drifting))))
 
 
-def test_carriers_turn_faster_than_the_class_of_the_oscillator_wanders():
+def test_carriers_turn_faster_than_the_oscillator_wanders():
     """By 1 cm/s more each second: ten wavelengths in twenty seconds."""
     o = turn_clock(observe_scene(noise=WHITE, oscillator="ocxo", duration_s=DURATION_S), 0.01)
     named = select_failed(examine_all(windows(o), oscillator="ocxo"))
@@ -83,7 +83,7 @@ def test_carriers_turn_faster_than_the_class_of_the_oscillator_wanders():
     assert not any(select_failed(examine_all(windows(o))))
 
 
-def test_what_it_lacks_is_said_and_pieces_give_what_the_whole_gives():
+def test_it_reports_what_it_lacks_and_pieces_equal_the_whole():
     records = windows(observe_scene())
     check_pieces(CommonChange, records)
     check_missing_named(CommonChange(), records[0])
@@ -117,7 +117,7 @@ def test_turns_of_true_clocks_have_uniform_p_values(oscillator):
 
 @pytest.mark.long
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_under_a_clean_sky_there_are_no_more_alarms_than_asked_for(motion):
+def test_clean_skies_alarm_no_more_often_than_asked(motion):
     """Reflections, ionosphere and oscillators as the simulator has them: two hours."""
     asked, p_values = 0.03, []
     for number in range(60):

@@ -40,7 +40,7 @@ def drag_codes(o, speed_m_s):
 
 
 @pytest.mark.parametrize("motion", ["standing", "car at 2 g"])
-def test_codes_drawn_off_to_another_place_are_an_attack_within_two_windows(motion):
+def test_codes_dragged_to_another_place_are_found_in_two_windows(motion):
     found = examine_all(drag_codes(observe_scene(motion=motion, duration_s=52.0), 2.5))
     words = attacks(found)
     assert not any(words[:2])
@@ -49,7 +49,7 @@ def test_codes_drawn_off_to_another_place_are_an_attack_within_two_windows(motio
     assert (first.code, first.data["assumes"]) == ("dragged", ())
 
 
-def test_codes_that_part_from_carriers_as_a_clock_does_are_no_attack_of_this_kind():
+def test_codes_that_part_as_a_clock_does_are_no_such_attack():
     o = observe_scene()
     late_m = np.broadcast_to(3.0 * np.maximum(o.elapsed_s - ONSET_S, 0.0)[:, None], o.pseudorange_m.shape)
     assert not any(attacks(examine_all(codes_moved(o, late_m))))
@@ -81,7 +81,7 @@ def test_after_a_step_long_before_codes_that_move_are_no_attack():
     assert any(e.failed for evidence in found[2:] for e in evidence)
 
 
-def test_two_steps_are_no_motion_even_where_no_step_is_looked_for():
+def test_two_steps_are_no_motion_even_without_a_step_search():
     o = observe_scene()
     o = o.select(o.elapsed_s <= o.elapsed_s[0] + 10.01)
     series = build_series(o, NAVIGATION, PLACE_ECEF_M, Limits())
@@ -95,7 +95,7 @@ def test_two_steps_are_no_motion_even_where_no_step_is_looked_for():
         assert motion.whole_sky_p_value == 1.0 if stepped else motion.whole_sky_p_value < 1e-6
 
 
-def test_the_p_value_is_uniform_where_multipath_changes_as_stated():
+def test_p_values_are_uniform_under_the_stated_multipath():
     """Of a single span: reflections of the first quarter have nothing to do with those of the last."""
     o = observe_scene(noise=WHITE)
     o = o.select(o.elapsed_s <= o.elapsed_s[0] + 10.01)

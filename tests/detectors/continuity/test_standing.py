@@ -46,7 +46,7 @@ def drag_codes(o, speed_m_s):
     return move_receiver(o, -(series.unit @ np.array([0.0, 0.6, 0.8])) * way_m[:, None])
 
 
-def test_a_position_drawn_off_is_an_attack_in_the_window_in_which_it_begins():
+def test_a_dragged_position_is_an_attack_in_its_first_window():
     found = examine_all(drag_codes(observe_scene(), 0.3), speed_max_m_s=0.0)
     assert [len(attack) for attack in attacks(found)] == [0, 0, 1, 1]
     first, second = attacks(found)[2][0], attacks(found)[3][0]
@@ -63,7 +63,7 @@ def test_reflections_that_move_a_few_carriers_are_no_attack(satellites):
     assert not any(attacks(examine_all(move_receiver(o, way_m), speed_max_m_s=0.0)))
 
 
-def test_where_two_satellites_alone_would_explain_it_it_stays_open():
+def test_two_satellites_that_could_explain_it_leave_it_open():
     """Of six satellites no four are left to show anything by themselves."""
     o = drag_codes(observe_scene(), 3.0)
     six = replace(
@@ -74,7 +74,7 @@ def test_where_two_satellites_alone_would_explain_it_it_stays_open():
     assert any(e.failed and e.overrules and e.code == "moves_by_some" for e in found[-1])
 
 
-def test_the_strongest_reflections_on_all_carriers_at_once_are_no_motion():
+def test_the_strongest_reflections_at_once_are_no_motion():
     """Each carrier is turned by a quarter of a wavelength either way, anew after a second."""
     o, rng = observe_scene(), np.random.default_rng(3)
     turned = rng.choice([-0.25, 0.25], o.carrier_cyc.shape)[np.floor(o.elapsed_s).astype(int)]
@@ -90,7 +90,7 @@ def test_a_clock_that_runs_off_is_no_motion(oscillator):
     assert not any(attacks(examine_all(move_receiver(o, way_m), speed_max_m_s=0.0)))
 
 
-def test_who_moves_and_states_to_stand_is_told_so_and_who_states_nothing_is_not():
+def test_only_a_stated_stand_is_contradicted_by_motion():
     ship = observe_scene(motion="ship")
     assert [len(attacks_found) for attacks_found in attacks(examine_all(ship, speed_max_m_s=0.0))] == [1, 1, 1, 1]
     assert not any(attacks(examine_all(ship)))

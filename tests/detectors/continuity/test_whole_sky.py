@@ -23,7 +23,7 @@ def find_motion(unit, change):
 
 
 @pytest.mark.parametrize("satellites", [8, 10, 12])
-def test_a_motion_under_errors_as_stated_is_that_of_the_whole_sky(satellites):
+def test_a_motion_under_stated_errors_is_the_whole_skys(satellites):
     rng = np.random.default_rng(satellites)
     found = []
     for _ in range(40):
@@ -35,7 +35,7 @@ def test_a_motion_under_errors_as_stated_is_that_of_the_whole_sky(satellites):
 
 @pytest.mark.parametrize("scale", [5.0, 10.0, 30.0])
 @pytest.mark.parametrize("satellites", [8, 10, 12])
-def test_errors_many_times_as_large_as_stated_are_no_motion_of_the_whole_sky(satellites, scale):
+def test_far_larger_errors_are_no_motion_of_the_whole_sky(satellites, scale):
     """As between houses: without this rule up to 66 of 150 draws were one."""
     rng = np.random.default_rng(satellites)
     chances = [

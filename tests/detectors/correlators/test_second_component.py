@@ -39,7 +39,7 @@ def test_a_single_bin_has_the_stated_law():
     ("cn0_dbhz", "trials"),
     [(35.0, 150), (50.0, 150), *(pytest.param(c, 4000, marks=pytest.mark.long) for c in (35.0, 40.0, 45.0, 50.0))],
 )
-def test_p_values_of_a_signal_alone_are_uniform_and_those_of_earlier_ones_not_smaller(cn0_dbhz, trials):
+def test_p_values_of_one_signal_are_uniform_or_conservative(cn0_dbhz, trials):
     rng = np.random.default_rng(2)
     found = [both(looks(rng, cn0_dbhz, 200)) for _ in range(trials)]
     p_values = np.array([any_line.p_value for any_line, _ in found])
@@ -118,7 +118,7 @@ def test_what_two_lags_explain_is_the_projection_on_both():
         assert found[row, pair] == pytest.approx(np.real(seen.conj() @ np.linalg.solve(gram, seen)))
 
 
-def test_two_reflections_of_one_beat_do_not_come_before_their_signal():
+def test_two_reflections_of_one_beat_come_after_their_signal():
     for seed in range(20):
         rng = np.random.default_rng(seed)
         value = looks(rng, 46.0, second=0.6, lag_chips=rng.uniform(0.3, 0.8), beat_hz=2.8)

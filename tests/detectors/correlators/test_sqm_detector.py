@@ -41,7 +41,7 @@ def test_one_distorted_signal_is_reported_and_turns_nothing(ray):
     assert sats(evidence) == ["G04"]
 
 
-def test_late_signals_everywhere_leave_all_open_and_are_no_attack():
+def test_late_signals_everywhere_are_open_and_no_attack():
     evidence = examine_all(3, dict.fromkeys(range(10), LATE))
     assert evidence.says == "undecided"
     assert (evidence.code, evidence.may_also_be) == ("many_distorted", (Cause.REFLECTIONS,))

@@ -33,7 +33,7 @@ def windows(rng, count, n, probability, code_chips=0.0, phase_rad=0.0, lasting=N
         yield found
 
 
-def test_alarms_come_at_most_as_often_as_stated_and_p_values_with_them():
+def test_alarms_keep_the_stated_rate_and_so_do_p_values():
     found = list(windows(np.random.default_rng(1), 150, 100, 0.1))
     alarms = sum(result.seen is not None for result in found)
     assert all((result.seen is None) == (result.p_value >= 0.1) for result in found)
@@ -41,7 +41,7 @@ def test_alarms_come_at_most_as_often_as_stated_and_p_values_with_them():
     assert alarms > 2  # the sums' exact laws, less what one share for each of four dependent sums loses
 
 
-def test_errors_that_stay_are_no_alarm_and_without_an_allowance_they_are():
+def test_lasting_errors_alarm_only_without_an_allowance():
     rng = np.random.default_rng(2)
     sigma = np.full(6, 0.02)
     alarms = without = 0
@@ -53,7 +53,7 @@ def test_errors_that_stay_are_no_alarm_and_without_an_allowance_they_are():
     assert without > 20
 
 
-def test_a_small_offset_is_found_over_windows_that_do_not_show_it_alone():
+def test_a_small_offset_is_found_over_several_windows():
     code, phase = 0.25 * CODE_CHIPS * SKY.projector[0], 0.25 * PHASE_RAD * SKY.projector[0]
     alone = list(windows(np.random.default_rng(3), 12, 200, 1e-5, code, phase, carried=False))
     assert not any(result.seen for result in alone)
@@ -61,7 +61,7 @@ def test_a_small_offset_is_found_over_windows_that_do_not_show_it_alone():
     assert any(result.seen for result in together)
 
 
-def test_when_a_large_offset_began_is_found_to_tenths_of_a_second():
+def test_a_large_offsets_onset_is_found_to_tenths_of_a_second():
     rng = np.random.default_rng(4)
     quiet, off = looks(rng, 230), looks(rng, 270, 0.2 * SKY.projector[0], 0.3 * SKY.projector[0])
     u, q = (np.concatenate(pair) for pair in zip(quiet, off, strict=True))
@@ -71,7 +71,7 @@ def test_when_a_large_offset_began_is_found_to_tenths_of_a_second():
     assert all(np.all(total == 0.0) for total in found.state.sums)
 
 
-def test_a_sum_that_just_alarms_is_seen_at_the_step_in_which_it_does():
+def test_a_sum_that_just_alarms_is_seen_at_its_step():
     probability, (step, reference) = 0.5, POLICY.cusum_branches[0]
     share = (1.0 - POLICY.lasting_share) * probability / 4
     steps, dof = 3, len(SKY.parity)
@@ -86,7 +86,7 @@ def test_a_sum_that_just_alarms_is_seen_at_the_step_in_which_it_does():
     assert (found.began, found.seen) == (2 * step, steps * step)
 
 
-def test_sums_stand_in_the_parity_space_whatever_its_basis_and_begin_anew_with_other_signals():
+def test_sums_live_in_parity_space_and_restart_on_new_signals():
     rng = np.random.default_rng(5)
     u, q = looks(rng, 100)
     turned = parity.build_whitener(

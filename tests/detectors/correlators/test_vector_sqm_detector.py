@@ -45,7 +45,7 @@ def test_a_signal_that_does_not_fit_fails_the_test_and_is_named():
     assert (evidence.data["sets"], evidence.data["suspects"]) == (1, (names[3],))
 
 
-def test_an_offset_that_no_window_shows_alone_is_found_over_several_and_dated():
+def test_an_offset_below_each_window_is_found_and_dated():
     offsets = settle_loops(with_vector_taps(np.random.default_rng(5)), 0.0, 5.0, [3])
     rng, strict = np.random.default_rng(12), VectorSqm(VectorSqmSettings(1e-6))
     state, together, alone = None, [], []
@@ -114,7 +114,7 @@ def test_without_the_right_taps_nothing_is_said():
         assert (evidence.says, evidence.failed, evidence.code) == ("undecided", False, code)
 
 
-def test_of_several_pairs_the_one_nearest_to_half_a_chip_is_taken():
+def test_the_pair_nearest_to_half_a_chip_is_taken():
     (taps,) = with_vector_taps(np.random.default_rng(6)).vector_taps
     delays = np.array([0.125, 0.0, -0.125, 0.504, -0.504, 0.996, -0.996])
     several = replace(taps, delays_chips=delays, value=np.zeros((200, 8, 1, 7), np.complex64))
@@ -128,7 +128,7 @@ def test_the_offset_of_a_triangle_is_found_at_any_spacing(spacing):
     np.testing.assert_allclose(found, offset, atol=1e-12)
 
 
-def test_the_law_of_t_squared_is_that_of_means_over_estimated_covariances():
+def test_t_squared_follows_means_over_estimated_covariances():
     rng = np.random.default_rng(2)
     draws = rng.standard_normal((4000, 30, 3))
     mean, apart = draws.mean(axis=1), draws - draws.mean(axis=1, keepdims=True)

@@ -53,7 +53,7 @@ def test_a_single_signals_delay_has_the_sigma_that_is_stated():
     assert abs(np.mean(scaled)) < 0.2
 
 
-def test_two_signals_have_their_delays_and_sigmas_whatever_their_phases():
+def test_two_signals_keep_delays_and_sigmas_at_any_phase():
     rng = np.random.default_rng(3)
     first = rng.uniform(-0.3, 0.3, 100)
     delay = np.stack([first, first + 0.3], axis=1)
@@ -63,7 +63,7 @@ def test_two_signals_have_their_delays_and_sigmas_whatever_their_phases():
     assert np.sqrt(np.mean(scaled**2)) == pytest.approx(1.0, abs=0.17)
 
 
-def test_reflections_are_explained_and_signals_before_or_as_strong_are_not():
+def test_only_later_and_weaker_signals_pass_as_reflections():
     """Reflections of all delays and strengths: hardly one is taken for another signal. 5 dB and more apart they are."""
     rng = np.random.default_rng(4)
     count = 150
@@ -81,7 +81,7 @@ def test_reflections_are_explained_and_signals_before_or_as_strong_are_not():
 
 
 @pytest.mark.parametrize(("rays", "most"), [(2, 0.075), (3, 0.15)])
-def test_satellites_with_several_reflections_count_no_oftener_than_the_detector_allows_for(rays, most):
+def test_several_reflections_count_as_often_as_allowed_for(rays, most):
     """Each 3 to 20 dB weaker: together they may look like one signal that is no reflection."""
     rng = np.random.default_rng(5)
     count = 150

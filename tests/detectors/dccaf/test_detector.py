@@ -35,7 +35,7 @@ OF_A_RUN = 1e-3 * 10.0 / 3600.0 / 7.0
 """What `protect` allows a window of one receiver, by default."""
 
 
-def test_a_sky_shown_two_hundred_metres_off_in_overlapping_signals_is_an_attack():
+def test_an_overlapping_sky_two_hundred_metres_off_is_an_attack():
     rng = np.random.default_rng(2)
     detector = Dccaf(DccafSettings(false_alarm_probability=1e-6))
     reported = [detector.examine(with_ccaf(OVERLAPPED_CCAF.records(rng), rng))[0][0] for _ in range(5)]
@@ -86,7 +86,7 @@ def test_a_mirror_all_around_is_no_attack():
         assert reported.p_value > 1e-3
 
 
-def test_a_mirror_all_around_and_two_odd_satellites_are_no_attack():
+def test_a_mirror_and_two_odd_satellites_are_no_attack():
     """That the ranges of a mirror's image agree is no evidence that the two are an attacker's."""
     rng = np.random.default_rng(14)
     for _ in range(3):
@@ -100,7 +100,7 @@ def test_a_mirror_all_around_and_two_odd_satellites_are_no_attack():
 
 @pytest.mark.parametrize("rays", [0, 1])
 @pytest.mark.long
-def test_five_hours_of_clean_sky_raise_no_alarm_at_the_rate_of_a_run(rays):
+def test_five_clean_hours_raise_no_alarm_at_a_runs_rate(rays):
     """1800 windows of ten seconds each, without and with a reflection on every satellite, one in seven of them such
     that no reflection explains it."""
     rng, p_values = np.random.default_rng(15 + rays), []
@@ -118,7 +118,7 @@ def test_five_hours_of_clean_sky_raise_no_alarm_at_the_rate_of_a_run(rays):
         assert np.sum(np.array(p_values) <= level) <= binom.ppf(0.999, len(p_values), level)
 
 
-def test_two_delays_come_where_the_count_says_two_and_one_elsewhere():
+def test_two_delays_come_where_two_are_counted_else_one():
     rng = np.random.default_rng(3)
     settings = DccafSettings()
     single, double = (with_ccaf(scene.records(rng), rng).ccaf[0] for scene in (CLEAN_CCAF, OVERLAPPED_CCAF))
@@ -127,7 +127,7 @@ def test_two_delays_come_where_the_count_says_two_and_one_elsewhere():
     assert np.isfinite(found.delay_chips[:, 1]).sum() >= 5
 
 
-def test_delays_are_from_the_last_interval_though_the_loop_moved_the_zero():
+def test_delays_count_from_the_last_interval_as_the_loop_moves():
     rng = np.random.default_rng(5)
     (grid,) = with_ccaf(CLEAN_CCAF.records(rng), rng).ccaf
     reference_m = np.array(grid.reference_m)
@@ -172,7 +172,7 @@ def repeat_signals(ccaf, settings):
     return select_second_signals(last, earlier, settings)
 
 
-def test_signals_too_near_for_one_burst_are_seen_in_those_of_a_window():
+def test_signals_too_near_for_a_burst_are_seen_in_a_window():
     """Two skies 6 m apart, equally strong: how many of eight satellites one burst shows, and how many five do."""
     rng, single, five, clean = np.random.default_rng(8), [], [], []
     for _ in range(3):
@@ -216,7 +216,7 @@ def test_missing_grids_cost_their_channel_only():
 
 
 @pytest.mark.long
-def test_a_detector_with_several_bins_sees_what_one_with_the_right_bin_sees():
+def test_several_bins_find_what_the_right_bin_finds():
     rng = np.random.default_rng(9)
     records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)
     (single,) = records.ccaf
@@ -256,7 +256,7 @@ def states_of(records):
     return body_states(body, records, Carried())[0]
 
 
-def test_true_signals_are_not_called_false_by_the_place_of_another_receiver():
+def test_another_receivers_place_makes_no_true_signal_false():
     """The false sky in rx2 shows the place of rx1, which is surveyed: that says nothing of what rx2 receives."""
     rng, detector, attacks = np.random.default_rng(10), Dccaf(), 0
     for _ in range(24):
@@ -267,7 +267,7 @@ def test_true_signals_are_not_called_false_by_the_place_of_another_receiver():
     assert attacks >= 20
 
 
-def test_both_skies_are_handed_on_as_fixes_and_one_is_the_true_one():
+def test_both_skies_become_fixes_and_one_is_the_true_one():
     rng, detector, squares = np.random.default_rng(12), Dccaf(), []
     lat_deg, lon_deg, height_m = OVERLAPPED_CCAF.place_deg
     place_m = ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height_m)
@@ -285,7 +285,7 @@ def test_both_skies_are_handed_on_as_fixes_and_one_is_the_true_one():
     assert sum(squares) < chi2.ppf(0.999, 3 * len(squares))
 
 
-def test_a_sky_whose_signals_are_all_the_stronger_ones_may_have_made_the_other_and_not_the_other_way_round():
+def test_only_the_stronger_sky_may_have_made_the_other():
     rng, detector, seen = np.random.default_rng(14), Dccaf(), 0
     lat_deg, lon_deg, height_m = OVERLAPPED_CCAF.place_deg
     place_m = ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height_m)
@@ -298,7 +298,7 @@ def test_a_sky_whose_signals_are_all_the_stronger_ones_may_have_made_the_other_a
     assert seen >= 3
 
 
-def test_single_signals_and_a_reflection_here_and_there_make_no_two_skies():
+def test_single_signals_and_a_reflection_make_no_two_skies():
     rng, detector = np.random.default_rng(13), Dccaf()
     for records in (with_ccaf(CLEAN_CCAF.records(rng), rng), with_near_reflections(rng, 0.15)):
         (reported, *_), _ = detector.examine(records)

@@ -35,7 +35,7 @@ def off_by(rng, n, offset_m, draws):
     return np.array(squares)
 
 
-def test_skies_far_apart_are_found_with_the_covariance_that_is_stated():
+def test_distant_skies_are_found_with_the_stated_covariance():
     squares = off_by(np.random.default_rng(1), 8, 150.0, 150)
     assert len(squares) > 100
     low, high = stats.chi2.ppf([1e-3, 1.0 - 1e-3], 4 * squares.size)
@@ -43,7 +43,7 @@ def test_skies_far_apart_are_found_with_the_covariance_that_is_stated():
     assert squares.max() < stats.chi2.isf(1e-3 / squares.size, 4)
 
 
-def test_signals_that_lie_near_each_other_are_exchanged_and_the_covariance_has_it():
+def test_the_covariance_allows_for_exchanged_near_signals():
     """Some satellites' signals differ by less than their noise."""
     squares = off_by(np.random.default_rng(2), 8, 60.0, 300)
     assert len(squares) > 30
@@ -61,7 +61,7 @@ def test_signals_that_belong_to_no_sky_make_none():
     assert count <= stats.binom.ppf(0.999, 400, MOST)
 
 
-def test_nothing_is_claimed_of_four_satellites_nor_of_skies_within_their_noise():
+def test_four_satellites_and_near_skies_claim_nothing():
     rng = np.random.default_rng(4)
     assert find_all(*drawn(rng, 4, SIGMA_M, 200.0)) is None
     near = [two for _ in range(30) if (two := find_all(*drawn(rng, 8, SIGMA_M, 6.0))) is not None]

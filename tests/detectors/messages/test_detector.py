@@ -99,7 +99,7 @@ def test_messages_that_go_back_to_earlier_ones_are_odd(count, failed) -> None:
     assert found.failed == failed
 
 
-def test_receivers_that_hear_an_upload_one_after_the_other_do_not_go_back() -> None:
+def test_uploads_heard_one_after_the_other_are_no_step_back() -> None:
     records = clean()
     (o,) = records.observations
     two = replace(records, observations=(o, replace(o, receiver="rx2")))
@@ -196,7 +196,7 @@ def test_satellites_that_say_other_leap_seconds_are_odd(count, leaps, failed) ->
         assert (found.data["how"], found.data["amount"]) == ("utc", -1.0)
 
 
-def test_what_most_satellites_of_a_system_say_counts_beyond_the_table() -> None:
+def test_a_systems_majority_counts_beyond_the_table() -> None:
     """What was said in earlier windows is remembered; another system has its own."""
     records = replace(clean(), start_gpst=np.datetime64("2031-05-14T10:00:00", "ns"))
     records = replace(records, navigation=replace(records.navigation, utc=None))
@@ -206,7 +206,7 @@ def test_what_most_satellites_of_a_system_say_counts_beyond_the_table() -> None:
     assert examine(first, second).statistic == 2.0
 
 
-def test_a_satellite_that_rises_again_is_held_against_its_own_past() -> None:
+def test_a_risen_satellite_is_checked_against_its_own_past() -> None:
     """Without a file, when the orbits are those of the log itself."""
     records = clean()
     again = tuple(hours_later(e, 7.0) for e in sent(records, 9))

@@ -63,7 +63,7 @@ def test_of_one_antenna_small_p_values_are_as_rare_as_they_say(count):
 
 @pytest.mark.parametrize("known", ["places", "distance"])
 @pytest.mark.parametrize("count", [6, 10])
-def test_of_the_sky_small_p_values_are_no_more_frequent_than_they_say(known, count):
+def test_small_p_values_of_the_sky_keep_their_frequency(known, count):
     rng, draws = np.random.default_rng(count), 150
     p_values = np.empty(draws)
     for k in range(draws):
@@ -114,7 +114,7 @@ def list_named(evidence, says):
     return {(ref.receiver, ref.signal.copy) for e in evidence if e.says == says for ref in e.signals}
 
 
-def test_carriers_without_errors_fit_the_sky_whatever_the_epochs_the_distance_and_the_heights():
+def test_error_free_carriers_fit_the_sky_in_any_geometry():
     """Half a step between the receivers' epochs, 100 m of distance and 10 m of height: millimetres each."""
     places = {"rx1": (0.0, 0.0, 0.0), "rx2": (60.0, 80.0, 10.0)}
     exact = scene(antennas_enu_m=places, first_epoch_s=(0.0, 0.45))
@@ -135,13 +135,13 @@ def test_a_metre_apart_ten_seconds_tell_the_sky_from_one_antenna():
         assert false.says == "spoofed"
 
 
-def test_where_fractions_would_fit_by_chance_that_they_do_says_nothing():
+def test_fractions_that_fit_by_chance_are_no_evidence():
     """Ten signals of one kind fit somewhere on a shell of 2 cm with any fractions; carriers of more kinds do not."""
     (sky,) = examine(scene().records(np.random.default_rng(0)), **GIVEN["distance"])
     assert (sky.says, sky.data["carriers"]) == ("undecided", "coarse")
 
 
-def test_a_metre_apart_the_false_sky_beside_the_true_one_is_named():
+def test_a_metre_apart_the_false_sky_beside_the_true_is_named():
     evidence = examine(scene(false=(FalseSky(),)).records(np.random.default_rng(0)), **GIVEN["places"])
     assert list_named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
     assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
@@ -191,7 +191,7 @@ def test_carriers_of_no_whole_cycles_are_no_evidence():
     assert [e.says for e in findings] == ["undecided"]
 
 
-def test_whole_cycles_that_slip_and_half_cycles_that_are_open_change_nothing():
+def test_slips_and_half_cycles_change_nothing():
     rng = np.random.default_rng(0)
     for made, word in ((scene(), "authentic"), (scene(sky=(), false=(FalseSky(),)), "spoofed")):
         records = made.records(rng)

@@ -53,7 +53,7 @@ def rng(seed=0):
 
 @pytest.mark.parametrize("receivers", [2, 3])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_clean_sky_over_antennas_whose_places_are_known_is_named_authentic(receivers, seed):
+def test_a_clean_sky_over_known_antennas_is_authentic(receivers, seed):
     evidence = examine(scene(receivers).records(rng(seed)), **state_places(receivers))
     assert [e.says for e in evidence] == ["authentic"]
     assert len({ref.receiver for ref in evidence[0].signals}) == receivers
@@ -63,7 +63,7 @@ def test_a_clean_sky_over_antennas_whose_places_are_known_is_named_authentic(rec
 
 @pytest.mark.parametrize("receivers", [2, 3])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_meaconed_pair_is_named_spoofed_and_the_sky_beside_it_authentic(receivers, seed):
+def test_a_meaconed_pair_is_spoofed_and_the_sky_beside_it_true(receivers, seed):
     evidence = examine(scene(receivers, false=(MEACONER,)).records(rng(seed)))
     names = list(PLACES)[:receivers]
     assert list_named(evidence, "spoofed") == {(name, "b") for name in names}
@@ -74,7 +74,7 @@ def test_a_meaconed_pair_is_named_spoofed_and_the_sky_beside_it_authentic(receiv
 
 
 @pytest.mark.parametrize("satellites", [6, 10])
-def test_a_sky_of_one_antenna_may_be_echoes_where_satellites_are_few(satellites):
+def test_one_antennas_sky_of_few_satellites_may_be_echoes(satellites):
     """Three of six signals that were echoes fitted a wrong place beside the other receiver's, once in twenty hours of
     walls (`bench/no_attack.py --only walls`): a clean sky was spoofed with a p-value of 1e-27."""
     made = scene(sky=(), false=(MEACONER,), max_satellites=satellites, errors=TrackErrors(0.3, 0.0, 0.3))
@@ -87,7 +87,7 @@ def test_a_sky_of_one_antenna_may_be_echoes_where_satellites_are_few(satellites)
         assert finding.may_also_be[0] == "reflections"
 
 
-def test_sets_that_were_searched_for_serve_as_well_as_the_true_ones():
+def test_searched_sets_serve_as_well_as_the_true_ones():
     records = scene(false=(MEACONER,)).records(rng())
     found = tuple(s for o in records.observations for s in find_consistent_sets(o, records.navigation))
     evidence = examine(replace(records, sets=found))
@@ -104,7 +104,7 @@ def test_captured_receivers_are_never_named_authentic():
     assert (spoofed[0].code, spoofed[0].data["limit_m"]) == ("one_antenna_if_apart", 20.0)
 
 
-def test_antennas_that_may_be_one_leave_captured_receivers_undecided():
+def test_possibly_one_antenna_leaves_captured_receivers_open():
     evidence = examine(scene(sky=(), false=(MEACONER,)).records(rng()), antenna_separation_m=0.0)
     assert [(e.says, e.code) for e in evidence] == [("undecided", "one_antenna_or_sky")]
     assert not evidence[0].data["antennas_known"]
@@ -120,7 +120,7 @@ def test_a_clean_sky_over_antennas_too_near_to_tell_is_undecided():
     assert evidence[0].p_value > evidence[0].alpha  # of one antenna: the test was made
 
 
-def test_antennas_farther_apart_than_was_allowed_are_reported_where_that_is_set():
+def test_antennas_beyond_the_allowed_distance_are_reported():
     (evidence,) = examine(scene().records(rng()), max_separation_m=10.0)
     assert (evidence.code, evidence.data["limit_m"]) == ("too_far", 10.0)
     assert evidence.data["farthest_m"] == pytest.approx(DISTANCE_M, abs=5.0)
@@ -128,7 +128,7 @@ def test_antennas_farther_apart_than_was_allowed_are_reported_where_that_is_set(
     assert evidence.may_also_be[0] == "statement"
 
 
-def test_the_reason_of_a_run_names_all_kinds_of_signal_that_have_it():
+def test_a_runs_reason_names_all_kinds_that_share_it():
     records = scene().records(rng())
     (of_one,) = examine(records)
     other_band = [SignalRef(ref.receiver, replace(ref.signal, band="L2", code="L")) for ref in of_one.signals]
@@ -139,7 +139,7 @@ def test_the_reason_of_a_run_names_all_kinds_of_signal_that_have_it():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_clean_sky_without_a_known_distance_is_open_and_says_what_it_measured(seed):
+def test_a_clean_sky_without_a_distance_is_open_and_measured(seed):
     (evidence,) = examine(scene().records(rng(seed)))
     assert evidence.says == "undecided"
     assert (evidence.code, evidence.failed) == ("one_may_be_false", False)
@@ -151,7 +151,7 @@ def test_a_clean_sky_without_a_known_distance_is_open_and_says_what_it_measured(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_clean_sky_over_antennas_at_a_known_distance_is_named_authentic(seed):
+def test_a_clean_sky_at_a_known_distance_is_authentic(seed):
     evidence = examine(scene().records(rng(seed)), antenna_distance_m=DISTANCE_M)
     assert [e.says for e in evidence] == ["authentic"]
     assert evidence[0].data["assumes"] == ("no_concert", "distance_as_stated_and_not_shown")
@@ -160,7 +160,7 @@ def test_a_clean_sky_over_antennas_at_a_known_distance_is_named_authentic(seed):
 
 @pytest.mark.parametrize("shows_enu_m", [(500.0, 300.0, 5.0), (60.0, 40.0, 0.0), (24.0, -30.0, 2.0)])
 @pytest.mark.parametrize("known", [{"antenna_distance_m": DISTANCE_M}, {"antennas_enu_m": PAIR}, {}], ids=str)
-def test_one_receiver_under_a_false_sky_and_one_under_the_true_one_are_never_authentic(known, shows_enu_m):
+def test_a_false_and_a_true_sky_are_never_authentic(known, shows_enu_m):
     attack = replace(MEACONER, receivers=("rx2",), shows_enu_m=shows_enu_m)
     evidence = examine(scene(sky=("rx1",), false=(attack,)).records(rng()), **known)
     assert [e.says for e in evidence] == (["attack"] if known else ["undecided"])
@@ -168,7 +168,7 @@ def test_one_receiver_under_a_false_sky_and_one_under_the_true_one_are_never_aut
 
 
 @pytest.mark.parametrize(("count", "says"), [(6, "undecided"), (10, "attack")])
-def test_few_signals_at_a_wrong_place_may_be_echoes_and_many_are_an_attack(count, says):
+def test_few_misplaced_signals_may_be_echoes_many_are_not(count, says):
     attack = replace(MEACONER, receivers=("rx2",))
     records = scene(sky=("rx1",), false=(attack,), max_satellites=count).records(rng())
     (e,) = examine(records, false_alarm_probability=1e-6, **state_places())
@@ -182,7 +182,7 @@ def test_what_was_given_wrong_is_the_reason_that_is_reported():
     assert (reason.finding.code, reason.finding.data["distance_m"]) == ("elsewhere_than_known", 45.0)
 
 
-def test_the_attacker_who_hits_the_distance_is_left_by_it_and_not_by_places():
+def test_hitting_the_distance_does_not_hide_wrong_places():
     """The false place of rx2 is 30 m from rx1 as the true one is, in another direction."""
     attack = replace(MEACONER, receivers=("rx2",), shows_enu_m=(-18.0, 24.0, 0.0))
     records = scene(sky=("rx1",), false=(attack,)).records(rng())
@@ -191,14 +191,14 @@ def test_the_attacker_who_hits_the_distance_is_left_by_it_and_not_by_places():
     assert all("distance_as_stated_and_not_shown" in e.data["assumes"] for e in fooled)
 
 
-def test_of_three_receivers_one_that_is_captured_is_found_by_places_and_the_others_stay_authentic():
+def test_one_captured_of_three_is_found_and_the_others_stay():
     attack = replace(MEACONER, receivers=("rx3",))
     evidence = examine(scene(3, sky=("rx1", "rx2"), false=(attack,)).records(rng()), **state_places(3))
     assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
     assert list_named(evidence, "attack") == {("rx3", "a")}
 
 
-def test_of_three_receivers_two_that_follow_one_transmitter_are_never_authentic():
+def test_two_captured_of_three_are_never_authentic():
     attack = replace(MEACONER, receivers=("rx2", "rx3"))
     evidence = examine(scene(3, sky=("rx1",), false=(attack,)).records(rng()), **state_places(3))
     assert list_named(evidence, "authentic") == set()
@@ -216,14 +216,14 @@ def review_all(records, **settings):
     return list(detector.review([e for r in records for e in detector.examine(r)[0]]))
 
 
-def test_windows_with_both_skies_vouch_for_the_others_that_show_the_same_baseline():
+def test_windows_with_both_skies_support_the_same_baseline():
     with_both = scene(false=(MEACONER,))
     evidence = review_all(windows(scene(), with_both, with_both, scene()))
     assert {e.says for e in evidence} == {"authentic", "spoofed"}
     assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
 
 
-def test_windows_with_both_skies_do_not_vouch_for_a_captured_receiver():
+def test_windows_with_both_skies_do_not_support_a_captured_one():
     with_both = scene(false=(MEACONER,))
     captured = scene(sky=("rx1",), false=(replace(MEACONER, receivers=("rx2",), shows_enu_m=(60.0, 40.0, 0.0)),))
     evidence = review_all(windows(captured, with_both, with_both, captured))
@@ -240,7 +240,7 @@ def test_signals_that_may_be_of_a_false_antenna_stay_open():
     assert [e.says for e in after if e.baselines] == ["authentic", "authentic", "undecided"]
 
 
-def test_antennas_that_move_relative_to_each_other_vouch_for_their_own_windows_only():
+def test_moving_antennas_support_their_own_windows_only():
     moved = {"rx1": (0.0, 0.0, 0.0), "rx2": (-20.0, 22.0, 0.0)}
     with_both = [scene(false=(MEACONER,)), scene(false=(MEACONER,), antennas_enu_m=moved)]
     evidence = review_all(windows(scene(), *with_both, scene(antennas_enu_m=moved)))
@@ -248,7 +248,7 @@ def test_antennas_that_move_relative_to_each_other_vouch_for_their_own_windows_o
 
 
 @pytest.mark.parametrize("axis", range(2), ids=["east", "north"])
-def test_a_sky_that_is_drawn_off_at_the_end_of_a_window_is_not_authentic(axis):
+def test_a_sky_dragged_off_late_in_a_window_is_not_authentic(axis):
     """By 20 m in its last two seconds: its mean over the window is 2 m off."""
     records = scene(errors=TrackErrors(0.5, 0.0, 0.3), step_s=0.5).records(rng())
     first, second = records.observations
@@ -270,7 +270,7 @@ def build_stated(records, thermal_m):
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9, 0.98])
-def test_errors_within_their_bound_fail_no_more_often_than_stated(correlation):
+def test_bounded_errors_fail_no_more_often_than_stated(correlation):
     """They swing as far as one sigma of 3 m makes them, which is the bound."""
     made, numbers = scene(errors=TrackErrors(3.0, correlation, 0.0)), rng(5)
     noise = TrackNoise(bound_m=3.0)
@@ -283,7 +283,7 @@ def test_errors_within_their_bound_fail_no_more_often_than_stated(correlation):
 
 
 @pytest.mark.parametrize(("thermal_m", "fails"), [(0.5, True), (8.0, False)])
-def test_errors_beyond_their_bound_fail_unless_noise_is_stated_so(thermal_m, fails):
+def test_larger_errors_fail_unless_noise_is_stated_so(thermal_m, fails):
     records = build_stated(scene(errors=TrackErrors(8.0, 0.5, 0.0)).records(rng()), thermal_m)
     pairing = pair_up(records, records.sets, TrackNoise(bound_m=3.0), min_satellites=5)
     assert (pairing.swing_p_value < 1e-20) is fails
@@ -308,7 +308,7 @@ def test_a_known_baseline_settles_what_one_set_each_leaves_open():
 
 
 @pytest.mark.parametrize("other", ["sky", "false"])
-def test_two_skies_in_one_receiver_and_one_in_the_other_need_a_baseline(other):
+def test_two_skies_beside_one_need_a_baseline(other):
     attack = MEACONER if other == "false" else replace(MEACONER, receivers=("rx1",))
     records = scene(sky=("rx1",) if other == "false" else None, false=(attack,)).records(rng())
     evidence = examine(records, antenna_separation_m=0.0)
@@ -326,7 +326,7 @@ def test_two_skies_in_one_receiver_and_one_in_the_other_need_a_baseline(other):
 @pytest.mark.parametrize("known", [{"antenna_distance_m": DISTANCE_M}, {"antennas_enu_m": PAIR}, {}], ids=str)
 @pytest.mark.parametrize("reached", [("rx1", "rx2"), ("rx2",)], ids=str)
 @pytest.mark.parametrize("seed", range(4))
-def test_a_false_sky_that_shows_the_first_receiver_where_it_is_makes_no_true_signal_false(seed, reached, known):
+def test_a_false_sky_at_the_true_place_makes_no_signal_false(seed, reached, known):
     """What rx1 gets from the sky and rx2 from the transmitter show one place as well."""
     meaconer = replace(MEACONER, shows_enu_m=(0.0, 0.0, 0.0), receivers=reached)
     evidence = examine(scene(false=(meaconer,)).records(rng(seed)), **known)
@@ -352,14 +352,14 @@ def test_a_receiver_without_a_set_is_left_out():
     assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx3", "a")}
 
 
-def test_a_receiver_with_one_sky_does_not_hide_what_two_others_see():
+def test_one_sky_does_not_hide_what_two_others_see():
     attack = replace(MEACONER, receivers=("rx1", "rx2"))
     evidence = examine(scene(3, false=(attack,)).records(rng()))
     assert list_named(evidence, "spoofed") == {("rx1", "b"), ("rx2", "b")}
     assert list_named(evidence, "authentic") == {("rx1", "a"), ("rx2", "a")}
 
 
-def test_of_signals_that_one_receiver_lacks_the_false_ones_are_named_alone():
+def test_signals_that_one_lacks_are_named_if_false_only():
     records = scene(false=(MEACONER,)).records(rng())
     cut = [replace(s, signals=s.signals[2:]) if s.receiver == "rx2" else s for s in records.sets]
     evidence = examine(replace(records, sets=tuple(cut)))

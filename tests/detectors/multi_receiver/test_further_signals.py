@@ -52,7 +52,7 @@ def subjects(evidence):
 
 
 @pytest.mark.parametrize("receivers", [2, 3])
-def test_few_signals_are_named_in_every_receiver_by_the_antenna_they_come_from(receivers):
+def test_few_signals_are_named_by_the_antenna_they_come_from(receivers):
     made, sats = records(([0, 2], [4, 7]), receivers=receivers)
     spoofed, authentic = examine_all(made)
     assert len(authentic) == 1
@@ -70,7 +70,7 @@ def test_one_odd_signal_is_not_named():
 
 
 @pytest.mark.parametrize("known_p", [None, 1e-9])
-def test_what_an_attack_makes_false_has_the_p_value_of_the_attack(known_p):
+def test_false_signals_take_the_p_value_of_their_attack(known_p):
     """One odd signal proves nothing alone, and is named beside others that are false: its own test has no small p."""
     made, sats = records(([0], []))
     sky = pair_up(made, made.sets, MultiReceiverSettings().noise(1), min_satellites=5)
@@ -110,7 +110,7 @@ def move_ranges(made, by_m):
 
 
 @pytest.mark.parametrize(("apart_m", "named"), [(0.0, False), (60.0, True)], ids=["wrong clocks", "another place"])
-def test_signals_equally_off_in_all_receivers_may_have_wrong_orbits(apart_m, named):
+def test_signals_equally_off_everywhere_may_have_wrong_orbits(apart_m, named):
     made, sats = records(([], []))
     off_m = {0: -700.0, 2: -9e4, 4: -3e3, 6: -800.0}
     by_m = {("rx1", k): m for k, m in off_m.items()} | {("rx2", k): m + apart_m for k, m in off_m.items()}
@@ -149,7 +149,7 @@ def test_nothing_is_named_where_no_sky_is_known_to_be_true():
     assert {e.says for e in evidence} == {"undecided"}
 
 
-def test_a_sky_over_near_antennas_is_not_taken_for_one_antenna_for_want_of_another():
+def test_near_antennas_sky_is_not_taken_for_one_antenna():
     """Receivers 6 m apart with two sets each, of which the false ones have too few satellites in common to compare."""
     near = {"rx1": (0.0, 0.0, 0.0), "rx2": (6.0, 0.0, 0.0)}
     made = MeasuredScene(

@@ -32,7 +32,7 @@ def build_measured(enu_m, covariance_m2):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_nearest_baseline_of_a_distance_is_the_nearest_of_all(seed):
+def test_the_nearest_baseline_of_a_distance_is_nearest_of_all(seed):
     rng = np.random.default_rng(seed)
     distance_m = 10.0 ** rng.uniform(0.3, 2.6)
     sigma_m, shown_m = rng.uniform(0.3, 10.0), rng.normal(size=3) * distance_m
@@ -50,7 +50,7 @@ def test_the_nearest_baseline_of_a_distance_is_the_nearest_of_all(seed):
 
 
 @pytest.mark.parametrize("known", ["distance", "places", "learnt"])
-def test_under_the_truth_agreement_is_uniform_and_survival_is_never_too_small(known):
+def test_agreement_is_uniform_and_survival_never_too_small(known):
     """Measured baselines and what is known of them are drawn about the truth, with the sigmas that are stated."""
     rng = np.random.default_rng(3)
     spread_m2, draws = covariance(rng, 2.0), 400
@@ -81,7 +81,7 @@ def test_places_notice_every_direction(off_m):
     assert consistency_p_value(AntennaPlaces(PLACES), (baseline,)) < 1e-6
 
 
-def test_a_distance_notices_what_is_nearer_or_farther_and_not_what_lies_beside():
+def test_a_distance_notices_near_and_far_but_not_beside():
     known = AntennaDistance(30.0, 0.5)
     for shown_m, agrees in (
         ((24.0, 18.0, 0.0), True),
@@ -107,7 +107,7 @@ def test_three_receivers_share_the_first_ones_error():
     assert float(shifted.squared) == pytest.approx(2.0, rel=1e-3)  # 3 axes, 2 others: 2 / (1 + 2) of each axis
 
 
-def test_the_nearest_place_at_a_distance_is_that_of_a_search_in_numpy():
+def test_the_nearest_place_at_a_distance_matches_a_search():
     rng = np.random.default_rng(5)
     root = rng.standard_normal((40, 3, 3))
     covariance_m2 = root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(3)

@@ -54,14 +54,14 @@ def examine_records(records, **settings):
     return [findings[start] for start in sorted(findings)]
 
 
-def test_a_true_sky_that_no_window_decides_alone_is_authentic_in_two_minutes():
+def test_an_undecided_true_sky_is_authentic_in_two_minutes():
     records = scene().records(np.random.default_rng(0))
     alone = [MultiReceiver(MultiReceiverSettings(**GIVEN["places"])).examine(w)[0] for w in windows(records)]
     assert {e.says for finding in alone for e in finding} == {"undecided"}
     assert all("authentic" in words for words in examine_records(records, **GIVEN["places"]))
 
 
-def test_a_captured_pair_that_no_window_decides_alone_is_spoofed_in_two_minutes():
+def test_an_undecided_captured_pair_is_spoofed_in_two_minutes():
     records = scene(sky=(), false=(FalseSky(),)).records(np.random.default_rng(0))
     findings = examine_records(records, **GIVEN["places"])
     assert all("spoofed" in words for words in findings)
@@ -72,7 +72,7 @@ def test_nothing_is_added_where_nothing_is_known_of_the_antennas():
     assert {word for words in examine_records(records) for word in words} == {"undecided"}
 
 
-def test_evidence_of_an_earlier_window_stands_in_that_window_and_says_how_long_it_took():
+def test_an_earlier_windows_evidence_states_how_long_it_took():
     records = scene().records(np.random.default_rng(0))
     detector, state, late = MultiReceiver(MultiReceiverSettings(**GIVEN["places"])), None, []
     for window in windows(records):
@@ -106,7 +106,7 @@ def test_a_window_that_is_missing_begins_anew():
 
 @pytest.mark.parametrize("given", GIVEN)
 @pytest.mark.parametrize("since_s", [20.0, 33.0, 57.5, 71.0])
-def test_the_end_of_a_run_that_is_not_of_the_sky_is_not_authentic(given, since_s):
+def test_a_run_that_ends_off_the_sky_is_not_authentic(given, since_s):
     clean, false = scene(epochs=90), scene(epochs=90, sky=(), false=(THERE,))
     for seed in range(2):
         findings = examine_records(

@@ -44,7 +44,7 @@ def examine_all(records, sky, imitated, **data):
     return [true, imitated]
 
 
-def test_a_satellite_behind_the_antenna_is_left_out_unless_its_false_signal_is_known(behind):
+def test_a_satellite_behind_the_antenna_needs_a_known_false_one(behind):
     records, sky, sat = behind
     other_sats = [s for s in sky.ranges.sats if s != sat]
     kept, spoofed = withhold_doubtful(records, [sky], examine_all(records, sky, other_sats))
@@ -55,7 +55,7 @@ def test_a_satellite_behind_the_antenna_is_left_out_unless_its_false_signal_is_k
     assert withhold_doubtful(records, [sky], whole) == whole
 
 
-def test_signals_that_are_not_known_to_be_of_one_antenna_make_none_doubtful(behind):
+def test_signals_of_unknown_antennas_make_none_doubtful(behind):
     records, sky, sat = behind
     kept = examine_all(records, sky, [s for s in sky.ranges.sats if s != sat], whole_sky=True)
     assert withhold_doubtful(records, [sky], kept) == kept
@@ -71,7 +71,7 @@ def test_three_satellites_that_are_left_are_not_authentic(behind):
     assert kept.data["found"] == "beside_false_sky"
 
 
-def test_a_false_signal_of_the_antenna_is_doubtful_with_the_stated_probability():
+def test_a_false_signal_is_doubtful_with_the_stated_chance():
     rng, kept, drawn = np.random.default_rng(3), 0, 40
     for _ in range(drawn):
         records = scene_with(rng.uniform(0.0, 2.0 * np.pi)).records(rng)

@@ -89,7 +89,7 @@ def test_places_with_a_likely_slip_are_named_and_no_attack(stated_m, code):
 
 
 @pytest.mark.parametrize("code", ["height_above_sea_level", "height_in_feet", "degrees_and_minutes"])
-def test_a_position_with_a_likely_slip_is_named_with_what_is_right(code):
+def test_a_position_slip_is_named_with_the_right_value(code):
     lat, lon, height_m = PLACE_DEG
     here_m = ecef_from_geodetic(np.radians(lat), np.radians(lon), height_m)
     rot = rot_enu_ecef(np.radians(lat), np.radians(lon))
@@ -133,7 +133,7 @@ def test_a_receiver_that_is_led_far_away_is_attacked():
     assert {e.says for e in evidence} == {"attack"}
 
 
-def test_antennas_that_turned_since_they_were_as_stated_are_no_attack():
+def test_antennas_turned_since_stated_are_no_attack():
     turned = {"antennas_enu_m": {"rx1": (0.0, 0.0, 0.0), "rx2": (-18.0, 24.0, 6.0)}}
     evidence = review_all(windows({}, turned), antennas_enu_m=PAIR)
     assert [e.says for e in evidence] == ["authentic", "undecided"]
@@ -179,7 +179,7 @@ def test_carriers_of_near_antennas_name_the_slip(stated, code):
     assert not any(e.failed for e in evidence)
 
 
-def test_code_that_contradicts_a_statement_without_being_sure_of_the_sky_names_it():
+def test_code_that_contradicts_a_statement_names_it():
     apart = {"rx1": (0.0, 0.0, 0.0), "rx2": (7.0, 4.0, 1.0)}
     both_windows = windows({}, {}, antennas=apart)
     without = [

@@ -123,7 +123,7 @@ def led_away(invented):
     return make
 
 
-def test_a_receiver_that_stands_chooses_the_sky_that_shows_where_it_stood(led_away):
+def test_a_standing_receiver_chooses_the_sky_at_its_old_place(led_away):
     taken = led_away()
     found = taken.chosen(standing())
     assert set(map(frozenset, after(taken, found, "authentic").values())) == {frozenset(NEW)}
@@ -138,13 +138,13 @@ def test_a_receiver_that_stands_chooses_the_sky_that_shows_where_it_stood(led_aw
     assert first.data["wrong"] == 1e-12
 
 
-def test_what_was_received_while_the_attack_may_have_been_hidden_is_not_taken_for_true(led_away):
+def test_fixes_while_an_attack_may_hide_are_not_learned(led_away):
     labels = led_away().decided(standing()).labels
     old = [(s.label, s.first_epoch, s.last_epoch) for s in labels if s.ref.signal.copy == "a"][:3]
     assert old == [("authentic", 0, 29), ("unknown", 30, 89), ("spoofed", 90, 139)]
 
 
-def test_the_start_is_not_clean_where_that_of_a_receiver_nearby_is_not(led_away):
+def test_a_doubtful_start_nearby_makes_this_start_doubtful(led_away):
     taken = led_away()
     nearby = replace(taken.observations, receiver="rx2")
     subject = tuple(replace(ref, receiver="rx2") for ref in taken.evidence[0].signals)
@@ -165,7 +165,7 @@ def test_a_sky_that_came_from_afar_was_not_there_before(led_away):
     assert first.data["clean_until"] == "10:00:50"
 
 
-def test_a_window_that_does_not_go_on_ends_what_is_taken_for_true(led_away):
+def test_a_discontinuous_window_ends_the_trusted_time(led_away):
     """Channels taken over, by a pull that is over before the true sky is found, from afar."""
     taken = led_away(onset_s=40.0, away=30.0 * EAST, found_m=2000.0, hidden=False)
     found = taken.chosen(standing())
@@ -174,7 +174,7 @@ def test_a_window_that_does_not_go_on_ends_what_is_taken_for_true(led_away):
 
 
 @pytest.mark.parametrize("speed_m_s", [0.2, 0.5, 2.0])
-def test_a_place_that_stays_is_not_led_away_slowly_while_a_decoy_is_awaited(led_away, speed_m_s):
+def test_a_fixed_place_is_not_dragged_while_a_decoy_waits(led_away, speed_m_s):
     """The only sky is drawn off from 40 s on, and at 105 s another false one appears far away: none is chosen that is
     farther off than a fix is."""
     taken = led_away(onset_s=40.0, away=speed_m_s * EAST, found_m=65.0 * speed_m_s, hidden=False)
@@ -222,7 +222,7 @@ def test_a_push_of_the_clock_is_not_recognized_by_a_place(led_away):
     assert {s.label for s in decision.labels if s.last_epoch > 40} == {"unknown"}
 
 
-def test_a_push_of_the_clock_is_recognized_by_an_oscillator_whether_or_not_it_stands(led_away):
+def test_a_clock_push_is_recognized_moving_or_standing(led_away):
     taken = led_away(away=8.0 * CLOCK)
     for stands in (True, False):
         found = taken.chosen(standing("ocxo", stands=stands))
@@ -235,7 +235,7 @@ def test_without_an_alarm_two_skies_are_left_alone(led_away):
     assert not after(taken, taken.chosen(standing()), "spoofed")
 
 
-def test_while_skies_have_not_parted_the_first_windows_are_true_and_nothing_else(led_away):
+def test_before_skies_part_only_the_first_windows_are_true(led_away):
     taken = led_away(away=1.0 * EAST)
     assert taken.first is None
     taken.evidence = [
@@ -263,13 +263,13 @@ def test_a_late_copy_is_no_rival(led_away):
     assert not after(taken, taken.chosen(standing()), "spoofed")
 
 
-def test_whole_milliseconds_of_a_receivers_clock_are_of_no_account(led_away):
+def test_whole_milliseconds_of_a_clock_do_not_matter(led_away):
     taken = led_away(away=8.0 * CLOCK, clock_m=lambda at_s: np.where(at_s > 95.0, 1e-3 * SPEED_OF_LIGHT_M_S, 0.0))
     found = taken.chosen(standing("ocxo"))
     assert set(map(frozenset, after(taken, found, "authentic").values())) == {frozenset(NEW)}
 
 
-def test_the_chosen_sky_alone_again_is_still_the_one_and_another_is_not(led_away):
+def test_the_chosen_sky_alone_stays_chosen_and_no_other(led_away):
     last = led_away().invented.at(10.0 * (WINDOWS - 2))
     for left, expected in ((NEW, set(NEW)), (OLD, set())):
         taken = led_away()
@@ -278,7 +278,7 @@ def test_the_chosen_sky_alone_again_is_still_the_one_and_another_is_not(led_away
         assert after(taken, found, "authentic").get(WINDOWS - 1, set()) == expected
 
 
-def test_a_false_signal_that_fits_the_true_sky_for_a_window_is_still_false(led_away):
+def test_a_false_signal_in_the_true_sky_a_while_is_still_false(led_away):
     taken = led_away()
     first = taken.invented.at(10.0 * taken.first)
     late = taken.invented.ref("G05a").signal, taken.invented.ref("G05b").signal
@@ -341,7 +341,7 @@ def test_of_many_choices_no_more_are_wrong_than_the_limit(invented, kind):
 
 
 @pytest.mark.parametrize(("pushed", "expected"), [(EAST, standing("ocxo", stands=False)), (CLOCK, standing())])
-def test_a_false_sky_that_is_true_in_all_that_is_expected_is_not_chosen_beside_a_mixture(led_away, pushed, expected):
+def test_a_false_sky_true_in_all_expected_loses_to_no_mixture(led_away, pushed, expected):
     """A push of the position leaves the clock; some true and some false signals fit a place and a time by chance."""
     taken = led_away(away=8.0 * pushed)
     mixed = 300.0 * (EAST + CLOCK)
@@ -387,7 +387,7 @@ def chosen_of(taken, evidence, predictor):
     return found, collect_overlapping_fixes(found, state).get("rx1", ()), compared_skies(state)
 
 
-def test_of_skies_that_overlap_the_one_at_home_is_chosen_and_no_signal_is_named(led_away):
+def test_of_overlapping_skies_home_is_chosen_and_none_named(led_away):
     taken = led_away()
     evidence = overlapping(taken, 100.0)
     found, fixes, compared = chosen_of(taken, evidence, standing())
@@ -407,7 +407,7 @@ def test_of_skies_that_overlap_the_one_at_home_is_chosen_and_no_signal_is_named(
     ("apart_m", "doubt", "reflected"),
     [(8.0, 3.2e-4, (1e-6, 1.0)), (100.0, 1e-3, (1e-6, 1.0)), (100.0, 3.2e-4, (1e-2, 1e-6))],
 )
-def test_of_skies_that_have_not_parted_or_are_in_doubt_none_is_chosen(led_away, apart_m, doubt, reflected):
+def test_undivided_or_doubtful_skies_are_not_chosen(led_away, apart_m, doubt, reflected):
     """The third may be one at home and its reflections."""
     taken = led_away()
     found, fixes, _ = chosen_of(taken, overlapping(taken, apart_m, doubt, reflected), standing())
@@ -417,7 +417,7 @@ def test_of_skies_that_have_not_parted_or_are_in_doubt_none_is_chosen(led_away, 
     assert {e.code for e in later} <= {"maybe_one_sky", "no_difference", "too_uncertain"}
 
 
-def test_skies_that_overlap_where_no_test_shows_an_attack_are_not_compared(led_away):
+def test_overlapping_skies_without_an_attack_are_not_compared(led_away):
     taken = led_away()
     calm = [taken.invented.restate(e, says="clean") for e in overlapping(taken, 100.0)]
     assert chosen_of(taken, calm, standing())[:2] == ([], ())

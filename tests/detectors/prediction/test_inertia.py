@@ -73,7 +73,7 @@ def later(readings, since_s):
     return (readings.gpst >= readings.gpst[0] + np.timedelta64(round(since_s * 1e9), "ns"))[:, None]
 
 
-def test_a_position_that_is_drawn_off_is_an_attack_in_the_window_in_which_it_begins():
+def test_a_dragged_position_is_an_attack_where_it_begins():
     found = heard(speed_m_s=2.0)
     start = found[0].gpst[0]
     first, *rest = said(found)
@@ -105,7 +105,7 @@ def test_a_clean_drive_goes_on_and_says_what_would_be_noticed():
     assert navigator.hidden_m_s == sizes_m_s[-1]
 
 
-def test_of_a_slow_drag_inertia_goes_back_and_says_what_it_may_have_missed():
+def test_for_a_slow_drag_inertia_states_what_it_may_miss():
     """One that draws the navigator along before it is noticed, by navigators that have run free for a minute."""
     found = heard(speed_m_s=0.8, duration_s=121.0, carrier="locked")
     findings, navigator = walked(found)

@@ -61,7 +61,7 @@ def test_without_cn0_it_says_that_this_is_what_is_missing():
     assert (weak.code, weak.data) == ("few_satellites", {"satellites": 0, "min_cn0_dbhz": 30.0})
 
 
-def test_late_and_weak_seconds_are_echoes_where_strong_ones_are_not():
+def test_late_weak_seconds_are_echoes_where_strong_ones_are_not():
     (weak,), (strong,) = (
         examine(observations(range(4), weaker_db=db, delay_m=500.0, spread_m=60.0)) for db in (11.0, -9.0)
     )
@@ -117,7 +117,7 @@ def test_a_late_copy_of_the_whole_sky_is_named_and_no_attack():
     assert {(ref.signal.sat, ref.signal.copy) for ref in late.signals} == {(f"G{k + 1:02d}", "b") for k in range(8)}
 
 
-def test_delays_that_are_coarse_agree_by_chance_and_show_no_late_copy():
+def test_coarse_delays_agree_by_chance_and_show_no_late_copy():
     copied = observations(range(3), weaker_db=2.5, delay_m=500.0, spread_m=0.0)
     coarse = replace(copied, pseudorange_sigma_m=np.where(np.isfinite(copied.pseudorange_sigma_m), 100.0, np.nan))
     assert len(find_second_signals(copied, SecondSignalsSettings()).repeated) == 3
@@ -136,7 +136,7 @@ def test_delays_that_are_coarse_agree_by_chance_and_show_no_late_copy():
     ],
     ids=str,
 )
-def test_what_is_stronger_earlier_or_moves_otherwise_is_no_late_copy(kind):
+def test_stronger_earlier_or_other_motion_is_no_late_copy(kind):
     (evidence,) = examine(observations(range(8), **({"weaker_db": 6.0, "spread_m": 0.5} | kind)))
     assert evidence.says == "attack"
 

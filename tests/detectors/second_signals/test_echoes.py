@@ -26,11 +26,11 @@ def p_value(second, model=MODEL):
     [{"late_m": 1500.0}, {"over_db": 4.0}, {"apart_hz": 900.0}, {"elevation_rad": np.radians(80.0)}],
     ids=str,
 )
-def test_what_is_later_stronger_or_faster_than_echoes_are_is_rarer(unlike):
+def test_later_stronger_or_faster_than_echoes_is_rarer(unlike):
     assert p_value(LIKE_AN_ECHO._replace(**unlike)) < 0.5 * p_value(LIKE_AN_ECHO)
 
 
-def test_an_echo_over_a_direct_signal_is_likelier_where_that_may_be_blocked():
+def test_an_echo_is_likelier_where_the_direct_may_be_blocked():
     strong = LIKE_AN_ECHO._replace(over_db=6.0)
     p_values = [p_value(strong._replace(below_db=below)) for below in (0.0, 5.0, 12.0)]
     assert p_values == sorted(p_values)
@@ -60,7 +60,7 @@ def test_more_echoes_make_each_more_probable():
 
 
 @pytest.mark.parametrize(("below_db", "elevation_deg"), [(0.0, 10.0), (6.0, 40.0), (12.0, 70.0)])
-def test_satellites_p_values_are_uniform_below_the_chance_of_any_echo(below_db, elevation_deg):
+def test_p_values_are_uniform_below_the_chance_of_an_echo(below_db, elevation_deg):
     """Drawn without the grid that the law is worked out on: neither too many nor too few at any level."""
     rng, n = np.random.default_rng(5), 50_000
     drawn = drawn_seconds(rng, MODEL, np.full(n, below_db), np.full(n, elevation_deg))

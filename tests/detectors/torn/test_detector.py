@@ -70,7 +70,7 @@ def test_strays_of_many_satellites_are_found_and_dated(seed) -> None:
     assert {ref.signal.sat for ref in found[1].signals} == set(found[1].data["sats"])
 
 
-def test_few_satellites_at_a_time_are_judged_by_the_last_good_fix() -> None:
+def test_few_satellites_at_a_time_are_tested_by_the_last_fix() -> None:
     found = examine(make_torn(1, satellites=8, epochs=range(11, 30), alone=4))
     assert [e.failed for e in found] == [False, True, True]
 
