@@ -113,7 +113,7 @@ def test_a_code_without_words_costs_no_run():
 def test_figures_have_units():
     assert [metres(3.14159), metres(5000.0)] == ["3.1 m", "5.0 km"]
     assert [seconds(x) for x in (2.0, 0.4, 3e-6, 5e-9)] == ["2 s", "400 ms", "3 µs", "5 ns"]
-    assert name_bases(("standing", "clock")) == "its standing still and its clock"
+    assert name_bases(("standing", "clock")) == "the statement that it stands still and its clock"
 
 
 def test_causes_are_named_alike_in_verdict_and_findings():

@@ -34,7 +34,7 @@ AFTER_DEMO = "Example, with the recordings that `skyproof demo --out demo` makes
 COMMANDS = {
     "protect": (
         "[INPUT...] --out FOLDER [OPTIONS]",
-        "Say whether received signals are spoofed, which and since when, and give a position that can be trusted.",
+        "Detect spoofed signals, which and since when, and give a position that can be trusted.",
         AFTER_DEMO
         + "skyproof protect demo/bow.bin demo/stern.bin --nav demo/broadcast.rnx --out out\n\n"
         + "The same with a platform file:\n\n"
@@ -43,7 +43,7 @@ COMMANDS = {
     ),
     "inspect": (
         "FILE [OPTIONS]",
-        "Show what a recording, log or observation file holds, whether it is usable, and what would improve it.",
+        "Inspect a recording, log or observation file: what it holds, whether it is usable, what would improve it.",
         AFTER_DEMO + "skyproof inspect demo/bow.bin",
     ),
     "receive": (

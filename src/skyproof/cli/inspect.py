@@ -27,7 +27,7 @@ def inspect(
     *,
     sidecar: Annotated[Path | None, Parameter(help="How to read raw samples; else NAME.toml beside NAME.bin.")] = None,
     rate_hz: Annotated[
-        float | None, Parameter(help="Samples per second. This and the next options are as in a sidecar.")
+        float | None, Parameter(help="Samples a second. This and the next options are as in a sidecar.")
     ] = None,
     kind: Annotated[Literal["real", "complex"] | None, Parameter(help="Real or complex samples.")] = None,
     encoding: Annotated[
@@ -59,7 +59,7 @@ def inspect(
     json: OneDocument = False,
     debug: Debug = False,
 ) -> int:
-    """Inspect a recording, log or observation file: whether it is usable, and what would make it stronger."""
+    """Inspect a recording, log or observation file: what it holds, whether it is usable, what would improve it."""
     layout = {
         "rate_hz": rate_hz,
         "kind": kind,

@@ -55,7 +55,7 @@ def protect(
     ] = False,
     debug: Debug = False,
 ) -> int:
-    """Detect spoofed signals, since when and which, and give the position to be trusted."""
+    """Detect spoofed signals, which and since when, and give a position that can be trusted."""
     with whatever_is_missing(partial(print_result, as_json=json, incomplete=True)):
         result = app.protect.protect(
             inputs or [],

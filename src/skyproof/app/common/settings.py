@@ -137,8 +137,8 @@ class Settings(BaseModel):
     place_deg: tuple[_Latitude, _Longitude] | None = Field(
         default=None,
         examples=[[57.7, 11.9]],
-        description="Rough latitude and longitude. With a navigation file and a dated recording, only satellites above "
-        "the horizon there are searched for, so false signals of others are missed.",
+        description="Latitude and longitude, roughly. With a navigation file and a dated recording, only satellites "
+        "above the horizon there are searched for, so false signals of others are missed.",
     )
     position_format: Literal["degrees", "degrees-minutes"] = Field(
         default="degrees",
