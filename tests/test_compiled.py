@@ -64,7 +64,7 @@ def read_only(monkeypatch):
     return folders.append
 
 
-def test_what_setup_compiled_is_read_where_nothing_can_be_written(called, tmp_path, read_only):
+def test_setups_kernels_are_read_where_nothing_can_be_written(called, tmp_path, read_only):
     assert (called(), called()) == (0, 1)
     read_only(tmp_path)
     assert called() == 1
@@ -78,7 +78,7 @@ def test_what_setup_did_not_compile_is_kept_for_the_user(called, tmp_path, read_
     assert not list((tmp_path / "package").rglob("*.nbc"))
 
 
-def test_where_nothing_is_kept_and_nothing_can_be_written_kernels_run_all_the_same(called, tmp_path, read_only):
+def test_kernels_run_where_nothing_is_kept_or_can_be_written(called, tmp_path, read_only):
     read_only(tmp_path)
     assert (called(), called()) == (0, 0)
 

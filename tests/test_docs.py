@@ -214,7 +214,7 @@ def test_every_page_holds_what_the_code_says_now(fill: ModuleType) -> None:
     assert empty == []
 
 
-def test_a_page_that_is_filled_twice_is_the_same_and_has_nothing_twice(fill: ModuleType) -> None:
+def test_a_page_filled_twice_is_the_same(fill: ModuleType) -> None:
     page = "one\n\n<!-- studies -->\n\ntwo <!-- keys: a:B -->\n\nold\n\n<!-- end -->\nthree\n"
     once = fill.marks.filled(page, lambda word, what, so_far: f"{word} {what}")
     assert once.count("<!-- end -->") == 2
@@ -224,7 +224,7 @@ def test_a_page_that_is_filled_twice_is_the_same_and_has_nothing_twice(fill: Mod
     assert "<!--" not in fill.marks.replaced(once, lambda word, what, so_far: so_far)
 
 
-def test_a_table_is_drawn_with_a_line_for_each_row_and_every_chart_s_mark_has_one(fill: ModuleType) -> None:
+def test_a_table_is_drawn_with_a_line_for_each_row(fill: ModuleType) -> None:
     page = "| of | 2 s | 5 s | end |\n|---|---|---|---|\n| one | 1.5, 3 | 20 (1) | 7 |\n| two | | 4 | |\n\n"
     ((what, table),) = fill.charts.charts_in(page + "<!-- chart: Growth | s | m | log -->\n")
     svg = fill.charts.chart_of(what, table)
@@ -253,7 +253,7 @@ def test_the_files_that_the_manual_shows_are_read(tmp_path: Path) -> None:
     assert (samples.rate_hz, samples.n_samples) == (4e6, 4000)
 
 
-def test_every_column_of_fixes_and_every_key_for_sigmf_is_described() -> None:
+def test_every_fix_column_and_sigmf_key_is_described() -> None:
     page = text_of(DOCS / "formats.md")
     assert [name for name in FIXES_COLUMNS if f"`{name}`" not in page] == []
     own = set(re.findall(r"skyproof:\w+", text_of(ROOT / "src" / "skyproof" / "formats" / "sigmf.py")))
@@ -320,9 +320,7 @@ def test_the_python_page_uses_every_name_that_is_promised() -> None:
     assert used == set(skyproof.__all__)
 
 
-def test_the_detector_of_the_manual_meets_the_contract_and_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_manuals_detector_meets_the_contract(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's files as they stand there; what an installer would write about the package is written by hand."""
     page = text_of(DOCS / "extend" / "detector.md")
     files = dict(re.findall(r'^```\w+ title="(.*?)"\n(.*?)^```', page, re.MULTILINE | re.DOTALL))
@@ -352,7 +350,7 @@ def test_the_detector_of_the_manual_meets_the_contract_and_is_found(
 
 
 @pytest.mark.long
-def test_the_manual_builds_without_a_warning_and_without_a_network(tmp_path: Path) -> None:
+def test_the_manual_builds_offline_without_a_warning(tmp_path: Path) -> None:
     """Figures left out: those are commands of their own, which other tests run."""
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
     env = os.environ | {"SKYPROOF_FIGURES": "no", "NO_MKDOCS_2_WARNING": "1"}

@@ -69,7 +69,7 @@ def test_the_floors_are_those_of_the_contract(stated):
     assert [{room for room, (floor, _) in stated.items() if floor == f} for f in floors] == [{"__init__"}, *held]
 
 
-def test_an_arrow_in_the_code_that_the_page_does_not_show_is_seen(tmp_path, monkeypatch):
+def test_an_arrow_in_the_code_that_the_page_lacks_is_seen(tmp_path, monkeypatch):
     house = tmp_path / "smallhouse"
     house.mkdir()
     (house / "__init__.py").write_text("from smallhouse.attic import view\n", encoding="utf-8")

@@ -67,7 +67,7 @@ def test_a_wrong_platform_file_is_refused_by_file_and_key(tmp_path: Path, text: 
     assert re.search(facts(words), str(raised.value))
 
 
-def test_a_wrong_option_is_refused_as_a_setting_and_not_as_the_files(tmp_path: Path) -> None:
+def test_a_wrong_option_is_refused_as_a_setting(tmp_path: Path) -> None:
     path = tmp_path / "platform.toml"
     path.write_text("[protect]\nstart_s = 1\n", encoding="utf-8")
     with pytest.raises(SettingsError, match=r"^setting start_s = -2\.0, .*\b0\b"):
@@ -124,7 +124,7 @@ def test_a_wrong_scenario_names_what_came_and_what_was_expected(table: dict[str,
     assert re.search(facts(words), str(raised.value))
 
 
-def test_a_list_is_not_called_too_short_for_a_fault_in_its_member() -> None:
+def test_a_members_fault_does_not_make_a_list_too_short() -> None:
     with pytest.raises(ScenarioError) as raised:
         parse_scenario({"receivers": [{"name": "a", "lat_deg": 1.0, "lon_deg": 2.0, "height_m": -600.0}]})
     assert re.search(facts("receivers[0].height_m = -600.0 … -500"), str(raised.value))
@@ -228,7 +228,7 @@ def test_an_archive_that_is_cut_before_its_samples_is_refused(tmp_path: Path) ->
         open_sigmf(tmp_path / "rec.sigmf")
 
 
-def test_compact_rinex_of_another_kind_or_without_an_end_is_refused() -> None:
+def test_foreign_or_endless_compact_rinex_is_refused() -> None:
     head = f"{'2.0':20}{'COMPACT RINEX FORMAT':40}CRINEX VERS   / TYPE"
     with pytest.raises(InputError, match=r"a\.crx, line 1: .*'2\.0', .*\b1\.0 or 3\.0"):
         expand(f"{head}\n".encode(), source="a.crx")
@@ -315,13 +315,13 @@ WORDS = "/home/someone/rx1.bin: 7 of 8 | *bytes*; mend it"
 MESSAGE = Message("InputError", "formats/a.py", 12, WORDS, "tests/a.py::test")
 
 
-def test_messages_that_differ_in_numbers_and_folders_only_are_one() -> None:
+def test_messages_that_differ_in_numbers_only_are_one() -> None:
     other = Message("InputError", "formats/a.py", 12, "/tmp/x/rx1.bin: 5 of 12 | *bytes*; mend it", "tests/b.py::test")
     assert MESSAGE.key == other.key
     assert MESSAGE.key != Message("InputError", "formats/a.py", 13, MESSAGE.words, MESSAGE.test).key
 
 
-def test_the_table_shows_a_message_as_it_is_printed_without_folders() -> None:
+def test_the_table_shows_messages_as_printed_without_folders() -> None:
     text = table([MESSAGE])
     assert "## formats/a.py" in text
     assert "| InputError | rx1.bin: 7 of 8 &#124; &#42;bytes&#42;; mend it | 12 | tests/a.py::test |" in text

@@ -39,7 +39,7 @@ def test_the_tutorial_shows_what_its_cells_give() -> None:
 
 
 @pytest.mark.long
-def test_the_tutorial_runs_and_writes_the_columns_that_the_manual_lists(
+def test_the_tutorial_runs_and_writes_the_listed_columns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: ModuleType
 ) -> None:
     """Its cells in one namespace, as a notebook runs them."""

@@ -31,7 +31,7 @@ def ended(redirections: str, *arguments: str, encoding: str = "utf-8") -> tuple[
 
 
 @pytest.mark.parametrize(("redirections", "words"), [(">/dev/full", os.strerror(errno.ENOSPC)), (">&-", "closed")])
-def test_standard_output_that_cannot_be_written_is_reported_in_one_line(redirections, words):
+def test_unwritable_standard_output_is_reported_in_one_line(redirections, words):
     code, _, reported = ended(redirections, "--version")
     assert code == 2
     assert re.match(rf"skyproof: .*output .*\(.*{words}\)", reported)
@@ -54,7 +54,7 @@ def test_who_has_read_enough_is_not_bothered_with_it(arguments):
     assert (run.returncode, run.stderr) == (141, b"")
 
 
-def test_an_encoding_without_the_signs_that_are_needed_gets_escapes():
+def test_an_encoding_without_needed_signs_gets_escapes():
     code, out, reported = ended("", "study", "--list", "--json", encoding="ascii")
     assert (code, reported) == (0, "")
     assert out.isascii()

@@ -226,7 +226,7 @@ def test_a_broken_promise_is_caught_in_other_records(broken, words):
         check_detector(broken, with_taps, np.random.default_rng(0), windows=1000)
 
 
-def test_records_without_what_the_detector_needs_are_no_test_of_it():
+def test_records_without_a_detectors_needs_are_no_test():
     with pytest.raises(AssertionError, match="lack taps"):
         check_detector(OfTaps, CLEAN.records, np.random.default_rng(0), windows=10)
 

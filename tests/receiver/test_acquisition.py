@@ -77,7 +77,7 @@ def test_the_satellites_of_the_sky_are_found_and_no_others(clean):
     assert len(peaks) == len(in_sky)
 
 
-def test_delay_is_within_a_tenth_of_a_chip_and_doppler_within_10_hz(clean):
+def test_delay_is_within_a_tenth_chip_and_doppler_within_10_hz(clean):
     searcher = Searcher(GPS_L1_CA, clean.samples.rate_hz, SearchSettings())
     sky = clean.scene.skies[0]
     start = 1_000_000
@@ -124,7 +124,7 @@ def test_any_sample_rate_will_do(rate_hz):
     assert peak.cn0_dbhz == pytest.approx(46.0, abs=1.25)  # three sigma
 
 
-def test_real_samples_at_an_intermediate_frequency_are_searched_as_well():
+def test_real_samples_at_an_if_are_searched_as_well():
     rng = np.random.default_rng(6)
     rate_hz, if_hz = 12e6, 3e6
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings())
@@ -180,7 +180,7 @@ def test_a_second_signal_beside_a_known_one_is_found(apart, relative_db, doppler
     assert found >= 9
 
 
-def test_two_unknown_signals_a_chip_and_a_half_apart_are_both_found():
+def test_two_unknown_signals_1_5_chips_apart_are_both_found():
     rng = np.random.default_rng(10)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
     n = searcher.n_samples
@@ -205,7 +205,7 @@ def test_a_reflection_within_half_a_chip_is_not_another_signal():
 
 @pytest.mark.parametrize(("apart", "relative_db"), [(0.35, -3.0), (-0.5, -3.0), (0.5, -6.0)])
 @pytest.mark.parametrize("turn_cyc", [0.0, 0.25, 0.5])
-def test_a_signal_whose_reflection_pulls_the_loop_leaves_no_other_signal(apart, relative_db, turn_cyc):
+def test_a_signal_pulled_by_its_reflection_leaves_no_other(apart, relative_db, turn_cyc):
     """What one signal leaves of two has its top up to a chip from where the loop is, beyond the mask."""
     rng = np.random.default_rng(18)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings(coherent_periods=4, n_sums=5))
@@ -222,7 +222,7 @@ def test_a_signal_whose_reflection_pulls_the_loop_leaves_no_other_signal(apart, 
 
 
 @pytest.mark.parametrize("apart", [-1.5, -0.5, 0.5, 1.0, 1.5])
-def test_the_separation_of_overlapping_signals_is_right_though_each_was_measured_wrong(apart):
+def test_overlapping_signals_separation_is_right(apart):
     rng = np.random.default_rng(19)
     n = 52_000
     first, second = (
@@ -235,7 +235,7 @@ def test_the_separation_of_overlapping_signals_is_right_though_each_was_measured
     assert reported == pytest.approx(abs(apart), abs=0.15)
 
 
-def test_a_strong_signal_is_not_taken_for_other_satellites_nor_for_itself_again():
+def test_a_strong_signal_is_not_taken_for_others_or_twice():
     """At 60 dB-Hz its side lobes and cross-correlations stand 12 dB above the noise of 20 x 1 ms."""
     rng = np.random.default_rng(12)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings())
@@ -256,7 +256,7 @@ def test_a_weak_satellite_is_found_below_a_strong_known_one():
     assert [peak.sat for peak in peaks] == ["G11"]
 
 
-def test_strong_signals_that_are_not_asked_for_are_taken_for_none_of_those_that_are():
+def test_strong_unrequested_signals_are_taken_for_none():
     """Four of 60 dB-Hz, whole kilohertz off; the weak one beside them stands 2 dB above what noise reaches."""
     rng = np.random.default_rng(21)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings(coherent_periods=4, n_sums=5))
@@ -271,7 +271,7 @@ def test_strong_signals_that_are_not_asked_for_are_taken_for_none_of_those_that_
         assert abs(apart_chips(peak.delay_s, delay_s)) < 0.5
 
 
-def test_a_satellite_asked_for_at_some_dopplers_is_not_looked_for_at_others():
+def test_a_satellite_is_searched_at_the_requested_dopplers_only():
     rng = np.random.default_rng(22)
     searcher = Searcher(GPS_L1_CA, RATE_HZ, SearchSettings(coherent_periods=4, n_sums=5))
     n = searcher.n_samples
@@ -412,7 +412,7 @@ def test_false_alarms_come_at_the_stated_rate(made):
 
 @pytest.mark.long
 @pytest.mark.parametrize("rate_hz", [2.6e6, 5.0e6])
-def test_false_alarms_of_a_search_for_all_come_at_the_stated_rate_beside_those_it_finds(rate_hz):
+def test_false_alarms_of_a_full_search_keep_the_stated_rate(rate_hz):
     rng = np.random.default_rng(20)
     wanted = 0.1
     searcher = Searcher(GPS_L1_CA, rate_hz, SearchSettings(false_alarm_probability=wanted))

@@ -155,7 +155,7 @@ def test_an_antenna_that_fades_does_not_lose_the_array(array, track):
 
 
 @pytest.mark.long
-def test_signals_are_found_though_the_first_antenna_is_dead_from_the_start(array, track):
+def test_signals_are_found_with_a_dead_first_antenna(array, track):
     planes = array.planes[..., : 3 * RATE_HZ].copy()
     planes[0] = 0.0
     measurements, arcs = receive(planes)

@@ -76,7 +76,7 @@ def test_noise_has_no_energy_and_a_dead_antenna_no_phase():
     assert np.isfinite(found.phase_cyc[:, [0, 1, 3]]).all()
 
 
-def test_the_mean_of_the_parts_is_no_surer_than_the_grid_of_the_samples_lets_it_be():
+def test_the_mean_of_parts_is_no_surer_than_the_sample_grid():
     rng = np.random.default_rng(5)
     found = measure_snapshot(
         receive_samples(rng, rng.random(4), 60.0, 1234.0, 3e-4), RATE_HZ, IF_HZ, "G07", 3e-4, 1230.0
@@ -86,7 +86,7 @@ def test_the_mean_of_the_parts_is_no_surer_than_the_grid_of_the_samples_lets_it_
 
 
 @pytest.mark.parametrize("late_periods", [3, -5])
-def test_an_antenna_that_begins_periods_later_is_found_by_its_data_bits(late_periods):
+def test_an_antenna_late_by_periods_is_found_by_its_data_bits(late_periods):
     rng = np.random.default_rng(8)
     planes = receive_samples(rng, rng.random(4), 45.0, 1234.0, 3e-4)
     planes[2] = np.roll(planes[2], -round(late_periods * PERIOD_S * RATE_HZ), axis=-1)

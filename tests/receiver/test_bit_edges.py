@@ -46,7 +46,7 @@ def score_of(rng, n_signals, **signal):
 @pytest.mark.parametrize(
     ("cn0_dbhz", "beat"), [(-20.0, None), (45.0, None), (30.0, (0.9, 10.0)), (45.0, (0.95, 1.0)), (45.0, (1.1, 25.0))]
 )
-def test_bits_that_did_not_move_are_taken_for_moved_at_most_as_often_as_stated(cn0_dbhz, beat):
+def test_unmoved_bits_are_called_moved_at_most_at_the_rate(cn0_dbhz, beat):
     rng = np.random.default_rng(1)
     stated, n = 0.02, 150
     alarms = sum(score_of(rng, 4, cn0_dbhz=cn0_dbhz, beat=beat).max() > limit(stated) for _ in range(n))
@@ -55,7 +55,7 @@ def test_bits_that_did_not_move_are_taken_for_moved_at_most_as_often_as_stated(c
 
 @pytest.mark.parametrize("step_db", [-6.0, 6.0])
 @pytest.mark.parametrize("n_signals", [5, 20])
-def test_strength_that_changes_in_all_signals_at_once_moves_no_bits(n_signals, step_db):
+def test_strength_that_changes_in_all_signals_moves_no_bits(n_signals, step_db):
     """Jamming that begins, while no bit turns over: what is compared stands for the same time."""
     rng = np.random.default_rng(5)
     stated, n, alarms = 0.02, 150, 0

@@ -101,7 +101,7 @@ def test_the_drift_of_tracked_signals_is_measured(share, n_sats, seed):
     assert apart.sigma < 1e-8
 
 
-def test_signals_that_agree_are_corrected_less_than_once_in_a_thousand_times():
+def test_agreeing_signals_are_corrected_once_in_a_thousand():
     """The scatter of few satellites determines the sigma badly; the least that counts holds against that."""
     certain = [
         estimate_from_tracks(tracked(0.0, n_sats=4 + seed % 9, seed=seed), sats(12)).certain for seed in range(300)

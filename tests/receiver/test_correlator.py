@@ -121,7 +121,7 @@ CASES = st.builds(
 
 @settings(max_examples=30, deadline=None)
 @given(case=CASES)
-def test_sums_are_the_plain_ones_but_for_what_rounding_the_code_may_change(case):
+def test_sums_are_the_plain_ones_within_the_codes_rounding(case):
     sums, shifts = case.run()
     assert np.all(np.abs(sums[0] - case.plain()) <= case.doubt(measure_displacement(case, case.n)) + 1e-5 * case.n)
     assert np.all(np.abs(shifts) <= (0.5 / PHASES + 1e-6) * case.nominal)
@@ -229,7 +229,7 @@ def test_far_delays_need_a_table_that_reaches_so_far():
 @pytest.mark.parametrize(
     "wrong", [{"begin": -1}, {"n": 999_999}, {"chip": math.nan}, {"chip": 900.0}, {"room": 600}, {"step": 0.0}]
 )
-def test_a_stretch_that_leaves_samples_table_or_scratch_has_no_sums(wrong):
+def test_a_stretch_beyond_samples_or_table_has_no_sums(wrong):
     case = Case()
     room, n = wrong.get("room"), wrong.get("n")
     case.begin, case.chip = wrong.get("begin", case.begin), wrong.get("chip", case.chip)

@@ -128,7 +128,7 @@ def clean_taps(sats, before, now):
     ("sats", "starts_chips"),
     [(["G05", "G07"], (0.0, 3.0)), (["G05", "G05"], (0.0, 0.5)), (["G05", "G05"], (1022.7, 0.0))],
 )
-def test_one_signal_a_satellite_or_two_channels_on_one_are_left_as_they_are(sats, starts_chips):
+def test_single_signals_and_shared_channels_stay_unchanged(sats, starts_chips):
     before, now = rows_of(*starts_chips)
     was = before[0].copy(), now[0].copy()
     assert np.isnan(clean_taps(sats, before, now)).all()
@@ -136,7 +136,7 @@ def test_one_signal_a_satellite_or_two_channels_on_one_are_left_as_they_are(sats
     assert np.array_equal(now[0], was[1])
 
 
-def test_what_is_taken_out_is_the_autocorrelation_where_the_other_is():
+def test_the_autocorrelation_at_the_other_signal_is_removed():
     before, now = rows_of(0.0, 3.0, 40.0)
     other = before[0][2:, :, k.OUT_TAPS :], now[0][2:, :, k.OUT_TAPS :]
     for taps in other:

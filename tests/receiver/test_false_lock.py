@@ -41,14 +41,14 @@ def test_bits_are_taken_whole_wherever_they_begin():
 @pytest.mark.parametrize("probability", [0.01, 0.1])
 @pytest.mark.parametrize("cn0_dbhz", [25, 29, 35, 50])
 @pytest.mark.parametrize("off_hz", [12.5, pytest.param(-12.5, marks=pytest.mark.long)])
-def test_a_carrier_half_way_to_the_first_false_lock_is_taken_for_one_as_often_as_stated(off_hz, cn0_dbhz, probability):
+def test_a_carrier_half_way_is_called_false_at_the_stated_rate(off_hz, cn0_dbhz, probability):
     """To one of two sides: half as often. The bits' products are normal enough for Student's t."""
     n = 20_000
     says = int(is_turning(sums(off_hz, cn0_dbhz, ROW_BITS, 7, n), probability).sum())
     assert 0.8 * 0.5 * probability * n < says < 1.2 * 0.5 * probability * n + 3.0 * np.sqrt(0.5 * probability * n)
 
 
-def test_a_row_on_a_true_lock_is_hardly_ever_withheld_and_one_on_a_false_lock_is():
+def test_rows_on_true_locks_pass_and_on_false_ones_do_not():
     n = 20_000
     assert np.mean(is_turning(sums(0.0, 25.0, ROW_BITS, 11, n), FALSE_TURNING)) < 1e-3
     for half_cycles, seen_dbhz in ((1, 25.0), (-1, 27.0), (3, 25.0)):
@@ -90,9 +90,7 @@ def lock_loops(clean):
 
 
 @pytest.mark.parametrize("off_hz", [25.0, -75.0])
-def test_a_channel_on_a_false_lock_goes_to_its_carrier_and_is_not_measured_on_the_way(
-    clean, lock_loops, off_hz, monkeypatch
-):
+def test_a_false_lock_moves_to_its_carrier_unmeasured(clean, lock_loops, off_hz, monkeypatch):
     receiver, state, edge = lock_loops
     true_hz = state.loops[0, k.PLL_VELOCITY]
     loops = state.loops.copy()

@@ -16,7 +16,7 @@ from skyproof.simulator.scenario import SceneReceiver as ReceiverSite
 
 
 @pytest.mark.parametrize("turns", ["anything", "none"])
-def test_carriers_that_turned_by_chance_pass_at_most_as_often_as_stated(turns):
+def test_carriers_that_turn_by_chance_keep_the_stated_rate(turns):
     rng = np.random.default_rng(1)
     n, stated, n_signals = 1500, 0.05, 5
     alarms = 0
@@ -28,7 +28,7 @@ def test_carriers_that_turned_by_chance_pass_at_most_as_often_as_stated(turns):
     assert stats.binomtest(alarms, n, stated, alternative="greater").pvalue > 1e-3
 
 
-def test_carriers_that_turned_as_missing_bits_predict_are_seen_whatever_the_oscillator_did():
+def test_carriers_turned_by_missing_bits_are_recognized():
     rng = np.random.default_rng(2)
     predicted_cyc = rng.uniform(-4000.0, 4000.0, 7) * 0.02 * np.arange(1, MOST_BITS_MISSING + 1)[:, None]
     turn_cyc = predicted_cyc[2] + 0.21 + 0.01 * rng.normal(size=7) + 0.5 * rng.integers(0, 5, 7)
@@ -45,7 +45,7 @@ def drop_rows(sat, delay_s, *, doppler_hz=0.0, tow_ms=None, period=0):
     return LostSignal(sat=sat, copy="a", found_s=0.0, missed_s=0.0, place=place, tow_ms=tow_ms)
 
 
-def test_signals_that_come_back_anywhere_share_a_shift_as_often_as_stated():
+def test_signals_that_return_anywhere_share_a_shift_by_chance():
     rng = np.random.default_rng(3)
     n, gaps = 80, 0
     for _ in range(n):
@@ -59,7 +59,7 @@ def test_signals_that_come_back_anywhere_share_a_shift_as_often_as_stated():
     assert gaps <= 1  # of 0.08 at most; three alike of eight at any of 400 missing times would be some 2
 
 
-def test_signals_that_come_back_where_they_were_are_no_gap_and_keep_their_time():
+def test_signals_that_return_to_their_place_are_no_gap():
     sats = ["G01", "G02", "G03", "G04"]
     dopplers_hz = [-3000.0, 10.0, 900.0, 4000.0]
     gone = [

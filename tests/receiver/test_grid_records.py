@@ -15,7 +15,7 @@ from skyproof.receiver.observables import ReceiverTimeTag, assemble_grids
 from skyproof.records import CcafAsked
 
 
-def test_grids_become_a_record_whose_references_are_pseudoranges_and_in_which_an_attack_is_seen():
+def test_grids_become_a_record_in_which_an_attack_shows():
     rng = np.random.default_rng(2)
     records = with_ccaf(OVERLAPPED_CCAF.records(rng), rng)
     (o,), (grid_record,) = records.observations, records.ccaf

@@ -74,7 +74,7 @@ def take_grids(samples, rows, asked=ASKED, bit_start=0.0):
     return grids, correlator
 
 
-def test_a_signal_has_the_shape_of_its_band_where_its_delay_is_whatever_the_loops_do():
+def test_a_signal_has_the_shape_of_its_band_at_its_delay():
     rng = np.random.default_rng(1)
     late, doppler_hz = 0.21, 1234.0
     samples = samples_of(late, doppler_hz, 3.0, rng, noise=0.0)
@@ -98,7 +98,7 @@ def test_a_signal_has_the_shape_of_its_band_where_its_delay_is_whatever_the_loop
     )
 
 
-def test_noise_has_the_variance_and_the_covariance_that_the_record_states():
+def test_noise_has_the_stated_variance_and_covariance():
     rng = np.random.default_rng(2)
     values, variances = [], []
     for _ in range(25):
@@ -158,7 +158,7 @@ def test_much_is_at_stake_when_several_signals_change_at_once():
     assert sum(is_disturbed(levels, mean, 0.2) for levels in noisy) <= 2
 
 
-def test_a_receiver_takes_grids_whose_zero_is_its_pseudorange_whatever_blocks_come(clean):
+def test_a_receiver_takes_grids_about_its_pseudorange(clean):
     """Of 4 s, in two pieces as in one."""
     rate = clean.samples.rate_hz
     settings = ReceiverSettings(

@@ -60,14 +60,14 @@ def test_the_replica_is_where_it_is_predicted_a_frame_later(away_chips, doppler_
     assert loops[0, k.DLL_BANDWIDTH] == 0.0
 
 
-def test_a_carrier_that_is_not_seen_follows_the_prediction_and_one_that_is_seen_does_not():
+def test_an_unseen_carrier_follows_the_prediction():
     for unseen, velocity_hz in ((True, 1300.0), (False, 1200.0)):
         loops, _ = guide_loop_rows(loop(), guide(doppler_hz=1300.0), unseen)
         assert loops[0, k.PLL_VELOCITY] == velocity_hz
         assert loops[0, k.FREQUENCY] == IF_HZ + velocity_hz
 
 
-def test_the_correction_of_the_carrier_is_half_a_cycle_a_kilohertz():
+def test_the_carriers_correction_is_half_a_cycle_a_kilohertz():
     loops, _ = guide_loop_rows(loop(), guide(CORRECTION_HZ=-89.0))
     assert np.isclose(loops[0, k.CARRIER_CORRECTION], -0.0445)
 

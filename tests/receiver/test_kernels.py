@@ -170,7 +170,7 @@ def test_two_calls_give_what_one_gives():
     np.testing.assert_allclose(pieces[:5], whole[:5], rtol=1e-4, atol=0.05 * CODE_SCALE)
 
 
-def test_taps_of_a_look_are_those_of_all_the_time_and_the_loops_do_not_notice():
+def test_snapshot_taps_equal_continuous_ones_and_spare_loops():
     planes = signal(int(0.0512 * RATE_HZ), delay_chips=5.0, doppler_hz=-800.0)
     delays = np.array([0.125, 0.0, -0.125, 0.5, -0.5])
     whole = run(planes, state_for(delay_chips=5.0, doppler_hz=-800.0, pll=15.0, dll=1.0), delays)

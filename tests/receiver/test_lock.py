@@ -15,7 +15,7 @@ def looks_at(rng, cn0_dbhz, *, prompt_s, n_prompts, n_frames, n_looks):
     return lock_value(np.sum(in_phase**2, axis=-1), np.sum(beside**2, axis=-1)).mean(axis=-1)
 
 
-def test_a_signal_on_the_real_axis_gives_one_and_nothing_gives_zero():
+def test_a_real_signal_gives_one_and_no_signal_gives_zero():
     assert lock_value(np.array([4.0, 1.0, 0.0, 0.0]), np.array([0.0, 1.0, 2.0, 0.0])).tolist() == [1.0, 0.0, -1.0, 0.0]
 
 

@@ -94,7 +94,7 @@ def test_an_error_of_the_loops_code_is_measured_away():
     np.testing.assert_allclose(late_s, -0.05 / 1.023e6, atol=1e-3 / 1.023e6)
 
 
-def test_a_phase_that_accelerates_biases_neither_phase_nor_frequency():
+def test_an_accelerating_phase_biases_neither_phase_nor_rate():
     """103 Hz/s, 2 g: the mean over a bit of such a phase is not its value in the middle, by 0.0017 cycle."""
     rate_hz_s = 103.0
 
@@ -139,7 +139,7 @@ def test_a_slip_of_the_loop_is_repaired_and_reported(slipped_cyc, takes_s, cn0_d
     assert (table[25:, m.TURNED] == (abs(slipped_cyc) == 0.5)).all()
 
 
-def test_a_slip_in_a_row_that_is_not_given_out_is_said_in_the_next():
+def test_a_slip_in_an_omitted_row_is_reported_in_the_next():
     def beside_cyc(t):
         return 0.5 * np.clip((t - 4.05) / 0.08, 0.0, 1.0)
 

@@ -60,7 +60,7 @@ def test_both_signals_of_a_pair_are_followed_and_measured_right(apart_chips, rel
 
 
 @pytest.mark.parametrize(("apart_hz", "least", "most"), [(0.0, 0.25, 0.65), (10.0, 0.0, 0.1)])
-def test_a_chip_apart_the_weaker_one_has_a_place_to_stay_for_some_phases_only(apart_hz, least, most):
+def test_at_a_chip_the_weaker_one_holds_for_some_phases_only(apart_hz, least, most):
     # Sharp tops and taps close together: where the cosine of the phase between them is below the ratio of amplitudes.
     assert least <= pulls.stays(cell(1.0, -10.0, apart_hz), True)[0] <= most
     assert pulls.stays(cell(1.0, -10.0, apart_hz), False)[0] == 1.0
@@ -86,7 +86,7 @@ def test_a_reflection_is_not_reported_as_a_signal(apart_hz):
 
 @pytest.mark.long
 @pytest.mark.parametrize("apart_hz", [0.0, 2.0, 10.0, 50.0])
-def test_pairs_from_one_and_a_half_chips_on_are_followed_and_their_errors_are_explained(apart_hz):
+def test_pairs_beyond_1_5_chips_are_followed_within_errors(apart_hz):
     rows = [pairs.row_of(cell(*case, apart_hz), 3) for case in product(APART_CLEARLY, (-10.0, -6.0, 0.0, 6.0, 10.0))]
     found = {weak: [row for row in rows if (row.cell.relative_db < -6.0) == weak] for weak in (False, True)}
     assert sum(row.found for row in found[False]) >= 0.97 * sum(row.trials for row in found[False])
@@ -99,14 +99,14 @@ def test_pairs_from_one_and_a_half_chips_on_are_followed_and_their_errors_are_ex
 
 @pytest.mark.long
 @pytest.mark.parametrize(("full", "searches"), [(False, 9000), (True, 600)])
-def test_false_alarms_on_clean_sky_come_at_most_at_the_stated_rate(full, searches):
+def test_false_alarms_on_clean_sky_keep_the_stated_rate(full, searches):
     count = second_signals.clean_searches(np.random.default_rng([8, full]), searches, full=full)
     assert stats.binomtest(count.alarms, searches, PER_SEARCH, alternative="greater").pvalue > 1e-3
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_clean_sky_through_the_whole_receiver_has_one_signal_a_satellite(seed):
+def test_a_clean_sky_in_the_receiver_has_one_signal_each(seed):
     followed_s, seconds = second_signals.clean_recording(60.0, seed)
     assert followed_s > 180.0
     assert seconds == []

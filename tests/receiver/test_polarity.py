@@ -29,7 +29,7 @@ def sign_at(stretches, bit):
 
 
 @given(lead=st.integers(0, 299), turn=st.integers(100, 1000), inverted=st.booleans())
-def test_the_sign_of_the_bits_is_known_up_to_the_word_in_which_it_turns(lead, turn, inverted):
+def test_the_bits_sign_is_known_up_to_the_word_where_it_turns(lead, turn, inverted):
     bits = MESSAGE[lead:].copy()
     truth = (np.arange(bits.size) >= turn) ^ inverted
     stretches = find_stretches(bits ^ truth.astype(np.int8), (-lead) % 300, 0, GPS_L1_CA, GPS_L1_CA.decoder)
@@ -56,7 +56,7 @@ def test_stretches_of_one_sign_join_unless_much_is_between():
 
 
 @pytest.mark.parametrize("block", [100, 137, 1000])
-def test_a_channel_learns_the_sign_and_its_turn_whatever_the_blocks(block):
+def test_a_channel_learns_the_sign_and_its_turn_in_any_blocks(block):
     values = prompts(26, lead_periods=777, cn0_dbhz=38.0, polarity=-1.0)
     values[13_000:] *= -1.0
     stretches = feed(values, block=block).stretches
@@ -68,7 +68,7 @@ def test_what_is_known_of_the_sign_does_not_grow_with_time():
     assert len(feed(prompts(90, lead_periods=0, cn0_dbhz=40.0)).stretches) == 1
 
 
-def test_a_time_of_week_read_anew_forgets_the_sign_given_by_the_one_before():
+def test_a_new_time_of_week_forgets_the_earlier_sign():
     known = tm.Telemetry(tow_ms_at_period_0=5, stretches=(Stretch(0, 500, True),), synchronised=True)
     state = tm.step(known, prompts(8, lead_periods=100, cn0_dbhz=45.0), 0, GPS_L1_CA)
     assert state.tow_ms_at_period_0 is not None
@@ -115,7 +115,7 @@ def test_a_slip_ends_what_the_message_shows():
     assert np.flatnonzero(found.open).tolist() == list(range(30, 40))
 
 
-def test_a_turn_that_nothing_else_showed_is_a_slip_and_open_while_it_may_be():
+def test_an_unseen_turn_is_a_slip_and_open_meanwhile():
     found = rows(Stretch(0, 6000, False), Stretch(6600, 20_000, True))
     assert np.flatnonzero(found.slipped).tolist() == [30, 31, 32, 33, 34]  # row 29 is the last to lie in the first
     assert np.flatnonzero(found.open).tolist() == [30, 31, 32, 33]

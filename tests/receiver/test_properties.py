@@ -201,7 +201,7 @@ def test_flipped_bits_for_half_a_second_cost_strength_only(receiver, planes, who
 
 
 @pytest.mark.parametrize("kind", [pytest.param("zeros", marks=pytest.mark.long), "noise"])
-def test_a_second_without_signals_costs_that_second_and_the_way_back(receiver, planes, whole, kind):
+def test_a_second_without_signals_costs_itself_and_the_way_back(receiver, planes, whole, kind):
     heard = receive(receiver, damage_samples(planes, kind, 1.0, np.random.default_rng(7)))
     # Its loops coasted: every arc goes on, with its time of week, and nothing is said to be missing.
     assert heard.gaps == []

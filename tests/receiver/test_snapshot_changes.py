@@ -26,7 +26,7 @@ def test_a_signal_that_stays_what_it_is_does_not_change(seed, n_parts, n_antenna
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_a_signal_that_fades_to_half_its_amplitude_does_not_change(seed):
+def test_a_signal_that_fades_to_half_does_not_change(seed):
     sums = drawn(np.random.default_rng(seed), amplitude=100.0)
     sums[2:] *= 0.5
     assert find_change(sums) is None
@@ -42,7 +42,7 @@ def test_the_chance_of_a_turn_is_uniform_without_one(monkeypatch):
 
 
 @pytest.mark.parametrize("part", [1, 2, 3])
-def test_a_signal_that_comes_from_elsewhere_from_a_part_on_is_found(part):
+def test_a_signal_from_elsewhere_from_a_part_on_is_found(part):
     rng = np.random.default_rng(part)
     sums = np.concatenate([drawn(rng)[:part], drawn(rng)[part:]])
     change = find_change(sums)

@@ -67,7 +67,7 @@ def test_memory_does_not_grow():
 # ---------------------------------------------------------------------- a time of week that is kept
 
 
-def test_a_time_of_week_that_fits_is_kept_while_the_message_cannot_be_read():
+def test_a_fitting_time_of_week_is_kept_without_a_message():
     """Bits that a beat turns over at other places in each word: no subframe for longer than two."""
     values = prompts(50, lead_periods=1313, cn0_dbhz=42.0)
     known = feed(values[:12_000])

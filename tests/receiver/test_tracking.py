@@ -87,7 +87,7 @@ def test_pieces_give_what_the_whole_gives(meaconed, meaconed_tracked, cuts):
         assert np.array_equal(getattr(pieces, name), getattr(whole, name))  # to the last bit
 
 
-def test_a_front_end_that_comes_up_late_costs_a_second_and_not_the_recording(clean):
+def test_a_late_front_end_costs_a_second_and_not_the_recording(clean):
     planes = clean.planes[:, : 3 * 2_600_000].copy()
     planes[:, : 2_600_000 // 3] = 1.0
     receiver = Receiver(2_600_000)
@@ -119,7 +119,7 @@ def test_the_time_of_week_is_exact_to_the_millisecond(clean, track):
         assert abs(told_s - sent_s) < 1e-7
 
 
-def test_pseudorange_noise_is_white_unbiased_and_as_large_as_stated(clean, track):
+def test_pseudorange_noise_is_white_unbiased_and_as_stated(clean, track):
     o = observations(clean, *track)
     _, code_s, _, _ = truth_of(clean, o)
     error_m = o.pseudorange_m - SPEED_OF_LIGHT_M_S * code_s
@@ -146,7 +146,7 @@ def test_carrier_and_doppler_agree_with_the_truth(clean, track):
     assert np.abs((o.doppler_hz - doppler_hz)[o_rows]).max() < 0.5
 
 
-def test_copies_appear_when_the_meaconer_does_and_bracket_its_onset(meaconed, meaconed_tracked):
+def test_copies_appear_with_the_meaconer_and_bracket_its_onset(meaconed, meaconed_tracked):
     _, arcs = meaconed_tracked
     late = [arc for arc in arcs.values() if arc.signal.copy == "b"]
     assert len(late) == len(meaconed.scene.skies[0].signals) // 2
@@ -191,7 +191,7 @@ def carrier_errors_cyc(rendered, o):
     return o.carrier_cyc - 1575.42e6 * truth_of(rendered, o)[2]
 
 
-def test_double_differences_of_two_receivers_are_whole_cycles_off_the_truth(pair):
+def test_double_differences_are_whole_cycles_off_the_truth(pair):
     received = [observations(rendered, *receive(rendered, [])) for rendered in pair]
     a, b = (carrier_errors_cyc(rendered, o) for rendered, o in zip(pair, received, strict=True))
     assert [o.signals for o in received] == [received[0].signals] * 2
@@ -202,7 +202,7 @@ def test_double_differences_of_two_receivers_are_whole_cycles_off_the_truth(pair
     assert not any(o.half_cycle_open.any() for o in received)
 
 
-def test_a_carrier_turned_by_half_a_cycle_in_the_middle_is_a_slip_and_right_on_both_sides(clean, track):
+def test_a_half_cycle_turn_is_a_slip_and_right_on_both_sides(clean, track):
     """All samples inverted from 6.53 s on: no loop notices, but the data bits do."""
     turned = Rendered.__new__(Rendered)
     turned.__dict__ |= clean.__dict__

@@ -171,7 +171,7 @@ def wide_lines(n, frequencies_hz, width_hz, power_over_n0_dbhz):
 @pytest.mark.parametrize(
     ("power_dbhz", "width_hz", "together_hz", "beside"), [(60.0, 3e3, 80e3, 0.1), (50.0, 100.0, 40e3, 0.04)]
 )
-def test_wide_lines_are_not_notched_until_a_peak_has_others_beside_it(power_dbhz, width_hz, together_hz, beside):
+def test_wide_lines_are_not_notched_without_neighbours(power_dbhz, width_hz, together_hz, beside):
     """Of 600 m and the strength of the true peak, in all satellites: such were taken for a second sky once."""
     n = 400_000
     lines = wide_lines(n, 100e3 * np.arange(-4, 5), width_hz, power_dbhz)
@@ -233,7 +233,7 @@ def test_dc_of_one_rms_is_measured_and_removed():
     assert cn0_dbhz(clean) - cn0_dbhz(corrected) < 0.05
 
 
-def test_imbalance_of_a_decibel_and_five_degrees_is_measured_and_its_image_removed():
+def test_imbalance_is_measured_and_its_image_removed():
     n = 800_000
     clean = noise(n) + wave(n, LINE_HZ, 70.0)
     gain, skew = 10.0 ** (1.0 / 20.0), np.radians(5.0)

@@ -55,7 +55,7 @@ def test_real_channels_read_as_i_and_q_show_mirror_images(n: int, if_hz: float) 
     assert reported == Turns(samples=n // 2, mirrored=True)
 
 
-def test_the_mirror_image_of_a_real_signal_at_a_quarter_of_the_rate_is_no_channel() -> None:
+def test_a_real_signals_mirror_image_is_no_channel() -> None:
     planes = channel(RATE_HZ, 62_000, 1, if_hz=RATE_HZ / 4, real=True, sats=("G30",))
     assert turns(planes, RATE_HZ, carried(RATE_HZ / 4)[-1:], real=True).one_channel
 

@@ -86,7 +86,7 @@ def test_two_receivers_on_one_antenna_are_seen(own_db):
     assert reported.p_value < 1e-12
 
 
-def test_a_recording_of_another_rate_and_kind_is_compared_as_well():
+def test_a_recording_of_another_rate_and_kind_is_compared():
     rng = np.random.default_rng(4)
     antenna = np.fft.fftshift(np.fft.fft(sky(rng)[0] + noise(rng)))
     wide = np.zeros(4 * N, complex)  # real samples at four times the rate
@@ -142,7 +142,7 @@ def test_independent_noise_shares_nothing():
 
 
 @pytest.mark.long
-def test_what_is_explained_is_called_common_noise_no_oftener_than_stated():
+def test_explained_correlation_alarms_no_more_than_stated():
     """Noise that has in common just what signals may have: at one lag, so that the bound over all lags is ample."""
     rng, wanted, cells = np.random.default_rng(8), 0.2, 512
     alarms, coefficients = 0, []

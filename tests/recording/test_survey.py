@@ -136,7 +136,7 @@ def test_a_continuous_recording_has_no_gap():
 
 
 @pytest.mark.long
-def test_gaps_are_found_in_continuous_recordings_no_oftener_than_stated_and_sigmas_are_right():
+def test_gaps_keep_the_stated_rate_and_sigmas_are_right():
     trials, wanted = 150, 0.2
     alarms, ratios, clocks = counted(trials, wanted)
     assert alarms <= stats.binom.ppf(0.999, trials, wanted)
@@ -157,7 +157,7 @@ def test_a_mirrored_spectrum_is_found():
     assert wrong.doppler_ratio == pytest.approx(-1.0, abs=4.0 * wrong.doppler_ratio_sigma)
 
 
-def test_four_milliseconds_do_not_show_whether_the_spectrum_is_mirrored():
+def test_four_milliseconds_do_not_show_a_mirrored_spectrum():
     samples, heard = recorded(2.6e6, duration_s=0.004)
     reported = survey_recorder(samples, 0.0, heard)
     assert reported.conjugate is None

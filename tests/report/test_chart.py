@@ -157,7 +157,7 @@ def test_lines_differ_without_colour() -> None:
     assert len(looks) == 20
 
 
-def test_the_legend_keeps_clear_of_the_frame_and_inside_the_picture() -> None:
+def test_the_legend_stays_clear_of_the_frame_in_the_picture() -> None:
     rows = [{"method": f"a rather long name number {k}", "window_s": 1.0, "kept": float(k)} for k in range(7)]
     root = drawn(rows)
     height = float(root.get("viewBox", "").split()[3])
@@ -167,7 +167,7 @@ def test_the_legend_keeps_clear_of_the_frame_and_inside_the_picture() -> None:
     assert min(heights) > 280.0
 
 
-def test_a_scatter_has_marks_alone_however_many_and_the_diagonal_goes_through_equal_ticks() -> None:
+def test_a_scatter_has_marks_only_and_an_even_diagonal() -> None:
     rows = [{"method": "one", "window_s": 10.0 ** (k / 50), "kept": 10.0 ** (1 - k / 50)} for k in range(100)]
     root = drawn(rows, x_log=True, y_log=True, scattered=True, diagonal=True)
     assert not [path for path in root.iter(f"{SVG}path") if "curve" in path.get("class", "")]
@@ -181,7 +181,7 @@ def test_a_scatter_has_marks_alone_however_many_and_the_diagonal_goes_through_eq
     assert not [one for one in plain.iter(f"{SVG}line") if one.get("class") == "frame"]
 
 
-def test_a_diagonal_is_there_however_far_the_points_lie_from_it_and_a_key_of_a_scatter_is_one_mark() -> None:
+def test_a_diagonal_is_drawn_however_far_the_points_lie() -> None:
     rows = [{"method": "one", "window_s": 100.0 + k, "kept": 0.1 + 0.01 * k} for k in range(9)]
     root = drawn(rows, x_log=True, y_log=True, scattered=True, diagonal=True)
     (line,) = (one for one in root.iter(f"{SVG}line") if one.get("class") == "frame")

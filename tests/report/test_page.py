@@ -349,7 +349,7 @@ def test_what_is_cut_or_left_out_of_inputs_stands_at_the_top() -> None:
     assert all(page.count(words) >= 2 for words in ("after 7 s", "3 epochs"))
 
 
-def test_places_are_written_in_degrees_and_minutes_on_the_whole_page() -> None:
+def test_places_are_in_degrees_and_minutes_on_the_whole_page() -> None:
     settings = SAMPLE["settings"] | {"position_format": "degrees-minutes"}
     page = report_html(Verdict.model_validate(SAMPLE | {"settings": settings}), EMPTY)
     assert "59° 24.726′ N" in top_of(page)

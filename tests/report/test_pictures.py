@@ -134,7 +134,7 @@ def overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, 
     return min(a[2], b[2]) > max(a[0], b[0]) and min(a[3], b[3]) > max(a[1], b[1])
 
 
-def test_places_that_coincide_share_a_label_and_others_do_not_overlap() -> None:
+def test_places_that_coincide_share_a_label() -> None:
     tracks = [
         track(kind, e, n, receiver)
         for receiver, e, n in (("rx1", 0.0, 0.0), ("rx2", 50.0, -30.0))
@@ -160,7 +160,7 @@ def test_many_receivers_in_one_place_are_counted() -> None:
     assert "false: 10 receivers" in texts(parsed(local_map(tracks, title="map")))
 
 
-def test_on_a_crowded_map_the_weightiest_kind_stands_for_the_others() -> None:
+def test_on_a_crowded_map_the_weightiest_kind_is_labelled() -> None:
     tracks = [track(kind, 100.0 * i, 0.0, f"rx{i}") for i in range(8) for kind in ("trusted", "unprotected")]
     names = [e.text for e in of_class(parsed(local_map(tracks, title="map")), "name")]
     assert names == [f"trusted: rx{i}" for i in range(8)]
@@ -306,7 +306,7 @@ def at(sat: str, azimuth_deg: float, elevation_deg: float, label: Any = "authent
     )
 
 
-def test_the_sky_has_north_up_east_right_and_the_zenith_in_the_middle() -> None:
+def test_the_sky_has_north_up_east_right_zenith_in_the_middle() -> None:
     root = parsed(sky_plot([at("G01", 0, 0), at("G02", 90, 0), at("G03", 45, 90)], title="sky"))
     north, east, zenith = ((number(d, "cx"), number(d, "cy")) for d in of_class(root, "symbol"))
     assert north[0] == zenith[0]
@@ -316,7 +316,7 @@ def test_the_sky_has_north_up_east_right_and_the_zenith_in_the_middle() -> None:
     assert {"N 0°", "E 90°", "S 180°", "W 270°", "30°", "60°"} <= set(texts(root))
 
 
-def test_a_satellite_with_two_labels_has_both_symbols_and_one_name() -> None:
+def test_a_satellite_of_two_labels_has_both_symbols() -> None:
     root = parsed(sky_plot([at("G05", 30, 40), at("G05", 31, 40, "spoofed"), at("G07", 200, 20)], title="sky"))
     assert [len(of_class(root, "symbol", label)) for label in ("authentic", "spoofed")] == [2, 1]
     assert texts(root).count("G05") == 1

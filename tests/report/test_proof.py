@@ -65,7 +65,7 @@ def difference(sat: str, label: Any, metres: float) -> RangeDifference:
     return RangeDifference(receivers=("rx1", "rx2"), sat=sat, label=label, metres=metres)
 
 
-def test_false_signals_stand_in_one_line_and_true_ones_where_they_are() -> None:
+def test_false_signals_stand_in_one_line_true_ones_do_not() -> None:
     metres = {"G01": -40.0, "G02": 10.0, "G03": 30.0}
     rows = [difference(sat, "authentic", m) for sat, m in metres.items()]
     rows += [difference(sat, "spoofed", 0.0) for sat in metres]

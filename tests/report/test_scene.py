@@ -96,7 +96,7 @@ def test_the_map_has_equal_scales_and_a_shape_for_each_role() -> None:
     assert {"rx", "m transmits", "m receives", "s shows", "jam", "east, m", "north, m"} <= set(texts(root))
 
 
-def test_the_way_of_what_moves_is_drawn_from_its_ring_to_its_mark() -> None:
+def test_a_moving_bodys_way_is_drawn_from_ring_to_mark() -> None:
     root = parsed(
         scene_map([way("car", "receiver", (0, 0), (100, 0), (100, 200)), way("x", "shows", (0, 200))], title="map")
     )
@@ -160,7 +160,7 @@ def test_an_arm_is_drawn_where_it_begins_on_its_circle() -> None:
 # Over time
 
 
-def test_a_line_is_broken_where_there_is_nothing_and_named_at_its_end() -> None:
+def test_a_line_breaks_at_missing_data_and_is_named_at_its_end() -> None:
     root = parsed(
         line_plot(
             [line("G05", 100.0, 110.0, np.nan, 130.0, 140.0)], title="t", zero="start", quantity="behind", metres=True

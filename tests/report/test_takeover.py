@@ -37,7 +37,7 @@ def test_colour_is_the_phase(degrees, colour):
     assert shapes == [f"phase p{colour}"]
 
 
-def test_a_second_phase_gives_a_second_colour_and_height_is_the_magnitude():
+def test_a_second_phase_gives_a_second_colour():
     value = np.concatenate([np.full(5, 10.0j), np.full(5, 20.0 + 0.0j)])
     root = parsed(correlation_plot([parts_of(value)], title="x"))
     left, right = [e for e in of_class(root, "phase") if e.tag == "path"]

@@ -23,7 +23,7 @@ def verdict_of(word: str = "spoofed", **fixes: object) -> Verdict:
     return Verdict.model_validate(SAMPLE | {"verdict": word, "receivers": [receiver], "signals": []} | why)
 
 
-def test_a_receiver_that_is_led_away_is_named_with_how_far_and_what_to_use_instead() -> None:
+def test_a_dragged_receiver_is_named_with_distance_and_remedy() -> None:
     use, ignore = what_now(verdict_of(trusted_fix=FIX, unprotected_fix=FALSE))
     assert use[0] is Advice.USE_TRUSTED
     assert "rx1-trusted.nmea" in use[1]
@@ -59,7 +59,7 @@ def test_a_position_that_no_signal_moves_may_be_used(kind: str, word: str) -> No
     assert what_now(alone)[0][0] in (Advice.USE_NOTHING, Advice.RELY_ON_NOTHING)
 
 
-def test_a_consistent_position_is_for_going_on_with_and_not_proven() -> None:
+def test_a_consistent_position_may_be_used_but_is_unproven() -> None:
     verdict = verdict_of("no_attack_seen", consistent_fix=FIX | {"hidden_m": 40.0}, unprotected_fix=FIX)
     (what, why), *_ = what_now(verdict)
     assert (what, "rx1-consistent.nmea" in why) == (Advice.GO_ON, True)

@@ -39,7 +39,7 @@ def test_drift_asked_for_is_the_steady_frequency_at_zero():
 
 @settings(max_examples=12, deadline=None)
 @given(cuts=st.lists(st.integers(0, 999), max_size=6), seed=st.integers(0, 3), order=st.randoms())
-def test_the_same_bytes_come_whatever_is_asked_for_and_in_any_order(cuts, seed, order):
+def test_the_same_bytes_come_for_any_request_and_order(cuts, seed, order):
     t_s = np.linspace(-LEAD_S, 40.0 + LEAD_S, 1000)
     want = make_clock("tcxo", 1e-4, 2e-6, seed, 40.0)
     offset_s, drift = want.offset_s(t_s), want.drift(t_s)
@@ -73,7 +73,7 @@ def test_drift_is_the_slope_of_the_offset_everywhere():
     assert np.abs(numeric - TCXO.drift(t_s)).max() < 2e-10  # the noise's frequency itself moves by 1e-8
 
 
-def test_offset_and_drift_have_no_steps_where_knots_or_blocks_meet():
+def test_offset_and_drift_have_no_steps_at_knots_or_blocks():
     for knot in (*range(-3, 4), BLOCK - 1, BLOCK, BLOCK + 1):
         below, above = (np.nextafter(knot * STEP_S, side) for side in (-np.inf, np.inf))
         assert TCXO.offset_s(above) - TCXO.offset_s(below) == pytest.approx(0.0, abs=1e-18)
@@ -86,7 +86,7 @@ def test_time_that_it_shows_and_true_time_undo_each_other():
     np.testing.assert_allclose(TCXO.true_minus_shown_s(shown_s), -TCXO.offset_s(true_s), atol=1e-18, rtol=1e-10)
 
 
-def test_an_oscillator_that_is_too_fast_counts_more_than_true_seconds():
+def test_a_fast_oscillator_counts_more_than_true_seconds():
     """The convention of `Receiver.lo_ppm`: true minus elapsed is minus the elapsed time times p / (1 + p)."""
     fast = 100e-6  # as much as a scene may ask for
     plain = make_clock("perfect", 0.5, fast, duration_s=100.0)
@@ -119,7 +119,7 @@ def test_allan_deviation_is_that_of_the_class(kind):
         (Oscillator(flicker=1e-22), "flicker", 0.0),
     ],
 )
-def test_each_density_alone_lies_in_its_limits_as_often_as_they_say(noise, kind, exponent):
+def test_each_density_lies_in_its_limits_as_often_as_stated(noise, kind, exponent):
     factors = [1 if kind != "flicker" else 64, 512, 4096]  # its law is good from some knots on
     t_s = np.arange(0.0, 120.0, STEP_S)
     runs = np.stack([make_clock(noise, seed=seed, duration_s=120.0).offset_s(t_s) for seed in range(40)])

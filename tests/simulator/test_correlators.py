@@ -210,9 +210,7 @@ RECORDERS = {
 
 
 @pytest.mark.parametrize("front_end", RECORDERS.values(), ids=RECORDERS)
-def test_the_recorders_gain_and_loss_are_those_of_quantised_samples(
-    navigation: NavigationData, front_end: FrontEnd
-) -> None:
+def test_the_recorders_gain_and_loss_match_quantised_samples(navigation: NavigationData, front_end: FrontEnd) -> None:
     """Under a broadband jammer as strong as the noise, which shifts both."""
     jammer = Interference(
         kind="noise", transmit=ScenePlace(lat_deg=40.01, lon_deg=-3.0, height_m=700.0), power_db=0.0, onset_s=-1.0

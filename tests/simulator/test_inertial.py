@@ -160,7 +160,7 @@ def reference_strapdown(series, start, lever_m=(0.0, 0.0, 0.0)):
         (figure, (1.5, -0.4, 0.8)),
     ],
 )
-def test_a_strapdown_of_error_free_readings_returns_the_trajectory_over_233_s(motion_at, lever_m):
+def test_error_free_readings_return_the_trajectory_over_233_s(motion_at, lever_m):
     unit = simulate_inertial(motion_at, rate_hz=100.0, duration_s=233.0, lever_body_m=lever_m)
     series = unit.read(0, unit.n_samples)
     position_m, attitude = reference_strapdown(series, motion_at(np.zeros(1)), lever_m)
@@ -169,7 +169,7 @@ def test_a_strapdown_of_error_free_readings_returns_the_trajectory_over_233_s(mo
     assert np.abs(attitude - truth.attitude).max() < 1e-9
 
 
-def test_the_approach_and_a_course_with_banked_turns_come_back_too():
+def test_the_approach_and_banked_turns_come_back_too():
     corners_m = ORIGIN_M + np.array([[0, 0, 0], [6e3, 0, 0], [6e3, 5e3, 300], [0, 5e3, 300], [0, 12e3, 0]]) @ TO_ECEF.T
     course = make_way_points(corners_m, 100.0, lateral_m_s2=6.0, from_rest=False, to_rest=False)
     for trajectory in (make_las_vegas(), course):
@@ -180,7 +180,7 @@ def test_the_approach_and_a_course_with_banked_turns_come_back_too():
         assert np.abs(position_m - truth.position_ecef_m).max() < 1e-3
 
 
-def test_at_rest_it_feels_gravity_upwards_and_the_earths_rotation():
+def test_at_rest_it_feels_gravity_and_the_earths_rotation():
     series = simulate_inertial(static, rate_hz=50.0, duration_s=2.0).read(0, 100)
     attitude = static(np.zeros(1)).attitude[0]
     gravity = compute_gravity_m_s2(ORIGIN_M)
@@ -190,7 +190,7 @@ def test_at_rest_it_feels_gravity_upwards_and_the_earths_rotation():
     assert (TO_ECEF.T @ attitude @ series.specific_force_m_s2[0])[2] == pytest.approx(9.794, abs=0.005)
 
 
-def test_on_a_turntable_the_lever_arm_adds_centripetal_and_tangential_acceleration():
+def test_on_a_turntable_the_lever_arm_adds_acceleration():
     lever_m = np.array([2.0, 0.0, 0.0])
     near, far = (
         simulate_inertial(turntable, rate_hz=10.0, duration_s=60.0, lever_body_m=at) for at in (np.zeros(3), lever_m)
@@ -202,7 +202,7 @@ def test_on_a_turntable_the_lever_arm_adds_centripetal_and_tangential_accelerati
     np.testing.assert_allclose(more[:, 0], -rate2 * 2.0, atol=5e-4)
 
 
-def test_readings_are_means_over_intervals_that_end_at_their_time():
+def test_readings_are_means_over_intervals_that_end_there():
     fine, coarse = (
         simulate_inertial(figure, rate_hz=rate_hz, duration_s=4.0).read(0, 9999) for rate_hz in (200.0, 5.0)
     )
@@ -212,7 +212,7 @@ def test_readings_are_means_over_intervals_that_end_at_their_time():
         np.testing.assert_allclose(getattr(coarse, name), means, atol=1e-9)
 
 
-def test_mounting_turns_the_axes_and_the_errors_stay_with_the_sensor():
+def test_mounting_turns_the_axes_but_not_the_sensor_errors():
     rotation = Rotation.from_euler("ZYX", [0.3, -1.0, 2.0]).as_matrix()
     plain, turned = (
         simulate_inertial(figure, rate_hz=100.0, duration_s=5.0, mounting=m).read(0, 500) for m in (None, rotation)
@@ -233,7 +233,7 @@ def test_mounting_turns_the_axes_and_the_errors_stay_with_the_sensor():
 
 @settings(max_examples=8, deadline=None)
 @given(cuts=st.lists(st.integers(0, 9000), max_size=5), order=st.randoms())
-def test_the_same_bytes_come_whatever_is_asked_for_and_in_any_order(cuts, order):
+def test_the_same_bytes_come_for_any_request_and_order(cuts, order):
     def make():
         return simulate_inertial(
             circle, rate_hz=100.0, duration_s=90.0, grade="tactical", seed=7, lever_body_m=(1.0, 0.0, 0.0)
@@ -249,7 +249,7 @@ def test_the_same_bytes_come_whatever_is_asked_for_and_in_any_order(cuts, order)
             assert getattr(part, name).tobytes() == getattr(whole, name)[begin:end].tobytes()
 
 
-def test_blocks_are_the_whole_and_are_worked_out_one_after_the_other():
+def test_blocks_are_the_whole_one_after_the_other():
     asked = []
 
     def watched(t_s):
@@ -354,7 +354,7 @@ def test_allan_deviation_with_instability_is_the_grades(name):
         assert (np.abs(z) < 4.0).all(), z
 
 
-def test_instability_has_the_stated_deviation_and_correlation_time_at_any_rate():
+def test_instability_has_its_deviation_and_time_at_any_rate():
     grade = ImuGrade(
         velocity_random_walk_m_s_rts=0.0,
         angular_random_walk_rad_rts=0.0,
@@ -383,7 +383,7 @@ def test_instability_goes_on_from_block_to_block():
     assert np.abs(steps[[BLOCK - 1, 2 * BLOCK - 1]]).max() < 5.0 * np.sqrt(2.0 / 1e4)
 
 
-def test_turn_on_bias_scale_and_misalignment_are_constant_and_of_the_stated_spread():
+def test_constant_errors_have_the_stated_spread():
     grade = ImuGrade(
         velocity_random_walk_m_s_rts=0.0,
         angular_random_walk_rad_rts=0.0,
@@ -413,7 +413,7 @@ def test_turn_on_bias_scale_and_misalignment_are_constant_and_of_the_stated_spre
         np.testing.assert_allclose(getattr(wrong, name), want, atol=1e-12)
 
 
-def test_errors_grow_to_what_the_closed_forms_of_a_free_navigator_say():
+def test_errors_grow_as_the_closed_forms_predict():
     """Velocity random walk q gives q sqrt(t^3 / 3) of position; of 300 axes, two-sided."""
     grade = replace(GRADES["tactical"], accelerometer_instability_m_s2=0.0)
     drift_m = [

@@ -51,7 +51,7 @@ def test_carrier_and_doppler_are_one_and_follow_the_range(scene: Scene) -> None:
     assert np.abs(observed.carrier_cyc[0, there]).max() < 1.0
 
 
-def test_a_copy_is_there_from_its_onset_on_and_says_when_it_was_found(scene: Scene) -> None:
+def test_a_copy_exists_from_its_onset_and_states_when_found(scene: Scene) -> None:
     (observed, _), labels = draw(make_ideal_measurements(scene), rng=np.random.default_rng(1))
     for column, signal in enumerate(observed.signals):
         there = np.isfinite(observed.pseudorange_m[:, column])

@@ -80,7 +80,7 @@ ALL = pytest.mark.parametrize("trajectory", EVERY.values(), ids=EVERY.keys())
 
 
 @ALL
-def test_velocity_adds_up_to_the_place_to_a_micrometre_and_acceleration_to_the_velocity(trajectory):
+def test_velocity_integrates_to_the_place_to_a_micrometre(trajectory):
     t_s = np.linspace(0.0, 240.0, 6001)
     motion = trajectory.at(t_s)
     gone_m = motion.position_ecef_m[1:] - motion.position_ecef_m[0]
@@ -163,7 +163,7 @@ def test_a_held_attitude_keeps_its_angles_along_the_way():
     np.testing.assert_allclose(angles_deg(motion), np.degrees([[1.0, 0.1, -0.2]] * 50), atol=1e-6)
 
 
-def test_the_nose_points_along_the_way_and_a_plumb_hangs_straight():
+def test_the_nose_points_along_the_way_and_a_plumb_hangs():
     motion = EVERY["way points"].at(np.linspace(20.0, 200.0, 1000))
     forward = motion.velocity_ecef_m_s / speeds(motion)[:, np.newaxis]
     np.testing.assert_allclose(motion.attitude[:, :, 0], forward, atol=1e-9)
@@ -236,7 +236,7 @@ def test_a_turn_holds_its_radius_between_smooth_ends():
     np.testing.assert_allclose(north_m, 1000.0 - east_m[::-1], atol=1e-6)
 
 
-def test_a_level_way_keeps_its_height_over_the_ellipsoid_and_a_straight_one_does_not():
+def test_a_level_way_keeps_its_height_and_a_straight_one_not():
     lat_deg, lon_deg = np.array([40.0, 40.5, 40.4]), np.array([-3.0, -3.1, -2.5])
     points = ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), np.full(3, 700.0))
     t_s = np.linspace(0.0, 900.0, 2001)
@@ -307,7 +307,7 @@ def test_any_way_is_smooth_and_keeps_its_limits_and_ends(legs, speed_m_s, latera
         (WAY, {"radius_m": 0.999}, r"radius_m 0\.999: .*\b10 m/s .*\b100 m/s\^2"),
     ],
 )
-def test_a_way_that_cannot_be_gone_is_refused_with_the_place_and_a_remedy(points, more, words):
+def test_an_impossible_way_is_refused_with_place_and_remedy(points, more, words):
     if len(points) != len(WAY):
         points = ecef_from_enu(np.array(points, float), HOME)
     with pytest.raises(ScenarioError, match=words):
@@ -420,7 +420,7 @@ def test_beyond_its_samples_a_body_goes_straight_on():
     np.testing.assert_array_equal(moving.attitude[1], moving.attitude[0])
 
 
-def test_a_body_that_stands_keeps_its_heading_and_turns_smoothly_to_the_next():
+def test_a_standing_body_turns_smoothly_to_its_next_heading():
     east, north = make_way_points(WAY[:2], 15.0), make_way_points(WAY[1:3], 15.0)
     t_s = np.arange(0.0, 120.0, 0.5)
     first, second = east.at(t_s).position_ecef_m, north.at(t_s).position_ecef_m
@@ -432,7 +432,7 @@ def test_a_body_that_stands_keeps_its_heading_and_turns_smoothly_to_the_next():
     assert np.abs(turning).max() < 0.2  # a degree takes more than 0.3 s
 
 
-def test_a_body_that_stands_turns_to_the_nearer_side_over_north_too():
+def test_a_standing_body_turns_to_the_nearer_side_over_north():
     """It comes in 10 degrees west of north, stands, and leaves 10 degrees east of north."""
     east_m = 500.0 * np.tan(np.radians(10.0))
     t_s = np.arange(0.0, 120.0, 0.5)
@@ -516,7 +516,7 @@ def test_a_file_without_times_is_gone_at_the_speed_asked_for():
     ],
     ids=["fixed", "spinning"],
 )
-def test_an_antennas_velocity_and_acceleration_are_those_of_its_place(lever):
+def test_an_antennas_velocity_is_that_of_its_place(lever):
     def antenna(t_s):
         return compute_antenna_motion(
             EVERY["way points"].at(t_s), lever.at(t_s) if isinstance(lever, SpinningArm) else lever
@@ -536,7 +536,7 @@ def test_a_lever_stands_in_body_axes():
     np.testing.assert_allclose(enu(antenna.position_ecef_m), [[2.0, -1.0, 3.0]] * 2, atol=1e-8)
 
 
-def test_a_spinning_arm_turns_clockwise_from_forward_once_a_period():
+def test_a_spinning_arm_turns_clockwise_once_a_period():
     arm = SpinningArm(radius_m=0.5, rate_rad_s=np.pi / 2, centre_body_m=(0.0, 0.0, -1.0))
     lever = arm.at([0.0, 1.0, 2.0, 4.0])
     places = [[0.5, 0, -1], [0, 0.5, -1], [-0.5, 0, -1], [0.5, 0, -1]]

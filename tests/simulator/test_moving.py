@@ -79,7 +79,7 @@ def ecef(geodetic: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("antenna", [1, 2, 3])
-def test_phases_between_antennas_are_the_baseline_on_the_sight_lines(
+def test_antenna_phases_are_the_baseline_on_the_sight_lines(
     scene: Scene, navigation: NavigationData, antenna: int
 ) -> None:
     first, other = scene.skies[0], scene.skies[antenna]
@@ -126,7 +126,7 @@ TAKEOVER: dict[str, Any] = {
 }
 
 
-def test_a_takeover_lies_on_the_true_signals_and_leaves_as_described(navigation: NavigationData) -> None:
+def test_a_takeover_starts_on_true_signals_and_leaves(navigation: NavigationData) -> None:
     sky = scene_with(navigation, attacks=[TAKEOVER]).skies[0]
     for true_s, away in ((4.0, (0.0, 0.0, 0.0)), (18.0, (60.0, -20.0, 5.0))):
         code_s, carrier_s = sky.delays_s(np.array([true_s]))
@@ -139,9 +139,7 @@ def test_a_takeover_lies_on_the_true_signals_and_leaves_as_described(navigation:
             assert apart_m == pytest.approx(-sights @ np.array(away), abs=0.05 * MM if not any(away) else 0.1)
 
 
-def test_whoever_takes_over_an_antenna_on_an_arm_does_not_know_the_arms_angle(
-    navigation: NavigationData, scene: Scene
-) -> None:
+def test_a_takeover_does_not_know_an_arms_angle(navigation: NavigationData, scene: Scene) -> None:
     alone = [{**TABLE["receivers"][0], "antennas": TABLE["receivers"][0]["antennas"][3:]}]
     sky = scene_with(navigation, receivers=alone, attacks=[TAKEOVER]).skies[0]
     at_s = np.array([3.0, 3.2, 3.4, 3.6])
@@ -161,7 +159,7 @@ def test_whoever_takes_over_an_antenna_on_an_arm_does_not_know_the_arms_angle(
     assert np.ptp(apart_m, axis=0).max() > 0.2
 
 
-def test_a_locked_carrier_keeps_the_true_frequency_while_code_is_drawn_off(navigation: NavigationData) -> None:
+def test_a_locked_carrier_stays_while_code_is_dragged_off(navigation: NavigationData) -> None:
     sky = scene_with(navigation, attacks=[TAKEOVER | {"carrier": "locked", "phase": "random"}]).skies[0]
     at_s = np.array([4.0, 16.0])
     code_s, carrier_s = sky.delays_s(at_s)
@@ -173,7 +171,7 @@ def test_a_locked_carrier_keeps_the_true_frequency_while_code_is_drawn_off(navig
     assert np.ptp(phases) > 0.2
 
 
-def test_single_satellites_are_moved_in_code_and_doppler_by_themselves(navigation: NavigationData) -> None:
+def test_single_satellites_move_alone_in_code_and_doppler(navigation: NavigationData) -> None:
     plain = scene_with(navigation, attacks=[TAKEOVER]).skies[0]
     sats = [heard.id.sat for heard in plain.signals if heard.label == "spoofed"][:2]
     moved = scene_with(

@@ -77,7 +77,7 @@ def test_a_copy_at_another_doppler_turns_away(navigation: NavigationData) -> Non
     assert np.abs(far.code_m).max() < 0.05 * np.abs(near.code_m).max()
 
 
-def test_measurements_are_pulled_if_asked_and_only_where_signals_overlap(navigation: NavigationData) -> None:
+def test_measurements_are_pulled_only_where_signals_overlap(navigation: NavigationData) -> None:
     for overlap in (True, False):
         scene = scene_with(navigation, code_offset_m=100.0 if overlap else 3000.0, power_db=1.0)
         (plain,), (pulled,) = make_ideal_measurements(scene), make_ideal_measurements(scene, pulled=True)

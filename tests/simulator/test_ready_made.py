@@ -174,7 +174,7 @@ def test_receivers_of_multi_receiver_stand_as_tables_3_and_4_say() -> None:
     assert path_m["rx3"] == pytest.approx(path_m["rx4"], abs=0.01)
 
 
-def test_false_ranges_of_multi_receiver_differ_by_the_distances_to_the_meaconer() -> None:
+def test_false_ranges_differ_by_distances_to_the_meaconer() -> None:
     the_scene = scene("multi-receiver")
     at_s = np.array([10.0, 300.0])
     rx = {sky.name: sky for sky in the_scene.skies}
@@ -260,7 +260,7 @@ def test_the_arm_of_spin_makes_the_phase_of_the_paper() -> None:
         ),
     ],
 )
-def test_signals_reach_the_array_from_the_directions_of_the_paper(
+def test_signals_reach_the_array_from_the_papers_directions(
     name: str, predicted: dict[str, tuple[float, float]], from_where: dict[str, tuple[float, float]]
 ) -> None:
     scenario = read_ready_made(name)
@@ -316,7 +316,7 @@ def test_the_vector_sky_is_that_of_the_tables() -> None:
     ("name", "sats", "chips", "hertz", "cn0_dbhz"),
     [("vector-one-spoofer", ["G02"], 0.4, 200.0, 40.0), ("vector-many", ["G12", "G13", "G17"], 0.5, 250.0, 45.0)],
 )
-def test_false_signals_of_the_vector_scenes_are_shifted_as_the_tables_say(
+def test_false_signals_are_shifted_as_the_tables_state(
     name: str, sats: list[str], chips: float, hertz: float, cn0_dbhz: float
 ) -> None:
     table = read_ready_made(name).model_dump(mode="json", exclude_none=True)
@@ -345,7 +345,7 @@ def test_the_path_shown_over_las_vegas_is_that_of_the_paper() -> None:
     assert scene("las-vegas").scenario.duration_s == 233.0
 
 
-def test_the_roof_in_austin_stands_where_figure_8_has_it_and_is_led_up_east() -> None:
+def test_the_austin_roof_stands_at_figure_8_and_is_led_up_east() -> None:
     roof = read_ready_made("static-austin").receivers[0]
     assert roof.lat_deg == pytest.approx(30 + 17 / 60 + 15.068 / 3600, abs=1e-8)
     assert roof.lon_deg == pytest.approx(-(97 + 44 / 60 + 8.642 / 3600), abs=1e-8)
@@ -358,7 +358,7 @@ def test_the_roof_in_austin_stands_where_figure_8_has_it_and_is_led_up_east() ->
 # ------------------------------------------------------------------ our own
 
 
-def test_the_takeover_begins_on_the_true_signals_and_ends_where_it_says() -> None:
+def test_the_takeover_begins_on_true_signals_and_ends_as_stated() -> None:
     sky = scene("takeover").skies[0]
     on_s = np.array([15.0001, 20.0, 28.9])
     code_m, carrier_m = lags_m(sky, on_s)
@@ -376,7 +376,7 @@ def test_the_takeover_begins_on_the_true_signals_and_ends_where_it_says() -> Non
     assert code_m[0] == pytest.approx(-toward @ [300.0, 100.0, 0.0], abs=0.1)  # the air differs by centimetres there
 
 
-def test_the_attack_of_starts_spoofed_is_there_at_the_first_sample() -> None:
+def test_the_attack_of_starts_spoofed_is_in_the_first_sample() -> None:
     for sky in scene("starts-spoofed").skies:
         false = [heard for heard in sky.signals if heard.label == "spoofed"]
         assert sum(heard.from_s < sky.receiver.start_offset_s for heard in false) >= 8  # others rise later
@@ -459,7 +459,7 @@ def test_likeness_1_switches_from_the_sky_to_the_spoofer() -> None:
 
 
 @pytest.mark.parametrize("number", [7, 8])
-def test_likenesses_7_and_8_take_over_all_satellites_alike_and_push_them_by_1_2_m_s(number: int) -> None:
+def test_likenesses_7_and_8_push_all_satellites_at_1_2_m_s(number: int) -> None:
     """`test_seamless_takeover` measures them."""
     the_scene = scene(f"texbat-like-{number}")
     sky, scenario = the_scene.skies[0], the_scene.scenario

@@ -157,7 +157,7 @@ def test_the_stages_begin_and_end_where_they_should() -> None:
     assert [one.delay_m for one in found] == pytest.approx([0.0, 0.0, 0.0, 0.6, 299.4, 300.6], abs=0.02)
 
 
-def test_the_sum_keeps_its_amplitude_and_turns_ahead_by_half_a_cycle() -> None:
+def test_the_sum_keeps_its_amplitude_and_turns_half_a_cycle() -> None:
     at_s = np.array([110.5, 112.0, 115.0, 118.0, 120.0, 122.0, 125.0, 128.0, 129.9, 135.0, 145.0, 149.9])
     sums = []
     for middle_s in at_s:
@@ -242,7 +242,7 @@ def likeness(false: Complexes, true: Complexes, near_m: float) -> Copy:
     return Copy(float(abs(ratio)), float(np.degrees(np.angle(ratio)) % 360.0), best_m)
 
 
-def test_the_sum_shows_a_receiver_nothing_but_its_turn_until_150_s() -> None:
+def test_the_sum_shows_nothing_but_its_turn_until_150_s() -> None:
     """C/N0 and shape, that is delay, of every satellite's correlation stay; its carrier turns by 0.025 Hz and stops."""
     at_s = np.arange(110.05, 149.96, 0.7)
     clean = correlators(7, at_s, "G05", "G27", attacked=False).mean[:, :, 0]
@@ -255,7 +255,7 @@ def test_the_sum_shows_a_receiver_nothing_but_its_turn_until_150_s() -> None:
     assert turned_deg == pytest.approx(np.broadcast_to(published_deg[:, None, None], turned_deg.shape), abs=0.1)
 
 
-def test_codes_are_drawn_off_at_an_even_rate_and_carriers_are_not() -> None:
+def test_codes_are_dragged_evenly_and_carriers_are_not() -> None:
     """By the truth that is attached to correlators."""
     at_s = np.linspace(150.1, 467.9, 60)
     parts = correlators(7, at_s, "G04", "G30").parts
@@ -282,7 +282,7 @@ def bit_edges_s(of: Scene, sat: str, from_s: float, until_s: float) -> Reals:
     return np.asarray(np.interp(np.arange(np.ceil(bits[0]), np.floor(bits[-1]) + 1.0), bits, elapsed_s))
 
 
-def test_guesses_are_wrong_for_50_microseconds_after_bits_begin_and_nowhere_else() -> None:
+def test_guesses_are_wrong_for_50_us_after_bits_begin_only() -> None:
     """Over 0.2 s of samples while the false signal is antipodal: where it is the true one's like, a guess is wrong."""
     from_s, count = 140.0, round(0.2 * RATE_HZ)
     true, false = true_and_false(8, from_s, count)

@@ -52,7 +52,7 @@ def test_double_differences_of_false_signals_are_zero(scene: Scene, kind: str) -
 
 
 @pytest.mark.parametrize("kind", ["code", "carrier"])
-def test_double_differences_of_authentic_signals_are_the_baseline_on_the_sight_lines(
+def test_double_differences_are_the_baseline_on_sight_lines(
     scene: Scene, navigation: NavigationData, kind: str
 ) -> None:
     one, two = scene.scenario.receivers
@@ -92,7 +92,7 @@ def test_code_minus_carrier_is_twice_the_ionosphere(scene: Scene, navigation: Na
         assert ionosphere_s > 1e-9
 
 
-def test_between_the_knots_the_splines_keep_a_tenth_of_a_millimetre(scene: Scene, navigation: NavigationData) -> None:
+def test_splines_between_knots_keep_a_tenth_of_a_millimetre(scene: Scene, navigation: NavigationData) -> None:
     sky = scene.skies[1]
     true_s = np.linspace(-0.2, 3.2, 101)
     for column, heard in enumerate(sky.signals):

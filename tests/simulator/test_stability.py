@@ -12,7 +12,7 @@ def found() -> list[Stability]:
     return [*measure_imu_stability(), *measure_clock_stability()]
 
 
-def test_every_noisy_oscillator_and_both_kinds_of_sensor_are_there(found):
+def test_every_noisy_oscillator_and_both_sensors_are_measured(found):
     assert {one.name for one in found if one.what == "oscillator"} == set(OSCILLATORS) - {"perfect"}
     assert {(one.name, one.what) for one in found if one.what != "oscillator"} == {
         (name, what) for name in ("navigation", "tactical") for what in ("accelerometer", "gyro")
@@ -28,7 +28,7 @@ def test_deviations_agree_with_theory_within_their_own_spread(found):
         assert (np.abs(one.deviation - one.theory) < 3.0 * reach).all(), one.name
 
 
-def test_the_same_seed_gives_the_same_points_and_another_gives_others():
+def test_a_seed_determines_the_points_and_another_differs():
     first, again, other = (measure_imu_stability(seed=seed)[0].deviation for seed in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
     assert (first != other).all()

@@ -187,7 +187,7 @@ def test_an_inertial_unit_feels_gravity_and_the_turn(scene: Scene) -> None:
     np.testing.assert_allclose(rate[:, 2], 0.2 * np.cos(lean_rad), atol=1e-3)
 
 
-def test_what_false_signals_are_to_true_ones_is_the_difference_of_their_rows(scene: Scene) -> None:
+def test_false_minus_true_is_the_difference_of_their_rows(scene: Scene) -> None:
     table = compute_signal_truth(scene, "one", 10.0)
     true = {
         (sat, at_s): row

@@ -8,7 +8,7 @@ from skyproof.statistics.allan import allan_deviation, allan_freedom
 from skyproof.statistics.gauss_markov import gauss_markov_allan_variance, gauss_markov_path, gauss_markov_step
 
 
-def test_a_steady_frequency_has_none_and_an_ageing_one_has_its_closed_form():
+def test_a_steady_frequency_has_none_an_ageing_one_its_form():
     t_s = 0.5 * np.arange(200)
     steady = allan_deviation(3.0 + 2e-6 * t_s, 0.5, [1, 10, 90])
     np.testing.assert_allclose(steady.deviation, 0.0, atol=1e-14)
@@ -16,7 +16,7 @@ def test_a_steady_frequency_has_none_and_an_ageing_one_has_its_closed_form():
     np.testing.assert_allclose(ageing.deviation, 1e-3 * ageing.tau_s / np.sqrt(2.0), rtol=1e-12)
 
 
-def test_it_is_the_mean_over_every_start_of_squared_differences_of_neighbouring_mean_rates():
+def test_it_averages_squared_differences_over_every_start():
     phase = np.random.default_rng(1).standard_normal(40).cumsum()
     m, interval_s = 7, 0.25
     means = np.array([(phase[k + m] - phase[k]) / (m * interval_s) for k in range(40 - m)])
@@ -57,14 +57,14 @@ def test_limits_hold_the_truth_as_often_as_they_say(noise, m):
         assert outside.mean() == pytest.approx(0.1, abs=0.035)  # the freedom is good to some per cent, as printed
 
 
-def test_freedom_of_flicker_noise_lies_between_white_and_random_walk():
+def test_flicker_freedom_lies_between_white_and_random_walk():
     for m in (4, 16, 64):
         white, flicker, walk = (allan_freedom(1024, m, kind) for kind in ("white", "flicker", "random walk"))
         assert walk < flicker < white
 
 
 @pytest.mark.parametrize("interval_s", [0.01, 3.0, 400.0])
-def test_gauss_markov_step_has_the_exact_joint_law_of_values_and_integral(interval_s):
+def test_a_gauss_markov_step_has_the_exact_joint_law(interval_s):
     sigma, correlation_s = 2.0, 50.0
     step = gauss_markov_step(sigma, correlation_s, interval_s)
     decay = np.exp(-interval_s / correlation_s)
@@ -77,7 +77,7 @@ def test_gauss_markov_step_has_the_exact_joint_law_of_values_and_integral(interv
     assert step.half * sigma**2 * (1.0 + decay) == pytest.approx(with_start)
 
 
-def test_gauss_markov_spread_goes_over_into_its_series_without_a_step():
+def test_gauss_markov_spread_meets_its_series_without_a_step():
     below, above = (gauss_markov_step(1.0, 1.0, 1e-3 * (1.0 + side)).spread for side in (-1e-6, 1e-6))
     assert above / below == pytest.approx(1.0 + 3e-6, abs=2e-6)
 
@@ -94,7 +94,7 @@ def test_gauss_markov_path_is_the_recursion_and_can_be_cut():
     np.testing.assert_array_equal(np.concatenate([first, gauss_markov_path(step, first[-1], normals[20:])[1:]]), whole)
 
 
-def test_gauss_markov_allan_variance_follows_from_its_autocovariance():
+def test_gauss_markov_allan_follows_from_the_autocovariance():
     sigma, correlation_s = 1.5, 20.0
     for tau_s in (1e-4, 0.1, 5.0, 37.8, 1000.0):
         n = 400

@@ -72,7 +72,7 @@ def test_the_pooled_estimate_is_free_of_the_bias_of_the_line_fit(n, phi):
     assert np.median(raw) < phi - 0.02  # what the correction is for
 
 
-def test_the_expectation_of_the_lag_one_coefficient_grows_with_phi():
+def test_the_expected_lag_one_coefficient_grows_with_phi():
     grid, expectation = lag_one_expectation(12)
     assert np.all(np.diff(grid) > 0)
     assert np.all(np.diff(expectation) > 0)
@@ -80,7 +80,7 @@ def test_the_expectation_of_the_lag_one_coefficient_grows_with_phi():
 
 @pytest.mark.parametrize("phi", [0.0, 0.9])
 @pytest.mark.parametrize(("n", "m", "slack"), [(5, 6, 1.6), (15, 4, 1.0), (30, 6, 1.0)])
-def test_the_true_coefficient_leaves_the_confidence_set_as_often_as_stated(n, m, slack, phi):
+def test_the_true_coefficient_leaves_its_set_at_the_rate(n, m, slack, phi):
     trials, rate = 40_000, 0.01
     support = ar1_line(ar1(np.random.default_rng(3), (trials, n, m), phi), phi).support
     missed = int(np.sum(support < rate))
@@ -90,7 +90,7 @@ def test_the_true_coefficient_leaves_the_confidence_set_as_often_as_stated(n, m,
         assert rate / slack < missed / trials < rate * slack
 
 
-def test_white_noise_rules_out_large_coefficients_in_a_window_of_half_a_minute():
+def test_white_noise_rules_out_large_coefficients_in_30_s():
     values = np.random.default_rng(4).standard_normal((200, 30, 6))
     grid = correlation_grid(0.98)
     largest = [grid[s >= 1e-4].max() for s in ar1_line(values, grid[:, None]).support.T]

@@ -35,7 +35,7 @@ def test_no_other_parting_is_better(seed):
 
 
 @pytest.mark.parametrize("centres", [(0.0,), (0.0, 30.0), (0.0, 3.0, 40.0)])
-def test_more_clusters_than_there_are_come_no_more_often_than_stated(centres):
+def test_excess_clusters_come_no_more_often_than_stated(centres):
     rng = np.random.default_rng(1)
     values = np.resize(centres, 9) + rng.standard_normal((20_000, 9))
     found = divide_line(values, 1.0, 0.01)

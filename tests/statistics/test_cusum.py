@@ -50,7 +50,7 @@ def test_run_length_is_what_is_counted():
     assert cusum_run_length(0.5, 8.0, 4) == pytest.approx(mean, abs=4.0 * error)
 
 
-def test_run_length_in_one_dimension_is_two_sided_and_is_what_is_counted():
+def test_run_length_in_one_dimension_is_two_sided():
     mean, error = count_run_length(0.5, 3.0, 1, 4000, np.random.default_rng(2), cusum_path)
     assert cusum_run_length(0.5, 3.0, 1) == pytest.approx(mean, abs=4.0 * error)
 
@@ -59,7 +59,7 @@ def test_run_length_in_one_dimension_is_two_sided_and_is_what_is_counted():
     ("reference", "steps", "degrees", "size"),
     [(0.5, 2, 2, 4.0), (1.0, 20, 2, 3.2), (0.5, 2, 8, 13.0), (2.0, 50, 5, 3.0)],
 )
-def test_the_largest_sum_of_a_window_has_the_law_of_one_that_has_run_for_long(reference, steps, degrees, size):
+def test_a_windows_largest_sum_has_the_stationary_law(reference, steps, degrees, size):
     rng, trials = np.random.default_rng(3), 8000
     before = cusum_path(rng.standard_normal((trials, 120, degrees)), reference)
     largest = cusum_path(rng.standard_normal((trials, steps, degrees)), reference, before.state).size.max(axis=1)
@@ -68,7 +68,7 @@ def test_the_largest_sum_of_a_window_has_the_law_of_one_that_has_run_for_long(re
     assert np.mean(largest > size) == pytest.approx(found, abs=4.0 * np.sqrt(found / trials))
 
 
-def test_small_probabilities_of_a_window_keep_their_digits_and_fall_with_size():
+def test_small_window_probabilities_keep_their_digits():
     # Between alarms a sum of k = 1 passes a high threshold alone: steps over the run length, and more by what lasts.
     high = 14.0
     rare = cusum_within(high, 20, 1.0, 2)

@@ -27,13 +27,13 @@ def test_it_is_the_largest_of_all_pairs():
     assert largest_p_value_without(ITEMS, p_values_of(values), least=5) == by_hand
 
 
-def test_what_two_items_show_alone_is_no_effect_and_what_all_show_is():
+def test_an_effect_of_two_items_is_none_and_of_all_is_one():
     two = np.where(np.arange(8) < 2, 30.0, 0.0)
     assert largest_p_value_without(ITEMS, p_values_of(two), least=5) > 0.5
     assert largest_p_value_without(ITEMS, p_values_of(np.full(8, 5.0)), least=5) < 1e-20
 
 
-def test_false_alarms_are_rarer_than_asked_whatever_two_of_the_data_are():
+def test_false_alarms_are_rarer_than_asked_whatever_two_are():
     rng = np.random.default_rng(2)
     wrong = np.where(np.arange(8) < 2, 100.0, 0.0)
     found = [largest_p_value_without(ITEMS, p_values_of(wrong + rng.standard_normal(8)), least=5) for _ in range(300)]

@@ -6,7 +6,7 @@ from skyproof.studies.double_difference import difference_whitener
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
-def test_the_whitener_makes_the_covariance_of_differences_the_identity(n):
+def test_the_whitener_turns_differences_to_the_identity(n):
     covariance = np.eye(n) + np.ones((n, n))
     w = difference_whitener(n)
     np.testing.assert_allclose(w @ covariance @ w, np.eye(n), atol=1e-12)
@@ -25,7 +25,7 @@ def test_a_line_leaves_no_residual_and_noise_keeps_its_square():
     np.testing.assert_allclose(line_columns(9, times).T @ line_columns(9, times), np.eye(2), atol=1e-12)
 
 
-def test_contrasts_do_not_see_rows_and_columns_and_whiten_the_noise():
+def test_contrasts_ignore_rows_and_columns_and_whiten_noise():
     rng = np.random.default_rng(1)
     sigma = rng.uniform(0.3, 4.0, (6, 5, 3))  # six tables of 5 x 3
     contrasts, gain = additive_contrasts(sigma)
@@ -39,7 +39,7 @@ def test_contrasts_do_not_see_rows_and_columns_and_whiten_the_noise():
     np.testing.assert_allclose(constant, gain[..., None] * np.eye(8), atol=1e-10)
 
 
-def test_contrasts_of_groups_do_not_see_what_a_column_adds_to_a_group():
+def test_group_contrasts_ignore_what_a_column_adds():
     rng = np.random.default_rng(5)
     sigma, groups = rng.uniform(0.5, 2.0, (9, 3)), np.array([0, 0, 0, 1, 1, 1, 1, 2, 2])
     contrasts, _ = additive_contrasts(sigma, groups)

@@ -18,7 +18,7 @@ def test_p_values_come_as_often_as_they_say(least, most):
 
 
 @given(chance=st.floats(1e-12, 0.5), n=st.integers(1, 30))
-def test_the_law_lies_between_that_of_one_count_and_the_union_bound(chance, n):
+def test_the_law_lies_between_one_count_and_the_union_bound(chance, n):
     p_value = many_small_chance(chance, n)
     assert chance * (1.0 - 1e-9) <= p_value <= min(1.0, n * chance) * (1.0 + 1e-9)
 
@@ -34,6 +34,6 @@ def test_it_says_how_many_are_small():
     assert test.chance == pytest.approx(float(binomial_survival(3, 6, 2e-3)))
 
 
-def test_fewer_than_asked_for_and_those_above_the_bound_are_no_alarm():
+def test_too_few_and_large_ones_are_no_alarm():
     assert many_small([1e-9, 0.9, 0.9], least=2).p_value > 0.5
     assert many_small([1e-9, 0.06, 0.06], least=2, most=0.05).p_value == 1.0

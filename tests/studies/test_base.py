@@ -46,7 +46,7 @@ def claim(**changes: Any) -> Claim:
 
 
 @pytest.mark.parametrize("name", FOUND)
-def test_a_study_has_a_name_of_paper_and_figure_and_words_for_the_list(name: str) -> None:
+def test_a_study_has_paper_figure_and_words_for_the_list(name: str) -> None:
     study = FOUND[name]
     assert name == study.name
     paper, _, figure = name.partition(".")
@@ -93,13 +93,13 @@ def test_the_page_names_version_date_and_seed() -> None:
     assert re.search(r"\b2026-01-02, seed 5, quick\b", page(claim()))
 
 
-def test_a_figure_that_agrees_and_one_that_does_not_are_told_apart() -> None:
+def test_agreeing_and_failing_figures_are_told_apart() -> None:
     assert "| within 0.2 |" in page(claim())
     assert "| **not** within 0.001 |" in page(claim(paper=1.0, tolerance=0.001))
     assert "within" not in page(claim(tolerance=None)).partition("###")[2]
 
 
-def test_what_is_right_by_an_independent_check_comes_before_what_the_paper_printed() -> None:
+def test_an_independent_check_comes_before_the_printed_value() -> None:
     (one,) = check(toy(claims=(claim(paper=9.0, reference=0.0),)), list(toy().run(StudySettings())))
     assert one.agrees is True
     (one,) = check(toy(claims=(claim(paper=0.0, reference="recordings"),)), list(toy().run(StudySettings())))
@@ -121,7 +121,7 @@ def test_a_tolerance_may_depend_on_how_many_were_counted() -> None:
         assert reported[2:-2] == one.cells()[-1]
 
 
-def test_a_figure_that_cannot_be_made_again_stands_there_with_its_reason() -> None:
+def test_a_figure_that_cannot_be_made_has_its_reason() -> None:
     text = page(claim(what="Figure 7", paper="6 of 8", same=None, tolerance=None, reference="needs a | recording"))
     assert "| Figure 7 | 6 of 8 | needs a \\| recording |" in text
 
@@ -187,7 +187,7 @@ def plain(rows: Iterable[Row]) -> str:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", FOUND)
-def test_rows_are_plain_and_come_again_with_the_same_seed_and_hold_what_charts_and_claims_want(name: str) -> None:
+def test_rows_are_plain_repeatable_and_hold_charts_and_claims(name: str) -> None:
     study = FOUND[name]
     rows = list(study.run(StudySettings(quick=True)))
     assert rows
@@ -200,7 +200,7 @@ def test_rows_are_plain_and_come_again_with_the_same_seed_and_hold_what_charts_a
         assert one.same is None or isinstance(one.same, float)
 
 
-def test_the_figure_of_a_claim_is_of_the_rows_asked_for_and_not_found_where_there_are_none() -> None:
+def test_a_claims_figure_is_missing_where_its_rows_are() -> None:
     rows = [{"n": 1, "p": None}, {"n": 1, "p": 0.25}, {"n": 1, "p": 0.75}, {"n": 2, "p": 0.5, "only": "here"}]
     assert value_of("p", n=1)(rows) == 0.25
     assert value_of("p", max, n=1)(rows) == 0.75

@@ -19,7 +19,7 @@ from skyproof.studies.code_signals import code_positioning_signals
 BASE_ECEF_M = np.array([-3817681.121, 3562839.431, 3650159.159])  # the recordings' README
 
 
-def test_one_signal_of_each_satellite_is_chosen_and_the_better_band_first():
+def test_the_better_bands_signal_of_each_satellite_is_chosen():
     def line(text, label):
         return f"{text:60}{label}"
 
@@ -53,7 +53,7 @@ def test_one_signal_of_each_satellite_is_chosen_and_the_better_band_first():
 
 
 @pytest.mark.shared_data
-def test_codes_of_every_system_fit_a_known_place_after_a_clock_of_their_own(shared_data):
+def test_codes_of_every_system_fit_a_place_with_their_clock(shared_data):
     """Orbits, clocks, group delays, time scales and names of signals have to be right for all five at once.
 
     What is left is multipath and half of the ionosphere: the bound is that of code on one frequency, and GLONASS, with

@@ -57,7 +57,7 @@ def test_false_second_signals_come_as_asked():
             assert row["counted_as_two"] == pytest.approx(row["p_fa_asked"], abs=3.5 * sigma + 0.1 * row["p_fa_asked"])
 
 
-def test_a_noise_that_is_stated_wrong_scales_the_statistic_as_the_study_takes_for_granted():
+def test_a_wrongly_stated_noise_scales_the_statistic():
     delays = dccaf.delay_dictionary(5e6)
     delay, amplitude = np.full((20, 1), 0.1), np.ones((20, 1), complex)
     taps = dccaf.simulate_taps(delay, amplitude, 0.002, delays, np.random.default_rng(6))
@@ -68,14 +68,14 @@ def test_a_noise_that_is_stated_wrong_scales_the_statistic_as_the_study_takes_fo
 @pytest.mark.parametrize(
     "name", ["dccaf.approach", *(pytest.param(name, marks=pytest.mark.long) for name in ("dccaf.grid", "dccaf.noise"))]
 )
-def test_every_figure_of_a_quick_run_is_found_and_within_its_tolerance(name):
+def test_every_quick_figure_is_found_within_its_tolerance(name):
     study = FOUND[name]
     for one in check(study, list(study.run(StudySettings(quick=True, seed=2)))):
         assert one.agrees is not False, (one.claim.what, one.same, one.better)
         assert "not found" not in one.cells()
 
 
-def test_a_restart_helps_as_predicted_and_more_where_velocity_is_put_right():
+def test_a_restart_helps_as_predicted_and_with_velocity_more():
     rows = list(FOUND["dccaf.restart"].run(StudySettings(trials=300)))
     for errors in ("table 1", "switch-on, start"):
         east = [row["east_m"] for row in rows if row["errors"] == errors]

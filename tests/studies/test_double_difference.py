@@ -24,7 +24,7 @@ def single_differences(rng, shape, phi=0.0, constant_m=0.0):
 
 @pytest.mark.parametrize("n", [5, 30, 120])
 @pytest.mark.parametrize("receivers", [2, 3, 5])
-def test_false_pairs_are_missed_as_often_as_stated_for_any_number_of_receivers(receivers, n):
+def test_false_pairs_are_missed_at_the_rate_for_any_receivers(receivers, n):
     trials = 2_000_000 // (n * receivers)
     sd = single_differences(np.random.default_rng(receivers), (trials, 2, n, receivers))
     p_value = difference_test(sd[:, 0] - sd[:, 1]).p_value
@@ -54,7 +54,7 @@ def test_a_baseline_is_seen():
 
 
 @pytest.mark.parametrize(("phi", "most"), [(0.5, 0.015), (0.9, 0.045)])
-def test_correlated_noise_is_allowed_for_by_the_pooled_coefficient(phi, most):
+def test_correlated_noise_is_covered_by_the_pooled_coefficient(phi, most):
     # The guide's 28 single differences of 7 satellites with two tracks each; its figures 0.011 to 0.013, and 0.029.
     rng = np.random.default_rng(3)
     tracks = single_differences(rng, (1000, 28, 30, 2), phi)
@@ -66,7 +66,7 @@ def test_correlated_noise_is_allowed_for_by_the_pooled_coefficient(phi, most):
 
 
 @pytest.mark.parametrize("n", [10, 30, 120])
-def test_a_constant_error_does_not_authenticate_if_it_is_allowed_for(n):
+def test_an_allowed_constant_error_does_not_authenticate(n):
     trials = 4000
     dd = np.diff(single_differences(np.random.default_rng(4), (trials, 2, n, 2), constant_m=1.0), axis=1)[:, 0]
     assert np.mean(difference_test(dd, constant_sigma_m=1.0).p_value < 0.01) < 0.0125
@@ -74,7 +74,7 @@ def test_a_constant_error_does_not_authenticate_if_it_is_allowed_for(n):
 
 
 @pytest.mark.parametrize(("sats", "survive", "any_survives"), [(4, 2.9e-2, 5.3e-2), (5, 3.1e-3, 1.4e-2)])
-def test_false_signals_survive_the_rule_as_rarely_as_the_guide_says(sats, survive, any_survives):
+def test_false_signals_survive_as_rarely_as_the_guide_states(sats, survive, any_survives):
     rng = np.random.default_rng(5)
     sd = rng.standard_normal((20_000, sats, 30, 1))
     rejected = pair_tests(sd).p_value < 0.01
@@ -140,7 +140,7 @@ def test_the_printed_root_gives_the_rates_of_the_guide(receivers, rate):
 
 
 @pytest.mark.parametrize(("receivers", "rate"), [(3, 0.055), (5, 0.33)])
-def test_the_printed_degrees_of_freedom_give_the_rates_of_the_guide(receivers, rate):
+def test_the_printed_degrees_of_freedom_give_the_guides_rates(receivers, rate):
     sd = single_differences(np.random.default_rng(6), (20_000, 2, 30, receivers))
     test = difference_test(sd[:, 0] - sd[:, 1], sigma_m=1.0, degrees="printed")
     assert np.mean(test.p_value < 0.01) == pytest.approx(rate, abs=0.015)

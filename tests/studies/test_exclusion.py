@@ -49,7 +49,7 @@ def test_the_true_fix_fails_its_test_as_often_as_stated():
         assert np.mean(found.p_value[:, 0] < asked) == pytest.approx(asked, rel=0.1)
 
 
-def test_a_choice_is_wrong_less_often_than_asked_and_doubt_is_reported():
+def test_a_choice_is_wrong_less_often_than_asked():
     rng = np.random.default_rng(3)
     found = chosen(rng, 200_000, np.diag([93.0, 93.0, 17.3]) ** 2, OFFSET)
     assert np.mean(found.chosen == 1) < 1e-3
@@ -58,7 +58,7 @@ def test_a_choice_is_wrong_less_often_than_asked_and_doubt_is_reported():
     assert np.mean(rough.chosen == -1) > 0.99
 
 
-def test_fixes_that_both_fail_are_both_refused_and_one_that_passes_alone_is_taken():
+def test_two_failing_fixes_are_refused_and_a_lone_pass_taken():
     far = choose_fix(np.zeros(3), np.eye(3), np.array([[50.0, 0, 0], [0, 60.0, 0]]), np.eye(3))
     assert far.chosen == -1
     one = choose_fix(np.zeros(3), np.eye(3), np.array([[50.0, 0, 0], [0, 1.0, 0], [0, 0, 40.0]]), np.eye(3))

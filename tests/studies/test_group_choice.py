@@ -51,7 +51,7 @@ def well_calibrated(p_values, level=0.01):
 
 @pytest.mark.parametrize("receivers", [2, 3, 5])
 @pytest.mark.parametrize("sigma_m", [0.1, 3.0])
-def test_a_pairing_of_one_antenna_is_rejected_as_often_as_stated_whatever_the_baseline(receivers, sigma_m):
+def test_a_pairing_of_one_antenna_is_rejected_at_the_rate(receivers, sigma_m):
     rng = np.random.default_rng(receivers)
     for baseline, seen in ((0.0, ("fixes", "differences", "alone")), (BASELINE, ("alone",))):
         test = span_test(*tables(rng, 40_000, baseline, sigma_m, receivers), UNITS)
@@ -63,7 +63,7 @@ def test_a_pairing_of_one_antenna_is_rejected_as_often_as_stated_whatever_the_ba
 
 @pytest.mark.parametrize("baseline_m", [0.0, 0.05 * BASELINE, BASELINE])
 @pytest.mark.parametrize("shared_m", [0.0, 1.0])
-def test_a_baseline_or_errors_that_receivers_share_make_it_only_more_careful(baseline_m, shared_m):
+def test_shared_errors_make_it_only_more_careful(baseline_m, shared_m):
     test = span_test(*tables(np.random.default_rng(31), 40_000, baseline_m, 1.0, shared_m=shared_m), UNITS)
     # Counts of 400 of 40000 and 40 of 40000, plus three standard deviations.
     for p_value in test:
@@ -73,7 +73,7 @@ def test_a_baseline_or_errors_that_receivers_share_make_it_only_more_careful(bas
         assert np.mean(test.fixes < 0.01) < 0.007
 
 
-def test_tracks_of_known_unequal_noise_keep_the_rate_and_spoil_it_if_not_given():
+def test_known_unequal_noise_keeps_the_rate_unknown_spoils_it():
     rng = np.random.default_rng(1)
     sigma_m = np.array([[0.2, 3.0]] * 3 + [[3.0, 0.3]] * 4)[[0, 3, 1, 4, 2, 5, 6]]
     for shared_m in (0.0, 30.0):
@@ -84,7 +84,7 @@ def test_tracks_of_known_unequal_noise_keep_the_rate_and_spoil_it_if_not_given()
     assert not well_calibrated(untold.alone)
 
 
-def test_sigmas_of_a_satellites_factor_times_a_receivers_leave_the_noise_of_all_fixes():
+def test_factored_sigmas_leave_the_noise_of_all_fixes():
     sigma_m = np.linspace(0.5, 2.0, 7)[:, None] * np.array([1.0, 1.7])
     baseline = 0.25 * BASELINE
     false, sky = tables(np.random.default_rng(32), 20_000, baseline, 0.65 * sigma_m)
@@ -92,7 +92,7 @@ def test_sigmas_of_a_satellites_factor_times_a_receivers_leave_the_noise_of_all_
     assert np.mean(test.fixes < 1e-3) > 1.1 * np.mean(test.differences < 1e-3)
 
 
-def test_errors_that_receivers_share_cost_only_what_the_fixes_would_have_gained():
+def test_shared_errors_cost_only_what_fixes_would_have_gained():
     baseline = 0.25 * BASELINE  # 5 m
     false, sky = tables(np.random.default_rng(33), 5000, baseline, 0.37, shared_m=100.0)
     test = span_test(sky, false, UNITS)
@@ -110,7 +110,7 @@ def test_its_power_is_that_of_the_noncentral_law_over_all_noise():
     assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.9 * reported
 
 
-def test_the_sky_is_seen_at_a_fraction_of_the_noise_that_an_average_leaves():
+def test_the_sky_is_seen_at_a_fraction_of_the_averages_noise():
     false, sky = tables(np.random.default_rng(2), 2000, BASELINE, 0.37)
     assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) > 0.999
 
@@ -124,7 +124,7 @@ def test_with_the_baseline_known_the_rate_is_kept(baseline):
     assert np.mean(shared < 0.01) < 0.004
 
 
-def test_with_the_baseline_known_only_the_side_where_the_other_way_round_shows_counts():
+def test_with_a_known_baseline_only_the_reversed_side_counts():
     false = tables(np.random.default_rng(35), 5000, BASELINE, 10.0)[0]
     farther = tables(np.random.default_rng(36), 5000, 2.0 * BASELINE, 10.0)[1]
     nearer = tables(np.random.default_rng(37), 5000, 0.0, 10.0)[1]
@@ -143,7 +143,7 @@ def test_with_the_baseline_known_shorter_ones_are_seen():
     assert np.mean(span_test(sky, false, UNITS).p_value < 1e-3) < 0.9
 
 
-def test_pairings_that_mix_are_rejected_also_on_the_transmitters_line():
+def test_mixed_pairings_are_rejected_on_the_transmitters_line():
     rng = np.random.default_rng(5)
     for where in (-25.0 * BASELINE[0], np.array([300.0, -500.0, 10.0])):  # in line with the baseline, and not
         sky = rng.standard_normal((500, 7, 2)) - UNITS @ np.stack([np.zeros(3), BASELINE[0]], axis=-1)
@@ -194,7 +194,7 @@ def two_antennas(rng, trials):
     return noise_m + np.stack([true_m, false_m], axis=-1)
 
 
-def test_beside_two_transmit_antennas_the_true_sky_is_the_one_that_fits():
+def test_beside_two_transmit_antennas_the_true_sky_fits():
     means_m = two_antennas(np.random.default_rng(11), 500)
     found = lone_sky(np.swapaxes(means_m, 1, 2), UNITS)
     assert np.all(found.first == 0)
@@ -203,7 +203,7 @@ def test_beside_two_transmit_antennas_the_true_sky_is_the_one_that_fits():
     assert np.all(known_sky_test(means_m[..., 1], UNITS, BASELINE, 1.0 / 30.0) < 1e-6)
 
 
-def test_two_transmit_antennas_are_counted_and_their_signals_sorted():
+def test_two_transmit_antennas_are_counted_and_sorted():
     means_m = two_antennas(np.random.default_rng(12), 2000)[..., 1]
     found = transmit_antennas(means_m[..., 1] - means_m[..., 0], np.sqrt(2.0 / 30.0), 1e-3)
     assert np.mean(found.number > 2) < 3e-3
@@ -219,7 +219,7 @@ def test_a_choice_needs_all_others_to_be_rejected():
     np.testing.assert_allclose(choose(p_values, 1e-3).p_value[:2], [1e-5, 0.3])
 
 
-def test_a_choice_errs_no_more_often_than_stated_where_nothing_can_be_decided():
+def test_an_undecidable_choice_errs_at_most_at_the_rate():
     false, sky = tables(np.random.default_rng(8), 40_000, np.zeros((1, 3)))
     p_values = np.stack([span_test(false, sky, UNITS).p_value, span_test(sky, false, UNITS).p_value], axis=-1)
     assert np.mean(choose(p_values, 0.01).which == 1) < 0.0125
@@ -244,7 +244,7 @@ def test_fractions_that_fit_by_chance_are_as_rare_as_stated():
     assert np.mean(test.p_value > 0.01) == pytest.approx(reported, rel=0.15)
 
 
-def test_half_cycles_that_are_open_are_told_apart_only_if_they_are_not_allowed():
+def test_open_half_cycles_are_told_apart_if_not_allowed():
     cycles = np.array([0.1, 0.6, 0.1, 0.6, 0.1])
     assert fraction_test(cycles, 0.01, modulus_cyc=0.5).p_value > 0.99
     assert fraction_test(cycles, 0.01).p_value < 1e-9
@@ -261,7 +261,7 @@ def uniform(p_values, tails=(1e-2, 1e-3, 1e-4)):
 
 @pytest.mark.long
 @pytest.mark.parametrize("receivers", [2, 3])
-def test_p_values_of_the_span_test_are_uniform_whatever_the_noise_over_time(receivers):
+def test_p_values_of_the_span_test_are_uniform(receivers):
     rng, trials = np.random.default_rng(20 + receivers), 500_000
     # Means of 10 epochs of AR(1) 0.9 and a constant: what the tests' own variances know nothing of.
     steps = np.abs(np.subtract.outer(np.arange(10), np.arange(10)))

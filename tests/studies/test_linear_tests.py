@@ -33,7 +33,7 @@ def test_the_power_is_what_is_counted(sigma):
     assert np.mean(test.p_value < 0.01) == pytest.approx(power, abs=0.01)
 
 
-def test_the_statistic_is_twice_the_log_likelihood_ratio_where_the_variance_is_known():
+def test_the_statistic_is_twice_the_log_likelihood_ratio():
     values = np.random.default_rng(3).standard_normal(N)
 
     def squares(columns):

@@ -117,7 +117,7 @@ def test_pieces_give_what_the_whole_gives(at):
     np.testing.assert_allclose(again.mean, end.mean, rtol=1e-12, atol=1e-5)
 
 
-def test_at_rest_the_filter_is_better_than_the_fix_and_stands_still():
+def test_at_rest_the_filter_beats_the_fix_and_stands_still():
     seen, nav, place = clean(n=120, noise_m=3.0)
     found, _ = step(None, seen, nav, settings=STATIC)
     error = np.linalg.norm(found.fix.position_ecef_m - place, axis=1)
@@ -135,7 +135,7 @@ def test_the_carrier_is_as_early_as_the_code_is_late():
     assert np.linalg.norm(found.fix.position_ecef_m - place, axis=1).max() < 0.02
 
 
-def test_errors_that_stay_are_not_averaged_away_without_a_carrier():
+def test_lasting_errors_do_not_average_out_without_a_carrier():
     seen, nav, _ = clean(n=60)
     code_only = replace(
         seen, carrier_cyc=np.full_like(seen.carrier_cyc, np.nan), doppler_hz=np.full_like(seen.doppler_hz, np.nan)
@@ -193,7 +193,7 @@ def test_a_clock_moved_by_a_millisecond_moves_the_clock_only():
     assert not found.rejected.any()
 
 
-def test_epochs_without_measurements_have_no_numbers_and_the_filter_goes_on():
+def test_the_filter_runs_through_epochs_without_measurements():
     seen, nav, place = clean()
     code = seen.pseudorange_m.copy()
     code[:3, 3:] = np.nan  # no fix yet

@@ -25,7 +25,7 @@ from skyproof.studies.protection.score import false_labels, onset_s, true_labels
 
 
 @pytest.mark.parametrize("name", load_ready_made())
-def test_a_stretch_is_a_scene_that_could_be_written_and_holds_the_onset(name):
+def test_a_stretch_is_a_writable_scene_with_the_onset(name):
     made = stretch_of(read_ready_made(name))
     assert made.duration_s <= LONGEST_S
     again = parse_scenario(made.model_dump(exclude_none=True))
@@ -38,7 +38,7 @@ def test_a_stretch_is_a_scene_that_could_be_written_and_holds_the_onset(name):
 
 
 @pytest.mark.parametrize("equipment", EQUIPMENT)
-def test_every_equipment_stands_where_the_first_receiver_of_the_scene_does(equipment):
+def test_every_equipment_stands_at_the_first_receiver(equipment):
     scenario = read_ready_made("takeover").model_copy(update={"duration_s": 16.0})
     found = equipped(scenario, equipment)
     assert found is not None
@@ -55,7 +55,7 @@ def test_every_equipment_stands_where_the_first_receiver_of_the_scene_does(equip
     assert [table["name"] for table in found.stated["receivers"]] == [r.name for r in found.scenario.receivers]
 
 
-def test_what_moves_is_not_stated_to_stand_and_what_flies_over_las_vegas_has_no_second_receiver():
+def test_moving_scenes_do_not_state_that_they_stand():
     assert equipped(read_ready_made("texbat-like-5"), "standing") is None
     assert equipped(read_ready_made("las-vegas"), "second receiver at 20 m") is None
     assert equipped(read_ready_made("las-vegas"), "everything") is not None
@@ -92,7 +92,7 @@ def test_a_label_that_is_false_for_a_second_is_reported(measured):
         assert len(list(false_labels(scene, outcome))) == faults
 
 
-def test_an_attack_that_was_there_before_begins_with_the_first_sample(measured):
+def test_an_earlier_attack_begins_with_the_first_sample(measured):
     scene, _, _ = measured
     assert onset_s(scene) == pytest.approx(min(sky.receiver.start_offset_s for sky in scene.skies))
 
@@ -117,7 +117,7 @@ def test_errors_are_in_space_and_bounds_level(measured):
     assert (columns["beyond_protection"], columns["beyond_vertical_protection"]) == (0, 1)
 
 
-def test_what_has_no_level_is_not_beyond_it_and_every_fix_with_one_is_in_the_diagram():
+def test_the_diagram_holds_every_fix_with_a_level():
     off_enu_m = np.array([[3.0, 4.0, 1.0], [0.0, 0.0, -8.0], [50.0, 0.0, 0.0], [0.3, 0.4, 0.0]])
     levels_m = np.array([[4.9, 7.0], [5.1, 7.9], [np.nan, np.nan], [5.1, 7.0]])
     found = FixErrors(off_enu_m=off_enu_m, sigma_enu_m=np.ones((4, 3)), protection_m=levels_m, hidden_m=np.zeros(4))
@@ -149,7 +149,7 @@ def test_cells_that_a_folder_has_are_not_made_again(tmp_path, monkeypatch):
         list(matrix.rows(replace(settings, seed=2)))
 
 
-def test_the_diagram_counts_the_fixes_of_all_cells_and_the_matrix_leaves_them_out(tmp_path, monkeypatch):
+def test_the_diagram_counts_all_cells_the_matrix_does_not(tmp_path, monkeypatch):
     bins = [
         {"axis": "horizontal", "protection_m": 12.0, "error_m": 1.5, "fixes": 7},
         {"axis": "vertical", "protection_m": 20.0, "error_m": 2.0, "fixes": 7},
@@ -173,7 +173,7 @@ class Nobody:
         raise AssertionError
 
 
-def test_every_scene_is_there_with_every_equipment_that_it_can_have():
+def test_every_scene_has_every_equipment_that_it_can():
     every = [(asked.scenario.name, name) for asked in matrix.cells(StudySettings()) for name in asked.equipments]
     assert len(every) == len(set(every))
     assert {scene for scene, _ in every} == set(load_ready_made())
@@ -188,7 +188,7 @@ def quick_scenario():
 
 
 @pytest.mark.long
-def test_the_first_antenna_of_an_array_is_what_a_single_one_receives(tmp_path):
+def test_the_first_antenna_of_an_array_receives_as_a_single(tmp_path):
     one, three = rows_of(quick_scenario(), ("one receiver", "three antennas"), tmp_path)
     assert (one["equipment"], three["equipment"]) == ("one receiver", "three antennas")
     assert len(list(tmp_path.glob("*.bin"))) == 3
@@ -199,7 +199,7 @@ def test_the_first_antenna_of_an_array_is_what_a_single_one_receives(tmp_path):
     assert {**again, "seconds": 0.0} == {**one, "seconds": 0.0}
 
 
-def test_equipment_with_an_antenna_that_none_else_has_needs_samples_of_its_own(tmp_path, monkeypatch):
+def test_equipment_with_an_extra_antenna_needs_own_samples(tmp_path, monkeypatch):
     monkeypatch.setattr(cell, "write_samples", lambda scene, folder, container: [folder] * len(scene.skies))
     with pytest.raises(ValueError, match=r"at 20 m: .*\bantenna\b"):
         rows_of(quick_scenario(), ("second receiver at 20 m", "three antennas"), tmp_path)
@@ -214,7 +214,7 @@ def test_a_cell_goes_through_samples(tmp_path):
     assert list(tmp_path.rglob(items.ROWS))
 
 
-def test_a_clean_sky_is_drawn_by_seed_and_number_could_be_written_and_has_no_attack():
+def test_a_clean_sky_is_drawn_by_seed_and_has_no_attack():
     skies = [clean.clean_sky(seed, number) for seed in (1, 2) for number in range(20)]
     assert len({sky.model_dump_json() for sky in skies}) == len(skies)
     assert clean.clean_sky(2, 19) == skies[-1]
@@ -227,7 +227,7 @@ def test_a_clean_sky_is_drawn_by_seed_and_number_could_be_written_and_has_no_att
     assert hours >= 20.0
 
 
-def test_clean_hours_are_summed_by_equipment_and_false_alarms_bound_their_rate(tmp_path, monkeypatch):
+def test_clean_hours_add_up_and_false_alarms_bound_their_rate(tmp_path, monkeypatch):
     settings = StudySettings(trials=1, folder=tmp_path)
     row = {
         "verdict": "no_attack_seen",

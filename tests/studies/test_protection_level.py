@@ -31,7 +31,7 @@ def test_no_more_fixes_are_beyond_their_level_than_asked(rows):
     assert {row["integrity_risk"] for row in rows} == set(RISKS)
 
 
-def test_a_bias_that_is_seen_is_promised_no_level_and_one_that_is_not_moves_the_fix(rows):
+def test_a_detected_bias_has_no_level_and_others_move_the_fix(rows):
     for axis in ("horizontal", "vertical"):
         own = {row["bias_sigma"]: row for row in rows if row["axis"] == axis and row["integrity_risk"] == RISKS[0]}
         assert own[0.0]["with_level"] > 0.99
@@ -41,7 +41,7 @@ def test_a_bias_that_is_seen_is_promised_no_level_and_one_that_is_not_moves_the_
 
 
 @pytest.mark.long
-def test_no_more_fixes_are_beyond_their_level_than_asked_over_many_skies():
+def test_fixes_beyond_their_level_keep_the_asked_rate():
     found = list(STUDY.run(StudySettings()))
     held(found)
     assert max(row["beyond"] for row in found) > 0  # the level is no larger than need be by far

@@ -66,7 +66,7 @@ def test_deviates_are_normal_whatever_the_amplitude(amplitude):
             assert amplitude > 5.0 or np.sum(np.abs(plain) > limit) > 2.0 * rate * 100_000
 
 
-def test_a_loop_s_jitter_rounds_the_prompt_and_the_law_of_the_ratio_allows_for_it():
+def test_loop_jitter_rounds_the_prompt_as_the_law_allows():
     rng, tracks, looks, amplitude, hz, coherent_s = np.random.default_rng(8), 3000, 50, 35.0, 1.0, 0.02
     delays = np.array([0.5, 0.125, 0.0, -0.125, -0.5])
     root = np.linalg.cholesky(sqm.tap_covariance(delays))

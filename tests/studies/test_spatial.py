@@ -42,7 +42,7 @@ def test_no_weights_that_null_the_sources_do_better(seed, antennas, share):
     assert np.all(others <= reached * (1.0 + 1e-6))
 
 
-def test_the_share_left_beside_one_source_is_that_of_the_angle_between_the_signatures():
+def test_the_share_beside_one_source_is_that_of_the_angle():
     rng = np.random.default_rng(3)
     for antennas in (2, 3, 7):
         wanted, source = _steering(rng, antennas), _steering(rng, antennas)
@@ -68,7 +68,7 @@ def test_a_covariance_of_few_samples_costs_what_theory_says():
     assert np.mean(shares) == pytest.approx(expected, abs=4.0 * np.std(shares) / np.sqrt(len(shares)))
 
 
-def test_a_signature_is_found_in_phases_whatever_their_rows_share():
+def test_a_signature_is_found_whatever_the_rows_share():
     rng = np.random.default_rng(5)
     antennas, n, sigma_cyc = 4, 400, 0.02
     source = _steering(rng, antennas) * (0.5, 1.0, 1.0, 2.0)

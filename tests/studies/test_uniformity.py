@@ -115,7 +115,7 @@ def test_shares_rise_to_one_and_the_right_line_is_beside_them():
     assert len(right) == len(ASKED) * len({case.group for case in CASES})
 
 
-def test_the_same_seed_gives_the_same_p_values_whatever_else_is_drawn():
+def test_a_seed_gives_the_same_p_values_whatever_else_is_drawn():
     settings = StudySettings(trials=100, seed=3)
     alone = [p_values(case, settings).tobytes() for case in CASES[:4]]
     assert alone == [p_values(case, settings).tobytes() for case in CASES[3::-1]][::-1]

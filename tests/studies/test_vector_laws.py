@@ -394,7 +394,7 @@ def test_the_attacked_satellite_is_named_as_often_as_it_should():
         assert np.mean(parity_tests.suspects(y, white).suspect == i) == pytest.approx(share, abs=0.025)
 
 
-def test_what_one_suspect_leaves_is_chi_square_if_it_is_the_right_one():
+def test_a_right_suspect_leaves_chi_square():
     y, white = vectors(SKY, attack_on(2, size=0.1), attack_on(2, size=50.0), 20_000, 20)
     found = parity_tests.suspects(y, white)
     assert found.dof == 2
@@ -424,7 +424,7 @@ def test_the_true_set_is_missed_as_often_as_stated():
     assert binomial_two_sided(missed, 500, 0.1) > 1e-3
 
 
-def test_of_sets_that_fit_those_far_less_likely_are_left_out_and_the_rest_is_wrong_as_often_as_stated():
+def test_unlikely_sets_are_left_out_at_the_stated_error_rate():
     attack = attack_on(17, size=0.04)
     y, white = vectors(SKY, attack, 500.0 * attack, 400, 27)
     found = [[each.satellites for each in parity.select_likely_sets(one, white, 0.1)] for one in y]
@@ -455,7 +455,7 @@ def test_separability_of_skies():
     assert parity.separability(EIGHT.parity, 2) == pytest.approx(0.016, abs=6e-4)
 
 
-def test_another_attack_looks_the_same_and_leaves_the_suspect_alone():
+def test_another_attack_looks_alike_and_spares_the_suspect():
     attack = attack_on(2, size=0.4)
     other = parity_tests.indistinguishable_attack(SKY.design, attack, 0)
     assert other[0] == pytest.approx(0.0, abs=1e-12)
