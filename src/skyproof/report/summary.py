@@ -126,8 +126,8 @@ def _when(verdict: Verdict) -> Fact:
     both = f"{verdict.since_gpst[:10]}, GPS time; {format_utc(verdict.since_gpst)} UTC"
     until = [f"until {format_moment(verdict.until_gpst)}"] if verdict.until_gpst is not None else []
     if sigma_s is None:
-        how = "present when the recording begins" if verdict.from_start else "first seen then; may have begun earlier"
-        return Fact(name, ((f"{clock} or before", "; ".join([f"{how}, {both}", *until])),), kind)
+        how = "present when the recording begins" if verdict.from_start else "first seen then, may have begun earlier"
+        return Fact(name, ((f"{clock} or before", "; ".join([both, how, *until])),), kind)
     return Fact(name, ((clock, "; ".join([f"± {sigma_s:.2g} s (one sigma), {both}", *until])),), kind)
 
 

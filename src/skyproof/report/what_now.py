@@ -22,7 +22,7 @@ class Advice(StrEnum):
     SETTLE = "To settle it"
     PROVE = "To prove it"
     USE_TRUSTED = "Use the trusted position"
-    USE_CARRIED = "Use the dead-reckoned position"
+    USE_CARRIED = "Use the position held without satellites"
     USE_NOTHING = "Use no position or time from satellites"
     DO_NOT_WAIT = "Do not wait"
     IGNORE_OTHERS = "Ignore what ordinary receivers show"
@@ -39,7 +39,7 @@ def what_now(verdict: Verdict) -> tuple[tuple[Advice, str], ...]:
     if verdict.verdict == "no_attack_seen":
         files = " and ".join(f"{r.name}-consistent.nmea" for r in lasting["consistent"])
         use = f"; the position below is consistent but not proven (track in {files})" if files else ""
-        go_on = (Advice.GO_ON, f"nothing points to an attack, but the attacks under “Not excluded” would pass{use}")
+        go_on = (Advice.GO_ON, f"nothing points to spoofing, but the attacks under “Not excluded” would pass{use}")
         return (go_on, *((Advice.PROVE, words) for words in remedy))
     carried = [*lasting["inertial"], *lasting["held"]]
     lines = [(Advice.USE_CARRIED, "below, which signals cannot move; its track is in fixes.csv")] if carried else []

@@ -159,7 +159,7 @@ _EXPLAINS: dict[Kind, str] = {
     "rival": "earlier or stronger than a true signal of the satellite, as a false signal would be",
     "misfit": "in conflict with the others, as a fault, an echo alone or a false signal would be",
     "echo": "later and weaker than a true signal of the satellite, as an echo would be",
-    "untested": "too short, too similar to others, or received by one receiver only",
+    "untested": "not comparable: too short, too similar to others, or received by one receiver only",
 }
 
 
