@@ -283,7 +283,7 @@ def test_the_top_answers_since_when_where_and_how_sure() -> None:
 
 def test_an_attack_from_the_start_is_described_as_such() -> None:
     reported = facts_of(since_gpst="2022-01-01T10:00:00.0", since_sigma_s=None)
-    times = r"10:00:00 or before\b.*, 2022-01-01, GPS time; 2022-01-01 09:59:42 UTC"
+    times = r"10:00:00 or before 2022-01-01, GPS time; 2022-01-01 09:59:42 UTC; .+"
     assert re.fullmatch(times, reported["Spoofed since"])
 
 
@@ -295,7 +295,7 @@ def test_without_true_signals_the_true_position_is_not_known() -> None:
 def test_a_suspicion_says_since_when() -> None:
     suspicion = {"verdict": "suspect", "reason": "it jumps", "since_sigma_s": None}
     reported = facts_of(**suspicion)
-    assert re.match(r"10:00:24 or before\b.*, 2022-01-01,", reported["Suspect since"])
+    assert re.match(r"10:00:24 or before 2022-01-01,", reported["Suspect since"])
     assert "Spoofed since" not in reported
 
 
